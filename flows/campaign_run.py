@@ -32,8 +32,8 @@ from vastflow.flows.search.opening import search_progress
 from vastflow.flows.search.progress import SearchProgress
 from vastflow.oracles.oracle import Oracle
 from vastflow.producers.campaign import Campaign
-from vastflow.producers.configuration import Configuration
-from vastflow.producers.faults import CampaignError
+from vastflow.producers.model.configuration import Configuration
+from vastflow.producers.model.faults import CampaignError
 from vastflow.tasks import campaign_log, ending
 from vastflow.tasks.engine import Engine, block_size
 from vastflow.tasks.garbage import few_collections

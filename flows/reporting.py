@@ -15,7 +15,7 @@ from vastflow.flows.results.report_key import report_key
 from vastflow.flows.results.results import Assessed, write_report, write_tables
 from vastflow.flows.results.summary import Results
 from vastflow.flows.search.tables import search_record, write_search
-from vastflow.producers.postprocessing import steps_of
+from vastflow.producers.campaign_file.postprocessing import steps_of
 from vastflow.tasks.store import store_address
 
 _LOCAL_READERS: Final = 1

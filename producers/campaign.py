@@ -1,28 +1,21 @@
-"""The campaign: a `.vast` file, read, checked and ready to be instantiated."""
+"""The campaign: a `.vast` file, read, checked, its size and path lengths too, and ready to be instantiated."""
 
+import math
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from pydantic import ValidationError
 
-from vastflow.producers.abstract_scenario import FROM_GOAL, abstract_scenario_of
-from vastflow.producers.family import Family, FamilyReader
-from vastflow.producers.faults import NOT_EXECUTED, CampaignError, Fault, Location, Note, path_text
-from vastflow.producers.places.map_search import MapSearch
-from vastflow.producers.postprocessing import step_notes, steps_of
-from vastflow.producers.programs import programs_of
-from vastflow.producers.search.reading import read_search
-from vastflow.producers.search.search import Search
-from vastflow.producers.size import most_configurations, runs_faults, size_faults
-from vastflow.producers.vast.document import Document, read_document
-from vastflow.producers.vast.model_faults import faults_of
-from vastflow.producers.vast.nav2_params import nav2_params_of
-from vastflow.producers.vast.repetition import Sequential
-from vastflow.producers.vast.spec import (
+from vastflow.producers.campaign_file.document import Document, faults_of, read_document
+from vastflow.producers.campaign_file.nav2_parameters import nav2_params_of
+from vastflow.producers.campaign_file.postprocessing import step_notes, steps_of
+from vastflow.producers.campaign_file.scenario import FROM_GOAL, abstract_scenario_of, programs_of
+from vastflow.producers.campaign_file.sections import Sequential
+from vastflow.producers.campaign_file.spec import (
     DEFAULT_TIMEOUT_S,
     CampaignSpec,
     EvaluationSpec,
@@ -30,6 +23,15 @@ from vastflow.producers.vast.spec import (
     is_tolerated_in_family,
     unexecuted,
 )
+from vastflow.producers.catalog.path import UNPROVED, PathVariationRandom
+from vastflow.producers.instantiation.family import Family, FamilyReader
+from vastflow.producers.instantiation.growth import InstantiableFamily
+from vastflow.producers.model.configuration import Rejection
+from vastflow.producers.model.faults import NOT_EXECUTED, CampaignError, Fault, Location, Note, path_text
+from vastflow.producers.model.producer import evaluate
+from vastflow.producers.places.ground import MapSearch
+from vastflow.producers.search.reading import read_search
+from vastflow.producers.search.search import Search
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.scenario import ProcessSetup
 
@@ -299,3 +301,75 @@ def _oracle_faults(document: Document) -> list[Fault]:
                 faults.append(document.fault(where, f"a second oracle {name!r}", "one", "key"))
             seen.add(name)
     return faults
+
+
+_RUNS: Final[Location] = ("execution", "runs")
+
+
+def most_configurations(family: InstantiableFamily) -> int:
+    """Configurations that a family asks for at most, as far as its producers tell: every combination of their choices.
+
+    A design takes some of the combinations, so of a family with one it is the choices of its largest producer.
+    """
+    choices = [producer.most_choices or 1 for producer in family.producers]
+    return math.prod(choices) if family.design.cartesian is not None else max(choices, default=1)
+
+
+def size_faults(document: Document, families: Sequence[InstantiableFamily], execution: ExecutionSpec) -> list[Fault]:
+    """More configurations or runs than the file permits, each with the number and the key that permits it."""
+    asked = [most_configurations(family) for family in families]
+    total, permitted = sum(asked), execution.max_configurations
+    if total > permitted:
+        largest = max(range(len(asked)), key=asked.__getitem__)
+        where = document.known(("configuration", largest, "variations"))
+        what = f"asks for {total:,} configurations" + (f", {max(asked):,} of them here" if max(asked) < total else "")
+        return [document.fault(where, what, _right(permitted, "max_configurations", total), "key")]
+    each = execution.runs.max if isinstance(execution.runs, Sequential) else execution.runs
+    return runs_faults(document, total, execution, each)
+
+
+def runs_faults(document: Document, configurations: int, execution: ExecutionSpec, runs: int) -> list[Fault]:
+    """So many runs of each of so many configurations, where they are more than the file permits."""
+    total = runs * configurations
+    if total <= execution.max_runs:
+        return []
+    what = f"asks for {total:,} runs, {runs:,} of each configuration"
+    return [document.fault(document.known(_RUNS), what, _right(execution.max_runs, "max_runs", total), "key")]
+
+
+def _right(permitted: int, key: str, total: int) -> str:
+    return f"at most {permitted:,}, or 'execution: {{{key}: {total}}}'"
+
+
+def infeasible_lengths(campaign: Campaign) -> list[Note]:
+    """Path lengths that the maps of a campaign's families don't have.
+
+    Where a map or poses follow from other producers, nothing is proved.
+
+    Raises:
+        CampaignError: no family has a path length that its map has.
+    """
+    families = campaign.families if campaign.spec.search is None else ()
+    found = {family.name: list(_of_family(campaign, family)) for family in families}
+    faults = [fault for family in found.values() for fault, _ in family]
+    if found and all(any(is_all for _, is_all in family) for family in found.values()):
+        raise CampaignError(faults)
+    return [Note("warning", *(each.file, each.line, each.column, each.where, each.what, each.right)) for each in faults]
+
+
+def _of_family(campaign: Campaign, family: Family) -> Iterator[tuple[Fault, bool]]:
+    """A fault for each length that is proved infeasible, and whether its producer is left with no other."""
+    entries = campaign.document.data["configuration"]
+    i = next(i for i, entry in enumerate(entries) if entry["name"] == family.name)
+    written: set[str] = set()
+    for k, each in enumerate(family.producers):
+        if isinstance(each, PathVariationRandom) and written.isdisjoint(each.reads):
+            inputs = {key: family.values[key] for key in each.reads if key in family.values}
+            one = PathVariationRandom(each.parameters.model_copy(update={"num_paths": 1}))
+            results = evaluate(one, inputs)
+            proved = [item for item in results if isinstance(item, Rejection) and UNPROVED not in item.reason]
+            where = ("configuration", i, "variations", k, *entries[i]["variations"][k], "path_length")
+            for item in proved:
+                what = f"rejects {each.parameters.num_paths} of family {family.name!r}: {item.reason}"
+                yield campaign.fault(where, what, "a length that the map has"), len(proved) == len(results)
+        written |= each.writes.keys()

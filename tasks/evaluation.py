@@ -11,8 +11,8 @@ from typing import Any, Final
 from pydantic import BaseModel
 from pydantic_core import to_jsonable_python
 
-from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.producer import Producer
+from vastflow.producers.model.configuration import Fragment, Rejection
+from vastflow.producers.model.producer import Producer
 from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.plug_ins.loading import module_of, snapshot_behind
 from vastflow.sim.plug_ins.snapshot import Snapshot

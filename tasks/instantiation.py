@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeAlias
 
 from vastflow.producers.campaign import Campaign, Family
-from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.growth import Growth
-from vastflow.producers.instantiate import Instantiation, growth_of, instantiation_of, mark_duplicates
-from vastflow.producers.producer import Producer
+from vastflow.producers.instantiation.growth import Growth
+from vastflow.producers.instantiation.instantiate import Instantiation, growth_of, instantiation_of, mark_duplicates
+from vastflow.producers.model.configuration import Fragment, Rejection
+from vastflow.producers.model.producer import Producer
 from vastflow.sim.model.digest import Value
 from vastflow.tasks.evaluation import FRAGMENTS, evaluation_keys, files_in, read_evaluation
 from vastflow.tasks.keys import Keys

@@ -21,7 +21,7 @@ EXECUTE_SOURCE: Final = (
 )
 OBSERVE_SOURCE: Final = ("vastflow.oracles.observe",)
 JUDGE_SOURCE: Final = ("vastflow.oracles.judge",)
-EVALUATE_SOURCE: Final = ("vastflow.producers.producer",)
+EVALUATE_SOURCE: Final = ("vastflow.producers.model.producer",)
 
 _SELECTING_FEATURES: Final = frozenset(
     {"fma", "avx2", "avx512f", "avx512cd", "avx512bw", "avx512dq", "avx512vl", "asimd", "asimdhp", "sve", "sve2"}

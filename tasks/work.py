@@ -193,8 +193,8 @@ def judge(store: Store, recording_key: str, trace_key: str, key: str, scenario: 
 def evaluate(store: Store, key: str, producer: PackedProducer, inputs: Mapping[str, Value]) -> None:
     """Evaluate a producer on one restricted input and store what it yields."""
     _log_plainly()
-    from vastflow.producers import producer as producers
     from vastflow.producers.floorplan.environment import FOLDER, environments_in
+    from vastflow.producers.model import producer as producers
 
     with environments_in(store.local / FOLDER):
         found = producers.evaluate(producer.unpacked(), inputs)

@@ -50,7 +50,7 @@ def _coverage(source: Path, map_dir: Path | None, as_v1: bool) -> "Coverage":
     """Of a campaign directory as it was written, of a campaign file by instantiating it."""
     from vastflow.flows.request.campaign_file import read_campaign
     from vastflow.oracles.directory.coverage import read_coverage
-    from vastflow.producers.instantiate import instantiate
+    from vastflow.producers.instantiation.instantiate import instantiate
     from vastflow.sim.plug_ins.effects import looking_only
 
     if source.is_dir() or meant_address(source):

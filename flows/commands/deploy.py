@@ -61,7 +61,7 @@ def deploy(
     """
     from vastflow.flows.request.campaign_file import campaign_name, read_campaign
     from vastflow.flows.request.campaign_job import described, requested_cores
-    from vastflow.producers.faults import CampaignError
+    from vastflow.producers.model.faults import CampaignError
     from vastflow.tasks.execution.deployment import Deployment, ShardDeployment, description_of
     from vastflow.tasks.prefect_adapter import import_prefect
 

@@ -23,7 +23,7 @@ def validate(
     """
     from vastflow.flows.request.campaign_file import read_campaign
     from vastflow.flows.request.notes import terminal_lines
-    from vastflow.producers.feasibility import infeasible_lengths
+    from vastflow.producers.campaign import infeasible_lengths
     from vastflow.producers.search.criteria import plan_text
     from vastflow.sim.plug_ins.effects import looking_only
     from vastflow.tasks.surroundings import check_numba
@@ -63,6 +63,6 @@ def schema() -> None:
 
     Editors check and complete by it.
     """
-    from vastflow.producers.vast.schema import campaign_schema
+    from vastflow.producers.campaign_file.spec import campaign_schema
 
     print(json.dumps(campaign_schema(), indent=2))

@@ -58,7 +58,7 @@ def geometry(file: PlanArgument) -> None:
     In the world's frame and in meters: spaces, walls, obstacles, openings.
     """
     from vastflow.producers.floorplan.files import read_plan_file
-    from vastflow.producers.floorplan.geometry import geometry_of
+    from vastflow.producers.floorplan.rendering import geometry_of
 
     building = read_plan_file(file).building()
     _note(building)

@@ -97,10 +97,10 @@ def init(
 
 def _random_paths(folder: Path, map_file: Path, nav2_params: Path | None, command: str) -> str:
     """The text of a campaign with paths as long as the map has them, at most 10 m."""
-    from vastflow.producers.faults import CampaignError
+    from vastflow.producers.campaign_file.nav2_parameters import parameter_faults
+    from vastflow.producers.model.faults import CampaignError
     from vastflow.producers.places.ground import ground_of
     from vastflow.producers.places.route import farthest_m
-    from vastflow.producers.vast.nav2_params import parameter_faults
     from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m
     from vastflow.sim.nav2.parameter_files.chosen import local_outline
     from vastflow.sim.nav2.parameter_files.document import DocumentError

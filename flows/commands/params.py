@@ -33,8 +33,8 @@ def params(
 
     Every parameter of the file, with the value that is used or with what is done in its place.
     """
-    from vastflow.producers.faults import CampaignError
-    from vastflow.producers.vast.nav2_params import parameter_faults
+    from vastflow.producers.campaign_file.nav2_parameters import parameter_faults
+    from vastflow.producers.model.faults import CampaignError
     from vastflow.sim.nav2.parameter_files.document import DocumentError
     from vastflow.sim.nav2.parameter_files.findings import findings
     from vastflow.sim.nav2.parameter_files.interpretation import interpretation
@@ -92,8 +92,8 @@ def _counts(rows: Sequence["Finding"]) -> Mapping[str, int]:
 
 
 def _table(rows: Sequence["Finding"]) -> Iterator[str]:
-    from vastflow.producers.faults import shown
-    from vastflow.producers.vast.nav2_params import short
+    from vastflow.producers.campaign_file.nav2_parameters import short
+    from vastflow.producers.model.faults import shown
 
     cells = [(str(row.place[0]), short(row.path), shown(row.value, 40), _said(row)) for row in rows]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)] if cells else [0] * 4
@@ -102,7 +102,7 @@ def _table(rows: Sequence["Finding"]) -> Iterator[str]:
 
 
 def _said(row: "Finding") -> str:
-    from vastflow.producers.faults import shown
+    from vastflow.producers.model.faults import shown
 
     if row.status == "differs":
         return f"differs: {shown(row.used)} is built in"

@@ -13,7 +13,7 @@ from vastflow.flows.terminal.options import AsJson, AsV1, CampaignFile, MapDir
 from vastflow.flows.terminal.writing import check_writable, writing
 
 if TYPE_CHECKING:
-    from vastflow.producers.configuration import Configuration
+    from vastflow.producers.model.configuration import Configuration
 
 
 def preview(
@@ -36,7 +36,7 @@ def preview(
         from vastflow.flows.plan.preview import preview_json, preview_text
         from vastflow.flows.request.campaign_file import campaign_name, read_campaign
         from vastflow.flows.results.directory import directory_name
-        from vastflow.producers.instantiate import instantiate
+        from vastflow.producers.instantiation.instantiate import instantiate
         from vastflow.sim.plug_ins.effects import looking_only
 
         with looking_only():

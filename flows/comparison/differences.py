@@ -10,7 +10,7 @@ from typing import Any, Final
 from vastflow.oracles.directory.executed import KeptFiles
 from vastflow.oracles.directory.tables import Tables
 from vastflow.oracles.evidence.pairing import Pairing
-from vastflow.producers.vast.document import Document, read_document
+from vastflow.producers.campaign_file.document import Document, read_document
 from vastflow.sim.model.files import TextPlace
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS
 from vastflow.sim.nav2.parameter_files.document import read_document as read_parameters

@@ -16,12 +16,12 @@ from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.inputs import Inputs, inputs_of
 from vastflow.oracles.oracle import Oracle
 from vastflow.producers.campaign import Campaign
-from vastflow.producers.configuration import Configuration
-from vastflow.producers.faults import CampaignError
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.campaign_file.scenario_values import dimension_of
+from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.minimization.minimize import Candidate
+from vastflow.producers.model.configuration import Configuration
+from vastflow.producers.model.faults import CampaignError
 from vastflow.producers.places.ground import MAP_KEY
-from vastflow.producers.scenario_values import dimension_of
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.files import read_text, yaml_value
 from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS

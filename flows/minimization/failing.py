@@ -24,7 +24,7 @@ from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 
 MESH_KEY = "mesh_file"
-"""Of no meaning for a run, see `vastflow.producers.family`."""
+"""Of no meaning for a run, see `vastflow.producers.instantiation.family`."""
 
 
 class NotMinimized(UserError, ValueError):

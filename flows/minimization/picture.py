@@ -8,7 +8,7 @@ from PIL import Image
 from vastflow.flows.plan.preview import plan_view_of
 from vastflow.oracles.figures.picture import png
 from vastflow.oracles.figures.plan_view import plan_view_figure
-from vastflow.producers.configuration import Configuration
+from vastflow.producers.model.configuration import Configuration
 
 
 def before_and_after(before: Configuration, after: Configuration) -> bytes:

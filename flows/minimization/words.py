@@ -7,8 +7,7 @@ from vastflow.flows.minimization.failing import Failing
 from vastflow.flows.minimization.minimized import Minimized
 from vastflow.flows.terminal.words import count_text
 from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, interval
-from vastflow.producers.minimization.circumstance import Circumstance
-from vastflow.producers.minimization.delta_debugging import LEVELS
+from vastflow.producers.minimization.circumstance import LEVELS, Circumstance
 from vastflow.producers.minimization.minimize import Minimum
 
 NOTHING = "nothing but the map and the path"

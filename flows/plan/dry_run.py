@@ -17,9 +17,9 @@ from vastflow.flows.request.stopping import Stopping, stopping_of
 from vastflow.flows.results.ingredients import DueReason, Stage, ingredients_row
 from vastflow.flows.results.origin import origin_row
 from vastflow.flows.results.past import Past, newest_past, past_of
-from vastflow.producers.configuration import Configuration
-from vastflow.producers.faults import CampaignError
-from vastflow.producers.robots import robots_json
+from vastflow.producers.instantiation.family import robots_json
+from vastflow.producers.model.configuration import Configuration
+from vastflow.producers.model.faults import CampaignError
 from vastflow.producers.search.criteria import plan_text
 from vastflow.tasks.index import Index, Member, missing
 from vastflow.tasks.instantiation import Instantiated, Instantiator, ProducerFault
@@ -59,7 +59,7 @@ class DryRun:
         sequential: Whether that is the most: what is due of those whose class is not decided is then what they may want.
         past: The campaign it was compared with.
         configurations: Of what was asked, duplicates included.
-        robots: Of the families, see `vastflow.producers.robots`.
+        robots: Of the families, see `vastflow.producers.instantiation.family`.
         sampled_from: How many distinct configurations these are a sample of; None where they are no sample.
         reused: Stage and family to what is in the store: runs, at `instantiate` evaluations.
         due: What is not.

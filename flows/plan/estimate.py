@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from vastflow.producers.configuration import Configuration
+from vastflow.producers.model.configuration import Configuration
 from vastflow.producers.places.stops import PATH_LENGTH_KEY
 from vastflow.sim.reading.script import script_of
 

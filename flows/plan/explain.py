@@ -15,7 +15,7 @@ from vastflow.flows.results.past import PARTS, Past, newest_past, past_of, recor
 from vastflow.flows.results.replica import replica
 from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
 from vastflow.oracles.directory.unusable import UnusableDirectory, reading
-from vastflow.producers.faults import CampaignError
+from vastflow.producers.model.faults import CampaignError
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.scenario import Scenario
 from vastflow.tasks.index import Index, Member

@@ -12,7 +12,7 @@ from vastflow.flows.plan.dry_run_text import UNITS, whys
 from vastflow.flows.plan.explain import Explanation
 from vastflow.flows.terminal.table import terminal_table
 from vastflow.flows.terminal.words import count_text
-from vastflow.producers.faults import shown
+from vastflow.producers.model.faults import shown
 from vastflow.sim.reading.checked import checked_digest
 
 

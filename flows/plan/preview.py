@@ -13,7 +13,7 @@ from vastflow.flows.terminal.display import duration_text
 from vastflow.flows.terminal.table import terminal_table
 from vastflow.oracles.directory.coverage import Coverage, Loss, design_text, excluded, parts, unrealisable
 from vastflow.oracles.situation import situation_of
-from vastflow.producers.configuration import Configuration
+from vastflow.producers.model.configuration import Configuration
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.stops import PATH_KEY, PATH_LENGTH_KEY
 from vastflow.sim.model.digest import FileContent

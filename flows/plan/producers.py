@@ -9,9 +9,9 @@ from vastflow.flows.plan.reasons import MADE_BEFORE, NEVER, all_of, lost
 from vastflow.flows.results.ingredients import DueReason, changes, evaluation_ingredients, has_ingredients
 from vastflow.flows.results.past import Past, values_of
 from vastflow.flows.results.tables import json_text
-from vastflow.producers.family import Family
 from vastflow.producers.floorplan.environment import environments_in
-from vastflow.producers.producer import Producer, evaluate
+from vastflow.producers.instantiation.family import Family
+from vastflow.producers.model.producer import Producer, evaluate
 from vastflow.sim.model.digest import Value
 from vastflow.tasks.evaluation import FRAGMENTS, write_evaluation
 from vastflow.tasks.instantiation import Evaluation, EvaluationRequest

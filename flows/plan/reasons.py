@@ -16,7 +16,7 @@ from vastflow.flows.results.ingredients import (
 )
 from vastflow.flows.results.past import PARTS, Past, values_of, writers, written_scenario
 from vastflow.flows.results.tables import Row, configuration_row, json_text
-from vastflow.producers.configuration import Configuration
+from vastflow.producers.model.configuration import Configuration
 from vastflow.tasks.index import Member
 
 NEVER: Final = DueReason("never computed", "never computed before, as far as is known")

@@ -18,7 +18,7 @@ from vastflow.flows.postprocessing.plug_in import Request
 from vastflow.flows.postprocessing.processed import FOLDER, Processed, earlier, write_processed
 from vastflow.flows.results.found import RunFault
 from vastflow.flows.results.summary import Results
-from vastflow.producers.postprocessing import CONFIG, ProcessingStep
+from vastflow.producers.campaign_file.postprocessing import CONFIG, ProcessingStep
 from vastflow.sim.model.digest import digest, file_digest
 
 STAGE: Final = "postprocessing"

@@ -10,9 +10,9 @@ from pydantic import ValidationError
 
 from vastflow.oracles.oracle import Oracle, OracleError, oracle_of, oracles_of
 from vastflow.producers.campaign import Campaign, OracleRequest, load_campaign, oracle_requests
-from vastflow.producers.faults import CampaignError, Fault, Location, Note
-from vastflow.producers.vast.document import Document, read_document
-from vastflow.producers.vast.spec import EvaluationSpec
+from vastflow.producers.campaign_file.document import Document, read_document
+from vastflow.producers.campaign_file.spec import EvaluationSpec
+from vastflow.producers.model.faults import CampaignError, Fault, Location, Note
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.nav2.parameter_files.parameter_file import plug_ins_in
 from vastflow.sim.plug_ins.loading import snapshot_behind

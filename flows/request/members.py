@@ -5,8 +5,8 @@ from collections.abc import Iterator, Mapping
 from typing import Final, TypeAlias
 
 from vastflow.flows.request.selection import Selection, sampled
-from vastflow.producers.faults import CampaignError, Fault
-from vastflow.producers.instantiate import Instantiation
+from vastflow.producers.instantiation.instantiate import Instantiation
+from vastflow.producers.model.faults import CampaignError, Fault
 from vastflow.sim.model.names import did_you_mean
 from vastflow.tasks.index import Member
 from vastflow.tasks.instantiation import Instantiated, UnknownName, selected

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from vastflow.producers.faults import AS_DRAWN, Note
+from vastflow.producers.model.faults import AS_DRAWN, Note
 
 MOST_OF_A_FILE: Final = 4
 

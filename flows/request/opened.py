@@ -8,7 +8,7 @@ from typing import Any
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.oracles.oracle import Oracle
 from vastflow.producers.campaign import Campaign
-from vastflow.producers.faults import CampaignError
+from vastflow.producers.model.faults import CampaignError
 from vastflow.tasks.store import Store, open_store
 
 

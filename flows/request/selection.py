@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from vastflow.producers.configuration import Configuration
-from vastflow.producers.instantiate import Instantiation
+from vastflow.producers.instantiation.instantiate import Instantiation
+from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.digest import digest
 
 

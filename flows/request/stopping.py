@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from vastflow.oracles.statistics.classes import ClassBounds
 from vastflow.oracles.statistics.stopping import StoppingRule
-from vastflow.producers.vast.repetition import Sequential
+from vastflow.producers.campaign_file.sections import Sequential
 from vastflow.tasks.engine import judgements
 from vastflow.tasks.index import Index, Member
 from vastflow.tasks.store import Artifact

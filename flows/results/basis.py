@@ -10,7 +10,7 @@ from vastflow.flows.results.kept_answer import Basis
 from vastflow.flows.results.report_key import REPORT_LIBRARIES
 from vastflow.oracles.oracle import Oracle
 from vastflow.producers.campaign import Campaign
-from vastflow.producers.postprocessing import steps_of
+from vastflow.producers.campaign_file.postprocessing import steps_of
 from vastflow.sim.nav2.controllers.registry import known_controllers
 from vastflow.sim.nav2.parameter_files.parameter_file import plug_ins_in
 from vastflow.sim.plug_ins.loading import OWN, snapshot_behind

@@ -12,7 +12,7 @@ from vastflow.flows.results.found import Found, RunFault
 from vastflow.flows.results.kept_parts import LEAST, KeptParts, parts_of
 from vastflow.flows.results.summary import OutcomeTally
 from vastflow.flows.results.table_part import PartRows
-from vastflow.producers.configuration import Configuration
+from vastflow.producers.model.configuration import Configuration
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,8 +27,8 @@ from vastflow.flows.results.tables import (
 )
 from vastflow.oracles.directory.behaviors import BEHAVIORS_FILE
 from vastflow.oracles.evidence.rates import pooled
-from vastflow.producers.configuration import Configuration
-from vastflow.producers.instantiate import Instantiation
+from vastflow.producers.instantiation.instantiate import Instantiation
+from vastflow.producers.model.configuration import Configuration
 
 LOGS_FILE: Final = "logs/runs.jsonl"
 """A line for each block of runs: `configuration`, where and with what they were executed, and `runs`."""

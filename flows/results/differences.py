@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
-from vastflow.producers.faults import shown
+from vastflow.producers.model.faults import shown
 
 _MOST_SHOWN: Final = 3
 

@@ -8,8 +8,8 @@ from vastflow.flows.results.differences import changes_text, few, flat_changes
 from vastflow.flows.results.origin import numeric_parts
 from vastflow.flows.results.tables import plain
 from vastflow.oracles.oracle import Oracle
-from vastflow.producers.family import Family
-from vastflow.producers.producer import Producer
+from vastflow.producers.instantiation.family import Family
+from vastflow.producers.model.producer import Producer
 from vastflow.tasks.evaluation import content_of, producers_in
 from vastflow.tasks.keys import EVALUATE_SOURCE, EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE
 from vastflow.tasks.source import PLUG_IN, Code, SourceTree

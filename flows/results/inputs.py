@@ -11,8 +11,8 @@ from pydantic import BaseModel
 
 from vastflow.oracles.oracle import Oracle
 from vastflow.producers.campaign import Campaign
+from vastflow.producers.campaign_file.postprocessing import steps_of
 from vastflow.producers.floorplan.files import PlanFile, VariationFile
-from vastflow.producers.postprocessing import steps_of
 from vastflow.sim.model.digest import FileContent, digest
 from vastflow.sim.model.files import read_text, yaml_value
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, ParameterFile, plug_ins_in

@@ -11,7 +11,7 @@ from vastflow.flows.results.report_key import written_by
 from vastflow.flows.results.summary import OutcomeTally
 from vastflow.flows.results.table_part import TablePart
 from vastflow.oracles.evidence.rates import Counts
-from vastflow.producers.configuration import Configuration
+from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.digest import Value, digest
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.shards import chunks

@@ -8,7 +8,7 @@ from typing import Final
 
 from vastflow.flows.request.members import Runs, runs_of
 from vastflow.flows.results.found import Found, one_block
-from vastflow.producers.configuration import Configuration
+from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.archive import one_archive
 
 FOLDERS: Final = ("recordings", "traces")

@@ -12,7 +12,7 @@ from vastflow.flows.request.asked import Asked
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.oracles.directory.unusable import UnusableDirectory
-from vastflow.producers.faults import CampaignError
+from vastflow.producers.model.faults import CampaignError
 from vastflow.tasks.artifact import inside
 
 

@@ -11,7 +11,7 @@ from typing import Any, Final
 from vastflow.flows.request.asked import SEARCH, SEQUENTIAL
 from vastflow.flows.request.members import Runs
 from vastflow.oracles.oracle import Oracle
-from vastflow.producers.instantiate import Instantiation
+from vastflow.producers.instantiation.instantiate import Instantiation
 from vastflow.sim.model.digest import FileContent
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.source import SourceTree, folders_of

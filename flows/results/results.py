@@ -29,10 +29,10 @@ from vastflow.flows.results.origin import origin_row
 from vastflow.flows.results.summary import OutcomeTally, Results, Summary, Work
 from vastflow.oracles.directory.executed import NAMED_FILES
 from vastflow.producers.campaign import Campaign
-from vastflow.producers.configuration import Configuration
-from vastflow.producers.instantiate import Instantiation
+from vastflow.producers.instantiation.family import robots_json
+from vastflow.producers.instantiation.instantiate import Instantiation
+from vastflow.producers.model.configuration import Configuration
 from vastflow.producers.places.ground import MAP_KEY
-from vastflow.producers.robots import robots_json
 from vastflow.sim.model.digest import FileContent, file_digest
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.tasks.keys import Keys

@@ -23,7 +23,7 @@ from vastflow.flows.results.tables import (
 from vastflow.oracles.directory.behaviors import CONFIGURATION
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.verdict import Judgement, Verdict, run_judgement
-from vastflow.producers.configuration import Configuration
+from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.archive import behaviors_below, read_behaviors
 from vastflow.sim.model.blocks import read_rows
 

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vastflow.oracles.verdict import Verdict, metrics_text
-from vastflow.producers.configuration import Configuration, ExcludedInstance, RejectedInstance
+from vastflow.producers.model.configuration import Configuration, ExcludedInstance, RejectedInstance
 from vastflow.sim.loop.standstill import STOOD_STILL
 from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.reading.checked import checked_digest

@@ -4,7 +4,7 @@ import time
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from vastflow.producers.vast.search import SearchSpec
+from vastflow.producers.campaign_file.search import SearchSpec
 from vastflow.sim.model.digest import digest
 from vastflow.tasks.store import Store
 

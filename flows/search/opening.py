@@ -8,7 +8,7 @@ from vastflow.flows.search.clock import clock_of
 from vastflow.flows.search.progress import SearchProgress
 from vastflow.flows.search.repetition import PointRuns
 from vastflow.producers.campaign import Campaign
-from vastflow.producers.faults import CampaignError
+from vastflow.producers.model.faults import CampaignError
 from vastflow.tasks.progress import Tally
 from vastflow.tasks.store import Store
 

@@ -13,12 +13,11 @@ from vastflow.flows.search.repetition import PointRuns
 from vastflow.oracles.quantity import RunQuantity
 from vastflow.oracles.verdict import Verdict, read_verdicts
 from vastflow.producers.campaign import Campaign
-from vastflow.producers.family import Family
-from vastflow.producers.instantiate import Instantiation
+from vastflow.producers.instantiation.family import Family
+from vastflow.producers.instantiation.instantiate import Instantiation
 from vastflow.producers.search.criteria import Criterion, best_of, criteria
-from vastflow.producers.search.evaluation import FAMILY, Evaluation, Proposal
 from vastflow.producers.search.search import Search
-from vastflow.producers.search.strategy import Strategy, asked
+from vastflow.producers.search.strategy import FAMILY, Evaluation, Proposal, Strategy, asked
 from vastflow.tasks.index import FoundMember, Index
 from vastflow.tasks.instantiation import Instantiated
 from vastflow.tasks.progress import Tally

@@ -11,7 +11,7 @@ from vastflow.flows.results.tables import plain, write_table
 from vastflow.flows.search.progress import SearchProgress
 from vastflow.producers.search.boundary import BAND, Boundary
 from vastflow.producers.search.criteria import best_of, runs_until
-from vastflow.producers.search.evaluation import Evaluation
+from vastflow.producers.search.strategy import Evaluation
 
 EVALUATIONS: Final = pa.schema(
     [

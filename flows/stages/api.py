@@ -19,7 +19,7 @@ from vastflow.flows.stages.recordings import Recordings
 from vastflow.flows.stages.traces import ObservedBlock, Traces
 from vastflow.flows.stages.verdicts import Verdicts
 from vastflow.oracles.oracle import Oracle, OracleError, oracle_of, oracles_of
-from vastflow.producers.faults import CampaignError, Fault
+from vastflow.producers.model.faults import CampaignError, Fault
 from vastflow.tasks.engine import judgements
 from vastflow.tasks.index import FoundMember, Index, Member, missing
 from vastflow.tasks.instantiation import Instantiated, Instantiator

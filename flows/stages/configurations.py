@@ -11,8 +11,8 @@ from vastflow.flows.request.opened import OpenCampaign
 from vastflow.flows.results.found import RunFault
 from vastflow.flows.results.tables import CONFIGURATIONS, configuration_row
 from vastflow.flows.terminal.words import count_text
-from vastflow.producers.configuration import Configuration, ExcludedInstance, RejectedInstance
-from vastflow.producers.instantiate import Instantiation
+from vastflow.producers.instantiation.instantiate import Instantiation
+from vastflow.producers.model.configuration import Configuration, ExcludedInstance, RejectedInstance
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.names import did_you_mean
 

@@ -8,7 +8,7 @@ from typing import Any, Final
 from vastflow.sim.model.files import read_json
 
 Coverage = Mapping[str, Any]
-"""What `vastflow.producers.coverage.coverage_of` gives."""
+"""What `vastflow.producers.instantiation.coverage.coverage_of` gives."""
 
 FILE: Final = "coverage.json"
 COUNTS: Final = ("requested", "excluded", "unrealisable", "duplicate", "realised", "valid")

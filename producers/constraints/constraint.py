@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
-from vastflow.producers.configuration import ExcludedInstance, Partial
 from vastflow.producers.constraints.expression import ConstraintExpression, ExpressionName, NotEvaluable, expression_of
 from vastflow.producers.constraints.quantities import QUANTITIES, Quantities, may_write_for
-from vastflow.producers.faults import CampaignError, Fault
-from vastflow.producers.producer import Producer
+from vastflow.producers.model.configuration import ExcludedInstance, Partial
+from vastflow.producers.model.faults import CampaignError, Fault
+from vastflow.producers.model.producer import Producer
 from vastflow.sim.model.digest import Value
 
 MOST_REPORTED: Final = 3

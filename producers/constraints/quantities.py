@@ -9,10 +9,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.producers.configuration import Partial
 from vastflow.producers.constraints.operations import NotEvaluable
+from vastflow.producers.model.configuration import Partial
+from vastflow.producers.model.numbers import DEFAULT_ROBOT_DIAMETER_M
+from vastflow.producers.model.producer import Producer, may_list_obstacles
+from vastflow.producers.places.cells import shortest_path
 from vastflow.producers.places.ground import MAP_KEY, ground_of
-from vastflow.producers.places.lengths import shortest_path
 from vastflow.producers.places.stops import (
     GOAL_KEY,
     GOALS_KEY,
@@ -22,8 +24,6 @@ from vastflow.producers.places.stops import (
     given_goals,
     given_start,
 )
-from vastflow.producers.producer import Producer, may_list_obstacles
-from vastflow.producers.quantities import DEFAULT_ROBOT_DIAMETER_M
 from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
 from vastflow.sim.world.map_file import load_map

@@ -3,11 +3,11 @@
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
+from vastflow.producers.campaign_file.document import Document
 from vastflow.producers.constraints.constraint import Constraint, ConstraintPlace
 from vastflow.producers.constraints.expression import ExpressionFault, ExpressionName, expression_of
 from vastflow.producers.constraints.quantities import QUANTITIES
-from vastflow.producers.faults import Fault, Location, path_text, shown
-from vastflow.producers.vast.document import Document
+from vastflow.producers.model.faults import Fault, Location, path_text, shown
 from vastflow.sim.model.names import did_you_mean
 
 RIGHT: Final = "a list of named expressions, '- name: \"expression\"'"

@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.producers.campaign_file.sections import Sample
 from vastflow.producers.designs.space import FactorBlock, product_of
-from vastflow.producers.vast.design import Sample
 
 DENSE: Final = 4
 """A sample of more than one in so many of all rows is filled up from a list of the others."""

@@ -15,7 +15,8 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.producers.configuration import (
+from vastflow.producers.constraints.constraint import Checker, Constraint
+from vastflow.producers.model.configuration import (
     ExcludedInstance,
     Fragment,
     Partial,
@@ -24,9 +25,8 @@ from vastflow.producers.configuration import (
     Step,
     restricted_digest,
 )
-from vastflow.producers.constraints.constraint import Checker, Constraint
+from vastflow.producers.model.producer import Producer, tags_of
 from vastflow.producers.places.start_check import StartCheck
-from vastflow.producers.producer import Producer, tags_of
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.scenario import Dimension
 

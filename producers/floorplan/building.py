@@ -9,10 +9,17 @@ from typing import Final
 import numpy as np
 import shapely
 
-from vastflow.producers.faults import Fault, Note
 from vastflow.producers.floorplan.faults import FloorplanError
-from vastflow.producers.floorplan.frames import IDENTITY, Transform, sharp_corner, wall_frame, wall_outlines
-from vastflow.producers.floorplan.outline import SMALLEST_M, clipped, edges
+from vastflow.producers.floorplan.geometry import (
+    IDENTITY,
+    SMALLEST_M,
+    Transform,
+    clipped,
+    edges,
+    sharp_corner,
+    wall_frame,
+    wall_outlines,
+)
 from vastflow.producers.floorplan.plan import (
     Feature,
     FeatureKind,
@@ -24,6 +31,7 @@ from vastflow.producers.floorplan.plan import (
     PlanFrame,
     PlanSpace,
 )
+from vastflow.producers.model.faults import Fault, Note
 
 ROUNDING_M: Final = 1e-9
 """What sums of a user's decimal numbers may miss each other by."""

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from typing import Final, NoReturn
 
-from vastflow.producers.faults import Fault, Note
+from vastflow.producers.model.faults import Fault, Note
 from vastflow.sim.model.faults import UserError
 
 __all__ = ["START", "Fault", "FloorplanError", "Note", "Place", "complain"]

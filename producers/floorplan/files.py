@@ -5,11 +5,9 @@ from pathlib import Path
 
 from vastflow.producers.floorplan.building import Building, build
 from vastflow.producers.floorplan.faults import FloorplanError, complain
-from vastflow.producers.floorplan.parsing import read_text
 from vastflow.producers.floorplan.reading import plan_of, read_plan
-from vastflow.producers.floorplan.syntax import parse
-from vastflow.producers.floorplan.variation import Variation, variation_of
-from vastflow.producers.floorplan.variation_syntax import parse_variation
+from vastflow.producers.floorplan.syntax import parse, read_text
+from vastflow.producers.floorplan.variation import Variation, parse_variation, variation_of
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from vastflow.producers.floorplan.building import Building, Hole, SolidBlock, Wall
-from vastflow.producers.floorplan.outline import signed_area
+from vastflow.producers.floorplan.geometry import signed_area
 
 MARGIN_M: Final = 0.05
 """How far a cut goes beyond both faces of its walls."""

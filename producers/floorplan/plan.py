@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
-from vastflow.producers.faults import Note
 from vastflow.producers.floorplan.faults import Place
+from vastflow.producers.model.faults import Note
 
 Point: TypeAlias = tuple[float, float]
 Outline: TypeAlias = tuple[Point, ...]

@@ -7,9 +7,8 @@ from typing import Final
 
 from lark import Token
 
-from vastflow.producers.faults import Fault, Note
 from vastflow.producers.floorplan.faults import FloorplanError
-from vastflow.producers.floorplan.outline import SMALLEST_M, circle, outline_fault, rectangle, signed_area
+from vastflow.producers.floorplan.geometry import SMALLEST_M, circle, outline_fault, rectangle, signed_area
 from vastflow.producers.floorplan.plan import Feature, FloorPlan, Offset, Opening, Outline, PlanFrame, PlanSpace
 from vastflow.producers.floorplan.syntax import (
     FrameText,
@@ -21,6 +20,7 @@ from vastflow.producers.floorplan.syntax import (
     ShapeText,
     parse,
 )
+from vastflow.producers.model.faults import Fault, Note
 from vastflow.sim.model.names import did_you_mean
 
 LARGEST_M: Final = 10_000.0

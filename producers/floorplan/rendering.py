@@ -1,15 +1,215 @@
-"""Everything that can be made of one floor plan, as the files of a folder, with where they came from."""
+"""Everything that can be made of one floor plan: its picture, its geometry as JSON, and the files of a folder."""
 
 import hashlib
 import importlib.metadata
+import io
 import json
+import math
+from collections.abc import Iterator
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, Final
 
-from vastflow.producers.floorplan.building import Building
+import numpy as np
+import shapely
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+
+from vastflow.producers.floorplan.building import Building, Hole, Room
+from vastflow.producers.floorplan.geometry import edges
 from vastflow.producers.floorplan.grid import grid_of
 from vastflow.producers.floorplan.mesh import mesh_of, stl, volume_of
-from vastflow.producers.floorplan.picture import picture_of
+from vastflow.producers.floorplan.plan import Outline, Point
+
+LONG_SIDE_IN: Final = 13.0
+MARGIN_IN: Final = 0.7
+DPI: Final = 130
+POINTS_AN_INCH: Final = 72.0
+
+LARGEST_PT: Final = 10.0
+SMALLEST_PT: Final = 2.6
+"""Names smaller than that are left out."""
+
+LETTER: Final = 0.62
+"""Width of a letter as a part of its height."""
+
+LINE: Final = 1.35
+DOOR_PT: Final = 5.0
+DOORS_FROM_PT_A_M: Final = 14.0
+"""Scale of the picture from which on the widths of doors can be read beside them."""
+
+FLOOR: Final = "#f4efe4"
+WALL: Final = "#3a3a3c"
+COLUMN: Final = "#7a5c46"
+DIVIDER: Final = "#b08d57"
+DOOR: Final = "#fdfdfb"
+WINDOW: Final = "#7fb8d8"
+INK: Final = "#1d1d1f"
+MEASURE: Final = "#77736a"
+
+
+def picture_of(building: Building) -> bytes:
+    """A PNG of the plan from above, in meters."""
+    low_x, low_y, high_x, high_y = building.bounds
+    width_m, height_m = high_x - low_x, high_y - low_y
+    inches_a_m = (LONG_SIDE_IN - 2 * MARGIN_IN) / max(width_m, height_m)
+    size_in = [max(side * inches_a_m, 2.0) + 2 * MARGIN_IN for side in (width_m, height_m)]
+    figure = Figure(figsize=(size_in[0], size_in[1]), dpi=DPI, facecolor="white")
+    FigureCanvasAgg(figure)
+    left, bottom = MARGIN_IN / size_in[0], MARGIN_IN / size_in[1]
+    axes = figure.add_axes((left, bottom, 1 - 2 * left, 1 - 2 * bottom))
+    for outlines, color, order in _layers(building):
+        corners = [np.array(outline) for outline in outlines]
+        axes.add_collection(PolyCollection(corners, facecolors=color, edgecolors=color, linewidths=0.2, zorder=order))
+    scale_pt_a_m = inches_a_m * POINTS_AN_INCH
+    halo = [withStroke(linewidth=2.0, foreground=FLOOR)]
+    for room, floor in zip(building.rooms, _own_floors(building), strict=True):
+        if (label := _label(room, floor, scale_pt_a_m)) is not None:
+            (x, y), text, size_pt, turn_deg = label
+            axes.text(
+                x, y, text, fontsize=size_pt, rotation=turn_deg, ha="center", va="center", color=INK, zorder=6,
+                linespacing=1.25, path_effects=halo,
+            )  # fmt: skip
+    if scale_pt_a_m >= DOORS_FROM_PT_A_M:
+        for hole in building.holes:
+            x, y = _inside(hole)
+            axes.text(
+                x, y, f"{_meters(_width(hole))} m", fontsize=DOOR_PT, ha="center", va="center", color=MEASURE, zorder=7
+            )
+    axes.set(xlim=(low_x, high_x), ylim=(low_y, high_y), aspect="equal")
+    axes.tick_params(labelsize=7, colors=MEASURE, length=2)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+    area_m2 = shapely.union_all([shapely.Polygon(room.outline) for room in building.rooms]).area
+    title = f"{building.name}   {_meters(width_m)} × {_meters(height_m)} m, {area_m2:,.0f} m² of floor"
+    axes.set_title(title, fontsize=10, color=INK, loc="left")
+    content = io.BytesIO()
+    figure.savefig(content, format="png", metadata={"Software": None})
+    return content.getvalue()
+
+
+def _layers(building: Building) -> Iterator[tuple[list[Outline], str, int]]:
+    yield [room.outline for room in building.rooms], FLOOR, 1
+    yield [wall.outline for wall in building.walls], WALL, 2
+    yield [each.outline for each in building.obstacles if each.kind == "Column"], COLUMN, 3
+    yield [each.outline for each in building.obstacles if each.kind == "Divider"], DIVIDER, 3
+    yield [hole.outline for hole in building.holes if hole.kind == "Entryway"], DOOR, 4
+    yield [hole.outline for hole in building.holes if hole.kind == "Window"], WINDOW, 4
+
+
+def _own_floors(building: Building) -> list[shapely.Geometry]:
+    """Each room's floor without the rooms that stand in it."""
+    floors = np.array([shapely.Polygon(room.outline) for room in building.rooms])
+    tree = shapely.STRtree(floors)
+    for outer, inner in tree.query(floors, predicate="contains").T:
+        if outer != inner:
+            floors[outer] = shapely.difference(floors[outer], shapely.convex_hull(floors[inner]))
+    return list(floors)
+
+
+def _label(
+    room: Room, floor: shapely.Geometry, scale_pt_a_m: float
+) -> tuple[tuple[float, float], str, float, float] | None:
+    """Place, text, size and turn of a room's name and measures, as large as fits; None where nothing does."""
+    if floor.is_empty:  # another room covers it
+        return None
+    sides = [math.dist(*edge) for edge in edges(room.outline)]
+    area_m2 = shapely.Polygon(room.outline).area
+    rectangular = len(sides) == 4 and math.isclose(area_m2, sides[0] * sides[1], rel_tol=1e-6)
+    measure = f"{_meters(sides[0])} × {_meters(sides[1])} m" if rectangular else f"{area_m2:.1f} m²"
+    if rectangular and math.isclose(floor.area, area_m2, rel_tol=1e-6):
+        place, (across_m, high_m), turn_deg = (floor.centroid.x, floor.centroid.y), *_stretch(room)
+    else:
+        radius = shapely.maximum_inscribed_circle(floor, tolerance=0.1)
+        place, across_m, high_m, turn_deg = radius.coords[0], 2 * radius.length, 2 * radius.length, 0.0
+    for text in (f"{room.name}\n{measure}", room.name):
+        lines = text.split("\n")
+        across_pt = 0.92 * across_m * scale_pt_a_m / (LETTER * max(map(len, lines)))
+        size_pt = min(LARGEST_PT, across_pt, 0.85 * high_m * scale_pt_a_m / (LINE * len(lines)))
+        if size_pt >= SMALLEST_PT:
+            return (place[0], place[1]), text, size_pt, turn_deg
+    return None
+
+
+def _stretch(room: Room) -> tuple[tuple[float, float], float]:
+    """Of a rectangle: how far a text can go along and across its direction (m), and that direction (degrees).
+
+    Texts run along the longer side, but level where a room is nearly square.
+    """
+    first, second = edges(room.outline)[:2]
+    along, across = (first, second) if math.dist(*first) >= math.dist(*second) else (second, first)
+    if math.dist(*along) < 1.6 * math.dist(*across) and abs(math.sin(_direction(along))) > math.sin(math.pi / 4):
+        along, across = across, along
+    turn_deg = math.degrees(_direction(along))
+    return (math.dist(*along), math.dist(*across)), 90.0 - (90.001 - turn_deg) % 180.0 + 0.001
+
+
+def _direction(edge: tuple[Point, Point]) -> float:
+    (x0, y0), (x1, y1) = edge
+    return math.atan2(y1 - y0, x1 - x0)
+
+
+def _inside(hole: Hole) -> tuple[float, float]:
+    """A place beside an opening, a little inside of the room whose wall it is in."""
+    low_x, high_x = min(x for x, _ in hole.shape), max(x for x, _ in hole.shape)
+    return hole.frame.apply(((low_x + high_x) / 2, -0.22))
+
+
+def _width(hole: Hole) -> float:
+    return max(x for x, _ in hole.shape) - min(x for x, _ in hole.shape)
+
+
+def _meters(length_m: float) -> str:
+    """A length to the centimeter, without needless zeros."""
+    return f"{length_m:.2f}".rstrip("0").rstrip(".")
+
+
+DECIMALS: Final = 9
+
+
+def geometry_of(building: Building) -> dict[str, Any]:
+    """Polygons of all there is, by name, corners as [x, y]; see `vastflow floorplan geometry`.
+
+    A wall's polygon begins with its outer face, and ends with its inner one. An opening's `shape` is [x, z] in the
+    frame of the first wall it cuts: x from the middle of that wall along its inner face, z from the floor up.
+    """
+    return {
+        "name": building.name,
+        "frame": "world",
+        "unit": "m",
+        "spaces": {room.name: _polygon(room.outline) for room in building.rooms},
+        "walls": {
+            wall.name: {"polygon": _polygon(wall.outline), "height": _number(wall.height_m)} for wall in building.walls
+        },
+        "obstacles": {
+            obstacle.name: {
+                "kind": obstacle.kind.lower(),
+                "polygon": _polygon(obstacle.outline),
+                "height": _number(obstacle.height_m),
+            }
+            for obstacle in building.obstacles
+        },
+        "openings": {
+            hole.name: {
+                "kind": hole.kind.lower(),
+                "walls": list(hole.walls),
+                "polygon": _polygon(hole.outline),
+                "bottom": _number(hole.bottom_m),
+                "top": _number(hole.top_m),
+                "shape": _polygon(hole.shape),
+            }
+            for hole in building.holes
+        },
+    }
+
+
+def _polygon(outline: Outline) -> list[list[float]]:
+    return [[_number(x), _number(y)] for x, y in outline]
+
+
+def _number(value: float) -> float:
+    return round(value, DECIMALS) + 0.0  # + 0.0 turns -0.0 into 0.0
 
 
 def render(building: Building, text: str, source: str, resolution_m: float, laser_height_m: float) -> dict[str, bytes]:

@@ -1,11 +1,11 @@
-"""Minimization: what of a failing scenario its failure needs, asked of whoever tells whether a candidate fails."""
+"""Minimization by delta debugging: what of a failing scenario its failure needs, asked of whoever tells whether a candidate fails."""
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, TypeVar
 
-from vastflow.producers.minimization.circumstance import Circumstance
-from vastflow.producers.minimization.delta_debugging import LEVELS, ddmin, least_level
+from vastflow.producers.minimization.circumstance import LEVELS, Circumstance
 
 Standing: TypeAlias = Literal["fails", "does not fail", "undecided", "not tried"]
 """`not tried`: it can't be built, or its runs broke."""
@@ -170,3 +170,54 @@ def _nearer(candidate: Candidate, circumstance: Circumstance, trials: _Trials) -
 def _without(candidate: Candidate, circumstance: Circumstance) -> Candidate:
     levels = frozenset((each, level) for each, level in candidate.levels if each != circumstance)
     return Candidate(candidate.kept - {circumstance}, levels)
+
+
+T = TypeVar("T")
+
+
+def ddmin(things: Sequence[T], fails: Callable[[Sequence[T]], bool]) -> tuple[T, ...]:
+    """A subset of `things` that fails, while it fails no more without any single one of them.
+
+    The algorithm ddmin of Zeller and Hildebrandt, Simplifying and Isolating Failure-Inducing Input (IEEE Trans. Softw. Eng. 28
+    (2002) 183), which asks for nothing at all first.
+
+    Args:
+        fails: Whether a subset, in the order of `things`, fails; all of them do. What can't be told counts as no.
+    """
+    left, parts = tuple(things), 2
+    if not left or fails(()):
+        return ()
+    while len(left) > 1:
+        chunks = _chunks(left, parts)
+        # Of two chunks each is the complement of the other.
+        subsets = [*chunks, *(_complement(left, chunk) for chunk in chunks if parts > 2)]
+        found = next((k for k, subset in enumerate(subsets) if fails(subset)), None)
+        if found is not None:
+            left, parts = subsets[found], 2 if found < parts else parts - 1
+        elif parts == len(left):
+            break
+        else:
+            parts = min(2 * parts, len(left))
+    return left
+
+
+def least_level(fails: Callable[[int], bool]) -> int:
+    """The least of the levels 1 to `LEVELS` that fails, by bisection: `LEVELS` does, and 0 is taken not to."""
+    passes, least = 0, LEVELS
+    while least - passes > 1:
+        middle = (passes + least) // 2
+        if fails(middle):
+            least = middle
+        else:
+            passes = middle
+    return least
+
+
+def _chunks(things: tuple[T, ...], parts: int) -> list[tuple[T, ...]]:
+    """`things` in order, in parts of about equal size."""
+    cuts = [len(things) * k // parts for k in range(parts + 1)]
+    return [things[start:stop] for start, stop in itertools.pairwise(cuts)]
+
+
+def _complement(things: tuple[T, ...], chunk: tuple[T, ...]) -> tuple[T, ...]:
+    return tuple(each for each in things if each not in chunk)

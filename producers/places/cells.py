@@ -1,4 +1,10 @@
-"""The cells of a map that an area on the floor covers."""
+"""The cells of a map: those that an area on the floor covers, and lengths on them.
+
+Lengths are those of `vastflow.sim.world.octile`, which is imported with the first question. It takes numba and scipy along, half a
+second, and a campaign whose producers' work is all in the store asks nothing.
+"""
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,3 +41,28 @@ def _cells(occupancy: OccupancyMap, area: Polygon, half: float) -> NDArray[np.in
     # Separating axes: the grid's own are the bounds above. A tenth of the time of one shapely box a cell.
     beyond = centers @ normals.T - np.sum(outline[:-1] * normals, axis=1)
     return np.asarray(cells[~np.any(beyond > np.abs(normals).sum(axis=1) * occupancy.resolution_m * half, axis=1)])
+
+
+def distance_field(
+    free: NDArray[np.bool_], row: int, column: int, limit_cells: float = math.inf
+) -> NDArray[np.float32]:
+    """See `vastflow.sim.world.octile.distance_field`."""
+    from vastflow.sim.world import octile
+
+    return octile.distance_field(free, row, column, limit_cells)
+
+
+def descend(field: NDArray[np.float32], row: int, column: int) -> NDArray[np.int64]:
+    """See `vastflow.sim.world.octile.descend`."""
+    from vastflow.sim.world import octile
+
+    return octile.descend(field, row, column)
+
+
+def shortest_path(
+    occupancy: OccupancyMap, free: NDArray[np.bool_], stops_xy_m: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], float] | None:
+    """See `vastflow.sim.world.octile.shortest_path`."""
+    from vastflow.sim.world import octile
+
+    return octile.shortest_path(occupancy, free, stops_xy_m)

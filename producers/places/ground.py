@@ -1,9 +1,10 @@
-"""Where a robot of given size can stand on a configuration's map."""
+"""The ground: a map, found by the name that a campaign file has for it, and where a robot of given size can stand on it."""
 
 import functools
 import math
+import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeAlias
 
@@ -12,14 +13,74 @@ from numpy.typing import NDArray
 from pydantic import PlainSerializer, PlainValidator, ValidationInfo, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
-from vastflow.producers.configuration import Rejection
-from vastflow.producers.faults import MISSING_FILE
-from vastflow.producers.places.map_search import MapSearch
-from vastflow.producers.producer import ROOM_KEY
+from vastflow.producers.model.configuration import Rejection
+from vastflow.producers.model.faults import MISSING_FILE
+from vastflow.producers.model.producer import ROOM_KEY
 from vastflow.sim.model.digest import FileContent, Value
+from vastflow.sim.model.files import is_file
+from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS
-from vastflow.sim.world.map_file import MapError, MissingMap, load_map
+from vastflow.sim.world.map_file import MapError, MissingMap, load_map, map_content
 from vastflow.sim.world.occupancy import OccupancyMap
+
+
+@dataclass
+class MapSearch:
+    """Finds the maps of one campaign file.
+
+    A map is looked for below the file's folder first, then by the same relative path below `map_dir`. Of an absolute path, which is one
+    of another machine, the longest end counts that is there. Where it was found is in no digest: those cover what the maps hold.
+
+    Attributes:
+        base: The campaign file's folder.
+        map_dir: Folder of maps that are not beside the file.
+        borrowed: Path of each map that was found there, to its name in the campaign file; grows with `content`.
+    """
+
+    base: Path
+    map_dir: Path | None = None
+    borrowed: dict[str, str] = field(default_factory=dict)
+
+    def content(self, name: str) -> FileContent:
+        """The map that the campaign file calls `name`.
+
+        Raises:
+            MissingMap: it is in neither place.
+            MapError: it is no map.
+            ValueError: the name is none that a file can have.
+        """
+        path = self.base / name
+        if is_file(path):
+            return map_content(path)
+        if self.map_dir is None:
+            if os.path.lexists(path):
+                return map_content(path)
+            raise MissingMap(
+                f"{path}: no such file; a map is a map_server YAML file, here or at this place in a folder that --map-dir names"
+            )
+        there = [self.map_dir / end for end in _ends(name)]
+        borrowed = next((each for each in there if is_file(each)), None)
+        if borrowed is None:
+            offered = self._offered()
+            right = did_you_mean(name, offered) if offered else f"another --map-dir; {self.map_dir} has no map"
+            raise MissingMap(f"{path}: no such file, and no {there[-1]}; {right}")
+        found = map_content(borrowed)
+        self.borrowed[found.path] = name
+        return found
+
+    def _offered(self) -> list[str]:
+        """Names of what may be maps in `map_dir`, at most two folders deep: it may be a home folder by mistake."""
+        assert self.map_dir is not None
+        patterns = ("*.yaml", "*/*.yaml", "*/*/*.yaml")
+        found = [file for pattern in patterns for file in self.map_dir.glob(pattern)]
+        return sorted(Path(os.path.relpath(file, self.map_dir)).as_posix() for file in found)
+
+
+def _ends(name: str) -> list[str]:
+    """What to look for below another folder: a relative path as it is, of an absolute one its ends, the longest first."""
+    parts = Path(name).parts
+    return ["/".join(parts[k:]) for k in range(1, len(parts))] if Path(name).is_absolute() else [name]
+
 
 MAP_KEY: Final = "map_file"
 MAP_FILE_KEYS: Final = (MAP_KEY, *MASK_KEYS)
@@ -76,7 +137,7 @@ def ground_of(map_file: FileContent, robot_diameter_m: float, room_m: float = 0.
     Raises:
         MapError: the file can't be read any more, or holds another map than when the campaign was read.
     """
-    from skimage.measure import label  # half a second with what follows, see `vastflow.producers.places.lengths`
+    from skimage.measure import label  # half a second with what follows, see `vastflow.producers.places.cells`
 
     from vastflow.sim.world import octile
 

@@ -12,8 +12,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.producers.places.cells import descend, distance_field
 from vastflow.producers.places.ground import Ground
-from vastflow.producers.places.lengths import descend, distance_field
 
 Cell = tuple[int, int]
 

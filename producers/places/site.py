@@ -6,9 +6,11 @@ from typing import Final
 
 import numpy as np
 
-from vastflow.producers.configuration import REQUESTED, Rejection
+from vastflow.producers.model.configuration import REQUESTED, Rejection
+from vastflow.producers.model.producer import ROOM_KEY
+from vastflow.producers.places.cells import shortest_path
+from vastflow.producers.places.clearance import surroundings_at
 from vastflow.producers.places.ground import ground_of, map_key, map_of, room_of
-from vastflow.producers.places.lengths import shortest_path
 from vastflow.producers.places.placement import Site
 from vastflow.producers.places.stops import (
     GOAL_KEY,
@@ -21,8 +23,6 @@ from vastflow.producers.places.stops import (
     goals_key,
     start_key,
 )
-from vastflow.producers.places.surroundings import surroundings_at
-from vastflow.producers.producer import ROOM_KEY
 from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.obstacle import Obstacle, obstacle_of
 from vastflow.sim.model.pose import Pose

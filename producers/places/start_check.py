@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely.geometry import MultiPoint, Polygon
 
-from vastflow.producers.configuration import Fragment, Partial, RejectedInstance
+from vastflow.producers.model.configuration import Fragment, Partial, RejectedInstance
+from vastflow.producers.model.producer import ROOM_KEY, Producer, draws_of, may_list_obstacles
 from vastflow.producers.places.cells import touched_cells
 from vastflow.producers.places.ground import MAP_KEY, occupancy_of
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
-from vastflow.producers.producer import ROOM_KEY, Producer, draws_of, may_list_obstacles
 from vastflow.sim.model.digest import FileContent, Value, canonical
 from vastflow.sim.model.obstacle import Obstacle, obstacle_of
 from vastflow.sim.model.pose import Pose, pose_of

@@ -10,11 +10,10 @@ from typing import Any, ClassVar, Final
 
 import numpy as np
 
-from vastflow.producers.quantities import Number, Positive
-from vastflow.producers.search.evaluation import Evaluation
+from vastflow.producers.model.numbers import Number, Positive
 from vastflow.producers.search.gaussian_process import Floats, likelihood, predicted
 from vastflow.producers.search.space import Point, levels_of
-from vastflow.producers.search.strategy import Parameters, Strategy
+from vastflow.producers.search.strategy import Evaluation, Parameters, Strategy
 
 MOST_DIMENSIONS: Final = 3
 BAND: Final = 1.96

@@ -3,9 +3,8 @@
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
-from vastflow.producers.search.evaluation import Evaluation, Proposal
 from vastflow.producers.search.space import Point
-from vastflow.producers.search.strategy import Parameters, Problem, Strategy
+from vastflow.producers.search.strategy import Evaluation, Parameters, Problem, Proposal, Strategy
 from vastflow.sim.plug_ins.conformance import must, watched_generators
 
 BATCHES: Final = 4

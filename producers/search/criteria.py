@@ -5,8 +5,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from vastflow.producers.search.evaluation import Evaluation
-from vastflow.producers.vast.search import NoImprovement, SearchSpec
+from vastflow.producers.campaign_file.search import NoImprovement, SearchSpec
+from vastflow.producers.search.strategy import Evaluation
 
 _OPERATORS: Final = {
     ">": operator.gt,

@@ -5,11 +5,10 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 
 from pydantic import Field
 
-from vastflow.producers.quantities import Count
-from vastflow.producers.search.evaluation import Evaluation
+from vastflow.producers.campaign_file.search import SearchDimension
+from vastflow.producers.model.numbers import Count
 from vastflow.producers.search.space import Point
-from vastflow.producers.search.strategy import Parameters, Strategy, missing_library
-from vastflow.producers.vast.search import SearchDimension
+from vastflow.producers.search.strategy import Evaluation, Parameters, Strategy, missing_library
 
 if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution

@@ -8,11 +8,10 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from vastflow.producers.quantities import Count, Number, Positive
-from vastflow.producers.search.evaluation import Evaluation
+from vastflow.producers.model.numbers import Count, Number, Positive
 from vastflow.producers.search.gaussian_process import promise
 from vastflow.producers.search.space import Point
-from vastflow.producers.search.strategy import Cell, Parameters, Strategy, missing_library
+from vastflow.producers.search.strategy import Cell, Evaluation, Parameters, Strategy, missing_library
 
 if TYPE_CHECKING:
     from ribs.archives import ArchiveBase

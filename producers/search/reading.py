@@ -8,20 +8,18 @@ from typing import Any, Literal
 
 from pydantic import TypeAdapter, ValidationError
 
-from vastflow.producers import plug_in_file
-from vastflow.producers.family import Family
-from vastflow.producers.faults import NOT_EXECUTED, Fault, Location
-from vastflow.producers.producer import find_producer
+from vastflow.producers.campaign_file import plug_in_file
+from vastflow.producers.campaign_file.document import Document, faults_of
+from vastflow.producers.campaign_file.search import FAILURE_RATE, METRICS, SEARCH, Quantity, SearchSpec, marker_faults
+from vastflow.producers.campaign_file.sections import Sequential
+from vastflow.producers.campaign_file.spec import ExecutionSpec
+from vastflow.producers.instantiation.family import Family
+from vastflow.producers.model.faults import NOT_EXECUTED, Fault, Location
+from vastflow.producers.model.producer import find_producer
 from vastflow.producers.search.boundary import Boundary, boundary_complaint
 from vastflow.producers.search.search import ReadsFamilies, Search, corners, family_at, several_fault
 from vastflow.producers.search.space import Space
 from vastflow.producers.search.strategy import Strategy, UnknownStrategy, find_strategy, missing_library
-from vastflow.producers.vast.document import Document
-from vastflow.producers.vast.model_faults import faults_of
-from vastflow.producers.vast.repetition import Sequential
-from vastflow.producers.vast.search import FAILURE_RATE, METRICS, Quantity, SearchSpec
-from vastflow.producers.vast.search_template import SEARCH, marker_faults
-from vastflow.producers.vast.spec import ExecutionSpec
 from vastflow.sim.model.names import did_you_mean
 
 _EXTRACT: Location = (*SEARCH, "extract")
@@ -110,7 +108,7 @@ class _Reading:
                 find_producer(name, self._base)
                 return False
             except Exception as error:  # noqa: BLE001 - whatever a user's file raises while it is imported
-                self._not_here(where, f"{error}", "a subclass of vastflow.producers.producer.Producer", "key")
+                self._not_here(where, f"{error}", "a subclass of vastflow.producers.model.producer.Producer", "key")
         return True
 
     def quantities(self) -> dict[str, Quantity]:

@@ -7,9 +7,8 @@ from typing import ClassVar, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.producers.search.evaluation import Evaluation
 from vastflow.producers.search.space import Point
-from vastflow.producers.search.strategy import Parameters, Problem, Strategy
+from vastflow.producers.search.strategy import Evaluation, Parameters, Problem, Strategy
 
 P = TypeVar("P", bound=Parameters)
 

@@ -4,18 +4,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, Protocol
 
-from vastflow.producers.configuration import Configuration
-from vastflow.producers.coverage import FamilyCount, coverage_of
-from vastflow.producers.family import Family, FamilyReader
-from vastflow.producers.faults import CampaignError, Fault
-from vastflow.producers.instantiate import Instantiation, mark_duplicates
-from vastflow.producers.search.evaluation import BASELINE, Proposal
+from vastflow.producers.campaign_file.document import Document
+from vastflow.producers.campaign_file.search import SEARCH, Quantity, SearchSpec, with_point
+from vastflow.producers.instantiation.coverage import FamilyCount, coverage_of
+from vastflow.producers.instantiation.family import Family, FamilyReader
+from vastflow.producers.instantiation.instantiate import Instantiation, mark_duplicates
+from vastflow.producers.model.configuration import Configuration
+from vastflow.producers.model.faults import CampaignError, Fault
 from vastflow.producers.search.sampling import Random, SamplingParameters
 from vastflow.producers.search.space import Point, Space
-from vastflow.producers.search.strategy import Problem, Strategy
-from vastflow.producers.vast.document import Document
-from vastflow.producers.vast.search import Quantity, SearchSpec
-from vastflow.producers.vast.search_template import SEARCH, with_point
+from vastflow.producers.search.strategy import BASELINE, Problem, Proposal, Strategy
 
 _BASELINE_BATCHES: Final = 10**6
 """Batches from this one on draw what no strategy draws."""

@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.producers.vast.search import SearchDimension
+from vastflow.producers.campaign_file.search import SearchDimension
 from vastflow.sim.model.digest import Value
 
 Point: TypeAlias = Mapping[str, Value]

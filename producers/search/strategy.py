@@ -1,18 +1,68 @@
-"""The strategy: what every plug-in that proposes points is, and how it is found."""
+"""The strategy: what proposes the points of a search, its proposals, and what was found at them."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Final, Generic, Literal, TypeVar
+from typing import Any, ClassVar, Final, Generic, Literal, TypeAlias, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from vastflow.producers.search.evaluation import Evaluation
 from vastflow.producers.search.space import Point, Space
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.plug_ins.loading import installed_plug_in, known_plug_ins, plug_in_of_file
+
+FAMILY: Final = "search"
+"""Of all points of a search, in tables and in the report."""
+BASELINE: Final = "random"
+"""The family of points that are drawn beside those of the strategy."""
+
+Standing: TypeAlias = Literal["judged", "rejected", "not judged"]
+"""`rejected`: nothing can be built there, so nothing was run. `not judged`: it was run, and its runs do not give the objective."""
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """A point that a strategy wants to know of.
+
+    Attributes:
+        number: Of all that were proposed, from 1; one of the baseline has that of the point beside which it is drawn.
+        batch: From 0.
+        family: `FAMILY`, or `BASELINE` where it is a point of the search beside.
+    """
+
+    number: int
+    batch: int
+    point: Point
+    family: str = FAMILY
+
+    @property
+    def name(self) -> str:
+        """Of its configuration, such as `point-0017`."""
+        return f"{'point' if self.family == FAMILY else self.family}-{self.number:04}"
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """What was found at a proposal.
+
+    Attributes:
+        objective: None unless `judged`.
+        measures: Name to value of what the strategy asked beside; those that could not be had are missing.
+        runs: Over which the objective was taken.
+        simulated_s: Simulated time of these.
+        reason: Why it is not judged; empty where it is.
+    """
+
+    proposal: Proposal
+    standing: Standing
+    objective: float | None = None
+    measures: Mapping[str, float] = field(default_factory=dict)
+    runs: int = 0
+    simulated_s: float = 0.0
+    reason: str = ""
+
 
 GROUP: Final = "vastflow.strategies"
 

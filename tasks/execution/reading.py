@@ -9,10 +9,10 @@ from typing import Any, Final, Literal, TypeVar
 import yaml
 
 from vastflow.producers.campaign import Campaign
-from vastflow.producers.faults import CampaignError, Fault, Location, shown
-from vastflow.producers.programs import run_files
-from vastflow.producers.vast.document import EXPONENT
-from vastflow.producers.vast.spec import Resources
+from vastflow.producers.campaign_file.document import EXPONENT
+from vastflow.producers.campaign_file.scenario import run_files
+from vastflow.producers.campaign_file.spec import Resources
+from vastflow.producers.model.faults import CampaignError, Fault, Location, shown
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.scenario.programs.folders import RunFileError
 from vastflow.tasks.execution.description import MAIN, Container, Needs, RunDescription, label_of

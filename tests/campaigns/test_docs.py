@@ -21,11 +21,17 @@ from vastflow.oracles.judge import judge_block
 from vastflow.oracles.observe import observe_block
 from vastflow.oracles.oracle import known_oracles, oracle_class
 from vastflow.oracles.trace import trace_of
-from vastflow.producers.instantiate import instantiate
-from vastflow.producers.obstacle import ObstacleConfig
-from vastflow.producers.producer import find_producer, known_producers
-from vastflow.producers.vast.section import Unexecuted
-from vastflow.producers.vast.spec import CampaignSpec, EvaluationSpec, ExecutionSpec, FamilySpec, ResultsProcessingSpec
+from vastflow.producers.campaign_file.sections import Unexecuted
+from vastflow.producers.campaign_file.spec import (
+    CampaignSpec,
+    EvaluationSpec,
+    ExecutionSpec,
+    FamilySpec,
+    ResultsProcessingSpec,
+)
+from vastflow.producers.catalog.obstacle import ObstacleConfig
+from vastflow.producers.instantiation.instantiate import instantiate
+from vastflow.producers.model.producer import find_producer, known_producers
 from vastflow.sim.model.blocks import read_block, read_recordings, write_recordings
 from vastflow.sim.model.recording import Outcome
 from vastflow.sim.reading.abstract import BUILTIN, SHIPPED

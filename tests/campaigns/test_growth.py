@@ -18,7 +18,7 @@ from vastflow.oracles.oracle import oracle_of
 from vastflow.oracles.replay.recorded import recorded_run
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import trace_of
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.archive import read_outputs, write_outputs
 from vastflow.sim.model.blocks import read_block, write_recordings
 from vastflow.sim.model.recording import Run

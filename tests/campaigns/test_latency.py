@@ -4,7 +4,7 @@ import pytest
 from latency_presets import CAMPAIGN, PRESET, Classes, classes_of, table
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.robots import robots_json
+from vastflow.producers.instantiation.family import robots_json
 from vastflow.sim.nav2.parameters.robot import PRESETS
 
 

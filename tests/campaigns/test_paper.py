@@ -10,8 +10,8 @@ from paper_published import PUBLISHED
 from paper_results import Requested, requested_of
 
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.producers.faults import CampaignError
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.instantiation.instantiate import instantiate
+from vastflow.producers.model.faults import CampaignError
 
 pytestmark = pytest.mark.slow
 

@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.stopping import stopping_of
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.octile import passable
 

@@ -19,7 +19,7 @@ from vastflow.oracles.judge import judge_block
 from vastflow.oracles.observe import observe_block
 from vastflow.oracles.page.report import write_report
 from vastflow.oracles.replay.recorded import recorded_run
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.pose import pose_of
 from vastflow.sim.reading.abstract import BUILTIN, SHIPPED, abstract_content, definition_digest, definition_of

@@ -6,7 +6,7 @@ from PIL import Image
 from table import each_row
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.run import run
 
 FILE = """\

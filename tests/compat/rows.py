@@ -17,14 +17,14 @@ from vastflow.oracles.judge import judge_block
 from vastflow.oracles.observe import observe_block
 from vastflow.oracles.oracle import Oracle, oracles_of
 from vastflow.oracles.verdict import run_judgement
-from vastflow.producers.configuration import Configuration
-from vastflow.producers.faults import CampaignError
+from vastflow.producers.campaign_file.postprocessing import steps_of
+from vastflow.producers.campaign_file.scenario import run_files
 from vastflow.producers.floorplan.faults import FloorplanError
 from vastflow.producers.floorplan.files import PlanFile, read_plan_file, read_variation_file
 from vastflow.producers.floorplan.rendering import render
-from vastflow.producers.instantiate import instantiate
-from vastflow.producers.postprocessing import steps_of
-from vastflow.producers.programs import run_files
+from vastflow.producers.instantiation.instantiate import instantiate
+from vastflow.producers.model.configuration import Configuration
+from vastflow.producers.model.faults import CampaignError
 from vastflow.sim.model.archive import write_outputs
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.scenario import ProcessSetup, Scenario, scenario_of

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
 from vastflow.flows.commands.execution import MOST_IN_A_CONFIG_MAP
-from vastflow.producers.vast.spec import ExecutionSpec
+from vastflow.producers.campaign_file.spec import ExecutionSpec
 from vastflow.tasks.execution.compose import compose_file
 from vastflow.tasks.execution.pod import config_map_keys, pod_template
 

@@ -3,7 +3,7 @@
 import pytest
 from table import each_row
 
-from vastflow.producers.faults import CampaignError
+from vastflow.producers.model.faults import CampaignError
 from vastflow.tasks.execution.description import Container, Needs, RunDescription, is_label, label_of
 
 IMAGE = "  image: ghcr.io/me/robot:1.0\n"

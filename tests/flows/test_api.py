@@ -4,7 +4,7 @@ import sys
 import pytest
 
 from vastflow.flows import run_campaign
-from vastflow.producers.faults import CampaignError
+from vastflow.producers.model.faults import CampaignError
 
 pytestmark = pytest.mark.timeout(900)
 

@@ -14,7 +14,7 @@ import pytest
 
 from vastflow.flows import campaign_run, run_campaign
 from vastflow.flows.computing import flow_call
-from vastflow.producers.faults import CampaignError
+from vastflow.producers.model.faults import CampaignError
 from vastflow.tasks.source import installed_tree
 
 pytestmark = pytest.mark.timeout(900)
@@ -41,8 +41,8 @@ evaluation:
 CONFIGURATIONS, RUNS = 4, 2
 
 PRODUCER = """
-from vastflow.producers.configuration import Fragment
-from vastflow.producers.producer import Parameters, Producer
+from vastflow.producers.model.configuration import Fragment
+from vastflow.producers.model.producer import Parameters, Producer
 
 
 class TaskParameters(Parameters):

@@ -16,7 +16,7 @@ from vastflow.flows.results.table_part import PartRows
 from vastflow.oracles.directory.behaviors import Behaviors
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.verdict import Verdict
-from vastflow.producers.configuration import Configuration
+from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.archive import write_behaviors
 from vastflow.sim.model.scenario import Scenario
 

@@ -8,8 +8,8 @@ import pytest
 
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.inputs import inputs_of
-from vastflow.producers.faults import CampaignError
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.instantiation.instantiate import instantiate
+from vastflow.producers.model.faults import CampaignError
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.tasks.bundle import Packer, unpacked
 from vastflow.tasks.index import Member

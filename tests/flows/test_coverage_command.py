@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from vastflow.flows.__main__ import app
 from vastflow.flows.commands.coverage import share_text
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.instantiation.instantiate import instantiate
 
 VARIED = """\
       - ParameterVariationList:

@@ -19,7 +19,7 @@ from vastflow.flows.results.past import newest_past, past_of
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.oracles.verdict import Verdict
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.source import installed_tree
 

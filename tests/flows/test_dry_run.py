@@ -17,7 +17,7 @@ from vastflow.flows.plan.dry_run import STAGES, dry_run
 from vastflow.flows.plan.dry_run_text import whys
 from vastflow.flows.results.past import newest_past
 from vastflow.oracles.directory.unusable import UnusableDirectory
-from vastflow.producers.faults import CampaignError
+from vastflow.producers.model.faults import CampaignError
 from vastflow.sim.model.blocks import read_rows
 from vastflow.tasks import source
 from vastflow.tasks.source import SourceTree, installed_tree
@@ -52,8 +52,8 @@ FAMILY = """\
 """
 
 PRODUCER = """
-from vastflow.producers.configuration import Fragment
-from vastflow.producers.producer import Parameters, Producer
+from vastflow.producers.model.configuration import Fragment
+from vastflow.producers.model.producer import Parameters, Producer
 
 
 class AheadParameters(Parameters):

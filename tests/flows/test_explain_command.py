@@ -20,7 +20,7 @@ from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.oracles.verdict import Verdict, write_verdicts
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.recording import Recording, Run
 from vastflow.tasks.index import Index, Member

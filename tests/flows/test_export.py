@@ -21,7 +21,7 @@ from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.oracles.verdict import Metric, Verdict
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.archive import table, write_behaviors, write_outputs
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.faults import UserError

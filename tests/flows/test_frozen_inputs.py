@@ -29,8 +29,8 @@ evaluation:
     - OFOLDERown_oracle.py:Limited
 """
 PRODUCER = """
-from vastflow.producers.configuration import Fragment
-from vastflow.producers.producer import Parameters, Producer
+from vastflow.producers.model.configuration import Fragment
+from vastflow.producers.model.producer import Parameters, Producer
 from lib.values import VALUES
 
 class Own(Producer[Parameters]):

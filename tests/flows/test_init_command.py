@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from vastflow.flows import api
 from vastflow.flows.__main__ import app
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 
 QUICKSTART = Path(__file__).parents[2] / "campaigns" / "quickstart"

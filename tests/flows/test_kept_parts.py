@@ -16,7 +16,7 @@ from vastflow.flows.results.references import _of_report
 from vastflow.flows.results.summary import OutcomeTally
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.verdict import Metric, Verdict
-from vastflow.producers.configuration import Configuration
+from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.archive import write_behaviors
 from vastflow.sim.model.scenario import Scenario
 from vastflow.tasks.keys import Keys

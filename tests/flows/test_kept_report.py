@@ -18,7 +18,7 @@ from vastflow.flows.results.kept_report import KeptReport
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.page.work_section import with_work
 from vastflow.oracles.verdict import Metric, Verdict
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.tasks.artifact import manifest_of
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.store import StoreError, open_store

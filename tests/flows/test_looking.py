@@ -29,8 +29,8 @@ NOTEBOOK = """\
  "metadata": {}, "nbformat": 4, "nbformat_minor": 5}
 """
 PRODUCER = """\
-from vastflow.producers.configuration import Fragment
-from vastflow.producers.producer import Parameters, Producer
+from vastflow.producers.model.configuration import Fragment
+from vastflow.producers.model.producer import Parameters, Producer
 {imported}
 class Words(Producer[Parameters]):
     Parameters = Parameters

@@ -9,7 +9,7 @@ from vastflow.flows.__main__ import app
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.notes import MOST_OF_A_FILE, terminal_lines
 from vastflow.flows.results.inputs import inputs_of
-from vastflow.producers.faults import Note
+from vastflow.producers.model.faults import Note
 
 NAV2 = """\
 controller_server:

@@ -5,7 +5,7 @@ from bench_pipeline import SCENARIO, bench_pipeline, campaign_text
 from table import each_row
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.instantiation.instantiate import instantiate
 
 
 @pytest.mark.slow

@@ -10,8 +10,8 @@ from vastflow.tasks.work import Broken, answered
 
 PRODUCER = """
 import sys
-from vastflow.producers.configuration import Fragment
-from vastflow.producers.producer import Parameters, Producer
+from vastflow.producers.model.configuration import Fragment
+from vastflow.producers.model.producer import Parameters, Producer
 {imported}
 class Leaver(Producer):
     Parameters = Parameters

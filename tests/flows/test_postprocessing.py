@@ -16,8 +16,8 @@ from vastflow.flows.results.found import ConfigurationResult
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.verdict import Verdict
-from vastflow.producers.instantiate import instantiate
-from vastflow.producers.postprocessing import steps_of
+from vastflow.producers.campaign_file.postprocessing import steps_of
+from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.archive import write_outputs
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.recording import Outputs, Recording, Run

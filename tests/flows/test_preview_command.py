@@ -12,7 +12,7 @@ from vastflow.flows.__main__ import app
 from vastflow.flows.plan.estimate import MEAN_SPEED_MPS, TIMES_REAL_TIME, Estimate, estimate_of, route_m
 from vastflow.flows.plan.preview import plan_view_of
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.instantiation.instantiate import instantiate
 
 PATHS = """\
     variations:

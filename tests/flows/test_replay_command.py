@@ -28,7 +28,7 @@ from vastflow.flows.results.summary import Work
 from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.oracles.replay.recorded import recorded_run
 from vastflow.oracles.verdict import Verdict
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.kernels.streams import run_entropy
 from vastflow.sim.model.archive import write_behaviors
 from vastflow.sim.model.blocks import read_recordings, write_recordings

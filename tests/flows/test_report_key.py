@@ -12,8 +12,8 @@ from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.report_key import _PACKAGES as PACKAGES_OF_FLOWS
 from vastflow.flows.results.report_key import report_key
 from vastflow.oracles.oracle import oracle_of
-from vastflow.producers.configuration import ExcludedInstance, RejectedInstance, Step
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.instantiation.instantiate import instantiate
+from vastflow.producers.model.configuration import ExcludedInstance, RejectedInstance, Step
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.source import PACKAGES, SourceTree, installed_tree
 
@@ -168,7 +168,7 @@ CODE = [
     "vastflow.flows.results/environment.py",
     "vastflow.flows.results/results.py",
     "vastflow.flows.request/members.py",
-    "vastflow.producers/coverage.py",
+    "vastflow.producers/instantiation/coverage.py",
     "vastflow.sim/model/blocks.py",
 ]
 

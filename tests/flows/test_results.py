@@ -20,7 +20,7 @@ from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.page.report import write_report
 from vastflow.oracles.trace import NOWHERE_MM
 from vastflow.oracles.verdict import Metric, Verdict
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.blocks import read_block, read_recordings, read_rows, write_block, write_recordings
 from vastflow.sim.model.recording import Event, Recording, Run
 from vastflow.sim.world.map_file import load_map
@@ -277,7 +277,7 @@ def test_two_directories_of_the_same_runs_hold_the_same_bytes(small_room, tmp_pa
 
 def test_a_producer_beside_the_campaign_file_is_kept(small_room, tmp_path):
     small_room.with_name("own.py").write_text(
-        "from vastflow.producers.parameter import ParameterVariationList\n\n\nclass Own(ParameterVariationList):\n    pass\n"
+        "from vastflow.producers.catalog.parameter import ParameterVariationList\n\n\nclass Own(ParameterVariationList):\n    pass\n"
     )
     small_room.write_text(small_room.read_text().replace("ParameterVariationList", "own.py:Own"))
     directory = written(small_room, tmp_path, lambda configuration: found_of(range(2))).directory

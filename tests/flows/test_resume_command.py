@@ -29,7 +29,7 @@ from vastflow.flows.results.replica import replica
 from vastflow.flows.results.summary import Summary, Work
 from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.oracles.evidence.rates import Counts
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.tasks.source import installed_tree
 
 CREATED = datetime(2026, 11, 21, 6, 5, 4)

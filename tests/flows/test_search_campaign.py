@@ -21,7 +21,7 @@ from vastflow.flows.results.cleaning import DAY_S, clean, cleaning
 from vastflow.flows.results.directory import new_directory
 from vastflow.flows.results.references import references
 from vastflow.oracles.directory.unusable import UnusableDirectory
-from vastflow.producers.faults import CampaignError
+from vastflow.producers.model.faults import CampaignError
 from vastflow.tasks.evaluation import packed
 from vastflow.tasks.source import installed_tree
 from vastflow.tasks.store import open_store

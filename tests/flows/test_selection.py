@@ -10,9 +10,9 @@ from table import each_row
 from vastflow.flows.api import run_campaign
 from vastflow.flows.request.members import narrowed
 from vastflow.flows.request.selection import EVERYTHING, Selection, sampled
-from vastflow.producers.configuration import Configuration
-from vastflow.producers.faults import CampaignError
-from vastflow.producers.instantiate import Instantiation, mark_duplicates
+from vastflow.producers.instantiation.instantiate import Instantiation, mark_duplicates
+from vastflow.producers.model.configuration import Configuration
+from vastflow.producers.model.faults import CampaignError
 from vastflow.sim.model.scenario import scenario_of
 from vastflow.tasks.instantiation import Instantiated
 

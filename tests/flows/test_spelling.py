@@ -8,8 +8,8 @@ import pytest
 from vastflow.flows.request.campaign_file import campaign_name, read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.request.members import members_of
-from vastflow.producers.faults import CampaignError
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.instantiation.instantiate import instantiate
+from vastflow.producers.model.faults import CampaignError
 from vastflow.sim.run import execute
 from vastflow.tasks.source import installed_tree
 
@@ -52,8 +52,8 @@ assert open(os.path.join(os.path.dirname(sys.argv[3]), header["image"]), "rb").r
 open(sys.argv[2] + "/word.csv", "w").write(f"word\\n{sys.argv[1]}{os.environ['FROM_PRE']}\\n")
 """
 PRODUCER = """\
-from vastflow.producers.configuration import Fragment
-from vastflow.producers.producer import Parameters, Producer
+from vastflow.producers.model.configuration import Fragment
+from vastflow.producers.model.producer import Parameters, Producer
 
 class Sizes(Producer[Parameters]):
     Parameters = Parameters

@@ -15,7 +15,7 @@ from vastflow.flows.computing.flow_call import FlowCall
 from vastflow.flows.stages import api as stages
 from vastflow.flows.stages.configurations import UnknownConfiguration
 from vastflow.oracles.evidence.rates import Counts
-from vastflow.producers.faults import CampaignError
+from vastflow.producers.model.faults import CampaignError
 from vastflow.tasks.source import installed_tree
 from vastflow.tasks.store import Lost
 

@@ -11,7 +11,7 @@ from vastflow.flows.request.stopping import MOST_WAVES, Stopping, stopping_of
 from vastflow.oracles.evidence.findings import STOPPING, stopping_rule
 from vastflow.oracles.statistics.classes import ClassBounds
 from vastflow.oracles.statistics.stopping import StoppingRule
-from vastflow.producers.vast.repetition import Sequential, Stop
+from vastflow.producers.campaign_file.sections import Sequential, Stop
 
 USUAL = Stopping(StoppingRule())
 RULES = [USUAL, Stopping(StoppingRule(2, 40)), Stopping(StoppingRule(1, 12, ClassBounds(0.4, 0.6), 0.3))]

@@ -20,7 +20,7 @@ from vastflow.flows.results.tables import (
     write_table,
 )
 from vastflow.oracles.verdict import Metric, Verdict, read_verdicts, write_verdicts
-from vastflow.producers.configuration import Configuration, RejectedInstance, Step
+from vastflow.producers.model.configuration import Configuration, RejectedInstance, Step
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.reading.checked import checked_digest

@@ -13,7 +13,7 @@ FAMILY = [
     "flows.request.work_pool.WorkPoolError",
     "flows.results.directory.ResultsError",
     "oracles.directory.unusable.UnusableDirectory",
-    "producers.faults.CampaignError",
+    "producers.model.faults.CampaignError",
     "producers.floorplan.faults.FloorplanError",
     "sim.nav2.parameter_files.document.DocumentError",
     "sim.scenario.language.faults.OscError",

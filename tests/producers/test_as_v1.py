@@ -11,12 +11,12 @@ from shapely import contains_xy
 from shapely.geometry import LineString, Point
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.instantiate import instantiate
-from vastflow.producers.obstacle import ObstacleVariation
-from vastflow.producers.path import PathVariationRandom
-from vastflow.producers.producer import evaluate
-from vastflow.producers.trigger import ObstacleVariationWithDistanceTrigger
+from vastflow.producers.catalog.obstacle import ObstacleVariation
+from vastflow.producers.catalog.path import PathVariationRandom
+from vastflow.producers.catalog.triggered_obstacle import ObstacleVariationWithDistanceTrigger
+from vastflow.producers.instantiation.instantiate import instantiate
+from vastflow.producers.model.configuration import Fragment, Rejection
+from vastflow.producers.model.producer import evaluate
 from vastflow.sim.model.obstacle import obstacles_of
 from vastflow.sim.world import octile
 from vastflow.sim.world.map_file import load_map

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.producers.campaign import Campaign, load_campaign
-from vastflow.producers.faults import CampaignError
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.instantiation.instantiate import instantiate
+from vastflow.producers.model.faults import CampaignError
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.obstacle import obstacles_of
 from vastflow.sim.world.map_file import load_map
@@ -46,8 +46,8 @@ configuration:
 """
 
 OWN = """\
-from vastflow.producers import producer
-from vastflow.producers.configuration import Fragment
+from vastflow.producers.model import producer
+from vastflow.producers.model.configuration import Fragment
 
 class OwnParameters(producer.Parameters):
     sizes: list[int]
@@ -63,8 +63,8 @@ class Own(producer.Producer[OwnParameters]):
 """
 
 BOXES = """\
-from vastflow.producers import producer
-from vastflow.producers.configuration import Fragment
+from vastflow.producers.model import producer
+from vastflow.producers.model.configuration import Fragment
 
 class Boxes(producer.Producer[producer.Parameters]):
     Parameters = producer.Parameters

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from table import each_row
 
-from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.conformance import CHECKS, check_producer
-from vastflow.producers.producer import Parameters, Producer
+from vastflow.producers.model.configuration import Fragment, Rejection
+from vastflow.producers.model.conformance import CHECKS, check_producer
+from vastflow.producers.model.producer import Parameters, Producer
 
 
 def producer(produce, reads=("a",), writes=("b",), needs=(), tag=None, parameters=None):

@@ -7,14 +7,14 @@ import pytest
 from table import each_row
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.configuration import Fragment
+from vastflow.producers.campaign_file.sections import CARTESIAN, DesignSpec, Sample, TWay
 from vastflow.producers.constraints.constraint import constraint_of
 from vastflow.producers.constraints.reading import place_inside
-from vastflow.producers.family import Family
-from vastflow.producers.faults import CampaignError
-from vastflow.producers.instantiate import instantiate
-from vastflow.producers.producer import Parameters, Producer, find_producer
-from vastflow.producers.vast.design import CARTESIAN, DesignSpec, Sample, TWay
+from vastflow.producers.instantiation.family import Family
+from vastflow.producers.instantiation.instantiate import instantiate
+from vastflow.producers.model.configuration import Fragment
+from vastflow.producers.model.faults import CampaignError
+from vastflow.producers.model.producer import Parameters, Producer, find_producer
 
 T_WAY = DesignSpec(t_way=TWay(strength=2))
 SAMPLE = DesignSpec(sample=Sample(method="random", size=1000))

@@ -6,12 +6,12 @@ from pathlib import Path
 
 from table import each_row
 
-from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.constraints.constraint import constraint_of
-from vastflow.producers.coverage import MOST_LISTED
-from vastflow.producers.family import Family
-from vastflow.producers.instantiate import instantiate
-from vastflow.producers.producer import Parameters, Producer, find_producer
+from vastflow.producers.instantiation.coverage import MOST_LISTED
+from vastflow.producers.instantiation.family import Family
+from vastflow.producers.instantiation.instantiate import instantiate
+from vastflow.producers.model.configuration import Fragment, Rejection
+from vastflow.producers.model.producer import Parameters, Producer, find_producer
 
 
 def levels(name, *values, **others):

@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 from table import each_row
 
-from vastflow.producers.configuration import Fragment, Rejection
+from vastflow.producers.campaign_file.sections import CARTESIAN, DesignSpec, Sample, TWay
 from vastflow.producers.constraints.constraint import constraint_of
-from vastflow.producers.family import Family
-from vastflow.producers.faults import CampaignError
-from vastflow.producers.instantiate import instantiate
-from vastflow.producers.producer import Parameters, Producer, find_producer
-from vastflow.producers.vast.design import CARTESIAN, DesignSpec, Sample, TWay
+from vastflow.producers.instantiation.family import Family
+from vastflow.producers.instantiation.instantiate import instantiate
+from vastflow.producers.model.configuration import Fragment, Rejection
+from vastflow.producers.model.faults import CampaignError
+from vastflow.producers.model.producer import Parameters, Producer, find_producer
 
 
 def two_way(strength=2):

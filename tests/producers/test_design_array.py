@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vastflow.producers.designs.array import (
+from vastflow.producers.designs.covering_array import (
     IncompleteDesign,
     admissible_tuples,
     covering_array,

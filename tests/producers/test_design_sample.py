@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from table import each_row
 
+from vastflow.producers.campaign_file.sections import Sample
 from vastflow.producers.designs.sample import sampled
 from vastflow.producers.designs.space import FactorBlock
-from vastflow.producers.vast.design import Sample
 
 METHODS = ["lhs", "sobol", "random"]
 

@@ -9,8 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.producers.faults import CampaignError
-from vastflow.producers.vast.document import Document, read_document
+from vastflow.producers.campaign_file.document import Document, read_document
+from vastflow.producers.model.faults import CampaignError
 
 
 def read(folder: Path, content: str | bytes) -> Document:

@@ -7,12 +7,12 @@ import pytest
 import yaml
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.configuration import Fragment
 from vastflow.producers.floorplan.environment import environments_in
 from vastflow.producers.floorplan.files import read_plan_file, read_variation_file
 from vastflow.producers.floorplan.rendering import render
-from vastflow.producers.instantiate import instantiate
-from vastflow.producers.producer import evaluate
+from vastflow.producers.instantiation.instantiate import instantiate
+from vastflow.producers.model.configuration import Fragment
+from vastflow.producers.model.producer import evaluate
 
 PAGE = Path(__file__).parents[2] / "docs" / "draw-a-floor-plan.md"
 BLOCKS = {

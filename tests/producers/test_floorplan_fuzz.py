@@ -8,13 +8,12 @@ from table import each_row
 
 from vastflow.producers.floorplan.building import build
 from vastflow.producers.floorplan.faults import FloorplanError
-from vastflow.producers.floorplan.geometry import geometry_of
 from vastflow.producers.floorplan.grid import grid_of
 from vastflow.producers.floorplan.mesh import is_closed, mesh_of
 from vastflow.producers.floorplan.reading import read_plan
+from vastflow.producers.floorplan.rendering import geometry_of
 from vastflow.producers.floorplan.syntax import parse
-from vastflow.producers.floorplan.variation import variation_of
-from vastflow.producers.floorplan.variation_syntax import parse_variation
+from vastflow.producers.floorplan.variation import parse_variation, variation_of
 
 HERE = Path(__file__).parent
 FLOOR_PLANS = HERE.parents[1] / "campaigns" / "floorplans"

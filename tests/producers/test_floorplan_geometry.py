@@ -13,10 +13,17 @@ from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.producers.floorplan.building import build
-from vastflow.producers.floorplan.frames import Transform, wall_frame, wall_outlines
-from vastflow.producers.floorplan.geometry import geometry_of
-from vastflow.producers.floorplan.outline import circle, outline_fault, rectangle, signed_area
+from vastflow.producers.floorplan.geometry import (
+    Transform,
+    circle,
+    outline_fault,
+    rectangle,
+    signed_area,
+    wall_frame,
+    wall_outlines,
+)
 from vastflow.producers.floorplan.reading import read_plan
+from vastflow.producers.floorplan.rendering import geometry_of
 
 EXAMPLE = Path(__file__).with_name("test_floorplan_example.fpm").read_text()
 

@@ -9,8 +9,8 @@ from table import each_row
 from vastflow.producers.floorplan.building import build
 from vastflow.producers.floorplan.faults import FloorplanError
 from vastflow.producers.floorplan.files import read_plan_file
-from vastflow.producers.floorplan.picture import picture_of
 from vastflow.producers.floorplan.reading import read_plan
+from vastflow.producers.floorplan.rendering import picture_of
 
 EXAMPLE = Path(__file__).with_name("test_floorplan_example.fpm").read_text()
 

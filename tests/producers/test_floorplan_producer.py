@@ -9,16 +9,16 @@ import pytest
 from pydantic import ValidationError
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.conformance import check_producer
+from vastflow.producers.catalog.floorplan import FloorplanGeneration, FloorplanVariation
+from vastflow.producers.catalog.one_of import OneOfVariation
 from vastflow.producers.floorplan import environment, files
 from vastflow.producers.floorplan.building import build
 from vastflow.producers.floorplan.environment import environments_folder, environments_in
 from vastflow.producers.floorplan.files import PlanFile, read_variation_file
-from vastflow.producers.floorplan.producer import FloorplanGeneration, FloorplanVariation
 from vastflow.producers.floorplan.reading import plan_of
-from vastflow.producers.one_of import OneOfVariation
-from vastflow.producers.producer import evaluate, find_producer
+from vastflow.producers.model.configuration import Fragment, Rejection
+from vastflow.producers.model.conformance import check_producer
+from vastflow.producers.model.producer import evaluate, find_producer
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.world.map_file import load_map, map_content
 from vastflow.tasks import work

@@ -9,11 +9,10 @@ from table import each_row
 from vastflow.producers.floorplan.building import build
 from vastflow.producers.floorplan.faults import FloorplanError
 from vastflow.producers.floorplan.files import read_variation_file
-from vastflow.producers.floorplan.geometry import geometry_of
 from vastflow.producers.floorplan.reading import read_plan
+from vastflow.producers.floorplan.rendering import geometry_of
 from vastflow.producers.floorplan.syntax import parse
-from vastflow.producers.floorplan.variation import variation_of
-from vastflow.producers.floorplan.variation_syntax import Distribution, parse_variation
+from vastflow.producers.floorplan.variation import Distribution, parse_variation, variation_of
 
 FILE = Path(__file__).with_name("test_floorplan_example.variation")
 PLAN = Path(__file__).with_name("test_floorplan_example.fpm").read_text()

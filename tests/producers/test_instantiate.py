@@ -7,10 +7,8 @@ from pathlib import Path
 import pytest
 from table import each_row
 
-from vastflow.producers import producer as producer_module
-from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.family import Family
-from vastflow.producers.instantiate import (
+from vastflow.producers.instantiation.family import Family
+from vastflow.producers.instantiation.instantiate import (
     distinct_inputs,
     finish,
     instantiate,
@@ -18,7 +16,9 @@ from vastflow.producers.instantiate import (
     mark_duplicates,
     start,
 )
-from vastflow.producers.producer import Producer, check_declared, evaluate, find_producer
+from vastflow.producers.model import producer as producer_module
+from vastflow.producers.model.configuration import Fragment, Rejection
+from vastflow.producers.model.producer import Producer, check_declared, evaluate, find_producer
 from vastflow.sim.plug_ins.neighbors import PlugInError
 
 

@@ -8,8 +8,8 @@ import pytest
 from table import each_row
 
 from vastflow.producers.campaign import Campaign, load_campaign
-from vastflow.producers.faults import CampaignError
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.instantiation.instantiate import instantiate
+from vastflow.producers.model.faults import CampaignError
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.octile import passable

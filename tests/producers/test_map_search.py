@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.faults import CampaignError
-from vastflow.producers.instantiate import instantiate
-from vastflow.producers.places.map_search import MapSearch
+from vastflow.producers.instantiation.instantiate import instantiate
+from vastflow.producers.model.faults import CampaignError
+from vastflow.producers.places.ground import MapSearch
 from vastflow.sim.world.map_file import MapError
 
 CAMPAIGN = """\

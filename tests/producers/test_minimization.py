@@ -7,9 +7,16 @@ from hypothesis import strategies as st
 from PIL import Image
 from table import each_row
 
-from vastflow.producers.minimization.circumstance import Circumstance, Subject
-from vastflow.producers.minimization.delta_debugging import LEVELS, ddmin, least_level
-from vastflow.producers.minimization.minimize import Candidate, Minimum, Outcome, Unconfirmed, minimize
+from vastflow.producers.minimization.circumstance import LEVELS, Circumstance, Subject
+from vastflow.producers.minimization.minimize import (
+    Candidate,
+    Minimum,
+    Outcome,
+    Unconfirmed,
+    ddmin,
+    least_level,
+    minimize,
+)
 from vastflow.sim.world.map_file import map_content
 
 FAILS, PASSES = Outcome("fails", 7, 7), Outcome("does not fail", 0, 10)

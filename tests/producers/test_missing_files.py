@@ -4,7 +4,7 @@ import pytest
 from table import each_row
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.faults import CampaignError
+from vastflow.producers.model.faults import CampaignError
 
 HERE = "map_file: room.yaml"
 

@@ -8,9 +8,9 @@ import pytest
 from table import each_row
 
 from vastflow.producers.campaign import Campaign, load_campaign
-from vastflow.producers.faults import CampaignError
-from vastflow.producers.instantiate import instantiate
-from vastflow.producers.scenario_values import complaint_of, unread_keys
+from vastflow.producers.campaign_file.scenario_values import complaint_of, unread_keys
+from vastflow.producers.instantiation.instantiate import instantiate
+from vastflow.producers.model.faults import CampaignError
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file

@@ -11,14 +11,13 @@ from pydantic import ValidationError
 from shapely.geometry import LineString, Point, box
 from table import each_row
 
-from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.conformance import check_producer
-from vastflow.producers.obstacle import ObstacleVariation
-from vastflow.producers.path import PathVariationRandom
+from vastflow.producers.catalog.obstacle import ObstacleVariation
+from vastflow.producers.catalog.path import PathVariationRandom
+from vastflow.producers.model.configuration import Fragment, Rejection
+from vastflow.producers.model.conformance import check_producer
+from vastflow.producers.model.producer import evaluate
 from vastflow.producers.places.ground import ground_of
-from vastflow.producers.places.outline import Line
-from vastflow.producers.places.placement import covered_cells, without
-from vastflow.producers.producer import evaluate
+from vastflow.producers.places.placement import Line, covered_cells, without
 from vastflow.sim.model.obstacle import obstacle_of, obstacles_of
 from vastflow.sim.world import octile
 from vastflow.sim.world.map_file import load_map

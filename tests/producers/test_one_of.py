@@ -4,11 +4,11 @@ import pytest
 from pydantic import ValidationError
 from table import each_row
 
-from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.conformance import check_producer
-from vastflow.producers.one_of import OneOfVariation
-from vastflow.producers.parameter import ParameterVariationDistributionUniform
-from vastflow.producers.producer import evaluate
+from vastflow.producers.catalog.one_of import OneOfVariation
+from vastflow.producers.catalog.parameter import ParameterVariationDistributionUniform
+from vastflow.producers.model.configuration import Fragment, Rejection
+from vastflow.producers.model.conformance import check_producer
+from vastflow.producers.model.producer import evaluate
 
 LIST = {"ParameterVariationList": {"name": "a", "values": [1, 2]}}
 UNIFORM = {"ParameterVariationDistributionUniform": {"name": "b", "num_variations": 3, "min": 0, "max": 1, "seed": 7}}
@@ -58,7 +58,7 @@ def test_alternatives_may_be_nested():
 
 def test_a_child_may_be_a_class_of_a_file_beside_the_campaign(tmp_path):
     (tmp_path / "mine.py").write_text(
-        "from vastflow.producers.parameter import ParameterVariationList\n\n\n"
+        "from vastflow.producers.catalog.parameter import ParameterVariationList\n\n\n"
         "class Mine(ParameterVariationList):\n    pass\n"
     )
     parameters = OneOfVariation.Parameters.model_validate(

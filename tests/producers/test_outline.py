@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from shapely.geometry import Point
 
 from vastflow.producers.places.ground import ground_of
-from vastflow.producers.places.outline import Line, ObstacleOutline
-from vastflow.producers.places.placement import covered_cells
+from vastflow.producers.places.placement import Line, ObstacleOutline, covered_cells
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.pose import Pose
 

@@ -6,13 +6,13 @@ import pytest
 from pydantic import ValidationError
 from table import each_row
 
-from vastflow.producers.conformance import check_producer
-from vastflow.producers.parameter import (
+from vastflow.producers.catalog.parameter import (
     ParameterVariationDistributionGaussian,
     ParameterVariationDistributionUniform,
     ParameterVariationList,
 )
-from vastflow.producers.producer import evaluate
+from vastflow.producers.model.conformance import check_producer
+from vastflow.producers.model.producer import evaluate
 from vastflow.sim.model.digest import FileContent, digest
 
 

@@ -14,10 +14,10 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 from table import each_row
 
-from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.conformance import check_producer
-from vastflow.producers.path import PathVariationRandom
-from vastflow.producers.producer import evaluate
+from vastflow.producers.catalog.path import PathVariationRandom
+from vastflow.producers.model.configuration import Fragment, Rejection
+from vastflow.producers.model.conformance import check_producer
+from vastflow.producers.model.producer import evaluate
 from vastflow.sim.model.pose import pose_of
 from vastflow.sim.world.map_file import load_map
 

@@ -12,11 +12,11 @@ from pydantic import ValidationError
 from skimage.graph import MCP_Geometric
 from table import each_row
 
-from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.conformance import check_producer
+from vastflow.producers.catalog.rasterized_path import PathVariationRasterized, raster_points
+from vastflow.producers.model.configuration import Fragment, Rejection
+from vastflow.producers.model.conformance import check_producer
+from vastflow.producers.model.producer import evaluate
 from vastflow.producers.places.ground import ground_of
-from vastflow.producers.producer import evaluate
-from vastflow.producers.raster import PathVariationRasterized, raster_points
 from vastflow.sim.model.pose import Pose, pose_of
 from vastflow.sim.world.map_file import load_map
 

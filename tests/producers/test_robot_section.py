@@ -5,9 +5,9 @@ import math
 import pytest
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.faults import CampaignError
-from vastflow.producers.robots import robots_json
-from vastflow.producers.vast.robot_section import LatencySpec, LidarSpec, RobotSpec
+from vastflow.producers.campaign_file.sections import LatencySpec, LidarSpec, RobotSpec
+from vastflow.producers.instantiation.family import robots_json
+from vastflow.producers.model.faults import CampaignError
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameters.robot import PRESETS, robot_keys
 from vastflow.sim.reading.robot import lidar_of, robot_of

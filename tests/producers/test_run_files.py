@@ -2,7 +2,7 @@
 
 import pytest
 
-from vastflow.producers.programs import run_files
+from vastflow.producers.campaign_file.scenario import run_files
 
 LEFT = {
     "a campaign directory": ("campaign.vast", "metadata.json"),

@@ -7,9 +7,8 @@ import pytest
 from table import each_row
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.faults import CampaignError
-from vastflow.producers.vast.search import Budget, NoImprovement, SearchSpec
-from vastflow.producers.vast.search_template import marker_of
+from vastflow.producers.campaign_file.search import Budget, NoImprovement, SearchSpec, marker_of
+from vastflow.producers.model.faults import CampaignError
 
 FILE = """\
 version: 1

@@ -6,15 +6,22 @@ import numpy as np
 import pytest
 from table import each_row
 
+from vastflow.producers.campaign_file.search import SearchDimension, SearchSpec
 from vastflow.producers.search.boundary import Boundary, BoundaryParameters
 from vastflow.producers.search.conformance import CHECKS, check_strategy
 from vastflow.producers.search.criteria import best_of, criteria, plan_text, runs_until
-from vastflow.producers.search.evaluation import Evaluation, Proposal
 from vastflow.producers.search.gaussian_process import promise
 from vastflow.producers.search.sampling import Random, SamplingParameters
 from vastflow.producers.search.space import Space
-from vastflow.producers.search.strategy import Problem, ProposalError, UnknownStrategy, asked, find_strategy
-from vastflow.producers.vast.search import SearchDimension, SearchSpec
+from vastflow.producers.search.strategy import (
+    Evaluation,
+    Problem,
+    Proposal,
+    ProposalError,
+    UnknownStrategy,
+    asked,
+    find_strategy,
+)
 
 MIXED = {
     "x": SearchDimension(type="float", low=0.1, high=10, log=True),

@@ -6,14 +6,13 @@ from pathlib import Path
 import pytest
 from table import each_row
 
-from vastflow.producers.campaign import load_campaign
-from vastflow.producers.configuration import Fragment
-from vastflow.producers.family import Family
-from vastflow.producers.faults import CampaignError
-from vastflow.producers.growth import Grown
-from vastflow.producers.instantiate import growth_of, instantiate
-from vastflow.producers.producer import TooManyChoices, evaluate
-from vastflow.producers.size import most_configurations
+from vastflow.producers.campaign import load_campaign, most_configurations
+from vastflow.producers.instantiation.family import Family
+from vastflow.producers.instantiation.growth import Grown
+from vastflow.producers.instantiation.instantiate import growth_of, instantiate
+from vastflow.producers.model.configuration import Fragment
+from vastflow.producers.model.faults import CampaignError
+from vastflow.producers.model.producer import TooManyChoices, evaluate
 
 UNIFORM = "ParameterVariationDistributionUniform: {name: %s, min: 0, max: 1, num_variations: %d}"
 

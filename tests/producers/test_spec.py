@@ -9,10 +9,8 @@ import yaml
 from pydantic import ValidationError
 from table import each_row
 
-from vastflow.producers.vast.document import read_document
-from vastflow.producers.vast.model_faults import faults_of
-from vastflow.producers.vast.schema import campaign_schema
-from vastflow.producers.vast.spec import CampaignSpec, unexecuted
+from vastflow.producers.campaign_file.document import faults_of, read_document
+from vastflow.producers.campaign_file.spec import CampaignSpec, campaign_schema, unexecuted
 
 EVERY_KEY = """
 version: 1

@@ -11,11 +11,11 @@ from shapely.geometry import Polygon, box
 from table import each_row
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.faults import CampaignError
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.campaign_file.spec import campaign_schema
+from vastflow.producers.instantiation.instantiate import instantiate
+from vastflow.producers.model.faults import CampaignError
 from vastflow.producers.places.ground import ground_of
 from vastflow.producers.places.start_check import room_m
-from vastflow.producers.vast.schema import campaign_schema
 from vastflow.sim.model.pose import pose_of
 from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m, padded_outline
 from vastflow.sim.world.map_file import load_map

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from skimage.morphology import medial_axis
 from table import each_row
 
-from vastflow.producers.places.surroundings import clearance_of, narrowest_passage_cells, turning_rad
+from vastflow.producers.places.clearance import clearance_of, narrowest_passage_cells, turning_rad
 
 LENGTH = 120
 

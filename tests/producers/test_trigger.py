@@ -11,12 +11,12 @@ from pydantic import ValidationError
 from shapely.geometry import LineString, Point
 from table import each_row
 
-from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.conformance import check_producer
-from vastflow.producers.obstacle import ObstacleVariation
-from vastflow.producers.path import PathVariationRandom
-from vastflow.producers.producer import evaluate
-from vastflow.producers.trigger import ObstacleVariationWithDistanceTrigger, beyond
+from vastflow.producers.catalog.obstacle import ObstacleVariation
+from vastflow.producers.catalog.path import PathVariationRandom
+from vastflow.producers.catalog.triggered_obstacle import ObstacleVariationWithDistanceTrigger, beyond
+from vastflow.producers.model.configuration import Fragment, Rejection
+from vastflow.producers.model.conformance import check_producer
+from vastflow.producers.model.producer import evaluate
 from vastflow.sim.model.obstacle import Trigger, obstacles_of
 from vastflow.sim.world import octile
 from vastflow.sim.world.map_file import load_map

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import shapely
 
-from vastflow.producers.configuration import Fragment
-from vastflow.producers.obstacle import ObstacleVariation
-from vastflow.producers.path import PathVariationRandom
-from vastflow.producers.producer import Draws
-from vastflow.producers.raster import PathVariationRasterized
+from vastflow.producers.catalog.obstacle import ObstacleVariation
+from vastflow.producers.catalog.path import PathVariationRandom
+from vastflow.producers.catalog.rasterized_path import PathVariationRasterized
+from vastflow.producers.model.configuration import Fragment
+from vastflow.producers.model.producer import Draws
 from vastflow.sim.model.obstacle import obstacle_of
 from vastflow.sim.model.pose import GridFrame, pose_of
 from vastflow.sim.world.map_file import load_map, map_content

@@ -4,10 +4,10 @@ import pytest
 from pydantic import ValidationError
 from table import each_row
 
-from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.conformance import check_producer
-from vastflow.producers.producer import evaluate
-from vastflow.producers.world import WorldVariation
+from vastflow.producers.catalog.world import WorldVariation
+from vastflow.producers.model.configuration import Fragment, Rejection
+from vastflow.producers.model.conformance import check_producer
+from vastflow.producers.model.producer import evaluate
 from vastflow.sim.reading.world import difference_of
 from vastflow.sim.world.difference import world_of
 from vastflow.sim.world.map_file import load_map

@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.configuration import Configuration
-from vastflow.producers.instantiate import Instantiation, instantiate
+from vastflow.producers.instantiation.instantiate import Instantiation, instantiate
+from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.pose import pose_of
 from vastflow.sim.model.recording import Recording, si
 from vastflow.sim.run import run

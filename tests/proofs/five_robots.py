@@ -18,8 +18,8 @@ import shapely
 import shapely.affinity
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.configuration import Configuration
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.instantiation.instantiate import instantiate
+from vastflow.producers.model.configuration import Configuration
 from vastflow.producers.places.cells import touched_cells
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.recording import Recording

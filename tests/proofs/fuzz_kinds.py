@@ -174,7 +174,7 @@ def _campaign_directory(file: Path, results: Path) -> None:
     from vastflow.flows.results.inputs import inputs_of
     from vastflow.flows.results.summary import Work
     from vastflow.oracles.verdict import Metric, Verdict
-    from vastflow.producers.instantiate import instantiate
+    from vastflow.producers.instantiation.instantiate import instantiate
     from vastflow.tasks.keys import Keys
     from vastflow.tasks.source import installed_tree
 
@@ -210,8 +210,8 @@ def _campaign_directory(file: Path, results: Path) -> None:
 def _campaign(file: Path) -> None:
     """Read it with its oracles, and make its configurations where they are few and their map is small."""
     from vastflow.flows.request.campaign_file import read_campaign
-    from vastflow.producers.instantiate import instantiate
-    from vastflow.producers.size import most_configurations
+    from vastflow.producers.campaign import most_configurations
+    from vastflow.producers.instantiation.instantiate import instantiate
 
     campaign, _ = read_campaign(file)
     if file.parent.name == "probes" and sum(map(most_configurations, campaign.families)) <= 20:
@@ -232,8 +232,7 @@ def _scenario(file: Path) -> None:
 
 def _plan(file: Path) -> None:
     from vastflow.producers.floorplan.files import read_plan_file
-    from vastflow.producers.floorplan.geometry import geometry_of
-    from vastflow.producers.floorplan.rendering import render
+    from vastflow.producers.floorplan.rendering import geometry_of, render
 
     plan = read_plan_file(file)
     building = plan.building()
@@ -333,8 +332,8 @@ def _directory(file: Path) -> None:
 def kinds(folder: Path) -> list[Kind]:
     """All kinds; `folder` was laid out."""
     from vastflow.oracles.oracle import OracleError
-    from vastflow.producers.faults import CampaignError
     from vastflow.producers.floorplan.faults import FloorplanError
+    from vastflow.producers.model.faults import CampaignError
     from vastflow.sim.model.files import Unreadable
     from vastflow.sim.nav2.parameter_files.document import DocumentError
     from vastflow.sim.reading.abstract import AbstractError

@@ -210,7 +210,7 @@ MUST: Final[Mapping[str, tuple[Edit, Counts]]] = {
         JUDGED,
     ),
     "vastflow: what every producer extends": (
-        lambda bed: appended(bed.source("producers/producer.py"), "\nNEW = 1\n"),
+        lambda bed: appended(bed.source("producers/model/producer.py"), "\nNEW = 1\n"),
         {**NOTHING, "evaluated": 1},
     ),
     "a damaged artifact": (

@@ -77,9 +77,9 @@ with open("out.csv", "w") as table:
     table.write(f"t_s,value\\n0.0,{sys.argv[1]}\\n")
 """,
     "own.py": """from pydantic import Field
-from vastflow.producers.configuration import Fragment
+from vastflow.producers.model.configuration import Fragment
 from vastflow.producers.places.ground import MapParameter
-from vastflow.producers.producer import Parameters, Producer
+from vastflow.producers.model.producer import Parameters, Producer
 from pathlib import Path
 from values import VALUES
 

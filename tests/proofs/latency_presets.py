@@ -23,8 +23,8 @@ from vastflow.oracles.judge import judge_block
 from vastflow.oracles.observe import observe_block
 from vastflow.oracles.oracle import Oracle, oracles_of
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.configuration import Configuration
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.instantiation.instantiate import instantiate
+from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.digest import digest
 from vastflow.sim.nav2.parameters.robot import PRESETS

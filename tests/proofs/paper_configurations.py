@@ -15,7 +15,7 @@ from paper_published import PUBLISHED, Kind
 from paper_results import Requested, requested_of
 
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.instantiation.instantiate import instantiate
 
 PAPER: Final = Path(__file__).parents[2] / "campaigns" / "paper"
 

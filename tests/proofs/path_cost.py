@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.instantiate import Instantiation, instantiate
+from vastflow.producers.instantiation.instantiate import Instantiation, instantiate
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nav2.navigator.behavior import REPLAN_TICKS

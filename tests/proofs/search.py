@@ -27,11 +27,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, interval
+from vastflow.producers.campaign_file.search import SearchDimension
 from vastflow.producers.search.criteria import best_of
-from vastflow.producers.search.evaluation import Evaluation, Proposal
 from vastflow.producers.search.space import Space
-from vastflow.producers.search.strategy import Problem, Strategy, find_strategy
-from vastflow.producers.vast.search import SearchDimension
+from vastflow.producers.search.strategy import Evaluation, Problem, Proposal, Strategy, find_strategy
 
 Floats = NDArray[np.float64]
 

@@ -27,8 +27,8 @@ from vastflow.oracles.oracle import Oracle, oracles_of
 from vastflow.oracles.safety import READINGS
 from vastflow.oracles.verdict import Judgement, run_judgement
 from vastflow.producers.campaign import Campaign, load_campaign
-from vastflow.producers.configuration import Configuration
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.instantiation.instantiate import instantiate
+from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.digest import digest
 from vastflow.sim.model.scenario import Scenario

@@ -30,8 +30,8 @@ FILES = {
 from helper import NUMBER
 from pathlib import Path
 from vastflow.oracles import oracle
-from vastflow.producers.configuration import Fragment
-from vastflow.producers.producer import Parameters, Producer
+from vastflow.producers.model.configuration import Fragment
+from vastflow.producers.model.producer import Parameters, Producer
 
 class Own(Producer[Parameters]):
     Parameters = Parameters
@@ -88,7 +88,7 @@ evaluation: {oracles: [own.py:Judge, own.ipynb]}
 def read(file, number):
     """Read a campaign and instantiate it in this thread."""
     from vastflow.flows.request.campaign_file import read_campaign
-    from vastflow.producers.instantiate import instantiate
+    from vastflow.producers.instantiation.instantiate import instantiate
 
     campaign, oracles = read_campaign(file)
     assert len(oracles) == 3

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.one_of import OneOfVariation
-from vastflow.producers.parameter import ParameterVariationList
-from vastflow.producers.producer import evaluate, find_producer
+from vastflow.producers.catalog.one_of import OneOfVariation
+from vastflow.producers.catalog.parameter import ParameterVariationList
+from vastflow.producers.model.configuration import Fragment, Rejection
+from vastflow.producers.model.producer import evaluate, find_producer
 from vastflow.sim.model.digest import FileContent
 from vastflow.tasks.evaluation import content_of, evaluation_keys, files_in, packed, read_evaluation, write_evaluation
 from vastflow.tasks.keys import Keys
@@ -18,8 +18,8 @@ from vastflow.tasks.store import Lost
 
 KEYS = Keys("numeric", "e", "o", "j", 0, [])
 OWN = """
-from vastflow.producers.configuration import Fragment
-from vastflow.producers.producer import Parameters, Producer
+from vastflow.producers.model.configuration import Fragment
+from vastflow.producers.model.producer import Parameters, Producer
 
 class OwnParameters(Parameters):
     values: tuple[float, ...]

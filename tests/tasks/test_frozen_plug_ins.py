@@ -14,7 +14,7 @@ import pytest
 from vastflow.oracles.oracle import OracleError, oracle_of
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import NoReference, Trace
-from vastflow.producers.producer import draws_of, evaluate, find_producer
+from vastflow.producers.model.producer import draws_of, evaluate, find_producer
 from vastflow.sim.model.recording import Run
 from vastflow.sim.plug_ins.loading import snapshot_behind
 from vastflow.sim.plug_ins.neighbors import PlugInError
@@ -35,8 +35,8 @@ class Limited(Oracle[Parameters]):
 """
 
 PRODUCER = """
-from vastflow.producers.configuration import Fragment
-from vastflow.producers.producer import Parameters, Producer
+from vastflow.producers.model.configuration import Fragment
+from vastflow.producers.model.producer import Parameters, Producer
 from helper import LIMIT
 
 class Own(Producer[Parameters]):

@@ -4,7 +4,7 @@ from dataclasses import replace
 import pytest
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.instantiate import instantiate
+from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.tasks import work
 from vastflow.tasks.evaluation import packed
 from vastflow.tasks.instantiation import Instantiator, UnknownName, selected
@@ -27,8 +27,8 @@ configuration:
       - own.py:Own: {}
 """
 OWN = """
-from vastflow.producers.configuration import Fragment
-from vastflow.producers.producer import Parameters, Producer
+from vastflow.producers.model.configuration import Fragment
+from vastflow.producers.model.producer import Parameters, Producer
 
 class Own(Producer[Parameters]):
     Parameters = Parameters

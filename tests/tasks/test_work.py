@@ -6,7 +6,7 @@ import pytest
 
 from vastflow.oracles.oracle import oracles_of
 from vastflow.oracles.verdict import read_verdicts
-from vastflow.producers.parameter import ParameterVariationList
+from vastflow.producers.catalog.parameter import ParameterVariationList
 from vastflow.sim import run as simulator
 from vastflow.sim.model.blocks import read_recordings
 from vastflow.sim.model.faults import ScenarioError

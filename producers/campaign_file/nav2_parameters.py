@@ -1,0 +1,106 @@
+"""The user's Nav2 parameter file, as `execution.nav2_params` names it: its content, its faults, what is not modeled."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from vastflow.producers.campaign_file.document import Document
+from vastflow.producers.model.faults import Fault, Location, Note, shown
+from vastflow.sim.model.digest import Value
+from vastflow.sim.model.files import is_file
+from vastflow.sim.nav2.parameter_files import document as parameters
+from vastflow.sim.nav2.parameter_files.controller_server import critics_of
+from vastflow.sim.nav2.parameter_files.findings import Finding, findings, slips
+from vastflow.sim.nav2.parameter_files.interpretation import Interpretation, interpretation
+from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, file_value, frozen, read_nav2_document
+from vastflow.sim.nav2.parameters.parameter import ParameterLocation
+
+WHERE: Final[Location] = ("execution", FILE_KEY)
+
+
+@dataclass(frozen=True, slots=True)
+class Nav2Params:
+    """What a campaign file's Nav2 parameter file comes to.
+
+    Attributes:
+        system: What it adds to every family's system dimension; empty without a file that can be used.
+    """
+
+    system: Mapping[str, Value]
+    faults: tuple[Fault, ...] = ()
+    notes: tuple[Note, ...] = ()
+
+
+def nav2_params_of(document: Document, base: Path) -> Nav2Params:
+    """Read the Nav2 parameter file of a campaign file, which is relative to `base`."""
+    if document.known(WHERE) != WHERE or not isinstance(name := document.value(WHERE), str):
+        return Nav2Params({})
+    path = base / name
+    if not is_file(path):
+        what = f"found {shown(name)}, and there is no such file"
+        return Nav2Params({}, (document.fault(WHERE, what, "a Nav2 parameter file"),))
+    try:
+        found = interpretation(frozen(read_nav2_document(path)))
+    except parameters.DocumentError as error:
+        return Nav2Params({}, tuple(parameter_faults(error)))
+    faults = tuple(_slip(found.document.file, each, near) for each, near in slips(found))
+    return Nav2Params({FILE_KEY: file_value(found.document)}, faults, tuple(notes_of(found)))
+
+
+def _slip(file: str, each: Finding, near: str) -> Fault:
+    return Fault(file, *each.place, short(each.path), f"unknown key {each.path[-1]!r}", f"did you mean {near!r}?")
+
+
+def parameter_faults(error: parameters.DocumentError) -> Iterator[Fault]:
+    """A parameter file's faults at their places."""
+    for fault in error.faults:
+        line, column = fault.place
+        yield Fault(error.file, max(line, 1), max(column, 1), fault.where, fault.what, fault.right)
+
+
+def notes_of(found: Interpretation) -> Iterator[Note]:
+    """What of a parameter file is not modeled or built in otherwise; a group that is not modeled is one note."""
+    document = found.document
+    for nodes, consequence in (
+        (found.replaced, "as in Nav2 Jazzy's default file"),
+        (found.left_away, "the stack does without"),
+    ):
+        if nodes:
+            yield Note("warning", document.file, 1, 1, "file", f"has no {', '.join(nodes)}", consequence)
+    critics = critics_of(found.parameters.controller).values()
+    if critics and not any(critic.enabled for critic in critics):
+        node = document.node("controller_server") or ()
+        what = "enables no critic of its controller"
+        yield Note(
+            "warning", document.file, *document.place(node), "controller_server", what, "it will not follow a path"
+        )
+    for path in document.repeated:
+        yield Note("warning", document.file, *document.place(path), short(path), "a second time; this value counts")
+    for path, why in found.reader.unused.items():
+        if path[-1] == "robot_radius" and path in document.values:
+            what = f"found {shown(document.values[path])}, which has no effect"
+            yield Note("warning", document.file, *document.place(path), short(path), what, why)
+    for path, held in found.reader.held.items():
+        if path in document.values:
+            what = f"found {shown(document.values[path])}, which is no whole number of ticks of 50 ms"
+            yield Note("warning", document.file, *document.place(path), short(path), what, f"runs at {held:g} Hz")
+    said = [finding for finding in findings(found) if finding.status in ("not modeled", "differs")]
+    sizes = Counter(finding.about for finding in said)
+    for about, size in sizes.items():
+        first = next(finding for finding in said if finding.about == about)
+        yield _note(document, first, size)
+
+
+def _note(document: parameters.ParameterDocument, finding: Finding, size: int) -> Note:
+    if finding.status == "differs":
+        what, right = f"found {shown(finding.value)}, which is not modeled", f"{shown(finding.used)} is built in"
+    else:
+        what, right = "not modeled" if size == 1 else f"its {size} parameters are not modeled", finding.why
+    return Note("not modeled", document.file, *document.place(finding.about), short(finding.about), what, right)
+
+
+def short(path: ParameterLocation) -> str:
+    """A path without `ros__parameters`, as campaign files may have it for a key."""
+    return ".".join(name for name in path if name != parameters.PARAMETERS)

@@ -1,0 +1,136 @@
+"""Steps of postprocessing that a campaign file names: what runs, what recordings have already, what can't be done."""
+
+import ast
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Literal, TypeAlias
+
+from vastflow.producers.campaign_file import plug_in_file
+from vastflow.producers.campaign_file.document import Document
+from vastflow.producers.model.faults import NOT_EXECUTED, Location, Note
+from vastflow.sim.model.names import did_you_mean
+
+COMMAND: Final = "command"
+CONFIG: Final = "/config/"
+"""How paths begin that mean the campaign's folder, as in RoboVAST's containers."""
+
+RECORDED: Final[Mapping[str, str]] = {
+    "rosbags_tf_to_csv": "`vastflow export` writes poses.csv for each run",
+    "rosbags_bt_to_csv": "`vastflow export` writes behaviors.csv for each run",
+    "rosbags_to_csv": "`vastflow export` writes recording.csv for each run, with pose, speed and commands",
+    "rosbags_action_to_csv": "runs.parquet has how the action ended, behaviors.csv its status",
+    "rosbags_rosout_to_csv": "`vastflow export` writes the scenario's log for each run",
+    "rosbags_to_webm": "`vastflow replay` shows a run in moving pictures",
+    "rosbags_process": "`vastflow export` writes tables for each run",
+}
+"""Steps of RoboVAST that read ROS bags, and what there is in their place."""
+
+UNTOUCHED: Final[Mapping[str, str]] = {"compress": "the campaign directory stays as it is"}
+
+StepKind: TypeAlias = Literal["command", "plug-in", "recorded", "not executed", "unknown"]
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessingStep:
+    """A step of `results_processing.postprocessing`.
+
+    Attributes:
+        name: `file.py:Class`, `command`, or a name that RoboVAST has.
+    """
+
+    name: str
+    parameters: Mapping[str, Any]
+
+    @property
+    def kind(self) -> StepKind:
+        """What is done for it."""
+        if plug_in_file.names_file(self.name):
+            return "plug-in"
+        if self.name == COMMAND:
+            return "command"
+        return "recorded" if self.name in RECORDED else "not executed" if self.name in UNTOUCHED else "unknown"
+
+    @property
+    def file(self) -> str:
+        """Of a plug-in or command the file that runs, as the campaign file names it; may be empty."""
+        if self.kind == "plug-in":
+            return self.name.rpartition(":")[0].removeprefix(CONFIG)
+        script = self.parameters.get("script")
+        return script.removeprefix(CONFIG) if isinstance(script, str) else ""
+
+    @property
+    def instead(self) -> str:
+        """Of a step that does not run, what there is in its place."""
+        return {**RECORDED, **UNTOUCHED}.get(self.name, "")
+
+    def complaint(self, base: Path) -> str | None:
+        """Why the step can't be done, found without executing anything; None where nothing is known against it."""
+        if self.kind == "plug-in":
+            return plug_in_file.plug_in_complaint(f"{self.file}:{self.name.rpartition(':')[2]}", base)
+        if self.kind == "unknown":
+            known = [*RECORDED, *UNTOUCHED, COMMAND]
+            return f"no step is called {self.name!r}; {did_you_mean(self.name, known)}, or file.py:Class"
+        if self.kind == "command":
+            if not self.file:
+                return "a command without a script; script: FILE"
+            arguments = self.parameters.get("args")
+            if arguments is not None and not isinstance(arguments, list):
+                return f"args: found {arguments!r}; a list"
+            if not (base / self.file).is_file():
+                return f"found the script {self.file!r}, and there is no such file"
+        return None
+
+    def files(self, base: Path) -> Iterator[Path]:
+        """Files that the step needs of the campaign file's folder, as far as they are there: what runs, and what it imports or is
+        given from beside it."""
+        if not self.file or not (base / self.file).is_file():
+            return
+        file = base / self.file
+        if self.kind == "plug-in":
+            yield from _with_imported(file)
+            return
+        yield file
+        arguments = self.parameters.get("args")
+        for argument in arguments if isinstance(arguments, list) else ():
+            if isinstance(argument, str) and argument and (base / argument).is_file():
+                yield base / argument
+
+
+def steps_of(named: Sequence[Mapping[str, Mapping[str, Any]]]) -> tuple[ProcessingStep, ...]:
+    """The steps of a section of a campaign file, in order."""
+    return tuple(ProcessingStep(name, parameters) for entry in named for name, parameters in entry.items())
+
+
+def step_notes(document: Document, steps: Sequence[ProcessingStep], base: Path, location: Location) -> Iterator[Note]:
+    """What a user should know of the steps before a campaign runs; one that can't be done costs no run, so it is no fault."""
+    for k, step in enumerate(steps):
+        where = document.known((*location, k, step.name))
+        if step.instead:
+            yield document.note("not executed", where, f"{step.name}: {NOT_EXECUTED}", step.instead)
+        elif complaint := step.complaint(base):
+            yield document.note("warning", where, complaint, "the campaign runs without this step, and ends with 3")
+
+
+def _with_imported(file: Path) -> Iterator[Path]:
+    """A Python file and the modules beside it that it imports, these with theirs."""
+    folder, found = file.parent, [file]
+    for each in found:
+        yield each
+        for name in _imported(each):
+            beside = folder.joinpath(*name.split("."))
+            for candidate in (beside.with_suffix(".py"), beside / "__init__.py"):
+                if candidate.is_file() and candidate not in found:
+                    found.append(candidate)
+            if beside.is_dir():
+                found += [each for each in sorted(beside.glob("*.py")) if each not in found]
+
+
+def _imported(file: Path) -> Iterator[str]:
+    with suppress(SyntaxError, ValueError, RecursionError, OSError):
+        for node in ast.walk(ast.parse(file.read_bytes())):
+            if isinstance(node, ast.Import):
+                yield from (alias.name for alias in node.names)
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                yield node.module

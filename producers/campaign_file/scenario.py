@@ -1,0 +1,242 @@
+"""The scenario a campaign names: its abstract scenario, and what the programs of its runs are given."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+from typing import Final
+
+from vastflow.producers.campaign_file.document import Document
+from vastflow.producers.campaign_file.spec import ExecutionSpec
+from vastflow.producers.model.faults import Fault, Location, Note
+from vastflow.producers.places.ground import MAP_KEY
+from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
+from vastflow.sim.model.digest import FileContent, Value, file_digest
+from vastflow.sim.model.files import is_file
+from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.model.scenario import ProcessSetup, RunFiles
+from vastflow.sim.reading.abstract import BUILTIN, SHIPPED, AbstractError, abstract_content, definition_of
+from vastflow.sim.reading.script import calls_of, goal_keys, is_optional_list, overrides_of
+from vastflow.sim.reading.vocabulary import ACTIONS, WORLDLY
+from vastflow.sim.scenario.definition import ScenarioDefinition
+from vastflow.sim.scenario.language.faults import OscError
+from vastflow.sim.scenario.language.parameters import ParameterMismatch, bound, default_of
+from vastflow.sim.scenario.programs.actions import PROCESSES
+from vastflow.sim.scenario.programs.folders import CONFIG, RunFileError, below_config, files_matching, unmatched
+from vastflow.sim.scenario.tree.support import unsupported
+
+WHERE: Final[Location] = ("execution", "scenario_file")
+
+Group = tuple[str, ...]
+"""Keys of which one is needed."""
+
+
+@dataclass(frozen=True)
+class AbstractScenario:
+    """An abstract scenario, and what it needs.
+
+    Attributes:
+        name: As the campaign file has it; empty where the mission follows from the goal.
+        content: What a `Scenario` gets; empty as the name.
+        definition: None where there are several, one for each kind of goal.
+    """
+
+    name: str
+    content: str | FileContent
+    definition: ScenarioDefinition | None
+
+    @property
+    def needed(self) -> Sequence[Group]:
+        """Keys that every configuration needs, one of each group."""
+        if self.definition is None:
+            return ((MAP_KEY,), (START_KEY,), (GOAL_KEY, GOALS_KEY))
+        groups: list[Group] = [(MAP_KEY,)] if self.in_world and not self.launches_own_map else []
+        calls = {call.action.rpartition(".")[2] for call in calls_of(self.definition.root)}
+        if self.in_world and "init_nav2" not in calls and START_KEY not in self.parameters:
+            groups.append((START_KEY,))
+        for parameter in self.definition.parameters:
+            if parameter.default is None and not is_optional_list(parameter):
+                groups.append((GOALS_KEY, GOAL_KEY) if parameter.name == GOALS_KEY else (parameter.name,))
+        return groups
+
+    @property
+    def launches_own_map(self) -> bool:
+        """Whether it launches a simulation with a map that no parameter names."""
+        if self.definition is None or MAP_KEY in self.parameters:
+            return False
+        return any(call.action == "ros_launch" for call in calls_of(self.definition.root))
+
+    @property
+    def optional_objects(self) -> tuple[str, ...]:
+        """Its parameters of objects to spawn, of which there may be none."""
+        return (
+            tuple(each.name for each in self.definition.parameters if is_optional_list(each)) if self.definition else ()
+        )
+
+    def goal_keys(self, keys: Collection[str]) -> tuple[str, ...]:
+        """Of a configuration's keys, those whose goals the robot is sent to in turn where a file's scenario has but one."""
+        if self.definition is None or not isinstance(self.content, FileContent):
+            return ()
+        return goal_keys(self.definition, keys)
+
+    @property
+    def in_world(self) -> bool:
+        """Whether it does anything in the simulated world."""
+        return self.definition is None or any(call.action in WORLDLY for call in calls_of(self.definition.root))
+
+    @property
+    def parameters(self) -> frozenset[str]:
+        """Names of its parameters."""
+        return frozenset(each.name for each in self.definition.parameters) if self.definition else frozenset()
+
+    def complaint(self, key: str, value: Value) -> tuple[str, str] | None:
+        """What is wrong with a value for one of its parameters, and what would be right."""
+        if self.definition is None or key not in self.parameters:
+            return None
+        alone = replace(self.definition, parameters=tuple(p for p in self.definition.parameters if p.name == key))
+        try:
+            bound(alone, overrides_of(alone, {key: value}))
+        except ParameterMismatch as error:
+            return f"found {error.given}", f"{error.expected}, for it is a parameter of {self.name}"
+        return None
+
+
+FROM_GOAL: Final = AbstractScenario("", "", None)
+"""Where the mission follows from the goal."""
+
+
+def abstract_scenario_of(document: Document, base: Path) -> tuple[AbstractScenario | None, list[Fault]]:
+    """Read what `execution.scenario_file` names, or say everything that is wrong with it."""
+    execution = document.data.get("execution")
+    name = execution.get("scenario_file") if isinstance(execution, Mapping) else None
+    if not isinstance(name, str):
+        return FROM_GOAL, []
+    if name.startswith(BUILTIN):
+        if name.removeprefix(BUILTIN) not in SHIPPED:
+            right = did_you_mean(name, [BUILTIN + each for each in SHIPPED])
+            return None, [document.fault(WHERE, f"found {name!r}", right)]
+        return AbstractScenario(name, name, definition_of(name)), []
+    file = base / name
+    if not is_file(file):
+        return None, [document.fault(WHERE, f"found {name!r}, and there is no such file", "an OpenSCENARIO DSL file")]
+    try:
+        content = abstract_content(file)
+        definition = definition_of(content)
+    except OscError as error:
+        return None, [
+            Fault(f.place.file, f.place.line, f.place.column, "scenario", f.what, f.right) for f in error.faults
+        ]
+    except (AbstractError, UnicodeDecodeError) as error:
+        what, _, right = str(error).partition("; ")
+        return None, [document.fault(WHERE, what, right or "an OpenSCENARIO DSL file")]
+    lacking = [
+        Fault(str(file), u.place.line, u.place.column, "scenario", f"{u.name} can't be run here", u.reason)
+        for u in unsupported(definition, ACTIONS)
+    ]
+    drawn = [
+        Fault(
+            *(str(file), p.place.line, p.place.column, "scenario"),
+            f"the default of parameter {p.name} is not known before a run",
+            "a value, or a var in place of a parameter",
+        )
+        for p in definition.parameters
+        if p.default is not None and default_of(definition, p.name) is None
+    ]
+    faults = [*lacking, *drawn]
+    return (None, faults) if faults else (AbstractScenario(name, content, definition), [])
+
+
+KEYS: Final = ("run_files", "env", "pre_command", "post_command")
+
+
+def programs_of(
+    document: Document, base: Path, execution: ExecutionSpec, abstract: AbstractScenario
+) -> tuple[ProcessSetup | None, list[Note], list[Fault]]:
+    """The setup of a campaign whose scenario starts programs, else None with a note on each key that then does nothing.
+
+    Files named by `pre_command` and `post_command` that lie below the campaign file's folder are run files too: what is in
+    them counts.
+    """
+    given = [key for key in KEYS if getattr(execution, key)]
+    if not _starts_programs(abstract):
+        why = "the scenario starts no program"
+        return None, [document.note("not executed", ("execution", key), "has no effect", why) for key in given], []
+    scripts, notes, faults = _scripts(document, base, execution)
+    try:
+        files = run_files(base, execution.run_files)
+    except RunFileError as error:
+        what, _, right = str(error).partition("; ")
+        return None, [], [*faults, document.fault(("execution", "run_files"), what, right)]
+    notes += [
+        document.note("warning", ("execution", "run_files"), f"no file matches {pattern!r}")
+        for pattern in unmatched(files, execution.run_files)
+    ]
+    environment = {name: _text(value) for entry in execution.env for name, value in entry.items()}
+    folder = PurePosixPath(execution.scenario_file or "").parent
+    own = {path: FileContent(str(base / path), file_digest(base / path)) for path in scripts}
+    setup = ProcessSetup(
+        tuple(sorted({**own, **dict(files)}.items())),
+        environment,
+        execution.pre_command or "",
+        execution.post_command or "",
+        "" if folder == PurePosixPath() else folder.as_posix(),
+    )
+    return setup, notes, faults
+
+
+def _scripts(document: Document, base: Path, execution: ExecutionSpec) -> tuple[list[str], list[Note], list[Fault]]:
+    """The files below `base` that `pre_command` and `post_command` name, and what there is to say of what they name."""
+    found: list[str] = []
+    notes: list[Note] = []
+    faults: list[Fault] = []
+    for key in ("pre_command", "post_command"):
+        command = getattr(execution, key) or ""
+        program = command if _is_file(base, command) else _program(command)
+        if program is None or (key == "post_command" and "/" not in program and not _is_file(base, program)):
+            continue  # nothing, or a program that PATH leads to
+        where: Location = ("execution", key)
+        if _is_file(base, program):
+            found.append(str(below_config(program)))
+        elif PurePosixPath(program).is_absolute() and not PurePosixPath(program).is_relative_to(CONFIG):
+            if not is_file(program):
+                right = f"a file beside the campaign is {CONFIG}/NAME"
+                notes.append(document.note("warning", where, f"this machine has no {program!r}", right))
+        else:
+            right = "a file below the campaign file's folder"
+            faults.append(document.fault(where, f"found {program!r}, and there is no such file", right))
+    return found, notes, faults
+
+
+def _is_file(base: Path, name: str) -> bool:
+    inside = below_config(name)
+    return inside is not None and is_file(base / inside)
+
+
+def run_files(base: Path, patterns: Sequence[str]) -> RunFiles:
+    """The files below the campaign file's folder that match one of `patterns`, see `files_matching`.
+
+    What campaigns have left there, their directories and exports of them, is not looked at: with copies of its own files in
+    them a campaign would be another one after each run of it.
+
+    Raises:
+        RunFileError: a pattern that can't be used.
+    """
+    return files_matching(base, patterns, _is_left_by_a_campaign)
+
+
+def _is_left_by_a_campaign(folder: Path) -> bool:
+    written = all(is_file(folder / name) for name in ("campaign.vast", "metadata.json"))
+    return written or is_file(folder / "_config" / "campaign.vast")
+
+
+def _starts_programs(abstract: AbstractScenario) -> bool:
+    definition = abstract.definition
+    return definition is not None and any(call.action in PROCESSES for call in calls_of(definition.root))
+
+
+def _program(command: str | None) -> str | None:
+    return command.split()[0] if command and command.split() else None
+
+
+def _text(value: object) -> str:
+    """A variable as a shell would have it: YAML's `true` is `true`."""
+    return str(value).lower() if isinstance(value, bool) else "" if value is None else str(value)

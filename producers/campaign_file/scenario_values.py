@@ -1,0 +1,153 @@
+"""Values of a scenario that are known when the campaign file is read, checked against what the simulator takes."""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
+from typing import TypeAlias
+
+from vastflow.producers.model.faults import shown
+from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
+from vastflow.sim.model.digest import Value
+from vastflow.sim.model.obstacle import lists_obstacles, obstacle_of
+from vastflow.sim.model.pose import written_pose_of
+from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
+from vastflow.sim.nav2.controllers.registry import short_names
+from vastflow.sim.nav2.parameter_files.chosen import (
+    CONTROLLER_KEY,
+    check_key,
+    intended_key,
+    parameters_of,
+    unread,
+    unused_because,
+)
+from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS, filtered_by, missing_mask
+from vastflow.sim.nav2.parameter_files.document import DocumentError
+from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
+
+LOOPS_KEY = "number_of_loops"
+
+Complaint: TypeAlias = tuple[str, str]
+"""What was found, and what would be right."""
+
+
+def complaint_of(
+    key: str, value: Value, dimension: Dimension, system: Mapping[str, Value] | None = None
+) -> Complaint | None:
+    """What is wrong with a value the simulator would read; None for a good one and for one it does not read.
+
+    Args:
+        system: What else of the system dimension is known, such as its Nav2 parameter file.
+    """
+    if key in (START_KEY, GOAL_KEY):
+        return _pose_complaint(value)
+    if key == GOALS_KEY:
+        if not isinstance(value, Sequence) or isinstance(value, str) or not value:
+            return f"found {shown(value)}", "a list of one pose {x, y, yaw} or more"
+        return next(filter(None, map(_pose_complaint, value)), None)
+    if key == LOOPS_KEY:
+        good = isinstance(value, int) and not isinstance(value, bool) and value >= 0
+        return None if good else (f"found {shown(value)}", "a whole number, 0 or more")
+    if dimension == "environment" and isinstance(value, Sequence) and not isinstance(value, str):
+        return next(filter(None, map(_obstacle_complaint, value)), None)
+    return _parameter_complaint(key, value, system or {}) if dimension == "system" else None
+
+
+def dimension_of(key: str, value: Value, given: Dimension | None) -> Dimension:
+    """The dimension of a fixed parameter: as given, by its key, or the environment's for a list of obstacles."""
+    if given or key in DIMENSION_OF_KEY:
+        return given or DIMENSION_OF_KEY[key]
+    return "environment" if lists_obstacles(value) else "system"
+
+
+def unread_keys(system: Mapping[str, Value], varied: Collection[str]) -> tuple[str, ...]:
+    """Those keys of the system dimension that nothing in the simulator reads, sorted.
+
+    Args:
+        varied: Keys that producers write, so that their values are not known: whatever they may be.
+    """
+    found: list[set[str]] = []
+    for each in _contexts(system, varied):
+        with suppress(DocumentError):  # another controller than those varied need not suit the rest
+            found.append(set(unread(each, varied)))
+    return tuple(sorted(set.intersection(*found))) if found else ()
+
+
+def intended(key: str, system: Mapping[str, Value], varied: Collection[str], others: Collection[str]) -> str | None:
+    """The key that one which nothing reads was probably meant to be; None where it resembles none that is known."""
+    with suppress(DocumentError):
+        meant = [intended_key(each, key, {*others, *DIMENSION_OF_KEY}) for each in _contexts(system, varied)]
+        return next(filter(None, meant), None)
+    return None
+
+
+def replaced_by(key: str, system: Mapping[str, Value], varied: Collection[str]) -> str:
+    """Why a parameter has no effect beside others; empty where that is not known."""
+    with suppress(DocumentError):
+        return next(filter(None, (unused_because(each, key) for each in _contexts(system, varied))), "")
+    return ""
+
+
+def combined_complaint(system: Mapping[str, Value]) -> tuple[str, Complaint] | None:
+    """What is wrong with values that are each right on their own, and at which of them."""
+    try:
+        parameters_of(system)
+    except DocumentError as error:
+        first = error.faults[0]
+        return first.where, (first.what, first.right)
+    return None
+
+
+def mask_complaints(system: Mapping[str, Value], written: Collection[str]) -> Iterator[tuple[str, Complaint]]:
+    """Masks that filters of the system need, and neither a parameter nor a producer gives."""
+    with suppress(DocumentError):  # said already
+        parameters = parameters_of(system)
+        for key in MASK_KEYS:
+            if key not in written and (costmaps := filtered_by(key, parameters)):
+                yield key, missing_mask(key, costmaps)
+
+
+def _pose_complaint(value: Value) -> Complaint | None:
+    if not isinstance(value, Mapping):
+        return f"found {shown(value)}", "a pose, {x, y, yaw} or {position: {x, y}, orientation: {yaw}}"
+    try:
+        written_pose_of(value, "")
+    except ValueError as error:
+        what, _, right = str(error).removeprefix(": ").partition("; ")
+        return what, right
+    return None
+
+
+def _obstacle_complaint(value: Value) -> Complaint | None:
+    if not isinstance(value, Mapping) or "spawn_pose" not in value:
+        return f"found {shown(value)}", "an obstacle, {entity_name, model, spawn_pose, xacro_arguments}"
+    try:
+        obstacle_of(value)
+        written_pose_of(value["spawn_pose"], "obstacle.spawn_pose")
+    except ValueError as error:
+        what, _, right = str(error).partition("; ")
+        return what, right
+    return None
+
+
+def _parameter_complaint(key: str, value: Value, system: Mapping[str, Value]) -> Complaint | None:
+    if key == FILE_KEY:
+        return f"found {shown(value)}", f"no {FILE_KEY} here; execution.{FILE_KEY} is the file of all families"
+    others = {other: given for other, given in system.items() if other != key}
+    undecided = () if CONTROLLER_KEY in (key, *system) else _contexts(others, (CONTROLLER_KEY,))
+    for each in (others, *undecided):
+        try:
+            if check_key(each, key, value):
+                break
+        except DocumentError as error:
+            # A bound on a pair of parameters is for the pair: the other may be given too.
+            own = [fault for fault in error.faults if fault.where == key and not fault.together]
+            if not own and key == CONTROLLER_KEY:  # critics of another, for example
+                return f"found {shown(value)}", f"one that goes with the rest: {error.faults[0]}"
+            return (f"found {shown(value)}", own[0].right) if own else None
+    return None
+
+
+def _contexts(system: Mapping[str, Value], varied: Collection[str]) -> list[Mapping[str, Value]]:
+    """The system with each controller, where it is not known which."""
+    if CONTROLLER_KEY not in varied:
+        return [system]
+    return [{**system, CONTROLLER_KEY: name} for name in short_names()]

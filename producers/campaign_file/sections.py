@@ -1,0 +1,316 @@
+"""Sections of a campaign file: what they are made of, designs of families, repetitions of runs, and the family's robot."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Final, Literal, Self, TypeAlias, get_args
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    GetJsonSchemaHandler,
+    PlainValidator,
+    Tag,
+    WithJsonSchema,
+    model_validator,
+)
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, PydanticCustomError
+
+from vastflow.producers.campaign_file.document import Document
+from vastflow.producers.model.faults import NOT_EXECUTED, Fault, Location, shown
+from vastflow.producers.model.numbers import Count, Number, Seed
+from vastflow.sim.nav2.parameters.robot import PRESETS, robot_keys
+from vastflow.sim.world.robot_model import Drive
+
+
+class Section(BaseModel):
+    """A mapping of the campaign file with known keys; the text below a field is its description for editors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Unexecuted:
+    """Marks a field that the format has and this version does nothing with.
+
+    Attributes:
+        consequence: What that means for the user, such as what is done in its place; may be empty.
+    """
+
+    consequence: str = ""
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        return {**handler(schema), "$comment": NOT_EXECUTED}
+
+
+def _or_empty_list(value: Any) -> Any:
+    return [] if value is None else value
+
+
+def _or_empty_map(value: Any) -> Any:
+    return {} if value is None else value
+
+
+EmptyIsList = BeforeValidator(_or_empty_list)
+"""`variations:` with nothing below it is an empty list, as in YAML editors half-way through a file."""
+EmptyIsMap = BeforeValidator(_or_empty_map)
+
+
+def _single_key(value: Any) -> dict[str, Any]:
+    if not isinstance(value, Mapping) or not value:
+        raise PydanticCustomError("entry", "found {found}; 'name: value'", {"found": shown(value)})
+    if len(value) > 1:
+        first, second, *_ = value
+        raise PydanticCustomError(
+            "second_key",
+            "a second key in an entry of one; indent it below {first}, or begin its own entry with '- '",
+            {"key": second, "first": repr(first)},
+        )
+    return dict(value)
+
+
+def _named(value: Any) -> dict[str, dict[str, Any]]:
+    if isinstance(value, str):
+        return {value: {}}
+    ((name, parameters),) = _single_key(value).items()
+    if parameters is not None and not isinstance(parameters, Mapping):
+        raise PydanticCustomError(
+            "parameters", "found {found}; its parameters as a mapping", {"found": shown(parameters), "at": name}
+        )
+    return {name: dict(parameters or {})}
+
+
+_SINGLE_KEY_SCHEMA = {"type": "object", "minProperties": 1, "maxProperties": 1}
+
+SingleKeys: TypeAlias = Annotated[
+    list[Annotated[dict[str, Any], PlainValidator(_single_key), WithJsonSchema(_SINGLE_KEY_SCHEMA)]], EmptyIsList
+]
+"""A list of `- name: value`."""
+NamedSteps: TypeAlias = Annotated[
+    list[
+        Annotated[
+            dict[str, dict[str, Any]],
+            PlainValidator(_named),
+            WithJsonSchema({"anyOf": [{"type": "string"}, _SINGLE_KEY_SCHEMA]}),
+        ]
+    ],
+    EmptyIsList,
+]
+"""A list of `- name` or `- name: {parameters}`; always `{name: parameters}` once read."""
+FreeForm: TypeAlias = Annotated[dict[str, Any], EmptyIsMap]
+"""Any mapping."""
+
+
+MOST_STRENGTH: Final = 6
+
+
+class TWay(Section):
+    """Every combination of the choices of any `strength` producers, in few configurations."""
+
+    strength: Annotated[int, Field(ge=1, le=MOST_STRENGTH, strict=True)] = 2
+    """How many producers' choices are combined with each other in all ways."""
+
+
+class Sample(Section):
+    """A number of combinations, spread over all of them."""
+
+    method: Literal["lhs", "sobol", "random"]
+    """`lhs`: Latin hypercube, every choice of a producer about equally often; `sobol`: scrambled Sobol sequence;
+    `random`: independently of each other."""
+    size: Count
+    """How many."""
+    seed: Seed = 0
+    """Seed of the sample."""
+
+
+def _named_kind(value: Any) -> Any:
+    if value is None or value == "cartesian":
+        return {"cartesian": {}}
+    if isinstance(value, str):
+        right = "cartesian, 't_way: {strength: 2}' or 'sample: {method: lhs, size: 100}'"
+        raise PydanticCustomError("design", "found {found}; {right}", {"found": shown(value), "right": right})
+    if isinstance(value, dict):
+        return {key: {} if item is None else item for key, item in value.items()}
+    return value
+
+
+class DesignSpec(Section):
+    """Which combinations become configurations: one of these."""
+
+    cartesian: Section | None = None
+    """Every combination."""
+    t_way: TWay | None = None
+    """Few combinations, in which every possible one of any `strength` producers' choices occurs."""
+    sample: Sample | None = None
+    """A number of combinations, spread over all of them."""
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        given = [name for name in type(self).model_fields if getattr(self, name) is not None]
+        if len(given) != 1:
+            found = " and ".join(given) or "nothing"
+            raise PydanticCustomError("design", "found {found}; one of cartesian, t_way and sample", {"found": found})
+        return self
+
+
+Design = Annotated[DesignSpec, BeforeValidator(_named_kind, json_schema_input_type=Literal["cartesian"] | DesignSpec)]
+CARTESIAN: Final = DesignSpec(cartesian=Section())
+
+
+Rate: TypeAlias = Annotated[Number, Field(gt=0, lt=1)]
+
+
+class Stop(Section):
+    """When the class of a configuration counts as shown, by its runs that pass all oracles."""
+
+    error: Annotated[Number, Field(gt=0, lt=0.5)] = 0.05
+    """Probability of a wrong class, at most, whatever the true success rate."""
+    systematic: Rate = 0.2
+    """Success rate up to which a configuration fails systematically."""
+    reliable: Rate = 0.8
+    """Success rate from which on a configuration passes reliably."""
+
+    @model_validator(mode="after")
+    def _in_order(self) -> "Stop":
+        if not self.systematic < self.reliable:
+            raise PydanticCustomError(
+                "order",
+                "systematic is {systematic} and reliable {reliable}; systematic below reliable",
+                {"systematic": self.systematic, "reliable": self.reliable},
+            )
+        return self
+
+
+class Sequential(Section):
+    """Runs of a configuration end when its class is shown: reliable, systematic or flaky."""
+
+    min: Count = 5
+    """Runs of every configuration."""
+    max: Count
+    """Runs after which a configuration is undecided."""
+    stop: Stop
+    """When a class counts as shown; `{}` takes the error and the bounds of the paper."""
+
+    @model_validator(mode="after")
+    def _room(self) -> "Sequential":
+        if self.min > self.max:
+            raise PydanticCustomError(
+                "order", "min is {min} and max {max}; min of max or less", {"min": self.min, "max": self.max}
+            )
+        return self
+
+
+def _kind(value: Any) -> str:
+    return "sequential" if isinstance(value, Mapping | Sequential) else "number"
+
+
+Repetitions: TypeAlias = Annotated[
+    Annotated[Count, Tag("number")] | Annotated[Sequential, Tag("sequential")], Discriminator(_kind)
+]
+
+
+_NUMBER: Final = WithJsonSchema({"type": ["number", "null"]})
+Quantity: TypeAlias = Annotated[Any, _NUMBER]
+"""A quantity of a robot; `vastflow.sim.nav2.parameters.robot` reads and checks it."""
+Flag: TypeAlias = Annotated[Any, WithJsonSchema({"type": ["boolean", "null"]})]
+
+
+class LidarSpec(Section):
+    """A laser scanner; what is not given is a TurtleBot 4's, but for the mount of one with angles of its own, which is 0."""
+
+    x: Quantity = None
+    """Of its mount in the robot's frame (m); -0.04 on a TurtleBot 4."""
+    y: Quantity = None
+    """Of its mount in the robot's frame (m)."""
+    yaw: Quantity = None
+    """Of its mount in the robot's frame (rad); the beams' angles begin there."""
+    beams: Quantity = None
+    """Beams of a scan, 2 to 4096; 360 on a TurtleBot 4."""
+    angle_min: Quantity = None
+    """Angle of the first beam (rad), counter-clockwise from the mount's yaw; with `angle_max`."""
+    angle_max: Quantity = None
+    """Angle of the last beam (rad), above `angle_min` by a turn at most."""
+    range_min: Quantity = None
+    """Shortest range it measures (m); 0.164 on a TurtleBot 4."""
+    range_max: Quantity = None
+    """What is as far away or farther gives no return (m); 20 on a TurtleBot 4."""
+    rate: Quantity = None
+    """Scans a second (Hz), 1 to 20; it is held as a whole number of ticks of 50 ms."""
+    sweeps: Flag = None
+    """Whether each beam has a time of its own in the scanner's turn, counter-clockwise, so that scans of a moving robot are distorted."""
+
+
+class LatencySpec(Section):
+    """How late sensors and computers are; what is not given is the preset's. A jitter is the mean of what comes on top of the least, drawn from
+    an exponential distribution; what is older than 0.5 s is taken to come then."""
+
+    preset: Annotated[Any, WithJsonSchema({"enum": [*PRESETS, None]})] = None
+    """`ideal` (no latency, if not given), `gazebo`, or `loaded`."""
+    scan_age: Quantity = None
+    """From the end of a scan until AMCL, costmaps, and collision monitor have it: the least (s)."""
+    scan_jitter: Quantity = None
+    """Of the scan's age (s)."""
+    odometry_rate: Quantity = None
+    """Samples of odometry and its transform a second (Hz), 5 to 100."""
+    tf_age: Quantity = None
+    """From a sample of odometry until the stack has it: the least (s)."""
+    tf_jitter: Quantity = None
+    """Of odometry's age (s)."""
+    controller_time: Quantity = None
+    """From the begin of a controller cycle until its command: the least (s). No other begins meanwhile."""
+    controller_jitter: Quantity = None
+    """Of the controller's time (s)."""
+    missed_cycles: Quantity = None
+    """Share of the controller's cycles that are left out, 0 to 0.9."""
+    smoother_in_step: Flag = None
+    """Whether the velocity smoother runs right when a controller's cycle begins, or at a phase drawn for each run."""
+
+
+class RobotSpec(Section):
+    """The robot that drives; what is not given follows from the Nav2 parameters, or is a TurtleBot 4's, and the report says so."""
+
+    radius: Quantity = None
+    """Of a body that is a disc (m); without a body the local costmap's footprint is what meets walls."""
+    polygon: Annotated[Any, WithJsonSchema({"type": ["array", "string", "null"]})] = None
+    """Of a body that is none: `[[x, y], ...]` in the robot's frame (m), or Nav2's text of it."""
+    drive: Annotated[Any, WithJsonSchema({"enum": [*get_args(Drive), None]})] = None
+    """How it moves; what MPPI's motion model says where it isn't given."""
+    min_turning_radius: Quantity = None
+    """Of the tightest arc of an ackermann drive (m)."""
+    mass: Quantity = None
+    """Of the robot (kg), which counts where it pushes things."""
+    max_speed: Quantity = None
+    """Greatest speed of the wheels' drive (m/s), whatever is commanded."""
+    max_acceleration: Quantity = None
+    """Greatest acceleration and deceleration of the drive (m/s²)."""
+    max_yaw_rate: Quantity = None
+    """Greatest yaw rate of the drive (rad/s)."""
+    max_yaw_acceleration: Quantity = None
+    """Greatest yaw acceleration of the drive (rad/s²)."""
+    lidar: Annotated[LidarSpec, EmptyIsMap] = Field(default_factory=LidarSpec)
+    """The laser scanner."""
+    latency: Annotated[LatencySpec, EmptyIsMap] = Field(default_factory=LatencySpec)
+    """How late sensors and computers are."""
+
+
+def robot_places(
+    document: Document, location: Location, fixed: Mapping[str, Location]
+) -> tuple[dict[str, Location], list[Fault]]:
+    """Places of the quantities below `location`, by their keys, and a fault for each that is a fixed parameter too.
+
+    What the section has that no robot has is for its model to say.
+    """
+    found: dict[str, Location] = {}
+    faults: list[Fault] = []
+    for key in robot_keys() if document.known(location) == location else ():
+        where = (*location, *key.split(".")[1:])
+        if document.known(where) != where or document.value(where) is None:
+            continue
+        if key in fixed:
+            line, _ = document.place(fixed[key], "key")
+            faults.append(document.fault(where, f"a second {key!r}", f"one; the first is in line {line}", "key"))
+        found[key] = where
+    return found, faults

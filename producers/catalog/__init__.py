@@ -1,0 +1,1 @@
+"""The producers that vastflow ships, one file each."""

@@ -1,0 +1,285 @@
+"""The producers of environments: floor plans as they are written, and with drawn dimensions."""
+
+import functools
+import itertools
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+from typing import Annotated, Any, Final, Self, TypeAlias, TypeVar
+
+from pydantic import (
+    BeforeValidator,
+    Field,
+    PlainSerializer,
+    PlainValidator,
+    ValidationInfo,
+    WithJsonSchema,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
+
+from vastflow.producers.floorplan.building import build
+from vastflow.producers.floorplan.environment import environment_of, keep
+from vastflow.producers.floorplan.faults import FloorplanError
+from vastflow.producers.floorplan.files import PlanFile, VariationFile, read_plan_file, read_variation_file
+from vastflow.producers.floorplan.grid import LASER_HEIGHT_M, RESOLUTION_M, grid_of
+from vastflow.producers.floorplan.reading import plan_of
+from vastflow.producers.floorplan.variation import GREATEST_SEED, Variation
+from vastflow.producers.model import producer
+from vastflow.producers.model.configuration import Fragment, Rejection
+from vastflow.producers.model.faults import AS_DRAWN, MISSING_FILE, Note
+from vastflow.producers.model.numbers import Count, NotNegative, Positive, Seed
+from vastflow.producers.model.producer import Draws, Producer
+from vastflow.producers.places.ground import MAP_KEY
+from vastflow.sim.model.digest import Value
+from vastflow.sim.model.scenario import Dimension
+
+MESH_KEY = "mesh_file"
+FLOORPLAN_KEY = "_floorplan"
+
+F = TypeVar("F", PlanFile, VariationFile)
+
+
+def _some(value: Any) -> Any:
+    # A least length of the field would complain a second time of a list whose files are wrong.
+    if isinstance(value, list | tuple) and not value:
+        raise PydanticCustomError("floorplan", "found an empty list; the path of at least one file")
+    return value
+
+
+AtLeastOne = BeforeValidator(_some)
+
+
+def _read(read: Callable[[Path], F], kind: type[F]) -> Callable[[Any, ValidationInfo], F]:
+    """A validator that reads a path, relative to the validation context's `base`, and checks what is there.
+
+    Files that were read are kept in the context's `plans`.
+    """
+
+    def checked(file: Path) -> F:
+        try:
+            found = read(file)
+            if isinstance(found, PlanFile):
+                found.building()
+            else:
+                found.variation()
+        except FloorplanError as error:
+            code = MISSING_FILE if all(fault.missing for fault in error.faults) else "floorplan"
+            raise PydanticCustomError(code, "{error}", {"error": error.brief}) from None
+        return found
+
+    def validate(value: Any, info: ValidationInfo) -> F:
+        if isinstance(value, kind):
+            return value
+        if not isinstance(value, str):
+            raise PydanticCustomError("floorplan", "found {found}; the path of a file", {"found": repr(value)})
+        context = info.context or {}
+        known = context.get("plans", {})  # a file may be named a hundred times, and reading it builds its plan
+        if (kind, value) not in known:
+            known[kind, value] = checked(Path(context.get("base", "."), value))
+        found: F = known[kind, value]
+        return found.called(value)  # where the campaign lies is no part of what it says
+
+    return validate
+
+
+def _name(file: PlanFile | VariationFile) -> str:
+    return file.name
+
+
+Plan: TypeAlias = Annotated[
+    PlanFile,
+    PlainValidator(_read(read_plan_file, PlanFile)),
+    PlainSerializer(_name, return_type=str),
+    WithJsonSchema({"type": "string"}),
+]
+"""The path of a `.fpm` file, relative to the campaign file; its text once read."""
+
+VariedPlan: TypeAlias = Annotated[
+    VariationFile,
+    PlainValidator(_read(read_variation_file, VariationFile)),
+    PlainSerializer(_name, return_type=str),
+    WithJsonSchema({"type": "string"}),
+]
+"""The path of a `.variation` file, relative to the campaign file; its text and its plan's once read."""
+
+
+class EnvironmentParameters(producer.Parameters):
+    """Of both producers."""
+
+    name: Annotated[tuple[str, ...], Field(min_length=2, max_length=2)] = (MAP_KEY, MESH_KEY)
+    """Keys of the map and of the mesh."""
+    resolution: Positive = RESOLUTION_M
+    """Edge of a cell of the map (m)."""
+    laser_height: NotNegative = LASER_HEIGHT_M
+    """Height of the slice through the building that is the map (m)."""
+
+    @model_validator(mode="after")
+    def _check_name(self) -> Self:
+        if len(set(self.keys)) < 2 or not all(self.keys):
+            raise PydanticCustomError("name", "name: found {found}; two names", {"found": repr(list(self.name))})
+        return self
+
+    @property
+    def keys(self) -> tuple[str, str]:
+        """The two keys without the `@` that may stand before them."""
+        map_key, mesh_key = (key.removeprefix("@") for key in self.name)
+        return map_key, mesh_key
+
+
+E = TypeVar("E", bound=EnvironmentParameters)
+
+
+class EnvironmentProducer(Producer[E]):
+    """Base of both: what depends on nothing and writes a map and a mesh."""
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """Nothing: an environment is made once, whatever else varies."""
+        return ()
+
+    @property
+    def writes(self) -> Mapping[str, Dimension | None]:
+        """The map and the mesh."""
+        return dict.fromkeys(self.parameters.keys, self.parameters.dimension or "environment")
+
+    def _made(self, plan: PlanFile, requested: Mapping[str, Value]) -> Fragment | Rejection:
+        """The environment of a plan, `requested` saying which it is; a rejection where it can't be built."""
+        try:
+            building = plan.building()
+            grid = grid_of(building, self.parameters.resolution, self.parameters.laser_height)
+            environment = environment_of(building, grid, plan.text, requested)
+        except FloorplanError as error:
+            return Rejection(error.brief, requested)
+        map_key, mesh_key = self.parameters.keys
+        map_file, mesh_file = keep(environment)
+        return Fragment({map_key: map_file, mesh_key: mesh_file, FLOORPLAN_KEY: {"plan": building.name, **requested}})
+
+
+@functools.lru_cache(maxsize=16)  # hundreds of families may name one plan, and each notes it
+def _plan_notes(plan: PlanFile) -> tuple[Note, ...]:
+    return tuple(plan.building().notes)
+
+
+@functools.lru_cache(maxsize=16)
+def _drawn_notes(file: VariationFile, seeds: range) -> tuple[Note, ...]:
+    return tuple(drawn_notes(file.variation(), seeds, _plan_notes(file.plan)))
+
+
+class FloorplanGenerationParameters(EnvironmentParameters):
+    """Of `FloorplanGeneration`."""
+
+    floorplans: Annotated[tuple[Plan, ...], AtLeastOne]
+    """FloorPlan DSL files (`.fpm`), relative to the campaign file."""
+
+
+class FloorplanGeneration(EnvironmentProducer[FloorplanGenerationParameters]):
+    """Floor plans as they are written: an environment each, in their order."""
+
+    Parameters = FloorplanGenerationParameters
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """Of its plans."""
+        return tuple(note for plan in dict.fromkeys(self.parameters.floorplans) for note in _plan_notes(plan))
+
+    @property
+    def most_choices(self) -> int:
+        """The plans."""
+        return len(self.parameters.floorplans)
+
+    def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
+        """Yield each plan's environment; draws nothing."""
+        for plan in self.parameters.floorplans:
+            yield self._made(plan, {"file": plan.name})
+
+
+class FloorplanVariationParameters(EnvironmentParameters):
+    """Of `FloorplanVariation`."""
+
+    variation_files: Annotated[tuple[VariedPlan, ...], AtLeastOne]
+    """Variation DSL files (`.variation`), relative to the campaign file."""
+    num_variations: Count = 1
+    """Buildings drawn from each file."""
+    seed: Seed = 0
+    """Seed of the first building of each file; the next ones have the next numbers."""
+
+    @model_validator(mode="after")
+    def _check_seed(self) -> Self:
+        last = self.seed + self.num_variations - 1
+        if last > GREATEST_SEED:
+            raise PydanticCustomError(
+                "seed", "the last seed is {last}; at most {most}", {"last": last, "most": GREATEST_SEED}
+            )
+        return self
+
+
+class FloorplanVariation(EnvironmentProducer[FloorplanVariationParameters]):
+    """Floor plans with drawn dimensions: `num_variations` environments from each file.
+
+    Variation k has the seed `seed` + k and is drawn from numpy's `RandomState` as the Variation DSL documents it, not
+    from the generator that other producers draw from: the same file and seed give the same numbers in other tools.
+    """
+
+    Parameters = FloorplanVariationParameters
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """Of the plans that its files vary, as these are written and as they are drawn."""
+        seeds = range(self.parameters.seed, self.parameters.seed + self.parameters.num_variations)
+        files = dict.fromkeys(self.parameters.variation_files)
+        written = itertools.chain.from_iterable(
+            _plan_notes(plan) for plan in dict.fromkeys(file.plan for file in files)
+        )
+        return (*written, *itertools.chain.from_iterable(_drawn_notes(file, seeds) for file in files))
+
+    @property
+    def most_choices(self) -> int:
+        """The variations of every file."""
+        return self.parameters.num_variations * len(self.parameters.variation_files)
+
+    def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
+        """Yield each variation's environment; one whose drawn numbers make no building is a rejection."""
+        for file in self.parameters.variation_files:
+            variation = file.variation()
+            for k in range(self.parameters.num_variations):
+                sample = variation.sample(self.parameters.seed + k)
+                requested: dict[str, Value] = {"file": file.name, "seed": sample.seed, "drawn": dict(sample.values)}
+                yield self._made(PlanFile(f"{file.plan.name} with seed {sample.seed}", sample.text), requested)
+
+
+MOST_LOOKED_AT: Final = 50
+"""Of one variation's plans: a plan of 75 rooms takes a fiftieth of a second, whenever its campaign is read."""
+
+_NUMBER: Final = re.compile(r"-?\d+(\.\d+)?(e[-+]\d+)?")
+
+
+def drawn_notes(variation: Variation, seeds: Collection[int], known: Collection[Note] = ()) -> Iterator[Note]:
+    """One note for each that some of the plans have, with the numbers of the first: which plans these are, and what it is.
+
+    Its place is that in the plan as it is written. Plans that can't be built have none.
+
+    Args:
+        known: Notes of the plan as it is written, which are not said again.
+    """
+    found: dict[tuple[int, int, str, str], list[tuple[int, Note]]] = {}
+    said = {_kind(note) for note in known}
+    for seed in islice(seeds, MOST_LOOKED_AT):
+        try:
+            notes = build(plan_of(variation.plan, variation.numbers(variation.sample(seed)))).notes
+        except FloorplanError:
+            continue
+        for kind, note in {_kind(note): note for note in notes if _kind(note) not in said}.items():
+            found.setdefault(kind, []).append((seed, note))
+    looked_at = min(len(seeds), MOST_LOOKED_AT)
+    for plans in found.values():
+        seed, note = plans[0]
+        others = f" and in {len(plans) - 1} more of the first {looked_at} variations" if plans[1:] else ""
+        yield replace(note, what=f"{AS_DRAWN} {seed}{others}: {note.what}")
+
+
+def _kind(note: Note) -> tuple[int, int, str, str]:
+    """Equal for notes that differ in numbers only."""
+    return note.line, note.column, note.where, _NUMBER.sub("#", note.what)

@@ -1,0 +1,144 @@
+"""The producer that offers alternatives: the union of what other producers yield."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Final, TypeAlias, get_args
+
+from pydantic import Field, PlainSerializer, PlainValidator, ValidationError, ValidationInfo, WithJsonSchema
+from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError
+from pydantic_core.core_schema import ErrorType
+
+from vastflow.producers.model import producer
+from vastflow.producers.model.configuration import Fragment, Rejection
+from vastflow.producers.model.faults import Note
+from vastflow.producers.model.producer import Draws, Producer, UnknownProducer, evaluate, find_producer
+from vastflow.sim.model.digest import Value
+from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.model.scenario import Dimension
+from vastflow.sim.plug_ins.neighbors import PlugInError
+
+PYDANTICS_OWN: Final = frozenset(get_args(ErrorType))
+PRECEDENCE: Final[tuple[Dimension | None, ...]] = ("environment", "task", None, "system")
+"""Of the dimensions that children give one key: a list without obstacles is of the environment beside one that has some."""
+
+
+def _child(value: Any, info: ValidationInfo) -> Producer[Any]:
+    if isinstance(value, Producer):
+        return value
+    if not isinstance(value, Mapping) or len(value) != 1:
+        raise PydanticCustomError("child", "found {found}; one 'Producer: {parameters}'", {"found": repr(value)})
+    ((name, given),) = value.items()
+    try:
+        kind = find_producer(name, Path((info.context or {}).get("base", ".")))
+    except UnknownProducer as error:
+        right = did_you_mean(name, error.known) if error.known else "file.py:Class, a subclass of Producer"
+        raise PydanticCustomError(
+            "child", "{what}; {right}", {"what": str(error), "right": right, "at": name}
+        ) from None
+    except PlugInError as error:
+        raise PydanticCustomError(
+            "child", "{what}; {right}", {"what": error.what, "right": error.right, "at": name}
+        ) from None
+    except Exception as error:
+        what = f"{name!r} can't be imported: {type(error).__name__}: {error}"
+        raise PydanticCustomError(
+            "child", "{what}; a producer that can be imported", {"what": what, "at": name}
+        ) from error
+    try:
+        return kind(kind.Parameters.model_validate({} if given is None else given, context=info.context))
+    except ValidationError as error:
+        details = [_below(name, kind, detail) for detail in error.errors()]
+        raise ValidationError.from_exception_data(kind.__name__, details) from None
+
+
+def _below(name: str, kind: type[Producer[Any]], detail: ErrorDetails) -> InitErrorDetails:
+    """A child's error at its place below the child's name; those about keys in words, for the keys are the child's."""
+    known, key = kind.Parameters.model_fields, str(detail["loc"][-1]) if detail["loc"] else ""
+    context = detail.get("ctx", {})
+    what: str | PydanticCustomError = detail["type"]
+    if detail["type"] == "extra_forbidden" and len(detail["loc"]) == 1:
+        what = PydanticCustomError(
+            "child", "unknown key {key}; {right}", {"key": repr(key), "right": did_you_mean(key, known)}
+        )
+    elif detail["type"] == "missing":
+        what = PydanticCustomError("child", "no {key}; it has no default", {"key": repr(key)})
+    elif detail["type"] not in PYDANTICS_OWN:
+        what = PydanticCustomError(detail["type"], "{message}", {**context, "message": detail["msg"]})
+    return InitErrorDetails(type=what, loc=(name, *detail["loc"]), input=detail["input"], ctx=context)
+
+
+def _plain_child(child: Producer[Any]) -> Any:
+    return {type(child).__name__: child.parameters.model_dump(mode="json")}
+
+
+Child: TypeAlias = Annotated[
+    Producer[Any],
+    PlainValidator(_child),
+    PlainSerializer(_plain_child, return_type=Any),
+    WithJsonSchema({"type": "object", "minProperties": 1, "maxProperties": 1}),
+]
+
+
+class OneOfParameters(producer.Parameters):
+    """Of `OneOfVariation`."""
+
+    variations: list[Child] = Field(min_length=1)
+    """The alternatives, `- Producer: {parameters}`; a producer is a known name or `file.py:Class`."""
+
+
+class OneOfVariation(Producer[OneOfParameters]):
+    """Every configuration of each child, one child after the other: a union, not a product.
+
+    A child sees what it reads and draws from its own seed, so it yields what it would yield alone.
+    """
+
+    Parameters = OneOfParameters
+
+    @property
+    def children(self) -> tuple[Producer[Any], ...]:
+        """The alternatives in order."""
+        return tuple(self.parameters.variations)
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """What any child reads."""
+        return tuple(dict.fromkeys(key for child in self.children for key in child.reads))
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """What any child needs."""
+        return tuple(dict.fromkeys(key for child in self.children for key in child.needs))
+
+    @property
+    def writes(self) -> Mapping[str, Dimension | None]:
+        """What any child writes; of different dimensions for one key the first of `PRECEDENCE`."""
+        tags: dict[str, list[Dimension | None]] = {}
+        for child in self.children:
+            for key, tag in child.writes.items():
+                tags.setdefault(key, []).append(tag)
+        return {key: self.parameters.dimension or min(found, key=PRECEDENCE.index) for key, found in tags.items()}
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """Of the files that any child names."""
+        return tuple(dict.fromkeys(note for child in self.children for note in child.notes))
+
+    @property
+    def most_choices(self) -> int | None:
+        """Those of all children."""
+        choices = [child.most_choices for child in self.children]
+        return sum(n or 0 for n in choices) if None not in choices else None
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What any child has to say."""
+        return tuple(remark for child in self.children for remark in child.remarks)
+
+    def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
+        """Yield what the children yield; a rejection's reason says whose it is. Draws nothing itself."""
+        for child in self.children:
+            for item in evaluate(child, {key: inputs[key] for key in child.reads if key in inputs}):
+                if isinstance(item, Rejection):
+                    yield Rejection(f"{type(child).__name__}: {item.reason}", item.requested)
+                else:
+                    yield item

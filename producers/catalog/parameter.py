@@ -1,0 +1,235 @@
+"""Producers of plain values: listed, or drawn from a distribution.
+
+They read nothing, so that their values are drawn once and shared by every parent configuration.
+"""
+
+import math
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Annotated, Any, Literal, Self, TypeAlias, TypeVar
+
+import numpy as np
+from pydantic import BeforeValidator, Field, JsonValue, PlainSerializer, TypeAdapter, ValidationInfo, model_validator
+from pydantic_core import PydanticCustomError
+
+from vastflow.producers.model import producer
+from vastflow.producers.model.configuration import Fragment, Rejection
+from vastflow.producers.model.numbers import Count, NotNegative, Number, Seed
+from vastflow.producers.model.producer import Draws, Producer
+from vastflow.producers.places.ground import MAP_FILE_KEYS, map_value, serializable
+from vastflow.sim.model.digest import Value, digest
+from vastflow.sim.model.obstacle import lists_obstacles
+from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
+
+ParameterName: TypeAlias = Annotated[str, Field(min_length=1)]
+ParameterKind: TypeAlias = Literal["int", "integer", "float", "double", "number", "bool", "boolean", "str", "string"]
+WHOLE = ("int", "integer")
+FLAG = ("bool", "boolean")
+
+_json_value: TypeAdapter[JsonValue] = TypeAdapter(JsonValue)
+
+
+def _listed_value(value: Any, info: ValidationInfo) -> Any:
+    name = info.data.get("name")
+    if not isinstance(name, list):
+        return _value(name, value, info)
+    if not isinstance(value, list) or len(value) != len(name):
+        raise PydanticCustomError(
+            "lockstep",
+            "found {found}; a list of {length}, one for each of {names}",
+            {"found": repr(value), "length": len(name), "names": ", ".join(name)},
+        )
+    return [_value(key, item, info) for key, item in zip(name, value, strict=True)]
+
+
+def _value(name: str | None, value: Any, info: ValidationInfo) -> Any:
+    if name in MAP_FILE_KEYS:
+        return map_value(value, info)
+    if value is None:
+        raise PydanticCustomError("value", "found nothing; text, a number, true or false, a list or a map")
+    _json_value.validate_python(value)
+    try:
+        digest(value)
+    except ValueError as error:
+        raise PydanticCustomError("value", "{error}", {"error": str(error)}) from None
+    return value
+
+
+class ListParameters(producer.Parameters):
+    """Of `ParameterVariationList`."""
+
+    name: ParameterName | Annotated[list[ParameterName], Field(min_length=1)]
+    """Key to vary, or several that vary in lockstep."""
+    values: Annotated[
+        list[Annotated[Any, BeforeValidator(_listed_value), PlainSerializer(serializable, return_type=Any)]],
+        Field(min_length=1),
+    ]
+    """The values in turn; with several names each value is a list, one item for each name. Values of `map_file`, `keepout_mask` and `speed_mask` are paths of maps."""
+
+
+class ParameterVariationList(Producer[ListParameters]):
+    """One configuration for each listed value."""
+
+    Parameters = ListParameters
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """Nothing."""
+        return ()
+
+    @property
+    def writes(self) -> Mapping[str, Dimension | None]:
+        """The named keys; those with lists of obstacles are of the environment."""
+        name, values = self.parameters.name, self.parameters.values
+        columns = {name: values} if isinstance(name, str) else dict(zip(name, zip(*values, strict=True), strict=True))
+        return {key: self.parameters.dimension or _dimension(key, column) for key, column in columns.items()}
+
+    @property
+    def most_choices(self) -> int:
+        """The values."""
+        return len(self.parameters.values)
+
+    def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
+        """Yield the values in the order of the file; draws nothing."""
+        name = self.parameters.name
+        for value in self.parameters.values:
+            yield Fragment({name: value} if isinstance(name, str) else dict(zip(name, value, strict=True)))
+
+
+def _dimension(key: str, values: Sequence[Value] = ()) -> Dimension:
+    return DIMENSION_OF_KEY.get(key) or ("environment" if any(map(lists_obstacles, values)) else "system")
+
+
+class DistributionParameters(producer.Parameters):
+    """What the parameters of every distribution have."""
+
+    name: ParameterName
+    """Key to vary."""
+    num_variations: Count
+    """How many values are drawn."""
+
+
+D = TypeVar("D", bound=DistributionParameters)
+
+
+class DistributionProducer(Producer[D]):
+    """One configuration for each value drawn from a distribution."""
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """Nothing."""
+        return ()
+
+    @property
+    def writes(self) -> Mapping[str, Dimension | None]:
+        """The named key."""
+        name = self.parameters.name
+        return {name: self.parameters.dimension or _dimension(name)}
+
+    @property
+    def most_choices(self) -> int:
+        """The values that are drawn."""
+        return self.parameters.num_variations
+
+    def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
+        """Yield `num_variations` values; the k-th is the same however many there are."""
+        for k in range(self.parameters.num_variations):
+            yield Fragment({self.parameters.name: self._draw(draws(k))})
+
+    @abstractmethod
+    def _draw(self, rng: np.random.Generator) -> Value:
+        """One value."""
+
+
+class UniformParameters(DistributionParameters):
+    """Of `ParameterVariationDistributionUniform`."""
+
+    min: Number
+    """Lower bound, in the unit of the value; included for whole numbers."""
+    max: Number
+    """Upper bound, in the unit of the value; included for whole numbers. For `bool`, the probability of true."""
+    type: ParameterKind = "float"
+    """What the values are; `str` writes the drawn number as text."""
+    seed: Seed | None = None
+    """Seed of the draws; 0 where none is given."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        _check_order(self.min, self.max)
+        _check_whole(self.type, min=self.min, max=self.max)
+        if self.type in FLAG and not 0 <= self.min <= self.max <= 1:
+            raise PydanticCustomError(
+                "probability", "max {max} is the probability of true for a bool; 0 to 1, as is min", {"max": self.max}
+            )
+        return self
+
+
+class ParameterVariationDistributionUniform(DistributionProducer[UniformParameters]):
+    """One configuration for each value drawn uniformly between bounds."""
+
+    Parameters = UniformParameters
+
+    def _draw(self, rng: np.random.Generator) -> Value:
+        asked = self.parameters
+        if asked.type in WHOLE:
+            return int(rng.integers(int(asked.min), int(asked.max), endpoint=True))
+        if asked.type in FLAG:
+            return bool(rng.random() < asked.max)
+        value = float(rng.uniform(asked.min, asked.max))
+        return str(value) if asked.type in ("str", "string") else value
+
+
+class GaussianParameters(DistributionParameters):
+    """Of `ParameterVariationDistributionGaussian`."""
+
+    mean: Number
+    """Mean of the normal distribution, in the unit of the value."""
+    std: NotNegative
+    """Standard deviation of the normal distribution, in the unit of the value."""
+    min: Number | None = None
+    """Values below are set to this bound, not drawn again; no bound where none is given."""
+    max: Number | None = None
+    """Values above are set to this bound, not drawn again; no bound where none is given."""
+    type: ParameterKind = "float"
+    """What the values are. Whole numbers are rounded; a `bool` is true from the mean upwards."""
+    seed: Seed
+    """Seed of the draws."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.min is not None and self.max is not None:
+            _check_order(self.min, self.max)
+        _check_whole(self.type, min=self.min, max=self.max)
+        return self
+
+
+class ParameterVariationDistributionGaussian(DistributionProducer[GaussianParameters]):
+    """One configuration for each value drawn from a normal distribution."""
+
+    Parameters = GaussianParameters
+
+    def _draw(self, rng: np.random.Generator) -> Value:
+        asked = self.parameters
+        value = float(rng.normal(asked.mean, asked.std))
+        value = max(value, -math.inf if asked.min is None else asked.min)
+        value = min(value, math.inf if asked.max is None else asked.max)
+        if asked.type in WHOLE:
+            return round(value)
+        if asked.type in FLAG:
+            return value >= asked.mean
+        return str(value) if asked.type in ("str", "string") else value
+
+
+def _check_order(low: float, high: float) -> None:
+    if low > high:
+        raise PydanticCustomError("order", "min {min} is greater than max {max}; min <= max", {"min": low, "max": high})
+
+
+def _check_whole(kind: ParameterKind, **bounds: float | None) -> None:
+    if kind not in WHOLE:
+        return
+    for name, bound in bounds.items():
+        if bound is not None and not bound.is_integer():
+            raise PydanticCustomError(
+                "whole", "{name} is {found} for type int; a whole number", {"name": name, "found": bound}
+            )

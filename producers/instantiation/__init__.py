@@ -1,0 +1,1 @@
+"""Instantiation: families of configurations, read, grown through their producers, and counted."""

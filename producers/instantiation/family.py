@@ -1,0 +1,467 @@
+"""One scenario family of a campaign file, read and checked, and its robot in words."""
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Final
+
+from pydantic import TypeAdapter, ValidationError
+
+from vastflow.producers.campaign_file.document import Document, faults_of
+from vastflow.producers.campaign_file.scenario import WHERE, AbstractScenario
+from vastflow.producers.campaign_file.scenario_values import (
+    Complaint,
+    combined_complaint,
+    complaint_of,
+    dimension_of,
+    intended,
+    mask_complaints,
+    replaced_by,
+    unread_keys,
+)
+from vastflow.producers.campaign_file.sections import CARTESIAN, Design, DesignSpec, robot_places
+from vastflow.producers.campaign_file.spec import ExecutionSpec, FamilySpec, StartCheckKind, is_tolerated_in_family
+from vastflow.producers.catalog.parameter import ParameterVariationList
+from vastflow.producers.constraints.constraint import NOWHERE, Constraint, ConstraintPlace
+from vastflow.producers.constraints.reading import fault_of, read_constraints, unknown_names
+from vastflow.producers.instantiation.family_checks import DataFlow, Link, constraint_faults
+from vastflow.producers.model.configuration import Fragment
+from vastflow.producers.model.faults import NOT_EXECUTED, Fault, Location, Note, path_text, shown
+from vastflow.producers.model.producer import (
+    ROOM_KEY,
+    Producer,
+    UnknownProducer,
+    check_declared,
+    draws_of,
+    find_producer,
+    may_list_obstacles,
+)
+from vastflow.producers.places.ground import MAP_FILE_KEYS, MAP_KEY, MapSearch
+from vastflow.producers.places.start_check import room_m
+from vastflow.producers.places.stops import GOALS_KEY
+from vastflow.sim.model.digest import FileContent, Value
+from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
+from vastflow.sim.nav2.costmaps.outline import inscribed_radius_of
+from vastflow.sim.nav2.parameter_files.chosen import FOOTPRINT_NAMES, parameters_of
+from vastflow.sim.nav2.parameter_files.document import DocumentError
+from vastflow.sim.nav2.parameters.robot import ROBOT_KEY, robot_keys
+from vastflow.sim.plug_ins.effects import plug_in_code
+from vastflow.sim.plug_ins.neighbors import PlugInError
+from vastflow.sim.reading.abstract import hall_file
+from vastflow.sim.reading.robot import robot_facts, robot_of, robot_words
+from vastflow.sim.world.map_file import MissingMap
+
+OVERRIDES: Final[Location] = ("execution", "local", "parameter_overrides")
+
+MAX_CHECKED_VALUES: Final = 10_000
+"""Values of one producer that are looked at in advance."""
+
+_DESIGN: Final[TypeAdapter[DesignSpec]] = TypeAdapter(Design)
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """A scenario family F, ready to be instantiated.
+
+    Attributes:
+        values: K: the fixed parameters, maps as `FileContent`.
+        dimensions: Dimension of each fixed parameter that differs from the usual one of its key.
+        producers: Π, in order.
+        constraints: φ.
+        design: Which combinations of the producers' choices become configurations.
+        place: Where the design stands, for messages.
+        max_configurations: How many there may be.
+        overrides: Values that take the place of those of every configuration.
+        start_check: Whether the robot's own footprint must fit where they begin and end.
+    """
+
+    name: str
+    values: Mapping[str, Value]
+    dimensions: Mapping[str, Dimension]
+    producers: tuple[Producer[Any], ...]
+    constraints: tuple[Constraint, ...] = ()
+    design: DesignSpec = CARTESIAN
+    place: ConstraintPlace = NOWHERE
+    max_configurations: int = ExecutionSpec().max_configurations
+    overrides: Mapping[str, Value] = field(default_factory=dict)
+    start_check: StartCheckKind = "none"
+
+    @property
+    def drives(self) -> bool:
+        """Whether a robot may drive in its configurations: without a map nothing does."""
+        return any(MAP_KEY in keys for keys in (self.values, self.overrides, *(each.writes for each in self.producers)))
+
+
+class FamilyReader:
+    """Reads the families of one file and gathers what there is to say about them.
+
+    Attributes:
+        faults: Everything wrong, but for that.
+        unavailable: What is missing of each family that lacks nothing but files or goals.
+    """
+
+    def __init__(
+        self,
+        document: Document,
+        base: Path,
+        abstract: AbstractScenario | None,
+        system: Mapping[str, Value] | None = None,
+        maps: MapSearch | None = None,
+        max_configurations: int = ExecutionSpec().max_configurations,
+        *,
+        as_v1: bool = False,
+        refuse_empty: bool = True,
+    ) -> None:
+        """Read families of `document`, whose file names are relative to `base`.
+
+        Args:
+            abstract: The abstract scenario of every family; None where it could not be read.
+            system: Values of the system dimension that every family has.
+            maps: Where maps are; else below `base`.
+            max_configurations: Of each family.
+            as_v1: Whether obstacles are placed as version 1 of RoboVAST does, whatever the file says.
+            refuse_empty: Whether constraints that leave nothing of a family are a fault.
+        """
+        self.faults: list[Fault] = []
+        self.unavailable: dict[str, list[Fault]] = {}
+        self.notes: list[Note] = []
+        self._document = document
+        self._base = base
+        self._abstract = abstract
+        self._system = system or {}
+        self._max_configurations = max_configurations
+        self._refuse_empty = refuse_empty
+        self._search = maps or MapSearch(base)
+        self._context = {"base": base, "maps": self._search, "as_v1": as_v1, "plans": {}}
+        self._remarked: set[str] = set()
+        self._maps: dict[str, FileContent] = {}
+        self._overridden, self._overrides = self._fixed(OVERRIDES)
+        self._refuse_unknown_overrides()
+
+    def read(self, location: Location, name: str, dimensions: Mapping[str, Dimension]) -> Family:
+        """The family at `location`, with all that is right of it; what is not is among the faults."""
+        known_faults = len(self.faults)
+        places, values = self._fixed((*location, "parameters"))
+        robot, twice = robot_places(self._document, (*location, ROBOT_KEY), places)
+        self.faults += twice
+        places |= robot | self._overridden
+        values |= {key: self._document.value(where) for key, where in robot.items()} | self._overrides
+        tags = {key: dimension_of(key, value, dimensions.get(key)) for key, value in values.items()}
+        for key in set(dimensions) - set(places):
+            where = (*location, "dimensions", key)
+            self._fault(where, f"{key!r} is no fixed parameter of this family", did_you_mean(key, places), at="key")
+        system = {**self._system, **{key: value for key, value in values.items() if tags[key] == "system"}}
+        links, whole = self._chain((*location, "variations"), system)
+        constraints = self._constraints(location)
+        flow = DataFlow(self._document, location, places, links)
+        self._check_fixed(flow, values, tags, system)
+        unknown = self._document.value(location).keys() - FamilySpec.model_fields.keys()
+        if whole and all(map(is_tolerated_in_family, unknown)):  # what could not be read may write anything
+            self.faults += flow.faults()
+            self._check_mission(flow)
+            self._check_names(constraints, {*self._system, *flow.written})
+        given = {key: tag for key, tag in tags.items() if tag != DIMENSION_OF_KEY.get(key, "system")}
+        producers = tuple(link.producer for link in links)
+        design = (*location, "design")
+        place = ConstraintPlace(self._document.file, *self._document.place(design, "key"), path_text(design))
+        left_open = self._left_open(self._abstract, flow) if self._abstract and whole else {}
+        fixed = {**self._system, **left_open, **values}
+        start_check = self._start_check((*location, "start_check"))
+        if start_check == "footprint" and any(ROOM_KEY in producer.reads for producer in producers):
+            fixed[ROOM_KEY] = room_m(fixed, producers)
+        family = Family(
+            *(name, fixed, given, producers, tuple(constraints), self._design(design), place, self._max_configurations),
+            overrides=self._overrides,
+            start_check=start_check,
+        )
+        own = self.faults[known_faults:]
+        if own and all(fault.missing for fault in own):
+            self.unavailable[name] = own
+            del self.faults[known_faults:]
+        elif not own:
+            self._note_unread(flow, tags, system)
+            self._note_remarks(links)
+            self.faults += constraint_faults(family, refuse_empty=self._refuse_empty)
+        return family
+
+    def _refuse_unknown_overrides(self) -> None:
+        if self._abstract is None:
+            return
+        known = self._abstract.parameters
+        for key, where in self._overridden.items():
+            if key not in known:
+                what = f"{key!r} is no parameter of {self._abstract.name or 'a navigation mission'}"
+                self._fault(where, what, did_you_mean(key, known) if known else "a scenario_file with it", at="key")
+
+    def _fault(self, location: Location, what: str, right: str, *, at: Any = "value") -> None:
+        self.faults.append(self._document.fault(location, what, right, at))
+
+    def _listed(self, location: Location) -> list[Any]:
+        """The list at `location`, or an empty one; the model has said so where something else stands there."""
+        found = self._document.value(location) if self._document.known(location) == location else None
+        return found if isinstance(found, list) else []
+
+    def _entries(self, location: Location) -> Iterator[tuple[Location, str, Any]]:
+        for k, entry in enumerate(self._listed(location)):
+            for key, value in entry.items() if isinstance(entry, dict) else ():
+                yield (*location, k, key), key, value
+
+    def _fixed(self, location: Location) -> tuple[dict[str, Location], dict[str, Value]]:
+        places: dict[str, Location] = {}
+        values: dict[str, Value] = {}
+        for where, key, value in self._entries(location):
+            if key in places:
+                line, _ = self._document.place(places[key], "key")
+                self._fault(where, f"a second {key!r}", f"one; the first is in line {line}", at="key")
+                continue
+            if key.startswith("_"):
+                self._fault(where, f"found {key!r}", "a name without a leading underscore", at="key")
+            places[key] = where
+            if key not in MAP_FILE_KEYS:
+                values[key] = value
+            elif content := self._map(where, value):
+                values[key] = content
+        return places, values
+
+    def _map(self, location: Location, value: Any) -> FileContent | None:
+        if not isinstance(value, str):
+            self._fault(location, f"found {shown(value)}", "the path of a map_server YAML file")
+            return None
+        if value not in self._maps:
+            try:
+                self._maps[value] = self._search.content(value)
+            except ValueError as error:  # MapError; ValueError for a NUL in the path
+                what, _, right = str(error).partition("; ")
+                fault = self._document.fault(location, what, right or "a map_server YAML file and its picture")
+                self.faults.append(replace(fault, missing=isinstance(error, MissingMap)))
+        return self._maps.get(value)
+
+    def _check_fixed(
+        self,
+        flow: DataFlow,
+        values: Mapping[str, Value],
+        tags: Mapping[str, Dimension],
+        system: Mapping[str, Value],
+    ) -> None:
+        complaints = {key: self._complaint(key, value, tags[key], system) for key, value in values.items()}
+        for key, complaint in complaints.items():
+            if complaint:
+                what, right = complaint
+                value = values[key]
+                if isinstance(value, str) and value.startswith("@"):
+                    known = value[1:] in flow.written
+                    what += ", a reference" if known else ", a reference to a parameter that nothing writes"
+                    right += "; references are for producers"
+                fault = self._document.fault(flow.fixed[key], what, right)
+                self.faults.append(replace(fault, missing=key == GOALS_KEY and value == []))
+        good = {key: value for key, value in system.items() if not complaints.get(key)}
+        if found := combined_complaint(good):
+            key, complaint = found
+            where = (*flow.location, ROBOT_KEY if key in robot_keys() and key in flow.fixed else "parameters")
+            self._fault(where, *complaint, at="key")
+        for _, complaint in mask_complaints(good, flow.written):
+            self._fault((*flow.location, "parameters"), *complaint, at="key")
+
+    def _complaint(self, key: str, value: Value, dimension: Dimension, system: Mapping[str, Value]) -> Complaint | None:
+        """What the simulator has to say of a value, and then the scenario of which it is a parameter."""
+        said = complaint_of(key, value, dimension, system)
+        return said or (self._abstract.complaint(key, value) if self._abstract else None)
+
+    def _chain(self, location: Location, system: Mapping[str, Value]) -> tuple[list[Link], bool]:
+        """The producers that could be made, and whether these are all."""
+        links: list[Link] = []
+        raw = self._listed(location)
+        for k, entry in enumerate(raw):
+            if isinstance(entry, dict) and len(entry) == 1:
+                ((name, given),) = entry.items()
+                where = (*location, k, name)
+                if producer := self._producer(where, name, given, system):
+                    links.append(Link(where, producer))
+        return links, len(links) == len(raw)
+
+    def _producer(self, location: Location, name: str, given: Any, system: Mapping[str, Value]) -> Producer[Any] | None:
+        try:
+            kind = find_producer(name, self._base)
+        except UnknownProducer as error:
+            right = did_you_mean(name, error.known) if error.known else "file.py:Class, a subclass of Producer"
+            self._fault(location, str(error), right, at="key")
+            return None
+        except PlugInError as error:
+            self._fault(location, error.what, error.right, at="key")
+            return None
+        except Exception as error:  # noqa: BLE001 - whatever a user's file raises while it is imported
+            what = f"{name!r} can't be imported: {type(error).__name__}: {error}"
+            self._fault(location, what, "a producer that can be imported", at="key")
+            return None
+        if given is not None and not isinstance(given, dict):
+            self._fault(location, f"found {shown(given)}", f"the parameters of {name} as a mapping")
+            return None
+        try:
+            with plug_in_code():
+                producer = kind(kind.Parameters.model_validate(given or {}, context=self._context))
+                check_declared(producer)
+                self._check_produced(location, producer, system)
+                self.notes += producer.notes
+        except ValidationError as error:
+            self.faults += faults_of(self._document, location, kind.Parameters, error)
+            return None
+        except PlugInError as error:
+            self._fault(location, error.what, error.right, at="key")
+            return None
+        except Exception as error:  # noqa: BLE001 - a user's class
+            what = f"{name!r} raised {type(error).__name__}: {error}"
+            self._fault(location, what, "a producer that follows vastflow.producers.model.producer.Producer", at="key")
+            return None
+        return producer
+
+    def _check_produced(self, location: Location, producer: Producer[Any], system: Mapping[str, Value]) -> None:
+        """Look at the values of a producer that depends on nothing, such as a list of them."""
+        tags = (tag or DIMENSION_OF_KEY.get(key) for key, tag in producer.writes.items())
+        is_listed = isinstance(producer, ParameterVariationList)
+        if producer.reads or ("environment" in tags and not is_listed):  # a floor plan is not built for a look
+            return
+        fragments = itertools.islice(producer.produce({}, draws_of(producer, {})), MAX_CHECKED_VALUES)
+        reported: set[tuple[Location, str]] = set()
+        for k, fragment in enumerate(fragments):
+            for key, value in fragment.values.items() if isinstance(fragment, Fragment) else ():
+                complaint = self._complaint(key, value, dimension_of(key, value, producer.writes.get(key)), system)
+                where = self._document.known((*location, "values", k))
+                if complaint and (where, complaint[1]) not in reported:
+                    reported.add((where, complaint[1]))
+                    self._fault(where, *complaint)
+
+    def _constraints(self, location: Location) -> list[Constraint]:
+        """Those of the campaign, then those of the family."""
+        constraints, faults = read_constraints(self._document, ("constraints",))
+        own, own_faults = read_constraints(self._document, (*location, "constraints"))
+        self.faults += [*faults, *own_faults]
+        named = {constraint.name for constraint in constraints}
+        for constraint in own:
+            if constraint.name in named:
+                self.faults.append(
+                    constraint.place.fault(
+                        f"a second constraint {constraint.name!r}", "another name; the campaign has it"
+                    )
+                )
+        return [*constraints, *own]
+
+    def _check_names(self, constraints: Sequence[Constraint], written: set[str]) -> None:
+        for constraint in constraints:
+            for name, what, right in unknown_names(constraint, written):
+                self.faults.append(fault_of(self._document, constraint, name.offset, what, right))
+
+    def _design(self, location: Location) -> DesignSpec:
+        """The design; the model has said what is wrong with one that is none."""
+        if self._document.known(location) != location:
+            return CARTESIAN
+        try:
+            return _DESIGN.validate_python(self._document.value(location))
+        except ValidationError:
+            return CARTESIAN
+
+    def _start_check(self, location: Location) -> StartCheckKind:
+        """As the file has it; the model has said what is wrong with another value."""
+        given = self._document.value(location) if self._document.known(location) == location else None
+        return "none" if given == "none" else "footprint"
+
+    def _check_mission(self, flow: DataFlow) -> None:
+        if self._abstract is not None:
+            self.faults += flow.mission_faults(self._abstract)
+
+    def _left_open(self, abstract: AbstractScenario, flow: DataFlow) -> dict[str, Value]:
+        """What the family gets where it leaves open what its scenario needs; said once for all families."""
+        written = flow.written
+        values: dict[str, Value] = {}
+        if abstract.launches_own_map and MAP_KEY not in written and (hall := self._map(WHERE, str(hall_file()))):
+            values[MAP_KEY] = hall
+            self._say_of_scenario(
+                "launches a simulation with a map of its own, which is not here",
+                "the robot drives in a hall of ours, 60 m x 60 m with pillars, unless a family names a map_file",
+            )
+        if keys := abstract.goal_keys(written):
+            given = keys[0] if len(keys) == 1 else f"{keys[0]} to {keys[-1]}"
+            self._say_of_scenario(
+                f"takes one goal_pose, and there are {given}", "the robot is sent to each of them in turn"
+            )
+        for name in abstract.optional_objects:
+            if name not in written:
+                self._say_of_scenario(f"takes {name}, which nothing writes", "it spawns none of them there")
+        return values
+
+    def _say_of_scenario(self, what: str, right: str) -> None:
+        note = self._document.note("warning", WHERE, what, right)
+        if note not in self.notes:
+            self.notes.append(note)
+
+    def _note_remarks(self, links: Sequence[Link]) -> None:
+        """What producers have to say of themselves, once for a file."""
+        for link in links:
+            for remark in link.producer.remarks:
+                if remark not in self._remarked:
+                    self._remarked.add(remark)
+                    what, _, right = remark.partition("; ")
+                    self.notes.append(self._document.note("warning", link.location, what, right))
+
+    def _note_unread(self, flow: DataFlow, tags: Mapping[str, Dimension], system: Mapping[str, Value]) -> None:
+        places, links = flow.fixed, flow.links
+        read = {key for link in links for key in link.producer.reads}
+        if self._abstract:
+            read |= {*self._abstract.parameters, *self._abstract.goal_keys(flow.written)}
+        varied: dict[str, Location] = {}
+        for link in links:
+            for key, tag in link.producer.writes.items():
+                if (tag or DIMENSION_OF_KEY.get(key, "system")) == "system":
+                    varied.setdefault(key, link.location)
+        untold = {k for link in links for k, tag in link.producer.writes.items() if may_list_obstacles(k, tag)}
+        written = {**varied, **{key: places[key] for key, tag in tags.items() if tag == "system"}}
+        for key in unread_keys(system, varied):
+            if key in read:
+                continue
+            if why := replaced_by(key, system, varied):
+                self.notes.append(self._document.note("warning", written[key], f"{key!r} has no effect", why))
+                continue
+            near = None if key in untold else intended(key, system, varied, read)
+            if near and near not in flow.written:
+                self._fault(written[key], f"unknown key {key!r}", f"did you mean {near!r}?", at="key")
+                continue
+            what = f"unknown key {key!r} is ignored{', unless it lists obstacles' if key in untold else ''}"
+            self.notes.append(self._document.note("unknown key", written[key], what))
+        if "mesh_file" in places:
+            where, consequence = places["mesh_file"], "the map alone is the world"
+            self.notes.append(self._document.note("not executed", where, NOT_EXECUTED, consequence))
+
+
+def robots_json(families: Sequence[Family]) -> list[dict[str, Any]]:
+    """Each robot of a campaign's families, with the names of those that it drives in and a line for each source of its quantities."""
+    found: dict[tuple[str, ...], list[str]] = {}
+    for family in families:
+        if family.drives and (lines := tuple(_lines(family))):
+            found.setdefault(lines, []).append(family.name)
+    return [{"families": names, "robot": list(lines)} for lines, names in found.items()]
+
+
+def _lines(family: Family) -> Iterator[str]:
+    values = {**family.values, **family.overrides}
+    system = {
+        key: value
+        for key, value in values.items()
+        if dimension_of(key, value, family.dimensions.get(key)) == "system" and not key.startswith("_")
+    }
+    try:
+        parameters = parameters_of(system)
+        yield from robot_words(robot_facts(parameters))
+        radii_m = inscribed_radius_of(parameters), robot_of(parameters).radius_m
+        yield "oracles without a radius of their own: performance takes {:.3g} m (inscribed), safety {:.3g} m (circumscribed)".format(
+            *radii_m
+        )
+    except DocumentError:  # with what producers write it may be right, and the run says where it isn't
+        return
+    varied = dict.fromkeys(key for producer in family.producers for key in producer.writes if _is_of_robot(key))
+    if varied:
+        yield f"varied: {', '.join(varied)}"
+
+
+def _is_of_robot(key: str) -> bool:
+    return key in robot_keys() or key.rpartition(".")[2] in FOOTPRINT_NAMES

@@ -1,0 +1,172 @@
+"""What is wrong with a family and can be known before anything is produced: its flow of keys, and its constraints."""
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from vastflow.producers.campaign_file.document import Document
+from vastflow.producers.campaign_file.scenario import AbstractScenario
+from vastflow.producers.campaign_file.scenario_values import LOOPS_KEY
+from vastflow.producers.constraints.constraint import Checker, Constraint
+from vastflow.producers.constraints.quantities import QUANTITIES
+from vastflow.producers.designs.space import DesignSpace, TooLarge
+from vastflow.producers.instantiation.growth import InstantiableFamily
+from vastflow.producers.instantiation.instantiate import contradictions
+from vastflow.producers.model.configuration import Fragment, Rejection
+from vastflow.producers.model.faults import CampaignError, Fault, Location, shown
+from vastflow.producers.model.producer import Producer, draws_of
+from vastflow.producers.places.ground import MAP_KEY
+from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
+from vastflow.sim.model.digest import Value
+from vastflow.sim.model.names import did_you_mean
+
+MISSION_KEYS: Final = frozenset({START_KEY, GOAL_KEY, GOALS_KEY, LOOPS_KEY})
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """A producer in the chain and where it stands."""
+
+    location: Location
+    producer: Producer[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class DataFlow:
+    """A family's keys.
+
+    Attributes:
+        location: Of the family.
+        fixed: Key to the location of each fixed parameter.
+        links: The producers in order.
+    """
+
+    document: Document
+    location: Location
+    fixed: Mapping[str, Location]
+    links: Sequence[Link]
+
+    @property
+    def written(self) -> set[str]:
+        """Every key that a configuration of this family may have."""
+        return {*self.fixed, *(key for link in self.links for key in link.producer.writes)}
+
+    def faults(self) -> Iterator[Fault]:
+        """Keys that a producer needs and references that nothing writes."""
+        available = set(self.fixed)
+        for k, link in enumerate(self.links):
+            for key in link.producer.needs:
+                if key not in available and not key.startswith("_"):  # provenance is declared nowhere
+                    yield self._needed(k, key)
+            available |= set(link.producer.writes)
+            yield from self._references(link.location, available | set(link.producer.needs))
+
+    def mission_faults(self, abstract: AbstractScenario) -> Iterator[Fault]:
+        """Keys that the abstract scenario needs and nothing writes."""
+        written = self.written
+        if abstract.goal_keys(written):
+            written = {*written, GOAL_KEY}
+        missing = list(dict.fromkeys(" or ".join(group) for group in abstract.needed if written.isdisjoint(group)))
+        if not missing:
+            return
+        name = abstract.name or "a navigation mission"
+        misnamed = [
+            (link, key) for link in self.links for key, tag in link.producer.writes.items()
+            if tag == "task" and key not in MISSION_KEYS and key not in abstract.parameters
+        ]  # fmt: skip
+        if len(missing) == 1 and missing[0] != MAP_KEY and misnamed:
+            link, key = misnamed[-1]
+            unread = f"writes {key!r}, which no mission reads"
+            needed = f"{missing[0]}, which {name} needs"
+            yield self.document.fault(self._mention(link, key), unread, needed)
+        else:
+            what = f"{name} needs {', '.join(missing)}, which nothing writes"
+            right = "a fixed parameter, or a producer that writes it"
+            where = self.document.known((*self.location, "name"))
+            yield self.document.fault(where, what, right, at="key" if where == self.location else "value")
+
+    def _mention(self, link: Link, key: str) -> Location:
+        """Where a producer's parameters name the key, or else the producer."""
+        given = self.document.value(link.location)
+        for name, value in given.items() if isinstance(given, dict) else ():
+            if isinstance(value, str) and value.removeprefix("@") == key:
+                return (*link.location, name)
+        return link.location
+
+    def _needed(self, k: int, key: str) -> Fault:
+        link = self.links[k]
+        later = [other for other in self.links[k + 1 :] if key in other.producer.writes]
+        right = (
+            f"{later[0].location[-1]} before {link.location[-1]}"
+            if later
+            else f"{key} among the family's parameters, or a producer before this one that writes it"
+        )
+        what = f"needs {key!r}, which nothing before it writes"
+        where = self._mention(link, key)
+        return self.document.fault(where, what, right, at="key" if where == link.location else "value")
+
+    def _references(self, location: Location, available: set[str]) -> Iterator[Fault]:
+        value = self.document.value(location)
+        items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+        for key, item in items:
+            if isinstance(item, str) and item.startswith("@") and item[1:] not in available:
+                what = f"found {shown(item)}, a reference to a parameter that nothing before writes"
+                yield self.document.fault((*location, key), what, did_you_mean(item[1:], available))
+            yield from self._references((*location, key), available)
+
+
+MOST_LOOKED_AT: Final = 20_000
+"""Combinations of values; more are left to instantiation."""
+
+
+def constraint_faults(family: InstantiableFamily, *, refuse_empty: bool = True) -> list[Fault]:
+    """Constraints on plain values that can't be evaluated for some of them, or that leave nothing between them.
+
+    Only producers are asked that read nothing and build nothing, and only constraints are looked at that name
+    nothing else.
+
+    Args:
+        refuse_empty: Whether it is a fault to leave nothing.
+    """
+    known = [producer for producer in family.producers if _is_plain(producer)]
+    constraints = [c for c in family.constraints if _is_foreseeable(c, family)]
+    producers = [producer for producer in known if any(c.touched_by(producer) for c in constraints)]
+    if not constraints:
+        return []
+    checker = Checker(family.name)
+    space = DesignSpace(family.name, family.values, family.dimensions, producers, constraints, checker, MOST_LOOKED_AT)
+    try:
+        for producer in producers:
+            space.join({digest: _first(producer, inputs) for digest, inputs in space.inputs().items()})
+        blocks = space.blocks()
+        checker.raise_faults()
+    except TooLarge:
+        return []
+    except CampaignError as error:
+        return list(error.faults)
+    nothing = not all(len(block.table) for block in blocks) or (not blocks and bool(space.excluded))
+    return contradictions(constraints, family.name, space.excluded) if nothing and refuse_empty else []
+
+
+def _first(producer: Producer[Any], inputs: Mapping[str, Value]) -> list[Fragment | Rejection]:
+    """What `evaluate` gives, as far as it is looked at.
+
+    Raises:
+        TooLarge: there is more.
+    """
+    items = list(itertools.islice(producer.produce(inputs, draws_of(producer, inputs)), MOST_LOOKED_AT + 1))
+    if len(items) > MOST_LOOKED_AT:
+        raise TooLarge(type(producer).__name__)
+    return items
+
+
+def _is_plain(producer: Producer[Any]) -> bool:
+    return not producer.reads and "environment" not in producer.writes.values()
+
+
+def _is_foreseeable(constraint: Constraint, family: InstantiableFamily) -> bool:
+    names = constraint.expression.names
+    return not any(name.text in QUANTITIES or name.text.startswith("_") for name in names) and all(
+        _is_plain(producer) for producer in family.producers if constraint.touched_by(producer)
+    )

@@ -1,0 +1,1 @@
+"""Values that every layer shares: configurations, faults, kinds of number, and the base of all producers."""

@@ -1,0 +1,255 @@
+"""The producer p_i: what every plug-in is, and how it is found."""
+
+import itertools
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Final, Generic, TypeVar, get_args
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict
+
+from vastflow.producers.model.configuration import Fragment, Rejection
+from vastflow.producers.model.faults import Note
+from vastflow.sim.model.digest import FileContent, Value, digest
+from vastflow.sim.model.files import Unreadable, read_text, yaml_value
+from vastflow.sim.model.obstacle import lists_obstacles
+from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
+from vastflow.sim.plug_ins.effects import plug_in_code
+from vastflow.sim.plug_ins.loading import installed_plug_in, known_plug_ins, plug_in_of_file, snapshot_behind
+from vastflow.sim.plug_ins.neighbors import PlugInError
+from vastflow.sim.plug_ins.watch import watched
+
+GROUP: Final = "vastflow.producers"
+ROOM_KEY: Final = "_room_m"
+"""Provenance: how far from walls the robot's center is wherever a producer lets it begin or end (m). It narrows what is drawn and
+seeds nothing: for robots of two sizes the same is drawn wherever the larger fits."""
+MOST_UNTOLD: Final = 100_000
+"""Choices for one input of a producer that does not say how many there are."""
+
+
+class Parameters(BaseModel):
+    """Base of every producer's parameter model: unknown keys are faults, values don't change."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+    dimension: Dimension | None = None
+    """Dimension of everything the producer writes: `environment`, `task` or `system`; else that of each key. Not part of version 1
+    elsewhere."""
+
+
+P = TypeVar("P", bound=Parameters)
+
+
+class Draws:
+    """The random generators of one evaluation: the k-th draw has its own, whatever the others do.
+
+    `draws(k)` is `Generator(PCG64(SeedSequence([seed, content, k])))`, where `content` is the digest of the
+    producer's type, the keys it writes and its restricted input (design §4; type and keys are added so that
+    two producers with one seed do not draw the same numbers).
+    """
+
+    def __init__(self, seed: int, content: str) -> None:
+        self._seed = seed
+        self._content = int(content, 16)
+
+    def __call__(self, k: int) -> np.random.Generator:
+        """The generator of draw `k` >= 0, at its beginning."""
+        return np.random.Generator(np.random.PCG64(np.random.SeedSequence([self._seed, self._content, k])))
+
+
+class Producer(ABC, Generic[P]):
+    """An ordered producer. A subclass names its parameter model and is a pure function of what it reads.
+
+    Attributes:
+        Parameters: The pydantic model of what stands below the producer's name in the campaign file.
+    """
+
+    Parameters: ClassVar[type[Parameters]]
+
+    def __init__(self, parameters: P) -> None:
+        self.parameters = parameters
+
+    @property
+    def seed(self) -> int:
+        """η_i: the producer's seed, 0 where its parameters have none."""
+        return int(getattr(self.parameters, "seed", None) or 0)
+
+    @property
+    @abstractmethod
+    def reads(self) -> tuple[str, ...]:
+        """Keys of the partial configuration that `produce` may see."""
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Those of `reads` that must have been written before."""
+        return ()
+
+    @property
+    @abstractmethod
+    def writes(self) -> Mapping[str, Dimension | None]:
+        """Keys it may write, with their dimension, without provenance.
+
+        None: decided by the key, or by its values where these list obstacles.
+        """
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """What is worth knowing of the files that its parameters name."""
+        return ()
+
+    @property
+    def most_choices(self) -> int | None:
+        """How many fragments and rejections there are for one input, at most; None where only `produce` tells."""
+        return None
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What the author of a file should know of parameters that are right, `what; what follows from it` each."""
+        return ()
+
+    @abstractmethod
+    def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
+        """Yield a fragment for each realisable choice and a rejection for each that is not.
+
+        Args:
+            inputs: The values of `reads` that are present.
+            draws: Its only source of randomness.
+        """
+
+
+def check_declared(producer: Producer[Any]) -> None:
+    """Look at what a producer says of itself, before it is evaluated.
+
+    Raises:
+        PlugInError: what instantiation would mistake; and whatever a property of a user's class raises.
+    """
+    name = type(producer).__name__
+    for what, keys in (("reads", producer.reads), ("needs", producer.needs)):
+        if isinstance(keys, str):
+            raise PlugInError(f"{name} {what} the text {keys!r}", f"a tuple of keys, ({keys!r},)")
+    for key, tag in producer.writes.items():
+        if tag not in (None, *get_args(Dimension)):
+            raise PlugInError(f"{name} writes {key!r} as {tag!r}", f"one of {', '.join(get_args(Dimension))}, or None")
+    _ = producer.most_choices
+
+
+class TooManyChoices(ValueError):
+    """A producer that yields without end, or more than anybody asked for."""
+
+
+def evaluate(producer: Producer[Any], inputs: Mapping[str, Value]) -> list[Fragment | Rejection]:
+    """p_i on one restricted input: the same list whatever else varies, whoever asks, in whatever order.
+
+    Raises:
+        TooManyChoices: more than the producer says, or more than `MOST_UNTOLD` where it says nothing.
+        PlugInError: a plug-in read a file, or wrote a key, that it does not declare.
+    """
+    most = producer.most_choices or MOST_UNTOLD
+    snapshot = snapshot_behind(type(producer))
+    given = _files([producer.parameters, inputs]) if snapshot is not None else ()
+    with plug_in_code(), watched(snapshot, given):
+        items = list(itertools.islice(producer.produce(inputs, draws_of(producer, inputs)), most + 1))
+    if len(items) > most:
+        raise TooManyChoices(f"{type(producer).__name__} yields more than {most:,} choices for one input")
+    _check(type(producer).__name__, items, producer.writes)
+    return items
+
+
+def _check(name: str, items: Sequence[object], writes: Mapping[str, Dimension | None]) -> None:
+    """Raise PlugInError where a producer yields what instantiation would drop, or mistake."""
+    for item in items:
+        if not isinstance(item, Fragment | Rejection):
+            raise PlugInError(f"{name} yields a {type(item).__name__}", "Fragment({key: value}) or Rejection(reason)")
+        for key, value in item.values.items() if isinstance(item, Fragment) else ():
+            if key.startswith("_"):
+                continue
+            if key not in writes:
+                what = f"{name} writes {key!r}, which it does not declare"
+                raise PlugInError(what, "every key in `writes`, or one that begins with _ for provenance")
+            if writes[key] not in (None, "environment") and lists_obstacles(value):
+                what = f"{name} writes obstacles under {key!r} as {writes[key]}, where no simulator looks for them"
+                raise PlugInError(what, "environment")
+
+
+def tags_of(producer: Producer[Any], items: Iterable[Fragment | Rejection]) -> dict[str, Dimension]:
+    """Dimension of each key that differs from the usual one: as the producer declares it, or by what it wrote.
+
+    Args:
+        items: All that it yielded, for whatever input: a key under which one of them lists obstacles is of the
+            environment in all, in those with an empty list too.
+    """
+    tags = {key: tag for key, tag in producer.writes.items() if tag is not None}
+    for item in items:
+        for key, value in item.values.items() if isinstance(item, Fragment) else ():
+            if key not in tags and key not in DIMENSION_OF_KEY and lists_obstacles(value):
+                tags[key] = "environment"
+    return tags
+
+
+def may_list_obstacles(key: str, tag: Dimension | None) -> bool:
+    """Whether what a producer declares leaves it to the values of a key whether they are obstacles."""
+    return tag is None and key not in DIMENSION_OF_KEY
+
+
+def _files(value: object) -> Iterator[str]:
+    """Paths of the files that a producer is given, and of maps' pictures."""
+    if isinstance(value, FileContent):
+        yield value.path
+        yield from _picture(Path(value.path))
+    elif isinstance(value, BaseModel):
+        yield from _files([getattr(value, name) for name in type(value).model_fields])
+    elif isinstance(value, Mapping):
+        yield from _files(list(value.values()))
+    elif isinstance(value, Sequence) and not isinstance(value, str | bytes):
+        for item in value:
+            yield from _files(item)
+
+
+def _picture(header: Path) -> Iterator[str]:
+    try:
+        content = yaml_value(read_text(header)) if header.suffix in (".yaml", ".yml") else None
+    except Unreadable:
+        return
+    if isinstance(content, dict) and isinstance(content.get("image"), str):
+        yield str(header.parent / content["image"])
+
+
+def draws_of(producer: Producer[Any], inputs: Mapping[str, Value]) -> Draws:
+    """The randomness of one evaluation of `producer`."""
+    seeding = {key: value for key, value in inputs.items() if key != ROOM_KEY}
+    return Draws(producer.seed, digest(type(producer).__name__, sorted(producer.writes), seeding))
+
+
+class UnknownProducer(LookupError):
+    """No producer of this name; `known` lists those there are."""
+
+    def __init__(self, message: str, known: tuple[str, ...]) -> None:
+        super().__init__(message)
+        self.known = known
+
+
+def known_producers() -> tuple[str, ...]:
+    """Names in the entry-point group `vastflow.producers`, sorted."""
+    return known_plug_ins(GROUP)
+
+
+def find_producer(name: str, base: Path) -> type[Producer[Any]]:
+    """The class called `name` in the entry-point group, or `file.py:Class` relative to `base`.
+
+    Raises:
+        UnknownProducer: no such entry point, file or class, or a class that is no producer.
+        PlugInError: what the file uses can't be taken; and whatever its code raises.
+    """
+    if ".py:" in name:
+        found = plug_in_of_file(name, base)
+        if found is None:
+            file, _, class_name = name.rpartition(":")
+            raise UnknownProducer(f"no class {class_name!r} in {str(base / file)!r}", ())
+    else:
+        found = installed_plug_in(GROUP, name)
+        if found is None:
+            raise UnknownProducer(f"no producer {name!r}", known_producers())
+    if not (isinstance(found, type) and issubclass(found, Producer)):
+        raise UnknownProducer(f"{name!r} is not a subclass of vastflow.producers.model.producer.Producer", ())
+    return found
