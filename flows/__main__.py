@@ -12,30 +12,26 @@ import typer
 from typer.core import TyperGroup
 
 import vastflow
-from vastflow.flows.commands.bench import bench
-from vastflow.flows.commands.compare import compare
-from vastflow.flows.commands.coverage import coverage
-from vastflow.flows.commands.deploy import deploy
-from vastflow.flows.commands.execution import execution
-from vastflow.flows.commands.explain import explain
-from vastflow.flows.commands.export import export
-from vastflow.flows.commands.file import schema, validate
-from vastflow.flows.commands.floorplan import floorplan
-from vastflow.flows.commands.init import init
-from vastflow.flows.commands.minimize import minimize
-from vastflow.flows.commands.paper import paper
-from vastflow.flows.commands.params import params
-from vastflow.flows.commands.preview import preview
-from vastflow.flows.commands.replay import replay
-from vastflow.flows.commands.resume import resume
-from vastflow.flows.commands.run import run
-from vastflow.flows.commands.scenario import scenario
-from vastflow.flows.commands.server import server
-from vastflow.flows.commands.show import show
-from vastflow.flows.commands.store import store
-from vastflow.flows.terminal.exit_code import BAD_INPUT
+from vastflow.flows.cli.compare import compare
+from vastflow.flows.cli.deploy import deploy
+from vastflow.flows.cli.development import bench, paper
+from vastflow.flows.cli.execution import execution
+from vastflow.flows.cli.export import export
+from vastflow.flows.cli.floorplan import floorplan
+from vastflow.flows.cli.init import init
+from vastflow.flows.cli.minimize import minimize
+from vastflow.flows.cli.params import params
+from vastflow.flows.cli.plan import coverage, explain, preview
+from vastflow.flows.cli.replay import replay
+from vastflow.flows.cli.run import resume, run
+from vastflow.flows.cli.scenario import scenario
+from vastflow.flows.cli.server import server
+from vastflow.flows.cli.show import show
+from vastflow.flows.cli.store import store
+from vastflow.flows.cli.validate import schema, validate
+from vastflow.flows.terminal.ending import BAD_INPUT
 from vastflow.sim.model.faults import UserError
-from vastflow.tasks.garbage import few_collections
+from vastflow.tasks.engine.process import few_collections
 
 
 class Commands(TyperGroup):

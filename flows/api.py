@@ -5,15 +5,15 @@ from contextlib import suppress
 from inspect import signature
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from vastflow.flows.campaign_run import CampaignRun, open_run
-from vastflow.flows.computing.flow_call import FlowCall, end_orphans
-from vastflow.flows.reporting import assess, deliver, report
+from vastflow.flows.flow_runs.flow_call import FlowCall, end_orphans
 from vastflow.flows.request.run_request import RunRequest, option_parameters, request_of
 from vastflow.flows.results.directory import new_directory
 from vastflow.flows.results.summary import Results
+from vastflow.flows.run.campaign_run import CampaignRun, open_run
+from vastflow.flows.run.reporting import assess, deliver, report
 from vastflow.flows.terminal.notebook import notebook_display
-from vastflow.tasks.progress import Observer
-from vastflow.tasks.store import Lost
+from vastflow.tasks.engine.progress import Observer
+from vastflow.tasks.store.store import Lost
 
 if TYPE_CHECKING:
     from prefect.client.schemas.objects import State

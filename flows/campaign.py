@@ -17,20 +17,20 @@ from prefect.client.schemas.objects import State
 from prefect.runtime import flow_run
 from prefect.states import Cancelled, Completed, Failed
 
-from vastflow.flows.campaign_run import CampaignRun, opened_run, running
-from vastflow.flows.computing.artifacts import Page, outcome_text, publish
-from vastflow.flows.computing.mapped import compute, instantiate
-from vastflow.flows.computing.task_runs import TaskRuns, task_runs_of
-from vastflow.flows.pool.bundle import compute_bundle
+from vastflow.flows.flow_runs.mapped import compute, instantiate
+from vastflow.flows.flow_runs.pages import Page, outcome_text, publish
+from vastflow.flows.flow_runs.task_runs import TaskRuns, task_runs_of
 from vastflow.flows.pool.campaign import CampaignPool, pool_of
-from vastflow.flows.reporting import assess, deliver, report
+from vastflow.flows.pool.shard import compute_bundle
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.results.directory import new_directory
+from vastflow.flows.run.campaign_run import CampaignRun, opened_run, running
+from vastflow.flows.run.reporting import assess, deliver, report
 from vastflow.flows.search.batch_flow import compute_batch
+from vastflow.tasks.engine.pool import PoolClosed
 from vastflow.tasks.execution.deployment import FLOW
-from vastflow.tasks.pool import PoolClosed
-from vastflow.tasks.prefect_adapter import is_generated_name
-from vastflow.tasks.store import Lost
+from vastflow.tasks.prefect.adapter import is_generated_name
+from vastflow.tasks.store.store import Lost
 
 
 def _title() -> str:

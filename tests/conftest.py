@@ -131,7 +131,7 @@ def loops():
 @pytest.fixture(scope="session")
 def prefect_home(tmp_path_factory):
     """Makes a folder a home of Prefect's with an empty database, which a server would take 6 CPU-s to make anew."""
-    from vastflow.tasks.server import ApiServer, PrefectUnavailable
+    from vastflow.tasks.prefect.server import ApiServer, PrefectUnavailable
 
     template = tmp_path_factory.mktemp("prefect") / "prefect.db"
     with pytest.MonkeyPatch.context() as patch:
@@ -160,7 +160,7 @@ def one_server(prefect_home):
 
     The first campaign starts it, as it would without; later ones find it started, and none ends it.
     """
-    from vastflow.flows.computing import flow_call
+    from vastflow.flows.flow_runs import flow_call
 
     @contextlib.contextmanager
     def shared(home):
@@ -198,7 +198,7 @@ def started_api(prefect_home):
     from prefect.client.orchestration import get_client
     from prefect.settings import temporary_settings
 
-    from vastflow.tasks.server import ApiServer, PrefectUnavailable
+    from vastflow.tasks.prefect.server import ApiServer, PrefectUnavailable
 
     @contextlib.contextmanager
     def started(home, log):

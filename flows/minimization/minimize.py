@@ -1,32 +1,55 @@
-"""`minimize_configuration`: a failing configuration of a campaign directory becomes a smallest one that still fails."""
+"""`minimize_configuration`: a failing configuration of a campaign directory becomes a smallest one that still fails, with its picture."""
 
+import io
 import os
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from vastflow.flows.computing import mapped
-from vastflow.flows.computing.flow_call import FlowCall
+from PIL import Image
+
+from vastflow.flows.flow_runs import mapped
+from vastflow.flows.flow_runs.flow_call import FlowCall
 from vastflow.flows.minimization.candidate_file import BuiltCandidate, CandidateFiles, NotBuilt, candidate_files, placed
 from vastflow.flows.minimization.failing import Failing, NotMinimized, failing_configuration
-from vastflow.flows.minimization.failure_test import FailureTest, failure_test
-from vastflow.flows.minimization.minimized import Minimized
-from vastflow.flows.minimization.picture import before_and_after
-from vastflow.flows.minimization.trials import Compute, Trials, Uncomputed
-from vastflow.flows.minimization.words import comment_of
+from vastflow.flows.minimization.minimized import Minimized, comment_of
+from vastflow.flows.minimization.trials import Compute, FailureTest, Trials, Uncomputed, failure_test
+from vastflow.flows.plan.preview import plan_view_of
+from vastflow.flows.request.campaign_file import OpenCampaign
 from vastflow.flows.request.campaign_keys import campaign_keys
-from vastflow.flows.request.opened import OpenCampaign
-from vastflow.flows.search.repetition import PointRuns
+from vastflow.flows.search.progress import PointRuns
 from vastflow.flows.stages.call import StageRun, stage_run
+from vastflow.oracles.figures.picture import png
+from vastflow.oracles.figures.plan_view import plan_view_figure
 from vastflow.producers.minimization.minimize import Candidate, Minimum, Unconfirmed, minimize
-from vastflow.tasks.progress import Observer
-from vastflow.tasks.shards import Shard
-from vastflow.tasks.source import installed_tree
-from vastflow.tasks.store import Lost, open_store
+from vastflow.producers.model.configuration import Configuration
+from vastflow.tasks.engine.progress import Observer
+from vastflow.tasks.engine.shards import Shard
+from vastflow.tasks.keys.source import installed_tree
+from vastflow.tasks.store.store import Lost, open_store
 
 if TYPE_CHECKING:
-    from vastflow.flows.computing.task_runs import TaskRuns
+    from vastflow.flows.flow_runs.task_runs import TaskRuns
+
+
+def before_and_after(before: Configuration, after: Configuration) -> bytes:
+    """A PNG of two plan views side by side."""
+    pictures = []
+    for title, configuration in (("before", before), ("minimized", after)):
+        view = replace(plan_view_of(configuration), title=title)
+        pictures.append(Image.open(io.BytesIO(png(plan_view_figure(view)))).convert("RGB"))
+    width, height = sum(each.width for each in pictures), max(each.height for each in pictures)
+    both = Image.new("RGB", (width, height), "white")
+    x = 0
+    for each in pictures:
+        both.paste(each, (x, 0))
+        x += each.width
+    out = io.BytesIO()
+    both.save(out, format="png")
+    return out.getvalue()
+
 
 CONFIRMING_RUNS: Final = 20
 

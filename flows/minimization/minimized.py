@@ -1,13 +1,16 @@
-"""What a minimization came to."""
+"""What a minimization came to: as a value, in words, as JSON, and as a comment of the file."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from vastflow.flows.minimization.candidate_file import FILE
 from vastflow.flows.minimization.failing import Failing
-from vastflow.flows.minimization.failure_test import FailureTest
+from vastflow.flows.minimization.trials import FailureTest
+from vastflow.flows.terminal.words import count_text
+from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, interval
+from vastflow.producers.minimization.circumstance import LEVELS, Circumstance
 from vastflow.producers.minimization.minimize import Minimum
 
 PICTURE: Final = "before-after.png"
@@ -42,3 +45,102 @@ class Minimized:
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(content)
         return [folder / FILE, folder / PICTURE]
+
+
+NOTHING = "nothing but the map and the path"
+
+
+def comment_of(failing: Failing, minimum: Minimum) -> str:
+    """The first lines of the campaign file that is written."""
+    cause = ", ".join(f"{each.text}{_level(minimum, each)}" for each in minimum.cause) or NOTHING
+    left = "".join(f"# Not tried without: {each.text}.\n" for each in minimum.not_tried)
+    return (
+        f"# {failing.name} of {failing.directory.resolve().name}, minimized: {_confirmed(minimum)}.\n"
+        f"# Its failure needs {cause}.\n{left}\n"
+    )
+
+
+def minimized_text(found: Minimized, written: list[str]) -> Iterator[str]:
+    """Lines for the terminal."""
+    minimum, subject, gone = found.minimum, found.failing.subject, taken_away(found)
+    yield f"{found.failing.name} by {found.failing.oracle}, minimized: {_confirmed(minimum)}"
+    yield ""
+    yield "can't be taken away, which is the cause:"
+    for each, said in minimum.cause.items():
+        yield f"  {each.text}{_level(minimum, each)}; without it: {said.text}"
+    if not minimum.cause:
+        yield f"  {NOTHING}"
+    for title, lines in (
+        (
+            "still there, for it could not be tried without:",
+            [f"{c.text}; {o.reason}" for c, o in minimum.not_tried.items()],
+        ),
+        (f"taken away: {count_text(len(gone), 'value')}", _in_file(found, gone)),
+        (
+            "shorter:",
+            [
+                f"{c.text}{_level(minimum, c)}"
+                for c in subject.circumstances
+                if not c.can_be_left_out and _level(minimum, c)
+            ],
+        ),
+    ):
+        if lines:
+            yield title
+            yield from (f"  {line}" for line in lines)
+    yield ""
+    yield f"{found.runs} runs of {len(minimum.tried)} candidates, {found.executed} executed; wrong in a trial at most {found.test.rule.error:.0%}"
+    yield from written
+
+
+def minimized_json(found: Minimized, written: list[str]) -> dict[str, Any]:
+    """The same for programs."""
+    minimum, rule = found.minimum, found.test.rule
+    confirmed = minimum.confirmation
+    bounds = interval(clopper_pearson_intervals(confirmed.failed, confirmed.judged))
+    levels = {each.text: level / LEVELS for each, level in minimum.candidate.levels}
+    return {
+        "configuration": found.failing.name,
+        "oracle": found.failing.oracle,
+        "rate": round(1 - rule.bounds.systematic, 6),
+        "error": rule.error,
+        "confirmed": {"failed": confirmed.failed, "runs": confirmed.judged, "interval": [bounds.low, bounds.high]},
+        "cause": [
+            {"what": each.text, "without": said.standing, "failed": said.failed, "runs": said.judged}
+            for each, said in minimum.cause.items()
+        ],
+        "not_tried": [{"what": each.text, "reason": said.reason} for each, said in minimum.not_tried.items()],
+        "taken_away": _in_file(found, taken_away(found)),
+        "levels": dict(sorted(levels.items())),
+        "candidates": len(minimum.tried),
+        "runs": found.runs,
+        "executed": found.executed,
+        "files": written,
+    }
+
+
+def taken_away(found: Minimized) -> list[Circumstance]:
+    """What the failure does not need."""
+    kept = found.minimum.candidate.kept
+    return [each for each in found.failing.subject.circumstances if each.can_be_left_out and each not in kept]
+
+
+def _in_file(found: Minimized, circumstances: list[Circumstance]) -> list[str]:
+    """The texts of those that the user's files contain."""
+    return [each.text for each in circumstances if each.key not in found.failing.assumed]
+
+
+def _confirmed(minimum: Minimum) -> str:
+    said = minimum.confirmation
+    bounds = interval(clopper_pearson_intervals(said.failed, said.judged))
+    rate = f"{100 * said.failed / said.judged:.0f} % [{100 * bounds.low:.0f}, {100 * bounds.high:.0f}]"
+    return f"fails {rate} of {said.judged} fresh runs"
+
+
+def _level(minimum: Minimum, circumstance: Circumstance) -> str:
+    level = dict(minimum.candidate.levels).get(circumstance)
+    if level is None:
+        return ""
+    if not circumstance.can_be_left_out:
+        return f", {level}/{LEVELS} of it"
+    return f" at {level}/{LEVELS} of the distance from its default {circumstance.default:g}"

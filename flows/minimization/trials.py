@@ -1,19 +1,64 @@
-"""Trials: candidates are run until their failure is shown or not, by the stages of every campaign."""
+"""Trials: candidates are run until their failure is shown or not, by a sequential test at a stated error."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 from vastflow.flows.minimization.candidate_file import CandidateFiles, NotBuilt
-from vastflow.flows.minimization.failure_test import FailureTest
-from vastflow.flows.search.repetition import PointRuns
+from vastflow.flows.request.stopping import Stopping
+from vastflow.flows.search.progress import PointRuns
 from vastflow.flows.stages.call import StageRun
+from vastflow.oracles.statistics.classes import ClassBounds
+from vastflow.oracles.statistics.stopping import StoppingRule
+from vastflow.oracles.verdict import read_verdicts
 from vastflow.producers.minimization.circumstance import Subject
-from vastflow.producers.minimization.minimize import Candidate, Outcome
-from vastflow.tasks.engine import block_size
-from vastflow.tasks.index import FoundMember, Member
-from vastflow.tasks.shards import Shard, missing_shards
-from vastflow.tasks.store import Lost
+from vastflow.producers.minimization.minimize import Candidate, Outcome, Standing
+from vastflow.tasks.engine.engine import block_size
+from vastflow.tasks.engine.index import FoundMember, Index, Member
+from vastflow.tasks.engine.shards import Shard, missing_shards
+from vastflow.tasks.engine.work import VERDICTS
+from vastflow.tasks.store.store import Artifact, Lost
+
+ERROR: Final = 0.05
+"""Probability, at most, that a candidate is said to fail in a trial and does not, or the other way round."""
+LEAST_RUNS: Final = 5
+MOST_RUNS: Final = 30
+_APART: Final = 0.2
+"""Share of the success rates above that of a failing candidate in which neither may be shown."""
+
+
+@dataclass(frozen=True)
+class FailureTest(Stopping):
+    """Ends the runs of a candidate when it is shown to fail, or not to.
+
+    To fail is to be of the rule's class *systematic*, whose bound is the success rate `1 - rate`.
+
+    Attributes:
+        oracle: Whose failures count.
+    """
+
+    oracle: str
+
+    def judged(self, index: Index, verdicts: Artifact) -> Mapping[int, str]:
+        """Run index to what the oracle says.
+
+        Raises:
+            Lost: the verdicts are damaged.
+        """
+        found = read_verdicts(index.store.load(verdicts, VERDICTS))
+        return {each.run_index: each.judgement for each in found if each.oracle == self.oracle}
+
+    def standing(self, failed: int, judged: int) -> Standing:
+        """What so many runs show."""
+        claim = self.rule.decision(judged - failed, judged) if judged else None
+        return "fails" if claim == "systematic" else "does not fail" if claim in ("reliable", "flaky") else "undecided"
+
+
+def failure_test(oracle: str, rate: float, error: float = ERROR) -> FailureTest:
+    """The test for a failure rate of `rate` or more."""
+    passes = 1.0 - rate
+    return FailureTest(StoppingRule(LEAST_RUNS, MOST_RUNS, ClassBounds(passes, passes + _APART * rate), error), oracle)
+
 
 Compute: TypeAlias = Callable[[Sequence[Shard]], None]
 """Takes shards through execute, observe and judge."""

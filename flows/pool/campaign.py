@@ -6,17 +6,16 @@ from contextlib import contextmanager
 from prefect.client.orchestration import get_client
 from prefect.runtime import flow_run
 
-from vastflow.flows.campaign_run import CampaignRun
-from vastflow.flows.computing.artifacts import ProgressBar, key_of, tolerated
+from vastflow.flows.flow_runs.pages import ProgressBar, key_of, tolerated
 from vastflow.flows.pool.driver import TAKEN_S, Driver
-from vastflow.flows.pool.service import Asking, PoolService, pool_type
-from vastflow.flows.request.campaign_job import asked_of_containers
+from vastflow.flows.pool.service import Asking, PoolService, asked_of_containers, pool_type
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.request.work_pool import WorkPool, WorkPoolError
-from vastflow.tasks.bundle import BundleError, Packer
+from vastflow.flows.run.campaign_run import CampaignRun
+from vastflow.tasks.engine.index import Member
+from vastflow.tasks.engine.remote_shard import BundleError, Packer
 from vastflow.tasks.execution.job import PoolType
-from vastflow.tasks.index import Member
-from vastflow.tasks.prefect_adapter import current_flow
+from vastflow.tasks.prefect.adapter import current_flow
 
 
 class CampaignPool:

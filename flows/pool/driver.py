@@ -13,14 +13,14 @@ from typing import Final, Protocol
 
 from vastflow.flows.pool.service import Seen
 from vastflow.flows.request.work_pool import WorkersFailed, WorkPool, shard_count
-from vastflow.tasks.bundle_report import read_part
-from vastflow.tasks.engine import Engine, MemberFault, judgements
+from vastflow.tasks.engine.engine import Engine, MemberFault, judgements
+from vastflow.tasks.engine.index import Member, missing
+from vastflow.tasks.engine.pool import PoolClosed
+from vastflow.tasks.engine.progress import Tally
+from vastflow.tasks.engine.remote_shard import read_part
+from vastflow.tasks.engine.shards import Shard, chunks
 from vastflow.tasks.execution.deployment import OTHER_CODE, STORE_AWAY
-from vastflow.tasks.index import Member, missing
-from vastflow.tasks.pool import PoolClosed
-from vastflow.tasks.progress import Tally
-from vastflow.tasks.shards import Shard, chunks
-from vastflow.tasks.store import StoreError
+from vastflow.tasks.store.store import StoreError
 
 TRIES: Final = 3
 """A shard that fails is given to a worker as often before it is cut."""

@@ -1,15 +1,16 @@
-"""A work pool at Prefect's API: shards asked for, looked at and cancelled, few requests at a time. Importing it imports Prefect."""
+"""A work pool at Prefect's API: deployments made, shards asked for, looked at, and canceled. Importing it imports Prefect."""
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
-from typing import Any, Final, Literal, TypeAlias, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, TypeVar, cast
 from uuid import UUID
 
 import httpx
 from prefect import Flow
 from prefect.client.orchestration import SyncPrefectClient
+from prefect.client.schemas.actions import DeploymentScheduleCreate, WorkPoolCreate, WorkPoolUpdate
 from prefect.client.schemas.filters import (
     ArtifactFilter,
     ArtifactFilterFlowRunId,
@@ -20,21 +21,158 @@ from prefect.client.schemas.filters import (
     FlowRunFilterState,
     FlowRunFilterStateType,
 )
-from prefect.client.schemas.objects import TERMINAL_STATES, FlowRun, StateType
+from prefect.client.schemas.objects import (
+    TERMINAL_STATES,
+    ConcurrencyLimitStrategy,
+    ConcurrencyOptions,
+    FlowRun,
+    StateType,
+)
+from prefect.client.schemas.schedules import CronSchedule
 from prefect.client.schemas.sorting import ArtifactSort
 from prefect.deployments import run_deployment
 from prefect.exceptions import ObjectNotFound, PrefectHTTPStatusError
 from prefect.states import Cancelled, Crashed
 
-from vastflow.flows.pool.registration import OtherPool, register_flow, type_of_pool
+from vastflow.flows.request.campaign_file import campaign_name
 from vastflow.flows.request.work_pool import WorkPoolError
+from vastflow.producers.campaign import Campaign
 from vastflow.sim.model.names import did_you_mean
 from vastflow.tasks.execution.deployment import BAR, TAG, ShardDeployment
-from vastflow.tasks.execution.job import PoolType
-from vastflow.tasks.ledger import CALLED_OFF_S, LATE
-from vastflow.tasks.prefect_adapter import post
-from vastflow.tasks.retry import IN_BETWEEN_S, is_away, retried
-from vastflow.tasks.server import PrefectUnavailable, redacted
+from vastflow.tasks.execution.job import CPU, IMAGE, PoolType, base_job_template, job_variables
+from vastflow.tasks.execution.reading import describe
+from vastflow.tasks.prefect.adapter import flow_schema, post, process_pool_template
+from vastflow.tasks.prefect.ledger import CALLED_OFF_S, LATE
+from vastflow.tasks.prefect.retry import IN_BETWEEN_S, is_away, retried
+from vastflow.tasks.prefect.server import PrefectUnavailable, redacted
+
+if TYPE_CHECKING:
+    from vastflow.tasks.execution.description import RunDescription
+
+
+def described(campaign: Campaign, context: str | None) -> "RunDescription":
+    """The run description of a campaign. Its image is that of the containers beside the campaign's own, if there are any.
+
+    Args:
+        context: Cluster whose resources count; the first that the file names if None.
+
+    Raises:
+        CampaignError: what the file asks can't be described.
+    """
+    execution = campaign.spec.execution
+    if execution.image is None and not execution.secondary_containers:
+        execution = execution.model_copy(update={"image": IMAGE})
+    spec = campaign.spec.model_copy(update={"execution": execution})
+    return describe(replace(campaign, spec=spec), campaign_name(campaign), context)
+
+
+def requested_cores(kind: PoolType, description: "RunDescription") -> int | None:
+    """As many as a Job requests, which is shown all cores of its node that others use too; None for another kind of pool."""
+    return description.main.needs.cpu or CPU if kind is PoolType.kubernetes else None
+
+
+def asked_of_containers(
+    kind: PoolType, campaign: Campaign, workers: int | None
+) -> tuple[Mapping[str, Any], int | None]:
+    """What a campaign asks of the containers that compute its shards, as job variables, and the worker processes of each.
+
+    Args:
+        workers: Worker processes of a shard, if the caller says so; else as many as a Job requests.
+    """
+    if kind is PoolType.process:
+        return {}, workers
+    description = described(campaign, None)
+    return job_variables(kind, description), workers or requested_cores(kind, description)
+
+
+class OtherPool(ValueError):
+    """There is a work pool of that name, but of another type."""
+
+
+def pool_template(kind: PoolType) -> dict[str, Any]:
+    """The base job template of a pool."""
+    if kind is PoolType.process:
+        return process_pool_template()
+    return base_job_template(kind)
+
+
+def register_pool(client: SyncPrefectClient, name: str, kind: PoolType) -> bool:
+    """Make the pool, or give it our template; a process pool that exists is left as it is.
+
+    Returns:
+        Whether it is new.
+
+    Raises:
+        OtherPool: the pool is of another type.
+    """
+    try:
+        pool = client.read_work_pool(name)
+    except ObjectNotFound:
+        client.create_work_pool(WorkPoolCreate(name=name, type=kind.value, base_job_template=pool_template(kind)))
+        return True
+    if pool.type != kind.value:
+        raise OtherPool(f"the work pool {name!r} is of type {pool.type!r}; name another, or give --type {pool.type}")
+    if kind is not PoolType.process:
+        client.update_work_pool(name, WorkPoolUpdate(base_job_template=pool_template(kind)))
+    return False
+
+
+def type_of_pool(client: SyncPrefectClient, name: str) -> PoolType | None:
+    """The type of a pool; None where there is none of that name.
+
+    Raises:
+        OtherPool: vastflow has no use for its type.
+    """
+    try:
+        found = client.read_work_pool(name).type
+    except ObjectNotFound:
+        return None
+    if found not in list(PoolType):
+        raise OtherPool(f"the work pool {name!r} is of type {found!r}; one of {', '.join(PoolType)}")
+    return PoolType(found)
+
+
+def register_flow(client: SyncPrefectClient, entry: Mapping[str, Any], flow: Flow[..., Any]) -> str:
+    """Make a deployment of a flow, or change the one of its name; gives its id.
+
+    Args:
+        entry: As `prefect.yaml` has it.
+    """
+    limit = entry.get("concurrency_limit")
+    options = limit and ConcurrencyOptions(collision_strategy=ConcurrencyLimitStrategy(limit["collision_strategy"]))
+    return str(
+        client.create_deployment(
+            flow_id=client.create_flow_from_name(flow.name),
+            name=entry["name"],
+            description=entry["description"],
+            tags=entry["tags"],
+            entrypoint=entry["entrypoint"],
+            parameters=entry["parameters"],
+            parameter_openapi_schema=flow_schema(flow),
+            enforce_parameter_schema=entry["enforce_parameter_schema"],
+            concurrency_limit=limit and limit["limit"],
+            concurrency_options=options,
+            schedules=[schedule(each["cron"], each["timezone"]) for each in entry["schedules"]],
+            pull_steps=entry["pull"],
+            work_pool_name=entry["work_pool"]["name"],
+            job_variables=entry["work_pool"]["job_variables"],
+        )
+    )
+
+
+def schedule(cron: str, timezone: str) -> DeploymentScheduleCreate:
+    """A schedule of Prefect's."""
+    return DeploymentScheduleCreate(schedule=CronSchedule(cron=cron, timezone=timezone))
+
+
+def is_cron(text: str) -> bool:
+    """Whether `text` is five fields of cron that Prefect can read."""
+    try:
+        CronSchedule(cron=text)
+    except ValueError:
+        return False
+    return len(text.split()) == 5
+
 
 _PAGE: Final = 200
 _AT_A_TIME: Final = 50

@@ -1,10 +1,10 @@
-"""The campaign file as the flows need it: read and checked, its oracles too."""
+"""The campaign file as the flows need it: read and checked, its oracles too, its notes, and the store that keeps its results."""
 
 import os
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from pydantic import ValidationError
 
@@ -12,11 +12,40 @@ from vastflow.oracles.oracle import Oracle, OracleError, oracle_of, oracles_of
 from vastflow.producers.campaign import Campaign, OracleRequest, load_campaign, oracle_requests
 from vastflow.producers.campaign_file.document import Document, read_document
 from vastflow.producers.campaign_file.spec import EvaluationSpec
-from vastflow.producers.model.faults import CampaignError, Fault, Location, Note
+from vastflow.producers.model.faults import AS_DRAWN, CampaignError, Fault, Location, Note
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.nav2.parameter_files.parameter_file import plug_ins_in
 from vastflow.sim.plug_ins.loading import snapshot_behind
-from vastflow.tasks.evaluation import producers_in
+from vastflow.tasks.engine.evaluation import producers_in
+from vastflow.tasks.store.store import Store, open_store
+
+MOST_OF_A_FILE: Final = 4
+
+
+def terminal_lines(notes: Sequence[Note]) -> Iterator[str]:
+    """A line for each note; of a parameter file or floor plan those beyond a few are counted, and where to see them is said."""
+    elsewhere: dict[tuple[str, str], list[Note]] = {}
+    for note in notes:
+        if rest := _rest(note):
+            elsewhere.setdefault((note.file, rest), []).append(note)
+        else:
+            yield str(note)
+    for (file, rest), found in elsewhere.items():
+        shown = found if len(found) <= MOST_OF_A_FILE else found[: MOST_OF_A_FILE - 1]
+        yield from map(str, shown)
+        if len(shown) < len(found):
+            yield f"{file}: and {len(found) - len(shown)} more {rest}"
+
+
+def _rest(note: Note) -> str:
+    """What those are that are not shown, and which command shows them; empty for a note that is shown in any case."""
+    if note.kind == "not modeled":
+        return f"that are not modeled; `vastflow params {note.file}` shows them all"
+    if note.file.endswith((".fpm", ".fpm2")) and note.what.startswith(AS_DRAWN):
+        return "warnings of its variations; `vastflow floorplan variations` shows them all"
+    if note.file.endswith((".fpm", ".fpm2")):
+        return f"warnings; `vastflow floorplan geometry {note.file}` shows them all"
+    return ""
 
 
 def read_campaign(
@@ -102,3 +131,52 @@ def _quantity_faults(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Iter
 def campaign_name(campaign: Campaign) -> str:
     """`metadata.name`, else the file's stem."""
     return str(campaign.spec.metadata.get("name") or campaign.path.stem)
+
+
+@dataclass(frozen=True)
+class OpenCampaign:
+    """A campaign as its file was when it was read, and where its results are.
+
+    Attributes:
+        oracles: Those the file asks for, `success` first.
+    """
+
+    campaign: Campaign = field(repr=False)
+    oracles: tuple[Oracle[Any], ...] = field(repr=False)
+    store: Store = field(repr=False)
+
+    @property
+    def path(self) -> Path:
+        """The campaign file."""
+        return self.campaign.path
+
+    @property
+    def file(self) -> str:
+        """The campaign file as it was named, for messages."""
+        return self.campaign.document.file
+
+    @property
+    def name(self) -> str:
+        """`metadata.name`, else the file's stem."""
+        return str(self.campaign.spec.metadata.get("name") or self.path.stem)
+
+
+def open_campaign(
+    path: str | os.PathLike[str], store: str | os.PathLike[str] | None, *, as_v1: bool = False
+) -> OpenCampaign:
+    """Read a campaign file and open the store.
+
+    Args:
+        as_v1: Whether obstacles are placed as version 1 of RoboVAST does, whatever the file says.
+
+    Raises:
+        CampaignError: every fault of the file, or why this version can't run it.
+        StoreError: the store can't be used.
+    """
+    campaign, oracles = read_campaign(Path(path), as_v1=as_v1)
+    if campaign.unexecutable:
+        raise CampaignError(campaign.unexecutable)
+    if campaign.search is not None:
+        what = "a search proposes its configurations by what their runs come to"
+        raise CampaignError([campaign.fault(("search",), what, "vastflow run, which has all stages", "key")])
+    return OpenCampaign(campaign, oracles, open_store(store))

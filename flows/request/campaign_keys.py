@@ -5,9 +5,9 @@ from typing import Any
 
 from vastflow.oracles.oracle import Oracle
 from vastflow.sim.model.digest import FileContent, Value, digest
-from vastflow.tasks.evaluation import content_of
-from vastflow.tasks.keys import EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE, Keys, numeric_class
-from vastflow.tasks.source import SourceTree
+from vastflow.tasks.engine.evaluation import content_of
+from vastflow.tasks.keys.keys import EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE, Keys, numeric_class
+from vastflow.tasks.keys.source import SourceTree
 
 
 def campaign_keys(tree: SourceTree, seed: int, oracles: Sequence[Oracle[Any]]) -> Keys:

@@ -8,10 +8,10 @@ from typing import Any, Final
 from vastflow.oracles.statistics.classes import ClassBounds
 from vastflow.oracles.statistics.stopping import StoppingRule
 from vastflow.producers.campaign_file.sections import Sequential
-from vastflow.tasks.engine import judgements
-from vastflow.tasks.index import Index, Member
-from vastflow.tasks.store import Artifact
-from vastflow.tasks.stored import Stored
+from vastflow.tasks.engine.engine import judgements
+from vastflow.tasks.engine.index import Index, Member
+from vastflow.tasks.store.artifact import Stored
+from vastflow.tasks.store.store import Artifact
 
 MOST_WAVES: Final = 16
 """Between two looks there are as many runs as let these many suffice, and one where they do: up to 21 runs from a minimum of 5.

@@ -55,8 +55,8 @@ def check_api(log: Path) -> None:
     Raises:
         WorkPoolError: none is configured.
     """
-    from vastflow.tasks import campaign_log
-    from vastflow.tasks.server import configured_url
+    from vastflow.tasks.prefect import campaign_log
+    from vastflow.tasks.prefect.server import configured_url
 
     with campaign_log.prefect_log(log):
         if configured_url() is None:

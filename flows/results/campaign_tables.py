@@ -4,21 +4,22 @@ import hashlib
 import json
 from collections.abc import Container, Sequence
 from contextlib import ExitStack
+from functools import cached_property
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Final, Self
+from typing import IO, Any, Final, Self
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vastflow.flows.results.summary import OutcomeTally
-from vastflow.flows.results.table_part import TablePart
 from vastflow.flows.results.tables import (
     CONFIGURATIONS,
     EXCLUSIONS,
     JUDGED_RUNS,
     REJECTIONS,
     VERDICTS,
+    TablePart,
     TableWriter,
     configuration_row,
     exclusion_row,
@@ -29,6 +30,7 @@ from vastflow.oracles.directory.behaviors import BEHAVIORS_FILE
 from vastflow.oracles.evidence.rates import pooled
 from vastflow.producers.instantiation.instantiate import Instantiation
 from vastflow.producers.model.configuration import Configuration
+from vastflow.sim.model.files import read_json
 
 LOGS_FILE: Final = "logs/runs.jsonl"
 """A line for each block of runs: `configuration`, where and with what they were executed, and `runs`."""
@@ -160,3 +162,36 @@ def write_instantiation(place: Path, instantiation: Instantiation) -> None:
     write_table(place / "configurations.parquet", CONFIGURATIONS, map(configuration_row, instantiation.configurations))
     write_table(place / "rejections.parquet", REJECTIONS, map(rejection_row, instantiation.rejections))
     write_table(place / "exclusions.parquet", EXCLUSIONS, map(exclusion_row, instantiation.excluded))
+
+
+class KeptLogs:
+    """Reads `logs/runs.jsonl`, or a file for each configuration as earlier versions wrote them.
+
+    Reading raises `OSError` or `ValueError` where the file is damaged.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        self._directory = directory
+
+    def of(self, configuration: str) -> list[dict[str, Any]]:
+        """The log of each of a configuration's runs, in order, with the block's host and versions; empty without any."""
+        own = self._directory / "logs" / f"{configuration}.json"
+        if own.is_file():
+            rows: list[dict[str, Any]] = read_json(own)
+            return rows
+        found: dict[int, dict[str, Any]] = {}
+        for line in self._lines.get(configuration, ()):
+            block = json.loads(line)
+            where = {key: value for key, value in block.items() if key not in ("configuration", "runs")}
+            found |= {row["run_index"]: {**row, **where} for row in block["runs"]}
+        return [found[run_index] for run_index in sorted(found)]
+
+    @cached_property
+    def _lines(self) -> dict[str, list[bytes]]:
+        """Configuration to the lines of its blocks."""
+        found: dict[str, list[bytes]] = {}
+        file = self._directory / LOGS_FILE
+        if file.is_file():
+            for line in file.read_bytes().splitlines():
+                found.setdefault(json.loads(line)["configuration"], []).append(line)
+        return found

@@ -1,18 +1,123 @@
-"""Cleaning a store: what of it goes, and what goes with it."""
+"""Cleaning a store: which artifacts campaign directories were made of, and which go."""
 
 import contextlib
 import re
 import shutil
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-from vastflow.flows.results.references import References
+from vastflow.flows.request.asked import asked_of
+from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.request.campaign_keys import recorded_keys
+from vastflow.flows.results.inputs import replica
+from vastflow.flows.results.past import recorded_as
+from vastflow.oracles.directory.column import table_rows
+from vastflow.oracles.directory.unusable import UnusableDirectory, reading
 from vastflow.producers.floorplan.environment import FOLDER
-from vastflow.tasks.evaluation import FRAGMENTS
-from vastflow.tasks.store import WRITING_S, Holding, Lost, Store
+from vastflow.sim.model.files import read_json
+from vastflow.tasks.engine.evaluation import FRAGMENTS
+from vastflow.tasks.engine.instantiation import EvaluationRequest, Instantiator, NotEvaluated
+from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.keys.source import SourceTree, installed_tree
+from vastflow.tasks.store.store import WRITING_S, Holding, Lost, Store, StoreError
+
+
+@dataclass(frozen=True, slots=True)
+class References:
+    """Artifacts that campaign directories were made of.
+
+    Attributes:
+        keys: Of those that are in the store.
+        evaluations: Whether the keys of producers' evaluations are among them; else it is not known which those are.
+    """
+
+    keys: frozenset[str]
+    evaluations: bool
+
+
+def references(store: Store, directories: Iterable[Path]) -> References:
+    """What `directories` were made of, as far as it is in the store.
+
+    Evaluations are told by instantiating again: of one whose code or files are others now there is nothing to keep.
+
+    Raises:
+        UnusableDirectory: one of the directories does not say.
+    """
+    keys: set[str] = set()
+    known = True
+    tree = installed_tree()
+    for directory in directories:
+        recorded, metadata, scenarios = _recorded(directory)
+        keys.update(_of_report(store, metadata.get("report")))
+        for scenario in scenarios:
+            keys.update(_of_scenario(store, recorded, scenario))
+        evaluations = _evaluations(store, recorded, tree, directory, metadata)
+        known = known and evaluations is not None
+        keys.update(evaluations or ())
+    return References(frozenset(keys), known)
+
+
+def _recorded(directory: Path) -> tuple[Keys, Mapping[str, Any], list[str]]:
+    with reading(directory):
+        metadata = read_json(directory / "metadata.json")
+        keys = recorded_keys(metadata)
+        rows = table_rows(directory / "configurations.parquet", "scenario_digest", "checked_digest")
+        scenarios = sorted({recorded_as(row) for row in rows})
+    if keys is None:
+        raise UnusableDirectory(
+            f"{directory}: an earlier version wrote it, without the keys of its results; run the campaign again"
+        )
+    return keys, metadata, scenarios
+
+
+def _of_report(store: Store, key: str | None) -> Iterable[str]:
+    """A report, and the parts of its tables, by which the report of an edited campaign is made sooner."""
+    if key is not None:
+        yield key
+        if (report := store.find(key)) is not None:
+            yield from report.info.get("parts", ())
+
+
+def _of_scenario(store: Store, keys: Keys, scenario: str) -> Iterable[str]:
+    home = keys.recordings(scenario)
+    for name in store.under(home):
+        if (recordings := store.find(f"{home}/{name}")) is not None:
+            yield recordings.key
+            if (trace := store.find(keys.trace(scenario, recordings.content))) is not None:
+                yield trace.key
+                yield keys.verdicts(scenario, recordings.content, trace.content)
+
+
+def _evaluations(
+    store: Store, keys: Keys, tree: SourceTree, directory: Path, metadata: Mapping[str, Any]
+) -> set[str] | None:
+    """Keys of the evaluations that its producers would be asked for; None if its campaign can't be read here."""
+    keys_asked: set[str] = set()
+
+    def stored(requests: Sequence[EvaluationRequest]) -> Mapping[str, str]:
+        keys_asked.update(each.key for request in requests for each in request.evaluations)
+        if any(store.find(each.key) is None for request in requests for each in request.evaluations):
+            raise NotEvaluated
+        return {}
+
+    try:
+        asked = asked_of(metadata)
+        with replica(directory, asked) as laid_out:
+            campaign = read_campaign(laid_out.file, laid_out.map_dir, as_v1=asked.as_v1)[0]
+            if campaign.search is not None:
+                return None  # which points it proposed only its verdicts tell
+            Instantiator(campaign, store, keys, tree).instantiated(stored)
+    except StoreError:
+        raise
+    except (NotEvaluated, Lost):
+        pass  # what follows from it is not in the store either
+    except Exception:  # noqa: BLE001 - inputs that are others now, or a plug-in that raises anything
+        return None
+    return keys_asked
+
 
 DAY_S: Final = 24 * 3600.0
 

@@ -19,7 +19,7 @@ import psutil
 
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.files import read_json
-from vastflow.tasks.store import StoreError
+from vastflow.tasks.store.store import StoreError
 
 ABANDONED_S: Final = 24 * 3600.0
 WRITER: Final = ".writer.json"

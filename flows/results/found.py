@@ -8,9 +8,9 @@ from typing import Final, Protocol
 from vastflow.oracles.trace import levelled
 from vastflow.oracles.verdict import Verdict, read_verdicts
 from vastflow.sim.model.blocks import read_block, read_rows, write_block
-from vastflow.tasks.store import Store
-from vastflow.tasks.stored import Stored
-from vastflow.tasks.work import BEHAVIORS, OUTPUTS, RECORDINGS, RUN_LOG, TRACES, VERDICTS
+from vastflow.tasks.engine.work import BEHAVIORS, OUTPUTS, RECORDINGS, RUN_LOG, TRACES, VERDICTS
+from vastflow.tasks.store.artifact import Stored
+from vastflow.tasks.store.store import Store
 
 FAULT: Final = "fault"
 """What the reason of a verdict that is missing begins with."""
@@ -72,7 +72,7 @@ class Found(Protocol):
 
     @property
     def logs(self) -> Sequence[bytes]:
-        """Run logs, as `vastflow.tasks.work` writes them."""
+        """Run logs, as `vastflow.tasks.engine.work` writes them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +93,7 @@ class ConfigurationResult:
 class StoredResult:
     """What the store has of a configuration; each part is read when it is asked for.
 
-    Reading raises `vastflow.tasks.store.Lost` where something is damaged.
+    Reading raises `vastflow.tasks.store.store.Lost` where something is damaged.
 
     Args:
         stored: Its blocks.

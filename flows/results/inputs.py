@@ -1,18 +1,25 @@
-"""The files a campaign was asked for with, kept as they were when it was read."""
+"""The files a campaign was asked for with: kept as they were when it was read, and laid out again as they lay."""
 
 import hashlib
 import os
+import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from pydantic import BaseModel
 
+from vastflow.flows.request.asked import Asked
+from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.oracles.oracle import Oracle
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.campaign_file.postprocessing import steps_of
 from vastflow.producers.floorplan.files import PlanFile, VariationFile
+from vastflow.producers.model.faults import CampaignError
 from vastflow.sim.model.digest import FileContent, digest
 from vastflow.sim.model.files import read_text, yaml_value
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, ParameterFile, plug_ins_in
@@ -21,7 +28,8 @@ from vastflow.sim.plug_ins.snapshot import Snapshot
 from vastflow.sim.scenario.language.reading import files_of
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import OccupancyMap
-from vastflow.tasks.evaluation import files_in, producers_in
+from vastflow.tasks.engine.evaluation import files_in, producers_in
+from vastflow.tasks.store.artifact import inside
 
 
 @dataclass(frozen=True)
@@ -163,3 +171,67 @@ def _picture(map_file: Path) -> str:
 
 def _sha256(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
+
+
+@dataclass(frozen=True)
+class Replica:
+    """A campaign file that reads as it did.
+
+    Attributes:
+        map_dir: Folder of the maps that the file names from the root of the file system, for those that are no longer there.
+    """
+
+    file: Path
+    map_dir: Path
+
+
+@contextmanager
+def replica(directory: Path, asked: Asked) -> Iterator[Replica]:
+    """A copy of the campaign file and its inputs, in a folder for as long as the body takes.
+
+    Raises:
+        UnusableDirectory: an input is not in the directory, or one that the file names from the root of the file
+            system is another one by now.
+    """
+    with TemporaryDirectory(prefix="vastflow-") as folder:
+        try:
+            laid_out = _laid_out(directory, asked, Path(folder))
+        except (OSError, ValueError) as error:
+            raise UnusableDirectory(f"{directory}: its inputs can't be read: {error}") from None
+        kept = {path.read_bytes() for path in (directory / "inputs").rglob("*") if path.is_file()}
+        try:
+            found = inputs_of(*read_campaign(laid_out.file, laid_out.map_dir, as_v1=asked.as_v1))
+        except CampaignError as error:
+            words = str(error).replace(str(laid_out.file), str(directory / "campaign.vast")).replace(folder, "")
+            raise UnusableDirectory(f"{directory}: its inputs can't be read any more: {words}") from None
+        if other := sorted(name for name, content in found.files.items() if content not in kept):
+            raise UnusableDirectory(
+                f"{directory}: {', '.join(other)} is another file now than in its inputs; put back the one that was used, "
+                "or run the campaign file itself"
+            )
+        yield laid_out
+
+
+def _laid_out(directory: Path, asked: Asked, folder: Path) -> Replica:
+    """Copy the inputs into `folder`, those from outside of the campaign file's folder outside of it again."""
+    above = max((Path(place).parts.count("..") for place in asked.places), default=0)
+    root = folder / "campaign"
+    base = root.joinpath(*["campaign"] * above)
+    base.mkdir(parents=True)
+    inputs, outside = directory / "inputs", set(asked.places.values())
+    for path in sorted(inputs.rglob("*")):
+        name = path.relative_to(inputs).as_posix()
+        if path.is_file() and name not in outside:
+            _copy(path, base / name)
+    for place, name in asked.places.items():
+        if (inputs / name).is_file():
+            target = os.path.relpath(os.path.normpath(base / place), folder)
+            _copy(inside(inputs, name), inside(folder, target))
+    file = inside(base, asked.file)
+    _copy(directory / "campaign.vast", file)
+    return Replica(file, root)
+
+
+def _copy(source: Path, target: Path) -> None:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(source, target)

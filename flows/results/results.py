@@ -1,41 +1,211 @@
-"""Results: the campaign directory, complete on its own (design §7)."""
+"""Results: the campaign directory, complete on its own: its rows, the files of its configurations, and its environments."""
 
 import importlib.metadata
 import json
 import logging
 import os
 import platform
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import shutil
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 import psutil
+import yaml
+from PIL import Image
 
-from vastflow.flows.request.campaign_file import campaign_name
-from vastflow.flows.request.members import Runs, runs_of
-from vastflow.flows.request.notes import terminal_lines
-from vastflow.flows.results.campaign_rows import write_rows
-from vastflow.flows.results.campaign_tables import RunLogs, write_instantiation
+from vastflow.flows.request.campaign_file import campaign_name, terminal_lines
+from vastflow.flows.request.configurations import Runs, runs_of
+from vastflow.flows.results.cached_report import LEAST, KeptParts, KeptReport, Restored, parts_of, renew_work
+from vastflow.flows.results.campaign_tables import CampaignTables, RunLogs, write_instantiation
 from vastflow.flows.results.directory import NewDirectory
-from vastflow.flows.results.environment import write_environment
-from vastflow.flows.results.found import Found, RunFault
+from vastflow.flows.results.found import Found, RunFault, one_block
 from vastflow.flows.results.inputs import Inputs
-from vastflow.flows.results.kept_report import KeptReport, Restored, renew_work
-from vastflow.flows.results.member_files import written
-from vastflow.flows.results.origin import origin_row
+from vastflow.flows.results.provenance import origin_row
 from vastflow.flows.results.summary import OutcomeTally, Results, Summary, Work
+from vastflow.flows.results.tables import PartRows
 from vastflow.oracles.directory.executed import NAMED_FILES
 from vastflow.producers.campaign import Campaign
+from vastflow.producers.floorplan.environment import MESH, PLAN, PROVENANCE
 from vastflow.producers.instantiation.family import robots_json
 from vastflow.producers.instantiation.instantiate import Instantiation
 from vastflow.producers.model.configuration import Configuration
 from vastflow.producers.places.ground import MAP_KEY
+from vastflow.sim.model.archive import one_archive
 from vastflow.sim.model.digest import FileContent, file_digest
-from vastflow.sim.world.occupancy import OccupancyMap
-from vastflow.tasks.keys import Keys
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
+from vastflow.tasks.keys.keys import Keys
+
+_GRAY = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}
+"""The gray values of ROS' map_saver."""
+
+
+def write_environment(directory: Path, map_file: FileContent, maps: Mapping[str, OccupancyMap]) -> None:
+    """Write a configuration's map into `directory`, and what a producer made with it of a floor plan.
+
+    Args:
+        maps: Digest to the maps that the campaign file names; any other is a producer's own.
+    """
+    if map_file.digest in maps:
+        write_map(directory, maps[map_file.digest])
+        return
+    write_map(directory, load_map(map_file.path))
+    for name in (MESH, PLAN, PROVENANCE):
+        beside = Path(map_file.path).with_name(name)
+        if beside.is_file():
+            shutil.copyfile(beside, directory / name)
+
+
+def write_map(directory: Path, occupancy: OccupancyMap) -> None:
+    """Write `map.yaml` and `map.pgm` into `directory`; `load_map` gives the same map, digest included.
+
+    A map with cells between free and occupied is written in mode `raw`, others in mode `trinary`.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    cells = occupancy.cells[::-1]  # a picture's first row is at the top
+    trinary = bool(np.isin(cells, list(_GRAY)).all())
+    if trinary:
+        gray = np.select([cells == value for value in _GRAY], list(_GRAY.values()))
+    else:
+        gray = np.where(cells == UNKNOWN, 255, cells.astype(np.int16))
+    Image.fromarray(gray.astype(np.uint8)).save(directory / "map.pgm")
+    header = {
+        "image": "map.pgm",
+        "mode": "trinary" if trinary else "raw",
+        "resolution": float(occupancy.resolution_m),
+        "origin": [*(float(meters) for meters in occupancy.origin_xy_m), float(occupancy.yaw_rad)],
+        "negate": 0,
+        "occupied_thresh": 0.65,
+        "free_thresh": 0.196,  # just below the gray of unknown cells, which Nav2's 0.25 would read as free
+    }
+    (directory / "map.yaml").write_text(yaml.safe_dump(header, sort_keys=False), encoding="utf-8")
+
+
+FOLDERS: Final = ("recordings", "traces")
+
+_AHEAD: Final = 4
+"""How many configurations a thread may be ahead: so many are in memory at a time."""
+
+
+def written(
+    place: Path,
+    configurations: Iterable[Configuration],
+    found: Callable[[Configuration], Found],
+    runs: Runs,
+    threads: int,
+) -> Iterator[tuple[Configuration, Found]]:
+    """Write the files of configurations into a campaign directory; gives each, in order, once its files are there.
+
+    Args:
+        found: What was found of a configuration; called from any thread.
+        runs: Of each.
+        threads: How many read at a time.
+    """
+    for folder in FOLDERS:
+        (place / folder).mkdir()
+
+    def write(configuration: Configuration) -> tuple[Configuration, Found]:
+        result = found(configuration)
+        _write(place, configuration.name, result, runs_of(runs, configuration.name))
+        return configuration, result
+
+    if threads == 1:
+        yield from map(write, configurations)
+        return
+    waiting: deque[Future[tuple[Configuration, Found]]] = deque()
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            for configuration in configurations:
+                waiting.append(pool.submit(write, configuration))
+                if len(waiting) > threads * _AHEAD:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            for each in waiting:
+                each.cancel()
+
+
+def _write(place: Path, name: str, found: Found, runs: int) -> None:
+    _write_file(f"{place}/recordings/{name}.parquet", _one(found, found.recordings, one_block, runs))
+    _write_file(f"{place}/traces/{name}.parquet", _one(found, found.traces, one_block, runs))
+    if outputs := _one(found, found.outputs, one_archive, runs):
+        (place / "outputs").mkdir(exist_ok=True)
+        _write_file(f"{place}/outputs/{name}.zip", outputs)
+
+
+def _one(found: Found, blocks: Sequence[bytes], join: Callable[[Sequence[bytes], int], bytes], runs: int) -> bytes:
+    return blocks[0] if found.exact and len(blocks) == 1 else join(blocks, runs)
+
+
+def _write_file(path: str, content: bytes) -> None:
+    if content:
+        with open(path, "wb", buffering=0) as file:  # pathlib and a buffer take as long as the file system
+            file.write(content)
+
+
+@dataclass(frozen=True, slots=True)
+class WrittenRows:
+    """What the rows of a campaign come to.
+
+    Attributes:
+        kept: Keys of the parts that the store has, or was to have.
+    """
+
+    tally: OutcomeTally
+    faults: tuple[RunFault, ...]
+    kept: tuple[str, ...]
+
+
+def write_rows(
+    place: Path,
+    configurations: Sequence[Configuration],
+    files: Iterator[tuple[Configuration, Found]],
+    runs: Runs,
+    oracles: Sequence[str],
+    parts: KeptParts | None,
+) -> WrittenRows:
+    """Write the tables of runs and the run logs into a campaign directory.
+
+    Args:
+        configurations: Those that are no duplicates.
+        files: Gives each of them with what was found of it, in order.
+        runs: Of each.
+        oracles: Names of the oracles, in order.
+        parts: Where the store has parts of the tables; None where it shall have none.
+    """
+    faults: list[RunFault] = []
+    kept: list[str] = []
+    with CampaignTables(place, oracles) as tables, closing(RunLogs(place)) as logs:
+        for members in parts_of(configurations):
+            wanted = [runs_of(runs, each.name) for each in members]
+            key = parts.key(members, wanted, oracles) if parts is not None and len(members) >= LEAST else None
+            restored = parts.restore(key) if parts is not None and key is not None else None
+            part, known = restored or (None, frozenset())
+            rows, sound = PartRows(oracles) if part is None else None, set[str]()
+            for (configuration, found), count in zip(islice(files, len(members)), wanted, strict=True):
+                if rows is not None:
+                    rows.add(configuration, found, count)
+                sound |= logs.add(configuration.name, found.logs, known)
+                faults += found.faults
+            if part is None and rows is not None:
+                part = rows.part()
+                if parts is not None and key is not None and not faults:
+                    parts.keep(key, part, sound)
+            if part is not None:
+                tables.add(members, part)
+            if key is not None:
+                kept.append(key)
+    return WrittenRows(tables.tally, tuple(faults), tuple(kept))
+
 
 LOGGER: Final = logging.getLogger("vastflow.results")
 

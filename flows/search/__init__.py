@@ -1,1 +1,1 @@
-"""A search under way: its batches, what was found at them, and what is written of it."""
+"""A search: its batches, what was found at them, and what is written of it."""

@@ -7,12 +7,12 @@ from prefect import flow
 from prefect.client.schemas.objects import State
 from prefect.runtime import flow_run
 
-from vastflow.flows.computing.artifacts import INTERVAL_S, ProgressBar, key_of, show_text, tolerated
-from vastflow.flows.computing.task_runs import TaskRuns, task_runs_of
+from vastflow.flows.flow_runs.pages import INTERVAL_S, ProgressBar, key_of, show_text, tolerated
+from vastflow.flows.flow_runs.task_runs import TaskRuns, task_runs_of
 from vastflow.flows.search.progress import SearchProgress
-from vastflow.tasks import ledger
-from vastflow.tasks.engine import Engine
-from vastflow.tasks.progress import Progress, Reporter, Tally
+from vastflow.tasks.engine.engine import Engine
+from vastflow.tasks.engine.progress import Progress, Reporter, Tally
+from vastflow.tasks.prefect import ledger
 
 FLOW: Final = "search-batch"
 

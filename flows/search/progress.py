@@ -4,24 +4,122 @@ Nothing of it is kept but results: a search that is taken up again asks its stra
 runs of each batch came to.
 """
 
+import hashlib
+import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
-from vastflow.flows.search.clock import BatchClock
-from vastflow.flows.search.repetition import PointRuns
+from vastflow.flows.request.run_request import RunRequest
+from vastflow.flows.request.stopping import Stopping
 from vastflow.oracles.quantity import RunQuantity
 from vastflow.oracles.verdict import Verdict, read_verdicts
 from vastflow.producers.campaign import Campaign
+from vastflow.producers.campaign_file.search import SearchSpec
 from vastflow.producers.instantiation.family import Family
 from vastflow.producers.instantiation.instantiate import Instantiation
+from vastflow.producers.model.faults import CampaignError
 from vastflow.producers.search.criteria import Criterion, best_of, criteria
 from vastflow.producers.search.search import Search
 from vastflow.producers.search.strategy import FAMILY, Evaluation, Proposal, Strategy, asked
-from vastflow.tasks.index import FoundMember, Index
-from vastflow.tasks.instantiation import Instantiated
-from vastflow.tasks.progress import Tally
-from vastflow.tasks.work import VERDICTS
+from vastflow.sim.model.digest import digest
+from vastflow.tasks.engine.index import FoundMember, Index, Member
+from vastflow.tasks.engine.instantiation import Instantiated
+from vastflow.tasks.engine.progress import Tally
+from vastflow.tasks.engine.work import VERDICTS
+from vastflow.tasks.store.artifact import Stored
+from vastflow.tasks.store.store import Store
+
+
+@dataclass
+class PointRuns:
+    """Says how many runs a point wants, see `vastflow.tasks.engine.engine.RunsWanted`.
+
+    Runs that confirm come after those that the search used, so they have indices that it never looked at.
+
+    Attributes:
+        rule: Ends a point's runs when its class is decided; None where each has `runs`.
+        runs: Of each point, at most where there is a rule.
+        confirmed: Name of the point that is confirmed; empty as long as there is none.
+        confirm: Runs that confirm it.
+    """
+
+    rule: Stopping | None
+    runs: int
+    confirm: int = 0
+    confirmed: str = ""
+
+    @property
+    def most(self) -> int:
+        """Runs that no point exceeds."""
+        return self.runs + (self.confirm if self.confirmed else 0)
+
+    def wanted(self, judgements: Mapping[int, str]) -> int:
+        """Runs that the search wants of a point by what is known of them."""
+        return self.runs if self.rule is None else self.rule.wanted(judgements)
+
+    def used(self, index: Index, member: Member) -> tuple[Member, list[Stored]]:
+        """The member with the runs that the search uses of it, and what the store has of these."""
+        if self.rule is not None:
+            return self.rule.stored(index, member)
+        member = replace(member, runs=self.runs)
+        return member, index.stored(member)
+
+    def stored(self, index: Index, member: Member) -> tuple[Member, list[Stored]]:
+        """The member with the runs that are wanted of it by now, and what the store has of these."""
+        member, stored = self.used(index, member)
+        if member.name != self.confirmed or not FoundMember(member, tuple(stored)).complete:
+            return member, stored
+        more = replace(member, runs=member.runs + self.confirm)
+        return more, index.stored(more)
+
+
+_BATCHES: Final = "batches"
+
+
+@dataclass
+class BatchClock:
+    """Says how much of a budget of time is spent.
+
+    Time alone makes no result. So the number of batches that it paid for the first time is kept in the store, and a search with the
+    same key has as many.
+
+    Attributes:
+        key: Of this search in the store; empty where nothing of it depends on time.
+    """
+
+    store: Store
+    key: str
+    _began_s: float = field(default_factory=time.monotonic)
+
+    def elapsed_s(self, batches: int, spec: SearchSpec) -> float:
+        """Time spent after so many batches (s); where it is known how many it pays, all or nothing of the budget."""
+        if not self.key:
+            return 0.0
+        if (kept := self._kept()) is None:
+            return time.monotonic() - self._began_s
+        return max(each.time or 0.0 for each in spec.budget) if batches >= kept else 0.0
+
+    def keep(self, batches: int) -> None:
+        """Keep how many batches there were, unless that is known."""
+        if self.key and self._kept() is None:
+            self.store.put(self.key, {}, {_BATCHES: batches})
+
+    def _kept(self) -> int | None:
+        found = self.store.find(self.key)
+        return None if found is None else int(found.info[_BATCHES])
+
+
+def clock_of(store: Store, spec: SearchSpec, *content: Any) -> BatchClock:
+    """The clock of a search.
+
+    Args:
+        content: What its results follow from, in values that have a digest.
+    """
+    timed = any(each.time is not None for each in spec.budget)
+    hashed = digest("search", *content)
+    return BatchClock(store, f"search/{hashed[:2]}/{hashed}" if timed else "")
+
 
 BROKEN: Final = "a point broke twice"
 
@@ -247,3 +345,31 @@ def verdicts_of(found: FoundMember, index: Index) -> list[Verdict]:
     """
     contents = (index.store.load(each.verdicts, VERDICTS) for each in found.stored if each.verdicts)
     return [verdict for content in contents for verdict in read_verdicts(content)]
+
+
+def search_progress(
+    campaign: Campaign,
+    request: RunRequest,
+    stopping: "Stopping | None",
+    runs: int,
+    store: Store,
+    content: bytes,
+    tally: Tally,
+) -> SearchProgress | None:
+    """The search of a campaign at its beginning; None where the file lists its configurations.
+
+    Args:
+        runs: Of each point, at most where `stopping` ends them.
+        content: Of the campaign file.
+
+    Raises:
+        CampaignError: only a part of the configurations is asked for, which nobody knows before.
+        MissingLibrary: its strategy needs a library that is not installed.
+    """
+    if (search := campaign.search) is None:
+        return None
+    if part := next((name for name in ("only", "sample") if getattr(request, name)), None):
+        what = f"found --{part}, and a search proposes its configurations one after the other"
+        raise CampaignError([campaign.fault(("search",), what, "a smaller budget", "key")])
+    clock = clock_of(store, search.spec, hashlib.sha256(content).hexdigest(), runs)
+    return SearchProgress(search, PointRuns(stopping, runs, search.spec.confirm), clock, tally)

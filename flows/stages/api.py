@@ -6,12 +6,11 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from vastflow.flows.computing import mapped
-from vastflow.flows.computing.flow_call import FlowCall
+from vastflow.flows.flow_runs import mapped
+from vastflow.flows.flow_runs.flow_call import FlowCall
+from vastflow.flows.request.campaign_file import OpenCampaign, open_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
-from vastflow.flows.request.members import members_of, narrowed
-from vastflow.flows.request.opened import OpenCampaign, open_campaign
-from vastflow.flows.request.selection import Selection
+from vastflow.flows.request.configurations import Selection, members_of, narrowed
 from vastflow.flows.results.found import RunFault
 from vastflow.flows.stages.call import stage_run
 from vastflow.flows.stages.configurations import Configurations
@@ -20,17 +19,17 @@ from vastflow.flows.stages.traces import ObservedBlock, Traces
 from vastflow.flows.stages.verdicts import Verdicts
 from vastflow.oracles.oracle import Oracle, OracleError, oracle_of, oracles_of
 from vastflow.producers.model.faults import CampaignError, Fault
-from vastflow.tasks.engine import judgements
-from vastflow.tasks.index import FoundMember, Index, Member, missing
-from vastflow.tasks.instantiation import Instantiated, Instantiator
-from vastflow.tasks.progress import Observer, Tally
-from vastflow.tasks.shards import Shard
-from vastflow.tasks.source import installed_tree
-from vastflow.tasks.store import Lost
-from vastflow.tasks.stored import Block
+from vastflow.tasks.engine.engine import judgements
+from vastflow.tasks.engine.index import FoundMember, Index, Member, missing
+from vastflow.tasks.engine.instantiation import Instantiated, Instantiator
+from vastflow.tasks.engine.progress import Observer, Tally
+from vastflow.tasks.engine.shards import Shard
+from vastflow.tasks.keys.source import installed_tree
+from vastflow.tasks.store.artifact import Block
+from vastflow.tasks.store.store import Lost
 
 if TYPE_CHECKING:
-    from vastflow.flows.computing.task_runs import TaskRuns
+    from vastflow.flows.flow_runs.task_runs import TaskRuns
 
 OracleChoice: TypeAlias = str | Mapping[str, Mapping[str, Any]]
 """An oracle as a campaign file asks for it: its name, or `{name: parameters}`."""

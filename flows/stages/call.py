@@ -9,24 +9,24 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vastflow.flows.computing.flow_call import FlowCall
-from vastflow.flows.computing.processors import cores
-from vastflow.flows.request.opened import OpenCampaign
+from vastflow.flows.flow_runs.flow_call import FlowCall
+from vastflow.flows.request.campaign_file import OpenCampaign
 from vastflow.flows.results.directory import directory_name
 from vastflow.flows.results.found import RunFault
 from vastflow.oracles.oracle import Oracle
-from vastflow.tasks import campaign_log, ending
-from vastflow.tasks.engine import Engine, RunsWanted
-from vastflow.tasks.index import Index, Member
-from vastflow.tasks.keys import Keys
-from vastflow.tasks.pool import Pool
-from vastflow.tasks.progress import Observer, Reporter, Tally
-from vastflow.tasks.shards import Shard, missing_shards
-from vastflow.tasks.store import Lost
-from vastflow.tasks.surroundings import check_surroundings
+from vastflow.tasks.engine import process
+from vastflow.tasks.engine.engine import Engine, RunsWanted
+from vastflow.tasks.engine.index import Index, Member
+from vastflow.tasks.engine.machine_check import check_surroundings
+from vastflow.tasks.engine.pool import Pool, cores
+from vastflow.tasks.engine.progress import Observer, Reporter, Tally
+from vastflow.tasks.engine.shards import Shard, missing_shards
+from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.prefect import campaign_log
+from vastflow.tasks.store.store import Lost
 
 if TYPE_CHECKING:
-    from vastflow.flows.computing.task_runs import TaskRuns
+    from vastflow.flows.flow_runs.task_runs import TaskRuns
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +127,7 @@ def stage_run(
         SurroundingsError: this machine lacks something that a computation needs.
     """
     created, tally = datetime.now(), Tally()
-    with ending.terminable(), Reporter(tally, observer):
+    with process.terminable(), Reporter(tally, observer):
         log = campaign_log.new_log(opened.store.local / "logs", f"{directory_name(opened.name)}-{stage}", created)
         with campaign_log.own_log(log):
             title = f"{stage} {opened.name} {created:%Y-%m-%d %H:%M:%S}"

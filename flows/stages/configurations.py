@@ -7,7 +7,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from vastflow.flows.request.opened import OpenCampaign
+from vastflow.flows.request.campaign_file import OpenCampaign
 from vastflow.flows.results.found import RunFault
 from vastflow.flows.results.tables import CONFIGURATIONS, configuration_row
 from vastflow.flows.terminal.words import count_text

@@ -5,8 +5,8 @@ from typing import Any
 
 from prefect import Flow, flow
 
-from vastflow.flows.computing.task_runs import TaskRuns, task_runs_of
-from vastflow.tasks.engine import Engine
+from vastflow.flows.flow_runs.task_runs import TaskRuns, task_runs_of
+from vastflow.tasks.engine.engine import Engine
 
 
 def stage_flow(stage: str, title: str, name: str, engine: Engine, body: Callable[[TaskRuns], None]) -> Flow[[], Any]:

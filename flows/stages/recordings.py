@@ -11,10 +11,10 @@ from vastflow.flows.results.tables import RUNS, column_table, run_columns
 from vastflow.flows.stages.configurations import Configurations, faults_text
 from vastflow.flows.terminal.words import count_text
 from vastflow.sim.model.blocks import read_rows
-from vastflow.tasks.keys import Keys
-from vastflow.tasks.store import Lost, Store
-from vastflow.tasks.stored import Block
-from vastflow.tasks.work import BEHAVIORS, OUTPUTS, RECORDINGS
+from vastflow.tasks.engine.work import BEHAVIORS, OUTPUTS, RECORDINGS
+from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.store.artifact import Block
+from vastflow.tasks.store.store import Lost, Store
 
 if TYPE_CHECKING:
     from vastflow.sim.model.recording import Recording

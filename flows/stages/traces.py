@@ -10,9 +10,9 @@ from vastflow.flows.results.found import RunFault
 from vastflow.flows.stages.configurations import Configurations, faults_text
 from vastflow.flows.stages.recordings import Recordings, outputs_of
 from vastflow.flows.terminal.words import count_text
-from vastflow.tasks.keys import Keys
-from vastflow.tasks.stored import Block
-from vastflow.tasks.work import RECORDINGS, TRACES
+from vastflow.tasks.engine.work import RECORDINGS, TRACES
+from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.store.artifact import Block
 
 if TYPE_CHECKING:
     from vastflow.oracles.trace import Trace

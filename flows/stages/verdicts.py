@@ -14,8 +14,8 @@ from vastflow.flows.stages.traces import Traces
 from vastflow.flows.terminal.words import count_text
 from vastflow.oracles.evidence.rates import Counts, counts_of
 from vastflow.oracles.verdict import Verdict, read_verdicts, run_judgement
-from vastflow.tasks.keys import Keys
-from vastflow.tasks.work import VERDICTS
+from vastflow.tasks.engine.work import VERDICTS
+from vastflow.tasks.keys.keys import Keys
 
 METRICS: Final = pa.schema(
     {

@@ -7,8 +7,8 @@ from typing import Any, Final, Protocol
 
 from markupsafe import Markup
 
-from vastflow.flows.terminal.pace import Meter
-from vastflow.tasks.progress import Progress
+from vastflow.flows.terminal.display import Meter
+from vastflow.tasks.engine.progress import Progress
 
 INTERVAL_S: Final = 0.5
 

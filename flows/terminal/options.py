@@ -1,10 +1,14 @@
-"""Arguments and options that several commands have."""
+"""Arguments and options of commands, those that ask for a run among them: fields of `RunRequest` with their help, bounds, and defaults."""
 
+import functools
+from collections.abc import Callable, Mapping
+from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, TypeAlias
+from typing import Annotated, Any, Final, TypeAlias
 
 import typer
 
+from vastflow.flows.request.run_request import OnCommandLine, RunRequest
 from vastflow.sim.model.faults import UserError
 
 CampaignFile: TypeAlias = Annotated[Path, typer.Argument(metavar="FILE", help="Campaign file.")]
@@ -37,3 +41,59 @@ MapDir: TypeAlias = Annotated[
     ),
 ]
 """Folder of maps that are not beside the campaign file; one that exists."""
+
+
+_TYPES: Final[Mapping[str, Any]] = {"integer": int, "number": float, "string": str, "boolean": bool, "array": list[str]}
+_OWN: Final[Mapping[str, Any]] = {"map_dir": MapDir, "as_v1": AsV1}
+"""Options that other commands have too, for which nothing is run."""
+
+
+def asking(*names: str, **defaults: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command the options of these fields, where its parameter `asked` stands: it gets them as a mapping by name.
+
+    Args:
+        defaults: Instead of those of the fields.
+    """
+
+    def decorated(command: Callable[..., None]) -> Callable[..., None]:
+        parameters: list[Parameter] = []
+        for parameter in signature(command).parameters.values():
+            options = (_option(name, defaults) for name in names)
+            parameters += options if parameter.name == "asked" else [parameter]
+
+        @functools.wraps(command)
+        def called(**values: Any) -> None:
+            command(asked={name: values.pop(name) for name in names}, **values)
+
+        del called.__wrapped__
+        called.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
+        called.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+        return called
+
+    return decorated
+
+
+def _option(name: str, defaults: Mapping[str, Any]) -> Parameter:
+    about, schema = RunRequest.model_fields[name], _schema(name)
+    default = defaults.get(name, None if schema["type"] == "array" else about.get_default())
+    if name in _OWN:
+        return Parameter(name, Parameter.POSITIONAL_OR_KEYWORD, default=default, annotation=_OWN[name])
+    said = next((each for each in about.metadata if isinstance(each, OnCommandLine)), OnCommandLine())
+    flags = () if said.flag is None else (said.flag,)
+    option = typer.Option(*flags, metavar=said.metavar, min=schema.get("minimum"), help=about.description)
+    kind: Any = _TYPES[schema["type"]]
+    annotated: Any = Annotated  # made of values here, which a checker of types can't follow
+    annotation = annotated[kind | None if default is None else kind, option]
+    return Parameter(name, Parameter.POSITIONAL_OR_KEYWORD, default=default, annotation=annotation)
+
+
+def _schema(name: str) -> Mapping[str, Any]:
+    """Type and bounds of a field, of one that may be left out those of its value."""
+    schema: Mapping[str, Any] = _schemas()[name]
+    return next((each for each in schema.get("anyOf", ()) if each["type"] != "null"), schema)
+
+
+@functools.cache
+def _schemas() -> Mapping[str, Any]:
+    properties: Mapping[str, Any] = RunRequest.model_json_schema()["properties"]
+    return properties

@@ -1,12 +1,94 @@
-"""The description of a run in containers, which every container engine is given its own form of."""
+"""The description of a run in containers: its commands, its memory, and what else each container engine is given in its own form."""
 
+import math
 import re
-from collections.abc import Mapping
+import shlex
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
 from pathlib import Path
 from typing import Final
 
-from vastflow.tasks.execution.shell import wrapped
+BASH = "/bin/bash"
+"""Scripts to be sourced, such as ROS's `setup.bash`, are written for it."""
+
+
+def wrapped(command: Sequence[str], pre_command: str | None, post_command: str | None) -> tuple[str, ...]:
+    """`command`, after `pre_command` has been sourced and before `post_command` runs.
+
+    Exit code: the command's own, whatever the script after it does. Where the script before it fails, the command does not
+    run and the code is the script's. SIGTERM reaches the command, and the script after it still runs.
+
+    Args:
+        pre_command, post_command: Paths in the container; None where there is none.
+    """
+    if not command:
+        raise ValueError("the command of an image is not known outside of it and can't be wrapped")
+    if pre_command is None and post_command is None:
+        return tuple(command)
+    lines = [] if pre_command is None else [f". {shlex.quote(pre_command)} || exit"]
+    if post_command is None:
+        lines.append(f"exec {shlex.join(command)}")
+    else:
+        lines += [
+            "trap 'kill -TERM $!' TERM",
+            f"{shlex.join(command)} &",
+            "wait $!",
+            "status=$?",
+            # A signal ends `wait`, not the command.
+            "while kill -0 $! 2>/dev/null; do wait $!; status=$?; done",
+            shlex.quote(post_command),
+            "exit $status",
+        ]
+    return BASH, "-c", "\n".join(lines)
+
+
+SUFFIXES: Final[Mapping[str, int]] = {
+    "": 1,
+    "k": 10**3,
+    "M": 10**6,
+    "G": 10**9,
+    "T": 10**12,
+    "P": 10**15,
+    "Ki": 2**10,
+    "Mi": 2**20,
+    "Gi": 2**30,
+    "Ti": 2**40,
+    "Pi": 2**50,
+}
+"""Of Kubernetes' quantities, without those of less than a byte (`8m` is 0.008 bytes) and exponents."""
+QUANTITY: Final = re.compile(r"(\d+(?:\.\d*)?|\.\d+)\s*([A-Za-z]*)", re.ASCII)
+
+
+def memory_bytes(text: str) -> int:
+    """Bytes of a quantity such as `8Gi` or `1.5G`, rounded up.
+
+    Raises:
+        ValueError: not such a quantity, or nothing. The message says what was found and what would be right.
+    """
+    match = QUANTITY.fullmatch(text.strip())
+    if match and match[2] in SUFFIXES and text == match[1] + match[2]:
+        size = math.ceil(Fraction(match[1]) * SUFFIXES[match[2]])
+        if size > 0:
+            return size
+    near = f"{match[2][:1].upper()}i" if match else ""
+    right = f"did you mean '{match[1]}{near}'?" if match and near in SUFFIXES else "a quantity such as 8Gi or 512Mi"
+    raise ValueError(f"found {text!r}; {right}")
+
+
+def kubernetes_memory(size: int) -> str:
+    """`size` bytes as a quantity of Kubernetes, in the largest unit in which they are a whole number."""
+    return _in_units(size, {"Gi": 2**30, "Mi": 2**20, "Ki": 2**10}, "")
+
+
+def compose_memory(size: int) -> str:
+    """`size` bytes as Docker Compose reads them, whose k, m and g are powers of 1024."""
+    return _in_units(size, {"g": 2**30, "m": 2**20, "k": 2**10}, "b")
+
+
+def _in_units(size: int, units: Mapping[str, int], byte: str) -> str:
+    return next((f"{size // unit}{name}" for name, unit in units.items() if size % unit == 0), f"{size}{byte}")
+
 
 MAIN: Final = "main"
 """Name of the container whose end is the run's."""

@@ -7,10 +7,8 @@ file asks for beside it are sidecars of that one.
 from enum import StrEnum
 from typing import Any, Final
 
-from vastflow.tasks.execution.description import RunDescription
-from vastflow.tasks.execution.memory import compose_memory, kubernetes_memory
-from vastflow.tasks.execution.pod import config_map_keys, config_map_name, pod_spec
-from vastflow.tasks.execution.template import template
+from vastflow.tasks.execution.description import RunDescription, compose_memory, kubernetes_memory
+from vastflow.tasks.execution.manifests import config_map_keys, config_map_name, pod_spec, template
 
 
 class PoolType(StrEnum):

@@ -15,8 +15,7 @@ from vastflow.producers.campaign_file.spec import Resources
 from vastflow.producers.model.faults import CampaignError, Fault, Location, shown
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.scenario.programs.folders import RunFileError
-from vastflow.tasks.execution.description import MAIN, Container, Needs, RunDescription, label_of
-from vastflow.tasks.execution.memory import memory_bytes
+from vastflow.tasks.execution.description import MAIN, Container, Needs, RunDescription, label_of, memory_bytes
 
 T = TypeVar("T")
 

@@ -26,7 +26,7 @@ from vastflow.sim.reading.abstract import BUILTIN, SHIPPED, abstract_content, de
 from vastflow.sim.reading.vocabulary import ACTIONS
 from vastflow.sim.run import run
 from vastflow.sim.scenario.tree.support import unsupported
-from vastflow.tasks.keys import Keys
+from vastflow.tasks.keys.keys import Keys
 
 SCENARIOS = Path(__file__).parents[2] / "campaigns" / "scenarios"
 WORK = Work(executed=1, reused=0, simulated_s=30.0, cpu_s=1.0, wall_s=1.0)

@@ -15,13 +15,13 @@ from packaging.requirements import Requirement
 from prefect.cli.deploy._models import PrefectYamlModel, RawScheduleConfig
 
 from vastflow.flows.campaign import campaign
-from vastflow.flows.commands.deploy import IMAGE_FOLDER
+from vastflow.flows.cli.deploy import IMAGE_FOLDER
 from vastflow.producers.campaign import load_campaign
-from vastflow.tasks import work
+from vastflow.tasks.engine import work
 from vastflow.tasks.execution import deployment, job
 from vastflow.tasks.execution.deployment import Deployment, ShardDeployment, description_of
-from vastflow.tasks.execution.memory import memory_bytes
-from vastflow.tasks.execution.template import filled, template
+from vastflow.tasks.execution.description import memory_bytes
+from vastflow.tasks.execution.manifests import filled, template
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "deployments"

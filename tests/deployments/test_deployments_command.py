@@ -9,10 +9,9 @@ import yaml
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
-from vastflow.flows.commands.execution import MOST_IN_A_CONFIG_MAP
+from vastflow.flows.cli.execution import MOST_IN_A_CONFIG_MAP
 from vastflow.producers.campaign_file.spec import ExecutionSpec
-from vastflow.tasks.execution.compose import compose_file
-from vastflow.tasks.execution.pod import config_map_keys, pod_template
+from vastflow.tasks.execution.manifests import compose_file, config_map_keys, pod_template
 
 ROOT = Path(__file__).parents[2]
 IMAGE = "  image: ghcr.io/me/robot:1.0\n"

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.tasks.execution.compose import compose_file
 from vastflow.tasks.execution.description import Container, Needs, RunDescription
+from vastflow.tasks.execution.manifests import compose_file
 
 SCHEMA = get_builtin_schema("vendor.compose-spec")
 ALONE = RunDescription("x", "image", Container("main"))

@@ -11,11 +11,11 @@ from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
 from vastflow.flows.campaign import campaign as campaign_flow
-from vastflow.flows.commands import deploy as deploy_command
-from vastflow.flows.commands.deploy import NO_API
-from vastflow.tasks import retry
+from vastflow.flows.cli import deploy as deploy_command
+from vastflow.flows.cli.deploy import NO_API
 from vastflow.tasks.execution.job import PoolType, base_job_template
-from vastflow.tasks.prefect_adapter import flow_schema
+from vastflow.tasks.prefect import retry
+from vastflow.tasks.prefect.adapter import flow_schema
 
 
 def called(*arguments):
@@ -143,7 +143,7 @@ def test_sidecars_without_an_image_are_a_fault_of_the_file(campaign_file):
 
 
 def test_without_an_api_nothing_is_deployed_and_what_to_do_is_said(file, monkeypatch):
-    monkeypatch.setattr("vastflow.tasks.server.configured_url", lambda: None)
+    monkeypatch.setattr("vastflow.tasks.prefect.server.configured_url", lambda: None)
     result = called(file, "--pool", "lab")
     assert (result.exit_code, result.stderr) == (2, NO_API + "\n")
 

@@ -5,9 +5,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.tasks.execution.compose import compose_file
-from vastflow.tasks.execution.manifest import yaml_text
-from vastflow.tasks.execution.pod import pod_template
+from vastflow.tasks.execution.manifests import compose_file, pod_template, yaml_text
 
 TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=30)
 

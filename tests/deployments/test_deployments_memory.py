@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.tasks.execution.memory import compose_memory, kubernetes_memory, memory_bytes
+from vastflow.tasks.execution.description import compose_memory, kubernetes_memory, memory_bytes
 
 
 @each_row(

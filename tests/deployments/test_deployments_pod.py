@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.tasks.execution.description import Container, Needs, RunDescription
-from vastflow.tasks.execution.pod import config_map_keys, pod_spec, pod_template
+from vastflow.tasks.execution.manifests import config_map_keys, pod_spec, pod_template
 
 SIDECARS_SINCE = "1.29"
 VERSIONS = [SIDECARS_SINCE, kubernetes_validate.latest_version()]

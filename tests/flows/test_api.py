@@ -24,7 +24,7 @@ def test_the_api_does_not_import_prefect_until_it_is_needed():
 
 
 def test_the_worker_functions_import_neither_prefect_nor_numba():
-    assert loaded_after("import vastflow.tasks.work, vastflow.tasks.pool") == []
+    assert loaded_after("import vastflow.tasks.engine.work, vastflow.tasks.engine.pool") == []
 
 
 def test_fewer_than_one_run_is_refused(tmp_path):

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vastflow.flows.computing import artifacts
-from vastflow.flows.computing.artifacts import (
+from vastflow.flows.flow_runs import pages
+from vastflow.flows.flow_runs.pages import (
     QUIET_S,
     Page,
     ProgressBar,
@@ -23,7 +23,7 @@ from vastflow.flows.computing.artifacts import (
     tolerated,
 )
 from vastflow.flows.results.summary import Results, Summary
-from vastflow.tasks.progress import Progress
+from vastflow.tasks.engine.progress import Progress
 
 FLOW_RUN = str(uuid4())
 
@@ -62,7 +62,7 @@ class Client:
 @pytest.fixture
 def client(monkeypatch):
     client = Client()
-    monkeypatch.setattr(artifacts, "get_client", lambda sync_client: client)
+    monkeypatch.setattr(pages, "get_client", lambda sync_client: client)
     return client
 
 
@@ -70,7 +70,7 @@ def client(monkeypatch):
 def clock(monkeypatch):
     """A clock that can be set: `clock.now_s`."""
     clock = SimpleNamespace(now_s=100.0)
-    monkeypatch.setattr(artifacts.time, "monotonic", lambda: clock.now_s)
+    monkeypatch.setattr(pages.time, "monotonic", lambda: clock.now_s)
     return clock
 
 
@@ -174,9 +174,9 @@ def test_a_page_is_shown_again_when_its_server_is_back(client, clock):
 @pytest.fixture
 def finished(monkeypatch):
     """A campaign directory that is not looked into."""
-    monkeypatch.setattr(artifacts, "flow_run", SimpleNamespace(id=FLOW_RUN))
-    monkeypatch.setattr(artifacts, "get_run_logger", lambda: artifacts.LOGGER)
-    monkeypatch.setattr(artifacts, "result_rows", lambda found: [{"family": "room", "runs": 4}])
+    monkeypatch.setattr(pages, "flow_run", SimpleNamespace(id=FLOW_RUN))
+    monkeypatch.setattr(pages, "get_run_logger", lambda: pages.LOGGER)
+    monkeypatch.setattr(pages, "result_rows", lambda found: [{"family": "room", "runs": 4}])
     summary = Summary(2, 0, 0, 4, 4, 0, 3, 1, 0, 10.0, 1.0, 1.0, "results/x-1", {})
     return Results(Path("results/x-1"), summary, (), ())
 

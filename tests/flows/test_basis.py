@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.flows.results.basis import basis_of
 from vastflow.flows.results.inputs import inputs_of
+from vastflow.flows.run.reporting import basis_of
 from vastflow.sim.model.digest import file_digest
 
 CAMPAIGNS = Path(__file__).parents[2] / "campaigns"

@@ -12,10 +12,11 @@ import sys
 import psutil
 import pytest
 
-from vastflow.flows import campaign_run, run_campaign
-from vastflow.flows.computing import flow_call
+from vastflow.flows import run_campaign
+from vastflow.flows.flow_runs import flow_call
+from vastflow.flows.run import campaign_run
 from vastflow.producers.model.faults import CampaignError
-from vastflow.tasks.source import installed_tree
+from vastflow.tasks.keys.source import installed_tree
 
 pytestmark = pytest.mark.timeout(900)
 

@@ -9,10 +9,9 @@ import pytest
 from table import each_row
 
 from vastflow.flows.results import tables
-from vastflow.flows.results.campaign_tables import LOGS_FILE, CampaignTables, RunLogs
+from vastflow.flows.results.campaign_tables import LOGS_FILE, CampaignTables, KeptLogs, RunLogs
 from vastflow.flows.results.found import ConfigurationResult, RunFault
-from vastflow.flows.results.kept_logs import KeptLogs
-from vastflow.flows.results.table_part import PartRows
+from vastflow.flows.results.tables import PartRows
 from vastflow.oracles.directory.behaviors import Behaviors
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.verdict import Verdict

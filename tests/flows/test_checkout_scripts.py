@@ -9,7 +9,7 @@ from bench_show import shown
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
-from vastflow.flows.commands import checkout
+from vastflow.flows.cli import development
 
 COMMANDS = {
     ("paper", "here", "-there"): ("paper_page", "--", "here", "-there"),
@@ -46,14 +46,14 @@ def test_a_command_becomes_its_script(command, monkeypatch):
     monkeypatch.setattr(os, "execv", execv)
     name, *arguments = COMMANDS[command]
     words = ["paper", "--", *command[1:]] if command[0] == "paper" else command
-    script = checkout.PROOFS / f"{name}.py"
+    script = development.PROOFS / f"{name}.py"
     assert called(*words).exception.args == (sys.executable, [sys.executable, str(script), *arguments])
     assert script.is_file()
 
 
 @pytest.mark.parametrize("command", [("paper", "results"), ("bench", "sim"), ("bench", "pipeline")], ids=" ".join)
 def test_without_the_repository_a_command_says_where_its_script_is(command, tmp_path, monkeypatch):
-    monkeypatch.setattr(checkout, "PROOFS", tmp_path)
+    monkeypatch.setattr(development, "PROOFS", tmp_path)
     result = called(*command)
     assert (result.exit_code, result.stdout) == (2, "")
     assert "which only a clone of vastflow's repository has" in result.stderr

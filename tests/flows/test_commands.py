@@ -13,11 +13,11 @@ from typer.testing import CliRunner
 
 from vastflow.flows import api
 from vastflow.flows.__main__ import app
-from vastflow.flows.commands.run import command_line
+from vastflow.flows.cli.run import command_line
 from vastflow.flows.results.summary import Summary
-from vastflow.flows.terminal.writing import check_writable
+from vastflow.flows.terminal.ending import check_writable
 from vastflow.oracles.evidence.rates import Counts
-from vastflow.tasks.progress import Progress
+from vastflow.tasks.engine.progress import Progress
 
 SUMMARY = Summary(2, 0, 0, 4, 4, 0, 4, 0, 0, 40.0, 3.0, 2.0, "results/x", {"success": Counts(4, 0, 0)})
 

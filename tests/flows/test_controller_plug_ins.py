@@ -11,10 +11,10 @@ from vastflow.flows.results.inputs import inputs_of
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.model.faults import CampaignError
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.tasks.bundle import Packer, unpacked
-from vastflow.tasks.index import Member
-from vastflow.tasks.keys import Keys
-from vastflow.tasks.store import open_store
+from vastflow.tasks.engine.index import Member
+from vastflow.tasks.engine.remote_shard import Packer, unpacked
+from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.store.store import open_store
 
 PAGE = Path(__file__).parents[2] / "docs" / "write-a-controller.md"
 VAST = """

@@ -7,7 +7,7 @@ from table import each_row
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
-from vastflow.flows.commands.coverage import share_text
+from vastflow.flows.cli.plan import share_text
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
 

@@ -13,15 +13,15 @@ from vastflow.flows.__main__ import app
 from vastflow.flows.request.asked import Asked
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.found import ConfigurationResult
-from vastflow.flows.results.ingredients import ingredients_row
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.past import newest_past, past_of
+from vastflow.flows.results.provenance import ingredients_row
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.oracles.verdict import Verdict
 from vastflow.producers.instantiation.instantiate import instantiate
-from vastflow.tasks.keys import Keys
-from vastflow.tasks.source import installed_tree
+from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.keys.source import installed_tree
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import pytest
 from table import each_row
 
 from vastflow.flows.results.directory import ResultsError, directory_name, new_directory
-from vastflow.tasks.store import StoreError
+from vastflow.tasks.store.store import StoreError
 
 CREATED = datetime(2026, 11, 21, 6, 5, 4)
 

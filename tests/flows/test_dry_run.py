@@ -9,19 +9,19 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from vastflow.flows import campaign_run, run_campaign
+from vastflow.flows import run_campaign
 from vastflow.flows.__main__ import app
-from vastflow.flows.computing import flow_call
+from vastflow.flows.flow_runs import flow_call
 from vastflow.flows.plan import dry_run as dry_runs
-from vastflow.flows.plan.dry_run import STAGES, dry_run
-from vastflow.flows.plan.dry_run_text import whys
+from vastflow.flows.plan.dry_run import STAGES, dry_run, whys
 from vastflow.flows.results.past import newest_past
+from vastflow.flows.run import campaign_run
 from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.producers.model.faults import CampaignError
 from vastflow.sim.model.blocks import read_rows
-from vastflow.tasks import source
-from vastflow.tasks.source import SourceTree, installed_tree
-from vastflow.tasks.store import StoreError
+from vastflow.tasks.keys import source
+from vastflow.tasks.keys.source import SourceTree, installed_tree
+from vastflow.tasks.store.store import StoreError
 
 pytestmark = pytest.mark.timeout(900)
 

@@ -9,9 +9,9 @@ import pytest
 from bench_pipeline import SCENARIO, campaign_text
 
 from vastflow.flows import run_campaign
-from vastflow.flows.results import campaign_rows
-from vastflow.tasks import member_pack
-from vastflow.tasks.kept_server import IDLE_S, end_kept, kept_servers
+from vastflow.flows.results import results
+from vastflow.tasks.engine import index_cache
+from vastflow.tasks.prefect.kept_server import IDLE_S, end_kept, kept_servers
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -23,8 +23,8 @@ def file(tmp_path, monkeypatch) -> Iterator[Path]:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     monkeypatch.setenv(IDLE_S, "600")
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
-    monkeypatch.setattr(member_pack, "SETTLED_S", -100.0)
-    monkeypatch.setattr(campaign_rows, "LEAST", 2)
+    monkeypatch.setattr(index_cache, "SETTLED_S", -100.0)
+    monkeypatch.setattr(results, "LEAST", 2)
     (tmp_path / "nothing.osc").write_text(SCENARIO)
     yield tmp_path / "nothing.vast"
     end_kept()
@@ -50,7 +50,7 @@ def test_an_edited_campaign_has_the_bytes_of_a_run_from_nothing_and_one_server_s
     file.write_text(campaign_text(24, 2, edited=0))
     assert run("store", "first").summary.executed == 48
     (server,) = kept_servers()
-    (pack,) = (tmp_path / "store" / member_pack.FOLDER).glob("*.pack")
+    (pack,) = (tmp_path / "store" / index_cache.FOLDER).glob("*.pack")
     file.write_text(campaign_text(24, 2, edited=1))
     edited = run("store", "edited")
     assert (edited.summary.executed, edited.summary.reused) == (2, 46)

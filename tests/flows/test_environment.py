@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from vastflow.flows.results.environment import write_map
+from vastflow.flows.results.results import write_map
 from vastflow.sim.world.map_file import LARGEST_CELL_M, LEAST_CELL_M, load_map
 from vastflow.sim.world.occupancy import OccupancyMap
 

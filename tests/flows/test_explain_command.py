@@ -15,17 +15,17 @@ from vastflow.flows.request.asked import Asked
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.results.found import ConfigurationResult
-from vastflow.flows.results.ingredients import ingredients_row
 from vastflow.flows.results.inputs import inputs_of
+from vastflow.flows.results.provenance import ingredients_row
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.oracles.verdict import Verdict, write_verdicts
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.recording import Recording, Run
-from vastflow.tasks.index import Index, Member
-from vastflow.tasks.source import installed_tree
-from vastflow.tasks.store import open_store
+from vastflow.tasks.engine.index import Index, Member
+from vastflow.tasks.keys.source import installed_tree
+from vastflow.tasks.store.store import open_store
 
 NOISE = "laserscan_gaussian_noise_std_deviation"
 

@@ -29,7 +29,7 @@ from vastflow.sim.model.recording import Outputs, Recording, Run
 from vastflow.sim.model.runlog import LogText, RunLog, Use, run_log_row
 from vastflow.sim.run import BEHAVIORS
 from vastflow.sim.world.map_file import load_map
-from vastflow.tasks.keys import Keys
+from vastflow.tasks.keys.keys import Keys
 
 KEYS = Keys("x86_64; glibc 2.36; avx2 fma; ", "e" * 64, "o" * 64, "j" * 64, 0, [])
 OUTPUTS = Outputs(

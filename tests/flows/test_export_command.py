@@ -8,7 +8,7 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
-from vastflow.flows.commands import export as export_command
+from vastflow.flows.cli import export as export_command
 from vastflow.flows.export import export as layout
 from vastflow.flows.export.export import Exported, refuse
 from vastflow.flows.export.junit import Case, Flaw, Suite

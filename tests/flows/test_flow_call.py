@@ -5,17 +5,17 @@ import re
 
 import pytest
 
-from vastflow.flows.computing import flow_call
-from vastflow.flows.computing.flow_call import FLOWS, FlowCall
-from vastflow.tasks import campaign_log, ledger
-from vastflow.tasks.engine import Engine
-from vastflow.tasks.index import Index
-from vastflow.tasks.keys import Keys
-from vastflow.tasks.pool import Pool
-from vastflow.tasks.prefect_adapter import import_prefect
-from vastflow.tasks.progress import Tally
-from vastflow.tasks.server import PrefectUnavailable
-from vastflow.tasks.store import open_store
+from vastflow.flows.flow_runs import flow_call
+from vastflow.flows.flow_runs.flow_call import FLOWS, FlowCall
+from vastflow.tasks.engine.engine import Engine
+from vastflow.tasks.engine.index import Index
+from vastflow.tasks.engine.pool import Pool
+from vastflow.tasks.engine.progress import Tally
+from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.prefect import campaign_log, ledger
+from vastflow.tasks.prefect.adapter import import_prefect
+from vastflow.tasks.prefect.server import PrefectUnavailable
+from vastflow.tasks.store.store import open_store
 
 pytestmark = pytest.mark.timeout(900)
 

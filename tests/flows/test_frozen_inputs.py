@@ -7,10 +7,9 @@ import pytest
 from vastflow.flows.request.asked import Asked
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
-from vastflow.flows.results.inputs import inputs_of
-from vastflow.flows.results.replica import replica
+from vastflow.flows.results.inputs import inputs_of, replica
 from vastflow.oracles.directory.unusable import UnusableDirectory
-from vastflow.tasks.source import installed_tree
+from vastflow.tasks.keys.source import installed_tree
 
 VAST = """
 version: 1

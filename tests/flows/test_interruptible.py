@@ -7,7 +7,7 @@ import pytest
 import typer
 from table import each_row
 
-from vastflow.flows.terminal.interruptible import Interruptible
+from vastflow.flows.terminal.ending import Interruptible
 
 
 @each_row("number", [signal.SIGINT, signal.SIGTERM])

@@ -10,9 +10,9 @@ import pytest
 
 import vastflow
 from vastflow.flows.request.run_request import RunRequest
-from vastflow.flows.results import kept_answer as module
+from vastflow.flows.results import answer as module
+from vastflow.flows.results.answer import Basis, keep_answer, kept_answer
 from vastflow.flows.results.found import RunFault
-from vastflow.flows.results.kept_answer import Basis, keep_answer, kept_answer
 from vastflow.flows.results.summary import Results, Summary
 from vastflow.oracles.evidence.rates import Counts
 

@@ -7,21 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vastflow.flows.results import campaign_rows, campaign_tables
-from vastflow.flows.results.campaign_rows import write_rows
+from vastflow.flows.results import campaign_tables, results
+from vastflow.flows.results.cached_report import PART_SOURCE, KeptParts, KeptReport, part_source, parts_of
+from vastflow.flows.results.cleaning import _of_report
 from vastflow.flows.results.found import ConfigurationResult, RunFault
-from vastflow.flows.results.kept_parts import PART_SOURCE, KeptParts, part_source, parts_of
-from vastflow.flows.results.kept_report import KeptReport
-from vastflow.flows.results.references import _of_report
+from vastflow.flows.results.results import write_rows
 from vastflow.flows.results.summary import OutcomeTally
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.verdict import Metric, Verdict
 from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.archive import write_behaviors
 from vastflow.sim.model.scenario import Scenario
-from vastflow.tasks.keys import Keys
-from vastflow.tasks.source import installed_tree
-from vastflow.tasks.store import StoreError, open_store
+from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.keys.source import installed_tree
+from vastflow.tasks.store.store import StoreError, open_store
 
 KEYS = Keys("x86_64; glibc 2.36; avx2 fma; ", "e" * 64, "o" * 64, "j" * 64, 0, [])
 ORACLES = ("success", "safety")
@@ -38,7 +37,7 @@ def behaviors(runs):
 
 @pytest.fixture(autouse=True)
 def parts_of_any_size(monkeypatch):
-    monkeypatch.setattr(campaign_rows, "LEAST", 1)
+    monkeypatch.setattr(results, "LEAST", 1)
 
 
 @pytest.fixture

@@ -12,16 +12,16 @@ from whole_directory import write_results
 
 from vastflow.flows import run_campaign
 from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.results.cached_report import KeptReport
 from vastflow.flows.results.found import ConfigurationResult, RunFault
 from vastflow.flows.results.inputs import inputs_of
-from vastflow.flows.results.kept_report import KeptReport
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.page.work_section import with_work
 from vastflow.oracles.verdict import Metric, Verdict
 from vastflow.producers.instantiation.instantiate import instantiate
-from vastflow.tasks.artifact import manifest_of
-from vastflow.tasks.keys import Keys
-from vastflow.tasks.store import StoreError, open_store
+from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.store.artifact import manifest_of
+from vastflow.tasks.store.store import StoreError, open_store
 
 KEYS = Keys("x86_64; glibc 2.36; avx2 fma; ", "e" * 64, "o" * 64, "j" * 64, 0, [])
 KEY = "report/ab/abc"

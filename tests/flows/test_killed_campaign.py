@@ -20,7 +20,7 @@ from prefect import Flow
 from prefect.context import TagsContext
 from prefect.settings import temporary_settings
 
-from vastflow.tasks import ledger
+from vastflow.tasks.prefect import ledger
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 more = pytest.mark.skipif(os.environ.get("VASTFLOW_DEPLOYMENTS") != "all", reason="VASTFLOW_DEPLOYMENTS=all runs it")

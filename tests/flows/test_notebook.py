@@ -5,7 +5,7 @@ import sys
 from types import SimpleNamespace
 
 from vastflow.flows.terminal.notebook import NotebookDisplay, notebook_display
-from vastflow.tasks.progress import Progress
+from vastflow.tasks.engine.progress import Progress
 
 
 class Cell:

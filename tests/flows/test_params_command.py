@@ -6,8 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
-from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.flows.request.notes import MOST_OF_A_FILE, terminal_lines
+from vastflow.flows.request.campaign_file import MOST_OF_A_FILE, read_campaign, terminal_lines
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.producers.model.faults import Note
 

@@ -6,7 +6,7 @@ from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
 from vastflow.sim.plug_ins.effects import PlugInExit, plug_in_code
-from vastflow.tasks.work import Broken, answered
+from vastflow.tasks.engine.work import Broken, answered
 
 PRODUCER = """
 import sys

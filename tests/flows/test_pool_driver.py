@@ -13,15 +13,15 @@ from vastflow.flows.pool.driver import Driver
 from vastflow.flows.pool.service import Seen
 from vastflow.flows.request.work_pool import WorkersFailed, WorkPool, WorkPoolError, shard_count
 from vastflow.sim.model.scenario import Scenario
-from vastflow.tasks.bundle_report import Report, ReportPart, read_part, write_part
-from vastflow.tasks.engine import Engine, MemberFault
+from vastflow.tasks.engine.engine import Engine, MemberFault
+from vastflow.tasks.engine.index import Index, Member
+from vastflow.tasks.engine.pool import Pool, PoolClosed
+from vastflow.tasks.engine.progress import Tally
+from vastflow.tasks.engine.remote_shard import Report, ReportPart, read_part, write_part
+from vastflow.tasks.engine.work import RECORDINGS, TRACES, VERDICTS
 from vastflow.tasks.execution.deployment import OTHER_CODE, STORE_AWAY
-from vastflow.tasks.index import Index, Member
-from vastflow.tasks.keys import Keys
-from vastflow.tasks.pool import Pool, PoolClosed
-from vastflow.tasks.progress import Tally
-from vastflow.tasks.store import Store, StoreError, open_store
-from vastflow.tasks.work import RECORDINGS, TRACES, VERDICTS
+from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.store.store import Store, StoreError, open_store
 
 KEYS = Keys("numeric", "a", "b", "c", 0, [])
 RUNS = 2

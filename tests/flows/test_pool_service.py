@@ -14,9 +14,9 @@ from vastflow.flows.campaign import campaign
 from vastflow.flows.pool import service as pool_service
 from vastflow.flows.pool.service import Asking, PoolService, Seen, pool_type
 from vastflow.flows.request.work_pool import WorkPoolError
-from vastflow.tasks import retry
 from vastflow.tasks.execution.deployment import ShardDeployment
-from vastflow.tasks.server import PrefectUnavailable
+from vastflow.tasks.prefect import retry
+from vastflow.tasks.prefect.server import PrefectUnavailable
 
 PARENT = "the-campaign"
 DEPLOYMENT = uuid.uuid4()

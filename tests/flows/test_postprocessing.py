@@ -21,7 +21,7 @@ from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.archive import write_outputs
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.recording import Outputs, Recording, Run
-from vastflow.tasks.keys import Keys
+from vastflow.tasks.keys.keys import Keys
 
 KEYS = Keys("x86_64; glibc 2.36; avx2 fma; ", "e" * 64, "o" * 64, "j" * 64, 0, [])
 

@@ -9,8 +9,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
-from vastflow.flows.plan.estimate import MEAN_SPEED_MPS, TIMES_REAL_TIME, Estimate, estimate_of, route_m
-from vastflow.flows.plan.preview import plan_view_of
+from vastflow.flows.plan.preview import MEAN_SPEED_MPS, TIMES_REAL_TIME, Estimate, estimate_of, plan_view_of, route_m
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
 

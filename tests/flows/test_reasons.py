@@ -5,7 +5,7 @@ import json
 from table import each_row
 
 from vastflow.flows.plan.reasons import scenario_reason
-from vastflow.flows.results.differences import changes_text
+from vastflow.flows.results.provenance import changes_text
 
 
 def test_obstacles_are_compared_one_by_one_and_named_by_their_key():

@@ -19,11 +19,11 @@ from typer.testing import CliRunner
 from whole_directory import write_results
 
 from vastflow.flows.__main__ import app
-from vastflow.flows.commands import replay as replay_command
+from vastflow.flows.cli import replay as replay_command
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.found import ConfigurationResult
 from vastflow.flows.results.inputs import inputs_of
-from vastflow.flows.results.origin import origin_differences, versions
+from vastflow.flows.results.provenance import origin_differences, versions
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.oracles.replay.recorded import recorded_run
@@ -36,8 +36,8 @@ from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.recording import Recording, Run
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.run import run
-from vastflow.tasks.keys import EXECUTE_SOURCE, Keys, numeric_class
-from vastflow.tasks.source import installed_tree
+from vastflow.tasks.keys.keys import EXECUTE_SOURCE, Keys, numeric_class
+from vastflow.tasks.keys.source import installed_tree
 
 RUNS = 2
 SEED = 5

@@ -9,13 +9,13 @@ import pytest
 
 from vastflow.flows.request.asked import SEQUENTIAL
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.flows.results.report_key import _PACKAGES as PACKAGES_OF_FLOWS
-from vastflow.flows.results.report_key import report_key
+from vastflow.flows.results.cached_report import _PACKAGES as PACKAGES_OF_FLOWS
+from vastflow.flows.results.cached_report import report_key
 from vastflow.oracles.oracle import oracle_of
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.model.configuration import ExcludedInstance, RejectedInstance, Step
-from vastflow.tasks.keys import Keys
-from vastflow.tasks.source import PACKAGES, SourceTree, installed_tree
+from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.keys.source import PACKAGES, SourceTree, installed_tree
 
 KEYS = Keys("x86_64; glibc 2.36; avx2 fma; ", "e" * 64, "o" * 64, "j" * 64, 0, [])
 METADATA = {
@@ -164,10 +164,8 @@ CODE = [
     "vastflow.flows.results/tables.py",
     "vastflow.flows.results/campaign_tables.py",
     "vastflow.flows.results/found.py",
-    "vastflow.flows.results/member_files.py",
-    "vastflow.flows.results/environment.py",
     "vastflow.flows.results/results.py",
-    "vastflow.flows.request/members.py",
+    "vastflow.flows.request/configurations.py",
     "vastflow.producers/instantiation/coverage.py",
     "vastflow.sim/model/blocks.py",
 ]

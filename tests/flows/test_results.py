@@ -24,7 +24,7 @@ from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.blocks import read_block, read_recordings, read_rows, write_block, write_recordings
 from vastflow.sim.model.recording import Event, Recording, Run
 from vastflow.sim.world.map_file import load_map
-from vastflow.tasks.keys import Keys
+from vastflow.tasks.keys.keys import Keys
 
 CREATED = datetime(2026, 11, 21, 6, 5, 4)
 KEYS = Keys("x86_64; glibc 2.36; avx2 fma; ", "e" * 64, "o" * 64, "j" * 64, 0, [])

@@ -23,14 +23,13 @@ from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys, recorded_keys
 from vastflow.flows.results.directory import ABANDONED_S, WRITER, left_behind, new_directory, sweep, writer_of
 from vastflow.flows.results.found import ConfigurationResult
-from vastflow.flows.results.ingredients import ingredients_row
-from vastflow.flows.results.inputs import inputs_of
-from vastflow.flows.results.replica import replica
+from vastflow.flows.results.inputs import inputs_of, replica
+from vastflow.flows.results.provenance import ingredients_row
 from vastflow.flows.results.summary import Summary, Work
 from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.producers.instantiation.instantiate import instantiate
-from vastflow.tasks.source import installed_tree
+from vastflow.tasks.keys.source import installed_tree
 
 CREATED = datetime(2026, 11, 21, 6, 5, 4)
 SUMMARY = Summary(2, 0, 0, 4, 0, 4, 4, 0, 0, 0.0, 3.0, 2.0, "results/x", {"success": Counts(4, 0, 0)})

@@ -11,20 +11,20 @@ import pyarrow.parquet as pq
 import pytest
 from table import each_row
 
-from vastflow.flows import campaign_run, run_campaign
-from vastflow.flows.campaign_run import open_run
-from vastflow.flows.computing import flow_call
+from vastflow.flows import run_campaign
+from vastflow.flows.flow_runs import flow_call
 from vastflow.flows.minimization.failing import failing_configuration
-from vastflow.flows.reporting import assess, deliver, report
 from vastflow.flows.request.run_request import request_of
-from vastflow.flows.results.cleaning import DAY_S, clean, cleaning
+from vastflow.flows.results.cleaning import DAY_S, clean, cleaning, references
 from vastflow.flows.results.directory import new_directory
-from vastflow.flows.results.references import references
+from vastflow.flows.run import campaign_run
+from vastflow.flows.run.campaign_run import open_run
+from vastflow.flows.run.reporting import assess, deliver, report
 from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.producers.model.faults import CampaignError
-from vastflow.tasks.evaluation import packed
-from vastflow.tasks.source import installed_tree
-from vastflow.tasks.store import open_store
+from vastflow.tasks.engine.evaluation import packed
+from vastflow.tasks.keys.source import installed_tree
+from vastflow.tasks.store.store import open_store
 
 pytestmark = pytest.mark.timeout(900)
 

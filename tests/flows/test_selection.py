@@ -8,13 +8,12 @@ from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.flows.api import run_campaign
-from vastflow.flows.request.members import narrowed
-from vastflow.flows.request.selection import EVERYTHING, Selection, sampled
+from vastflow.flows.request.configurations import EVERYTHING, Selection, narrowed, sampled
 from vastflow.producers.instantiation.instantiate import Instantiation, mark_duplicates
 from vastflow.producers.model.configuration import Configuration
 from vastflow.producers.model.faults import CampaignError
 from vastflow.sim.model.scenario import scenario_of
-from vastflow.tasks.instantiation import Instantiated
+from vastflow.tasks.engine.instantiation import Instantiated
 
 FILE = "campaign.vast"
 

@@ -12,12 +12,12 @@ from collections import Counter
 import pyarrow.parquet as pq
 import pytest
 
-from vastflow.flows import campaign_run, run_campaign
-from vastflow.flows.computing import flow_call
-from vastflow.flows.plan.dry_run import dry_run
-from vastflow.flows.plan.dry_run_text import dry_run_json, dry_run_text
+from vastflow.flows import run_campaign
+from vastflow.flows.flow_runs import flow_call
+from vastflow.flows.plan.dry_run import dry_run, dry_run_json, dry_run_text
 from vastflow.flows.results.past import past_of
-from vastflow.tasks.source import installed_tree
+from vastflow.flows.run import campaign_run
+from vastflow.tasks.keys.source import installed_tree
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 

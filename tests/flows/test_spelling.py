@@ -7,11 +7,11 @@ import pytest
 
 from vastflow.flows.request.campaign_file import campaign_name, read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
-from vastflow.flows.request.members import members_of
+from vastflow.flows.request.configurations import members_of
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.model.faults import CampaignError
 from vastflow.sim.run import execute
-from vastflow.tasks.source import installed_tree
+from vastflow.tasks.keys.source import installed_tree
 
 UPSTREAM = Path(__file__).parents[2].parent / "shared" / "upstream" / "robovast-configs" / "examples"
 

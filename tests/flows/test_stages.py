@@ -11,13 +11,13 @@ import pytest
 from table import each_row
 
 from vastflow.flows import execute, instantiate, judge, observe, run_campaign
-from vastflow.flows.computing.flow_call import FlowCall
+from vastflow.flows.flow_runs.flow_call import FlowCall
 from vastflow.flows.stages import api as stages
 from vastflow.flows.stages.configurations import UnknownConfiguration
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.producers.model.faults import CampaignError
-from vastflow.tasks.source import installed_tree
-from vastflow.tasks.store import Lost
+from vastflow.tasks.keys.source import installed_tree
+from vastflow.tasks.store.store import Lost
 
 pytestmark = pytest.mark.timeout(900)
 

@@ -20,15 +20,15 @@ from vastflow.flows.request.asked import Asked
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.results.found import ConfigurationResult
-from vastflow.flows.results.ingredients import ingredients_row
 from vastflow.flows.results.inputs import inputs_of
+from vastflow.flows.results.provenance import ingredients_row
 from vastflow.flows.results.summary import Work
 from vastflow.sim.reading.checked import checked_digest
-from vastflow.tasks import work
-from vastflow.tasks.evaluation import packed
-from vastflow.tasks.instantiation import Instantiator
-from vastflow.tasks.source import installed_tree
-from vastflow.tasks.store import open_store
+from vastflow.tasks.engine import work
+from vastflow.tasks.engine.evaluation import packed
+from vastflow.tasks.engine.instantiation import Instantiator
+from vastflow.tasks.keys.source import installed_tree
+from vastflow.tasks.store.store import open_store
 
 DAY_S = 24 * 3600.0
 

@@ -7,7 +7,7 @@ import pytest
 from prefect.logging.configuration import setup_logging
 from prefect.logging.handlers import APILogHandler
 
-from vastflow.flows.computing.task_log import TASK_RUNS, quiet_task_runs
+from vastflow.flows.flow_runs.task_runs import TASK_RUNS, quiet_task_runs
 
 
 @pytest.fixture

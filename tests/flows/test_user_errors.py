@@ -7,7 +7,7 @@ import pickle
 from table import each_row
 
 from vastflow.sim.model.faults import UserError
-from vastflow.tasks.store import StoreError
+from vastflow.tasks.store.store import StoreError
 
 FAMILY = [
     "flows.request.work_pool.WorkPoolError",
@@ -17,8 +17,8 @@ FAMILY = [
     "producers.floorplan.faults.FloorplanError",
     "sim.nav2.parameter_files.document.DocumentError",
     "sim.scenario.language.faults.OscError",
-    "tasks.artifact.StoreError",
-    "tasks.surroundings.SurroundingsError",
+    "tasks.store.artifact.StoreError",
+    "tasks.engine.machine_check.SurroundingsError",
 ]
 
 
@@ -29,7 +29,7 @@ def test_errors_that_end_a_command_with_exit_code_2_are_of_one_family(name):
 
 
 def test_prefects_absence_is_no_mistake_of_the_user():
-    server, pool = map(importlib.import_module, ("vastflow.tasks.server", "vastflow.flows.request.work_pool"))
+    server, pool = map(importlib.import_module, ("vastflow.tasks.prefect.server", "vastflow.flows.request.work_pool"))
     assert not issubclass(server.PrefectUnavailable, UserError) and not issubclass(pool.WorkersFailed, UserError)
 
 

@@ -14,7 +14,7 @@ from vastflow.oracles.notebook.file import NotebookError
 from vastflow.oracles.notebook.run_tables import SIGNALS, run_tables
 from vastflow.oracles.oracle import Oracle, OracleError, oracle_of
 from vastflow.oracles.sample_runs import SampleRun, sample_runs
-from vastflow.tasks.source import installed_tree
+from vastflow.tasks.keys.source import installed_tree
 
 EXAMPLE = Path(__file__).parents[2] / "campaigns" / "notebook"
 

@@ -21,9 +21,9 @@ from vastflow.producers.model.conformance import check_producer
 from vastflow.producers.model.producer import evaluate, find_producer
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.world.map_file import load_map, map_content
-from vastflow.tasks import work
-from vastflow.tasks.evaluation import FRAGMENTS, content_of, files_in, packed, read_evaluation
-from vastflow.tasks.store import open_store
+from vastflow.tasks.engine import work
+from vastflow.tasks.engine.evaluation import FRAGMENTS, content_of, files_in, packed, read_evaluation
+from vastflow.tasks.store.store import open_store
 
 HERE = Path(__file__).parent
 

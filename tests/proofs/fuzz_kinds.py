@@ -170,13 +170,13 @@ def _campaign_directory(file: Path, results: Path) -> None:
     from vastflow.flows.request.asked import Asked
     from vastflow.flows.request.campaign_file import read_campaign
     from vastflow.flows.results.found import ConfigurationResult
-    from vastflow.flows.results.ingredients import ingredients_row
     from vastflow.flows.results.inputs import inputs_of
+    from vastflow.flows.results.provenance import ingredients_row
     from vastflow.flows.results.summary import Work
     from vastflow.oracles.verdict import Metric, Verdict
     from vastflow.producers.instantiation.instantiate import instantiate
-    from vastflow.tasks.keys import Keys
-    from vastflow.tasks.source import installed_tree
+    from vastflow.tasks.keys.keys import Keys
+    from vastflow.tasks.keys.source import installed_tree
 
     campaign, oracles = read_campaign(file)
     names = [oracle.name for oracle in oracles]

@@ -14,15 +14,15 @@ from pathlib import Path
 
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
-from vastflow.flows.request.members import members_of
-from vastflow.tasks import source
-from vastflow.tasks.engine import Engine
-from vastflow.tasks.evaluation import packed
-from vastflow.tasks.index import Index
-from vastflow.tasks.instantiation import Instantiator
-from vastflow.tasks.pool import Pool
-from vastflow.tasks.progress import Tally
-from vastflow.tasks.store import open_store
+from vastflow.flows.request.configurations import members_of
+from vastflow.tasks.engine.engine import Engine
+from vastflow.tasks.engine.evaluation import packed
+from vastflow.tasks.engine.index import Index
+from vastflow.tasks.engine.instantiation import Instantiator
+from vastflow.tasks.engine.pool import Pool
+from vastflow.tasks.engine.progress import Tally
+from vastflow.tasks.keys import source
+from vastflow.tasks.store.store import open_store
 
 
 def main() -> None:

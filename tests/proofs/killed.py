@@ -59,7 +59,7 @@ from killed_points import (
 )
 
 from vastflow.flows.results.directory import ABANDONED_S, sweep
-from vastflow.tasks.store import WRITING_S, open_store
+from vastflow.tasks.store.store import WRITING_S, open_store
 
 AGAIN = 3
 ORPHANS_S = 10.0

@@ -21,7 +21,7 @@ from typing import Any
 
 import psutil
 
-from vastflow.tasks.prefect_adapter import SERVER_SETTINGS
+from vastflow.tasks.prefect.adapter import SERVER_SETTINGS
 
 WORKERS = 2
 CONFIGURATIONS = 30
@@ -120,7 +120,7 @@ def traced_run(execute):
         return execute(scenario, run_index, *rest)
     return run
 
-WRAPPED = {"vastflow.tasks.work": traced_block, "vastflow.sim.run": traced_run}
+WRAPPED = {"vastflow.tasks.engine.work": traced_block, "vastflow.sim.run": traced_run}
 
 class Finder(importlib.abc.MetaPathFinder):
     def find_spec(self, name, path, target=None):
@@ -289,7 +289,7 @@ class Life:
         """Processes of this kind that live."""
         if kind == "flow":
             return [self.process] if self.process.poll() is None else []
-        said = {"worker": "loky.backend.popen_loky_posix", "server": "vastflow.tasks.api_server"}[kind]
+        said = {"worker": "loky.backend.popen_loky_posix", "server": "vastflow.tasks.prefect.api_server"}[kind]
         found = []
         with contextlib.suppress(psutil.Error):
             for child in self.process.children():

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from vastflow.tasks.store import Store
+from vastflow.tasks.store.store import Store
 
 FINAL = ("COMPLETED", "FAILED", "CRASHED", "CANCELLED")
 

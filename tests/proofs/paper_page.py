@@ -16,9 +16,8 @@ import typer
 from jinja2 import Environment, StrictUndefined
 from paper_results import PaperResults, paper_results
 
-from vastflow.flows.results.at_hand import check_directory
-from vastflow.flows.terminal.exit_code import BAD_INPUT
-from vastflow.flows.terminal.interruptible import Interruptible
+from vastflow.flows.results.address import check_directory
+from vastflow.flows.terminal.ending import BAD_INPUT, Interruptible
 from vastflow.oracles.directory.unusable import reading
 from vastflow.oracles.evidence.rates import Counts, Interval
 from vastflow.oracles.evidence.weights import WeightedRate, weighted_counts, weighted_rate

@@ -1,6 +1,6 @@
 """The oldest and the newest Prefect allowed, each in an environment of its own, with the tests of the adapter.
 
-What vastflow uses of Prefect beyond its documents is in `tasks/prefect_adapter.py`; CI runs its tests with one release. This command
+What vastflow uses of Prefect beyond its documents is in `tasks/prefect/adapter.py`; CI runs its tests with one release. This command
 reads from `pyproject.toml` which releases are allowed, installs vastflow beside each of the two by pip, and runs the tests there.
 Where one release is both, its tests run once. `--beyond 3.9.1` tries a release that is not allowed yet, with what it requires as
 far as there is such a release. Exit code 1 when one fails.

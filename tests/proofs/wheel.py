@@ -28,8 +28,8 @@ KEYS = """
 from importlib.metadata import entry_points
 
 import vastflow
-from vastflow.tasks.keys import EVALUATE_SOURCE, EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE
-from vastflow.tasks.source import installed_tree
+from vastflow.tasks.keys.keys import EVALUATE_SOURCE, EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE
+from vastflow.tasks.keys.source import installed_tree
 
 tree = installed_tree()
 print(vastflow.__file__)

@@ -20,7 +20,7 @@ from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.reading.robot import robot_of
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar
-from vastflow.tasks.keys import numeric_class
+from vastflow.tasks.keys.keys import numeric_class
 
 PINNED_ON: Final = "x86_64; glibc 2.36; avx2 fma; ; 3.11"
 DURATION_S: Final = 8.0

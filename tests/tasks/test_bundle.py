@@ -18,10 +18,10 @@ from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.reading.abstract import abstract_content, definition_of
 from vastflow.sim.scenario.programs.folders import copy_in, files_matching
 from vastflow.sim.world.map_file import load_map, map_content
-from vastflow.tasks.bundle import BundleError, Packer, differences, promise_of, unpacked
-from vastflow.tasks.index import Member
-from vastflow.tasks.keys import Keys
-from vastflow.tasks.store import Lost, open_store
+from vastflow.tasks.engine.index import Member
+from vastflow.tasks.engine.remote_shard import BundleError, Packer, differences, promise_of, unpacked
+from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.store.store import Lost, open_store
 
 KEYS = Keys("x86; glibc", "a", "b", "c", 7, [["success", {}]])
 ORACLE = """

@@ -8,8 +8,8 @@ from datetime import datetime
 
 import pytest
 
-from vastflow.tasks.campaign_log import new_log, own_log, prefect_log
-from vastflow.tasks.prefect_adapter import import_prefect
+from vastflow.tasks.prefect.adapter import import_prefect
+from vastflow.tasks.prefect.campaign_log import new_log, own_log, prefect_log
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -40,7 +40,7 @@ def test_old_logs_are_removed(tmp_path):
 def test_nothing_that_prefect_or_a_library_says_reaches_the_terminal(tmp_path):
     script = textwrap.dedent(f"""
         import logging, pathlib, warnings
-        from vastflow.tasks.campaign_log import prefect_log
+        from vastflow.tasks.prefect.campaign_log import prefect_log
         with prefect_log(pathlib.Path({str(tmp_path / "log")!r})):
             logging.getLogger("prefect.flow_runs").error("from prefect")
             logging.getLogger("prefect._internal").error("from inside")
@@ -59,7 +59,7 @@ def test_nothing_that_prefect_or_a_library_says_reaches_the_terminal(tmp_path):
 def test_the_next_campaign_of_a_process_has_a_log_of_its_own(tmp_path):
     script = textwrap.dedent(f"""
         import logging, pathlib
-        from vastflow.tasks.campaign_log import own_log, prefect_log
+        from vastflow.tasks.prefect.campaign_log import own_log, prefect_log
         for name in ("first", "second"):
             log = pathlib.Path({str(tmp_path)!r}, name)
             with own_log(log), prefect_log(log):

@@ -15,7 +15,7 @@ import vastflow.oracles
 import vastflow.producers
 import vastflow.sim
 import vastflow.tasks
-from vastflow.tasks.code_digest import code_digest
+from vastflow.tasks.keys.code_digest import code_digest
 
 SOURCES = sorted(
     file

@@ -5,7 +5,7 @@ from pathlib import Path
 from table import each_row
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.tasks.controllers import controllers_in
+from vastflow.tasks.engine.engine import controllers_in
 
 
 def test_each_controller_is_asked_for_once_by_what_chooses_it():

@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from vastflow.tasks.ending import owns_process, terminable
+from vastflow.tasks.engine.process import owns_process, terminable
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -35,7 +35,7 @@ def test_a_program_with_its_own_idea_of_sigterm_keeps_it():
 def test_a_process_that_does_not_end_is_ended_with_code_130_after_the_kill():
     script = textwrap.dedent("""
         import threading
-        from vastflow.tasks import ending
+        from vastflow.tasks.engine import process as ending
         ending.BOUND_S = 0.2
         ending.bound(lambda: print("killed", flush=True))
         threading.Event().wait()

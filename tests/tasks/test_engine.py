@@ -6,15 +6,15 @@ import pytest
 
 from vastflow.oracles.oracle import oracles_of
 from vastflow.sim.model.scenario import Scenario
-from vastflow.tasks import work
-from vastflow.tasks.engine import Engine, MemberFault, block_size
-from vastflow.tasks.index import Index, Member
-from vastflow.tasks.keys import Keys
-from vastflow.tasks.pool import PoolClosed, WorkerDied
-from vastflow.tasks.progress import Tally
-from vastflow.tasks.shards import Shard
-from vastflow.tasks.store import StoreError, open_store
-from vastflow.tasks.work import Broken, Executed, Gone
+from vastflow.tasks.engine import work
+from vastflow.tasks.engine.engine import Engine, MemberFault, block_size
+from vastflow.tasks.engine.index import Index, Member
+from vastflow.tasks.engine.pool import PoolClosed, WorkerDied
+from vastflow.tasks.engine.progress import Tally
+from vastflow.tasks.engine.shards import Shard
+from vastflow.tasks.engine.work import Broken, Executed, Gone
+from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.store.store import StoreError, open_store
 
 
 def member(name, runs=2):
@@ -179,7 +179,7 @@ def test_a_store_that_cannot_be_used_any_more_ends_everything_and_is_no_members_
 
 
 def test_a_task_run_that_is_interrupted_ends_as_cancelled():
-    from vastflow.tasks import stages
+    from vastflow.tasks.prefect import stages
 
     def execute(members):
         raise PoolClosed

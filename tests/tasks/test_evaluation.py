@@ -11,10 +11,17 @@ from vastflow.producers.catalog.parameter import ParameterVariationList
 from vastflow.producers.model.configuration import Fragment, Rejection
 from vastflow.producers.model.producer import evaluate, find_producer
 from vastflow.sim.model.digest import FileContent
-from vastflow.tasks.evaluation import content_of, evaluation_keys, files_in, packed, read_evaluation, write_evaluation
-from vastflow.tasks.keys import Keys
-from vastflow.tasks.source import installed_tree
-from vastflow.tasks.store import Lost
+from vastflow.tasks.engine.evaluation import (
+    content_of,
+    evaluation_keys,
+    files_in,
+    packed,
+    read_evaluation,
+    write_evaluation,
+)
+from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.keys.source import installed_tree
+from vastflow.tasks.store.store import Lost
 
 KEYS = Keys("numeric", "e", "o", "j", 0, [])
 OWN = """

@@ -19,8 +19,8 @@ from vastflow.sim.model.recording import Run
 from vastflow.sim.plug_ins.loading import snapshot_behind
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.watch import watched
-from vastflow.tasks.evaluation import packed
-from vastflow.tasks.source import PLUG_IN, installed_tree
+from vastflow.tasks.engine.evaluation import packed
+from vastflow.tasks.keys.source import PLUG_IN, installed_tree
 
 ORACLE = """
 from vastflow.oracles.oracle import Oracle, Parameters
@@ -287,7 +287,7 @@ def test_what_is_too_large_is_refused_with_the_limit(home):
 
 
 def test_the_versions_of_what_it_imports_are_in_its_key(home, monkeypatch):
-    from vastflow.tasks import source
+    from vastflow.tasks.keys import source
 
     write(home, "import httpx, numpy", "1")
     kind = type(oracle(home))

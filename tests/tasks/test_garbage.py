@@ -4,7 +4,7 @@ import gc
 
 import pytest
 
-from vastflow.tasks.garbage import few_collections
+from vastflow.tasks.engine.process import few_collections
 
 
 @pytest.fixture

@@ -3,9 +3,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vastflow.sim.model.scenario import Scenario
-from vastflow.tasks.index import Index, Member, missing, stretches
-from vastflow.tasks.keys import Keys
-from vastflow.tasks.store import open_store
+from vastflow.tasks.engine.index import Index, Member, missing, stretches
+from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.store.store import open_store
 
 MEMBER = Member("room-1", "room", 1, Scenario("builtin:navigate_to_pose", 60.0, {}, {}, {}), runs=8)
 

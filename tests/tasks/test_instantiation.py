@@ -5,12 +5,12 @@ import pytest
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
-from vastflow.tasks import work
-from vastflow.tasks.evaluation import packed
-from vastflow.tasks.instantiation import Instantiator, UnknownName, selected
-from vastflow.tasks.keys import Keys
-from vastflow.tasks.source import installed_tree
-from vastflow.tasks.store import open_store
+from vastflow.tasks.engine import work
+from vastflow.tasks.engine.evaluation import packed
+from vastflow.tasks.engine.instantiation import Instantiator, UnknownName, selected
+from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.keys.source import installed_tree
+from vastflow.tasks.store.store import open_store
 
 CAMPAIGN = """
 version: 1

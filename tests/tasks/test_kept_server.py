@@ -10,8 +10,8 @@ import urllib.request
 import pytest
 
 from vastflow.sim.model.faults import UserError
-from vastflow.tasks import kept_server
-from vastflow.tasks.kept_server import (
+from vastflow.tasks.prefect import kept_server
+from vastflow.tasks.prefect.kept_server import (
     IDLE_S,
     KeptServer,
     end_kept,
@@ -20,7 +20,7 @@ from vastflow.tasks.kept_server import (
     read_record,
     record_file,
 )
-from vastflow.tasks.server import answers
+from vastflow.tasks.prefect.server import answers
 
 pytestmark = [
     pytest.mark.timeout(900),
@@ -68,7 +68,7 @@ def test_one_server_stays_for_the_next_call_is_not_ended_while_used_and_ends_whe
 
 @pytest.mark.slow
 def test_a_server_ends_though_who_used_it_was_killed_and_one_that_is_asked_to_ends_at_once(tmp_path):
-    script = "import sys, time, pathlib; from vastflow.tasks.kept_server import KeptServer; "
+    script = "import sys, time, pathlib; from vastflow.tasks.prefect.kept_server import KeptServer; "
     script += "KeptServer(pathlib.Path(sys.argv[1]), 600).url(); print('used', flush=True); time.sleep(600)"
     user = subprocess.Popen([sys.executable, "-c", script, tmp_path / "log"], stdout=subprocess.PIPE)
     try:

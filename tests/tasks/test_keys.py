@@ -3,7 +3,7 @@ from dataclasses import replace
 
 from table import each_row
 
-from vastflow.tasks.keys import Keys, numeric_class
+from vastflow.tasks.keys.keys import Keys, numeric_class
 
 KEYS = Keys(
     numeric="x86_64; glibc 2.36; avx2 fma; ",

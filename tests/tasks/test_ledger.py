@@ -9,7 +9,7 @@ import time
 import pytest
 from table import each_row
 
-from vastflow.tasks import ledger
+from vastflow.tasks.prefect import ledger
 
 RUN = "00000000-0000-4000-8000-000000000001"
 
@@ -94,7 +94,7 @@ def test_a_state_folder_that_cannot_be_written_is_no_reason_to_fail(state, monke
 
 
 def test_without_an_orphan_prefect_is_not_imported():
-    script = "import sys; from vastflow.tasks import ledger; ledger.end_orphans('x'); print('prefect' in sys.modules)"
+    script = "import sys; from vastflow.tasks.prefect import ledger; ledger.end_orphans('x'); print('prefect' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=240, check=True)
     assert done.stdout == "False\n"
 

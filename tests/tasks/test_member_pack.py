@@ -5,11 +5,11 @@ import os
 import pytest
 
 from vastflow.sim.model.scenario import Scenario
-from vastflow.tasks import member_pack as module
-from vastflow.tasks.index import Index, Member
-from vastflow.tasks.keys import Keys
-from vastflow.tasks.member_pack import FOLDER, MOST_SEGMENTS, member_pack
-from vastflow.tasks.store import open_store
+from vastflow.tasks.engine import index_cache as module
+from vastflow.tasks.engine.index import Index, Member
+from vastflow.tasks.engine.index_cache import FOLDER, MOST_SEGMENTS, member_pack
+from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.store.store import open_store
 
 KEYS = Keys("numeric", "e", "o", "j", 0, [])
 

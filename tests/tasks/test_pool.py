@@ -9,8 +9,8 @@ import cloudpickle
 import psutil
 import pytest
 
-from vastflow.tasks import pool as pool_module
-from vastflow.tasks.pool import MANY, Pool, PoolClosed, Priority, WorkerDied, _Pace
+from vastflow.tasks.engine import pool as pool_module
+from vastflow.tasks.engine.pool import MANY, Pool, PoolClosed, Priority, WorkerDied, _Pace
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -162,7 +162,7 @@ def test_workers_end_with_a_parent_that_is_killed(tmp_path):
     script.write_text(
         textwrap.dedent("""
         import os, time
-        from vastflow.tasks.pool import Pool, Priority
+        from vastflow.tasks.engine.pool import Pool, Priority
         pool = Pool(2)
         print(*{pool.submit(Priority.EXECUTE, os.getpid).result(120) for _ in range(4)}, flush=True)
         time.sleep(600)

@@ -19,8 +19,8 @@ from typer.testing import CliRunner
 from vastflow.flows import run_campaign
 from vastflow.flows.__main__ import app
 from vastflow.flows.request.work_pool import WorkPool, WorkPoolError
-from vastflow.tasks.remote_files import RemoteFiles
-from vastflow.tasks.store import open_store
+from vastflow.tasks.store.remote_files import RemoteFiles
+from vastflow.tasks.store.store import open_store
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(580)]
 more = pytest.mark.skipif(os.environ.get("VASTFLOW_DEPLOYMENTS") != "all", reason="VASTFLOW_DEPLOYMENTS=all runs it")

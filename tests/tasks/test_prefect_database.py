@@ -9,8 +9,8 @@ from datetime import datetime
 import pytest
 from table import each_row
 
-from vastflow.tasks.prefect_database import set_aside_if_damaged
-from vastflow.tasks.server import ApiServer
+from vastflow.tasks.prefect.api_server import set_aside_if_damaged
+from vastflow.tasks.prefect.server import ApiServer
 
 NOW = datetime(2026, 3, 4, 5, 6, 7)
 ASIDE = "prefect.db.damaged-2026-03-04-050607"

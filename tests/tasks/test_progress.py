@@ -4,7 +4,7 @@ from collections import Counter
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vastflow.tasks.progress import Progress, Reporter, Tally
+from vastflow.tasks.engine.progress import Progress, Reporter, Tally
 
 
 def tally():

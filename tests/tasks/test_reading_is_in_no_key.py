@@ -18,8 +18,8 @@ from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, nav2_file
 from vastflow.sim.reading import checked
 from vastflow.sim.reading.abstract import abstract_content
 from vastflow.sim.reading.checked import checked_digest
-from vastflow.tasks.keys import EVALUATE_SOURCE, EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE
-from vastflow.tasks.source import PACKAGES, READING, SourceTree, installed_tree
+from vastflow.tasks.keys.keys import EVALUATE_SOURCE, EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE
+from vastflow.tasks.keys.source import PACKAGES, READING, SourceTree, installed_tree
 
 MAP = FileContent("room.yaml", "0" * 64)
 POSES = {"start_pose": {"x": 1.0, "y": 1.5}, "goal_pose": {"x": 2.0, "y": 1.5}}

@@ -5,8 +5,8 @@ import pytest
 from prefect.exceptions import PrefectHTTPStatusError
 from prefect.settings import get_current_settings, temporary_settings
 
-from vastflow.tasks import retry
-from vastflow.tasks.retry import RETRIES, bounded, retried
+from vastflow.tasks.prefect import retry
+from vastflow.tasks.prefect.retry import RETRIES, bounded, retried
 
 GONE = httpx.ConnectError("refused")
 

@@ -9,7 +9,7 @@ import psutil
 import pytest
 from prefect.client.orchestration import get_client
 
-from vastflow.tasks.server import ApiServer, PrefectUnavailable, embedded
+from vastflow.tasks.prefect.server import ApiServer, PrefectUnavailable, embedded
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.timeout(900)
 def test_the_api_ends_with_a_process_that_is_killed(tmp_path):
     script = textwrap.dedent(f"""
         import pathlib, time
-        from vastflow.tasks.server import ApiServer
+        from vastflow.tasks.prefect.server import ApiServer
         server = ApiServer(pathlib.Path({str(tmp_path / "log")!r}))
         print(server._process.pid, flush=True)
         time.sleep(600)
@@ -63,7 +63,7 @@ def test_an_api_that_is_killed_is_started_again_on_its_port(tmp_path):
         port, before = server._port, server._process.pid
         server._process.kill()
         assert started_again(server, before)
-        assert "-m vastflow.tasks.api_server" in " ".join(psutil.Process(server._process.pid).cmdline())
+        assert "-m vastflow.tasks.prefect.api_server" in " ".join(psutil.Process(server._process.pid).cmdline())
         assert server._process.args[-1] == str(port)
     finally:
         server.stop(0)
@@ -86,7 +86,7 @@ def test_an_api_that_is_killed_again_and_again_is_given_up(tmp_path):
 def test_an_api_that_ends_by_itself_is_not_started_again(tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     (tmp_path / "sitecustomize.py").write_text(
-        "import sys; sys.argv and 'vastflow.tasks.api_server' in sys.orig_argv and sys.exit(4)"
+        "import sys; sys.argv and 'vastflow.tasks.prefect.api_server' in sys.orig_argv and sys.exit(4)"
     )
     server = ApiServer(tmp_path / "log")
     with pytest.raises(PrefectUnavailable, match="ended while it started"):

@@ -4,7 +4,7 @@ from collections import Counter
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vastflow.tasks.shards import MOST_TASK_RUNS, chunks
+from vastflow.tasks.engine.shards import MOST_TASK_RUNS, chunks
 
 
 def digests(count, prefix="member"):

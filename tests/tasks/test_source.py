@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 import vastflow.sim
-from vastflow.tasks import source
-from vastflow.tasks.source import SourceTree, installed_tree
+from vastflow.tasks.keys import source
+from vastflow.tasks.keys.source import SourceTree, installed_tree
 
 PROGRAM = '''"""A module."""
 import math

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from vastflow.tasks import source
-from vastflow.tasks.source import SourceTree
+from vastflow.tasks.keys import source
+from vastflow.tasks.keys.source import SourceTree
 
 
 @pytest.fixture

@@ -8,16 +8,16 @@ import time
 
 import pytest
 
-from vastflow.flows.results.report_key import written_by
-from vastflow.tasks.source import SourceTree
-from vastflow.tasks.source_files import SourceChanged, source_files
-from vastflow.tasks.store import open_store
+from vastflow.flows.results.cached_report import written_by
+from vastflow.tasks.keys.source import SourceTree
+from vastflow.tasks.store.source_files import SourceChanged, source_files
+from vastflow.tasks.store.store import open_store
 
 CODE = """
 import importlib, pickle, sys, time
 store = pickle.load(open(sys.argv[1], "rb"))
 import vastflow.made_up.one
-from vastflow.tasks.store import StoreError
+from vastflow.tasks.store.store import StoreError
 for name in sys.argv[3:]:
     print("ready", flush=True)
     sys.stdin.readline()

@@ -12,8 +12,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from vastflow.tasks.remote_files import RemoteFiles
-from vastflow.tasks.store import EARLIER, Lost, Store, open_store
+from vastflow.tasks.store.remote_files import RemoteFiles
+from vastflow.tasks.store.store import EARLIER, Lost, Store, open_store
 
 KEY = "execute/ab/abcd/0-5"
 CONTENT = "338736d3cc5239f43388b32f21328523e790542620966d1e65b34ce99582cf83"
@@ -169,7 +169,7 @@ WRITE_MANY = """
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from vastflow.tasks.store import open_store
+from vastflow.tasks.store.store import open_store
 store = open_store(sys.argv[1])
 for i in range(30):
     store.put(f"execute/ab/k{i}/0-1", {"a.bin": sys.argv[2].encode() * 1000})

@@ -7,9 +7,9 @@ from table import each_row
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
-from vastflow.flows.results.at_hand import WITHOUT_RUNS, at_hand, meant_address
+from vastflow.flows.results.address import WITHOUT_RUNS, at_hand, meant_address
 from vastflow.oracles.directory.unusable import UnusableDirectory
-from vastflow.tasks.remote_files import file_system
+from vastflow.tasks.store.remote_files import file_system
 
 CAMPAIGN = """
 version: 1

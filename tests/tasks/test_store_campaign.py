@@ -9,11 +9,12 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from vastflow.flows import campaign_run, run_campaign
-from vastflow.flows.computing import flow_call
-from vastflow.tasks.remote_files import RemoteFiles
-from vastflow.tasks.source import installed_tree
-from vastflow.tasks.store import StoreError, open_store
+from vastflow.flows import run_campaign
+from vastflow.flows.flow_runs import flow_call
+from vastflow.flows.run import campaign_run
+from vastflow.tasks.keys.source import installed_tree
+from vastflow.tasks.store.remote_files import RemoteFiles
+from vastflow.tasks.store.store import StoreError, open_store
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 

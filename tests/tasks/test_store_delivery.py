@@ -9,10 +9,10 @@ import pytest
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
-from vastflow.flows.results.delivery import delivery_to
+from vastflow.flows.results.address import delivery_to
 from vastflow.flows.results.summary import Results, Summary
-from vastflow.tasks.remote_files import file_system
-from vastflow.tasks.store import StoreError, open_store
+from vastflow.tasks.store.remote_files import file_system
+from vastflow.tasks.store.store import StoreError, open_store
 
 CAMPAIGN = """
 version: 1
@@ -79,7 +79,7 @@ def test_half_an_upload_is_no_campaign_directory_and_the_copy_here_is_named(
         raise OSError("the network is away")
 
     monkeypatch.setattr(system, "put", broken)
-    monkeypatch.setattr("vastflow.tasks.remote_files.file_system", lambda _address: (system, root))
+    monkeypatch.setattr("vastflow.tasks.store.remote_files.file_system", lambda _address: (system, root))
     with pytest.raises(StoreError, match=r"results: can't use 's3://bucket/half' .*; the campaign directory is in "):
         found.delivered(written(found.folder))
     assert not system.exists(f"{root}/hall-2026-11-22-000000/metadata.json")

@@ -12,13 +12,13 @@ import pytest
 
 from vastflow.oracles.oracle import oracles_of
 from vastflow.sim.model.scenario import Scenario
-from vastflow.tasks import work
-from vastflow.tasks.engine import Engine, judgements
-from vastflow.tasks.index import Index, Member, missing
-from vastflow.tasks.keys import Keys
-from vastflow.tasks.progress import Tally
-from vastflow.tasks.store import Lost, Store, open_store
-from vastflow.tasks.work import BEHAVIORS, RECORDINGS, RUN_LOG, TRACES, VERDICTS, Executed
+from vastflow.tasks.engine import work
+from vastflow.tasks.engine.engine import Engine, judgements
+from vastflow.tasks.engine.index import Index, Member, missing
+from vastflow.tasks.engine.progress import Tally
+from vastflow.tasks.engine.work import BEHAVIORS, RECORDINGS, RUN_LOG, TRACES, VERDICTS, Executed
+from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.store.store import Lost, Store, open_store
 
 FAULTS = int(os.environ.get("VASTFLOW_FAULTS", "40"))
 MEMBERS = [

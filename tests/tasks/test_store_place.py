@@ -12,8 +12,8 @@ import fsspec
 import pytest
 
 from vastflow.producers.floorplan.environment import environments_folder
-from vastflow.tasks.remote_files import RemoteFiles
-from vastflow.tasks.store import Store, StoreError, open_store, store_root
+from vastflow.tasks.store.remote_files import RemoteFiles
+from vastflow.tasks.store.store import Store, StoreError, open_store, store_root
 
 KEY = "execute/ab/abcd/0-5"
 
@@ -71,7 +71,7 @@ def test_an_address_that_cannot_be_is_refused_and_not_made_into_a_folder(tmp_pat
 
 @pytest.mark.slow
 def test_a_server_that_does_not_answer_is_asked_six_times_and_named(monkeypatch):
-    monkeypatch.setattr("vastflow.tasks.remote_files._ANSWER_S", 0.2)
+    monkeypatch.setattr("vastflow.tasks.store.remote_files._ANSWER_S", 0.2)
     asked = []
     with socket.create_server(("127.0.0.1", 0)) as server:
         threading.Thread(target=lambda: [asked.append(server.accept()) for _ in range(20)], daemon=True).start()

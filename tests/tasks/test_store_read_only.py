@@ -2,7 +2,7 @@
 
 import pytest
 
-from vastflow.tasks.store import Lost, open_store
+from vastflow.tasks.store.store import Lost, open_store
 
 KEY = "evaluate/aa/aa"
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from vastflow.tasks import surroundings
-from vastflow.tasks.surroundings import SurroundingsError, check_surroundings
-from vastflow.tasks.work import Broken, answered
+from vastflow.tasks.engine import machine_check
+from vastflow.tasks.engine.machine_check import SurroundingsError, check_surroundings
+from vastflow.tasks.engine.work import Broken, answered
 
 
 @pytest.fixture
@@ -22,8 +22,8 @@ def machine(tmp_path, monkeypatch):
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
     monkeypatch.setattr(tempfile, "tempdir", None)
     (tmp_path / "shm").mkdir()
-    monkeypatch.setattr(surroundings, "_SHARED_MEMORY", tmp_path / "shm")
-    monkeypatch.setattr(surroundings.sys, "platform", "linux")
+    monkeypatch.setattr(machine_check, "_SHARED_MEMORY", tmp_path / "shm")
+    monkeypatch.setattr(machine_check.sys, "platform", "linux")
 
     def spoiled(name: str) -> Path:
         (tmp_path / name).rmdir()
@@ -56,7 +56,7 @@ def test_prefect_s_home_is_not_asked_for_where_an_api_is_configured(machine, tmp
         monkeypatch.setenv("PREFECT_API_URL", "http://127.0.0.1:1/api")
     else:
         (tmp_path / "prefect" / "profiles.toml").write_text("")
-        monkeypatch.setattr(surroundings, "_check_written", refuse_prefect(surroundings._check_written))
+        monkeypatch.setattr(machine_check, "_check_written", refuse_prefect(machine_check._check_written))
     check_surroundings()
 
 
@@ -113,7 +113,7 @@ def test_no_room_in_a_folder_of_a_plug_in_s_own_stays_its_fault(machine, tmp_pat
 
 
 def test_an_untested_numba_is_reported_before_anything_is_computed(machine, monkeypatch):
-    monkeypatch.setattr(surroundings.importlib.metadata, "version", lambda _: "9.0.0")
+    monkeypatch.setattr(machine_check.importlib.metadata, "version", lambda _: "9.0.0")
     with pytest.raises(
         SurroundingsError, match=r"numba: expected a tested version \(.*>=0.62.*\), got 9.0.0; pip install"
     ):

@@ -14,10 +14,10 @@ from vastflow.sim.model.recording import Recording, Run
 from vastflow.sim.model.runlog import RunLog
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.run import Execution
-from vastflow.tasks import work
-from vastflow.tasks.evaluation import packed, read_evaluation
-from vastflow.tasks.store import StoreError, open_store
-from vastflow.tasks.work import Broken, Executed, Gone, answered
+from vastflow.tasks.engine import work
+from vastflow.tasks.engine.evaluation import packed, read_evaluation
+from vastflow.tasks.engine.work import Broken, Executed, Gone, answered
+from vastflow.tasks.store.store import StoreError, open_store
 
 POSE = {"position": {"x": 0.0, "y": 0.0}, "orientation": {"yaw": 0.0}}
 SCENARIO = Scenario("builtin:navigate_to_pose", 60.0, {}, {"start_pose": POSE, "goal_pose": POSE}, {})

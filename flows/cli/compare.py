@@ -1,0 +1,107 @@
+"""The command `compare`: what has changed between two campaigns, and whether that is too much."""
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from vastflow.flows.results.address import check_directory
+from vastflow.flows.terminal.ending import Interruptible, writing
+from vastflow.flows.terminal.options import AsJson
+from vastflow.oracles.directory.unusable import reading
+
+if TYPE_CHECKING:
+    from vastflow.flows.comparison.campaigns import Compared
+    from vastflow.oracles.directory.tables import Tables
+
+Target = Literal["these", "others"]
+
+
+def compare(
+    before: Annotated[Path, typer.Argument(metavar="A", help="Campaign directory of what was.")],
+    after: Annotated[Path, typer.Argument(metavar="B", help="Campaign directory of what is.")],
+    oracle: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Compare by this oracle alone, else by all that judged both.")
+    ] = None,
+    gate: Annotated[
+        bool,
+        typer.Option("--gate", help="Exit code 1 unless a loss of the margin is ruled out, 4 if it can't be told."),
+    ] = False,
+    target: Annotated[
+        Target, typer.Option(help="Speak of these very scenarios, run again, or of others of their kind.")
+    ] = "these",
+    margin: Annotated[
+        float, typer.Option(min=0.0, max=1.0, help="Loss of success rate that may be, as a share of the runs.")
+    ] = 0.02,
+    junit: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write a JUnit file: the gate and each configuration.")
+    ] = None,
+    pictures: Annotated[int, typer.Option(min=0, metavar="N", help="Configurations to draw, the most changed.")] = 8,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Where the pictures go, else B/comparisons/A.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compare two campaigns, run by run.
+
+    Runs are paired by scenario and seed. Shows the difference with its interval, configurations that newly fail or pass, and the
+    difference at each level of each factor.
+    """
+    for directory in (before, after):
+        check_directory(directory)
+    with Interruptible("interrupted"):
+        from vastflow.flows.comparison.campaigns import compared
+        from vastflow.flows.comparison.text import compared_json, compared_text
+
+        tables = _tables(before), _tables(after)
+        with reading(after):
+            found = compared(*tables, oracle, margin, target)
+        folder = out or after / "comparisons" / before.resolve().name
+        with writing(folder, "--out"):
+            drawn, undrawn = _drawn(found, pictures, folder)
+        if junit is not None:
+            from vastflow.flows.comparison.text import compared_report
+
+            with writing(junit, "--junit"):
+                junit.write_bytes(compared_report(found))
+        if as_json:
+            print(json.dumps(compared_json(found, drawn)))
+        else:
+            from vastflow.flows.terminal.outcome import printed
+
+            printed(compared_text(found, drawn))
+        for why, names in undrawn.items():
+            print(f"not drawn: {', '.join(names)}: {why}", file=sys.stderr)
+    if gate:
+        raise typer.Exit(found.gate.exit_code)
+
+
+def _tables(directory: Path) -> "Tables":
+    from vastflow.oracles.directory.tables import read_tables
+
+    with reading(directory):
+        return read_tables(directory)
+
+
+def _drawn(found: "Compared", most: int, folder: Path) -> tuple[dict[str, Path], dict[str, list[str]]]:
+    """Pictures by the name of the later configuration; reasons why others can't be drawn, and their names."""
+    drawn: dict[str, Path] = {}
+    undrawn: dict[str, list[str]] = {}
+    chosen = found.changes[:most]
+    if not chosen:
+        return drawn, undrawn
+    from vastflow.flows.comparison.pictures import NotDrawn, picture_of
+
+    for change in chosen:
+        name = found.pairing.matches[change.configuration].after
+        try:
+            content = picture_of(found, change)
+        except NotDrawn as error:
+            undrawn.setdefault(str(error), []).append(name)
+            continue
+        folder.mkdir(parents=True, exist_ok=True)
+        drawn[name] = folder / f"{name}.png"
+        drawn[name].write_bytes(content)
+    return drawn, undrawn

@@ -1,0 +1,216 @@
+"""The command `deploy`: a campaign that Prefect runs on request or by a schedule."""
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from vastflow.flows.cli.run import asked_request
+from vastflow.flows.request.run_request import NAMES
+from vastflow.flows.request.work_pool import NO_API
+from vastflow.flows.terminal.ending import FAULT
+from vastflow.flows.terminal.options import CampaignFile, Context, asking
+from vastflow.sim.model.faults import UserError
+from vastflow.tasks.execution.job import DATA, IMAGE, NAME, PoolType
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from vastflow.tasks.execution.deployment import Deployment, ShardDeployment
+    from vastflow.tasks.execution.description import RunDescription
+
+OPTIONS: Final = tuple(name for name in NAMES if name not in ("pool", "shards", "pool_wait_s"))
+"""What the campaign is asked each time; its pool is `--shards-in` here, where `--pool` is that of the deployment."""
+
+IMAGE_FOLDER: Final = "/vastflow"
+"""Working directory of vastflow's image, with what the image was built from."""
+
+
+@asking(*OPTIONS, results=None)
+def deploy(
+    file: CampaignFile,
+    pool: Annotated[str, typer.Option(metavar="NAME", help="Work pool; made if there is none of that name.")],
+    asked: Mapping[str, Any],
+    kind: Annotated[PoolType, typer.Option("--type", help="What the pool's workers start.")] = PoolType.process,
+    name: Annotated[str | None, typer.Option(help="Of the deployment; else the campaign's.")] = None,
+    cron: Annotated[
+        str | None,
+        typer.Option("--schedule", metavar="CRON", help="When to run, such as '0 2 * * *'; else on request."),
+    ] = None,
+    timezone: Annotated[str, typer.Option(help="Time zone of the schedule.")] = "UTC",
+    image: Annotated[str, typer.Option(help="Image with vastflow, for docker and kubernetes.")] = IMAGE,
+    queue: Annotated[str, typer.Option(help="Queue of Kueue, for kubernetes.")] = NAME,
+    context: Context = None,
+    shards_in: Annotated[
+        str | None,
+        typer.Option(
+            metavar="POOL", help="Work pool whose workers compute the runs; made if there is none, of the same --type."
+        ),
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Print deployment and pool as YAML; change nothing.")
+    ] = False,
+) -> None:
+    """Make or change a deployment of a campaign, and its work pool, at Prefect's API.
+
+    A worker of the pool then runs the whole campaign on its machine, or with --shards-in drives it, while the workers of
+    another pool, or of the same one, compute its runs.
+    """
+    from vastflow.flows.pool.service import described, requested_cores
+    from vastflow.flows.request.campaign_file import campaign_name, read_campaign
+    from vastflow.producers.model.faults import CampaignError
+    from vastflow.tasks.execution.deployment import Deployment, ShardDeployment, description_of
+    from vastflow.tasks.prefect.adapter import import_prefect
+
+    map_dir = asked["map_dir"]
+    campaign, _ = read_campaign(file, map_dir, as_v1=asked["as_v1"])
+    if campaign.unexecutable:
+        raise CampaignError(campaign.unexecutable)
+    description = described(campaign, context)
+    place = _place(file, kind)
+    title = campaign_name(campaign)
+    here = {
+        "map_dir": None if map_dir is None else _place(map_dir, kind),
+        "results": asked["results"] or _results(kind),
+        "workers": asked["workers"] or requested_cores(kind, description),
+        "pool": shards_in,
+    }
+    request = asked_request(Path(place), {**asked, **here})
+    deployment = Deployment(
+        name=name or title,
+        campaign=title,
+        request=request.model_dump(mode="json", exclude_defaults=True),
+        pool=pool,
+        folder=str(Path.cwd()) if kind is PoolType.process else IMAGE_FOLDER,
+        description=description_of(
+            title,
+            place,
+            campaign.runs_asked(request.runs),
+            str(campaign.spec.metadata.get("description") or ""),
+            shards_in,
+            least=campaign.sequential.min if request.runs is None and campaign.sequential is not None else None,
+        ),
+        job_variables=_job_variables(kind, description, image, queue),
+        cron=cron,
+        timezone=timezone,
+    )
+
+    def shards(of: PoolType) -> ShardDeployment:
+        return ShardDeployment(shards_in or pool, _own_variables(of, image, queue))
+
+    import_prefect()
+    _check_schedule(deployment)
+    if dry_run:
+        _print(deployment, shards(kind), kind)
+    else:
+        _register(deployment, shards_in or pool, shards, kind)
+
+
+def _job_variables(kind: PoolType, description: "RunDescription", image: str, queue: str) -> dict[str, Any]:
+    from vastflow.tasks.execution.job import job_variables
+
+    return _own_variables(kind, image, queue) | job_variables(kind, description)
+
+
+def _own_variables(kind: PoolType, image: str, queue: str) -> dict[str, Any]:
+    """What the options set of a pool's template, whatever the campaign."""
+    own: dict[str, Any] = {} if kind is PoolType.process else {"image": image}
+    return own | ({"queue": queue} if kind is PoolType.kubernetes else {})
+
+
+def _place(file: Path, kind: PoolType) -> str:
+    """The campaign file, or the folder of maps, as the worker finds it: in an image, below the folder it was built from."""
+    if kind is PoolType.process:
+        return str(file.resolve())
+    try:
+        return file.resolve().relative_to(Path.cwd()).as_posix()
+    except ValueError:
+        right = "call this from the folder that the image is built from, with all that it needs in it"
+        raise UserError(f"{file}: it is not below {Path.cwd()}; {right}") from None
+
+
+def _results(kind: PoolType) -> str:
+    return str(Path.cwd() / "results") if kind is PoolType.process else f"{DATA}/results"
+
+
+def _check_schedule(deployment: "Deployment") -> None:
+    from zoneinfo import available_timezones
+
+    from vastflow.flows.pool.service import is_cron
+    from vastflow.sim.model.names import did_you_mean
+
+    if deployment.cron is None:
+        return
+    if not is_cron(deployment.cron):
+        right = "five fields, minute hour day month weekday, such as '0 2 * * *'"
+        raise UserError(f"--schedule: found {deployment.cron!r}; {right}")
+    zones = sorted(available_timezones())
+    if deployment.timezone not in zones:
+        raise UserError(f"--timezone: found {deployment.timezone!r}; {did_you_mean(deployment.timezone, zones)}")
+
+
+def _print(deployment: "Deployment", shards: "ShardDeployment", kind: PoolType) -> None:
+    from vastflow.flows.pool.service import pool_template
+    from vastflow.tasks.execution.manifests import yaml_text
+
+    print("# prefect.yaml")
+    print(yaml_text({"deployments": [deployment.as_yaml(), shards.as_yaml()]}), end="")
+    template = pool_template(kind)
+    for name in dict.fromkeys((deployment.pool, shards.pool)):
+        print("---\n# work pool")
+        print(yaml_text({"name": name, "type": kind.value, "base_job_template": template}), end="")
+
+
+def _register(
+    deployment: "Deployment", shards_in: str, shards: "Callable[[PoolType], ShardDeployment]", kind: PoolType
+) -> None:
+    """Make or change everything; the pool of the shards may be there already, and of another type. A busy API is asked again."""
+    from vastflow.tasks.prefect.server import configured_url, redacted
+
+    url = configured_url()
+    if url is None:
+        raise UserError(NO_API)
+    url = redacted(url)
+    import httpx
+    from prefect.client.orchestration import get_client
+    from prefect.exceptions import PrefectHTTPStatusError
+
+    from vastflow.flows.campaign import campaign
+    from vastflow.flows.pool.service import OtherPool, register_flow, register_pool, type_of_pool
+    from vastflow.tasks.prefect import retry
+
+    def registered() -> tuple[str, dict[str, bool]]:
+        with get_client(sync_client=True) as client:
+            new = {deployment.pool: register_pool(client, deployment.pool, kind)}
+            theirs = type_of_pool(client, shards_in) or kind
+            if shards_in != deployment.pool:
+                new[shards_in] = register_pool(client, shards_in, theirs)
+            found = register_flow(client, deployment.as_yaml(), campaign)
+            register_flow(client, shards(theirs).as_yaml(), campaign)
+            return found, new
+
+    def say(text: str) -> None:
+        print(f"Prefect's API at {url} {redacted(text)}", file=sys.stderr)
+
+    patience = f"{retry.IN_BETWEEN_S:.0f} s"
+    try:
+        with retry.bounded():
+            with get_client(sync_client=True) as client:
+                if isinstance(unhealthy := client.api_healthcheck(), httpx.ConnectError):
+                    say(f"does not answer: {unhealthy}")
+                    raise typer.Exit(FAULT)
+            busy = f"is busy; trying again for up to {patience}"
+            found, new = retry.retried(registered, retry.IN_BETWEEN_S, missed=lambda _: say(busy))
+    except OtherPool as error:
+        raise UserError(f"--pool: {error}") from None
+    except (httpx.TransportError, PrefectHTTPStatusError) as error:
+        say(f"was busy for {patience}; deploy again later" if retry.is_away(error) else f"did not take it: {error}")
+        raise typer.Exit(FAULT) from None
+    for name, is_new in new.items():
+        made = "made" if is_new else "found"
+        room = " --limit 2" if shards_in == name == deployment.request.get("pool") else ""
+        print(f"{made} the work pool {name}; start a worker: prefect worker start --pool {name}{room}")
+    print(f"{campaign.name}/{deployment.name}: {url.removesuffix('/api')}/deployments/deployment/{found}")
+    print(f"run it: prefect deployment run '{campaign.name}/{deployment.name}'")

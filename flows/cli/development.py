@@ -1,0 +1,73 @@
+"""The commands `bench` and `paper`: scripts of the repository, which measure or compare and which no wheel carries."""
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated, Final, NoReturn
+
+import typer
+
+from vastflow.flows.terminal.options import AsJson
+from vastflow.sim.model.faults import UserError
+
+PROOFS: Final = Path(__file__).resolve().parents[2] / "tests" / "proofs"
+
+
+def run_script(command: str, name: str, *arguments: object) -> NoReturn:
+    """Become a script of `tests/proofs`: it has this process's terminal, its signals and its exit code.
+
+    Args:
+        command: The command that the user called, for the message where there is no such script.
+    """
+    script = PROOFS / f"{name}.py"
+    if not script.is_file():
+        raise UserError(
+            f"vastflow {command}: it runs tests/proofs/{name}.py, which only a clone of vastflow's repository has: "
+            "call it there, after `pip install -e .`"
+        )
+    sys.stdout.flush()
+    os.execv(sys.executable, [sys.executable, str(script), *map(str, arguments)])
+
+
+bench = typer.Typer(help="Measure speed on this machine.", no_args_is_help=True, rich_markup_mode=None)
+
+
+@bench.command()
+def sim(
+    controller: Annotated[str, typer.Option(help="Controller to drive with: mppi, dwb or rpp.")] = "mppi",
+    profile: Annotated[bool, typer.Option(help="Say which stage of a tick takes how long.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Measure the simulator.
+
+    One fixed scenario on one core, in CPU time, with everything that was fixed. Needs a clone of the repository.
+    """
+    flags = ["--profile"] * profile + ["--json"] * as_json
+    run_script("bench sim", "bench_simulator", f"--controller={controller}", *flags)
+
+
+@bench.command()
+def pipeline(
+    configurations: Annotated[int, typer.Option(min=2, help="Configurations of the campaign.")] = 5480,
+    runs: Annotated[int, typer.Option(min=1, help="Runs of each.")] = 20,
+    as_json: AsJson = False,
+) -> None:
+    """Measure the pipeline.
+
+    A campaign whose runs do nothing: computed, run again, and run with one configuration edited. It takes minutes and
+    needs a clone of the repository.
+    """
+    flags = ["--json"] * as_json
+    run_script("bench pipeline", "bench_pipeline", f"--configurations={configurations}", f"--runs={runs}", *flags)
+
+
+def paper(
+    results: Annotated[
+        list[Path], typer.Argument(metavar="RESULTS...", help="Campaign directories of campaigns in campaigns/paper.")
+    ],
+) -> None:
+    """Print a page that puts results beside the paper's.
+
+    Markdown on standard output; the same results give the same text. Needs a clone of the repository.
+    """
+    run_script("paper", "paper_page", "--", *results)

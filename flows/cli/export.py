@@ -1,0 +1,73 @@
+"""The command `export`: a campaign directory as a folder for each run, with JUnit reports."""
+
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from vastflow.flows.cli.show import PLACE_HELP
+from vastflow.flows.terminal.ending import Interruptible, writing
+from vastflow.sim.model.faults import UserError
+
+if TYPE_CHECKING:
+    from vastflow.flows.export.export import Exported
+
+_NOT_EXPORTED: Final = ("traces", "figures")
+
+PERIOD_S: Final = 5.0
+"""From one line about the progress to the next."""
+
+
+def export(
+    results: Annotated[str, typer.Argument(metavar="RESULTS", help=PLACE_HELP)],
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder, or an empty one.")],
+    only: Annotated[
+        list[str] | None,
+        typer.Option(metavar="PATTERN", help="Only families and configurations of such a name; may be repeated."),
+    ] = None,
+) -> None:
+    """Lay out a campaign as a folder for each run.
+
+    With JUnit reports, CSV files, logs and what programs wrote.
+    """
+    with Interruptible(f"interrupted; {folder} is as it was"):
+        from vastflow.flows.export.export import export as lay_out
+        from vastflow.flows.results.address import at_hand, check_directory
+
+        with at_hand(results, _NOT_EXPORTED) as directory:
+            check_directory(directory)
+            try:
+                with writing(folder):
+                    exported = lay_out(directory, folder, only or (), _Progress())
+            except UserError as error:  # where the directory is a copy, it is the address that the user knows
+                raise UserError(str(error).replace(str(directory), results)) from None
+    print(_said(exported))
+
+
+class _Progress:
+    """Says now and then how far an export is."""
+
+    def __init__(self) -> None:
+        self._said_s = time.monotonic()
+
+    def __call__(self, done: int, of: int) -> None:
+        if time.monotonic() - self._said_s >= PERIOD_S:
+            self._said_s = time.monotonic()
+            print(f"{done} of {of} configurations exported", file=sys.stderr)
+
+
+def _said(exported: "Exported") -> str:
+    runs = sum(len(suite.cases) for suite in exported.suites)
+    failed, broken, unjudged = (
+        sum(suite.count(kind) for suite in exported.suites) for kind in ("failure", "error", "skipped")
+    )
+    counts = {"passed": runs - failed - broken - unjudged, "failed": failed, "broken": broken, "not judged": unjudged}
+    named = ", ".join(f"{n} {what}" for what, n in counts.items() if n or what in ("passed", "failed"))
+    alike = f", {exported.duplicates} of the content of another" if exported.duplicates else ""
+    configurations = len(exported.suites) + exported.duplicates
+    return (
+        f"{configurations} configuration{'' if configurations == 1 else 's'}{alike}; {runs} runs: {named}\n"
+        f"exported: {exported.folder}"
+    )

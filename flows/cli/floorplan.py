@@ -1,0 +1,116 @@
+"""The commands about floor plans: `floorplan render`, `floorplan geometry` and `floorplan variations`."""
+
+import json
+import math
+import sys
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from vastflow.flows.terminal.ending import BAD_INPUT, check_writable, writing
+from vastflow.sim.model.faults import UserError
+
+if TYPE_CHECKING:
+    from vastflow.producers.floorplan.building import Building
+
+floorplan = typer.Typer(
+    help="Draw floor plans (.fpm) and their variations (.variation).", no_args_is_help=True, rich_markup_mode=None
+)
+
+PlanArgument = Annotated[Path, typer.Argument(metavar="FILE.fpm", help="Floor plan.")]
+Out = Annotated[Path, typer.Option(help="Folder to write to; made where there is none.")]
+
+SMALLEST_RESOLUTION_M: Final = 0.001
+
+
+@floorplan.command()
+def render(
+    file: PlanArgument,
+    out: Out,
+    resolution: Annotated[float, typer.Option(min=SMALLEST_RESOLUTION_M, help="Edge of a cell of the map (m).")] = 0.05,
+    laser_height: Annotated[float, typer.Option(min=0.0, help="Height of the slice that is the map (m).")] = 0.193,
+) -> None:
+    """Write a floor plan's map, mesh and picture.
+
+    maps/NAME.yaml and .pgm, 3d-mesh/NAME.stl, NAME.png, fpm/NAME.fpm and NAME.provenance.json.
+    """
+    check_writable(out, "--out")
+    for option, value in (("--resolution", resolution), ("--laser-height", laser_height)):
+        if not math.isfinite(value):
+            raise UserError(f"{option}: found {value}; a number of meters")
+    from vastflow.producers.floorplan.files import read_plan_file
+    from vastflow.producers.floorplan.rendering import render as rendered
+
+    plan = read_plan_file(file)
+    building = plan.building()
+    _note(building)
+    _write(out, rendered(building, plan.text, str(file), resolution, laser_height))
+
+
+@floorplan.command()
+def geometry(file: PlanArgument) -> None:
+    """Print all polygons of a floor plan as JSON.
+
+    In the world's frame and in meters: spaces, walls, obstacles, openings.
+    """
+    from vastflow.producers.floorplan.files import read_plan_file
+    from vastflow.producers.floorplan.rendering import geometry_of
+
+    building = read_plan_file(file).building()
+    _note(building)
+    print(json.dumps(geometry_of(building)))
+
+
+@floorplan.command()
+def variations(
+    file: Annotated[Path, typer.Argument(metavar="FILE.variation", help="Variation file.")],
+    out: Out,
+    count: Annotated[int, typer.Option(min=1, help="How many are drawn.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Of the first; the next ones have the next numbers.")] = 0,
+) -> None:
+    """Draw variations of a floor plan.
+
+    Each is written as PLAN_SEED.fpm. One whose numbers make no building is reported and left out; what there is to note
+    of the others, such as a door that the numbers put beside its wall, is said.
+    """
+    check_writable(out, "--out")
+    from vastflow.flows.request.campaign_file import terminal_lines
+    from vastflow.producers.floorplan.faults import FloorplanError
+    from vastflow.producers.floorplan.files import PlanFile, read_variation_file
+    from vastflow.producers.floorplan.variation import GREATEST_SEED
+
+    if seed + count - 1 > GREATEST_SEED:
+        raise UserError(f"--seed {seed}: the last seed is {seed + count - 1}; at most {GREATEST_SEED}")
+    variation = read_variation_file(file).variation()
+    written = 0
+    for number in range(seed, seed + count):
+        sample = variation.sample(number)
+        name = f"{variation.plan.token}_{number}.fpm"
+        try:
+            building = PlanFile(name, sample.text).building()
+        except FloorplanError as error:
+            print(f"{file}: not written: {error.brief}", file=sys.stderr)
+            continue
+        _write(out, {name: sample.text.encode()})
+        for line in terminal_lines([replace(note, file=str(out / name)) for note in building.notes]):
+            print(line, file=sys.stderr)
+        written += 1
+    if not written:
+        raise typer.Exit(BAD_INPUT)
+
+
+def _note(building: "Building") -> None:
+    for note in building.notes:
+        print(note, file=sys.stderr)
+
+
+def _write(out: Path, files: Mapping[str, bytes]) -> None:
+    for name, content in files.items():
+        place = out / name
+        with writing(place, "--out"):
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.write_bytes(content)
+        print(place)

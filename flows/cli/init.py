@@ -1,0 +1,139 @@
+"""The command `init`: a first campaign, the quickstart or one of a map and a robot of one's own."""
+
+import json
+import math
+import os
+import shlex
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+
+from vastflow.flows.terminal.ending import check_writable, writing
+from vastflow.sim.model.faults import UserError
+
+_SHIPPED: Final = "vastflow.campaigns.quickstart"
+_CAMPAIGN: Final = "quickstart.vast"
+_MAP: Final = ("maps/office.yaml", "maps/office.pgm")
+_LONGEST_PATH_M: Final = 10.0
+_SHORTEST_PATH_M: Final = 1.0
+
+_TEMPLATE: Final = """\
+# Does this robot reach its goals on this map? 10 random paths, 5 runs each.
+#
+#     vastflow run {command}
+#
+# Paths stay where the robot can turn in place.
+
+version: 1
+
+metadata:
+  name: {name}              # begins the name of the campaign directory
+
+configuration:
+  - name: random-paths
+    parameters:             # the same in every configuration; files are named relative to this file
+      - map_file: {map_file}
+    variations:
+      - PathVariationRandom:
+          path_length: {length_m:g}               # m, along the shortest path
+          path_length_tolerance: {tolerance_m:g}
+          num_paths: 10
+          robot_diameter: {diameter_m:g}           # m, of the disc that must fit all along the path
+          seed: 1
+          start_pose: "@start_pose"
+          goal_poses: "@goal_pose"
+      # Vary a parameter of Nav2, under Nav2's name:
+      # - ParameterVariationList: {{name: inflation_radius, values: [0.4, 0.7]}}
+
+execution:
+  {nav2_params}runs: 5                   # of each configuration
+  timeout: 180              # simulated seconds
+
+evaluation:
+  oracles:                  # `success`, the scenario's own outcome, is always judged
+    - performance           # how far the path driven is from the shortest one
+"""
+
+
+def init(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder to write it in; made where there is none.")],
+    map_file: Annotated[
+        Path | None, typer.Option("--map", metavar="MAP.yaml", help="Map of map_server, for random paths on it.")
+    ] = None,
+    nav2_params: Annotated[
+        Path | None, typer.Option("--params", metavar="NAV2.yaml", help="With --map: the robot's Nav2 parameter file.")
+    ] = None,
+) -> None:
+    """Write a first campaign.
+
+    With a map, it is random paths on that map, for the robot of the Nav2 parameter file, or of Nav2's default file. Both files are used
+    where they are. Without, it is the quickstart: 24 configurations of a delivery robot in a small office. Existing files are never
+    overwritten.
+    """
+    if nav2_params is not None and map_file is None:
+        raise UserError("--params: requires --map")
+    check_writable(folder)
+    name = _CAMPAIGN if map_file is None else f"{map_file.stem}.vast"
+    campaign = folder / name
+    command = shlex.quote(str(campaign))
+    if map_file is None:
+        quickstart = files(_SHIPPED)
+        text = quickstart.joinpath(name).read_text(encoding="utf-8").replace(f"campaigns/quickstart/{name}", command)
+        written = {name: text.encode(), **{each: quickstart.joinpath(each).read_bytes() for each in _MAP}}
+    else:
+        written = {name: _random_paths(folder, map_file, nav2_params, command).encode()}
+    if taken := [str(folder / each) for each in written if os.path.lexists(folder / each)]:
+        raise UserError(f"{', '.join(taken)}: there already; name another folder")
+    for each, content in written.items():
+        place = folder / each
+        with writing(place):
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.write_bytes(content)
+    print(f"wrote {campaign}{' and its map' if map_file is None else ''}; run it:")
+    print(f"vastflow run {command}")
+
+
+def _random_paths(folder: Path, map_file: Path, nav2_params: Path | None, command: str) -> str:
+    """The text of a campaign with paths as long as the map has them, at most 10 m."""
+    from vastflow.producers.campaign_file.nav2_parameters import parameter_faults
+    from vastflow.producers.model.faults import CampaignError
+    from vastflow.producers.places.ground import ground_of
+    from vastflow.producers.places.route import farthest_m
+    from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m
+    from vastflow.sim.nav2.parameter_files.chosen import local_outline
+    from vastflow.sim.nav2.parameter_files.document import DocumentError
+    from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, nav2_file
+    from vastflow.sim.world.map_file import MapError, map_content
+
+    try:
+        outline = local_outline({} if nav2_params is None else {FILE_KEY: nav2_file(nav2_params)})
+        diameter_m = math.ceil(200 * circumscribed_radius_m(outline)) / 100
+        ground = ground_of(map_content(map_file), diameter_m, diameter_m / 2)
+    except DocumentError as error:
+        raise CampaignError(parameter_faults(error)) from None
+    except MapError as error:
+        raise UserError(str(error)) from None
+    # From any place in the largest area some place is at least half as far as the two that are farthest apart.
+    largest = ground.cells[ground.component_cells.argmax()] if len(ground.cells) else None
+    length_m = (
+        0.0 if largest is None else min(farthest_m(ground, (int(largest[0]), int(largest[1]))) / 2, _LONGEST_PATH_M)
+    )
+    if length_m < _SHORTEST_PATH_M:
+        asked = f"paths of {_SHORTEST_PATH_M:g} m on which {ground.robot_text} can turn"
+        raise UserError(f"{map_file}: expected {asked}, got none")
+    length_m = math.floor(10 * length_m) / 10
+
+    def named(file: Path) -> str:
+        return json.dumps(Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix(), ensure_ascii=False)
+
+    return _TEMPLATE.format(
+        command=command,
+        name=json.dumps(map_file.stem, ensure_ascii=False),
+        map_file=named(map_file),
+        length_m=length_m,
+        tolerance_m=round(length_m / 10, 2),
+        diameter_m=diameter_m,
+        nav2_params="" if nav2_params is None else f"nav2_params: {named(nav2_params)}\n  ",
+    )

@@ -1,0 +1,247 @@
+"""The command `replay`: one recorded run executed once more, and pictures of what happened in it."""
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from vastflow.flows.results.address import check_directory
+from vastflow.flows.terminal.ending import Interruptible, writing
+from vastflow.flows.terminal.options import AsJson, ResultsFolder
+from vastflow.oracles.directory.unusable import UnusableDirectory, reading
+
+if TYPE_CHECKING:
+    from vastflow.oracles.replay.recorded import RecordedRun
+    from vastflow.oracles.replay.story import Story
+    from vastflow.sim.replay.replay import Difference, Replay
+
+FILM_EVERY_S: Final = 0.5
+STRIP: Final = "strip.png"
+FILM: Final = "film.gif"
+FRAMES: Final = "frames"
+
+
+@dataclass(frozen=True, slots=True)
+class ShownTicks:
+    """What of a run is to be shown, in ticks.
+
+    Attributes:
+        last: None for the run's end, which is another where another run is executed than was recorded.
+        strip: Of the picture strip; empty for a choice of ours between `first` and `last`.
+        film: Of the film; empty for none.
+        notes: How times were rounded.
+    """
+
+    first: int
+    last: int | None
+    strip: tuple[int, ...]
+    film: tuple[int, ...]
+    notes: tuple[str, ...]
+
+
+def replay(
+    results: ResultsFolder,
+    configuration: Annotated[str, typer.Argument(metavar="CONFIGURATION", help="Name of a configuration.")],
+    run: Annotated[int, typer.Argument(metavar="RUN", help="Index of a run, from 0.", min=0)],
+    at: Annotated[
+        list[float] | None, typer.Option(metavar="S", help="A picture at this simulated time; may be repeated.")
+    ] = None,
+    every: Annotated[
+        float | None, typer.Option(metavar="S", help="A picture each so many seconds; with --video, of the film.")
+    ] = None,
+    since: Annotated[float | None, typer.Option("--from", metavar="S", help="Nothing before this time.")] = None,
+    until: Annotated[float | None, typer.Option("--to", metavar="S", help="Nothing after this time.")] = None,
+    video: Annotated[bool, typer.Option("--video", help="Make a film too, an animated GIF.")] = False,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Where the pictures go, else RESULTS/replays/.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Execute a recorded run once more, and look at it.
+
+    Writes a picture strip of the start, of what happened and of the end, or of the times asked for. Before, it says where
+    the simulator or the kind of machine is not the one that recorded. Exit code 1 says that the run executed here is not the
+    recorded one, bit for bit.
+    """
+    check_directory(results)
+    from vastflow.flows.results.provenance import versions
+    from vastflow.oracles.replay.recorded import recorded_run
+    from vastflow.sim.replay.replay import first_difference
+
+    folder = out or results / "replays" / f"{configuration}-{run}"
+    with reading(results):
+        recorded = recorded_run(results, configuration, run)
+    if not recorded.recording.columns:
+        where = f"what its programs wrote is in outputs/{recorded.configuration}.zip"
+        raise UnusableDirectory(f"{results}: {configuration} has no robot, so there is nothing to draw; {where}")
+    asked = _asked(recorded, at or [], every, since, until, video)
+    with writing(folder, "--out"):
+        (folder / FRAMES).mkdir(parents=True, exist_ok=True)
+    for note in asked.notes:
+        print(note, file=sys.stderr)
+    title = f"{configuration}, run {run}"
+    differs = _differences(recorded.metadata)
+    for words in differs:
+        print(f"{title}: {words}; executed here it may be another run", file=sys.stderr)
+    with Interruptible("interrupted"):
+        try:
+            replayed, ticks = _executed(recorded, asked)
+        except ValueError as error:  # a scenario of another version
+            what = f"{configuration} can't be executed by this version: {error}"
+            raise UnusableDirectory(f"{results}: {what}") from None
+        difference = first_difference(recorded.recording, replayed.recording)
+        if difference is not None:
+            made = versions(recorded.metadata, same_origin=not differs)
+            print(f"{title}: NOT THE RECORDED RUN: {difference}\n{made}", file=sys.stderr)
+        with writing(folder, "--out"):
+            written = _written(folder, _story(title, recorded, replayed, difference), replayed, ticks, asked)
+    if as_json:
+        equality = {"equal": difference is None, "difference": difference and str(difference), "differs": differs}
+        print(json.dumps({**equality, **written}))
+    else:
+        _say(title, configuration, recorded, replayed, difference is None, written)
+    raise typer.Exit(0 if difference is None else 1)
+
+
+def _differences(metadata: Mapping[str, Any]) -> list[str]:
+    """What of the code and the machine is other than where the run was recorded."""
+    from vastflow.flows.results.provenance import origin_differences
+    from vastflow.tasks.keys.keys import EXECUTE_SOURCE, numeric_class
+    from vastflow.tasks.keys.source import installed_tree
+
+    return origin_differences(metadata, numeric_class(), installed_tree().digest(*EXECUTE_SOURCE))
+
+
+def _asked(
+    recorded: "RecordedRun",
+    at_s: list[float],
+    every_s: float | None,
+    from_s: float | None,
+    to_s: float | None,
+    video: bool,
+) -> ShownTicks:
+    from vastflow.oracles.replay.strip import MOST
+    from vastflow.oracles.replay.times import TimeError, rounded, span_of, step_of, tick_at, whole_run
+
+    whole = whole_run(recorded.recording.run.simulated_s)
+    span = span_of(from_s, to_s, whole)
+    regular = span.every(step_of(FILM_EVERY_S if every_s is None else every_s))
+    strip = {tick_at("--at", t_s, whole) for t_s in at_s}
+    if every_s is not None and not video:
+        strip |= {*regular}
+    if len(strip) > MOST:
+        raise TimeError(
+            f"{len(strip)} pictures are too many for a strip, which has {MOST} at the most; --video makes a film"
+        )
+    options: dict[str, Sequence[float | None]] = {
+        "--at": at_s,
+        "--every": [every_s],
+        "--from": [from_s],
+        "--to": [to_s],
+    }
+    notes = [rounded(what, [t_s for t_s in times if t_s is not None]) for what, times in options.items()]
+    film = tuple(regular) if video else ()
+    return ShownTicks(
+        span.first, None if to_s is None else span.last, tuple(sorted(strip)), film, tuple(chain.from_iterable(notes))
+    )
+
+
+def _executed(recorded: "RecordedRun", asked: ShownTicks) -> "tuple[Replay, list[int]]":
+    """The run with the snapshots asked for, and the ticks of the strip.
+
+    Executed twice: what happened, and where, decides what is looked at.
+    """
+    from vastflow.oracles.replay.highlights import highlights
+    from vastflow.oracles.replay.story import view_of
+    from vastflow.sim.kernels.numeric import kernel_cache_dir
+    from vastflow.sim.reading.script import script_of
+    from vastflow.sim.replay.replay import replay as execute
+
+    if not kernel_cache_dir().exists():
+        print("compiling the simulator's kernels, once for each version", file=sys.stderr)
+    run = recorded.scenario, recorded.recording.run.run_index, recorded.seed
+    seen = execute(*run, {})
+    last = len(seen.moments) - 1  # not the recorded one's where the two differ
+    strip = [tick for tick in asked.strip if tick <= last]
+    if not strip:
+        end = last if asked.last is None else min(asked.last, last)
+        strip = highlights(seen.recording.run, min(asked.first, end), end)
+    view = view_of(seen.moments, script_of(recorded.scenario).goals)
+    ticks = sorted({*strip, *(min(tick, last) for tick in asked.film)})
+    return execute(*run, {tick: view.box(seen.moments[tick]) for tick in ticks}), strip
+
+
+def _story(title: str, recorded: "RecordedRun", replayed: "Replay", difference: "Difference | None") -> "Story":
+    from vastflow.oracles.figures.zones import zones_of
+    from vastflow.oracles.replay.story import Story, view_of
+    from vastflow.sim.model.digest import FileContent
+    from vastflow.sim.reading.script import script_of
+    from vastflow.sim.reading.world import WORLD_KEY, difference_of
+    from vastflow.sim.world.difference import world_of
+    from vastflow.sim.world.map_file import load_map
+
+    metadata = recorded.metadata
+    equal = "" if difference else ", equal to the recording bit for bit"
+    map_file = recorded.scenario.environment["map_file"]
+    assert isinstance(map_file, FileContent)  # else it would not have been executed
+    occupancy, apart = load_map(map_file.path), difference_of(recorded.scenario.environment.get(WORLD_KEY))
+    return Story(
+        title=title,
+        subtitle=f"{metadata['name']}, {metadata['created'].replace('T', ' ')}{equal}",
+        run=replayed.recording.run,
+        judgement="not judged" if difference else recorded.judgement,
+        warning="" if difference is None else str(difference),
+        occupancy=occupancy if apart is None else world_of(occupancy, apart),
+        moments=replayed.moments,
+        view=view_of(replayed.moments, script_of(recorded.scenario).goals),
+        zones=zones_of([recorded.scenario]),
+    )
+
+
+def _written(folder: Path, story: "Story", replayed: "Replay", ticks: list[int], asked: ShownTicks) -> dict[str, Any]:
+    """Write the pictures; where they are, as `--json` says it."""
+    from vastflow.oracles.figures.picture import png
+    from vastflow.oracles.replay.film import write_film
+    from vastflow.oracles.replay.still import still_images
+    from vastflow.oracles.replay.strip import strip_figure
+
+    snapshots = {snapshot.moment.tick: snapshot for snapshot in replayed.snapshots}
+    chosen = [snapshots[tick] for tick in ticks]
+    (folder / STRIP).write_bytes(png(strip_figure(story, chosen)))
+    frames = []
+    for snapshot, still in zip(chosen, still_images(story, chosen), strict=True):
+        t_s = round(snapshot.moment.t_s, 2)
+        file = folder / FRAMES / f"{t_s:07.2f}s.png"
+        still.save(file)
+        frames.append({"t_s": t_s, "file": str(file)})
+    film = [snapshots[tick] for tick in asked.film if tick in snapshots]
+    if film:
+        if len(film) > 100:
+            print(f"drawing a film of {len(film)} pictures", file=sys.stderr)
+        write_film(folder / FILM, story, film)
+    return {"frames": frames, "strip": str(folder / STRIP), "video": str(folder / FILM) if film else None}
+
+
+def _say(
+    title: str,
+    configuration: str,
+    recorded: "RecordedRun",
+    replayed: "Replay",
+    equal: bool,
+    written: Mapping[str, Any],
+) -> None:
+    if recorded.configuration != configuration:
+        print(f"{configuration} has the content of {recorded.configuration}, whose runs were recorded")
+    if equal:
+        print(f"{title}: executed again, equal to the recording bit for bit")
+    run = replayed.recording.run
+    print(f"{run.outcome.replace('_', ' ')}{': ' if run.reason else ''}{run.reason}, {run.simulated_s:.2f} s simulated")
+    print(f"strip: {written['strip']}")
+    print(f"frames: {len(written['frames'])} in {Path(written['strip']).with_name(FRAMES)}")
+    if written["video"]:
+        print(f"film: {written['video']}")

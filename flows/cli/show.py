@@ -1,0 +1,52 @@
+"""The command `show`: a finished campaign in the terminal."""
+
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+
+PLACE_HELP: Final = (
+    "A campaign directory, as `vastflow run` names it: a folder, or an address such as s3://bucket/NAME."
+)
+
+
+def show(results: Annotated[str, typer.Argument(metavar="RESULTS", help=PLACE_HELP)]) -> None:
+    """Show a finished campaign.
+
+    Success rates, rejections with their reasons, and where the report is.
+    """
+    from vastflow.flows.results.address import WITHOUT_RUNS, at_hand
+
+    with at_hand(results, WITHOUT_RUNS) as directory:
+        _show(directory, results.rstrip("/"))
+
+
+def _show(directory: Path, place: str) -> None:
+    """Show what lies in `directory`, for the user at `place`."""
+    from vastflow.flows.results.address import check_directory
+
+    check_directory(directory)
+    from vastflow.flows.terminal.outcome import details, printed
+    from vastflow.oracles.directory.tables import read_tables
+    from vastflow.oracles.directory.unusable import reading
+    from vastflow.oracles.evidence.evidence import evidence_of
+
+    with reading(place):
+        tables = read_tables(directory)
+        title, shown = (
+            f"{tables.metadata['name']}, {tables.metadata['created']}\n",
+            details(tables, evidence_of(tables)),
+        )
+        print(title)
+        printed(shown)
+    print(f"\n{report_line(directory, place)}")
+
+
+def report_line(results: Path, place: str | None = None) -> str:
+    """Where the report is, or that there is none.
+
+    Args:
+        place: Of the campaign directory, where `results` is a copy of it.
+    """
+    where = place or str(results)
+    return f"report: {where}/report.html" if (results / "report.html").exists() else f"no report; tables: {where}"

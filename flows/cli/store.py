@@ -1,0 +1,232 @@
+"""The commands about the store: `store info`, `store verify` and `store gc`."""
+
+import json
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from vastflow.flows.results.address import check_directory
+from vastflow.flows.terminal.ending import Interruptible
+from vastflow.flows.terminal.options import AsJson
+from vastflow.flows.terminal.words import count_text
+from vastflow.sim.model.faults import UserError
+
+if TYPE_CHECKING:
+    from vastflow.flows.results.cleaning import Cleaning
+    from vastflow.tasks.store.store import Holding, Store
+
+DAMAGED: Final = 1
+
+_READERS: Final = 8
+_LOCAL: Final = ("environments", "prefect", "logs", "answers", "bundles", "results")
+
+store = typer.Typer(
+    help="Look after the store, where results are kept for the next run.", no_args_is_help=True, rich_markup_mode=None
+)
+
+StoreOption = Annotated[
+    str | None,
+    typer.Option(
+        "--store", help="Folder or address such as s3://bucket/prefix; else $VASTFLOW_STORE, else a user cache folder."
+    ),
+]
+
+
+@store.command()
+def info(place: StoreOption = None, as_json: AsJson = False) -> None:
+    """Say what is in the store: artifacts, bytes and age, by stage."""
+    with Interruptible("interrupted"):
+        opened = _opened(place, read_only=True)
+        from vastflow.flows.results.cleaning import folder_bytes
+
+        holdings = opened.holdings()
+        local = {name: folder_bytes(opened.local / name) for name in _LOCAL}
+    found = _counted(holdings, time.time())
+    if as_json:
+        print(json.dumps({"store": opened.place, **found, "local": {"folder": str(opened.local), **local}}))
+        return
+    print(f"store: {opened.place}\n")
+    _print_stages(found)
+    if found["unfinished"]:
+        print(f"\n{count_text(found['unfinished'], 'artifact')} unfinished or without a manifest")
+    sizes = ", ".join(f"{name} {_size_text(size)}" for name, size in local.items())
+    print(f"\non this machine, in {opened.local}: {sizes}")
+
+
+@store.command()
+def verify(
+    place: StoreOption = None,
+    repair: Annotated[
+        bool, typer.Option("--repair", help="Discard what is damaged, so that it is computed again.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Read every artifact and compare it with its manifest.
+
+    Exit code 1 if something damaged is left.
+    """
+    from vastflow.tasks.store.store import EARLIER
+
+    with Interruptible("interrupted; nothing more is discarded"):
+        opened = _opened(place, read_only=not repair)
+        holdings = [holding for holding in opened.holdings() if holding.whole]
+        found = _faults(opened, [holding.key for holding in holdings])
+        faults = {key: fault for key, fault in found.items() if fault != EARLIER}
+        if repair:
+            opened.remove(list(faults))
+    earlier = len(found) - len(faults)
+    if as_json:
+        size = sum(holding.size_bytes for holding in holdings)
+        said = {"artifacts": len(holdings), "bytes": size, "damaged": faults, "repaired": repair, "earlier": earlier}
+        print(json.dumps({"store": opened.place, **said}))
+    else:
+        for key, fault in faults.items():
+            print(f"{key}: {fault}")
+        discarded = "; discarded, to be computed again" if repair and faults else ""
+        print(f"{count_text(len(holdings), 'artifact')} read, {len(faults)} damaged{discarded}")
+        if earlier:
+            print(f"{earlier:,} of an earlier version, which are never used; `vastflow store gc` deletes them")
+    if faults and not repair:
+        raise typer.Exit(DAMAGED)
+
+
+@store.command()
+def gc(
+    keep: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="RESULTS",
+            help="Keep what this campaign directory was made of, or all in this folder; may be repeated.",
+        ),
+    ] = None,
+    older_than: Annotated[
+        int | None, typer.Option(metavar="DAYS", min=1, help="Delete only what was written longer ago; 1.")
+    ] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be deleted, and leave it.")] = False,
+    place: StoreOption = None,
+    as_json: AsJson = False,
+) -> None:
+    """Delete what no kept campaign directory was made of.
+
+    What is younger than a day always stays: a campaign may be writing it.
+    """
+    if not keep and older_than is None:
+        raise UserError("give campaign directories to --keep, an age to --older-than, or both")
+    directories = _directories(keep or [])
+    with Interruptible("interrupted; what was deleted is gone, and computed again when it is needed"):
+        opened = _opened(place, read_only=dry_run)
+        from vastflow.flows.results.cleaning import DAY_S, clean, cleaning, references
+
+        opened.survey()
+        referred = references(opened, directories) if directories else None
+        if referred is not None and not referred.evaluations:
+            print(
+                "a kept campaign is a search or can't be read any more: what producers made is all kept",
+                file=sys.stderr,
+            )
+        chosen = cleaning(opened, referred, (older_than or 1) * DAY_S)
+        if not dry_run:
+            clean(opened, chosen)
+    if as_json:
+        print(json.dumps({"store": opened.place, "deleted": not dry_run, **_cleaned(chosen)}))
+        return
+    _print_stages(_counted(chosen.removed, time.time()))
+    if chosen.environments:
+        print(f"and {len(chosen.environments)} environments of {_size_text(chosen.environments_bytes)}")
+    verb = "would be deleted" if dry_run else "deleted"
+    kept = sum(holding.size_bytes for holding in chosen.kept)
+    print(f"\n{count_text(len(chosen.removed), 'artifact')} {verb}, {len(chosen.kept)} kept ({_size_text(kept)})")
+
+
+def _faults(opened: "Store", keys: Sequence[str]) -> dict[str, str]:
+    from concurrent.futures import ThreadPoolExecutor
+
+    with ThreadPoolExecutor(_READERS) as readers:
+        found = zip(keys, readers.map(opened.fault, keys), strict=True)
+        return {key: fault for key, fault in found if fault is not None}
+
+
+def _counted(holdings: "Sequence[Holding]", now_s: float) -> dict[str, Any]:
+    """What `--json` says of artifacts: whole ones by stage; ages in days."""
+    from vastflow.tasks.store.store import EARLIER_STAGES, STAGES
+
+    whole = [holding for holding in holdings if holding.whole]
+    earlier = [stage for stage in EARLIER_STAGES if any(holding.stage == stage for holding in whole)]
+    by_stage = {stage: [holding for holding in whole if holding.stage == stage] for stage in (*STAGES, *earlier)}
+    return {
+        **_sums(whole, now_s),
+        "unfinished": len(holdings) - len(whole),
+        "stages": {stage: _sums(some, now_s) for stage, some in by_stage.items()},
+    }
+
+
+def _sums(holdings: "Sequence[Holding]", now_s: float) -> dict[str, Any]:
+    ages = [round(max(0.0, now_s - holding.written_s) / 86400, 4) for holding in holdings]
+    return {
+        "artifacts": len(holdings),
+        "bytes": sum(holding.size_bytes for holding in holdings),
+        "oldest_days": max(ages, default=None),
+        "newest_days": min(ages, default=None),
+    }
+
+
+def _cleaned(chosen: "Cleaning") -> dict[str, Any]:
+    return {
+        "artifacts": len(chosen.removed),
+        "bytes": sum(holding.size_bytes for holding in chosen.removed),
+        "environments": len(chosen.environments),
+        "environments_bytes": chosen.environments_bytes,
+        "kept": len(chosen.kept),
+        "kept_bytes": sum(holding.size_bytes for holding in chosen.kept),
+        "keys": [holding.key for holding in chosen.removed],
+    }
+
+
+def _print_stages(found: dict[str, Any]) -> None:
+    print(f"{'stage':<10}{'artifacts':>12}{'size':>12}{'oldest':>12}{'newest':>12}")
+    for name, row in [*found["stages"].items(), ("all", found)]:
+        ages = (_age_text(row["oldest_days"]), _age_text(row["newest_days"]))
+        print(f"{name:<10}{row['artifacts']:>12,}{_size_text(row['bytes']):>12}{ages[0]:>12}{ages[1]:>12}")
+
+
+def _size_text(size: int) -> str:
+    value, unit = float(size), "B"
+    for unit in ("B", "kB", "MB", "GB", "TB"):
+        if value < 999.5 or unit == "TB":
+            break
+        value /= 1000
+    return f"{value:.3g} {unit}"
+
+
+def _age_text(days: float | None) -> str:
+    if days is None:
+        return "–"
+    for number, unit in ((days, "d"), (days * 24, "h"), (days * 24 * 60, "min")):
+        if number >= 1:
+            return f"{number:.0f} {unit}"
+    return "< 1 min"
+
+
+def _directories(keep: Sequence[Path]) -> list[Path]:
+    found = []
+    for folder in keep:
+        inside = sorted(file.parent for file in folder.glob("[!.]*/metadata.json"))
+        if inside and not (folder / "metadata.json").exists():
+            found += inside
+        else:
+            check_directory(folder, "--keep")
+            found.append(folder)
+    return found
+
+
+def _opened(place: str | None, *, read_only: bool) -> "Store":
+    from vastflow.tasks.store.store import open_store, store_address, store_root
+
+    if store_address(place) is None and not (root := store_root(place)).is_dir():
+        right = "name one that `vastflow run` has used, with --store or VASTFLOW_STORE"
+        raise UserError(f"store: no folder {str(root)!r}; {right}")
+    return open_store(place, read_only=read_only)

@@ -1,0 +1,67 @@
+"""The commands about campaign files: `validate` and `schema`."""
+
+import json
+import sys
+from typing import Annotated
+
+import typer
+
+from vastflow.flows.terminal.ending import BAD_INPUT
+from vastflow.flows.terminal.options import AsV1, CampaignFile, MapDir
+from vastflow.flows.terminal.words import count_text
+
+
+def validate(
+    file: CampaignFile,
+    map_dir: MapDir = None,
+    as_v1: AsV1 = False,
+    strict: Annotated[bool, typer.Option("--strict", help="Refuse a file with keys that nothing knows.")] = False,
+) -> None:
+    """Check a campaign file.
+
+    Every fault is said at once, with its place and what would be right.
+    """
+    from vastflow.flows.request.campaign_file import read_campaign, terminal_lines
+    from vastflow.producers.campaign import infeasible_lengths
+    from vastflow.producers.search.criteria import plan_text
+    from vastflow.sim.plug_ins.effects import looking_only
+    from vastflow.tasks.engine.machine_check import check_numba
+
+    check_numba()
+    with looking_only():
+        campaign, oracles = read_campaign(file, map_dir, as_v1=as_v1, strict=strict)
+        infeasible = infeasible_lengths(campaign)
+    unexecutable = {(fault.file, fault.line, fault.column) for fault in campaign.unexecutable}
+    notes = [note for note in campaign.notes if (note.file, note.line, note.column) not in unexecutable]
+    for line in terminal_lines(notes):
+        print(line)
+    for note in infeasible:
+        print(note)
+    for fault in campaign.unexecutable:
+        print(fault, file=sys.stderr)
+    if campaign.unexecutable:
+        print("not to be run by this version", file=sys.stderr)
+        raise typer.Exit(BAD_INPUT)
+    if campaign.missing:
+        for fault in campaign.missing:
+            print(fault, file=sys.stderr)
+        lost = count_text(len(campaign.unavailable), "family", "families")
+        print(f"{lost} left out for want of a file, {len(campaign.families)} to be run", file=sys.stderr)
+        raise typer.Exit(BAD_INPUT)
+    if campaign.spec.search is None:
+        producers = sum(len(family.producers) for family in campaign.families)
+        counts = [count_text(len(campaign.families), "family", "families"), count_text(producers, "producer")]
+    else:
+        counts = [plan_text(campaign.spec.search, campaign.runs, at_most=campaign.sequential is not None)]
+    counts.append(count_text(len(oracles), "oracle"))
+    print(f"OK: {', '.join(counts)}")
+
+
+def schema() -> None:
+    """Print the JSON Schema of campaign files.
+
+    Editors check and complete by it.
+    """
+    from vastflow.producers.campaign_file.spec import campaign_schema
+
+    print(json.dumps(campaign_schema(), indent=2))

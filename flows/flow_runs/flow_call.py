@@ -1,0 +1,217 @@
+"""A call of a Prefect flow, with an API of its own where none is configured, while the workers compute already."""
+
+import contextvars
+import ctypes
+import logging
+import os
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+from vastflow.tasks.engine import process
+from vastflow.tasks.engine.engine import Engine
+from vastflow.tasks.engine.progress import Tally
+from vastflow.tasks.prefect import campaign_log, ledger
+from vastflow.tasks.prefect.adapter import end_services
+from vastflow.tasks.prefect.kept_server import KeptServer, idle_limit_s
+from vastflow.tasks.prefect.server import (
+    SENDING_S,
+    ApiServer,
+    PrefectUnavailable,
+    configured_url,
+    embedded,
+    prefect_home,
+    redacted,
+)
+
+LOGGER: Final = logging.getLogger("vastflow.flow_call")
+
+CONFIGURED: Final = "PREFECT_API_URL"
+
+FLOWS: Final = 3
+"""As often a flow is begun at an embedded API that fails it; what it has computed stays."""
+
+GONE_S: Final = 1.0
+"""What Prefect's services may take to send what they have, to a server that has just failed the flow."""
+
+_JOIN_S: Final = 3.0
+
+
+class FlowCall:
+    """One call of a flow. An embedded API starts with the object, beside whatever its owner does next; `run` ends it.
+
+    Args:
+        engine: What the flow computes with; an interrupt ends it.
+        log: File for all that would be said on the terminal otherwise.
+    """
+
+    def __init__(self, engine: Engine, tally: Tally, log: Path) -> None:
+        # Where one is configured it costs no processor time beside it; a profile of Prefect's says so only later.
+        self._server = None if os.environ.get(CONFIGURED) else _server(log)
+        self._engine = engine
+        self._log = log
+        self._tally = tally
+
+    def run(self, flow: Callable[[], Any], done: Callable[[], bool] = lambda: False) -> None:
+        """Run a flow to its end.
+
+        Args:
+            flow: Calls the flow and gives its final state. It is called in a thread of its own and with Prefect at hand, so that it
+                may import modules that import Prefect.
+            done: Whether the flow has done all it is for, whatever becomes of Prefect's account of it.
+
+        Raises:
+            PrefectUnavailable: Prefect's API can't be started, or was gone before the flow had done all.
+            Exception: what the flow raised.
+        """
+        self._tally.begin("starting Prefect")
+        flow_run = _Thread(lambda: self._run(flow, done))
+        try:
+            flow_run.start()
+            flow_run.wait()
+        except KeyboardInterrupt:
+            bound = process.bound(self._kill_server) if process.owns_process() else None
+            campaign_log.hush()
+            self._engine.close()
+            if self._server is not None and not self._server.answers:
+                self._server.stop(0)  # the flow waits for it
+            if self._tally.progress().phase in ("reporting", "postprocessing"):
+                flow_run.interrupt()
+            if flow_run.ended(_JOIN_S) and bound is not None:
+                bound.cancel()
+            self._kill_server()
+            raise
+        finally:
+            if self._server is not None:
+                self._server.stop()
+
+    def _kill_server(self) -> None:
+        if self._server is not None:
+            self._server.stop(0)
+
+    def _run(self, flow: Callable[[], Any], done: Callable[[], bool]) -> None:
+        with ExitStack() as stack:
+            stack.enter_context(campaign_log.prefect_log(self._log))
+            from vastflow.tasks.prefect.retry import bounded
+
+            configured = configured_url()
+            if configured:
+                self._kill_server()
+                stack.enter_context(bounded())
+            else:
+                self._server = self._server or _server(self._log)
+                stack.enter_context(embedded(self._server.url(), self._server.auth))
+                for notice in self._server.notices:
+                    self._tally.notice(notice)
+            api = configured or str(prefect_home())
+            ledger.end_orphans(api)
+            for tries_left in reversed(range(1 if configured else FLOWS)):
+                ended = False
+                try:
+                    with ledger.announced(api):
+                        state = flow()
+                    ended = True
+                    break
+                except Exception as error:  # what a flow raises is in its state: this is of Prefect itself
+                    LOGGER.warning("Prefect's API failed the flow", exc_info=True)
+                    unavailable = PrefectUnavailable(_refusal(configured, self._log, error))
+                    if done():
+                        self._tally.notice(f"all is computed, but Prefect's pages do not show the end: {unavailable}")
+                        return
+                    if not tries_left:
+                        raise unavailable from None
+                    if self._server is not None:
+                        self._server.url()  # killed before the flow had heard of it; it is back with this
+                finally:
+                    end_services(SENDING_S if ended else GONE_S)
+            if state.state_details.flow_run_id is not None:
+                ledger.leave(str(state.state_details.flow_run_id))
+            if not state.is_completed() and not done():
+                raise state.result(raise_on_failure=False)
+
+
+def _server(log: Path) -> ApiServer | KeptServer:
+    """An API of this process, or the one that stays if the user has allowed that."""
+    idle_s = idle_limit_s()
+    return KeptServer(log, idle_s) if idle_s else ApiServer(log)
+
+
+@contextmanager
+def entered() -> Iterator[None]:
+    """Enter the flow run in the ledger, for its process may be killed.
+
+    One that no `FlowCall` has announced is run by a worker of Prefect's, which tells Prefect of its end; those of workers that are
+    gone are ended first.
+    """
+    from prefect.runtime import flow_run
+
+    api, identity = configured_url() or "", str(flow_run.id)
+    if ledger.is_announced():
+        with ledger.begun(identity, api):
+            yield
+        return
+    ledger.end_orphans(api)
+    try:
+        with ledger.begun(identity, api):
+            yield
+    finally:
+        ledger.leave(identity)
+
+
+def end_orphans(log: Path) -> None:
+    """End flow runs of processes that are gone at an API that outlives its campaigns. Without any Prefect is not imported."""
+    if any(entry.api.startswith("http") for entry in ledger.orphans()):
+        with campaign_log.prefect_log(log):
+            ledger.end_orphans(configured_url() or "")
+
+
+def _refusal(configured: str | None, log: Path, error: Exception) -> str:
+    said = redacted(" ".join(str(error).split()))[:200] or type(error).__name__
+    if configured is None:
+        return f"Prefect's embedded API failed ({said}); see {log}"
+    return f"Prefect's API at {redacted(configured)} failed ({said}); start it (`prefect server start`), or unset PREFECT_API_URL"
+
+
+class _Thread:
+    """A call in a thread of its own: Prefect's flow must not find a notebook's event loop, nor Ctrl-C.
+
+    What the caller's context holds goes along: so a flow finds what was opened for it, and inside a flow run of Prefect's this one is its child.
+    """
+
+    def __init__(self, function: Callable[[], None]) -> None:
+        self._function = function
+        self._context = contextvars.copy_context()
+        self._error: BaseException | None = None
+        self._done = threading.Event()
+        self._thread = threading.Thread(target=self._call, name="vastflow flow", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def ended(self, timeout_s: float) -> bool:
+        """Whether it ends within `timeout_s`."""
+        return self._done.wait(timeout_s)
+
+    def interrupt(self) -> None:
+        """Raise `KeyboardInterrupt` in it, so that what it was writing is removed."""
+        if self._thread.ident is not None:
+            ctypes.pythonapi.PyThreadState_SetAsyncExc(
+                ctypes.c_ulong(self._thread.ident), ctypes.py_object(KeyboardInterrupt)
+            )
+
+    def wait(self) -> None:
+        """Wait for the end; raises what the function raised."""
+        while not self._done.wait(1.0):  # with a time limit, so that Ctrl-C is heard on every system
+            pass
+        if self._error is not None:
+            raise self._error
+
+    def _call(self) -> None:
+        try:
+            self._context.run(self._function)
+        except BaseException as error:  # noqa: BLE001 - raised again in the thread that waits
+            self._error = error
+        finally:
+            self._done.set()

@@ -1,0 +1,243 @@
+"""What Prefect's pages show of a campaign: progress, a table of results, a link to the report, a name one can read.
+
+Nothing of it is needed for the campaign: where Prefect's API refuses, a line in the log says so and the campaign goes on.
+"""
+
+import json
+import logging
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, Final
+from uuid import UUID
+
+from prefect import get_run_logger
+from prefect.client.orchestration import get_client
+from prefect.client.schemas.actions import ArtifactCreate, ArtifactUpdate
+from prefect.runtime import flow_run
+
+from vastflow.flows.results.summary import Results
+from vastflow.oracles.directory.tables import read_tables
+from vastflow.oracles.evidence.evidence import Group, evidence_of
+from vastflow.oracles.evidence.rates import LEVEL
+from vastflow.tasks.engine.progress import Phase, Progress
+from vastflow.tasks.execution.deployment import TAG
+from vastflow.tasks.execution.description import label_of
+from vastflow.tasks.prefect.server import is_embedded
+
+LOGGER: Final = logging.getLogger("vastflow.artifacts")
+
+INTERVAL_S: Final = 2.0
+"""Between two updates; each is a request that costs some 20 ms."""
+
+QUIET_S: Final = 30.0
+"""After a request that was refused; it may have taken some seconds, and the next one would too."""
+
+_SAID: Final[dict[Phase, str]] = {
+    "instantiating": "instantiating",
+    "running": "executing, observing and judging what the store does not have",
+    "reporting": "writing the report",
+    "postprocessing": "running the steps of postprocessing",
+}
+
+
+class ProgressBar:
+    """A progress artifact of a flow run.
+
+    Args:
+        key: Lowercase letters, digits and hyphens; versions of one key are listed together.
+    """
+
+    def __init__(self, key: str, flow_run_id: str) -> None:
+        self._key = key
+        self._flow_run_id = UUID(flow_run_id)
+        self._id: UUID | None = None
+        self._shown: tuple[float, str] | None = None
+        self._at_s = 0.0
+
+    def show(self, share: float, text: str, now: bool = False) -> None:
+        """Show a share between 0 and 1, at most every `INTERVAL_S` seconds unless `now` is set."""
+        shown = (100 * share, text)
+        if shown == self._shown or (not now and share < 1 and time.monotonic() < self._at_s + INTERVAL_S):
+            return
+        self._shown, self._at_s = shown, time.monotonic()
+        with get_client(sync_client=True) as client:
+            if self._id is None:
+                artifact = ArtifactCreate(
+                    key=self._key,
+                    type="progress",
+                    data=shown[0],
+                    description=text,
+                    flow_run_id=self._flow_run_id,
+                )
+                self._id = client.create_artifact(artifact).id
+            else:
+                client.update_artifact(self._id, ArtifactUpdate(data=shown[0], description=text))
+
+
+class Page:
+    """The page of a flow run that runs a campaign, as an observer of the campaign.
+
+    Args:
+        name: The campaign's.
+        say: Writes a line of the flow run's log.
+        asked: Runs of each configuration, and whether these are its most; None keeps the flow run's name.
+    """
+
+    def __init__(
+        self, name: str, flow_run_id: str, say: Callable[[str], None], asked: tuple[int, bool] | None = None
+    ) -> None:
+        self._name = name
+        self._asked = asked
+        self._flow_run_id = flow_run_id
+        self._say = say
+        self._bar = ProgressBar(f"{key_of(name)}-progress", flow_run_id)
+        self._phase: Phase | None = None
+        self._noticed = 0
+        self._sized = False
+        self._named = 0
+        self._quiet_until_s = 0.0
+
+    def update(self, progress: Progress) -> None:
+        """Show `progress`."""
+        for notice in progress.notices[self._noticed :]:
+            self._say(notice)
+        self._noticed = len(progress.notices)
+        count = progress.configurations_total
+        if progress.runs_total and not self._sized:
+            self._sized = True
+            self._say(
+                f"{size_text(count, progress.runs_total, progress.at_most)}; {progress.reused} runs are in the store"
+            )
+        if self._asked and progress.runs_total and count != self._named:  # a search comes to more and more
+            runs, at_most = self._asked
+            if self._sent(
+                lambda: _rename(self._flow_run_id, f"{self._name}, {size_text(count, count * runs, at_most)}")
+            ):
+                self._named = count
+        new_phase = progress.phase != self._phase
+        if new_phase and progress.phase in _SAID:
+            self._say(_SAID[progress.phase])
+        self._phase = progress.phase
+        if progress.runs_total:
+            share = progress.runs_done / progress.runs_total
+            self._sent(lambda: self._bar.show(share, progress_text(progress), now=new_phase))
+
+    def _sent(self, request: Callable[[], None]) -> bool:
+        """Whether the API takes a request; after one that it refused none is made for a while."""
+        if time.monotonic() < self._quiet_until_s:
+            return False
+        with tolerated() as refused:
+            request()
+        if refused:
+            self._quiet_until_s = time.monotonic() + QUIET_S
+        return not refused
+
+
+def outcome_text(found: Results) -> str:
+    """What a campaign came to, in a line."""
+    summary = found.summary
+    counts = f"{summary.passed} passed, {summary.failed} failed, {summary.not_judged} not judged"
+    work = f"{summary.executed} runs executed, {summary.reused} from the store"
+    return f"{size_text(summary.configurations, summary.runs)}: {counts}; {work}"
+
+
+def publish(found: Results, name: str, reports: str | None = None) -> None:
+    """Make a table of the results and a link to the report, both of the flow run that calls this; none where nobody sees them.
+
+    Args:
+        name: The campaign's.
+        reports: Web address of the results folder; None links to the file, which a browser opens on its own machine only.
+    """
+    if is_embedded():
+        return
+    outcome = outcome_text(found)
+    report = found.directory.resolve() / "report.html"
+    get_run_logger().info("%s; report: %s", outcome, report)
+    link = report.as_uri() if reports is None else f"{reports.rstrip('/')}/{found.directory.name}/report.html"
+    with tolerated():
+        _create(f"{key_of(name)}-results", "table", json.dumps(result_rows(found)), f"**{name}**, {outcome}")
+        _create(f"{key_of(name)}-report", "markdown", f"[report.html]({link})", f"Report of **{name}**: `{report}`")
+
+
+def show_text(key: str, text: str, about: str) -> None:
+    """Show a text in Markdown on the page of the flow run that calls this; none where nobody sees it.
+
+    Args:
+        key: As of `ProgressBar`.
+    """
+    if not is_embedded():
+        with tolerated():
+            _create(key, "markdown", text, about)
+
+
+def result_rows(found: Results) -> list[dict[str, Any]]:
+    """A row for each family and, if there are several, one for all: what the report's first table says."""
+    tables = read_tables(found.directory)
+    whole = evidence_of(tables)[None]
+    rows = [_row(family, group) for family, group in whole.families.items()]
+    return rows if len(rows) == 1 else [*rows, _row("all", whole.campaign)]
+
+
+def progress_text(progress: Progress) -> str:
+    """Runs done and their verdicts."""
+    verdicts = f"{progress.passed} passed, {progress.failed} failed, {progress.not_judged} not judged"
+    total = f"{'at most ' * progress.at_most}{progress.runs_total}"
+    return f"{progress.runs_done} of {total} runs done; {verdicts}"
+
+
+def size_text(configurations: int, runs: int, at_most: bool = False) -> str:
+    """Such as `24 configurations × 5 runs`; `24 configurations, 341 runs` where they have different numbers of them."""
+    said = f"{configurations} configuration{'s'[: configurations != 1]}"
+    each, rest = divmod(runs, configurations) if configurations else (0, 0)
+    most = "at most " * at_most
+    return f"{said}, {most}{runs} runs" if rest or at_most else f"{said} × {each} run{'s'[: each != 1]}"
+
+
+def key_of(name: str) -> str:
+    """A campaign's name as the keys of its artifacts have it."""
+    return label_of(name) or "campaign"
+
+
+def tag(flow_run_id: str, name: str) -> None:
+    """Give a flow run the tags by which all flow runs of a campaign are found."""
+    with get_client(sync_client=True) as client:
+        client.update_flow_run(UUID(flow_run_id), tags=[TAG, key_of(name)])
+
+
+@contextmanager
+def tolerated() -> Iterator[list[Exception]]:
+    """Log what Prefect's API refuses; gives a list in which the refusal is afterwards."""
+    refused: list[Exception] = []
+    try:
+        yield refused
+    except Exception as error:  # noqa: BLE001 - a campaign of hours is not lost for a picture of it
+        refused.append(error)
+        LOGGER.warning("Prefect does not show the campaign's progress or results: %s", error)
+
+
+def _row(name: str, group: Group) -> dict[str, Any]:
+    counts = group.counts
+    low, high = counts.interval.thousandths
+    interval = f"{low / 10:.1f} – {high / 10:.1f} %" if counts.judged else "–"
+    return {
+        "family": name,
+        "configurations": group.configurations,
+        "runs": counts.judged + counts.not_judged,
+        "passed": counts.passed,
+        "failed": counts.failed,
+        "not judged": counts.not_judged,
+        "success": "–" if counts.rate is None else f"{100 * counts.rate:.1f} %",
+        f"{100 * LEVEL:.0f} % interval": interval,
+    }
+
+
+def _create(key: str, kind: str, data: str, description: str) -> None:
+    of = UUID(str(flow_run.id))
+    with get_client(sync_client=True) as client:
+        client.create_artifact(ArtifactCreate(key=key, type=kind, data=data, description=description, flow_run_id=of))
+
+
+def _rename(flow_run_id: str, name: str) -> None:
+    with get_client(sync_client=True) as client:
+        client.update_flow_run(UUID(flow_run_id), name=name)

@@ -1,0 +1,184 @@
+"""Task runs of a flow run: mapped over shards, waited for, logged, and recorded by Prefect's server before the flow returns."""
+
+import logging
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, Any, Final
+
+from vastflow.tasks.engine.engine import Engine, MemberFault
+from vastflow.tasks.engine.pool import PoolClosed
+from vastflow.tasks.engine.progress import Observer, Reporter, Tally
+from vastflow.tasks.engine.shards import Shard
+from vastflow.tasks.prefect.adapter import sent_only
+from vastflow.tasks.prefect.server import drain, is_embedded
+
+if TYPE_CHECKING:
+    from prefect.futures import PrefectFuture
+
+
+TASK_RUNS: Final = "prefect.task_runs"
+NEVER_BEGUN: Final = "Finished in state Pending("
+
+
+@contextmanager
+def quiet_task_runs(engine: Engine, flow_run_id: str) -> Iterator[None]:
+    """Send nothing below a warning of task runs to Prefect's API; a flow run's page would list some lines for each.
+
+    Once the engine is closed the task runs of the flow run say nothing at all: each would report that it was cancelled. Nor do those
+    that never began, which Prefect reports as errors where a flow run is suspended.
+    """
+
+    def is_said(record: logging.LogRecord) -> bool:
+        own = getattr(record, "flow_run_id", None) == flow_run_id
+        return not (own and (engine.closed or record.getMessage().startswith(NEVER_BEGUN)))
+
+    logger = logging.getLogger(TASK_RUNS)
+    logger.addFilter(is_said)
+    try:
+        with sent_only(TASK_RUNS, _worth_sending):
+            yield
+    finally:
+        logger.removeFilter(is_said)
+
+
+def _worth_sending(record: logging.LogRecord) -> bool:
+    return record.levelno >= logging.WARNING or not record.name.startswith(TASK_RUNS)
+
+
+MOST_UNRECORDED: Final = 1000
+"""Task runs that may have ended without Prefect's server having recorded it; of thousands at a time it loses some silently."""
+
+CANCEL_S: Final = 5.0
+"""What it may take to tell Prefect of those that were cancelled."""
+
+
+class TaskRuns:
+    """The task runs of the flow run that makes this object.
+
+    Args:
+        engine: What they compute with.
+    """
+
+    def __init__(self, engine: Engine) -> None:
+        from prefect.runtime import flow_run
+
+        self.engine = engine
+        self._flow_run_id = str(flow_run.id)
+        self._futures: list[PrefectFuture[Any]] = []
+        self._free: dict[str, threading.Semaphore] = {}
+        self._evaluations: dict[str, list[PrefectFuture[Any]]] = {}
+        self._recorded = 0
+
+    def map(self, stage: str, shards: Sequence[Any], *upstream: Sequence[Any]) -> "list[PrefectFuture[Any]]":
+        """A task run for each shard. Prefect hears of no more of a stage than there are workers: others would be `Running` and only wait.
+
+        Args:
+            stage: Name of a task of `vastflow.tasks.prefect.stages`.
+            upstream: Of each shard what the stage before it made, or a future of that.
+
+        Raises:
+            StoreError, PoolClosed: see `Engine.check`.
+        """
+        if not shards:
+            return []
+        from vastflow.tasks.prefect import stages
+
+        free = self._free.setdefault(stage, threading.Semaphore(self.engine.workers))
+        mapped: list[PrefectFuture[Any]] = []
+        for shard, *made in zip(shards, *upstream, strict=True):
+            free.acquire()
+            self.engine.check()
+            follows = () if made else (each for name in shard.families for each in self._evaluations.get(name, ()))
+            mapped.append(getattr(stages, stage).submit(shard, *made, engine=self.engine, wait_for=list(follows)))
+            self._futures.append(mapped[-1])
+            mapped[-1].add_done_callback(lambda _: free.release())
+        if stage == "evaluate":
+            families = {name for shard in shards for name in shard.families}
+            pairs = list(zip(shards, mapped, strict=True))
+            self._evaluations |= {name: [each for shard, each in pairs if name in shard.families] for name in families}
+        return mapped
+
+    def wait(self, shards: Sequence[Shard], *stages: "Sequence[PrefectFuture[Any]]") -> None:
+        """Wait until all task runs have ended, and the server has recorded most of them.
+
+        One that failed as a whole, which is an internal error, is a fault of its shard's members.
+
+        Raises:
+            StoreError, PoolClosed: see `Engine.check`.
+        """
+        for of_stage in stages:
+            for future in of_stage:
+                future.wait()
+        self.engine.check()
+        for of_shard in zip(shards, *stages, strict=True):
+            shard, states = of_shard[0], [future.state for future in of_shard[1:]]
+            if failed := next((state for state in states if not state.is_completed()), None):
+                error = f"a task run ended as {failed.name}: {failed.message}"
+                self.engine.add_faults([MemberFault(member.name, None, "flow", error) for member in shard.members])
+        if len(self._futures) - self._recorded >= MOST_UNRECORDED:
+            self.record()
+
+    def end(self) -> None:
+        """Wait until all have ended; a flow run that is suspended says so at each of them."""
+        from prefect.exceptions import Pause
+
+        for future in self._futures:
+            with suppress(Pause):
+                future.wait()
+
+    def cancel(self) -> None:
+        """Tell Prefect that task runs which were to follow on others won't begin any more: it would show them as `Pending` for ever."""
+        from prefect.client.orchestration import get_client
+        from prefect.exceptions import ObjectNotFound
+        from prefect.states import Cancelled
+
+        deadline_s = time.monotonic() + CANCEL_S
+        with get_client(sync_client=True) as client:
+            for future in self._futures:
+                while not future.state.is_final() and time.monotonic() < deadline_s:
+                    try:
+                        client.set_task_run_state(future.task_run_id, Cancelled(message=str(PoolClosed())), force=True)
+                        break
+                    except ObjectNotFound:  # not recorded yet
+                        time.sleep(CANCEL_S / 10)
+
+    def record(self) -> None:
+        """Wait until the server has recorded the task runs that have ended."""
+        self.end()
+        drain(self._flow_run_id, sum(future.state.is_final() for future in self._futures))
+        self._recorded = len(self._futures)
+
+
+@contextmanager
+def task_runs_of(
+    name: str, engine: Engine, tally: Tally | None = None, page: Observer | None = None
+) -> Iterator[TaskRuns]:
+    """The task runs of the flow run that this is called from, which is found by the campaign's name and logs faults only.
+
+    Args:
+        name: The campaign's.
+        tally: Its progress is shown on `page`.
+    """
+    from prefect.runtime import flow_run
+
+    from vastflow.flows.flow_runs.flow_call import entered
+    from vastflow.flows.flow_runs.pages import INTERVAL_S, tag, tolerated
+
+    with entered(), quiet_task_runs(engine, str(flow_run.id)):
+        with tolerated():
+            tag(str(flow_run.id), name)
+        task_runs = TaskRuns(engine)
+        with Reporter(tally or Tally(), page, INTERVAL_S):
+            try:
+                yield task_runs
+            except BaseException as error:
+                if not isinstance(error, Exception):  # an interrupt: else what still waits would be computed first
+                    engine.close()
+                task_runs.end()
+                if engine.closed and not is_embedded():
+                    with tolerated():
+                        task_runs.cancel()
+                raise
+            task_runs.record()

@@ -1,0 +1,125 @@
+"""Configurations of a call: what of an instantiation is asked for, and what of that is executed."""
+
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final, TypeAlias
+
+from vastflow.producers.instantiation.instantiate import Instantiation
+from vastflow.producers.model.configuration import Configuration
+from vastflow.producers.model.faults import CampaignError, Fault
+from vastflow.sim.model.digest import digest
+from vastflow.sim.model.names import did_you_mean
+from vastflow.tasks.engine.index import Member
+from vastflow.tasks.engine.instantiation import Instantiated, UnknownName, selected
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """What of a campaign is run.
+
+    Attributes:
+        only: Names of families or configurations; empty for all.
+        sample: How many distinct configurations of these, at most; None for all.
+        seed: Of the sample.
+    """
+
+    only: Sequence[str] = ()
+    sample: int | None = None
+    seed: int = 0
+
+
+EVERYTHING: Final = Selection()
+
+
+def sampled(instantiation: Instantiation, size: int, seed: int) -> Instantiation:
+    """A sample of `size` distinct configurations with their duplicates, in their order; all, if there are no more.
+
+    In each family configurations have an order that follows from the digest of their content and the seed; the k-th of n, from
+    0, has the place (k + 1/2) / n. The sample is the `size` least places: a larger one contains a smaller one, and families
+    have their share as by Webster's method of apportionment. Nothing else in the campaign moves a configuration
+    in its family.
+    """
+    distinct = [each for each in instantiation.configurations if each.duplicate_of is None]
+    drawn = [(digest("sample", seed, each.scenario.digest), each) for each in distinct]
+    order = sorted(drawn, key=lambda one: one[0])
+    sizes = Counter(each.family for each in distinct)
+    seen: Counter[str] = Counter()
+    places: list[tuple[float, str, Configuration]] = []
+    for drawn_as, each in order:
+        places.append(((seen[each.family] + 0.5) / sizes[each.family], drawn_as, each))
+        seen[each.family] += 1
+    chosen = {each.name for _, _, each in sorted(places, key=lambda place: place[:2])[:size]}
+    return replace(
+        instantiation,
+        configurations=tuple(c for c in instantiation.configurations if (c.duplicate_of or c.name) in chosen),
+        sampled_from=len(distinct),
+    )
+
+
+Runs: TypeAlias = int | Mapping[str, int]
+"""Runs of each configuration that is no duplicate: indices 0 to this number - 1. The same of all, or by name."""
+
+
+MOST_REASONS: Final = 3
+"""Reasons that are said of one producer; more are counted."""
+
+
+def runs_of(runs: Runs, name: str) -> int:
+    """Those of one configuration."""
+    return runs if isinstance(runs, int) else runs[name]
+
+
+def narrowed(instantiated: Instantiated, selection: Selection, file: str) -> Instantiated:
+    """What remains with the families and configurations that are selected by name, and then with the sample of these.
+
+    Faults remain that may concern one of these.
+
+    Args:
+        file: The campaign file as the user named it, for the message.
+
+    Raises:
+        CampaignError: nothing is called so, or there is nothing to run.
+    """
+    found, faults = instantiated.instantiation, instantiated.faults
+    if selection.only:
+        try:
+            found = selected(found, selection.only)
+        except UnknownName as error:
+            why = next((str(fault) for fault in faults if fault.concerns(error.name)), None)
+            right = "a family that can be made" if why else did_you_mean(error.name, error.known)
+            raise CampaignError([Fault(file, 1, 1, "only", why or str(error), right)]) from None
+        faults = tuple(fault for fault in faults if any(map(fault.concerns, selection.only)))
+    if selection.sample is not None:
+        found = sampled(found, selection.sample, selection.seed)
+    if not found.configurations and not faults:
+        raise CampaignError(
+            Fault(file, 1, 1, "configuration", f"nothing to run: {why}", "a requirement that can be met")
+            for why in requirements(found)
+        )
+    return Instantiated(found, faults)
+
+
+def requirements(found: Instantiation) -> Iterator[str]:
+    """What leaves out configurations, and how many of each family, the most first."""
+    reasons: dict[tuple[str, str], Counter[str]] = defaultdict(Counter)
+    for rejected in found.rejections:
+        reasons[rejected.family, f"{rejected.producer} rejects"][rejected.reason] += 1
+    for excluded in found.excluded:
+        reasons[excluded.family, "constraints exclude"][excluded.constraint] += 1
+    for (family, which), counts in sorted(reasons.items(), key=lambda item: -item[1].total()):
+        said = ", ".join(f"{count} × {reason}" for reason, count in counts.most_common(MOST_REASONS))
+        more = f", and {len(counts) - MOST_REASONS} more reasons" if len(counts) > MOST_REASONS else ""
+        yield f"{which} {counts.total()} of family {family!r}: {said}{more}"
+
+
+def members_of(instantiation: Instantiation, runs: int) -> list[Member]:
+    """A member for each configuration that is no duplicate, in order, with `runs` runs wanted of it."""
+    members = []
+    places: dict[str, int] = {}
+    for configuration in instantiation.configurations:
+        family = configuration.family
+        places[family] = places.get(family, 0) + 1
+        if configuration.duplicate_of is None:
+            members.append(Member(configuration.name, family, places[family], configuration.scenario, runs))
+    return members

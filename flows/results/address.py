@@ -1,0 +1,181 @@
+"""A campaign directory at an address, such as a bucket of S3: made on this machine and delivered, or copied to be read here."""
+
+import json
+import os
+import shutil
+import time
+import uuid
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Final
+
+from vastflow.oracles.directory.unusable import UnusableDirectory
+from vastflow.sim.model.faults import UserError
+from vastflow.tasks.store.store import WRITING_S, Store, is_address
+
+if TYPE_CHECKING:
+    from vastflow.flows.results.summary import Results
+
+
+METADATA: Final = "metadata.json"
+"""It makes a folder a campaign directory, so it goes last: half a delivery is none."""
+
+_FOLDER: Final = "results"
+
+
+@dataclass(frozen=True, slots=True)
+class Delivery:
+    """Where a campaign directory is made, and where it is to be.
+
+    Attributes:
+        folder: On this machine.
+        address: None where it stays there.
+    """
+
+    folder: Path
+    address: str | None = None
+
+    def delivered(self, written: "Results") -> "Results":
+        """Upload a directory that was written into `folder`, if that is not where it belongs.
+
+        The copy here stays a day, for what shows it to the user.
+
+        Raises:
+            StoreError: the address can't be used; the copy stays too.
+        """
+        if self.address is None:
+            return written
+        from vastflow.tasks.store.remote_files import file_system, unusable
+
+        address = f"{self.address}/{written.directory.name}"
+        metadata = written.directory / METADATA
+        content = json.loads(metadata.read_text(encoding="utf-8"))
+        content["counts"]["results"] = address
+        metadata.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+        files = sorted(path for path in written.directory.rglob("*") if path.is_file() and path != metadata)
+        places = [path.relative_to(written.directory).as_posix() for path in files]
+        try:
+            system, root = file_system(address)
+            system.put([str(path) for path in files], [f"{root}/{place}" for place in places])
+            system.pipe_file(f"{root}/{METADATA}", metadata.read_bytes())
+        except Exception as error:  # noqa: BLE001 - a file system may raise anything
+            said = unusable("results", self.address, error)
+            said.args = (f"{said}; the campaign directory is in {written.directory}",)
+            raise said from None
+        return replace(written, summary=replace(written.summary, results=address))
+
+
+def delivery_to(results: str | os.PathLike[str], store: Store) -> Delivery:
+    """How results get to where they are asked for.
+
+    Raises:
+        StoreError: it is an address that can't be written.
+    """
+    address = os.fspath(results).rstrip("/")
+    if not is_address(address):
+        return Delivery(Path(os.fspath(results).removeprefix("file://")))
+    from vastflow.tasks.store.remote_files import file_system, unusable
+
+    try:
+        system, root = file_system(address)
+        probe = f"{root}/.{uuid.uuid4().hex}"
+        system.pipe_file(probe, b"vastflow")
+        system.rm_file(probe)
+    except Exception as error:  # noqa: BLE001 - a file system may raise anything
+        raise unusable("results", address, error) from None
+    folder = store.local / _FOLDER
+    for old in folder.glob("*"):
+        with suppress(OSError):
+            if time.time() - old.stat().st_mtime > WRITING_S:
+                shutil.rmtree(old, ignore_errors=True)
+    return Delivery(folder, address)
+
+
+WITHOUT_RUNS: Final = ("recordings", "traces", "outputs", "logs", "inputs", "environments", "figures")
+"""Folders that nobody needs who only reads tables."""
+
+
+@contextmanager
+def at_hand(results: str, leave_out: Collection[str] = ()) -> Iterator[Path]:
+    """The folder itself, or for as long as the body takes a copy of what is at the address.
+
+    Args:
+        results: A folder, or the address of one campaign directory such as `s3://bucket/prefix/NAME`.
+        leave_out: Names of folders that are not copied.
+
+    Raises:
+        StoreError: the address can't be read.
+        UnusableDirectory: it is none of a campaign directory.
+    """
+    if not is_address(results):
+        yield Path(results.removeprefix("file://"))
+        return
+    address = results.rstrip("/")
+    with TemporaryDirectory(prefix="vastflow-") as folder:
+        copy = Path(folder, address.rpartition("/")[2])
+        _fetch(address, copy, leave_out)
+        yield copy
+
+
+def _fetch(address: str, copy: Path, leave_out: Collection[str]) -> None:
+    from vastflow.tasks.store.remote_files import file_system, unusable
+
+    try:
+        system, root = file_system(address)
+        places = [path[len(root) + 1 :] for path in system.find(root)]
+        if METADATA not in places:
+            raise UnusableDirectory(_none_there(address, places))
+        wanted = [place for place in places if place.partition("/")[0] not in leave_out]
+        for parent in {(copy / place).parent for place in wanted}:
+            parent.mkdir(parents=True, exist_ok=True)
+        system.get([f"{root}/{place}" for place in wanted], [str(copy / place) for place in wanted])
+    except UserError:
+        raise
+    except Exception as error:  # noqa: BLE001 - a file system may raise anything
+        raise unusable("results", address, error) from None
+
+
+def _none_there(address: str, places: Collection[str]) -> str:
+    inside = sorted({place.partition("/")[0] for place in places if place.count("/") == 1 and place.endswith(METADATA)})
+    if inside:
+        return f"{address}: holds {len(inside)} campaign directories; name one of them, such as {address}/{inside[-1]}"
+    return (
+        f"{address}: not a campaign directory, there is no {METADATA}; an address that `vastflow run --results` printed"
+    )
+
+
+def meant_address(path: Path) -> str | None:
+    """The address that a path was meant to be, which has lost a slash of it; None for any other path."""
+    scheme, colon, rest = str(path).partition(":/")
+    found = f"{scheme}://{rest}"
+    return found if colon and is_address(found) and not path.exists() else None
+
+
+def check_directory(results: Path, option: str = "") -> None:
+    """Look whether a path is a campaign directory.
+
+    Args:
+        option: That gave the path, for the message, such as `--since`.
+
+    Raises:
+        UnusableDirectory: it is none; says where one is.
+    """
+    if wrong := _wrong(results):
+        raise UnusableDirectory(f"{option} {meant_address(results) or results}: {wrong}".lstrip())
+
+
+def _wrong(results: Path) -> str | None:
+    right = "a folder that `vastflow run` wrote"
+    if meant_address(results):
+        return "only `vastflow show` and `vastflow export` read an address; copy it into a folder first"
+    if not results.exists():
+        return f"no such folder; {right}"
+    if (results / METADATA).is_file():
+        return None
+    inside = sorted(results.glob(f"[!.]*/{METADATA}"), key=lambda file: file.stat().st_mtime)
+    if inside:
+        return f"holds {len(inside)} campaign directories; name one of them, the newest is {inside[-1].parent}"
+    return f"not a campaign directory, it has no {METADATA}; {right}"

@@ -1,0 +1,312 @@
+"""Provenance: the code, the machine, and all else that a campaign's results follow from, and what of it changed."""
+
+import importlib.metadata
+import platform
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, Literal, TypeAlias
+
+from vastflow.flows.results.tables import plain
+from vastflow.oracles.oracle import Oracle
+from vastflow.producers.instantiation.family import Family
+from vastflow.producers.model.faults import shown
+from vastflow.producers.model.producer import Producer
+from vastflow.tasks.engine.evaluation import content_of, producers_in
+from vastflow.tasks.keys.keys import EVALUATE_SOURCE, EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE, Keys
+from vastflow.tasks.keys.source import PLUG_IN, Code, SourceTree
+
+_MOST_SHOWN: Final = 3
+
+
+def value_changes(then: Any, now: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Path, old and new value of all that differs in two plain values; None for what is not there.
+
+    Mappings are compared key by key, lists of as many mappings one by one, everything else as a whole.
+    """
+    if isinstance(then, Mapping) and isinstance(now, Mapping) and "file" not in then and "file" not in now:
+        for key in dict.fromkeys([*then, *now]):
+            yield from value_changes(then.get(key), now.get(key), f"{path}.{key}" if path else str(key))
+    elif _of_mappings(then) and _of_mappings(now) and len(then) == len(now):
+        for k, (old, new) in enumerate(zip(then, now, strict=True)):
+            yield from value_changes(old, new, f"{path}[{k}]")
+    elif then != now or type(then) is not type(now):
+        yield path, then, now
+
+
+def flat_changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[tuple[str, Any, Any]]:
+    """Name, old and new value of all that differs in two mappings, of which names may have dots; None for what is not there."""
+    names = dict.fromkeys([*now, *then])
+    return [(name, then.get(name), now.get(name)) for name in names if then.get(name) != now.get(name)]
+
+
+def _of_mappings(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(item, Mapping) for item in value)
+
+
+def changes_text(then: Any, now: Any) -> str:
+    """What differs in two plain values: the first few of it."""
+    return few([change_text(*change) for change in value_changes(then, now)])
+
+
+def change_text(path: str, then: Any, now: Any) -> str:
+    """One of `value_changes`: `x from 1 to 2`, `values gained 3, lost 4`."""
+    if isinstance(then, list) and isinstance(now, list):
+        gained = [short_text(item) for item in now if item not in then]
+        lost = [short_text(item) for item in then if item not in now]
+        words = [f"gained {few(gained)}"] * bool(gained) + [f"lost {few(lost)}"] * bool(lost)
+        return " ".join(filter(None, [path, ", ".join(words) or "in another order or number"]))
+    return " ".join(filter(None, [path, f"from {short_text(then)} to {short_text(now)}"]))
+
+
+def few(words: Sequence[str], most: int = _MOST_SHOWN) -> str:
+    """The first few, and how many more there are."""
+    more = len(words) - most
+    return ", ".join(words) if more <= 0 else f"{', '.join(words[:most])} and {more} more"
+
+
+def short_text(value: Any) -> str:
+    """A plain value in a few characters."""
+    if isinstance(value, Mapping) and value.keys() == {"file"}:
+        return f"file {str(value['file'])[:12]}"
+    if isinstance(value, float):
+        text = f"{value:.10g}"
+        return f"{text}.0" if text.removeprefix("-").isdigit() else text
+    return shown(value)
+
+
+_CLASS_PARTS: Final = ("architecture", "C library", "processor features", "variables", "Python")
+"""Of `vastflow.tasks.keys.keys.numeric_class`, in its order."""
+_LISTS: Final = ("processor features", "variables")
+
+
+def origin_row(keys: Keys) -> dict[str, Any]:
+    """What `metadata.json` says of it: the numeric class, `execution.seed`, and a source digest for each stage."""
+    source = {"execute": keys.execute_source, "observe": keys.observe_source, "judge": keys.judge_source}
+    return {"numeric_class": keys.numeric, "seed": keys.seed, "source": source}
+
+
+def origin_differences(metadata: Mapping[str, Any], numeric: str, execute_source: str) -> list[str]:
+    """Why a run may come out as another here than it was recorded, a sentence each; none where the bytes must be equal.
+
+    A directory written before `metadata.json` named its origin says nothing.
+
+    Args:
+        metadata: Of the campaign directory.
+        numeric: The numeric class of this process.
+        execute_source: Source digest of the simulator as it is installed here.
+    """
+    found = []
+    recorded_source = metadata.get("source", {}).get("execute", execute_source)
+    if recorded_source != execute_source:
+        others = "".join(f"; {words}" for words in _other_versions(metadata))
+        found.append(
+            f"recorded with other source of the simulator ({recorded_source[:12]}, here {execute_source[:12]}){others}"
+        )
+    recorded_class = metadata.get("numeric_class", numeric)
+    if recorded_class != numeric:
+        then, now = numeric_parts(recorded_class), numeric_parts(numeric)
+        words = changes_text(then, now) if then.keys() == now.keys() else f"{recorded_class!r}, here {numeric!r}"
+        found.append(f"recorded on another numeric class: {words}")
+    return found
+
+
+def versions(metadata: Mapping[str, Any], same_origin: bool) -> str:
+    """Who recorded and who executed, and which libraries differ.
+
+    Args:
+        same_origin: Whether `origin_differences` found none.
+    """
+    here = importlib.metadata.version("vastflow")
+    words = [f"recorded by vastflow {metadata['vastflow']}, executed by vastflow {here}", *_other_versions(metadata)]
+    host = {key: metadata["host"][key] for key in ("machine", "system")}
+    words += [f"{name} {then}, here {now}" for name, then in host.items() if (now := _version(name)) != then]
+    if "source" not in metadata or "numeric_class" not in metadata:
+        if len(words) == 1 and metadata["vastflow"] == here:
+            words.append(
+                "libraries and machine are of the same versions: the simulator's code or the processor is another"
+            )
+    elif same_origin:
+        words.append(
+            "source and numeric class are those of the recording, so the file was changed or this is an internal error"
+        )
+    return "; ".join(words)
+
+
+def _other_versions(metadata: Mapping[str, Any]) -> Iterator[str]:
+    for name, then in metadata["versions"].items():
+        if (now := _version(name)) != then:
+            yield f"{name} {then}, here {now}"
+
+
+def numeric_parts(numeric: str) -> dict[str, Any]:
+    """A numeric class by its parts, of which some are lists; as a whole where another version wrote it in another form."""
+    parts = numeric.split("; ")
+    if len(parts) == len(_CLASS_PARTS) - 1:  # before it had Python's minor version
+        parts.append("not recorded")
+    if len(parts) != len(_CLASS_PARTS):
+        return {"all of it": numeric}
+    return {name: part.split() if name in _LISTS else part for name, part in zip(_CLASS_PARTS, parts, strict=True)}
+
+
+def _version(name: str) -> str:
+    own = {"python": platform.python_version, "machine": platform.machine, "system": platform.platform}
+    if name in own:
+        return own[name]()
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return "none"
+
+
+Stage: TypeAlias = Literal["instantiate", "execute", "observe", "judge"]
+ReasonKind: TypeAlias = Literal[
+    "never computed",
+    "new configuration",
+    "scenario changed",
+    "more runs",
+    "producer changed",
+    "input changed",
+    "oracle changed",
+    "seed changed",
+    "source changed",
+    "numeric class changed",
+    "lost",
+    "broke",
+    "follows",
+]
+
+_ENTRIES: Final[Mapping[Stage, tuple[str, ...]]] = {
+    "instantiate": EVALUATE_SOURCE,
+    "execute": EXECUTE_SOURCE,
+    "observe": OBSERVE_SOURCE,
+    "judge": JUDGE_SOURCE,
+}
+_ORDER: Final = "order of oracles"
+_DIGITS: Final = 12
+_MOST_FILES: Final = 5
+
+
+@dataclass(frozen=True, slots=True)
+class DueReason:
+    """Why something is computed.
+
+    Attributes:
+        what: In a few words that are the same for much of a campaign.
+        detail: What is special about this one; may be empty.
+    """
+
+    kind: ReasonKind
+    what: str
+    detail: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.what}: {self.detail}" if self.detail else self.what
+
+
+Ingredients: TypeAlias = Mapping[str, tuple[ReasonKind, Any]]
+"""Name to the kind of reason that another value is, and the value. Names are those that a user reads."""
+
+
+def ingredients_row(tree: SourceTree, families: Sequence[Family], oracles: Sequence[Oracle[Any]]) -> dict[str, Any]:
+    """What `metadata.json` says of the ingredients: each source by the short digests of its files, and its libraries."""
+    sources: dict[str, Any] = {stage: _source(tree.code(*entries)) for stage, entries in _ENTRIES.items()}
+    return {
+        "oracles": [_plug_in_row(tree, each, each.name, sources) for each in oracles],
+        "producers": {
+            family.name: [_plug_in_row(tree, each, type(each).__name__, sources) for each in family.producers]
+            for family in families
+        },
+        "code": sources,
+    }
+
+
+def _plug_in_row(
+    tree: SourceTree, plug_in: Oracle[Any] | Producer[Any], name: str, sources: dict[str, Any]
+) -> dict[str, Any]:
+    """A plug-in's row; its source, shared by all of the same code, goes into `sources`."""
+    kinds = dict.fromkeys(type(each) for each in (plug_in, *producers_in(plug_in.parameters)))
+    source = "+".join(tree.plug_in_digest(kind)[:_DIGITS] for kind in kinds)
+    if source not in sources:
+        parts = [_source(tree.plug_in_code(kind)) for kind in kinds]
+        sources[source] = {
+            key: {k: v for part in parts for k, v in part[key].items()} for key in ("files", "libraries")
+        }
+    return {"name": name, "parameters": plain(content_of(plug_in.parameters)), "source": source}
+
+
+def _source(code: Code) -> dict[str, dict[str, str]]:
+    data = {f"data of {name}": value for name, value in code.data.items()}
+    files = {_file_name(name): value[:_DIGITS] for name, value in {**code.modules, **data}.items()}
+    return {"files": files, "libraries": dict(code.libraries)}
+
+
+def _file_name(name: str) -> str:
+    """`sim.world.lidar` of a module, `its file` or `its helper.py` of what lies beside a campaign."""
+    place = name.removeprefix("data of ")
+    if place == PLUG_IN or place.startswith(f"{PLUG_IN}/"):
+        return f"its {place.removeprefix(PLUG_IN).removeprefix('/') or 'file'}"
+    return name.removeprefix("vastflow.")
+
+
+def has_ingredients(metadata: Mapping[str, Any]) -> bool:
+    """Whether a directory's `metadata.json` has them; earlier versions wrote none."""
+    return "execute" in metadata.get("code", {})
+
+
+def stage_ingredients(metadata: Mapping[str, Any], stage: Stage) -> dict[str, tuple[ReasonKind, Any]]:
+    """What every key of a stage follows from, in the order in which it is told."""
+    found: dict[str, tuple[ReasonKind, Any]] = {
+        "numeric class": ("numeric class changed", numeric_parts(metadata["numeric_class"])),
+        f"source of {stage}": ("source changed", metadata["code"][stage]),
+    }
+    if stage == "execute":
+        found["execution.seed"] = ("seed changed", metadata["seed"])
+    if stage == "judge":
+        for each in metadata["oracles"]:
+            found |= _of_plug_in(metadata, each, f"oracle {each['name']}", "oracle changed")
+        found[_ORDER] = ("oracle changed", [each["name"] for each in metadata["oracles"]])
+    return found
+
+
+def evaluation_ingredients(metadata: Mapping[str, Any], row: Mapping[str, Any]) -> dict[str, tuple[ReasonKind, Any]]:
+    """What every evaluation of a producer follows from; `row` is the producer's in `metadata`."""
+    return stage_ingredients(metadata, "instantiate") | _of_plug_in(metadata, row, row["name"], "producer changed")
+
+
+def _of_plug_in(
+    metadata: Mapping[str, Any], row: Mapping[str, Any], name: str, kind: ReasonKind
+) -> dict[str, tuple[ReasonKind, Any]]:
+    return {
+        name: (kind, None),
+        f"parameters of {name}": (kind, row["parameters"]),
+        f"source of {name}": ("source changed", {"digest": row["source"], **metadata["code"][row["source"]]}),
+    }
+
+
+def changes(then: Ingredients, now: Ingredients) -> Iterator[DueReason]:
+    """Each ingredient that is another than it was, with what of it changed.
+
+    Of a plug-in that is new or gone only that is told, and of code that several share the first tells it.
+    """
+    for name, (kind, value) in {**then, **now}.items():
+        if value is None and (name in then) != (name in now):
+            yield DueReason(kind, f"{name} is {'new' if name in now else 'gone'}")
+    known: set[str] = set()
+    for name in filter(then.__contains__, now):
+        (kind, value), (_, before) = now[name], then[name]
+        if value == before or (name == _ORDER and sorted(value) != sorted(before)):
+            continue
+        if kind != "source changed":
+            yield DueReason(kind, f"{name} changed", changes_text(before, value))
+            continue
+        words = [each for each in _source_changes(before, value) if each not in known]
+        if words or not known:
+            yield DueReason(kind, f"{name} changed", few(words, _MOST_FILES))
+        known.update(words)
+
+
+def _source_changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """Names of files, and libraries with both versions."""
+    files = [name for name, _, _ in flat_changes(then["files"], now["files"])]
+    libraries = flat_changes(then["libraries"], now["libraries"])
+    return [*files, *(f"{name} {a or 'none'} is now {b or 'none'}" for name, a, b in libraries)]

@@ -1,0 +1,121 @@
+"""How a command ends: its exit code, Ctrl-C and SIGTERM, and a place that can't be written to."""
+
+import errno
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType, TracebackType
+from typing import Any, Final, Self
+
+import typer
+
+from vastflow.sim.model.faults import UserError
+
+BAD_INPUT: Final = 2
+"""A mistake that the user can mend; also where the command line itself is wrong."""
+FAULT: Final = 3
+"""Something broke: a run, a worker, Prefect, a plug-in."""
+
+
+INTERRUPTED: Final = 130
+
+
+class Interruptible:
+    """A body that Ctrl-C and SIGTERM end with `last_words` on standard error and exit code 130.
+
+    The words are said before all else, for the process may end without coming back here. Another thread says
+    them: the main thread may hold the locks of the display or of its stream.
+    """
+
+    def __init__(self, last_words: str) -> None:
+        self._last_words = last_words
+        self._say: Callable[[str], object] = _print
+        self._lock = threading.Lock()
+        self._interrupted = False
+        self._said = False
+        self._before: dict[signal.Signals, Any] = {}
+
+    def last_words_by(self, say: Callable[[str], object]) -> None:
+        """Let `say` write the last words from now on."""
+        self._say = say
+
+    def __enter__(self) -> Self:
+        self._before = {number: signal.signal(number, self._interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+        if self._interrupted and error is not None:  # an interrupted import raises all sorts of things
+            self._speak()
+            raise typer.Exit(INTERRUPTED) from None
+
+    def _interrupt(self, number: int, frame: FrameType | None) -> None:
+        self._interrupted = True
+        threading.Thread(target=self._speak, daemon=True).start()
+        signal.default_int_handler(number, frame)
+
+    def _speak(self) -> None:
+        with self._lock:
+            if not self._said:
+                self._said = True
+                self._say(self._last_words)
+
+
+def _print(words: str) -> None:
+    print(words, file=sys.stderr, flush=True)
+
+
+@contextmanager
+def writing(place: Path, option: str = "") -> Iterator[None]:
+    """Write to `place` in the body.
+
+    Args:
+        option: That gave the place, for the message.
+
+    Raises:
+        UserError: it can't be written.
+    """
+    try:
+        yield
+    except UserError:  # some are OSErrors too
+        raise
+    except OSError as error:
+        wrong = f"{place}: can't be written ({error.strerror}); name another folder"
+        raise UserError(f"{option} {wrong}".lstrip()) from None
+
+
+def check_writable(folder: Path, option: str = "") -> None:
+    """Look whether a folder can be made, or written to, before hours are spent.
+
+    Raises:
+        UserError: it can't.
+    """
+    if wrong := _wrong(folder.absolute(), folder.parts):
+        raise UserError(f"{option} {folder}: {wrong}".lstrip())
+
+
+def _wrong(place: Path, parts: tuple[str, ...]) -> str | None:
+    right = "name a folder, or one that can be made"
+    try:
+        while not place.exists():
+            if place.is_symlink():
+                return f"{place} is a link that leads nowhere; {right}"
+            if place.name == "..":
+                return f"{place.parent} is not there; {right}"
+            place = place.parent
+        if any(len(os.fsencode(part)) > os.pathconf(place, "PC_NAME_MAX") for part in parts):
+            raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
+    except OSError as error:
+        return f"{error.strerror}; {right}"
+    if not place.is_dir():
+        return f"{place} is not a folder; {right}"
+    if not os.access(place, os.W_OK | os.X_OK):
+        return f"no permission to write in {place}; name a folder of yours"
+    return None

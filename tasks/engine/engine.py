@@ -1,0 +1,423 @@
+"""The engine: of any stage and members, what the store has is found, what is missing is computed, what broke is told.
+
+Prefect is not needed here: `vastflow.tasks.prefect.stages` puts its tasks round these methods.
+"""
+
+import threading
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Final, Generic, Protocol, TypeAlias, TypeVar
+
+from vastflow.sim.model.digest import Value
+from vastflow.sim.nav2.parameter_files.chosen import CONTROLLER_KEY, parameters_of
+from vastflow.sim.nav2.parameter_files.document import DocumentError
+from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
+from vastflow.tasks.engine import work
+from vastflow.tasks.engine.evaluation import PackedProducer
+from vastflow.tasks.engine.index import FoundMember, Index, Member, missing, stretches
+from vastflow.tasks.engine.instantiation import Evaluation
+from vastflow.tasks.engine.pool import Pool, PoolClosed, Priority, WorkerDied
+from vastflow.tasks.engine.progress import Tally
+from vastflow.tasks.engine.work import Broken, Executed, WorkStage
+from vastflow.tasks.store.artifact import Block, Stored
+from vastflow.tasks.store.store import Artifact, StoreError
+
+
+def controllers_in(systems: Iterable[Mapping[str, Value]]) -> list[dict[str, Value]]:
+    """Of system dimensions the part that chooses a controller, one for each controller, in the order in which they come.
+
+    One whose parameters can't be read is left out: its runs say why.
+    """
+    found: dict[type, dict[str, Value]] = {}
+    for system in systems:
+        choice = {key: system[key] for key in (FILE_KEY, CONTROLLER_KEY) if key in system}
+        try:
+            found.setdefault(type(parameters_of(choice).controller), choice)
+        except DocumentError:
+            continue
+    return list(found.values())
+
+
+ATTEMPTS: Final = 3
+"""As often what the store lost meanwhile is computed again before it is given up."""
+
+MOST_RUNS_A_BLOCK: Final = 20
+_BLOCKS_A_WORKER: Final = 4
+
+Rows: TypeAlias = list[list[list[Any]]]
+"""Of each member, of each block: start, stop and content digests."""
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class StageOutcome(Generic[T]):
+    """What a stage came to on some members.
+
+    Attributes:
+        made: What it gives; what broke is missing in it.
+        there: How many of its `wanted` artifacts were in the store before.
+    """
+
+    made: T
+    there: int
+    wanted: int
+
+
+@dataclass(frozen=True, slots=True)
+class Died(Broken):
+    """The worker died."""
+
+
+@dataclass(frozen=True, slots=True)
+class MemberFault:
+    """Why a member lacks something.
+
+    Attributes:
+        member: Its name; empty where the whole campaign is concerned.
+        run_index: None for all its runs.
+    """
+
+    member: str
+    run_index: int | None
+    stage: WorkStage
+    error: str
+
+
+class RunsWanted(Protocol):
+    """Says how many runs a member wants by the verdicts on those it has."""
+
+    @property
+    def most(self) -> int:
+        """Runs that no member exceeds."""
+
+    def stored(self, index: Index, member: Member) -> tuple[Member, list[Stored]]:
+        """The member with the runs that are wanted of it by now, and what the store has of these."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Job:
+    """Runs in the pool."""
+
+    start: int
+    stop: int
+    future: "Future[Any]"
+
+
+class Engine:
+    """Brings one campaign's artifacts into the store, stage by stage, by a pool of worker processes.
+
+    A stage that is asked twice computes once: what is there is found. What broke is kept as a fault of its member.
+
+    Args:
+        oracles: The pickled oracles.
+        stopping: None where the number of runs of a member is fixed.
+
+    Attributes:
+        index: What of the campaign the store has.
+        block_runs: Most runs of a new block, see `block_size`.
+        store_error: Why the store can't be used any more; everything has ended then.
+    """
+
+    def __init__(
+        self, index: Index, pool: Pool, tally: Tally, oracles: bytes, stopping: RunsWanted | None = None
+    ) -> None:
+        self.index = index
+        self.block_runs = MOST_RUNS_A_BLOCK
+        self.store_error: StoreError | None = None
+        self._store = index.store.for_sources(index.keys.sources)
+        self._pool = pool
+        self._tally = tally
+        self._oracles = oracles
+        self._stopping = stopping
+        self._lock = threading.Lock()
+        self._warm: Future[Any] | None = None
+        self._executing: dict[tuple[str, int], list[_Job]] = {}
+        self._faults: list[MemberFault] = []
+
+    @property
+    def faults(self) -> tuple[MemberFault, ...]:
+        """What went wrong so far."""
+        with self._lock:
+            return tuple(dict.fromkeys(self._faults))  # a flow that is begun again meets them again
+
+    @property
+    def broken(self) -> frozenset[str]:
+        """Names of the members that met a fault."""
+        return frozenset(fault.member for fault in self.faults)
+
+    @property
+    def workers(self) -> int:
+        """Worker processes at most."""
+        return self._pool.workers
+
+    @property
+    def closed(self) -> bool:
+        """Whether it computes nothing any more: somebody ended the campaign, or its store can't be used."""
+        return self._pool.closed
+
+    def close(self) -> None:
+        """End the workers and all that is being computed. May be called twice."""
+        self._pool.close()
+
+    def rest(self) -> None:
+        """Let the workers go while nothing is computed; what is computed later starts new ones."""
+        self._pool.rest()
+
+    def check(self) -> None:
+        """Raise where nothing is computed any more.
+
+        Raises:
+            StoreError: the store can't be used.
+            PoolClosed: somebody ended the campaign.
+        """
+        if self.store_error is not None:
+            raise self.store_error
+        if self.closed:
+            raise PoolClosed
+
+    def attempts(self) -> Iterator[int]:
+        """Count attempts at the same artifacts: what the store lost during one is computed again by the next.
+
+        Raises:
+            StoreError: all were in vain.
+        """
+        for attempt in range(ATTEMPTS):
+            if attempt:
+                with self._lock:
+                    self._executing.clear()  # what was computed then is lost
+            self.index.store.survey()
+            yield attempt
+        place = self.index.store.place
+        raise StoreError(f"store: {place!r} loses what is written to it; is the disk full or broken?")
+
+    def scan(self, members: Iterable[Member]) -> dict[str, FoundMember]:
+        """What the store has of members, by name; it is counted."""
+        broken, scanned = self.broken, {}
+        for each in members:
+            stopping = self._stopping
+            member, stored = stopping.stored(self.index, each) if stopping else (each, self.index.stored(each))
+            found = scanned[each.name] = FoundMember(member, tuple(stored))
+            if stopping is not None:
+                goes_on = not found.complete and each.name not in broken
+                self._tally.want(each.name, member.runs, stopping.most if goes_on else member.runs)
+            for one in stored:
+                self._tally.reuse(each.name, range(one.block.start, one.block.stop))
+                if one.verdicts:
+                    self._tally.judge(each.name, judgements(one.verdicts))
+        self.index.keep()
+        return scanned
+
+    def begin(self, found: Iterable[FoundMember], workers: int) -> None:
+        """Hand what is not recorded to the workers, which takes them longer than this call.
+
+        Where a robot drives, kernels are compiled first.
+
+        Args:
+            workers: How many there are: each gets several blocks.
+        """
+        absent = [each for each in found if each.missing_runs]
+        self.warm_up(each.member.scenario.system for each in absent if each.member.drives)
+        self.block_runs = block_size(sum(each.missing_runs for each in absent), workers)
+        self.start([each.member for each in absent])
+
+    def start(self, members: Sequence[Member]) -> None:
+        """Hand the missing runs of members to the workers, in their order and in a thread of its own."""
+
+        def start() -> None:
+            with suppress(PoolClosed, StoreError):  # who waits for it meets the same
+                for member in members:
+                    self.start_executing(member)
+
+        threading.Thread(target=start, daemon=True).start()
+
+    def forget(self, members: Collection[str]) -> None:
+        """Let members be as if nothing of them had been asked: what broke of them is computed again where it is asked again."""
+        with self._lock:
+            self._faults = [fault for fault in self._faults if fault.member not in members]
+            self._executing = {key: jobs for key, jobs in self._executing.items() if key[0] not in members}
+
+    def add_faults(self, faults: Sequence[MemberFault]) -> None:
+        """Faults that members met elsewhere."""
+        with self._lock:
+            self._faults += faults
+
+    def evaluate(self, producer: PackedProducer, evaluations: Sequence[Evaluation]) -> StageOutcome[dict[str, str]]:
+        """Evaluate a producer where that is missing; gives key to error of each evaluation at which it raised."""
+        store = self.index.store
+        jobs = {
+            each.key: self._submit(Priority.EVALUATE, work.evaluate, self._store, each.key, producer, each.inputs)
+            for each in evaluations
+            if store.find(each.key) is None
+        }
+        answers = {key: self._answer(job) for key, job in jobs.items()}
+        for key in jobs:
+            store.changed(key)
+        errors = {key: answer.error for key, answer in answers.items() if isinstance(answer, Broken)}
+        return StageOutcome(errors, len(evaluations) - len(jobs), len(evaluations))
+
+    def warm_up(self, systems: Iterable[Mapping[str, Value]]) -> None:
+        """Have one worker compile the kernels that robots need before any drives: two at the same time would both compile.
+
+        Args:
+            systems: System dimensions of scenarios in which a robot drives; without any there is nothing to compile.
+        """
+        if needed := controllers_in(systems):
+            self._warm = self._submit(Priority.EVALUATE, work.compile_kernels, needed)
+
+    def start_executing(self, member: Member) -> list["_Job"]:
+        """Hand the missing runs of a member to the pool, once for each number of runs that is wanted of it."""
+        if self._warm is not None and member.drives:
+            self._answer(self._warm)
+        with self._lock:
+            key = member.name, member.runs
+            if key not in self._executing:
+                wanted = missing(self.index.blocks(member), member.runs)
+                self._executing[key] = [
+                    self._start(member, start, stop) for start, stop in stretches(wanted, self.block_runs)
+                ]
+            return self._executing[key]
+
+    def _start(self, member: Member, start: int, stop: int) -> "_Job":
+        keys = self.index.keys
+        home = keys.recordings(member.checked)
+        future = self._submit(
+            Priority.EXECUTE, work.execute, self._store, home, member.scenario, start, stop, keys.seed
+        )
+        future.add_done_callback(lambda done: self._count(member, done))
+        return _Job(start, stop, future)
+
+    def _count(self, member: Member, done: "Future[Any]") -> None:
+        if done.exception() is None and isinstance(answer := done.result(), Executed):
+            self._tally.execute(member.name, answer.simulated_s)
+
+    def execute(self, members: Sequence[Member]) -> StageOutcome[Rows]:
+        """Execute what is missing; gives start, stop and content of each member's blocks."""
+        started = [(member, list(self.start_executing(member))) for member in members]
+        there = sum(not jobs for _, jobs in started)
+        for member, jobs in started:
+            for job in jobs:
+                answer = self._answer(job.future)
+                if isinstance(answer, Died) and job.stop - job.start > 1:
+                    # One run may have killed the workers of all: each gets a block of its own.
+                    jobs += [self._start(member, run, run + 1) for run in range(job.start, job.stop)]
+                elif isinstance(answer, Broken):
+                    self._fault(member, range(job.start, job.stop), "execute", answer)
+                elif isinstance(answer, Executed):
+                    for run_index, error in answer.broken.items():
+                        self._fault(member, [run_index], "execute", error)
+            if jobs:
+                self.index.store.changed(self.index.keys.recordings(member.checked))
+        found = [self.index.blocks(member) for member in members]
+        rows = [[[block.start, block.stop, block.content] for block in blocks] for blocks in found]
+        return StageOutcome(rows, there, len(members))
+
+    def observe(self, members: Sequence[Member], recorded: Rows) -> StageOutcome[Rows]:
+        """Observe recorded blocks; rows gain the trace's content."""
+        blocks = self._blocks(members, recorded)
+        keys = [self.index.trace_key(member, block) for member, block in blocks]
+        found, there = self._complete(
+            "observe",
+            blocks,
+            keys,
+            lambda member, block, key: self._submit(
+                Priority.OBSERVE, work.observe, self._store, block.key, key, member.scenario
+            ),
+        )
+        rows: dict[str, list[list[Any]]] = {member.name: [] for member in members}
+        for (member, block), trace in zip(blocks, found, strict=True):
+            if trace is not None:
+                rows[member.name].append([block.start, block.stop, block.content, trace.content])
+        return StageOutcome(list(rows.values()), there, len(blocks))
+
+    def judge(self, members: Sequence[Member], observed: Rows) -> StageOutcome[Rows]:
+        """Judge observed blocks; gives start, stop and the verdicts' content."""
+        blocks = self._blocks(members, observed)
+        traces = [str(row[3]) for of_member in observed for row in of_member]
+        keys = [
+            self.index.verdicts_key(member, block, trace) for (member, block), trace in zip(blocks, traces, strict=True)
+        ]
+        found, there = self._complete(
+            "judge",
+            blocks,
+            keys,
+            lambda member, block, key: self._submit(
+                Priority.JUDGE,
+                work.judge,
+                self._store,
+                block.key,
+                self.index.trace_key(member, block),
+                key,
+                member.scenario,
+                self._oracles,
+            ),
+        )
+        rows: dict[str, list[list[Any]]] = {member.name: [] for member in members}
+        for (member, block), verdicts in zip(blocks, found, strict=True):
+            if verdicts is not None:
+                self._tally.judge(member.name, judgements(verdicts))
+                rows[member.name].append([block.start, block.stop, verdicts.content])
+        return StageOutcome(list(rows.values()), there, len(blocks))
+
+    def _complete(
+        self,
+        stage: WorkStage,
+        blocks: Sequence[tuple[Member, Block]],
+        keys: Sequence[str],
+        submit: Callable[[Member, Block, str], "Future[Any]"],
+    ) -> tuple[list[Artifact | None], int]:
+        """Compute what is missing of `keys`, one for each block; give what there is then, and how many there were before."""
+        store = self.index.store
+        jobs = [
+            submit(member, block, key) if store.find(key) is None else None
+            for (member, block), key in zip(blocks, keys, strict=True)
+        ]
+        for (member, block), job in zip(blocks, jobs, strict=True):
+            if job is not None and isinstance(answer := self._answer(job), Broken):
+                self._fault(member, range(block.start, block.stop), stage, answer)
+        for key, job in zip(keys, jobs, strict=True):
+            if job is not None:
+                store.changed(key)
+        return [store.find(key) for key in keys], jobs.count(None)
+
+    def _blocks(self, members: Sequence[Member], rows: Rows) -> list[tuple[Member, Block]]:
+        return [
+            (member, self.index.block(member, int(row[0]), int(row[1]), str(row[2])))
+            for member, of_member in zip(members, rows, strict=True)
+            for row in of_member
+        ]
+
+    def _fault(self, member: Member, runs: Sequence[int], stage: WorkStage, broken: Broken) -> None:
+        with self._lock:
+            self._faults += [MemberFault(member.name, run, stage, broken.error) for run in runs if run < member.runs]
+        self._tally.judge(member.name, dict.fromkeys(runs, "not judged"))
+
+    def _submit(self, priority: Priority, function: Callable[..., Any], *arguments: Any) -> "Future[Any]":
+        return self._pool.submit(priority, work.answered, function, *arguments)
+
+    def _answer(self, job: "Future[Any]") -> Any:
+        """What a job came to; a worker's death is an error like others."""
+        try:
+            return job.result()
+        except PoolClosed:
+            raise
+        except StoreError as error:
+            self.store_error = error
+            self._pool.close()  # the other jobs would find out one by one
+            raise
+        except WorkerDied as error:
+            return Died(str(error))
+        except Exception as error:  # noqa: BLE001 - what can't be pickled, say: one member's fault
+            return work.broken(error)
+
+
+def block_size(runs: int, workers: int) -> int:
+    """Most runs of a block, so that every worker gets several; how runs are cut is in no key."""
+    return max(1, min(MOST_RUNS_A_BLOCK, -(-runs // (_BLOCKS_A_WORKER * workers))))
+
+
+def judgements(verdicts: Artifact) -> dict[int, str]:
+    """Run index to what all oracles together say, as `vastflow.tasks.engine.work.judge` left it with the verdicts."""
+    return {int(run_index): str(judgement) for run_index, judgement in verdicts.info["runs"]}

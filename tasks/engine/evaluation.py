@@ -1,0 +1,158 @@
+"""A producer's evaluations as artifacts: what they follow from, and fragments and rejections as bytes."""
+
+import dataclasses
+import json
+import pickle
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from pydantic import BaseModel
+from pydantic_core import to_jsonable_python
+
+from vastflow.producers.model.configuration import Fragment, Rejection
+from vastflow.producers.model.producer import Producer
+from vastflow.sim.model.digest import FileContent, Value
+from vastflow.sim.plug_ins.loading import module_of, snapshot_behind
+from vastflow.sim.plug_ins.snapshot import Snapshot
+from vastflow.tasks.keys.keys import EVALUATE_SOURCE, Keys
+from vastflow.tasks.keys.source import SourceTree
+from vastflow.tasks.store.store import Lost
+
+FRAGMENTS: Final = "fragments.json"
+
+
+@dataclass(frozen=True, slots=True)
+class PackedProducer:
+    """A producer under way to a worker, where the snapshots of plug-ins have to be opened first."""
+
+    plug_ins: tuple[Snapshot, ...]
+    pickled: bytes
+
+    def unpacked(self) -> Producer[Any]:
+        """The producer, in any process."""
+        for snapshot in self.plug_ins:
+            module_of(snapshot)
+        producer: Producer[Any] = pickle.loads(self.pickled)
+        return producer
+
+
+def packed(producer: Producer[Any]) -> PackedProducer:
+    """`producer` ready to be sent."""
+    snapshots = (snapshot_behind(type(each)) for each in (producer, *producers_in(producer.parameters)))
+    plug_ins = {snapshot.digest: snapshot for snapshot in filter(None, snapshots)}
+    return PackedProducer(tuple(plug_ins.values()), pickle.dumps(producer))
+
+
+def evaluation_keys(
+    keys: Keys, tree: SourceTree, producer: Producer[Any], inputs: Mapping[str, Mapping[str, Value]]
+) -> dict[str, str]:
+    """Digest of each restricted input to the key of its evaluation."""
+    kind = type(producer)
+    kinds = dict.fromkeys(type(each) for each in (producer, *producers_in(producer.parameters)))
+    source = "".join([tree.digest(*EVALUATE_SOURCE), *map(tree.plug_in_digest, kinds)])
+    parameters = content_of(producer.parameters)
+    return {digest: keys.evaluation(source, kind.__name__, parameters, digest) for digest in inputs}
+
+
+def content_of(value: object) -> Value:
+    """A parameter model or any value in it as what it says, files by content, producers by name and parameters."""
+    if value is None or isinstance(value, bool | int | float | str | FileContent):
+        return value
+    if isinstance(value, Producer):
+        return {type(value).__name__: content_of(value.parameters)}
+    if isinstance(value, BaseModel):
+        return {name: content_of(getattr(value, name)) for name in type(value).model_fields}
+    if dataclasses.is_dataclass(value):
+        return {field.name: content_of(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): content_of(item) for key, item in value.items()}
+    if isinstance(value, Sequence):
+        return [content_of(item) for item in value]
+    return content_of(to_jsonable_python(value))
+
+
+def producers_in(value: object) -> Iterator[Producer[Any]]:
+    """Every producer in a parameter model, at any depth: the alternatives that another one offers."""
+    if isinstance(value, Producer):
+        yield value
+        yield from producers_in(value.parameters)
+    elif isinstance(value, BaseModel):
+        for name in type(value).model_fields:
+            yield from producers_in(getattr(value, name))
+    elif isinstance(value, Mapping):
+        for item in value.values():
+            yield from producers_in(item)
+    elif isinstance(value, Sequence) and not isinstance(value, str | bytes):
+        for item in value:
+            yield from producers_in(item)
+
+
+def write_evaluation(results: Sequence[Fragment | Rejection]) -> bytes:
+    """Fragments and rejections in order; numbers come back as they were, bit for bit."""
+    rows = [
+        {"values": _written(result.values)}
+        if isinstance(result, Fragment)
+        else {"reason": result.reason, "requested": _written(result.requested)}
+        for result in results
+    ]
+    return json.dumps(rows, separators=(",", ":"), allow_nan=False).encode()
+
+
+def read_evaluation(content: bytes, files: Mapping[str, str]) -> list[Fragment | Rejection]:
+    """What `write_evaluation` wrote.
+
+    Args:
+        files: Digest to the path at which this campaign has the file. The evaluation may be of another
+            campaign, whose files may be gone.
+
+    Raises:
+        Lost: a file is neither in `files` nor where it was.
+    """
+    return [
+        Fragment(_read(row["values"], files))
+        if "values" in row
+        else Rejection(row["reason"], _read(row["requested"], files))
+        for row in json.loads(content)
+    ]
+
+
+def files_in(*values: object) -> dict[str, str]:
+    """Digest to path of every file in values or parameter models."""
+    return {file.digest: file.path for value in values for file in _files(content_of(value))}
+
+
+def _files(value: Value) -> Iterator[FileContent]:
+    if isinstance(value, FileContent):
+        yield value
+    elif isinstance(value, Mapping):
+        for item in value.values():
+            yield from _files(item)
+    elif isinstance(value, Sequence) and not isinstance(value, str):
+        for item in value:
+            yield from _files(item)
+
+
+def _written(value: Value) -> Any:
+    if isinstance(value, FileContent):
+        return {"file": [value.path, value.digest]}
+    if isinstance(value, Mapping):
+        return {"map": {key: _written(item) for key, item in value.items()}}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_written(item) for item in value]
+    return value
+
+
+def _read(written: Any, files: Mapping[str, str]) -> Any:
+    if isinstance(written, list):
+        return [_read(item, files) for item in written]
+    if isinstance(written, dict) and "map" in written:
+        return {key: _read(item, files) for key, item in written["map"].items()}
+    if isinstance(written, dict):
+        path, digest = written["file"]
+        path = files.get(digest, path)
+        if not Path(path).exists():
+            raise Lost(f"file {path} of an evaluation is gone")
+        return FileContent(path, digest)
+    return written

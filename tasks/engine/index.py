@@ -1,0 +1,158 @@
+"""The index: which of a campaign's artifacts are in the store, and what is missing."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+from vastflow.sim.model.scenario import Scenario
+from vastflow.sim.reading.checked import checked_digest
+from vastflow.tasks.engine.index_cache import MemberPack
+from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.store.artifact import Block, Stored
+from vastflow.tasks.store.store import Artifact, Store
+
+
+@dataclass(frozen=True)
+class Member:
+    """A distinct scenario of a campaign, and how many runs of it are asked.
+
+    Attributes:
+        name: Its configuration's name.
+        place: Its number among the configurations of its family, from 1.
+        runs: Run indices 0 to runs - 1 are wanted.
+        recorded_as: `checked` as it was when an earlier campaign recorded it; None for that of today.
+    """
+
+    name: str
+    family: str
+    place: int
+    scenario: Scenario
+    runs: int
+    recorded_as: str | None = None
+
+    @property
+    def checked(self) -> str:
+        """Digest of all that its runs are computed from: its part of every key."""
+        return self.recorded_as or checked_digest(self.scenario)
+
+    @property
+    def drives(self) -> bool:
+        """Whether a robot drives in it, which takes compiled kernels: without a map nothing does."""
+        return "map_file" in self.scenario.environment
+
+
+@dataclass(frozen=True, slots=True)
+class FoundMember:
+    """A member with the runs that are wanted of it by now, and what the store has of these."""
+
+    member: Member
+    stored: tuple[Stored, ...] = ()
+
+    @property
+    def missing_runs(self) -> int:
+        """How many of the wanted runs are not recorded."""
+        return len(missing([each.block for each in self.stored], self.member.runs))
+
+    @property
+    def complete(self) -> bool:
+        """Whether every wanted run is recorded, and every recorded block judged."""
+        return all(each.verdicts for each in self.stored) and not self.missing_runs
+
+
+@dataclass(frozen=True, slots=True)
+class Index:
+    """Where a campaign's artifacts are. Each question looks into the store.
+
+    Attributes:
+        pack: What an earlier look found, where every file is as it was then; None where each look is a new one.
+    """
+
+    store: Store
+    keys: Keys
+    pack: MemberPack | None = None
+
+    def stored(self, member: Member) -> list[Stored]:
+        """Everything there is of a member's wanted runs."""
+        if self.pack is None:
+            return self._looked_at(member)
+        if (known := self.pack.find(member.checked, member.runs)) is not None:
+            return known
+        found = self._looked_at(member)
+        if FoundMember(member, tuple(found)).complete:
+            self.pack.add(member.checked, member.runs, self.keys.recordings(member.checked), found)
+        return found
+
+    def keep(self) -> None:
+        """Keep for the next call what was found."""
+        if self.pack is not None:
+            self.pack.keep()
+
+    def _looked_at(self, member: Member) -> list[Stored]:
+        found = []
+        for artifact, block in self._recorded(member):
+            trace = self.store.find(self.trace_key(member, block))
+            verdicts = self.store.find(self.verdicts_key(member, block, trace.content)) if trace else None
+            found.append(Stored(block, artifact, trace, verdicts))
+        return found
+
+    def blocks(self, member: Member) -> list[Block]:
+        """Recorded blocks that together have as many of the wanted runs as there are."""
+        return [block for _, block in self._recorded(member)]
+
+    def _recorded(self, member: Member) -> list[tuple[Artifact, Block]]:
+        home = self.keys.recordings(member.checked)
+        found = []
+        for start, stop in _covering(_spans(self.store.under(home)), member.runs):
+            if (artifact := self.store.find(f"{home}/{start}-{stop}")) is not None:
+                found.append((artifact, Block(artifact.key, start, stop, artifact.content)))
+        return found
+
+    def block(self, member: Member, start: int, stop: int, content: str) -> Block:
+        """The block of these runs, found before."""
+        return Block(f"{self.keys.recordings(member.checked)}/{start}-{stop}", start, stop, content)
+
+    def recorded(self, member: Member) -> bool:
+        """Whether every wanted run is recorded."""
+        return not missing(self.blocks(member), member.runs)
+
+    def trace_key(self, member: Member, block: Block) -> str:
+        """Key of the trace of a block."""
+        return self.keys.trace(member.checked, block.content)
+
+    def verdicts_key(self, member: Member, block: Block, trace: str) -> str:
+        """Key of the verdicts on a block; `trace` is the content digest of its trace."""
+        return self.keys.verdicts(member.checked, block.content, trace)
+
+
+def missing(blocks: Iterable[Block], runs: int) -> list[int]:
+    """Wanted run indices that no block has, in order."""
+    there = {run for block in blocks for run in range(block.start, block.stop)}
+    return [run for run in range(runs) if run not in there]
+
+
+def stretches(runs: Sequence[int], most: int) -> list[tuple[int, int]]:
+    """Run indices in order as (start, stop) of consecutive ones, none longer than `most`."""
+    parts: list[tuple[int, int]] = []
+    for run in runs:
+        if parts and parts[-1][1] == run and run - parts[-1][0] < most:
+            parts[-1] = (parts[-1][0], run + 1)
+        else:
+            parts.append((run, run + 1))
+    return parts
+
+
+def _spans(names: Iterable[str]) -> Iterator[tuple[int, int]]:
+    for name in names:
+        start, _, stop = name.partition("-")
+        if start.isdigit() and stop.isdigit():
+            yield int(start), int(stop)
+
+
+def _covering(spans: Iterable[tuple[int, int]], runs: int) -> list[tuple[int, int]]:
+    """Those of `spans` that add something, from the left: campaigns may have cut the same runs differently."""
+    chosen: list[tuple[int, int]] = []
+    reached = 0
+    for start, stop in sorted(spans, key=lambda span: (span[0], -span[1])):
+        if start < runs and stop > reached:
+            chosen.append((start, stop))
+            reached = stop
+    return chosen

@@ -1,0 +1,203 @@
+"""Instantiation over the store: each producer's evaluations are looked up, those missing are asked for together."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, TypeAlias
+
+from vastflow.producers.campaign import Campaign, Family
+from vastflow.producers.instantiation.growth import Growth
+from vastflow.producers.instantiation.instantiate import Instantiation, growth_of, instantiation_of, mark_duplicates
+from vastflow.producers.model.configuration import Fragment, Rejection
+from vastflow.producers.model.producer import Producer
+from vastflow.sim.model.digest import Value
+from vastflow.tasks.engine.evaluation import FRAGMENTS, evaluation_keys, files_in, read_evaluation
+from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.keys.source import SourceTree
+from vastflow.tasks.store.store import Lost, Store
+
+EvaluationResults: TypeAlias = Mapping[str, Sequence[Fragment | Rejection]]
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """A producer on one restricted input.
+
+    Attributes:
+        key: Of the artifact.
+    """
+
+    key: str
+    inputs: Mapping[str, Value]
+
+
+@dataclass(frozen=True, slots=True)
+class EvaluationRequest:
+    """What a family needs of one of its producers."""
+
+    family: str
+    producer: Producer[Any]
+    evaluations: Sequence[Evaluation]
+
+
+class Evaluator(Protocol):
+    """Sees to it that evaluations are in the store."""
+
+    def __call__(self, requests: Sequence[EvaluationRequest]) -> Mapping[str, str]:
+        """Return when all of them are there, but for those at which the producer raised: key to the error."""
+
+
+class NotEvaluated(Exception):
+    """An evaluation is not in the store, and nobody may compute it now."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProducerFault:
+    """A producer raised, or a file of a family is not there: what some partial configurations would have been is not known.
+
+    Attributes:
+        producer: Empty where nothing of the family could be had.
+    """
+
+    family: str
+    producer: str
+    error: str
+
+    def concerns(self, name: str) -> bool:
+        """Whether a family or configuration of this name may be different without it."""
+        return name == self.family or name.startswith(f"{self.family}-")
+
+    def __str__(self) -> str:
+        return f"{self.producer} of {self.family}: {self.error}" if self.producer else f"{self.family}: {self.error}"
+
+
+@dataclass(frozen=True, slots=True)
+class Instantiated:
+    """An instantiation without what follows from a producer that raised."""
+
+    instantiation: Instantiation
+    faults: tuple[ProducerFault, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Instantiator:
+    """Instantiates a campaign from what is in the store.
+
+    Attributes:
+        refuse_empty: Whether constraints that leave nothing are a fault of the file.
+    """
+
+    campaign: Campaign
+    store: Store
+    keys: Keys
+    tree: SourceTree
+    refuse_empty: bool = True
+
+    def stored(self) -> Instantiated | None:
+        """The instantiation, if every evaluation is in the store."""
+        try:
+            return self.instantiated(self._all_there)
+        except (NotEvaluated, Lost):
+            return None
+
+    def instantiated(self, evaluator: Evaluator) -> Instantiated:
+        """The instantiation. `evaluator` is asked once for the i-th producers of all families, stored or not.
+
+        Raises:
+            Lost: an evaluation is damaged.
+            CampaignError: a constraint can't be evaluated, constraints leave nothing, or a design is too large.
+        """
+        families = [_Growing(family, growth_of(family)) for family in self.campaign.families]
+        for step in range(max((len(family.producers) for family in self.campaign.families), default=0)):
+            self._step([growing for growing in families if step < len(growing.family.producers)], step, evaluator)
+        grown = [growing.growth.grown() for growing in families]
+        instantiation = instantiation_of(self.campaign, grown, refuse_empty=self.refuse_empty)
+        unavailable = [
+            ProducerFault(family, "", str(fault))
+            for family, missing in self.campaign.unavailable.items()
+            for fault in missing
+        ]
+        faults = [fault for growing in families for fault in growing.faults]
+        return Instantiated(instantiation, (*unavailable, *faults))
+
+    def _all_there(self, requests: Sequence[EvaluationRequest]) -> Mapping[str, str]:
+        for request in requests:
+            if any(self.store.find(each.key) is None for each in request.evaluations):
+                raise NotEvaluated(f"{type(request.producer).__name__} of {request.family}")
+        return {}
+
+    def _step(self, families: Sequence["_Growing"], step: int, evaluator: Evaluator) -> None:
+        """C^step to C^(step + 1) of each family."""
+        asked: set[str] = set()
+        requests: list[EvaluationRequest] = []
+        inputs, keys = [], []
+        for growing in families:
+            producer = growing.family.producers[step]
+            inputs.append(growing.growth.inputs())
+            keys.append(evaluation_keys(self.keys, self.tree, producer, inputs[-1]))
+            new = [Evaluation(key, inputs[-1][digest]) for digest, key in keys[-1].items() if key not in asked]
+            asked.update(each.key for each in new)
+            if new:
+                requests.append(EvaluationRequest(growing.family.name, producer, new))
+        errors = evaluator(requests)
+        for growing, their_inputs, their_keys in zip(families, inputs, keys, strict=True):
+            files = files_in(growing.family.producers[step].parameters, *their_inputs.values())
+            results = {digest: self._read(key, files) for digest, key in their_keys.items() if key not in errors}
+            growing.join(step, results, [errors[key] for key in their_keys.values() if key in errors])
+
+    def _read(self, key: str, files: Mapping[str, str]) -> list[Fragment | Rejection]:
+        content = self.store.read(key, FRAGMENTS)
+        try:
+            return read_evaluation(content, files)
+        except Lost as error:  # it is whole, but names a file that a producer made and somebody deleted
+            self.store.discard(key, str(error))
+            raise
+
+
+class _Growing:
+    """A family under way through its producers."""
+
+    def __init__(self, family: Family, growth: Growth) -> None:
+        self.family = family
+        self.growth = growth
+        self.faults: list[ProducerFault] = []
+
+    def join(self, step: int, results: EvaluationResults, errors: Sequence[str]) -> None:
+        kind = type(self.family.producers[step]).__name__
+        self.faults += [ProducerFault(self.family.name, kind, error) for error in dict.fromkeys(errors)]
+        self.growth.join(results)
+
+
+def selected(instantiation: Instantiation, only: Sequence[str]) -> Instantiation:
+    """What remains with the families and configurations called `only`.
+
+    A configuration that stood for duplicates outside of `only` is run under the first remaining one's name.
+
+    Raises:
+        UnknownName: nothing is called so.
+    """
+    families = {
+        *(each.family for each in instantiation.configurations),
+        *(each.family for each in instantiation.rejections),
+        *(each.family for each in instantiation.excluded),
+    }
+    names = {c.name for c in instantiation.configurations}
+    for name in only:
+        if name not in families | names:
+            raise UnknownName(name, tuple(sorted(families | names)))
+    wanted = frozenset(only)
+    configurations = [c for c in instantiation.configurations if not wanted.isdisjoint((c.family, c.name))]
+    return replace(
+        instantiation,
+        configurations=tuple(mark_duplicates(configurations)),
+        rejections=tuple(r for r in instantiation.rejections if r.family in wanted),
+        excluded=tuple(e for e in instantiation.excluded if e.family in wanted),
+    )
+
+
+class UnknownName(LookupError):
+    """No family or configuration is called so; `known` lists those there are."""
+
+    def __init__(self, name: str, known: tuple[str, ...]) -> None:
+        super().__init__(f"no family or configuration {name!r}")
+        self.name = name
+        self.known = known

@@ -1,0 +1,93 @@
+"""The surroundings of a computation: what this machine must give before a process of it is started."""
+
+import errno
+import importlib.metadata
+import os
+import sys
+import tempfile
+from pathlib import Path
+from typing import Final
+
+import platformdirs
+from packaging.requirements import Requirement
+
+from vastflow.tasks.store.artifact import StoreError
+
+_SHARED_MEMORY: Final = Path("/dev/shm")
+"""Where Linux keeps semaphores, with which worker processes wait for each other."""
+
+
+class SurroundingsError(StoreError):
+    """This machine lacks something, so that no result of it can be kept; says what, and what would help."""
+
+
+def check_surroundings() -> None:
+    """Look whether everything can be written that a computation writes beside its store and its results.
+
+    Without it workers and Prefect's API would fail one by one, each in its own words and after its own time.
+
+    Raises:
+        SurroundingsError: something can't.
+    """
+    check_numba()
+    _check_written(Path(platformdirs.user_cache_dir("vastflow")), "set XDG_CACHE_HOME to a folder of yours")
+    _check_written(Path(platformdirs.user_state_dir("vastflow")), "set XDG_STATE_HOME to a folder of yours")
+    home = Path(os.environ.get("PREFECT_HOME") or "~/.prefect").expanduser()
+    # With an API of the user's, which a profile may name, Prefect writes nothing there.
+    if not os.environ.get("PREFECT_API_URL") and not (home / "profiles.toml").exists():
+        _check_written(home, "set PREFECT_HOME to a folder of yours")
+    try:
+        temporary = Path(tempfile.gettempdir())
+    except FileNotFoundError:  # it has tried them
+        raise SurroundingsError("no folder for temporary files can be written; set TMPDIR to one of yours") from None
+    _check_written(temporary, _TMPDIR)
+    if sys.platform == "linux":
+        if not _SHARED_MEMORY.is_dir():
+            raise _error(_SHARED_MEMORY, os.strerror(errno.ENOENT), _MOUNT)
+        _check_written(_SHARED_MEMORY, _MOUNT)
+
+
+def check_numba() -> None:
+    """Compare numba with the versions that kernels are tested with: another may break every run, minutes later.
+
+    Raises:
+        SurroundingsError: it is none of them.
+    """
+    asked = map(Requirement, importlib.metadata.requires("vastflow") or ())
+    tested = next(each.specifier for each in asked if each.name == "numba")
+    found = importlib.metadata.version("numba")
+    if not tested.contains(found, prereleases=True):
+        raise SurroundingsError(
+            f"numba: expected a tested version ({tested}), got {found}; pip install 'numba{tested}'"
+        )
+
+
+def check_temporary(error: OSError) -> None:
+    """Look whether an error while something was computed is that of a full folder for temporary files.
+
+    Raises:
+        SurroundingsError: it is.
+    """
+    if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+        return
+    temporary = tempfile.gettempdir()
+    if error.filename and Path(os.path.realpath(error.filename)).is_relative_to(os.path.realpath(temporary)):
+        raise _error(Path(temporary), error.strerror or str(error), _TMPDIR)
+    _check_written(Path(temporary), _TMPDIR)  # what fails while it is written names no file
+
+
+_TMPDIR: Final = "set TMPDIR to a folder of yours"
+_MOUNT: Final = "mount a tmpfs there; a container has one with --shm-size"
+
+
+def _check_written(folder: Path, right: str) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(b"1" * 4096)
+    except OSError as error:
+        raise _error(folder, error.strerror or str(error), right) from None
+
+
+def _error(folder: Path, reason: str, right: str) -> SurroundingsError:
+    return SurroundingsError(f"can't write to {str(folder)!r} ({reason}); {right}, or make room")

@@ -1,0 +1,229 @@
+"""What worker processes do: one stage of one block of runs, from the store and into it.
+
+Simulator, oracles and producers are imported when they are needed, so that a worker starts fast. Nothing raises but
+`StoreError`: why one run or block has no result comes back as a value, and nothing is stored.
+"""
+
+import importlib.metadata
+import json
+import logging
+import os
+import pickle
+import platform
+import tempfile
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Literal, ParamSpec, TypeAlias, TypeVar
+
+from vastflow.sim.model.digest import Value
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.scenario import Scenario
+from vastflow.sim.plug_ins.effects import plug_in_code
+from vastflow.tasks.engine.evaluation import FRAGMENTS, PackedProducer, write_evaluation
+from vastflow.tasks.engine.machine_check import check_temporary
+from vastflow.tasks.engine.process import few_collections
+from vastflow.tasks.store.store import Lost, Store, StoreError
+
+if TYPE_CHECKING:
+    from vastflow.sim.model.recording import Recording
+
+WorkStage: TypeAlias = Literal["instantiate", "execute", "observe", "judge", "flow"]
+
+RECORDINGS: Final = "recordings.parquet"
+BEHAVIORS: Final = "behaviors.arrow"
+OUTPUTS: Final = "outputs.zip"
+TRACES: Final = "traces.parquet"
+VERDICTS: Final = "verdicts.json"
+RUN_LOG: Final = "runlog.json"
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Broken:
+    """Why a run or a block has no result, in one line: a scenario that can't work, or an error of ours."""
+
+    error: str
+
+
+@dataclass(frozen=True, slots=True)
+class Gone:
+    """An artifact that was needed is no longer in the store; computing it again helps."""
+
+    what: str
+
+
+@dataclass(frozen=True, slots=True)
+class Executed:
+    """What came of a block.
+
+    Attributes:
+        simulated_s: Run index to simulated time, of the runs that are in the store now.
+        broken: Run index to the reason, of the others.
+    """
+
+    simulated_s: Mapping[int, float]
+    broken: Mapping[int, Broken]
+
+
+def broken(error: BaseException) -> Broken:
+    """`error` as a value. A scenario that can't work says why in words for its author; of any other error the traceback is logged."""
+    words = " ".join(str(error).split())
+    if isinstance(error, ScenarioError):
+        return Broken(words[:500])
+    traceback.print_exception(error)
+    return Broken(f"{type(error).__name__}: {words}"[:500])
+
+
+def answered(function: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T | Broken | Gone:
+    """Call `function`; an error is an answer too. Its class may be one the caller's process can't import.
+
+    Raises:
+        StoreError: without its store, or room for temporary files, no job can be done, whatever it is.
+    """
+    try:
+        with plug_in_code():
+            return function(*arguments, **named)
+    except Lost as error:
+        return Gone(str(error))
+    except StoreError:
+        raise
+    except Exception as error:  # noqa: BLE001 - a plug-in may raise anything, and the campaign goes on
+        if isinstance(error, OSError):
+            check_temporary(error)
+        return broken(error)
+
+
+def compile_kernels(systems: Sequence[Mapping[str, Value]] = ({},)) -> None:
+    """Drive a meter through an empty room, so that the compiled kernels are in their cache for the other workers.
+
+    Args:
+        systems: System dimensions, one for each controller that is driven by.
+    """
+    _log_plainly()
+    from vastflow.sim.run import run
+    from vastflow.sim.world.map_file import map_content
+
+    with few_collections(), tempfile.TemporaryDirectory() as folder:
+        room = Path(folder, "room.yaml")
+        cells = bytes(0 if x in (0, 59) or y in (0, 59) else 254 for y in range(60) for x in range(60))
+        Path(folder, "room.pgm").write_bytes(b"P5 60 60 255\n" + cells)
+        room.write_text("{image: room.pgm, resolution: 0.05, origin: [0, 0, 0]}")
+        poses: dict[str, Value] = {
+            "start_pose": {"position": {"x": 1.0, "y": 1.5}, "orientation": {"yaw": 0.0}},
+            "goal_pose": {"position": {"x": 2.0, "y": 1.5}, "orientation": {"yaw": 0.0}},
+        }
+        for system in systems:
+            run(Scenario("builtin:navigate_to_pose", 20.0, {"map_file": map_content(room)}, poses, system), 0, 0)
+
+
+def execute(store: Store, key: str, scenario: Scenario, start: int, stop: int, seed: int) -> Executed | Broken:
+    """Execute runs `start` to `stop` - 1 of a scenario and store those that end, in blocks without a gap.
+
+    If the store has that very block by now nothing is executed: another worker died before this one's answer was heard.
+    """
+    _log_plainly()
+    if (stored := store.find(f"{key}/{start}-{stop}")) is not None:
+        return Executed({int(run): float(s) for run, s in stored.info["runs"]}, {})
+    from vastflow.sim import run
+    from vastflow.sim.model.runlog import run_log_row
+    from vastflow.sim.run import Execution
+
+    whole: list[Execution] = []
+    simulated_s: dict[int, float] = {}
+    errors: dict[int, Broken] = {}
+
+    def keep() -> None:
+        if whole:
+            recordings = [execution.recording for execution in whole]
+            times = {recording.run.run_index: recording.run.simulated_s for recording in recordings}
+            store.put(
+                f"{key}/{min(times)}-{max(times) + 1}",
+                _files(recordings),
+                {"runs": [list(run) for run in times.items()]},
+                {RUN_LOG: _run_log({e.recording.run.run_index: run_log_row(e.log) for e in whole})},
+            )
+            simulated_s.update(times)
+        whole.clear()
+
+    for run_index in range(start, stop):
+        executed = answered(run.execute, scenario, run_index, seed)
+        if isinstance(executed, Broken | Gone):
+            errors[run_index] = executed if isinstance(executed, Broken) else Broken(executed.what)
+            keep()
+            continue
+        whole.append(executed)
+    keep()
+    return Executed(simulated_s, errors)
+
+
+def observe(store: Store, recording_key: str, key: str, scenario: Scenario) -> None:
+    """Observe one block of recordings and store the trace."""
+    _log_plainly()
+    from vastflow.oracles.observe import observe_block
+
+    store.put(key, {TRACES: observe_block(scenario, store.read(recording_key, RECORDINGS))})
+
+
+def judge(store: Store, recording_key: str, trace_key: str, key: str, scenario: Scenario, oracles: bytes) -> None:
+    """Judge one block and store the verdicts, with what all oracles together say of each run, and why it failed if it did.
+
+    Args:
+        oracles: Pickled, so that a plug-in that can't be imported is an error of this job alone.
+    """
+    _log_plainly()
+    from vastflow.oracles.judge import judge_block
+    from vastflow.oracles.verdict import run_judgement, write_verdicts
+
+    recordings, traces = store.read(recording_key, RECORDINGS), store.read(trace_key, TRACES)
+    recorded = store.find(recording_key)
+    outputs = store.load(recorded, OUTPUTS) if recorded is not None and OUTPUTS in recorded.files else None
+    judged = judge_block(scenario, recordings, traces, pickle.loads(oracles), outputs)
+    said: dict[int, list[Any]] = {}
+    for verdict in judged.verdicts:
+        said.setdefault(verdict.run_index, []).append(verdict.judgement)
+    together = [[run_index, run_judgement(judgements)] for run_index, judgements in said.items()]
+    info = {"runs": together, "causes": [list(each) for each in judged.causes.items()]}
+    store.put(key, {VERDICTS: write_verdicts(judged.verdicts)}, info)
+
+
+def evaluate(store: Store, key: str, producer: PackedProducer, inputs: Mapping[str, Value]) -> None:
+    """Evaluate a producer on one restricted input and store what it yields."""
+    _log_plainly()
+    from vastflow.producers.floorplan.environment import FOLDER, environments_in
+    from vastflow.producers.model import producer as producers
+
+    with environments_in(store.local / FOLDER):
+        found = producers.evaluate(producer.unpacked(), inputs)
+    store.put(key, {FRAGMENTS: write_evaluation(found)})
+
+
+def _files(recordings: "Sequence[Recording]") -> dict[str, bytes]:
+    """A block's recordings, the behaviors of their scenarios, and what their programs wrote, if anything."""
+    from vastflow.sim.model.archive import write_behaviors, write_outputs
+    from vastflow.sim.model.blocks import write_recordings
+
+    behaviors = write_behaviors({recording.run.run_index: recording.behaviors for recording in recordings})
+    files = {RECORDINGS: write_recordings(recordings), BEHAVIORS: behaviors}
+    outputs = {r.run.run_index: r.outputs for r in recordings if r.outputs.tables or r.outputs.files}
+    return {**files, OUTPUTS: write_outputs(outputs)} if outputs else files
+
+
+def _run_log(runs: Mapping[int, Mapping[str, Any]]) -> bytes:
+    """What is known of a block's runs beside what happened in them, where they ran and with what: in no digest."""
+    versions = {name: importlib.metadata.version(name) for name in ("vastflow", "numpy", "numba", "pymunk")}
+    host = {"name": platform.node(), "machine": platform.machine(), "python": platform.python_version()}
+    content = {
+        "runs": [{"run_index": run_index, **row} for run_index, row in runs.items()],
+        "host": host,
+        "versions": versions,
+        "pid": os.getpid(),
+    }
+    return json.dumps(content, separators=(",", ":")).encode()
+
+
+def _log_plainly() -> None:
+    logging.basicConfig(format="%(asctime)s %(levelname)s %(name)s: %(message)s")

@@ -1,0 +1,1 @@
+"""Keys of artifacts, and the digests of source code that go into them."""

@@ -1,0 +1,178 @@
+"""Code digests: equal ones mean the same program, whatever it looks like and whatever its docstrings say.
+
+What was read of source files is kept from one process to the next: a file of the same content is not parsed again.
+"""
+
+import ast
+import hashlib
+import json
+import os
+import sys
+import uuid
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+_UNSEEN = frozenset({"kind", "type_comment", "type_ignores"})
+"""Fields of a syntax tree that change nothing: `u` before a string, and comments about types."""
+
+
+def code_digest(text: str) -> str:
+    """SHA-256 of the syntax tree of Python source, without docstrings and positions.
+
+    Two texts with equal digests have equal trees but for statements that are a string and nothing else, as docstrings are.
+    A tree is digested in a form of its own, not as `ast.dump` writes it, so that a text has the same digest on every minor
+    version of Python that parses it to the same nodes.
+
+    Raises:
+        SyntaxError: it is no Python.
+    """
+    return tree_digest(ast.parse(text))
+
+
+def tree_digest(tree: ast.AST) -> str:
+    """As `code_digest`, of a text that was parsed."""
+    hashed = hashlib.sha256()
+    for token in _tokens(tree):
+        hashed.update(token)
+    return hashed.hexdigest()
+
+
+def _tokens(tree: ast.AST) -> Iterator[bytes]:
+    """The tree as text from which it could be built again; without recursion, for a sum of 1,000 terms is as many levels deep."""
+    waiting: list[Any] = [tree]
+    while waiting:
+        part = waiting.pop()
+        if isinstance(part, bytes):
+            yield part
+        elif isinstance(part, ast.AST):
+            waiting += reversed(list(_node(part)))
+        elif isinstance(part, list):
+            waiting += reversed([b"[", *(each for each in part if not _is_docstring(each)), b"]"])
+        else:
+            yield _constant(part)
+
+
+def _node(node: ast.AST) -> Iterator[Any]:
+    """A node's parts; an absent field and an empty list are left out, for newer versions of Python have fields that older have not."""
+    yield f"({type(node).__name__}".encode()
+    for name, value in ast.iter_fields(node):
+        is_absent = (value is None and not isinstance(node, ast.Constant)) or value == []
+        if name not in _UNSEEN and not is_absent:
+            yield f" {name}=".encode()
+            yield value
+    yield b")"
+
+
+def _constant(value: object) -> bytes:
+    """A value that stands in a tree: what it is and how long, so that no two are written alike."""
+    if isinstance(value, str):
+        text = value.encode("utf-8", "surrogatepass")
+    elif isinstance(value, bytes):
+        text = value
+    elif isinstance(value, float):
+        text = value.hex().encode()
+    elif isinstance(value, complex):
+        text = f"{value.real.hex()} {value.imag.hex()}".encode()
+    elif isinstance(value, int) and not isinstance(value, bool):
+        text = hex(value).encode()  # a decimal of more than 4,300 digits is refused
+    else:
+        text = repr(value).encode()
+    return f"{type(value).__name__} {len(text)} ".encode() + text
+
+
+def _is_docstring(node: object) -> bool:
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+
+
+MOST_KEPT: Final = 4000
+"""Files; those that were not asked for go first when there are more."""
+
+
+@dataclass(frozen=True, slots=True)
+class Module:
+    """What is read of one file: the digest of its code, and the names of every module it may import.
+
+    Attributes:
+        data: Packages whose data it reads, by `importlib.resources.files("name")` or `importlib.util.find_spec("name")`.
+    """
+
+    code: str
+    imports: frozenset[str]
+    data: frozenset[str] = frozenset()
+
+
+class SourceCache:
+    """Modules by the content of their files.
+
+    Args:
+        file: Where they are kept; None for this process alone.
+        reader: The source files of what reads modules: they decide what is read of one.
+    """
+
+    def __init__(self, file: Path | None, reader: Iterable[Path]) -> None:
+        self._file = file
+        self._reader = hashlib.sha256(sys.version.encode())
+        for each in reader:
+            self._reader.update(each.read_bytes())
+        self._known: Mapping[str, Any] = _read(file) if file else {}
+        self._asked: dict[str, Module] = {}
+        self._new = False
+
+    def find(self, content: bytes, package: str) -> Module | None:
+        """The module of a file with this content in this package, if it was read before."""
+        key = self._key(content, package)
+        if key not in self._asked and key in self._known:
+            code, imports, data = self._known[key]
+            self._asked[key] = Module(code, frozenset(imports), frozenset(data))
+        return self._asked.get(key)
+
+    def add(self, content: bytes, package: str, module: Module) -> None:
+        """Remember what was read."""
+        self._asked[self._key(content, package)] = module
+        self._new = True
+
+    def keep(self) -> None:
+        """Write down what is new; where that is not possible it is read again the next time."""
+        if self._file is None or not self._new:
+            return
+        self._new = False
+        asked = {key: [each.code, sorted(each.imports), sorted(each.data)] for key, each in self._asked.items()}
+        rest = {key: found for key, found in self._known.items() if key not in asked}
+        kept = {**asked, **dict(list(rest.items())[: max(0, MOST_KEPT - len(asked))])}
+        temporary = self._file.with_name(f"{self._file.name}.{uuid.uuid4().hex}")
+        with suppress(OSError):
+            self._file.parent.mkdir(parents=True, exist_ok=True)
+            body = json.dumps(kept, separators=(",", ":")).encode()
+            temporary.write_bytes(hashlib.sha256(body).hexdigest().encode() + b"\n" + body)
+            os.replace(temporary, self._file)
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+    def _key(self, content: bytes, package: str) -> str:
+        hashed = self._reader.copy()
+        hashed.update(package.encode() + b"\0" + content)
+        return hashed.hexdigest()
+
+
+@cache
+def source_cache_file() -> Path:
+    """Where the modules of this installation are kept: in the user's cache folder."""
+    import platformdirs
+
+    return Path(platformdirs.user_cache_dir("vastflow")) / "source" / "modules"
+
+
+def _read(file: Path) -> dict[str, Any]:
+    """What `keep` wrote; nothing where it is missing or damaged."""
+    try:
+        hashed, _, body = file.read_bytes().partition(b"\n")
+        if hashlib.sha256(body).hexdigest().encode() == hashed:
+            found: dict[str, Any] = json.loads(body)
+            return found
+    except OSError:
+        pass
+    return {}

@@ -1,0 +1,158 @@
+"""Keys: what the content of every artifact follows from, as one digest each."""
+
+import os
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from vastflow.sim.model.digest import Value, digest, file_digest
+from vastflow.tasks.store.source_files import SourceFiles
+
+LAYOUT: Final = 1
+"""Number of the form in which `vastflow.tasks.engine.work` writes artifacts: a new one makes all of them anew."""
+
+EXECUTE_SOURCE: Final = (
+    "vastflow.sim.run",
+    "vastflow.sim.model.archive",
+    "vastflow.sim.model.blocks",
+    "vastflow.sim.nav2.controllers.*",
+)
+OBSERVE_SOURCE: Final = ("vastflow.oracles.observe",)
+JUDGE_SOURCE: Final = ("vastflow.oracles.judge",)
+EVALUATE_SOURCE: Final = ("vastflow.producers.model.producer",)
+
+_SELECTING_FEATURES: Final = frozenset(
+    {"fma", "avx2", "avx512f", "avx512cd", "avx512bw", "avx512dq", "avx512vl", "asimd", "asimdhp", "sve", "sve2"}
+)
+"""CPU features by which the C library and numpy choose between variants of a function with different last bits."""
+
+_SELECTING_VARIABLES: Final = ("GLIBC_TUNABLES", "NPY_DISABLE_CPU_FEATURES", "NPY_ENABLE_CPU_FEATURES")
+
+_NUMBA: Final = "NUMBA_"
+_NUMBA_THAT_ONLY_SAYS: Final = (
+    *("CACHE", "COLOR_SCHEME", "DEVELOPER_MODE", "DISABLE_PERFORMANCE_WARNINGS", "DUMP_", "FULL_TRACEBACKS"),
+    *("NUM_THREADS", "SHOW_HELP", "THREADING_LAYER", "WARNINGS"),
+)
+"""Beginnings of Numba's settings, after `NUMBA_`, that change no compiled code; every other one may."""
+_NUMBA_FILE: Final = ".numba_config.yaml"
+"""Numba reads it in the working directory."""
+
+
+@dataclass(frozen=True, slots=True)
+class Keys:
+    """Makes the keys of one campaign's artifacts: `<stage>/<two digits>/<digest>`.
+
+    Attributes:
+        numeric: See `numeric_class`; part of every key.
+        execute_source, observe_source, judge_source: Source digests of the stages.
+        seed: `execution.seed`.
+        oracles: The oracles as they judge: name and parameters of each, in order.
+        sources: The files of which the source digests are; None where nothing is computed under these keys.
+    """
+
+    numeric: str
+    execute_source: str
+    observe_source: str
+    judge_source: str
+    seed: int
+    oracles: Sequence[Value]
+    sources: SourceFiles | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def identity(self) -> str:
+        """Digest of all that keys of recordings, traces and verdicts follow from beside scenarios and contents."""
+        return digest(
+            *(LAYOUT, self.numeric, self.execute_source, self.observe_source, self.judge_source, self.seed),
+            list(self.oracles),
+        )
+
+    def recordings(self, scenario: str) -> str:
+        """Where the blocks of a scenario's runs lie. The number of runs is no part of it: 5 + 3 more are 8.
+
+        Args:
+            scenario: Digest of all that runs are computed from, see `vastflow.sim.reading.checked.checked_digest`; so below.
+        """
+        return self._key("execute", self.execute_source, scenario, self.seed)
+
+    def trace(self, scenario: str, recording: str) -> str:
+        """The trace of one block; `recording` is the content digest of the block."""
+        return self._key("observe", self.observe_source, scenario, recording)
+
+    def verdicts(self, scenario: str, recording: str, trace: str) -> str:
+        """The verdicts on one block; `recording` and `trace` are content digests."""
+        return self._key("judge", self.judge_source, scenario, recording, trace, self.oracles)
+
+    def evaluation(self, source: str, producer: str, parameters: Value, inputs: str) -> str:
+        """What a producer makes of one restricted input.
+
+        Args:
+            source: Source digest of the producer.
+            producer: Its name.
+            inputs: Digest of the restricted input.
+        """
+        return self._key("evaluate", source, producer, parameters, inputs)
+
+    def report(self, source: Sequence[str], content: str) -> str:
+        """The tables, figures and report of a campaign.
+
+        Args:
+            source: Digests of what makes them.
+            content: Digest of all results of the campaign.
+        """
+        return self._key("report", list(source), content)
+
+    def _key(self, stage: str, *content: Value) -> str:
+        hashed = digest(LAYOUT, stage, self.numeric, *content)
+        return f"{stage}/{hashed[:2]}/{hashed}"
+
+
+def numeric_class(
+    machine: str | None = None,
+    library: str | None = None,
+    features: frozenset[str] | None = None,
+    environment: Mapping[str, str] | None = None,
+    python: str | None = None,
+) -> str:
+    """What hosts must have in common to compute the same bits.
+
+    That is the architecture, the C library, the CPU features that matter, variables that choose between variants of functions
+    or of compiled code, and Python's minor version: from 3.12 on `sum` of floats has other last bits.
+
+    Args default to this host's.
+    """
+    machine = platform.machine() if machine is None else machine
+    library = _c_library() if library is None else library
+    features = _cpu_features() if features is None else features
+    environment = os.environ if environment is None else environment
+    chosen = " ".join(sorted(features & _SELECTING_FEATURES))
+    names = [*_SELECTING_VARIABLES, *sorted(filter(_changes_kernels, environment))]
+    forced = [f"{name}={environment[name]}" for name in names if environment.get(name)]
+    if Path(_NUMBA_FILE).is_file():
+        forced.append(f"{_NUMBA_FILE}={file_digest(_NUMBA_FILE)}")
+    return (
+        f"{machine}; {library}; {chosen}; {' '.join(forced)}; {python or '.'.join(platform.python_version_tuple()[:2])}"
+    )
+
+
+def _changes_kernels(variable: str) -> bool:
+    """Whether a variable may change what Numba compiles."""
+    return variable.startswith(_NUMBA) and not variable.removeprefix(_NUMBA).startswith(_NUMBA_THAT_ONLY_SAYS)
+
+
+def _c_library() -> str:
+    return " ".join(platform.libc_ver()).strip() or f"{platform.system()} {platform.release()}"
+
+
+def _cpu_features() -> frozenset[str]:
+    """Feature names as Linux gives them; elsewhere none, where architecture and system version decide."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return frozenset()
+    for line in lines:
+        name, _, value = line.partition(":")
+        if name.strip() in ("flags", "Features"):
+            return frozenset(value.split())
+    return frozenset()

@@ -1,0 +1,377 @@
+"""Source digests: which code a result follows from, found by reading it, without running it."""
+
+import ast
+import copy
+import functools
+import importlib.metadata
+import importlib.util
+import io
+import sys
+import tokenize
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from vastflow.sim.model.digest import digest, file_digest
+from vastflow.sim.plug_ins.loading import snapshot_behind
+from vastflow.sim.plug_ins.snapshot import Snapshot
+from vastflow.tasks.keys import code_digest
+from vastflow.tasks.keys.code_digest import Module, SourceCache, source_cache_file, tree_digest
+from vastflow.tasks.store.source_files import SourceFiles, source_files
+
+PACKAGES: Final = tuple(f"vastflow.{name}" for name in ("sim", "producers", "oracles", "tasks", "campaigns.scenarios"))
+
+NUMERIC_LIBRARIES: Final[Mapping[str, tuple[str, ...]]] = {
+    "PIL": ("pillow",),
+    "lark": ("lark",),
+    "llvmlite": ("llvmlite",),
+    "manifold3d": ("manifold3d", "numpy"),
+    "numba": ("llvmlite", "numba", "numpy"),
+    "numpy": ("numpy",),
+    "py_trees": ("py_trees",),
+    "pyarrow": ("pyarrow",),
+    "pymunk": ("pymunk",),
+    "scipy": ("numpy", "scipy"),
+    "shapely": ("numpy", "shapely"),
+    "skimage": ("numpy", "scikit-image", "scipy"),
+    "yaml": ("pyyaml",),
+}
+"""Import name to the distributions whose versions can change a number or a stored byte."""
+
+READING: Final = (
+    "vastflow.sim.nav2.controllers.conformance",
+    "vastflow.sim.nav2.controllers.registry",
+    "vastflow.sim.nav2.parameter_files",
+    "vastflow.sim.nav2.parameters",
+    "vastflow.sim.model.names",
+    "vastflow.sim.plug_ins",
+    "vastflow.sim.reading",
+    "vastflow.sim.scenario.definition",
+    "vastflow.sim.scenario.language",
+    "vastflow.sim.world.map_file",
+)
+"""Packages that read and check, and that let plug-ins in. No result follows from their code: what they make of files is in
+keys as a value, and a plug-in as its snapshot."""
+
+PLUG_IN: Final = "plug-in"
+"""Name under which a plug-in's file enters a digest: where it lies doesn't matter. What it uses begins with this and a slash."""
+
+_CODE: Final = (".py", ".pyc", ".typed")
+
+
+@dataclass(frozen=True, slots=True)
+class Code:
+    """What a result follows from.
+
+    Attributes:
+        modules: Name of each module to the digest of its code.
+        data: Package to the digest of the data in it, of those whose data is read.
+        libraries: Distribution to its version, of those that can change a number or a stored byte.
+    """
+
+    modules: Mapping[str, str]
+    data: Mapping[str, str]
+    libraries: Mapping[str, str]
+
+    @property
+    def digest(self) -> str:
+        """Of all three."""
+        data = [dict(self.data)] if self.data else []
+        return digest([list(module) for module in self.modules.items()], *data, dict(self.libraries))
+
+
+class SourceTree:
+    """Python packages as text, with the files read so far.
+
+    Args:
+        packages: Import name of each package to its folder. Imports that lead elsewhere are not followed.
+        files: Import name to file of modules that are in no package.
+        cache: File in which what was read is kept for other processes; None for none.
+    """
+
+    def __init__(
+        self, packages: Mapping[str, Path], files: Mapping[str, Path] | None = None, cache: Path | None = None
+    ) -> None:
+        self._packages = dict(packages)
+        self._files = dict(files or {})
+        self._cache = SourceCache(cache, [Path(__file__), Path(code_digest.__file__)])
+        self._read: dict[Path, Module] = {}
+        self._places: dict[str, Path | None] = {}
+        self._codes: dict[tuple[str, ...], Code] = {}
+
+    def digest(self, *entries: str) -> str:
+        """Digest of the code of `entries`, modules or `package.*`, and all they import, of the data they read, and the versions of the libraries in use.
+
+        What vastflow's own modules import of the packages that read and check is left out, see `READING`.
+        Comments, docstrings, blank lines and the folder's place are in no digest.
+
+        Raises:
+            ModuleNotFoundError: an entry is not in the tree.
+        """
+        return self.code(*entries).digest
+
+    def code(self, *entries: str) -> Code:
+        """All that `digest` is a digest of.
+
+        Raises:
+            ModuleNotFoundError: an entry is not in the tree.
+        """
+        if entries not in self._codes:
+            found = self._code(entries)
+            if PLUG_IN in found.modules:  # a user may be editing it
+                return found
+            self._codes[entries] = found
+        return self._codes[entries]
+
+    def _code(self, entries: tuple[str, ...]) -> Code:
+        modules = self._closure(self._named(entries))
+        self._cache.keep()
+        data = {package for module in modules.values() for package in module.data}
+        imported = {name.partition(".")[0] for module in modules.values() for name in module.imports}
+        libraries = sorted({library for name in imported for library in NUMERIC_LIBRARIES.get(name, ())})
+        return Code(
+            {name: module.code for name, module in sorted(modules.items())},
+            {package: self.data_digest(package) for package in sorted(data)},
+            {library: _version(library) for library in libraries},
+        )
+
+    def files(self) -> SourceFiles:
+        """The source files of all packages of the tree, as they are now."""
+        return source_files(self._packages.values())
+
+    def closure(self, *entries: str) -> tuple[str, ...]:
+        """Names of `entries` and of all they import within the tree, sorted."""
+        return tuple(sorted(self._closure(self._named(entries))))
+
+    def plug_in_digest(self, plug_in: type) -> str:
+        """Digest of the code behind a class, wherever it is from.
+
+        A class of the tree has its module's digest. One from a package elsewhere is followed inside that
+        package and into the tree, one from a file beside a campaign is all of its snapshot and what that uses of the tree.
+        """
+        top = plug_in.__module__.partition(".")[0]
+        code = self.plug_in_code(plug_in)
+        return digest(code.digest, _version(top)) if self._is_elsewhere(plug_in) else code.digest
+
+    def plug_in_code(self, plug_in: type) -> Code:
+        """The code behind a class. Of a plug-in beside a campaign the file is called `PLUG_IN`, what it uses below that."""
+        name = plug_in.__module__
+        if self._file(name) is not None:
+            return self.code(name)
+        if (snapshot := snapshot_behind(plug_in)) is not None:
+            return self._frozen_code(snapshot)
+        top = name.partition(".")[0]
+        if self._is_elsewhere(plug_in):
+            return self._with({top: Path(next(iter(sys.modules[top].__path__)))}, {}).code(name)
+        single = sys.modules[name].__file__
+        if single is None:
+            raise ModuleNotFoundError(f"{plug_in!r} has no source file; a plug-in is a Python file or package")
+        return self._with({}, {PLUG_IN: Path(single)}).code(PLUG_IN)
+
+    def _frozen_code(self, snapshot: Snapshot) -> Code:
+        """The code of a snapshot, its data by content, and the versions of all that it imports from elsewhere."""
+        own = {snapshot.local_name(place): snapshot.folder / place for place in snapshot.modules}
+        own = {PLUG_IN if file == snapshot.file else f"{PLUG_IN}/{name}": file for name, file in own.items()}
+        live = {top: place for top in snapshot.outside if (place := live_source(top)) is not None}
+        packages = {top: place for top, place in live.items() if place.is_dir()}
+        single = {top: place for top, place in live.items() if not place.is_dir()}
+        code = self._with(packages, {**own, **single}).code(*own)
+        data = {f"{PLUG_IN}/{snapshot.local_name(place)}": sha256 for place, sha256 in snapshot.data.items()}
+        others = [top for top in snapshot.outside if top not in live and top not in NUMERIC_LIBRARIES]
+        versions = {name: _version(name) for top in others for name in _distributions().get(top, [top])}
+        return Code(code.modules, {**code.data, **data}, {**code.libraries, **versions})
+
+    def with_packages(self, *packages: str) -> "SourceTree":
+        """A tree that has these packages of vastflow too, as this process would import them."""
+        return self._with(folders_of(packages), {})
+
+    def _is_elsewhere(self, plug_in: type) -> bool:
+        """Whether a class is from a package that is not in the tree."""
+        name = plug_in.__module__
+        if snapshot_behind(plug_in) is not None:
+            return False
+        return self._file(name) is None and getattr(sys.modules[name.partition(".")[0]], "__path__", None) is not None
+
+    def _with(self, packages: Mapping[str, Path], files: Mapping[str, Path]) -> "SourceTree":
+        """A wider tree that has read what this one has."""
+        wider = copy.copy(self)  # with the same cache, and the modules that were read
+        wider._packages = {**self._packages, **packages}
+        wider._files = {**self._files, **files}
+        wider._places, wider._codes = {}, {}
+        return wider
+
+    def _closure(self, entries: tuple[str, ...]) -> dict[str, Module]:
+        found: dict[str, Module] = {}
+        waiting = []
+        for entry in entries:
+            if self._file(entry) is None:
+                raise ModuleNotFoundError(f"no module {entry!r} in {', '.join(sorted(self._packages))}")
+            waiting += _with_parents(entry)
+        while waiting:
+            name = waiting.pop()
+            file = self._file(name)
+            if name in found or file is None:
+                continue
+            found[name] = self._module(name, file)
+            used = (imported for imported in found[name].imports if not _only_reads(name, imported))
+            waiting += [part for imported in used for part in _with_parents(imported)]
+        return found
+
+    def _named(self, entries: tuple[str, ...]) -> tuple[str, ...]:
+        """Entries by name; `package.*` is every module of a package but those that only read."""
+        found: list[str] = []
+        for entry in entries:
+            package, star, _ = entry.partition(".*")
+            folder = self._folder(package) if star else None
+            names = [entry] if folder is None else sorted(f"{package}.{file.stem}" for file in folder.glob("*.py"))
+            found += [name.removesuffix(".__init__") for name in names if not (star and _is_below(name, READING))]
+        return tuple(found)
+
+    def _module(self, name: str, file: Path) -> Module:
+        if file not in self._read or name == PLUG_IN:  # a user may be editing a plug-in
+            package = name if file.name == "__init__.py" else name.rpartition(".")[0]
+            content = _python(file)
+            if (module := self._cache.find(content, package)) is None:
+                module = _module_of(content, package)
+                self._cache.add(content, package, module)
+            self._read[file] = module
+        return self._read[file]
+
+    def data_digest(self, package: str, suffixes: Collection[str] = ()) -> str:
+        """Digest of what is no code in a package of the tree and in its folders, by name and content.
+
+        Args:
+            suffixes: Of the files that count; none for all.
+        """
+        folder = self._folder(package)
+        if folder is None:
+            return ""
+        files = [file for file in sorted(folder.rglob("*")) if file.is_file() and file.suffix not in _CODE]
+        files = [file for file in files if not suffixes or file.suffix in suffixes]
+        return digest([[file.relative_to(folder).as_posix(), file_digest(file)] for file in files])
+
+    def _folder(self, name: str) -> Path | None:
+        for package, folder in self._packages.items():
+            if name == package or name.startswith(package + "."):
+                return folder.joinpath(*name[len(package) :].split(".")[1:])
+        return None
+
+    def _file(self, name: str) -> Path | None:
+        if name not in self._places:
+            self._places[name] = self._search(name)
+        return self._places[name]
+
+    def _search(self, name: str) -> Path | None:
+        if name in self._files:
+            return self._files[name]
+        place = self._folder(name)
+        for file in (place / "__init__.py", place.with_suffix(".py")) if place else ():
+            if file.is_file():
+                return file
+        return None
+
+
+def installed_tree() -> SourceTree:
+    """The packages of vastflow that results follow from, as this process would import them."""
+    return SourceTree(folders_of(PACKAGES), cache=source_cache_file())
+
+
+def folders_of(packages: Iterable[str]) -> dict[str, Path]:
+    """The folder of each package, as this process would import it.
+
+    Raises:
+        ModuleNotFoundError: one is not installed as a package.
+    """
+    folders = {}
+    for package in packages:
+        spec = importlib.util.find_spec(package)
+        if spec is None or not spec.submodule_search_locations:
+            raise ModuleNotFoundError(f"{package} is not installed as a package")
+        folders[package] = next(place for place in map(Path, spec.submodule_search_locations) if place.is_dir())
+    return folders
+
+
+def _module_of(content: bytes, package: str) -> Module:
+    tree = ast.parse(_text(content))
+    nodes = list(ast.walk(tree))
+    return Module(tree_digest(tree), frozenset(_imports(nodes, package)), frozenset(_data_packages(nodes)))
+
+
+def _imports(nodes: Iterable[ast.AST], package: str) -> Iterator[str]:
+    """Names of every import, also inside functions; of `from a import b` both `a` and `a.b`."""
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                above = package.split(".")[: len(package.split(".")) - node.level + 1]
+                base = ".".join([*above, *filter(None, [base])])
+            yield base
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+def _data_packages(nodes: Iterable[ast.AST]) -> Iterator[str]:
+    """Packages named in calls of `importlib.resources.files` and `importlib.util.find_spec`."""
+    for node in nodes:
+        if isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant):
+            called = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+            if called in ("files", "find_spec") and isinstance(node.args[0].value, str):
+                yield node.args[0].value
+
+
+def _only_reads(importer: str, imported: str) -> bool:
+    """Whether an import leads from code of vastflow that computes to code that reads and checks; a plug-in may compute with it."""
+    return _is_below(importer, ("vastflow",)) and _is_below(imported, READING) and not _is_below(importer, READING)
+
+
+def _is_below(name: str, packages: Iterable[str]) -> bool:
+    return any(name == package or name.startswith(f"{package}.") for package in packages)
+
+
+def _with_parents(name: str) -> list[str]:
+    parts = name.split(".")
+    return [".".join(parts[: k + 1]) for k in range(len(parts))]
+
+
+def _python(file: Path) -> bytes:
+    """A module as it is written; of a notebook, the code cells."""
+    if file.suffix == ".ipynb":
+        from vastflow.oracles.notebook.file import notebook_code
+
+        return notebook_code(file).encode()
+    return file.read_bytes()
+
+
+def _text(content: bytes) -> str:
+    encoding, _ = tokenize.detect_encoding(io.BytesIO(content).readline)  # by a coding cookie, if there is one
+    return content.decode(encoding).replace("\r\n", "\n").replace("\r", "\n")
+
+
+def live_source(top: str) -> Path | None:
+    """Folder or file of a module that is found and is part of no installed distribution, whose version would tell of an edit."""
+    try:
+        spec = importlib.util.find_spec(top)
+    except (ImportError, ValueError):
+        return None
+    if spec is None:
+        return None
+    origin = next(iter(spec.submodule_search_locations or ()), spec.origin)
+    place = Path(origin or "")
+    if not origin or not (place.is_dir() or place.suffix == ".py"):
+        return None
+    return None if {"site-packages", "dist-packages"} & {*place.parts} else place
+
+
+@functools.cache
+def _distributions() -> Mapping[str, list[str]]:
+    """Import name to the distributions that are installed under it; takes a tenth of a second."""
+    return importlib.metadata.packages_distributions()
+
+
+def _version(distribution: str) -> str:
+    try:
+        return importlib.metadata.version(distribution)
+    except importlib.metadata.PackageNotFoundError:
+        return ""

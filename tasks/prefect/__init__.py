@@ -1,0 +1,1 @@
+"""Prefect: its API, its logs, its flow runs, and the stages as its tasks."""

@@ -1,0 +1,223 @@
+"""Prefect's embedded API: started for a campaign where the user has configured none."""
+
+import contextlib
+import contextvars
+import logging
+import os
+import re
+import secrets
+import subprocess
+import sys
+import threading
+import time
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from vastflow.tasks.prefect.adapter import SERVER_SETTINGS, post
+
+STARTUP_S: Final = 120.0
+"""A fresh database has to be made: 12 s on an idle machine, 35 s on a busy one."""
+
+STARTS: Final = 4
+"""Of an embedded API that is killed again and again, the first one included."""
+
+DRAIN_S: Final = 60.0
+QUIET_S: Final = 20.0
+"""Nothing recorded for so long: what is missing then went down with a server that was killed."""
+
+SENDING_S: Final = 5.0
+"""What Prefect's services may take to send what they have when a flow has ended."""
+
+_POLL_S: Final = 0.1
+_FINAL_STATES: Final = ("COMPLETED", "FAILED", "CRASHED", "CANCELLED")
+
+LOGGER: Final = logging.getLogger("vastflow.server")
+AUTH: Final = "PREFECT_SERVER_API_AUTH_STRING"
+
+_EMBEDDED: Final = contextvars.ContextVar[bool]("vastflow_embedded", default=False)
+
+
+class PrefectUnavailable(RuntimeError):
+    """Prefect's API can't be had."""
+
+
+class ApiServer:
+    """An embedded API server. It starts with the object, beside whatever its owner does next.
+
+    One that is killed is started again on its port, so that what a flow asks meanwhile only waits: Prefect's clients try for
+    a minute. One that ends by itself has a reason to, and stays away.
+
+    Args:
+        log: File that takes what it prints.
+        port: Where it listens; 0 for any free port.
+        auth: User and password as Prefect takes them; made where none is given.
+
+    Attributes:
+        answers: Whether it has ever answered.
+        lost: Whether it has ended and nobody starts it again.
+        notices: What it said that a user should hear.
+    """
+
+    def __init__(self, log: Path, port: int = 0, auth: str = "") -> None:
+        self._log = log
+        self._environment = server_environment(auth)
+        self.auth = self._environment[AUTH]
+        self.answers = False
+        self.lost = False
+        self.notices: list[str] = []
+        self._port = port
+        self._stopping = False
+        self._lock = threading.Lock()
+        self._process = self._started()
+        threading.Thread(target=self._watch, name="vastflow server", daemon=True).start()
+
+    def url(self, timeout_s: float = STARTUP_S) -> str:
+        """The API's address, once it answers.
+
+        Raises:
+            PrefectUnavailable: it ended or was too slow.
+        """
+        deadline = time.monotonic() + timeout_s
+        while not (self.lost or self._stopping):
+            if self._port:
+                address = f"http://127.0.0.1:{self._port}/api"
+                if answers(address):
+                    self.answers = True
+                    return address
+            if time.monotonic() > deadline:
+                raise PrefectUnavailable(f"Prefect's API did not start within {timeout_s:.0f} s; see {self._log}")
+            time.sleep(_POLL_S)
+        raise PrefectUnavailable(f"Prefect's API ended while it started; see {self._log}")
+
+    def stop(self, grace_s: float = 3.0) -> None:
+        """End it, at the latest after `grace_s`. May be called twice."""
+        with self._lock:
+            self._stopping = True
+        if self._process.poll() is None and grace_s > 0:
+            self._process.terminate()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(grace_s)
+        self._process.kill()
+        self._process.wait()
+
+    def _started(self) -> "subprocess.Popen[bytes]":
+        with open(self._log, "ab") as sink:
+            return subprocess.Popen(
+                [sys.executable, "-m", "vastflow.tasks.prefect.api_server", str(self._port)],
+                stdin=subprocess.PIPE,  # never written: it ends when this process does
+                stdout=subprocess.PIPE,
+                stderr=sink,
+                env=self._environment,
+                start_new_session=True,  # a terminal's Ctrl-C is for the campaign, which then ends in order
+            )
+
+    def _watch(self) -> None:
+        for start in range(STARTS):
+            if start:
+                with self._lock:
+                    if self._stopping:
+                        return
+                    LOGGER.warning("Prefect's API was killed; it is started again")
+                    self._process = self._started()
+            assert self._process.stdout is not None
+            for said in map(bytes.strip, self._process.stdout):
+                if said.isdigit():
+                    self._port = int(said)
+                    break
+                self.notices.append(said.decode(errors="replace"))
+            if self._process.wait() >= 0:  # by itself: a second one would fare no better
+                break
+        self.lost = True
+
+
+def server_environment(auth: str = "") -> dict[str, str]:
+    """Environment of a server of the user's own database: it asks for `auth`, else a random one, and serves no foreign origin."""
+    private = {AUTH: auth or f"vastflow:{secrets.token_urlsafe(32)}", "PREFECT_SERVER_API_CORS_ALLOWED_ORIGINS": ""}
+    return {**SERVER_SETTINGS, **os.environ, **private}
+
+
+def redacted(text: str) -> str:
+    """A text without the user and password of the addresses in it."""
+    return re.sub(r"(?<=://)[^/\s]*@", "…@", text)
+
+
+def answers(address: str) -> bool:
+    """Whether an API of Prefect answers at an address."""
+    with contextlib.suppress(OSError), urllib.request.urlopen(f"{address}/health", timeout=5) as response:
+        return bool(response.status == 200)
+    return False
+
+
+def configured_url() -> str | None:
+    """The API that the user has configured: environment, profile or settings file."""
+    from prefect.settings import get_current_settings
+
+    url = get_current_settings().api.url
+    return str(url) if url else None
+
+
+def prefect_home() -> Path:
+    """Folder of Prefect's own data, with the database of embedded APIs."""
+    from prefect.settings import get_current_settings
+
+    return Path(get_current_settings().home)
+
+
+@contextlib.contextmanager
+def embedded(url: str, auth: str) -> Iterator[None]:
+    """Make Prefect use the embedded API at `url` in this context and in the threads it starts."""
+    from prefect.settings import temporary_settings
+
+    token = _EMBEDDED.set(True)
+    try:
+        api = {"api.url": url, "api.auth_string": auth}
+        with temporary_settings({**api, "logging.to_api.enabled": False, "server.analytics_enabled": False}):
+            yield
+    finally:
+        _EMBEDDED.reset(token)
+
+
+def is_embedded() -> bool:
+    """Whether Prefect uses an embedded API here, of which nobody sees the pages."""
+    return _EMBEDDED.get()
+
+
+def drain(flow_run_id: str, task_runs: int, timeout_s: float = DRAIN_S) -> bool:
+    """Wait until the server has recorded a flow run's task runs in a final state.
+
+    Args:
+        task_runs: How many of them ended.
+
+    Returns:
+        Whether it has; if not, a line in the log says how many are missing.
+    """
+    try:
+        return _drained(flow_run_id, task_runs, timeout_s)
+    except Exception as error:  # noqa: BLE001 - the work is done, whatever becomes of Prefect's account of it
+        LOGGER.warning("Prefect does not say what it has recorded: %s", error)
+        return False
+
+
+def _drained(flow_run_id: str, task_runs: int, timeout_s: float) -> bool:
+    from prefect.client.orchestration import get_client
+
+    from vastflow.tasks.prefect.retry import AT_THE_END_S, retried
+
+    states = {"type": {"any_": list(_FINAL_STATES)}}
+    condition = {"task_runs": {"flow_run_id": {"any_": [flow_run_id]}, "state": states}}
+    began_s = changed_s = time.monotonic()
+    recorded = 0
+    with get_client(sync_client=True) as client:
+        while True:
+            answer = retried(lambda: post(client, "/task_runs/count", condition), AT_THE_END_S)
+            before, recorded = recorded, int(answer)
+            if recorded >= task_runs:
+                return True
+            now_s = time.monotonic()
+            changed_s = now_s if recorded != before else changed_s
+            if now_s > began_s + timeout_s or now_s > changed_s + QUIET_S:
+                LOGGER.warning("Prefect recorded %s of %s task runs in %.0f s", recorded, task_runs, now_s - began_s)
+                return False
+            time.sleep(3 * _POLL_S)

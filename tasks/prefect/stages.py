@@ -1,0 +1,56 @@
+"""Prefect's side of the stages: one task run a shard and stage.
+
+The store alone says what is computed already, so Prefect's own caching is off. A task whose shard was complete in the store ends
+as `Cached`, which is what Prefect's pages show of it. One that an interrupt ends is `Cancelled`.
+"""
+
+from collections.abc import Callable
+from typing import Any, Final
+
+from prefect import task
+from prefect.cache_policies import NO_CACHE
+from prefect.client.schemas.objects import State
+from prefect.states import Cancelled, Completed
+
+from vastflow.tasks.engine.engine import Engine, Rows, StageOutcome
+from vastflow.tasks.engine.pool import PoolClosed
+from vastflow.tasks.engine.shards import ProducerShard, Shard
+
+CACHED: Final = "Cached"
+"""Name of the state of a task run that had nothing to compute."""
+
+
+@task(name="instantiate", task_run_name="instantiate {shard}", cache_policy=NO_CACHE, persist_result=False)
+def evaluate(shard: ProducerShard, engine: Engine) -> State[Any]:
+    """Evaluate a producer; gives the errors by key."""
+    return _ended(lambda: engine.evaluate(shard.packed, shard.evaluations))
+
+
+@task(name="execute", task_run_name="execute {shard}", cache_policy=NO_CACHE, persist_result=False)
+def execute(shard: Shard, engine: Engine) -> State[Any]:
+    """Execute a shard's missing runs; gives the recorded `Rows`."""
+    return _ended(lambda: engine.execute(shard.members))
+
+
+@task(name="observe", task_run_name="observe {shard}", cache_policy=NO_CACHE, persist_result=False)
+def observe(shard: Shard, recorded: Rows, engine: Engine) -> State[Any]:
+    """Observe a shard's recordings; gives the observed `Rows`."""
+    return _ended(lambda: engine.observe(shard.members, recorded))
+
+
+@task(name="judge", task_run_name="judge {shard}", cache_policy=NO_CACHE, persist_result=False)
+def judge(shard: Shard, observed: Rows, engine: Engine) -> State[Any]:
+    """Judge a shard's traces; gives the judged `Rows`."""
+    return _ended(lambda: engine.judge(shard.members, observed))
+
+
+def _ended(stage: Callable[[], StageOutcome[Any]]) -> State[Any]:
+    """The state in which a task run ends."""
+    try:
+        outcome = stage()
+    except PoolClosed as error:
+        return Cancelled(message=str(error))
+    there = f"{outcome.there} of {outcome.wanted} in the store"
+    if outcome.there == outcome.wanted > 0:
+        return Completed(name=CACHED, message=there, data=outcome.made)
+    return Completed(message=f"{there} before", data=outcome.made)

@@ -1,0 +1,158 @@
+"""An artifact: what a manifest promises of a key's files, and the manifest as text."""
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from vastflow.sim.model.digest import digest
+from vastflow.sim.model.faults import UserError
+
+MANIFEST: Final = "manifest"
+
+EARLIER: Final = "an earlier version of vastflow wrote it, without its key; it is never used"
+"""What `Store.fault` says of an artifact whose manifest has no key: nothing tells whether it is in its place."""
+
+
+class StoreError(UserError, OSError):
+    """The store's place can't be used."""
+
+
+class Lost(Exception):
+    """An artifact is missing or damaged: it has to be computed again."""
+
+
+@dataclass(frozen=True, slots=True)
+class FileEntry:
+    """A file of an artifact as its manifest has it."""
+
+    sha256: str
+    size: int
+
+
+@dataclass(frozen=True, slots=True)
+class Artifact:
+    """What a manifest promises.
+
+    Attributes:
+        info: Small facts of the content, there without reading it. `places` are those where files belong in a campaign directory.
+    """
+
+    key: str
+    files: Mapping[str, FileEntry]
+    info: Mapping[str, Any]
+
+    @property
+    def content(self) -> str:
+        """Digest of the files' names and contents."""
+        return digest({name: entry.sha256 for name, entry in self.files.items()})
+
+
+@dataclass(frozen=True, slots=True)
+class Holding:
+    """What lies under a key, by a look from outside.
+
+    Attributes:
+        size_bytes: Of all its files, manifest and sidecars too.
+        written_s: When the youngest of them was written (s since 1970).
+        whole: Whether it has a manifest; else it is what a writer has not finished.
+    """
+
+    key: str
+    size_bytes: int
+    written_s: float
+    whole: bool
+
+    @property
+    def stage(self) -> str:
+        """The stage that made it."""
+        return self.key.partition("/")[0]
+
+
+def inside(folder: Path, name: str) -> Path:
+    """The path of `name` in `folder`. Names from a store, a bundle, or a campaign directory are not trusted.
+
+    Raises:
+        ValueError: it leads out, or to the folder itself.
+    """
+    parts = name.replace(os.sep, "/").split("/")
+    if ".." in parts or parts[0] == "" or parts[-1] in ("", ".") or "\0" in name or os.path.splitdrive(name)[0]:
+        raise ValueError(f"expected a path inside the folder, got {name!r}")
+    return folder / name
+
+
+def entry_of(content: bytes) -> FileEntry:
+    """What a manifest says of a file."""
+    return FileEntry(hashlib.sha256(content).hexdigest(), len(content))
+
+
+def manifest_of(artifact: Artifact) -> bytes:
+    """Two lines: SHA-256 of the second, and what is promised as JSON, under which key."""
+    files = {name: asdict(entry) for name, entry in artifact.files.items()}
+    promise = json.dumps({"files": files, "info": artifact.info, "key": artifact.key}, sort_keys=True).encode()
+    return hashlib.sha256(promise).hexdigest().encode() + b"\n" + promise
+
+
+def artifact_of(key: str, manifest: bytes) -> Artifact:
+    """The artifact that a manifest promises.
+
+    Raises:
+        ValueError, KeyError, TypeError: it is not what was written, or not under this key.
+    """
+    hashed, _, promise = manifest.partition(b"\n")
+    if hashlib.sha256(promise).hexdigest().encode() != hashed:
+        raise ValueError(f"{MANIFEST} is not what was written")
+    body = json.loads(promise)
+    if "key" not in body:
+        raise ValueError(EARLIER)
+    if body["key"] != key:
+        raise ValueError(f"it is a copy of {body['key']}")
+    files, info = dict(body["files"]), dict(body["info"])
+    for name in (*files, *dict(info.get("places", {})).values()):
+        inside(Path(), str(name))
+    return Artifact(key, {name: FileEntry(**entry) for name, entry in files.items()}, info)
+
+
+def present(key: str, manifest: bytes, size_bytes: Callable[[str, FileEntry], int]) -> Artifact:
+    """The artifact that a manifest promises, if its files have the promised sizes.
+
+    Args:
+        size_bytes: Size of a file; raises FileNotFoundError where there is none.
+
+    Raises:
+        FileNotFoundError: a file is missing.
+        ValueError, KeyError, TypeError: a file has another size, or as `artifact_of`.
+    """
+    artifact = artifact_of(key, manifest)
+    for name, entry in artifact.files.items():
+        if (found := size_bytes(name, entry)) != entry.size:
+            raise ValueError(f"{name} has {found} of {entry.size} bytes")
+    return artifact
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Consecutive runs of a scenario, recorded.
+
+    Attributes:
+        start, stop: First run index and the one after the last.
+        content: Content digest of the recordings.
+    """
+
+    key: str
+    start: int
+    stop: int
+    content: str
+
+
+@dataclass(frozen=True, slots=True)
+class Stored:
+    """All that is in the store of a block."""
+
+    block: Block
+    recordings: Artifact
+    trace: Artifact | None
+    verdicts: Artifact | None

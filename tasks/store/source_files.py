@@ -1,0 +1,139 @@
+"""Source files as they were when keys were made of them: what was imported from others is not stored under these keys."""
+
+import functools
+import hashlib
+import json
+import os
+import sys
+import zlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, TypeAlias
+
+import psutil
+
+from vastflow.tasks.store.artifact import StoreError
+
+_Stamp: TypeAlias = tuple[int, int, str]
+"""Size (bytes), time of the last change (ns since 1970) and SHA-256 of a file."""
+
+_TOP: Final = "vastflow"
+_WRITTEN_BY: Final = frozenset({".css", ".j2", ".js", ".py"})
+
+
+class SourceChanged(StoreError):
+    """A source file is another than when the keys were made."""
+
+
+@dataclass(frozen=True, slots=True)
+class SourceFiles:
+    """All Python files of some packages at one moment, small enough to go with every job.
+
+    Attributes:
+        record: Folder to its files with their stamps, as compressed JSON.
+    """
+
+    record: bytes
+
+    def check(self) -> None:
+        """Look at the files of the modules that this process has imported, each once: what is imported stays as it is.
+
+        Raises:
+            SourceChanged: one of them is another file now, so this process may have imported either.
+        """
+        _watched(self.record).check()
+
+    def check_since_start(self, writers: Iterable[Path] = ()) -> None:
+        """As `check`, in a process that may have imported modules long before the keys were made.
+
+        Args:
+            writers: Folders with more of the code and the templates that made what is to be kept.
+
+        Raises:
+            SourceChanged: see there; or a file is younger than this process.
+        """
+        _watched(self.record).check_since_start()
+        began_ns = _began_ns()
+        for file in (file for folder in writers for file in folder.rglob("*") if file.suffix in _WRITTEN_BY):
+            if file.stat().st_mtime_ns > began_ns:
+                raise _changed(str(file))
+
+
+def source_files(folders: Iterable[Path]) -> SourceFiles:
+    """The Python files in these folders and below, as they are now."""
+    found = {
+        str(folder): {str(file.relative_to(folder)): _stamp(str(file)) for file in sorted(folder.rglob("*.py"))}
+        for folder in sorted(folders)
+    }
+    return SourceFiles(zlib.compress(json.dumps(found, separators=(",", ":")).encode()))
+
+
+class _Watched:
+    """A record, and which modules of this process were found to be as recorded."""
+
+    def __init__(self, record: Mapping[str, Mapping[str, _Stamp]]) -> None:
+        self._folders = tuple(folder + os.sep for folder in record)
+        self._stamps: dict[str, _Stamp] = {
+            os.path.join(folder, name): (size, changed_ns, sha256)
+            for folder, files in record.items()
+            for name, (size, changed_ns, sha256) in files.items()
+        }
+        self._sound: set[str] = set()
+        self._modules = 0
+
+    def check(self) -> None:
+        if len(sys.modules) == self._modules:
+            return
+        count = len(sys.modules)
+        for name, module in tuple(sys.modules.items()):
+            if name.partition(".")[0] == _TOP and name not in self._sound:
+                file = getattr(module, "__file__", None)
+                if file is not None and file.startswith(self._folders):
+                    self._compare(file)
+                self._sound.add(name)
+        self._modules = count
+
+    def check_since_start(self) -> None:
+        self.check()
+        began_ns = _began_ns()
+        for file, (_, changed_ns, _) in self._stamps.items():
+            if changed_ns > began_ns:
+                raise _changed(file)
+
+    def _compare(self, file: str) -> None:
+        stamp = self._stamps.get(file)
+        try:
+            status = os.stat(file)
+            now = status.st_size, status.st_mtime_ns
+            is_same = stamp is not None and (now == stamp[:2] or _sha256(file) == stamp[2])
+        except OSError:
+            is_same = False
+        if not is_same:
+            raise _changed(file)
+
+
+def _began_ns() -> float:
+    return 1e9 * float(psutil.Process().create_time())
+
+
+def _changed(file: str) -> SourceChanged:
+    return SourceChanged(
+        f"store: {file} changed while the campaign ran, so nothing more of it is kept; what was finished before is: "
+        "give the same command again"
+    )
+
+
+@functools.lru_cache(maxsize=4)
+def _watched(record: bytes) -> _Watched:
+    return _Watched(json.loads(zlib.decompress(record)))
+
+
+def _stamp(file: str) -> _Stamp:
+    status = os.stat(file)
+    return status.st_size, status.st_mtime_ns, _sha256(file)
+
+
+def _sha256(file: str) -> str:
+    with open(file, "rb") as content:
+        return hashlib.file_digest(content, "sha256").hexdigest()[:16]

@@ -1,0 +1,427 @@
+"""The store: results by the key of what they follow from. A cache: deleting it costs time, nothing else."""
+
+import copy
+import functools
+import logging
+import os
+import re
+import threading
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, Final, Self
+
+from vastflow.tasks.store.artifact import (
+    EARLIER,
+    MANIFEST,
+    Artifact,
+    Holding,
+    Lost,
+    StoreError,
+    artifact_of,
+    entry_of,
+    manifest_of,
+)
+from vastflow.tasks.store.files import WRITING_S, Listed, StoreFiles
+from vastflow.tasks.store.folder_files import FolderFiles
+from vastflow.tasks.store.source_files import SourceFiles
+
+
+class Survey:
+    """Artifacts by key. What is known to be there stays known until somebody says otherwise.
+
+    Args:
+        artifacts: All that were there.
+    """
+
+    def __init__(self, artifacts: Iterable[Artifact]) -> None:
+        self._lock = threading.Lock()
+        self._artifacts: dict[str, Artifact] = {}
+        self._below: dict[str, set[str]] = {}
+        self._changed: set[str] = set()
+        for artifact in artifacts:
+            self._add(artifact)
+
+    def knows(self, key: str) -> bool:
+        """Whether `find` is to be believed of this key."""
+        with self._lock:
+            return key in self._artifacts or self._changed.isdisjoint((key, _home(key)))
+
+    def knows_under(self, key: str) -> bool:
+        """Whether `under` is to be believed of this key."""
+        with self._lock:
+            return key not in self._changed
+
+    def find(self, key: str) -> Artifact | None:
+        """The artifact of this key, if it is there."""
+        with self._lock:
+            return self._artifacts.get(key)
+
+    def under(self, key: str) -> tuple[str, ...]:
+        """Names of the artifacts directly below `key`, sorted."""
+        with self._lock:
+            return tuple(sorted(self._below.get(key, ())))
+
+    def add(self, artifact: Artifact) -> None:
+        """An artifact is there."""
+        with self._lock:
+            self._add(artifact)
+
+    def drop(self, key: str) -> None:
+        """An artifact is gone."""
+        with self._lock:
+            self._drop(key)
+
+    def changed(self, key: str) -> None:
+        """Nothing is known any more of `key` and of what is directly below."""
+        with self._lock:
+            for name in list(self._below.get(key, ())):
+                self._drop(f"{key}/{name}")
+            self._drop(key)
+            self._changed.add(key)
+
+    def _add(self, artifact: Artifact) -> None:
+        home = _home(artifact.key)
+        self._artifacts[artifact.key] = artifact
+        self._below.setdefault(home, set()).add(artifact.key[len(home) + 1 :])
+
+    def _drop(self, key: str) -> None:
+        home = _home(key)
+        if self._artifacts.pop(key, None) is not None:
+            self._below[home].discard(key[len(home) + 1 :])
+
+
+def _home(key: str) -> str:
+    return key.rpartition("/")[0]
+
+
+__all__ = [
+    "EARLIER",
+    "EARLIER_STAGES",
+    "MANIFEST",
+    "STAGES",
+    "WRITING_S",
+    "Artifact",
+    "Holding",
+    "Lost",
+    "Store",
+    "StoreError",
+    "is_address",
+    "open_store",
+    "store_address",
+    "store_root",
+]
+
+LOGGER: Final = logging.getLogger("vastflow.store")
+
+VARIABLE: Final = "VASTFLOW_STORE"
+STAGES: Final = ("evaluate", "search", "execute", "observe", "judge", "report", "bundle")
+"""The first name of an artifact's key; a store's place may hold other things beside them."""
+EARLIER_STAGES: Final = ("parcel",)
+"""Those of earlier versions: nothing reads what they hold, and it is counted so that it can be seen and deleted."""
+
+_TRIES: Final = 100
+"""Others who write and remove can get in between as often as this before something else must be wrong."""
+
+
+class Store:
+    """Content-addressed artifacts in a folder or at an address that fsspec knows, such as `s3://bucket/prefix`.
+
+    A key is a path of names joined by `/`. Every method may be called from any thread or process at any time, and raises
+    `StoreError` if the place can't be used. A store may be sent to another process, without what it surveyed.
+
+    Args:
+        place: See `open_store`, which also checks that it can be written.
+        read_only: Nothing is written or deleted: what is put stays in this object, what is damaged seems gone.
+        sources: Where given, a process that imported other source than this finds and keeps nothing (`SourceChanged`).
+    """
+
+    def __init__(
+        self,
+        place: str | os.PathLike[str] | None = None,
+        *,
+        read_only: bool = False,
+        sources: SourceFiles | None = None,
+    ) -> None:
+        self._files = _files(place)
+        self._read_only = read_only
+        self._sources = sources
+        self._survey: Survey | None = None
+        self._held: dict[str, tuple[Artifact, Mapping[str, bytes]]] = {}
+        self._gone: set[str] = set()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return functools.partial(Store, read_only=self._read_only, sources=self._sources), (self.place,)
+
+    def for_sources(self, sources: SourceFiles | None) -> Self:
+        """This store for computations by these sources only."""
+        store = copy.copy(self)
+        store._sources = sources
+        return store
+
+    @property
+    def place(self) -> str:
+        """The folder or address, as a user would write it."""
+        return self._files.place
+
+    @property
+    def local(self) -> Path:
+        """Folder on this machine for what belongs to the store and is no artifact: environments, logs.
+
+        A store in a folder has that folder itself, so that all is deleted together.
+        """
+        return self._files.local
+
+    def survey(self) -> None:
+        """Where looking is slow, look once: `find` and `under` may answer from what is there now, until the next survey."""
+        if (found := self._files.everything()) is not None:
+            # A long listing may have the manifest of what another process writes meanwhile, and not its files.
+            looked = (artifact or self._look(key) for key, artifact in found)
+            self._survey = Survey(artifact for artifact in looked if artifact is not None)
+
+    def changed(self, key: str) -> None:
+        """Another process may have put or discarded `key`, or what is directly below: look there anew."""
+        if self._survey is not None:
+            self._survey.changed(key)
+
+    def learn(self, artifacts: Iterable[Artifact]) -> None:
+        """Another process has put these and says so: where looking is slow, `find` and `under` may believe it."""
+        if self._survey is not None:
+            for artifact in artifacts:
+                self._survey.add(artifact)
+
+    def find(self, key: str) -> Artifact | None:
+        """The artifact of this key, if its manifest and all files are there in their sizes."""
+        if self._sources is not None:
+            self._sources.check()  # nothing is begun that could not be put
+        if key in self._held:
+            return self._held[key][0]
+        if key in self._gone:
+            return None
+        if self._survey is None:
+            return self._look(key)
+        if self._survey.knows(key):
+            return self._survey.find(key)
+        if (artifact := self._look(key)) is not None:
+            self._survey.add(artifact)
+        return artifact
+
+    def under(self, key: str) -> tuple[str, ...]:
+        """Names of the artifacts directly below `key`, sorted."""
+        if self._survey is not None and self._survey.knows_under(key):
+            return self._survey.under(key)
+        try:
+            return tuple(sorted(self._files.names(key)))
+        except OSError as error:
+            raise _unreadable(error) from None
+
+    def load(self, artifact: Artifact, name: str) -> bytes:
+        """A file of an artifact that was found, checked against its manifest.
+
+        Raises:
+            Lost: it is missing or damaged; a damaged artifact is gone afterwards.
+        """
+        key, entry = artifact.key, artifact.files[name]
+        if key in self._held:
+            return self._held[key][1][name]
+        try:
+            content = self._files.read(key, name, entry)
+        except FileNotFoundError:
+            self.changed(key)
+            raise Lost(f"{key}: {name} went away") from None
+        except OSError as error:
+            raise _unreadable(error) from None
+        if entry_of(content) != entry:
+            self.discard(key, f"{name} is not what was written")
+            raise Lost(f"{key}: {name} is damaged")
+        return content
+
+    def read(self, key: str, name: str) -> bytes:
+        """Find and load a file of an artifact.
+
+        Raises:
+            Lost: as `load`, or there is none of this key.
+        """
+        artifact = self.find(key)
+        if artifact is None or name not in artifact.files:
+            raise Lost(f"{key}: {name} is not in the store")
+        return self.load(artifact, name)
+
+    def beside(self, key: str, name: str) -> bytes | None:
+        """A sidecar of an artifact, if it is there; nothing vouches for it."""
+        try:
+            return self._files.read(key, name)
+        except StoreError:
+            raise
+        except OSError:
+            return None
+
+    def put(
+        self,
+        key: str,
+        files: Mapping[str, bytes],
+        info: Mapping[str, Any] | None = None,
+        sidecar: Mapping[str, bytes] | None = None,
+    ) -> Artifact:
+        """Keep an artifact and give what is kept: an undamaged one that is already there stays.
+
+        Args:
+            info: See `Artifact`; JSON values.
+            sidecar: Files beside it that are outside every digest, such as a run log.
+
+        Raises:
+            SourceChanged: this process imported other source than the store is for.
+        """
+        if self._sources is not None:
+            self._sources.check()
+        artifact = Artifact(key, {name: entry_of(content) for name, content in files.items()}, dict(info or {}))
+        if self._read_only:
+            self._held[key] = artifact, dict(files)
+            return artifact
+        manifest = manifest_of(artifact)
+        for left in reversed(range(_TRIES)):
+            kept = self._sound(key)
+            refused = None if kept is not None else self._files.write(artifact, files, sidecar or {}, manifest)
+            if refused is None:
+                break
+            if not left:
+                raise refused
+        kept = kept or artifact
+        if self._survey is not None:
+            self._survey.add(kept)
+        return kept
+
+    def discard(self, key: str, why: str) -> None:
+        """Forget a damaged artifact, with a line in the log, so that it is computed again."""
+        if not self._read_only:
+            LOGGER.warning("%s is damaged and will be computed again: %s", key, why)
+        self.remove([key])
+
+    def holdings(self) -> list[Holding]:
+        """All artifacts, and what looks like one that is not finished, by key."""
+        folders: dict[str, list[Listed]] = {}
+        for file in self._files.listed((*STAGES, *EARLIER_STAGES)):
+            folders.setdefault(file.key, []).append(file)
+        return [
+            Holding(
+                key,
+                sum(file.size_bytes for file in files),
+                max(file.written_s for file in files),
+                any(file.name == MANIFEST for file in files),
+            )
+            for key, files in sorted(folders.items())
+        ]
+
+    def fault(self, key: str) -> str | None:
+        """What is wrong with an artifact, every file read; None if nothing. It stays as it is."""
+        name = MANIFEST
+        try:
+            artifact = artifact_of(key, self._files.read(key, MANIFEST))
+            for name, entry in artifact.files.items():
+                if self._files.measured(key, name, entry) != entry:
+                    return f"{name} is not what was written"
+        except FileNotFoundError:
+            return f"{name} is missing"
+        except StoreError:
+            raise
+        except OSError as error:
+            return f"{name} can't be read ({error.strerror})"
+        except (ValueError, KeyError, TypeError) as error:
+            return str(error)
+        return None
+
+    def remove(self, keys: Iterable[str]) -> None:
+        """Delete what lies under each of the keys."""
+        chosen = list(keys)
+        if self._read_only:
+            self._gone.update(chosen)
+            return
+        self._files.delete(chosen)
+        if self._survey is not None:
+            for key in chosen:
+                self._survey.drop(key)
+
+    def _look(self, key: str) -> Artifact | None:
+        """The artifact of this key by what lies there now; what is damaged is discarded."""
+        for last in (False, True):
+            try:
+                return self._files.look(key)
+            except FileNotFoundError as error:
+                if last:  # at the first look another process may have been removing it, and another writing it anew
+                    self.discard(key, f"no file {error.filename}")
+            except OSError as error:
+                raise _unreadable(error) from None
+            except (ValueError, KeyError, TypeError) as error:
+                self.discard(key, str(error))
+                return None
+        return None
+
+    def _sound(self, key: str) -> Artifact | None:
+        """The artifact of this key if every byte of it is there."""
+        if (artifact := self._look(key)) is None:
+            return None
+        try:
+            for name in artifact.files:
+                self.load(artifact, name)
+        except Lost:
+            return None
+        return artifact
+
+
+def store_address(place: str | os.PathLike[str] | None = None) -> str | None:
+    """The address of a store that is no local folder: `place`, else the variable `VASTFLOW_STORE`; None for a folder."""
+    chosen = os.fspath(place or os.environ.get(VARIABLE) or "")
+    return chosen if is_address(chosen) else None
+
+
+def is_address(place: str) -> bool:
+    """Whether a place is an address such as `s3://bucket/prefix`, and no local folder."""
+    return re.match(r"(?!file:)[A-Za-z][A-Za-z0-9+.-]+://", place) is not None
+
+
+def store_root(place: str | os.PathLike[str] | None = None) -> Path:
+    """A local store's folder: `place`, else the variable `VASTFLOW_STORE`, else the user's cache folder.
+
+    Raises:
+        StoreError: the place is an address and no local folder.
+    """
+    if (address := store_address(place)) is not None:
+        raise StoreError(f"store: found {address!r}; a local folder")
+    if chosen := place or os.environ.get(VARIABLE):
+        return Path(os.fspath(chosen).removeprefix("file://")).expanduser().absolute()
+    import platformdirs
+
+    return Path(platformdirs.user_cache_dir("vastflow")) / "store"
+
+
+def open_store(place: str | os.PathLike[str] | None = None, *, read_only: bool = False) -> Store:
+    """The store at `place`, else at the variable `VASTFLOW_STORE`, else in the user's cache folder.
+
+    A folder is made where there is none, unless it is only read. An address such as `s3://bucket/prefix` is any that
+    fsspec knows.
+
+    Raises:
+        StoreError: it can't be written.
+    """
+    address = store_address(place)
+    if address is not None and address.startswith("memory:"):
+        raise StoreError(f"store: found {address!r}, which no other process sees; a folder, or s3://bucket/prefix")
+    store = Store(place, read_only=read_only)
+    if not read_only:
+        store._files.prepare()
+    return store
+
+
+def _files(place: str | os.PathLike[str] | None) -> StoreFiles:
+    if (address := store_address(place)) is None:
+        return FolderFiles(store_root(place))
+    from vastflow.tasks.store.remote_files import RemoteFiles  # a third of a second, for those who need it
+
+    return RemoteFiles(address)
+
+
+def _unreadable(error: OSError) -> StoreError:
+    if isinstance(error, StoreError):
+        return error
+    return StoreError(
+        f"store: can't read {error.filename!r} ({error.strerror}); check the disk, or give another folder with --store"
+    )
