@@ -6,10 +6,10 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from vastflow.oracles.oracle import Oracle, Parameters
-from vastflow.oracles.situation import Situation
-from vastflow.oracles.trace import Trace
-from vastflow.oracles.verdict import Verdict
+from vastflow.oracles.judgement.oracle import Oracle, Parameters
+from vastflow.oracles.judgement.verdict import Verdict
+from vastflow.oracles.observation.situation import Situation
+from vastflow.oracles.observation.trace import Trace
 
 
 class StaysBelowCapacityParameters(Parameters):

@@ -10,11 +10,11 @@ import typer
 from vastflow.flows.results.address import check_directory
 from vastflow.flows.terminal.ending import Interruptible, writing
 from vastflow.flows.terminal.options import AsJson
-from vastflow.oracles.directory.unusable import reading
+from vastflow.oracles.results.unusable import reading
 
 if TYPE_CHECKING:
     from vastflow.flows.comparison.campaigns import Compared
-    from vastflow.oracles.directory.tables import Tables
+    from vastflow.oracles.results.tables import Tables
 
 Target = Literal["these", "others"]
 
@@ -79,7 +79,7 @@ def compare(
 
 
 def _tables(directory: Path) -> "Tables":
-    from vastflow.oracles.directory.tables import read_tables
+    from vastflow.oracles.results.tables import read_tables
 
     with reading(directory):
         return read_tables(directory)

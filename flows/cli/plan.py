@@ -12,14 +12,14 @@ import typer
 from vastflow.flows.results.address import check_directory, meant_address
 from vastflow.flows.terminal.ending import Interruptible, check_writable, writing
 from vastflow.flows.terminal.options import AsJson, AsV1, CampaignFile, MapDir, ResultsFolder
-from vastflow.oracles.directory.unusable import UnusableDirectory, reading
+from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.faults import UserError
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
-    from vastflow.oracles.directory.coverage import Coverage, Covered
+    from vastflow.oracles.results.coverage import Coverage, Covered
     from vastflow.producers.model.configuration import Configuration
 
 
@@ -121,7 +121,7 @@ def coverage(
 def _coverage(source: Path, map_dir: Path | None, as_v1: bool) -> "Coverage":
     """Of a campaign directory as it was written, of a campaign file by instantiating it."""
     from vastflow.flows.request.campaign_file import read_campaign
-    from vastflow.oracles.directory.coverage import read_coverage
+    from vastflow.oracles.results.coverage import read_coverage
     from vastflow.producers.instantiation.instantiate import instantiate
     from vastflow.sim.plug_ins.effects import looking_only
 
@@ -147,7 +147,7 @@ def _text(coverage: "Coverage") -> "Iterator[RenderableType]":
 
     from vastflow.flows.plan.preview import lost_table
     from vastflow.flows.terminal.table import terminal_table
-    from vastflow.oracles.directory.coverage import (
+    from vastflow.oracles.results.coverage import (
         COUNTS,
         counts,
         design_text,

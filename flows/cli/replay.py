@@ -13,7 +13,7 @@ import typer
 from vastflow.flows.results.address import check_directory
 from vastflow.flows.terminal.ending import Interruptible, writing
 from vastflow.flows.terminal.options import AsJson, ResultsFolder
-from vastflow.oracles.directory.unusable import UnusableDirectory, reading
+from vastflow.oracles.results.unusable import UnusableDirectory, reading
 
 if TYPE_CHECKING:
     from vastflow.oracles.replay.recorded import RecordedRun
@@ -125,7 +125,7 @@ def _asked(
     to_s: float | None,
     video: bool,
 ) -> ShownTicks:
-    from vastflow.oracles.replay.strip import MOST
+    from vastflow.oracles.replay.still import MOST
     from vastflow.oracles.replay.times import TimeError, rounded, span_of, step_of, tick_at, whole_run
 
     whole = whole_run(recorded.recording.run.simulated_s)
@@ -156,8 +156,7 @@ def _executed(recorded: "RecordedRun", asked: ShownTicks) -> "tuple[Replay, list
 
     Executed twice: what happened, and where, decides what is looked at.
     """
-    from vastflow.oracles.replay.highlights import highlights
-    from vastflow.oracles.replay.story import view_of
+    from vastflow.oracles.replay.story import highlights, view_of
     from vastflow.sim.kernels.numeric import kernel_cache_dir
     from vastflow.sim.reading.script import script_of
     from vastflow.sim.replay.replay import replay as execute
@@ -177,7 +176,7 @@ def _executed(recorded: "RecordedRun", asked: ShownTicks) -> "tuple[Replay, list
 
 
 def _story(title: str, recorded: "RecordedRun", replayed: "Replay", difference: "Difference | None") -> "Story":
-    from vastflow.oracles.figures.zones import zones_of
+    from vastflow.oracles.figures.scene import zones_of
     from vastflow.oracles.replay.story import Story, view_of
     from vastflow.sim.model.digest import FileContent
     from vastflow.sim.reading.script import script_of
@@ -207,8 +206,7 @@ def _written(folder: Path, story: "Story", replayed: "Replay", ticks: list[int],
     """Write the pictures; where they are, as `--json` says it."""
     from vastflow.oracles.figures.picture import png
     from vastflow.oracles.replay.film import write_film
-    from vastflow.oracles.replay.still import still_images
-    from vastflow.oracles.replay.strip import strip_figure
+    from vastflow.oracles.replay.still import still_images, strip_figure
 
     snapshots = {snapshot.moment.tick: snapshot for snapshot in replayed.snapshots}
     chosen = [snapshots[tick] for tick in ticks]

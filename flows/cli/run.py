@@ -14,7 +14,7 @@ from vastflow.flows.request.run_request import NAMES, RunRequest, request_of
 from vastflow.flows.results.address import check_directory, meant_address
 from vastflow.flows.terminal.ending import FAULT, Interruptible, check_writable
 from vastflow.flows.terminal.options import CampaignFile, asking
-from vastflow.oracles.directory.unusable import UnusableDirectory, reading
+from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.faults import UserError
 
 if TYPE_CHECKING:
@@ -151,8 +151,8 @@ def _show(found: "Results") -> None:
     from vastflow.flows.cli.show import report_line
     from vastflow.flows.terminal.display import duration_text
     from vastflow.flows.terminal.outcome import outcome, printed
-    from vastflow.oracles.directory.tables import read_tables
     from vastflow.oracles.evidence.evidence import evidence_of
+    from vastflow.oracles.results.tables import read_tables
     from vastflow.tasks.store.store import is_address
 
     tables, summary = read_tables(found.directory), found.summary

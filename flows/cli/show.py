@@ -27,9 +27,9 @@ def _show(directory: Path, place: str) -> None:
 
     check_directory(directory)
     from vastflow.flows.terminal.outcome import details, printed
-    from vastflow.oracles.directory.tables import read_tables
-    from vastflow.oracles.directory.unusable import reading
     from vastflow.oracles.evidence.evidence import evidence_of
+    from vastflow.oracles.results.tables import read_tables
+    from vastflow.oracles.results.unusable import reading
 
     with reading(place):
         tables = read_tables(directory)

@@ -10,12 +10,12 @@ from typing import Any, Final
 from vastflow.flows.comparison.gate import Gate
 from vastflow.flows.request.campaign_keys import recorded_keys
 from vastflow.flows.results.past import recorded_as
-from vastflow.oracles.directory.environment_names import environment_names
-from vastflow.oracles.directory.executed import KeptFiles
-from vastflow.oracles.directory.tables import Tables
-from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.oracles.evidence.pairing import Pairing, pairing_of
 from vastflow.oracles.evidence.varied import varied_rows
+from vastflow.oracles.results.executed import KeptFiles, environment_names
+from vastflow.oracles.results.factors import factors_of
+from vastflow.oracles.results.tables import Tables
+from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.oracles.statistics.comparison import (
     Change,
     LevelDifference,
@@ -25,7 +25,6 @@ from vastflow.oracles.statistics.comparison import (
     changes,
     difference,
 )
-from vastflow.oracles.statistics.factors import factors_of
 from vastflow.producers.campaign_file.document import Document, read_document
 from vastflow.sim.model.files import TextPlace
 from vastflow.sim.model.names import did_you_mean

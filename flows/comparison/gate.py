@@ -6,8 +6,8 @@ from typing import Final, Literal, TypeAlias
 
 from vastflow.flows.terminal.words import count_text
 from vastflow.oracles.evidence.pairing import Pairing
-from vastflow.oracles.statistics.bounded_mean import needed
 from vastflow.oracles.statistics.comparison import RateDifference, Target
+from vastflow.oracles.statistics.intervals import needed
 
 Status: TypeAlias = Literal[
     "nothing changed",

@@ -6,14 +6,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vastflow.flows.comparison.campaigns import Compared
-from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
-from vastflow.oracles.directory.tables import Tables
-from vastflow.oracles.directory.verdict_table import CODES
-from vastflow.oracles.directory.walk import read_walks
-from vastflow.oracles.figures.pair_figure import Side, pair_figure
+from vastflow.oracles.figures.case_figure import Side, pair_figure
 from vastflow.oracles.figures.picture import png
-from vastflow.oracles.figures.zones import zones_of
-from vastflow.oracles.situation import situation_of
+from vastflow.oracles.figures.scene import read_walks, zones_of
+from vastflow.oracles.observation.situation import situation_of
+from vastflow.oracles.results.executed import KeptFiles, executed_scenario
+from vastflow.oracles.results.tables import Tables
+from vastflow.oracles.results.verdict_table import CODES
 from vastflow.oracles.statistics.comparison import Change
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.world.map_file import load_map
@@ -21,7 +20,7 @@ from vastflow.sim.world.map_file import load_map
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from vastflow.oracles.verdict import Judgement
+    from vastflow.oracles.judgement.verdict import Judgement
 
 
 class NotDrawn(UserError, ValueError):

@@ -15,11 +15,11 @@ import yaml
 from vastflow.flows.export.junit import Case, Suite, campaign_report
 from vastflow.flows.export.run import ExportedRun, brief, case_of, files_of, table_csv
 from vastflow.flows.results.campaign_tables import KeptLogs
-from vastflow.oracles.directory.behaviors import Behaviors
-from vastflow.oracles.directory.column import table_of
-from vastflow.oracles.directory.executed import KeptFiles
-from vastflow.oracles.directory.tables import read_tables
-from vastflow.oracles.directory.unusable import UnusableDirectory, reading
+from vastflow.oracles.results.behaviors import Behaviors
+from vastflow.oracles.results.column import table_of
+from vastflow.oracles.results.executed import KeptFiles
+from vastflow.oracles.results.tables import read_tables
+from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.blocks import read_block
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.files import yaml_value

@@ -15,8 +15,8 @@ import pyarrow.csv
 
 from vastflow.flows.export.junit import Case, Flaw, Suite, suite_report
 from vastflow.flows.results.found import FAULT
-from vastflow.oracles.trace import signal_name
-from vastflow.oracles.verdict import run_judgement
+from vastflow.oracles.judgement.verdict import run_judgement
+from vastflow.oracles.observation.trace import signal_name
 from vastflow.sim.model.blocks import Columns as Recorded
 from vastflow.sim.model.runlog import RunLog, Use
 from vastflow.sim.model.tables import Columns

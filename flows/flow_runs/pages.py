@@ -17,9 +17,9 @@ from prefect.client.schemas.actions import ArtifactCreate, ArtifactUpdate
 from prefect.runtime import flow_run
 
 from vastflow.flows.results.summary import Results
-from vastflow.oracles.directory.tables import read_tables
 from vastflow.oracles.evidence.evidence import Group, evidence_of
 from vastflow.oracles.evidence.rates import LEVEL
+from vastflow.oracles.results.tables import read_tables
 from vastflow.tasks.engine.progress import Phase, Progress
 from vastflow.tasks.execution.deployment import TAG
 from vastflow.tasks.execution.description import label_of

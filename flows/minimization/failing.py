@@ -9,9 +9,9 @@ from typing import Any
 import pyarrow.compute as pc
 
 from vastflow.flows.results.found import FAULT
-from vastflow.oracles.directory.column import read_columns, table_rows
-from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
-from vastflow.oracles.directory.unusable import UnusableDirectory, reading
+from vastflow.oracles.results.column import read_columns, table_rows
+from vastflow.oracles.results.executed import KeptFiles, executed_scenario
+from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.producers.minimization.circumstance import Subject
 from vastflow.producers.minimization.spelled_out import assumed_keys, spelled_out
 from vastflow.producers.places.ground import MAP_KEY

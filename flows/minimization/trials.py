@@ -8,9 +8,9 @@ from vastflow.flows.minimization.candidate_file import CandidateFiles, NotBuilt
 from vastflow.flows.request.stopping import Stopping
 from vastflow.flows.search.progress import PointRuns
 from vastflow.flows.stages.call import StageRun
+from vastflow.oracles.judgement.verdict import read_verdicts
 from vastflow.oracles.statistics.classes import ClassBounds
 from vastflow.oracles.statistics.stopping import StoppingRule
-from vastflow.oracles.verdict import read_verdicts
 from vastflow.producers.minimization.circumstance import Subject
 from vastflow.producers.minimization.minimize import Candidate, Outcome, Standing
 from vastflow.tasks.engine.engine import block_size

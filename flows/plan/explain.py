@@ -17,8 +17,8 @@ from vastflow.flows.results.past import PARTS, Past, newest_past, past_of, recor
 from vastflow.flows.results.provenance import change_text, changes, has_ingredients, stage_ingredients, value_changes
 from vastflow.flows.terminal.table import terminal_table
 from vastflow.flows.terminal.words import count_text
-from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
-from vastflow.oracles.directory.unusable import UnusableDirectory, reading
+from vastflow.oracles.results.executed import KeptFiles, executed_scenario
+from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.producers.model.faults import CampaignError, shown
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.scenario import Scenario

@@ -13,8 +13,8 @@ from rich.text import Text
 
 from vastflow.flows.terminal.display import duration_text
 from vastflow.flows.terminal.table import terminal_table
-from vastflow.oracles.directory.coverage import Coverage, Loss, design_text, excluded, parts, unrealisable
-from vastflow.oracles.situation import situation_of
+from vastflow.oracles.observation.situation import situation_of
+from vastflow.oracles.results.coverage import Coverage, Loss, design_text, excluded, parts, unrealisable
 from vastflow.producers.model.configuration import Configuration
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.stops import PATH_KEY, PATH_LENGTH_KEY
@@ -135,7 +135,7 @@ def plan_view_of(configuration: Configuration) -> "PlanView":
         ValueError: it has no map, or a mission or an obstacle that can't be read.
     """
     from vastflow.oracles.figures.plan_view import PlanView
-    from vastflow.oracles.figures.zones import zones_of
+    from vastflow.oracles.figures.scene import zones_of
 
     map_file = configuration.scenario.environment.get(MAP_KEY)
     map_path = map_file.path if isinstance(map_file, FileContent) else None

@@ -21,7 +21,8 @@ from vastflow.flows.results.provenance import (
     stage_ingredients,
     value_changes,
 )
-from vastflow.flows.results.tables import Row, configuration_row, json_text
+from vastflow.flows.results.tables import configuration_row
+from vastflow.oracles.results.schema import Row, json_text
 from vastflow.producers.floorplan.environment import environments_in
 from vastflow.producers.instantiation.family import Family
 from vastflow.producers.model.configuration import Configuration

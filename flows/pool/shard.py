@@ -24,7 +24,7 @@ from vastflow.flows.flow_runs.pages import ProgressBar, key_of, tolerated
 from vastflow.flows.flow_runs.task_runs import task_runs_of
 from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.request.run_request import RunRequest
-from vastflow.oracles.oracle import OracleError
+from vastflow.oracles.judgement.oracle import OracleError
 from vastflow.tasks.engine.engine import Engine, MemberFault
 from vastflow.tasks.engine.index import Index
 from vastflow.tasks.engine.pool import Pool, cores

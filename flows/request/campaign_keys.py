@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from vastflow.oracles.oracle import Oracle
+from vastflow.oracles.judgement.oracle import Oracle
 from vastflow.sim.model.digest import FileContent, Value, digest
 from vastflow.tasks.engine.evaluation import content_of
 from vastflow.tasks.keys.keys import EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE, Keys, numeric_class

@@ -12,7 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Final
 
-from vastflow.oracles.directory.unusable import UnusableDirectory
+from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.sim.model.faults import UserError
 from vastflow.tasks.store.store import WRITING_S, Store, is_address
 

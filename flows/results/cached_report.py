@@ -19,7 +19,7 @@ from vastflow.flows.results.directory import WRITER
 from vastflow.flows.results.summary import OutcomeTally
 from vastflow.flows.results.tables import TablePart
 from vastflow.oracles.evidence.rates import Counts
-from vastflow.oracles.oracle import Oracle
+from vastflow.oracles.judgement.oracle import Oracle
 from vastflow.oracles.page.work_section import with_work
 from vastflow.producers.instantiation.instantiate import Instantiation
 from vastflow.producers.model.configuration import Configuration

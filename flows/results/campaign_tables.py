@@ -13,21 +13,18 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vastflow.flows.results.summary import OutcomeTally
-from vastflow.flows.results.tables import (
+from vastflow.flows.results.tables import TablePart, configuration_row, exclusion_row, rejection_row
+from vastflow.oracles.evidence.rates import pooled
+from vastflow.oracles.results.behaviors import BEHAVIORS_FILE
+from vastflow.oracles.results.schema import (
     CONFIGURATIONS,
     EXCLUSIONS,
     JUDGED_RUNS,
     REJECTIONS,
     VERDICTS,
-    TablePart,
     TableWriter,
-    configuration_row,
-    exclusion_row,
-    rejection_row,
     write_table,
 )
-from vastflow.oracles.directory.behaviors import BEHAVIORS_FILE
-from vastflow.oracles.evidence.rates import pooled
 from vastflow.producers.instantiation.instantiate import Instantiation
 from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.files import read_json

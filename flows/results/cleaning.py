@@ -14,8 +14,8 @@ from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.campaign_keys import recorded_keys
 from vastflow.flows.results.inputs import replica
 from vastflow.flows.results.past import recorded_as
-from vastflow.oracles.directory.column import table_rows
-from vastflow.oracles.directory.unusable import UnusableDirectory, reading
+from vastflow.oracles.results.column import table_rows
+from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.producers.floorplan.environment import FOLDER
 from vastflow.sim.model.files import read_json
 from vastflow.tasks.engine.evaluation import FRAGMENTS

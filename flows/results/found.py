@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final, Protocol
 
-from vastflow.oracles.trace import levelled
-from vastflow.oracles.verdict import Verdict, read_verdicts
+from vastflow.oracles.judgement.verdict import Verdict, read_verdicts
+from vastflow.oracles.observation.trace import levelled
 from vastflow.sim.model.blocks import read_block, read_rows, write_block
 from vastflow.tasks.engine.work import BEHAVIORS, OUTPUTS, RECORDINGS, RUN_LOG, TRACES, VERDICTS
 from vastflow.tasks.store.artifact import Stored
@@ -56,7 +56,7 @@ class Found(Protocol):
 
     @property
     def causes(self) -> Mapping[int, str]:
-        """Run index to why the run failed, see `vastflow.oracles.cause`; of those that failed and were judged."""
+        """Run index to why the run failed, see `vastflow.oracles.judgement.cause`; of those that failed and were judged."""
 
     @property
     def faults(self) -> Sequence[RunFault]:

@@ -19,8 +19,8 @@ def frame(directory: Path) -> "pd.DataFrame":
     """
     import pandas as pd
 
-    from vastflow.oracles.directory.tables import read_tables
     from vastflow.oracles.evidence.wide import TextColumn, wide_table
+    from vastflow.oracles.results.tables import read_tables
 
     found = wide_table(read_tables(directory))
     columns: dict[str, Any] = {}

@@ -14,8 +14,8 @@ from pydantic import BaseModel
 
 from vastflow.flows.request.asked import Asked
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.oracles.directory.unusable import UnusableDirectory
-from vastflow.oracles.oracle import Oracle
+from vastflow.oracles.judgement.oracle import Oracle
+from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.campaign_file.postprocessing import steps_of
 from vastflow.producers.floorplan.files import PlanFile, VariationFile

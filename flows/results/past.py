@@ -13,8 +13,8 @@ from typing_extensions import TypedDict
 
 from vastflow.flows.request.asked import asked_of
 from vastflow.flows.results.provenance import Stage
-from vastflow.oracles.directory.column import table_rows
-from vastflow.oracles.directory.unusable import UnusableDirectory, reading
+from vastflow.oracles.results.column import table_rows
+from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.files import read_json
 
 _EXACT: Final = ConfigDict(strict=True)

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal, TypeAlias
 
-from vastflow.flows.results.tables import plain
-from vastflow.oracles.oracle import Oracle
+from vastflow.oracles.judgement.oracle import Oracle
+from vastflow.oracles.results.schema import plain
 from vastflow.producers.instantiation.family import Family
 from vastflow.producers.model.faults import shown
 from vastflow.producers.model.producer import Producer

@@ -31,7 +31,7 @@ from vastflow.flows.results.inputs import Inputs
 from vastflow.flows.results.provenance import origin_row
 from vastflow.flows.results.summary import OutcomeTally, Results, Summary, Work
 from vastflow.flows.results.tables import PartRows
-from vastflow.oracles.directory.executed import NAMED_FILES
+from vastflow.oracles.results.executed import NAMED_FILES
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.floorplan.environment import MESH, PLAN, PROVENANCE
 from vastflow.producers.instantiation.family import robots_json

@@ -27,7 +27,7 @@ from vastflow.flows.results.inputs import Inputs, inputs_of
 from vastflow.flows.results.provenance import ingredients_row
 from vastflow.flows.results.summary import Results, Work
 from vastflow.flows.search.progress import SearchProgress, search_progress
-from vastflow.oracles.oracle import Oracle
+from vastflow.oracles.judgement.oracle import Oracle
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.model.configuration import Configuration
 from vastflow.producers.model.faults import CampaignError

@@ -15,7 +15,7 @@ from vastflow.flows.results.results import Assessed, write_report, write_tables
 from vastflow.flows.results.summary import Results
 from vastflow.flows.run.campaign_run import CampaignRun
 from vastflow.flows.search.tables import search_record, write_search
-from vastflow.oracles.oracle import Oracle
+from vastflow.oracles.judgement.oracle import Oracle
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.campaign_file.postprocessing import steps_of
 from vastflow.sim.nav2.controllers.registry import known_controllers

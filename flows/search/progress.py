@@ -12,8 +12,7 @@ from typing import Any, Final
 
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.request.stopping import Stopping
-from vastflow.oracles.quantity import RunQuantity
-from vastflow.oracles.verdict import Verdict, read_verdicts
+from vastflow.oracles.judgement.verdict import RunQuantity, Verdict, read_verdicts
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.campaign_file.search import SearchSpec
 from vastflow.producers.instantiation.family import Family

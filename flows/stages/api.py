@@ -17,7 +17,7 @@ from vastflow.flows.stages.configurations import Configurations
 from vastflow.flows.stages.recordings import Recordings
 from vastflow.flows.stages.traces import ObservedBlock, Traces
 from vastflow.flows.stages.verdicts import Verdicts
-from vastflow.oracles.oracle import Oracle, OracleError, oracle_of, oracles_of
+from vastflow.oracles.judgement.oracle import Oracle, OracleError, oracle_of, oracles_of
 from vastflow.producers.model.faults import CampaignError, Fault
 from vastflow.tasks.engine.engine import judgements
 from vastflow.tasks.engine.index import FoundMember, Index, Member, missing

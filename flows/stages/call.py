@@ -13,7 +13,7 @@ from vastflow.flows.flow_runs.flow_call import FlowCall
 from vastflow.flows.request.campaign_file import OpenCampaign
 from vastflow.flows.results.directory import directory_name
 from vastflow.flows.results.found import RunFault
-from vastflow.oracles.oracle import Oracle
+from vastflow.oracles.judgement.oracle import Oracle
 from vastflow.tasks.engine import process
 from vastflow.tasks.engine.engine import Engine, RunsWanted
 from vastflow.tasks.engine.index import Index, Member

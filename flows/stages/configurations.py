@@ -9,8 +9,9 @@ import pyarrow as pa
 
 from vastflow.flows.request.campaign_file import OpenCampaign
 from vastflow.flows.results.found import RunFault
-from vastflow.flows.results.tables import CONFIGURATIONS, configuration_row
+from vastflow.flows.results.tables import configuration_row
 from vastflow.flows.terminal.words import count_text
+from vastflow.oracles.results.schema import CONFIGURATIONS
 from vastflow.producers.instantiation.instantiate import Instantiation
 from vastflow.producers.model.configuration import Configuration, ExcludedInstance, RejectedInstance
 from vastflow.sim.model.faults import UserError

@@ -15,7 +15,7 @@ from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.store.artifact import Block
 
 if TYPE_CHECKING:
-    from vastflow.oracles.trace import Trace
+    from vastflow.oracles.observation.trace import Trace
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ class Traces:
             UnknownConfiguration: there is none of this name.
             Lost: something is no longer in the store or damaged; `execute` and `observe` compute it again.
         """
-        from vastflow.oracles.trace import trace_of
+        from vastflow.oracles.observation.trace import trace_of
         from vastflow.sim.model.archive import read_outputs
         from vastflow.sim.model.blocks import read_block, read_recordings
         from vastflow.sim.model.recording import Outputs

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from vastflow.oracles.cause import CAUSES, Cause
-from vastflow.oracles.directory.column import codes, integers
-from vastflow.oracles.directory.tables import Tables
+from vastflow.oracles.judgement.cause import CAUSES, Cause
+from vastflow.oracles.results.column import codes, integers
+from vastflow.oracles.results.tables import Tables
 
 
 @dataclass(frozen=True, slots=True)

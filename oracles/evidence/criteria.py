@@ -7,9 +7,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.oracles.directory.tables import Tables
-from vastflow.oracles.directory.verdict_table import FAIL, PASS
-from vastflow.oracles.robustness import DEFAULT_BASIS
+from vastflow.oracles.catalog.robustness import DEFAULT_BASIS
+from vastflow.oracles.results.tables import Tables
+from vastflow.oracles.results.verdict_table import FAIL, PASS
 from vastflow.oracles.statistics.intervals import Floats
 
 MEASURES_ALONE: Final = frozenset({"navigation"})

@@ -9,9 +9,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.oracles.directory.tables import Tables
-from vastflow.oracles.directory.verdict_table import MetricColumn
 from vastflow.oracles.evidence.rates import LEVEL, Counts, Interval, clustered, pooled
+from vastflow.oracles.results.tables import Tables
+from vastflow.oracles.results.verdict_table import MetricColumn
 from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, wilson_intervals
 
 SOUGHT: Final = "search"

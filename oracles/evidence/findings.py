@@ -1,23 +1,89 @@
-"""Findings: what statistics say of a campaign beyond its rates."""
+"""Findings: what statistics say of a campaign beyond its rates, and its rates as the paper counts them.
 
-from collections.abc import Iterator, Mapping, Sequence
+Configurations of equal content are run once. Who counts each of them, as one does that ran them all, gives a configuration
+the weight 1 + its duplicates. Its runs are no more for that, and so the intervals take the weights into account.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.oracles.directory.tables import Tables
-from vastflow.oracles.directory.verdict_table import FAIL, PASS
-from vastflow.oracles.evidence.rates import Counts
+from vastflow.oracles.evidence.rates import LEVEL, Counts, Interval, clustered, pooled, wilson
 from vastflow.oracles.evidence.varied import chosen_rows, chosen_values, matched_sets, surroundings_rows
-from vastflow.oracles.evidence.weights import WeightedRate, weighted_rate, weights_of
+from vastflow.oracles.results.factors import factors_of
+from vastflow.oracles.results.tables import Tables
+from vastflow.oracles.results.verdict_table import FAIL, PASS
 from vastflow.oracles.statistics.analysis import FactorAnalysis, factor_analysis
 from vastflow.oracles.statistics.classes import ClassBounds, Classes, TotalFailures, classify, shares, total_failures
-from vastflow.oracles.statistics.dispersion import Dispersion, dispersion
-from vastflow.oracles.statistics.factors import factors_of
-from vastflow.oracles.statistics.posterior import chance_of_at_least
+from vastflow.oracles.statistics.dispersion import Dispersion, chance_of_at_least, dispersion
 from vastflow.oracles.statistics.stopping import Savings, StoppingRule, classes_by, runs_saved
+
+Weights = Mapping[str, int]
+"""Configuration to how often it was requested; what is not in it, once."""
+
+
+@dataclass(frozen=True, slots=True)
+class WeightedRate:
+    """A success rate over weighted configurations.
+
+    Attributes:
+        counts: Runs, each as often as its configuration was requested.
+        interval: Of these same configurations, as if each run were drawn anew. Wilson's at Kish's effective number of runs:
+            (Σ w n)² / Σ w² n for configurations of weight w and n judged runs.
+        clustered: For other configurations like these, whatever their weights: see `vastflow.oracles.evidence.rates.clustered`. None
+            for fewer than two.
+    """
+
+    counts: Counts
+    interval: Interval
+    clustered: Interval | None
+
+    @property
+    def rate(self) -> float | None:
+        """Share of passes among the judged; None where nothing was judged."""
+        return self.counts.rate
+
+
+def weights_of(configurations: Iterable[tuple[str, str | None]]) -> dict[str, int]:
+    """Each configuration that is no duplicate, to 1 and the number of its duplicates.
+
+    Args:
+        configurations: Name and `duplicate_of`, as `configurations.parquet` has them.
+    """
+    weights: dict[str, int] = {}
+    for name, duplicate_of in configurations:
+        run = name if duplicate_of is None else duplicate_of
+        weights[run] = weights.get(run, 0) + 1
+    return weights
+
+
+def weighted_counts(counts: Mapping[str, Counts], weights: Weights) -> dict[str, Counts]:
+    """The counts that there would be, had each configuration been run as often as it was requested, with these same runs."""
+    return {
+        name: Counts(*(weights.get(name, 1) * n for n in (each.passed, each.failed, each.not_judged)))
+        for name, each in counts.items()
+    }
+
+
+def weighted_rate(
+    counts: Mapping[str, Counts], weights: Weights, level: float = LEVEL, blocks: Mapping[str, int] | None = None
+) -> WeightedRate:
+    """The rate over the configurations of `counts`, each with its weight.
+
+    Args:
+        blocks: Configuration to the number of its block; by default each is its own.
+    """
+    repeated = weighted_counts(counts, weights)
+    whole = pooled(repeated.values())
+    if whole.rate is None:
+        return WeightedRate(whole, Interval(0.0, 1.0), None)
+    runs = whole.judged**2 / sum(weights.get(name, 1) * each.judged for name, each in repeated.items())
+    of = None if blocks is None else [blocks[name] for name in repeated]
+    return WeightedRate(whole, wilson(whole.rate * runs, runs, level), clustered(list(repeated.values()), level, of))
+
 
 STOPPING: Final = "sequential"
 """Key of `metadata.json` with the rule of a campaign whose runs were stopped one by one: `min`, `max`, and more or less `error`,
@@ -57,7 +123,7 @@ class Findings:
         weighted: The rate with every duplicate counted; None where there are no duplicates.
         savings: Runs saved by stopping early; None where the number of runs was fixed.
         reliable_chance: (m,) how likely the success rate reaches that of a reliable configuration, see
-            `vastflow.oracles.statistics.posterior`.
+            `vastflow.oracles.statistics.dispersion`.
     """
 
     names: tuple[str, ...] = field(repr=False)

@@ -8,9 +8,9 @@ from typing import Final, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.oracles.directory.column import integers, texts
-from vastflow.oracles.directory.tables import Tables
-from vastflow.oracles.directory.verdict_table import ABSENT, FAIL, NOT_JUDGED, PASS
+from vastflow.oracles.results.column import integers, texts
+from vastflow.oracles.results.tables import Tables
+from vastflow.oracles.results.verdict_table import ABSENT, FAIL, NOT_JUDGED, PASS
 from vastflow.oracles.statistics.comparison import Pairs
 
 How: TypeAlias = Literal["equal", "other system"]

@@ -3,9 +3,8 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from vastflow.oracles.statistics.clustered import clustered_interval
-from vastflow.oracles.statistics.intervals import LEVEL, Interval, interval, wilson_intervals
-from vastflow.oracles.verdict import Judgement
+from vastflow.oracles.judgement.verdict import Judgement
+from vastflow.oracles.statistics.intervals import LEVEL, Interval, clustered_interval, interval, wilson_intervals
 
 __all__ = ["LEVEL", "Counts", "Interval", "clustered", "counts_of", "pooled", "wilson"]
 

@@ -4,8 +4,8 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from vastflow.oracles.directory.column import texts
-from vastflow.oracles.directory.tables import Tables
+from vastflow.oracles.results.column import texts
+from vastflow.oracles.results.tables import Tables
 from vastflow.sim.loop.standstill import CAUSES
 
 

@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.oracles.directory.configuration_table import ConfigurationTable
+from vastflow.oracles.results.tables import ConfigurationTable
 from vastflow.sim.reading.world import WORLD_KEY
 
 MEASURED: Final[Mapping[str, str]] = {"_path_length": "path length (m)"}

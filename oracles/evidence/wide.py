@@ -11,11 +11,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from vastflow.oracles.directory.column import codes, floats, integers
-from vastflow.oracles.directory.environment_names import environment_names
-from vastflow.oracles.directory.tables import Tables
-from vastflow.oracles.directory.verdict_table import FAIL, PASS
 from vastflow.oracles.evidence.varied import surroundings_rows, varied_rows
+from vastflow.oracles.results.column import codes, floats, integers
+from vastflow.oracles.results.executed import environment_names
+from vastflow.oracles.results.tables import Tables
+from vastflow.oracles.results.verdict_table import FAIL, PASS
 
 WIDE_FILE: Final = "runs_wide.parquet"
 MISSING: Final = -1

@@ -1,19 +1,31 @@
-"""The case figure: one configuration's runs on the part of the map where they drove."""
+"""The case figure and the pair figure: one configuration's runs where they drove, in one campaign or two side by side."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from vastflow.oracles.figures.floor import DPI, draw_ends, draw_floor, draw_lines, draw_obstacles, draw_walls
+from vastflow.oracles.figures.floor import (
+    DPI,
+    draw_ends,
+    draw_floor,
+    draw_lines,
+    draw_obstacles,
+    draw_walls,
+    legend,
+    obstacle_handle,
+    zone_handles,
+)
 from vastflow.oracles.figures.palette import COLORS, INK
-from vastflow.oracles.figures.zones import NO_ZONES, Zones
-from vastflow.oracles.situation import Situation
-from vastflow.oracles.verdict import Judgement
+from vastflow.oracles.figures.scene import NO_ZONES, Zones
+from vastflow.oracles.judgement.verdict import Judgement
+from vastflow.oracles.observation.situation import Situation
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.world.occupancy import OccupancyMap
 
@@ -77,3 +89,110 @@ def _draw_scale(axes: Axes, meters: float) -> None:
     look: dict[str, Any] = {"color": INK, "transform": axes.transAxes, "zorder": 5}
     axes.plot([0.03, 0.03 + 1 / meters], [0.045, 0.045], linewidth=2.5, solid_capstyle="butt", **look)
     axes.text(0.03, 0.062, "1 m", fontsize=8, va="bottom", **look)
+
+
+_PANEL_IN: Final = 5.0
+_LEGEND_IN: Final = 0.6
+_TITLE_IN: Final = 0.62
+_GAP_IN: Final = 0.12
+_JUDGEMENTS: Final[tuple[Judgement, ...]] = ("pass", "not judged", "fail")
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """What one campaign's panel shows.
+
+    Attributes:
+        paths: (N, 2) true trajectories with their judgement; the one at `chosen` is drawn strong.
+        zones: Where masks of costmap filters are.
+    """
+
+    title: str
+    occupancy: OccupancyMap
+    situation: Situation
+    obstacles: Sequence[Obstacle]
+    paths: Sequence[tuple[Judgement, NDArray[np.float64]]] = field(repr=False)
+    chosen: int | None = None
+    zones: Zones = NO_ZONES
+
+
+def pair_figure(title: str, sides: tuple[Side, Side]) -> Figure:
+    """Both sides on the same part of the map, the chosen pair of runs strong among the others."""
+    box = _box(sides)
+    height_in = float(np.clip(_PANEL_IN * (box[3] - box[1]) / (box[2] - box[0]), 2.5, 7.0))
+    width_in, whole_in = 2 * _PANEL_IN + 3 * _GAP_IN, height_in + _LEGEND_IN + _TITLE_IN
+    figure = Figure(figsize=(width_in, whole_in), dpi=DPI)
+    figure.text(_GAP_IN / width_in, 1 - 0.1 / whole_in, title, fontsize=11, fontweight="bold", color=INK, va="top")
+    marks: list[Line2D] = []
+    for k, side in enumerate(sides):
+        left = (_GAP_IN + k * (_PANEL_IN + _GAP_IN)) / width_in
+        axes = figure.add_axes((left, _LEGEND_IN / whole_in, _PANEL_IN / width_in, height_in / whole_in))
+        marks = _draw(axes, side)
+        axes.set_title(side.title, fontsize=9, color=INK, loc="left", pad=4)
+        _look_at(axes, box, height_in / _PANEL_IN)
+    legend(figure, [*marks, *_handles(sides)])
+    return figure
+
+
+def _draw(axes: Axes, side: Side) -> list[Line2D]:
+    draw_floor(axes, side.occupancy, side.zones)
+    axes.set_xticks([])
+    axes.set_yticks([])
+    draw_obstacles(axes, side.obstacles, alpha=0.7)
+    others = [path for k, path in enumerate(side.paths) if k != side.chosen]
+    for judgement in _JUDGEMENTS:
+        lines = [line for said, line in others if said == judgement]
+        draw_lines(axes, lines, COLORS[judgement], alpha=0.22 if side.chosen is not None else None)
+    if side.chosen is not None:
+        said, line = side.paths[side.chosen]
+        draw_lines(axes, [line], COLORS[said], alpha=1.0, width=2.6)
+    marks = draw_ends(axes, *_stops(side.situation)) if side.situation.start is not None else []
+    ends = np.array([line[-1] for said, line in side.paths if said == "fail"]).reshape(-1, 2)
+    axes.plot(*ends.T, **_cross())
+    return marks
+
+
+def _stops(situation: Situation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    starts = [] if situation.start is None else [situation.start]
+    points = [np.array([(pose.x_m, pose.y_m) for pose in poses]).reshape(-1, 2) for poses in (starts, situation.goals)]
+    return points[0], points[1]
+
+
+def _box(sides: Sequence[Side]) -> tuple[float, float, float, float]:
+    """x0, y0, x1, y1 of all that happened on either side."""
+    points = np.concatenate(
+        [part for side in sides for part in (*_stops(side.situation), *(path for _, path in side.paths))]
+    )
+    if not len(points):
+        points = np.zeros((1, 2))
+    low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
+    middle, half = (low + high) / 2, np.maximum((high - low) / 2, _LEAST_M / 2)
+    (x0, y0), (x1, y1) = middle - half, middle + half
+    return float(x0), float(y0), float(x1), float(y1)
+
+
+def _look_at(axes: Axes, box: tuple[float, float, float, float], shape: float) -> None:
+    """Show the box in a panel of height / width `shape`, a meter as long in both directions."""
+    x0, y0, x1, y1 = box
+    half_x = max(x1 - x0, (y1 - y0) / shape) / 2
+    x, y = (x0 + x1) / 2, (y0 + y1) / 2
+    axes.set_xlim(x - half_x, x + half_x)
+    axes.set_ylim(y - half_x * shape, y + half_x * shape)
+
+
+def _cross() -> dict[str, Any]:
+    look: dict[str, Any] = {"marker": "X", "markersize": 8, "color": COLORS["fail"], "markeredgecolor": "white"}
+    return {**look, "markeredgewidth": 0.9, "linestyle": "none"}
+
+
+def _handles(sides: Sequence[Side]) -> list[Any]:
+    handles: list[Any] = []
+    words = {"pass": "passed", "fail": "failed", "not judged": "not judged"}
+    for judgement in _JUDGEMENTS:
+        if any(said == judgement for side in sides for said, _ in side.paths):
+            handles.append(Line2D([], [], color=COLORS[judgement], linewidth=2.5, label=words[judgement]))
+    if any(said == "fail" for side in sides for said, _ in side.paths):
+        handles.append(Line2D([], [], label="where it failed", **_cross()))
+    before, after = (side.zones for side in sides)
+    zones = Zones(before.keepout + after.keepout, before.speed + after.speed)
+    return [*handles, *obstacle_handle(max(len(side.obstacles) for side in sides)), *zone_handles(zones)]

@@ -24,8 +24,7 @@ from vastflow.oracles.figures.palette import (
     SOFT_INK,
     SPEED_COLOR,
 )
-from vastflow.oracles.figures.scene import known_cells, known_extent_m
-from vastflow.oracles.figures.zones import NO_ZONES, Zones
+from vastflow.oracles.figures.scene import NO_ZONES, Zones, known_cells, known_extent_m
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.world.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 

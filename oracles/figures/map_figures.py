@@ -15,7 +15,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from vastflow.oracles.directory.verdict_table import CODES
 from vastflow.oracles.figures.floor import (
     DPI,
     draw_ends,
@@ -29,8 +28,9 @@ from vastflow.oracles.figures.floor import (
 )
 from vastflow.oracles.figures.palette import COLORS, INK, RATES, SOFT_INK
 from vastflow.oracles.figures.scene import Scene, known_extent_m
+from vastflow.oracles.judgement.verdict import Judgement
+from vastflow.oracles.results.verdict_table import CODES
 from vastflow.oracles.statistics.failure_map import MINIMUM_VISITS, FailureGrid, grid_over
-from vastflow.oracles.verdict import Judgement
 from vastflow.sim.world.occupancy import OccupancyMap
 
 BLUR_M: Final = 0.2

@@ -7,7 +7,7 @@ a word of its own beside its color. Rates and densities are viridis from yellow 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final
 
-from vastflow.oracles.verdict import Judgement
+from vastflow.oracles.judgement.verdict import Judgement
 
 if TYPE_CHECKING:
     from vastflow.oracles.statistics.classes import ClassName

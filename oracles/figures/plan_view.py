@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from vastflow.oracles.figures.floor import draw_ends, draw_obstacles, legend, map_figure, obstacle_handle, zone_handles
 from vastflow.oracles.figures.palette import INK, OBSTACLE_COLOR, OBSTACLE_EDGE
-from vastflow.oracles.figures.zones import NO_ZONES, Zones
-from vastflow.oracles.situation import Situation
+from vastflow.oracles.figures.scene import NO_ZONES, Zones
+from vastflow.oracles.observation.situation import Situation
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.world.occupancy import OccupancyMap

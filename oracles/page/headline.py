@@ -7,11 +7,11 @@ from typing import Final
 
 from markupsafe import Markup
 
-from vastflow.oracles.cause import CAUSES
-from vastflow.oracles.directory.tables import read_tables
 from vastflow.oracles.evidence.causes import CauseCount, causes_of
 from vastflow.oracles.evidence.evidence import evidence_of
+from vastflow.oracles.judgement.cause import CAUSES
 from vastflow.oracles.page.words import capital, percent, sentence, span
+from vastflow.oracles.results.tables import read_tables
 
 _FIGURES: Final = ("maps", "final-poses-*", "failure-rate-*", "passed-*")
 """Names of figures, what tells most first; the first two that there are."""

@@ -9,10 +9,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from vastflow.oracles.directory.executed import KeptFiles
-from vastflow.oracles.directory.tables import Tables
-from vastflow.oracles.directory.verdict_table import CODES
-from vastflow.oracles.directory.walk import read_estimate, read_walks
 from vastflow.oracles.evidence.causes import CauseCount
 from vastflow.oracles.evidence.criteria import Criterion
 from vastflow.oracles.evidence.evidence import Evidence
@@ -27,12 +23,13 @@ from vastflow.oracles.figures.map_figures import (
     paths_figure,
 )
 from vastflow.oracles.figures.picture import png, svg
-from vastflow.oracles.figures.rate_figure import rates_figure
-from vastflow.oracles.figures.scene import Scene, distinct_obstacles, scenario_at
-from vastflow.oracles.figures.threshold_figure import threshold_figure
-from vastflow.oracles.figures.zones import zones_of
-from vastflow.oracles.situation import situation_of
-from vastflow.oracles.verdict import Judgement
+from vastflow.oracles.figures.rate_figure import rates_figure, threshold_figure
+from vastflow.oracles.figures.scene import Scene, distinct_obstacles, read_estimate, read_walks, scenario_at, zones_of
+from vastflow.oracles.judgement.verdict import Judgement
+from vastflow.oracles.observation.situation import situation_of
+from vastflow.oracles.results.executed import KeptFiles
+from vastflow.oracles.results.tables import Tables
+from vastflow.oracles.results.verdict_table import CODES
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.reading.world import WORLD_KEY, difference_of
 from vastflow.sim.world.difference import world_of

@@ -8,10 +8,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.oracles.directory.tables import Tables
 from vastflow.oracles.evidence.evidence import Evidence
 from vastflow.oracles.page.table import Column, DataTable
 from vastflow.oracles.page.words import short
+from vastflow.oracles.results.tables import Tables
 
 _NUMBER: Final = re.compile(r"\d+(?:\.\d+)?")
 

@@ -9,10 +9,6 @@ import numpy as np
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
-from vastflow.oracles.cause import CAUSES, Cause
-from vastflow.oracles.directory.environment_names import environment_names
-from vastflow.oracles.directory.executed import KeptFiles
-from vastflow.oracles.directory.tables import Tables, read_tables
 from vastflow.oracles.evidence.causes import CauseCount, causes_json, causes_of
 from vastflow.oracles.evidence.criteria import criteria_json, criteria_of
 from vastflow.oracles.evidence.evidence import Evidence, evidence_json, evidence_of, spreads_of
@@ -22,8 +18,8 @@ from vastflow.oracles.evidence.wide import wide_table, write_wide
 from vastflow.oracles.figures.palette import CLASS_COLORS
 from vastflow.oracles.figures.picture import plain_style
 from vastflow.oracles.figures.scene import MAX_SCENES, scenes_of
+from vastflow.oracles.judgement.cause import CAUSES, Cause
 from vastflow.oracles.page import reasons, rows
-from vastflow.oracles.page.factor_words import difference_text, factor_text, others_text, p_text, pair_text
 from vastflow.oracles.page.pictures import (
     MAX_EMBEDDED,
     Picture,
@@ -38,8 +34,24 @@ from vastflow.oracles.page.pictures import (
 )
 from vastflow.oracles.page.search_section import search_section
 from vastflow.oracles.page.table import bar, rate_cell, rate_words
-from vastflow.oracles.page.words import capital, chance, criterion_text, number, percent, points, sentence, span
+from vastflow.oracles.page.words import (
+    capital,
+    chance,
+    criterion_text,
+    difference_text,
+    factor_text,
+    number,
+    others_text,
+    p_text,
+    pair_text,
+    percent,
+    points,
+    sentence,
+    span,
+)
 from vastflow.oracles.page.work_section import with_work
+from vastflow.oracles.results.executed import KeptFiles, environment_names
+from vastflow.oracles.results.tables import Tables, read_tables
 from vastflow.oracles.statistics.classes import passes_that_show, runs_for_a_claim
 from vastflow.sim.model.files import Unreadable, yaml_value
 

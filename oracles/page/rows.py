@@ -8,20 +8,20 @@ from typing import Any, Final
 
 import numpy as np
 
-from vastflow.oracles.directory import coverage
-from vastflow.oracles.directory.column import floats
-from vastflow.oracles.directory.tables import Tables
-from vastflow.oracles.directory.verdict_table import FAIL, Reasons
+from vastflow.oracles.catalog.robustness import DEFAULT_BASIS
 from vastflow.oracles.evidence.criteria import MEASURES_ALONE
 from vastflow.oracles.evidence.evidence import Evidence, Group, Spread
 from vastflow.oracles.evidence.findings import Findings
 from vastflow.oracles.evidence.standstills import Standstills
 from vastflow.oracles.evidence.varied import named
 from vastflow.oracles.figures.scene import Scene, environment_counts
-from vastflow.oracles.oracle import known_oracles, oracle_class
+from vastflow.oracles.judgement.oracle import known_oracles, oracle_class
 from vastflow.oracles.page.table import Column, DataTable, configuration_cells, rate_cell
 from vastflow.oracles.page.words import position, short
-from vastflow.oracles.robustness import DEFAULT_BASIS
+from vastflow.oracles.results import coverage
+from vastflow.oracles.results.column import floats
+from vastflow.oracles.results.tables import Tables
+from vastflow.oracles.results.verdict_table import FAIL, Reasons
 from vastflow.oracles.statistics.intervals import thousandths, wilson_intervals
 
 MAX_ROWS: Final = 500

@@ -9,12 +9,12 @@ from typing import Any, Final
 import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 
-from vastflow.oracles.directory.executed import KeptFiles
-from vastflow.oracles.directory.tables import Tables
 from vastflow.oracles.evidence.searched import found_text
 from vastflow.oracles.figures.picture import png, svg
 from vastflow.oracles.figures.search_figure import archive_figure, boundary_figure, progress_figure
 from vastflow.oracles.page.pictures import Picture, case_picture
+from vastflow.oracles.results.executed import KeptFiles
+from vastflow.oracles.results.tables import Tables
 
 CELLS_DRAWN: Final = 4
 """Cells of an archive whose runs are drawn, the best ones."""

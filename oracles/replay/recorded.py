@@ -8,11 +8,11 @@ from typing import Any
 
 import pyarrow.compute as pc
 
-from vastflow.oracles.directory.behaviors import Behaviors
-from vastflow.oracles.directory.column import read_columns, table_rows
-from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
-from vastflow.oracles.directory.unusable import UnusableDirectory, reading
-from vastflow.oracles.verdict import Judgement, run_judgement
+from vastflow.oracles.judgement.verdict import Judgement, run_judgement
+from vastflow.oracles.results.behaviors import Behaviors
+from vastflow.oracles.results.column import read_columns, table_rows
+from vastflow.oracles.results.executed import KeptFiles, executed_scenario
+from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.kernels.streams import run_entropy
 from vastflow.sim.model.blocks import read_recordings
 from vastflow.sim.model.files import read_json

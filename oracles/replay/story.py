@@ -1,23 +1,156 @@
-"""The story of one run: what all pictures of a replay share."""
+"""The story of one run, which all pictures of a replay share: its highlights, and what the robot is doing, in words."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.oracles.figures.palette import COLORS
-from vastflow.oracles.figures.zones import NO_ZONES, Zones
-from vastflow.oracles.replay.caption import happening
+from vastflow.oracles.figures.scene import NO_ZONES, Zones
+from vastflow.oracles.judgement.verdict import Judgement
 from vastflow.oracles.replay.close_up import DrivenPath
-from vastflow.oracles.replay.highlights import tick_of
-from vastflow.oracles.verdict import Judgement
+from vastflow.sim.loop.simulation import REASONS
+from vastflow.sim.loop.standstill import told
 from vastflow.sim.model.pose import Pose
-from vastflow.sim.model.recording import Run
-from vastflow.sim.replay.snapshot import Box, Moment
+from vastflow.sim.model.rates import TICK_S
+from vastflow.sim.model.recording import Event, Run
+from vastflow.sim.replay.snapshot import Activity, Box, Moment
 from vastflow.sim.world.occupancy import UNKNOWN, OccupancyMap
+
+SLOW_S: Final = 3.0
+"""The progress checker's clock is worth a word only after this time."""
+
+_ACTIVITIES: Final[Mapping[Activity, str]] = {
+    "starting": "waiting for the first scan",
+    "spin": "recovery: spin",
+    "wait": "recovery: wait",
+    "back up": "recovery: back up",
+    "pausing": "pause at a waypoint",
+    "resting": "without a mission",
+}
+
+
+def doing(moment: Moment, run: Run) -> str:
+    """What the robot is doing; `run` says how it ended."""
+    if moment.activity == "ended":
+        return {"succeeded": "mission succeeded", "aborted": "mission given up"}.get(run.outcome, "mission ended")
+    if moment.activity != "following":
+        words = _ACTIVITIES[moment.activity]
+        return f"{words}, held by the collision monitor" if moment.stopped else words
+    if moment.stopped:
+        return "stopped by the collision monitor"
+    if not moment.planned:
+        return "waiting for a plan"
+    if moment.no_command_s > 0.0:
+        return f"no valid command for {moment.no_command_s:.2f} s"
+    if moment.no_progress_s > SLOW_S:
+        return f"following, no progress for {moment.no_progress_s:.0f} s"
+    return "following the plan"
+
+
+def numbers(moment: Moment) -> str:
+    """Motion, localization error, recoveries so far."""
+    turning = f", {abs(moment.yaw_rate_degps):.0f}°/s" if abs(moment.yaw_rate_degps) >= 0.5 else ""
+    recoveries = f"{moment.recoveries} {'recovery' if moment.recoveries == 1 else 'recoveries'}"
+    # + 0.0 turns the -0.00 of a robot that is pushed out of a wall into 0.00.
+    speed = f"{round(moment.speed_mps, 2) + 0.0:.2f} m/s{turning}"
+    return f"{speed} · localization {moment.error_m * 100:.0f} cm off · {recoveries}"
+
+
+def happening(event: Event) -> str | None:
+    """An event in a few words; None for one that is not worth any."""
+    match event.kind:
+        case "contact":
+            return f"touches {event.what} at {event.value:.2f} m/s"
+        case "spawned":
+            return f"{event.what} appears"
+        case "deleted":
+            return f"{event.what} disappears"
+        case "recovery":
+            return f"recovery: {event.what}"
+        case "plan_failed" | "control_failed":
+            return REASONS.get(int(event.what), f"error {event.what}").partition(" (")[0]
+        case "goal_reached" | "goal_missed":
+            return f"goal {int(event.what) + 1} {'reached' if event.kind == 'goal_reached' else 'given up'}"
+        case "stopped_by_monitor":
+            return "stopped by the collision monitor"
+        case "stood_still":
+            return told(event).partition(": ")[2]
+    return None
+
+
+FRAMES: Final = 12
+"""Pictures of a run where nothing else is asked for, at the most."""
+FEWEST: Final = 8
+"""With fewer there are pictures between the events."""
+_BETWEEN: Final = 2
+"""So many are kept for the times in which nothing happened."""
+APART_S: Final = 0.4
+"""What happens within such a time makes one picture."""
+
+_GREAT_RECOVERIES: Final = ("spin", "wait", "back up")
+_RANKS: Final[Mapping[str, int]] = {
+    "contact": 0,
+    "spawned": 0,
+    "deleted": 0,
+    "goal_missed": 1,
+    "recovery": 3,
+    "plan_failed": 2,
+    "control_failed": 2,
+    "goal_reached": 4,
+    "stopped_by_monitor": 4,
+    "stood_still": 1,
+}
+
+
+def tick_of(event: Event) -> int:
+    """The first tick that knows of an event; a contact happens between two."""
+    return math.ceil(event.t_s / TICK_S - 1e-6)
+
+
+def highlights(run: Run, first: int, last: int) -> list[int]:
+    """At most `FRAMES` ticks from `first` to `last`, both included.
+
+    Both ends; then events by rank: contacts and obstacles that appear or disappear, recoveries that move the robot or let it wait, failures,
+    clearings, the rest; among equals those far from what is chosen already. Then the middles of the widest gaps.
+    """
+    chosen = sorted({first, last})
+    events = [e for e in run.events if first < tick_of(e) < last]
+    for rank in sorted(set(_RANKS.values())):
+        _choose(chosen, {tick_of(e) for e in events if _rank(e) == rank}, FRAMES - _BETWEEN)
+    for _ in range((FEWEST if len(chosen) + _BETWEEN <= FEWEST else FRAMES) - len(chosen)):
+        before, after = max(pairwise(chosen), key=lambda gap: gap[1] - gap[0], default=(0, 0))
+        if after - before > 1:
+            chosen = sorted([*chosen, (before + after) // 2])
+    return chosen
+
+
+def _rank(event: Event) -> int | None:
+    if event.kind == "recovery" and event.what in _GREAT_RECOVERIES:
+        return 1
+    return _RANKS.get(event.kind)
+
+
+def _choose(chosen: list[int], candidates: Iterable[int], most: int) -> None:
+    """Add the candidate farthest from what is chosen, again and again, while there is room and distance."""
+
+    def distance(tick: int) -> int:
+        return min(abs(tick - other) for other in chosen)
+
+    left = sorted(candidates)
+    while left and len(chosen) < most:
+        best = max(left, key=distance)
+        if distance(best) * TICK_S < APART_S:
+            return
+        left.remove(best)
+        chosen.append(best)
+        chosen.sort()
+
 
 WHOLE_M: Final = 6.5
 """A run that fits into such a square is shown whole in every picture."""

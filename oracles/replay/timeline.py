@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 
 from vastflow.oracles.figures.palette import COLORS, INK
-from vastflow.oracles.replay.caption import SLOW_S
 from vastflow.oracles.replay.close_up import BELIEF_COLOR
+from vastflow.oracles.replay.story import SLOW_S
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.replay.snapshot import Moment
 

@@ -8,14 +8,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vastflow.oracles.results.factors import Dropped, Factor
 from vastflow.oracles.statistics.contrast import Contrasts, contrasts_of
 from vastflow.oracles.statistics.effects import Claim, FactorEffect, Runs, factor_effect, runs_of
-from vastflow.oracles.statistics.factors import Dropped, Factor
 from vastflow.oracles.statistics.interactions import InteractionEffect, interaction_effect
 from vastflow.oracles.statistics.intervals import Floats, counts
-from vastflow.oracles.statistics.margins import Margins, margins_of
+from vastflow.oracles.statistics.margins import Margins, margins_of, trend_of
 from vastflow.oracles.statistics.situations import needed, smallest
-from vastflow.oracles.statistics.trend import trend_of
 
 LEAST_DRAWS: Final = 999
 MOST_DRAWS: Final = 9999

@@ -8,11 +8,10 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.oracles.results.factors import Factor
 from vastflow.oracles.statistics.analysis import holm
-from vastflow.oracles.statistics.bounded_mean import mean_interval
 from vastflow.oracles.statistics.classes import benjamini_hochberg
-from vastflow.oracles.statistics.factors import Factor
-from vastflow.oracles.statistics.intervals import LEVEL, Floats
+from vastflow.oracles.statistics.intervals import LEVEL, Floats, mean_interval
 
 Bools = NDArray[np.bool_]
 Codes = NDArray[np.int64]

@@ -1,4 +1,4 @@
-"""Over-dispersion: how much more configurations differ than repetitions of one of them."""
+"""Over-dispersion: how much more configurations differ than repetitions of one of them, and what that says of each."""
 
 import math
 from dataclasses import dataclass
@@ -8,8 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vastflow.oracles.statistics.clustered import clustered_interval
-from vastflow.oracles.statistics.intervals import LEVEL, Floats, Interval, counts
+from vastflow.oracles.statistics.intervals import LEVEL, Floats, Interval, clustered_interval, counts
 
 _LEAST_SIZE: Final = 1e-6
 _LARGEST_SIZE: Final = 1e7
@@ -137,3 +136,22 @@ def _minus_log_likelihood(x: Floats, n: Floats, times: NDArray[np.intp], at: Flo
         [(times * (by_a - by_b)).sum() * size * mu * (1 - mu), (times * (by_a * mu + by_b * (1 - mu))).sum() * size]
     )
     return -float((times * value).sum()), -slopes
+
+
+_JEFFREYS: Final = 0.5
+
+
+def chance_of_at_least(bound: float, passed: ArrayLike, judged: ArrayLike, fit: Dispersion | None) -> Floats:
+    """(m,) P(p >= `bound`) of success rates p, posterior to x of n runs that passed: p ~ Beta(alpha + x, beta + n - x).
+
+    Args:
+        passed, judged: (m,) counts, one entry a configuration.
+        fit: Has alpha and beta of the beta-binomial, which the other configurations tell (empirical Bayes). At a limit of that
+            distribution, or without a fit, both are 0.5 (Jeffreys): each configuration is taken for itself.
+    """
+    from scipy.special import betainc
+
+    x, n = counts(passed, judged)
+    alpha = fit.alpha if fit is not None and fit.alpha is not None else _JEFFREYS
+    beta = fit.beta if fit is not None and fit.beta is not None else _JEFFREYS
+    return np.asarray(1.0 - betainc(alpha + x, beta + n - x, bound), dtype=np.float64)

@@ -6,11 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.oracles.statistics.clustered import clustered_interval
+from vastflow.oracles.results.factors import Factor
 from vastflow.oracles.statistics.contrast import Contrasts, Tested, contrasts_of
 from vastflow.oracles.statistics.effects import Claim, share_of
-from vastflow.oracles.statistics.factors import Factor
-from vastflow.oracles.statistics.intervals import Floats, Interval
+from vastflow.oracles.statistics.intervals import Floats, Interval, clustered_interval
 from vastflow.oracles.statistics.situations import means_of
 
 

@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from vastflow.oracles.oracle import Oracle, oracle_of
+from vastflow.oracles.judgement.oracle import Oracle, oracle_of
 from vastflow.sim.model.digest import FileContent, Value, digest
 from vastflow.sim.model.files import Unreadable, read_text, yaml_value
 from vastflow.sim.model.scenario import ProcessSetup, Scenario, setup_of

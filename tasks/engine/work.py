@@ -163,7 +163,7 @@ def execute(store: Store, key: str, scenario: Scenario, start: int, stop: int, s
 def observe(store: Store, recording_key: str, key: str, scenario: Scenario) -> None:
     """Observe one block of recordings and store the trace."""
     _log_plainly()
-    from vastflow.oracles.observe import observe_block
+    from vastflow.oracles.observation.observe import observe_block
 
     store.put(key, {TRACES: observe_block(scenario, store.read(recording_key, RECORDINGS))})
 
@@ -175,8 +175,8 @@ def judge(store: Store, recording_key: str, trace_key: str, key: str, scenario: 
         oracles: Pickled, so that a plug-in that can't be imported is an error of this job alone.
     """
     _log_plainly()
-    from vastflow.oracles.judge import judge_block
-    from vastflow.oracles.verdict import run_judgement, write_verdicts
+    from vastflow.oracles.judgement.judge import judge_block
+    from vastflow.oracles.judgement.verdict import run_judgement, write_verdicts
 
     recordings, traces = store.read(recording_key, RECORDINGS), store.read(trace_key, TRACES)
     recorded = store.find(recording_key)

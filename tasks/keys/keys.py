@@ -19,8 +19,8 @@ EXECUTE_SOURCE: Final = (
     "vastflow.sim.model.blocks",
     "vastflow.sim.nav2.controllers.*",
 )
-OBSERVE_SOURCE: Final = ("vastflow.oracles.observe",)
-JUDGE_SOURCE: Final = ("vastflow.oracles.judge",)
+OBSERVE_SOURCE: Final = ("vastflow.oracles.observation.observe",)
+JUDGE_SOURCE: Final = ("vastflow.oracles.judgement.judge",)
 EVALUATE_SOURCE: Final = ("vastflow.producers.model.producer",)
 
 _SELECTING_FEATURES: Final = frozenset(

@@ -11,13 +11,13 @@ from typer.testing import CliRunner
 from vastflow.flows import run_campaign
 from vastflow.flows.__main__ import app
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.oracles.directory.tables import read_tables
-from vastflow.oracles.judge import judge_block
-from vastflow.oracles.observe import observe_block
-from vastflow.oracles.oracle import oracle_of
+from vastflow.oracles.judgement.judge import judge_block
+from vastflow.oracles.judgement.oracle import oracle_of
+from vastflow.oracles.observation.observe import observe_block
+from vastflow.oracles.observation.situation import Situation
+from vastflow.oracles.observation.trace import trace_of
 from vastflow.oracles.replay.recorded import recorded_run
-from vastflow.oracles.situation import Situation
-from vastflow.oracles.trace import trace_of
+from vastflow.oracles.results.tables import read_tables
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.archive import read_outputs, write_outputs
 from vastflow.sim.model.blocks import read_block, write_recordings

@@ -7,8 +7,8 @@ import pytest
 
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.inputs import inputs_of
-from vastflow.oracles.judge import judge_block
-from vastflow.oracles.observe import observe_block
+from vastflow.oracles.judgement.judge import judge_block
+from vastflow.oracles.observation.observe import observe_block
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.run import run

@@ -13,12 +13,12 @@ from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.found import ConfigurationResult
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.summary import Work
-from vastflow.oracles.directory.tables import read_tables
 from vastflow.oracles.figures.scene import scenes_of
-from vastflow.oracles.judge import judge_block
-from vastflow.oracles.observe import observe_block
+from vastflow.oracles.judgement.judge import judge_block
+from vastflow.oracles.observation.observe import observe_block
 from vastflow.oracles.page.report import write_report
 from vastflow.oracles.replay.recorded import recorded_run
+from vastflow.oracles.results.tables import read_tables
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.pose import pose_of

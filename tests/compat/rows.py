@@ -13,10 +13,10 @@ from typing import Any, Final, Literal
 import yaml
 
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.oracles.judge import judge_block
-from vastflow.oracles.observe import observe_block
-from vastflow.oracles.oracle import Oracle, oracles_of
-from vastflow.oracles.verdict import run_judgement
+from vastflow.oracles.judgement.judge import judge_block
+from vastflow.oracles.judgement.oracle import Oracle, oracles_of
+from vastflow.oracles.judgement.verdict import run_judgement
+from vastflow.oracles.observation.observe import observe_block
 from vastflow.producers.campaign_file.postprocessing import steps_of
 from vastflow.producers.campaign_file.scenario import run_files
 from vastflow.producers.floorplan.faults import FloorplanError

@@ -14,8 +14,8 @@ CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
 
 OWN = """\
 from limits import MOST_S
-from vastflow.oracles.oracle import Oracle, Parameters
-from vastflow.oracles.verdict import Verdict
+from vastflow.oracles.judgement.oracle import Oracle, Parameters
+from vastflow.oracles.judgement.verdict import Verdict
 
 
 class QuickParameters(Parameters):

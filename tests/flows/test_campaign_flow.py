@@ -66,7 +66,7 @@ def pose(x_m):
 """
 
 ORACLE = """
-from vastflow.oracles.oracle import Oracle, Parameters
+from vastflow.oracles.judgement.oracle import Oracle, Parameters
 
 
 class DistanceParameters(Parameters):

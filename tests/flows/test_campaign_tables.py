@@ -8,13 +8,13 @@ import pyarrow.parquet as pq
 import pytest
 from table import each_row
 
-from vastflow.flows.results import tables
 from vastflow.flows.results.campaign_tables import LOGS_FILE, CampaignTables, KeptLogs, RunLogs
 from vastflow.flows.results.found import ConfigurationResult, RunFault
 from vastflow.flows.results.tables import PartRows
-from vastflow.oracles.directory.behaviors import Behaviors
 from vastflow.oracles.evidence.rates import Counts
-from vastflow.oracles.verdict import Verdict
+from vastflow.oracles.judgement.verdict import Verdict
+from vastflow.oracles.results import schema
+from vastflow.oracles.results.behaviors import Behaviors
 from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.archive import write_behaviors
 from vastflow.sim.model.scenario import Scenario
@@ -71,7 +71,7 @@ def test_the_tables_have_the_same_bytes_however_the_runs_were_blocked(tmp_path):
 
 @pytest.mark.parametrize("rows", [1, 2, 5, 100])
 def test_rows_that_are_written_some_at_a_time_are_the_same_rows(tmp_path, monkeypatch, rows):
-    monkeypatch.setattr(tables, "_ROWS_A_GROUP", rows)
+    monkeypatch.setattr(schema, "_ROWS_A_GROUP", rows)
     written(tmp_path / "few", *(found_of(range(3)) for _ in NAMES))
     read = pq.ParquetFile(tmp_path / "few" / "verdicts.parquet").read().to_pylist()
     asked = [(name, k, oracle) for name in NAMES for k in range(3) for oracle in ("success", "safety")]

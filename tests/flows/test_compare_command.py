@@ -14,7 +14,7 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
-from vastflow.flows.results.tables import CONFIGURATIONS, REJECTIONS, RUNS, VERDICTS
+from vastflow.oracles.results.schema import CONFIGURATIONS, REJECTIONS, RUNS, VERDICTS
 
 
 def write(folder, configurations, *, oracles=("success",), seed="", created="2026-11-22T06:00:00", system_key="noise"):

@@ -17,8 +17,8 @@ from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.past import newest_past, past_of
 from vastflow.flows.results.provenance import ingredients_row
 from vastflow.flows.results.summary import Work
-from vastflow.oracles.directory.unusable import UnusableDirectory
-from vastflow.oracles.verdict import Verdict
+from vastflow.oracles.judgement.verdict import Verdict
+from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.keys.source import installed_tree

@@ -16,7 +16,7 @@ from vastflow.flows.plan import dry_run as dry_runs
 from vastflow.flows.plan.dry_run import STAGES, dry_run, whys
 from vastflow.flows.results.past import newest_past
 from vastflow.flows.run import campaign_run
-from vastflow.oracles.directory.unusable import UnusableDirectory
+from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.producers.model.faults import CampaignError
 from vastflow.sim.model.blocks import read_rows
 from vastflow.tasks.keys import source
@@ -75,7 +75,7 @@ def pose(x_m):
 """
 
 ORACLE = """
-from vastflow.oracles.oracle import Oracle, Parameters
+from vastflow.oracles.judgement.oracle import Oracle, Parameters
 
 
 class DrivenParameters(Parameters):

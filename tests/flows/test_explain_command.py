@@ -18,8 +18,8 @@ from vastflow.flows.results.found import ConfigurationResult
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.provenance import ingredients_row
 from vastflow.flows.results.summary import Work
-from vastflow.oracles.directory.unusable import UnusableDirectory
-from vastflow.oracles.verdict import Verdict, write_verdicts
+from vastflow.oracles.judgement.verdict import Verdict, write_verdicts
+from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.recording import Recording, Run

@@ -19,8 +19,8 @@ from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.found import FAULT, ConfigurationResult, RunFault, complete
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.summary import Work
-from vastflow.oracles.directory.unusable import UnusableDirectory
-from vastflow.oracles.verdict import Metric, Verdict
+from vastflow.oracles.judgement.verdict import Metric, Verdict
+from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.archive import table, write_behaviors, write_outputs
 from vastflow.sim.model.blocks import write_recordings

@@ -4,7 +4,7 @@ import pytest
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
-from vastflow.oracles.directory.tables import read_tables
+from vastflow.oracles.results.tables import read_tables
 
 pytestmark = pytest.mark.slow
 

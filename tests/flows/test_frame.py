@@ -10,10 +10,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from vastflow.flows.results.frame import frame
-from vastflow.flows.results.tables import CONFIGURATIONS, REJECTIONS, RUNS, VERDICTS
-from vastflow.oracles.directory.tables import read_tables
 from vastflow.oracles.evidence.wide import WIDE_FILE, wide_table, write_wide
-from vastflow.oracles.notebook.file import read_cells
+from vastflow.oracles.judgement.notebook_file import read_cells
+from vastflow.oracles.results.schema import CONFIGURATIONS, REJECTIONS, RUNS, VERDICTS
+from vastflow.oracles.results.tables import read_tables
 
 NOTEBOOK = Path(__file__).parents[2] / "campaigns" / "notebook" / "success_by_factor.ipynb"
 SAID = {"p": "pass", "f": "fail", "n": "not judged"}

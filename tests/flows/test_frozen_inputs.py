@@ -8,7 +8,7 @@ from vastflow.flows.request.asked import Asked
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.results.inputs import inputs_of, replica
-from vastflow.oracles.directory.unusable import UnusableDirectory
+from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.tasks.keys.source import installed_tree
 
 VAST = """
@@ -44,7 +44,7 @@ class Own(Producer[Parameters]):
 ORACLE = """
 import json, os
 from pathlib import Path
-from vastflow.oracles.oracle import Oracle, Parameters
+from vastflow.oracles.judgement.oracle import Oracle, Parameters
 import limits
 
 class Limited(Oracle[Parameters]):

@@ -14,7 +14,7 @@ from vastflow.flows.results.found import ConfigurationResult, RunFault
 from vastflow.flows.results.results import write_rows
 from vastflow.flows.results.summary import OutcomeTally
 from vastflow.oracles.evidence.rates import Counts
-from vastflow.oracles.verdict import Metric, Verdict
+from vastflow.oracles.judgement.verdict import Metric, Verdict
 from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.archive import write_behaviors
 from vastflow.sim.model.scenario import Scenario
@@ -168,7 +168,13 @@ def test_the_code_that_makes_rows_is_all_that_rows_pass():
     tree = installed_tree()
     made_by = tree.with_packages("vastflow.flows.request", "vastflow.flows.results").code(PART_SOURCE)
     assert made_by.digest == part_source(tree)
-    passed = ("flows.results.tables", "flows.results.found", "oracles.verdict", "sim.model.blocks")
+    passed = (
+        "flows.results.tables",
+        "flows.results.found",
+        "oracles.results.schema",
+        "oracles.judgement.verdict",
+        "sim.model.blocks",
+    )
     assert {f"vastflow.{name}" for name in passed} <= made_by.modules.keys()
     assert {"numpy", "pyarrow"} <= made_by.libraries.keys()
 

@@ -16,8 +16,8 @@ from vastflow.flows.results.cached_report import KeptReport
 from vastflow.flows.results.found import ConfigurationResult, RunFault
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.summary import Work
+from vastflow.oracles.judgement.verdict import Metric, Verdict
 from vastflow.oracles.page.work_section import with_work
-from vastflow.oracles.verdict import Metric, Verdict
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.store.artifact import manifest_of

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
-from vastflow.oracles.situation import situation_of
+from vastflow.oracles.observation.situation import situation_of
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.reading.robot import lidar_of, robot_facts

@@ -5,13 +5,12 @@ import io
 import pyarrow as pa
 from rich.console import Console
 
-from vastflow.flows.results.tables import CONFIGURATIONS, RUNS, VERDICTS
 from vastflow.flows.terminal.outcome import details, outcome, rate_text, rejection_table
-from vastflow.oracles.directory.configuration_table import ConfigurationTable
-from vastflow.oracles.directory.tables import Tables
-from vastflow.oracles.directory.verdict_table import verdict_table
 from vastflow.oracles.evidence.evidence import evidence_of
 from vastflow.oracles.evidence.rates import Counts
+from vastflow.oracles.results.schema import CONFIGURATIONS, RUNS, VERDICTS
+from vastflow.oracles.results.tables import ConfigurationTable, Tables
+from vastflow.oracles.results.verdict_table import verdict_table
 
 
 def tables(verdicts, rejections=(), faults=(), more=()):

@@ -30,7 +30,7 @@ class Leaver(Producer):
 """
 ORACLE = """
 import sys
-from vastflow.oracles.oracle import Oracle, Parameters
+from vastflow.oracles.judgement.oracle import Oracle, Parameters
 {imported}
 class Leaver(Oracle):
     Parameters = Parameters

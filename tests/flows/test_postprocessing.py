@@ -15,7 +15,7 @@ from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.found import ConfigurationResult
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.summary import Work
-from vastflow.oracles.verdict import Verdict
+from vastflow.oracles.judgement.verdict import Verdict
 from vastflow.producers.campaign_file.postprocessing import steps_of
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.archive import write_outputs

@@ -25,9 +25,9 @@ from vastflow.flows.results.found import ConfigurationResult
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.provenance import origin_differences, versions
 from vastflow.flows.results.summary import Work
-from vastflow.oracles.directory.unusable import UnusableDirectory
+from vastflow.oracles.judgement.verdict import Verdict
 from vastflow.oracles.replay.recorded import recorded_run
-from vastflow.oracles.verdict import Verdict
+from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.kernels.streams import run_entropy
 from vastflow.sim.model.archive import write_behaviors

@@ -11,7 +11,7 @@ from vastflow.flows.request.asked import SEQUENTIAL
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.cached_report import _PACKAGES as PACKAGES_OF_FLOWS
 from vastflow.flows.results.cached_report import report_key
-from vastflow.oracles.oracle import oracle_of
+from vastflow.oracles.judgement.oracle import oracle_of
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.model.configuration import ExcludedInstance, RejectedInstance, Step
 from vastflow.tasks.keys.keys import Keys

@@ -15,11 +15,11 @@ from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.found import ConfigurationResult, RunFault, complete, one_block
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.summary import Work
-from vastflow.oracles.directory.tables import read_tables
 from vastflow.oracles.evidence.rates import Counts
+from vastflow.oracles.judgement.verdict import Metric, Verdict
+from vastflow.oracles.observation.trace import NOWHERE_MM
 from vastflow.oracles.page.report import write_report
-from vastflow.oracles.trace import NOWHERE_MM
-from vastflow.oracles.verdict import Metric, Verdict
+from vastflow.oracles.results.tables import read_tables
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.blocks import read_block, read_recordings, read_rows, write_block, write_recordings
 from vastflow.sim.model.recording import Event, Recording, Run

@@ -26,8 +26,8 @@ from vastflow.flows.results.found import ConfigurationResult
 from vastflow.flows.results.inputs import inputs_of, replica
 from vastflow.flows.results.provenance import ingredients_row
 from vastflow.flows.results.summary import Summary, Work
-from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.oracles.evidence.rates import Counts
+from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.tasks.keys.source import installed_tree
 

@@ -20,7 +20,7 @@ from vastflow.flows.results.directory import new_directory
 from vastflow.flows.run import campaign_run
 from vastflow.flows.run.campaign_run import open_run
 from vastflow.flows.run.reporting import assess, deliver, report
-from vastflow.oracles.directory.unusable import UnusableDirectory
+from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.producers.model.faults import CampaignError
 from vastflow.tasks.engine.evaluation import packed
 from vastflow.tasks.keys.source import installed_tree
@@ -60,7 +60,7 @@ scenario pocket:
         wait elapsed(x)
 """
 ORACLE = """
-from vastflow.oracles.oracle import Oracle, Parameters
+from vastflow.oracles.judgement.oracle import Oracle, Parameters
 
 
 class PocketParameters(Parameters):

@@ -43,7 +43,7 @@ scenario kind:
         run_process("sh kind.sh " + kind)
 """
 ORACLE = """
-from vastflow.oracles.oracle import Oracle, Parameters
+from vastflow.oracles.judgement.oracle import Oracle, Parameters
 
 
 class KindParameters(Parameters):

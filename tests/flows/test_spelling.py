@@ -64,7 +64,7 @@ class Sizes(Producer[Parameters]):
         yield Fragment({"size": "2"})
 """
 ORACLE = """\
-from vastflow.oracles.oracle import Oracle, Parameters
+from vastflow.oracles.judgement.oracle import Oracle, Parameters
 
 class Prints(Oracle[Parameters]):
     Parameters = Parameters

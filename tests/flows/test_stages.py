@@ -51,7 +51,7 @@ evaluation:
     - own.py:Even
 """
 ORACLE = """
-from vastflow.oracles.oracle import Oracle, Parameters
+from vastflow.oracles.judgement.oracle import Oracle, Parameters
 
 
 class EvenParameters(Parameters):

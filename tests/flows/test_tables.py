@@ -7,19 +7,9 @@ import sys
 import pyarrow.parquet as pq
 import pytest
 
-from vastflow.flows.results.tables import (
-    CONFIGURATIONS,
-    REJECTIONS,
-    RUNS,
-    VERDICTS,
-    configuration_row,
-    json_text,
-    rejection_row,
-    run_columns,
-    verdict_columns,
-    write_table,
-)
-from vastflow.oracles.verdict import Metric, Verdict, read_verdicts, write_verdicts
+from vastflow.flows.results.tables import configuration_row, rejection_row, run_columns, verdict_columns
+from vastflow.oracles.judgement.verdict import Metric, Verdict, read_verdicts, write_verdicts
+from vastflow.oracles.results.schema import CONFIGURATIONS, REJECTIONS, RUNS, VERDICTS, json_text, write_table
 from vastflow.producers.model.configuration import Configuration, RejectedInstance, Step
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.scenario import Scenario
@@ -135,7 +125,7 @@ def test_a_number_that_is_none_is_null():
 def test_writing_a_table_does_not_import_pandas(tmp_path):
     program = (
         "import pathlib, sys\n"
-        "from vastflow.flows.results.tables import RUNS, write_table\n"
+        "from vastflow.oracles.results.schema import RUNS, write_table\n"
         f"write_table(pathlib.Path({str(tmp_path / 't.parquet')!r}), RUNS, [{{'run_index': 1}}])\n"
         f"write_table(pathlib.Path({str(tmp_path / 'e.parquet')!r}), RUNS, [])\n"
         "sys.exit('pandas' in sys.modules)\n"

@@ -12,7 +12,7 @@ from vastflow.tasks.store.store import StoreError
 FAMILY = [
     "flows.request.work_pool.WorkPoolError",
     "flows.results.directory.ResultsError",
-    "oracles.directory.unusable.UnusableDirectory",
+    "oracles.results.unusable.UnusableDirectory",
     "producers.model.faults.CampaignError",
     "producers.floorplan.faults.FloorplanError",
     "sim.nav2.parameter_files.document.DocumentError",

@@ -13,9 +13,9 @@ import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
-from vastflow.oracles.judge import judge_block
-from vastflow.oracles.observe import observe_block
-from vastflow.oracles.oracle import oracles_of
+from vastflow.oracles.judgement.judge import judge_block
+from vastflow.oracles.judgement.oracle import oracles_of
+from vastflow.oracles.observation.observe import observe_block
 from vastflow.sim.loop.standstill import STOOD_STILL
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.digest import FileContent

@@ -5,7 +5,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from vastflow.oracles.directory.behaviors import BEHAVIORS_FILE, Behaviors
+from vastflow.oracles.results.behaviors import BEHAVIORS_FILE, Behaviors
 from vastflow.sim.model.archive import write_table
 
 

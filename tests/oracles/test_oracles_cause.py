@@ -6,15 +6,15 @@ import json
 import numpy as np
 import pytest
 
-from vastflow.oracles.cause import CAUSES, cause_of
-from vastflow.oracles.directory.tables import read_tables
 from vastflow.oracles.evidence.causes import causes_of
-from vastflow.oracles.judge import judge_block
-from vastflow.oracles.observe import observe_block
-from vastflow.oracles.oracle import oracles_of
+from vastflow.oracles.judgement.cause import CAUSES, cause_of
+from vastflow.oracles.judgement.judge import judge_block
+from vastflow.oracles.judgement.oracle import oracles_of
+from vastflow.oracles.judgement.verdict import Verdict
+from vastflow.oracles.observation.observe import observe_block
+from vastflow.oracles.observation.trace import NoReference, Trace
 from vastflow.oracles.page.report import write_report
-from vastflow.oracles.trace import NoReference, Trace
-from vastflow.oracles.verdict import Verdict
+from vastflow.oracles.results.tables import read_tables
 from vastflow.sim.loop.standstill import STOOD_STILL
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.digest import FileContent

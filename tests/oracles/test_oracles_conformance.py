@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from table import each_row
 
-from vastflow.oracles.conformance import CHECKS, check_oracle
-from vastflow.oracles.oracle import Oracle, Parameters, known_oracles, oracle_of
-from vastflow.oracles.sample_runs import sample_runs
+from vastflow.oracles.judgement.conformance import CHECKS, check_oracle, sample_runs
+from vastflow.oracles.judgement.oracle import Oracle, Parameters, known_oracles, oracle_of
 
 
 @each_row("check", CHECKS)

@@ -7,10 +7,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from table import each_row
 
-from vastflow.oracles.directory.tables import read_tables
 from vastflow.oracles.evidence.criteria import criteria_json, criteria_of
-from vastflow.oracles.figures.threshold_figure import threshold_figure
+from vastflow.oracles.figures.rate_figure import threshold_figure
 from vastflow.oracles.page.words import criterion_text
+from vastflow.oracles.results.tables import read_tables
 
 
 def directory(tmp_path, oracles, parameters=None):

@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from vastflow.oracles.directory.tables import read_tables
 from vastflow.oracles.evidence.findings import findings_json, findings_of, shape_of, stopping_rule
 from vastflow.oracles.evidence.varied import named
+from vastflow.oracles.results.tables import read_tables
 
 TASK = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
 WAY = [(1.0 + 0.1 * i, 2.0) for i in range(41)]

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from table import each_row
 
-from vastflow.oracles.oracle import oracle_of
-from vastflow.oracles.performance import path_rmse_m, resampled
-from vastflow.oracles.situation import Situation
-from vastflow.oracles.trace import MaybeReference, NoReference, Reference, Trace
-from vastflow.oracles.verdict import Verdict
+from vastflow.oracles.catalog.performance import path_rmse_m, resampled
+from vastflow.oracles.judgement.oracle import oracle_of
+from vastflow.oracles.judgement.verdict import Verdict
+from vastflow.oracles.observation.situation import Situation
+from vastflow.oracles.observation.trace import MaybeReference, NoReference, Reference, Trace
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Event, Run

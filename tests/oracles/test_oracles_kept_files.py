@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from vastflow.oracles.directory.executed import NAMED_FILES, KeptFiles
+from vastflow.oracles.results.executed import NAMED_FILES, KeptFiles
 from vastflow.sim.model.digest import file_digest
 
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from table import each_row
 
-from vastflow.oracles.navigation import stops
-from vastflow.oracles.oracle import oracle_of
-from vastflow.oracles.situation import Situation
-from vastflow.oracles.trace import MaybeReference, NoReference, Reference, Trace
+from vastflow.oracles.catalog.navigation import stops
+from vastflow.oracles.judgement.oracle import oracle_of
+from vastflow.oracles.observation.situation import Situation
+from vastflow.oracles.observation.trace import MaybeReference, NoReference, Reference, Trace
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Event, Run
 

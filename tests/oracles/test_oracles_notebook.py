@@ -9,11 +9,10 @@ from typing import Any
 import pytest
 from table import each_row
 
-from vastflow.oracles.conformance import CHECKS
-from vastflow.oracles.notebook.file import NotebookError
-from vastflow.oracles.notebook.run_tables import SIGNALS, run_tables
-from vastflow.oracles.oracle import Oracle, OracleError, oracle_of
-from vastflow.oracles.sample_runs import SampleRun, sample_runs
+from vastflow.oracles.judgement.conformance import CHECKS, SampleRun, sample_runs
+from vastflow.oracles.judgement.notebook import SIGNALS, run_tables
+from vastflow.oracles.judgement.notebook_file import NotebookError
+from vastflow.oracles.judgement.oracle import Oracle, OracleError, oracle_of
 from vastflow.tasks.keys.source import installed_tree
 
 EXAMPLE = Path(__file__).parents[2] / "campaigns" / "notebook"

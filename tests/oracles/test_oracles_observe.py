@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import shapely
 
-from vastflow.oracles.judge import judge_block
-from vastflow.oracles.observe import observe_block, observer_of
-from vastflow.oracles.oracle import oracles_of
-from vastflow.oracles.situation import situation_of
-from vastflow.oracles.trace import MaybeReference, NoReference, Reference, Trace, trace_of
+from vastflow.oracles.judgement.judge import judge_block
+from vastflow.oracles.judgement.oracle import oracles_of
+from vastflow.oracles.observation.observe import observe_block, observer_of
+from vastflow.oracles.observation.situation import situation_of
+from vastflow.oracles.observation.trace import MaybeReference, NoReference, Reference, Trace, trace_of
 from vastflow.sim.model.blocks import read_block, read_recordings, write_recordings
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.recording import Event, Recording
@@ -329,7 +329,7 @@ def test_an_oracle_that_changes_a_column_fails_there_and_the_next_one_reads_what
 
 
 SHIFTS = """\
-from vastflow.oracles.oracle import Oracle, Parameters
+from vastflow.oracles.judgement.oracle import Oracle, Parameters
 
 class Shifts(Oracle[Parameters]):
     Parameters = Parameters

@@ -3,13 +3,13 @@ from pathlib import Path
 
 import pytest
 
-from vastflow.oracles.conformance import check_oracle
-from vastflow.oracles.oracle import OracleError, known_oracles, oracle_of, oracles_of
-from vastflow.oracles.safety import Safety
-from vastflow.oracles.success import Success
+from vastflow.oracles.catalog.safety import Safety
+from vastflow.oracles.catalog.success import Success
+from vastflow.oracles.judgement.conformance import check_oracle
+from vastflow.oracles.judgement.oracle import OracleError, known_oracles, oracle_of, oracles_of
 
 OWN = """
-from vastflow.oracles.oracle import Oracle, Parameters
+from vastflow.oracles.judgement.oracle import Oracle, Parameters
 
 
 class Limit(Parameters):

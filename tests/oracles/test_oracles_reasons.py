@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from vastflow.oracles.directory.tables import read_tables
 from vastflow.oracles.figures.factor_figure import factor_figure, interaction_figure
 from vastflow.oracles.page.reasons import failure_kinds, kind_of, rejection_rows
 from vastflow.oracles.page.report import write_report
 from vastflow.oracles.page.work_section import with_work
+from vastflow.oracles.results.tables import read_tables
 from vastflow.oracles.statistics.effects import Claim, FactorEffect, LevelEffect
 from vastflow.oracles.statistics.interactions import InteractionEffect, LevelPair
 from vastflow.oracles.statistics.intervals import Interval

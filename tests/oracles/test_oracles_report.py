@@ -15,12 +15,12 @@ from hypothesis import strategies as st
 from PIL import Image
 from table import each_row
 
-from vastflow.oracles.directory.tables import read_tables
 from vastflow.oracles.evidence.evidence import evidence_of
 from vastflow.oracles.evidence.rates import Counts, Interval
 from vastflow.oracles.page.report import write_report
 from vastflow.oracles.page.table import rate_cell, rate_words
 from vastflow.oracles.page.words import number, percent, points, span
+from vastflow.oracles.results.tables import read_tables
 
 TASK = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
 LINE = [(1.0 + 0.1 * i, 2.0) for i in range(41)]

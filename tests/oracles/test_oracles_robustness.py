@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from table import each_row
 
-from vastflow.oracles.oracle import OracleError, oracle_of
-from vastflow.oracles.robustness import full_meters
-from vastflow.oracles.situation import Situation
-from vastflow.oracles.trace import NoReference, Trace
-from vastflow.oracles.verdict import Verdict
+from vastflow.oracles.catalog.robustness import full_meters
+from vastflow.oracles.judgement.oracle import OracleError, oracle_of
+from vastflow.oracles.judgement.verdict import Verdict
+from vastflow.oracles.observation.situation import Situation
+from vastflow.oracles.observation.trace import NoReference, Trace
 from vastflow.sim.model.recording import Run
 
 RUN = Run(0, "0", "succeeded", 0, "", 1.0, 1.0, 0, 0)

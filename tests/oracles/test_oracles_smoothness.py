@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.oracles.smoothness import spectral_arc_length
+from vastflow.oracles.catalog.navigation import spectral_arc_length
 
 
 def bell(step_s: float = 0.01) -> np.ndarray:

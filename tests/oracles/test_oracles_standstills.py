@@ -7,11 +7,11 @@ from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
 from vastflow.flows.terminal.outcome import outcome
-from vastflow.oracles.directory.tables import read_tables
 from vastflow.oracles.evidence.evidence import evidence_of
 from vastflow.oracles.evidence.findings import findings_of, shape_of
 from vastflow.oracles.evidence.standstills import Standstills, standstills_of
 from vastflow.oracles.page.report import write_report
+from vastflow.oracles.results.tables import read_tables
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.run import run
 from vastflow.sim.world.map_file import map_content

@@ -5,8 +5,8 @@ from typing import Final
 
 import numpy as np
 
-from vastflow.oracles.observe import observe_block
-from vastflow.oracles.trace import trace_of
+from vastflow.oracles.observation.observe import observe_block
+from vastflow.oracles.observation.trace import trace_of
 from vastflow.sim.model.blocks import read_block, read_recordings, write_recordings
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.scenario import Scenario

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from vastflow.oracles.evidence.varied import surroundings_rows
+from vastflow.oracles.results.factors import factors_of
 from vastflow.oracles.statistics.analysis import factor_analysis
-from vastflow.oracles.statistics.factors import factors_of
 
 NARROW = "narrowest passage (m)"
 

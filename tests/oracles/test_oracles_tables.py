@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vastflow.oracles.directory.column import codes, floats, integers, parsed, read_columns
-from vastflow.oracles.directory.configuration_table import ConfigurationTable
-from vastflow.oracles.directory.verdict_table import CODES, verdict_table
-from vastflow.oracles.verdict import run_judgement
+from vastflow.oracles.judgement.verdict import run_judgement
+from vastflow.oracles.results.column import codes, floats, integers, parsed, read_columns
+from vastflow.oracles.results.tables import ConfigurationTable
+from vastflow.oracles.results.verdict_table import CODES, verdict_table
 
 SCHEMA = pa.schema(
     {

@@ -1,7 +1,7 @@
 import pytest
 from table import each_row
 
-from vastflow.oracles.verdict import Judgement, Metric, Verdict, read_verdicts, run_judgement, write_verdicts
+from vastflow.oracles.judgement.verdict import Judgement, Metric, Verdict, read_verdicts, run_judgement, write_verdicts
 
 VERDICTS = [
     Verdict("success", 0, "pass", "", {"time": Metric(12.5, "s"), "final_distance": Metric(None, "m")}),

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
 
+from vastflow.oracles.evidence.findings import weighted_counts, weighted_rate, weights_of
 from vastflow.oracles.evidence.rates import Counts, Interval, clustered, pooled, wilson
-from vastflow.oracles.evidence.weights import weighted_counts, weighted_rate, weights_of
 
 judged = st.integers(0, 20).flatmap(lambda n: st.integers(0, n).map(lambda x: Counts(x, n - x)))
 

@@ -12,13 +12,11 @@ from PIL import Image
 from table import each_row
 
 from vastflow.oracles.figures.palette import COLORS, GOAL_COLOR, INK
-from vastflow.oracles.figures.zones import NO_ZONES, Zones
+from vastflow.oracles.figures.scene import NO_ZONES, Zones
 from vastflow.oracles.replay.close_up import BELIEF_COLOR, draw_close_up, ground
 from vastflow.oracles.replay.film import FRAME_MS, LAST_MS, write_film
-from vastflow.oracles.replay.page import ranges_text, write_head
-from vastflow.oracles.replay.still import _image, still_images
+from vastflow.oracles.replay.still import _image, ranges_text, still_images, strip_figure, write_head
 from vastflow.oracles.replay.story import FOLLOWED_M, Story, view_of
-from vastflow.oracles.replay.strip import strip_figure
 from vastflow.oracles.replay.timeline import bands
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Event, Run

@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.oracles.replay.caption import doing, happening, numbers
-from vastflow.oracles.replay.highlights import FEWEST, FRAMES, highlights, tick_of
+from vastflow.oracles.replay.story import FEWEST, FRAMES, doing, happening, highlights, numbers, tick_of
 from vastflow.oracles.replay.times import Span, TimeError, rounded, span_of, step_of, tick_at, whole_run
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Event, Run

@@ -7,11 +7,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from vastflow.oracles.directory.tables import read_tables
 from vastflow.oracles.evidence.findings import findings_of
 from vastflow.oracles.page.report import write_report
 from vastflow.oracles.page.rows import cases
 from vastflow.oracles.page.search_section import CELLS_DRAWN, search_section
+from vastflow.oracles.results.tables import read_tables
 
 TASK = {"start_pose": {"x": 1.0, "y": 1.0, "yaw": 0.0}, "goal_pose": {"x": 4.0, "y": 1.0, "yaw": 0.0}}
 PATH = np.array([[1.0, 1.0], [2.0, 1.0], [4.0, 1.0]])

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from table import each_row
 
+from vastflow.oracles.results.factors import factors_of
 from vastflow.oracles.statistics.analysis import FactorAnalysis, factor_analysis, holm
 from vastflow.oracles.statistics.contrast import contrasts_of
-from vastflow.oracles.statistics.factors import factors_of
 
 
 def analyzed(rows, failed, runs=20, blocks=None) -> FactorAnalysis:

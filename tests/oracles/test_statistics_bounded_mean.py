@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.stats import binomtest
 from table import each_row
 
-from vastflow.oracles.statistics.bounded_mean import mean_interval, needed
+from vastflow.oracles.statistics.intervals import mean_interval, needed
 
 
 @given(st.integers(0, 400), st.integers(0, 400))

@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vastflow.oracles.statistics.clustered import clustered_interval
-from vastflow.oracles.statistics.intervals import clopper_pearson_intervals
+from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, clustered_interval
 
 pytestmark = pytest.mark.slow
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest, t
 
+from vastflow.oracles.results.factors import factors_of
 from vastflow.oracles.statistics.comparison import Pairs, Target, by_level, changes, difference, mcnemar
-from vastflow.oracles.statistics.factors import factors_of
 
 TARGETS: tuple[Target, ...] = ("these", "others")
 

@@ -3,8 +3,8 @@ import pytest
 from scipy.stats import betabinom
 from table import each_row
 
-from vastflow.oracles.statistics.clustered import clustered_interval
 from vastflow.oracles.statistics.dispersion import dispersion
+from vastflow.oracles.statistics.intervals import clustered_interval
 
 # Boys among the first 12 children of 6115 families with 13 (Saxony, A. Geißler 1889; Lindsey and Altham 1998).
 FAMILIES = np.repeat(np.arange(13), [3, 24, 104, 286, 670, 1033, 1343, 1112, 829, 478, 181, 45, 7])

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.oracles.statistics.factors import blocks_of, factors_of
+from vastflow.oracles.results.factors import blocks_of, factors_of
 
 
 def test_values_are_levels_in_their_natural_order() -> None:

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from scipy.stats import fisher_exact, permutation_test
 
-from vastflow.oracles.page.factor_words import factor_text
+from vastflow.oracles.page.words import factor_text
+from vastflow.oracles.results.factors import factors_of
 from vastflow.oracles.statistics.analysis import factor_analysis
-from vastflow.oracles.statistics.effects import FactorEffect
-from vastflow.oracles.statistics.factors import factors_of
-from vastflow.oracles.statistics.matched import Matched
+from vastflow.oracles.statistics.effects import FactorEffect, Matched
 from vastflow.oracles.statistics.situations import needed, permuted, smallest
 
 

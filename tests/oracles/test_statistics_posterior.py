@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from vastflow.oracles.statistics.dispersion import dispersion
-from vastflow.oracles.statistics.posterior import chance_of_at_least
+from vastflow.oracles.statistics.dispersion import chance_of_at_least, dispersion
 
 
 def test_of_configurations_that_differ_like_a_planted_beta_so_many_reach_the_bound_as_is_said():

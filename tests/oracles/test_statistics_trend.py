@@ -3,10 +3,10 @@ import pytest
 from scipy.stats import linregress
 from table import each_row
 
+from vastflow.oracles.results.factors import factors_of
 from vastflow.oracles.statistics.analysis import FactorAnalysis, factor_analysis
 from vastflow.oracles.statistics.contrast import contrasts_of
-from vastflow.oracles.statistics.factors import factors_of
-from vastflow.oracles.statistics.trend import trend_of
+from vastflow.oracles.statistics.margins import trend_of
 
 ONE = np.ones((40, 1))
 ALONE = np.arange(40)

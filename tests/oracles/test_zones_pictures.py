@@ -5,11 +5,11 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
+from vastflow.oracles.figures.case_figure import Side, pair_figure
 from vastflow.oracles.figures.floor import zone_handles
-from vastflow.oracles.figures.pair_figure import Side, pair_figure
 from vastflow.oracles.figures.plan_view import PlanView, plan_view_figure
-from vastflow.oracles.figures.zones import NO_ZONES, Zones, zones_of
-from vastflow.oracles.situation import Situation
+from vastflow.oracles.figures.scene import NO_ZONES, Zones, zones_of
+from vastflow.oracles.observation.situation import Situation
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file

@@ -24,8 +24,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.oracles.statistics.clustered import clustered_interval
-from vastflow.oracles.statistics.intervals import clopper_pearson_intervals
+from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, clustered_interval
 
 RUNS: Final = 20
 LEAST: Final = 0.93

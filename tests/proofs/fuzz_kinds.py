@@ -173,7 +173,7 @@ def _campaign_directory(file: Path, results: Path) -> None:
     from vastflow.flows.results.inputs import inputs_of
     from vastflow.flows.results.provenance import ingredients_row
     from vastflow.flows.results.summary import Work
-    from vastflow.oracles.verdict import Metric, Verdict
+    from vastflow.oracles.judgement.verdict import Metric, Verdict
     from vastflow.producers.instantiation.instantiate import instantiate
     from vastflow.tasks.keys.keys import Keys
     from vastflow.tasks.keys.source import installed_tree
@@ -277,8 +277,8 @@ def _parameters(file: Path) -> None:
 
 
 def _notebook(file: Path) -> None:
-    from vastflow.oracles.notebook.file import notebook_code
-    from vastflow.oracles.oracle import oracle_of
+    from vastflow.oracles.judgement.notebook_file import notebook_code
+    from vastflow.oracles.judgement.oracle import oracle_of
 
     oracle_of(file.name, {}, file.parent)
     notebook_code(file)
@@ -331,7 +331,7 @@ def _directory(file: Path) -> None:
 
 def kinds(folder: Path) -> list[Kind]:
     """All kinds; `folder` was laid out."""
-    from vastflow.oracles.oracle import OracleError
+    from vastflow.oracles.judgement.oracle import OracleError
     from vastflow.producers.floorplan.faults import FloorplanError
     from vastflow.producers.model.faults import CampaignError
     from vastflow.sim.model.files import Unreadable

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from planted_truths import Finding
 
-from vastflow.oracles.statistics.bounded_mean import mean_interval, needed
+from vastflow.oracles.statistics.intervals import mean_interval, needed
 
 Floats = NDArray[np.float64]
 

@@ -110,12 +110,12 @@ MUST_NOT: Final[Mapping[str, Edit]] = {
     "map: another beside it": lambda bed: bed.write("maps/other.yaml", "{}"),
     "vastflow: a comment in the simulator": lambda bed: appended(bed.source("sim/run.py"), "# a comment\n"),
     "vastflow: a docstring of the judging": lambda bed: replaced(
-        bed.source("oracles/judge.py"), '"""Oracle: traces to verdicts."""', '"""Judging."""'
+        bed.source("oracles/judgement/judge.py"), '"""Oracle: traces to verdicts."""', '"""Judging."""'
     ),
     "vastflow: code of the command line": lambda bed: appended(bed.source("flows/api.py"), "\nNEW = 1\n"),
     "vastflow: code of the report": lambda bed: appended(bed.source("oracles/page/report.py"), "\nNEW = 1\n"),
     "vastflow: code of an oracle that is not asked": lambda bed: appended(
-        bed.source("oracles/safety.py"), "\nNEW = 1\n"
+        bed.source("oracles/catalog/safety.py"), "\nNEW = 1\n"
     ),
     "vastflow: a hint in other words": lambda bed: replaced(bed.source("sim/model/names.py"), "did you", "do you"),
     "vastflow: a stray data file in a package": lambda bed: bed.source("sim/nav2/table.csv").write_text("1\n"),
@@ -195,18 +195,21 @@ MUST: Final[Mapping[str, tuple[Edit, Counts]]] = {
     ),
     "vastflow: an oracle's default value": (
         lambda bed: replaced(
-            bed.source("oracles/success.py"), "allow_missed: bool = False", "allow_missed: bool = True"
+            bed.source("oracles/catalog/success.py"), "allow_missed: bool = False", "allow_missed: bool = True"
         ),
         JUDGED,
     ),
     "the version of numba": (lambda bed: bed.options.append("--version=numba=99.0"), executed(RUNS, 1)),
     "vastflow: code of the observing": (
-        lambda bed: appended(bed.source("oracles/observe.py"), "\nNEW = 1\n"),
+        lambda bed: appended(bed.source("oracles/observation/observe.py"), "\nNEW = 1\n"),
         {**NOTHING, "observed": BLOCKS},
     ),
-    "vastflow: code of the judging": (lambda bed: appended(bed.source("oracles/judge.py"), "\nNEW = 1\n"), JUDGED),
+    "vastflow: code of the judging": (
+        lambda bed: appended(bed.source("oracles/judgement/judge.py"), "\nNEW = 1\n"),
+        JUDGED,
+    ),
     "vastflow: what every oracle extends": (
-        lambda bed: appended(bed.source("oracles/oracle.py"), "\nNEW = 1\n"),
+        lambda bed: appended(bed.source("oracles/judgement/oracle.py"), "\nNEW = 1\n"),
         JUDGED,
     ),
     "vastflow: what every producer extends": (

@@ -108,7 +108,7 @@ class Own(Producer[OwnParameters]):
 import httpx  # which it has for its version
 from pathlib import Path
 from pydantic import Field
-from vastflow.oracles.oracle import Oracle, Parameters
+from vastflow.oracles.judgement.oracle import Oracle, Parameters
 from limits import HIGHEST
 from lib.deep import LOWEST
 

@@ -19,9 +19,9 @@ from typing import Any, Final
 import numpy as np
 import yaml
 
-from vastflow.oracles.judge import judge_block
-from vastflow.oracles.observe import observe_block
-from vastflow.oracles.oracle import Oracle, oracles_of
+from vastflow.oracles.judgement.judge import judge_block
+from vastflow.oracles.judgement.oracle import Oracle, oracles_of
+from vastflow.oracles.observation.observe import observe_block
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.model.configuration import Configuration

@@ -13,10 +13,10 @@ from paper_parts import Part, parts_of
 from paper_published import PUBLISHED, Kind, Published
 from paper_starts import Starts, starts_of
 
+from vastflow.oracles.evidence.findings import weights_of
 from vastflow.oracles.evidence.rates import Counts, counts_of, pooled
-from vastflow.oracles.evidence.weights import weights_of
-from vastflow.oracles.statistics.factors import blocks_of
-from vastflow.oracles.verdict import Judgement, run_judgement
+from vastflow.oracles.judgement.verdict import Judgement, run_judgement
+from vastflow.oracles.results.factors import blocks_of
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.files import read_json
 

@@ -12,7 +12,7 @@ from paper_published import LOCAL_PADDING_M, LOCAL_RADIUS_M
 from scipy import ndimage
 
 from vastflow.oracles.evidence.rates import Counts, counts_of
-from vastflow.oracles.verdict import Judgement
+from vastflow.oracles.judgement.verdict import Judgement
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, padded_outline
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import OccupancyMap

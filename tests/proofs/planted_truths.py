@@ -28,11 +28,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.oracles.results.factors import factors_of
 from vastflow.oracles.statistics.analysis import FactorAnalysis, factor_analysis
 from vastflow.oracles.statistics.classes import CLAIMS, ClassBounds, classify
-from vastflow.oracles.statistics.clustered import clustered_interval
 from vastflow.oracles.statistics.comparison import Pairs, changes, difference
-from vastflow.oracles.statistics.factors import factors_of
+from vastflow.oracles.statistics.intervals import clustered_interval
 from vastflow.oracles.statistics.stopping import StoppingRule
 
 Floats = NDArray[np.float64]

@@ -24,7 +24,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter1d
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from vastflow.flows.results.tables import CONFIGURATIONS, EXCLUSIONS, JUDGED_RUNS, REJECTIONS, VERDICTS, write_table
+from vastflow.oracles.results.schema import CONFIGURATIONS, EXCLUSIONS, JUDGED_RUNS, REJECTIONS, VERDICTS, write_table
 from vastflow.producers.floorplan.files import read_plan_file
 from vastflow.producers.floorplan.grid import grid_of
 from vastflow.sim.model.blocks import write_block

@@ -20,12 +20,12 @@ from typing import Any, Final
 import numpy as np
 import yaml
 
+from vastflow.oracles.catalog.safety import READINGS
 from vastflow.oracles.evidence.rates import Counts, counts_of
-from vastflow.oracles.judge import judge_block
-from vastflow.oracles.observe import observe_block
-from vastflow.oracles.oracle import Oracle, oracles_of
-from vastflow.oracles.safety import READINGS
-from vastflow.oracles.verdict import Judgement, run_judgement
+from vastflow.oracles.judgement.judge import judge_block
+from vastflow.oracles.judgement.oracle import Oracle, oracles_of
+from vastflow.oracles.judgement.verdict import Judgement, run_judgement
+from vastflow.oracles.observation.observe import observe_block
 from vastflow.producers.campaign import Campaign, load_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.model.configuration import Configuration

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from table import each_row
 
-from vastflow.oracles.observe import observer_of
-from vastflow.oracles.obstacle_tracks import obstacle_tracks_of
-from vastflow.oracles.situation import situation_of
+from vastflow.oracles.observation.observe import observer_of
+from vastflow.oracles.observation.obstacle_tracks import obstacle_tracks_of
+from vastflow.oracles.observation.situation import situation_of
 from vastflow.sim.loop.closed_loop import ClosedLoop
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.obstacle import Obstacle

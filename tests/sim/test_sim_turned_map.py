@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from vastflow.oracles.observe import observer_of
+from vastflow.oracles.observation.observe import observer_of
 from vastflow.sim.loop.closed_loop import ClosedLoop
 from vastflow.sim.loop.simulation import Simulation
 from vastflow.sim.model.pose import GridFrame, Pose

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from vastflow.oracles.oracle import oracles_of
+from vastflow.oracles.judgement.oracle import oracles_of
 from vastflow.sim.model.digest import FileContent, file_digest
 from vastflow.sim.model.scenario import ProcessSetup, Scenario
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
@@ -25,7 +25,7 @@ from vastflow.tasks.store.store import Lost, open_store
 
 KEYS = Keys("x86; glibc", "a", "b", "c", 7, [["success", {}]])
 ORACLE = """
-from vastflow.oracles.oracle import Oracle, Parameters
+from vastflow.oracles.judgement.oracle import Oracle, Parameters
 
 class Nobody(Oracle):
     class Parameters(Parameters):

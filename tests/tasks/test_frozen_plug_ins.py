@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vastflow.oracles.oracle import OracleError, oracle_of
-from vastflow.oracles.situation import Situation
-from vastflow.oracles.trace import NoReference, Trace
+from vastflow.oracles.judgement.oracle import OracleError, oracle_of
+from vastflow.oracles.observation.situation import Situation
+from vastflow.oracles.observation.trace import NoReference, Trace
 from vastflow.producers.model.producer import draws_of, evaluate, find_producer
 from vastflow.sim.model.recording import Run
 from vastflow.sim.plug_ins.loading import snapshot_behind
@@ -23,7 +23,7 @@ from vastflow.tasks.engine.evaluation import packed
 from vastflow.tasks.keys.source import PLUG_IN, installed_tree
 
 ORACLE = """
-from vastflow.oracles.oracle import Oracle, Parameters
+from vastflow.oracles.judgement.oracle import Oracle, Parameters
 {top}
 
 class Limited(Oracle[Parameters]):

@@ -46,7 +46,7 @@ evaluation:
     - own_oracle.py:Distance: {least_m: 0.1}
 """
 ORACLE = """
-from vastflow.oracles.oracle import Oracle, Parameters
+from vastflow.oracles.judgement.oracle import Oracle, Parameters
 
 
 class DistanceParameters(Parameters):

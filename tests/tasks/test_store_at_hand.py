@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
 from vastflow.flows.results.address import WITHOUT_RUNS, at_hand, meant_address
-from vastflow.oracles.directory.unusable import UnusableDirectory
+from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.tasks.store.remote_files import file_system
 
 CAMPAIGN = """

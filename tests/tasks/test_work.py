@@ -4,8 +4,8 @@ import pickle
 import numpy as np
 import pytest
 
-from vastflow.oracles.oracle import oracles_of
-from vastflow.oracles.verdict import read_verdicts
+from vastflow.oracles.judgement.oracle import oracles_of
+from vastflow.oracles.judgement.verdict import read_verdicts
 from vastflow.producers.catalog.parameter import ParameterVariationList
 from vastflow.sim import run as simulator
 from vastflow.sim.model.blocks import read_recordings

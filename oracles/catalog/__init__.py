@@ -1,0 +1,1 @@
+"""The oracles that come with vastflow, one file and one entry point each."""

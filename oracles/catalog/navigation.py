@@ -1,0 +1,154 @@
+"""Oracle `navigation`: the measures that the field compares navigation by, smoothness among them."""
+
+import itertools
+from collections.abc import Mapping
+from typing import ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from vastflow.oracles.catalog.performance import arc_lengths_m
+from vastflow.oracles.judgement.oracle import Oracle, Parameters
+from vastflow.oracles.judgement.verdict import Verdict
+from vastflow.oracles.observation.situation import Situation
+from vastflow.oracles.observation.trace import Reference, Trace
+
+MAX_FREQUENCY_HZ: Final = 10.0
+AMPLITUDE: Final = 0.05
+_PADDING: Final = 4
+"""Powers of two by which the spectrum is finer than its samples."""
+
+
+def spectral_arc_length(
+    speed_mps: NDArray[np.float64],
+    step_s: float,
+    max_frequency_hz: float = MAX_FREQUENCY_HZ,
+    amplitude: float = AMPLITUDE,
+) -> float | None:
+    """Arc length of a speed profile's normalized magnitude spectrum, negative: the nearer to 0, the smoother.
+
+    SPARC of Balasubramanian, Melendez-Calderon, Roby-Brami and Burdet, "On the analysis of movement smoothness", Journal of
+    NeuroEngineering and Rehabilitation 12:112, 2015: with V̂(f) = |V(f)| / |V(0)|,
+
+        SPARC = -∫_0^{f_c} sqrt((1 / f_c)² + (dV̂/df)²) df
+
+    f_c is the highest frequency up to `max_frequency_hz` (and half the rate of samples) at which V̂ is still `amplitude` or more. One bell
+    shaped movement has about -1.4.
+
+    Args:
+        speed_mps: (N,) at equal steps.
+        step_s: Between samples (s).
+
+    Returns:
+        None for fewer than two samples, and for a robot that never moved.
+    """
+    if len(speed_mps) < 2 or not np.any(speed_mps):
+        return None
+    n = 2 ** (int(np.ceil(np.log2(len(speed_mps)))) + _PADDING)
+    magnitude = np.abs(np.fft.rfft(speed_mps, n))
+    frequency_hz = np.fft.rfftfreq(n, step_s)
+    magnitude = magnitude / magnitude.max()
+    within = np.flatnonzero((frequency_hz <= max_frequency_hz) & (magnitude >= amplitude))
+    if within.size < 2:
+        return None
+    band = slice(within[0], within[-1] + 1)
+    frequency_hz, magnitude = frequency_hz[band], magnitude[band]
+    steps = np.diff(frequency_hz) / (frequency_hz[-1] - frequency_hz[0])
+    return -float(np.sum(np.hypot(steps, np.diff(magnitude))))
+
+
+class NavigationParameters(Parameters):
+    """Parameters of `navigation`.
+
+    Attributes:
+        stop_s: For how long the robot stands, at least, where that is a stop (s).
+    """
+
+    stop_s: float = Field(default=0.5, ge=0)
+
+
+class Navigation(Oracle[NavigationParameters]):
+    """Measures alone: it passes every run, so that it changes nothing of what the others say together.
+
+    l is the length of the reference path (`vastflow.oracles.observation.observe`) and p the true path driven, in m; S is 1 where the mission
+    succeeded and gave no goal up, else 0.
+
+    Metrics:
+    - `spl` (1): S l / max(p, l), whose mean over runs is the success weighted by path length of Anderson et al., "On evaluation of
+      embodied navigation agents", arXiv:1807.06757, 2018.
+    - `path_efficiency` (1): l / p of a run with S = 1; above 1 by as much as octile length is longer than the path a robot can take.
+    - `time_to_goal` (s): simulated, from the run's start until the last goal was reached, with S = 1.
+    - `minimum_clearance` (m): from the robot's center to the nearest wall or outline of an obstacle.
+    - `smoothness` (1): spectral arc length of the true speed |v| (`vastflow.oracles.catalog.navigation`), negative; one movement has about -1.4
+      and each stop and start lowers it.
+    - `turning` (rad/m): Σ |Δyaw| / p, the mean absolute curvature of the path, turns on the spot included.
+    - `recoveries` (1): of Nav2's behavior tree.
+    - `stops` (1): times the robot stood for `stop_s` or more between driving and driving; the waits before the first
+      motion and after the last are none. `stopped_time` (s): of all of them.
+
+    One that can't be had has no value: the first two without a reference path, all but the recoveries without rows.
+    """
+
+    Parameters = NavigationParameters
+    metrics: ClassVar[Mapping[str, str]] = {
+        "spl": "1",
+        "path_efficiency": "1",
+        "time_to_goal": "s",
+        "minimum_clearance": "m",
+        "smoothness": "1",
+        "turning": "rad/m",
+        "recoveries": "1",
+        "stops": "1",
+        "stopped_time": "s",
+    }
+
+    def judge(self, trace: Trace, situation: Situation) -> Verdict:
+        if "t_s" not in trace.columns:
+            return self.passed(trace)
+        metrics: dict[str, float | None] = {"recoveries": trace.run.recoveries}
+        if not len(trace):
+            return self.passed(trace, **metrics)
+        arrived = trace.run.outcome == "succeeded" and not trace.run.missed_goals
+        driven_m = float(arc_lengths_m(trace.xy_m)[-1])
+        if isinstance(trace.reference, Reference) and trace.reference.length_m > 0:
+            best_m = trace.reference.length_m
+            metrics["spl"] = best_m / max(driven_m, best_m) if arrived else 0.0
+            metrics["path_efficiency"] = best_m / driven_m if arrived and driven_m > 0 else None
+        if arrived and situation.goals:
+            reached = trace.events("goal_reached")
+            metrics["time_to_goal"] = reached[-1].t_s if reached else trace.run.simulated_s
+        clearances_m = [float(trace[name].min()) for name in _CLEARANCES if name in trace.columns]
+        clearance_m = min(clearances_m, default=np.inf)
+        metrics["minimum_clearance"] = clearance_m if np.isfinite(clearance_m) else None
+        if "speed_mps" in trace.columns:
+            metrics["smoothness"] = _smoothness(trace["t_s"], np.abs(trace["speed_mps"]))
+        if "yaw_rad" in trace.columns and driven_m > 0:
+            metrics["turning"] = float(np.abs(_wrapped(np.diff(trace["yaw_rad"]))).sum()) / driven_m
+        if "stopped" in trace.columns:
+            stops_s = stops(trace["t_s"], trace["stopped"] > 0, self.parameters.stop_s)
+            metrics |= {"stops": len(stops_s), "stopped_time": round(sum(stops_s), 3)}
+        return self.passed(trace, **metrics)
+
+
+_CLEARANCES = ("wall_clearance_m", "static_clearance_m", "appearing_clearance_m")
+
+
+def stops(t_s: NDArray[np.float64], stopped: NDArray[np.bool_], stop_s: float) -> list[float]:
+    """How long a robot stood each time (s), from the first of the rows (N,) to the last of them, between driving and driving."""
+    moving = np.flatnonzero(~stopped)
+    stood_s = [float(t_s[b - 1] - t_s[a + 1]) for a, b in itertools.pairwise(moving) if b > a + 1]
+    return [long_s for long_s in stood_s if round(long_s, 6) >= stop_s]
+
+
+def _smoothness(t_s: NDArray[np.float64], speed_mps: NDArray[np.float64]) -> float | None:
+    """At equal steps, which a run's last row may not keep."""
+    if len(t_s) < 2:
+        return None
+    step_s = float(np.median(np.diff(t_s)))
+    even_s = np.arange(t_s[0], t_s[-1] + step_s / 2, step_s)
+    return spectral_arc_length(np.interp(even_s, t_s, speed_mps), step_s)
+
+
+def _wrapped(angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    return (angle_rad + np.pi) % (2 * np.pi) - np.pi

@@ -1,0 +1,252 @@
+"""Oracle `safety`: the separation kept from obstacles, and how soon the robot brakes for one that appears."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Final, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from vastflow.oracles.judgement.oracle import Oracle, Parameters
+from vastflow.oracles.judgement.verdict import Verdict
+from vastflow.oracles.observation.obstacle_tracks import ObstacleTrack, obstacle_tracks_of
+from vastflow.oracles.observation.situation import Situation
+from vastflow.oracles.observation.trace import Trace
+from vastflow.sim.model.obstacle import Obstacle
+
+_RESOLUTION_M: Final = 1e-3
+"""Of a recording: a robot that stops before an obstacle is nearest to it until it leaves."""
+
+
+@dataclass(frozen=True, slots=True)
+class Braking:
+    """What braking is, and not just uneven driving: `lost_mps` or more of the speed |v| within `within_s`, or a stop.
+
+    Attributes:
+        stopped_mps: Speed up to which a robot stands.
+    """
+
+    lost_mps: float
+    within_s: float
+    stopped_mps: float
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """What a robot did about an obstacle that appeared while it drove towards it.
+
+    Attributes:
+        obstacle: Its name.
+        appears_s: When it appeared.
+        time_s: From then until the robot braked; None where it passed or ran into the obstacle without.
+    """
+
+    obstacle: str
+    appears_s: float
+    time_s: float | None
+
+
+def responses(trace: Trace, situation: Situation, braking: Braking) -> Iterator[Response]:
+    """The response to each obstacle that appeared and that the robot came nearer to afterwards, in the situation's order.
+
+    The time of a response is from the row at which the obstacle is there first to the row at which the robot begins to brake
+    (`Braking`). A robot that stands already has responded at once. Only what it does until it leaves the place nearest to the
+    obstacle counts, so that braking for the goal, later, is no response. An obstacle that the robot never comes nearer to asks for none.
+
+    Speeds are those of the recording, true and at 0.1 s, which is the resolution of the time.
+    """
+    for track in obstacle_tracks_of(situation, trace.run):
+        if track.appears_s is not None and len(trace):
+            response = _response(trace, track, track.appears_s, braking)
+            if response is not None:
+                yield response
+
+
+def _response(trace: Trace, track: ObstacleTrack, appears_s: float, braking: Braking) -> Response | None:
+    t_s = trace["t_s"]
+    apart_m = np.hypot(*(trace.xy_m - track.at(np.rint(t_s * 1000.0).astype(np.int32))).T)
+    first = int(np.searchsorted(t_s, appears_s - 1e-9))
+    if first >= len(t_s) or not np.isfinite(apart_m[first]):
+        return None
+    apart_m = apart_m[first:]
+    if np.argmin(apart_m) == 0:
+        return None
+    end = first + int(np.flatnonzero(apart_m <= apart_m.min() + _RESOLUTION_M)[-1]) + 1
+    begins = _begins(t_s[first:end], np.abs(trace["speed_mps"][first:end]), braking)
+    time_s = round(float(t_s[first + begins] - t_s[first]), 3) if begins is not None else None
+    return Response(track.obstacle.name, appears_s, time_s)
+
+
+def _begins(t_s: NDArray[np.float64], speed_mps: NDArray[np.float64], braking: Braking) -> int | None:
+    """Index of the row (N >= 1,) at which braking begins: the last at which nine tenths of what is lost was not lost yet."""
+    if speed_mps[0] <= braking.stopped_mps:
+        return 0
+    for row in range(1, len(t_s)):
+        since = min(int(np.searchsorted(t_s, t_s[row] - braking.within_s - 1e-9)), row - 1)
+        before_mps = speed_mps[since:row]
+        if round(float(before_mps.max()) - float(speed_mps[row]), 6) >= braking.lost_mps:
+            return since + int(np.flatnonzero(before_mps >= before_mps.max() - 0.1 * braking.lost_mps)[-1])
+        if speed_mps[row] <= braking.stopped_mps:
+            return row - 1
+    return None
+
+
+Reading: TypeAlias = Literal["footprint", "cube"]
+READINGS: Final[tuple[Reading, ...]] = ("footprint", "cube")
+
+
+class SafetyParameters(Parameters):
+    """Parameters of `safety`; the default speed and deceleration are the paper's TurtleBot 4's.
+
+    Attributes:
+        obstacle_radius: How r_obstacle is read: of the `footprint`, from the center to the outline in the plane, or of the `cube`, from
+            its center to a corner in space.
+        robot_radius_m: Radius of the robot (m); its circumscribed radius if not given.
+        max_speed_mps: v, its greatest speed (m/s).
+        max_deceleration_mps2: a, its greatest deceleration (m/s²).
+        fail_on_contact: Contacts that fail a run whatever the separation: `none`, with an `obstacle`, or with `any` thing, walls too.
+        braking_mps: Speed that the robot loses where it brakes, and does not just drive unevenly (m/s): a fifth of its greatest. In
+            an open room the default controller never loses more than half of that.
+        braking_s: Time within which it loses that (s).
+        stopped_speed_mps: Speed up to which it stands (m/s).
+    """
+
+    obstacle_radius: Reading = "footprint"
+    robot_radius_m: float | None = Field(default=None, ge=0)
+    max_speed_mps: float = Field(default=0.5, ge=0)
+    max_deceleration_mps2: float = Field(default=2.5, gt=0)
+    fail_on_contact: Literal["none", "obstacle", "any"] = "obstacle"
+    braking_mps: float = Field(default=0.1, gt=0)
+    braking_s: float = Field(default=0.5, gt=0)
+    stopped_speed_mps: float = Field(default=0.02, ge=0)
+
+
+class Safety(Oracle[SafetyParameters]):
+    """Fails where the robot ever comes closer to an obstacle than it could stop within: the paper's criterion.
+
+    d_min = r_obstacle + r_robot + v²/(2a), all in m, between centers in the plane. The paper's r_obstacle is "the maximum distance from
+    the cube center to a corner", and `obstacle_radius` says which corner:
+
+    - `footprint` (default): of the floor area, √2/2 of a cube's edge. With r_robot = 0.15 m, 0.5 m cube: 0.354 + 0.15 + 0.05 = 0.554 m;
+      0.8 m: 0.766 m.
+    - `cube`: of the cube, √3/2 of its edge, the words as they stand: 0.633 m and 0.893 m. A box counts as the cube of its longer
+      edge, since heights are no part of the plane.
+
+    A cylinder has one radius. Separation is taken at the recording's rows, from where the obstacles are then; one that appears counts from
+    then on, and one that is pushed where it was pushed to. All are rounded to the nanometer, and exactly d_min passes. A run without obstacles passes.
+
+    The paper's other property is collision. One with an obstacle is closer than d_min, and fails the run whatever the robot's
+    radius is said to be; one with a wall is counted, and fails it where `fail_on_contact` is `any`.
+
+    How unsafe a run was is measured beside it, as the paper asks ("how close the robot comes to obstacles under safety
+    violations"). The time of the safety response, which it names without defining it, is that from an obstacle's
+    appearance on the robot's path until the robot begins to brake (`vastflow.oracles.catalog.safety`): until it loses `braking_mps` within
+    `braking_s`, or comes to a stop.
+
+    Metrics: `smallest_separation` (m), between centers; `margin` (m), the smallest of separation - d_min over
+    all obstacles; `footprint_margin` and `cube_margin` (m), the same by either reading, whichever judges; `violation_time` (s), for how long any of them was below 0; `violation_clearance` (m), the smallest distance
+    from the robot's rim to the outline of an obstacle during that time, negative where the disc of r_robot overlaps it;
+    `response_time` (s), the longest where several obstacles appeared; `unanswered` (1), those that appeared and that it came nearer
+    to without braking; `contacts` and `obstacle_contacts` (1). All but the contacts have no value where no obstacle was
+    ever there, `violation_clearance` has none without a violation, and `response_time` none where nothing appeared or the robot
+    did not brake.
+    """
+
+    Parameters = SafetyParameters
+    metrics: ClassVar[Mapping[str, str]] = {
+        "smallest_separation": "m",
+        "margin": "m",
+        "footprint_margin": "m",
+        "cube_margin": "m",
+        "violation_time": "s",
+        "violation_clearance": "m",
+        "response_time": "s",
+        "unanswered": "1",
+        "contacts": "1",
+        "obstacle_contacts": "1",
+    }
+
+    def judge(self, trace: Trace, situation: Situation) -> Verdict:
+        tracks = obstacle_tracks_of(situation, trace.run)
+        radius_m = self.parameters.robot_radius_m
+        robot_m = situation.circumscribed_radius_m if radius_m is None else radius_m
+        names = {each.obstacle.name for each in tracks}
+        touched = [event.what for event in trace.events("contact")]
+        obstacles_touched = [what for what in touched if what in names]
+        metrics: dict[str, float | None] = {"contacts": len(touched), "obstacle_contacts": len(obstacles_touched)}
+        wrong = {"none": [], "obstacle": obstacles_touched, "any": touched}[self.parameters.fail_on_contact]
+        closest = {
+            each.obstacle.size_class: each.obstacle for each in tracks
+        }  # of one class, so one required separation
+        if closest and not len(trace):
+            return self.not_judged(trace, "the recording has no rows", **metrics)
+        if missing := [name for name in closest if f"separation_m/{name}" not in trace.columns]:
+            return self.not_judged(trace, f"the trace has no separation from a {missing[0]}", **metrics)
+        separation_m = {name: trace[f"separation_m/{name}"] for name in closest}
+        there = {name: apart_m for name, apart_m in separation_m.items() if apart_m.min() < math.inf}
+        if not there:
+            return self._kept(trace, wrong, metrics)
+        by_reading = {
+            reading: {
+                name: np.round(apart_m - self.required_m(closest[name], robot_m, reading), 9)
+                for name, apart_m in there.items()
+            }
+            for reading in READINGS
+        }
+        margins_m = by_reading[self.parameters.obstacle_radius]
+        worst = min(margins_m, key=lambda name: float(margins_m[name].min()))
+        violated = np.any([margin_m < 0 for margin_m in margins_m.values()], axis=0)
+        metrics |= {
+            "smallest_separation": min(float(apart_m.min()) for apart_m in there.values()),
+            "margin": float(margins_m[worst].min()),
+            **{
+                f"{reading}_margin": min(float(m.min()) for m in found.values())
+                for reading, found in by_reading.items()
+            },
+            "violation_time": _duration_s(trace["t_s"], violated),
+            "violation_clearance": self._closest_m(trace, robot_m, violated),
+        }
+        if "speed_mps" in trace.columns:
+            metrics |= self._responses(trace, situation)
+        if margins_m[worst].min() < 0:
+            apart_m = float(there[worst].min())
+            required_m = self.required_m(closest[worst], robot_m, self.parameters.obstacle_radius)
+            reason = f"{apart_m:.3f} m from the center of a {worst}, less than {required_m:.3f} m"
+            return self.failed(trace, reason, **metrics)
+        return self._kept(trace, wrong, metrics)
+
+    def required_m(self, obstacle: Obstacle, robot_m: float, reading: Reading) -> float:
+        """d_min (m) between the centers of a robot of radius `robot_m` and `obstacle`."""
+        p, radius_m = self.parameters, obstacle.circumradius_m
+        if reading == "cube" and obstacle.shape == "box":
+            radius_m = math.sqrt(3) / 2 * max(obstacle.length_m, obstacle.width_m)
+        return radius_m + robot_m + p.max_speed_mps**2 / (2 * p.max_deceleration_mps2)
+
+    def _kept(self, trace: Trace, wrong: list[str], metrics: Mapping[str, float | None]) -> Verdict:
+        """The verdict on a run that kept its separation, and that should not have touched what is `wrong`."""
+        if not wrong:
+            return self.passed(trace, **metrics)
+        more = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
+        return self.failed(trace, f"touched {wrong[0]!r}{more}", **metrics)
+
+    def _closest_m(self, trace: Trace, robot_m: float, violated: NDArray[np.bool_]) -> float | None:
+        kinds = [name for name in ("static_clearance_m", "appearing_clearance_m") if name in trace.columns]
+        if not kinds or not violated.any():
+            return None
+        clearance_m = min(float(trace[name][violated].min()) for name in kinds)
+        return round(clearance_m - robot_m, 9)
+
+    def _responses(self, trace: Trace, situation: Situation) -> dict[str, float | None]:
+        p = self.parameters
+        braking = Braking(p.braking_mps, p.braking_s, p.stopped_speed_mps)
+        found = list(responses(trace, situation, braking))
+        times_s = [response.time_s for response in found if response.time_s is not None]
+        return {"response_time": max(times_s, default=None), "unanswered": len(found) - len(times_s)}
+
+
+def _duration_s(t_s: NDArray[np.float64], is_so: NDArray[np.bool_]) -> float:
+    """For how long it is so, each row standing for half the steps on either side of it."""
+    steps_s = np.diff(t_s)
+    return round(float((0.5 * steps_s * (is_so[1:].astype(np.float64) + is_so[:-1])).sum()), 6)

@@ -1,1 +1,0 @@
-"""What a campaign directory holds, read back: its tables, its scenarios, the paths that were driven."""

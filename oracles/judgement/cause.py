@@ -1,0 +1,155 @@
+"""Causes: what stands out in a failed run as the reason for it, at most one a run."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Final, Literal, TypeAlias
+
+import numpy as np
+
+from vastflow.oracles.judgement.verdict import Verdict
+from vastflow.oracles.observation.trace import Trace
+from vastflow.sim.loop.standstill import STANDSTILL_M, STOOD_STILL
+
+Cause: TypeAlias = Literal[
+    "stood still",
+    "jump of the estimate",
+    "lost",
+    "contact",
+    "blocked by an obstacle",
+    "no path to the goal",
+    "no path",
+    "timed out recovering",
+    "gave up recovering",
+    "too close",
+    "mislocalized",
+    "left the path",
+    "unknown",
+]
+
+LOST_M: Final = 0.5
+"""Localization error of a robot that is lost: twice Nav2's goal tolerance."""
+JUMP_M: Final = 0.5
+"""Change of the localization error between two rows, 0.1 s apart, that is a jump."""
+JUMP_S: Final = 1.0
+"""How long a jump can make a path invalid: Nav2's default trees plan anew each second."""
+AT_M: Final = 0.5
+"""A contact so near to where the robot ended was there."""
+BLOCKED_M: Final = 0.7
+"""From the robot's center to the outline of what blocks it: Nav2's inflation radius."""
+SEEN_M: Final = 2.5
+"""How far the costmaps see an obstacle: Nav2's `obstacle_max_range`."""
+RECOVERING_S: Final = 30.0
+"""A recovery so long before the end was part of it."""
+LEFT_M: Final = 1.0
+"""Deviation from the reference path of a robot that has left it."""
+
+CAUSES: Final[Mapping[Cause, str]] = {
+    "stood still": f"the robot was sent and never moved {STANDSTILL_M:g} m",
+    "jump of the estimate": f"the estimate jumped by {JUMP_M:g} m or more, and the path was invalid from there (INVALID_PATH)",
+    "lost": f"localization error above {LOST_M:g} m at the end",
+    "contact": "the robot touched something and ended there, or safety fails a contact",
+    "blocked by an obstacle": f"the mission ended within {BLOCKED_M:g} m of an obstacle that is not on the map, or without a path and "
+    f"within {SEEN_M:g} m of one",
+    "no path to the goal": "the planner never found a path, from the start to the end of the run",
+    "no path": "the planner found no path any more, and no recovery helped",
+    "timed out recovering": f"the time ran out within {RECOVERING_S:g} s of a recovery",
+    "gave up recovering": f"Nav2 gave up within {RECOVERING_S:g} s of a recovery",
+    "too close": "safety: closer to an obstacle than the robot could stop within",
+    "mislocalized": f"robustness: localization error under way, not above {LOST_M:g} m at the end",
+    "left the path": f"performance: more than {LEFT_M:g} m off the reference path",
+    "unknown": "none of the causes is seen",
+}
+"""In words, in the order of precedence: of those that hold the first is the run's."""
+
+_SUCCESS, _SAFETY, _ROBUSTNESS, _PERFORMANCE = "success", "safety", "robustness", "performance"
+_NO_PATH: Final = 200
+"""From here on Nav2's error codes are the planner's."""
+_INVALID_PATH: Final = "103"
+
+
+def cause_of(trace: Trace, verdicts: Sequence[Verdict]) -> Cause | None:
+    """The cause of a run's failure: `unknown` where none is seen, None where no verdict on it is `fail`.
+
+    Robot and estimate come before what they met, a mission that failed before a limit that was not kept. The end is that of the
+    run, or of the first goal that was given up.
+
+    Args:
+        verdicts: All that were given on the run.
+    """
+    failed = {verdict.oracle: verdict for verdict in verdicts if verdict.judgement == "fail"}
+    return next(_seen(trace, failed), "unknown") if failed else None
+
+
+def _seen(trace: Trace, failed: Mapping[str, Verdict]) -> Iterator[Cause]:
+    """The causes that hold, in the order of `CAUSES`."""
+    if not len(trace):
+        return
+    end, never = _end(trace), _SUCCESS in failed and _never_planned(trace)
+    if trace.events(STOOD_STILL) and not never:
+        yield "stood still"
+    if _SUCCESS in failed and _path_lost_by_jump(trace):
+        yield "jump of the estimate"
+    if failed.keys() != {_SAFETY} and trace["localization_error_m"][end] > LOST_M:
+        yield "lost"
+    if (_SUCCESS in failed and _touched_at(trace, end)) or (_SAFETY in failed and _fails_contact(failed[_SAFETY])):
+        yield "contact"
+    if _SUCCESS in failed:
+        yield from _mission_failed(trace, end, never)
+    if _SAFETY in failed:
+        yield "too close"
+    if _ROBUSTNESS in failed:
+        yield "mislocalized"
+    if _PERFORMANCE in failed and "deviation_m" in trace.columns and trace["deviation_m"].max() > LEFT_M:
+        yield "left the path"
+
+
+def _mission_failed(trace: Trace, end: int, never: bool) -> Iterator[Cause]:
+    run, without_path = trace.run, _without_path(trace)
+    kinds = [name for name in ("static_clearance_m", "appearing_clearance_m") if name in trace.columns]
+    apart_m = min((float(trace[name][end]) for name in kinds), default=np.inf)
+    if apart_m <= (SEEN_M if without_path else BLOCKED_M):
+        yield "blocked by an obstacle"
+    if without_path:
+        yield "no path to the goal" if never else "no path"
+    ended_s = float(trace["t_s"][end])
+    if any(0.0 <= ended_s - event.t_s <= RECOVERING_S for event in trace.events("recovery")):
+        yield "timed out recovering" if run.outcome == "timed_out" else "gave up recovering"
+
+
+def _without_path(trace: Trace) -> bool:
+    return trace.run.outcome == "aborted" and trace.run.error_code >= _NO_PATH
+
+
+def _never_planned(trace: Trace) -> bool:
+    """Whether no path was ever followed: a controller commands motion forward or to the side, a recovery neither."""
+    forward, lateral = (trace.columns.get(f"command_{name}mps") for name in ("speed_", "lateral_speed_"))
+    if forward is None or not _without_path(trace):
+        return False
+    return not (forward > 0.0).any() and (lateral is None or not lateral.any())
+
+
+def _end(trace: Trace) -> int:
+    """Row at which the mission had failed."""
+    missed = trace.events("goal_missed")
+    row = int(np.searchsorted(trace["t_s"], missed[0].t_s)) if missed else len(trace) - 1
+    return min(row, len(trace) - 1)
+
+
+def _path_lost_by_jump(trace: Trace) -> bool:
+    failures = trace.events("control_failed")
+    if not failures or failures[-1].what != _INVALID_PATH:
+        return False
+    error_m = np.column_stack((trace["estimated_x_m"] - trace["x_m"], trace["estimated_y_m"] - trace["y_m"]))
+    jumped_s = trace["t_s"][1:][np.hypot(*np.diff(error_m, axis=0).T) >= JUMP_M]
+    return bool(np.any(np.abs(failures[-1].t_s - jumped_s) <= JUMP_S))
+
+
+def _touched_at(trace: Trace, end: int) -> bool:
+    x_m, y_m = trace.xy_m[end]
+    return any(np.hypot(event.x_m - x_m, event.y_m - y_m) <= AT_M for event in trace.events("contact"))
+
+
+def _fails_contact(safety: Verdict) -> bool:
+    """Whether there was a contact with an obstacle, or nothing but a contact to fail the run for."""
+    measured = {name: metric.value for name, metric in safety.metrics.items()}
+    margin_m = measured.get("margin")
+    return bool(measured.get("obstacle_contacts")) or (bool(measured.get("contacts")) and not (margin_m or 0.0) < 0.0)

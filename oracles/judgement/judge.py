@@ -1,0 +1,81 @@
+"""Oracle: traces to verdicts."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from vastflow.oracles.judgement.cause import Cause, cause_of
+from vastflow.oracles.judgement.oracle import Oracle
+from vastflow.oracles.judgement.verdict import Verdict
+from vastflow.oracles.observation.situation import Situation, situation_of
+from vastflow.oracles.observation.trace import Trace, trace_of
+from vastflow.sim.model.archive import read_outputs
+from vastflow.sim.model.blocks import read_block, read_recordings
+from vastflow.sim.model.recording import Outputs
+from vastflow.sim.model.scenario import Scenario
+from vastflow.sim.plug_ins.loading import snapshot_behind
+from vastflow.sim.plug_ins.watch import watched
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedBlock:
+    """What is said of a block of runs.
+
+    Attributes:
+        verdicts: Run by run, oracles in their order.
+        causes: Run index to why the run failed, of those that any oracle failed.
+    """
+
+    verdicts: list[Verdict]
+    causes: Mapping[int, Cause]
+
+
+def judge_block(
+    scenario: Scenario,
+    recording_block: bytes,
+    trace_block: bytes,
+    oracles: Sequence[Oracle[Any]],
+    outputs: bytes | None = None,
+) -> JudgedBlock:
+    """Every oracle's verdict on every run of a block, and why those failed that did.
+
+    Args:
+        recording_block: Runs of `scenario`, by `vastflow.sim.model.blocks.write_recordings`.
+        trace_block: The same runs, by `vastflow.oracles.observation.observe.observe_block`.
+        outputs: What the runs' programs wrote, by `vastflow.sim.model.archive.write_outputs`; None where there is nothing.
+
+    Raises:
+        ValueError: the blocks are not of the same runs.
+        PlugInError: a plug-in read a file that it does not declare.
+    """
+    situation = situation_of(scenario)
+    recordings, observed = read_recordings(recording_block), read_block(trace_block)
+    recorded = [recording.run.run_index for recording in recordings]
+    if recorded != (traced := [row["run_index"] for row, _ in observed]):
+        raise ValueError(f"recordings of runs {recorded} and traces of runs {traced} do not belong together")
+    written = read_outputs(outputs) if outputs else {}
+    traces = [
+        trace_of(replace(recording, outputs=written.get(recording.run.run_index, Outputs())), row, columns)
+        for recording, (row, columns) in zip(recordings, observed, strict=True)
+    ]
+    for trace in traces:
+        _keep_as_it_is(trace)
+    said = list(zip(*(_said(oracle, traces, situation) for oracle in oracles), strict=True))
+    causes = {
+        trace.run.run_index: cause
+        for trace, verdicts in zip(traces, said, strict=bool(oracles))
+        if (cause := cause_of(trace, verdicts)) is not None
+    }
+    return JudgedBlock([verdict for verdicts in said for verdict in verdicts], causes)
+
+
+def _keep_as_it_is(trace: Trace) -> None:
+    """Let an oracle that changes a column in place fail there: the next oracle reads the same one."""
+    for columns in (trace.columns, *trace.tables.values()):
+        for column in columns.values():
+            column.setflags(write=False)
+
+
+def _said(oracle: Oracle[Any], traces: Sequence[Trace], situation: Situation) -> list[Verdict]:
+    with watched(snapshot_behind(type(oracle))):
+        return oracle.judge_all(traces, situation)

@@ -1,0 +1,163 @@
+"""How an oracle is found: by its name, by the class in a file, or as a notebook."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from pydantic import ValidationError
+
+from vastflow.oracles.judgement.oracle_base import Oracle, Parameters
+from vastflow.sim.model.files import is_file
+from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.plug_ins.effects import plug_in_code
+from vastflow.sim.plug_ins.loading import installed_plug_in, known_plug_ins, module_of
+from vastflow.sim.plug_ins.neighbors import PlugInError
+from vastflow.sim.plug_ins.snapshot import Snapshot, snapshot_of
+
+__all__ = [
+    "GROUP",
+    "SUCCESS",
+    "Oracle",
+    "OracleError",
+    "OracleFault",
+    "Parameters",
+    "known_oracles",
+    "oracle_class",
+    "oracle_of",
+    "oracles_of",
+]
+
+GROUP: Final = "vastflow.oracles"
+SUCCESS: Final = "success"
+"""The oracle of the mission's own outcome, which is always judged, first."""
+
+
+@dataclass(frozen=True, slots=True)
+class OracleFault:
+    """One thing wrong in the request of an oracle.
+
+    Attributes:
+        location: Keys and indices below the oracle's parameters; empty where its name is wrong.
+        what: What was found.
+        right: What would be right.
+    """
+
+    location: tuple[str | int, ...]
+    what: str
+    right: str
+
+
+class OracleError(ValueError):
+    """A request no oracle can be made of; `faults` has every reason."""
+
+    def __init__(self, name: str, faults: Sequence[OracleFault]) -> None:
+        self.name = name
+        self.faults = tuple(faults)
+        lines = (".".join(map(str, (name, *fault.location))) + f": {fault.what}; {fault.right}" for fault in faults)
+        super().__init__("\n".join(lines))
+
+
+def known_oracles() -> tuple[str, ...]:
+    """Names in the entry-point group `vastflow.oracles`, sorted."""
+    return known_plug_ins(GROUP)
+
+
+def oracle_of(name: str, parameters: Mapping[str, Any], base: Path = Path()) -> Oracle[Any]:
+    """The oracle called `name` in the entry-point group, or `file.py:Class` or `notebook.ipynb` relative to `base`.
+
+    Raises:
+        OracleError: there is none of this name, or its parameters are wrong.
+    """
+    found = oracle_class(name, base)
+    try:
+        with plug_in_code():
+            checked = found.Parameters.model_validate(dict(parameters))
+            return found(checked, name, base)
+    except ValidationError as error:
+        raise OracleError(name, [_fault(detail, found.Parameters) for detail in error.errors()]) from None
+    except Exception as error:
+        what = f"it raised {type(error).__name__}: {error}"
+        raise OracleError(name, [OracleFault((), what, "an oracle that can be made")]) from error
+
+
+def oracles_of(requests: Sequence[tuple[str, Mapping[str, Any]]], base: Path = Path()) -> tuple[Oracle[Any], ...]:
+    """The oracles of a campaign in the order they judge: `success` first, asked for or not.
+
+    Args:
+        requests: Name and parameters of each.
+    """
+    parameters = dict(requests)
+    ordered = {SUCCESS: parameters.get(SUCCESS, {}), **parameters}
+    return tuple(oracle_of(name, values, base) for name, values in ordered.items())
+
+
+def oracle_class(name: str, base: Path = Path()) -> type[Oracle[Any]]:
+    """The class called `name`, see `oracle_of`.
+
+    Raises:
+        OracleError: there is none of this name.
+    """
+    if _is_file(name):
+        found = _class_of_file(name, base)
+    else:
+        found = installed_plug_in(GROUP, name)
+        if found is None:
+            right = did_you_mean(name, known_oracles(), listed="known oracles:")
+            raise OracleError(name, [OracleFault((), f"no oracle {name!r}", right)])
+    if not (isinstance(found, type) and issubclass(found, Oracle)):
+        right = "a subclass of vastflow.oracles.judgement.oracle.Oracle"
+        raise OracleError(name, [OracleFault((), f"{name!r} is not an oracle", right)])
+    return found
+
+
+def _is_file(name: str) -> bool:
+    return ".py:" in name or name.endswith(".ipynb")
+
+
+def _class_of(snapshot: Snapshot, name: str) -> Any:
+    """What a plug-in's file has under the name of a class; the class that a notebook is. None where there is none."""
+    if ".py:" in name:
+        return getattr(module_of(snapshot), name.rpartition(":")[2], None)
+    from vastflow.oracles.judgement.notebook import notebook_oracle  # with the reader of notebooks, if there is one
+
+    return notebook_oracle(snapshot)
+
+
+def _snapshot(name: str, file: Path, base: Path) -> Snapshot:
+    if ".py:" in name:
+        return snapshot_of(file, base)
+    from vastflow.oracles.judgement.notebook_file import notebook_code, read_cells
+
+    read_cells(file)  # a cell that is no Python is named as such
+    return snapshot_of(file, base, notebook_code(file))
+
+
+def _class_of_file(name: str, base: Path) -> Any:
+    file_name, _, class_name = name.rpartition(":") if ".py:" in name else (name, "", "")
+    file = base / file_name
+    if not is_file(file):
+        what = "a Python file" if class_name else "a notebook"
+        raise OracleError(name, [OracleFault((), f"no file {str(file)!r}", f"{what} beside the campaign file")])
+    from vastflow.oracles.judgement.notebook_file import NotebookError
+
+    try:
+        found = _class_of(_snapshot(name, file, base), name)
+    except (NotebookError, PlugInError) as error:
+        raise OracleError(name, [OracleFault((), error.what, error.right)]) from None
+    except Exception as error:
+        what = f"{str(file)!r} can't be imported: {type(error).__name__}: {error}"
+        raise OracleError(str(file), [OracleFault((), what, "a Python module")]) from error
+    if found is None:
+        raise OracleError(name, [OracleFault((), f"{str(file)!r} has no class {class_name!r}", "file.py:Class")])
+    return found
+
+
+def _fault(detail: Mapping[str, Any], model: type[Parameters]) -> OracleFault:
+    location = tuple(detail["loc"])
+    if detail["type"] == "extra_forbidden":
+        known = sorted(model.model_fields)
+        hint = did_you_mean(str(location[-1]), known, "known keys: none", listed="known keys:")
+        return OracleFault(location, f"unknown key {location[-1]!r}", hint)
+    message = str(detail["msg"])
+    return OracleFault(location, f"found {detail['input']!r}", message[:1].lower() + message[1:])

@@ -1,0 +1,82 @@
+"""What every oracle is: a judge of single runs, and the model of its parameters."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Generic, TypeVar
+
+from pydantic import BaseModel, ConfigDict
+
+from vastflow.oracles.judgement.verdict import Metric, Verdict
+from vastflow.oracles.observation.situation import Situation
+from vastflow.oracles.observation.trace import Trace
+from vastflow.sim.plug_ins.loading import module_of, snapshot_behind
+from vastflow.sim.plug_ins.snapshot import Snapshot
+
+
+class Parameters(BaseModel):
+    """Base of every oracle's parameter model: unknown keys are faults, values don't change."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+P = TypeVar("P", bound=Parameters)
+
+
+class Oracle(ABC, Generic[P]):
+    """A judge of single runs: a pure function of trace, situation and its parameters.
+
+    A subclass names its parameter model and its metrics, if it has any, and writes `judge`.
+
+    Attributes:
+        Parameters: The pydantic model of what stands below the oracle's name in the campaign file.
+        metrics: Name to unit of every metric it measures; a verdict has all of them, whatever the judgement.
+        name: As the campaign file calls it.
+        base: Folder a name like `file.py:Class` is relative to.
+    """
+
+    Parameters: ClassVar[type[Parameters]]
+    metrics: ClassVar[Mapping[str, str]] = {}
+
+    def __init__(self, parameters: P, name: str, base: Path) -> None:
+        self.parameters = parameters
+        self.name = name
+        self.base = base
+
+    @abstractmethod
+    def judge(self, trace: Trace, situation: Situation) -> Verdict:
+        """Judge one run with `passed`, `failed` or `not_judged`."""
+
+    def judge_all(self, traces: Sequence[Trace], situation: Situation) -> list[Verdict]:
+        """Judge several runs of one configuration, in their order: what `judge` says of each, whichever others there are."""
+        return [self.judge(trace, situation) for trace in traces]
+
+    def passed(self, trace: Trace, **metrics: float | None) -> Verdict:
+        """The run did what this oracle asks."""
+        return self._verdict(trace, "pass", "", metrics)
+
+    def failed(self, trace: Trace, reason: str, **metrics: float | None) -> Verdict:
+        """The run did not; `reason` says in what, with numbers."""
+        return self._verdict(trace, "fail", reason, metrics)
+
+    def not_judged(self, trace: Trace, reason: str, **metrics: float | None) -> Verdict:
+        """What the oracle needs is missing; `reason` says what."""
+        return self._verdict(trace, "not judged", reason, metrics)
+
+    def _verdict(self, trace: Trace, judgement: Any, reason: str, metrics: Mapping[str, float | None]) -> Verdict:
+        if unknown := sorted(set(metrics) - set(self.metrics)):
+            raise ValueError(f"oracle {self.name!r} measures {sorted(self.metrics)}, got {unknown}")
+        values = {name: Metric(metrics.get(name), unit) for name, unit in self.metrics.items()}
+        return Verdict(self.name, trace.run.run_index, judgement, reason, values)
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        if (snapshot := snapshot_behind(type(self))) is not None:  # in no module that another process could import
+            return _frozen_oracle, (snapshot, self.name, self.parameters.model_dump(), self.base)
+        return type(self), (self.parameters, self.name, self.base)  # searching the entry points takes 10 ms
+
+
+def _frozen_oracle(snapshot: Snapshot, name: str, parameters: Mapping[str, Any], base: Path) -> Oracle[Any]:
+    """An oracle `file.py:Class` in another process, from the same copies of its files."""
+    found = getattr(module_of(snapshot), name.rpartition(":")[2])
+    oracle: Oracle[Any] = found(found.Parameters.model_validate(parameters), name, base)
+    return oracle

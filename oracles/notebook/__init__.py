@@ -1,1 +1,0 @@
-"""Notebooks as oracles, and the tables that they are given."""

@@ -1,0 +1,278 @@
+"""Observation: a recording's derived signals, in whole millimeters, and the reference path, the shortest one there was.
+
+Only what follows from recording and scenario together is stored; a trace is both joined
+(`vastflow.oracles.observation.trace.trace_of`).
+"""
+
+import functools
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+from vastflow.oracles.observation.obstacle_tracks import ObstacleTrack, obstacle_tracks_of
+from vastflow.oracles.observation.situation import Situation, situation_of
+from vastflow.oracles.observation.trace import (
+    NOWHERE_MM,
+    MaybeReference,
+    NoReference,
+    Reference,
+    levelled,
+    reference_row,
+)
+from vastflow.sim.model.blocks import read_recordings, write_block
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.obstacle import Obstacle
+from vastflow.sim.model.recording import Recording, si
+from vastflow.sim.model.scenario import Scenario
+from vastflow.sim.nav2.costmaps.outline import inscribed_radius_of
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
+from vastflow.sim.reading.world import WORLD_KEY, difference_of
+from vastflow.sim.world.difference import world_of
+from vastflow.sim.world.map_file import MapError, load_map
+from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.octile import inflated_free, shortest_path
+
+
+def reference_path(occupancy: OccupancyMap | None, situation: Situation, radius_m: float) -> MaybeReference:
+    """The A* reference of the paper: shortest octile path through start and goals, loops repeated.
+
+    Cells not known to be free and cells whose center lies in one of the situation's obstacles, at the pose where it stands
+    first, are blocked, and inflated by `radius_m`
+    (paper: "the environment is inflated by the robot radius before planning"). A start or goal on a
+    blocked cell, as drawn for a smaller robot, is taken at the nearest passable cell if that is at most `radius_m`
+    away. The path's ends are cell centers, so up to 0.71 cells from the poses.
+    """
+    if occupancy is None:
+        return NoReference("the scenario has no map")
+    if situation.start is None or not situation.goals:
+        return NoReference("the scenario has no start or no goal")
+    free = inflated_free(occupancy.free & ~_covered(occupancy, situation.obstacles), radius_m / occupancy.resolution_m)
+    poses = {"start": situation.start, **{f"goal {i}": goal for i, goal in enumerate(situation.goals, 1)}}
+    stops: list[tuple[str, tuple[float, float]]] = []
+    for name, pose in poses.items():
+        stop = _nearest_passable(occupancy, free, pose.x_m, pose.y_m, radius_m)
+        if stop is None:
+            return NoReference(
+                f"{name} at ({pose.x_m:.2f}, {pose.y_m:.2f}) m is more than {radius_m:g} m from any place "
+                f"where a robot of radius {radius_m:g} m fits"
+            )
+        stops.append((name, stop))
+    legs: dict[tuple[tuple[float, float], tuple[float, float]], tuple[NDArray[np.float64], float] | None] = {}
+    points: list[NDArray[np.float64]] = []
+    length_m = 0.0
+    for (name, stop), (next_name, next_stop) in itertools.pairwise(stops):
+        if (stop, next_stop) not in legs:  # loops repeat legs
+            legs[stop, next_stop] = shortest_path(occupancy, free, np.array((stop, next_stop)))
+        leg = legs[stop, next_stop]
+        if leg is None:
+            return NoReference(f"no path for a robot of radius {radius_m:g} m from {name} to {next_name}")
+        points.append(leg[0])
+        length_m += leg[1]
+    return Reference(_corners(np.concatenate(points)), round(length_m, 3))
+
+
+def _covered(occupancy: OccupancyMap, obstacles: tuple[Obstacle, ...]) -> NDArray[np.bool_]:
+    """(H, W), True where a cell's center lies in an obstacle."""
+    covered = np.zeros(occupancy.shape, dtype=np.bool_)
+    frame, occupancy = occupancy.frame, occupancy.upright
+    for obstacle in obstacles:
+        footprint = obstacle.in_grid(frame).footprint()
+        x0, y0, x1, y1 = footprint.bounds
+        row0, column0 = (max(index, 0) for index in occupancy.cell_of(x0, y0))
+        row1, column1 = (max(index + 1, 0) for index in occupancy.cell_of(x1, y1))
+        window = covered[row0:row1, column0:column1]
+        x, y = (np.arange(n) + 0.5 for n in window.shape[::-1])
+        x_m = (x + column0) * occupancy.resolution_m + occupancy.origin_xy_m[0]
+        y_m = (y + row0) * occupancy.resolution_m + occupancy.origin_xy_m[1]
+        window |= shapely.contains_xy(footprint, *np.meshgrid(x_m, y_m))
+    return covered
+
+
+def _nearest_passable(
+    occupancy: OccupancyMap, free: NDArray[np.bool_], x_m: float, y_m: float, within_m: float
+) -> tuple[float, float] | None:
+    """Center of the pose's own cell if that is passable, else of the nearest passable one within `within_m`."""
+    row, column = occupancy.cell_of(x_m, y_m)
+    if occupancy.contains(row, column) and free[row, column]:
+        return occupancy.center_of(row, column)
+    reach = int(within_m / occupancy.resolution_m) + 1
+    row0, column0 = max(row - reach, 0), max(column - reach, 0)
+    window = free[row0 : max(row + reach + 1, 0), column0 : max(column + reach + 1, 0)]
+    rows, columns = np.nonzero(window)
+    if not rows.size:
+        return None
+    centers = [occupancy.center_of(int(r) + row0, int(c) + column0) for r, c in zip(rows, columns, strict=True)]
+    distances = np.hypot(*(np.array(centers) - (x_m, y_m)).T)
+    nearest = int(np.argmin(distances))
+    return centers[nearest] if distances[nearest] <= within_m else None
+
+
+def _corners(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """`points` (N, 2) without repetitions and without those on a straight stretch, to the millimeter."""
+    points_mm = np.rint(points * 1000.0)
+    moves = np.any(np.diff(points_mm, axis=0) != 0, axis=1)
+    points, points_mm = points[np.r_[True, moves]], points_mm[np.r_[True, moves]]
+    if len(points) < 3:
+        return np.asarray(points_mm * 1e-3)
+    steps = np.diff(points, axis=0)
+    headings = np.round(np.arctan2(steps[:, 1], steps[:, 0]), 6)
+    turns = headings[1:] != headings[:-1]
+    return np.asarray(points_mm[np.r_[True, turns, True]] * 1e-3)
+
+
+_CANDIDATES: Final = 9
+"""Cells looked at for the nearest wall: the nearest square is among the nine nearest centers, or at most a
+fifth of a cell nearer than the best of them."""
+
+STANDING_MPS: Final = 0.01
+STANDING_RADPS: Final = 0.01
+"""A robot that is slower than both stands."""
+
+ReferenceOf: TypeAlias = Callable[[tuple[Obstacle, ...]], MaybeReference]
+"""The reference path round some obstacles, see `vastflow.oracles.observation.observe`."""
+
+
+@dataclass(frozen=True)
+class ScenarioObserver:
+    """What the observation of a scenario's runs has in common; prepared once, then used for each.
+
+    Attributes:
+        world: The walls as they stand; None where the scenario has no map.
+        wall_cells: Tree of the centers of its occupied cells at the walls' surface, in cells (row, column).
+        references: Remembers each path that it has found.
+    """
+
+    situation: Situation
+    world: OccupancyMap | None
+    wall_cells: cKDTree | None = field(repr=False)
+    references: ReferenceOf = field(repr=False)
+
+    def observed(self, recording: Recording) -> tuple[MaybeReference, dict[str, NDArray[np.int32]]]:
+        """The reference path and the derived columns (N,) of one run.
+
+        The path goes round the obstacles that were there in this run, where they stood first.
+
+        `localization_error_mm`: distance of the estimated to the true position, at each row.
+        `wall_clearance_mm`: distance of the robot's center to the nearest occupied cell's square (unknown cells
+        are no walls), 0 inside one. `deviation_mm`: distance of the robot's center to the nearest point of
+        the reference path, `NOWHERE_MM` without one. `stopped`: 1 where the robot stands, slower than `STANDING_MPS` and `STANDING_RADPS`.
+        Of obstacles where each is at that row, and `NOWHERE_MM` where none is there: `separation_mm/<size class>` between the
+        centers of robot and nearest obstacle; `static_clearance_mm` and `appearing_clearance_mm` from the robot's center to the
+        nearest outline of those that are there from the run's start on, and of those that come later.
+
+        Raises:
+            ValueError: an event of an obstacle that the scenario does not have.
+        """
+        if not recording.columns:
+            return NoReference("the scenario has no robot"), {}
+        obstacles = obstacle_tracks_of(self.situation, recording.run)
+        reference = self.references(tuple(track.obstacle for track in obstacles if track.was_there))
+        x_m, y_m = si(recording.columns["x_mm"]), si(recording.columns["y_mm"])
+        estimated_x_m, estimated_y_m = si(recording.columns["estimated_x_mm"]), si(recording.columns["estimated_y_mm"])
+        derived = {"localization_error_mm": _mm(np.hypot(estimated_x_m - x_m, estimated_y_m - y_m))}
+        slow = np.abs(si(recording.columns["speed_mmps"])) < STANDING_MPS
+        if "lateral_speed_mmps" in recording.columns:
+            slow &= np.abs(si(recording.columns["lateral_speed_mmps"])) < STANDING_MPS
+        slow &= np.abs(si(recording.columns["yaw_rate_mradps"])) < STANDING_RADPS
+        derived["stopped"] = slow.astype(np.int32)
+        if self.world is not None and self.wall_cells is not None:
+            derived["wall_clearance_mm"] = _mm(_clearance_m(self.world, self.wall_cells, x_m, y_m))
+        derived["deviation_mm"] = np.full(len(x_m), NOWHERE_MM, dtype=np.int32)  # runs of a block have the same columns
+        if isinstance(reference, Reference):
+            path = _line(reference.points_xy_m)
+            derived["deviation_mm"] = _mm(shapely.distance(path, shapely.points(x_m, y_m)))
+        return reference, {**derived, **_apart(obstacles, recording.columns["t_ms"], np.column_stack((x_m, y_m)))}
+
+
+def observer_of(scenario: Scenario) -> ScenarioObserver:
+    """Prepare the observation of `scenario`: its map, walls, obstacles and reference path.
+
+    Walls are those of the world, which may differ from the map. The reference leads over the map, and is that of a robot of the
+    inscribed radius, by default Nav2's 0.22 m.
+
+    Raises:
+        MapError: the map can't be read, or is another than when the campaign was read.
+        ValueError: the mission, an obstacle, the world or the robot's radius can't be read.
+    """
+    situation = situation_of(scenario)
+    file = scenario.environment.get("map_file")
+    occupancy = _map(file) if isinstance(file, FileContent) else None
+    radius_m = inscribed_radius_of(parameters_of(scenario.system))
+
+    @functools.cache
+    def reference(obstacles: tuple[Obstacle, ...]) -> MaybeReference:
+        return reference_path(occupancy, replace(situation, obstacles=obstacles), radius_m)
+
+    difference = difference_of(scenario.environment.get(WORLD_KEY))
+    world = occupancy if occupancy is None or difference is None else world_of(occupancy, difference)
+    return ScenarioObserver(situation, world, None if world is None else _wall_cells(world), reference)
+
+
+def _map(content: FileContent) -> OccupancyMap:
+    occupancy = load_map(content.path)
+    if occupancy.digest != content.digest:
+        raise MapError(f"{content.path} changed since the campaign was read; run the campaign again")
+    return occupancy
+
+
+def observe_block(scenario: Scenario, recording_block: bytes) -> bytes:
+    """Obs of a block of recordings of `scenario`: a block of the same runs with the derived columns alone."""
+    observer = observer_of(scenario)
+    recordings = read_recordings(recording_block)
+    observed = [observer.observed(recording) for recording in recordings]
+    rows: list[dict[str, Any]] = [
+        {"run_index": recording.run.run_index, **reference_row(reference)}
+        for recording, (reference, _) in zip(recordings, observed, strict=True)
+    ]
+    return write_block(rows, levelled([columns for _, columns in observed]))
+
+
+def _apart(
+    obstacles: Sequence[ObstacleTrack], t_ms: NDArray[np.int32], xy_m: NDArray[np.float64]
+) -> dict[str, NDArray[np.int32]]:
+    """Clearances and separations of the robot's center (N, 2), least over the obstacles of each kind and size class."""
+    apart_m: dict[str, list[NDArray[np.float64]]] = {}
+    for track in obstacles:
+        kind = "static" if track.was_there and track.appears_s is None else "appearing"
+        apart_m.setdefault(f"{kind}_clearance_mm", []).append(track.clearance_m(t_ms, xy_m))
+        centers_m = np.hypot(*(xy_m - track.at(t_ms)).T)
+        apart_m.setdefault(f"separation_mm/{track.obstacle.size_class}", []).append(centers_m)
+    return {name: _mm(np.min(apart_m[name], axis=0)) for name in sorted(apart_m, key=lambda name: ("/" in name, name))}
+
+
+def _wall_cells(occupancy: OccupancyMap) -> cKDTree | None:
+    surface = occupancy.occupied & ~ndimage.binary_erosion(occupancy.occupied)
+    cells = np.argwhere(surface)
+    return cKDTree(cells) if len(cells) else None
+
+
+def _clearance_m(
+    occupancy: OccupancyMap, wall_cells: cKDTree, x_m: NDArray[np.float64], y_m: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Distances (N,) to the nearest occupied cell, taken as a square rather than by its center."""
+    at = occupancy.in_cells(np.column_stack((x_m, y_m)))
+    candidates = min(_CANDIDATES, wall_cells.n)
+    _, nearest = wall_cells.query(at - 0.5, k=candidates)
+    centers = wall_cells.data[np.reshape(nearest, (len(at), candidates))] + 0.5
+    beyond = np.maximum(np.abs(centers - at[:, None, :]) - 0.5, 0.0)
+    clearance = np.hypot(beyond[..., 0], beyond[..., 1]).min(axis=1)
+    rows, columns = np.floor(at).astype(int).T
+    on_grid = (rows >= 0) & (columns >= 0) & (rows < occupancy.shape[0]) & (columns < occupancy.shape[1])
+    inside = np.zeros(len(at), dtype=np.bool_)
+    inside[on_grid] = occupancy.occupied[rows[on_grid], columns[on_grid]]
+    return np.where(inside, 0.0, clearance * occupancy.resolution_m)
+
+
+def _line(points: NDArray[np.float64]) -> Any:
+    return shapely.linestrings(points) if len(points) > 1 else shapely.points(points[0])
+
+
+def _mm(meters: NDArray[np.float64]) -> NDArray[np.int32]:
+    return np.rint(np.minimum(meters * 1000.0, NOWHERE_MM)).astype(np.int32)

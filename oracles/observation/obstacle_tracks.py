@@ -1,0 +1,133 @@
+"""Obstacle tracks: which obstacles a run has, and where each of them is when."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.oracles.observation.situation import Situation
+from vastflow.sim.model.obstacle import Obstacle
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.recording import Event, Run
+
+_SPAWNED, _MOVED, _DELETED = "spawned", "obstacle_moved", "deleted"
+_AWAY: Final = (math.inf, math.inf)
+_BEFORE_MS: Final = -1
+"""A time before every row of a recording."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObstacleTrack:
+    """Where one obstacle is during a run, constant between the recording's events.
+
+    Attributes:
+        obstacle: Its shape, and the pose at which it stands first.
+        since_ms: (K >= 1,) from when on it is at each place, in order; the first is before the run.
+        xy_m: (K, 2) its center; infinite where it is not there.
+        yaw_rad: (K,)
+    """
+
+    obstacle: Obstacle
+    since_ms: NDArray[np.int64] = field(repr=False)
+    xy_m: NDArray[np.float64] = field(repr=False)
+    yaw_rad: NDArray[np.float64] = field(repr=False)
+
+    @property
+    def appears_s(self) -> float | None:
+        """When it is there for the first time; None where it is there from the run's start on, or never."""
+        there = np.flatnonzero(np.isfinite(self.xy_m[:, 0]))
+        since_ms = int(self.since_ms[there[0]]) if there.size else 0
+        return since_ms / 1000.0 if since_ms > 0 else None
+
+    @property
+    def was_there(self) -> bool:
+        """Whether it was there at any time."""
+        return bool(np.isfinite(self.xy_m).any())
+
+    def at(self, t_ms: NDArray[np.int32]) -> NDArray[np.float64]:
+        """Its center (N, 2) at the times (N,) of rows; what happens at the time of a row has happened in it."""
+        return np.asarray(self.xy_m[self._place(t_ms)])
+
+    def clearance_m(self, t_ms: NDArray[np.int32], xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Distances (N,) of points (N, 2) to its outline at the times (N,) of rows: 0 inside, infinite where it is not there."""
+        place = self._place(t_ms)
+        x_m, y_m = (xy_m - self.xy_m[place]).T
+        if self.obstacle.shape == "cylinder":
+            return np.asarray(np.maximum(np.hypot(x_m, y_m) - self.obstacle.length_m / 2, 0.0))
+        there = np.isfinite(x_m)
+        x_m, y_m = np.where(there, x_m, 0.0), np.where(there, y_m, 0.0)
+        c, s = np.cos(self.yaw_rad[place]), np.sin(self.yaw_rad[place])
+        beyond_x_m = np.maximum(np.abs(c * x_m + s * y_m) - self.obstacle.length_m / 2, 0.0)
+        beyond_y_m = np.maximum(np.abs(c * y_m - s * x_m) - self.obstacle.width_m / 2, 0.0)
+        return np.where(there, np.hypot(beyond_x_m, beyond_y_m), np.inf)
+
+    def _place(self, t_ms: NDArray[np.int32]) -> NDArray[np.int64]:
+        return np.searchsorted(self.since_ms, t_ms, side="right") - 1
+
+
+def obstacle_tracks_of(situation: Situation, run: Run) -> tuple[ObstacleTrack, ...]:
+    """Every obstacle that the run can have, in the order of the situation's, then those that the scenario spawned.
+
+    One without a trigger is there from the start, one with a trigger from its event `spawned` on, where that puts it. Both are
+    where `obstacle_moved` puts them then, and nowhere after `deleted`. Events name their obstacle; of several of one name it is
+    the nearest one that the event can be about.
+
+    Raises:
+        ValueError: an event of an obstacle that the scenario does not have.
+    """
+    tracks = [_Track(obstacle, there=obstacle.trigger is None) for obstacle in situation.obstacles]
+    tracks += [_Track(obstacle, there=False) for obstacle in spawned_by(run)]
+    named: dict[str, list[_Track]] = {}
+    for track in tracks:
+        named.setdefault(track.obstacle.name, []).append(track)
+    for event in run.events:
+        if event.kind in (_SPAWNED, _MOVED, _DELETED):
+            _meant(event, named).note(event)
+    return tuple(track.done() for track in tracks)
+
+
+def spawned_by(run: Run) -> Iterator[Obstacle]:
+    """What the scenario itself put into the world, at its pose then."""
+    known = {entity.name for entity in run.entities}
+    events = [event for event in run.events if event.kind == _SPAWNED and event.what in known]
+    for entity in run.entities:
+        event = next(event for event in events if event.what == entity.name)
+        events.remove(event)
+        pose = Pose(event.x_m, event.y_m, event.value)
+        yield Obstacle(entity.name, entity.shape, pose, entity.length_m, entity.width_m)
+
+
+class _Track:
+    """An obstacle's places, as the events tell them one by one."""
+
+    def __init__(self, obstacle: Obstacle, *, there: bool) -> None:
+        self.obstacle = obstacle
+        self.there = there
+        self.last = obstacle.pose.x_m, obstacle.pose.y_m
+        self._since_ms = [_BEFORE_MS]
+        self._xy_m = [self.last if self.there else _AWAY]
+        self._yaw_rad = [obstacle.pose.yaw_rad]
+
+    def note(self, event: Event) -> None:
+        self.there = event.kind != _DELETED
+        self.last = event.x_m, event.y_m
+        self._since_ms.append(round(event.t_s * 1000.0))
+        self._xy_m.append(self.last if self.there else _AWAY)
+        self._yaw_rad.append(event.value)
+
+    def done(self) -> ObstacleTrack:
+        return ObstacleTrack(self.obstacle, np.array(self._since_ms), np.array(self._xy_m), np.array(self._yaw_rad))
+
+
+def _meant(event: Event, named: Mapping[str, list[_Track]]) -> _Track:
+    known = named.get(event.what)
+    if known is None:
+        raise ValueError(
+            f"the recording has {event.kind!r} of an obstacle {event.what!r} at {event.t_s:g} s; "
+            f"the scenario has {', '.join(map(repr, named)) or 'no obstacles'}"
+        )
+    possible = [track for track in known if track.there != (event.kind == _SPAWNED)] or known
+    return min(possible, key=lambda track: math.dist(track.last, (event.x_m, event.y_m)))

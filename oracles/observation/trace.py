@@ -1,0 +1,157 @@
+"""Traces: a recording's observation, what oracles read."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.sim.model.recording import Event, Recording, Run, si
+from vastflow.sim.model.tables import Columns
+
+SI_SUFFIX: Mapping[str, str] = {
+    "mmps": "mps",
+    "mradps": "radps",
+    "mrad": "rad",
+    "mm": "m",
+    "ms": "s",
+    "mm2": "m2",
+    "mrad2": "rad2",
+}
+"""Suffix of a stored column of thousandths, or of their squares, to that of the signal in SI units."""
+
+NOWHERE_MM: Final = 2**31 - 1
+"""A stored distance from what is not there: from obstacles of a size class before any of them appears (infinite as a
+signal), from a reference path that the run does not have (no signal)."""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The path a run is compared with.
+
+    Attributes:
+        points_xy_m: (M >= 1, 2) its corners in the map frame, in order of travel, in whole millimeters.
+        length_m: Octile length on the grid (not of the rounded corners), in whole millimeters.
+    """
+
+    points_xy_m: NDArray[np.float64] = field(repr=False)
+    length_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class NoReference:
+    """There is no reference path; `reason` says why in one sentence."""
+
+    reason: str
+
+
+MaybeReference: TypeAlias = Reference | NoReference
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One run as aligned signals in SI units.
+
+    Attributes:
+        run: How the run ended.
+        columns: Name to (N,) float64. From the recording: `t_s x_m y_m yaw_rad estimated_x_m estimated_y_m
+            estimated_yaw_rad speed_mps yaw_rate_radps command_speed_mps command_yaw_rate_radps localized`.
+            Derived: `localization_error_m`, `stopped` (1 where the robot stands), `wall_clearance_m` (robot center to the nearest
+            wall; absent without walls), `deviation_m` (to the reference path; absent without one). To obstacles, where they are at
+            that time and infinite while none is there: `separation_m/<size class>` (robot center to the nearest center),
+            `static_clearance_m` and `appearing_clearance_m` (robot center to the nearest outline of those that stand there from the
+            start, and of those that come later; absent without any).
+        reference: The path the mission should take at best, past the obstacles that this run had, see
+            `vastflow.oracles.observation.observe`.
+        tables: What the run's programs wrote as CSV or parquet: path below the run's folder, without its suffix, to column to
+            (M,) float64, int64, bool or str. Rows are those of the file.
+    """
+
+    run: Run
+    columns: Mapping[str, NDArray[np.float64]] = field(repr=False)
+    reference: MaybeReference
+    tables: Mapping[str, Columns] = field(default_factory=dict, repr=False)
+
+    def __getitem__(self, column: str) -> NDArray[Any]:
+        """The signal called `column`; `<table>/<column>` is a column of a table."""
+        if column in self.columns:
+            return self.columns[column]
+        table, _, name = column.rpartition("/")
+        if table in self.tables:
+            return self.tables[table][name]
+        raise KeyError(column)
+
+    def __len__(self) -> int:
+        """Number of rows N; 0 without a robot."""
+        return len(self.columns.get("t_s", ()))
+
+    @property
+    def update_errors_m(self) -> NDArray[np.float64]:
+        """(U,) localization error at each update of AMCL, the first pose among them.
+
+        AMCL sees a scan every 0.1 s at most, and the recording has a row as often, so that a row stands for one update. The error is
+        the row's, up to 0.1 s after the update; the estimate follows odometry between updates.
+        """
+        return np.asarray(self["localization_error_m"][self["localized"] > 0])
+
+    def events(self, kind: str) -> tuple[Event, ...]:
+        """What happened of one kind, such as `contact` or `recovery`, in order; see `vastflow.sim.model.recording.Event`."""
+        return tuple(event for event in self.run.events if event.kind == kind)
+
+    @property
+    def xy_m(self) -> NDArray[np.float64]:
+        """(N, 2) true positions of the robot's center."""
+        return np.column_stack((self["x_m"], self["y_m"]))
+
+
+def trace_of(recording: Recording, row: Mapping[str, Any], derived: Mapping[str, NDArray[np.int32]]) -> Trace:
+    """A recording and what `vastflow.oracles.observation.observe` stored of it, joined."""
+    stored = {**recording.columns, **derived}
+    columns = {signal_name(name): _signal(name, column) for name, column in stored.items()}
+    reference = reference_of_row(row)
+    if isinstance(reference, NoReference):
+        columns.pop("deviation_m", None)
+    return Trace(recording.run, columns, reference, recording.outputs.tables)
+
+
+def levelled(runs: Sequence[Mapping[str, NDArray[np.int32]]]) -> list[Mapping[str, NDArray[np.int32]]]:
+    """Stored columns of several runs with the same names in each: a class of obstacles that a run had none of was nowhere in it."""
+    names = sorted({name for columns in runs for name in columns}, key=lambda name: ("/" in name, name))
+    if all(len(columns) == len(names) for columns in runs):
+        return list(runs)
+    lengths = [len(next(iter(columns.values()), ())) for columns in runs]
+    nowhere = [np.full(n, NOWHERE_MM, dtype=np.int32) for n in lengths]
+    return [{name: columns.get(name, nowhere[k]) for name in names} for k, columns in enumerate(runs)]
+
+
+def signal_name(stored: str) -> str:
+    """Name in SI units of a stored column: `x_mm` → `x_m`, `separation_mm/box` → `separation_m/box`."""
+    name, slash, group = stored.partition("/")
+    stem, _, suffix = name.rpartition("_")
+    return f"{stem}_{SI_SUFFIX[suffix]}{slash}{group}" if suffix in SI_SUFFIX else stored
+
+
+def reference_row(reference: MaybeReference) -> dict[str, Any]:
+    """`reference` as JSON values, to stand in a trace's row."""
+    if isinstance(reference, NoReference):
+        return {"no_reference": reference.reason}
+    points_mm = np.rint(reference.points_xy_m * 1000.0).astype(int)
+    return {"reference": {"points_mm": points_mm.tolist(), "length_mm": round(reference.length_m * 1000.0)}}
+
+
+def reference_of_row(row: Mapping[str, Any]) -> MaybeReference:
+    """The reference that `reference_row` wrote."""
+    if "reference" not in row:
+        return NoReference(row["no_reference"])
+    points_mm = np.array(row["reference"]["points_mm"], dtype=np.float64)
+    return Reference(points_mm * 1e-3, row["reference"]["length_mm"] * 1e-3)
+
+
+def _signal(stored: str, column: NDArray[np.int32]) -> NDArray[np.float64]:
+    name = signal_name(stored)
+    if name == stored:
+        return column.astype(np.float64)
+    if name.startswith("separation_m/") or name in ("static_clearance_m", "appearing_clearance_m"):
+        return np.where(column == NOWHERE_MM, np.inf, si(column))
+    return si(column) * 1e-3 if name.endswith(("m2", "rad2")) else si(column)

@@ -1,0 +1,126 @@
+"""Executed scenarios: those of a campaign directory, with the files that it keeps of them, and the names of their maps."""
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+from vastflow.sim.model.digest import FileContent, file_digest
+from vastflow.sim.model.files import read_json
+from vastflow.sim.model.scenario import Scenario, setup_of
+from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
+from vastflow.sim.reading.abstract import abstract_content
+from vastflow.sim.world.map_file import map_content
+
+NAMED_FILES: Final = "files.json"
+"""In `environments/`: digest to place there of files whose digest is not that of their bytes, such as a mesh's of what is solid."""
+
+_DIGEST: Final = re.compile("[0-9a-f]{64}")
+
+
+class KeptFiles:
+    """The files of a campaign directory by the digests that scenarios have of them."""
+
+    def __init__(self, directory: Path) -> None:
+        self.inputs = directory / "inputs"
+        self._environments = directory / "environments"
+        self._known: dict[str, Path] = {}
+
+    def path(self, digest: str) -> Path:
+        """Where the file with a digest lies.
+
+        Raises:
+            ValueError: there is none.
+        """
+        if digest not in self._known:
+            self._known[digest] = self._search(digest)
+        return self._known[digest]
+
+    def _search(self, digest: str) -> Path:
+        environment = self._environments / digest / "map.yaml"
+        if environment.is_file() and digest in _digests(environment):
+            return environment
+        if digest not in self._found:
+            raise ValueError(f"no file has the digest {digest[:12]}… that the scenario names")
+        return self._found[digest]
+
+    @cached_property
+    def _found(self) -> Mapping[str, Path]:
+        files = [
+            file for folder in (self.inputs, self._environments) for file in sorted(folder.rglob("*")) if file.is_file()
+        ]
+        named = self._environments / NAMED_FILES
+        places = read_json(named) if named.is_file() else {}
+        return {
+            **{digest: self._environments / place for digest, place in places.items()},
+            **{digest: file for file in files for digest in _digests(file)},
+        }
+
+
+def executed_scenario(
+    abstract: str | Mapping[str, Any], timeout_s: float, content: Mapping[str, Any], files: KeptFiles
+) -> Scenario:
+    """A scenario of `configurations.parquet`, rebuilt.
+
+    Args:
+        abstract, content: Columns `abstract` and `scenario`; what of them is JSON, decoded.
+
+    Raises:
+        ValueError: a file that the directory does not keep.
+    """
+    content = _value(content, files)
+    programs = setup_of(content["programs"]) if "programs" in content else None
+    parts = content["environment"], content["task"], content["system"], programs
+    return Scenario(_value(abstract, files), timeout_s, *parts)
+
+
+def _digests(file: Path) -> Iterator[str]:
+    """Those that a file can have in a scenario: as any file, as a scenario file, as a map, as parameters of Nav2."""
+    yield file_digest(file)
+    if file.suffix == ".osc":
+        with suppress(ValueError):
+            yield abstract_content(file).digest
+    if file.suffix in (".yaml", ".yml"):
+        for content in (map_content, nav2_file):
+            with suppress(ValueError):
+                yield content(file).digest
+
+
+def _value(value: Any, files: KeptFiles) -> Any:
+    """What `vastflow.flows.results.tables.json_text` wrote, as a value."""
+    if isinstance(value, dict):
+        if set(value) == {"file"} and _DIGEST.fullmatch(str(value["file"])):
+            return FileContent(str(files.path(value["file"])), value["file"])
+        return {key: _value(item, files) for key, item in value.items()}
+    return [_value(item, files) for item in value] if isinstance(value, list) else value
+
+
+def environment_names(directory: Path, environments: Iterable[str]) -> dict[str, str]:
+    """Digest to the name of the map's file, or of the floor plan that it was made of; a number tells equal names apart."""
+    wanted = list(environments)
+    files = dict(_named_files(directory / "inputs"))
+    names = {digest: _plan(directory / "environments" / digest) or files.get(digest, digest[:8]) for digest in wanted}
+    times = Counter(names.values())
+    seen: Counter[str] = Counter()
+    for digest, name in names.items():
+        if times[name] > 1:
+            seen[name] += 1
+            names[digest] = f"{name} {seen[name]}"
+    return names
+
+
+def _named_files(inputs: Path) -> Iterable[tuple[str, str]]:
+    for file in sorted(inputs.rglob("*.y*ml")):
+        with suppress(ValueError, OSError):
+            yield map_content(file).digest, file.stem
+
+
+def _plan(environment: Path) -> str | None:
+    """Name of the plan's file, as the provenance beside a producer's map has it."""
+    with suppress(ValueError, OSError, KeyError, TypeError):
+        said = read_json(environment / "provenance.json")
+        return Path(str(said["file"])).stem
+    return None
