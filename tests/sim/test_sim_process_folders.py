@@ -33,11 +33,11 @@ FOLDERS = RunFolders.below(Path("/tmp/a run"))
 
 @pytest.fixture(params=["mounted", "rewritten"])
 def begun(request, tmp_path, monkeypatch):
-    """Begins runs of a campaign: on a machine that mounts folders for programs, and on one that forbids it."""
+    """Begin runs of a campaign: on a machine with bubblewrap, and on one without."""
     if request.param == "rewritten":
         monkeypatch.setattr(run_module, "can_mount", lambda: False)
     elif not mounts.can_mount():
-        pytest.skip("this machine forbids mounts")
+        pytest.skip("bubblewrap is missing, or this machine forbids namespaces")
     (tmp_path / "campaign" / "files").mkdir(parents=True)
 
     def begin(files=(), **setup):
@@ -128,6 +128,13 @@ def test_a_file_of_bytes_is_never_rewritten(begun):
         assert (run.folders.config / "data.bin").read_bytes() == content
 
 
+def test_a_run_keeps_no_namespace_after_its_end(begun):
+    before = len(os.listdir("/proc/self/fd")) if Path("/proc").is_dir() else 0
+    with begun({"a.txt": "a"}) as run:
+        printed(run, "cat", "/config/a.txt")
+    assert (len(os.listdir("/proc/self/fd")) if Path("/proc").is_dir() else 0) == before
+
+
 @pytest.mark.skipif(not Path("/proc/self/status").is_file(), reason="signals are read from /proc")
 def test_a_program_that_names_a_folder_has_the_arguments_environment_and_signals_of_any_other(begun):
     show = (
@@ -188,12 +195,17 @@ def probed(*prefix):
     ).stdout.strip()
 
 
+def test_can_mount_is_false_without_bubblewrap(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert not mounts.can_mount.__wrapped__()
+
+
 def test_a_machine_that_forbids_mounts_is_known():
     forbid = 'echo 0 > /proc/sys/user/max_mnt_namespaces; exec "$@"'
     assert probed("unshare", "--user", "--map-root-user", "sh", "-c", forbid, "sh") == "False"
 
 
-@pytest.mark.skipif(not mounts.can_mount(), reason="this machine forbids mounts")
+@pytest.mark.skipif(not mounts.can_mount(), reason="bubblewrap is missing, or this machine forbids namespaces")
 def test_a_user_who_may_not_mount_does_so_as_the_root_of_a_user_namespace():
     dropped = ("setpriv", "--bounding-set=-sys_admin", "--inh-caps=-all")
     assert probed(*dropped) == probed(*dropped, "unshare", "--user", "--map-current-user")

@@ -33,18 +33,16 @@ class RunFolders:
         config: The run files as they were given.
         out: Another copy of them; programs work there, and what they write there is kept.
         logs: What the programs print.
-        root: Empty; for the root folder of programs that see `config` and `out` by their names.
     """
 
     config: Path
     out: Path
     logs: Path
-    root: Path
 
     @classmethod
     def below(cls, folder: Path) -> "RunFolders":
         """Those below `folder`, which are not made."""
-        return cls(folder / "config", folder / "run", folder / "logs", folder / "root")
+        return cls(folder / "config", folder / "run", folder / "logs")
 
     @property
     def mounts(self) -> Mapping[str, Path]:

@@ -1,71 +1,94 @@
-"""Folders of a run under paths of its own: its commands are started in a mount namespace, where they are mounted."""
+"""Mount namespaces: bubblewrap makes one per run, and the run's commands join it to find its folders by their names."""
 
+import ctypes
 import functools
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-_SCRIPT: Final = Path(__file__).with_name("mounting.py")
+BUBBLEWRAP: Final = "bwrap"
 
 
-def popen_mounted(
-    command: Sequence[str], mounts: Mapping[str, Path], root: Path, env: Mapping[str, str], **options: Any
-) -> "subprocess.Popen[bytes]":
-    """As `subprocess.Popen`, where the command sees each folder of `mounts` at its path, a name below `/`.
+@dataclass(frozen=True)
+class MountNamespace:
+    """A mount namespace, and the user namespace it belongs to where that is not this process' own.
 
-    Args:
-        root: An empty folder in which its root folder is made.
-
-    Raises:
-        OSError: there is no such program, or it can't be executed; or the folders can't be mounted.
+    Attributes:
+        descriptors: Open files of both, in the order in which a process joins them; the namespaces last as long.
     """
-    given = [f"{path}={folder}" for path, folder in mounts.items()]
-    read_end, write_end = os.pipe()
-    with open(read_end, "rb") as said:
+
+    descriptors: tuple[int, ...]
+
+    @classmethod
+    def of(cls, mounts: Mapping[str, Path]) -> "MountNamespace":
+        """Make a namespace that has each folder of `mounts` at its path, a name below `/`, and else what the machine has.
+
+        Its root folder is read-only, so that files written beside the folders are not lost silently.
+
+        Raises:
+            OSError: bubblewrap is missing, or may not make namespaces here.
+        """
+        options = []
+        for entry in os.scandir("/"):
+            if entry.is_symlink():
+                options += ["--symlink", os.readlink(entry.path), entry.path]
+            elif entry.path not in mounts:
+                options += ["--dev-bind", entry.path, entry.path]
+        for path, folder in mounts.items():
+            options += ["--dev-bind", str(folder), path]
         try:
-            popen = subprocess.Popen(
-                [
-                    sys.executable,
-                    "-I",
-                    "-S",
-                    _SCRIPT,
-                    str(write_end),
-                    env.get("LC_CTYPE", ""),
-                    root,
-                    *given,
-                    "--",
-                    *command,
-                ],
-                env=env,
-                pass_fds=[write_end],
-                **options,
-            )
-        finally:
-            os.close(write_end)
-        failure = said.read()
-    if failure:
-        popen.wait()
-        raise OSError(int(failure), os.strerror(int(failure)))
-    return popen
+            return cls._made(options)
+        except OSError:  # a root user who may not mount; bubblewrap does this by itself for others
+            return cls._made([*options, "--unshare-user"])
+
+    @classmethod
+    def _made(cls, options: Sequence[str]) -> "MountNamespace":
+        command = [BUBBLEWRAP, *options, "--remount-ro", "/", "sh", "-c", "echo $$; read _"]
+        pipe = subprocess.PIPE
+        with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True) as holder:
+            assert holder.stdout is not None and holder.stderr is not None
+            pid = holder.stdout.readline().strip()
+            if not pid:
+                raise OSError(holder.stderr.read().strip())
+            users = Path("/proc", pid, "ns", "user")
+            own = [] if users.samefile("/proc/self/ns/user") else [users]
+            return cls(tuple(os.open(each, os.O_RDONLY) for each in [*own, users.with_name("mnt")]))
+
+    def join(self, folder: Path) -> None:
+        """Move this process, which has one thread, into the namespace and to `folder`."""
+        setns = ctypes.CDLL(None, use_errno=True).setns  # `os.setns` from Python 3.12 on
+        for descriptor in self.descriptors:
+            if setns(descriptor, 0) != 0:
+                raise OSError(ctypes.get_errno(), "setns")
+        os.chdir(folder)
+
+    def close(self) -> None:
+        """Give it up; processes that joined it keep it."""
+        for descriptor in self.descriptors:
+            os.close(descriptor)
 
 
 @functools.lru_cache(maxsize=1)
 def can_mount() -> bool:
-    """Whether commands can have mounts of their own: on Linux, unless the machine forbids it to this user."""
-    if sys.platform != "linux":
+    """True if bubblewrap is installed and this user may make namespaces with it."""
+    if sys.platform != "linux" or shutil.which(BUBBLEWRAP) is None:
         return False
     with tempfile.TemporaryDirectory(prefix="vastflow-mounts-") as folder:
-        root, shown = Path(folder, "root"), Path(folder, "shown")
-        root.mkdir()
-        shown.mkdir()
-        (shown / "there").touch()
-        quiet = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        command = ["/bin/sh", "-c", "test -e /out/there"]
+        Path(folder, "there").touch()
         try:
-            return popen_mounted(command, {"/out": shown}, root, os.environ, cwd=folder, **quiet).wait() == 0
+            namespace = MountNamespace.of({"/out": Path(folder)})
         except OSError:
             return False
+        try:
+            join = functools.partial(namespace.join, Path(folder))
+            return subprocess.run(["test", "-e", "/out/there"], check=False, preexec_fn=join).returncode == 0
+        except (OSError, subprocess.SubprocessError):
+            return False
+        finally:
+            namespace.close()

@@ -20,7 +20,7 @@ import psutil
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.scenario.programs.folders import RunFolders
 from vastflow.sim.scenario.programs.guard import VARIABLE, kill_marked
-from vastflow.sim.scenario.programs.mounts import popen_mounted
+from vastflow.sim.scenario.programs.mounts import MountNamespace
 
 MAX_LOG_BYTES: Final = 16 * 2**20
 _CHUNK_BYTES: Final = 1 << 16
@@ -158,7 +158,7 @@ class ProcessGroup:
         environment: Mapping[str, str],
         log_file: Path,
         mark: str,
-        mounted: bool = False,
+        namespace: MountNamespace | None = None,
         label: str = "",
         max_log_bytes: int = MAX_LOG_BYTES,
         on_end: Callable[[], None] | None = None,
@@ -166,7 +166,7 @@ class ProcessGroup:
         """Start `command` in `folders.out`; `on_end` is called, in another thread, when the program has ended.
 
         Args:
-            mounted: Whether it sees the folders by their names.
+            namespace: The one in which it finds the folders by their names.
             mark: Unique to this group and no beginning of another's.
 
         Raises:
@@ -183,10 +183,7 @@ class ProcessGroup:
         self._usage: Usage | None = None
         self._end = threading.Event()
         try:
-            popen: Callable[..., subprocess.Popen[bytes]] = subprocess.Popen
-            if mounted:
-                popen = functools.partial(popen_mounted, mounts=folders.mounts, root=folders.root)
-            self._popen = popen(
+            self._popen = subprocess.Popen(
                 self.command,
                 cwd=folders.out,
                 env={**environment, VARIABLE: mark},
@@ -194,8 +191,10 @@ class ProcessGroup:
                 stdout=self.log.write_end,
                 stderr=self.log.write_end,
                 start_new_session=True,
+                # The child has one thread and calls only the system between fork and exec.
+                preexec_fn=functools.partial(namespace.join, folders.out) if namespace else None,  # noqa: PLW1509
             )
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, subprocess.SubprocessError) as error:
             self.log.abandon()
             raise NotStarted(_not_started(self.command, folders, error)) from None
         self.pid = self._popen.pid
@@ -307,7 +306,7 @@ def _in_group(process: psutil.Process, group: int) -> bool:
         return False
 
 
-def _not_started(command: Sequence[str], folders: RunFolders, error: OSError | ValueError) -> str:
+def _not_started(command: Sequence[str], folders: RunFolders, error: Exception) -> str:
     program = command[0]
     if not folders.out.is_dir():
         return f"the folder {str(folders.out)!r} to start {program!r} in is not there"

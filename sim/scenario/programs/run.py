@@ -24,7 +24,7 @@ from vastflow.sim.model.scenario import ProcessSetup
 from vastflow.sim.scenario.programs import guard
 from vastflow.sim.scenario.programs.folders import OUT, RunFolders, copy_in, hand_over, named_in
 from vastflow.sim.scenario.programs.guard import VARIABLE, kill_marked, marked, remove_folder
-from vastflow.sim.scenario.programs.mounts import can_mount
+from vastflow.sim.scenario.programs.mounts import MountNamespace, can_mount
 from vastflow.sim.scenario.programs.outputs import Stamp, read_outputs, stamps
 from vastflow.sim.scenario.programs.process import RSS_UNIT_BYTES, Ended, NotStarted, ProcessGroup, Usage, kill_all
 from vastflow.sim.scenario.programs.resources import ResourceSampler
@@ -125,6 +125,7 @@ class ProcessRun:
         self._named = named_in([setup.pre_command, setup.post_command, *setup.environment.values()])
         # A run inside of another's process bears that one's mark too.
         self._mark = f"{os.environ.get(VARIABLE, '')}{uuid.uuid4().hex}."
+        self._namespace: MountNamespace | None = None
         self._groups: list[ProcessGroup] = []
         self._news = threading.Event()
         self._guard: subprocess.Popen[bytes] | None = None
@@ -140,7 +141,7 @@ class ProcessRun:
             CommandFailed: `pre_command` did; the run is not to be judged.
         """
         folders = self.folders
-        for folder in (folders.config, folders.out, folders.logs, folders.root):
+        for folder in (folders.config, folders.out, folders.logs):
             folder.mkdir()
         for folder in (folders.config, folders.out):
             copy_in(self._setup.files, folder)
@@ -229,6 +230,9 @@ class ProcessRun:
         if self._guard is not None and self._guard.returncode is None:
             self._guard.kill()
             self._guard.communicate()
+        if self._namespace is not None:
+            self._namespace.close()
+            self._namespace = None
         if left:
             raise RuntimeError(f"processes {sorted(left)} of a run could not be killed")
 
@@ -238,11 +242,13 @@ class ProcessRun:
         named = self._named or named_in(command)
         if named and not can_mount():
             command = [self.folders.rewritten(word) for word in command]
+        elif named and self._namespace is None:
+            self._namespace = MountNamespace.of(self.folders.mounts)
         number = len(self._groups)
         group = ProcessGroup(
             command,
             folders=self.folders,
-            mounted=named and can_mount(),
+            namespace=self._namespace if named else None,
             environment=environment,
             log_file=self.folders.logs / f"{number}.log",
             mark=f"{self._mark}{number}.",
