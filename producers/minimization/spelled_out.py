@@ -13,8 +13,8 @@ from vastflow.sim.nav2.parameter_files.chosen import (
     with_controller,
 )
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, DocumentError, dotted
+from vastflow.sim.nav2.parameter_files.interpretation import document_of
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, ParameterFile, read_nav2_document
-from vastflow.sim.nav2.parameter_files.written import document_of
 from vastflow.sim.nav2.parameters.mppi import MppiParameters
 from vastflow.sim.nav2.parameters.parameter import ParameterLocation
 

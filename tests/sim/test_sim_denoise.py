@@ -11,8 +11,7 @@ from vastflow.sim.kernels.record import record_of
 from vastflow.sim.nav2.costmaps.costmap import denoised, remove_small_groups
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.document import DocumentError, parse
-from vastflow.sim.nav2.parameter_files.interpretation import interpretation
-from vastflow.sim.nav2.parameter_files.written import document_of
+from vastflow.sim.nav2.parameter_files.interpretation import document_of, interpretation
 from vastflow.sim.nav2.parameters.costmap import DenoiseLayer
 from vastflow.sim.nav2.parameters.stack import NavParameters
 

@@ -16,8 +16,7 @@ from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.navigator.state import OMNI_COLUMNS, SUBSTEPS
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.document import DocumentError
-from vastflow.sim.nav2.parameter_files.interpretation import interpretation
-from vastflow.sim.nav2.parameter_files.written import document_of
+from vastflow.sim.nav2.parameter_files.interpretation import document_of, interpretation
 from vastflow.sim.reading.robot import robot_facts, robot_of, robot_words
 from vastflow.sim.run import run
 from vastflow.sim.world.motion import arc, moved

@@ -15,8 +15,7 @@ from vastflow.sim.nav2.controllers.controller import ControllerInput
 from vastflow.sim.nav2.costmaps.window import Window
 from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.sim.nav2.parameter_files.interpretation import interpretation
-from vastflow.sim.nav2.parameter_files.written import document_of
+from vastflow.sim.nav2.parameter_files.interpretation import document_of, interpretation
 from vastflow.sim.nav2.parameters.dwb import DwbParameters
 from vastflow.sim.reading.robot import robot_of
 from vastflow.sim.world.occupancy import OccupancyMap

@@ -21,8 +21,7 @@ from vastflow.sim.nav2.parameter_files.chosen import parameters_of, unread
 from vastflow.sim.nav2.parameter_files.costmaps import masks_of
 from vastflow.sim.nav2.parameter_files.document import DocumentError, parse
 from vastflow.sim.nav2.parameter_files.findings import findings
-from vastflow.sim.nav2.parameter_files.interpretation import interpretation
-from vastflow.sim.nav2.parameter_files.written import document_of
+from vastflow.sim.nav2.parameter_files.interpretation import document_of, interpretation
 from vastflow.sim.nav2.parameters.costmap import KeepoutFilter, SpeedFilter
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.reading.checked import checked_digest

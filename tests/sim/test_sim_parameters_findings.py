@@ -1,12 +1,22 @@
 """What is said of each parameter of a Nav2 parameter file."""
 
+import re
+from pathlib import Path
+
 from table import each_row
 
 from vastflow.sim.nav2.parameter_files.built_in import TABLES, BuiltIn
 from vastflow.sim.nav2.parameter_files.document import parse
 from vastflow.sim.nav2.parameter_files.findings import findings, left_out
-from vastflow.sim.nav2.parameter_files.interpretation import interpretation
-from vastflow.sim.nav2.parameter_files.written import document_of
+from vastflow.sim.nav2.parameter_files.interpretation import document_of, interpretation
+from vastflow.sim.nav2.parameter_files.nodes import (
+    FILTERS,
+    GOAL_CHECKERS,
+    LAYERS,
+    PATH_HANDLERS,
+    PLANNERS,
+    PROGRESS_CHECKERS,
+)
 from vastflow.sim.nav2.parameters.stack import NavParameters
 
 
@@ -163,7 +173,10 @@ def test_what_is_left_out_is_known_with_its_value():
 
 def test_nothing_that_is_modeled_is_called_built_in():
     modeled = {path[-1] for path in interpretation(document_of(NavParameters())).reader.fields}
-    assert modeled & {name for kind in ("amcl", "scan", "NavFn", "velocity_smoother") for name in TABLES[kind]} == set()
+    assert (
+        modeled & {name for kind in ("amcl", "scan", "NavfnPlanner", "velocity_smoother") for name in TABLES[kind]}
+        == set()
+    )
 
 
 @each_row(
@@ -187,3 +200,10 @@ def test_what_is_built_in_knows_the_values_that_mean_it(rule, agreeing, other):
 def test_plug_in_group_with_a_value_of_its_own_is_not_modeled():
     text = "{controller_plugins: [F], F: {plugin: 'nav2_mppi_controller::MPPIController', critics: [GoalCritic], GoalCritic: true}}"
     assert statuses(f"controller_server: {{ros__parameters: {text}}}")["F.GoalCritic"] == "not modeled"
+
+
+@each_row("plugins", [PLANNERS, PROGRESS_CHECKERS, GOAL_CHECKERS, PATH_HANDLERS, LAYERS, FILTERS])
+def test_docs_list_the_modeled_classes(plugins):
+    page = (Path(__file__).parents[2] / "docs" / "use-your-nav2-parameters.md").read_text()
+    (row,) = (line for line in page.splitlines() if line.strip().startswith(f"| {plugins.what} "))
+    assert re.findall(r"`(\w+::\w+)`", row) == list(plugins.modeled)

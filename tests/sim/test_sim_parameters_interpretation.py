@@ -9,8 +9,7 @@ from table import each_row
 from vastflow.sim.nav2.parameter_files.controller_server import critics_of
 from vastflow.sim.nav2.parameter_files.document import DocumentError, dotted, parse, read_document
 from vastflow.sim.nav2.parameter_files.findings import findings
-from vastflow.sim.nav2.parameter_files.interpretation import NO_SMOOTHER, interpretation
-from vastflow.sim.nav2.parameter_files.written import document_of
+from vastflow.sim.nav2.parameter_files.interpretation import NO_SMOOTHER, document_of, interpretation
 from vastflow.sim.nav2.parameters.costmap import InflationLayer
 from vastflow.sim.nav2.parameters.dwb import DwbParameters
 from vastflow.sim.nav2.parameters.mppi import MppiParameters

@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vastflow.sim.nav2.parameter_files.costmaps import OF_THE_MAP
-from vastflow.sim.nav2.parameter_files.interpretation import interpretation
-from vastflow.sim.nav2.parameter_files.written import document_of
+from vastflow.sim.nav2.parameter_files.interpretation import document_of, interpretation
 from vastflow.sim.nav2.parameters.costmap import Costmap
 from vastflow.sim.nav2.parameters.dwb import DwbParameters
 from vastflow.sim.nav2.parameters.mppi import MppiParameters

@@ -9,9 +9,8 @@ from table import each_row
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.document import DocumentError, parse
 from vastflow.sim.nav2.parameter_files.findings import findings
-from vastflow.sim.nav2.parameter_files.interpretation import interpretation
+from vastflow.sim.nav2.parameter_files.interpretation import document_of, interpretation
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
-from vastflow.sim.nav2.parameter_files.written import document_of
 from vastflow.sim.nav2.parameters.servers import RotationShim, SmacPlannerHybrid
 from vastflow.sim.nav2.parameters.stack import NavParameters
 

@@ -17,8 +17,7 @@ from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, outline_of
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.document import DocumentError, parse
 from vastflow.sim.nav2.parameter_files.findings import findings
-from vastflow.sim.nav2.parameter_files.interpretation import interpretation
-from vastflow.sim.nav2.parameter_files.written import document_of
+from vastflow.sim.nav2.parameter_files.interpretation import document_of, interpretation
 from vastflow.sim.nav2.parameters.costmap import Costmap, global_costmap
 from vastflow.sim.nav2.parameters.servers import SmacPlanner2D, SmacPlannerHybrid, SmootherParameters
 from vastflow.sim.nav2.parameters.stack import NavParameters

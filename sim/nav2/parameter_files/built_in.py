@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from vastflow.sim.model.digest import Value
-from vastflow.sim.nav2.parameter_files.plugins import class_name
+from vastflow.sim.nav2.parameter_files.nodes import class_name
 from vastflow.sim.nav2.parameters.parameter import ParameterGroup, ParameterLocation
 
 
@@ -202,7 +202,7 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
         "costmap_update_timeout": only(0.30),
         "publish_zero_velocity": only(True),
     },
-    "path handler": {**_any("minimum_rotation_angle"), "reject_unit_path": only(False)},
+    "FeasiblePathHandler": {**_any("minimum_rotation_angle"), "reject_unit_path": only(False)},
     "local_costmap": {**_COSTMAP, "global_frame": _frame("odom"), "rolling_window": only(True)},
     "global_costmap": {
         **_COSTMAP,
@@ -247,7 +247,7 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
         **_any("expected_planner_frequency", "service_introspection_mode"),
         "costmap_update_timeout": only(1.0),
     },
-    "NavFn": {"use_final_approach_orientation": only(False)},
+    "NavfnPlanner": {"use_final_approach_orientation": only(False)},
     "SmacPlanner2D": {
         **_SMAC,
         "use_final_approach_orientation": only(False),

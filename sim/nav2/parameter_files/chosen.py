@@ -16,7 +16,7 @@ from vastflow.sim.model.polygon import as_array, vertices_of
 from vastflow.sim.nav2.controllers.registry import FILE, find_parameters, known_controllers, short_names
 from vastflow.sim.nav2.costmaps.outline import outline_of, padded_outline
 from vastflow.sim.nav2.parameter_files.built_in import nav2_names
-from vastflow.sim.nav2.parameter_files.controller_server import primary_controller
+from vastflow.sim.nav2.parameter_files.controller_server import controller_class, primary_controller, written_controller
 from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS, filtered_by
 from vastflow.sim.nav2.parameter_files.document import (
     EXPONENT,
@@ -26,11 +26,10 @@ from vastflow.sim.nav2.parameter_files.document import (
     ParameterFault,
     dotted,
 )
-from vastflow.sim.nav2.parameter_files.interpretation import Interpretation, interpretation
+from vastflow.sim.nav2.parameter_files.interpretation import Interpretation, document_of, interpretation
+from vastflow.sim.nav2.parameter_files.nodes import CONTROLLERS, ROTATION_SHIM, class_name
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, loaded
-from vastflow.sim.nav2.parameter_files.plugins import CONTROLLERS, ROTATION_SHIM, class_name
 from vastflow.sim.nav2.parameter_files.reader import shown
-from vastflow.sim.nav2.parameter_files.written import controller_block, document_of
 from vastflow.sim.nav2.parameters.parameter import ParameterLocation, complaint
 from vastflow.sim.nav2.parameters.robot import robot_keys
 from vastflow.sim.nav2.parameters.stack import NavParameters
@@ -156,7 +155,7 @@ def parameters_of(system: Mapping[str, Value]) -> NavParameters:
         DocumentError: a value of the wrong type or out of range, an unknown plug-in, a file that has changed. The faults
             of what the system rewrites name its keys. It is a `ParameterError`.
     """
-    return _chosen(_System(canonical(dict(system)), system)).interpretation.parameters
+    return _chosen(_system(system)).interpretation.parameters
 
 
 def unread(system: Mapping[str, Value], undecided: Iterable[str] = ()) -> tuple[str, ...]:
@@ -168,7 +167,7 @@ def unread(system: Mapping[str, Value], undecided: Iterable[str] = ()) -> tuple[
     Raises:
         DocumentError: as of `parameters_of`.
     """
-    chosen = _chosen(_System(canonical(dict(system)), system))
+    chosen = _chosen(_system(system))
     document, asked, undecided = chosen.interpretation.document, chosen.interpretation.reader.asked, tuple(undecided)
     touched = {key: _targets(document, key) for key in undecided} | {**chosen.touched}
 
@@ -195,7 +194,7 @@ def intended_key(system: Mapping[str, Value], key: str, others: Iterable[str] = 
     names, own = tuple(key.split(".")), sorted({*OWN_KEYS, *_NOT_IN_THE_FILE, *others})
     if prefixed := next((each for mark in "._" for each in own if each.endswith(f"{mark}{key}")), None):
         return prefixed
-    asked = _chosen(_System(canonical(dict(system)), system)).interpretation.reader.asked
+    asked = _chosen(_system(system)).interpretation.reader.asked
     paths = (tuple(name for name in path if name != PARAMETERS) for path in asked)
     known = {*(tuple(each.split(".")) for each in own), *(path[-len(names) :] for path in paths)}
     for k, name in enumerate(names[:-1] if names[-1] in nav2_names() else names):
@@ -215,7 +214,7 @@ def unused_because(system: Mapping[str, Value], key: str) -> str:
     Raises:
         DocumentError: as of `parameters_of`.
     """
-    unused = _chosen(_System(canonical(dict(system)), system)).interpretation.reader.unused
+    unused = _chosen(_system(system)).interpretation.reader.unused
     return next((why for path, why in unused.items() if targets({path: None}, key) == (path,)), "")
 
 
@@ -229,7 +228,7 @@ def check_key(system: Mapping[str, Value], key: str, value: Value) -> bool:
         DocumentError: as of `parameters_of`.
     """
     try:
-        fields = _fields(_System(canonical(dict(system)), system), key)
+        fields = _fields(_system(system), key)
     except DocumentError:
         fields = None
     if fields is None:
@@ -273,7 +272,7 @@ def with_controller(document: ParameterDocument, name: Value) -> ParameterDocume
         near = nearest(str(name), known)
         right = f"{f'did you mean {near!r}? ' if near else ''}one of {', '.join(known)}"
         raise DocumentError([ParameterFault(CONTROLLER_KEY, f"found {shown(name)}", right)])
-    block = controller_block(node, find_parameters(meant)())
+    block = written_controller(node, find_parameters(meant)())
     kept = {path: value for path, value in values.items() if path[: len(node) + 1] != (*node, CONTROLLERS.used)}
     return replace(document, values={**kept, **block})
 
@@ -283,7 +282,7 @@ def _plug_in(values: Mapping[ParameterLocation, Value], place: ParameterLocation
     text = str(values.get((*place, "plugin")))
     if class_name(text) == ROTATION_SHIM:
         text = str(values.get(primary_controller(values, place)))
-    return text if FILE in text else class_name(text)
+    return controller_class(text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,6 +291,10 @@ class _System:
 
     content: str
     values: Mapping[str, Value] = field(compare=False)
+
+
+def _system(values: Mapping[str, Value]) -> _System:
+    return _System(canonical(dict(values)), values)
 
 
 @functools.lru_cache(maxsize=64)

@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Any, Final, TypeGuard
+from typing import Any, Final
 
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.names import did_you_mean
@@ -12,9 +12,10 @@ from vastflow.sim.nav2.controllers.registry import (
     UnknownController,
     find_parameters,
     known_controllers,
+    name_of,
     short_name,
 )
-from vastflow.sim.nav2.parameter_files.plugins import (
+from vastflow.sim.nav2.parameter_files.nodes import (
     CONTROLLERS,
     FOREIGN_CRITICS,
     GOAL_CHECKERS,
@@ -22,30 +23,20 @@ from vastflow.sim.nav2.parameter_files.plugins import (
     PROGRESS_CHECKERS,
     ROTATION_SHIM,
     class_name,
-    critic_class,
+    short_class,
 )
-from vastflow.sim.nav2.parameter_files.reader import Group, Parts, Reader
+from vastflow.sim.nav2.parameter_files.reader import Parts, Reader, Values, is_group, written, written_plugins
 from vastflow.sim.nav2.parameters.mppi import AckermannParameters, MppiParameters
 from vastflow.sim.nav2.parameters.parameter import ParameterGroup, ParameterLocation, complaint
-from vastflow.sim.nav2.parameters.servers import (
-    NO_ANGLE_RAD,
-    NO_LIMIT,
-    ControllerServer,
-    GoalChecker,
-    ProgressChecker,
-    RotationShim,
+from vastflow.sim.nav2.parameters.servers import ControllerServer, RotationShim
+from vastflow.sim.nav2.parameters.stack import NavParameters
+
+_OF_THE_PATH: Final = (
+    "prune_distance",
+    "enforce_path_inversion",
+    "inversion_xy_tolerance",
+    "inversion_yaw_tolerance",
 )
-
-_OF_THE_STOPPED: Final = ("trans_stopped_velocity", "rot_stopped_velocity")
-"""Parameters that of the goal checkers the StoppedGoalChecker alone has."""
-
-_OF_OMNI: Final = ("ay_max", "ay_min", "vy_std")
-"""Parameters of MPPI that of its motion models Omni alone has."""
-
-_OF_INVERSIONS: Final = ("inversion_xy_tolerance", "inversion_yaw_tolerance")
-"""Parameters of MPPI that its `enforce_path_inversion` alone reads."""
-
-_OF_THE_PATH: Final = ("prune_distance", "enforce_path_inversion", *_OF_INVERSIONS)
 """Parameters of MPPI that since Lyrical the path handler has."""
 
 _HANDLED_M: Final = 2.0
@@ -59,14 +50,8 @@ _MOTION_MODELS: Final[Mapping[str, str]] = {
 
 def read_controller_server(reader: Reader, node: ParameterLocation) -> Parts:
     parts: dict[str, Any] = {"controller_server": reader.group(ControllerServer, node)}
-    if progress := reader.plugin(node, PROGRESS_CHECKERS):
-        given = {"required_movement_angle": NO_ANGLE_RAD} if progress.kind == "SimpleProgressChecker" else None
-        parts["progress_checker"] = reader.group(ProgressChecker, (*node, progress.name), given=given)
-    if goal := reader.plugin(node, GOAL_CHECKERS):
-        given = {} if goal.kind == "StoppedGoalChecker" else dict.fromkeys(_OF_THE_STOPPED, NO_LIMIT)
-        if goal.kind == "PositionGoalChecker":
-            given["yaw_goal_tolerance"] = NO_ANGLE_RAD
-        parts["goal_checker"] = reader.group(GoalChecker, (*node, goal.name), given=given)
+    checkers = {"progress_checker": PROGRESS_CHECKERS, "goal_checker": GOAL_CHECKERS}
+    parts |= {name: found for name, plugins in checkers.items() if (found := reader.plugin_group(node, plugins))}
     # Nav2's code would load DWB here and find no critics for it: such a file is one for other parameters.
     named = [(*node, *CONTROLLERS.lists), (*node, CONTROLLERS.used, "plugin")]
     if any(path in reader.document.values for path in named) and (used := reader.used(node, CONTROLLERS)):
@@ -74,29 +59,18 @@ def read_controller_server(reader: Reader, node: ParameterLocation) -> Parts:
     return parts
 
 
-def _path_handler(reader: Reader, node: ParameterLocation) -> ParameterLocation | None:
-    """Where the node has the parameters of its path handler, None where controllers have them; what it can't do is a fault."""
-    named = [(*node, *PATH_HANDLERS.lists), *((*node, name, "plugin") for name in PATH_HANDLERS.defaults)]
-    found = reader.plugin(node, PATH_HANDLERS) if any(path in reader.document.values for path in named) else None
-    if found is None:
-        return None
-    reader.only((*node, found.name, "enforce_path_rotation"), False)
-    return (*node, found.name)
-
-
 def _controller(reader: Reader, place: ParameterLocation, listed: ParameterLocation) -> Parts:
     """The controller with the parameters at `place`; one that can't be found is a fault."""
     document, node, path = reader.document, place[:-1], (*place, "plugin")
-    text = reader.text(path, reader.default_class(place[-1], listed, CONTROLLERS))
-    name = text if FILE in text else class_name(text)
+    name = controller_class(reader.text(path, reader.default_class(place[-1], listed, CONTROLLERS)))
     parts: Parts = {}
     shimmed: tuple[ParameterLocation, ...] = ()
     if name == ROTATION_SHIM:
-        parts, shimmed = _rotation_shim(reader, place)
+        parts = {"rotation_shim": reader.group(RotationShim, place, given={"enabled": True})}
+        shimmed = tuple((*place, name) for name in RotationShim.model_fields)
         path = primary_controller(document.values, place)
         place = path[:-1] if path[-1] == "plugin" else place
-        text = reader.text(path, "")
-        name = text if FILE in text else class_name(text)
+        name = controller_class(reader.text(path, ""))
     known = ", ".join(known_controllers())
     if not name:
         right = f"the class of a controller; known: {known}; {OWN}"
@@ -111,7 +85,8 @@ def _controller(reader: Reader, place: ParameterLocation, listed: ParameterLocat
         reader.fault(path, error.what, error.right)
         return {}
     if not kind.__module__.startswith("vastflow."):
-        return {**parts, "controller": _own_parameters(reader, kind, place, {(*place, "plugin"), path, *shimmed})}
+        _check_names(reader, kind, place, {(*place, "plugin"), path, *shimmed})
+        return {**parts, "controller": reader.group(kind, place)}
     return {**parts, "controller": _of_nav2(reader, kind, node, place, short_name(name).upper())}
 
 
@@ -124,23 +99,20 @@ def _of_nav2(
     if algorithm == "MPPI":
         given |= _motion_model(reader, place)
         _check_obstacles(reader, place, given)
-    elsewhere = _handled(reader, _path_handler(reader, node), algorithm, given)
-    found = reader.group(kind, place, elsewhere, given)
-    if isinstance(found, MppiParameters) and found.motion_model != "Omni":
-        for name in _OF_OMNI:
-            reader.leave((*place, name), "the motion model is not Omni")
-    if isinstance(found, MppiParameters) and not found.enforce_path_inversion:
-        for name in _OF_INVERSIONS:
-            reader.leave(elsewhere.get(name, (*place, name)), "enforce_path_inversion is not set")
-    return found
+    elsewhere = _handled(reader, node, algorithm, given)
+    return reader.group(kind, place, elsewhere, given)
 
 
 def _handled(
-    reader: Reader, handler: ParameterLocation | None, algorithm: str, given: dict[str, Any]
+    reader: Reader, node: ParameterLocation, algorithm: str, given: dict[str, Any]
 ) -> Mapping[str, ParameterLocation]:
-    """Which of a controller's parameters the path handler has; DWB and RPP cut the path as those of Jazzy do."""
-    if handler is None:
+    """Which of a controller's parameters the node's path handler has; DWB and RPP cut the path as those of Jazzy do."""
+    named = [(*node, *PATH_HANDLERS.lists), *((*node, name, "plugin") for name in PATH_HANDLERS.defaults)]
+    found = reader.plugin(node, PATH_HANDLERS) if any(path in reader.document.values for path in named) else None
+    if found is None:
         return {}
+    reader.instance_group(found)
+    handler = found.place
     if algorithm != "MPPI":
         reader.only((*handler, "enforce_path_inversion"), False)
         return {}
@@ -180,11 +152,17 @@ def _motion_model(reader: Reader, place: ParameterLocation) -> Parts:
     if model != "Omni":
         # Nav2 does not read these, so that they may be out of range, as a standard deviation of 0.
         usual = MppiParameters()
-        for name in _OF_OMNI:
+        for name in ("ay_max", "ay_min", "vy_std"):
             path = (*place, name)
             if path in values and complaint(MppiParameters, name, values[path]):
                 given[name] = getattr(usual, name)
+                reader.leave(path, "the motion model is not Omni")
     return given
+
+
+def controller_class(text: str) -> str:
+    """A controller as Nav2 writes it today; a file and class as they are written."""
+    return text if FILE in text else class_name(text)
 
 
 def primary_controller(values: Mapping[ParameterLocation, Value], shim: ParameterLocation) -> ParameterLocation:
@@ -193,29 +171,18 @@ def primary_controller(values: Mapping[ParameterLocation, Value], shim: Paramete
     return path if (*path, "plugin") not in values else (*path, "plugin")
 
 
-def _rotation_shim(reader: Reader, place: ParameterLocation) -> tuple[Parts, tuple[ParameterLocation, ...]]:
-    """The Rotation Shim, and where its parameters may be: the controller in it has its own beside them."""
-    shim = reader.group(RotationShim, place, given={"enabled": True})
-    return {"rotation_shim": shim}, tuple((*place, name) for name in RotationShim.model_fields)
-
-
-def _own_parameters(
-    reader: Reader, kind: type[Group], place: ParameterLocation, others: Collection[ParameterLocation] = ()
-) -> Group:
-    """The parameters of a plug-in, and of groups in them; one that it does not have is a fault, for nobody else would read it."""
-    groups = {name: each for name, field in kind.model_fields.items() if _is_group(each := field.annotation)}
+def _check_names(
+    reader: Reader, kind: type[ParameterGroup], place: ParameterLocation, others: Collection[ParameterLocation] = ()
+) -> None:
+    """A parameter that a plug-in, or a group in it, does not have is a fault, for nobody else would read it."""
     for path in reader.document.below(place):
         name = path[len(place)]
         if name not in kind.model_fields and path not in others:
             what = f"{kind.__name__} has no parameter {name!r}"
             reader.fault(path, what, did_you_mean(name, kind.model_fields, "none, for it has no parameters"))
-    return reader.group(
-        kind, place, given={name: _own_parameters(reader, each, (*place, name)) for name, each in groups.items()}
-    )
-
-
-def _is_group(annotation: object) -> TypeGuard[type[ParameterGroup]]:
-    return isinstance(annotation, type) and issubclass(annotation, ParameterGroup)
+    for name, field in kind.model_fields.items():
+        if is_group(field.annotation):
+            _check_names(reader, field.annotation, (*place, name))
 
 
 def critics_of(controller: ParameterGroup) -> Mapping[str, Any]:
@@ -239,12 +206,12 @@ def _critics(reader: Reader, place: ParameterLocation, algorithm: str, default: 
     for k, name in enumerate(reader.names(listed, ())):
         class_path = (*place, name, "class")
         text = reader.text(class_path, "") if class_path in reader.document.values else name
-        kind = critic_class(algorithm, text)
+        kind = short_class(text).removesuffix("Critic" if algorithm == "DWB" else "")
         if kind in critics:
             loaded[kind] = (*place, name)
             continue
         known = f"known: {', '.join(critics)}"
-        if kind in FOREIGN_CRITICS[algorithm]:
+        if (algorithm, kind) in FOREIGN_CRITICS:
             reader.fault((*listed, str(k)), f"the critic {text} of {algorithm} is not modeled", known)
         else:
             reader.fault((*listed, str(k)), f"{algorithm} has no critic {text!r}", known)
@@ -261,3 +228,28 @@ def _critics(reader: Reader, place: ParameterLocation, algorithm: str, default: 
         given = {"enabled": enabled} | ({"place": places[kind]} if kind in places else {})
         parts[kind] = reader.group(type(critic), loaded[kind], given=given)
     return parts
+
+
+def written_controller_server(node: ParameterLocation, parameters: NavParameters) -> Values:
+    """What is read as the node's parameters, its checkers, and its controller."""
+    values = written(parameters.controller_server, node)
+    values |= written_plugins(node, PROGRESS_CHECKERS, {PROGRESS_CHECKERS.used: parameters.progress_checker})
+    values |= written_plugins(node, GOAL_CHECKERS, {GOAL_CHECKERS.used: parameters.goal_checker})
+    values |= written_controller(node, parameters.controller)
+    if parameters.rotation_shim.enabled:
+        place = (*node, CONTROLLERS.used)
+        values |= written(parameters.rotation_shim, place)
+        values[(*place, "primary_controller")] = values[(*place, "plugin")]
+        values[(*place, "plugin")] = ROTATION_SHIM
+    return values
+
+
+def written_controller(node: ParameterLocation, controller: ParameterGroup) -> Values:
+    """The list `controller_plugins` with one controller, and its parameters."""
+    place, critics = (*node, CONTROLLERS.used), critics_of(controller)
+    values: Values = {(*node, CONTROLLERS.lists[0]): [place[-1]], (*place, "plugin"): name_of(type(controller))}
+    enabled = (name for name, critic in critics.items() if critic.enabled)
+    listed = sorted(enabled, key=lambda name: getattr(critics[name], "place", 0))
+    if critics:
+        values[(*place, "critics")] = listed
+    return values | written(controller, place, given=critics.keys() - set(listed))

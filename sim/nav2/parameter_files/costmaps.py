@@ -8,19 +8,18 @@ from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.polygon import vertices_of
 from vastflow.sim.nav2.controllers.controller import Controller
-from vastflow.sim.nav2.parameter_files.document import ParameterDocument
-from vastflow.sim.nav2.parameter_files.plugins import FILTERS, LAYERS
-from vastflow.sim.nav2.parameter_files.reader import Instance, Parts, Reader
-from vastflow.sim.nav2.parameters.costmap import (
-    Costmap,
-    DenoiseLayer,
-    InflationLayer,
-    KeepoutFilter,
-    ObstacleLayer,
-    SpeedFilter,
-    StaticLayer,
-    global_costmap,
+from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument
+from vastflow.sim.nav2.parameter_files.nodes import FILTERS, LAYERS
+from vastflow.sim.nav2.parameter_files.reader import (
+    Instance,
+    Parts,
+    Reader,
+    Values,
+    is_group,
+    written,
+    written_plugins,
 )
+from vastflow.sim.nav2.parameters.costmap import Costmap, ObstacleLayer, global_costmap
 from vastflow.sim.nav2.parameters.parameter import ParameterLocation
 from vastflow.sim.nav2.parameters.stack import NavParameters
 
@@ -32,8 +31,6 @@ MASK_KEYS: Final = (KEEPOUT_KEY, SPEED_KEY)
 TOPIC: Final = "filter_info_topic"
 INFO_SERVER: Final = "costmap_filter_info_server"
 _INFO: Final = ("type", "base", "multiplier")
-_NOT_MODELED: Final = ("override_lethal_cost", "enable_path_lookahead")
-"""Flags of the two filters in releases after Jazzy."""
 _DEFAULT_TOPIC: Final = "costmap_filter_info"
 
 
@@ -55,33 +52,23 @@ def is_info_server(document: ParameterDocument, node: ParameterLocation) -> bool
     return node[-2:-1] == (INFO_SERVER,) or (*node, TOPIC) in document.values
 
 
-def filters_of(reader: Reader, node: ParameterLocation) -> dict[str, Any]:
-    """The filters of a costmap, as fields of `Costmap`; those that its list `filters` lacks are not enabled."""
-    found: dict[str, Any] = {
-        "keepout_filter": KeepoutFilter(enabled=False),
-        "speed_filter": SpeedFilter(enabled=False),
-    }
+def _filters(reader: Reader, node: ParameterLocation) -> dict[str, Any]:
+    """The filters of a costmap that are enabled, as fields of `Costmap`."""
+    found: dict[str, Any] = {}
     places: dict[str, ParameterLocation] = {}
     for each in reader.plugins(node, FILTERS):
-        field = "keepout_filter" if each.kind == "KeepoutFilter" else "speed_filter"
-        place = (*node, each.name)
+        field = _FIELDS[each.modeled.model]
         if field in places:
-            reader.fault(place, f"a second {each.kind} beside {places[field][-1]}", "one in a costmap")
+            reader.fault(each.place, f"a second {each.kind} beside {places[field][-1]}", "one in a costmap")
             continue
-        places[field] = place
-        if not reader.flag((*place, "enabled"), True):
+        places[field] = each.place
+        if not reader.flag((*each.place, "enabled"), True):
             continue
-        for flag in _NOT_MODELED:
-            if (*place, flag) in reader.document.values:
-                reader.only((*place, flag), False)
-        info = _info(reader, place)
-        if field == "keepout_filter":  # takes the mask's values as they are, whatever is said of them
-            found[field] = KeepoutFilter()
-        elif info is None:
-            _lacks_info(reader, place)
-        else:
-            elsewhere = {name: (*info, name) for name in _INFO}
-            found[field] = reader.group(SpeedFilter, place, elsewhere, {"enabled": True})
+        info = _info(reader, each.place)
+        if field == "speed_filter" and info is None:
+            _lacks_info(reader, each.place)
+        else:  # a keepout filter takes the mask's values as they are, whatever is said of them
+            found[field] = reader.instance_group(each, {name: (*(info or ()), name) for name in _INFO})
     return found
 
 
@@ -130,48 +117,26 @@ OF_THE_MAP: Final = ("publish_frequency", "width", "height", "resolution")
 OF_THE_SCAN: Final = ("marking", "clearing", "obstacle_max_range", "obstacle_min_range", "raytrace_max_range")
 """Parameters of an obstacle layer that its source has."""
 
-_FIELDS: Final = {"StaticLayer": "static_layer", "DenoiseLayer": "denoise_layer", "InflationLayer": "inflation_layer"}
-"""Kinds of layers to fields of `Costmap`; others are obstacle layers."""
-
-_MODELS: Final[Mapping[str, type[Any]]] = {
-    "static_layer": StaticLayer,
-    "obstacle_layer": ObstacleLayer,
-    "denoise_layer": DenoiseLayer,
-    "inflation_layer": InflationLayer,
+_FIELDS: Final[Mapping[Any, str]] = {
+    field.annotation: name for name, field in Costmap.model_fields.items() if is_group(field.annotation)
 }
+"""Parameters of layers and filters to the fields of `Costmap` that have them."""
 
 
-def read_local_costmap(reader: Reader, node: ParameterLocation) -> Mapping[str, Costmap]:
-    """The rolling window."""
-    return {"local_costmap": _costmap(reader, node)}
-
-
-def read_global_costmap(reader: Reader, node: ParameterLocation) -> Mapping[str, Costmap]:
-    """The costmap that is as large and as fine as the map."""
-    default = global_costmap()
-    return {"global_costmap": _costmap(reader, node, **{name: getattr(default, name) for name in OF_THE_MAP})}
-
-
-def _costmap(reader: Reader, node: ParameterLocation, **given: Any) -> Costmap:
-    given |= filters_of(reader, node)
+def read_costmap(reader: Reader, node: ParameterLocation) -> Mapping[str, Costmap]:
+    """The rolling window, or the costmap that is as large and as fine as the map."""
+    given = {field: model(enabled=False) for model, field in _FIELDS.items()} | _filters(reader, node)
+    if node[-2] == "global_costmap":
+        given |= {name: getattr(global_costmap(), name) for name in OF_THE_MAP}
     layers = _layers(reader, node)
-    _check_order(reader, node, list(layers.values()))
-    for field, model in _MODELS.items():
-        if field not in layers:
-            given[field] = model(enabled=False)
-            continue
-        place, kind = (*node, layers[field].name), layers[field].kind
-        if kind == "SpatioTemporalVoxelLayer":
-            given[field] = _spatio_temporal_layer(reader, place)
-        elif field == "obstacle_layer":
-            given[field] = _obstacle_layer(reader, place, 2 if kind == "VoxelLayer" else 0)
-        else:
-            given[field] = reader.group(model, place)
+    _check_order(reader, list(layers.values()))
+    for field, layer in layers.items():
+        is_marking = field == "obstacle_layer"
+        given[field] = _obstacle_layer(reader, layer) if is_marking else reader.instance_group(layer)
     found = reader.group(Costmap, node, given=given)
-    radius = (*node, "robot_radius")
     if not reader.faults and vertices_of(found.footprint):
-        reader.leave(radius, "the polygon footprint replaces it")
-    return found
+        reader.leave((*node, "robot_radius"), "the polygon footprint replaces it")
+    return {node[-2]: found}
 
 
 def _layers(reader: Reader, node: ParameterLocation) -> Mapping[str, Instance]:
@@ -179,14 +144,14 @@ def _layers(reader: Reader, node: ParameterLocation) -> Mapping[str, Instance]:
     layers: dict[str, list[Instance]] = {}
     listed = reader.plugins(node, LAYERS)
     for layer in listed:
-        layers.setdefault(_FIELDS.get(layer.kind, "obstacle_layer"), []).append(layer)
+        layers.setdefault(_FIELDS[layer.modeled.model], []).append(layer)
     used = {}
     for field, several in layers.items():
-        used[field] = max(several, key=lambda layer: _worth(reader, (*node, layer.name)))
+        used[field] = max(several, key=lambda layer: _worth(reader, layer.place))
         for layer in several:
             if layer != used[field]:
                 why = f"a second layer beside {used[field].name} is not modeled"
-                reader.unmodeled[(*node, layer.name)] = why
+                reader.unmodeled[layer.place] = why
     return dict(sorted(used.items(), key=lambda item: listed.index(item[1])))
 
 
@@ -198,13 +163,13 @@ def _worth(reader: Reader, place: ParameterLocation) -> tuple[bool, bool]:
     )
 
 
-def _check_order(reader: Reader, node: ParameterLocation, layers: Sequence[Instance]) -> None:
+def _check_order(reader: Reader, layers: Sequence[Instance]) -> None:
     """Nav2 inflates what the layers before the inflation have marked, and nothing else."""
     inflation = next((layer for layer in layers if layer.kind == "InflationLayer"), None)
     if inflation is None:
         return
     for layer in layers[layers.index(inflation) + 1 :]:
-        path = (*node, layer.name, "plugin")
+        path = (*layer.place, "plugin")
         if layer.kind == "DenoiseLayer":
             right = "a Denoise layer before it in the list 'plugins'"
             reader.fault(path, f"{layer.name} comes after the inflation", right)
@@ -222,12 +187,21 @@ def _data_type(reader: Reader, source: ParameterLocation) -> object:
     return reader.document.values.get((*source, "data_type"), "PointCloud2")
 
 
-def _obstacle_layer(reader: Reader, place: ParameterLocation, short_clearing_cells: int) -> ObstacleLayer:
+def _obstacle_layer(reader: Reader, layer: Instance) -> ObstacleLayer:
     """The layer with its laser scan; without any source it neither marks nor clears."""
+    place, given = layer.place, dict(layer.modeled.fixed)
     values, sources = reader.document.values, _sources(reader, place)
-    given: dict[str, Any] = {"short_clearing_cells": short_clearing_cells}
-    scan = next((source for source in sources if _data_type(reader, source) == "LaserScan"), None)
     cloud = next((source for source in sources if values.get((*source, "marking"), True) is True), None)
+    if layer.kind == "SpatioTemporalVoxelLayer":
+        reader.unmodeled[place] = (
+            "it is read as a VoxelLayer of the laser scan: no voxel decays, and there is no camera"
+        )
+        seen_m = (*(cloud or (*place, "scan")), "obstacle_range")
+        elsewhere = dict.fromkeys(("obstacle_max_range", "raytrace_max_range"), seen_m)
+        elsewhere["footprint_clearing_enabled"] = (*place, "update_footprint_enabled")
+        given |= {"marking": True, "clearing": True, "obstacle_min_range": 0.0}
+        return reader.group(ObstacleLayer, place, elsewhere, given)
+    scan = next((source for source in sources if _data_type(reader, source) == "LaserScan"), None)
     for source in sources:
         if source != scan:
             reader.unmodeled[source] = "only one source, a LaserScan, is modeled"
@@ -240,26 +214,32 @@ def _obstacle_layer(reader: Reader, place: ParameterLocation, short_clearing_cel
     else:
         unused = ObstacleLayer(marking=False, clearing=False)
         given |= {name: getattr(unused, name) for name in OF_THE_SCAN}
-        return reader.group(ObstacleLayer, place, given=given)
-    source = scan or cloud or place
-    return reader.group(ObstacleLayer, place, {name: (*source, name) for name in OF_THE_SCAN}, given)
+    return reader.group(ObstacleLayer, place, _in_source(scan or cloud or place), given)
 
 
-def _spatio_temporal_layer(reader: Reader, place: ParameterLocation) -> ObstacleLayer:
-    """A VoxelLayer of the laser scan in its place, as far as its first source sees that marks."""
-    values = reader.document.values
-    source = next(
-        (each for each in _sources(reader, place) if values.get((*each, "marking"), True) is True), (*place, "scan")
-    )
-    reader.unmodeled[place] = "it is read as a VoxelLayer of the laser scan: no voxel decays, and there is no camera"
-    seen_m = (*source, "obstacle_range")
-    elsewhere = {
-        "obstacle_max_range": seen_m,
-        "raytrace_max_range": seen_m,
-        "footprint_clearing_enabled": (*place, "update_footprint_enabled"),
-    }
-    given = {"marking": True, "clearing": True, "obstacle_min_range": 0.0, "short_clearing_cells": 2}
-    return reader.group(ObstacleLayer, place, elsewhere, given)
+def _in_source(source: ParameterLocation) -> Mapping[str, ParameterLocation]:
+    return {name: (*source, name) for name in OF_THE_SCAN}
+
+
+def written_costmap(name: str, costmap: Costmap) -> Values:
+    """What is read as a costmap, and the nodes that say what its filters do."""
+    node = (name, name, PARAMETERS)
+    of_the_map = OF_THE_MAP if name == "global_costmap" else ()
+    values = written(costmap, node, given=(*_FIELDS.values(), *of_the_map))
+    groups = {field: group for field, group in costmap if field in _FIELDS.values() and group.enabled}
+    filters = {field: groups.pop(field) for field in ("keepout_filter", "speed_filter") if field in groups}
+    voxels = costmap.obstacle_layer.short_clearing_cells
+    layers = {"voxel_layer" if voxels and field == "obstacle_layer" else field: groups[field] for field in groups}
+    place = (*node, "voxel_layer" if voxels else "obstacle_layer")
+    if costmap.obstacle_layer.enabled:
+        values |= {(*place, "observation_sources"): "scan", (*place, "scan", "data_type"): "LaserScan"}
+    values |= written_plugins(node, LAYERS, layers, _in_source((*place, "scan")))
+    for field, group in filters.items():
+        topic = f"{name}_{field}_info"
+        info = (f"{topic}_server", PARAMETERS)
+        values |= written_plugins(node, FILTERS, {field: group}, {key: (*info, key) for key in _INFO})
+        values |= {(*node, FILTERS.lists[0]): [*filters], (*node, field, TOPIC): topic, (*info, TOPIC): topic}
+    return values
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,17 +1,17 @@
-"""Interpretation: what a Nav2 parameter document sets the stack to."""
+"""Interpretation: what a Nav2 parameter document sets the stack to, and the document that sets it to given parameters."""
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
 from vastflow.sim.model.polygon import vertices_of
-from vastflow.sim.nav2.parameter_files.controller_server import read_controller_server
-from vastflow.sim.nav2.parameter_files.costmaps import check_speed_filter, read_global_costmap, read_local_costmap
-from vastflow.sim.nav2.parameter_files.document import DocumentError, ParameterDocument, ParameterFault
-from vastflow.sim.nav2.parameter_files.monitor import collision_monitor
-from vastflow.sim.nav2.parameter_files.plugins import PLANNERS, WAIT_AT_WAYPOINT, class_name
-from vastflow.sim.nav2.parameter_files.reader import Parts, Reader, shown
-from vastflow.sim.nav2.parameters.amcl import MOTION_MODELS, AmclParameters
+from vastflow.sim.nav2.parameter_files.controller_server import read_controller_server, written_controller_server
+from vastflow.sim.nav2.parameter_files.costmaps import check_speed_filter, read_costmap, written_costmap
+from vastflow.sim.nav2.parameter_files.document import PARAMETERS, DocumentError, ParameterDocument, ParameterFault
+from vastflow.sim.nav2.parameter_files.monitor import read_monitor, written_monitor
+from vastflow.sim.nav2.parameter_files.nodes import NODES, PLANNERS, WAIT_AT_WAYPOINT, class_name
+from vastflow.sim.nav2.parameter_files.reader import Parts, Reader, shown, written, written_plugins
+from vastflow.sim.nav2.parameters.amcl import AmclParameters
 from vastflow.sim.nav2.parameters.costmap import global_costmap, local_costmap
 from vastflow.sim.nav2.parameters.dwb import DwbParameters
 from vastflow.sim.nav2.parameters.mppi import MppiParameters
@@ -23,27 +23,16 @@ from vastflow.sim.nav2.parameters.robot import (
     PRESETS,
     ROBOT_KEY,
     Latency,
-    LidarParameters,
     RobotParameters,
 )
 from vastflow.sim.nav2.parameters.servers import (
-    BehaviorServer,
     CollisionMonitor,
-    NavFn,
     Perturbation,
-    SmacPlanner2D,
     SmacPlannerHybrid,
-    SmootherParameters,
     VelocitySmoother,
     WaypointFollower,
 )
 from vastflow.sim.nav2.parameters.stack import NavParameters
-
-_RENAMED: Final[Mapping[str, str]] = {"behavior_server": "recoveries_server"}
-"""Nodes to what Galactic and the releases before it call them."""
-
-OLDER_NAMES: Final = frozenset(_RENAMED.values())
-"""Of nodes that are read."""
 
 _NODES_BEFORE_FOXY: Final[Mapping[str, str]] = {
     "dwb_controller": "controller_server",
@@ -57,11 +46,6 @@ _LISTS_BEFORE_FOXY: Final[Mapping[str, str]] = {
     "planner_plugin_ids": "planner_plugins",
 }
 """Lists of names, with the classes in a list beside them, to the lists that name groups with a `plugin` each."""
-
-
-def node_of_any_release(document: ParameterDocument, name: tuple[str, ...]) -> ParameterLocation | None:
-    """Where the parameters of a node are, under today's name or else an older one; None without either."""
-    return document.node(*name) or document.node(*name[:-1], _RENAMED.get(name[-1], name[-1]))
 
 
 def refuse_releases_before_foxy(reader: Reader) -> None:
@@ -116,40 +100,42 @@ def interpretation(document: ParameterDocument) -> Interpretation:
         DocumentError: every fault of the document.
     """
     reader = Reader(document)
-    parts: dict[str, Any] = {"perturbation": reader.group(Perturbation, ())}
-    parts |= {"robot": _robot(reader), "latency": _latency(reader)}
+    parts: dict[str, Any] = {
+        "perturbation": reader.group(Perturbation, ()),
+        "robot": reader.group(RobotParameters, (ROBOT_KEY,)),
+        "latency": _latency(reader),
+    }
     absent = []
     refuse_releases_before_foxy(reader)
-    for name, read in _NODES.items():
-        node = node_of_any_release(document, name)
+    for (*above, name), modeled in NODES.items():
+        node = document.node(*above, name) or document.node(*above, modeled.older or name)
         if node is not None:
-            reader.kinds[node] = name[-1]
-            parts |= read(reader, node)
+            reader.kinds[node] = name
+            parts |= _READ[name](reader, node) if name in _READ else {name: reader.group(modeled.model, node)}
         else:
-            absent.append(name[-1])
-            parts |= _DISPENSABLE.get(name[-1], {})
+            absent.append(name)
+            parts |= {name: _WITHOUT[name]} if name in _WITHOUT else {}
     _check_nodes(reader, absent)
     parts |= _body_of_the_other_costmap(parts)
     parts |= _localization_of_an_omni_robot(parts)
     parts |= _distances_of_the_inflation(reader, parts)
-    _check_outline(reader, parts)
-    _check_period(reader, parts)
+    _check_mppi(reader, parts)
     _check_turning_radius(reader, parts)
     check_speed_filter(reader, parts)
     if reader.faults:
         raise DocumentError(sorted(reader.faults, key=lambda fault: fault.place), document.file)
     if "controller" not in parts and "controller_server" not in absent:
         absent.append("controller")
-    replaced = tuple(name for name in absent if name not in _DISPENSABLE)
-    left_away = tuple(name for name in absent if name in _DISPENSABLE)
+    replaced = tuple(name for name in absent if name not in _WITHOUT)
+    left_away = tuple(name for name in absent if name in _WITHOUT)
     return Interpretation(document, NavParameters(**parts), reader, replaced, left_away)
 
 
 def _check_nodes(reader: Reader, absent: Collection[str]) -> None:
     """A file with none of the stack's nodes says nothing of it; faults of what it has in their place come first."""
-    if len(absent) == len(_NODES) and not reader.faults:
+    if len(absent) == len(NODES) and not reader.faults:
         place = min(reader.document.places.values(), default=(1, 1))
-        what, right = "none of its nodes is modeled", f"one that is, beside others: {', '.join(map('/'.join, _NODES))}"
+        what, right = "none of its nodes is modeled", f"one that is, beside others: {', '.join(map('/'.join, NODES))}"
         reader.faults.append(ParameterFault("file", what, right, place))
 
 
@@ -193,29 +179,20 @@ def _distances_of_the_inflation(reader: Reader, parts: Parts) -> Parts:
     return {"controller": controller.model_copy(update={"ObstaclesCritic": critic})}
 
 
-def _check_outline(reader: Reader, parts: Parts) -> None:
-    """Nav2's MPPI does not start where it is to look at the outline of a robot that is a disc."""
+def _check_mppi(reader: Reader, parts: Parts) -> None:
+    """Nav2's MPPI does not start to look at the outline of a disc, or with a period longer than a step of its model."""
     controller, costmap = parts.get("controller"), parts.get("local_costmap", local_costmap())
-    if reader.faults or not isinstance(controller, MppiParameters) or vertices_of(costmap.footprint):
+    if reader.faults or not isinstance(controller, MppiParameters):
         return
-    if controller.CostCritic.enabled and controller.CostCritic.consider_footprint:
+    critic, rate_hz = controller.CostCritic, parts["controller_server"].controller_frequency
+    if critic.enabled and critic.consider_footprint and not vertices_of(costmap.footprint):
         path = next(path for path in reader.asked if path[-1] == "consider_footprint")
-        reader.fault(
-            path, "found true, and the local costmap has no polygon `footprint`", "false, as Nav2 does not start"
-        )
-
-
-def _check_period(reader: Reader, parts: Parts) -> None:
-    """Nav2's MPPI does not start where the controller's period is longer than a step of its model."""
-    controller, server = parts.get("controller"), parts.get("controller_server")
-    if reader.faults or not isinstance(controller, MppiParameters) or server is None:
-        return
-    if 1.0 / server.controller_frequency > controller.model_dt + 1e-6:
+        what = "found true, and the local costmap has no polygon `footprint`"
+        reader.fault(path, what, "false, as Nav2 does not start")
+    if 1.0 / rate_hz > controller.model_dt + 1e-6:
         path = next(path for path in reader.asked if path[-1] == "controller_frequency")
-        right = (
-            f"{1.0 / controller.model_dt:g} or more for a model_dt of {controller.model_dt:g} s, as Nav2 does not start"
-        )
-        reader.fault(path, f"found {server.controller_frequency:g}", right)
+        least_hz = f"{1.0 / controller.model_dt:g} or more for a model_dt of {controller.model_dt:g} s"
+        reader.fault(path, f"found {rate_hz:g}", f"{least_hz}, as Nav2 does not start")
 
 
 def _check_turning_radius(reader: Reader, parts: Parts) -> None:
@@ -229,11 +206,6 @@ def _check_turning_radius(reader: Reader, parts: Parts) -> None:
         reader.fault((ROBOT_KEY, "drive"), what, "min_turning_radius beside it")
 
 
-def _robot(reader: Reader) -> RobotParameters:
-    lidar = reader.group(LidarParameters, (ROBOT_KEY, "lidar"))
-    return reader.group(RobotParameters, (ROBOT_KEY,), given={"lidar": LidarParameters() if reader.faults else lidar})
-
-
 def _latency(reader: Reader) -> Latency:
     place = ROBOT_KEY, LATENCY_KEY
     preset = reader.text((*place, PRESET_KEY), next(iter(PRESETS)))
@@ -242,35 +214,9 @@ def _latency(reader: Reader) -> Latency:
     return reader.group(Latency, place, left_out=PRESETS.get(preset, IDEAL))
 
 
-def _amcl(reader: Reader, node: ParameterLocation) -> Parts:
-    path = (*node, "robot_model_type")
-    model = class_name(reader.text(path, "nav2_amcl::DifferentialMotionModel"))
-    if model not in MOTION_MODELS:
-        reader.fault(path, f"found {shown(model)}", f"one of {', '.join(MOTION_MODELS)}")
-    found = reader.group(AmclParameters, node, given={"omni": MOTION_MODELS.get(model) == "omni"})
-    if not found.omni:
-        reader.leave((*node, "alpha5"), "the motion model is not Omni")
-    return {"amcl": found}
-
-
 def _planner_server(reader: Reader, node: ParameterLocation) -> Parts:
-    planner = reader.plugin(node, PLANNERS)
-    if not planner:
-        return {}
-    place = (*node, planner.name)
-    if planner.kind == "NavFn":
-        return {"planner": reader.group(NavFn, place)}
-    reader.only((*place, "downsample_costmap"), False)
-    model = SmacPlanner2D if planner.kind == "SmacPlanner2D" else SmacPlannerHybrid
-    return {
-        "planner": reader.group(
-            model, place, given={"smoother": reader.group(SmootherParameters, (*place, "smoother"))}
-        )
-    }
-
-
-def _behavior_server(reader: Reader, node: ParameterLocation) -> Parts:
-    return {"behavior_server": reader.group(BehaviorServer, node)}
+    planner = reader.plugin_group(node, PLANNERS)
+    return {"planner": planner} if planner else {}
 
 
 def _waypoint_follower(reader: Reader, node: ParameterLocation) -> Parts:
@@ -285,30 +231,34 @@ def _waypoint_follower(reader: Reader, node: ParameterLocation) -> Parts:
     return {"waypoint_follower": found if waits else found.with_values(waypoint_pause_duration=0)}
 
 
-def _velocity_smoother(reader: Reader, node: ParameterLocation) -> Parts:
-    path = (*node, "feedback")
-    feedback = reader.text(path, "OPEN_LOOP")
-    if feedback not in ("OPEN_LOOP", "CLOSED_LOOP"):
-        reader.fault(path, f"found {shown(feedback)}", "OPEN_LOOP or CLOSED_LOOP")
-    given = {"closed_loop": feedback == "CLOSED_LOOP"}
-    return {"velocity_smoother": reader.group(VelocitySmoother, node, given=given)}
-
-
-_NODES: Final[Mapping[tuple[str, ...], Callable[[Reader, ParameterLocation], Parts]]] = {
-    ("amcl",): _amcl,
-    ("controller_server",): read_controller_server,
-    ("local_costmap", "local_costmap"): read_local_costmap,
-    ("global_costmap", "global_costmap"): read_global_costmap,
-    ("planner_server",): _planner_server,
-    ("behavior_server",): _behavior_server,
-    ("waypoint_follower",): _waypoint_follower,
-    ("velocity_smoother",): _velocity_smoother,
-    ("collision_monitor",): collision_monitor,
+_READ: Final[Mapping[str, Callable[[Reader, ParameterLocation], Parts]]] = {
+    "controller_server": read_controller_server,
+    "local_costmap": read_costmap,
+    "global_costmap": read_costmap,
+    "planner_server": _planner_server,
+    "waypoint_follower": _waypoint_follower,
+    "collision_monitor": read_monitor,
 }
+"""Nodes with more than a group of parameters."""
 
-MODELED_NODES: Final = frozenset((*(name[-1] for name in _NODES), *OLDER_NAMES))
-
-_DISPENSABLE: Final[Mapping[str, Parts]] = {
-    "velocity_smoother": {"velocity_smoother": NO_SMOOTHER},
-    "collision_monitor": {"collision_monitor": CollisionMonitor(enabled=False)},
+_WITHOUT: Final[Mapping[str, Any]] = {
+    "velocity_smoother": NO_SMOOTHER,
+    "collision_monitor": CollisionMonitor(enabled=False),
 }
+"""Nodes without which the stack does, to the parameters that it then has."""
+
+
+def document_of(parameters: NavParameters) -> ParameterDocument:
+    """A document that `interpretation` reads as `parameters`, under the names of Nav2 Jazzy's default file."""
+    nodes = {name[-1]: (*name, PARAMETERS) for name in NODES}
+    follower, wait = nodes["waypoint_follower"], (*nodes["waypoint_follower"], "wait_at_waypoint")
+    values = written_controller_server(nodes["controller_server"], parameters)
+    for name in ("local_costmap", "global_costmap"):
+        values |= written_costmap(name, getattr(parameters, name))
+    for name in ("amcl", "behavior_server", "velocity_smoother"):
+        values |= written(getattr(parameters, name), nodes[name])
+    values |= written_plugins(nodes["planner_server"], PLANNERS, {PLANNERS.used: parameters.planner})
+    values |= {(*follower, "waypoint_task_executor_plugin"): wait[-1], (*wait, "plugin"): WAIT_AT_WAYPOINT}
+    pause = {"waypoint_pause_duration": (*wait, "waypoint_pause_duration")}
+    values |= {(*wait, "enabled"): True, **written(parameters.waypoint_follower, follower, pause)}
+    return ParameterDocument(values | written_monitor(parameters.collision_monitor))

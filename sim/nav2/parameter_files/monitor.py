@@ -4,12 +4,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from vastflow.sim.model.polygon import Vertices, area_of
-from vastflow.sim.nav2.parameter_files.reader import Reader, shown
+from vastflow.sim.nav2.parameter_files.document import PARAMETERS
+from vastflow.sim.nav2.parameter_files.reader import Reader, Values, shown, written
 from vastflow.sim.nav2.parameters.parameter import ParameterLocation
 from vastflow.sim.nav2.parameters.servers import MOST_ZONES, CollisionMonitor, MonitorZone
 
 
-def collision_monitor(reader: Reader, node: ParameterLocation) -> Mapping[str, CollisionMonitor]:
+def read_monitor(reader: Reader, node: ParameterLocation) -> Mapping[str, CollisionMonitor]:
     """The polygon round the footprint, and the areas that the file draws."""
     scan = _monitored_scan(reader, node)
     round_footprint: ParameterLocation | None = None
@@ -117,3 +118,20 @@ def _least_points(reader: Reader, place: ParameterLocation) -> dict[str, Any]:
         return {}
     reader.asked[path] = most
     return {"min_points": most + 1}
+
+
+def written_monitor(monitor: CollisionMonitor) -> Values:
+    """What is read as the polygon round the footprint; areas are a file's own."""
+    if not monitor.enabled:
+        return {}
+    node = ("collision_monitor", PARAMETERS)
+    polygon, scan = (*node, "FootprintApproach"), (*node, "scan")
+    return {
+        (*node, "polygons"): [polygon[-1]],
+        (*polygon, "type"): "polygon",
+        (*polygon, "action_type"): "approach",
+        (*node, "observation_sources"): [scan[-1]],
+        (*scan, "type"): "scan",
+        (*scan, "enabled"): True,
+        **written(monitor, polygon, {"source_timeout": (*node, "source_timeout")}),
+    }

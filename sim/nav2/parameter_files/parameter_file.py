@@ -7,8 +7,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
-from pydantic import BaseModel
-
 from vastflow.sim.model.digest import FileContent, Value, digest
 from vastflow.sim.model.files import TextPlace, is_file
 from vastflow.sim.nav2.controllers.registry import FILE, controller_file
@@ -22,12 +20,9 @@ from vastflow.sim.nav2.parameter_files.document import (
     node_of,
     read_document,
 )
-from vastflow.sim.nav2.parameter_files.interpretation import MODELED_NODES, interpretation
-from vastflow.sim.nav2.parameter_files.plugins import CONTROLLERS, GOAL_CHECKERS, LAYERS, PLANNERS, PROGRESS_CHECKERS
-from vastflow.sim.nav2.parameters.amcl import AmclParameters
-from vastflow.sim.nav2.parameters.costmap import Costmap
+from vastflow.sim.nav2.parameter_files.interpretation import interpretation
+from vastflow.sim.nav2.parameter_files.nodes import NODES
 from vastflow.sim.nav2.parameters.parameter import ParameterLocation
-from vastflow.sim.nav2.parameters.servers import BehaviorServer, ControllerServer, VelocitySmoother, WaypointFollower
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.snapshot import Snapshot, snapshot_of
 
@@ -35,25 +30,6 @@ _ANY: Final = "*"
 _ANY_NUMBER: Final = "**"
 _SOME_NAMESPACE: Final = ""
 """A node without a namespace in the file may be started in one, whose name no file says."""
-
-
-def _fields(*models: type[BaseModel]) -> frozenset[str]:
-    return frozenset(name for model in models for name in model.model_fields)
-
-
-_CONTROLLER_SERVER: Final = (*CONTROLLERS.lists, *PROGRESS_CHECKERS.lists, *GOAL_CHECKERS.lists)
-_NAMES: Final[Mapping[ParameterLocation, frozenset[str]]] = {
-    ("amcl",): _fields(AmclParameters),
-    ("controller_server",): _fields(ControllerServer) | {*_CONTROLLER_SERVER, CONTROLLERS.used},
-    ("local_costmap", "local_costmap"): _fields(Costmap) | {*LAYERS.lists},
-    ("global_costmap", "global_costmap"): _fields(Costmap) | {*LAYERS.lists},
-    ("planner_server",): frozenset((*PLANNERS.lists, PLANNERS.used)),
-    ("behavior_server",): _fields(BehaviorServer),
-    ("waypoint_follower",): _fields(WaypointFollower),
-    ("velocity_smoother",): _fields(VelocitySmoother),
-    ("collision_monitor",): frozenset({"polygons"}),
-}
-"""The nodes that are modeled to names that their parameters begin with: one of them makes a wildcard speak of the node."""
 
 
 def read_nav2_document(path: str | Path) -> ParameterDocument:
@@ -102,8 +78,8 @@ def _targets(document: ParameterDocument, wild: ParameterLocation) -> Iterator[P
     pattern = wild[:-1]
     heads = {path[len(wild)] for path in document.below(wild)}
     above = pattern[: next(k for k, part in enumerate(pattern) if part in (_ANY, _ANY_NUMBER))]
-    for name, names in _NAMES.items():
-        if heads.isdisjoint(names) and pattern[-1] != name[-1]:
+    for name, modeled in NODES.items():
+        if heads.isdisjoint(modeled.names) and pattern[-1] != name[-1]:
             continue
         own = [node for node in document.nodes if not _is_wild(node) and node[-len(name) - 1 : -1] == name]
         in_any = _matches(pattern, (_SOME_NAMESPACE, *name))
@@ -211,9 +187,8 @@ def loaded(content: FileContent) -> ParameterDocument:
 
 
 def _content_digest(document: ParameterDocument) -> str:
-    nodes = {
-        node for node in document.nodes if not MODELED_NODES.isdisjoint(node[-2:-1]) or is_info_server(document, node)
-    }
+    modeled = {name for full, node in NODES.items() for name in (full[-1], node.older)}
+    nodes = {node for node in document.nodes if not modeled.isdisjoint(node[-2:-1]) or is_info_server(document, node)}
     values = {dotted(path): value for path, value in document.values.items() if node_of(path) in nodes}
     plug_ins = {name: snapshot.digest for name, snapshot in document.plug_ins.items()}
     return digest(sorted(map(dotted, nodes)), values, *filter(None, [plug_ins]))

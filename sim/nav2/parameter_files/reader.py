@@ -1,17 +1,17 @@
-"""Reading parameters out of a document, with account of what was asked for, what was used and what was wrong."""
+"""Reading parameters out of a document, with account of what was asked for, used and wrong; and writing them into one."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, TypeAlias, TypeVar
+from typing import Any, Final, TypeAlias, TypeGuard, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.rates import held_hz
 from vastflow.sim.nav2.parameter_files.document import ParameterDocument, ParameterFault, dotted
-from vastflow.sim.nav2.parameter_files.plugins import Plugins, class_name
-from vastflow.sim.nav2.parameters.parameter import ParameterLocation, code_default, complaints
+from vastflow.sim.nav2.parameter_files.nodes import PluginClass, Plugins, class_name, short_class
+from vastflow.sim.nav2.parameters.parameter import ParameterGroup, ParameterLocation, complaints, source_of
 
 RATES: Final = frozenset({"controller_frequency", "update_frequency", "publish_frequency"})
 """Parameters whose loops run in whole numbers of ticks."""
@@ -22,12 +22,21 @@ Parts: TypeAlias = Mapping[str, Any]
 """Fields of `NavParameters`."""
 
 
+Values: TypeAlias = dict[ParameterLocation, Value]
+
+
 @dataclass(frozen=True, slots=True)
 class Instance:
-    """A plug-in that a document loads: its name there, and what its class is called here."""
+    """A plug-in that a document loads: where its parameters are, its class without the package, and what is modeled of it."""
 
-    name: str
+    place: ParameterLocation
     kind: str
+    modeled: PluginClass
+
+    @property
+    def name(self) -> str:
+        """What the list calls it."""
+        return self.place[-1]
 
 
 class Reader:
@@ -78,11 +87,20 @@ class Reader:
         values: dict[str, Any] = dict(given or {})
         paths: dict[str, ParameterLocation] = {}
         for name, field in model.model_fields.items():
-            if name not in values:
-                path = paths[name] = (elsewhere or {}).get(name, (*prefix, name))
-                values[name] = self.document.values.get(
-                    path, code_default(field) if left_out is None else getattr(left_out, name)
-                )
+            source = source_of(field)
+            if name in values or source.is_derived:
+                continue
+            path = (elsewhere or {}).get(name, (*prefix, source.name or name))
+            if is_group(field.annotation):
+                known = len(self.faults)
+                found = self.group(field.annotation, path)
+                values[name] = found if len(self.faults) == known else field.default
+            elif source.texts:
+                values[name] = self._choice(path, source.texts)
+            else:
+                usual = getattr(left_out, name, field.default if source.code is None else source.code)
+                values[name] = self.document.values.get(path, usual)
+                paths[name] = path
                 self.fields[path] = model, name
         try:
             group = model.model_validate(values)
@@ -90,10 +108,19 @@ class Reader:
             self._faults_of(model, error, paths)
             return model.model_construct(**values)
         self.asked |= {path: getattr(group, name) for name, path in paths.items()}
-        for name in RATES & paths.keys():
-            if abs(held_hz(found := getattr(group, name)) - found) > 1e-6 * found:
-                self.asked[paths[name]] = self.held[paths[name]] = round(held_hz(found), 3)
+        for name, path in paths.items():
+            if name in RATES and abs(held_hz(hz := getattr(group, name)) - hz) > 1e-6 * hz:
+                self.asked[path] = self.held[path] = round(held_hz(hz), 3)
+            if (needs := source_of(model.model_fields[name]).needs) and getattr(group, needs[0]) != needs[1]:
+                self.leave(path, needs[2])
         return group
+
+    def _choice(self, path: ParameterLocation, texts: Mapping[str, Any]) -> Any:
+        usual = next(iter(texts))
+        found = class_name(self.text(path, usual))
+        if found not in texts:
+            self.fault(path, f"found {shown(found)}", f"one of {', '.join(texts)}")
+        return texts.get(found, texts[usual])
 
     def _faults_of(
         self, model: type[BaseModel], error: ValidationError, paths: Mapping[str, ParameterLocation]
@@ -151,14 +178,24 @@ class Reader:
         """The plug-ins that a list parameter below `prefix` names; those of unknown classes are faults."""
         path = self._list_of(prefix, plugins)
         names = self.names(path, tuple(plugins.defaults))
-        found = [(name, self._kind(prefix, name, (*path, str(k)), plugins)) for k, name in enumerate(names)]
-        return [Instance(name, kind) for name, kind in found if kind]
+        found = [self._instance((*prefix, name), (*path, str(k)), plugins) for k, name in enumerate(names)]
+        return [each for each in found if each]
 
     def plugin(self, prefix: ParameterLocation, plugins: Plugins) -> Instance | None:
         """The one that the default behavior trees use; None without one that is modeled, which is a fault."""
         used = self.used(prefix, plugins)
-        kind = self._kind(prefix, *used, plugins) if used else None
-        return Instance(used[0], kind) if used and kind else None
+        return self._instance((*prefix, used[0]), used[1], plugins) if used else None
+
+    def plugin_group(self, prefix: ParameterLocation, plugins: Plugins) -> Any:
+        """The parameters of that one."""
+        found = self.plugin(prefix, plugins)
+        return found and self.instance_group(found)
+
+    def instance_group(self, instance: Instance, elsewhere: Mapping[str, ParameterLocation] | None = None) -> Any:
+        """The parameters of a plug-in."""
+        for name, value in instance.modeled.only.items():
+            self.only((*instance.place, name), value)
+        return self.group(instance.modeled.model, instance.place, elsewhere, instance.modeled.fixed)
 
     def used(self, prefix: ParameterLocation, plugins: Plugins) -> tuple[str, ParameterLocation] | None:
         """Name of the plug-in that the default behavior trees use, and where the list has it; None for an empty list, a fault."""
@@ -185,20 +222,59 @@ class Reader:
         paths = [(*prefix, name) for name in plugins.lists]
         return next((path for path in paths if path in self.document.values), paths[0])
 
-    def _kind(self, prefix: ParameterLocation, name: str, listed: ParameterLocation, plugins: Plugins) -> str | None:
-        path = (*prefix, name, "plugin")
-        found = class_name(self.text(path, self.default_class(name, listed, plugins)))
-        if kind := plugins.modeled.get(found):
-            self.kinds[path[:-1]] = kind
-            return kind
+    def _instance(self, place: ParameterLocation, listed: ParameterLocation, plugins: Plugins) -> Instance | None:
+        path = (*place, "plugin")
+        found = class_name(self.text(path, self.default_class(place[-1], listed, plugins)))
+        if modeled := plugins.modeled.get(found):
+            self.kinds[place] = short_class(found)
+            return Instance(place, self.kinds[place], modeled)
         known = ", ".join(plugins.modeled)
         if not found:
-            self.fault(listed, f"no 'plugin' below {name!r}", f"the class of a {plugins.what}; known: {known}")
+            self.fault(listed, f"no 'plugin' below {place[-1]!r}", f"the class of a {plugins.what}; known: {known}")
         elif found in plugins.foreign:
             self.fault(path, f"{found} is not modeled", f"a {plugins.what} that is: {known}")
         else:
             self.fault(path, f"no {plugins.what} {found!r} is known", f"known: {known}")
         return None
+
+
+def written(
+    group: ParameterGroup,
+    prefix: ParameterLocation,
+    elsewhere: Mapping[str, ParameterLocation] | None = None,
+    given: Collection[str] = (),
+) -> Values:
+    """What `Reader.group` reads as `group`, without the fields that are `given`."""
+    values: Values = {}
+    for name, value in group:
+        source = source_of(type(group).model_fields[name])
+        if name in given or source.is_derived:
+            continue
+        path = (elsewhere or {}).get(name, (*prefix, source.name or name))
+        if isinstance(value, ParameterGroup):
+            values |= written(value, path)
+        else:
+            values[path] = next((text for text, each in (source.texts or {}).items() if each == value), value)
+    return values
+
+
+def written_plugins(
+    prefix: ParameterLocation,
+    plugins: Plugins,
+    groups: Mapping[str, ParameterGroup],
+    elsewhere: Mapping[str, ParameterLocation] | None = None,
+) -> Values:
+    """A list of plug-ins with a name each, and what `Reader.plugins` reads as their parameters."""
+    values: Values = {(*prefix, plugins.lists[0]): list(groups)}
+    for name, group in groups.items():
+        kind, modeled = next(
+            (kind, modeled)
+            for kind, modeled in plugins.modeled.items()
+            if isinstance(group, modeled.model) and modeled.fixed.items() <= dict(group).items()
+        )
+        values[(*prefix, name, "plugin")] = kind
+        values |= written(group, (*prefix, name), elsewhere, modeled.fixed)
+    return values
 
 
 def shown(value: Value) -> str:
@@ -209,3 +285,8 @@ def shown(value: Value) -> str:
         return "true" if value else "false"
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:59]}…"
+
+
+def is_group(annotation: object) -> TypeGuard[type[ParameterGroup]]:
+    """Whether a field is a group of parameters."""
+    return isinstance(annotation, type) and issubclass(annotation, ParameterGroup)

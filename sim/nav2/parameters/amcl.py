@@ -1,20 +1,11 @@
 """Parameters of AMCL, Nav2's localization."""
 
 import math
-from collections.abc import Mapping
-from typing import Any, Final, Self
+from typing import Any, Self
 
 from pydantic import model_validator
 
-from vastflow.sim.nav2.parameters.parameter import ParameterError, ParameterGroup, parameter
-
-MOTION_MODELS: Final[Mapping[str, str]] = {
-    "nav2_amcl::DifferentialMotionModel": "differential",
-    "nav2_amcl::OmniMotionModel": "omni",
-    "differential": "differential",
-    "omnidirectional": "omni",
-}
-"""Values of `robot_model_type`, those of older releases too."""
+from vastflow.sim.nav2.parameters.parameter import ParameterError, ParameterGroup, choice, parameter
 
 
 class AmclParameters(ParameterGroup):
@@ -26,7 +17,16 @@ class AmclParameters(ParameterGroup):
         omni: Whether the motion model is OmniMotionModel, which alone has `alpha5`.
     """
 
-    omni: bool = False
+    omni: bool = choice(
+        False,
+        "robot_model_type",
+        {
+            "nav2_amcl::DifferentialMotionModel": False,
+            "nav2_amcl::OmniMotionModel": True,
+            "differential": False,  # older releases
+            "omnidirectional": True,
+        },
+    )
     min_particles: int = parameter(500, 1, 100_000)
     max_particles: int = parameter(2000, 1, 100_000)
     pf_err: float = parameter(0.05, 1e-6, 1.0)
@@ -36,7 +36,7 @@ class AmclParameters(ParameterGroup):
     alpha2: float = parameter(0.2, 0.0, 100.0)
     alpha3: float = parameter(0.2, 0.0, 100.0)
     alpha4: float = parameter(0.2, 0.0, 100.0)
-    alpha5: float = parameter(0.2, 0.0, 100.0)
+    alpha5: float = parameter(0.2, 0.0, 100.0, needs=("omni", True, "the motion model is not Omni"))
     max_beams: int = parameter(60, 2, 100_000)
     laser_min_range: float = parameter(-1.0, -1e6, 1e6)
     laser_max_range: float = parameter(100.0, -1e6, 1e6)

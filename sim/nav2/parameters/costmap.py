@@ -5,7 +5,7 @@ from typing import Literal
 from pydantic import field_validator
 
 from vastflow.sim.model.polygon import vertices_of
-from vastflow.sim.nav2.parameters.parameter import ParameterGroup, parameter
+from vastflow.sim.nav2.parameters.parameter import ParameterGroup, derived, parameter
 
 
 class InflationLayer(ParameterGroup):
@@ -36,7 +36,7 @@ class ObstacleLayer(ParameterGroup):
     obstacle_max_range: float = parameter(2.5, 0.0, 100.0)
     obstacle_min_range: float = parameter(0.0, 0.0, 100.0)
     raytrace_max_range: float = parameter(3.0, 0.0, 100.0)
-    short_clearing_cells: int = 0
+    short_clearing_cells: int = derived(0)
 
 
 class DenoiseLayer(ParameterGroup):
@@ -50,7 +50,7 @@ class DenoiseLayer(ParameterGroup):
 class KeepoutFilter(ParameterGroup):
     """Cells that a mask raises after all layers, see `vastflow.sim.nav2.costmaps.filters`."""
 
-    enabled: bool = parameter(True)
+    enabled: bool = derived(True)
 
 
 class SpeedFilter(ParameterGroup):
@@ -60,7 +60,7 @@ class SpeedFilter(ParameterGroup):
         type: What the limit is: 1 a share of the controller's own in percent, 2 meters per second.
     """
 
-    enabled: bool = parameter(True)
+    enabled: bool = derived(True)
     type: int = parameter(1, 1, 2, code=0)
     base: float = parameter(0.0, -1e6, 1e6)
     multiplier: float = parameter(1.0, -1e6, 1e6)

@@ -1,13 +1,13 @@
 """Parameters of the DWB controller: defaults of Humble's nav2_bringup file, which the TurtleBot 4's shares."""
 
-from vastflow.sim.nav2.parameters.parameter import ParameterGroup, parameter
+from vastflow.sim.nav2.parameters.parameter import ParameterGroup, derived, parameter
 
 
 class DwbCritic(ParameterGroup):
     """A critic: whether it is in the list `critics`, and its place among them, 0 for the first."""
 
-    enabled: bool = parameter(True)
-    place: int = parameter(0, 0, 9)
+    enabled: bool = derived(True)
+    place: int = derived(0)
 
 
 class RotateToGoalCritic(DwbCritic):
@@ -20,7 +20,7 @@ class RotateToGoalCritic(DwbCritic):
 class OscillationCritic(DwbCritic):
     """No change of direction until the robot has moved (m) or turned (rad); a negative reset value never lifts it."""
 
-    place: int = parameter(1, 0, 9)
+    place: int = derived(1)
     scale: float = parameter(1.0, 0.0, 1e6)
     oscillation_reset_dist: float = parameter(0.05, -1.0, 100.0)
     oscillation_reset_angle: float = parameter(0.2, -1.0, 7.0)
@@ -30,7 +30,7 @@ class OscillationCritic(DwbCritic):
 class BaseObstacleCritic(DwbCritic):
     """Cost under the center at the last pose, or at all of them with `sum_scores`; it may collide at none."""
 
-    place: int = parameter(2, 0, 9)
+    place: int = derived(2)
     scale: float = parameter(0.02, 0.0, 1e6, code=1.0)
     sum_scores: bool = parameter(False)
 
@@ -38,7 +38,7 @@ class BaseObstacleCritic(DwbCritic):
 class GoalAlignCritic(DwbCritic):
     """Distance of a point ahead of the robot (m) to one ahead of the local goal."""
 
-    place: int = parameter(3, 0, 9)
+    place: int = derived(3)
     scale: float = parameter(24.0, 0.0, 1e6, code=1.0)
     forward_point_distance: float = parameter(0.1, 0.0, 10.0, code=0.325)
 
@@ -46,7 +46,7 @@ class GoalAlignCritic(DwbCritic):
 class PathAlignCritic(DwbCritic):
     """Distance of a point ahead of the robot (m) to the local plan."""
 
-    place: int = parameter(4, 0, 9)
+    place: int = derived(4)
     scale: float = parameter(32.0, 0.0, 1e6, code=1.0)
     forward_point_distance: float = parameter(0.1, 0.0, 10.0, code=0.325)
 
@@ -54,22 +54,22 @@ class PathAlignCritic(DwbCritic):
 class PathDistCritic(DwbCritic):
     """Distance to the local plan."""
 
-    place: int = parameter(5, 0, 9)
+    place: int = derived(5)
     scale: float = parameter(32.0, 0.0, 1e6, code=1.0)
 
 
 class GoalDistCritic(DwbCritic):
     """Distance to the end of the local plan."""
 
-    place: int = parameter(6, 0, 9)
+    place: int = derived(6)
     scale: float = parameter(24.0, 0.0, 1e6, code=1.0)
 
 
 class PreferForwardCritic(DwbCritic):
     """A penalty for driving backward (m/s), and for being slower than `strafe_x` and `strafe_theta` (rad/s); else what it turns."""
 
-    enabled: bool = parameter(False)
-    place: int = parameter(7, 0, 9)
+    enabled: bool = derived(False)
+    place: int = derived(7)
     scale: float = parameter(1.0, 0.0, 1e6)
     penalty: float = parameter(1.0, 0.0, 1e6)
     strafe_x: float = parameter(0.1, -10.0, 10.0)
@@ -80,16 +80,16 @@ class PreferForwardCritic(DwbCritic):
 class TwirlingCritic(DwbCritic):
     """What it turns."""
 
-    enabled: bool = parameter(False)
-    place: int = parameter(8, 0, 9)
+    enabled: bool = derived(False)
+    place: int = derived(8)
     scale: float = parameter(0.0, 0.0, 1e6)
 
 
 class ObstacleFootprintCritic(DwbCritic):
     """Greatest cost under the outline, as BaseObstacle's under the center; it may meet nothing lethal or unknown."""
 
-    enabled: bool = parameter(False)
-    place: int = parameter(9, 0, 9)
+    enabled: bool = derived(False)
+    place: int = derived(9)
     scale: float = parameter(1.0, 0.0, 1e6)
     sum_scores: bool = parameter(False)
 

@@ -1,6 +1,6 @@
 """Parameters of the MPPI controller (nav2_mppi_controller, Jazzy)."""
 
-from typing import Literal, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 from vastflow.sim.nav2.parameters.parameter import ParameterGroup, parameter
 
@@ -131,6 +131,10 @@ class VelocityDeadbandParameters(ParameterGroup):
     deadband_velocities: tuple[float, float, float] = parameter((0.0, 0.0, 0.0))
 
 
+_OMNI: Final = ("motion_model", "Omni", "the motion model is not Omni")
+_INVERSIONS: Final = ("enforce_path_inversion", True, "enforce_path_inversion is not set")
+
+
 class MppiParameters(ParameterGroup):
     """The optimiser's parameters: meters, seconds, radians. Of any motion model but Omni `vy_max` serves ConstraintCritic
     alone, as in Jazzy, and `ay_max`, `ay_min` and `vy_std` serve nothing.
@@ -151,16 +155,16 @@ class MppiParameters(ParameterGroup):
     wz_max: float = parameter(1.9, 0.0, 10.0)
     ax_max: float = parameter(3.0, 0.0, 100.0)
     ax_min: float = parameter(-3.0, -100.0, 0.0)
-    ay_max: float = parameter(3.0, 0.0, 100.0)
-    ay_min: float = parameter(-3.0, -100.0, 0.0)
+    ay_max: float = parameter(3.0, 0.0, 100.0, needs=_OMNI)
+    ay_min: float = parameter(-3.0, -100.0, 0.0, needs=_OMNI)
     az_max: float = parameter(3.5, 0.0, 100.0)
     vx_std: float = parameter(0.2, 1e-3, 10.0)
-    vy_std: float = parameter(0.2, 1e-3, 10.0)
+    vy_std: float = parameter(0.2, 1e-3, 10.0, needs=_OMNI)
     wz_std: float = parameter(0.4, 1e-3, 10.0)
     prune_distance: float = parameter(1.7, 0.0, 100.0, code=1.5)
     enforce_path_inversion: bool = parameter(False)
-    inversion_xy_tolerance: float = parameter(0.2, 0.0, 100.0)
-    inversion_yaw_tolerance: float = parameter(0.4, 0.0, 7.0)
+    inversion_xy_tolerance: float = parameter(0.2, 0.0, 100.0, needs=_INVERSIONS)
+    inversion_yaw_tolerance: float = parameter(0.4, 0.0, 7.0, needs=_INVERSIONS)
     retry_attempt_limit: int = parameter(1, 0, 10)
     retry_scores: bool = parameter(False)
     AckermannConstraints: AckermannParameters = AckermannParameters()

@@ -1,6 +1,7 @@
 """Groups of Nav2's parameters as pydantic models, and what is said of values that they do not take."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any, Final, Self, TypeAlias, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
@@ -9,10 +10,6 @@ from pydantic_core import ErrorDetails
 
 ParameterLocation: TypeAlias = tuple[str, ...]
 """Names from the top: nodes, `ros__parameters`, groups, the parameter."""
-
-
-NAV2_CODE: Final = "nav2_code"
-"""Key of a field's `json_schema_extra`: the default in Nav2's code where that of Jazzy's parameter file differs."""
 
 
 class ParameterError(ValueError):
@@ -50,21 +47,62 @@ class ParameterGroup(BaseModel):
         return type(self)(**{**dict(self), **values})
 
 
-def parameter(default: Any, low: float | None = None, high: float | None = None, *, code: Any = None) -> Any:
-    """A field of a `ParameterGroup`.
+Needs: TypeAlias = tuple[str, Any, str] | None
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """How a parameter file gives a field; the field's own name and type unless said otherwise.
+
+    Attributes:
+        code: Default in Nav2's code, where it differs from that of Jazzy's parameter file.
+        needs: Another field, the value without which this one has no effect, and why.
+        name: Parameter with the `texts` that stand for the field's values; Nav2's code takes the first.
+        is_derived: Whether no parameter gives the field: it follows from lists and classes.
+    """
+
+    code: Any = None
+    needs: Needs = None
+    name: str = ""
+    texts: Mapping[str, Any] | None = None
+    is_derived: bool = False
+
+
+_SOURCE: Final = "source"
+"""Key of a field's `json_schema_extra`."""
+
+
+def parameter(
+    default: Any, low: float | None = None, high: float | None = None, *, code: Any = None, needs: Needs = None
+) -> Any:
+    """A field of a `ParameterGroup`; for `code` and `needs` see `Source`.
 
     Args:
         default: Value in Nav2 Jazzy's default parameter file, which is used where the user gives no file.
         low, high: Inclusive range of numbers the stack can work with.
-        code: Default in Nav2's code, where it differs: a file of the user's that leaves the parameter out means this.
     """
-    return Field(default, ge=low, le=high, json_schema_extra=None if code is None else {NAV2_CODE: code})
+    return _field_from(Source(code, needs), default, low, high)
 
 
-def code_default(field: FieldInfo) -> Any:
-    """What Nav2's code takes for a parameter that a file leaves out."""
-    extra = field.json_schema_extra
-    return extra[NAV2_CODE] if isinstance(extra, Mapping) and NAV2_CODE in extra else field.default
+def choice(default: Any, name: str, texts: Mapping[str, Any]) -> Any:
+    """A field that a parameter gives as one of several texts, see `Source`."""
+    return _field_from(Source(name=name, texts=texts), default)
+
+
+def derived(default: Any) -> Any:
+    """A field that no parameter gives."""
+    return _field_from(Source(is_derived=True), default)
+
+
+def _field_from(source: Source, default: Any, low: float | None = None, high: float | None = None) -> Any:
+    extra: dict[str, Any] = {_SOURCE: source}
+    return Field(default, ge=low, le=high, json_schema_extra=extra)
+
+
+def source_of(field: FieldInfo) -> Source:
+    """How a parameter file gives a field."""
+    extra: Any = field.json_schema_extra
+    return extra[_SOURCE] if isinstance(extra, Mapping) and _SOURCE in extra else Source()
 
 
 def complaint(model: type[BaseModel], name: str, value: Any) -> str | None:

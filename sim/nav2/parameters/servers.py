@@ -5,7 +5,7 @@ from typing import Annotated, Final, Literal, TypeAlias
 from pydantic import Field
 
 from vastflow.sim.model.polygon import Vertices
-from vastflow.sim.nav2.parameters.parameter import ParameterGroup, parameter
+from vastflow.sim.nav2.parameters.parameter import ParameterGroup, choice, derived, parameter
 
 Forward: TypeAlias = Annotated[float, Field(ge=0.0, le=100.0)]
 Backward: TypeAlias = Annotated[float, Field(ge=-100.0, le=0.0)]
@@ -67,7 +67,7 @@ class RotationShim(ParameterGroup):
         use_path_orientations: Whether it turns to the path's heading ahead, and not to where the path leads.
     """
 
-    enabled: bool = False
+    enabled: bool = derived(False)
     angular_dist_threshold: float = parameter(0.785, 0.0, 3.15)
     angular_disengage_threshold: float = parameter(0.785, 0.0, 3.15)
     forward_sampling_distance: float = parameter(0.5, 0.0, 100.0)
@@ -103,7 +103,7 @@ class VelocitySmoother(ParameterGroup):
         closed_loop: Whether it goes on from the mean of the odometry's last `odom_duration`, and not from its last command.
     """
 
-    closed_loop: bool = False
+    closed_loop: bool = choice(False, "feedback", {"OPEN_LOOP": False, "CLOSED_LOOP": True})
     odom_duration: float = parameter(0.1, 0.0, 5.0)
 
     max_velocity: tuple[Forward, Forward, Forward] = parameter((0.5, 0.0, 2.0), code=(0.5, 0.0, 2.5))
@@ -120,8 +120,8 @@ class MonitorZone(ParameterGroup):
         vertices: (x, y) of a polygon in the robot's frame (m); none for a circle of `radius`.
     """
 
-    action: Literal["stop", "slowdown", "limit", "approach"] = "stop"
-    vertices: Vertices = ()
+    action: Literal["stop", "slowdown", "limit", "approach"] = derived("stop")
+    vertices: Vertices = derived(())
     radius: float = parameter(0.0, 0.0, 100.0)
     min_points: int = parameter(4, 1, 100_000)
     slowdown_ratio: float = parameter(0.5, 0.0, 1.0)
@@ -145,7 +145,7 @@ class CollisionMonitor(ParameterGroup):
     simulation_time_step: float = parameter(0.1, 0.001, 10.0)
     min_points: int = parameter(6, 1, 100_000, code=4)
     source_timeout: float = parameter(1.0, 0.0, 1e6, code=2.0)
-    zones: tuple[MonitorZone, ...] = ()
+    zones: tuple[MonitorZone, ...] = derived(())
 
 
 class Perturbation(ParameterGroup):
