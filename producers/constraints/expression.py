@@ -1,31 +1,27 @@
-"""Expressions of constraints: a small language over the values of a configuration, without Python's eval.
+"""Expressions of constraints: a small language over the values of a configuration.
 
 Numbers, text in quotes, `true` and `false`, names, lists; `+ - * / % **`, comparisons that may be chained,
 `and or not implies in`, the functions of `vastflow.producers.constraints.operations`, parentheses. Operators bind as in
-Python; `implies` is the weakest and groups to the right.
+Python, whose `ast` parses them; `implies` is the weakest and groups to the right. Nothing is run by Python's eval.
 """
 
-import functools
-import math
+import ast
+import keyword
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import accumulate, pairwise
 from typing import Any, Final, TypeAlias
-
-from lark import Lark, Token, Transformer, UnexpectedCharacters, UnexpectedEOF, UnexpectedToken, v_args
-from lark.exceptions import VisitError
 
 from vastflow.producers.constraints.operations import (
     FUNCTIONS,
+    SYMBOLS,
     NotEvaluable,
     ValueKind,
     arithmetic,
     called,
     compared,
-    contained,
     kind_of,
-    negative,
-    result_kind,
     spelled,
 )
 from vastflow.sim.model.names import did_you_mean
@@ -35,46 +31,20 @@ __all__ = ["ConstraintExpression", "ExpressionFault", "ExpressionName", "NotEval
 MOST_CHARACTERS: Final = 2_000
 MOST_NESTED: Final = 60
 
-GRAMMAR: Final = r"""
-start: truth
-?truth: either | either IMPLIES truth -> implies
-?either: both | either OR both -> disjunction
-?both: negation | both AND negation -> conjunction
-?negation: comparison | NOT negation -> negation
-?comparison: sum | sum (relation sum)+ -> comparison
-relation: RELATION | IN | NOT IN
-?sum: product | sum ADD product -> binary
-?product: signed | product TIMES signed -> binary
-?signed: power | ADD signed -> signed
-?power: atom | atom POWER signed -> binary
-?atom: NUMBER -> number
-     | TEXT -> text
-     | TRUTH -> truth
-     | NAME -> name
-     | KEY -> key
-     | CALL "(" [truth ("," truth)*] ")" -> call
-     | "(" truth ")" -> group
-     | "[" [truth ("," truth)*] "]" -> listed
-
-IMPLIES: /implies\b/
-OR: /or\b/
-AND: /and\b/
-NOT: /not\b/
-IN: /in\b/
-TRUTH: /(true|false|True|False)\b/
-RELATION: /<=|>=|==|!=|<|>/
-ADD: /[+-]/
-TIMES: /\*(?!\*)|\/(?!\/)|%/
-POWER: "**"
-NUMBER: /(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?(?![\w.])/
-TEXT: /"[^"\n]*"|'[^'\n]*'/
-CALL.2: /(?!(implies|or|and|not|in)\b)[A-Za-z_]\w*(?=\s*\()/
-NAME: /(?!(implies|or|and|not|in|true|false|True|False)\b)[A-Za-z_]\w*(\.[A-Za-z_]\w*|\[\d+\])*/
-KEY: /`[^`\n]+`/
-%ignore /\s+/
-"""
+_KEYWORDS: Final = "|".join({*keyword.kwlist} - {"and", "or", "not", "in", "True", "False"})
+"""Names in the language."""
+_UNLIKE_PYTHON: Final = re.compile(
+    rf"""(?<!\w)(?P<quoted>"[^"\n]*"|'[^'\n]*'|`[^`\n]+`) | \b(?P<name>{_KEYWORDS})\b
+    | (?<![\w.])(?P<word>implies|true|false)\b | \s
+    | (?P<slip>["'`\#\\&|^] | (?<![=<>!])=(?!=) | !(?!=) | // | [^\w\s!-~]
+      | (?<![\w.])\d[\d.]*+(?:[eE][+-]?\d+)?+[A-Za-z_])""",
+    re.VERBOSE,
+)
+_WORDS: Final = {"implies": "if None else", "true": "True", "false": "False"}
+"""Python's conditional is its weakest operator and groups to the right."""
+_SLIPS: Final = {"=": "'==' to compare", "&": "'and'", "|": "'or'", "!": "'not' or '!='", "/": "'/'", "^": "'**'"}
+_NAME: Final = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*|\[\d+\])*")
 _PART: Final = re.compile(r"[A-Za-z_]\w*|\d+")
-SLIPS: Final = {"=": "'==' to compare", "&": "'and'", "|": "'or'", "!": "'not' or '!='", "/": "'/'", "^": "'**'"}
 
 Look: TypeAlias = Callable[["ExpressionName"], Any]
 """Gives the value of a name; raises `NotEvaluable` where there is none."""
@@ -130,7 +100,7 @@ class ConstraintExpression:
         """
         found = self._evaluate(look)
         if not isinstance(found, bool):
-            raise NotEvaluable(f"the whole is {spelled(found)}, not true or false")
+            raise NotEvaluable(f"the whole is {spelled(kind_of(found))}, not true or false")
         return found
 
 
@@ -146,243 +116,233 @@ def expression_of(text: str) -> ConstraintExpression:
         )
     if not text.strip():
         raise ExpressionFault(0, "found nothing", "an expression such as 'robot_radius < 0.3'")
-    try:
-        node: _Node = _parser().parse(text)  # type: ignore[assignment]
-    except VisitError as error:
-        raise error.orig_exc from None
-    except UnexpectedCharacters as error:
-        raise _unreadable(text, error.pos_in_stream or 0, error.allowed or ()) from None
-    except UnexpectedToken as error:
-        at = len(text.rstrip()) if error.token.type == "$END" else error.token.start_pos or 0
-        raise _unreadable(text, at, error.expected) from None
-    except UnexpectedEOF as error:
-        raise _unreadable(text, len(text.rstrip()), error.expected) from None
-    if node.kind not in (None, "truth"):
-        raise ExpressionFault(node.offset, f"the whole is {spelled(node.kind)}", "a comparison: true or false")
+    tree = _Tree(text, _UNLIKE_PYTHON.sub(_in_python, text))
+    whole = tree.parsed()
+    if (kind := tree.kind(whole)) not in (None, "truth"):
+        raise tree.fault(whole, f"the whole is {spelled(kind)}", "a comparison: true or false")
     names: dict[str, ExpressionName] = {}
-    for name in node.names:
-        names.setdefault(name.text, name)
-    return ConstraintExpression(text, tuple(names.values()), node.evaluate)
+    for name in tree.leaves.values():
+        if isinstance(name, ExpressionName):
+            names.setdefault(name.text, name)
+    return ConstraintExpression(text, tuple(names.values()), lambda look: tree.value(whole, look))
 
 
-@functools.cache
-def _parser() -> Lark:
-    return Lark(GRAMMAR, parser="lalr", transformer=_Builder())
+def _in_python(found: re.Match[str]) -> str:
+    if found["slip"]:
+        raise _unexpected(found.string, found.start(), _SLIPS.get(found[0][0]))
+    return _WORDS[found[0]] if found["word"] else ("_" if found["quoted"] or found["name"] else " ") * len(found[0])
 
 
-def _unreadable(text: str, at: int, expected: Sequence[str] | set[str]) -> ExpressionFault:
-    found = text[at : at + 20].split()
-    what = f"found {found[0]!r}" if found else "the expression ends too early"
-    if found and found[0][0] in SLIPS:
-        return ExpressionFault(at, what, SLIPS[found[0][0]])
-    if "NUMBER" in expected:
-        return ExpressionFault(at, what, "a number, a name, text in quotes or '('")
-    closing = next((mark for kind, mark in (("RPAR", "')'"), ("RSQB", "']'")) if kind in expected), "the end")
-    if expected and not set(expected) & {"AND", "ADD", "OR"}:
-        return ExpressionFault(at, what, f"{closing}")
-    return ExpressionFault(at, what, f"an operator such as '<', 'and' or '*', or {closing}")
+def _unexpected(text: str, offset: int, right: str | None = None) -> ExpressionFault:
+    word = (text[offset : offset + 20].split() or [""])[0]
+    if right is None:
+        needs_value = word in ("and", "or", "in") or not _NAME.match(word)
+        right = "a number, a name, text in quotes or '('" if needs_value else "an operator such as '<', 'and' or '*'"
+    return ExpressionFault(offset, f"found {word!r}" if word else "the expression ends too early", right)
 
 
 @dataclass(frozen=True, slots=True)
-class _Node:
-    """A part of an expression.
+class _Tree:
+    """An expression as Python parses it; only the nodes that `kind` and `value` list are in the language.
 
     Attributes:
-        kind: Of its value as far as it is known without values.
-        names: All that are in it, in order.
+        python: The text in Python's grammar, on one line; text in quotes and keys are placeholders.
+        leaves: Names and literals.
     """
 
-    offset: int
-    depth: int
-    kind: ValueKind | None
-    evaluate: Callable[[Look], Any]
-    names: tuple[ExpressionName, ...]
-    is_name: bool
+    text: str
+    python: str
+    leaves: dict[ast.expr, Any] = field(default_factory=dict)
 
+    def parsed(self) -> ast.expr:
+        """Return the root.
 
-@v_args(inline=True)
-class _Builder(Transformer[Token, _Node]):
-    """Makes nodes while the text is parsed, so that nothing recurses deeper than the checked depth."""
+        Raises:
+            ExpressionFault: Python can't parse it.
+        """
+        for at, depth in enumerate(accumulate((each in "([") - (each in ")]") for each in self.python.lstrip())):
+            if depth > MOST_NESTED:
+                raise _too_deep(self._offset(at))
+        try:
+            return ast.parse(self.python.lstrip(), mode="eval").body
+        except SyntaxError as error:
+            if error.msg.endswith("was never closed"):
+                raise _unexpected(self.text, len(self.text.rstrip()), "')'" if error.msg[1] == "(" else "']'") from None
+            at = self._offset(error.offset - 1) if error.offset else len(self.text.rstrip())
+            raise _unexpected(self.text, at, "the end" if error.msg.startswith("unmatched") else None) from None
+        except (RecursionError, MemoryError):
+            raise _too_deep(0) from None
 
-    def start(self, node: _Node) -> _Node:
-        return node
+    def kind(self, node: ast.expr, depth: int = 1) -> ValueKind | None:
+        """Return the kind of a node's value as far as it is known without values.
 
-    def group(self, node: _Node) -> _Node:
-        return _made(node.offset, [node], node.kind, node.evaluate)
+        Raises:
+            ExpressionFault: the node is not in the language, or has operands of the wrong kind.
+        """
+        if depth > MOST_NESTED:
+            raise _too_deep(self._place(node))
+        operands = self._operands(node)
+        kinds = [self.kind(each, depth + 1) for each in operands]
+        match node:
+            case ast.Name() | ast.Attribute() | ast.Subscript():
+                return self._leaf(node)
+            case ast.Constant(value=bool() | int() | float() as value):
+                if abs(value) > 1e300:
+                    raise self.fault(node, f"found {self._written(node)[:20]}", "a number below 1e300")
+                self.leaves[node] = value
+                return kind_of(value)
+            case ast.List():
+                return "list"
+            case ast.Call():
+                return self._checked_call(node, kinds)
+            case ast.BinOp(op=operator):
+                if not set(kinds) <= {None, "number"}:
+                    raise self._unlike(operands[0], SYMBOLS[type(operator)], kinds, "numbers on both sides")
+                return "number"
+            case ast.Compare(ops=relations):
+                for relation, two, their_kinds in zip(relations, pairwise(operands), pairwise(kinds), strict=True):
+                    self._check_relation(SYMBOLS[type(relation)], two, their_kinds)
+                return "truth"
+        takes: ValueKind = "number" if isinstance(node, ast.UnaryOp) and type(node.op) in SYMBOLS else "truth"
+        for each, kind in zip(operands, kinds, strict=True):
+            if kind not in (None, takes):
+                raise self.fault(each, f"found {spelled(kind)}", spelled(takes))
+        return takes
 
-    def number(self, token: Token) -> _Node:
-        value = float(token) if re.search(r"[.eE]", token) else int(token)
-        if abs(value) > 1e300:
-            raise ExpressionFault(token.start_pos or 0, f"found {token[:20]}", "a number below 1e300")
-        return _made(token.start_pos, [], "number", lambda look: value)
+    def _operands(self, node: ast.expr) -> Sequence[ast.expr]:
+        """Return the operands of a node that is in the language."""
+        match node:
+            case ast.Name() | ast.Attribute() | ast.Subscript() | ast.Constant(value=bool() | int() | float()):
+                return ()
+            case ast.List(elts=found) | ast.Call(func=ast.Name(), args=found, keywords=[]) | ast.BoolOp(values=found):
+                return found
+            case ast.UnaryOp(op=ast.Not() | ast.UAdd() | ast.USub(), operand=operand):
+                return (operand,)
+            case ast.BinOp(left=left, op=operator, right=right) if type(operator) in SYMBOLS:
+                return left, right
+            case ast.IfExp(body=left, test=ast.Constant(value=None), orelse=right):
+                return left, right
+            case ast.Compare(left=left, ops=operators, comparators=others) if {*map(type, operators)} <= SYMBOLS.keys():
+                return left, *others
+        raise _unexpected(self.text, self._place(node))
 
-    def text(self, token: Token) -> _Node:
-        value = str(token)[1:-1]
-        return _made(token.start_pos, [], "text", lambda look: value)
+    def value(self, node: ast.expr, look: Look) -> Any:
+        """Return the value of a node that `kind` has seen.
 
-    def truth(self, token: Token) -> _Node:
-        value = token.lower() == "true"
-        return _made(token.start_pos, [], "truth", lambda look: value)
+        Raises:
+            NotEvaluable: it has none.
+        """
+        if node in self.leaves:
+            leaf = self.leaves[node]
+            return look(leaf) if isinstance(leaf, ExpressionName) else leaf
+        operands = self._operands(node)
+        match node:
+            case ast.Call(func=ast.Name(id="defined")):
+                try:
+                    look(self.leaves[operands[0]])
+                except NotEvaluable:
+                    return False
+                return True
+            case ast.UnaryOp(op=ast.Not()):
+                return not self._truth("not", operands[0], look)
+            case ast.BoolOp(op=ast.And()):
+                return all(self._truth("and", each, look) for each in operands)
+            case ast.BoolOp():
+                return any(self._truth("or", each, look) for each in operands)
+            case ast.IfExp():
+                return not self._truth("implies", operands[0], look) or self._truth("implies", operands[1], look)
+        values = (self.value(each, look) for each in operands)
+        match node:
+            case ast.Call(func=ast.Name(id=function)):
+                return called(function, [*values])
+            case ast.UnaryOp(op=operator) | ast.BinOp(op=operator):
+                return arithmetic(SYMBOLS[type(operator)], *([0] if len(operands) == 1 else []), *values)
+            case ast.Compare(ops=operators):
+                symbols = (SYMBOLS[type(operator)] for operator in operators)
+                return all(compared(symbol, *two) for two, symbol in zip(pairwise(values), symbols, strict=True))
+        return [*values]
 
-    def name(self, token: Token) -> _Node:
-        parts = [int(part) if part.isdigit() else part for part in _PART.findall(token)]
+    def _truth(self, word: str, operand: ast.expr, look: Look) -> bool:
+        found = self.value(operand, look)
+        if not isinstance(found, bool):
+            raise NotEvaluable(f"{word!r} of {spelled(kind_of(found))} {repr(found)[:40]}")
+        return found
+
+    def _leaf(self, node: ast.expr) -> ValueKind | None:
+        """Remember a name, or text in quotes."""
+        at, written = self._place(node), self._written(node)
+        if (quoted := _UNLIKE_PYTHON.fullmatch(written)) and quoted["quoted"]:
+            inner = quoted[0][1:-1]
+            is_key = written[0] == "`"
+            self.leaves[node] = ExpressionName(inner, at, ((inner, ()),)) if is_key else inner
+            return None if is_key else "text"
+        written = "".join(written.split())
+        if not _NAME.fullmatch(written):
+            raise _unexpected(self.text, at)
+        parts = [int(part) if part.isdigit() else part for part in _PART.findall(written)]
         named = next((i for i, part in enumerate(parts) if isinstance(part, int)), len(parts))
         readings = tuple((".".join(map(str, parts[:n])), tuple(parts[n:])) for n in range(named, 0, -1))
-        return self._named(token, str(token), readings)
+        self.leaves[node] = ExpressionName(written, at, readings)
+        return None
 
-    def key(self, token: Token) -> _Node:
-        return self._named(token, token[1:-1], ((token[1:-1], ()),))
-
-    def _named(self, token: Token, text: str, readings: tuple[tuple[str, tuple[str | int, ...]], ...]) -> _Node:
-        name = ExpressionName(text, token.start_pos or 0, readings)
-        return _made(token.start_pos, [], None, lambda look: look(name), name)
-
-    def listed(self, *items: _Node | None) -> _Node:
-        nodes = [item for item in items if item is not None]
-        evaluate = [node.evaluate for node in nodes]
-        return _made(nodes[0].offset if nodes else 0, nodes, "list", lambda look: [e(look) for e in evaluate])
-
-    def call(self, function: Token, *arguments: _Node | None) -> _Node:
-        nodes = [node for node in arguments if node is not None]
-        where = function.start_pos or 0
-        if function == "defined":
-            return self._defined(where, nodes)
-        if function not in FUNCTIONS:
-            raise ExpressionFault(where, f"no function {str(function)!r}", did_you_mean(function, FUNCTIONS))
-        least, most = FUNCTIONS[function].arguments
-        if not least <= len(nodes) <= most:
+    def _checked_call(self, node: ast.Call, kinds: Sequence[ValueKind | None]) -> ValueKind:
+        name = self._written(node.func)
+        if name == "defined":
+            if len(kinds) != 1 or not isinstance(self.leaves.get(node.args[0]), ExpressionName):
+                raise self.fault(node, "found 'defined' of something else", "defined of one name")
+            return "truth"
+        if name not in FUNCTIONS:
+            raise self.fault(node, f"no function {name!r}", did_you_mean(name, FUNCTIONS))
+        (least, most), takes = FUNCTIONS[name].arguments, FUNCTIONS[name].takes
+        if not least <= len(kinds) <= most:
             several = f"{least}" if least == most else f"{least} or more" if most > 2 else f"{least} or {most}"
-            raise ExpressionFault(where, f"{function} of {len(nodes)} values", f"{function} of {several}")
-        for node in nodes:
-            if node.kind not in (None, *FUNCTIONS[function].takes):
-                right = " or ".join(spelled(kind) for kind in FUNCTIONS[function].takes)
-                raise ExpressionFault(node.offset, f"{function} of {spelled(node.kind)}", right)
-        evaluate = [node.evaluate for node in nodes]
-        return _made(where, nodes, "number", lambda look: called(function, [e(look) for e in evaluate]))
+            raise self.fault(node, f"{name} of {len(kinds)} values", f"{name} of {several}")
+        for argument, kind in zip(node.args, kinds, strict=True):
+            if kind not in (None, *takes):
+                raise self.fault(argument, f"{name} of {spelled(kind)}", " or ".join(map(spelled, takes)))
+        return "number"
 
-    def _defined(self, where: int, nodes: list[_Node]) -> _Node:
-        if len(nodes) != 1 or not nodes[0].is_name:
-            raise ExpressionFault(where, "found 'defined' of something else", "defined of one name")
-        (name,) = nodes[0].names
+    def _check_relation(self, symbol: str, operands: Sequence[ast.expr], kinds: Sequence[ValueKind | None]) -> None:
+        if symbol in ("in", "not in"):
+            if kinds[1] not in (None, "list"):
+                raise self.fault(operands[1], f"found {spelled(kinds[1])}", f"a list after {symbol!r}")
+        elif "list" in kinds:
+            raise ExpressionFault(self._place_after(operands[0]), f"{symbol!r} of a list", "'in'")
+        elif None not in kinds and kinds[0] != kinds[1]:
+            raise self._unlike(operands[0], symbol, kinds, "values of one kind")
+        elif "truth" in kinds and symbol not in ("==", "!="):
+            raise ExpressionFault(
+                self._place_after(operands[0]), f"{symbol!r} of true and false", "'==', 'and' or 'or'"
+            )
 
-        def evaluate(look: Look) -> bool:
-            try:
-                look(name)
-            except NotEvaluable:
-                return False
-            return True
+    def _unlike(self, left: ast.expr, symbol: str, kinds: Sequence[ValueKind | None], right: str) -> ExpressionFault:
+        what = f"found {spelled(kinds[0])} {symbol} {spelled(kinds[1])}"
+        return ExpressionFault(self._place_after(left), what, right)
 
-        return _made(where, nodes, "truth", evaluate)
+    def fault(self, node: ast.expr, what: str, right: str) -> ExpressionFault:
+        """Return a fault at a node."""
+        return ExpressionFault(self._place(node), what, right)
 
-    def signed(self, sign: Token, node: _Node) -> _Node:
-        _needs("number", node)
-        inner, minus = node.evaluate, sign == "-"
-        return _made(sign.start_pos, [node], "number", lambda look: negative(inner(look), minus))
+    def _place(self, node: ast.expr) -> int:
+        return self._offset(self._characters(node.col_offset))
 
-    def binary(self, left: _Node, operator: Token, right: _Node) -> _Node:
-        kind = result_kind(operator, left.kind, right.kind)
-        if kind is None:
-            what = f"{spelled(left.kind)} {operator} {spelled(right.kind)}"
-            raise ExpressionFault(operator.start_pos or 0, f"found {what}", "numbers on both sides")
-        one, other, symbol = left.evaluate, right.evaluate, str(operator)
-        return _made(left.offset, [left, right], kind, lambda look: arithmetic(symbol, one(look), other(look)))
+    def _place_after(self, node: ast.expr) -> int:
+        """Return where the operator behind an operand stands."""
+        behind = self._offset(self._characters(node.end_col_offset or 0))
+        return len(self.text) - len(self.text[behind:].lstrip(" \n\t)"))
 
-    def relation(self, *tokens: Token) -> Token:
-        return Token("RELATION", " ".join(tokens), tokens[0].start_pos)
+    def _written(self, node: ast.expr) -> str:
+        end = self._offset(self._characters(node.end_col_offset or 0))
+        return self.text[self._place(node) : end]
 
-    def comparison(self, first: _Node, *rest: Any) -> _Node:
-        relations: list[Token] = list(rest[::2])
-        nodes: list[_Node] = [first, *rest[1::2]]
-        for left, relation, right in zip(nodes[:-1], relations, nodes[1:], strict=True):
-            _check_comparison(left, relation, right)
-        head = first.evaluate
-        links = [(str(r), n.evaluate) for r, n in zip(relations, nodes[1:], strict=True)]
+    def _characters(self, utf8_bytes: int) -> int:
+        return len(self.python.lstrip().encode()[:utf8_bytes].decode())
 
-        def evaluate(look: Look) -> bool:
-            left = head(look)
-            for relation, each in links:
-                right = each(look)
-                holds = contained(relation, left, right) if "in" in relation else compared(relation, left, right)
-                if not holds:
-                    return False
-                left = right
-            return True
-
-        return _made(first.offset, nodes, "truth", evaluate)
-
-    def negation(self, token: Token, node: _Node) -> _Node:
-        _needs("truth", node)
-        inner = node.evaluate
-        return _made(token.start_pos, [node], "truth", lambda look: not _truth(inner(look), "not"))
-
-    def conjunction(self, left: _Node, token: Token, right: _Node) -> _Node:
-        one, other = _truths(left, right)
-        return _made(
-            left.offset, [left, right], "truth", lambda look: _truth(one(look), "and") and _truth(other(look), "and")
-        )
-
-    def disjunction(self, left: _Node, token: Token, right: _Node) -> _Node:
-        one, other = _truths(left, right)
-        return _made(
-            left.offset, [left, right], "truth", lambda look: _truth(one(look), "or") or _truth(other(look), "or")
-        )
-
-    def implies(self, left: _Node, token: Token, right: _Node) -> _Node:
-        one, other = _truths(left, right)
-        return _made(
-            left.offset,
-            [left, right],
-            "truth",
-            lambda look: not _truth(one(look), "implies") or _truth(other(look), "implies"),
-        )
+    def _offset(self, column: int) -> int:
+        """Return the place in the text of a character of what was parsed."""
+        at = column + len(self.python) - len(self.python.lstrip())
+        return at - (len(_WORDS["implies"]) - len("implies")) * self.python.count(_WORDS["implies"], 0, at)
 
 
-def _made(
-    offset: int | None,
-    children: Sequence[_Node],
-    kind: ValueKind | None,
-    evaluate: Callable[[Look], Any],
-    name: ExpressionName | None = None,
-) -> _Node:
-    depth = 1 + max((child.depth for child in children), default=0)
-    if depth > MOST_NESTED:
-        raise ExpressionFault(offset or 0, f"more than {MOST_NESTED} levels deep", "fewer; several constraints")
-    names = (name,) if name else tuple(dict.fromkeys(each for child in children for each in child.names))
-    return _Node(offset or 0, depth, kind, evaluate, names, name is not None)
-
-
-def _needs(kind: ValueKind, node: _Node) -> None:
-    if node.kind not in (None, kind):
-        raise ExpressionFault(node.offset, f"found {spelled(node.kind)}", spelled(kind))
-
-
-def _truths(left: _Node, right: _Node) -> tuple[Callable[[Look], Any], Callable[[Look], Any]]:
-    _needs("truth", left)
-    _needs("truth", right)
-    return left.evaluate, right.evaluate
-
-
-def _truth(value: Any, operator: str) -> bool:
-    if not isinstance(value, bool):
-        raise NotEvaluable(f"{operator!r} of {spelled(kind_of(value))} {_shown(value)}")
-    return value
-
-
-def _shown(value: Any) -> str:
-    if isinstance(value, float) and not math.isfinite(value):
-        return ""
-    return repr(value)[:40]
-
-
-def _check_comparison(left: _Node, relation: Token, right: _Node) -> None:
-    where = relation.start_pos or 0
-    if "in" in relation:
-        if right.kind not in (None, "list"):
-            raise ExpressionFault(right.offset, f"found {spelled(right.kind)}", f"a list after {str(relation)!r}")
-    elif "list" in (left.kind, right.kind):
-        raise ExpressionFault(where, f"{str(relation)!r} of a list", "'in'")
-    elif None not in (left.kind, right.kind) and left.kind != right.kind:
-        what = f"{spelled(left.kind)} {relation} {spelled(right.kind)}"
-        raise ExpressionFault(where, f"found {what}", "values of one kind")
-    elif "truth" in (left.kind, right.kind) and relation not in ("==", "!="):
-        raise ExpressionFault(where, f"{str(relation)!r} of true and false", "'==', 'and' or 'or'")
+def _too_deep(offset: int) -> ExpressionFault:
+    return ExpressionFault(offset, f"more than {MOST_NESTED} levels deep", "fewer; several constraints")

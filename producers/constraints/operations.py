@@ -1,8 +1,9 @@
-"""What the operators and functions of constraints do with values: as Python, but without its silent conversions.
+"""Operators and functions of constraints: Python's, without its silent conversions.
 
-True is no number, text is never equal to a number, and a result that is infinite or not a number is none.
+True is no number, text never equals a number, and an infinite or undefined result is an error.
 """
 
+import ast
 import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
@@ -15,15 +16,13 @@ from vastflow.sim.model.digest import FileContent
 ValueKind: TypeAlias = Literal["number", "text", "truth", "list", "file", "map", "nothing"]
 
 MOST_BITS: Final = 1_000
-"""Of a whole number: below the greatest float, so that no power or product grows without end."""
+"""Limit of integers, below the greatest float, so that no power or product grows without end."""
+MOST_DIGITS: Final = 30
+"""Limit of the digits that `round` takes."""
 
 
 class NotEvaluable(Exception):
-    """An expression is neither true nor false of a configuration; says why."""
-
-
-MOST_DIGITS: Final = 30
-"""That a number is rounded to."""
+    """An expression is neither true nor false for a configuration."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +30,8 @@ class LanguageFunction:
     """A function of the language.
 
     Attributes:
-        arguments: The least and the greatest number of them.
-        takes: What they may be.
+        arguments: Least and greatest number of arguments.
+        takes: Kinds of the arguments.
     """
 
     call: Callable[..., Any]
@@ -44,28 +43,20 @@ FUNCTIONS: Final[Mapping[str, LanguageFunction]] = {
     "abs": LanguageFunction(abs, (1, 1), ("number",)),
     "sqrt": LanguageFunction(math.sqrt, (1, 1), ("number",)),
     "round": LanguageFunction(round, (1, 2), ("number",)),
-    "min": LanguageFunction(min, (1, 99), ("number", "list")),
-    "max": LanguageFunction(max, (1, 99), ("number", "list")),
+    "min": LanguageFunction(lambda *values: min(values), (1, 99), ("number", "list")),
+    "max": LanguageFunction(lambda *values: max(values), (1, 99), ("number", "list")),
     "len": LanguageFunction(len, (1, 1), ("list", "text")),
 }
-
-_ARITHMETIC: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
-    "+": operator.add,
-    "-": operator.sub,
-    "*": operator.mul,
-    "/": operator.truediv,
-    "%": operator.mod,
-    "**": operator.pow,
-}
-_RELATIONS: Final[Mapping[str, Callable[[Any, Any], bool]]] = {
-    "<": operator.lt,
-    "<=": operator.le,
-    ">": operator.gt,
-    ">=": operator.ge,
-    "==": operator.eq,
-    "!=": operator.ne,
-}
-_SPELLED: Final[Mapping[ValueKind, str]] = {
+SYMBOLS: Final[Mapping[type[ast.AST], str]] = {
+    ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Mod: "%", ast.Pow: "**", ast.UAdd: "+", ast.USub: "-",
+    ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!=", ast.In: "in", ast.NotIn: "not in",
+}  # fmt: skip
+"""Operators of the language."""
+_BINARY: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
+    "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv, "%": operator.mod, "**": operator.pow,
+    "<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge, "==": operator.eq, "!=": operator.ne,
+}  # fmt: skip
+_SPELLED: Final[Mapping[ValueKind | None, str]] = {
     "number": "a number",
     "text": "text",
     "truth": "true or false",
@@ -73,11 +64,12 @@ _SPELLED: Final[Mapping[ValueKind, str]] = {
     "file": "a file",
     "map": "a mapping",
     "nothing": "nothing",
+    None: "a value",
 }
 
 
 def kind_of(value: Any) -> ValueKind:
-    """What a value is in the language."""
+    """Return the kind of a value."""
     if isinstance(value, bool):
         return "truth"
     if isinstance(value, int | float):
@@ -91,46 +83,27 @@ def kind_of(value: Any) -> ValueKind:
     return "list" if isinstance(value, Sequence) else "nothing"
 
 
-def spelled(kind: object) -> str:
-    """A kind, or the kind of a value, in words."""
-    if kind is None:
-        return "a value"
-    return _SPELLED[kind] if isinstance(kind, str) and kind in _SPELLED else _SPELLED[kind_of(kind)]  # type: ignore[index]
-
-
-def result_kind(symbol: str, left: ValueKind | None, right: ValueKind | None) -> ValueKind | None:
-    """What an operator of arithmetic gives; None where it can't be used on these."""
-    return "number" if {left, right} <= {None, "number"} else None
+def spelled(kind: ValueKind | None) -> str:
+    """Return a kind in words; None is an unknown one."""
+    return _SPELLED[kind]
 
 
 def arithmetic(symbol: str, left: Any, right: Any) -> int | float:
-    """`left symbol right` for + - * / % and **."""
-    if type(left) not in (int, float) or type(right) not in (int, float):
+    """Compute `left symbol right` for + - * / % and **."""
+    if {kind_of(left), kind_of(right)} != {"number"}:
         raise NotEvaluable(f"{spelled(kind_of(left))} {symbol} {spelled(kind_of(right))}")
     # Before it is computed: the power of two short numbers can fill the memory.
     if symbol == "**" and type(left) is type(right) is int and (abs(left).bit_length() - 1) * right > MOST_BITS:
         raise NotEvaluable("the result of '**' is too large")
-    try:
-        return _finite(_ARITHMETIC[symbol](left, right), symbol)
-    except ZeroDivisionError:
-        raise NotEvaluable(f"{symbol!r} by zero") from None
-    except OverflowError:
-        raise NotEvaluable(f"the result of {symbol!r} is too large") from None
+    return _number(repr(symbol), _BINARY[symbol], left, right)
 
 
-def negative(value: Any, minus: bool) -> int | float:
-    """`-value`, or `+value`."""
-    if type(value) not in (int, float):
-        raise NotEvaluable(f"the sign of {spelled(kind_of(value))}")
-    number: int | float = -value if minus else value
-    return number
-
-
-def called(name: str, arguments: list[Any]) -> int | float:
-    """The function of that name."""
-    function = FUNCTIONS[name]
-    values = list(arguments[0]) if name in ("min", "max") and kind_of(arguments[0]) == "list" else arguments
-    takes = ("number",) if name in ("min", "max") else function.takes
+def called(name: str, arguments: Sequence[Any]) -> int | float:
+    """Call a function; `min` and `max` also take the items of lists."""
+    values, takes = list(arguments), FUNCTIONS[name].takes
+    if name in ("min", "max"):
+        values = [item for each in arguments for item in (each if kind_of(each) == "list" else [each])]
+        takes = ("number",)
     for value in values:
         if kind_of(value) not in takes:
             raise NotEvaluable(f"{name} of {spelled(kind_of(value))}")
@@ -138,47 +111,43 @@ def called(name: str, arguments: list[Any]) -> int | float:
         raise NotEvaluable(f"round to {values[1]} digits")
     if not values:
         raise NotEvaluable(f"{name} of an empty list")
-    try:
-        if name in ("min", "max"):
-            return _finite(function.call(values), name)
-        return _finite(function.call(*values), name)
-    except ValueError:
-        raise NotEvaluable(f"{name} of {values[0]}") from None
-    except OverflowError:
-        raise NotEvaluable(f"the result of {name} is too large") from None
+    return _number(name, FUNCTIONS[name].call, *values)
 
 
 def compared(relation: str, left: Any, right: Any) -> bool:
-    """`left relation right` for < <= > >= == and !=."""
+    """Compute `left relation right`; text equals a file whose path ends with it."""
     one, other = kind_of(left), kind_of(right)
+    if relation in ("in", "not in"):
+        if other != "list":
+            raise NotEvaluable(f"{relation!r} {spelled(other)}")
+        return (True in [compared("==", left, item) for item in right]) == (relation == "in")
     equality = relation in ("==", "!=")
     if equality and {one, other} == {"file", "text"}:
         return _is_file(left, right) == (relation == "==")
     if one != other or one not in (("number", "text", "truth", "file") if equality else ("number", "text")):
         raise NotEvaluable(f"{spelled(one)} {relation} {spelled(other)}")
-    return bool(_RELATIONS[relation](left, right))
-
-
-def contained(relation: str, left: Any, right: Any) -> bool:
-    """`left in right`, or `left not in right`."""
-    if kind_of(right) != "list":
-        raise NotEvaluable(f"{relation!r} {spelled(kind_of(right))}")
-    return (True in [compared("==", left, item) for item in right]) == (relation == "in")
+    return bool(_BINARY[relation](left, right))
 
 
 def _is_file(one: Any, other: Any) -> bool:
-    """Whether a text is the end of a file's path, as `maps/rooms.yaml` is."""
+    """Whether a text is the end of a file's path, such as `maps/rooms.yaml`."""
     file, text = (one, other) if isinstance(one, FileContent) else (other, one)
     parts = PurePath(text).parts
     return bool(parts) and PurePath(file.path).parts[-len(parts) :] == parts
 
 
-def _finite(value: Any, what: str) -> int | float:
-    if isinstance(value, complex):
-        raise NotEvaluable(f"{what!r} gives no real number")
-    if isinstance(value, int) and value.bit_length() > MOST_BITS:
-        raise NotEvaluable(f"the result of {what!r} is too large")
-    if not math.isfinite(value):
-        raise NotEvaluable(f"the result of {what!r} is too large or not a number")
-    number: int | float = value
-    return number
+def _number(what: str, compute: Callable[..., Any], *values: Any) -> int | float:
+    try:
+        found = compute(*values)
+        if isinstance(found, complex):
+            raise NotEvaluable(f"{what} gives no real number")
+        if math.isfinite(found) and not (isinstance(found, int) and found.bit_length() > MOST_BITS):
+            number: int | float = found
+            return number
+    except ZeroDivisionError:
+        raise NotEvaluable(f"{what} by zero") from None
+    except ValueError:
+        raise NotEvaluable(f"{what} of {values[0]}") from None
+    except OverflowError:
+        pass
+    raise NotEvaluable(f"the result of {what} is too large or not a number")

@@ -20,6 +20,8 @@ VALUES = {
     "map_file": FileContent("/somewhere/maps/rooms.yaml", "d"),
 }
 
+KEYWORDS = {"lambda": 1, "is.class[0]": 1, "None": True}
+
 
 def holds(text, values=VALUES):
     def look(name):
@@ -51,10 +53,11 @@ def holds(text, values=VALUES):
         ("defined(radius) and not defined(nothing)", True),
         ("`radius` < 1 and inner < 2 or true", True),
         ("insider == 1 or orbit or notable", True),
+        ("lambda < 2 and is.class[0] == 1 and None", True),
     ],
 )
 def test_an_expression_is_true_or_false_as_it_reads(text, expected):
-    assert holds(text, {**VALUES, "inner": 5, "insider": 1, "orbit": False, "notable": False}) is expected
+    assert holds(text, VALUES | {"inner": 5, "insider": 1, "orbit": False, "notable": False} | KEYWORDS) is expected
 
 
 @each_row(
@@ -82,6 +85,14 @@ def test_an_expression_is_true_or_false_as_it_reads(text, expected):
         ("(" * 70 + "1 < 2" + ")" * 70, 10, "more than 60 levels deep"),
         ("1 < " + "1 + " * MOST_CHARACTERS + "1", MOST_CHARACTERS, "characters; at most 2000"),
         ("defined(1 + 2)", 0, "'defined' of something else; defined of one name"),
+        ("radius if fast else loops", 7, "found 'if'; an operator"),
+        ("lambda: 1", 6, "found ':'"),
+        ("radius is fast", 7, "found 'is'; an operator"),
+        ("max(*sizes) > 1", 4, r"found '\*sizes\)'"),
+        ("[x for x in sizes] == 1", 1, "found 'x'; an operator"),
+        ("radius.__class__() == 1", 0, "found 'radius.__class__"),
+        ("- " * 900 + "1 > 0", 60, "more than 60 levels deep"),
+        ("not\ud800", 3, "found '.ud800'"),
     ],
 )
 def test_what_is_wrong_with_a_text_is_told_with_its_place(text, offset, message):
