@@ -7,6 +7,9 @@ from hypothesis import strategies as st
 from PIL import Image
 from table import each_row
 
+from vastflow.producers.campaign_file.document import read_document
+from vastflow.producers.campaign_file.scenario import FROM_GOAL, abstract_scenario_of
+from vastflow.producers.minimization.candidates import Candidates, NotBuilt
 from vastflow.producers.minimization.circumstance import LEVELS, Circumstance, Subject
 from vastflow.producers.minimization.minimize import (
     Candidate,
@@ -17,6 +20,8 @@ from vastflow.producers.minimization.minimize import (
     least_level,
     minimize,
 )
+from vastflow.producers.places.start_check import StartCheck
+from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.world.map_file import map_content
 
 FAILS, PASSES = Outcome("fails", 7, 7), Outcome("does not fail", 0, 10)
@@ -184,3 +189,50 @@ def test_a_shorter_path_does_not_end_in_an_obstacle(tmp_path):
     (end, _) = (each for each in it.circumstances if each.kind == "path")
     with pytest.raises(ValueError, match=r"begin or end at \(5\.05, 2\.05\), where a stands"):
         it.reduced(named(it, "obstacle"), {end: 4})
+
+
+def candidates(it, **more):
+    parts = {
+        part: {k: v for k, v in it.values.items() if it.dimensions[k] == part} for part in set(it.dimensions.values())
+    }
+    whole = Scenario("builtin:navigate_to_pose", 20.0, **{"system": {}, **parts})
+    return Candidates(it, whole, **{"abstract": FROM_GOAL, "start_check": StartCheck("own", {}), **more})
+
+
+def test_a_candidate_is_a_scenario_of_what_is_left(tmp_path):
+    it = subject(tmp_path, boxes=[box("a", 3, 3), box("b", 5, 3)], robot_radius=0.3)
+    made = candidates(it).scenario(Candidate(frozenset(named(it, "obstacle b"))))
+    assert (made.abstract, made.timeout_s, made.system) == ("builtin:navigate_to_pose", 20.0, {})
+    assert made.environment == {"map_file": it.values["map_file"], "boxes": [box("b", 5, 3)]}
+    assert made.task == {key: it.values[key] for key in ("start_pose", "goal_pose")}
+
+
+@each_row(
+    ("values", "message"),
+    [
+        ({"robot_radius": 3.0}, r"does not fit at start_pose \(1, 2\)"),
+        ({"boxes": [box("a", 1.1, 2.0)]}, r"does not fit at start_pose \(1, 2\).*into a"),
+        ({"boxes": [{**box("a", 5.0, 3.0), "xacro_arguments": "width:=wide"}]}, "width"),
+        ({"robot_radius": "wide"}, "wide"),
+        ({"global_costmap.global_costmap.plugins": ["static_layer", "unheard_of"]}, "unheard_of"),
+    ],
+)
+def test_a_candidate_whose_values_do_not_go_together_is_not_built(tmp_path, values, message):
+    it = subject(tmp_path, **values)
+    whole = Candidate(frozenset(each for each in it.circumstances if each.can_be_left_out))
+    with pytest.raises(NotBuilt, match=message):
+        candidates(it).scenario(whole)
+    candidates(it).scenario(Candidate(frozenset()))
+
+
+def test_a_candidate_has_what_its_scenario_file_needs(tmp_path):
+    osc = "scenario own:\n    speed: float\n    do serial:\n        wait elapsed(1s)\n"
+    (tmp_path / "own.osc").write_text(f"import osc.standard\n{osc}")
+    document = tmp_path / "x.vast"
+    document.write_text("execution: {scenario_file: own.osc}\n")
+    abstract, faults = abstract_scenario_of(read_document(document), tmp_path)
+    assert abstract is not None, faults
+    it = subject(tmp_path, speed=0.5)
+    with pytest.raises(NotBuilt, match="the scenario needs speed"):
+        candidates(it, abstract=abstract).scenario(Candidate(frozenset()))
+    assert candidates(it, abstract=abstract).scenario(Candidate(frozenset(named(it, "speed")))).system == {"speed": 0.5}
