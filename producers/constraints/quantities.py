@@ -62,7 +62,7 @@ class Quantities:
         Raises:
             NotEvaluable: the configuration has none, and why.
         """
-        found = _COMPUTED[name](self, partial)
+        found = QUANTITIES[name](self, partial)
         return round(found, ROUNDING) if isinstance(found, float) else found
 
     def path(self, partial: Partial) -> Drawn:
@@ -150,7 +150,7 @@ def _goals(quantities: Quantities, partial: Partial) -> int:
     return len(goals)
 
 
-_COMPUTED: Final[Mapping[str, Callable[[Quantities, Partial], int | float]]] = {
+QUANTITIES: Final[Mapping[str, Callable[[Quantities, Partial], int | float]]] = {
     "path_length": lambda quantities, partial: quantities.path(partial).length_m,
     "narrowest_passage": lambda quantities, partial: 2.0 * quantities.clearances(partial)[0],
     "clearance": lambda quantities, partial: quantities.clearances(partial)[0],
@@ -161,18 +161,7 @@ _COMPUTED: Final[Mapping[str, Callable[[Quantities, Partial], int | float]]] = {
     "number_of_goals": _goals,
     "straight_distance": _straight_m,
 }
-QUANTITIES: Final[Mapping[str, str]] = {
-    "path_length": "length of the path from the start through all goals (m)",
-    "narrowest_passage": "twice the least clearance along the path (m)",
-    "clearance": "least distance from the path to a wall (m)",
-    "start_clearance": "distance from the start to a wall (m)",
-    "goal_clearance": "distance from the last goal to a wall (m)",
-    "obstacle_density": "obstacles for each meter of path",
-    "number_of_obstacles": "obstacles",
-    "number_of_goals": "goals",
-    "straight_distance": "distance from the start to the last goal (m)",
-}
-"""Name to meaning."""
+"""Lengths and distances in meters; `obstacle_density` per meter of path."""
 OF_OBSTACLES: Final = ("obstacle_density", "number_of_obstacles")
 
 
