@@ -1,4 +1,4 @@
-"""Candidates as campaign files, each with one family of fixed values: what is tried is what is written in the end."""
+"""A candidate as a campaign file: one family of fixed values."""
 
 import os
 import shutil
@@ -16,12 +16,15 @@ from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.inputs import Inputs, inputs_of
 from vastflow.oracles.judgement.oracle import Oracle
 from vastflow.producers.campaign import Campaign
+from vastflow.producers.campaign_file.scenario import abstract_scenario_of
 from vastflow.producers.campaign_file.scenario_values import dimension_of
 from vastflow.producers.instantiation.instantiate import instantiate
+from vastflow.producers.minimization.candidates import Candidates, NotBuilt
 from vastflow.producers.minimization.minimize import Candidate
 from vastflow.producers.model.configuration import Configuration
 from vastflow.producers.model.faults import CampaignError
 from vastflow.producers.places.ground import MAP_KEY
+from vastflow.producers.places.start_check import StartCheck
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.files import read_text, yaml_value
 from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS
@@ -35,22 +38,25 @@ _OTHERS: Final = ("local", FILE_KEY)
 """What of `execution` is among the values already."""
 
 
-class NotBuilt(ValueError):
-    """A candidate that is no scenario."""
-
-
 @dataclass(frozen=True)
 class BuiltCandidate:
-    """A candidate that can be run.
+    """A candidate as its campaign file has it.
 
     Attributes:
-        text: Of its campaign file.
+        text: Of the file.
     """
 
     campaign: Campaign = field(repr=False)
     oracles: tuple[Oracle[Any], ...] = field(repr=False)
     configuration: Configuration
     text: str = field(repr=False)
+
+    def candidates(self, failing: Failing) -> Candidates:
+        """Return what makes scenarios of all other candidates; this is the whole."""
+        abstract, _ = abstract_scenario_of(self.campaign.document, self.campaign.path.parent)
+        assert abstract is not None  # or it could not have been read
+        start_check = StartCheck(FAMILY, {}) if failing.start_check == "footprint" else None
+        return Candidates(failing.subject, self.configuration.scenario, abstract, start_check)
 
     @property
     def inputs(self) -> Inputs:
@@ -60,16 +66,16 @@ class BuiltCandidate:
 
 @dataclass(frozen=True)
 class CandidateFiles:
-    """The folder in which candidates are written and read, with the files of the campaign directory at their places."""
+    """The folder in which a campaign file is written and read, with the files of the campaign directory at their places."""
 
     failing: Failing
     folder: Path
 
     def built(self, candidate: Candidate, runs: int = 1, comment: str = "") -> BuiltCandidate:
-        """A candidate, read as `vastflow run` would read it.
+        """Write a candidate's campaign file and read it as `vastflow run` does.
 
         Args:
-            runs: That its file asks for.
+            runs: That the file asks for.
 
         Raises:
             NotBuilt: the file has a fault, or the robot can't begin or end where it says.
@@ -83,13 +89,9 @@ class CandidateFiles:
         file.write_text(text, encoding="utf-8")
         try:
             campaign, oracles = read_campaign(file)
-            if wrong := [*campaign.unexecutable, *campaign.missing]:
-                raise NotBuilt(f"{wrong[0].what}; {wrong[0].right}")
             made = instantiate(campaign)
         except CampaignError as error:
             raise NotBuilt(f"{error.faults[0].what}; {error.faults[0].right}") from None
-        except ValueError as error:
-            raise NotBuilt(str(error)) from None
         if not made.configurations:
             raise NotBuilt(made.rejections[0].reason if made.rejections else "nothing comes of it")
         return BuiltCandidate(campaign, oracles, made.configurations[0], text)

@@ -12,7 +12,7 @@ from PIL import Image
 
 from vastflow.flows.flow_runs import mapped
 from vastflow.flows.flow_runs.flow_call import FlowCall
-from vastflow.flows.minimization.candidate_file import BuiltCandidate, CandidateFiles, NotBuilt, candidate_files, placed
+from vastflow.flows.minimization.candidate_file import BuiltCandidate, CandidateFiles, candidate_files, placed
 from vastflow.flows.minimization.failing import Failing, NotMinimized, failing_configuration
 from vastflow.flows.minimization.minimized import Minimized, comment_of
 from vastflow.flows.minimization.trials import Compute, FailureTest, Trials, Uncomputed, failure_test
@@ -23,6 +23,7 @@ from vastflow.flows.search.progress import PointRuns
 from vastflow.flows.stages.call import StageRun, stage_run
 from vastflow.oracles.figures.picture import png
 from vastflow.oracles.figures.plan_view import plan_view_figure
+from vastflow.producers.minimization.candidates import NotBuilt
 from vastflow.producers.minimization.minimize import Candidate, Minimum, Unconfirmed, minimize
 from vastflow.producers.model.configuration import Configuration
 from vastflow.tasks.engine.progress import Observer
@@ -102,10 +103,11 @@ def _minimized(
     runs: PointRuns,
 ) -> Minimized:
     """Ask until nothing is missing: of the store alone first, so that nothing starts where it has everything."""
+    candidates = before.candidates(failing)
 
     def asked(compute: Compute | None) -> tuple[Minimum | Unconfirmed, Trials]:
         runs.confirmed = ""
-        trials = Trials(run, files, test, runs, compute)
+        trials = Trials(run, candidates, test, runs, compute)
         return minimize(failing.subject.circumstances, trials.judge, trials.confirm), trials
 
     found, trials = _answered(run, asked, before)

@@ -4,13 +4,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, TypeAlias
 
-from vastflow.flows.minimization.candidate_file import CandidateFiles, NotBuilt
 from vastflow.flows.request.stopping import Stopping
 from vastflow.flows.search.progress import PointRuns
 from vastflow.flows.stages.call import StageRun
 from vastflow.oracles.judgement.verdict import read_verdicts
 from vastflow.oracles.statistics.classes import ClassBounds
 from vastflow.oracles.statistics.stopping import StoppingRule
+from vastflow.producers.minimization.candidates import Candidates, NotBuilt
 from vastflow.producers.minimization.circumstance import Subject
 from vastflow.producers.minimization.minimize import Candidate, Outcome, Standing
 from vastflow.tasks.engine.engine import block_size
@@ -80,7 +80,7 @@ class Trials:
     """
 
     run: StageRun
-    files: CandidateFiles
+    candidates: Candidates
     test: FailureTest
     runs: PointRuns
     compute: Compute | None = None
@@ -97,11 +97,11 @@ class Trials:
         """
         self._number += 1
         try:
-            built = self.files.built(candidate)
+            scenario = self.candidates.scenario(candidate)
         except NotBuilt as error:
             return self._told(candidate, Outcome("not tried", reason=f"it can't be built: {error}"))
         name = f"candidate-{self._number:03}"
-        member = Member(name, "minimization", self._number, built.configuration.scenario, self.runs.wanted({}))
+        member = Member(name, "minimization", self._number, scenario, self.runs.wanted({}))
         self.members[candidate] = member
         self.run.tally.expect({each.name: each.runs for each in self.members.values()})
         found = self._found(member)
@@ -155,7 +155,7 @@ class Trials:
 
     def _told(self, candidate: Candidate, outcome: Outcome) -> Outcome:
         if self.compute is not None:
-            self.run.tally.notice(f"{self._number}: {_text(self.files.failing.subject, candidate)}: {outcome.text}")
+            self.run.tally.notice(f"{self._number}: {_text(self.candidates.subject, candidate)}: {outcome.text}")
         return outcome
 
 

@@ -16,11 +16,12 @@ from vastflow.producers.model.configuration import Partial
 from vastflow.producers.places.start_check import StartCheck
 from vastflow.producers.places.stops import GOAL_KEY
 from vastflow.sim.model.digest import FileContent, Value
+from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.scenario import Scenario, scenario_of
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 
 
-class NotBuilt(ValueError):
+class NotBuilt(UserError, ValueError):
     """A candidate is no scenario."""
 
 

@@ -15,10 +15,11 @@ from typer.testing import CliRunner
 from vastflow.flows import run_campaign
 from vastflow.flows.__main__ import app
 from vastflow.flows.minimization import minimize as module
-from vastflow.flows.minimization.candidate_file import NotBuilt, candidate_files, placed
+from vastflow.flows.minimization.candidate_file import candidate_files, placed
 from vastflow.flows.minimization.failing import Failing
 from vastflow.flows.minimization.minimize import minimize_configuration
 from vastflow.flows.stages.call import StageRun
+from vastflow.producers.minimization.candidates import NotBuilt
 from vastflow.producers.minimization.circumstance import Subject
 from vastflow.producers.minimization.minimize import Candidate
 from vastflow.producers.minimization.spelled_out import assumed_keys, spelled_out
@@ -212,7 +213,11 @@ def test_a_parameter_file_is_tried_parameter_by_parameter(planted, tmp_path, nam
         built = files.built(Candidate(whole))
         assert len(whole) > 10 and FILE_KEY not in built.text
         assert parameters_of(built.configuration.scenario.system) == parameters_of(file)
-        assert files.built(Candidate(frozenset())).configuration.scenario.system == {}
+        candidates = built.candidates(failing)
+        assert candidates.scenario(Candidate(whole)).digest == built.configuration.scenario.digest
+        nothing = candidates.scenario(Candidate(frozenset()))
+        assert nothing.system == {}
+        assert nothing.digest == files.built(Candidate(frozenset())).configuration.scenario.digest
 
 
 def test_a_candidate_whose_file_would_have_a_fault_is_not_built(planted, tmp_path):
@@ -250,6 +255,8 @@ def test_a_candidate_has_the_mask_of_a_filter_beside_its_file(planted, tmp_path)
         assert built.configuration.scenario.system["keepout_mask"].digest == mask.digest
         assert {"keepout_mask/rooms.yaml", "keepout_mask/rooms.pgm"} <= built.inputs.files.keys()
         without = frozenset(each for each in whole if each.key != "keepout_mask")
+        with pytest.raises(NotBuilt, match="the keepout filter of the global_costmap has no mask"):
+            built.candidates(failing).scenario(Candidate(without))
         with pytest.raises(NotBuilt, match="the keepout filter of the global_costmap has no mask"):
             files.built(Candidate(without))
 
