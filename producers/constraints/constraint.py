@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
-from vastflow.producers.constraints.expression import ConstraintExpression, ExpressionName, NotEvaluable, expression_of
+from vastflow.producers.constraints.expression import ConstraintExpression, ExpressionName, NotEvaluable
 from vastflow.producers.constraints.quantities import QUANTITIES, Quantities, may_write_for
 from vastflow.producers.model.configuration import ExcludedInstance, Partial
 from vastflow.producers.model.faults import CampaignError, Fault
@@ -47,15 +47,6 @@ class Constraint:
     def touched_by(self, producer: Producer[Any]) -> bool:
         """Whether what it looks at can depend on what a producer writes."""
         return any(_touches(producer, name) for name in self.expression.names)
-
-
-def constraint_of(name: str, text: str, place: ConstraintPlace | None = None) -> Constraint:
-    """A constraint from its text.
-
-    Raises:
-        ExpressionFault: what is wrong with the text.
-    """
-    return Constraint(name, expression_of(text), place or NOWHERE)
 
 
 def _touches(producer: Producer[Any], name: ExpressionName) -> bool:

@@ -8,7 +8,8 @@ from table import each_row
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.campaign_file.sections import CARTESIAN, DesignSpec, Sample, TWay
-from vastflow.producers.constraints.constraint import constraint_of
+from vastflow.producers.constraints.constraint import Constraint
+from vastflow.producers.constraints.expression import expression_of
 from vastflow.producers.constraints.reading import place_inside
 from vastflow.producers.instantiation.family import Family
 from vastflow.producers.instantiation.instantiate import instantiate
@@ -31,7 +32,7 @@ def levels(name, *values, **others):
 
 
 def family(*producers, values=None, design=CARTESIAN, name="rooms", dimensions=None, **constraints):
-    named = tuple(constraint_of(key, text) for key, text in constraints.items())
+    named = tuple(Constraint(key, expression_of(text)) for key, text in constraints.items())
     return Family(name, values or {}, dimensions or {}, producers, named, design)
 
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from table import each_row
 
-from vastflow.producers.constraints.constraint import constraint_of
+from vastflow.producers.constraints.constraint import Constraint
+from vastflow.producers.constraints.expression import expression_of
 from vastflow.producers.instantiation.coverage import MOST_LISTED
 from vastflow.producers.instantiation.family import Family
 from vastflow.producers.instantiation.instantiate import instantiate
@@ -39,7 +40,7 @@ class Campaign:
 
 
 def coverage(*producers, **constraints):
-    named = tuple(constraint_of(key, text) for key, text in constraints.items())
+    named = tuple(Constraint(key, expression_of(text)) for key, text in constraints.items())
     return instantiate(Campaign((Family("rooms", {}, {}, producers, named),))).coverage
 
 

@@ -10,7 +10,8 @@ import pytest
 from table import each_row
 
 from vastflow.producers.campaign_file.sections import CARTESIAN, DesignSpec, Sample, TWay
-from vastflow.producers.constraints.constraint import constraint_of
+from vastflow.producers.constraints.constraint import Constraint
+from vastflow.producers.constraints.expression import expression_of
 from vastflow.producers.instantiation.family import Family
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.model.configuration import Fragment, Rejection
@@ -32,7 +33,14 @@ def levels(name, *values):
 
 
 def family(*producers, design, name="rooms", **constraints):
-    return Family(name, {}, {}, producers, tuple(constraint_of(key, text) for key, text in constraints.items()), design)
+    return Family(
+        name,
+        {},
+        {},
+        producers,
+        tuple(Constraint(key, expression_of(text)) for key, text in constraints.items()),
+        design,
+    )
 
 
 @dataclass(frozen=True)
