@@ -48,6 +48,7 @@ _PART: Final = re.compile(r"[A-Za-z_]\w*|\d+")
 
 Look: TypeAlias = Callable[["ExpressionName"], Any]
 """Gives the value of a name; raises `NotEvaluable` where there is none."""
+Evaluate: TypeAlias = Callable[[Look], Any]
 
 
 class ExpressionFault(Exception):
@@ -90,7 +91,7 @@ class ConstraintExpression:
 
     text: str
     names: tuple[ExpressionName, ...]
-    _evaluate: Callable[[Look], Any]
+    _evaluate: Evaluate
 
     def holds(self, look: Look) -> bool:
         """Whether it is true.
@@ -124,7 +125,7 @@ def expression_of(text: str) -> ConstraintExpression:
     for name in tree.leaves.values():
         if isinstance(name, ExpressionName):
             names.setdefault(name.text, name)
-    return ConstraintExpression(text, tuple(names.values()), lambda look: tree.value(whole, look))
+    return ConstraintExpression(text, tuple(names.values()), tree.evaluator(whole))
 
 
 def _in_python(found: re.Match[str]) -> str:
@@ -143,7 +144,7 @@ def _unexpected(text: str, offset: int, right: str | None = None) -> ExpressionF
 
 @dataclass(frozen=True, slots=True)
 class _Tree:
-    """An expression as Python parses it; only the nodes that `kind` and `value` list are in the language.
+    """An expression as Python parses it; only the nodes that `_operands` lists are in the language.
 
     Attributes:
         python: The text in Python's grammar, on one line; text in quotes and keys are placeholders.
@@ -226,47 +227,36 @@ class _Tree:
                 return left, *others
         raise _unexpected(self.text, self._place(node))
 
-    def value(self, node: ast.expr, look: Look) -> Any:
-        """Return the value of a node that `kind` has seen.
-
-        Raises:
-            NotEvaluable: it has none.
-        """
+    def evaluator(self, node: ast.expr) -> Evaluate:
+        """Return what evaluates a node that `kind` has seen."""
         if node in self.leaves:
             leaf = self.leaves[node]
-            return look(leaf) if isinstance(leaf, ExpressionName) else leaf
-        operands = self._operands(node)
+            return (lambda look: look(leaf)) if isinstance(leaf, ExpressionName) else lambda look: leaf
+        parts = [self.evaluator(each) for each in self._operands(node)]
         match node:
             case ast.Call(func=ast.Name(id="defined")):
-                try:
-                    look(self.leaves[operands[0]])
-                except NotEvaluable:
-                    return False
-                return True
-            case ast.UnaryOp(op=ast.Not()):
-                return not self._truth("not", operands[0], look)
-            case ast.BoolOp(op=ast.And()):
-                return all(self._truth("and", each, look) for each in operands)
-            case ast.BoolOp():
-                return any(self._truth("or", each, look) for each in operands)
-            case ast.IfExp():
-                return not self._truth("implies", operands[0], look) or self._truth("implies", operands[1], look)
-        values = (self.value(each, look) for each in operands)
-        match node:
+                return lambda look: _is_defined(parts[0], look)
             case ast.Call(func=ast.Name(id=function)):
-                return called(function, [*values])
-            case ast.UnaryOp(op=operator) | ast.BinOp(op=operator):
-                return arithmetic(SYMBOLS[type(operator)], *([0] if len(operands) == 1 else []), *values)
-            case ast.Compare(ops=operators):
-                symbols = (SYMBOLS[type(operator)] for operator in operators)
-                return all(compared(symbol, *two) for two, symbol in zip(pairwise(values), symbols, strict=True))
-        return [*values]
-
-    def _truth(self, word: str, operand: ast.expr, look: Look) -> bool:
-        found = self.value(operand, look)
-        if not isinstance(found, bool):
-            raise NotEvaluable(f"{word!r} of {spelled(kind_of(found))} {repr(found)[:40]}")
-        return found
+                return lambda look: called(function, [part(look) for part in parts])
+            case ast.UnaryOp(op=ast.Not()):
+                return lambda look: not _truth("not", parts[0](look))
+            case ast.UnaryOp(op=operator):
+                symbol = SYMBOLS[type(operator)]
+                return lambda look: arithmetic(symbol, 0, parts[0](look))
+            case ast.BinOp(op=operator):
+                symbol, (left, right) = SYMBOLS[type(operator)], parts
+                return lambda look: arithmetic(symbol, left(look), right(look))
+            case ast.BoolOp(op=ast.And()):
+                return lambda look: all(_truth("and", part(look)) for part in parts)
+            case ast.BoolOp():
+                return lambda look: any(_truth("or", part(look)) for part in parts)
+            case ast.IfExp():
+                left, right = parts
+                return lambda look: not _truth("implies", left(look)) or _truth("implies", right(look))
+            case ast.Compare(ops=relations):
+                links = [(SYMBOLS[type(relation)], part) for relation, part in zip(relations, parts[1:], strict=True)]
+                return lambda look: _all_hold(parts[0](look), links, look)
+        return lambda look: [part(look) for part in parts]
 
     def _leaf(self, node: ast.expr) -> ValueKind | None:
         """Remember a name, or text in quotes."""
@@ -346,3 +336,26 @@ class _Tree:
 
 def _too_deep(offset: int) -> ExpressionFault:
     return ExpressionFault(offset, f"more than {MOST_NESTED} levels deep", "fewer; several constraints")
+
+
+def _truth(word: str, value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise NotEvaluable(f"{word!r} of {spelled(kind_of(value))} {repr(value)[:40]}")
+    return value
+
+
+def _is_defined(name: Evaluate, look: Look) -> bool:
+    try:
+        name(look)
+    except NotEvaluable:
+        return False
+    return True
+
+
+def _all_hold(left: Any, links: Sequence[tuple[str, Evaluate]], look: Look) -> bool:
+    for relation, part in links:
+        right = part(look)
+        if not compared(relation, left, right):
+            return False
+        left = right
+    return True

@@ -90,12 +90,12 @@ def spelled(kind: ValueKind | None) -> str:
 
 def arithmetic(symbol: str, left: Any, right: Any) -> int | float:
     """Compute `left symbol right` for + - * / % and **."""
-    if {kind_of(left), kind_of(right)} != {"number"}:
+    if type(left) not in (int, float) or type(right) not in (int, float):
         raise NotEvaluable(f"{spelled(kind_of(left))} {symbol} {spelled(kind_of(right))}")
     # Before it is computed: the power of two short numbers can fill the memory.
     if symbol == "**" and type(left) is type(right) is int and (abs(left).bit_length() - 1) * right > MOST_BITS:
         raise NotEvaluable("the result of '**' is too large")
-    return _number(repr(symbol), _BINARY[symbol], left, right)
+    return _number(symbol, _BINARY[symbol], left, right)
 
 
 def called(name: str, arguments: Sequence[Any]) -> int | float:
@@ -136,18 +136,19 @@ def _is_file(one: Any, other: Any) -> bool:
     return bool(parts) and PurePath(file.path).parts[-len(parts) :] == parts
 
 
-def _number(what: str, compute: Callable[..., Any], *values: Any) -> int | float:
+def _number(name: str, compute: Callable[..., Any], *values: Any) -> int | float:
+    problem = "the result of {} is too large or not a number"
     try:
         found = compute(*values)
         if isinstance(found, complex):
-            raise NotEvaluable(f"{what} gives no real number")
-        if math.isfinite(found) and not (isinstance(found, int) and found.bit_length() > MOST_BITS):
+            problem = "{} gives no real number"
+        elif math.isfinite(found) and not (isinstance(found, int) and found.bit_length() > MOST_BITS):
             number: int | float = found
             return number
     except ZeroDivisionError:
-        raise NotEvaluable(f"{what} by zero") from None
+        problem = "{} by zero"
     except ValueError:
-        raise NotEvaluable(f"{what} of {values[0]}") from None
+        problem = f"{{}} of {values[0]}"
     except OverflowError:
         pass
-    raise NotEvaluable(f"the result of {what} is too large or not a number")
+    raise NotEvaluable(problem.format(name if name in FUNCTIONS else repr(name)))
