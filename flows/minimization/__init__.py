@@ -1,1 +1,1 @@
-"""A minimization under way: the configuration it begins with, its candidates as campaign files, their runs, what is written."""
+"""A minimization under way: the configuration it begins with, the runs of its candidates, the campaign file that is written."""
