@@ -34,9 +34,9 @@ MOST_NESTED: Final = 60
 _KEYWORDS: Final = "|".join({*keyword.kwlist} - {"and", "or", "not", "in", "True", "False"})
 """Names in the language."""
 _UNLIKE_PYTHON: Final = re.compile(
-    rf"""(?<!\w)(?P<quoted>"[^"\n]*"|'[^'\n]*'|`[^`\n]+`) | \b(?P<name>{_KEYWORDS})\b
+    rf"""(?<!\w)(?P<quoted>"[^"\n]*"|'[^'\n]*'|`[^`\n]+`) | (?P<name>\b(?:{_KEYWORDS})\b | (?<=\w)[^\W\x00-\x7f])
     | (?<![\w.])(?P<word>implies|true|false)\b | \s
-    | (?P<slip>["'`\#\\&|^] | (?<![=<>!])=(?!=) | !(?!=) | // | [^\w\s!-~]
+    | (?P<slip>["'`\#\\&|^] | (?<![=<>!])=(?!=) | !(?!=) | // | [^\s!-~]
       | (?<![\w.])\d[\d.]*+(?:[eE][+-]?\d+)?+[A-Za-z_])""",
     re.VERBOSE,
 )
@@ -147,7 +147,7 @@ class _Tree:
     """An expression as Python parses it; only the nodes that `_operands` lists are in the language.
 
     Attributes:
-        python: The text in Python's grammar, on one line; text in quotes and keys are placeholders.
+        python: The text in Python's grammar, in ASCII on one line, with placeholders for text in quotes and keys.
         leaves: Names and literals.
     """
 
@@ -314,19 +314,16 @@ class _Tree:
         return ExpressionFault(self._place(node), what, right)
 
     def _place(self, node: ast.expr) -> int:
-        return self._offset(self._characters(node.col_offset))
+        return self._offset(node.col_offset)
 
     def _place_after(self, node: ast.expr) -> int:
         """Return where the operator behind an operand stands."""
-        behind = self._offset(self._characters(node.end_col_offset or 0))
+        behind = self._offset(node.end_col_offset or 0)
         return len(self.text) - len(self.text[behind:].lstrip(" \n\t)"))
 
     def _written(self, node: ast.expr) -> str:
-        end = self._offset(self._characters(node.end_col_offset or 0))
+        end = self._offset(node.end_col_offset or 0)
         return self.text[self._place(node) : end]
-
-    def _characters(self, utf8_bytes: int) -> int:
-        return len(self.python.lstrip().encode()[:utf8_bytes].decode())
 
     def _offset(self, column: int) -> int:
         """Return the place in the text of a character of what was parsed."""
