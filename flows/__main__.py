@@ -6,7 +6,7 @@ imported inside the commands.
 
 import gc
 import sys
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
 from typer.core import TyperGroup
@@ -14,28 +14,46 @@ from typer.core import TyperGroup
 import vastflow
 from vastflow.flows.cli.compare import compare
 from vastflow.flows.cli.deploy import deploy
-from vastflow.flows.cli.development import bench, paper
-from vastflow.flows.cli.execution import execution
+from vastflow.flows.cli.development import dev
 from vastflow.flows.cli.export import export
 from vastflow.flows.cli.floorplan import floorplan
 from vastflow.flows.cli.init import init
 from vastflow.flows.cli.minimize import minimize
 from vastflow.flows.cli.params import params
-from vastflow.flows.cli.plan import coverage, explain, preview
+from vastflow.flows.cli.plan import plan
 from vastflow.flows.cli.replay import replay
-from vastflow.flows.cli.run import resume, run
+from vastflow.flows.cli.run import run
 from vastflow.flows.cli.scenario import scenario
-from vastflow.flows.cli.server import server
 from vastflow.flows.cli.show import show
 from vastflow.flows.cli.store import store
-from vastflow.flows.cli.validate import schema, validate
+from vastflow.flows.cli.validate import validate
 from vastflow.flows.terminal.ending import BAD_INPUT
 from vastflow.sim.model.faults import UserError
 from vastflow.tasks.engine.process import few_collections
 
+RENAMED: Final = {
+    "preview": "plan FILE --pictures 4",
+    "coverage": "plan FILE --coverage` or `vastflow show RESULTS --coverage",
+    "explain": "plan RESULTS CONFIGURATION",
+    "run --dry-run": "plan FILE --why",
+    "resume": "run RESULTS",
+    "schema": "validate --schema",
+    "execution": "deploy FILE --format compose|kubernetes",
+    "bench": "dev bench",
+    "paper": "dev paper RESULTS...",
+}
+"""Former commands to those that do the same now."""
+
 
 class Commands(TyperGroup):
-    """Commands that a user's mistake ends with its words, and whose exit code is their own, whatever a plug-in does here."""
+    """Commands that report user errors without a traceback, and keep their exit codes when a plug-in raises `SystemExit`."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find a command; the name of a former one is an error that names its successor."""
+        former = "run --dry-run" if args[0] == "run" and "--dry-run" in args else args[0]
+        if former in RENAMED:
+            raise UserError(f"expected `vastflow {RENAMED[former]}`, got `vastflow {former}`, which it replaces")
+        return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:
         """Run a command; click's own ends are other exceptions than `SystemExit`."""
@@ -73,31 +91,12 @@ def _options(
     """What `vastflow` itself takes, without a command."""
 
 
-for command in (
-    init,
-    run,
-    resume,
-    validate,
-    preview,
-    coverage,
-    schema,
-    params,
-    show,
-    compare,
-    explain,
-    replay,
-    minimize,
-    export,
-    paper,
-    deploy,
-):
+for command in (init, validate, plan, run, show, replay, compare, minimize, export, params, deploy):
     app.command()(command)
-app.add_typer(bench, name="bench")
-app.add_typer(execution, name="execution")
+app.add_typer(store, name="store")
 app.add_typer(floorplan, name="floorplan")
 app.add_typer(scenario, name="scenario")
-app.add_typer(server, name="server")
-app.add_typer(store, name="store")
+app.add_typer(dev, name="dev", hidden=True)
 
 
 def main() -> None:

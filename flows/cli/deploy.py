@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
+from vastflow.flows.cli.containers import Format, describe
 from vastflow.flows.cli.run import asked_request
 from vastflow.flows.request.run_request import NAMES
 from vastflow.flows.request.work_pool import NO_API
@@ -31,8 +32,10 @@ IMAGE_FOLDER: Final = "/vastflow"
 @asking(*OPTIONS, results=None)
 def deploy(
     file: CampaignFile,
-    pool: Annotated[str, typer.Option(metavar="NAME", help="Work pool; made if there is none of that name.")],
     asked: Mapping[str, Any],
+    pool: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Work pool; made if there is none of that name.")
+    ] = None,
     kind: Annotated[PoolType, typer.Option("--type", help="What the pool's workers start.")] = PoolType.process,
     name: Annotated[str | None, typer.Option(help="Of the deployment; else the campaign's.")] = None,
     cron: Annotated[
@@ -52,12 +55,24 @@ def deploy(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Print deployment and pool as YAML; change nothing.")
     ] = False,
+    format_: Annotated[
+        Format | None,
+        typer.Option(
+            "--format",
+            help="Without --pool: print the containers of a run as a Docker Compose file or a PodTemplate; change nothing.",
+        ),
+    ] = None,
 ) -> None:
     """Make or change a deployment of a campaign, and its work pool, at Prefect's API.
 
     A worker of the pool then runs the whole campaign on its machine, or with --shards-in drives it, while the workers of
     another pool, or of the same one, compute its runs.
     """
+    if format_ is not None:
+        describe(file, format_, context, asked["map_dir"], as_v1=asked["as_v1"])
+        return
+    if pool is None:
+        raise UserError("--pool: expected the name of a work pool, or --format, got neither")
     from vastflow.flows.pool.service import described, requested_cores
     from vastflow.flows.request.campaign_file import campaign_name, read_campaign
     from vastflow.producers.model.faults import CampaignError

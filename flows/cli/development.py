@@ -1,4 +1,4 @@
-"""The commands `bench` and `paper`: scripts of the repository, which measure or compare and which no wheel carries."""
+"""The commands `dev bench` and `dev paper`: scripts of the repository, which measure or compare and which no wheel carries."""
 
 import os
 import sys
@@ -29,7 +29,11 @@ def run_script(command: str, name: str, *arguments: object) -> NoReturn:
     os.execv(sys.executable, [sys.executable, str(script), *map(str, arguments)])
 
 
+dev = typer.Typer(
+    help="Measure and compare; these need a clone of the repository.", no_args_is_help=True, rich_markup_mode=None
+)
 bench = typer.Typer(help="Measure speed on this machine.", no_args_is_help=True, rich_markup_mode=None)
+dev.add_typer(bench, name="bench")
 
 
 @bench.command()
@@ -43,7 +47,7 @@ def sim(
     One fixed scenario on one core, in CPU time, with everything that was fixed. Needs a clone of the repository.
     """
     flags = ["--profile"] * profile + ["--json"] * as_json
-    run_script("bench sim", "bench_simulator", f"--controller={controller}", *flags)
+    run_script("dev bench sim", "bench_simulator", f"--controller={controller}", *flags)
 
 
 @bench.command()
@@ -58,9 +62,10 @@ def pipeline(
     needs a clone of the repository.
     """
     flags = ["--json"] * as_json
-    run_script("bench pipeline", "bench_pipeline", f"--configurations={configurations}", f"--runs={runs}", *flags)
+    run_script("dev bench pipeline", "bench_pipeline", f"--configurations={configurations}", f"--runs={runs}", *flags)
 
 
+@dev.command()
 def paper(
     results: Annotated[
         list[Path], typer.Argument(metavar="RESULTS...", help="Campaign directories of campaigns in campaigns/paper.")
@@ -70,4 +75,4 @@ def paper(
 
     Markdown on standard output; the same results give the same text. Needs a clone of the repository.
     """
-    run_script("paper", "paper_page", "--", *results)
+    run_script("dev paper", "paper_page", "--", *results)

@@ -1,19 +1,19 @@
-"""The commands `run` and `resume`: a campaign from file to report, or again from its own directory."""
+"""The command `run`: a campaign from file to report, or again from its own directory."""
 
-import json
 import os
 import shlex
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 
 import typer
 
 from vastflow.flows.request.run_request import NAMES, RunRequest, request_of
 from vastflow.flows.results.address import check_directory, meant_address
 from vastflow.flows.terminal.ending import FAULT, Interruptible, check_writable
-from vastflow.flows.terminal.options import CampaignFile, asking
+from vastflow.flows.terminal.options import asking
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.faults import UserError
 
@@ -21,47 +21,21 @@ if TYPE_CHECKING:
     from vastflow.flows.results.summary import Results
 
 
-def print_dry_run(request: RunRequest, *, since: Path | None, as_json: bool) -> None:
-    """Print the dry run of a request."""
-    from vastflow.flows.plan.dry_run import dry_run
-    from vastflow.sim.plug_ins.effects import looking_only
-
-    with Interruptible("interrupted; nothing was written"), looking_only():
-        found = dry_run(
-            Path(request.campaign),
-            runs=request.runs,
-            results=Path(request.results),
-            store=request.store,
-            only=request.only,
-            sample=request.sample,
-            map_dir=None if request.map_dir is None else Path(request.map_dir),
-            as_v1=request.as_v1,
-            strict=request.strict,
-            since=since,
-        )
-    from vastflow.flows.plan.dry_run import dry_run_json, dry_run_text
-    from vastflow.flows.terminal.outcome import printed
-
-    if as_json:
-        print(json.dumps(dry_run_json(found, Path(request.campaign)), ensure_ascii=False))
-    else:
-        printed(dry_run_text(found))
-
-
 OPTIONS: Final = tuple(name for name in NAMES if name != "reports")
+MACHINE: Final = ("store", "workers", "pool", "shards", "pool_wait_s")
+"""Options that say where and how is computed; with a campaign directory no others are taken."""
+
+
+Campaign: TypeAlias = Annotated[
+    Path,
+    typer.Argument(metavar="FILE|RESULTS", help="Campaign file, or a campaign directory to take its own inputs."),
+]
 
 
 @asking(*OPTIONS)
 def run(
-    file: CampaignFile,
+    source: Campaign,
     asked: Mapping[str, Any],
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Only say what would be computed and why, and write nothing.")
-    ] = False,
-    since: Annotated[
-        Path | None,
-        typer.Option(metavar="RESULTS", help="With --dry-run: compare with this campaign, else with the newest."),
-    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print a JSON summary and nothing else.")] = False,
     open_report: Annotated[
         bool, typer.Option("--open", help="Open the report in the browser at the end; never where CI is set.")
@@ -69,17 +43,55 @@ def run(
 ) -> None:
     """Run a campaign and write its report.
 
-    What is in the store already is not computed again.
+    What is in the store already is not computed again. A campaign directory is run again from the inputs in it, with its own
+    number of runs and selection; the new directory is made beside it.
     """
-    if since is not None:
-        if not dry_run:
-            raise UserError(f"--since {since}: only with --dry-run, which compares with it")
-        check_directory(since, "--since")
-    request = asked_request(file, asked)
-    if dry_run:
-        print_dry_run(request, since=since, as_json=as_json)
+    with requested(source, asked) as request:
+        run_and_show(request, as_json, open_report=open_report)
+
+
+def is_directory(source: Path) -> bool:
+    """Whether a campaign directory is meant, a half written one included, and not a campaign file."""
+    if source.is_file():
+        return False
+    from vastflow.flows.results.directory import left_behind
+
+    return not source.suffix or source.is_dir() or bool(meant_address(source) or left_behind(source))
+
+
+@contextmanager
+def requested(source: Path, asked: Mapping[str, Any]) -> Iterator[RunRequest]:
+    """The request for a campaign file with options, or for a campaign directory as it was asked for."""
+    if not is_directory(source):
+        yield asked_request(source, asked)
         return
-    run_and_show(request, as_json, open_report=open_report)
+    for name, value in asked.items():
+        if name not in MACHINE and (value or None) != (RunRequest.model_fields[name].get_default() or None):
+            flag = f"--{name.replace('_', '-')}"
+            raise UserError(f"{flag}: expected a campaign file, got {source}, which is run as it was before")
+    asked_request(source, asked)  # report wrong options before anything is read
+    directory = _directory(source)
+    from vastflow.flows.request.asked import asked_of
+    from vastflow.flows.results.inputs import replica
+    from vastflow.sim.model.files import read_json
+
+    with reading(directory):
+        metadata = read_json(directory / "metadata.json")
+        before, title = asked_of(metadata), f"{metadata['name']} of {metadata['created'].replace('T', ' ')}"
+    only = f", only {', '.join(before.only)}" if before.only else ""
+    only += "" if before.sample is None else f", a sample of {before.sample}"
+    only += ", obstacles as version 1 of RoboVAST places them" if before.as_v1 else ""
+    runs = f"{before.runs} run{'' if before.runs == 1 else 's'} of each configuration{' at most' * before.sequential}"
+    print(f"{title} from the inputs in {directory}, {runs}{only}", file=sys.stderr)
+    selected = {
+        "runs": before.fixed_runs,
+        "results": directory.parent,
+        "only": before.only,
+        "sample": before.sample,
+        "as_v1": before.as_v1,
+    }
+    with replica(directory, before) as laid_out:
+        yield asked_request(laid_out.file, {**asked, **selected, "map_dir": laid_out.map_dir})
 
 
 def asked_request(file: Path, asked: Mapping[str, Any]) -> RunRequest:
@@ -161,45 +173,6 @@ def _show(found: "Results") -> None:
     print(report_line(found.directory))
     if is_address(summary.results):
         print(f"uploaded to {summary.results}; what is here stays for a day")
-
-
-@asking("store", "workers", "pool", "shards", "pool_wait_s")
-def resume(
-    results: Annotated[
-        Path, typer.Argument(metavar="RESULTS", help="A campaign directory, or one that a killed process left half.")
-    ],
-    asked: Mapping[str, Any],
-    as_json: Annotated[bool, typer.Option("--json", help="Print a JSON summary and nothing else.")] = False,
-) -> None:
-    """Run a campaign again from the inputs in its directory.
-
-    With the runs and the selection it was asked for; what is in the store is not computed again. A new campaign
-    directory is made beside it.
-    """
-    asked_request(results, asked)  # what is wrong with it is said before anything is read
-    directory = _directory(results)
-    from vastflow.flows.request.asked import asked_of
-    from vastflow.flows.results.inputs import replica
-    from vastflow.sim.model.files import read_json
-
-    with reading(directory):
-        metadata = read_json(directory / "metadata.json")
-        before, title = asked_of(metadata), f"{metadata['name']} of {metadata['created'].replace('T', ' ')}"
-    only = f", only {', '.join(before.only)}" if before.only else ""
-    only += "" if before.sample is None else f", a sample of {before.sample}"
-    only += ", obstacles as version 1 of RoboVAST places them" if before.as_v1 else ""
-    runs = f"{before.runs} run{'' if before.runs == 1 else 's'} of each configuration{' at most' * before.sequential}"
-    print(f"{title} from the inputs in {directory}, {runs}{only}", file=sys.stderr)
-    selected = {
-        "runs": before.fixed_runs,
-        "results": directory.parent,
-        "only": before.only,
-        "sample": before.sample,
-        "as_v1": before.as_v1,
-    }
-    with replica(directory, before) as laid_out:
-        request = asked_request(laid_out.file, {**asked, **selected, "map_dir": laid_out.map_dir})
-        run_and_show(request, as_json)
 
 
 def _directory(results: Path) -> Path:

@@ -1,5 +1,6 @@
 """The command `show`: a finished campaign in the terminal."""
 
+import json
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -10,7 +11,13 @@ PLACE_HELP: Final = (
 )
 
 
-def show(results: Annotated[str, typer.Argument(metavar="RESULTS", help=PLACE_HELP)]) -> None:
+def show(
+    results: Annotated[str, typer.Argument(metavar="RESULTS", help=PLACE_HELP)],
+    coverage: Annotated[
+        bool, typer.Option("--coverage", help="Show how much of the requested test space was realized instead.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the coverage as JSON and nothing else.")] = False,
+) -> None:
     """Show a finished campaign.
 
     Success rates, rejections with their reasons, and where the report is.
@@ -18,7 +25,26 @@ def show(results: Annotated[str, typer.Argument(metavar="RESULTS", help=PLACE_HE
     from vastflow.flows.results.address import WITHOUT_RUNS, at_hand
 
     with at_hand(results, WITHOUT_RUNS) as directory:
-        _show(directory, results.rstrip("/"))
+        if coverage or as_json:
+            _show_coverage(directory, results, as_json)
+        else:
+            _show(directory, results.rstrip("/"))
+
+
+def _show_coverage(directory: Path, place: str, as_json: bool) -> None:
+    from vastflow.flows.plan.text import coverage_text
+    from vastflow.flows.results.address import check_directory
+    from vastflow.flows.terminal.outcome import printed
+    from vastflow.oracles.results.coverage import read_coverage
+    from vastflow.oracles.results.unusable import reading
+
+    check_directory(directory)
+    with reading(place):
+        found = read_coverage(directory)
+    if as_json:
+        print(json.dumps(found, ensure_ascii=False))
+    else:
+        printed(coverage_text(found))
 
 
 def _show(directory: Path, place: str) -> None:

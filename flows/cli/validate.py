@@ -1,4 +1,4 @@
-"""The commands about campaign files: `validate` and `schema`."""
+"""The command `validate`: faults of a campaign file, or the JSON Schema of such files."""
 
 import json
 import sys
@@ -11,11 +11,28 @@ from vastflow.flows.terminal.options import AsV1, CampaignFile, MapDir
 from vastflow.flows.terminal.words import count_text
 
 
+def _print_schema(asked: bool) -> None:
+    if asked:
+        from vastflow.producers.campaign_file.spec import campaign_schema
+
+        print(json.dumps(campaign_schema(), indent=2))
+        raise typer.Exit
+
+
 def validate(
     file: CampaignFile,
     map_dir: MapDir = None,
     as_v1: AsV1 = False,
     strict: Annotated[bool, typer.Option("--strict", help="Refuse a file with keys that nothing knows.")] = False,
+    schema: Annotated[
+        bool,
+        typer.Option(
+            "--schema",
+            callback=_print_schema,
+            is_eager=True,
+            help="Print the JSON Schema of campaign files, by which editors check and complete, and exit.",
+        ),
+    ] = False,
 ) -> None:
     """Check a campaign file.
 
@@ -55,13 +72,3 @@ def validate(
         counts = [plan_text(campaign.spec.search, campaign.runs, at_most=campaign.sequential is not None)]
     counts.append(count_text(len(oracles), "oracle"))
     print(f"OK: {', '.join(counts)}")
-
-
-def schema() -> None:
-    """Print the JSON Schema of campaign files.
-
-    Editors check and complete by it.
-    """
-    from vastflow.producers.campaign_file.spec import campaign_schema
-
-    print(json.dumps(campaign_schema(), indent=2))

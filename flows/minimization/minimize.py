@@ -16,7 +16,7 @@ from vastflow.flows.minimization.candidate_file import BuiltCandidate, Candidate
 from vastflow.flows.minimization.failing import Failing, NotMinimized, failing_configuration
 from vastflow.flows.minimization.minimized import Minimized, comment_of
 from vastflow.flows.minimization.trials import Compute, FailureTest, Trials, Uncomputed, failure_test
-from vastflow.flows.plan.preview import plan_view_of
+from vastflow.flows.plan.pictures import plan_view_of
 from vastflow.flows.request.campaign_file import OpenCampaign
 from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.search.progress import PointRuns

@@ -4,14 +4,17 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 from rich.console import RenderableType
 from rich.text import Text
 
-from vastflow.flows.plan.dry_run import STAGES, UNITS, DryRun, dry_run, whys
+from vastflow.flows.plan.plan import STAGES, Plan, plan_of, whys
+from vastflow.flows.plan.text import UNITS, stages_json, why_json
 from vastflow.flows.request.asked import asked_of
 from vastflow.flows.request.campaign_keys import recorded_keys
+from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.results.inputs import replica
 from vastflow.flows.results.past import PARTS, Past, newest_past, past_of, recorded_as, writers, written_scenario
 from vastflow.flows.results.provenance import change_text, changes, has_ingredients, stage_ingredients, value_changes
@@ -49,7 +52,7 @@ class Explanation:
         dimensions: Dimension, or `provenance`, to what was written in it.
         then: Stage to the keys under which the campaign kept its artifacts and the runs that are there now; None where
             an earlier version wrote the directory.
-        today: A dry run of it from the directory's own inputs; None where that is not possible.
+        today: The plan of it from the directory's own inputs; None where that is not possible.
         obstacle: Why it is not.
         earlier: The campaign before, if there is one.
         differences: What is other in its namesake there, a sentence each.
@@ -59,7 +62,7 @@ class Explanation:
     row: Mapping[str, Any] = field(repr=False)
     dimensions: Mapping[str, Sequence[Written]]
     then: Mapping[str, Mapping[str, str]] | None
-    today: DryRun | None
+    today: Plan | None
     obstacle: str
     earlier: Past | None
     differences: Sequence[str]
@@ -140,21 +143,20 @@ def _dimensions(row: Mapping[str, Any]) -> dict[str, list[Written]]:
     }
 
 
-def _today(past: Past, name: str, store: str | None) -> tuple[DryRun | None, str]:
+def _today(past: Past, name: str, store: str | None) -> tuple[Plan | None, str]:
     """What a run of one configuration would do, and why that can't be told."""
     asked = asked_of(past.metadata)
     try:
-        with replica(past.directory, asked) as laid_out:
-            found = dry_run(
-                laid_out.file,
+        with replica(past.directory, asked) as laid_out, TemporaryDirectory(prefix="vastflow-") as environments:
+            request = RunRequest(
+                campaign=str(laid_out.file),
                 runs=asked.fixed_runs,
                 store=store,
-                only=[name],
-                map_dir=laid_out.map_dir,
+                only=(name,),
+                map_dir=laid_out.map_dir and str(laid_out.map_dir),
                 as_v1=asked.as_v1,
-                since=past.directory,
             )
-            return found, ""
+            return plan_of(request, Path(environments), past.directory), ""
     except UnusableDirectory as error:
         return None, str(error)
     except CampaignError as error:
@@ -207,8 +209,8 @@ def _today_json(found: Explanation) -> dict[str, Any]:
     return {
         "scenario_digest": configuration,
         "execute_key": today.keys.recordings(checked),
-        "stages": {stage: {"reused": today.found(stage), "computed": today.computed(stage)} for stage in STAGES},
-        "why": [{"stage": why.stage, "kind": why.kind, "reason": str(why)} for why in whys(today.due)],
+        "stages": stages_json(today),
+        "why": why_json(today),
     }
 
 

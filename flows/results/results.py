@@ -273,7 +273,7 @@ def write_tables(
     place = directory.partial
     inputs.write(place)
     metadata = {**_metadata(campaign, keys, created), **(record or {})}
-    _write_json(place / "metadata.json", metadata)  # for `resume`, should this process be killed
+    _write_json(place / "metadata.json", metadata)  # for another run, should this process be killed
     _write_environments(place / "environments", inputs.maps, instantiation.configurations)
     where = kept(metadata) if kept is not None else None
     if where is not None:

@@ -281,10 +281,11 @@ def test_the_columns_of_a_trace_are_all_described(folder):
     assert sorted(first_column(section("write-an-oracle", "What it gets"))) == sorted(there)
 
 
-def test_the_options_of_run_are_all_described():
-    command = get_command(app).commands["run"]
+@each_row(("name", "page"), [("run", "run-and-resume"), ("plan", "see-what-would-run")])
+def test_the_options_of_run_and_plan_are_all_described(name, page):
+    command = get_command(app).commands[name]
     options = {name for option in command.params for name in option.opts if name.startswith("--")}
-    described = {name.split()[0] for name in first_column(section("run-and-resume", "`vastflow run`"))}
+    described = {name.split()[0] for name in first_column(section(page, f"`vastflow {name}`"))}
     assert described == options
 
 

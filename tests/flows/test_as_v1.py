@@ -40,13 +40,14 @@ def test_validate_says_that_the_two_placements_differ(file):
     assert "without --as-v1 they keep clear" in as_v1.stdout
 
 
-def test_coverage_preview_and_dry_run_count_what_such_a_run_has(file, tmp_path):
-    counted = [json.loads(called("coverage", file, "--json", *option).stdout) for option in ([], ["--as-v1"])]
+def test_plan_counts_what_such_a_run_has(file, tmp_path):
+    plans = [
+        json.loads(called("plan", file, "--results", tmp_path, "--json", *option).stdout)
+        for option in ([], ["--as-v1"])
+    ]
+    counted = [each["coverage"] for each in plans]
     assert [(each["unrealisable"], each["realised"]) for each in counted] == [(1, 2), (0, 3)]
-    shown = json.loads(called("preview", file, "--as-v1", "--pictures", 0, "--json").stdout)
-    assert shown["configurations"] == 3
-    options = ["--as-v1", "--results", tmp_path, "--dry-run", "--json"]
-    assert json.loads(called("run", file, *options).stdout)["configurations"] == 3
+    assert [each["configurations"] for each in plans] == [2, 3]
 
 
 def test_a_deployment_has_it_among_its_parameters_where_it_is_asked(file):

@@ -1,4 +1,4 @@
-"""The commands `paper` and `bench`, which run scripts of the repository."""
+"""The commands `dev paper` and `dev bench`, which run scripts of the repository."""
 
 import json
 import os
@@ -35,7 +35,7 @@ class Became(Exception):
 
 
 def called(*arguments):
-    return CliRunner().invoke(app, [*arguments])
+    return CliRunner().invoke(app, ["dev", *arguments])
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=" ".join)

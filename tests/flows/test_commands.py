@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from vastflow.flows import api
-from vastflow.flows.__main__ import app
+from vastflow.flows.__main__ import RENAMED, app
 from vastflow.flows.cli.run import command_line
 from vastflow.flows.results.summary import Summary
 from vastflow.flows.terminal.ending import check_writable
@@ -171,8 +171,31 @@ def test_validate_and_run_refuse_a_search_with_an_unknown_step(tmp_path):
     assert not (tmp_path / "results").exists()
 
 
+def test_help_lists_twelve_commands_and_two_groups():
+    _, listed = called("--help").stdout.split("Commands:\n")
+    assert [line.split()[0] for line in listed.splitlines() if line.strip()] == [
+        *("init", "validate", "plan", "run", "show", "replay", "compare", "minimize", "export", "params", "deploy"),
+        *("store", "floorplan", "scenario"),
+    ]
+
+
+@pytest.mark.parametrize("former", RENAMED)
+def test_former_command_names_its_successor(former):
+    result = called(*former.split(), "x")
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert result.stderr == f"expected `vastflow {RENAMED[former]}`, got `vastflow {former}`, which it replaces\n"
+
+
+@pytest.mark.parametrize("option", [("--runs", "2"), ("--only", "room"), ("--as-v1",)], ids=" ".join)
+@pytest.mark.parametrize("command", ["run", "plan"])
+def test_campaign_directory_takes_no_option_that_changes_what_is_run(tmp_path, command, option):
+    result = called(command, tmp_path, *option)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert f"{option[0]}: expected a campaign file, got {tmp_path}" in result.stderr
+
+
 def test_the_schema_is_json_and_knows_the_sections():
-    result = called("schema")
+    result = called("validate", "--schema")
     assert {"configuration", "execution", "evaluation"} <= set(json.loads(result.stdout)["properties"])
 
 

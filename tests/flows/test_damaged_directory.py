@@ -62,11 +62,11 @@ DAMAGES = {
 
 
 @pytest.mark.parametrize("content", DAMAGES.values(), ids=DAMAGES)
-@pytest.mark.parametrize("command", ["show", "export", "compare", "explain"])
+@pytest.mark.parametrize("command", ["show", "export", "compare", "plan"])
 def test_metadata_that_is_none_is_said_in_a_sentence(directory, tmp_path, monkeypatch, command, content):
     monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "store"))
     (directory / "metadata.json").write_bytes(content)
-    more = {"export": [tmp_path / "out"], "compare": [directory], "explain": ["room-1"]}
+    more = {"export": [tmp_path / "out"], "compare": [directory], "plan": ["room-1"]}
     result = called(command, directory, *more.get(command, []))
     assert (result.exit_code, result.stdout) == (2, "")
     assert f"{directory}: damaged campaign directory" in result.stderr
@@ -77,10 +77,10 @@ def test_an_export_does_without_what_the_campaign_file_says_of_its_scenario(dire
     assert called("export", directory, tmp_path / "out").exit_code == 0
 
 
-def test_explain_says_why_it_can_not_tell_what_a_run_would_do(directory, tmp_path, monkeypatch):
+def test_plan_says_why_it_can_not_tell_what_a_run_would_do(directory, tmp_path, monkeypatch):
     monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "store"))
     (directory / "campaign.vast").unlink()
-    result = called("explain", directory, "room-1")
+    result = called("plan", directory, "room-1")
     assert result.exit_code == 0, result.output
     said = " ".join(result.stdout.split())
     assert "what a run of it would do today can't be told" in said and "campaign.vast" in said
@@ -179,7 +179,7 @@ PYARROW = (
 
 
 @pytest.mark.parametrize("error", PYARROW)
-@pytest.mark.parametrize("command", ["show", "compare", "explain", "run"])
+@pytest.mark.parametrize("command", ["show", "compare", "plan", "plan --since"])
 def test_whatever_pyarrow_finds_in_a_damaged_table_is_said_in_a_sentence(
     directory, small_room, tmp_path, monkeypatch, command, error
 ):
@@ -188,7 +188,7 @@ def test_whatever_pyarrow_finds_in_a_damaged_table_is_said_in_a_sentence(
 
     monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "store"))
     monkeypatch.setattr(pq, "ParquetFile", damaged)
-    more = {"compare": [directory, directory], "run": ["--dry-run", "--since", directory, small_room]}
-    result = called(command, *more.get(command, [directory, *(["room-1"] * (command == "explain"))]))
+    more = {"compare": [directory, directory], "plan --since": [directory, small_room], "plan": [directory, "room-1"]}
+    result = called(*command.split(), *more.get(command, [directory]))
     assert (result.exit_code, result.stdout) == (2, "")
     assert f"{directory}: damaged campaign directory: configurations.parquet: can't be read: a page" in result.stderr

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from whole_directory import write_results
 
 from vastflow.flows.__main__ import app
-from vastflow.flows.plan import dry_run as dry_runs
+from vastflow.flows.plan import plan as plans
 from vastflow.flows.plan.explain import explained as explained_configuration
 from vastflow.flows.request.asked import Asked
 from vastflow.flows.request.campaign_file import read_campaign
@@ -94,7 +94,7 @@ def stored(index, member):
 
 @pytest.fixture
 def place(small_room, tmp_path, tree, monkeypatch):
-    monkeypatch.setattr(dry_runs, "installed_tree", lambda: tree)
+    monkeypatch.setattr(plans, "installed_tree", lambda: tree)
     return Place(small_room, tmp_path, tree)
 
 
@@ -181,7 +181,7 @@ def test_a_duplicate_has_the_results_of_the_one_that_was_run(place):
     found = explained(place, directory, "room-2")
     assert found.row["duplicate_of"] == "room-1"
     assert [due.stage for due in found.today.due] == ["instantiate"]
-    assert "has the content of room-1, which was run in its stead" in called("explain", directory, "room-2").stdout
+    assert "has the content of room-1, which was run in its stead" in called("plan", directory, "room-2").stdout
 
 
 def test_what_a_run_would_do_today_is_left_open_where_the_inputs_are_gone(place):
@@ -189,7 +189,7 @@ def test_what_a_run_would_do_today_is_left_open_where_the_inputs_are_gone(place)
     shutil.rmtree(directory / "inputs")
     found = explained(place, directory, "room-1")  # its environment is kept beside
     assert found.today is None and "its inputs can't be read any more" in found.obstacle
-    assert "can't be told" in called("explain", directory, "room-1", "--store", place.store).stdout
+    assert "can't be told" in called("plan", directory, "room-1", "--store", place.store).stdout
     shutil.rmtree(directory / "environments")
     with pytest.raises(UnusableDirectory, match=r"damaged campaign directory: no file has the digest"):
         explained(place, directory, "room-1")
@@ -203,7 +203,7 @@ def test_a_directory_of_an_earlier_version_says_so(place):
     (directory / "metadata.json").write_text(json.dumps(metadata))
     found = explained(place, directory, "room-1")
     assert found.then is None
-    assert "an earlier version wrote the directory" in called("explain", directory, "room-1").stdout
+    assert "an earlier version wrote the directory" in called("plan", directory, "room-1").stdout
 
 
 def called(*arguments):
@@ -214,11 +214,11 @@ def test_the_command_says_it_for_people_and_as_json(place):
     first = place.run()
     place.edit("[0.0, 0.02]", "[0.0, 0.03]")
     second = place.run()
-    result = called("explain", second, "room-2", "--store", place.store)
+    result = called("plan", second, "room-2", "--store", place.store)
     assert result.exit_code == 0, result.stderr
     assert "room-2 of family room, small_room of 2026-11-21T08:05:04" in result.stdout
     assert f"system.{NOISE} from 0.02 to 0.03" in result.stdout
-    said = json.loads(called("explain", second, "room-2", "--store", place.store, "--json").stdout)
+    said = json.loads(called("plan", second, "room-2", "--store", place.store, "--json").stdout)
     assert said["dimensions"]["system"] == [{"key": NOISE, "value": 0.03, "by": "ParameterVariationList"}]
     assert said["today"]["stages"]["judge"] == {"reused": 2, "computed": 0}
     assert said["today"]["scenario_digest"] == said["scenario_digest"]
@@ -231,10 +231,11 @@ def test_wrong_arguments_of_explain_exit_with_2(place, tmp_path):
         ((directory, "room-3"), "no configuration 'room-3'; did you mean 'room-"),
         ((directory, "x"), "no configuration 'x'; known: room-1, room-2"),
         ((tmp_path / "nowhere", "room-1"), "no such folder"),
+        ((place.path, "room-1"), "expected a campaign directory, got a file"),
         ((place.results, "room-1"), "holds 1 campaign directories"),
         ((directory, "room-1", "--since", tmp_path), "--since "),
         ((directory, "room-1", "--store", "nowhere://x"), "nowhere"),
     ]:
-        result = called("explain", *arguments)
+        result = called("plan", *arguments)
         assert (result.exit_code, result.stdout) == (2, ""), arguments
         assert words in result.stderr and "Traceback" not in result.stderr

@@ -42,7 +42,7 @@ class Words(Producer[Parameters]):
         yield Fragment({{"word": "a"}})
 """
 TOUCH = "open({mark!r}, 'w')"
-COMMANDS = (["validate"], ["preview", "--pictures", "0"], ["coverage"], ["run", "--dry-run"])
+COMMANDS = (["validate"], ["plan"], ["plan", "--why", "--coverage"])
 
 
 @pytest.fixture

@@ -33,7 +33,7 @@ def test_a_file_whose_maps_lie_elsewhere_is_valid_with_the_folder_and_names_the_
     assert (without.exit_code, "--map-dir" in without.stderr) == (2, True)
 
 
-@pytest.mark.parametrize("command", ["run", "validate", "preview", "coverage", "deploy"])
+@pytest.mark.parametrize("command", ["run", "validate", "plan", "deploy"])
 def test_a_folder_that_is_not_there_is_refused(command, apart):
     file, maps = apart
     pool = ["--pool", "p"] if command == "deploy" else []
@@ -42,21 +42,13 @@ def test_a_folder_that_is_not_there_is_refused(command, apart):
     assert f"--map-dir {maps / 'none'}: no such folder" in result.stderr
 
 
-def test_coverage_and_preview_find_the_maps(apart, tmp_path):
+def test_plan_finds_the_maps_and_says_of_how_many_the_sample_is(apart, tmp_path):
     file, maps = apart
-    found = json.loads(called("coverage", file, "--map-dir", maps, "--json").stdout)
-    assert found["realised"] == 2
-    shown = json.loads(called("preview", file, "--map-dir", maps, "--pictures", 0, "--json").stdout)
-    assert shown["configurations"] == 2
-
-
-def test_a_dry_run_says_of_how_many_the_sample_is(apart, tmp_path):
-    file, maps = apart
-    options = ["--map-dir", maps, "--sample", 1, "--results", tmp_path, "--dry-run"]
-    said = json.loads(called("run", file, *options, "--json").stdout)
-    assert (said["configurations"], said["sampled_from"]) == (1, 2)
+    options = ["--map-dir", maps, "--sample", 1, "--results", tmp_path]
+    said = json.loads(called("plan", file, *options, "--json").stdout)
+    assert (said["coverage"]["realised"], said["configurations"], said["sampled_from"]) == (2, 1, 2)
     assert said["stages"]["execute"] == {"reused": 0, "computed": 2}
-    assert "a sample of 1 of 2 distinct configurations" in called("run", file, *options).stdout
+    assert "a sample of 1 of 2 distinct configurations" in called("plan", file, *options).stdout
 
 
 def test_a_deployment_has_the_folder_of_maps_and_the_sample_among_its_parameters(apart):

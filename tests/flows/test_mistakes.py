@@ -108,7 +108,7 @@ def test_validate_does_not_take_other_controllers_parameter_for_misspelling(camp
 
 def test_run_without_configurations_exits_with_2_and_counts_rejections(campaign, tmp_path):
     file = campaign(path="num_paths: 4", lengths="[400.0, 500.0]")
-    for command in (("run", file, "--results", tmp_path / "results"), ("run", file, "--dry-run")):
+    for command in (("run", file, "--results", tmp_path / "results"), ("plan", file)):
         result = called(*command)
         assert result.exit_code == 2
         assert (
@@ -119,7 +119,7 @@ def test_run_without_configurations_exits_with_2_and_counts_rejections(campaign,
 
 def test_run_without_configurations_counts_constraints_beside_rejections(campaign):
     file = campaign(path="num_paths: 2", lengths="[3.0, 500.0]", family="constraints: [short: path_length < 1]")
-    result = called("run", file, "--dry-run")
+    result = called("plan", file)
     assert result.exit_code == 2 and "PathVariationRandom rejects 2 of family 'room'" in result.stderr
     assert "constraints exclude 2 of family 'room': 2 × short" in result.stderr
 
@@ -156,9 +156,9 @@ def test_lidar_with_own_angles_looks_ahead_from_center():
     assert sources["lidar mounted at x"] == "given" and sources["lidar turned by"] == "assumed"
 
 
-def test_dry_run_lists_assumed_mount_and_radii_of_oracles(campaign):
+def test_plan_lists_assumed_mount_and_radii_of_oracles(campaign):
     file = campaign(robot=f"polygon: {SQUARE}, lidar: {{angle_min: -1.5, angle_max: 1.5}}")
-    result = called("run", file, "--dry-run", "--json")
+    result = called("plan", file, "--json")
     (robot,) = json.loads(result.stdout)["robots"]
     said = "\n".join(robot["robot"])
     assert (

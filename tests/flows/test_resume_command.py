@@ -108,7 +108,7 @@ def asked_again(monkeypatch):
 
 
 def resumed(*arguments):
-    return CliRunner().invoke(app, ["resume", *map(str, arguments)], catch_exceptions=True)
+    return CliRunner().invoke(app, ["run", *map(str, arguments)], catch_exceptions=True)
 
 
 def test_a_campaign_runs_again_from_its_own_inputs_with_the_runs_that_were_asked(
@@ -122,6 +122,14 @@ def test_a_campaign_runs_again_from_its_own_inputs_with_the_runs_that_were_asked
     (call,) = asked_again
     assert call["digests"] == digests
     assert (call["runs"], call["results"], call["only"], call["workers"]) == (3, str(directory.parent), (), 2)
+
+
+def test_plan_of_a_directory_is_made_from_its_own_inputs(directory, small_room, tmp_path):
+    shutil.rmtree(small_room.parent)
+    result = called("plan", directory, "--store", tmp_path / "store", "--json")
+    said = json.loads(result.stdout)
+    assert (said["file"], said["compared_with"]) == (str(directory), str(directory))
+    assert (said["runs"], said["stages"]["execute"]) == (3, {"reused": 0, "computed": 6})
 
 
 def test_the_selection_that_was_asked_is_kept(small_room, tmp_path, tree, asked_again):
@@ -320,16 +328,16 @@ def test_a_later_process_of_the_same_number_is_not_the_writer(tmp_path):
     assert writer_of(tmp_path) is None
 
 
-def test_an_interrupted_resume_says_how_to_go_on(directory, monkeypatch):
+def test_an_interrupted_run_of_a_directory_says_how_to_go_on(directory, monkeypatch):
     def run_campaign(path, **options):
         os.kill(os.getpid(), 2)
         raise AssertionError("the interrupt should have come before this")
 
     monkeypatch.setattr(api, "run_campaign", run_campaign)
-    monkeypatch.setattr(sys, "argv", ["/usr/bin/vastflow", "resume", "results/x"])
+    monkeypatch.setattr(sys, "argv", ["/usr/bin/vastflow", "run", "results/x"])
     result = resumed(directory)
     assert result.exit_code == 130
-    assert "interrupted; `vastflow resume results/x` again computes only what is missing" in result.stderr
+    assert "interrupted; `vastflow run results/x` again computes only what is missing" in result.stderr
 
 
 def test_the_summary_is_printed_as_json(directory, monkeypatch):

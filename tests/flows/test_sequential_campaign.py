@@ -11,10 +11,11 @@ from collections import Counter
 
 import pyarrow.parquet as pq
 import pytest
+from planned import planned
 
 from vastflow.flows import run_campaign
 from vastflow.flows.flow_runs import flow_call
-from vastflow.flows.plan.dry_run import dry_run, dry_run_json, dry_run_text
+from vastflow.flows.plan.text import plan_json, plan_text
 from vastflow.flows.results.past import past_of
 from vastflow.flows.run import campaign_run
 from vastflow.tasks.keys.source import installed_tree
@@ -215,17 +216,17 @@ def test_a_configuration_without_verdicts_has_the_most_runs_and_one_with_a_fault
     assert found.summary.not_judged == found.summary.runs
 
 
-def test_a_dry_run_says_what_it_may_come_to(place, run, first):
+def test_plan_of_sequential_campaign_is_an_upper_bound(place, run, first):
     options = {"results": place / "results"}
     file = file_of(place, SEQUENTIAL)
-    untouched = dry_run(file, store=str(place / "nothing"), **options)
-    assert (untouched.computed("execute"), untouched.sequential) == (80, True)
-    assert any("maybe less" in str(part) for part in dry_run_text(untouched))
-    decided = dry_run(file, store=str(place / "store"), **options)
+    untouched = planned(file, store=str(place / "nothing"), **options)
+    assert (untouched.computed("execute"), untouched.least) == (80, 5)
+    assert any("maybe less" in str(part) for part in plan_text(untouched))
+    decided = planned(file, store=str(place / "store"), **options)
     assert (decided.computed("execute"), decided.found("judge"), decided.due) == (0, 58, [])
-    assert dry_run_json(decided, file)["at_most"] is True
-    fixed = dry_run(file, runs=2, store=str(place / "store"), **options)
-    assert (fixed.found("judge"), fixed.sequential) == (8, False)
+    assert plan_json(decided, str(file))["at_most"] is True
+    fixed = planned(file, runs=2, store=str(place / "store"), **options)
+    assert (fixed.found("judge"), fixed.least) == (8, None)
 
 
 def test_the_past_knows_how_many_runs_each_configuration_had(first):
@@ -264,12 +265,12 @@ def test_an_interrupted_campaign_goes_on_where_it_was(place, run, first, prefect
     assert judgements_of(gone_on) == judgements_of(first)
 
 
-def test_resume_ends_by_the_same_rule(place, first, no_prefect, capsys):
+def test_run_of_a_directory_ends_by_the_same_rule(place, first, no_prefect, capsys):
     from typer.testing import CliRunner
 
     from vastflow.flows.__main__ import app
 
-    answer = CliRunner().invoke(app, ["resume", str(first.directory), "--store", str(place / "store")])
+    answer = CliRunner().invoke(app, ["run", str(first.directory), "--store", str(place / "store")])
     assert answer.exit_code == 0, answer.output
     assert "20 runs of each configuration at most" in answer.output
     assert re.search(r"58 runs of at most 80, 22 saved", answer.output)

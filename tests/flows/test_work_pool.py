@@ -1,4 +1,4 @@
-"""`run --pool` and `resume --pool`: what their options say without an API."""
+"""`run --pool`: what their options say without an API."""
 
 from table import each_row
 from typer.testing import CliRunner
@@ -6,10 +6,10 @@ from typer.testing import CliRunner
 from vastflow.flows.__main__ import app
 
 
-@each_row("command", ["run", "resume"])
+@each_row("source", ["x.vast", "."])
 @each_row("option", ["--shards", "--pool-wait"])
-def test_options_of_a_pool_want_a_pool(command, option, tmp_path):
-    result = CliRunner().invoke(app, [command, str(tmp_path), option, "3"])
+def test_options_of_a_pool_want_a_pool(source, option, tmp_path):
+    result = CliRunner().invoke(app, ["run", str(tmp_path / source), option, "3"])
     assert result.exit_code == 2
     assert f"{option}: only with --pool, whose shards it is about" in result.stderr
 

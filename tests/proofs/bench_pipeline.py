@@ -1,6 +1,6 @@
 """The benchmark of the pipeline: a campaign whose runs do nothing, so that what is left is the pipeline's own cost.
 
-    vastflow bench pipeline [--configurations 5480] [--runs 20] [--json]
+    vastflow dev bench pipeline [--configurations 5480] [--runs 20] [--json]
 
 runs this file, as `python tests/proofs/bench_pipeline.py` does.
 """

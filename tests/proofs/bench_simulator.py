@@ -1,6 +1,6 @@
 """The pinned benchmark: closed loops in CPU time, with everything that could flatter it printed beside it.
 
-    vastflow bench sim --controller mppi|dwb|rpp [--profile] [--json]
+    vastflow dev bench sim --controller mppi|dwb|rpp [--profile] [--json]
 
 runs this file, as `python tests/proofs/bench_simulator.py` does.
 """
@@ -288,7 +288,7 @@ def main() -> None:
     try:
         found = bench(asked.controller, profile=asked.profile)
     except ValueError as error:
-        print(f"vastflow bench sim: {error}", file=sys.stderr)
+        print(f"vastflow dev bench sim: {error}", file=sys.stderr)
         sys.exit(2)
     print(shown(found, as_json=asked.json))
 

@@ -317,10 +317,10 @@ def _directory_command(file: Path, rng: random.Random) -> list[str]:
             ["show", str(directory)],
             ["export", str(directory), str(directory.with_name("exported"))],
             ["compare", str(directory), str(directory)],
-            ["explain", str(directory), "rooms-1-1-1"],
-            ["coverage", str(directory)],
+            ["plan", str(directory), "rooms-1-1-1"],
+            ["show", "--coverage", str(directory)],
             ["replay", str(directory), "rooms-1-1-1", "1"],
-            ["run", "--dry-run", "--since", str(directory), str(directory.parents[1] / "probes" / "every.vast")],
+            ["plan", "--since", str(directory), str(directory.parents[1] / "probes" / "every.vast")],
         )
     )  # fmt: skip
 

@@ -250,7 +250,7 @@ def _go_on(place: Place, point: Point, halves: Sequence[Path], rng: random.Rando
     """Run the campaign again, or resume a half written directory where there is one, until it ends."""
     arguments: tuple[str, ...] = ()
     if halves and (halves[0] / "metadata.json").is_file() and rng.random() < 0.5:
-        arguments = ("resume", str(halves[0]))
+        arguments = ("run", str(halves[0]))
         point.resumed = 1
     life = place.begin(*arguments)
     if (code := life.end()) != 0:

@@ -45,7 +45,7 @@ def main() -> None:
     found = []
     for name in asked.only or NAMES:
         found.append(_sampled(name, asked))
-    page = _vastflow(["paper", *found])
+    page = _vastflow(["dev", "paper", *found])
     if asked.page:
         asked.page.write_text(page.stdout, encoding="utf-8")
         print(f"written: {asked.page}")

@@ -117,7 +117,7 @@ def test_wrong_credentials_are_said_in_a_sentence(shared_s3, s3_variables):
 
 @each_row(
     "command",
-    [["explain", "ADDRESS", "only"], ["coverage", "ADDRESS"], ["resume", "ADDRESS"], ["compare", "ADDRESS", "."]],
+    [["plan", "ADDRESS", "only"], ["plan", "ADDRESS"], ["run", "ADDRESS"], ["compare", "ADDRESS", "."]],
 )
 def test_commands_that_read_no_address_say_which_do(command):
     address = "s3://bucket/shown/nothing-1"

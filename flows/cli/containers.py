@@ -1,21 +1,16 @@
-"""The commands about executing elsewhere: `execution describe`."""
+"""The containers of a run for Docker Compose or Kubernetes, as `deploy --format` prints them."""
 
 import shlex
 import sys
 from collections.abc import Iterator
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, Final
-
-import typer
-
-from vastflow.flows.terminal.options import AsV1, CampaignFile, Context, MapDir
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from vastflow.tasks.execution.description import RunDescription
 
 MOST_IN_A_CONFIG_MAP: Final = 2**20
-
-execution = typer.Typer(help="How a campaign is executed in containers.", no_args_is_help=True, rich_markup_mode=None)
 
 
 class Format(StrEnum):
@@ -25,23 +20,8 @@ class Format(StrEnum):
     kubernetes = "kubernetes"
 
 
-@execution.callback()
-def _group() -> None:
-    """Keeps `describe` a command of its own name while it is the only one."""
-
-
-@execution.command()
-def describe(
-    file: CampaignFile,
-    format_: Annotated[Format, typer.Option("--format", help="A Docker Compose file, or a Kubernetes PodTemplate.")],
-    context: Context = None,
-    map_dir: MapDir = None,
-    as_v1: AsV1 = False,
-) -> None:
-    """Print the containers of a run as YAML.
-
-    Image, resources, environment, files and scripts, as execution gives them. Nothing is started.
-    """
+def describe(file: Path, format_: Format, context: str | None, map_dir: Path | None, *, as_v1: bool) -> None:
+    """Print the containers of a run as YAML: image, resources, environment, files, and scripts."""
     from vastflow.flows.request.campaign_file import campaign_name
     from vastflow.producers.campaign import load_campaign
     from vastflow.sim.plug_ins.effects import looking_only

@@ -1,4 +1,4 @@
-"""`vastflow execution describe`: what it prints where, and its exit codes."""
+"""`vastflow deploy --format`: what it prints where, and its exit codes."""
 
 import re
 import shlex
@@ -9,7 +9,7 @@ import yaml
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
-from vastflow.flows.cli.execution import MOST_IN_A_CONFIG_MAP
+from vastflow.flows.cli.containers import MOST_IN_A_CONFIG_MAP
 from vastflow.producers.campaign_file.spec import ExecutionSpec
 from vastflow.tasks.execution.manifests import compose_file, config_map_keys, pod_template
 
@@ -18,7 +18,7 @@ IMAGE = "  image: ghcr.io/me/robot:1.0\n"
 
 
 def called(*arguments):
-    return CliRunner().invoke(app, ["execution", "describe", *map(str, arguments)])
+    return CliRunner().invoke(app, ["deploy", *map(str, arguments)])
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""The dry run: what a run would compute and why, compared with what the run then computes."""
+"""The plan: what a run would compute and why, compared with what the run then computes."""
 
 import json
 import shutil
@@ -7,13 +7,14 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from planned import planned
 from typer.testing import CliRunner
 
 from vastflow.flows import run_campaign
 from vastflow.flows.__main__ import app
 from vastflow.flows.flow_runs import flow_call
-from vastflow.flows.plan import dry_run as dry_runs
-from vastflow.flows.plan.dry_run import STAGES, dry_run, whys
+from vastflow.flows.plan import plan as plans
+from vastflow.flows.plan.plan import STAGES, whys
 from vastflow.flows.results.past import newest_past
 from vastflow.flows.run import campaign_run
 from vastflow.oracles.results.unusable import UnusableDirectory
@@ -105,7 +106,7 @@ def place(tmp_path_factory, one_server):
     with one_server(folder / "prefect"), pytest.MonkeyPatch.context() as patch:
         tree = installed_tree()  # reads each file once: an edit of the checkout while this runs is not what is tested
         patch.setattr(campaign_run, "installed_tree", lambda: tree)
-        patch.setattr(dry_runs, "installed_tree", lambda: tree)
+        patch.setattr(plans, "installed_tree", lambda: tree)
         yield folder
 
 
@@ -135,7 +136,7 @@ class Again:
     def dry(self, *edits, **options):
         self.edit(*edits)
         options = {"results": self.place / "results", "store": str(self.store), **options}
-        return dry_run(self.folder / "dry.vast", **options)
+        return planned(self.folder / "dry.vast", **options)
 
     def run(self):
         return run_campaign(self.folder / "dry.vast", results=self.folder / "results", store=self.store, workers=2)
@@ -174,7 +175,7 @@ def files(folder):
 @pytest.mark.slow
 def test_before_the_first_run_everything_would_be_computed_and_nothing_is_written(place, tmp_path):
     before = files(place)
-    found = dry_run(place / "dry.vast", results=tmp_path / "results", store=str(tmp_path / "store"))
+    found = planned(place / "dry.vast", results=tmp_path / "results", store=str(tmp_path / "store"))
     assert computed(found) == {"instantiate": 2, "execute": 4, "observe": 4, "judge": 4}
     assert [kind for kind, _, _ in reasons(found, "execute")] == ["never computed"]
     assert files(place) == before and list(tmp_path.iterdir()) == []
@@ -321,7 +322,7 @@ def kernel_edited(again):
 @pytest.mark.slow
 def test_an_edited_kernel_is_named_by_its_module(again, monkeypatch):
     tree = kernel_edited(again)
-    monkeypatch.setattr(dry_runs, "installed_tree", lambda: tree)
+    monkeypatch.setattr(plans, "installed_tree", lambda: tree)
     found = again.dry()
     assert found.computed("execute") == 4
     assert ("source changed", "source of execute changed: sim.world.lidar", 4) in reasons(found, "execute")
@@ -341,7 +342,7 @@ class Library:
 def test_another_library_is_named_with_both_versions(again, first, monkeypatch):
     recorded = json.loads((first / "metadata.json").read_text())["code"]["execute"]["libraries"]["pymunk"]
     monkeypatch.setattr(source, "_version", Library())
-    monkeypatch.setattr(dry_runs, "installed_tree", installed_tree)  # which has not asked for a version yet
+    monkeypatch.setattr(plans, "installed_tree", installed_tree)  # which has not asked for a version yet
     ((kind, words, _),) = reasons(again.dry(), "execute")
     assert (kind, words) == ("source changed", f"source of execute changed: pymunk {recorded} is now 0.1.2")
 
@@ -435,7 +436,7 @@ def test_a_producer_that_raises_is_a_fault_and_the_rest_is_told(again):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("edits", [[RUNS, LEVEL, FRONT], [NOISE, LEAST]], ids=["grown", "edited"])
-def test_a_run_computes_what_the_dry_run_said(again, edits):
+def test_run_computes_what_its_plan_says(again, edits):
     said = computed(again.dry(*edits))
     before = again.counted()
     assert again.run().summary.executed == said["execute"]
@@ -444,11 +445,9 @@ def test_a_run_computes_what_the_dry_run_said(again, edits):
 
 
 @pytest.mark.slow
-def test_a_run_executes_what_the_dry_run_said_of_an_edited_kernel_and_keeps_traces_that_come_out_as_before(
-    again, monkeypatch
-):
+def test_run_executes_what_its_plan_says_of_edited_kernel_and_keeps_equal_traces(again, monkeypatch):
     tree = kernel_edited(again)
-    monkeypatch.setattr(dry_runs, "installed_tree", lambda: tree)
+    monkeypatch.setattr(plans, "installed_tree", lambda: tree)
     monkeypatch.setattr(campaign_run, "installed_tree", lambda: tree)
     said = computed(again.dry())
     before = again.counted()
@@ -481,7 +480,7 @@ def test_a_damaged_directory_to_compare_with_is_a_users_mistake(again, first, tm
 
 
 @pytest.mark.slow
-def test_an_unknown_name_is_a_users_mistake_also_in_a_dry_run(again):
+def test_plan_reports_unknown_name_as_user_error(again):
     with pytest.raises(CampaignError, match=r"no family or configuration 'rom'; did you mean 'room'\?"):
         again.dry(only=["rom"])
     assert again.dry(NOISE, only=["room-1-1"]).computed("execute") == 0
@@ -501,29 +500,28 @@ def called(*arguments):
 def test_the_command_prints_json_and_nothing_else_and_starts_no_prefect(again, first, monkeypatch):
     monkeypatch.setattr(flow_call, "ApiServer", None)
     again.edit(NOISE)
-    options = ("--store", again.store, "--results", again.place / "results", "--dry-run")
-    result = called("run", again.folder / "dry.vast", *options, "--json")
+    options = ("--store", again.store, "--results", again.place / "results")
+    result = called("plan", again.folder / "dry.vast", *options, "--json")
     assert result.exit_code == 0, result.stderr
     said = json.loads(result.stdout)
     assert said["stages"]["execute"] == {"reused": 2, "computed": 2}
     assert said["families"]["room"]["judge"] == {"reused": 2, "computed": 2}
     assert said["compared_with"] == str(first)
     assert {why["stage"] for why in said["why"]} == set(STAGES)
-    text = called("run", again.folder / "dry.vast", *options).stdout
+    text = called("plan", again.folder / "dry.vast", *options, "--why").stdout
     assert "execute 2 runs of room-1-2: system.laserscan_gaussian_noise_std_deviation changed" in text
     assert f"compared with {first}" in text.replace("\n", "")
 
 
 @pytest.mark.slow
-def test_wrong_options_of_a_dry_run_exit_with_2(again, tmp_path):
+def test_wrong_options_of_plan_exit_with_2(again, tmp_path):
     campaign = again.folder / "dry.vast"
     for arguments, words in [
-        (("--since", tmp_path), "only with --dry-run"),
-        (("--dry-run", "--since", tmp_path / "nowhere"), "no such folder"),
-        (("--dry-run", "--since", again.folder), "has no metadata.json"),
-        (("--dry-run", "--only", "rom", "--store", again.store), "did you mean 'room'?"),
-        (("--dry-run", "--store", "nowhere://x"), "nowhere"),
+        (("--since", tmp_path / "nowhere"), "no such folder"),
+        (("--since", again.folder), "has no metadata.json"),
+        (("--only", "rom", "--store", again.store), "did you mean 'room'?"),
+        (("--store", "nowhere://x"), "nowhere"),
     ]:
-        result = called("run", campaign, *arguments)
+        result = called("plan", campaign, *arguments)
         assert (result.exit_code, result.stdout) == (2, ""), arguments
         assert words in result.stderr and "Traceback" not in result.stderr

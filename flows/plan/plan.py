@@ -1,30 +1,27 @@
-"""A dry run: what a run of a campaign would find in the store and what it would compute, and why. It writes nothing."""
+"""The plan of a run: configurations, coverage, what is in the store, what would be computed, and why. Making it writes nothing."""
 
-import tempfile
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
-from rich.console import RenderableType
-from rich.text import Text
-
+from vastflow.flows.plan.estimate import Estimate, estimate_of
 from vastflow.flows.plan.reasons import NEVER, Evaluated, EvaluationReasons, HereEvaluator, RunReasons
 from vastflow.flows.request.campaign_file import campaign_name, read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.request.configurations import Selection, members_of, narrowed
+from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.request.stopping import Stopping, stopping_of
 from vastflow.flows.results.past import Past, newest_past, past_of
 from vastflow.flows.results.provenance import DueReason, ReasonKind, Stage, ingredients_row, origin_row
-from vastflow.flows.terminal.table import terminal_table
-from vastflow.flows.terminal.words import count_text
 from vastflow.producers.instantiation.family import robots_json
 from vastflow.producers.model.configuration import Configuration
-from vastflow.producers.model.faults import CampaignError
+from vastflow.producers.model.faults import CampaignError, Fault
 from vastflow.producers.search.criteria import plan_text
 from vastflow.tasks.engine.index import Index, Member, missing
 from vastflow.tasks.engine.instantiation import Instantiated, Instantiator, ProducerFault
+from vastflow.tasks.engine.pool import cores
 from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.keys.source import installed_tree
 from vastflow.tasks.store.artifact import Stored
@@ -52,35 +49,47 @@ class Due:
 
 
 @dataclass(frozen=True)
-class DryRun:
+class Plan:
     """What a run would do.
 
     Attributes:
         name: The campaign's.
-        runs: Of each configuration.
-        sequential: Whether that is the most: what is due of those whose class is not decided is then what they may want.
-        past: The campaign it was compared with.
-        configurations: Of what was asked, duplicates included.
+        runs: Of each configuration; the maximum where `least` is given.
+        least: Minimum number of runs where they end when a configuration's class is decided; what is due of an undecided one is
+            then an upper bound.
+        past: The earlier campaign that reasons are told from.
+        configurations: The selected ones with their provenance, duplicates included.
+        coverage: Of the whole campaign: requested, excluded, rejected with reasons, and realized instances.
         robots: Of the families, see `vastflow.producers.instantiation.family`.
-        sampled_from: How many distinct configurations these are a sample of; None where they are no sample.
+        sampled_from: Number of distinct configurations that the sample is drawn from; None without a sample.
         reused: Stage and family to what is in the store: runs, at `instantiate` evaluations.
         due: What is not.
         stored: Configuration to what is in the store of it.
-        faults: Producers that raised, as they would in a run.
+        estimate: Of the runs that are due.
+        faults: Producers that raised, as they would in a run, and families that lack a file.
+        unexecutable: Why this version can't run the campaign; then nothing is due but evaluations.
     """
 
     name: str
     runs: int
+    least: int | None
     past: Past | None
     configurations: Sequence[Configuration] = field(repr=False)
+    coverage: Mapping[str, Any] = field(repr=False)
+    robots: Sequence[Mapping[str, Any]]
+    sampled_from: int | None
     reused: Mapping[tuple[Stage, str], int]
     due: Sequence[Due] = field(repr=False)
     stored: Mapping[str, Sequence[Stored]] = field(repr=False)
+    estimate: Estimate
     faults: Sequence[ProducerFault]
+    unexecutable: Sequence[Fault]
     keys: Keys = field(repr=False)
-    sampled_from: int | None = None
-    sequential: bool = False
-    robots: Sequence[Mapping[str, Any]] = ()
+
+    @property
+    def distinct(self) -> list[Configuration]:
+        """The selected configurations without duplicates."""
+        return [each for each in self.configurations if each.duplicate_of is None]
 
     def found(self, stage: Stage, family: str | None = None) -> int:
         """What is in the store of a stage, of one family or of all."""
@@ -96,77 +105,70 @@ class DryRun:
         return list(dict.fromkeys([*(family for _, family in self.reused), *(due.family for due in self.due)]))
 
 
-def dry_run(
-    file: Path,
-    *,
-    runs: int | None = None,
-    results: Path = Path("results"),
-    store: str | None = None,
-    only: Sequence[str] = (),
-    sample: int | None = None,
-    map_dir: Path | None = None,
-    as_v1: bool = False,
-    strict: bool = False,
-    since: Path | None = None,
-) -> DryRun:
-    """Find out what a run of the campaign at `file` would do with the same arguments.
+def plan_of(request: RunRequest, environments: Path, since: Path | None = None) -> Plan:
+    """Find out what a run with this request would do.
 
-    What producers make is taken from the store, or made in this process and not stored.
+    Evaluations of producers come from the store, or are made in this process and not stored.
 
     Args:
-        since: The campaign directory to compare with, else the newest of this campaign's name in `results`.
+        environments: Folder for the files that producers make here.
+        since: The campaign directory to compare with, else the newest of this campaign's name in `request.results`.
 
     Raises:
-        CampaignError: faults of the file, or a name in `only` that nothing has.
-        UnusableDirectory: `since` is no campaign directory.
+        CampaignError: faults of the file, or an unknown name in `only`.
+        UnusableDirectory: `since` is not a campaign directory.
         StoreError: the store can't be used.
     """
-    campaign, oracles = read_campaign(file, map_dir, as_v1=as_v1, strict=strict)
-    if campaign.unexecutable:
-        raise CampaignError(campaign.unexecutable)
+    map_dir = None if request.map_dir is None else Path(request.map_dir)
+    campaign, oracles = read_campaign(Path(request.campaign), map_dir, as_v1=request.as_v1, strict=request.strict)
     if campaign.search is not None:
-        plan = plan_text(campaign.search.spec, campaign.runs, at_most=campaign.sequential is not None)
-        what = f"what a search proposes follows from its runs; it is a {plan}"
+        words = plan_text(campaign.search.spec, campaign.runs, at_most=campaign.sequential is not None)
+        what = f"what a search proposes follows from its runs; it is a {words}"
         raise CampaignError(
             [campaign.fault(("search",), what, "vastflow run, which goes on from what the store has", "key")]
         )
     name = campaign_name(campaign)
-    past = newest_past(results, name) if since is None else past_of(since)
+    past = newest_past(Path(request.results), name) if since is None else past_of(since)
     tree = installed_tree()
     keys = campaign_keys(tree, campaign.seed, oracles)
     today = {} if past is None else {**origin_row(keys), **ingredients_row(tree, campaign.families, oracles)}
-    looked_at = open_store(store, read_only=True)
-    looked_at.survey()
-    with tempfile.TemporaryDirectory(prefix="vastflow-") as environments:
-        evaluations = None if past is None else EvaluationReasons(past, today, campaign.families)
-        evaluator = HereEvaluator(looked_at, evaluations, Path(environments))
-        found = _instantiated(Instantiator(campaign, looked_at, keys, tree), evaluator)
-    chosen = narrowed(found, Selection(only, sample, campaign.seed), campaign.document.file)
+    store = open_store(request.store, read_only=True)
+    store.survey()
+    evaluations = None if past is None else EvaluationReasons(past, today, campaign.families)
+    evaluator = HereEvaluator(store, evaluations, environments)
+    found = _instantiated(Instantiator(campaign, store, keys, tree), evaluator)
+    chosen = narrowed(found, Selection(request.only, request.sample, campaign.seed), campaign.document.file)
     instantiation = chosen.instantiation
-    wanted = campaign.runs_asked(runs, sample)
-    members = members_of(instantiation, wanted)
-    index = Index(looked_at, keys)
-    stopping = stopping_of(campaign.sequential) if runs is None else None
-    if stopping is not None:
+    runs = campaign.runs_asked(request.runs, request.sample)
+    members = [] if campaign.unexecutable else members_of(instantiation, runs)
+    index = Index(store, keys)
+    sequential = campaign.sequential if request.runs is None else None
+    if (stopping := stopping_of(sequential)) is not None:
         members = [_ending(stopping, index, member) for member in members]
     stored = {member.name: index.stored(member) for member in members}
     reasons = None if past is None else RunReasons(past, today, found.instantiation.configurations)
     reused, due = _evaluations(evaluator.evaluated.values())
     for member in members:
         _count(member, stored[member.name], reasons, reused, due)
-    return DryRun(
-        name,
-        wanted,
-        past,
-        instantiation.configurations,
-        reused,
-        due,
-        stored,
-        chosen.faults,
-        keys,
-        instantiation.sampled_from,
-        stopping is not None,
-        robots_json(campaign.families),
+    executed: Counter[str] = Counter()
+    for each in due:
+        executed[each.subject] += each.amount * (each.stage == "execute")
+    return Plan(
+        name=name,
+        runs=runs,
+        least=None if sequential is None else sequential.min,
+        past=past,
+        configurations=instantiation.configurations,
+        coverage=found.instantiation.coverage,
+        robots=robots_json(campaign.families),
+        sampled_from=instantiation.sampled_from,
+        reused=reused,
+        due=due,
+        stored=stored,
+        estimate=estimate_of(instantiation.configurations, executed, campaign.timeout_s, cores()),
+        faults=chosen.faults,
+        unexecutable=campaign.unexecutable,
+        keys=keys,
     )
 
 
@@ -233,13 +235,6 @@ _FOLLOWS_EXECUTE: Final = DueReason("follows", "follows from execute")
 _FOLLOWS_OBSERVE: Final = DueReason("follows", "follows from observe")
 
 
-MOST_REASONS: Final = 20
-"""Reasons in the terminal; `--json` has all."""
-MOST_SUBJECTS: Final = 3
-
-UNITS: Final[Mapping[Stage, str]] = {"instantiate": "evaluation", "execute": "run", "observe": "run", "judge": "run"}
-
-
 @dataclass
 class Why:
     """What is computed of a stage and family for the same reason.
@@ -281,79 +276,3 @@ def whys(due: Sequence[Due]) -> list[Why]:
         why.amount += each.amount
         why.subjects[each.subject] = None
     return sorted(found.values(), key=lambda why: STAGES.index(why.stage))
-
-
-def dry_run_json(found: DryRun, file: Path) -> dict[str, Any]:
-    """Counts of each stage, of the campaign and of each family, and the reasons."""
-    return {
-        "campaign": found.name,
-        "file": str(file),
-        "runs": found.runs,
-        "at_most": found.sequential,
-        "configurations": _distinct(found),
-        "sampled_from": found.sampled_from,
-        "compared_with": None if found.past is None else str(found.past.directory),
-        "stages": {stage: _counts(found, stage) for stage in STAGES},
-        "families": {family: {stage: _counts(found, stage, family) for stage in STAGES} for family in found.families},
-        "robots": list(found.robots),
-        "why": [
-            {
-                "stage": why.stage,
-                "family": why.family,
-                "kind": why.kind,
-                "reason": str(why),
-                "computed": why.amount,
-                "of": list(why.subjects),
-            }
-            for why in whys(found.due)
-        ],
-        "faults": [str(fault) for fault in found.faults],
-    }
-
-
-def _distinct(found: DryRun) -> int:
-    return sum(each.duplicate_of is None for each in found.configurations)
-
-
-def _counts(found: DryRun, stage: Stage, family: str | None = None) -> dict[str, int]:
-    return {"reused": found.found(stage, family), "computed": found.computed(stage, family)}
-
-
-def dry_run_text(found: DryRun) -> Iterator[RenderableType]:
-    """A table of counts, and a line for each reason."""
-    table = terminal_table(("stage", "family"), ("in the store", "to compute"), ("",))
-    for stage in STAGES:
-        for family in found.families:
-            counts = _counts(found, stage, family)
-            table.add_row(stage, family, f"{counts['reused']:,}", f"{counts['computed']:,}", f"{UNITS[stage]}s")
-    yield table
-    yield ""
-    if found.sampled_from is not None:
-        yield Text(f"a sample of {_distinct(found):,} of {found.sampled_from:,} distinct configurations")
-    if found.sequential:
-        yield Text(
-            "runs end when a configuration's class is decided: there is no more to compute than this, but maybe less"
-        )
-    for each in found.robots:
-        yield Text(f"{', '.join(each['families'])}: {'; '.join(each['robot'])}", "dim")
-    if found.past is None:
-        yield Text("compared with nothing: no earlier campaign of this name in the folder of results", "dim")
-    else:
-        yield Text(f"compared with {found.past.directory}", "dim")
-    if not found.due:
-        yield Text("everything is in the store: nothing would be computed, Prefect would not start")
-    reasons = [why for why in whys(found.due) if why.kind != "follows"]
-    for why in reasons[:MOST_REASONS]:
-        yield Text(_sentence(why))
-    if len(reasons) > MOST_REASONS:
-        yield Text(f"and {len(reasons) - MOST_REASONS} more reasons; --json has all", "dim")
-    if any(due.reason.kind == "follows" for due in found.due):
-        yield Text("what is computed anew is observed and judged; a run that comes out as before keeps both", "dim")
-    for fault in found.faults:
-        yield Text(str(fault), "red")
-
-
-def _sentence(why: Why) -> str:
-    more = len(why.subjects) - MOST_SUBJECTS
-    subjects = ", ".join(list(why.subjects)[:MOST_SUBJECTS]) + (f" and {more} more" if more > 0 else "")
-    return f"{why.stage} {count_text(why.amount, UNITS[why.stage])} of {subjects}: {why}"

@@ -1,15 +1,18 @@
-"""The command `preview`: what it counts, draws and prints, and its exit codes."""
+"""The command `plan`: what it counts, draws and prints, and its exit codes."""
 
 import json
 import subprocess
 import sys
+from collections import Counter
+from pathlib import Path
 
 import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
-from vastflow.flows.plan.preview import MEAN_SPEED_MPS, TIMES_REAL_TIME, Estimate, estimate_of, plan_view_of, route_m
+from vastflow.flows.plan.estimate import MEAN_SPEED_MPS, TIMES_REAL_TIME, Estimate, estimate_of, route_m
+from vastflow.flows.plan.pictures import plan_view_of
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
 
@@ -36,6 +39,15 @@ PATHS = """\
       - see_enough: laserscan_random_drop_percentage < 0.8
 """
 
+FLOOR_PLAN = """\
+version: 1
+configuration:
+  - name: rooms
+    variations:
+      - FloorplanGeneration: {{floorplans: [{plan}]}}
+      - PathVariationRandom: {{path_length: 2.0, path_length_tolerance: 0.5, robot_diameter: 0.35, seed: 1}}
+"""
+
 
 @pytest.fixture
 def rich_room(small_room):
@@ -49,14 +61,15 @@ def rich_room(small_room):
 @pytest.fixture(autouse=True)
 def _elsewhere(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "store"))
 
 
-def previewed(*arguments):
-    return CliRunner().invoke(app, ["preview", *map(str, arguments)])
+def called(*arguments):
+    return CliRunner().invoke(app, ["plan", *map(str, arguments)])
 
 
 def as_json(*arguments):
-    result = previewed(*arguments, "--json")
+    result = called(*arguments, "--json")
     assert result.exit_code == 0, result.stderr
     (line,) = result.stdout.splitlines()
     return json.loads(line)
@@ -67,24 +80,27 @@ def configurations_of(campaign_file):
 
 
 def test_json_counts_what_would_run_and_what_would_not(rich_room):
-    found = as_json(rich_room, "--pictures", 0)
-    counts = {name: found[name] for name in ("configurations", "rejected", "excluded", "duplicates", "runs")}
-    assert counts == {"configurations": 2, "rejected": 1, "excluded": 1, "duplicates": 1, "runs": 4}
+    found = as_json(rich_room)
+    counts = {name: found["coverage"][name] for name in ("realised", "unrealisable", "excluded", "duplicate")}
+    assert counts == {"realised": 2, "unrealisable": 1, "excluded": 1, "duplicate": 1}
+    assert (found["configurations"], found["stages"]["execute"]) == (2, {"reused": 0, "computed": 4})
 
 
-def test_json_counts_each_family_and_says_its_design_and_its_reasons(rich_room):
-    found = as_json(rich_room, "--pictures", 0)
-    room = found["families"]["room"]
-    assert {key: room[key] for key in ("configurations", "rejected", "excluded", "duplicates", "runs")} == {
-        key: found[key] for key in ("configurations", "rejected", "excluded", "duplicates", "runs")
-    }
+def test_json_says_design_and_reasons_of_each_family(rich_room):
+    room = as_json(rich_room)["coverage"]["families"]["room"]
     assert room["design"]["kind"] == "cartesian"
     assert room["excluded_by"] == {"see_enough": 1}
-    assert room["rejected_by"]["PathVariationRandom"]["count"] == 1
+    assert room["unrealisable_by"]["PathVariationRandom"]["count"] == 1
+
+
+def test_coverage_lists_dimensions_and_pairs(rich_room):
+    assert "dimension" not in called(rich_room).stdout
+    printed = called(rich_room, "--coverage").stdout
+    assert "dimension" in printed and "pair of producers" in printed
 
 
 def test_the_reasons_of_rejections_and_exclusions_are_printed(rich_room):
-    printed = previewed(rich_room, "--pictures", 0).stdout
+    printed = called(rich_room).stdout
     assert "200 m" in printed
     assert "1 ×  room  see_enough" in printed
 
@@ -98,19 +114,19 @@ def test_the_first_configurations_are_drawn_and_named(rich_room, tmp_path):
 
 
 def test_a_duplicate_is_not_drawn(rich_room):
-    names = [name.rpartition("/")[2] for name in as_json(rich_room)["pictures"]]
+    names = [name.rpartition("/")[2] for name in as_json(rich_room, "--pictures", 4)["pictures"]]
     assert names == ["room-1-1-1.png", "room-1-1-2.png"]
 
 
 def test_pictures_go_to_a_folder_with_the_campaigns_name_and_are_printed(small_room, tmp_path):
-    printed = previewed(small_room, "--pictures", 1).stdout.splitlines()
-    assert printed[-1] == "preview-small-room/room-1.png"
+    printed = called(small_room, "--pictures", 1).stdout.splitlines()
+    assert printed[-1] == "pictures-small-room/room-1.png"
     assert (tmp_path / printed[-1]).is_file()
 
 
 def test_without_pictures_no_folder_is_made(small_room, tmp_path):
-    assert as_json(small_room, "--pictures", 0)["pictures"] == []
-    assert not list(tmp_path.glob("preview-*"))
+    assert as_json(small_room)["pictures"] == []
+    assert not list(tmp_path.glob("pictures-*"))
 
 
 def test_a_picture_has_path_stops_and_the_obstacle_with_its_trigger(rich_room):
@@ -122,14 +138,17 @@ def test_a_picture_has_path_stops_and_the_obstacle_with_its_trigger(rich_room):
 
 def test_the_estimate_is_of_distinct_runs_at_the_mean_speed(rich_room):
     configurations = configurations_of(rich_room)
+    five = Counter({each.name: 5 for each in configurations if each.duplicate_of is None})
     length_m = configurations[0].provenance["_path_length"]
-    found = estimate_of(configurations, runs=5, timeout_s=1000.0, cores=2)
+    found = estimate_of(configurations, five, timeout_s=1000.0, cores=2)
     assert found.simulated_s == pytest.approx(2 * 5 * length_m / MEAN_SPEED_MPS)
     assert found.wall_s == pytest.approx(found.simulated_s / (2 * TIMES_REAL_TIME))
 
 
 def test_the_estimate_of_a_run_does_not_exceed_the_timeout(small_room):
-    assert estimate_of(configurations_of(small_room), runs=3, timeout_s=1.5, cores=1).simulated_s == 2 * 3 * 1.5
+    configurations = configurations_of(small_room)
+    three = Counter({each.name: 3 for each in configurations})
+    assert estimate_of(configurations, three, timeout_s=1.5, cores=1).simulated_s == 2 * 3 * 1.5
 
 
 def test_without_a_path_the_way_is_straight_from_stop_to_stop(small_room):
@@ -137,39 +156,45 @@ def test_without_a_path_the_way_is_straight_from_stop_to_stop(small_room):
 
 
 def test_the_estimate_says_what_it_supposes(small_room):
-    printed = " ".join(previewed(small_room, "--pictures", 0).stdout.split())
+    printed = " ".join(called(small_room).stdout.split())
     assert "estimate: about" in printed
     assert Estimate(10.0, 300.0, 1).how == (
         "each run its path at 0.3 m/s, 300 s at most, 1 core of 200 times real time each; "
-        "without Prefect's start, compilation and what the store has"
+        "without Prefect's start and compilation"
     )
 
 
 def test_a_fault_of_the_file_ends_with_2_and_is_said_as_validate_says_it(small_room):
     small_room.write_text(small_room.read_text().replace("  runs: 2", "  rums: 2"))
-    result = previewed(small_room)
+    result = called(small_room)
     assert (result.exit_code, result.stdout) == (2, "")
     assert result.stderr == CliRunner().invoke(app, ["validate", str(small_room)]).stderr
 
 
 def test_constraints_that_leave_nothing_end_with_2(rich_room):
     rich_room.write_text(rich_room.read_text().replace("percentage < 0.8", "percentage > 2"))
-    result = previewed(rich_room)
+    result = called(rich_room)
     assert (result.exit_code, result.stdout) == (2, "")
     assert "the constraints leave nothing of family 'room'" in result.stderr
 
 
 def test_an_out_folder_that_is_a_file_is_said_before_anything_is_built(small_room, tmp_path):
     (tmp_path / "taken").write_text("")
-    result = previewed(small_room, "--out", tmp_path / "taken")
+    result = called(small_room, "--out", tmp_path / "taken")
     assert (result.exit_code, result.stdout) == (2, "")
     assert result.stderr.startswith("--out ")
+
+
+def test_generated_floor_plan_is_drawn(tmp_path):
+    plan = Path(__file__).parents[2] / "campaigns/floorplans/nested_rooms.fpm"
+    (tmp_path / "rooms.vast").write_text(FLOOR_PLAN.format(plan=plan))
+    assert len(as_json(tmp_path / "rooms.vast", "--pictures", 1)["pictures"]) == 1
 
 
 def test_it_never_imports_prefect(small_room):
     code = (
         "import sys\nfrom typer.testing import CliRunner\nfrom vastflow.flows.__main__ import app\n"
-        f"result = CliRunner().invoke(app, ['preview', {str(small_room)!r}])\n"
+        f"result = CliRunner().invoke(app, ['plan', {str(small_room)!r}])\n"
         "sys.exit(result.exit_code or 'prefect' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], timeout=120, check=False).returncode == 0

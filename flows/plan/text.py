@@ -1,0 +1,201 @@
+"""A plan and the coverage of a test space, for people and as JSON."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
+
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from vastflow.flows.plan.plan import STAGES, Plan, Why, whys
+from vastflow.flows.results.provenance import Stage
+from vastflow.flows.terminal.display import duration_text
+from vastflow.flows.terminal.table import terminal_table
+from vastflow.flows.terminal.words import count_text
+from vastflow.oracles.results.coverage import (
+    COUNTS,
+    Coverage,
+    Covered,
+    Loss,
+    counts,
+    design_text,
+    dimensions,
+    excluded,
+    pairs,
+    pairs_not_listed,
+    parts,
+    unrealisable,
+)
+
+MOST_LOSSES: Final = 20
+MOST_PAIRS: Final = 30
+"""Pairs of producers in the terminal, the least covered of each family first; `--json` has more."""
+MOST_REASONS: Final = 20
+"""Reasons in the terminal; `--json` has all."""
+MOST_SUBJECTS: Final = 3
+
+UNITS: Final[Mapping[Stage, str]] = {"instantiate": "evaluation", "execute": "run", "observe": "run", "judge": "run"}
+
+
+def plan_json(plan: Plan, file: str) -> dict[str, Any]:
+    """The plan as JSON values: coverage, counts of each stage, of the campaign and of each family, and the reasons."""
+    return {
+        "campaign": plan.name,
+        "file": file,
+        "runs": plan.runs,
+        "at_most": plan.least is not None,
+        "configurations": len(plan.distinct),
+        "sampled_from": plan.sampled_from,
+        "coverage": plan.coverage,
+        "compared_with": None if plan.past is None else str(plan.past.directory),
+        "stages": stages_json(plan),
+        "families": {family: stages_json(plan, family) for family in plan.families},
+        "robots": list(plan.robots),
+        "estimate_s": round(plan.estimate.wall_s, 1),
+        "why": why_json(plan),
+        "faults": [*map(str, plan.unexecutable), *map(str, plan.faults)],
+    }
+
+
+def stages_json(plan: Plan, family: str | None = None) -> dict[Stage, dict[str, int]]:
+    """How much of each stage is in the store and how much would be computed."""
+    return {stage: {"reused": plan.found(stage, family), "computed": plan.computed(stage, family)} for stage in STAGES}
+
+
+def why_json(plan: Plan) -> list[dict[str, Any]]:
+    """What would be computed, by stage, family, and reason."""
+    return [
+        {
+            "stage": why.stage,
+            "family": why.family,
+            "kind": why.kind,
+            "reason": str(why),
+            "computed": why.amount,
+            "of": list(why.subjects),
+        }
+        for why in whys(plan.due)
+    ]
+
+
+def plan_text(plan: Plan, *, why: bool = False, coverage: bool = False) -> Iterator[RenderableType]:
+    """The same for people.
+
+    Args:
+        why: Whether reasons are told.
+        coverage: Whether dimensions and pairs of producers are listed.
+    """
+    yield from coverage_text(plan.coverage, details=coverage)
+    yield ""
+    if not plan.unexecutable:
+        yield _stages(plan)
+        yield ""
+    if plan.sampled_from is not None:
+        yield Text(f"a sample of {len(plan.distinct):,} of {plan.sampled_from:,} distinct configurations")
+    if plan.least is not None:
+        yield Text(
+            f"runs at most: a configuration has {plan.least} to {plan.runs}, and ends when its class is decided; "
+            "maybe less is computed"
+        )
+    for each in plan.robots:
+        yield Text(f"{', '.join(each['families'])}: {'; '.join(each['robot'])}", "dim")
+    if not plan.due and not plan.unexecutable:
+        yield Text("everything is in the store: nothing would be computed, Prefect would not start")
+    elif simulated_s := plan.estimate.simulated_s:
+        about = "about" if plan.least is None else "at most about"
+        times = f"{duration_text(plan.estimate.wall_s)} for {duration_text(simulated_s)} of simulated time"
+        yield Text(f"estimate: {about} {times} ({plan.estimate.how})")
+    if why:
+        yield from _why_text(plan)
+    for fault in plan.faults:
+        yield Text(str(fault), "red")
+
+
+def _stages(plan: Plan) -> Table:
+    table = terminal_table(("stage", "family"), ("in the store", "to compute"), ("",))
+    for stage in STAGES:
+        for family in plan.families:
+            numbers = (plan.found(stage, family), plan.computed(stage, family))
+            table.add_row(stage, family, *(f"{n:,}" for n in numbers), f"{UNITS[stage]}s")
+    return table
+
+
+def _why_text(plan: Plan) -> Iterator[RenderableType]:
+    if plan.past is None:
+        yield Text("compared with nothing: no earlier campaign of this name in the folder of results", "dim")
+    else:
+        yield Text(f"compared with {plan.past.directory}", "dim")
+    reasons = [why for why in whys(plan.due) if why.kind != "follows"]
+    for why in reasons[:MOST_REASONS]:
+        yield Text(_sentence(why))
+    if len(reasons) > MOST_REASONS:
+        yield Text(f"and {len(reasons) - MOST_REASONS} more reasons; --json has all", "dim")
+    if any(due.reason.kind == "follows" for due in plan.due):
+        yield Text("what is computed anew is observed and judged; a run that comes out as before keeps both", "dim")
+
+
+def _sentence(why: Why) -> str:
+    more = len(why.subjects) - MOST_SUBJECTS
+    subjects = ", ".join(list(why.subjects)[:MOST_SUBJECTS]) + (f" and {more} more" if more > 0 else "")
+    return f"{why.stage} {count_text(why.amount, UNITS[why.stage])} of {subjects}: {why}"
+
+
+def coverage_text(coverage: Coverage, *, details: bool = True) -> Iterator[RenderableType]:
+    """Counts of each family, what constraints and producers took, and with `details` dimensions and pairs of producers."""
+    whole = terminal_table(("family",), (*COUNTS, "share"), ("design",))
+    for name, part in parts(coverage):
+        design = design_text(part["design"]) if "design" in part else ""
+        whole.add_row(name, *(f"{n:,}" for n in counts(part)), share_text(part["share"]), design)
+    yield whole
+    yield from _lost("excluded by constraints", list(excluded(coverage)))
+    yield from _lost("unrealisable", list(unrealisable(coverage)))
+    if not details:
+        return
+    yield ""
+    yield _covered_table("dimension", list(dimensions(coverage)))
+    if listed := list(pairs(coverage)):
+        yield ""
+        yield _covered_table("pair of producers", listed[:MOST_PAIRS])
+        if rest := len(listed) - len(listed[:MOST_PAIRS]) + pairs_not_listed(coverage):
+            yield Text(f"and {rest:,} more pairs; --json lists more", "dim")
+
+
+def _covered_table(what: str, rows: Sequence[Covered]) -> Table:
+    with_contents = any(row.distinct is not None for row in rows)
+    table = terminal_table(
+        ("family", what),
+        (*["contents"][:with_contents], "choices", "admissible", "covered", "share"),
+        ["written by"][:with_contents],
+    )
+    for row in rows:
+        numbers = (*[row.distinct or 0][:with_contents], row.combinations, row.admissible, row.covered)
+        by = [", ".join(row.factors) or "–"][:with_contents]
+        table.add_row(row.family, row.what, *(f"{n:,}" for n in numbers), share_text(row.share), *by)
+    return table
+
+
+def share_text(share: float | None) -> str:
+    """A share for people, rounded down, so that only what is whole is 100 %."""
+    if share is None:
+        return "–"
+    if 0.0 < share < 0.001:
+        return "< 0.1 %"
+    return f"{math.floor(share * 1000 + 1e-9) / 10:.1f} %"
+
+
+def _lost(title: str, rows: list[Loss]) -> Iterator[RenderableType]:
+    if not rows:
+        return
+    yield ""
+    yield Text(title, "bold")
+    yield _lost_table(rows[:MOST_LOSSES])
+    if rest := rows[MOST_LOSSES:]:
+        yield Text(f"and {sum(row.times for row in rest):,} more for {len(rest):,} other reasons; see --json", "dim")
+
+
+def _lost_table(rows: list[Loss]) -> Table:
+    table = terminal_table()
+    table.add_column(justify="right", no_wrap=True)
+    for row in rows:
+        table.add_row(f"{row.times:,} ×", row.family, row.by, row.reason)
+    return table
