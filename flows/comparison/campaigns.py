@@ -10,6 +10,7 @@ from typing import Any, Final
 from vastflow.flows.comparison.gate import Gate
 from vastflow.flows.request.campaign_keys import recorded_keys
 from vastflow.flows.results.past import recorded_as
+from vastflow.flows.results.provenance import campaign_changes
 from vastflow.oracles.evidence.pairing import Pairing, pairing_of
 from vastflow.oracles.evidence.varied import varied_rows
 from vastflow.oracles.results.executed import KeptFiles, environment_names
@@ -52,31 +53,25 @@ class Difference:
     """A parameter whose value is not the same in baseline and candidate.
 
     Attributes:
-        configurations: How many pairs of configurations it concerns; None for what concerns the whole campaign.
+        configurations: How many pairs of configurations it concerns.
     """
 
     parameter: str
     before: Given
     after: Given
-    configurations: int | None
+    configurations: int
 
 
 def differences(before: Tables, after: Tables, pairing: Pairing) -> list[Difference]:
-    """What differs, the parameters of paired configurations first."""
+    """The parameters that differ between paired configurations."""
     then, now = _Side(before), _Side(after)
     counts: Counter[tuple[str, Given, Given]] = Counter()
     for match in pairing.matches:
         if match.how == "other system":
-            counts.update(_unequal(then.given(match.before), now.given(match.after)))
-    of_all = _unequal(then.of_all(pairing), now.of_all(pairing))
-    return [*(Difference(*each, n) for each, n in counts.items()), *(Difference(*each, None) for each in of_all)]
-
-
-def _unequal(before: Mapping[str, Given], after: Mapping[str, Given]) -> Iterator[tuple[str, Given, Given]]:
-    for name in dict.fromkeys((*before, *after)):
-        then, now = before.get(name, Given()), after.get(name, Given())
-        if then.value != now.value:
-            yield name, then, now
+            old, new = then.given(match.before), now.given(match.after)
+            each = ((name, old.get(name, Given()), new.get(name, Given())) for name in dict.fromkeys((*old, *new)))
+            counts.update(one for one in each if one[1].value != one[2].value)
+    return [Difference(*each, n) for each, n in counts.items()]
 
 
 class _Side:
@@ -104,15 +99,6 @@ class _Side:
                 del found[f"{FILE_KEY}.file"]  # its parameters say more than its digest
             self._known[text] = found
         return self._known[text]
-
-    def of_all(self, pairing: Pairing) -> dict[str, Given]:
-        """What concerns all runs: the oracles that judged both, the versions, and the code of each stage."""
-        said = self._tables.metadata
-        oracles = {each["name"]: each.get("parameters") or {} for each in said.get("oracles", [])}
-        versions = {**{key: said[key] for key in ("vastflow",) if key in said}, **said.get("versions", {})}
-        code = {f"code of {stage}": digest[:12] for stage, digest in said.get("source", {}).items()}
-        listed = {f"oracle {name}": oracles[name] for name in pairing.oracles if name in oracles}
-        return {key: Given(_text(value)) for key, value in _flat({**listed, **versions, **code})}
 
     def _parameters(self, file: Any) -> Iterator[tuple[str, Given]]:
         with suppress(ValueError, OSError, KeyError, TypeError):
@@ -159,7 +145,8 @@ class Compared:
         changes: Configurations whose runs do not all end as before, the most certain first.
         levels: The difference at each level of each factor of the later campaign.
         gate: Whether a loss is ruled out.
-        differences: The parameters, versions, and code that are not the same.
+        differences: Parameters of paired configurations that are not the same.
+        campaign_differences: What else is not: oracles, code, libraries, numeric class, seed, a sentence each.
     """
 
     before: Tables = field(repr=False)
@@ -172,6 +159,7 @@ class Compared:
     levels: Sequence[LevelDifference]
     gate: Gate
     differences: Sequence[Difference]
+    campaign_differences: Sequence[str]
 
     def shown(self, *, worse: bool) -> list[Change]:
         """Configurations that are shown to fail newly, or to pass newly."""
@@ -204,8 +192,19 @@ def compared(
     same = same_keys(before, after, pairing)
     gate = Gate(pairing, whole, target, margin, oracle, faults, same)
     levels = by_level(factors, pairs, target)
-    different = differences(before, after, pairing)
-    return Compared(before, after, pairing, oracle, whole, each, changes(pairs), levels, gate, different)
+    return Compared(
+        before,
+        after,
+        pairing,
+        oracle,
+        whole,
+        each,
+        changes(pairs),
+        levels,
+        gate,
+        differences(before, after, pairing),
+        campaign_changes(before.metadata, after.metadata),
+    )
 
 
 def same_keys(before: Tables, after: Tables, pairing: Pairing) -> bool:

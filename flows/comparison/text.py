@@ -85,6 +85,7 @@ def compared_json(found: Compared, drawn: Mapping[str, Path]) -> dict[str, Any]:
             "runs_after": pairing.lonely_after,
         },
         "differs": [asdict(one) for one in found.differences],
+        "campaign_differs": list(found.campaign_differences),
         "difference": _difference_json(found.whole),
         "oracles": {name: _difference_json(one) for name, one in found.oracles.items()},
         "changes": [_change_json(found, change, drawn) for change in found.changes],
@@ -164,12 +165,14 @@ def _unpaired(found: Compared) -> Iterator[str]:
 
 
 def _different(found: Compared) -> Iterator[Text]:
-    if not found.differences:
-        yield Text("differs: no parameter, version, or code")
-    for one in found.differences[:MOST_DIFFERENT]:
-        of = "" if one.configurations is None else f", {count_text(one.configurations, 'configuration')}"
-        yield Text(f"differs: {one.parameter}: {one.before} → {one.after}{of}")
-    if rest := found.differences[MOST_DIFFERENT:]:
+    lines = [
+        f"{one.parameter}: {one.before} → {one.after}, {count_text(one.configurations, 'configuration')}"
+        for one in found.differences
+    ]
+    lines += found.campaign_differences
+    for line in lines[:MOST_DIFFERENT] or ["no parameter, version, or code"]:
+        yield Text(f"differs: {line}")
+    if rest := lines[MOST_DIFFERENT:]:
         yield Text(f"and {len(rest):,} more; --json lists all", "dim")
 
 

@@ -10,14 +10,14 @@ from typing import Any, Final
 from rich.console import RenderableType
 from rich.text import Text
 
-from vastflow.flows.plan.plan import STAGES, Plan, plan_of, whys
+from vastflow.flows.plan.plan import Plan, plan_of, whys
 from vastflow.flows.plan.text import UNITS, stages_json, why_json
 from vastflow.flows.request.asked import asked_of
 from vastflow.flows.request.campaign_keys import recorded_keys
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.results.inputs import replica
 from vastflow.flows.results.past import PARTS, Past, newest_past, past_of, recorded_as, writers, written_scenario
-from vastflow.flows.results.provenance import change_text, changes, has_ingredients, stage_ingredients, value_changes
+from vastflow.flows.results.provenance import campaign_changes, change_text, value_changes
 from vastflow.flows.terminal.table import terminal_table
 from vastflow.flows.terminal.words import count_text
 from vastflow.oracles.results.executed import KeptFiles, executed_scenario
@@ -172,12 +172,7 @@ def _differences(earlier: Past, past: Past, row: Mapping[str, Any]) -> list[str]
         found.append("there is no such configuration" + (f"; {same['name']} has the same scenario" if same else ""))
     else:
         found += [change_text(*change) for change in value_changes(written_scenario(namesake), written_scenario(row))]
-    if not has_ingredients(earlier.metadata) or not has_ingredients(past.metadata):
-        return [*found, "an earlier version wrote one of both: what else they follow from is not known"]
-    reasons = (
-        changes(stage_ingredients(earlier.metadata, stage), stage_ingredients(past.metadata, stage)) for stage in STAGES
-    )
-    return [*found, *dict.fromkeys(str(reason) for some in reasons for reason in some)]
+    return [*found, *campaign_changes(earlier.metadata, past.metadata)]
 
 
 def explanation_json(found: Explanation) -> dict[str, Any]:

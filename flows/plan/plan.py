@@ -14,7 +14,7 @@ from vastflow.flows.request.configurations import Selection, members_of, narrowe
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.request.stopping import Stopping, stopping_of
 from vastflow.flows.results.past import Past, newest_past, past_of
-from vastflow.flows.results.provenance import DueReason, ReasonKind, Stage, ingredients_row, origin_row
+from vastflow.flows.results.provenance import STAGES, DueReason, ReasonKind, Stage, ingredients_row, origin_row
 from vastflow.producers.instantiation.family import robots_json
 from vastflow.producers.model.configuration import Configuration
 from vastflow.producers.model.faults import CampaignError, Fault
@@ -26,8 +26,6 @@ from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.keys.source import installed_tree
 from vastflow.tasks.store.artifact import Stored
 from vastflow.tasks.store.store import Lost, open_store
-
-STAGES: Final[tuple[Stage, ...]] = ("instantiate", "execute", "observe", "judge")
 
 _TRIES: Final = 3
 

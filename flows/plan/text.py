@@ -8,8 +8,8 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from vastflow.flows.plan.plan import STAGES, Plan, Why, whys
-from vastflow.flows.results.provenance import Stage
+from vastflow.flows.plan.plan import Plan, Why, whys
+from vastflow.flows.results.provenance import STAGES, Stage
 from vastflow.flows.terminal.display import duration_text
 from vastflow.flows.terminal.table import terminal_table
 from vastflow.flows.terminal.words import count_text

@@ -4,7 +4,7 @@ import importlib.metadata
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal, TypeAlias
+from typing import Any, Final, Literal, TypeAlias, get_args
 
 from vastflow.oracles.judgement.oracle import Oracle
 from vastflow.oracles.results.schema import plain
@@ -159,6 +159,7 @@ def _version(name: str) -> str:
 
 
 Stage: TypeAlias = Literal["instantiate", "execute", "observe", "judge"]
+STAGES: Final[tuple[Stage, ...]] = get_args(Stage)
 ReasonKind: TypeAlias = Literal[
     "never computed",
     "new configuration",
@@ -303,6 +304,16 @@ def changes(then: Ingredients, now: Ingredients) -> Iterator[DueReason]:
         if words or not known:
             yield DueReason(kind, f"{name} changed", few(words, _MOST_FILES))
         known.update(words)
+
+
+def campaign_changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """What differs in the `metadata.json` of two campaigns beside their configurations, a sentence each."""
+    versions = then.get("vastflow"), now.get("vastflow")
+    found = [] if versions[0] == versions[1] else [change_text("vastflow", *versions)]
+    if not has_ingredients(then) or not has_ingredients(now):
+        return [*found, "an earlier version wrote one of both: what else they follow from is not known"]
+    reasons = (changes(stage_ingredients(then, stage), stage_ingredients(now, stage)) for stage in STAGES)
+    return [*found, *dict.fromkeys(str(reason) for some in reasons for reason in some)]
 
 
 def _source_changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:

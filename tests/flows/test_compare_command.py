@@ -14,7 +14,17 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
+from vastflow.flows.results.provenance import STAGES
 from vastflow.oracles.results.schema import CONFIGURATIONS, REJECTIONS, RUNS, VERDICTS
+
+INGREDIENTS = {
+    "vastflow": "0.1.0",
+    "numeric_class": "x86_64; glibc",
+    "seed": 1,
+    "oracles": [],
+    "code": {stage: {"files": {"sim.run": "a"}, "libraries": {"numpy": "1.0"}} for stage in STAGES},
+}
+"""Of `metadata.json`: what the results follow from."""
 
 
 def write(folder, configurations, *, oracles=("success",), seed="", created="2026-11-22T06:00:00", system_key="noise"):
@@ -47,7 +57,7 @@ def write(folder, configurations, *, oracles=("success",), seed="", created="202
     for table, (content, schema) in tables.items():
         pq.write_table(pa.Table.from_pylist(content, schema), folder / f"{table}.parquet")
     (folder / "campaign.vast").write_text("version: 1\n")
-    (folder / "metadata.json").write_text(json.dumps({"name": folder.name, "created": created}))
+    (folder / "metadata.json").write_text(json.dumps({"name": folder.name, "created": created, **INGREDIENTS}))
     return folder
 
 
@@ -79,8 +89,7 @@ def of_one_code(directory, **other):
     """The directory, as computed by some code."""
     metadata = json.loads((directory / "metadata.json").read_text())
     source = dict.fromkeys(("execute", "observe", "judge"), "5ca1ab1e")
-    keys = {"numeric_class": "x86_64; glibc", "seed": 1, "source": source, "oracles": []}
-    (directory / "metadata.json").write_text(json.dumps({**metadata, **keys, **other}))
+    (directory / "metadata.json").write_text(json.dumps({**metadata, "source": source, **other}))
     return directory
 
 
@@ -108,7 +117,12 @@ def test_a_campaign_of_equal_keys_passes_though_it_is_small(before, tmp_path, ta
 
 
 @pytest.mark.parametrize(
-    "other", [{"seed": 2}, {"numeric_class": "aarch64; glibc"}, {"oracles": [{"name": "success", "parameters": {}}]}]
+    "other",
+    [
+        {"seed": 2},
+        {"numeric_class": "aarch64; glibc"},
+        {"oracles": [{"name": "success", "parameters": {}, "source": "execute"}]},
+    ],
 )
 def test_other_code_seed_or_machine_may_have_changed_something(before, tmp_path, other):
     after = of_one_code(write(tmp_path / "elsewhere", same("p" * 10)), **other)
@@ -218,9 +232,11 @@ def test_differences_are_named_with_their_values_and_lines(before, worse):
         (folder / "campaign.vast").write_text(
             f"version: 1\nconfiguration:\n  - name: f\n    parameters:\n      - noise: {noise}\n"
         )
-    said = called(before, of_one_code(worse, vastflow="0.2.0")).stdout
+    other = {"files": {"sim.run": "b"}, "libraries": {"numpy": "2.0"}}
+    said = called(before, of_one_code(worse, vastflow="0.2.0", code=dict.fromkeys(STAGES, other))).stdout
     assert "differs: noise: 0 (campaign.vast:5) → 1 (campaign.vast:5), 12 configurations" in said
-    assert "differs: vastflow: not given → 0.2.0" in said
+    assert "differs: vastflow from '0.1.0' to '0.2.0'" in said
+    assert "differs: source of execute changed: sim.run, numpy 1.0 is now 2.0" in said
     found = as_json(before, worse)["differs"][0]
     assert found == {
         "parameter": "noise",

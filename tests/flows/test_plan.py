@@ -14,8 +14,9 @@ from vastflow.flows import run_campaign
 from vastflow.flows.__main__ import app
 from vastflow.flows.flow_runs import flow_call
 from vastflow.flows.plan import plan as plans
-from vastflow.flows.plan.plan import STAGES, whys
+from vastflow.flows.plan.plan import whys
 from vastflow.flows.results.past import newest_past
+from vastflow.flows.results.provenance import STAGES
 from vastflow.flows.run import campaign_run
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.producers.model.faults import CampaignError
