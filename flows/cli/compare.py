@@ -20,8 +20,8 @@ Target = Literal["these", "others"]
 
 
 def compare(
-    before: Annotated[Path, typer.Argument(metavar="A", help="Campaign directory of what was.")],
-    after: Annotated[Path, typer.Argument(metavar="B", help="Campaign directory of what is.")],
+    before: Annotated[Path, typer.Argument(metavar="A", help="Baseline campaign directory.")],
+    after: Annotated[Path, typer.Argument(metavar="B", help="Candidate campaign directory.")],
     oracle: Annotated[
         str | None, typer.Option(metavar="NAME", help="Compare by this oracle alone, else by all that judged both.")
     ] = None,
