@@ -15,7 +15,6 @@ from vastflow.tasks.engine.engine import Engine
 from vastflow.tasks.engine.progress import Tally
 from vastflow.tasks.prefect import campaign_log, ledger
 from vastflow.tasks.prefect.adapter import end_services
-from vastflow.tasks.prefect.kept_server import KeptServer, idle_limit_s
 from vastflow.tasks.prefect.server import (
     SENDING_S,
     ApiServer,
@@ -49,7 +48,7 @@ class FlowCall:
 
     def __init__(self, engine: Engine, tally: Tally, log: Path) -> None:
         # Where one is configured it costs no processor time beside it; a profile of Prefect's says so only later.
-        self._server = None if os.environ.get(CONFIGURED) else _server(log)
+        self._server = None if os.environ.get(CONFIGURED) else ApiServer(log)
         self._engine = engine
         self._log = log
         self._tally = tally
@@ -101,7 +100,7 @@ class FlowCall:
                 self._kill_server()
                 stack.enter_context(bounded())
             else:
-                self._server = self._server or _server(self._log)
+                self._server = self._server or ApiServer(self._log)
                 stack.enter_context(embedded(self._server.url(), self._server.auth))
                 for notice in self._server.notices:
                     self._tally.notice(notice)
@@ -130,12 +129,6 @@ class FlowCall:
                 ledger.leave(str(state.state_details.flow_run_id))
             if not state.is_completed() and not done():
                 raise state.result(raise_on_failure=False)
-
-
-def _server(log: Path) -> ApiServer | KeptServer:
-    """An API of this process, or the one that stays if the user has allowed that."""
-    idle_s = idle_limit_s()
-    return KeptServer(log, idle_s) if idle_s else ApiServer(log)
 
 
 @contextmanager

@@ -11,7 +11,6 @@ import queue
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
 if TYPE_CHECKING:
@@ -58,20 +57,6 @@ def import_prefect() -> bool:
     import prefect.main  # noqa: F401
 
     return imported_before
-
-
-def settings_of_user() -> list[str]:
-    """What the user has set of Prefect, in variables and profiles, without importing it."""
-    said = [
-        f"{name}={value}"
-        for name, value in sorted(os.environ.items())
-        if name.startswith("PREFECT_") and not name.startswith("PREFECT__") and SERVER_SETTINGS.get(name) != value
-    ]
-    home = Path(os.environ.get("PREFECT_HOME") or "~/.prefect").expanduser()
-    profiles = Path(os.environ.get("PREFECT_PROFILES_PATH") or home / "profiles.toml")
-    with contextlib.suppress(OSError):
-        said.append(profiles.read_text(encoding="utf-8", errors="replace"))
-    return [str(home.absolute()), *said]
 
 
 def post(client: "SyncPrefectClient", route: ApiRoute, content: Mapping[str, Any]) -> Any:

@@ -1,8 +1,7 @@
-"""Prefect's API, as a process of its own: `python -m vastflow.tasks.prefect.api_server [PORT [RECORD IDLE_S]]`.
+"""Prefect's API, as a process of its own: `python -m vastflow.tasks.prefect.api_server [PORT]`.
 
 On standard output it says what a user should hear, a line each, and then its port. It ends when its standard input does: with
 the process that started it, however that one died. Prefect's own temporary server outlives a killed flow, and dies of the flow's Ctrl-C.
-With a record it is a kept server, see `vastflow.tasks.prefect.kept_server`, and says the same there.
 """
 
 import contextlib
@@ -56,11 +55,9 @@ def _damage(database: Path) -> str | None:
 
 
 def main() -> None:
-    """Serve until standard input ends, or a kept server is idle."""
+    """Serve until standard input ends."""
     gc.disable()  # until all is imported, which leaves no garbage: looking for some takes an eighth of the start
-    record = Path(sys.argv[2]) if len(sys.argv) > 2 else None
-    if record is None:
-        threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     connection_url = database_url()
     found = set_aside_if_damaged(connection_url, datetime.now()) if connection_url else None
     if found:
@@ -69,11 +66,6 @@ def main() -> None:
     if os.name == "posix":  # elsewhere this means that two may listen at once
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # the port of one that was killed just now
     listener.bind(("127.0.0.1", int(sys.argv[1]) if len(sys.argv) > 1 else 0))  # 0: any free port, held from now on
-    if record is not None:
-        from vastflow.tasks.prefect.kept_server import end_when_idle, write_record
-
-        write_record(record, listener.getsockname()[1], [found] if found else [])
-        threading.Thread(target=end_when_idle, args=(record, float(sys.argv[3])), daemon=True).start()
     print(listener.getsockname()[1], flush=True)
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
 

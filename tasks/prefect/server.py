@@ -51,8 +51,6 @@ class ApiServer:
 
     Args:
         log: File that takes what it prints.
-        port: Where it listens; 0 for any free port.
-        auth: User and password as Prefect takes them; made where none is given.
 
     Attributes:
         answers: Whether it has ever answered.
@@ -60,14 +58,14 @@ class ApiServer:
         notices: What it said that a user should hear.
     """
 
-    def __init__(self, log: Path, port: int = 0, auth: str = "") -> None:
+    def __init__(self, log: Path) -> None:
         self._log = log
-        self._environment = server_environment(auth)
+        self._environment = _environment()
         self.auth = self._environment[AUTH]
         self.answers = False
         self.lost = False
         self.notices: list[str] = []
-        self._port = port
+        self._port = 0
         self._stopping = False
         self._lock = threading.Lock()
         self._process = self._started()
@@ -132,9 +130,9 @@ class ApiServer:
         self.lost = True
 
 
-def server_environment(auth: str = "") -> dict[str, str]:
-    """Environment of a server of the user's own database: it asks for `auth`, else a random one, and serves no foreign origin."""
-    private = {AUTH: auth or f"vastflow:{secrets.token_urlsafe(32)}", "PREFECT_SERVER_API_CORS_ALLOWED_ORIGINS": ""}
+def _environment() -> dict[str, str]:
+    """The environment of a server of the user's database: it asks for a random password and serves no foreign origin."""
+    private = {AUTH: f"vastflow:{secrets.token_urlsafe(32)}", "PREFECT_SERVER_API_CORS_ALLOWED_ORIGINS": ""}
     return {**SERVER_SETTINGS, **os.environ, **private}
 
 

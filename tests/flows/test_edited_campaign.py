@@ -1,8 +1,7 @@
-"""An edit of a large campaign: what is known is taken from packs, kept parts and a server that stays, and no byte tells."""
+"""An edit of a large campaign: what is known is taken from packs and kept parts, and no byte tells."""
 
 import hashlib
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -11,7 +10,6 @@ from bench_pipeline import SCENARIO, campaign_text
 from vastflow.flows import run_campaign
 from vastflow.flows.results import results
 from vastflow.tasks.engine import index_cache
-from vastflow.tasks.prefect.kept_server import IDLE_S, end_kept, kept_servers
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -19,15 +17,12 @@ OF_A_CALL = {"metadata.json", "logs"}
 
 
 @pytest.fixture
-def file(tmp_path, monkeypatch) -> Iterator[Path]:
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    monkeypatch.setenv(IDLE_S, "600")
+def file(tmp_path, monkeypatch) -> Path:
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
     monkeypatch.setattr(index_cache, "SETTLED_S", -100.0)
     monkeypatch.setattr(results, "LEAST", 2)
     (tmp_path / "nothing.osc").write_text(SCENARIO)
-    yield tmp_path / "nothing.vast"
-    end_kept()
+    return tmp_path / "nothing.vast"
 
 
 def contents(directory: Path) -> dict[str, str]:
@@ -43,17 +38,15 @@ def contents(directory: Path) -> dict[str, str]:
     return found
 
 
-def test_an_edited_campaign_has_the_bytes_of_a_run_from_nothing_and_one_server_serves_both(file, tmp_path):
+def test_an_edited_campaign_has_the_bytes_of_a_run_from_nothing(file, tmp_path):
     def run(store, results):
         return run_campaign(file, store=str(tmp_path / store), results=str(tmp_path / results), workers=1)
 
     file.write_text(campaign_text(24, 2, edited=0))
     assert run("store", "first").summary.executed == 48
-    (server,) = kept_servers()
     (pack,) = (tmp_path / "store" / index_cache.FOLDER).glob("*.pack")
     file.write_text(campaign_text(24, 2, edited=1))
     edited = run("store", "edited")
     assert (edited.summary.executed, edited.summary.reused) == (2, 46)
-    assert kept_servers() == [server]
     assert pack.read_bytes().count(b"\n") == 2, "a segment for the first run, one for the edit"
     assert contents(edited.directory) == contents(run("other", "nothing").directory)
