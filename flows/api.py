@@ -5,7 +5,7 @@ from contextlib import suppress
 from inspect import signature
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from vastflow.flows.flow_runs.flow_call import FlowCall, end_orphans
+from vastflow.flows.flow_runs.flow_call import FlowCall
 from vastflow.flows.request.run_request import RunRequest, option_parameters, request_of
 from vastflow.flows.results.directory import new_directory
 from vastflow.flows.results.summary import Results
@@ -59,7 +59,6 @@ def _found(run: CampaignRun) -> Results:
     """All is in the store: what the flow would do then, without Prefect."""
     with new_directory(run.delivery.folder, run.name, run.created) as directory:
         written = report(run, assess(run, directory))
-    end_orphans(run.log)
     return deliver(run, written)
 
 

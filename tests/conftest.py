@@ -60,14 +60,13 @@ def pytest_collection_modifyitems(config, items):
 
 
 def pytest_configure(config):
-    """The tests' processes have a Prefect and a state of their own: not the user's, and not another worker's of pytest-xdist.
+    """The tests' processes have a Prefect of their own: not the user's, and not another worker's of pytest-xdist.
 
     Caches are the user's: what is in them is named by its content, and the compiled kernels take a minute to make.
     """
     folder = tempfile.TemporaryDirectory(prefix="vastflow-tests-", ignore_cleanup_errors=True)
     config.add_cleanup(folder.cleanup)
     os.environ["PREFECT_HOME"] = str(Path(folder.name, "prefect"))
-    os.environ["XDG_STATE_HOME"] = str(Path(folder.name, "state"))
 
 
 class GoldenDumper(yaml.SafeDumper):

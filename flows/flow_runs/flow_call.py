@@ -5,15 +5,15 @@ import ctypes
 import logging
 import os
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Final
 
 from vastflow.tasks.engine import process
 from vastflow.tasks.engine.engine import Engine
 from vastflow.tasks.engine.progress import Tally
-from vastflow.tasks.prefect import campaign_log, ledger
+from vastflow.tasks.prefect import campaign_log
 from vastflow.tasks.prefect.adapter import end_services
 from vastflow.tasks.prefect.server import (
     SENDING_S,
@@ -21,7 +21,6 @@ from vastflow.tasks.prefect.server import (
     PrefectUnavailable,
     configured_url,
     embedded,
-    prefect_home,
     redacted,
 )
 
@@ -93,6 +92,7 @@ class FlowCall:
     def _run(self, flow: Callable[[], Any], done: Callable[[], bool]) -> None:
         with ExitStack() as stack:
             stack.enter_context(campaign_log.prefect_log(self._log))
+            from vastflow.tasks.prefect.orphans import tagged
             from vastflow.tasks.prefect.retry import bounded
 
             configured = configured_url()
@@ -104,12 +104,10 @@ class FlowCall:
                 stack.enter_context(embedded(self._server.url(), self._server.auth))
                 for notice in self._server.notices:
                     self._tally.notice(notice)
-            api = configured or str(prefect_home())
-            ledger.end_orphans(api)
             for tries_left in reversed(range(1 if configured else FLOWS)):
                 ended = False
                 try:
-                    with ledger.announced(api):
+                    with tagged():
                         state = flow()
                     ended = True
                     break
@@ -125,39 +123,8 @@ class FlowCall:
                         self._server.url()  # killed before the flow had heard of it; it is back with this
                 finally:
                     end_services(SENDING_S if ended else GONE_S)
-            if state.state_details.flow_run_id is not None:
-                ledger.leave(str(state.state_details.flow_run_id))
             if not state.is_completed() and not done():
                 raise state.result(raise_on_failure=False)
-
-
-@contextmanager
-def entered() -> Iterator[None]:
-    """Enter the flow run in the ledger, for its process may be killed.
-
-    One that no `FlowCall` has announced is run by a worker of Prefect's, which tells Prefect of its end; those of workers that are
-    gone are ended first.
-    """
-    from prefect.runtime import flow_run
-
-    api, identity = configured_url() or "", str(flow_run.id)
-    if ledger.is_announced():
-        with ledger.begun(identity, api):
-            yield
-        return
-    ledger.end_orphans(api)
-    try:
-        with ledger.begun(identity, api):
-            yield
-    finally:
-        ledger.leave(identity)
-
-
-def end_orphans(log: Path) -> None:
-    """End flow runs of processes that are gone at an API that outlives its campaigns. Without any Prefect is not imported."""
-    if any(entry.api.startswith("http") for entry in ledger.orphans()):
-        with campaign_log.prefect_log(log):
-            ledger.end_orphans(configured_url() or "")
 
 
 def _refusal(configured: str | None, log: Path, error: Exception) -> str:

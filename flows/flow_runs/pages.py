@@ -23,6 +23,7 @@ from vastflow.oracles.results.tables import read_tables
 from vastflow.tasks.engine.progress import Phase, Progress
 from vastflow.tasks.execution.deployment import TAG
 from vastflow.tasks.execution.description import label_of
+from vastflow.tasks.prefect.orphans import process_tags
 from vastflow.tasks.prefect.server import is_embedded
 
 LOGGER: Final = logging.getLogger("vastflow.artifacts")
@@ -200,9 +201,9 @@ def key_of(name: str) -> str:
 
 
 def tag(flow_run_id: str, name: str) -> None:
-    """Give a flow run the tags by which all flow runs of a campaign are found."""
+    """Give a flow run of this process the tags by which all flow runs of a campaign are found."""
     with get_client(sync_client=True) as client:
-        client.update_flow_run(UUID(flow_run_id), tags=[TAG, key_of(name)])
+        client.update_flow_run(UUID(flow_run_id), tags=[TAG, key_of(name), *process_tags()])
 
 
 @contextmanager

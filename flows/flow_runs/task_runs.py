@@ -163,12 +163,13 @@ def task_runs_of(
     """
     from prefect.runtime import flow_run
 
-    from vastflow.flows.flow_runs.flow_call import entered
     from vastflow.flows.flow_runs.pages import INTERVAL_S, tag, tolerated
+    from vastflow.tasks.prefect.orphans import mark_orphans, untagged
 
-    with entered(), quiet_task_runs(engine, str(flow_run.id)):
+    with untagged(), quiet_task_runs(engine, str(flow_run.id)):
         with tolerated():
             tag(str(flow_run.id), name)
+            mark_orphans()
         task_runs = TaskRuns(engine)
         with Reporter(tally or Tally(), page, INTERVAL_S):
             try:

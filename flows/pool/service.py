@@ -42,7 +42,7 @@ from vastflow.tasks.execution.deployment import BAR, TAG, ShardDeployment
 from vastflow.tasks.execution.job import CPU, IMAGE, PoolType, base_job_template, job_variables
 from vastflow.tasks.execution.reading import describe
 from vastflow.tasks.prefect.adapter import flow_schema, post, process_pool_template
-from vastflow.tasks.prefect.ledger import CALLED_OFF_S, LATE
+from vastflow.tasks.prefect.orphans import CALLED_OFF_S
 from vastflow.tasks.prefect.retry import IN_BETWEEN_S, is_away, retried
 from vastflow.tasks.prefect.server import PrefectUnavailable, redacted
 
@@ -177,8 +177,9 @@ def is_cron(text: str) -> bool:
 _PAGE: Final = 200
 _AT_A_TIME: Final = 50
 """Most flow runs whose state one request may change."""
-_LATE: Final = timedelta(seconds=2 * CALLED_OFF_S)
+_LATE_AFTER: Final = timedelta(seconds=2 * CALLED_OFF_S)
 """After so long no worker will end what was cancelled, whatever the clocks of server and campaign."""
+_LATE: Final = "Its worker is gone, or it ended while it was canceled. What was finished is in the store."
 
 Standing: TypeAlias = Literal["waiting", "taken", "running", "ended"]
 
@@ -355,8 +356,8 @@ class PoolService:
             state=FlowRunFilterState(type=FlowRunFilterStateType(any_=[StateType.CANCELLING])),
         )
         for run in self._asking(lambda: self._client.read_flow_runs(flow_run_filter=cancelling, limit=_PAGE)):
-            if run.state is not None and datetime.now(UTC) - run.state.timestamp > _LATE:
-                self._asking(partial(self._client.set_flow_run_state, run.id, Cancelled(message=LATE), force=True))
+            if run.state is not None and datetime.now(UTC) - run.state.timestamp > _LATE_AFTER:
+                self._asking(partial(self._client.set_flow_run_state, run.id, Cancelled(message=_LATE), force=True))
 
 
 def _seen(run: FlowRun, beat: str) -> Seen:

@@ -12,7 +12,7 @@ from vastflow.flows.flow_runs.task_runs import TaskRuns, task_runs_of
 from vastflow.flows.search.progress import SearchProgress
 from vastflow.tasks.engine.engine import Engine
 from vastflow.tasks.engine.progress import Progress, Reporter, Tally
-from vastflow.tasks.prefect import ledger
+from vastflow.tasks.prefect.orphans import tagged
 
 FLOW: Final = "search-batch"
 
@@ -58,8 +58,8 @@ def compute_batch(
             with Reporter(tally, bar, INTERVAL_S):
                 compute(task_runs)
 
-    state: State[Any] = batch(return_state=True)
-    ledger.leave(str(state.state_details.flow_run_id))
+    with tagged():
+        state: State[Any] = batch(return_state=True)
     if not state.is_completed():
         raise state.result(raise_on_failure=False)
 

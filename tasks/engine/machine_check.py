@@ -31,7 +31,6 @@ def check_surroundings() -> None:
     """
     check_numba()
     _check_written(Path(platformdirs.user_cache_dir("vastflow")), "set XDG_CACHE_HOME to a folder of yours")
-    _check_written(Path(platformdirs.user_state_dir("vastflow")), "set XDG_STATE_HOME to a folder of yours")
     home = Path(os.environ.get("PREFECT_HOME") or "~/.prefect").expanduser()
     # With an API of the user's, which a profile may name, Prefect writes nothing there.
     if not os.environ.get("PREFECT_API_URL") and not (home / "profiles.toml").exists():

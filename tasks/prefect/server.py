@@ -156,13 +156,6 @@ def configured_url() -> str | None:
     return str(url) if url else None
 
 
-def prefect_home() -> Path:
-    """Folder of Prefect's own data, with the database of embedded APIs."""
-    from prefect.settings import get_current_settings
-
-    return Path(get_current_settings().home)
-
-
 @contextlib.contextmanager
 def embedded(url: str, auth: str) -> Iterator[None]:
     """Make Prefect use the embedded API at `url` in this context and in the threads it starts."""

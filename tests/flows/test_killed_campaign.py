@@ -3,7 +3,6 @@
 `VASTFLOW_DEPLOYMENTS=all` adds what takes two whole campaigns more and differs little from the others.
 """
 
-import json
 import os
 import random
 import shutil
@@ -17,10 +16,10 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 from prefect import Flow
-from prefect.context import TagsContext
 from prefect.settings import temporary_settings
+from prefect.states import Running
 
-from vastflow.tasks.prefect import ledger
+from vastflow.tasks.prefect.orphans import mark_orphans, process_tags
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 more = pytest.mark.skipif(os.environ.get("VASTFLOW_DEPLOYMENTS") != "all", reason="VASTFLOW_DEPLOYMENTS=all runs it")
@@ -89,36 +88,17 @@ def states(api):
     return sorted(run.state.type.value for run in api.read_flow_runs())
 
 
-@pytest.fixture
-def gone(monkeypatch, tmp_path):
-    """Makes the entries of the ledger those of a process that is gone."""
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-
-    def change():
-        for file in ledger.folder().glob("*.json"):
-            file.write_text(json.dumps({**json.loads(file.read_text()), "began_s": 1.0}))
-
-    return change
-
-
-def test_a_flow_run_whose_process_was_killed_before_its_first_line_has_crashed_too(api, gone):
-    url = str(api.api_url)
-    with ledger.announced(url):
-        flow_run = api.create_flow_run(Flow(lambda: None, name="begins"), tags=TagsContext.get().current_tags)
-    gone()
-    with temporary_settings({"api.url": url}):
-        assert ledger.end_orphans(url) == 1
-    assert api.read_flow_run(flow_run.id).state.is_crashed()
-    assert list(ledger.folder().iterdir()) == []
-
-
-def test_a_process_that_was_killed_before_prefect_heard_of_its_flow_run_leaves_nothing_to_end(api, gone):
-    url = str(api.api_url)
-    with ledger.announced(url):
-        gone()
-    with temporary_settings({"api.url": url}):
-        assert ledger.end_orphans(url) == 0
-    assert list(ledger.folder().iterdir()) == []
+def test_a_flow_run_whose_process_was_killed_before_its_first_line_has_crashed_too(api):
+    host, own = process_tags()
+    dead, lives = (
+        api.create_flow_run(Flow(lambda: None, name="begins"), tags=[host, process], state=Running())
+        for process in ("process:1@1", own)
+    )
+    with temporary_settings({"api.url": str(api.api_url)}):
+        mark_orphans()
+    assert api.read_flow_run(dead.id).state.is_crashed()
+    assert api.read_flow_run(lives.id).state.is_running()
+    api.delete_flow_run(lives.id)
 
 
 @more
@@ -130,7 +110,6 @@ def test_a_flow_run_whose_process_was_killed_has_crashed_once_the_campaign_is_ru
         time.sleep(0.02)
     life.process.kill()
     assert life.end() == -signal.SIGKILL
-    assert len(list(place.ledger.iterdir())) == 1
     assert place.begin().end() == 0
     assert sorted([*before, "COMPLETED", "CRASHED"]) == states(api)
     (directory,) = place.directories()

@@ -68,7 +68,7 @@ def _full(place: str, size: str = "64k") -> str:
 
 CONDITIONS: Final = (
     Condition("read-only home", "mount -t tmpfs -o ro none LAB/home", r"can't (write to|be written below) '.*' \(Read-only file system\); set XDG_\w+", early=True,
-              environment=(("HOME", "LAB/home"), ("XDG_CACHE_HOME", ""), ("XDG_STATE_HOME", ""))),
+              environment=(("HOME", "LAB/home"), ("XDG_CACHE_HOME", ""))),
     Condition("read-only Prefect home", "mount -t tmpfs -o ro none LAB/prefect", r"can't write to '.*prefect' \(Read-only .*\); set PREFECT_HOME",
               early=True, environment=(("PREFECT_HOME", "LAB/prefect"),)),
     Condition("no /dev/shm", "mount -t tmpfs -o ro none /dev/shm", r"can't write to '/dev/shm' \(Read-only file system\); mount a tmpfs there", early=True),
@@ -81,7 +81,7 @@ CONDITIONS: Final = (
     Condition("another user's store", "mkdir -p LAB/store && chmod 755 LAB/store && chmod 777 LAB", r"store: can't write to '.*store' \(Permission denied\)", user=65534, early=True,
               environment=(("XDG_CACHE_HOME", "LAB/cache"),)),
     Condition("another user's home", "chmod 777 LAB", r"can't (write to|be written below) '.*' \(Permission denied\); set XDG_", user=65534, early=True,
-              environment=(("HOME", "LAB/home"), ("XDG_CACHE_HOME", ""), ("XDG_STATE_HOME", ""))),
+              environment=(("HOME", "LAB/home"), ("XDG_CACHE_HOME", ""))),
     Condition("results name too long", "true", r"--results .*File name too long; name a folder", results="a" * 300, early=True),
     Condition("results at a dangling link", "ln -s nowhere LAB/link", r"--results .*link is a link that leads nowhere", results="link", early=True),
     Condition("a clock that jumps", "true", "", environment=(("PYTHONPATH", "LAB/jumps"),)),

@@ -13,7 +13,7 @@ At each point, afterwards:
 - every artifact in the store is sound, and equal to that of the undisturbed campaign under the same key;
 - what was executed twice had begun and not ended when its process died, and is not more than there are workers;
 - no process of the campaign is left after 10 s, no half directory is taken for a whole one, no flow run is left `Running`
-  in Prefect's database but those that the ledger has for the next call; what killed writers leave is swept after a day.
+  in Prefect's database but those that the next flow run will mark as crashed; what killed writers leave is swept after a day.
 
 Executions are counted from outside: `sitecustomize` wraps the function that workers call, and writes a line to a file when a
 block begins, for each run, and when the block is stored. The code under test is a copy made at the start, so that an edit of
@@ -104,7 +104,7 @@ def killed(lab: Lab, point: Point, rng: random.Random, whole: Whole, api: Api | 
         place = _died_and_gone_on(lab, point, rng, api, crews)
     _left(place, point)
     _check(place, point, whole)
-    running = open_flow_runs(api.database if api else place.database, place.ledger if api is None else None)
+    running = open_flow_runs(api.database if api else place.database, with_orphans=False)
     if running:
         point.violations.append(f"flow runs in Prefect's database: {', '.join(running)}")
 

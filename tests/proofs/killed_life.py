@@ -208,10 +208,6 @@ class Place:
     def database(self) -> Path:
         return self.folder / "prefect" / "prefect.db"
 
-    @property
-    def ledger(self) -> Path:
-        return self.folder / "state" / "vastflow" / "flow-runs"
-
     def environment(self) -> dict[str, str]:
         kept = {name: value for name, value in os.environ.items() if not name.startswith(("PREFECT_", "VASTFLOW_"))}
         api = {"PREFECT_API_URL": self.api} if self.api else {}
@@ -224,7 +220,6 @@ class Place:
             "PREFECT_HOME": str(self.folder / "prefect"),
             "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
             "VASTFLOW_STORE": str(self.store),
-            "XDG_STATE_HOME": str(self.folder / "state"),
             MARK: self.mark,
             TRACE: str(self.folder / "trace"),
         }

@@ -5,11 +5,11 @@ import hashlib
 import json
 import re
 import sqlite3
-import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from vastflow.tasks.prefect.orphans import is_orphan
 from vastflow.tasks.store.store import Store
 
 FINAL = ("COMPLETED", "FAILED", "CRASHED", "CANCELLED")
@@ -71,20 +71,19 @@ def differing(wanted: Mapping[str, str], found: Mapping[str, str]) -> str:
     return f"{len(names)} files differ, {', '.join(names[:4])}" if names else ""
 
 
-def open_flow_runs(database: Path, ledger: Path | None = None) -> list[str]:
-    """Name and state of flow runs that are in no final state.
+def open_flow_runs(database: Path, with_orphans: bool) -> list[str]:
+    """Return name and state of flow runs that are in no final state.
 
     Args:
-        ledger: Those that are in it are not meant: a call with nothing left to do starts no embedded API, and leaves them to
-            the next that does.
+        with_orphans: Whether those that the next flow run will mark as crashed count too; a call with nothing left to do
+            starts no embedded API, and leaves them.
     """
     if not database.exists():
         return []
-    known = {file.stem for file in ledger.glob("*.json")} if ledger else set()
     with contextlib.closing(sqlite3.connect(database)) as connection:
-        rows = connection.execute("select id, name, state_type, tags from flow_run").fetchall()
+        rows = connection.execute("select name, state_type, tags from flow_run").fetchall()
     return [
         f"{name} {state}"
-        for key, name, state, tags in rows
-        if state not in FINAL and not known & {str(uuid.UUID(key)), *json.loads(tags or "[]")}
+        for name, state, tags in rows
+        if state not in FINAL and (with_orphans or not is_orphan(json.loads(tags or "[]")))
     ]

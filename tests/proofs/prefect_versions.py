@@ -24,7 +24,7 @@ from installed import built
 ROOT = Path(__file__).parents[2]
 QUIET = ("-q", "--disable-pip-version-check")
 REQUIRED = "import importlib.metadata as m; print(*(r for r in m.requires('prefect') if 'extra' not in r), sep='\\n')"
-TESTS = ("tests/tasks/test_prefect_adapter.py", "tests/tasks/test_ledger.py", "tests/tasks/test_campaign_log.py")
+TESTS = ("tests/tasks/test_prefect_adapter.py", "tests/tasks/test_orphans.py", "tests/tasks/test_campaign_log.py")
 
 
 def main() -> int:

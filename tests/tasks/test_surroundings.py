@@ -15,7 +15,7 @@ from vastflow.tasks.engine.work import Broken, answered
 @pytest.fixture
 def machine(tmp_path, monkeypatch):
     """A machine whose folders are all below `tmp_path`, where `spoiled` makes one of them unusable."""
-    folders = {"XDG_CACHE_HOME": "cache", "XDG_STATE_HOME": "state", "PREFECT_HOME": "prefect", "TMPDIR": "tmp"}
+    folders = {"XDG_CACHE_HOME": "cache", "PREFECT_HOME": "prefect", "TMPDIR": "tmp"}
     for variable, name in folders.items():
         (tmp_path / name).mkdir()
         monkeypatch.setenv(variable, str(tmp_path / name))
@@ -38,9 +38,7 @@ def test_a_machine_that_gives_everything_passes_and_nothing_is_left(machine, tmp
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
-@pytest.mark.parametrize(
-    ("name", "variable"), [("cache", "XDG_CACHE_HOME"), ("state", "XDG_STATE_HOME"), ("prefect", "PREFECT_HOME")]
-)
+@pytest.mark.parametrize(("name", "variable"), [("cache", "XDG_CACHE_HOME"), ("prefect", "PREFECT_HOME")])
 def test_a_folder_that_can_not_be_written_is_named_with_the_variable_that_moves_it(machine, name, variable):
     folder = machine(name)
     with pytest.raises(

@@ -1,0 +1,115 @@
+"""Orphans: flow runs whose process was killed before it could tell Prefect how they end. Importing it imports Prefect.
+
+Prefect hears nothing of a kill -9, and would show such a flow run as `Running` forever. Tags name the host and the process of
+each flow run, so that the next flow run on that host finds those whose process is gone.
+"""
+
+import os
+import platform
+import re
+import time
+from collections.abc import Collection
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING, Any, Final
+
+import psutil
+from prefect import tags
+from prefect.client.orchestration import get_client
+from prefect.client.schemas.filters import (
+    FlowRunFilter,
+    FlowRunFilterState,
+    FlowRunFilterStateType,
+    FlowRunFilterTags,
+)
+from prefect.client.schemas.objects import StateType
+from prefect.states import Crashed
+
+from vastflow.tasks.prefect.adapter import current_tags, exact_tags, post
+
+if TYPE_CHECKING:
+    from prefect.client.orchestration import SyncPrefectClient
+
+MESSAGE: Final = "Its process was killed or ran out of memory. What was finished is in the store."
+
+CALLED_OFF_S: Final = 30.0
+"""Longest wait for workers to end what a killed campaign asked of them; they look every 10 s."""
+
+_ENDED: Final = ("COMPLETED", "FAILED", "CRASHED", "CANCELLED")
+_AT_A_TIME: Final = 50
+_POLL_S: Final = 0.5
+_SAME_S: Final = 2.0
+"""Tolerance between two readings of when a process began."""
+
+
+def process_tags() -> tuple[str, str]:
+    """Return the tags that name this host and this process."""
+    process = psutil.Process()
+    return _host_tag(), f"process:{process.pid}@{process.create_time():.0f}"
+
+
+def tagged() -> AbstractContextManager[Any]:
+    """Give flow runs that begin in this context the tags of this process."""
+    return tags(*process_tags())
+
+
+def untagged() -> AbstractContextManager[Any]:
+    """Give task runs that begin in this context no tags of this process: Prefect asks its API about each tag of a task run."""
+    return exact_tags(current_tags() - {*process_tags()})
+
+
+def is_orphan(names: Collection[str]) -> bool:
+    """True if a flow run's tags name a process of this host that is gone."""
+    if _host_tag() not in names:
+        return False
+    found = filter(None, (re.fullmatch(r"process:(\d+)@(\d+)", name) for name in names))
+    return any(_is_gone(int(process[1]), float(process[2])) for process in found)
+
+
+def mark_orphans() -> None:
+    """Mark orphans of this host as crashed, and cancel what they asked of a work pool.
+
+    Raises:
+        httpx.TransportError, PrefectHTTPStatusError: the API is away, or refused a request.
+    """
+    unfinished = [StateType.PENDING, StateType.RUNNING, StateType.CANCELLING]
+    of_host = FlowRunFilter(
+        tags=FlowRunFilterTags(all_=[_host_tag()]),
+        state=FlowRunFilterState(type=FlowRunFilterStateType(any_=unfinished)),
+    )
+    with get_client(sync_client=True) as client:
+        for flow_run in client.read_flow_runs(flow_run_filter=of_host):
+            if is_orphan(flow_run.tags):
+                client.set_flow_run_state(flow_run.id, Crashed(message=MESSAGE), force=True)
+                _call_off(client, str(flow_run.id))
+
+
+def _call_off(client: "SyncPrefectClient", flow_run_id: str) -> None:
+    """Cancel shards that a flow run asked of a work pool, and wait until workers have ended them: they would compute twice."""
+
+    def shards(*others: str) -> dict[str, Any]:
+        of_parent = {"parent_flow_run_id": {"any_": [flow_run_id]}, "deployment_id": {"is_null_": False}}
+        return {"flow_runs": {**of_parent, "state": {"type": {"not_any_": [*_ENDED, *others]}}}}
+
+    deadline = time.monotonic() + CALLED_OFF_S
+    while post(client, "/flow_runs/count", shards()) and time.monotonic() < deadline:
+        cancelling = {"state": {"type": "CANCELLING"}, "limit": _AT_A_TIME}
+        post(client, "/flow_runs/bulk_set_state", {**shards("CANCELLING"), **cancelling})
+        time.sleep(_POLL_S)
+
+
+def _is_gone(pid: int, began_s: float) -> bool:
+    try:
+        process = psutil.Process(pid)
+        return process.status() == psutil.STATUS_ZOMBIE or abs(process.create_time() - began_s) > _SAME_S
+    except psutil.NoSuchProcess:
+        return True
+    except psutil.Error:
+        return False
+
+
+def _host_tag() -> str:
+    """The host's name, and on Linux its process namespace: containers may share a name, and none sees another's processes."""
+    try:
+        return f"host:{platform.node()}/{os.readlink('/proc/self/ns/pid').strip('pid:[]')}"
+    except OSError:
+        return f"host:{platform.node()}"
