@@ -193,7 +193,7 @@ def test_the_log_on_the_flow_runs_page_is_short_and_tells_begin_stages_and_summa
 
 def test_the_stages_are_task_runs_of_the_one_flow_run(api, first):
     assert [run.id for run in api.read_flow_runs() if run.state.name == "Completed"] == [first.id]
-    assert set(first.tags) == {"vastflow", "tiny"}
+    assert {"vastflow", "tiny"} <= set(first.tags)
     asked = {"flow_runs": {"id": {"any_": [str(first.id)]}}}
     names = [each["name"] for each in api.request("POST", "/task_runs/filter", json=asked).json()]
     stages = {f"{stage} {k} of room" for stage in ("execute", "observe", "judge") for k in (1, 2)}
@@ -206,7 +206,8 @@ def test_a_campaign_run_by_hand_has_a_page_of_its_own_with_progress_results_and_
 
     result = run()
     (shown,) = (each for each in api.read_flow_runs() if each.name == "tiny, 2 configurations × 4 runs")
-    assert (shown.parent_task_run_id, set(shown.tags)) == (None, {"vastflow", "tiny"})
+    assert shown.parent_task_run_id is None
+    assert {"vastflow", "tiny"} <= set(shown.tags)
     found = artifacts(api, shown)
     assert set(found) == {"tiny-progress", "tiny-results", "tiny-report"}
     assert found["tiny-progress"]["data"] == 100

@@ -210,7 +210,8 @@ class Place:
 
     def environment(self) -> dict[str, str]:
         kept = {name: value for name, value in os.environ.items() if not name.startswith(("PREFECT_", "VASTFLOW_"))}
-        api = {"PREFECT_API_URL": self.api} if self.api else {}
+        password = {name: os.environ[name] for name in ("PREFECT_API_AUTH_STRING",) if name in os.environ}
+        api = {"PREFECT_API_URL": self.api, **password} if self.api else {}
         robot = {"VASTFLOW_PROOF_ROBOT": "1"} if self._lab.robot else {}
         return {
             **kept,
