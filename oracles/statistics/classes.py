@@ -166,15 +166,6 @@ def shares(names: Sequence[ClassName]) -> dict[ClassName, int]:
     return {name: names.count(name) for name in (*CLAIMS, "undecided")}
 
 
-def benjamini_hochberg(p_values: Floats) -> Floats:
-    """p-values adjusted by Benjamini and Hochberg, of the shape they have; none of none."""
-    rising = np.argsort(p_values, axis=None)
-    scaled = p_values.ravel()[rising] * (rising.size / np.arange(1, rising.size + 1))
-    adjusted = np.empty(rising.size)
-    adjusted[rising] = np.minimum.accumulate(scaled[::-1])[::-1]
-    return np.clip(adjusted, 0.0, 1.0).reshape(p_values.shape)
-
-
 @dataclass(frozen=True, eq=False)
 class _Tail:
     """Of one bound: p-values (m,), and the largest that a candidate may have, which is how likely a candidate is there."""
@@ -189,8 +180,10 @@ class _Tail:
 
 def _adjusted(given: Floats) -> Floats:
     """(m,) p-values of one claim, adjusted; 1 for those that are no candidates."""
+    from scipy.stats import false_discovery_control
+
     adjusted, chosen = np.ones_like(given), np.isfinite(given)
-    adjusted[chosen] = benjamini_hochberg(given[chosen])
+    adjusted[chosen] = false_discovery_control(given[chosen])
     return adjusted
 
 
@@ -213,17 +206,6 @@ def _tails(x: Floats, n: Floats, bounds: ClassBounds) -> tuple[tuple[_Tail, ...]
 
 def _at_most(x: Floats, n: Floats, p: float) -> _Tail:
     """Of P(X <= x | p); candidates are counts up to the quantile `_CANDIDATE`."""
-    from scipy.special import bdtr  # not `scipy.stats`, which takes a second to import
+    from scipy.stats import binom
 
-    runs = n.astype(np.int64)
-    p_values, candidates = (bdtr(count, runs, p) for count in (x, _quantiles(_CANDIDATE, runs, p)))
-    return _Tail(np.asarray(p_values, dtype=np.float64), np.asarray(candidates, dtype=np.float64))
-
-
-def _quantiles(q: float, n: NDArray[np.int64], p: float) -> NDArray[np.int64]:
-    """The least k with P(X <= k | n, p) >= q, of the shape of `n`."""
-    from scipy.special import bdtr
-
-    known, of = np.unique(n, return_inverse=True)
-    least = [np.searchsorted(bdtr(np.arange(each + 1), each, p), q) for each in known.tolist()]
-    return np.array(least, dtype=np.int64)[of].reshape(n.shape)
+    return _Tail(binom.cdf(x, n, p), binom.cdf(binom.ppf(_CANDIDATE, n, p), n, p))

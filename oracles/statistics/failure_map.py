@@ -6,7 +6,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vastflow.oracles.statistics.classes import benjamini_hochberg
 from vastflow.oracles.statistics.intervals import LEVEL, Floats, few_clusters, wilson_intervals
 
 MINIMUM_VISITS: Final = 5
@@ -130,13 +129,14 @@ class FailureMap:
         if usual <= 0.0 or usual >= 1.0:
             return (self.failures > 0) & (self.visits >= minimum_visits) & (usual <= 0.0)
         from scipy.special import stdtr
+        from scipy.stats import false_discovery_control
 
         tested = self.visits >= max(minimum_visits, 1)
         n, p, m = self.effective_visits()[tested], self.rate(1)[tested], self.configurations[tested]
         scores = (p - usual) / np.sqrt(np.maximum(usual * (1 - usual), p * (1 - p)) / n)
         p_values = np.where(p == 1.0, usual**m, stdtr(np.maximum(m - 1, 1), -scores))
         found = np.zeros(self.grid.shape, dtype=bool)
-        found[tested] = benjamini_hochberg(p_values) <= error
+        found[tested] = false_discovery_control(p_values) <= error
         return found
 
 
