@@ -53,6 +53,8 @@ class Picture:
         png, svg: The files' content; SVG may be empty.
         drawn: Whether the page has the SVG, which stays sharp, and not the PNG.
         density: Whether it shows where runs add up, and not each of them.
+        wide: Whether it takes the whole width of the page.
+        detail: Whether it shows one map, and is left out first of a page without room.
     """
 
     name: str
@@ -63,6 +65,8 @@ class Picture:
     svg: bytes = field(repr=False)
     drawn: bool = False
     density: bool = False
+    wide: bool = False
+    detail: bool = False
 
     @property
     def size(self) -> tuple[int, int]:
@@ -80,7 +84,7 @@ class Picture:
 def rate_pictures(evidence: Mapping[str | None, Evidence]) -> Iterator[Picture]:
     """Success rates of campaign, families and configurations."""
     if evidence[None].configurations:
-        yield _picture(
+        yield picture(
             "rates",
             "",
             "Success rates of the campaign, its families and configurations with their intervals",
@@ -88,6 +92,7 @@ def rate_pictures(evidence: Mapping[str | None, Evidence]) -> Iterator[Picture]:
             "Thin line: 95 % interval for other configurations of the kind.",
             rates_figure(evidence),
             drawn=True,
+            wide=True,
         )
 
 
@@ -102,7 +107,7 @@ def contrast_pictures(designs: Sequence[Design]) -> dict[tuple[int, str], Pictur
     """By design and name, of the most certain factor of each design that has one; of `MOST_CONTRASTS` designs."""
     surest = [(k, next((f for f in design.analysis.factors if f.matters), None)) for k, design in enumerate(designs)]
     return {
-        (k, factor.name): _picture(
+        (k, factor.name): picture(
             f"contrast-{k + 1}",
             "",
             f"Failure rate at each level of {factor.name}",
@@ -118,15 +123,16 @@ def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
     """Final poses of failures, failure rates, failed paths and passed paths on one map."""
     end, runs = scene.environment[:8], scene.runs
     if len(scene.failed_xy_m):
-        yield _picture(
+        yield picture(
             f"final-poses-{end}",
             "Where failed runs ended",
             f"{name}: density of the final poses of {len(scene.failed_xy_m):,} failed runs",
             "Final true poses of all failed runs, blurred with 0.2 m.",
             final_poses_figure(scene),
             density=True,
+            detail=True,
         )
-        yield _picture(
+        yield picture(
             f"failure-rate-{end}",
             "How often a place is failed at",
             f"{name}: failed runs over visits in cells of 0.25 m",
@@ -134,6 +140,7 @@ def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
             "Faint cells are uncertain. A dense spot on the left can be a busy one; a dark cell here is a dangerous one.",
             failure_rate_figure(scene),
             density=True,
+            detail=True,
         )
     hidden = len(scene.obstacles) - MAX_OBSTACLES
     obstacles = (
@@ -144,32 +151,35 @@ def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
         else ""
     )
     if scene.lines[CODES["fail"]]:
-        yield _picture(
+        yield picture(
             f"failed-{end}",
             "Failed runs",
             f"{name}: true trajectories of failed runs",
             f"True trajectories of failed runs, from circle to cross.{obstacles}",
             paths_figure(scene, "fail"),
+            detail=True,
         )
     if scene.lines[CODES["pass"]] or not runs.failed:
-        yield _picture(
+        yield picture(
             f"passed-{end}",
             "Passed runs",
             f"{name}: true trajectories of passed runs",
             f"True trajectories of passed runs, from circle to cross.{obstacles}",
             paths_figure(scene, "pass"),
+            detail=True,
         )
 
 
 def all_maps_picture(scenes: Sequence[Scene], names: Sequence[str]) -> Picture:
     """All maps beside each other."""
-    return _picture(
+    return picture(
         "maps",
         "",
         "A column for each map: final poses of failed runs, failed trajectories, passed trajectories",
         "Above: final poses of failed runs in rings, blurred with 0.2 m, yellow few, purple many for the map. Middle: failed "
         "trajectories. Below: passed trajectories, from circle to cross; at most 1,000 of each are drawn.",
         all_maps_figure(scenes, names),
+        wide=True,
     )
 
 
@@ -185,7 +195,7 @@ def case_picture(tables: Tables, configuration: int, files: KeptFiles) -> Pictur
     words = {code: judgement for judgement, code in CODES.items()}
     paths = [(words[int(verdicts.together[row])], walks.line(k)) for k, row in enumerate(rows)]
     figure = _on_map(tables, configuration, files, paths, walks.spawned)
-    return _picture(f"case-{name}", "", f"Trajectories of {name} on its map", "", figure)
+    return picture(f"case-{name}", "", f"Trajectories of {name} on its map", "", figure)
 
 
 def threshold_pictures(criteria: Sequence[Criterion]) -> Iterator[Picture]:
@@ -193,7 +203,7 @@ def threshold_pictures(criteria: Sequence[Criterion]) -> Iterator[Picture]:
     for criterion in criteria:
         if criterion.score is not None:
             name = "".join(letter if letter.isalnum() else "-" for letter in criterion.oracle)
-            yield _picture(
+            yield picture(
                 f"threshold-{name}",
                 "",
                 f"Share of runs that would pass {criterion.oracle}, by its threshold",
@@ -216,7 +226,7 @@ def cause_picture(tables: Tables, count: CauseCount, files: KeptFiles) -> Pictur
     estimate_xy_m = read_estimate(tables.directory, count.configuration, count.run_index)
     figure = _on_map(tables, configuration, files, paths, walks.spawned, estimate_xy_m)
     alt = f"{count.cause}: run {count.run_index} of {count.configuration} on its map, and where the robot took itself to be"
-    return _picture(f"cause-{count.cause.replace(' ', '-')}", "", alt, "", figure)
+    return picture(f"cause-{count.cause.replace(' ', '-')}", "", alt, "", figure)
 
 
 def _on_map(
@@ -239,7 +249,7 @@ def _on_map(
 
 def _design_pictures(design: Design, ending: str) -> Iterator[Picture]:
     if design.analysis.factors:
-        yield _picture(
+        yield picture(
             f"factors{ending}",
             "",
             "Failure rate at each level of each factor",
@@ -247,19 +257,20 @@ def _design_pictures(design: Design, ending: str) -> Iterator[Picture]:
             "Orange: the factor is shown to matter, on these or on others; black: it is not.",
             factor_figure(design.analysis.factors),
             drawn=True,
+            wide=True,
         )
     if pairs := [pair for pair in design.analysis.interactions if pair.claim.shown]:
-        yield _picture(
+        yield picture(
             f"interactions{ending}",
             "",
             "Failure rate for each combination of levels of two factors that act together",
             "Failure rate of each combination. Framed: the effects of both factors alone don't add up to it.",
             interaction_figure(pairs),
             drawn=True,
+            wide=True,
         )
 
 
-def _picture(
-    name: str, title: str, alt: str, caption: str, figure: Figure, *, drawn: bool = False, density: bool = False
-) -> Picture:
-    return Picture(name, title, alt, caption, png(figure), svg(figure), drawn, density)
+def picture(name: str, title: str, alt: str, caption: str, figure: Figure, **marks: bool) -> Picture:
+    """`figure` as a picture; `marks` are the flags of `Picture`."""
+    return Picture(name, title, alt, caption, png(figure), svg(figure), **marks)

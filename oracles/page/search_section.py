@@ -1,55 +1,41 @@
 """The report's section on a search: what was searched, how the best grew, what was found and how sure it is."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 import pyarrow.parquet as pq
-from matplotlib.figure import Figure
 
 from vastflow.oracles.evidence.searched import found_text
-from vastflow.oracles.figures.picture import png, svg
 from vastflow.oracles.figures.search_figure import archive_figure, boundary_figure, progress_figure
-from vastflow.oracles.page.pictures import Picture, case_picture
-from vastflow.oracles.results.executed import KeptFiles
-from vastflow.oracles.results.tables import Tables
+from vastflow.oracles.page.facts import Facts
+from vastflow.oracles.page.pictures import Picture, case_picture, picture
+from vastflow.oracles.page.section import Block, Group, Section, paragraph, soft
+from vastflow.oracles.page.words import number
 
 CELLS_DRAWN: Final = 4
 """Cells of an archive whose runs are drawn, the best ones."""
 
 
-@dataclass(frozen=True, eq=False)
-class SearchSection:
-    """What the page says of a search.
-
-    Attributes:
-        searched: What was searched, and why it ended.
-        found: The best point and what confirms it.
-        point: Its values, by name.
-    """
-
-    searched: str
-    found: str
-    configuration: str
-    point: Mapping[str, Any]
-    pictures: Sequence[Picture]
-
-
-def search_section(tables: Tables) -> SearchSection | None:
+def search_section(facts: Facts) -> Section | None:
     """The section; None where the campaign was no search."""
-    said = tables.metadata.get("search")
+    said = facts.metadata.get("search")
     if not said:
         return None
-    best = said["best"] or {"configuration": "", "point": {}}
-    return SearchSection(
-        _searched(said),
-        found_text(said),
-        best["configuration"],
-        best["point"],
-        [*_pictures(tables.directory, said), *_cell_pictures(tables, said)],
-    )
+    content: list[Block] = [paragraph("<strong>{}</strong>", found_text(said))]
+    if point := (said["best"] or {"point": {}})["point"]:
+        values = [f"{name} = {_value(value)}" for name, value in point.items()]
+        content.append(paragraph(", ".join(["<code>{}</code>"] * len(values)), *values))
+    chosen = "The strategy chose the points, so rates over all of them say nothing of the space."
+    content.append(soft("{} {}", _searched(said), chosen))
+    content.append(Group("pair", [*_pictures(facts.tables.directory, said), *_cell_pictures(facts, said)]))
+    return Section("search", "Search", "What the search found", content, folded=False)
+
+
+def _value(value: Any) -> str:
+    return number(value) if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
 
 
 def _searched(said: Mapping[str, Any]) -> str:
@@ -66,22 +52,19 @@ def _domain(dimension: Mapping[str, Any]) -> str:
     return f"{dimension['low']:g} to {dimension['high']:g}" if "low" in dimension else "true | false"
 
 
-def _picture(name: str, title: str, alt: str, caption: str, figure: Figure) -> Picture:
-    return Picture(name, title, alt, caption, png(figure), svg(figure), drawn=True)
-
-
 def _pictures(directory: Path, said: Mapping[str, Any]) -> Iterator[Picture]:
     rows = pq.read_table(directory / "evaluations.parquet").to_pylist()
     beside = pq.read_table(directory / "baseline.parquet").to_pylist() if "baseline" in said else []
     name = said["objective"].replace("_", " ")
     if said["best"] is not None:
-        yield _picture(
+        yield picture(
             "search-progress",
             "Best against budget",
             f"{name} of each point over the runs spent",
             "Dot: a point. Line: the best so far, by the runs that the search used; fresh runs correct it."
             + (" Dashed: random search with as many points." if beside else ""),
             progress_figure(rows, name, said["direction"], beside),
+            drawn=True,
         )
     archive = said["parameters"].get("archive", {})
     measures = archive.get("measures", {})
@@ -91,37 +74,40 @@ def _pictures(directory: Path, said: Mapping[str, Any]) -> Iterator[Picture]:
             (each["low"], each["high"], each.get("bins") or archive.get("bins") or 10) for each in measures.values()
         ]
         places = {tuple(json.loads(row["cell"])): row["objective"] for row in cells}
-        yield _picture(
+        yield picture(
             "search-archive",
             "Archive",
             f"{name} of the best point in each cell",
             "Each cell: the best point whose measures lie in it. White: none was found.",
             archive_figure(places, list(measures), ranges, name),
+            drawn=True,
         )
     if (directory / "boundary.parquet").is_file() and len(said["space"]) <= 2:
         level = said["parameters"].get("level", 0.5)
         surface = pq.read_table(directory / "boundary.parquet").to_pylist()
         decoded = [{**row, "point": json.loads(row["point"])} for row in surface]
-        yield _picture(
+        yield picture(
             "search-boundary",
             "Boundary",
             f"Where {name} crosses {level:g}",
             f"Line: where {name} is expected to cross {level:g}. Band: 95 %.",
             boundary_figure(decoded, list(said["space"]), level, name),
+            drawn=True,
         )
 
 
-def _cell_pictures(tables: Tables, said: Mapping[str, Any]) -> Iterator[Picture]:
+def _cell_pictures(facts: Facts, said: Mapping[str, Any]) -> Iterator[Picture]:
     """The runs of the best points of the archive, each on its map: unlike failures beside each other."""
+    tables = facts.tables
     file = tables.directory / "archive.parquet"
     cells = pq.read_table(file).to_pylist() if file.is_file() else []
-    sign, files = (1 if said["direction"] == "minimize" else -1), KeptFiles(tables.directory)
+    sign = 1 if said["direction"] == "minimize" else -1
     known = {name: k for k, name in enumerate(tables.configurations.names)}
     name = said["objective"].replace("_", " ")
     for cell in sorted(cells, key=lambda cell: sign * cell["objective"])[:CELLS_DRAWN]:
         index = known[cell["configuration"]]
         original = tables.configurations.duplicate_of[index]
-        drawn = case_picture(tables, index if original is None else known[original], files)
+        drawn = case_picture(tables, index if original is None else known[original], facts.files)
         if drawn is not None:
             measures = ", ".join(f"{measure} {value:.3g}" for measure, value in json.loads(cell["measures"]).items())
             title = f"{cell['configuration']}: {name} {cell['objective']:.3g}"

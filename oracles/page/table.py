@@ -12,8 +12,11 @@ from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.page.words import percent, span_of
 from vastflow.oracles.statistics.intervals import thousandths
 
-ColumnKind: TypeAlias = Literal["text", "choice", "number", "rate", "class", "code"]
-"""What a column has: words, words that can be chosen from, numbers, rates, classes of configurations, commands."""
+ColumnKind: TypeAlias = Literal["text", "name", "long", "choice", "number", "rate", "class"]
+"""What a column has: words, names, sentences, words that can be chosen from, numbers, rates, classes of configurations."""
+
+MAX_ROWS: Final = 500
+"""Rows of a list; the files beside the report have all."""
 
 PLAIN_ROWS: Final = 40
 """Rows that the page has without its script; `evidence.json` and the parquet files have all."""
@@ -27,25 +30,44 @@ class Column:
     kind: ColumnKind = "text"
 
 
+def columns(kind: ColumnKind, *labels: str) -> list[Column]:
+    """Columns of one kind."""
+    return [Column(label, kind) for label in labels]
+
+
 @dataclass(frozen=True, slots=True)
-class DataTable:
-    """Rows that can be sorted and filtered.
+class Table:
+    """Rows of the page, which can be sorted and filtered where they have a key.
 
     Attributes:
-        key: Its id in the page.
-        rows: Cells as JSON values; of a rate what `rate_cell` gives.
+        rows: Cells; of a rate what `rate_cell` gives. With a key all of them are JSON values.
+        key: Its id in the page; empty for a short table without a script.
         where: Where all rows are, for readers of a page without its script.
+        totals: Places of the rows that are stressed.
+        failing: Configurations with failures, which alone the script shows at first.
+        style: Of its rates, `share` for shares of failures.
     """
 
-    key: str
     columns: Sequence[Column]
     rows: Sequence[Sequence[Any]] = field(repr=False)
+    key: str = ""
     where: str = "verdicts.parquet"
+    totals: Sequence[int] = ()
+    failing: int = 0
+    style: str = ""
 
     @property
     def plain(self) -> Sequence[Sequence[Any]]:
         """The rows of the plain table."""
-        return self.rows[:PLAIN_ROWS]
+        return self.rows[:PLAIN_ROWS] if self.key else self.rows
+
+    @property
+    def classes(self) -> str:
+        """Names for the style sheet."""
+        rates = sum(column.kind == "rate" for column in self.columns)
+        roomy = "roomy" if len(self.columns) <= 5 and rates <= 2 else ""
+        width = "crowded" if len(self.columns) > 7 else roomy
+        return " ".join(filter(None, ("card scroll", self.style, width if self.key else "")))
 
     @property
     def data(self) -> Markup:
@@ -89,3 +111,11 @@ def rate_words(cell: Sequence[float]) -> Mapping[str, str]:
         "span": span_of(int(low), int(high)),
         "rest": f"{not_judged:,.0f} not judged" if not_judged else "",
     }
+
+
+def rate_html(cell: Sequence[float]) -> Markup:
+    """A rate's cell: its words, and a picture of it."""
+    said = rate_words(cell)
+    html = Markup("{} <small>{}</small>{}").format(said["rate"], said["of"], bar(cell))
+    html += Markup("<small>{}</small>").format(said["span"]) if said["span"] else ""
+    return html + (Markup("<br><small>{}</small>").format(said["rest"]) if said["rest"] else "")

@@ -4,6 +4,8 @@ import json
 from itertools import groupby
 from typing import Any, Final
 
+from markupsafe import Markup
+
 from vastflow.oracles.evidence.criteria import Criterion
 from vastflow.oracles.evidence.rates import Interval
 from vastflow.oracles.statistics.effects import Claim, FactorEffect, LevelEffect
@@ -46,6 +48,16 @@ def chance(p_value: float | None) -> str:
     if p_value is None:
         return "–"
     return "< 0.001" if p_value < 0.001 else f"{p_value:.3f}" if p_value < 0.1 else f"{p_value:.2f}"
+
+
+def plural(n: int, noun: str) -> str:
+    """`1 run`, `1,234 runs`."""
+    return f"{n:,} {noun}{'' if n == 1 else 's'}"
+
+
+def tag(name: str) -> Markup:
+    """The name of a class of configurations, with its color."""
+    return Markup('<span class="tag"><i class="{0}"></i>{0}</span>').format(name)
 
 
 def capital(text: str) -> str:

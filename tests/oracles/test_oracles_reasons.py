@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 
 from vastflow.oracles.figures.factor_figure import factor_figure, interaction_figure
-from vastflow.oracles.page.reasons import failure_kinds, kind_of, rejection_rows
+from vastflow.oracles.page.failures import failure_kinds, kind_of
 from vastflow.oracles.page.report import write_report
+from vastflow.oracles.page.untested import rejection_rows
 from vastflow.oracles.page.work_section import with_work
 from vastflow.oracles.results.tables import read_tables
 from vastflow.oracles.statistics.effects import Claim, FactorEffect, LevelEffect

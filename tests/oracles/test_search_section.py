@@ -8,8 +8,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vastflow.oracles.evidence.findings import findings_of
+from vastflow.oracles.page.facts import facts_of
+from vastflow.oracles.page.failures import cases
 from vastflow.oracles.page.report import write_report
-from vastflow.oracles.page.rows import cases
 from vastflow.oracles.page.search_section import CELLS_DRAWN, search_section
 from vastflow.oracles.results.tables import read_tables
 
@@ -51,7 +52,7 @@ def test_the_runs_of_the_worst_cells_are_drawn_worst_first(synthetic_campaign, t
         for k, each in enumerate(evaluations)
     ]
     pq.write_table(pa.Table.from_pylist(cells), directory / "archive.parquet")
-    section = search_section(read_tables(directory))
+    section = search_section(facts_of(read_tables(directory)))
     assert [each.name for each in section.pictures] == [
         *("search-progress", "search-archive"),
         *("cell-point-3", "cell-point-1", "cell-point-5", "cell-point-4"),

@@ -1,0 +1,211 @@
+"""Sections on failed runs: why they failed, the worst configurations, and what each oracle said."""
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from vastflow.oracles.evidence.causes import CauseCount
+from vastflow.oracles.evidence.findings import Findings
+from vastflow.oracles.judgement.cause import CAUSES
+from vastflow.oracles.page.facts import Facts
+from vastflow.oracles.page.pictures import case_picture, cause_picture
+from vastflow.oracles.page.section import Block, Card, Details, Group, Section, paragraph, soft
+from vastflow.oracles.page.table import Column, Table, columns
+from vastflow.oracles.page.words import capital, percent, plural, sentence, tag
+from vastflow.oracles.results.tables import Tables
+from vastflow.oracles.results.verdict_table import FAIL
+from vastflow.oracles.statistics.intervals import wilson_intervals
+
+CASES: Final = 9
+_CASES_OF_A_FAMILY: Final = 2
+_CASES_AT_ONCE: Final = 6
+_CAUSES_AT_ONCE: Final = 8
+_KINDS: Final = 12
+_NUMBER: Final = re.compile(r"\d+(?:\.\d+)?")
+
+
+def why_section(facts: Facts) -> Section | None:
+    """Why runs failed; None where none did."""
+    content = [*_causes(facts), *_kinds(facts)]
+    return Section("why", "Why", "Why runs failed", content, folded=False) if content else None
+
+
+def worst_section(facts: Facts) -> Section | None:
+    """The worst configurations; None where no run failed."""
+    found = [_case(facts, k) for k in cases(facts.tables, facts.findings)]
+    if not found:
+        return None
+    content: list[Block] = [
+        soft(
+            "The failure rates whose 95 % intervals begin highest, at most two of a family while there are others; "
+            '<a href="#all">all that failed</a>. '
+            "The command replays the first failed run from the campaign directory, bit for bit; run it there."
+        ),
+        Group("cases", found[:_CASES_AT_ONCE]),
+    ]
+    if rest := found[_CASES_AT_ONCE:]:
+        content.append(Details(f"{len(rest)} more", [Group("cases", rest)]))
+    return Section("worst", "Worst", "Worst configurations", content, folded=False)
+
+
+def failed_section(facts: Facts) -> Section | None:
+    """The failed runs of each configuration with the words of each oracle; None where none failed."""
+    rows = _failed_rows(facts)
+    if not rows:
+        return None
+    head = [Column("Configuration"), Column("Oracle", "choice"), *columns("number", "Failed", "Of judged")]
+    summary = f"{plural(facts.all.failed, 'run')}, with the words of each oracle"
+    return Section("failures", "Failed runs", "Failed runs", [Table([*head, Column("Why")], rows, "failed")], summary)
+
+
+def kind_of(reason: str) -> str:
+    """What reasons have in common that differ in their numbers alone."""
+    return _NUMBER.sub("#", reason)
+
+
+def example(reason: str, alike: bool) -> Markup:
+    """A reason, marked where others of its kind have other numbers."""
+    return Markup("{}{}").format(reason, "" if alike else Markup(" <small>(for example)</small>"))
+
+
+def failure_kinds(tables: Tables) -> list[Mapping[str, Any]]:
+    """A row for each oracle and kind of reason, what failed most runs first; a run that two oracles failed is in two."""
+    said = tables.verdicts.reasons("fail")
+    kinds: dict[str, int] = {}
+    kind = np.array([kinds.setdefault(kind_of(reason), len(kinds)) for reason in said.known], dtype=np.int64)
+    keys = said.oracle * max(len(kinds), 1) + (kind[said.reason] if len(kind) else said.reason)
+    distinct, first, places, counts = np.unique(keys, return_index=True, return_inverse=True, return_counts=True)
+    reasons, configurations = (_different(places, of, len(distinct)) for of in (said.reason, said.configuration))
+    rows = [
+        {
+            "oracle": tables.oracles[said.oracle[at]],
+            "reason": said.known[said.reason[at]],
+            "alike": reasons[k] == 1,
+            "runs": runs,
+            "configurations": configurations[k],
+        }
+        for k, (at, runs) in enumerate(zip(first.tolist(), counts.tolist(), strict=True))
+    ]
+    return sorted(rows, key=lambda row: -row["runs"])
+
+
+def _different(places: NDArray[np.int64], values: NDArray[np.int64], length: int) -> list[int]:
+    """How many different `values` (n,) are at each of the places 0 to `length` - 1, given the place (n,) of each."""
+    pairs = np.unique(np.stack((places, values)), axis=1)
+    return [int(count) for count in np.bincount(pairs[0], minlength=length)]
+
+
+def _causes(facts: Facts) -> Iterator[Block]:
+    if not facts.causes:
+        return
+    yield soft(
+        'At most one cause a run, by a <a href="#method">fixed precedence</a>. Orange is where the robot was, dashed where it took '
+        "itself to be. The command replays the run from the campaign directory."
+    )
+    cards = [_cause(facts, each) for each in facts.causes]
+    yield Group("cases causes", cards[:_CAUSES_AT_ONCE])
+    if rest := cards[_CAUSES_AT_ONCE:]:
+        yield Details(plural(len(rest), "rarer cause"), [Group("cases causes", rest)])
+
+
+def _cause(facts: Facts, count: CauseCount) -> Card:
+    picture = cause_picture(facts.tables, count, facts.files)
+    stood = count.cause == "stood still" and count.runs == facts.stood.runs
+    share, where = percent(count.runs / facts.all.failed), plural(count.configurations, "configuration")
+    text = paragraph("<b>{}</b>, {} of failures, in {}", plural(count.runs, "run"), share, where)
+    text += soft("{}", sentence(facts.stood.text if stood else CAUSES[count.cause]))
+    return Card(
+        capital(count.cause), text + _replay(picture is not None, count.configuration, count.run_index), picture
+    )
+
+
+def _replay(recorded: bool, configuration: str, run_index: int) -> Markup:
+    return Markup("<code>vastflow replay . {} {}</code>").format(configuration, run_index) if recorded else Markup("")
+
+
+def _kinds(facts: Facts) -> Iterator[Block]:
+    found = failure_kinds(facts.tables)
+    if not found:
+        return
+    rows = [
+        [
+            *(row["oracle"], example(row["reason"], row["alike"]), row["runs"]),
+            percent(row["runs"] / facts.evidence[row["oracle"]].campaign.counts.failed),
+            row["configurations"],
+        ]
+        for row in found[:_KINDS]
+    ]
+    numbers = columns("number", "Runs", "Of its failures", "Configurations")
+    content: list[Block] = [
+        soft(
+            "Reasons that differ in their numbers alone are one row, with the first of them; each configuration's own are under "
+            '<a href="#failures">failed runs</a>.\nA run that several oracles failed is in several rows.'
+        ),
+        Table([Column("Oracle", "name"), Column("Why", "long"), *numbers], rows),
+    ]
+    if len(found) > _KINDS:
+        content.append(soft("And {}.", plural(len(found) - _KINDS, "rarer kind")))
+    yield Details(f"What each oracle said: {plural(len(found), 'kind')} of reasons", content)
+
+
+def cases(tables: Tables, findings: Findings) -> list[int]:
+    """Indices of the worst configurations by the lower bound of their failure rates, few of any one family while there are others."""
+    failed, judged = findings.counts[:, 1], findings.counts[:, 0] + findings.counts[:, 1]
+    low = wilson_intervals(failed, judged)[:, 0]
+    worst = sorted(np.flatnonzero(failed), key=lambda k: (-low[k], k))
+    found = tables.configurations
+    chosen: list[int] = []
+    for most in (_CASES_OF_A_FAMILY, CASES):
+        taken = Counter(found.families[k] for k in chosen)
+        for place in worst:
+            k = int(found.distinct[place])
+            if len(chosen) < CASES and k not in chosen and taken[found.families[k]] < most:
+                chosen.append(k)
+                taken[found.families[k]] += 1
+    return chosen
+
+
+def _case(facts: Facts, configuration: int) -> Card:
+    """One of the worst configurations, by its index."""
+    found, verdicts = facts.tables.configurations, facts.tables.verdicts
+    first, last = np.searchsorted(verdicts.configuration, (configuration, configuration + 1))
+    failed_run = first + int(np.flatnonzero(verdicts.together[first:last] == FAIL)[0])
+    place = int(np.searchsorted(found.distinct, configuration))
+    passed, failed, _ = facts.findings.counts[place].tolist()
+    name, picture = found.names[configuration], case_picture(facts.tables, configuration, facts.files)
+    varied = [f"{key} {value}" for key in facts.varied if (value := facts.factor(configuration, key))]
+    runs = plural(passed + failed, "run")
+    text = paragraph("{} · {} of {} failed", tag(facts.findings.classes.names[place]), failed, runs)
+    text += soft("{}", " · ".join(varied[:6]))
+    text += Markup("").join(paragraph("<b>{}</b>: {}", *said) for said in _first_reasons(facts, configuration))
+    return Card(name, text + _replay(picture is not None, name, int(verdicts.run_index[failed_run])), picture)
+
+
+def _first_reasons(facts: Facts, configuration: int) -> Iterator[tuple[str, str]]:
+    """Each oracle that failed a run of the configuration, and the first of its reasons."""
+    rows = np.flatnonzero(facts.failures.configuration == configuration)
+    oracles, first = np.unique(facts.failures.oracle[rows], return_index=True)
+    for k in np.argsort(first):
+        reason = facts.failures.reason[rows[first[k]]]
+        yield facts.tables.oracles[oracles[k]], facts.failures.known[reason]
+
+
+def _failed_rows(facts: Facts) -> list[list[Any]]:
+    """A row for each configuration and oracle that failed runs of it, most failures first."""
+    said, oracles = facts.failures, facts.tables.oracles
+    keys = said.configuration * len(oracles) + said.oracle
+    order = np.argsort(keys, kind="stable")
+    distinct, first, counts = np.unique(keys[order], return_index=True, return_counts=True)
+    rows = []
+    for key, at, n in zip(distinct.tolist(), first.tolist(), counts.tolist(), strict=True):
+        name, oracle = facts.tables.configurations.names[key // len(oracles)], oracles[key % len(oracles)]
+        reasons = dict.fromkeys(said.known[k] for k in said.reason[order[at : at + n]])
+        others = f" (and {len(reasons) - 1} other reason{'s' if len(reasons) > 2 else ''})" if len(reasons) > 1 else ""
+        judged = facts.evidence[oracle].configurations[name].judged
+        rows.append([name, oracle, n, judged, next(iter(reasons)) + others])
+    return sorted(rows, key=lambda row: -row[2])

@@ -1,0 +1,70 @@
+"""Section on what was measured: the spread of each metric, and what other thresholds would have said."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from vastflow.oracles.catalog.robustness import DEFAULT_BASIS
+from vastflow.oracles.page.facts import Facts
+from vastflow.oracles.page.pictures import threshold_pictures
+from vastflow.oracles.page.section import Block, Group, Section, heading, soft
+from vastflow.oracles.page.table import Column, Table, columns
+from vastflow.oracles.page.words import percent, plural
+from vastflow.oracles.results.tables import Tables
+
+ROBUSTNESS: Final = "robustness"
+_BASES: Final = {
+    "update": "sum over AMCL's updates",
+    "step": "sum over time steps",
+    "metre": "sum over meters driven",
+    "mean": "mean over time steps",
+    "maximum": "greatest",
+}
+
+
+def measured_section(facts: Facts) -> Section:
+    """The section."""
+    rows = [
+        [
+            *(oracle, name.replace("_", " "), spread.minimum, spread.median, spread.maximum),
+            *("" if spread.unit == "1" else spread.unit, spread.n),
+        ]
+        for oracle, metrics in facts.spreads.items()
+        for name, spread in metrics.items()
+        if spread.n
+    ]
+    head = [Column("Oracle", "choice"), Column("Metric"), *columns("number", "Smallest", "Median", "Greatest")]
+    content: list[Block] = [Table([*head, Column("Unit"), Column("Runs", "number")], rows, "metrics")]
+    if thresholds := list(threshold_pictures(facts.criteria)):
+        content += [heading("Criteria that separate nothing"), Group("pair", thresholds)]
+    content += _bases(facts.tables)
+    return Section("measured", "Measured", "Measured", content, plural(len(rows), "metric"))
+
+
+def _bases(tables: Tables) -> Iterator[Block]:
+    """What each basis of the robustness oracle would say beside the one that judges."""
+    if ROBUSTNESS not in tables.oracles:
+        return
+    metrics = tables.verdicts.metrics(ROBUSTNESS)
+    asked = (each["parameters"] for each in tables.metadata.get("oracles", []) if each["name"] == ROBUSTNESS)
+    parameters: Mapping[str, Any] = next(asked, {})
+    judged_by = parameters.get("basis", DEFAULT_BASIS)
+    rows: list[list[Any]] = []
+    for name in _BASES.keys() & metrics.keys() if "threshold" in metrics else ():
+        known = np.isfinite(metrics[name].values) & np.isfinite(metrics["threshold"].values)
+        values, threshold = metrics[name].values[known], metrics["threshold"].values[known]
+        if len(values):
+            quantiles = np.quantile(values, (0.5, 0.95, 1.0)).tolist()
+            said = f"{name}, judged by" if name == judged_by else name
+            rows.append([said, _BASES[name], *quantiles, percent(float((values > threshold).mean())), len(values)])
+    if rows:
+        rows.sort(key=lambda row: list(_BASES.values()).index(row[1]))
+        yield heading("Localization error on every basis")
+        yield soft(
+            "A threshold on summed error depends on what is summed. "
+            "The campaign judges by the basis in bold; the others say what they would."
+        )
+        numbers = columns("number", "Median (m)", "95 % below (m)", "Greatest (m)", "Runs above the threshold", "Runs")
+        totals = [k for k, row in enumerate(rows) if row[0] != row[0].split(",")[0]]
+        yield Table([Column("Basis", "name"), Column("Means"), *numbers], rows, totals=totals)
