@@ -32,7 +32,7 @@ _NUMBER: Final = re.compile(r"\d+(?:\.\d+)?")
 def why_section(facts: Facts) -> Section | None:
     """Why runs failed; None where none did."""
     content = [*_causes(facts), *_kinds(facts)]
-    return Section("why", "Why", "Why runs failed", content, folded=False) if content else None
+    return Section("why", "Why", "Why runs failed", content=content, folded=False) if content else None
 
 
 def worst_section(facts: Facts) -> Section | None:
@@ -50,7 +50,7 @@ def worst_section(facts: Facts) -> Section | None:
     ]
     if rest := found[_CASES_AT_ONCE:]:
         content.append(Details(f"{len(rest)} more", [Group("cases", rest)]))
-    return Section("worst", "Worst", "Worst configurations", content, folded=False)
+    return Section("worst", "Worst", "Worst configurations", content=content, folded=False)
 
 
 def failed_section(facts: Facts) -> Section | None:
@@ -60,7 +60,7 @@ def failed_section(facts: Facts) -> Section | None:
         return None
     head = [Column("Configuration"), Column("Oracle", "choice"), *columns("number", "Failed", "Of judged")]
     summary = f"{plural(facts.all.failed, 'run')}, with the words of each oracle"
-    return Section("failures", "Failed runs", "Failed runs", [Table([*head, Column("Why")], rows, "failed")], summary)
+    return Section("failures", "Failed runs", "Failed runs", summary, [Table([*head, Column("Why")], rows, "failed")])
 
 
 def kind_of(reason: str) -> str:

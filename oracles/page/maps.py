@@ -28,7 +28,7 @@ def maps_section(facts: Facts) -> Section | None:
         content = [overview, Details("Each map", content)]
     if rows := places(facts):
         content.append(_hot(rows))
-    return Section("maps", "Where", "Where it happened", content, folded=False)
+    return Section("maps", "Where", "Where it happened", content=content, folded=False)
 
 
 def places(facts: Facts) -> list[list[Any]]:

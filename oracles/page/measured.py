@@ -1,11 +1,14 @@
-"""Section on what was measured: the spread of each metric, and what other thresholds would have said."""
+"""Sections on what was measured, and on the method."""
 
+import inspect
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
 
 from vastflow.oracles.catalog.robustness import DEFAULT_BASIS
+from vastflow.oracles.judgement.cause import CAUSES
+from vastflow.oracles.judgement.oracle import known_oracles, oracle_class
 from vastflow.oracles.page.facts import Facts
 from vastflow.oracles.page.pictures import threshold_pictures
 from vastflow.oracles.page.section import Block, Group, Section, heading, soft
@@ -24,7 +27,7 @@ _BASES: Final = {
 
 
 def measured_section(facts: Facts) -> Section:
-    """The section."""
+    """The spread of each metric, and what other thresholds would have said."""
     rows = [
         [
             *(oracle, name.replace("_", " "), spread.minimum, spread.median, spread.maximum),
@@ -39,7 +42,27 @@ def measured_section(facts: Facts) -> Section:
     if thresholds := list(threshold_pictures(facts.criteria)):
         content += [heading("Criteria that separate nothing"), Group("pair", thresholds)]
     content += _bases(facts.tables)
-    return Section("measured", "Measured", "Measured", content, plural(len(rows), "metric"))
+    return Section("measured", "Measured", "Measured", plural(len(rows), "metric"), content)
+
+
+def method_section(facts: Facts) -> Section:
+    """How all of the report is computed, and with which versions."""
+    values = {"meanings": CAUSES, "explanations": {oracle: _explanation(oracle) for oracle in facts.tables.oracles}}
+    summary = "how all of this is computed, and with which versions"
+    return Section("method", "Method", "Method", summary, values=values)
+
+
+def _explanation(oracle: str) -> Mapping[str, Any]:
+    """What an installed oracle says of itself; an oracle of a file beside the campaign can't be asked here."""
+    if oracle not in known_oracles():  # a file's name would be looked for in whatever folder this process works in
+        return {"text": "An oracle of the campaign's own, see its file.", "defaults": {}}
+    found = oracle_class(oracle)
+    paragraphs = (inspect.getdoc(found) or "").split("\n\n")
+    fields = found.Parameters.model_fields
+    return {
+        "text": " ".join(" ".join(p for p in paragraphs if not p.startswith("Metrics:")).replace("`", "").split()),
+        "defaults": {name: field.default for name, field in fields.items() if not field.is_required()},
+    }
 
 
 def _bases(tables: Tables) -> Iterator[Block]:

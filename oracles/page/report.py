@@ -17,19 +17,16 @@ from vastflow.oracles.evidence.wide import wide_table, write_wide
 from vastflow.oracles.figures.palette import CLASS_COLORS
 from vastflow.oracles.figures.picture import plain_style
 from vastflow.oracles.page import words
-from vastflow.oracles.page.coverage import coverage_section
-from vastflow.oracles.page.factors import design_name, factors_section, level_table
 from vastflow.oracles.page.facts import Facts, facts_of
 from vastflow.oracles.page.failures import failed_section, why_section, worst_section
 from vastflow.oracles.page.maps import maps_section, places
-from vastflow.oracles.page.measured import measured_section
-from vastflow.oracles.page.method import method_section
+from vastflow.oracles.page.measured import measured_section, method_section
 from vastflow.oracles.page.pictures import MAX_EMBEDDED, Picture, contrast_pictures
-from vastflow.oracles.page.rates import classes_section, configurations_section, rates_section
+from vastflow.oracles.page.rates import classes_section, configurations_section, factors_section, rates_section
 from vastflow.oracles.page.search_section import search_section
 from vastflow.oracles.page.section import Section
 from vastflow.oracles.page.table import bar, rate_cell, rate_html
-from vastflow.oracles.page.untested import left_out, untested_section
+from vastflow.oracles.page.untested import coverage_section, left_out, untested_section
 from vastflow.oracles.page.work_section import with_work
 from vastflow.oracles.results.column import floats
 from vastflow.oracles.results.tables import read_tables
@@ -57,6 +54,10 @@ _FILTERS: Final[Mapping[str, Callable[..., object]]] = {
     "percent": words.percent,
     "span": words.span,
     "number": words.number,
+    "points": words.points,
+    "chance": words.chance,
+    "sentence": words.sentence,
+    "capital": words.capital,
     "plural": words.plural,
     "rate": rate_html,
     "tag": words.tag,
@@ -64,9 +65,10 @@ _FILTERS: Final[Mapping[str, Callable[..., object]]] = {
     "cell": rate_cell,
     "criterion": words.criterion_text,
     "matters": words.factor_text,
+    "for_others": words.others_text,
+    "together": words.pair_text,
     "p": words.p_text,
-    "levels": level_table,
-    "design_name": design_name,
+    "difference": words.difference_text,
     "kind": lambda block: type(block).__name__,
 }
 

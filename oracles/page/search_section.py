@@ -31,7 +31,7 @@ def search_section(facts: Facts) -> Section | None:
     chosen = "The strategy chose the points, so rates over all of them say nothing of the space."
     content.append(soft("{} {}", _searched(said), chosen))
     content.append(Group("pair", [*_pictures(facts.tables.directory, said), *_cell_pictures(facts, said)]))
-    return Section("search", "Search", "What the search found", content, folded=False)
+    return Section("search", "Search", "What the search found", content=content, folded=False)
 
 
 def _value(value: Any) -> str:

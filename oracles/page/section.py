@@ -1,8 +1,8 @@
 """Sections of the report: a title, a summary, and the texts, figures, and tables below them."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import TypeAlias, Union
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias, Union
 
 from markupsafe import Markup
 
@@ -43,24 +43,28 @@ class Section:
     """A section of the page.
 
     Attributes:
-        key: Its anchor.
+        key: Its anchor, and the name of its text in the template where it has one.
         link: Its name in the navigation.
         summary: Stands beside the title of a folded section.
-        content: Texts, figures, and tables, in their order.
+        content: Texts, figures, and tables below its text, in their order.
         folded: Whether it is hidden until a reader opens it.
+        values: What the text in the template shows.
+        figures: Those that the text shows.
     """
 
     key: str
     link: str
     title: str
-    content: Sequence[Block]
     summary: str = ""
+    content: Sequence[Block] = ()
     folded: bool = True
+    values: Mapping[str, Any] = field(default_factory=dict)
+    figures: Sequence[Picture] = ()
 
     @property
     def pictures(self) -> list[Picture]:
-        """All pictures of the content, in their order."""
-        return list(_pictures(self.content))
+        """All of its pictures, in their order."""
+        return [*self.figures, *_pictures(self.content)]
 
 
 def paragraph(text: str, *values: object) -> Markup:
@@ -76,12 +80,6 @@ def soft(text: str, *values: object) -> Markup:
 def heading(text: str) -> Markup:
     """A heading inside a section."""
     return Markup("<h3>{}</h3>\n").format(text)
-
-
-def bullets(items: Iterable[object], style: str = "") -> Markup:
-    """A list; items that are no markup are escaped."""
-    rows = Markup("").join(Markup("<li>{}</li>\n").format(item) for item in items)
-    return Markup("<ul{}>{}</ul>\n").format(Markup(' class="{}"').format(style) if style else "", rows)
 
 
 def _pictures(content: Iterable[Block]) -> Iterator[Picture]:
