@@ -6,6 +6,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
+import pandas as pd
+
 from vastflow.oracles.evidence.causes import CauseCount, causes_of
 from vastflow.oracles.evidence.criteria import MEASURES_ALONE, Criterion, criteria_of
 from vastflow.oracles.evidence.evidence import Evidence, Spread, evidence_of, spreads_of
@@ -17,7 +19,6 @@ from vastflow.oracles.figures.scene import Scene, scenes_of
 from vastflow.oracles.page.words import short
 from vastflow.oracles.results.executed import KeptFiles, environment_names
 from vastflow.oracles.results.tables import Tables
-from vastflow.oracles.results.verdict_table import Reasons
 from vastflow.oracles.statistics.classes import runs_for_a_claim
 
 
@@ -88,7 +89,7 @@ class Facts:
         return 0 if rule is not None and rule.decidable else min(runs_for_a_claim().values())
 
     @cached_property
-    def failures(self) -> Reasons:
+    def failures(self) -> pd.DataFrame:
         """Who failed runs, and why."""
         return self.tables.verdicts.reasons("fail")
 

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
+import pandas as pd
 from markupsafe import Markup
-from numpy.typing import NDArray
 
 from vastflow.oracles.evidence.causes import CauseCount
 from vastflow.oracles.evidence.findings import Findings
@@ -73,31 +73,23 @@ def example(reason: str, alike: bool) -> Markup:
     return Markup("{}{}").format(reason, "" if alike else Markup(" <small>(for example)</small>"))
 
 
-def failure_kinds(tables: Tables) -> list[Mapping[str, Any]]:
-    """A row for each oracle and kind of reason, what failed most runs first; a run that two oracles failed is in two."""
-    said = tables.verdicts.reasons("fail")
-    kinds: dict[str, int] = {}
-    kind = np.array([kinds.setdefault(kind_of(reason), len(kinds)) for reason in said.known], dtype=np.int64)
-    keys = said.oracle * max(len(kinds), 1) + (kind[said.reason] if len(kind) else said.reason)
-    distinct, first, places, counts = np.unique(keys, return_index=True, return_inverse=True, return_counts=True)
-    reasons, configurations = (_different(places, of, len(distinct)) for of in (said.reason, said.configuration))
-    rows = [
-        {
-            "oracle": tables.oracles[said.oracle[at]],
-            "reason": said.known[said.reason[at]],
-            "alike": reasons[k] == 1,
-            "runs": runs,
-            "configurations": configurations[k],
-        }
-        for k, (at, runs) in enumerate(zip(first.tolist(), counts.tolist(), strict=True))
-    ]
-    return sorted(rows, key=lambda row: -row["runs"])
+def failure_kinds(failures: pd.DataFrame) -> list[Mapping[str, Any]]:
+    """A row for each oracle and kind of reason, what failed most runs first; a run that two oracles failed is in two.
 
-
-def _different(places: NDArray[np.int64], values: NDArray[np.int64], length: int) -> list[int]:
-    """How many different `values` (n,) are at each of the places 0 to `length` - 1, given the place (n,) of each."""
-    pairs = np.unique(np.stack((places, values)), axis=1)
-    return [int(count) for count in np.bincount(pairs[0], minlength=length)]
+    Args:
+        failures: As `VerdictTable.reasons` has them.
+    """
+    kinds = failures.assign(kind=pd.factorize(failures.reason.map(kind_of))[0]).groupby(["oracle", "kind"], observed=True)
+    found = kinds.agg(
+        reason=("reason", "first"),
+        reasons=("reason", "nunique"),
+        runs=("reason", "size"),
+        configurations=("configuration", "nunique"),
+    )
+    rows: list[Mapping[str, Any]] = (
+        found.sort_values("runs", ascending=False, kind="stable").reset_index().to_dict("records")
+    )
+    return rows
 
 
 def _causes(facts: Facts) -> Iterator[Block]:
@@ -129,12 +121,12 @@ def _replay(recorded: bool, configuration: str, run_index: int) -> Markup:
 
 
 def _kinds(facts: Facts) -> Iterator[Block]:
-    found = failure_kinds(facts.tables)
+    found = failure_kinds(facts.failures)
     if not found:
         return
     rows = [
         [
-            *(row["oracle"], example(row["reason"], row["alike"]), row["runs"]),
+            *(row["oracle"], example(row["reason"], row["reasons"] == 1), row["runs"]),
             percent(row["runs"] / facts.evidence[row["oracle"]].campaign.counts.failed),
             row["configurations"],
         ]
@@ -188,24 +180,16 @@ def _case(facts: Facts, configuration: int) -> Card:
 
 def _first_reasons(facts: Facts, configuration: int) -> Iterator[tuple[str, str]]:
     """Each oracle that failed a run of the configuration, and the first of its reasons."""
-    rows = np.flatnonzero(facts.failures.configuration == configuration)
-    oracles, first = np.unique(facts.failures.oracle[rows], return_index=True)
-    for k in np.argsort(first):
-        reason = facts.failures.reason[rows[first[k]]]
-        yield facts.tables.oracles[oracles[k]], facts.failures.known[reason]
+    name = facts.tables.configurations.names[configuration]
+    found = facts.failures[facts.failures.configuration == name].drop_duplicates("oracle")
+    yield from zip(found.oracle, found.reason, strict=True)
 
 
 def _failed_rows(facts: Facts) -> list[list[Any]]:
     """A row for each configuration and oracle that failed runs of it, most failures first."""
-    said, oracles = facts.failures, facts.tables.oracles
-    keys = said.configuration * len(oracles) + said.oracle
-    order = np.argsort(keys, kind="stable")
-    distinct, first, counts = np.unique(keys[order], return_index=True, return_counts=True)
+    found = facts.failures.groupby(["configuration", "oracle"], observed=True).reason.agg(["size", "first", "nunique"])
     rows = []
-    for key, at, n in zip(distinct.tolist(), first.tolist(), counts.tolist(), strict=True):
-        name, oracle = facts.tables.configurations.names[key // len(oracles)], oracles[key % len(oracles)]
-        reasons = dict.fromkeys(said.known[k] for k in said.reason[order[at : at + n]])
-        others = f" (and {len(reasons) - 1} other reason{'s' if len(reasons) > 2 else ''})" if len(reasons) > 1 else ""
-        judged = facts.evidence[oracle].configurations[name].judged
-        rows.append([name, oracle, n, judged, next(iter(reasons)) + others])
+    for (name, oracle), (n, reason, reasons) in zip(found.index, found.itertuples(index=False), strict=True):
+        others = f" (and {reasons - 1} other reason{'s' if reasons > 2 else ''})" if reasons > 1 else ""
+        rows.append([name, oracle, n, facts.evidence[oracle].configurations[name].judged, reason + others])
     return sorted(rows, key=lambda row: -row[2])

@@ -1,8 +1,10 @@
 """Sections on coverage, and on what was not tested."""
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
+
+import pandas as pd
 
 from vastflow.oracles.page.facts import Facts
 from vastflow.oracles.page.failures import kind_of
@@ -41,7 +43,7 @@ def coverage_section(facts: Facts) -> Section | None:
 def untested_section(facts: Facts) -> Section:
     """Rejections, runs that were not judged, faults, duplicates, and notes."""
     values = {
-        "rejections": rejection_rows(facts.tables),
+        "rejections": rejection_rows(facts.tables.rejections),
         "not_judged": _not_judged_rows(facts.tables),
         "duplicates": _duplicates(facts.tables),
         "max_rows": MAX_ROWS,
@@ -66,42 +68,34 @@ def left_out(facts: Facts) -> str:
     )
 
 
-def rejection_rows(tables: Tables) -> list[Mapping[str, Any]]:
-    """A row for each family, producer and kind of reason: the first reason, and whether all are the same."""
-    grouped: dict[tuple[str, str, str], list[Mapping[str, Any]]] = {}
-    for row in tables.rejections:
-        grouped.setdefault((row["family"], row["producer"], kind_of(row["reason"])), []).append(row)
-    return [
-        {
-            **alike[0],
-            "alike": len({row["reason"] for row in alike}) == 1,
-            "times": len(alike),
-            "requested": _requests(alike[:3]),
-        }
-        for alike in grouped.values()
-    ]
+def rejection_rows(rejections: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """A row for each family, producer and kind of reason: the first reason, and how many there are."""
+    found = pd.DataFrame(rejections, columns=["family", "producer", "reason", "requested"])
+    kinds = found.groupby(["family", "producer", found.reason.map(kind_of).rename("kind")], sort=False)
+    rows: list[Mapping[str, Any]] = (
+        kinds.agg(
+            reason=("reason", "first"),
+            reasons=("reason", "nunique"),
+            times=("reason", "size"),
+            requested=("requested", lambda asked: _requests(asked[:3])),
+        )
+        .reset_index()
+        .to_dict("records")
+    )
+    return rows
 
 
-def _requests(rejections: Iterable[Mapping[str, Any]]) -> list[str]:
-    asked = (json.loads(row["requested"]).items() for row in rejections)
+def _requests(texts: Iterable[str]) -> list[str]:
+    asked = (json.loads(text).items() for text in texts)
     return list(dict.fromkeys(", ".join(f"{key} {short(value)}" for key, value in each) for each in asked))
 
 
 def _not_judged_rows(tables: Tables) -> list[Mapping[str, Any]]:
     """A row for each oracle and reason."""
-    said, names = tables.verdicts.reasons("not judged"), tables.configurations.names
-    grouped: dict[tuple[int, int], list[str]] = {}
-    for oracle, reason, k in zip(said.oracle.tolist(), said.reason.tolist(), said.configuration.tolist(), strict=True):
-        grouped.setdefault((oracle, reason), []).append(names[k])
-    return [
-        {
-            "oracle": tables.oracles[oracle],
-            "reason": said.known[reason],
-            "runs": len(where),
-            "configurations": list(dict.fromkeys(where)),
-        }
-        for (oracle, reason), where in grouped.items()
-    ]
+    said = tables.verdicts.reasons("not judged").groupby(["oracle", "reason"], observed=True, sort=False)
+    found = said.configuration.agg(runs="size", configurations=lambda names: list(names.unique()))
+    rows: list[Mapping[str, Any]] = found.reset_index().to_dict("records")
+    return rows
 
 
 def _duplicates(tables: Tables) -> list[tuple[str, str]]:

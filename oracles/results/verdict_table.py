@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pyarrow as pa
@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 from vastflow.oracles.judgement.verdict import Judgement
 from vastflow.oracles.results.column import codes, floats, integers, parsed, taken, texts
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 CODES: Final[Mapping[Judgement, int]] = {"pass": 0, "fail": 1, "not judged": 2}
 ABSENT: Final = 3
@@ -88,11 +91,17 @@ class VerdictTable:
         cells = self.configuration * 4 + self.of(oracle)
         return np.bincount(cells, minlength=4 * len(self.names)).reshape(-1, 4)[:, :ABSENT]
 
-    def reasons(self, judgement: Judgement) -> "Reasons":
-        """Who said `judgement`, and why."""
+    def reasons(self, judgement: Judgement) -> "pd.DataFrame":
+        """The `configuration`, `oracle` and `reason` of each verdict that is `judgement`, as categories."""
+        import pandas as pd
+
         rows = self._said == CODES[judgement]
-        reason, known = self._reason
-        return Reasons(self.configuration[self._runs[1][rows]], self._oracle[0][rows], reason[rows], tuple(known))
+        found = {
+            "configuration": (self.configuration[self._runs[1][rows]], self.names),
+            "oracle": (self._oracle[0][rows], self.oracles),
+            "reason": (self._reason[0][rows], self._reason[1]),
+        }
+        return pd.DataFrame({name: pd.Categorical.from_codes(*column) for name, column in found.items()})
 
     def metrics(self, oracle: str) -> Mapping[str, MetricColumn]:
         """An oracle's metrics by name, in the order of their names in its verdicts."""
@@ -142,21 +151,6 @@ class VerdictTable:
         place = np.array([places[name] for name in known], dtype=np.int64)
         keys = (place[found] if len(place) else found) * _RUNS + integers(self.table["run_index"])
         return np.unique(keys, return_inverse=True)
-
-
-@dataclass(frozen=True, eq=False)
-class Reasons:
-    """Verdicts of one judgement, (n,) each.
-
-    Attributes:
-        configuration, oracle: Indices into the table's names and oracles.
-        reason: Indices into `known`.
-    """
-
-    configuration: NDArray[np.int64]
-    oracle: NDArray[np.int64]
-    reason: NDArray[np.int64]
-    known: tuple[str, ...]
 
 
 def verdict_table(table: pa.Table, names: list[str]) -> VerdictTable:

@@ -42,16 +42,16 @@ def test_why_runs_failed_counts_runs_and_configurations_of_each_kind(synthetic_c
     synthetic_campaign.add("a-1", "a", room, TASK, recordings=lost(build, 3, 2, "stuck after @ tries"))
     synthetic_campaign.add("a-2", "a", room, TASK, recordings=lost(build, 3, 3, "stuck after @ tries"))
     synthetic_campaign.add("a-3", "a", room, TASK, recordings=lost(build, 3, 1, "no path"))
-    stuck, no_way = failure_kinds(read_tables(synthetic_campaign.write()))
-    assert (stuck["oracle"], stuck["runs"], stuck["configurations"], stuck["alike"]) == ("success", 5, 2, False)
-    assert (no_way["runs"], no_way["configurations"], no_way["alike"]) == (1, 1, True)
+    stuck, no_way = failure_kinds(read_tables(synthetic_campaign.write()).verdicts.reasons("fail"))
+    assert (stuck["oracle"], stuck["runs"], stuck["configurations"], stuck["reasons"]) == ("success", 5, 2, 3)
+    assert (no_way["runs"], no_way["configurations"], no_way["reasons"]) == (1, 1, 1)
     assert "stuck after 0 tries" in stuck["reason"]
 
 
 def test_a_campaign_without_failures_has_no_reasons(synthetic_campaign, room, build) -> None:
     synthetic_campaign.add("a-1", "a", room, TASK, recordings=lost(build, 2, 0))
     directory = synthetic_campaign.write()
-    assert failure_kinds(read_tables(directory)) == []
+    assert failure_kinds(read_tables(directory).verdicts.reasons("fail")) == []
     write_report(directory)
     assert "Why runs failed" not in (directory / "report.html").read_text(encoding="utf-8")
 
@@ -61,9 +61,9 @@ def test_rejections_that_differ_in_numbers_alone_are_one_row(synthetic_campaign,
     for length in (20.0, 21.0, 22.0):
         synthetic_campaign.reject("a", f"no goal at {length:.1f} m", {"path_length": length})
     synthetic_campaign.reject("a", "no free start", {"path_length": 20.0})
-    first, second = rejection_rows(read_tables(synthetic_campaign.write()))
-    assert (first["times"], first["reason"], first["alike"]) == (3, "no goal at 20.0 m", False)
-    assert (second["times"], second["alike"]) == (1, True)
+    first, second = rejection_rows(read_tables(synthetic_campaign.write()).rejections)
+    assert (first["times"], first["reason"], first["reasons"]) == (3, "no goal at 20.0 m", 3)
+    assert (second["times"], second["reasons"]) == (1, 1)
 
 
 def test_each_design_of_a_family_shows_its_own_pictures(synthetic_campaign, room, build) -> None:

@@ -99,8 +99,8 @@ def test_an_oracle_may_measure_nothing():
 def test_reasons_are_those_of_one_judgement():
     table = table_of([verdict(reason="no"), verdict("b", 3, judgement="fail", reason="too late")])
     reasons = table.reasons("fail")
-    assert reasons.configuration.tolist() == [1]
-    assert [reasons.known[k] for k in reasons.reason] == ["too late"]
+    assert reasons.configuration.tolist() == ["b"]
+    assert reasons.reason.tolist() == ["too late"]
 
 
 def test_a_verdict_of_no_configuration_is_refused():
