@@ -112,10 +112,11 @@ class Results:
     notes: tuple[str, ...]
 
     def frame(self) -> "pd.DataFrame":
-        """One row for each run, see `vastflow.flows.results.frame`."""
-        from vastflow.flows.results.frame import frame
+        """One row for each run, see `vastflow.oracles.evidence.wide.wide_table`."""
+        from vastflow.oracles.evidence.wide import wide_table
+        from vastflow.oracles.results.tables import read_tables
 
-        return frame(self.directory)
+        return wide_table(read_tables(self.directory))
 
     def _repr_html_(self) -> str | None:
         """The headline, as a notebook shows it; None where the directory is no longer there, so that it shows `repr`."""

@@ -1,1 +1,1 @@
-"""The page of a report: its words, rows, and pictures."""
+"""The page of a report: its facts, sections, pictures, and words."""

@@ -79,7 +79,9 @@ def failure_kinds(failures: pd.DataFrame) -> list[Mapping[str, Any]]:
     Args:
         failures: As `VerdictTable.reasons` has them.
     """
-    kinds = failures.assign(kind=pd.factorize(failures.reason.map(kind_of))[0]).groupby(["oracle", "kind"], observed=True)
+    kinds = failures.assign(kind=pd.factorize(failures.reason.map(kind_of))[0]).groupby(
+        ["oracle", "kind"], observed=True
+    )
     found = kinds.agg(
         reason=("reason", "first"),
         reasons=("reason", "nunique"),

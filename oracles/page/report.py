@@ -1,6 +1,6 @@
 """The report: one HTML file that stands alone, from nothing but a campaign directory."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Final
@@ -50,26 +50,12 @@ SECTIONS: Final = (
 """Sections of a report in their order; one that has nothing to show is None."""
 
 _PAGE: Final = Path(__file__).parent
-_FILTERS: Final[Mapping[str, Callable[..., object]]] = {
-    "percent": words.percent,
-    "span": words.span,
-    "number": words.number,
-    "points": words.points,
-    "chance": words.chance,
-    "sentence": words.sentence,
-    "capital": words.capital,
-    "plural": words.plural,
+_FILTERS: Final = {
+    **vars(words),
     "rate": rate_html,
-    "tag": words.tag,
     "bar": bar,
     "cell": rate_cell,
-    "criterion": words.criterion_text,
-    "matters": words.factor_text,
-    "for_others": words.others_text,
-    "together": words.pair_text,
-    "p": words.p_text,
-    "difference": words.difference_text,
-    "kind": lambda block: type(block).__name__,
+    "kind": lambda of: type(of).__name__,
 }
 
 

@@ -9,7 +9,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from vastflow.flows.results.frame import frame
 from vastflow.oracles.evidence.wide import WIDE_FILE, wide_table, write_wide
 from vastflow.oracles.judgement.notebook_file import read_cells
 from vastflow.oracles.results.schema import CONFIGURATIONS, REJECTIONS, RUNS, VERDICTS
@@ -46,6 +45,10 @@ def write(folder, configurations, *, unrecorded=()):
     (folder / "campaign.vast").write_text("version: 1\n")
     (folder / "metadata.json").write_text(json.dumps({"name": "a", "created": "2026-11-22T06:00:00"}))
     return folder
+
+
+def frame(directory):
+    return wide_table(read_tables(directory))
 
 
 def test_success_by_factor_is_two_lines(tmp_path):

@@ -12,13 +12,18 @@ import matplotlib
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
 from PIL import Image
 from table import each_row
 
 from vastflow.oracles.evidence.evidence import evidence_of
 from vastflow.oracles.evidence.rates import Counts, Interval
+from vastflow.oracles.page import report
+from vastflow.oracles.page.facts import Facts
+from vastflow.oracles.page.pictures import picture
 from vastflow.oracles.page.report import write_report
-from vastflow.oracles.page.table import rate_cell, rate_words
+from vastflow.oracles.page.section import Section, soft
+from vastflow.oracles.page.table import Column, Table, rate_cell, rate_words
 from vastflow.oracles.page.words import number, percent, points, span
 from vastflow.oracles.results.tables import read_tables
 
@@ -452,3 +457,20 @@ def test_tags_of_a_report_with_coverage_are_closed_in_order(covered: Path):
 def test_a_directory_of_before_there_was_a_coverage_json_has_a_report_without_it(page: Page):
     assert "coverage" not in page.ids
     assert "#coverage" not in page.addresses
+
+
+def test_report_shows_added_section_with_its_figure_and_table(directory: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def battery(facts: Facts) -> Section:
+        drawn = picture("battery", "Charge", "Charge of each run", "At the end.", Figure())
+        table = Table([Column("Run"), Column("Charge (%)", "number")], [["noisy-1 <0>", 12]])
+        return Section("battery", "Battery", "How full the battery was", "1 run", [soft("Of {}.", "A&B"), drawn, table])
+
+    monkeypatch.setattr(report, "SECTIONS", (*report.SECTIONS, battery))
+    write_report(directory)
+    page = Page(text_of(directory))
+    assert page.misnested == [] and "#battery" in page.addresses and "battery" in page.ids
+    shown = " ".join(page.text[page.text.rindex("How full the battery was") :].split())
+    assert shown.startswith(
+        "How full the battery was1 run Of A&B. Charge At the end. PNG · SVG RunCharge (%) noisy-1 <0> 12"
+    )
+    assert (directory / "figures" / "battery.svg").is_file()
