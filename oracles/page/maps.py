@@ -1,6 +1,7 @@
 """Section on maps: where runs failed."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -63,7 +64,7 @@ def _scenes(facts: Facts) -> Iterator[Block]:
         resolution_m = scene.occupancy.resolution_m
         size = f"{width * resolution_m:.1f} m × {height * resolution_m:.1f} m"
         yield Markup('<h3>{} <span class="soft">{}</span></h3>\n').format(name, size)
-        pictures = list(map_pictures(scene, name))
+        pictures = [replace(picture, detail=True) for picture in map_pictures(scene, name)]
         density = [picture for picture in pictures if picture.density]
         lines = Group("pair", [picture for picture in pictures if not picture.density])
         yield Group("pair", density)

@@ -74,20 +74,21 @@ def _bases(tables: Tables) -> Iterator[Block]:
     parameters: Mapping[str, Any] = next(asked, {})
     judged_by = parameters.get("basis", DEFAULT_BASIS)
     rows: list[list[Any]] = []
-    for name in _BASES.keys() & metrics.keys() if "threshold" in metrics else ():
+    for name, means in _BASES.items():
+        if not {name, "threshold"} <= metrics.keys():
+            continue
         known = np.isfinite(metrics[name].values) & np.isfinite(metrics["threshold"].values)
         values, threshold = metrics[name].values[known], metrics["threshold"].values[known]
         if len(values):
             quantiles = np.quantile(values, (0.5, 0.95, 1.0)).tolist()
             said = f"{name}, judged by" if name == judged_by else name
-            rows.append([said, _BASES[name], *quantiles, percent(float((values > threshold).mean())), len(values)])
+            rows.append([said, means, *quantiles, percent(float((values > threshold).mean())), len(values)])
     if rows:
-        rows.sort(key=lambda row: list(_BASES.values()).index(row[1]))
         yield heading("Localization error on every basis")
         yield soft(
             "A threshold on summed error depends on what is summed. "
             "The campaign judges by the basis in bold; the others say what they would."
         )
         numbers = columns("number", "Median (m)", "95 % below (m)", "Greatest (m)", "Runs above the threshold", "Runs")
-        totals = [k for k, row in enumerate(rows) if row[0] != row[0].split(",")[0]]
+        totals = [k for k, row in enumerate(rows) if row[0].endswith("judged by")]
         yield Table([Column("Basis", "name"), Column("Means"), *numbers], rows, totals=totals)

@@ -130,7 +130,6 @@ def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
             "Final true poses of all failed runs, blurred with 0.2 m.",
             final_poses_figure(scene),
             density=True,
-            detail=True,
         )
         yield picture(
             f"failure-rate-{end}",
@@ -140,7 +139,6 @@ def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
             "Faint cells are uncertain. A dense spot on the left can be a busy one; a dark cell here is a dangerous one.",
             failure_rate_figure(scene),
             density=True,
-            detail=True,
         )
     hidden = len(scene.obstacles) - MAX_OBSTACLES
     obstacles = (
@@ -157,7 +155,6 @@ def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
             f"{name}: true trajectories of failed runs",
             f"True trajectories of failed runs, from circle to cross.{obstacles}",
             paths_figure(scene, "fail"),
-            detail=True,
         )
     if scene.lines[CODES["pass"]] or not runs.failed:
         yield picture(
@@ -166,7 +163,6 @@ def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
             f"{name}: true trajectories of passed runs",
             f"True trajectories of passed runs, from circle to cross.{obstacles}",
             paths_figure(scene, "pass"),
-            detail=True,
         )
 
 
