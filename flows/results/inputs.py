@@ -22,13 +22,13 @@ from vastflow.producers.floorplan.files import PlanFile, VariationFile
 from vastflow.producers.model.faults import CampaignError
 from vastflow.sim.model.digest import FileContent, digest
 from vastflow.sim.model.files import read_text, yaml_value
-from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, ParameterFile, plug_ins_in
+from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, plug_ins_in
 from vastflow.sim.plug_ins.loading import snapshot_behind
-from vastflow.sim.plug_ins.snapshot import Snapshot
+from vastflow.sim.plug_ins.snapshot import PlugInFile, Snapshot
 from vastflow.sim.scenario.language.reading import files_of
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import OccupancyMap
-from vastflow.tasks.engine.evaluation import files_in, producers_in
+from vastflow.tasks.engine.evaluation import content_of, files_in, producers_in
 from vastflow.tasks.store.artifact import inside
 
 
@@ -68,13 +68,14 @@ def inputs_of(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Inputs:
     chain = [producer for family in campaign.families for producer in family.producers]
     producers = [each for producer in chain for each in (producer, *producers_in(producer.parameters))]
     fixed = [dict(family.values) for family in campaign.families]
-    controllers = plug_ins_in(fixed)
+    plug_in_files = plug_ins_in([*fixed, *(content_of(producer.parameters) for producer in producers)])
     parameter_files = files_in(*(values.pop(FILE_KEY, None) for values in fixed))
     map_files = files_in(*fixed, *(p.parameters for p in producers))
+    map_files = {key: file for key, file in map_files.items() if all(each.digest != key for each in plug_in_files)}
     kept = _Kept(base)
     for parameter_file in map(Path, parameter_files.values()):
         kept.keep(parameter_file)
-    for content in controllers:
+    for content in plug_in_files:
         kept.keep_beside(content)
     for path in map_files.values():
         borrowed = campaign.borrowed_maps.get(path)
@@ -137,7 +138,7 @@ class _Kept:
             if not path.is_relative_to(home):
                 self.places[Path(os.path.relpath(path, home)).as_posix()] = name.as_posix()
 
-    def keep_beside(self, content: ParameterFile) -> None:
+    def keep_beside(self, content: PlugInFile) -> None:
         """Keep a parameter file's plug-ins where the kept parameter file names them."""
         home = Path(os.path.abspath(content.path)).parent
         kept = self.places.get(Path(os.path.relpath(content.path, self.base)).as_posix())

@@ -18,11 +18,13 @@ from vastflow.flows.search.tables import search_record, write_search
 from vastflow.oracles.judgement.oracle import Oracle
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.campaign_file.postprocessing import steps_of
-from vastflow.sim.nav2.controllers.registry import known_controllers
+from vastflow.sim.nav2.controllers.registry import CONTROLLER_PLUG_INS
 from vastflow.sim.nav2.parameter_files.parameter_file import plug_ins_in
+from vastflow.sim.nav2.planners.registry import PLANNER_PLUG_INS
 from vastflow.sim.plug_ins.loading import OWN, snapshot_behind
 from vastflow.sim.plug_ins.snapshot import Snapshot
-from vastflow.tasks.engine.evaluation import producers_in
+from vastflow.sim.world.noise_registry import NOISE_PLUG_INS
+from vastflow.tasks.engine.evaluation import content_of, producers_in
 from vastflow.tasks.keys.source import NUMERIC_LIBRARIES, live_source
 from vastflow.tasks.store.store import store_address
 
@@ -41,7 +43,10 @@ def basis_of(campaign: Campaign, oracles: Iterable[Oracle[Any]], inputs: Inputs)
         return None
     if steps_of(campaign.spec.results_processing.postprocessing):
         return None
-    if not all(entry.module.startswith(OWN) for entry in known_controllers().values()):
+    installed = (
+        entry for kind in (CONTROLLER_PLUG_INS, NOISE_PLUG_INS, PLANNER_PLUG_INS) for entry in kind.known.values()
+    )
+    if not all(entry.module.startswith(OWN) for entry in installed):
         return None
     snapshots: list[Snapshot] = []
     for plug_in in (*_producers(campaign), *oracles):
@@ -49,7 +54,8 @@ def basis_of(campaign: Campaign, oracles: Iterable[Oracle[Any]], inputs: Inputs)
             snapshots.append(snapshot)
         elif not type(plug_in).__module__.startswith(OWN):
             return None
-    for file in plug_ins_in([dict(family.values) for family in campaign.families]):
+    varied = (content_of(producer.parameters) for producer in _producers(campaign))
+    for file in plug_ins_in([*(dict(family.values) for family in campaign.families), *varied]):
         snapshots += file.plug_ins.values()
     outside = {top for snapshot in snapshots for top in snapshot.outside}
     if any(not each.entry.endswith(".py") for each in snapshots) or any(map(live_source, outside)):

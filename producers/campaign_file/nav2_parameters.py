@@ -10,12 +10,12 @@ from vastflow.producers.campaign_file.document import Document
 from vastflow.producers.model.faults import Fault, Location, Note, shown
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.files import is_file
+from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.nav2.parameter_files import document as parameters
 from vastflow.sim.nav2.parameter_files.controller_server import critics_of
 from vastflow.sim.nav2.parameter_files.findings import Finding, findings, slips
 from vastflow.sim.nav2.parameter_files.interpretation import Interpretation, interpretation
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, file_value, frozen, read_nav2_document
-from vastflow.sim.nav2.parameters.parameter import ParameterLocation
 
 WHERE: Final[Location] = ("execution", FILE_KEY)
 

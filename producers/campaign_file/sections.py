@@ -1,6 +1,6 @@
 """Sections of a campaign file: what they are made of, designs of families, repetitions of runs, and the family's robot."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Final, Literal, Self, TypeAlias, get_args
 
@@ -22,7 +22,7 @@ from pydantic_core import CoreSchema, PydanticCustomError
 from vastflow.producers.campaign_file.document import Document
 from vastflow.producers.model.faults import NOT_EXECUTED, Fault, Location, shown
 from vastflow.producers.model.numbers import Count, Number, Seed
-from vastflow.sim.nav2.parameters.robot import PRESETS, robot_keys
+from vastflow.sim.nav2.parameters.robot import NOISE_PLACE, PRESETS, robot_keys
 from vastflow.sim.world.robot_model import Drive
 
 
@@ -218,6 +218,15 @@ Quantity: TypeAlias = Annotated[Any, _NUMBER]
 Flag: TypeAlias = Annotated[Any, WithJsonSchema({"type": ["boolean", "null"]})]
 
 
+class NoiseSpec(Section):
+    """The lidar's noise, with the parameters of its model beside the name."""
+
+    model_config = ConfigDict(extra="allow")
+
+    model: str | None = None
+    """Name of an installed model, or `file.py:Class` beside the campaign; `gaussian_dropout`, if not given."""
+
+
 class LidarSpec(Section):
     """A laser scanner; what is not given is a TurtleBot 4's, but for the mount of one with angles of its own, which is 0."""
 
@@ -241,6 +250,8 @@ class LidarSpec(Section):
     """Scans a second (Hz), 1 to 20; it is held as a whole number of ticks of 50 ms."""
     sweeps: Flag = None
     """Whether each beam has a time of its own in the scanner's turn, counter-clockwise, so that scans of a moving robot are distorted."""
+    noise: Annotated[NoiseSpec, EmptyIsMap] = Field(default_factory=NoiseSpec)
+    """What is added to exact ranges."""
 
 
 class LatencySpec(Section):
@@ -305,7 +316,11 @@ def robot_places(
     """
     found: dict[str, Location] = {}
     faults: list[Fault] = []
-    for key in robot_keys() if document.known(location) == location else ():
+    keys = [*robot_keys()] if document.known(location) == location else []
+    noise = (*location, *NOISE_PLACE[1:])
+    if keys and document.known(noise) == noise:
+        keys = [*dict.fromkeys([*keys, *_below(document.value(noise), NOISE_PLACE)])]
+    for key in keys:
         where = (*location, *key.split(".")[1:])
         if document.known(where) != where or document.value(where) is None:
             continue
@@ -314,3 +329,9 @@ def robot_places(
             faults.append(document.fault(where, f"a second {key!r}", f"one; the first is in line {line}", "key"))
         found[key] = where
     return found, faults
+
+
+def _below(value: Any, place: tuple[str, ...]) -> Iterator[str]:
+    """Keys of the quantities below a place, groups in groups."""
+    for name, item in value.items() if isinstance(value, Mapping) else ():
+        yield from _below(item, (*place, str(name))) if isinstance(item, Mapping) else [".".join((*place, str(name)))]

@@ -287,7 +287,7 @@ def is_tolerated_in_family(key: str) -> bool:
 
 def unexecuted(section: BaseModel, location: Location = ()) -> Iterator[tuple[Location, str]]:
     """Every key that the file gives and this version does nothing with, and what follows from that."""
-    for name in sorted(section.model_fields_set):
+    for name in sorted(section.model_fields_set & type(section).model_fields.keys()):  # noise has its model's own
         field, value = type(section).model_fields[name], getattr(section, name)
         marks = [mark for mark in field.metadata if isinstance(mark, Unexecuted)]
         if marks:

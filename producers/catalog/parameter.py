@@ -6,6 +6,7 @@ They read nothing, so that their values are drawn once and shared by every paren
 import math
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeAlias, TypeVar
 
 import numpy as np
@@ -20,6 +21,8 @@ from vastflow.producers.places.ground import MAP_FILE_KEYS, map_value, serializa
 from vastflow.sim.model.digest import Value, digest
 from vastflow.sim.model.obstacle import lists_obstacles
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
+from vastflow.sim.nav2.parameter_files.noise import noise_value
+from vastflow.sim.nav2.parameters.robot import NOISE_MODEL_KEY
 
 ParameterName: TypeAlias = Annotated[str, Field(min_length=1)]
 ParameterKind: TypeAlias = Literal["int", "integer", "float", "double", "number", "bool", "boolean", "str", "string"]
@@ -47,6 +50,8 @@ def _value(name: str | None, value: Any, info: ValidationInfo) -> Any:
         return map_value(value, info)
     if value is None:
         raise PydanticCustomError("value", "found nothing; text, a number, true or false, a list or a map")
+    if name == NOISE_MODEL_KEY:
+        return noise_value(value, Path((info.context or {}).get("base", ".")))
     _json_value.validate_python(value)
     try:
         digest(value)

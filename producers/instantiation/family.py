@@ -46,7 +46,8 @@ from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_of
 from vastflow.sim.nav2.parameter_files.chosen import FOOTPRINT_NAMES, parameters_of
 from vastflow.sim.nav2.parameter_files.document import DocumentError
-from vastflow.sim.nav2.parameters.robot import ROBOT_KEY, robot_keys
+from vastflow.sim.nav2.parameter_files.noise import noise_value
+from vastflow.sim.nav2.parameters.robot import NOISE_MODEL_KEY, ROBOT_KEY
 from vastflow.sim.plug_ins.effects import plug_in_code
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.reading.abstract import hall_file
@@ -147,7 +148,10 @@ class FamilyReader:
         robot, twice = robot_places(self._document, (*location, ROBOT_KEY), places)
         self.faults += twice
         places |= robot | self._overridden
-        values |= {key: self._document.value(where) for key, where in robot.items()} | self._overrides
+        values |= {key: self._document.value(where) for key, where in robot.items()}
+        if NOISE_MODEL_KEY in robot:
+            values[NOISE_MODEL_KEY] = noise_value(values[NOISE_MODEL_KEY], self._base)
+        values |= self._overrides
         tags = {key: dimension_of(key, value, dimensions.get(key)) for key, value in values.items()}
         for key in set(dimensions) - set(places):
             where = (*location, "dimensions", key)
@@ -220,7 +224,7 @@ class FamilyReader:
                 self._fault(where, f"found {key!r}", "a name without a leading underscore", at="key")
             places[key] = where
             if key not in MAP_FILE_KEYS:
-                values[key] = value
+                values[key] = noise_value(value, self._base) if key == NOISE_MODEL_KEY else value
             elif content := self._map(where, value):
                 values[key] = content
         return places, values
@@ -259,7 +263,10 @@ class FamilyReader:
         good = {key: value for key, value in system.items() if not complaints.get(key)}
         if found := combined_complaint(good):
             key, complaint = found
-            where = (*flow.location, ROBOT_KEY if key in robot_keys() and key in flow.fixed else "parameters")
+            where = (
+                *flow.location,
+                ROBOT_KEY if key.startswith(f"{ROBOT_KEY}.") and key in flow.fixed else "parameters",
+            )
             self._fault(where, *complaint, at="key")
         for _, complaint in mask_complaints(good, flow.written):
             self._fault((*flow.location, "parameters"), *complaint, at="key")
@@ -464,4 +471,4 @@ def _lines(family: Family) -> Iterator[str]:
 
 
 def _is_of_robot(key: str) -> bool:
-    return key in robot_keys() or key.rpartition(".")[2] in FOOTPRINT_NAMES
+    return key.startswith(f"{ROBOT_KEY}.") or key.rpartition(".")[2] in FOOTPRINT_NAMES

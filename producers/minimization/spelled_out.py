@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from typing import Final, TypeAlias
 
 from vastflow.sim.model.digest import FileContent, Value
-from vastflow.sim.nav2.controllers.registry import name_of, short_name
+from vastflow.sim.model.parameter import ParameterLocation
+from vastflow.sim.nav2.controllers.registry import CONTROLLER_PLUG_INS, short_name
 from vastflow.sim.nav2.parameter_files.chosen import (
     CONTROLLER_KEY,
     default_document,
@@ -14,9 +15,9 @@ from vastflow.sim.nav2.parameter_files.chosen import (
 )
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, DocumentError, dotted
 from vastflow.sim.nav2.parameter_files.interpretation import document_of
-from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, ParameterFile, read_nav2_document
+from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, read_nav2_document
 from vastflow.sim.nav2.parameters.mppi import MppiParameters
-from vastflow.sim.nav2.parameters.parameter import ParameterLocation
+from vastflow.sim.plug_ins.snapshot import PlugInFile
 
 _MONITOR: Final = "collision_monitor.FootprintApproach.enabled"
 """Off where a file has no such node, which no key takes away."""
@@ -30,14 +31,16 @@ def spelled_out(system: Mapping[str, Value]) -> Mapping[str, Value]:
     What the other keys rewrite of the file stands for itself, and its default is Nav2's.
     """
     content = system.get(FILE_KEY)
-    if not isinstance(content, FileContent) or isinstance(content, ParameterFile):
+    if not isinstance(content, FileContent) or isinstance(content, PlugInFile):
         return system
     rest = {key: value for key, value in system.items() if key != FILE_KEY}
     try:
         meant = parameters_of(system)
         of_file = parameters_of({key: system[key] for key in (FILE_KEY, CONTROLLER_KEY) if key in system})
         kind, default = type(of_file.controller), default_document().values
-        chosen: dict[str, Value] = {} if kind is MppiParameters else {CONTROLLER_KEY: short_name(name_of(kind))}
+        chosen: dict[str, Value] = (
+            {} if kind is MppiParameters else {CONTROLLER_KEY: short_name(CONTROLLER_PLUG_INS.name_of(kind))}
+        )
         if chosen:
             default = with_controller(default_document(), chosen[CONTROLLER_KEY]).values
         said = document_of(of_file).values

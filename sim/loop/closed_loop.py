@@ -182,6 +182,7 @@ class ClosedLoop:
                 stack.cloud,
                 stack.route,
                 stack.controller.bound,
+                stack.noise.bound,
                 stack.rows,
                 self.body,
                 hold,

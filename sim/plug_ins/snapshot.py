@@ -13,7 +13,7 @@ from typing import Final
 
 import platformdirs
 
-from vastflow.sim.model.digest import digest
+from vastflow.sim.model.digest import FileContent, digest
 from vastflow.sim.plug_ins.neighbors import MOST_BYTES, Hidden, PlugInError, neighbors_of
 
 _UNUSED_S: Final = 30 * 24 * 3600.0
@@ -95,6 +95,17 @@ class Snapshot:
         """
         for place in self.files:
             self.read(place)
+
+
+@dataclass(frozen=True, slots=True)
+class PlugInFile(FileContent):
+    """A file that names plug-ins of its author's, or is one, with them as they were when it was read.
+
+    Attributes:
+        plug_ins: `file.py:Class` as it is named, to the copy that is run.
+    """
+
+    plug_ins: Mapping[str, Snapshot] = field(compare=False, default_factory=dict)
 
 
 def snapshot_of(file: Path, campaign: Path, code: str | None = None) -> Snapshot:

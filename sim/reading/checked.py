@@ -156,11 +156,12 @@ def _definition_digest(scenario: Scenario, script: Script) -> str:
 
 
 def _digested(robot: RobotSetup) -> Value:
-    """With the code of a controller that is not vastflow's own, which no source digest has."""
+    """With the code of plug-ins that are not vastflow's own, which no source digest has."""
     parameters = robot.parameters
     return [
         *(robot.map_file, repr(robot.start), _parameters_digest(parameters)),
-        *(code_value(type(parameters.controller)), repr((robot.robot, robot.lidar))),
+        *(code_value(type(each)) for each in (parameters.controller, parameters.planner, parameters.lidar_noise)),
+        repr((robot.robot, robot.lidar)),
         *(() if robot.difference is None else (repr(robot.difference),)),
         *(() if robot.masks == NO_MASKS else (robot.masks.keepout, robot.masks.speed)),
     ]

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
+from vastflow.sim.model.parameter import ParameterGroup
 from vastflow.sim.model.polygon import Vertices, vertices_of
 from vastflow.sim.model.rates import held_hz
 from vastflow.sim.nav2.parameter_files.interpretation import NO_SMOOTHER, is_omni
@@ -12,6 +13,7 @@ from vastflow.sim.nav2.parameters.mppi import MotionModel, MppiParameters
 from vastflow.sim.nav2.parameters.robot import IDEAL, Latency, LidarParameters
 from vastflow.sim.nav2.parameters.servers import SmacPlannerHybrid, VelocitySmoother
 from vastflow.sim.nav2.parameters.stack import NavParameters
+from vastflow.sim.world.noise_parameters import GaussianDropoutParameters
 from vastflow.sim.world.robot_model import Drive, Lidar, Robot
 
 TURTLEBOT_4: Final = Robot()
@@ -88,7 +90,12 @@ def lidar_of(parameters: NavParameters) -> Lidar:
 
 def robot_facts(parameters: NavParameters) -> tuple[RobotFact, ...]:
     """All that the simulator takes the robot to be, in words."""
-    return (*_driving_facts(parameters), *_lidar_facts(parameters), *_latency_facts(parameters.latency))
+    return (
+        *_driving_facts(parameters),
+        *_lidar_facts(parameters),
+        *_noise_facts(parameters.lidar_noise),
+        *_latency_facts(parameters.latency),
+    )
 
 
 def robot_words(facts: Iterable[RobotFact]) -> Iterator[str]:
@@ -207,6 +214,11 @@ def _lidar_facts(parameters: NavParameters) -> Iterator[RobotFact]:
         yield RobotFact(quantity, value, assumed if described is None else "given")
     if lidar.sweeps:
         yield RobotFact("beams one after the other over", f"{1.0 / lidar.rate_hz:.4g} s a turn", "given")
+
+
+def _noise_facts(noise: ParameterGroup) -> Iterator[RobotFact]:
+    if not isinstance(noise, GaussianDropoutParameters):
+        yield RobotFact("lidar noise", type(noise).__name__, "given")
 
 
 def _latency_facts(latency: Latency) -> Iterator[RobotFact]:

@@ -255,7 +255,7 @@ def _ahead(stack: Stack) -> NDArray[np.float64]:
 
 def _intended(stack: Stack, moment: Moment) -> NDArray[np.float64]:
     """(T + 1, 2), from the estimate on: each step goes where the robot heads before it turns, as in MPPI's own rollout."""
-    if not isinstance(stack.controller.controller, Mppi) or moment.activity != "following" or moment.no_command_s > 0.0:
+    if not isinstance(stack.controller.plug_in, Mppi) or moment.activity != "following" or moment.no_command_s > 0.0:
         return np.empty((0, 2))
     v_mps, w_radps = stack.controller.memory.sequence
     dt_s = float(stack.controller.parameters[0]["model_dt"])

@@ -1,15 +1,19 @@
-"""The laser scanner: exact ranges to the map's walls and to obstacles, then the perturbations of a study.
+"""The laser scanner: exact ranges to the map's walls and to obstacles, and the seam to its noise.
 
 Walls are met by skips over free cells (`vastflow.sim.world.skip_table`), obstacles by the few beams that can meet them.
 """
 
 import math
-from typing import Any
+from typing import Any, Final
 
+import numba
 import numpy as np
+from numba import types
+from numpy.typing import NDArray
 
+from vastflow.sim.kernels.binding import Bound, Running, Seam, calling, forwarding
 from vastflow.sim.kernels.numeric import inner, njit
-from vastflow.sim.kernels.streams import integer_below, normal_pair
+from vastflow.sim.world.noise import LidarNoise, Scan
 from vastflow.sim.world.skip_table import SkipTable, ranges_to_walls
 
 
@@ -108,28 +112,28 @@ def range_to_obstacle(obstacle: Any, x_m: float, y_m: float, dx: float, dy: floa
     return float(max(near, start_m))
 
 
-@njit
-def perturb(ranges_m: Any, stream: Any, dropout: float, noise_m: float, order: Any) -> None:
-    """Dropout, then noise, in place, as the paper's relay between simulator and Nav2 does.
+def _example() -> Scan:
+    return Scan(np.zeros(1), np.zeros((1, 2)), 0.0, 0.0)
 
-    Exactly `int(B * dropout)` distinct beams, chosen anew each scan, become `inf`; then every beam gets
-    independent Gaussian noise of standard deviation `noise_m`, not clipped to the sensor's limits.
 
-    Args:
-        order: (B,) int64 scratch.
-    """
-    beams = ranges_m.shape[0]
-    dropped = int(beams * dropout)
-    if dropped > 0:
-        for b in range(beams):
-            order[b] = b
-        for k in range(dropped):
-            other = k + integer_below(stream, beams - k)
-            order[k], order[other] = order[other], order[k]
-            ranges_m[order[k]] = np.inf
-    if noise_m > 0.0:
-        for b in range(0, beams, 2):
-            first, second = normal_pair(stream)
-            ranges_m[b] += noise_m * first
-            if b + 1 < beams:
-                ranges_m[b + 1] += noise_m * second
+_GIVEN: Final = numba.typeof(_example())
+_call: Final = calling(_GIVEN, types.none)
+_forward: Final = forwarding(_GIVEN, types.none)
+
+
+def _perturb_entry(layout: Any, given: Any) -> None:
+    _forward(layout, given)
+
+
+_NOISE: Final = Seam("perturb", _GIVEN, lambda found: bool(found == types.none), "nothing", _perturb_entry)
+
+
+def running_noise(noise: LidarNoise, stream: NDArray[np.uint64], beams: int) -> Running[LidarNoise]:
+    """Return noise with the memory of one run; raises `ContractError` as `Seam.running` does."""
+    return _NOISE.running(noise, noise.memory(stream, beams))
+
+
+@inner
+def perturb(noise: Bound, given: Scan) -> None:
+    """Change the ranges of a scan by the noise; the loop calls it."""
+    _call(noise.entries[0], noise.table, given)

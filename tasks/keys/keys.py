@@ -18,6 +18,8 @@ EXECUTE_SOURCE: Final = (
     "vastflow.sim.model.archive",
     "vastflow.sim.model.blocks",
     "vastflow.sim.nav2.controllers.*",
+    "vastflow.sim.nav2.planners.*",
+    "vastflow.sim.world.*",
 )
 OBSERVE_SOURCE: Final = ("vastflow.oracles.observation.observe",)
 JUDGE_SOURCE: Final = ("vastflow.oracles.judgement.judge",)

@@ -44,12 +44,18 @@ READING: Final = (
     "vastflow.sim.nav2.controllers.registry",
     "vastflow.sim.nav2.parameter_files",
     "vastflow.sim.nav2.parameters",
+    "vastflow.sim.nav2.planners.conformance",
+    "vastflow.sim.nav2.planners.registry",
     "vastflow.sim.model.names",
+    "vastflow.sim.model.parameter",
     "vastflow.sim.plug_ins",
     "vastflow.sim.reading",
     "vastflow.sim.scenario.definition",
     "vastflow.sim.scenario.language",
     "vastflow.sim.world.map_file",
+    "vastflow.sim.world.noise_conformance",
+    "vastflow.sim.world.noise_parameters",
+    "vastflow.sim.world.noise_registry",
 )
 """Packages that read and check, and that let plug-ins in. No result follows from their code: what they make of files is in
 keys as a value, and a plug-in as its snapshot."""

@@ -9,7 +9,7 @@ from vastflow.producers.campaign_file.sections import LatencySpec, LidarSpec, Ro
 from vastflow.producers.instantiation.family import robots_json
 from vastflow.producers.model.faults import CampaignError
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.sim.nav2.parameters.robot import PRESETS, robot_keys
+from vastflow.sim.nav2.parameters.robot import NOISE_MODEL_KEY, PRESETS, robot_keys
 from vastflow.sim.reading.robot import lidar_of, robot_of
 
 
@@ -50,7 +50,7 @@ def test_what_a_robot_is_given_takes_the_place_of_the_turtlebot_4s(family):
 
 def test_the_section_has_every_quantity_that_a_robot_has(family):
     keys = {f"robot.{name}" for name in RobotSpec.model_fields if name not in ("lidar", "latency")}
-    keys |= {f"robot.lidar.{name}" for name in LidarSpec.model_fields}
+    keys |= {f"robot.lidar.{name}" for name in LidarSpec.model_fields if name != "noise"} | {NOISE_MODEL_KEY}
     assert keys | {f"robot.latency.{name}" for name in LatencySpec.model_fields} == set(robot_keys())
     robot = robot_of(parameters_of(of_robot(family("{drive: ackermann, min_turning_radius: 0.8}"))))
     assert (robot.drive, robot.min_turning_radius_m) == ("ackermann", 0.8)

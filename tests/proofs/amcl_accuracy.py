@@ -25,7 +25,8 @@ from pathlib import Path
 import numpy as np
 
 from vastflow.sim.nav2.amcl.filter import Filter
-from vastflow.sim.world.lidar import perturb, scan
+from vastflow.sim.world.gaussian_dropout import perturb
+from vastflow.sim.world.lidar import scan
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.motion import arc, limited, wrapped
 from vastflow.sim.world.occupancy import OccupancyMap

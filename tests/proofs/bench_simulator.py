@@ -171,7 +171,7 @@ class _Course:
                 if m["filter_updates"] > updates:
                     updates = int(m["filter_updates"])
                     particles.append(int(m["particles"]))
-            floods += int(m["floods"])
+            floods += int(loop.stack.planner.memory.floods[0])
         return {
             "amcl_updates_per_s": round(len(particles) / simulated_s, 2),
             "amcl_particles_mean": round(float(np.mean(particles)), 1),

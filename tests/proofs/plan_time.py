@@ -17,15 +17,17 @@ import numpy as np
 from bench_simulator import LARGE, REFERENCE_TURNS, Route, benchmark_map, benchmark_routes
 from numpy.typing import NDArray
 
+from vastflow.sim.kernels.binding import Bound, Running
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.nav2.costmaps.outline import outline_of
 from vastflow.sim.nav2.navigator.prepared import prepare
+from vastflow.sim.nav2.navigator.state import with_kernels
 from vastflow.sim.nav2.parameters.servers import SmacPlanner2D, SmacPlannerHybrid
 from vastflow.sim.nav2.parameters.stack import NavParameters
+from vastflow.sim.nav2.planners.binding import compute_path, running
 from vastflow.sim.nav2.planners.navfn import path
-from vastflow.sim.nav2.planners.planner import Planner, compute_path, planner_of
-from vastflow.sim.nav2.planners.search import PlannerInput
+from vastflow.sim.nav2.planners.planner import Planner, PlannerInput, PlannerSetting
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar
@@ -51,7 +53,7 @@ class Times:
 
 
 @njit
-def planned(planner: Planner, given: PlannerInput) -> int:
+def planned(planner: Bound, given: PlannerInput) -> int:
     return int(compute_path(planner, given))
 
 
@@ -70,13 +72,14 @@ def plans_of(occupancy: OccupancyMap) -> Iterator[tuple[str, Plan]]:
     yield "NavFn", flood
     place = np.array([*origin_m, resolution_m])
     outline = outline_of(parameters.global_costmap)
+    setting = PlannerSetting(costs, costs, parameters.global_costmap, resolution_m, occupancy.origin_xy_m)
     for name, planner_parameters in PLANNERS.items():
-        planner = planner_of(planner_parameters, parameters.global_costmap, resolution_m, occupancy.origin_xy_m)
+        found = running(with_kernels(planner_parameters), setting)
 
-        def search(start: Pose, goal: Pose, planner: Planner = planner) -> NDArray[np.float64]:
+        def search(start: Pose, goal: Pose, found: Running[Planner] = found) -> NDArray[np.float64]:
             ends = [(at.x_m, at.y_m, at.yaw_rad) for at in (start, goal)]
             given = PlannerInput(costs, place, outline, ends[0], ends[1], np.zeros((16 * max(costs.shape), 3)))
-            return np.asarray(given.path[: max(planned(planner, given), 0), :2])
+            return np.asarray(given.path[: max(planned(found.bound, given), 0), :2])
 
         yield name, search
 

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from scipy import ndimage
 from table import each_row
 
+from vastflow.sim.model.parameter import ParameterError
 from vastflow.sim.nav2.amcl.filter import Filter, weight
 from vastflow.sim.nav2.parameters.amcl import AmclParameters, covariance_of
-from vastflow.sim.nav2.parameters.parameter import ParameterError
 from vastflow.sim.world.lidar import scan
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar

@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 import textwrap
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,16 +14,18 @@ from table import each_row
 from vastflow.sim.loop.drive import drive
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Mission
-from vastflow.sim.nav2.controllers import conformance, registry
+from vastflow.sim.nav2.controllers import conformance
 from vastflow.sim.nav2.controllers.conformance import CHECKS, check_controller, check_time, sample_situations
 from vastflow.sim.nav2.controllers.controller import Controller, Setting
-from vastflow.sim.nav2.controllers.registry import UnknownController, find_controller, known_controllers, short_names
+from vastflow.sim.nav2.controllers.registry import CONTROLLER_PLUG_INS, find_controller, short_names
 from vastflow.sim.nav2.navigator.prepared import prepare
-from vastflow.sim.nav2.navigator.state import controller_of
+from vastflow.sim.nav2.navigator.state import with_kernels
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.document import DocumentError
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.nav2.parameters.stack import NavParameters
+from vastflow.sim.plug_ins import registry
+from vastflow.sim.plug_ins.registry import UnknownPlugIn
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar, Robot
 
@@ -35,8 +38,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vastflow.sim.kernels.streams import uniform
-from vastflow.sim.nav2.controllers.controller import Controller, ControllerInput, Setting, kernel
-from vastflow.sim.nav2.parameters.parameter import parameter
+from vastflow.sim.kernels.plug_in import kernel
+from vastflow.sim.nav2.controllers.controller import Controller, ControllerInput, Setting
+from vastflow.sim.model.parameter import parameter
 
 
 """
@@ -130,7 +134,7 @@ def test_a_run_with_a_plug_in_is_the_same_again(folder):
 
 def test_the_shipped_controllers_are_found_by_entry_points():
     assert list(short_names()) == ["dwb", "mppi", "rpp"]
-    assert all(issubclass(find_controller(name), Controller) for name in known_controllers())
+    assert all(issubclass(find_controller(name), Controller) for name in CONTROLLER_PLUG_INS.known)
 
 
 @each_row("name", ["dwb", "mppi", "rpp"])
@@ -322,7 +326,7 @@ def test_the_key_controller_takes_a_plug_in_that_the_file_lists(tmp_path, folder
 
 
 def test_an_unknown_name_in_code_is_refused_with_the_nearest():
-    with pytest.raises(UnknownController, match="did you mean 'dwb_core::DWBLocalPlanner'"):
+    with pytest.raises(UnknownPlugIn, match="did you mean 'dwb_core::DWBLocalPlanner'"):
         find_controller("dwb_core::DWBLocalPlaner")
 
 
@@ -335,7 +339,7 @@ def test_an_install_whose_metadata_is_older_than_its_source_says_to_install_agai
     with pytest.raises(
         RuntimeError, match=r"its metadata is older than its source; install it again: pip install -e \."
     ):
-        known_controllers.__wrapped__()
+        _ = replace(CONTROLLER_PLUG_INS).known
 
 
 def test_the_parameters_of_built_in_controllers_are_read_without_numba_and_scipy():
@@ -351,6 +355,6 @@ def test_the_parameters_of_built_in_controllers_are_read_without_numba_and_scipy
 @each_row("name", ["dwb", "mppi", "rpp"])
 def test_a_built_in_controller_has_the_parameters_that_were_read(name):
     parameters = parameters_of({"controller": name}).controller
-    controller = controller_of(parameters)
+    controller = with_kernels(parameters)
     assert type(controller) is find_controller(short_names()[name])
     assert dict(controller) == dict(parameters)

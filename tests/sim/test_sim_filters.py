@@ -5,18 +5,19 @@ import pytest
 from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
+from vastflow.sim.kernels.plug_in import ContractError
 from vastflow.sim.loop.drive import drive
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Mission
 from vastflow.sim.nav2.controllers.binding import running
-from vastflow.sim.nav2.controllers.controller import ControllerError, Setting
+from vastflow.sim.nav2.controllers.controller import Setting
 from vastflow.sim.nav2.controllers.registry import find_controller
 from vastflow.sim.nav2.controllers.speed_zones import limit_speed, speed_zones
 from vastflow.sim.nav2.costmaps.filters import keep_out_of_window, keepout_mask, kept_out, on_map
 from vastflow.sim.nav2.costmaps.window import Window
 from vastflow.sim.nav2.navigator.prepared import prepare
-from vastflow.sim.nav2.navigator.state import controller_of
+from vastflow.sim.nav2.navigator.state import with_kernels
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of, unread
 from vastflow.sim.nav2.parameter_files.costmaps import masks_of
 from vastflow.sim.nav2.parameter_files.document import DocumentError, parse
@@ -116,8 +117,9 @@ def test_a_mask_that_no_filter_needs_is_read_by_nothing():
 
 
 OWN = """
-from vastflow.sim.nav2.controllers.controller import Controller, SpeedLimits, kernel
-from vastflow.sim.nav2.parameters.parameter import parameter
+from vastflow.sim.kernels.plug_in import kernel
+from vastflow.sim.nav2.controllers.controller import Controller, SpeedLimits
+from vastflow.sim.model.parameter import parameter
 
 
 @kernel
@@ -149,7 +151,7 @@ def test_speed_limits_that_scale_what_is_no_parameter_are_said_with_the_controll
     (tmp_path / "own.py").write_text(OWN)
     controller = find_controller("own.py:Misnamed", tmp_path)()
     found = running(controller, Setting(60, 60, RESOLUTION_M, 0.25, 0.25, np.array([1], dtype=np.uint64)))
-    with pytest.raises(ControllerError, match=r"own.py:15: speed_limits of Misnamed scales 'speed'; names of its own"):
+    with pytest.raises(ContractError, match=r"own.py:16: speed_limits of Misnamed scales 'speed'; names of its own"):
         speed_zones(floor(), floor(), SpeedFilter(), found)
 
 
@@ -200,7 +202,7 @@ def limited(zones, x, y):
 def limits_at(kind, q, values, names):
     """The parameters of a controller at each cell of a mask in turn."""
     stream = np.array([1], dtype=np.uint64)
-    controller = controller_of(parameters_of({"controller": kind}).controller)
+    controller = with_kernels(parameters_of({"controller": kind}).controller)
     found = running(controller, Setting(60, 60, RESOLUTION_M, 0.25, 0.25, stream))
     zones = speed_zones(mask([values]), floor(), q, found)
     rows = []

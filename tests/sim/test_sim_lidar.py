@@ -12,7 +12,8 @@ from shapely.geometry import LineString, Point, box
 from table import each_row
 
 from vastflow.sim.kernels.streams import streams_of
-from vastflow.sim.world.lidar import perturb, range_to_obstacle, scan
+from vastflow.sim.world.gaussian_dropout import perturb
+from vastflow.sim.world.lidar import range_to_obstacle, scan
 from vastflow.sim.world.robot_model import Lidar
 from vastflow.sim.world.skip_table import ranges_to_walls, skip_table_of
 

@@ -12,6 +12,7 @@ from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.parameters.servers import Perturbation
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.noise_parameters import GaussianDropoutParameters
 from vastflow.sim.world.robot_model import Lidar, Robot
 
 ROUTES = 3
@@ -22,7 +23,9 @@ ROUTE_M = 15.0
 def recordings(map_file, **perturbation):
     """Routes on a map, as they were driven."""
     occupancy = load_map(map_file)
-    parameters = NavParameters(perturbation=Perturbation(**perturbation))
+    noise = {name: perturbation[name] for name in GaussianDropoutParameters.model_fields if name in perturbation}
+    others = {name: value for name, value in perturbation.items() if name not in noise}
+    parameters = NavParameters(perturbation=Perturbation(**others), lidar_noise=GaussianDropoutParameters(**noise))
     prepared = prepare(occupancy, Lidar(), parameters)
     routes = benchmark_routes(occupancy, ROUTE_M)[:ROUTES]
     return [

@@ -52,6 +52,7 @@ def after_a_tick(prepared, scenario):
             stack.cloud,
             stack.route,
             stack.controller.bound,
+            stack.noise.bound,
             stack.rows,
             body,
             FREE,
@@ -122,9 +123,9 @@ def test_the_global_costs_join_the_map_s_walls_and_the_obstacle(after_a_tick, pr
 
 
 def test_a_run_s_marks_leave_the_prepared_map_as_it_was(after_a_tick, prepared):
-    before = prepared.costs.copy(), prepared.travel.copy(), prepared.static.copy()
+    before = prepared.costs.copy(), prepared.free_costs.copy(), prepared.static.copy()
     after_a_tick(MARKED)
-    for one, other in zip(before, (prepared.costs, prepared.travel, prepared.static), strict=True):
+    for one, other in zip(before, (prepared.costs, prepared.free_costs, prepared.static), strict=True):
         np.testing.assert_array_equal(one, other)
 
 

@@ -4,14 +4,15 @@ import pytest
 from table import each_row
 
 from vastflow.sim.model.digest import FileContent, canonical
+from vastflow.sim.model.parameter import ParameterError
 from vastflow.sim.nav2.parameter_files.chosen import OWN_KEYS, check_key, default_document, parameters_of, unread
 from vastflow.sim.nav2.parameter_files.document import DocumentError
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.nav2.parameters.dwb import DwbParameters
-from vastflow.sim.nav2.parameters.parameter import ParameterError
 from vastflow.sim.nav2.parameters.rpp import RppParameters
 from vastflow.sim.nav2.parameters.servers import Perturbation
 from vastflow.sim.nav2.parameters.stack import NavParameters
+from vastflow.sim.world.noise_parameters import GaussianDropoutParameters
 
 GLOBAL_RADIUS = "global_costmap.global_costmap.ros__parameters.robot_radius"
 
@@ -122,7 +123,7 @@ def test_text_that_is_a_number_or_a_flag_is_that():
     found = parameters_of(
         {"laserscan_random_drop_percentage": "0.1", "min_particles": "100", "allow_unknown": "False", "pf_err": "1e-2"}
     )
-    assert found.perturbation.laserscan_random_drop_percentage == 0.1
+    assert found.lidar_noise.laserscan_random_drop_percentage == 0.1
     assert (found.amcl.min_particles, found.amcl.pf_err, found.planner.allow_unknown) == (100, 0.01, False)
 
 
@@ -142,7 +143,7 @@ def test_sensing_goes_by_the_launch_arguments_or_the_relays_own_names():
         for prefix in ("", "laserscan_")
     ]
     assert found[0] == found[1]
-    assert found[0].perturbation == Perturbation(
+    assert found[0].lidar_noise == GaussianDropoutParameters(
         laserscan_gaussian_noise_std_deviation=0.1, laserscan_random_drop_percentage=0.2
     )
 

@@ -5,12 +5,12 @@ from typing import Literal, get_args, get_origin
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from vastflow.sim.model.parameter import ParameterGroup, range_of
 from vastflow.sim.nav2.parameter_files.costmaps import OF_THE_MAP
 from vastflow.sim.nav2.parameter_files.interpretation import document_of, interpretation
 from vastflow.sim.nav2.parameters.costmap import Costmap
 from vastflow.sim.nav2.parameters.dwb import DwbParameters
 from vastflow.sim.nav2.parameters.mppi import MppiParameters
-from vastflow.sim.nav2.parameters.parameter import ParameterGroup, range_of
 from vastflow.sim.nav2.parameters.rpp import RppParameters
 from vastflow.sim.nav2.parameters.stack import NavParameters
 
@@ -59,7 +59,9 @@ def test_what_is_written_as_a_document_is_read_as_it_was(data, controller):
     parts = {name: data.draw(varied(group)) for name, group in default if name != "robot"}
     if parts["global_costmap"].speed_filter.enabled:  # a second one is refused
         parts["local_costmap"] = parts["local_costmap"].with_values(speed_filter=default.local_costmap.speed_filter)
-    kept = {name: getattr(default, name) for name in ("perturbation", "latency", "robot", "rotation_shim")}
+    kept = {
+        name: getattr(default, name) for name in ("perturbation", "lidar_noise", "latency", "robot", "rotation_shim")
+    }
     often = parts["controller_server"].with_values(controller_frequency=1000.0)
     wanted = default.with_values(**parts | kept | {"controller_server": often})
     assert interpretation(document_of(wanted)).parameters == wanted

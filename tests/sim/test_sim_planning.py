@@ -12,12 +12,13 @@ from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.streams import streams_of
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Mission
-from vastflow.sim.nav2.navigator.planning import GOAL_OUTSIDE, NO_VALID_PATH, plan
+from vastflow.sim.nav2.navigator.planning import plan
 from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.navigator.state import give, new_stack, set_pose
 from vastflow.sim.nav2.parameters.servers import NavFn
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.nav2.planners.navfn import UNREACHED, path, potential, travel_costs
+from vastflow.sim.nav2.planners.planner import GOAL_OUTSIDE, NO_VALID_PATH
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar, Robot
 
@@ -63,11 +64,12 @@ class Desk:
         set_pose(stack, here)
         self.stack = give(stack, mission)
         self.m, self.grids, self.route = self.stack.m[0], self.stack.grids, self.stack.route
+        self.memory = self.stack.planner.memory
 
     def cost(self, rows, columns, value):
         """Set a part of the costmap."""
         self.grids.costs[rows, columns] = value
-        self.grids.travel[:] = travel_costs(self.grids.costs)
+        self.memory.travel[:] = travel_costs(self.grids.costs)
 
     def plan(self, x, y):
         self.m["x"], self.m["y"] = x, y
@@ -185,7 +187,7 @@ def test_a_free_cell_that_is_walled_in_is_no_goal():
     desk.cost(slice(29, 32), slice(139, 142), 0)
     assert desk.plan(1.0, 3.0) == 0
     row, column = np.rint(desk.path[-1][::-1]).astype(int)
-    assert desk.grids.travel[row, column] < 254
+    assert desk.memory.travel[row, column] < 254
     assert 4 < np.hypot(column - 140, row - 30) <= 6
 
 
@@ -226,7 +228,7 @@ def test_a_goal_off_the_map_is_told_apart_from_one_without_a_way():
 def test_lower_bounds_are_the_potential_of_the_empty_map_on_all_ways_within_reach():
     desk = Desk(two_doors(), (7.0, 1.5))
     desk.plan(1.0, 3.0)
-    bounds = desk.route.bounds
+    bounds = desk.memory.bounds
     leg, to_goal = bounds.legs[0], bounds.to_goal[0]
     whole = potential(desk.grids.costs, (140, 30))
     known = to_goal > 0.0
@@ -245,13 +247,13 @@ def test_lower_bounds_hold_whatever_is_marked():
     desk.cost(slice(50, 70), slice(20, 60), 200)
     desk.cost(slice(20, 30), slice(80, 82), 254)
     marked = potential(desk.grids.costs, (140, 30))
-    assert (desk.route.bounds.to_goal[0] <= 1.01 * marked).all()
+    assert (desk.memory.bounds.to_goal[0] <= 1.01 * marked).all()
 
 
 def test_a_robot_where_the_map_has_no_room_for_it_is_planned_for_all_the_same():
     desk = Desk(two_doors(), (7.0, 1.5))
     place = 1.0, 0.2  # inscribed by the wall, beside a cell that is not
-    assert desk.grids.travel[4, 20] == 254
+    assert desk.memory.travel[4, 20] == 254
     desk.cost(slice(4, 8), slice(18, 23), 200)
     assert desk.plan(*place) == 0
     assert desk.path[:-1] == pytest.approx(desk.fresh(place, (7.0, 1.5))[: len(desk.path) - 1])
@@ -260,7 +262,7 @@ def test_a_robot_where_the_map_has_no_room_for_it_is_planned_for_all_the_same():
 def test_a_plan_where_bounds_are_at_hand_is_one_flood():
     desk = Desk(two_doors(), (7.0, 1.5))
     desk.plan(1.0, 3.0)
-    floods = int(desk.m["floods"])
+    floods = int(desk.memory.floods[0])
     desk.plan(1.5, 2.5)
-    assert desk.m["floods"] == floods + 1
-    assert (desk.grids.potential < UNREACHED).sum() < 0.7 * (potential(desk.grids.costs, (30, 50)) < UNREACHED).sum()
+    assert desk.memory.floods[0] == floods + 1
+    assert (desk.memory.potential < UNREACHED).sum() < 0.7 * (potential(desk.grids.costs, (30, 50)) < UNREACHED).sum()

@@ -22,8 +22,9 @@ CLASSES = {
 }
 PLUG_IN = '''"""Straight on."""
 
-from vastflow.sim.nav2.controllers.controller import Controller, kernel
-from vastflow.sim.nav2.parameters.parameter import parameter
+from vastflow.sim.kernels.plug_in import kernel
+from vastflow.sim.nav2.controllers.controller import Controller
+from vastflow.sim.model.parameter import parameter
 
 
 @kernel

@@ -13,6 +13,7 @@ from vastflow.sim.loop.closed_loop import ClosedLoop, obstacle_rows
 from vastflow.sim.loop.drive import drive
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.obstacle import obstacle_of
+from vastflow.sim.model.parameter import ParameterError
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import si
@@ -20,7 +21,6 @@ from vastflow.sim.model.scenario import Mission
 from vastflow.sim.nav2.controllers.rpp import Rpp
 from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.navigator.state import COLUMNS, SUCCEEDED
-from vastflow.sim.nav2.parameters.parameter import ParameterError
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.run import ScenarioError, run
 from vastflow.sim.world.map_file import load_map
@@ -263,7 +263,7 @@ def test_a_body_that_pushes_a_wall_stays_while_its_wheels_and_odometry_turn_on(w
 def test_a_run_s_memory_is_free_as_soon_as_nobody_looks_at_it(wide):
     loop = on_its_way(*wide())
     loop.advance(20)
-    grids = weakref.ref(loop.stack.grids.potential)
+    grids = weakref.ref(loop.stack.grids.costs)
     gc.disable()
     try:
         del loop
@@ -279,7 +279,7 @@ def test_nothing_of_a_scenario_s_run_stays_in_memory(scenario):
         run(
             scenario(timeout_s=2.0),
             0,
-            watch=lambda stack, _: seen.append(weakref.ref(stack.grids.potential)),
+            watch=lambda stack, _: seen.append(weakref.ref(stack.grids.costs)),
             watch_ticks=[30],
         )
         assert [grids() for grids in seen] == [None]

@@ -14,6 +14,7 @@ from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.record import record_of
 from vastflow.sim.nav2.costmaps.inflation import inflate
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, outline_of
+from vastflow.sim.nav2.navigator.state import with_kernels
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.document import DocumentError, parse
 from vastflow.sim.nav2.parameter_files.findings import findings
@@ -22,8 +23,9 @@ from vastflow.sim.nav2.parameters.costmap import Costmap, global_costmap
 from vastflow.sim.nav2.parameters.servers import SmacPlanner2D, SmacPlannerHybrid, SmootherParameters
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.nav2.planners import smac_2d, smac_hybrid
-from vastflow.sim.nav2.planners.planner import compute_path, planner_of, search_of
-from vastflow.sim.nav2.planners.search import PlannerInput
+from vastflow.sim.nav2.planners.binding import compute_path, running
+from vastflow.sim.nav2.planners.planner import PlannerInput, PlannerSetting
+from vastflow.sim.nav2.planners.search import search_of
 from vastflow.sim.nav2.planners.smac_hybrid import price, primitives_of
 from vastflow.sim.nav2.planners.smoother import keep_ends
 
@@ -64,7 +66,9 @@ def situation(costs, start, goal, costmap=None, room=4096):
 
 
 def prepared(parameters, costmap=None):
-    return planner_of(parameters, costmap or global_costmap(), RESOLUTION_M, (0.0, 0.0))
+    nothing = np.zeros((1, 1), dtype=np.uint8)
+    setting = PlannerSetting(nothing, nothing, costmap or global_costmap(), RESOLUTION_M, (0.0, 0.0))
+    return running(with_kernels(parameters), setting)
 
 
 @njit
@@ -99,14 +103,14 @@ def ends_kept(q, costs, points, headings):
 
 def path_of(parameters, given, costmap=None):
     """(N, 2) path in meters, or the error code."""
-    n = planned(prepared(parameters, costmap), given)
+    n = planned(prepared(parameters, costmap).bound, given)
     return given.path[:n, :2].copy() if n > 0 else -n
 
 
 def raw_path(parameters, given, costmap=None):
     """(N, 3) poses of Hybrid-A* in meters and radians, and the iterations."""
     planner = prepared(parameters, costmap)
-    poses, iterations, code = searched(planner.search, planner.distances, given)
+    poses, iterations, code = searched(planner.memory.search, planner.memory.distances, given)
     assert code == 0
     return poses * [RESOLUTION_M, RESOLUTION_M, 1.0], iterations
 
@@ -280,7 +284,7 @@ def test_nowhere_on_a_searched_path_is_a_turn_tighter_than_the_robot_can_drive(
         max_iterations=20_000,
     )
     found = prepared(planner)
-    path, _, code = searched(found.search, found.distances, situation(costs, *poses))
+    path, _, code = searched(found.memory.search, found.memory.distances, situation(costs, *poses))
     if code != 0:
         return
     assert curvature(path * [RESOLUTION_M, RESOLUTION_M, 1.0]).max(initial=0.0) <= 1.0 / radius_m * (1.0 + 1e-6)
@@ -409,7 +413,7 @@ def test_a_path_on_the_lattice_costs_within_two_percent_of_an_exhaustive_search(
         motion_model_for_search=model, angle_quantization_bins=16, analytic_expansion_max_length=0.0
     )
     q = record_of(search_of(parameters, global_costmap(), RESOLUTION_M, (0.0, 0.0)))
-    distances = prepared(parameters).distances
+    distances = prepared(parameters).memory.distances
     ratios = []
     for start, goal in (((0.8, 0.8, 0.0), (3.2, 2.2)), ((0.8, 2.2, 0.0), (3.2, 0.8)), ((0.6, 1.5, 1.2), (3.4, 1.5))):
         turn = round(start[2] * 16 / (2.0 * math.pi)) % 16

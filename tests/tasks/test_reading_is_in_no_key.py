@@ -27,6 +27,7 @@ STAGES = {"execute": EXECUTE_SOURCE, "observe": OBSERVE_SOURCE, "judge": JUDGE_S
 
 RESULTS_OF_READING = {
     "vastflow.sim.nav2.parameter_files.chosen.parameters_of",
+    "vastflow.sim.nav2.parameter_files.noise.noise_value",
     "vastflow.sim.reading.checked.checked_of",
     "vastflow.sim.world.map_file.load_map",
     "vastflow.sim.world.map_file.map_content",
@@ -108,7 +109,7 @@ def test_a_reworded_hint_is_in_no_source_digest(copied):
     before = digests()
     for hint in (
         "scenario/language/faults.py",
-        "nav2/parameters/parameter.py",
+        "model/parameter.py",
         "model/names.py",
         "plug_ins/effects.py",
     ):

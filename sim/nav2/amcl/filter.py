@@ -15,11 +15,11 @@ from pydantic import ValidationError
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.record import record_dtype, record_of
 from vastflow.sim.kernels.streams import SUBSYSTEMS, streams_of
+from vastflow.sim.model.parameter import ParameterError, complaints
 from vastflow.sim.nav2.amcl import localization
 from vastflow.sim.nav2.amcl.particles import Cloud, new_cloud, points_for
 from vastflow.sim.nav2.amcl.sensor import likelihood_cubed, usable_range_m, weigh
 from vastflow.sim.nav2.parameters.amcl import AmclParameters, covariance_of
-from vastflow.sim.nav2.parameters.parameter import ParameterError, complaints
 
 Pose = Sequence[float]
 """x, y (m) and yaw (rad)."""

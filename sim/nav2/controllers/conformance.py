@@ -1,32 +1,27 @@
 """What every controller must do, as checks that a controller's author can call in a test."""
 
 import math
-import time
-import traceback
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numba.core.runtime import _nrt_python, rtsys
 from numpy.typing import NDArray
 
+from vastflow.sim.kernels.binding import Bound
+from vastflow.sim.kernels.conformance import REPEATED, SEED, allocations_of, guarded, least_us, must_at
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.nav2.controllers.binding import Bound, RunningController, compute_velocity, reset, running, set_plan
+from vastflow.sim.kernels.plug_in import ContractError
+from vastflow.sim.nav2.controllers.binding import RunningController, compute_velocity, reset, running, set_plan
 from vastflow.sim.nav2.controllers.controller import (
     PERIOD_S,
     Controller,
-    ControllerError,
     ControllerInput,
     Setting,
-    line_of,
-    written_file,
 )
 from vastflow.sim.nav2.costmaps.inflation import LETHAL, UNKNOWN, inflate
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, padded_outline
 from vastflow.sim.nav2.costmaps.window import Window, outline_hits
-from vastflow.sim.plug_ins.conformance import must
 from vastflow.sim.world.motion import arc
 
 MOST_US: Final = 2000.0
@@ -35,9 +30,6 @@ MOST_US: Final = 2000.0
 CELLS: Final = 60
 RESOLUTION_M: Final = 0.05
 OUTLINE: Final = padded_outline(0.22, 0.01)
-_SEED: Final = 20
-_REPEATED: Final = 20
-_TIMED: Final = 5
 _CYCLES: Final = 160
 """8 s, in which every controller that does not stop has gone farther than the walls are away."""
 
@@ -125,7 +117,7 @@ def check_commands(controller: Controller, situations: Sequence[PathMoment]) -> 
     """It raises nothing, and its commands are finite."""
     for situation in situations:
         found = _started(controller)
-        for _ in range(_REPEATED):
+        for _ in range(REPEATED):
             valid, v_mps, w_radps = _commanded(found, situation.given())
             right = f"must give a finite command, or none, in {situation.name!r}; found v = {v_mps} m/s, ω = {w_radps} rad/s"
             _must(not valid or (math.isfinite(v_mps) and math.isfinite(w_radps)), type(controller), right)
@@ -134,7 +126,7 @@ def check_commands(controller: Controller, situations: Sequence[PathMoment]) -> 
 def check_determinism(controller: Controller, situations: Sequence[PathMoment]) -> None:
     """The same memory, random numbers and situations give the same commands to the bit, whoever else is driving."""
     alone = _drawn(_started(controller), situations)
-    one, other = _started(controller), _started(controller, seed=_SEED + 1)
+    one, other = _started(controller), _started(controller, seed=SEED + 1)
     together = []
     for situation in situations:
         _commanded(other, situations[0].given())
@@ -159,14 +151,7 @@ def check_allocations(controller: Controller, situations: Sequence[PathMoment]) 
     """A call allocates nothing: its memory has all the room it needs."""
     for situation in situations:
         found, given = _started(controller), situation.given()
-        _commanded(found, given)
-        with _counted() as allocations:
-            counts = []
-            for times in (1, 1 + _REPEATED):
-                before = allocations()
-                _commanded(found, given, times)
-                counts.append(allocations() - before)
-        each = (counts[1] - counts[0]) / _REPEATED
+        each = allocations_of(lambda times, found=found, given=given: _commanded(found, given, times))  # type: ignore[misc]
         right = f"must allocate nothing in a call, found {each:g} allocations in {situation.name!r}; keep arrays in its memory"
         _must(each == 0, type(controller), right)
 
@@ -175,14 +160,9 @@ def check_time(controller: Controller, situations: Sequence[PathMoment], most_us
     """A call takes at most `most_us` of CPU time, the fastest of several."""
     for situation in situations:
         found, given = _started(controller), situation.given()
-        _commanded(found, given)
-        least_us = math.inf
-        for _ in range(_TIMED):
-            began = time.thread_time()
-            _commanded(found, given)
-            least_us = min(least_us, 1e6 * (time.thread_time() - began))
-        right = f"must take at most {most_us:g} µs a call, took {least_us:.0f} in {situation.name!r}"
-        _must(least_us <= most_us, type(controller), right)
+        took_us = least_us(lambda found=found, given=given: _commanded(found, given))  # type: ignore[misc]
+        right = f"must take at most {most_us:g} µs a call, took {took_us:.0f} in {situation.name!r}"
+        _must(took_us <= most_us, type(controller), right)
 
 
 def check_obstacles(controller: Controller, situations: Sequence[PathMoment]) -> None:
@@ -236,41 +216,23 @@ def _hits(window: Window, outline: Any, x_m: float, y_m: float, yaw_rad: float) 
     return outline_hits(window, outline, x_m, y_m, yaw_rad)
 
 
-def _started(controller: Controller, seed: int = _SEED) -> RunningController:
+def _started(controller: Controller, seed: int = SEED) -> RunningController:
     stream = np.array([seed], dtype=np.uint64)
     setting = Setting(CELLS, CELLS, RESOLUTION_M, 0.25, 0.25, stream, PERIOD_S)
     try:
         found = running(controller, setting)
-    except ControllerError as error:
+    except ContractError as error:
         raise AssertionError(str(error)) from None
-    _guarded(controller, "reset", lambda: _ended(found.bound))
+    guarded(type(controller), "reset", lambda: _ended(found.bound))
     return found
 
 
 def _commanded(found: RunningController, given: ControllerInput, times: int = 1) -> tuple[bool, float, float]:
     """The command of the last of several calls."""
-    command: tuple[bool, float, float] = _guarded(
-        found.controller, "compute_velocity", lambda: _repeated(found.bound, given, times)
+    command: tuple[bool, float, float] = guarded(
+        type(found.plug_in), "compute_velocity", lambda: _repeated(found.bound, given, times)
     )
     return command
-
-
-def _guarded(controller: Controller, name: str, call: Callable[[], Any]) -> Any:
-    try:
-        return call()
-    except Exception as error:
-        raise AssertionError(_raised(type(controller), name, error)) from error
-
-
-def _raised(kind: type[Controller], name: str, error: Exception) -> str:
-    """What a controller's code raised, at the line that did where that is known."""
-    code = getattr(kind, name)
-    function = getattr(code, "py_func", code)
-    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if "vastflow/sim" not in frame.filename]
-    last = frames[-1] if frames else None
-    own = last is not None and last.filename == function.__code__.co_filename
-    where = f"{written_file(function, last.filename)}:{last.lineno}" if own and last else line_of(function)
-    return f"{where}: {kind.__name__}.{name} must not raise, and raised {type(error).__name__}: {error}"
 
 
 def _drawn(found: RunningController, situations: Sequence[PathMoment]) -> list[tuple[bool, float, float]]:
@@ -302,22 +264,5 @@ def _cell(at_m: float, corner_m: float) -> int:
     return min(max(round((at_m - corner_m) / RESOLUTION_M), 0), CELLS)
 
 
-@contextmanager
-def _counted() -> Iterator[Callable[[], int]]:
-    """How much compiled code has allocated; numba counts only when it is told to."""
-    counting = _nrt_python.memsys_stats_enabled()
-    _nrt_python.memsys_enable_stats()
-
-    def allocations() -> int:
-        stats = rtsys.get_allocation_stats()
-        return int(stats.alloc)
-
-    try:
-        yield allocations
-    finally:
-        if not counting:
-            _nrt_python.memsys_disable_stats()
-
-
 def _must(kept: object, kind: type[Controller], what: str) -> None:
-    must(kept, f"{line_of(getattr(kind.compute_velocity, 'py_func', kind))}: {kind.__name__} {what}")
+    must_at(kept, kind, "compute_velocity", what)

@@ -1,28 +1,19 @@
 """What a controller is: parameters in Nav2's style, and kernels that turn path and local costmap into a velocity command."""
 
-import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.sim.nav2.parameters.parameter import ParameterGroup
-from vastflow.sim.plug_ins.loading import snapshot_behind
+from vastflow.sim.model.parameter import ParameterGroup
 
 if TYPE_CHECKING:
     from vastflow.sim.nav2.costmaps.window import Window
 
 PERIOD_S: Final = 0.05
 """The controller server's period: 20 Hz."""
-
-Function = TypeVar("Function", bound=Callable[..., Any])
-
-
-class ControllerError(ValueError):
-    """A controller that does not keep its contract; says where, what it does and what would be right."""
 
 
 class ControllerInput(NamedTuple):
@@ -136,13 +127,6 @@ class SpeedLimits:
         return limit / self.full_mps
 
 
-def kernel(function: Function) -> Function:
-    """Compile a function as the simulator's own kernels are compiled: for the same processor, with IEEE arithmetic."""
-    from vastflow.sim.kernels.numeric import unkept  # who only reads parameters does without numba
-
-    return unkept(function)
-
-
 class Controller(ParameterGroup):
     """Base of all controllers: a subclass has its parameters as fields (see `parameter`), and its kernels as attributes.
 
@@ -173,20 +157,3 @@ class Controller(ParameterGroup):
     def plan_cut(self, setting: Setting) -> PlanCut:
         """What `plan` is: from the nearest point on, for `plan_ahead_m` and within the local costmap."""
         return PlanCut(search_m=setting.half_edge_m, ahead_m=self.plan_ahead_m, in_window=True)
-
-
-def line_of(code: Any) -> str:
-    """`file:line` of a class or function, of a plug-in's where its author has it."""
-    try:
-        file, line = str(inspect.getsourcefile(code)), inspect.getsourcelines(code)[1]
-    except (OSError, TypeError):
-        return str(getattr(code, "__module__", code))
-    return f"{written_file(code, file)}:{line}"
-
-
-def written_file(code: Any, file: str) -> str:
-    """Where the author of a class or function has a file that was executed: a plug-in runs from a copy."""
-    snapshot = snapshot_behind(code)
-    if snapshot is not None and Path(file).is_relative_to(snapshot.folder):
-        return str(snapshot.origin / Path(file).relative_to(snapshot.folder))
-    return file

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.kernels.numeric import inner
+from vastflow.sim.kernels.plug_in import ContractError, line_of
 from vastflow.sim.nav2.controllers.binding import RunningController
-from vastflow.sim.nav2.controllers.controller import ControllerError, SpeedLimits, line_of
+from vastflow.sim.nav2.controllers.controller import SpeedLimits
 from vastflow.sim.nav2.costmaps.filters import Mask, cell_of, mask_place
 from vastflow.sim.nav2.parameters.costmap import SpeedFilter
 from vastflow.sim.world.occupancy import OCCUPIED, OccupancyMap
@@ -41,7 +42,7 @@ def speed_zones(
     mask: OccupancyMap | None, occupancy: OccupancyMap, q: SpeedFilter, running: RunningController
 ) -> SpeedZones:
     """The zones of a speed filter with this mask for a controller; without a mask there are none."""
-    limits = running.controller.speed_limits()
+    limits = running.plug_in.speed_limits()
     if mask is None or limits is None:
         none = Mask(np.zeros((0, 0), dtype=np.int8), np.zeros((2, 3)))
         return SpeedZones(none, np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros(0))
@@ -56,12 +57,12 @@ def speed_zones(
 
 def _places(running: RunningController, limits: SpeedLimits) -> NDArray[np.int64]:
     """Where in the record of its parameters, in numbers of 8 bytes, a controller has those that are scaled."""
-    kind = type(running.controller)
+    kind = type(running.plug_in)
     fields: Mapping[str, Any] = running.parameters.dtype.fields or {}
     for name in limits.scaled:
         if name not in fields or fields[name][0] != np.float64:
             right = "names of its own parameters of type float"
-            raise ControllerError(f"{line_of(kind)}: speed_limits of {kind.__name__} scales {name!r}; {right}")
+            raise ContractError(f"{line_of(kind)}: speed_limits of {kind.__name__} scales {name!r}; {right}")
     return np.array([fields[name][1] // np.dtype(np.float64).itemsize for name in limits.scaled], dtype=np.int64)
 
 

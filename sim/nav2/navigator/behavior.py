@@ -7,10 +7,11 @@ the round of clear, spin, wait and back up, six times a goal at the most.
 import math
 from typing import Any, Final
 
+from vastflow.sim.kernels.binding import Bound
 from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.nav2.controllers import rotation_shim
-from vastflow.sim.nav2.controllers.binding import Bound, compute_velocity, reset, set_plan
+from vastflow.sim.nav2.controllers.binding import compute_velocity, reset, set_plan
 from vastflow.sim.nav2.controllers.controller import ControllerInput
 from vastflow.sim.nav2.controllers.local_plan import local_plan, renew
 from vastflow.sim.nav2.costmaps.window import outline_hits

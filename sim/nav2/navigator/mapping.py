@@ -17,7 +17,6 @@ from vastflow.sim.nav2.costmaps.costmap import (
 from vastflow.sim.nav2.costmaps.filters import keep_out, keep_out_of_window
 from vastflow.sim.nav2.costmaps.inflation import FREE, LETHAL, stamp_lethal
 from vastflow.sim.nav2.navigator.state import Grids, Local
-from vastflow.sim.nav2.planners.navfn import fill_travel_costs
 
 
 @inner
@@ -115,7 +114,7 @@ def update_global(p: Any, m: Any, g: Grids) -> None:
     if q.obstacle_layer.footprint_clearing_enabled:
         clear_polygon(g.layer, place, m.outline[: m.vertices], m.x, m.y, m.yaw)
     reach_m = max(q.obstacle_layer.raytrace_max_range, q.obstacle_layer.obstacle_max_range) + 0.1
-    _merge(p, g, column, row, math.ceil(reach_m / p.resolution) + g.stamp.shape[0] // 2)
+    _merge(p, m, g, column, row, math.ceil(reach_m / p.resolution) + g.stamp.shape[0] // 2)
 
 
 @inner
@@ -135,7 +134,7 @@ def clear_global(p: Any, m: Any, g: Grids) -> None:
     for r in range(g.layer.shape[0]):
         for c in range(g.layer.shape[1]):
             g.layer[r, c] = UNSEEN
-    _merge(p, g, g.layer.shape[1] // 2, g.layer.shape[0] // 2, max(g.layer.shape[0], g.layer.shape[1]))
+    _merge(p, m, g, g.layer.shape[1] // 2, g.layer.shape[0] // 2, max(g.layer.shape[0], g.layer.shape[1]))
 
 
 @inner
@@ -150,13 +149,14 @@ def _quiet(p: Any, g: Grids, column: int, row: int, reach: int) -> Any:
 
 
 @inner
-def _merge(p: Any, g: Grids, column: int, row: int, reach: int) -> None:
+def _merge(p: Any, m: Any, g: Grids, column: int, row: int, reach: int) -> None:
     layer = g.layer
     if p.global_costmap.denoise_layer.enabled:
         layer = _quiet(p, g, column, row, reach)
     row0, row1, col0, col1 = merge_window(g.static, g.static_costs, layer, g.stamp, column, row, reach, g.costs)
     if g.keepout.shape[0] > 0:
         keep_out(g.costs, g.keepout, row0, row1, col0, col1)
-    rows, columns = g.travel.shape
-    row0, row1, col0, col1 = max(row0, 1), min(row1, rows - 1), max(col0, 1), min(col1, columns - 1)
-    fill_travel_costs(g.costs, p.planner.allow_unknown != 0, row0, row1, col0, col1, g.travel)
+    if m.changed_row1 > m.changed_row0:
+        row0, row1 = min(row0, m.changed_row0), max(row1, m.changed_row1)
+        col0, col1 = min(col0, m.changed_column0), max(col1, m.changed_column1)
+    m.changed_row0, m.changed_row1, m.changed_column0, m.changed_column1 = row0, row1, col0, col1

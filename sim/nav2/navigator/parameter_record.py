@@ -14,7 +14,7 @@ from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m, inscribed
 from vastflow.sim.nav2.navigator.collision_monitor import ZONE, zone_rows, zones_reach_m
 from vastflow.sim.nav2.navigator.prepared import PreparedMap
 from vastflow.sim.nav2.parameters.robot import IDEAL
-from vastflow.sim.nav2.parameters.servers import MOST_ZONES, NavFn
+from vastflow.sim.nav2.parameters.servers import MOST_ZONES
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.world.robot_model import Lidar, Robot
 
@@ -43,6 +43,7 @@ _EXTRA: Final = (
         "min_turning_radius",
         "is_omni",
         "mission",
+        "leg_overlap",
         "loops",
         "zone_count",
         "zones_reach",
@@ -51,12 +52,12 @@ _EXTRA: Final = (
 
 
 def parameter_record(
-    parameters: NavParameters, lidar: Lidar, robot: Robot, prepared: PreparedMap, plan_cut: PlanCut
+    parameters: NavParameters, lidar: Lidar, robot: Robot, prepared: PreparedMap, plan_cut: PlanCut, leg_overlap: int
 ) -> NDArray[np.void]:
     """The groups of the parameters and `plan_cut` in the controller's place, what `_EXTRA` names, `initial_covariance`, and zones."""
-    groups = {name: group for name, group in parameters if name not in ("controller", "robot")} | {"plan_cut": plan_cut}
-    if not isinstance(parameters.planner, NavFn):
-        groups["planner"] = NavFn(allow_unknown=parameters.planner.allow_unknown)
+    groups = {
+        name: group for name, group in parameters if name not in ("controller", "lidar_noise", "planner", "robot")
+    } | {"plan_cut": plan_cut}
     outline = outline_of(parameters.local_costmap)
     frame = prepared.occupancy.frame
     zones, smoother = parameters.collision_monitor.zones, parameters.velocity_smoother
@@ -90,6 +91,7 @@ def parameter_record(
         "min_turning_radius": robot.min_turning_radius_m,
         "is_omni": float(robot.drive == "omni"),
         "mission": 0,
+        "leg_overlap": leg_overlap,
         "loops": 0,
         "zone_count": len(zones),
         "zones_reach": zones_reach_m(zones, fastest_mps, 1.0 / lidar.rate_hz),

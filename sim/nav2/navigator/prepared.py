@@ -18,7 +18,6 @@ from vastflow.sim.nav2.costmaps.inflation import FREE, LETHAL, UNKNOWN, cost_sta
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, outline_of
 from vastflow.sim.nav2.parameters.costmap import Costmap
 from vastflow.sim.nav2.parameters.stack import NavParameters
-from vastflow.sim.nav2.planners.navfn import travel_costs
 from vastflow.sim.world.difference import WorldDifference, world_of
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar
@@ -42,7 +41,7 @@ class PreparedMap:
         static: (H, W) uint8 of 0, 254, 255: the static layer.
         static_costs: (H, W) uint8 inflation of its lethal cells; `costs` is that with its unknown cells.
         stamp, local_stamp: Inflation round one cell of the global and of the local costmap.
-        travel: (H, W) uint8: NavFn's costs of `costs`; `least` those with unknown cells taken for free.
+        free_costs: `costs` with unknown cells taken for free.
         keepout: (H, W) uint8, the keepout mask on the global costmap, which is in `costs`; (0, 0) without that filter.
         local_keepout: The keepout mask for the local costmap.
         speed_mask: That of the speed filter.
@@ -57,8 +56,7 @@ class PreparedMap:
     static_costs: NDArray[np.uint8]
     stamp: NDArray[np.uint8]
     costs: NDArray[np.uint8]
-    travel: NDArray[np.uint8]
-    least: NDArray[np.uint8]
+    free_costs: NDArray[np.uint8]
     keepout: NDArray[np.uint8]
     local_stamp: NDArray[np.uint8]
     local_keepout: Mask
@@ -93,7 +91,6 @@ def prepare(
     costs = _costs(
         occupancy,
         everywhere,
-        parameters.planner.allow_unknown,
         keepout if everywhere.keepout_filter.enabled else None,
     )
     local_keepout = keepout_mask(keepout if local.keepout_filter.enabled else None, occupancy)
@@ -133,13 +130,12 @@ class _Costs(NamedTuple):
     static_costs: NDArray[np.uint8]
     stamp: NDArray[np.uint8]
     costs: NDArray[np.uint8]
-    travel: NDArray[np.uint8]
-    least: NDArray[np.uint8]
+    free_costs: NDArray[np.uint8]
     keepout: NDArray[np.uint8]
 
 
 @functools.lru_cache(maxsize=KEPT_MAPS)
-def _costs(occupancy: OccupancyMap, costmap: Costmap, allow_unknown: bool, mask: OccupancyMap | None) -> _Costs:
+def _costs(occupancy: OccupancyMap, costmap: Costmap, mask: OccupancyMap | None) -> _Costs:
     static = _static_layer(occupancy, costmap)
     if costmap.denoise_layer.enabled:
         static = denoised(static, costmap.denoise_layer)
@@ -147,10 +143,8 @@ def _costs(occupancy: OccupancyMap, costmap: Costmap, allow_unknown: bool, mask:
     static_costs = inflation_of(static, stamp)
     keepout = on_map(keepout_mask(mask, occupancy), occupancy)
     costs = kept_out(with_unknown(static, static_costs), keepout)
-    travel = travel_costs(costs, allow_unknown)
-    free = np.minimum(kept_out(static_costs, keepout), costs)
-    least = travel_costs(free) if (static == UNKNOWN).any() else travel
-    return _Costs(static, static_costs, stamp, costs, travel, least, keepout)
+    free_costs = np.minimum(kept_out(static_costs, keepout), costs) if (static == UNKNOWN).any() else costs
+    return _Costs(static, static_costs, stamp, costs, free_costs, keepout)
 
 
 def _static_layer(occupancy: OccupancyMap, costmap: Costmap) -> NDArray[np.uint8]:

@@ -3,25 +3,26 @@
 import math
 from typing import Any
 
+from vastflow.sim.kernels.binding import Bound
 from vastflow.sim.kernels.numeric import inner
-from vastflow.sim.kernels.streams import LIDAR
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.nav2.navigator.latency import delay
 from vastflow.sim.nav2.navigator.state import LATE_SCANS, ODOMETRY_STEPS, SUBSTEPS
 from vastflow.sim.world import lidar
 from vastflow.sim.world.motion import wrapped
+from vastflow.sim.world.noise import Scan
 
 
 @inner
-def sense(p: Any, m: Any, skips: Any, obstacles: Any) -> bool:
+def sense(p: Any, m: Any, skips: Any, obstacles: Any, noise: Bound) -> bool:
     """Cast the beams of this tick. Whether the stack has a new scan: `m.ranges`, taken at `m.scan_odom_…`."""
     if p.late != 0:
-        _take(p, m, skips, obstacles)
+        _take(p, m, skips, obstacles, noise)
         return next_scan(m)
     if m.tick % p.scan_ticks != 0:
         return False
     _cast(p, m, skips, obstacles, (m.true_x, m.true_y, m.true_yaw), 0, m.beams, m.ranges)
-    _perturb(p, m, m.ranges[: m.beams])
+    _perturb(p, m, m.ranges[: m.beams], noise)
     m.scan_odom_x, m.scan_odom_y, m.scan_odom_yaw = m.odom_x, m.odom_y, m.odom_yaw
     return True
 
@@ -41,17 +42,17 @@ def next_scan(m: Any) -> bool:
 
 
 @inner
-def _take(p: Any, m: Any, skips: Any, obstacles: Any) -> None:
+def _take(p: Any, m: Any, skips: Any, obstacles: Any, noise: Bound) -> None:
     """What the scanner measures in this tick, and a scan on its journey where it is complete."""
     starts = m.tick % p.scan_ticks == 0
     ranges = m.late_ranges[m.scans_taken % LATE_SCANS]
     if p.sweeps != 0 and m.tick > 0:
         if m.swept < m.beams and _sweep(p, m, skips, obstacles, ranges):
-            _send_off(p, m)
+            _send_off(p, m, noise)
     elif starts:
         _stamp(m)
         _cast(p, m, skips, obstacles, (m.true_x, m.true_y, m.true_yaw), 0, m.beams, ranges)
-        _send_off(p, m)
+        _send_off(p, m, noise)
     if p.sweeps != 0:
         m.swept_x, m.swept_y, m.swept_yaw = m.true_x, m.true_y, m.true_yaw
         if starts:
@@ -87,9 +88,9 @@ def _stamp(m: Any) -> None:
 
 
 @inner
-def _send_off(p: Any, m: Any) -> None:
+def _send_off(p: Any, m: Any, noise: Bound) -> None:
     """The scan is complete; scans don't overtake each other."""
-    _perturb(p, m, m.late_ranges[m.scans_taken % LATE_SCANS, : m.beams])
+    _perturb(p, m, m.late_ranges[m.scans_taken % LATE_SCANS, : m.beams], noise)
     arrives_s = m.tick * TICK_S + delay(m, p.latency.scan_age, p.latency.scan_jitter)
     m.scan_arrives = max(m.scan_arrives, arrives_s)
     m.late_scans[m.scans_taken % LATE_SCANS, 0] = m.scan_arrives
@@ -117,12 +118,5 @@ def _cast(p: Any, m: Any, skips: Any, obstacles: Any, pose: Any, first: int, end
 
 
 @inner
-def _perturb(p: Any, m: Any, ranges: Any) -> None:
-    q = p.perturbation
-    lidar.perturb(
-        ranges,
-        m.streams[LIDAR],
-        q.laserscan_random_drop_percentage,
-        q.laserscan_gaussian_noise_std_deviation,
-        m.order,
-    )
+def _perturb(p: Any, m: Any, ranges: Any, noise: Bound) -> None:
+    lidar.perturb(noise, Scan(ranges, m.directions[: m.beams], p.range_min, p.range_max))

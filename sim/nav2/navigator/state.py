@@ -9,7 +9,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.sim.kernels.streams import CONTROLLER, SUBSYSTEMS
+from vastflow.sim.kernels.binding import Bound, Running
+from vastflow.sim.kernels.streams import CONTROLLER, LIDAR, SUBSYSTEMS
+from vastflow.sim.model.parameter import ParameterGroup
 from vastflow.sim.model.polygon import MOST_VERTICES
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S, ticks_of
@@ -29,11 +31,16 @@ from vastflow.sim.nav2.navigator.parameter_record import parameter_record
 from vastflow.sim.nav2.navigator.prepared import PreparedMap
 from vastflow.sim.nav2.navigator.profile import STAGES
 from vastflow.sim.nav2.parameters.costmap import Costmap, SpeedFilter
-from vastflow.sim.nav2.parameters.parameter import ParameterGroup
 from vastflow.sim.nav2.parameters.stack import NavParameters
-from vastflow.sim.nav2.planners.lower_bound import Bounds, new_bounds
-from vastflow.sim.nav2.planners.navfn import new_potential, new_scratch
-from vastflow.sim.nav2.planners.planner import Planner, planner_of
+from vastflow.sim.nav2.planners.binding import RunningPlanner
+from vastflow.sim.nav2.planners.binding import running as running_planner
+from vastflow.sim.nav2.planners.navfn_planner import NavFnPlanner
+from vastflow.sim.nav2.planners.planner import PlannerSetting
+from vastflow.sim.nav2.planners.smac_2d import Smac2D
+from vastflow.sim.nav2.planners.smac_hybrid import SmacHybrid
+from vastflow.sim.world.gaussian_dropout import GaussianDropout
+from vastflow.sim.world.lidar import running_noise
+from vastflow.sim.world.noise import LidarNoise
 from vastflow.sim.world.robot_model import MOST_BEAMS, Lidar, Robot
 
 SUBSTEPS: Final = 5
@@ -42,8 +49,8 @@ SUBSTEPS: Final = 5
 ROW_TICKS: Final = 2
 """A recording has a row every second tick: 10 Hz."""
 
-SEARCHED_LENGTHS: Final = 32
-"""Points of a searched leg, in longer edges of the map: a way through a maze is many times as long as the map."""
+LEG_LENGTHS: Final = 32
+"""Points of a leg of a path, in longer edges of the map: a way through a maze is many times as long as the map."""
 
 MAX_EVENTS: Final = 4096
 LATE_SCANS: Final = 16
@@ -126,7 +133,8 @@ _WHOLE: Final = (
     *("phase_local", "phase_publish", "phase_global", "local_column", "local_row", "has_local"),
     *("odometry_step", "scans_taken", "scans_used", "swept", "smoother_step", "pending_step", "busy_step", "cycle_due"),
     *("clear_local", "clear_global", "local_current", "global_current", "near", "stopped"),
-    *("path_n", "path_i", "path_end", "floods"),
+    *("path_n", "path_i", "path_end"),
+    *("changed_row0", "changed_row1", "changed_column0", "changed_column1"),
     *("state", "until", "goal", "loop", "replan_in", "latched", "base_tick", "valid_tick", "command_tick"),
     *("heading_due", "shim_turns", "shim_at_goal", "shim_planned"),
     *("attempts", "round_robin", "tried", "follow_retries", "plan_retries"),
@@ -143,7 +151,6 @@ MEMORY: Final = np.dtype(
         ("late_scans", np.float64, (LATE_SCANS, 5)),
         ("late_ranges", np.float64, (LATE_SCANS, MOST_BEAMS)),
         ("ranges", np.float64, (MOST_BEAMS,)),
-        ("order", np.int64, (MOST_BEAMS,)),
         ("directions", np.float64, (MOST_BEAMS, 2)),
         ("near_points", np.float64, (2, MOST_BEAMS)),
         ("outline", np.float64, (MOST_VERTICES, 2)),
@@ -166,8 +173,7 @@ class Grids(NamedTuple):
     Attributes:
         static, static_costs: Static layer, and the inflation of its lethal cells.
         quiet, lethal: The global obstacle layer after the Denoise layer, and its scratch; (1, 1) without one.
-        layer: Global obstacle layer; `costs` the master costmap, `travel` NavFn's costs of it, `potential` what the last
-            flood gave.
+        layer: Global obstacle layer; `costs` the master costmap.
         keepout: The mask of the keepout filter; (0, 0) without one.
         zones: Of the speed filter.
     """
@@ -181,9 +187,6 @@ class Grids(NamedTuple):
     quiet: Any
     lethal: Any
     costs: Any
-    travel: Any
-    potential: Any
-    scratch: Any
     keepout: Any
     zones: SpeedZones
 
@@ -207,20 +210,17 @@ class Local(NamedTuple):
 
 
 class Route(NamedTuple):
-    """Poses x, y, yaw: goals (G, 3), the path and the one being planned (M, 3); points (M, 2) of a leg of it in cells.
+    """Poses x, y, yaw: goals (G, 3), the path and the one being planned (M, 3).
 
     Attributes:
-        bounds: Of NavFn's legs of a path.
         ahead: (A, 3) the part of the path that the controller follows: poses in the odom frame.
     """
 
     goals: Any
     path: Any
-    leg: Any
     draft: Any
     ahead: Any
-    bounds: Bounds
-    planner: Planner
+    planner: Bound
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,6 +230,8 @@ class Stack:
     Attributes:
         p, m: (1,) records of parameters and `MEMORY`.
         controller: The controller in use.
+        planner: That of the mission, which was prepared for `planner_setting`.
+        noise: The lidar's.
         robot: The body and actuators that it drives.
         obstacles: (K, 6) as in `vastflow.sim.world.lidar.scan`.
         rows: (R, C) int32 of `columns_of` the robot.
@@ -242,6 +244,9 @@ class Stack:
     cloud: Cloud
     route: Route
     controller: RunningController
+    planner: RunningPlanner
+    planner_setting: PlannerSetting
+    noise: Running[LidarNoise]
     robot: Robot
     obstacles: NDArray[np.float64]
     rows: NDArray[np.int32]
@@ -273,12 +278,19 @@ def new_stack(
     m["outline"][: len(outline)] = outline
     local = _local(parameters, prepared.local_stamp, prepared.local_keepout)
     setting = _setting(parameters, local.window, streams[CONTROLLER].copy())
-    controller = controller_of(parameters.controller)
+    controller: Controller = with_kernels(parameters.controller)
     in_use = running(controller, setting)
+    occupancy, costs = prepared.occupancy, prepared.costs.copy()
+    planner_setting = PlannerSetting(
+        costs, prepared.free_costs, parameters.global_costmap, occupancy.resolution_m, occupancy.origin_xy_m
+    )
+    planner = running_planner(with_kernels(parameters.planner), planner_setting)
     costmaps = parameters.global_costmap, parameters.local_costmap
     speed_filter = next((each.speed_filter for each in costmaps if each.speed_filter.enabled), SpeedFilter())
     return Stack(
-        p=parameter_record(parameters, lidar, robot, prepared, controller.plan_cut(setting)),
+        p=parameter_record(
+            parameters, lidar, robot, prepared, controller.plan_cut(setting), int(planner.plug_in.overlaps)
+        ),
         m=memory,
         grids=Grids(
             skips=prepared.skips,
@@ -289,17 +301,17 @@ def new_stack(
             layer=np.zeros(shape, dtype=np.uint8),
             quiet=np.zeros(denoised_shape, dtype=np.uint8),
             lethal=np.zeros(denoised_shape, dtype=np.uint8),
-            costs=prepared.costs.copy(),
-            travel=prepared.travel.copy(),
-            potential=new_potential(shape),
-            scratch=new_scratch(shape),
+            costs=costs,
             keepout=prepared.keepout,
             zones=speed_zones(prepared.speed_mask, prepared.occupancy, speed_filter, in_use),
         ),
         local=local,
         cloud=new_cloud(parameters.amcl.max_particles, lidar.beams),
-        route=_route(prepared.least, (), 0, _planner(parameters, prepared)),
+        route=_route(shape, (), 0, planner.bound),
         controller=in_use,
+        planner=planner,
+        planner_setting=planner_setting,
+        noise=running_noise(with_kernels(parameters.lidar_noise), streams[LIDAR].copy(), lidar.beams),
         robot=robot,
         obstacles=obstacles,
         rows=np.zeros((int(timeout_s / (TICK_S * ROW_TICKS)) + 8, len(columns_of(robot))), dtype=np.int32),
@@ -329,29 +341,19 @@ def give(stack: Stack, mission: Mission) -> Stack:
     m["state"], m["status"], m["error_code"] = STARTING, RUNNING, 0
     m["goal"], m["loop"], m["path_n"] = 0, 0, 0
     legs = len(mission.goals) if mission.kind == "navigate_through_poses" else 1
-    return replace(stack, route=_route(stack.route.bounds.least, mission.goals, legs, stack.route.planner))
+    setting = replace(stack.planner_setting, legs=legs)
+    planner = running_planner(stack.planner.plug_in, setting)
+    return replace(stack, planner=planner, route=_route(setting.costs.shape, mission.goals, legs, planner.bound))
 
 
-def _planner(parameters: NavParameters, prepared: PreparedMap) -> Planner:
-    occupancy = prepared.occupancy
-    return planner_of(parameters.planner, parameters.global_costmap, occupancy.resolution_m, occupancy.origin_xy_m)
-
-
-def _route(least: NDArray[np.uint8], goals: Sequence[Pose], legs: int, planner: Planner) -> Route:
-    """Room for the goals and for a path of so many legs.
-
-    Args:
-        least: See `vastflow.sim.nav2.navigator.prepared.PreparedMap`.
-    """
-    leg_points = (4 if planner.kernel[0] == 0 else SEARCHED_LENGTHS) * max(least.shape)
-    path_points = (leg_points + 1) * legs
+def _route(shape: tuple[int, ...], goals: Sequence[Pose], legs: int, planner: Bound) -> Route:
+    """Room for the goals and for a path of so many legs on a map of this shape."""
+    path_points = (LEG_LENGTHS * max(shape) + 1) * legs
     return Route(
         goals=np.array([[goal.x_m, goal.y_m, goal.yaw_rad] for goal in goals]).reshape(-1, 3),
         path=np.zeros((path_points, 3)),
-        leg=np.zeros((leg_points, 2)),
         draft=np.zeros((path_points, 3)),
         ahead=np.zeros((AHEAD_POINTS, 3)),
-        bounds=new_bounds(legs, least),
         planner=planner,
     )
 
@@ -383,15 +385,14 @@ def _circumscribed_cost(costmap: Costmap) -> float:
     return cost_at_distance(circumscribed_radius_m(outline), inscribed_radius_m(outline), layer.cost_scaling_factor)
 
 
-_CONTROLLERS: Final[Mapping[type[ParameterGroup], Any]] = {kind.__bases__[0]: kind for kind in (Dwb, Mppi, Rpp)}
-
-
-def controller_of(parameters: ParameterGroup) -> Controller:
-    """The controller with these parameters; a plug-in is both."""
-    return parameters if isinstance(parameters, Controller) else _controller_of(parameters)
+_KERNELS: Final[Mapping[type[ParameterGroup], Any]] = {
+    kind.__bases__[0]: kind for kind in (Dwb, GaussianDropout, Mppi, NavFnPlanner, Rpp, Smac2D, SmacHybrid)
+}
+"""Parameters that stand apart to the plug-ins with the kernels."""
 
 
 @functools.lru_cache(maxsize=64)
-def _controller_of(parameters: ParameterGroup) -> Controller:
-    found: Controller = _CONTROLLERS[type(parameters)](**dict(parameters))
-    return found
+def with_kernels(parameters: ParameterGroup) -> Any:
+    """Return the plug-in with these parameters; one of its author's own is both."""
+    kind = _KERNELS.get(type(parameters))
+    return parameters if kind is None else kind(**dict(parameters))

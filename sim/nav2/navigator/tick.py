@@ -3,12 +3,13 @@
 import math
 from typing import Any
 
+from vastflow.sim.kernels.binding import Bound
 from vastflow.sim.kernels.numeric import inner, njit
 from vastflow.sim.kernels.streams import ODOMETRY, PHASES, normal_pair, uniform
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.nav2.amcl.localization import estimate, localize
 from vastflow.sim.nav2.amcl.particles import Cloud
-from vastflow.sim.nav2.controllers.binding import Bound, reset
+from vastflow.sim.nav2.controllers.binding import reset
 from vastflow.sim.nav2.controllers.speed_zones import limit_speed
 from vastflow.sim.nav2.navigator import profile
 from vastflow.sim.nav2.navigator.behavior import behave, note
@@ -59,6 +60,7 @@ def advance(
     cloud: Cloud,
     route: Route,
     controller: Bound,
+    noise: Bound,
     rows: Any,
     body: Body,
     hold: int,
@@ -85,7 +87,7 @@ def advance(
         _see_truth(m, body.pose[0], body.pose[1], body.pose[2])
         lap(m, profile.RECORDING)
         lap(m, profile.CLOCK)
-        is_new = sense(p, m, g.skips, body.obstacles)
+        is_new = sense(p, m, g.skips, body.obstacles, noise)
         if is_new or p.sweeps != 0:
             lap(m, profile.LIDAR)
         while is_new:

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from vastflow.sim.model.digest import Value
+from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation
 from vastflow.sim.nav2.parameter_files.nodes import class_name
-from vastflow.sim.nav2.parameters.parameter import ParameterGroup, ParameterLocation
 
 
 @dataclass(frozen=True, slots=True)

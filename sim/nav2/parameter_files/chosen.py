@@ -12,11 +12,12 @@ from pydantic import BaseModel
 
 from vastflow.sim.model.digest import FileContent, Value, canonical
 from vastflow.sim.model.names import SLIP, nearest
+from vastflow.sim.model.parameter import ParameterLocation, complaint
 from vastflow.sim.model.polygon import as_array, vertices_of
-from vastflow.sim.nav2.controllers.registry import FILE, find_parameters, known_controllers, short_names
+from vastflow.sim.nav2.controllers.registry import CONTROLLER_PLUG_INS, short_names
 from vastflow.sim.nav2.costmaps.outline import outline_of, padded_outline
 from vastflow.sim.nav2.parameter_files.built_in import nav2_names
-from vastflow.sim.nav2.parameter_files.controller_server import controller_class, primary_controller, written_controller
+from vastflow.sim.nav2.parameter_files.controller_server import primary_controller, written_controller
 from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS, filtered_by
 from vastflow.sim.nav2.parameter_files.document import (
     EXPONENT,
@@ -29,10 +30,11 @@ from vastflow.sim.nav2.parameter_files.document import (
 from vastflow.sim.nav2.parameter_files.interpretation import Interpretation, document_of, interpretation
 from vastflow.sim.nav2.parameter_files.nodes import CONTROLLERS, ROTATION_SHIM, class_name
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, loaded
-from vastflow.sim.nav2.parameter_files.reader import shown
-from vastflow.sim.nav2.parameters.parameter import ParameterLocation, complaint
-from vastflow.sim.nav2.parameters.robot import robot_keys
+from vastflow.sim.nav2.parameter_files.reader import plug_in_name, shown
+from vastflow.sim.nav2.parameters.robot import NOISE_PLACE, robot_keys
 from vastflow.sim.nav2.parameters.stack import NavParameters
+from vastflow.sim.plug_ins.registry import FILE
+from vastflow.sim.world.noise_parameters import GaussianDropoutParameters
 
 WHOLE: Final = re.compile(r"[-+]?\d+")
 POINTED: Final = re.compile(r"[-+]?(\d+\.\d*|\.\d+)")
@@ -118,15 +120,16 @@ def converted(value: Value) -> Value:
 CONTROLLER_KEY: Final = "controller"
 COVARIANCE_KEY: Final = "initial_pose_covariance"
 OWN_KEYS: Final[Mapping[str, tuple[ParameterLocation, ...]]] = {
-    "laserscan_gaussian_noise_std_deviation": (("laserscan_gaussian_noise_std_deviation",),),
-    "laserscan_random_drop_percentage": (("laserscan_random_drop_percentage",),),
-    "gaussian_noise_std_deviation": (("laserscan_gaussian_noise_std_deviation",),),
-    "random_drop_percentage": (("laserscan_random_drop_percentage",),),
+    **{
+        key: ((*NOISE_PLACE, name),)
+        for name in GaussianDropoutParameters.model_fields
+        for key in (name, name.removeprefix("laserscan_"))
+    },
     "odometry_noise_std_deviation": (("odometry_noise_std_deviation",),),
     COVARIANCE_KEY: tuple((f"{COVARIANCE_KEY}_{axis}",) for axis in ("xx", "yy", "yaw")),
     **{key: (path,) for key, path in robot_keys().items()},
 }
-"""Keys that stand in no Nav2 file, and where `Perturbation` and `RobotParameters` are read. The two of the paper's study go by the
+"""Keys that stand in no Nav2 file, and where `Perturbation`, the lidar's noise, and `RobotParameters` are read. The two of the paper's study go by the
 names of its launch arguments, or by those of its relay node."""
 
 _NOT_IN_THE_FILE: Final = frozenset({FILE_KEY, CONTROLLER_KEY, *MASK_KEYS})
@@ -267,12 +270,12 @@ def with_controller(document: ParameterDocument, name: Value) -> ParameterDocume
     meant = short_names().get(name, name) if isinstance(name, str) else ""
     if meant in own:
         return replace(document, values={**values, listed: [own[meant]]})
-    if meant not in known_controllers():
+    if meant not in CONTROLLER_PLUG_INS.known:
         known = [*short_names(), *sorted(each for each in own if FILE in each)]
         near = nearest(str(name), known)
         right = f"{f'did you mean {near!r}? ' if near else ''}one of {', '.join(known)}"
         raise DocumentError([ParameterFault(CONTROLLER_KEY, f"found {shown(name)}", right)])
-    block = written_controller(node, find_parameters(meant)())
+    block = written_controller(node, CONTROLLER_PLUG_INS.parameters(meant)())
     kept = {path: value for path, value in values.items() if path[: len(node) + 1] != (*node, CONTROLLERS.used)}
     return replace(document, values={**kept, **block})
 
@@ -282,7 +285,7 @@ def _plug_in(values: Mapping[ParameterLocation, Value], place: ParameterLocation
     text = str(values.get((*place, "plugin")))
     if class_name(text) == ROTATION_SHIM:
         text = str(values.get(primary_controller(values, place)))
-    return controller_class(text)
+    return plug_in_name(text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,7 +306,7 @@ def _chosen(system: _System) -> Chosen:
     document = _document(system.values)
     if CONTROLLER_KEY in system.values:
         document = with_controller(document, system.values[CONTROLLER_KEY])
-    own = {key: value for key, value in keys.items() if key in OWN_KEYS}
+    own = {key: value for key, value in keys.items() if _own_paths(key)}
     changed = rewritten(document, {key: value for key, value in keys.items() if key not in own})
     values = {**changed.document.values, **_own_values(own)}
     touched = {**changed.touched, **{key: _targets(document, key) for key in own}}
@@ -323,13 +326,19 @@ def _fields(system: _System, key: str) -> tuple[tuple[type[BaseModel], str], ...
 
 
 def _targets(document: ParameterDocument, key: str) -> tuple[ParameterLocation, ...]:
-    return OWN_KEYS[key] if key in OWN_KEYS else targets(document.values, key)
+    return _own_paths(key) or targets(document.values, key)
+
+
+def _own_paths(key: str) -> tuple[ParameterLocation, ...]:
+    """Where a key that stands in no Nav2 file is read; which parameters noise has, its model says."""
+    place = tuple(key.split("."))
+    return OWN_KEYS.get(key) or ((place,) if place[: len(NOISE_PLACE)] == NOISE_PLACE else ())
 
 
 def _own_values(own: Mapping[str, Value]) -> Mapping[ParameterLocation, Value]:
     values: dict[ParameterLocation, Value] = {}
     for key in sorted(own):
-        paths, items = OWN_KEYS[key], converted(own[key])
+        paths, items = _own_paths(key), converted(own[key])
         if len(paths) == 1:
             items = [items]
         elif not isinstance(items, Sequence) or isinstance(items, str) or len(items) != len(paths):

@@ -1,20 +1,11 @@
 """Reading the node `controller_server`: its checkers, and the controller with its critics, in a Rotation Shim or not."""
 
-from collections.abc import Collection, Mapping
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any, Final
 
 from vastflow.sim.model.digest import Value
-from vastflow.sim.model.names import did_you_mean
-from vastflow.sim.nav2.controllers.registry import (
-    FILE,
-    OWN,
-    UnknownController,
-    find_parameters,
-    known_controllers,
-    name_of,
-    short_name,
-)
+from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation, complaint
+from vastflow.sim.nav2.controllers.registry import CONTROLLER_PLUG_INS, short_name
 from vastflow.sim.nav2.parameter_files.nodes import (
     CONTROLLERS,
     FOREIGN_CRITICS,
@@ -25,9 +16,8 @@ from vastflow.sim.nav2.parameter_files.nodes import (
     class_name,
     short_class,
 )
-from vastflow.sim.nav2.parameter_files.reader import Parts, Reader, Values, is_group, written, written_plugins
+from vastflow.sim.nav2.parameter_files.reader import Parts, Reader, Values, plug_in_name, written, written_plugins
 from vastflow.sim.nav2.parameters.mppi import AckermannParameters, MppiParameters
-from vastflow.sim.nav2.parameters.parameter import ParameterGroup, ParameterLocation, complaint
 from vastflow.sim.nav2.parameters.servers import ControllerServer, RotationShim
 from vastflow.sim.nav2.parameters.stack import NavParameters
 
@@ -62,7 +52,8 @@ def read_controller_server(reader: Reader, node: ParameterLocation) -> Parts:
 def _controller(reader: Reader, place: ParameterLocation, listed: ParameterLocation) -> Parts:
     """The controller with the parameters at `place`; one that can't be found is a fault."""
     document, node, path = reader.document, place[:-1], (*place, "plugin")
-    name = controller_class(reader.text(path, reader.default_class(place[-1], listed, CONTROLLERS)))
+    text = reader.text(path, reader.default_class(place[-1], listed, CONTROLLERS))
+    name = plug_in_name(text)
     parts: Parts = {}
     shimmed: tuple[ParameterLocation, ...] = ()
     if name == ROTATION_SHIM:
@@ -70,23 +61,13 @@ def _controller(reader: Reader, place: ParameterLocation, listed: ParameterLocat
         shimmed = tuple((*place, name) for name in RotationShim.model_fields)
         path = primary_controller(document.values, place)
         place = path[:-1] if path[-1] == "plugin" else place
-        name = controller_class(reader.text(path, ""))
-    known = ", ".join(known_controllers())
-    if not name:
-        right = f"the class of a controller; known: {known}; {OWN}"
-        reader.fault(listed, f"no {path[-1]!r} below {place[-1]!r}", right)
-        return {}
-    if name in (*CONTROLLERS.foreign, ROTATION_SHIM):
-        reader.fault(path, f"{name} is not modeled", f"a controller that is: {known}; {OWN}")
-        return {}
-    try:
-        kind = find_parameters(name, Path(document.file).parent, document.plug_ins.get(name))
-    except UnknownController as error:
-        reader.fault(path, error.what, error.right)
+        text = reader.text(path, "")
+        name = plug_in_name(text)
+    kind = reader.plug_in(CONTROLLER_PLUG_INS, (*CONTROLLERS.foreign, ROTATION_SHIM), text, path, listed)
+    if kind is None:
         return {}
     if not kind.__module__.startswith("vastflow."):
-        _check_names(reader, kind, place, {(*place, "plugin"), path, *shimmed})
-        return {**parts, "controller": reader.group(kind, place)}
+        return {**parts, "controller": reader.own_group(kind, place, {(*place, "plugin"), path, *shimmed})}
     return {**parts, "controller": _of_nav2(reader, kind, node, place, short_name(name).upper())}
 
 
@@ -160,29 +141,10 @@ def _motion_model(reader: Reader, place: ParameterLocation) -> Parts:
     return given
 
 
-def controller_class(text: str) -> str:
-    """A controller as Nav2 writes it today; a file and class as they are written."""
-    return text if FILE in text else class_name(text)
-
-
 def primary_controller(values: Mapping[ParameterLocation, Value], shim: ParameterLocation) -> ParameterLocation:
     """Where a Rotation Shim has the class of its controller: since Kilted below a group that has its parameters, too."""
     path = (*shim, "primary_controller")
     return path if (*path, "plugin") not in values else (*path, "plugin")
-
-
-def _check_names(
-    reader: Reader, kind: type[ParameterGroup], place: ParameterLocation, others: Collection[ParameterLocation] = ()
-) -> None:
-    """A parameter that a plug-in, or a group in it, does not have is a fault, for nobody else would read it."""
-    for path in reader.document.below(place):
-        name = path[len(place)]
-        if name not in kind.model_fields and path not in others:
-            what = f"{kind.__name__} has no parameter {name!r}"
-            reader.fault(path, what, did_you_mean(name, kind.model_fields, "none, for it has no parameters"))
-    for name, field in kind.model_fields.items():
-        if is_group(field.annotation):
-            _check_names(reader, field.annotation, (*place, name))
 
 
 def critics_of(controller: ParameterGroup) -> Mapping[str, Any]:
@@ -247,7 +209,10 @@ def written_controller_server(node: ParameterLocation, parameters: NavParameters
 def written_controller(node: ParameterLocation, controller: ParameterGroup) -> Values:
     """The list `controller_plugins` with one controller, and its parameters."""
     place, critics = (*node, CONTROLLERS.used), critics_of(controller)
-    values: Values = {(*node, CONTROLLERS.lists[0]): [place[-1]], (*place, "plugin"): name_of(type(controller))}
+    values: Values = {
+        (*node, CONTROLLERS.lists[0]): [place[-1]],
+        (*place, "plugin"): CONTROLLER_PLUG_INS.name_of(type(controller)),
+    }
     enabled = (name for name, critic in critics.items() if critic.enabled)
     listed = sorted(enabled, key=lambda name: getattr(critics[name], "place", 0))
     if critics:

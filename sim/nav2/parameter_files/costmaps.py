@@ -6,6 +6,7 @@ from typing import Any, Final
 
 from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.model.polygon import vertices_of
 from vastflow.sim.nav2.controllers.controller import Controller
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument
@@ -20,7 +21,6 @@ from vastflow.sim.nav2.parameter_files.reader import (
     written_plugins,
 )
 from vastflow.sim.nav2.parameters.costmap import Costmap, ObstacleLayer, global_costmap
-from vastflow.sim.nav2.parameters.parameter import ParameterLocation
 from vastflow.sim.nav2.parameters.stack import NavParameters
 
 KEEPOUT_KEY: Final = "keepout_mask"

@@ -18,7 +18,7 @@ from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.files import MOST_LEVELS, TextPlace, Unreadable, place_of, read_text, yaml_node
-from vastflow.sim.nav2.parameters.parameter import ParameterError, ParameterLocation
+from vastflow.sim.model.parameter import ParameterError, ParameterLocation
 from vastflow.sim.plug_ins.snapshot import Snapshot
 
 PARAMETERS: Final = "ros__parameters"

@@ -7,11 +7,11 @@ from typing import Literal, TypeAlias
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.files import TextPlace
 from vastflow.sim.model.names import SLIP, nearest
+from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.nav2.parameter_files.built_in import TABLES, UNUSED_NODES, built_in, nav2_names
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument, node_of
 from vastflow.sim.nav2.parameter_files.interpretation import Interpretation
 from vastflow.sim.nav2.parameter_files.reader import Reader
-from vastflow.sim.nav2.parameters.parameter import ParameterLocation
 
 Status: TypeAlias = Literal["modeled", "built in", "no effect", "differs", "not modeled"]
 

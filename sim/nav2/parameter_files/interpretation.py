@@ -4,21 +4,23 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation
 from vastflow.sim.model.polygon import vertices_of
 from vastflow.sim.nav2.parameter_files.controller_server import read_controller_server, written_controller_server
 from vastflow.sim.nav2.parameter_files.costmaps import check_speed_filter, read_costmap, written_costmap
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, DocumentError, ParameterDocument, ParameterFault
 from vastflow.sim.nav2.parameter_files.monitor import read_monitor, written_monitor
-from vastflow.sim.nav2.parameter_files.nodes import NODES, PLANNERS, WAIT_AT_WAYPOINT, class_name
-from vastflow.sim.nav2.parameter_files.reader import Parts, Reader, shown, written, written_plugins
+from vastflow.sim.nav2.parameter_files.nodes import NODES, PLANNERS, WAIT_AT_WAYPOINT, class_name, short_class
+from vastflow.sim.nav2.parameter_files.noise import noise_of
+from vastflow.sim.nav2.parameter_files.reader import Instance, Parts, Reader, shown, written
 from vastflow.sim.nav2.parameters.amcl import AmclParameters
 from vastflow.sim.nav2.parameters.costmap import global_costmap, local_costmap
 from vastflow.sim.nav2.parameters.dwb import DwbParameters
 from vastflow.sim.nav2.parameters.mppi import MppiParameters
-from vastflow.sim.nav2.parameters.parameter import ParameterLocation
 from vastflow.sim.nav2.parameters.robot import (
     IDEAL,
     LATENCY_KEY,
+    NOISE_PLACE,
     PRESET_KEY,
     PRESETS,
     ROBOT_KEY,
@@ -33,6 +35,10 @@ from vastflow.sim.nav2.parameters.servers import (
     WaypointFollower,
 )
 from vastflow.sim.nav2.parameters.stack import NavParameters
+from vastflow.sim.nav2.planners.registry import PLANNER_PLUG_INS
+from vastflow.sim.plug_ins.registry import UnknownPlugIn
+from vastflow.sim.world.noise_parameters import GaussianDropoutParameters
+from vastflow.sim.world.noise_registry import GAUSSIAN_DROPOUT
 
 _NODES_BEFORE_FOXY: Final[Mapping[str, str]] = {
     "dwb_controller": "controller_server",
@@ -104,6 +110,7 @@ def interpretation(document: ParameterDocument) -> Interpretation:
         "perturbation": reader.group(Perturbation, ()),
         "robot": reader.group(RobotParameters, (ROBOT_KEY,)),
         "latency": _latency(reader),
+        "lidar_noise": _lidar_noise(reader),
     }
     absent = []
     refuse_releases_before_foxy(reader)
@@ -206,6 +213,18 @@ def _check_turning_radius(reader: Reader, parts: Parts) -> None:
         reader.fault((ROBOT_KEY, "drive"), what, "min_turning_radius beside it")
 
 
+def _lidar_noise(reader: Reader) -> ParameterGroup:
+    place = (*NOISE_PLACE, "model")
+    chosen = reader.document.values.get(place, GAUSSIAN_DROPOUT)
+    try:
+        kind = noise_of(chosen)
+    except UnknownPlugIn as error:
+        reader.fault(place, error.what, error.right)
+        return GaussianDropoutParameters()
+    reader.asked[place] = chosen
+    return reader.own_group(kind, NOISE_PLACE, {place})
+
+
 def _latency(reader: Reader) -> Latency:
     place = ROBOT_KEY, LATENCY_KEY
     preset = reader.text((*place, PRESET_KEY), next(iter(PRESETS)))
@@ -215,8 +234,19 @@ def _latency(reader: Reader) -> Latency:
 
 
 def _planner_server(reader: Reader, node: ParameterLocation) -> Parts:
-    planner = reader.plugin_group(node, PLANNERS)
-    return {"planner": planner} if planner else {}
+    used = reader.used(node, PLANNERS)
+    if used is None:
+        return {}
+    place, path = (*node, used[0]), (*node, used[0], "plugin")
+    text = reader.text(path, reader.default_class(*used, PLANNERS))
+    kind = reader.plug_in(PLANNER_PLUG_INS, PLANNERS.foreign, text, path, used[1])
+    if kind is None:
+        return {}
+    modeled = PLANNERS.modeled.get(class_name(text))
+    if modeled is None:
+        return {"planner": reader.own_group(kind, place, {path})}
+    reader.kinds[place] = short_class(text)
+    return {"planner": reader.instance_group(Instance(place, reader.kinds[place], modeled))}
 
 
 def _waypoint_follower(reader: Reader, node: ParameterLocation) -> Parts:
@@ -257,7 +287,9 @@ def document_of(parameters: NavParameters) -> ParameterDocument:
         values |= written_costmap(name, getattr(parameters, name))
     for name in ("amcl", "behavior_server", "velocity_smoother"):
         values |= written(getattr(parameters, name), nodes[name])
-    values |= written_plugins(nodes["planner_server"], PLANNERS, {PLANNERS.used: parameters.planner})
+    server, planner = nodes["planner_server"], (*nodes["planner_server"], PLANNERS.used)
+    values |= {(*server, PLANNERS.lists[0]): [planner[-1]], **written(parameters.planner, planner)}
+    values[(*planner, "plugin")] = PLANNER_PLUG_INS.name_of(type(parameters.planner))
     values |= {(*follower, "waypoint_task_executor_plugin"): wait[-1], (*wait, "plugin"): WAIT_AT_WAYPOINT}
     pause = {"waypoint_pause_duration": (*wait, "waypoint_pause_duration")}
     values |= {(*wait, "enabled"): True, **written(parameters.waypoint_follower, follower, pause)}

@@ -3,10 +3,10 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.model.polygon import Vertices, area_of
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS
 from vastflow.sim.nav2.parameter_files.reader import Reader, Values, shown, written
-from vastflow.sim.nav2.parameters.parameter import ParameterLocation
 from vastflow.sim.nav2.parameters.servers import MOST_ZONES, CollisionMonitor, MonitorZone
 
 

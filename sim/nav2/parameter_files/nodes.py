@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from vastflow.sim.model.digest import Value
+from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation, source_of
 from vastflow.sim.nav2.parameters.amcl import AmclParameters
 from vastflow.sim.nav2.parameters.costmap import (
     Costmap,
@@ -15,7 +16,6 @@ from vastflow.sim.nav2.parameters.costmap import (
     SpeedFilter,
     StaticLayer,
 )
-from vastflow.sim.nav2.parameters.parameter import ParameterGroup, ParameterLocation, source_of
 from vastflow.sim.nav2.parameters.servers import (
     NO_ANGLE_RAD,
     NO_LIMIT,

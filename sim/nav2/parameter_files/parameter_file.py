@@ -3,13 +3,13 @@
 import functools
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 from vastflow.sim.model.digest import FileContent, Value, digest
 from vastflow.sim.model.files import TextPlace, is_file
-from vastflow.sim.nav2.controllers.registry import FILE, controller_file
+from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.nav2.parameter_files.costmaps import is_info_server
 from vastflow.sim.nav2.parameter_files.document import (
     PARAMETERS,
@@ -22,9 +22,9 @@ from vastflow.sim.nav2.parameter_files.document import (
 )
 from vastflow.sim.nav2.parameter_files.interpretation import interpretation
 from vastflow.sim.nav2.parameter_files.nodes import NODES
-from vastflow.sim.nav2.parameters.parameter import ParameterLocation
 from vastflow.sim.plug_ins.neighbors import PlugInError
-from vastflow.sim.plug_ins.snapshot import Snapshot, snapshot_of
+from vastflow.sim.plug_ins.registry import FILE, plug_in_file
+from vastflow.sim.plug_ins.snapshot import PlugInFile, Snapshot, snapshot_of
 
 _ANY: Final = "*"
 _ANY_NUMBER: Final = "**"
@@ -107,17 +107,6 @@ FILE_KEY: Final = "nav2_params"
 """Key of the system dimension that has the file."""
 
 
-@dataclass(frozen=True, slots=True)
-class ParameterFile(FileContent):
-    """A parameter file with controllers of its author's, as they were when it was read.
-
-    Attributes:
-        plug_ins: `file.py:Class` as the file names it, to the copy that is run.
-    """
-
-    plug_ins: Mapping[str, Snapshot] = field(compare=False, default_factory=dict)
-
-
 def nav2_file(path: str | Path) -> FileContent:
     """A Nav2 parameter file as the value of `nav2_params`.
 
@@ -134,19 +123,13 @@ def nav2_file(path: str | Path) -> FileContent:
 
 def frozen(document: ParameterDocument) -> ParameterDocument:
     """The document with copies of the plug-ins that it names, which are what is run; those that can't be copied are left out."""
-    node = document.node("controller_server") or ()
     base = Path(document.file).parent
     plug_ins: dict[str, Snapshot] = {}
-    for path in document.below(node):
-        name = document.values[path]
-        if (
-            path[-1] == "plugin"
-            and isinstance(name, str)
-            and FILE in name
-            and is_file(file := controller_file(name, base))
-        ):
+    for path, name in document.values.items():
+        is_own = path[-1] in ("plugin", "primary_controller") and isinstance(name, str) and FILE in name
+        if is_own and is_file(file := plug_in_file(str(name), base)):
             with suppress(PlugInError):  # it is one of the faults of the document
-                plug_ins[name] = snapshot_of(file, base)
+                plug_ins[str(name)] = snapshot_of(file, base)
     return replace(document, plug_ins=plug_ins)
 
 
@@ -154,15 +137,15 @@ def file_value(document: ParameterDocument) -> FileContent:
     """The same for a document that was read from a file, frozen, and has no fault."""
     digest = _content_digest(document)
     return (
-        ParameterFile(document.file, digest, document.plug_ins)
+        PlugInFile(document.file, digest, document.plug_ins)
         if document.plug_ins
         else FileContent(document.file, digest)
     )
 
 
-def plug_ins_in(values: Value) -> tuple[ParameterFile, ...]:
-    """The parameter files with plug-ins among values, once each."""
-    if isinstance(values, ParameterFile):
+def plug_ins_in(values: Value) -> tuple[PlugInFile, ...]:
+    """The files with plug-ins among values, once each."""
+    if isinstance(values, PlugInFile):
         return (values,)
     if isinstance(values, str | FileContent) or not isinstance(values, Mapping | Sequence):
         return ()
@@ -178,7 +161,7 @@ def loaded(content: FileContent) -> ParameterDocument:
         DocumentError: the file is gone, or says something else than when the value was made.
     """
     document = read_nav2_document(content.path)
-    kept = content.plug_ins if isinstance(content, ParameterFile) else None
+    kept = content.plug_ins if isinstance(content, PlugInFile) else None
     document = frozen(document) if kept is None else replace(document, plug_ins=kept)
     if _content_digest(document) != content.digest:
         what = f"{content.path} changed since the campaign was read"

@@ -3,15 +3,18 @@
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final, TypeAlias, TypeGuard, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from vastflow.sim.model.digest import Value
+from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation, complaints, source_of
 from vastflow.sim.model.rates import held_hz
 from vastflow.sim.nav2.parameter_files.document import ParameterDocument, ParameterFault, dotted
 from vastflow.sim.nav2.parameter_files.nodes import PluginClass, Plugins, class_name, short_class
-from vastflow.sim.nav2.parameters.parameter import ParameterGroup, ParameterLocation, complaints, source_of
+from vastflow.sim.plug_ins.registry import FILE, Registry, UnknownPlugIn
 
 RATES: Final = frozenset({"controller_frequency", "update_frequency", "publish_frequency"})
 """Parameters whose loops run in whole numbers of ticks."""
@@ -121,6 +124,49 @@ class Reader:
         if found not in texts:
             self.fault(path, f"found {shown(found)}", f"one of {', '.join(texts)}")
         return texts.get(found, texts[usual])
+
+    def plug_in(
+        self,
+        plug_ins: Registry[Any],
+        foreign: Collection[str],
+        text: str,
+        path: ParameterLocation,
+        listed: ParameterLocation,
+    ) -> type[ParameterGroup] | None:
+        """The parameters of the plug-in that `text` at `path` names; None where there is none, which is a fault."""
+        known, noun, document = ", ".join(plug_ins.known), plug_ins.noun, self.document
+        name = plug_in_name(text)
+        if not name:
+            right = f"the class of a {noun}; known: {known}; {plug_ins.own}"
+            self.fault(listed, f"no {path[-1]!r} below {path[-2]!r}", right)
+            return None
+        if name in foreign:
+            self.fault(path, f"{name} is not modeled", f"a {noun} that is: {known}; {plug_ins.own}")
+            return None
+        try:
+            return plug_ins.parameters(name, Path(document.file).parent, document.plug_ins.get(name))
+        except UnknownPlugIn as error:
+            self.fault(path, error.what, error.right)
+            return None
+
+    def own_group(
+        self, kind: type[Group], place: ParameterLocation, others: Collection[ParameterLocation] = ()
+    ) -> Group:
+        """The parameters of a plug-in, and of groups in them; one that it does not have is a fault, for nobody else would read it."""
+        self._check_names(kind, place, others)
+        return self.group(kind, place)
+
+    def _check_names(
+        self, kind: type[BaseModel], place: ParameterLocation, others: Collection[ParameterLocation] = ()
+    ) -> None:
+        for path in self.document.below(place):
+            name = path[len(place)]
+            if name not in kind.model_fields and path not in others:
+                what = f"{kind.__name__} has no parameter {name!r}"
+                self.fault(path, what, did_you_mean(name, kind.model_fields, "none, for it has no parameters"))
+        for name, field in kind.model_fields.items():
+            if is_group(field.annotation):
+                self._check_names(field.annotation, (*place, name))
 
     def _faults_of(
         self, model: type[BaseModel], error: ValidationError, paths: Mapping[str, ParameterLocation]
@@ -285,6 +331,11 @@ def shown(value: Value) -> str:
         return "true" if value else "false"
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:59]}…"
+
+
+def plug_in_name(text: str) -> str:
+    """A plug-in as Nav2 writes it today; a file and class as they are written."""
+    return text if FILE in text else class_name(text)
 
 
 def is_group(annotation: object) -> TypeGuard[type[ParameterGroup]]:

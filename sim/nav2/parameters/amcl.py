@@ -5,7 +5,7 @@ from typing import Any, Self
 
 from pydantic import model_validator
 
-from vastflow.sim.nav2.parameters.parameter import ParameterError, ParameterGroup, choice, parameter
+from vastflow.sim.model.parameter import ParameterError, ParameterGroup, choice, parameter
 
 
 class AmclParameters(ParameterGroup):

@@ -4,8 +4,8 @@ from typing import Literal
 
 from pydantic import field_validator
 
+from vastflow.sim.model.parameter import ParameterGroup, derived, parameter
 from vastflow.sim.model.polygon import vertices_of
-from vastflow.sim.nav2.parameters.parameter import ParameterGroup, derived, parameter
 
 
 class InflationLayer(ParameterGroup):

@@ -1,6 +1,6 @@
 """Parameters of the DWB controller: defaults of Humble's nav2_bringup file, which the TurtleBot 4's shares."""
 
-from vastflow.sim.nav2.parameters.parameter import ParameterGroup, derived, parameter
+from vastflow.sim.model.parameter import ParameterGroup, derived, parameter
 
 
 class DwbCritic(ParameterGroup):

@@ -2,7 +2,7 @@
 
 from typing import Final, Literal, TypeAlias
 
-from vastflow.sim.nav2.parameters.parameter import ParameterGroup, parameter
+from vastflow.sim.model.parameter import ParameterGroup, parameter
 
 MotionModel: TypeAlias = Literal["DiffDrive", "Ackermann", "Omni"]
 

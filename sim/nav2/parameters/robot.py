@@ -10,12 +10,17 @@ from typing import Any, Final, Self
 
 from pydantic import field_validator, model_validator
 
+from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation, parameter
 from vastflow.sim.model.polygon import vertices_of
-from vastflow.sim.nav2.parameters.parameter import ParameterGroup, ParameterLocation, parameter
 from vastflow.sim.world.robot_model import MOST_BEAMS, Drive
 
 LATENCY_KEY: Final = "latency"
 """Name of the section below `robot`."""
+
+NOISE_PLACE: Final[ParameterLocation] = ("robot", "lidar", "noise")
+"""Of the parameters of the lidar's noise; `model` among them is its name."""
+
+NOISE_MODEL_KEY: Final = "robot.lidar.noise.model"
 
 PRESET_KEY: Final = "preset"
 """Of the section: the preset that gives what the section leaves out."""
@@ -173,5 +178,5 @@ def robot_keys() -> Mapping[str, ParameterLocation]:
     own = [(ROBOT_KEY, name) for name in RobotParameters.model_fields if name != "lidar"]
     lidar = ((ROBOT_KEY, "lidar", name) for name in LidarParameters.model_fields)
     latency = ((ROBOT_KEY, LATENCY_KEY, name) for name in (PRESET_KEY, *Latency.model_fields))
-    every = [*own, *lidar, *latency]
+    every = [*own, *lidar, (*NOISE_PLACE, "model"), *latency]
     return {".".join(path): path for path in every}

@@ -1,6 +1,6 @@
 """Parameters of Regulated Pure Pursuit. Nav2's default file does not load it: all defaults are those of its code."""
 
-from vastflow.sim.nav2.parameters.parameter import ParameterGroup, parameter
+from vastflow.sim.model.parameter import ParameterGroup, parameter
 
 
 class RppParameters(ParameterGroup):

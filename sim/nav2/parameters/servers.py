@@ -1,11 +1,11 @@
-"""Parameters of Nav2's servers: planners, checkers, behaviors, smoother, and collision monitor, and of the study's perturbations."""
+"""Parameters of Nav2's servers: planners, checkers, behaviors, smoother, and collision monitor, and of perturbations."""
 
 from typing import Annotated, Final, Literal, TypeAlias
 
 from pydantic import Field
 
+from vastflow.sim.model.parameter import ParameterGroup, choice, derived, parameter
 from vastflow.sim.model.polygon import Vertices
-from vastflow.sim.nav2.parameters.parameter import ParameterGroup, choice, derived, parameter
 
 Forward: TypeAlias = Annotated[float, Field(ge=0.0, le=100.0)]
 Backward: TypeAlias = Annotated[float, Field(ge=-100.0, le=0.0)]
@@ -149,17 +149,13 @@ class CollisionMonitor(ParameterGroup):
 
 
 class Perturbation(ParameterGroup):
-    """What lies between the simulated sensors and Nav2: the relay of the paper's study, and odometry noise.
+    """Odometry noise, and how well the initial pose is known.
 
     Attributes:
-        laserscan_gaussian_noise_std_deviation: Of every beam, meters.
-        laserscan_random_drop_percentage: Share of beams lost, a fraction 0..1 in spite of its name.
         odometry_noise_std_deviation: Of each step's distance and turn, as a share of them.
         initial_pose_covariance_xx, initial_pose_covariance_yy, initial_pose_covariance_yaw: Of the initial pose (m², rad²).
     """
 
-    laserscan_gaussian_noise_std_deviation: float = parameter(0.0, 0.0, 100.0)
-    laserscan_random_drop_percentage: float = parameter(0.0, 0.0, 1.0)
     odometry_noise_std_deviation: float = parameter(0.0, 0.0, 10.0)
     initial_pose_covariance_xx: float = parameter(0.0, 0.0, 100.0)
     initial_pose_covariance_yy: float = parameter(0.0, 0.0, 100.0)

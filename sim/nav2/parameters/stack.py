@@ -2,10 +2,10 @@
 
 from pydantic import SerializeAsAny
 
+from vastflow.sim.model.parameter import ParameterGroup
 from vastflow.sim.nav2.parameters.amcl import AmclParameters
 from vastflow.sim.nav2.parameters.costmap import Costmap, global_costmap, local_costmap
 from vastflow.sim.nav2.parameters.mppi import MppiParameters
-from vastflow.sim.nav2.parameters.parameter import ParameterGroup
 from vastflow.sim.nav2.parameters.robot import Latency, RobotParameters
 from vastflow.sim.nav2.parameters.servers import (
     BehaviorServer,
@@ -16,11 +16,10 @@ from vastflow.sim.nav2.parameters.servers import (
     Perturbation,
     ProgressChecker,
     RotationShim,
-    SmacPlanner2D,
-    SmacPlannerHybrid,
     VelocitySmoother,
     WaypointFollower,
 )
+from vastflow.sim.world.noise_parameters import GaussianDropoutParameters
 
 
 class NavParameters(ParameterGroup):
@@ -28,17 +27,18 @@ class NavParameters(ParameterGroup):
 
     Attributes:
         controller: Parameters of the controller; a plug-in is its own, see
-            `vastflow.sim.nav2.controllers.registry.find_parameters`.
+            `vastflow.sim.nav2.controllers.registry`. So are `planner` and `lidar_noise`.
         robot: Of the robot that the stack drives, which it is not told of; `latency` of its sensors and computers.
     """
 
     robot: RobotParameters = RobotParameters()
     perturbation: Perturbation = Perturbation()
+    lidar_noise: SerializeAsAny[ParameterGroup] = GaussianDropoutParameters()
     latency: Latency = Latency()
     amcl: AmclParameters = AmclParameters()
     local_costmap: Costmap = local_costmap()
     global_costmap: Costmap = global_costmap()
-    planner: NavFn | SmacPlanner2D | SmacPlannerHybrid = NavFn()
+    planner: SerializeAsAny[ParameterGroup] = NavFn()
     controller_server: ControllerServer = ControllerServer()
     progress_checker: ProgressChecker = ProgressChecker()
     goal_checker: GoalChecker = GoalChecker()

@@ -318,3 +318,19 @@ def _gradient(cells: Any, at: int, columns: int) -> Any:
     if norm > np.float32(0.0):
         norm = np.float32(1.0 / norm)
     return norm * gx, norm * gy
+
+
+@inner
+def cell(place: Any, x_m: float, y_m: float) -> Any:
+    """NavFn's (column, row) of a point: rounded, so its paths lie half a cell off the costmap's cells."""
+    resolution = place[2]
+    return (
+        math.floor((x_m - place[0]) / resolution + 0.5),
+        math.floor((y_m - place[1]) / resolution + 0.5),
+    )
+
+
+@inner
+def on_map(costs: Any, column: int, row: int) -> bool:
+    """Whether a cell is one of the map's."""
+    return column >= 0 and row >= 0 and column < costs.shape[1] and row < costs.shape[0]

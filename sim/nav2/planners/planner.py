@@ -1,159 +1,75 @@
-"""The seam between the loop and a planner that searches: machine code that is called by its address.
+"""What a planner is: parameters in Nav2's style, and a kernel that finds a path over the global costmap."""
 
-The loop is compiled once, with NavFn in it, and knows of no other planner but where its kernel lies.
-"""
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final, NamedTuple
 
-import functools
-from typing import Any, Final, NamedTuple
-
-import numba
 import numpy as np
-from numba import types
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from vastflow.sim.kernels.calls import called, machine_code_of
-from vastflow.sim.kernels.numeric import inner
-from vastflow.sim.kernels.record import record_of
-from vastflow.sim.model.polygon import vertices_of
-from vastflow.sim.nav2.costmaps.inflation import cost_at_distance
-from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m, inscribed_radius_m, outline_of
+from vastflow.sim.model.parameter import ParameterGroup
 from vastflow.sim.nav2.parameters.costmap import Costmap
-from vastflow.sim.nav2.parameters.servers import NavFn, SmacPlanner2D, SmacPlannerHybrid, SmootherParameters
-from vastflow.sim.nav2.planners import smac_2d, smac_hybrid
-from vastflow.sim.nav2.planners.search import PlannerInput, Search, new_distances
 
-_ENDLESS: Final = 1 << 40
-_NAVFN: Final = 0
+START_OUTSIDE, GOAL_OUTSIDE, START_OCCUPIED, GOAL_OCCUPIED, TIMEOUT, NO_VALID_PATH = 203, 204, 205, 206, 207, 208
+"""Nav2's error codes of ComputePathToPose; those of ComputePathThroughPoses are 100 greater."""
+
+NOTHING: Final = (0, 0, 0, 0)
 
 
-class Planner(NamedTuple):
-    """A planner as the loop has it.
+class PlannerInput(NamedTuple):
+    """What a planner is given. Poses and points are in the frame of the map's grid, in meters and radians.
 
     Attributes:
-        kernel: (1,) int64, where its machine code begins; 0 for NavFn, which is part of the loop.
-        search: (1,) record of `Search`.
-        distances: See `vastflow.sim.nav2.planners.search.new_distances`. What a run adds to it other runs find, and would have
-            computed alike.
+        costs: (H, W) uint8 global costmap.
+        place: (3,) x and y of its lower left corner, and the resolution.
+        outline: (V, 2) padded footprint in the robot's frame.
+        start, goal: (x, y, yaw).
+        path: (M, 3) which the poses of the path are written to.
+        leg: Number of the goal in a path through several, else 0.
+        changed: Rows from and to, columns from and to of the cells that may have changed since the last call.
     """
 
-    kernel: Any
-    search: Any
-    distances: Any
+    costs: Any
+    place: Any
+    outline: Any
+    start: Any
+    goal: Any
+    path: Any
+    leg: int = 0
+    changed: Any = NOTHING
 
 
-def planner_of(
-    parameters: NavFn | SmacPlanner2D | SmacPlannerHybrid,
-    costmap: Costmap,
-    resolution_m: float,
-    origin_xy_m: tuple[float, float],
-) -> Planner:
-    """The planner with these parameters on a map, its kernel compiled.
+@dataclass(frozen=True, slots=True)
+class PlannerSetting:
+    """What a planner can prepare its memory for.
 
-    Args:
-        costmap: The global one.
+    Attributes:
+        costs: (H, W) uint8 global costmap, as it is now.
+        free_costs: The same with nothing marked, and unknown cells taken for free: no cell will ever cost less.
+        costmap: Parameters of the global costmap.
+        legs: Greatest number of legs of a path.
     """
-    search = search_of(parameters, costmap, resolution_m, origin_xy_m)
-    record = record_of(search)
-    distances = _distances(search.table, search.bins, search.radius, search.reverses)
-    if isinstance(parameters, NavFn):
-        return Planner(np.array([_NAVFN], dtype=np.int64), record, distances)
-    kernel = smac_2d.compute_path if isinstance(parameters, SmacPlanner2D) else smac_hybrid.compute_path
-    kinds = numba.typeof(record).dtype, numba.typeof(distances), _GIVEN
-    return Planner(np.array([machine_code_of(kernel, kinds)], dtype=np.int64), record, distances)
+
+    costs: NDArray[np.uint8]
+    free_costs: NDArray[np.uint8]
+    costmap: Costmap
+    resolution_m: float
+    origin_xy_m: tuple[float, float]
+    legs: int = 1
 
 
-@functools.lru_cache(maxsize=4)
-def _distances(table: int, bins: int, radius: float, reverses: bool) -> NDArray[np.float32]:
-    """Those of one curve, shared by the runs of a process: an empty place is filled by whoever comes first."""
-    return new_distances(table, bins)
+class Planner(ParameterGroup):
+    """Base of all planners: a subclass has its parameters as fields (see `parameter`), and its kernel as an attribute.
 
+    Attributes:
+        compute_path: Kernel (parameters, memory, `PlannerInput`) to the number of poses of the path, which `given.path` begins
+            with then, or to minus an error code. `parameters.name` is a field's value: a flag is 0 or 1, a tuple an array.
+        overlaps: Whether a leg begins at the pose at which the leg before ends.
+    """
 
-def search_of(
-    parameters: NavFn | SmacPlanner2D | SmacPlannerHybrid,
-    costmap: Costmap,
-    resolution_m: float,
-    origin_xy_m: tuple[float, float],
-) -> Search:
-    """What a planner's parameters are in cells of a map."""
-    q = SmacPlanner2D() if isinstance(parameters, NavFn) else parameters
-    common: dict[str, Any] = {
-        "resolution": resolution_m,
-        "origin_x": origin_xy_m[0],
-        "origin_y": origin_xy_m[1],
-        "tolerance": q.tolerance / resolution_m,
-        "allow_unknown": q.allow_unknown,
-        "max_iterations": _end(q.max_iterations),
-        "max_on_approach_iterations": _end(q.max_on_approach_iterations),
-        **_smoothing(q.smoother),
-    }
-    if isinstance(q, SmacPlanner2D):
-        return Search(**common, cost_penalty=q.cost_travel_multiplier)
-    outline, layer = outline_of(costmap), costmap.inflation_layer
-    farthest_m, nearest_m = circumscribed_radius_m(outline), inscribed_radius_m(outline)
-    edge = int(q.lookup_table_size / resolution_m)
-    if not q.smooth_path:
-        common["smoother_iterations"] = 0
-    return Search(
-        **common,
-        cost_penalty=q.cost_penalty,
-        polygon=bool(vertices_of(costmap.footprint)),
-        circumscribed_cost=cost_at_distance(farthest_m, nearest_m, layer.cost_scaling_factor) if layer.enabled else 0.0,
-        bins=q.angle_quantization_bins,
-        radius=max(q.minimum_turning_radius / resolution_m, 1.0),
-        reverses=q.motion_model_for_search == "REEDS_SHEPP",
-        interpolates=q.allow_primitive_interpolation,
-        change_penalty=q.change_penalty,
-        non_straight_penalty=q.non_straight_penalty,
-        reverse_penalty=q.reverse_penalty,
-        travel_distance_reward=1.0 - q.retrospective_penalty,
-        quadratic=q.use_quadratic_cost_penalty,
-        halves=q.downsample_obstacle_heuristic,
-        expansion_ratio=q.analytic_expansion_ratio,
-        expansion_length=q.analytic_expansion_max_length / resolution_m,
-        expansion_cost=q.analytic_expansion_max_cost,
-        expansion_override=q.analytic_expansion_max_cost_override,
-        table=edge + 1 - edge % 2,
-    )
+    compute_path: ClassVar[Callable[..., Any]]
+    overlaps: ClassVar[bool] = True
 
-
-def _smoothing(q: SmootherParameters) -> dict[str, Any]:
-    return {
-        "smoother_tolerance": q.tolerance,
-        "smoother_iterations": q.max_iterations,
-        "w_data": q.w_data,
-        "w_smooth": q.w_smooth,
-        "refinements": q.refinement_num if q.do_refinement else 0,
-    }
-
-
-def _end(iterations: int) -> int:
-    return iterations if iterations > 0 else _ENDLESS
-
-
-def _example() -> PlannerInput:
-    pose = (0.0, 0.0, 0.0)
-    return PlannerInput(np.zeros((1, 1), dtype=np.uint8), np.zeros(3), np.zeros((1, 2)), pose, pose, np.zeros((1, 3)))
-
-
-_GIVEN: Final = numba.typeof(_example())
-
-
-@inner
-def searches(planner: Planner) -> bool:
-    """Whether it is another one than NavFn."""
-    return bool(planner.kernel[0] != _NAVFN)
-
-
-@inner
-def compute_path(planner: Planner, given: PlannerInput) -> int:
-    """The number of points that `given.path` begins with then; minus an error code where there is no path."""
-    return int(_call(planner.kernel[0], planner.search[0], planner.distances, given))
-
-
-@intrinsic
-def _call(typing: Any, kernel: Any, search: Any, distances: Any, given: Any) -> Any:
-    def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
-        return called(context, builder, types.int64, (search, distances, given), values[0], values[1:])
-
-    return types.int64(types.int64, search, distances, given), lowered
+    def memory(self, setting: PlannerSetting) -> Any:
+        """Return state and working space for a mission: a NamedTuple of arrays; the kernel changes them in place."""
+        return ()

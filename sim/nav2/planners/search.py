@@ -1,5 +1,6 @@
 """What a search for a path is given, where the robot has room, and what is left to the goal at the least."""
 
+import functools
 import heapq
 import math
 from dataclasses import dataclass
@@ -9,12 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.kernels.numeric import inner
-from vastflow.sim.nav2.costmaps.inflation import INSCRIBED, UNKNOWN
+from vastflow.sim.kernels.record import record_of
+from vastflow.sim.model.polygon import vertices_of
+from vastflow.sim.nav2.costmaps.inflation import INSCRIBED, UNKNOWN, cost_at_distance
+from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m, inscribed_radius_m, outline_of
 from vastflow.sim.nav2.costmaps.window import Window, outline_hits
+from vastflow.sim.nav2.parameters.costmap import Costmap
+from vastflow.sim.nav2.parameters.servers import SmacPlanner2D, SmacPlannerHybrid, SmootherParameters
 from vastflow.sim.nav2.planners.curves import shortest
+from vastflow.sim.nav2.planners.planner import PlannerSetting
 
-START_OUTSIDE, GOAL_OUTSIDE, START_OCCUPIED, GOAL_OCCUPIED, TIMEOUT, NO_VALID_PATH = 203, 204, 205, 206, 207, 208
-"""Nav2's error codes of ComputePathToPose; those of ComputePathThroughPoses are 100 greater."""
+_ENDLESS: Final = 1 << 40
 
 WHOLE: Final = 252.0
 """The greatest cost of a cell that is free."""
@@ -63,25 +69,6 @@ class Search:
     expansion_cost: float = 252.0
     expansion_override: bool = False
     table: int = 1
-
-
-class PlannerInput(NamedTuple):
-    """What a planner is given. Poses and points are in the frame of the map's grid, in meters and radians.
-
-    Attributes:
-        costs: (H, W) uint8 global costmap.
-        place: (3,) x and y of its lower left corner, and the resolution.
-        outline: (V, 2) padded footprint in the robot's frame.
-        start, goal: (x, y, yaw).
-        path: (M, 3) which the poses of the path are written to.
-    """
-
-    costs: Any
-    place: Any
-    outline: Any
-    start: Any
-    goal: Any
-    path: Any
 
 
 @inner
@@ -238,3 +225,80 @@ def _length(q: Any, x: float, y: float, heading_rad: float) -> float:
     c, s = math.cos(heading_rad), math.sin(heading_rad)
     to_x, to_y = -(c * x + s * y) / q.radius, (s * x - c * y) / q.radius
     return float(q.radius * shortest(to_x, to_y, -heading_rad, q.reverses != 0)[0])
+
+
+class SearchMemory(NamedTuple):
+    """A search on a map: (1,) record of `Search`, and `new_distances`, which other runs find filled and would have computed alike."""
+
+    search: Any
+    distances: Any
+
+
+def search_memory(q: SmacPlanner2D | SmacPlannerHybrid, setting: PlannerSetting) -> SearchMemory:
+    """Return the memory of a planner with these parameters."""
+    search = search_of(q, setting.costmap, setting.resolution_m, setting.origin_xy_m)
+    return SearchMemory(record_of(search), _distances(search.table, search.bins, search.radius, search.reverses))
+
+
+@functools.lru_cache(maxsize=4)
+def _distances(table: int, bins: int, radius: float, reverses: bool) -> NDArray[np.float32]:
+    """Those of one curve, shared by the runs of a process: an empty place is filled by whoever comes first."""
+    return new_distances(table, bins)
+
+
+def search_of(
+    q: SmacPlanner2D | SmacPlannerHybrid, costmap: Costmap, resolution_m: float, origin_xy_m: tuple[float, float]
+) -> Search:
+    """What a planner's parameters are in cells of a map."""
+    common: dict[str, Any] = {
+        "resolution": resolution_m,
+        "origin_x": origin_xy_m[0],
+        "origin_y": origin_xy_m[1],
+        "tolerance": q.tolerance / resolution_m,
+        "allow_unknown": q.allow_unknown,
+        "max_iterations": _end(q.max_iterations),
+        "max_on_approach_iterations": _end(q.max_on_approach_iterations),
+        **_smoothing(q.smoother),
+    }
+    if isinstance(q, SmacPlanner2D):
+        return Search(**common, cost_penalty=q.cost_travel_multiplier)
+    outline, layer = outline_of(costmap), costmap.inflation_layer
+    farthest_m, nearest_m = circumscribed_radius_m(outline), inscribed_radius_m(outline)
+    edge = int(q.lookup_table_size / resolution_m)
+    if not q.smooth_path:
+        common["smoother_iterations"] = 0
+    return Search(
+        **common,
+        cost_penalty=q.cost_penalty,
+        polygon=bool(vertices_of(costmap.footprint)),
+        circumscribed_cost=cost_at_distance(farthest_m, nearest_m, layer.cost_scaling_factor) if layer.enabled else 0.0,
+        bins=q.angle_quantization_bins,
+        radius=max(q.minimum_turning_radius / resolution_m, 1.0),
+        reverses=q.motion_model_for_search == "REEDS_SHEPP",
+        interpolates=q.allow_primitive_interpolation,
+        change_penalty=q.change_penalty,
+        non_straight_penalty=q.non_straight_penalty,
+        reverse_penalty=q.reverse_penalty,
+        travel_distance_reward=1.0 - q.retrospective_penalty,
+        quadratic=q.use_quadratic_cost_penalty,
+        halves=q.downsample_obstacle_heuristic,
+        expansion_ratio=q.analytic_expansion_ratio,
+        expansion_length=q.analytic_expansion_max_length / resolution_m,
+        expansion_cost=q.analytic_expansion_max_cost,
+        expansion_override=q.analytic_expansion_max_cost_override,
+        table=edge + 1 - edge % 2,
+    )
+
+
+def _smoothing(q: SmootherParameters) -> dict[str, Any]:
+    return {
+        "smoother_tolerance": q.tolerance,
+        "smoother_iterations": q.max_iterations,
+        "w_data": q.w_data,
+        "w_smooth": q.w_smooth,
+        "refinements": q.refinement_num if q.do_refinement else 0,
+    }
+
+
+def _end(iterations: int) -> int:
+    return iterations if iterations > 0 else _ENDLESS

@@ -7,15 +7,25 @@ from typing import Any
 import numpy as np
 
 from vastflow.sim.kernels.numeric import addressed, inner, njit
-from vastflow.sim.nav2.planners.search import NO_VALID_PATH, START_OCCUPIED, TIMEOUT, WHOLE, PlannerInput, collides
+from vastflow.sim.nav2.parameters.servers import SmacPlanner2D
+from vastflow.sim.nav2.planners.planner import (
+    NO_VALID_PATH,
+    START_OCCUPIED,
+    TIMEOUT,
+    Planner,
+    PlannerInput,
+    PlannerSetting,
+)
+from vastflow.sim.nav2.planners.search import WHOLE, SearchMemory, collides, search_memory
 from vastflow.sim.nav2.planners.smoother import smooth
 
 _FEWEST_SMOOTHED = 6
 
 
 @addressed
-def compute_path(q: Any, distances: Any, given: PlannerInput) -> int:
+def compute_path(parameters: Any, memory: SearchMemory, given: PlannerInput) -> int:
     """The number of poses of the path, which `given.path` then begins with; minus an error code where there is none."""
+    q = memory.search[0]
     columns = given.costs.shape[1]
     start = _cell(q, given.start[0], given.start[1], columns)
     goal = _cell(q, given.goal[0], given.goal[1], columns)
@@ -110,3 +120,13 @@ def search(q: Any, costs: Any, start: int, goal: int) -> Any:
     if iterations == 1:
         return start, parents, START_OCCUPIED
     return start, parents, TIMEOUT if iterations >= q.max_iterations else NO_VALID_PATH
+
+
+class Smac2D(SmacPlanner2D, Planner):
+    """The planner."""
+
+    compute_path = compute_path
+
+    def memory(self, setting: PlannerSetting) -> SearchMemory:
+        """See `search_memory`."""
+        return search_memory(self, setting)

@@ -7,19 +7,26 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from vastflow.sim.kernels.numeric import addressed, inner, njit
+from vastflow.sim.nav2.parameters.servers import SmacPlannerHybrid
 from vastflow.sim.nav2.planners.curves import pose_on, shortest
-from vastflow.sim.nav2.planners.search import (
+from vastflow.sim.nav2.planners.planner import (
     NO_VALID_PATH,
     START_OCCUPIED,
     TIMEOUT,
+    Planner,
+    PlannerInput,
+    PlannerSetting,
+)
+from vastflow.sim.nav2.planners.search import (
     WHOLE,
     Ground,
-    PlannerInput,
+    SearchMemory,
     along_curve,
     center_cost,
     has_room,
     new_ground,
     over_ground,
+    search_memory,
 )
 from vastflow.sim.nav2.planners.smoother import smooth
 
@@ -218,9 +225,10 @@ class _Nearest(NamedTuple):
 
 
 @addressed
-def compute_path(q: Any, distances: Any, given: PlannerInput) -> int:
+def compute_path(parameters: Any, memory: SearchMemory, given: PlannerInput) -> int:
     """The number of poses of the path, which `given.path` then begins with; minus an error code where there is none."""
-    poses, iterations, code = search(q, distances, given)
+    q = memory.search[0]
+    poses, iterations, code = search(q, memory.distances, given)
     n = poses.shape[0]
     if code == 0 and n > given.path.shape[0]:
         code = NO_VALID_PATH
@@ -381,3 +389,13 @@ def _path(q: Any, nodes: Nodes, node: int, curve: Any) -> Any:
         poses[k, 0], poses[k, 1], poses[k, 2] = row[X], row[Y], 2.0 * math.pi * row[HEADING] / q.bins
         at = int(row[PARENT])
     return poses
+
+
+class SmacHybrid(SmacPlannerHybrid, Planner):
+    """The planner."""
+
+    compute_path = compute_path
+
+    def memory(self, setting: PlannerSetting) -> SearchMemory:
+        """See `search_memory`."""
+        return search_memory(self, setting)

@@ -1,0 +1,312 @@
+"""The seam between the loop and plug-ins: machine code that is called by its address.
+
+The loop is compiled once for all plug-ins. A plug-in's kernels are compiled for its own parameters and memory, which
+the loop knows nothing of: it passes the address of a table that says where they lie, and an entry, compiled for the same types,
+reads the table and calls the kernel. A call costs some nanoseconds more than one that the compiler could see through.
+"""
+
+import functools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, Generic, NamedTuple, TypeVar
+
+import numba
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.core.dispatcher import Dispatcher
+from numba.extending import intrinsic, models, register_model
+from numpy.typing import NDArray
+
+from vastflow.sim.kernels.numeric import addressed, unkept
+from vastflow.sim.kernels.plug_in import ContractError, line_of
+from vastflow.sim.kernels.record import record_of
+from vastflow.sim.model.parameter import ParameterGroup
+
+_PARAMETERS, _MAIN, _MEMORY = 0, 1, 4
+"""Places in a table: addresses of the parameters and of up to three kernels, and from `_MEMORY` on each array's address and shape."""
+
+PlugIn = TypeVar("PlugIn", bound=ParameterGroup)
+
+
+class Bound(NamedTuple):
+    """A plug-in as the loop has it.
+
+    Attributes:
+        entries: (K,) int64, addresses of the entries of its kernels.
+        table: (T,) int64, what the entries find the plug-in's kernels, parameters and memory by.
+    """
+
+    entries: Any
+    table: Any
+
+
+@dataclass(frozen=True, eq=False)
+class Running(Generic[PlugIn]):
+    """A plug-in for one run. It owns what `bound` has the addresses of, and must outlive the kernels that are given those.
+
+    Attributes:
+        parameters: (1,) record of its parameters.
+        memory: What its `memory` made.
+    """
+
+    plug_in: PlugIn
+    parameters: NDArray[np.void]
+    memory: Any
+    bound: Bound
+
+
+@dataclass(frozen=True)
+class Seam:
+    """The kernels of one kind of plug-in.
+
+    Attributes:
+        main: Name of the kernel (parameters, memory, given).
+        given: Type of its last argument.
+        returns: Whether it may return a type; `wanted` says in words what it must return.
+        entry: Calls `forwarding(...)` with (layout, given).
+        others: Names of kernels (memory) that a plug-in may leave out, to their entries, which call `forwarding_memory(...)`.
+    """
+
+    main: str
+    given: Any
+    returns: Callable[[Any], bool]
+    wanted: str
+    entry: Callable[[Any, Any], Any]
+    others: Mapping[str, Callable[[Any], None]] = field(default_factory=dict)
+
+    def running(self, plug_in: PlugIn, memory: Any) -> Running[PlugIn]:
+        """Return a plug-in with the memory of one run, its kernels compiled.
+
+        Raises:
+            ContractError: the memory holds something else than arrays, or a kernel can't be compiled or does not return what
+                it should.
+        """
+        kind, parameters = type(plug_in), record_of(plug_in)
+        arrays = list(_arrays(kind, memory, "memory"))
+        types_of_arrays = tuple((array.dtype, array.ndim, array.flags.writeable) for array in arrays)
+        held = _Held((self.main, kind, parameters.dtype, _structure(memory), types_of_arrays), self, parameters, memory)
+        kernels, entries = _machine_code(held)
+        places = [number for array in arrays for number in (array.ctypes.data, *array.shape)]
+        unused = [0] * (_MEMORY - _MAIN - len(kernels))
+        table = np.array([parameters.ctypes.data, *kernels, *unused, *places], dtype=np.int64)
+        return Running(plug_in, parameters, memory, Bound(np.array(entries, dtype=np.int64), table))
+
+    def entries(self, kept: bool) -> tuple[Any, ...]:
+        """Return the entries to compile; not kept for types that another process may not know, and could then read no compiled forms at all."""
+        return _entries((self.entry, *self.others.values()), kept)
+
+
+@functools.cache
+def _entries(functions: tuple[Any, ...], kept: bool) -> tuple[Any, ...]:
+    return tuple(addressed(entry) if kept else unkept(entry) for entry in functions)
+
+
+@dataclass(frozen=True, slots=True)
+class _Held:
+    """Parameters and memory that have the same types as others of an equal key."""
+
+    key: tuple[Any, ...]
+    seam: Seam = field(compare=False)
+    parameters: NDArray[np.void] = field(compare=False)
+    memory: Any = field(compare=False)
+
+
+@functools.lru_cache(maxsize=64)
+def _machine_code(held: _Held) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Addresses of a plug-in's kernels, and of the entries for its types: numba takes milliseconds to find them."""
+    seam, kind = held.seam, held.key[1]
+    parameters, memory = numba.typeof(held.parameters).dtype, numba.typeof(held.memory)
+    main = _kernel(seam, kind, seam.main, (parameters, memory, seam.given))
+    kernels = (main, *(_kernel(seam, kind, name, (memory,)) for name in seam.others))
+    layout = Layout(parameters, memory, main.signature.return_type)
+    entry, *others = seam.entries(kind.__module__.startswith("vastflow."))
+    entries = (_compiled_for(entry, (layout, seam.given)), *(_compiled_for(each, (layout,)) for each in others))
+    return tuple(map(_address_of, kernels)), tuple(map(_address_of, entries))
+
+
+def _structure(memory: Any) -> Any:
+    """Classes of the tuples in a memory, as they are nested."""
+    return (type(memory), *map(_structure, memory)) if isinstance(memory, tuple) else None
+
+
+_WORD: Final = ir.IntType(64)
+
+
+class Layout(types.Type):  # type: ignore[misc]  # numba has no types
+    """Address of a table of a plug-in with parameters, a memory, and a result of its main kernel of these types."""
+
+    def __init__(self, parameters: Any, memory: Any, result: Any) -> None:
+        self.parameters = parameters
+        self.memory = memory
+        self.result = result
+        super().__init__(name=f"Layout({parameters}, {memory}, {result})")
+
+    @property
+    def key(self) -> Any:
+        return self.parameters, self.memory, self.result
+
+
+_ANY: Final = Layout(types.none, types.none, types.none)
+
+
+@register_model(Layout)
+class _LayoutModel(models.PrimitiveModel):  # type: ignore[misc]
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, _WORD.as_pointer())
+
+
+def calling(given: Any, result: Any) -> Any:
+    """Return a function (address of an entry, table, given) for kernels: it calls a plug-in's main kernel."""
+
+    @intrinsic
+    def call(typing: Any, entry: Any, table: Any, given_type: Any) -> Any:
+        def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
+            layout = context.make_array(call.args[1])(context, builder, values[1]).data
+            return _called(context, builder, result, (_ANY, given), values[0], (layout, values[2]))
+
+        return result(types.int64, table, given), lowered
+
+    return call
+
+
+@intrinsic
+def call_memory(typing: Any, entry: Any, table: Any) -> Any:
+    """Call a plug-in's kernel (memory) by the address of its entry."""
+
+    def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
+        layout = context.make_array(call.args[1])(context, builder, values[1]).data
+        return _called(context, builder, types.none, (_ANY,), values[0], (layout,))
+
+    return types.none(types.int64, table), lowered
+
+
+def _cast(context: Any, builder: Any, found: Any, value: Any, result: Any) -> Any:
+    return context.cast(builder, value, found, result)
+
+
+def forwarding(given: Any, result: Any, convert: Callable[..., Any] = _cast) -> Any:
+    """Return what an entry calls with (layout, given): it reads the table and calls the main kernel.
+
+    Args:
+        convert: (context, builder, type, value, `result`) to what the kernel returned as the type `result`.
+    """
+
+    @intrinsic
+    def forward(typing: Any, layout: Any, given_type: Any) -> Any:
+        def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
+            table = values[0]
+            kernel, parameters = (_word(builder, table, place) for place in (_MAIN, _PARAMETERS))
+            record = builder.inttoptr(parameters, context.get_value_type(layout.parameters))
+            memory = _view(context, builder, layout.memory, table, iter(range(_MEMORY, 1 << 16)))
+            arguments = (layout.parameters, layout.memory, given)
+            found = _called(context, builder, layout.result, arguments, kernel, (record, memory, values[1]))
+            return convert(context, builder, layout.result, found, result)
+
+        return result(layout, given), lowered
+
+    return forward
+
+
+def forwarding_memory(number: int) -> Any:
+    """Return what the entry of the kernel (memory) of this number, from 1 on, calls with (layout)."""
+
+    @intrinsic
+    def forward(typing: Any, layout: Any) -> Any:
+        def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
+            kernel = _word(builder, values[0], _MAIN + number)
+            memory = _view(context, builder, layout.memory, values[0], iter(range(_MEMORY, 1 << 16)))
+            return _called(context, builder, types.none, (layout.memory,), kernel, (memory,))
+
+        return types.none(layout), lowered
+
+    return forward
+
+
+def _word(builder: Any, table: Any, place: int) -> Any:
+    return builder.load(builder.gep(table, [ir.Constant(ir.IntType(32), place)]))
+
+
+def _view(context: Any, builder: Any, kind: Any, table: Any, places: Iterator[int]) -> Any:
+    """A memory of the type `kind` from the addresses and shapes in a table, in the order of `_arrays`."""
+    if isinstance(kind, types.BaseTuple):
+        return context.make_tuple(builder, kind, [_view(context, builder, item, table, places) for item in kind])
+    from numba.np.arrayobj import populate_array  # numba imports it when it compiles
+
+    array = context.make_array(kind)(context, builder)
+    data = builder.inttoptr(_word(builder, table, next(places)), array.data.type)
+    shape = [_word(builder, table, next(places)) for _ in range(kind.ndim)]
+    size = context.get_abi_sizeof(context.get_data_type(kind.dtype))
+    strides = [ir.Constant(_WORD, size)]
+    for length in reversed(shape[1:]):
+        strides.insert(0, builder.mul(strides[0], length))
+    populate_array(array, data, shape, strides, size, meminfo=None)
+    return array._getvalue()
+
+
+def _arrays(kind: type[ParameterGroup], part: Any, where: str) -> Iterator[NDArray[Any]]:
+    """The arrays of a memory, in their order."""
+    if isinstance(part, tuple):
+        for name, item in zip(getattr(part, "_fields", range(len(part))), part, strict=True):
+            yield from _arrays(kind, item, f"{where}.{name}")
+    elif isinstance(part, np.ndarray) and part.flags.c_contiguous and part.ndim > 0:
+        yield part
+    else:
+        found = "an array that is not contiguous" if isinstance(part, np.ndarray) else type(part).__name__
+        right = "numpy arrays, (1,) for a number, in a NamedTuple"
+        raise ContractError(f"{line_of(kind)}: {where} of {kind.__name__} is {found}; {right}")
+
+
+def _kernel(seam: Seam, kind: type[ParameterGroup], name: str, arguments: tuple[Any, ...]) -> Any:
+    """A kernel of a plug-in, compiled.
+
+    Raises:
+        ContractError: it can't be, or returns another type.
+    """
+    kernel = getattr(kind, name, None)
+    if kernel is None and name in seam.others:
+        kernel = _change_nothing
+    where = f"{line_of(getattr(kernel, 'py_func', kind))}: {kind.__name__}.{name}"
+    if not isinstance(kernel, Dispatcher):
+        raise ContractError(f"{where} is no compiled function; put @kernel above it")
+    if getattr(kernel, "is_part", False):
+        raise ContractError(f"{where} is compiled for its callers alone and has no address; put @kernel above it")
+    try:
+        compiled = _compiled_for(kernel, arguments)
+    except Exception as error:  # noqa: BLE001 - numba raises more than its own errors, KeyError for an unknown parameter
+        words = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        raise ContractError(f"{where} can't be compiled: {words}") from None
+    found = compiled.signature.return_type
+    if not (found == types.none if name in seam.others else seam.returns(found)):
+        raise ContractError(f"{where} returns {found}; {'nothing' if name in seam.others else seam.wanted}")
+    return compiled
+
+
+def _called(
+    context: Any, builder: Any, result: Any, arguments: Sequence[Any], address: Any, values: Sequence[Any]
+) -> Any:
+    """Call machine code of numba's calling convention; what it raises is raised on."""
+    convention = context.call_conv
+    kind = convention.get_function_type(result, arguments)
+    function = builder.inttoptr(address, kind.as_pointer())
+    status, out = convention.call_function(builder, function, result, arguments, values)
+    with cgutils.if_unlikely(builder, status.is_error):
+        convention.return_status_propagate(builder, status)
+    return out
+
+
+def _compiled_for(kernel: Any, arguments: tuple[Any, ...]) -> Any:
+    kernel.compile(arguments)
+    return kernel.overloads[arguments]
+
+
+def _address_of(compiled: Any) -> int:
+    """Where the machine code of a compiled kernel begins."""
+    found: int = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
+    return found
+
+
+@unkept
+def _change_nothing(memory: Any) -> None:
+    pass

@@ -1,0 +1,41 @@
+"""What plug-ins of the loop share: their decorator, and what is said where one doesn't keep its contract.
+
+It needs no numba, so that parameters can be read without it.
+"""
+
+import inspect
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+from vastflow.sim.plug_ins.loading import snapshot_behind
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def kernel(function: Function) -> Function:
+    """Compile a function as the simulator's own kernels are compiled: for the same processor, with IEEE arithmetic."""
+    from vastflow.sim.kernels.numeric import unkept  # who only reads parameters does without numba
+
+    return unkept(function)
+
+
+class ContractError(ValueError):
+    """A plug-in that does not keep its contract; says where, what it does, and what was expected."""
+
+
+def line_of(code: Any) -> str:
+    """Return `file:line` of a class or function; of a plug-in, where its author has it."""
+    try:
+        file, line = str(inspect.getsourcefile(code)), inspect.getsourcelines(code)[1]
+    except (OSError, TypeError):
+        return str(getattr(code, "__module__", code))
+    return f"{written_file(code, file)}:{line}"
+
+
+def written_file(code: Any, file: str) -> str:
+    """Return where the author of a class or function has a file that was executed: a plug-in runs from a copy."""
+    snapshot = snapshot_behind(code)
+    if snapshot is not None and Path(file).is_relative_to(snapshot.folder):
+        return str(snapshot.origin / Path(file).relative_to(snapshot.folder))
+    return file

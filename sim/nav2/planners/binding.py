@@ -1,0 +1,45 @@
+"""The seam between the loop and a planner."""
+
+from typing import Any, Final, TypeAlias
+
+import numba
+import numpy as np
+from numba import types
+
+from vastflow.sim.kernels.binding import Bound, Running, Seam, calling, forwarding
+from vastflow.sim.kernels.numeric import inner
+from vastflow.sim.nav2.planners.planner import Planner, PlannerInput, PlannerSetting
+
+RunningPlanner: TypeAlias = Running[Planner]
+
+
+def _example() -> PlannerInput:
+    pose = (0.0, 0.0, 0.0)
+    return PlannerInput(np.zeros((1, 1), dtype=np.uint8), np.zeros(3), np.zeros((1, 2)), pose, pose, np.zeros((1, 3)))
+
+
+_GIVEN: Final = numba.typeof(_example())
+_call: Final = calling(_GIVEN, types.int64)
+_forward: Final = forwarding(_GIVEN, types.int64)
+
+
+def _path_entry(layout: Any, given: Any) -> int:
+    return int(_forward(layout, given))
+
+
+def _is_number(found: Any) -> bool:
+    return isinstance(types.unliteral(found), types.Integer)
+
+
+_SEAM: Final = Seam("compute_path", _GIVEN, _is_number, "the number of poses, or minus an error code", _path_entry)
+
+
+def running(planner: Planner, setting: PlannerSetting) -> RunningPlanner:
+    """Return a planner with the memory of one mission; raises `ContractError` as `Seam.running` does."""
+    return _SEAM.running(planner, planner.memory(setting))
+
+
+@inner
+def compute_path(planner: Bound, given: PlannerInput) -> int:
+    """The number of poses that `given.path` begins with then; minus an error code where there is no path."""
+    return int(_call(planner.entries[0], planner.table, given))

@@ -1,0 +1,170 @@
+"""What every planner must do, as checks that a planner's author can call in a test."""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.sim.kernels.binding import Bound
+from vastflow.sim.kernels.conformance import guarded, least_us, must_at
+from vastflow.sim.kernels.numeric import njit
+from vastflow.sim.kernels.plug_in import ContractError
+from vastflow.sim.nav2.costmaps.inflation import INSCRIBED, LETHAL, inflate
+from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, outline_of
+from vastflow.sim.nav2.parameters.costmap import global_costmap
+from vastflow.sim.nav2.planners.binding import RunningPlanner, compute_path, running
+from vastflow.sim.nav2.planners.planner import Planner, PlannerInput, PlannerSetting
+
+MOST_US: Final = 1e6
+"""CPU time of a plan that a campaign can bear: as long as the simulated second for which it is made."""
+
+RESOLUTION_M: Final = 0.05
+NEAR_M: Final = 0.5
+"""How far from start and goal a path may begin and end: Nav2's planners accept this tolerance of the goal."""
+
+_ROWS, _COLUMNS = 120, 160
+_ROOM: Final = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class Errand:
+    """A start and a goal (x, y, yaw) on a floor with lethal boxes (x0, y0, x1, y1), in meters; without a path where none `is_possible`."""
+
+    name: str
+    start: tuple[float, float, float]
+    goal: tuple[float, float, float]
+    boxes: tuple[tuple[float, float, float, float], ...] = ()
+    is_possible: bool = True
+
+    def given(self) -> PlannerInput:
+        """Return what a planner is given of it."""
+        costmap = global_costmap()
+        costs = np.zeros((_ROWS, _COLUMNS), dtype=np.uint8)
+        costs[[0, -1]], costs[:, [0, -1]] = LETHAL, LETHAL
+        for box in self.boxes:
+            x0, y0, x1, y1 = (round(at / RESOLUTION_M) for at in box)
+            costs[y0:y1, x0:x1] = LETHAL
+        outline = outline_of(costmap)
+        costs = inflate(costs, RESOLUTION_M, inscribed_radius_m(outline), 0.7, 3.0)
+        place = np.array([0.0, 0.0, RESOLUTION_M])
+        return PlannerInput(costs, place, outline, self.start, self.goal, np.zeros((_ROOM, 3)))
+
+
+ERRANDS: Final = (
+    Errand("an empty floor", (1.0, 3.0, 0.0), (6.5, 3.0, 0.0)),
+    Errand("a wall with a door", (1.0, 1.5, 0.0), (7.0, 1.5, 0.0), ((3.9, 0.0, 4.1, 3.0), (3.9, 4.5, 4.1, 6.0))),
+    Errand("a goal right ahead", (2.0, 3.0, 0.0), (2.6, 3.0, 0.0)),
+    Errand("a closed wall", (1.0, 3.0, 0.0), (7.0, 3.0, 0.0), ((3.9, 0.0, 4.1, 6.0),), is_possible=False),
+)
+
+
+def check_planner(planner: Planner) -> None:
+    """Have `planner` find several paths and check that it keeps its contract: all of `CHECKS`, in their order.
+
+    Raises:
+        AssertionError: where it is written, what it did and what it should do.
+    """
+    for check in CHECKS:
+        check(planner)
+
+
+def check_paths(planner: Planner) -> None:
+    """It compiles, raises nothing, and finds paths from start to goal through free cells where there are any, else an error code."""
+    for errand in ERRANDS:
+        given = errand.given()
+        n = _planned(_started(planner, given), given)
+        if not errand.is_possible:
+            _must(n < 0, planner, f"must return minus an error code in {errand.name!r}, found {n}")
+            continue
+        _must(0 < n <= _ROOM, planner, f"must find a path in {errand.name!r}, found {n}")
+        path = given.path[:n]
+        _must(np.isfinite(path).all(), planner, f"must give finite poses in {errand.name!r}")
+        for where, pose, wanted in (("begin", path[0], errand.start), ("end", path[-1], errand.goal)):
+            away_m = math.dist(pose[:2], wanted[:2])
+            _must(away_m <= NEAR_M, planner, f"must {where} within {NEAR_M} m, found {away_m:.2f} m in {errand.name!r}")
+        dearest = max(_costs_along(given.costs, path))
+        _must(dearest < INSCRIBED, planner, f"must keep to free cells, found a cost of {dearest} in {errand.name!r}")
+
+
+def check_determinism(planner: Planner) -> None:
+    """It gives the same path to the bit for the same memory and situation, whatever another one has planned."""
+    given = ERRANDS[1].given()
+    alone = _path(_started(planner, given), given)
+    one, other = _started(planner, given), ERRANDS[0].given()
+    _path(_started(planner, other), other)
+    right = "must give the same path again; it keeps something outside of its memory"
+    _must(alone == _path(one, ERRANDS[1].given()), planner, right)
+
+
+def check_changes(planner: Planner) -> None:
+    """It sees cells that changed since its last call."""
+    open_floor, closed = ERRANDS[0].given(), ERRANDS[3].given()
+    found = _started(planner, open_floor)
+    _planned(found, open_floor)
+    open_floor.costs[:] = closed.costs
+    n = _planned(found, open_floor._replace(changed=(0, _ROWS, 0, _COLUMNS)))
+    _must(n < 0, planner, f"must plan on the costs that it is given, found {n} poses through a wall that is new")
+
+
+def check_inputs_are_kept(planner: Planner) -> None:
+    """It leaves costmap and footprint as they are: the rest of the stack reads them."""
+    for errand in ERRANDS:
+        given = errand.given()
+        before = given.costs.copy(), given.place.copy(), given.outline.copy()
+        _planned(_started(planner, given), given)
+        kept = all(map(np.array_equal, before, (given.costs, given.place, given.outline)))
+        _must(kept, planner, f"must not change what it is given in {errand.name!r}")
+
+
+def check_time(planner: Planner, most_us: float = MOST_US) -> None:
+    """A plan takes at most `most_us` of CPU time, the fastest of several."""
+    for errand in ERRANDS:
+        given = errand.given()
+        found = _started(planner, given)
+        took_us = least_us(lambda found=found, given=given: _planned(found, given))  # type: ignore[misc]
+        right = f"must take at most {most_us:g} µs a plan, took {took_us:.0f} in {errand.name!r}"
+        _must(took_us <= most_us, planner, right)
+
+
+CHECKS: Final[tuple[Callable[[Planner], None], ...]] = (
+    check_paths,
+    check_determinism,
+    check_changes,
+    check_inputs_are_kept,
+    check_time,
+)
+"""All checks, for a test that is parametrized with them and reports each on its own."""
+
+
+@njit
+def _once(bound: Bound, given: PlannerInput) -> int:
+    return compute_path(bound, given)
+
+
+def _started(planner: Planner, given: PlannerInput) -> RunningPlanner:
+    costs: Any = given.costs
+    try:
+        return running(planner, PlannerSetting(costs, costs, global_costmap(), RESOLUTION_M, (0.0, 0.0)))
+    except ContractError as error:
+        raise AssertionError(str(error)) from None
+
+
+def _planned(found: RunningPlanner, given: PlannerInput) -> int:
+    return int(guarded(type(found.plug_in), "compute_path", lambda: _once(found.bound, given)))
+
+
+def _path(found: RunningPlanner, given: PlannerInput) -> bytes:
+    poses: Any = given.path[: max(_planned(found, given), 0)]
+    return bytes(poses.tobytes())
+
+
+def _costs_along(costs: Any, path: NDArray[np.float64]) -> Iterator[int]:
+    for x_m, y_m, _ in path:
+        yield int(costs[int(y_m / RESOLUTION_M), int(x_m / RESOLUTION_M)])
+
+
+def _must(kept: object, planner: Planner, what: str) -> None:
+    must_at(kept, type(planner), "compute_path", what)

@@ -1,0 +1,233 @@
+"""NavFn as the loop drives with it: every leg flooded afresh, within bounds.
+
+As in Nav2, a leg is flooded from its start until its goal has a value, and walked back from there. The flood keeps within
+bounds: where a path through a cell would cost `MARGIN` more than is to be expected, going by the least that is left to the
+goal from there, it does not enter. No better path is lost by that, and along the best one the potential is the whole flood's
+but for the order of NavFn's updates.
+"""
+
+import math
+from typing import Any, Final, NamedTuple, TypeAlias
+
+import numpy as np
+
+from vastflow.sim.kernels.numeric import addressed, inner
+from vastflow.sim.nav2.parameters.servers import NavFn
+from vastflow.sim.nav2.planners.lower_bound import Bounds, bound_below, covers, new_bounds
+from vastflow.sim.nav2.planners.navfn import (
+    NEUTRAL,
+    OBSTACLE,
+    UNREACHED,
+    cell,
+    descend,
+    fill_travel_costs,
+    new_potential,
+    new_scratch,
+    propagate,
+    propagate_astar,
+    propagate_within,
+    travel_costs,
+)
+from vastflow.sim.nav2.planners.planner import NO_VALID_PATH, Planner, PlannerInput, PlannerSetting
+
+Cell: TypeAlias = tuple[int, int]
+"""Column and row, as NavFn counts them."""
+
+MARGIN: Final = 0.05
+MARGIN_COST: Final = 30 * NEUTRAL
+"""Paths this much dearer than expected are flooded, too: the walk down the potential reads cells beside the best one."""
+
+WIDER: Final = 1.5
+"""By this much more a path may cost where none was found within the first bounds; after that there are none."""
+
+FARTHER: Final = 1.25
+"""So much more than is needed at once new lower bounds reach."""
+
+
+LEG_LENGTHS: Final = 4
+"""Points of a leg, in longer edges of the map."""
+
+
+class NavFnMemory(NamedTuple):
+    """What NavFn keeps from one plan to the next.
+
+    Attributes:
+        travel: (H, W) uint8, its costs of the global costmap.
+        potential: (H, W) float32, what the last flood gave.
+        scratch: See `new_scratch`.
+        leg: (L, 2) points of a leg in cells.
+        bounds: Of the legs of a path.
+        floods: (1,) int64, floods so far.
+    """
+
+    travel: Any
+    potential: Any
+    scratch: Any
+    leg: Any
+    bounds: Bounds
+    floods: Any
+
+
+@addressed
+def compute_path(q: Any, memory: NavFnMemory, given: PlannerInput) -> int:
+    """The number of poses of the path, which `given.path` then begins with; minus an error code where there is none."""
+    row0, row1, col0, col1 = given.changed
+    rows, columns = memory.travel.shape
+    row0, row1, col0, col1 = max(row0, 1), min(row1, rows - 1), max(col0, 1), min(col1, columns - 1)
+    fill_travel_costs(given.costs, q.allow_unknown != 0, row0, row1, col0, col1, memory.travel)
+    column, row = cell(given.place, given.start[0], given.start[1])
+    n, end_x, end_y = _plan_leg(q, memory, given, column, row, given.goal[0], given.goal[1])
+    if n == 0 or n + 1 > given.path.shape[0]:
+        return -NO_VALID_PATH
+    return int(_to_map(given, memory.leg, n, (end_x, end_y, given.goal[2])))
+
+
+@inner
+def inside(travel: Any, column: int, row: int) -> bool:
+    """Whether a cell lies within the map's outermost cells, which NavFn never enters."""
+    return column > 0 and row > 0 and column < travel.shape[1] - 1 and row < travel.shape[0] - 1
+
+
+@inner
+def _plan_leg(
+    q: Any, memory: NavFnMemory, given: PlannerInput, column: int, row: int, goal_x_m: float, goal_y_m: float
+) -> Any:
+    """(n, x, y): path from a cell to a goal into `memory.leg`, in cell units, its last point first, and where it ends; no points when there is none.
+
+    A goal in an obstacle is replaced by the nearest point that can be reached, as `_nearest` has them.
+    """
+    if not inside(memory.travel, column, row):
+        return 0, goal_x_m, goal_y_m
+    before = memory.travel[row, column]
+    memory.travel[row, column] = NEUTRAL
+    n = 0
+    # The nearest free point is the nearest that can be reached, unless the flood says otherwise.
+    found, x_m, y_m = _nearest(q, memory, given, goal_x_m, goal_y_m, False)
+    # NavFn floods until it meets the goal: where that can't be reached, until there is nothing left.
+    start, stop = (column, row), cell(given.place, goal_x_m, goal_y_m)
+    if found and not _flood(q, memory, given.leg, start, cell(given.place, x_m, y_m), stop):
+        found, x_m, y_m = _nearest(q, memory, given, goal_x_m, goal_y_m, True)
+    if found:
+        end_column, end_row = cell(given.place, x_m, y_m)
+        n = descend(memory.potential, end_column, end_row, column, row, memory.leg)
+    memory.travel[row, column] = before
+    return n, x_m, y_m
+
+
+@inner
+def _nearest(q: Any, memory: NavFnMemory, given: PlannerInput, x_m: float, y_m: float, reached: bool) -> Any:
+    """(found, x, y): the point itself if its cell is free, or flooded; else the nearest such within NavFn's `tolerance`.
+
+    NavFn tries points a cell apart, from `tolerance` below and left of the goal on: they lie off the cells as that does.
+    """
+    if _open(memory, given, x_m, y_m, reached):
+        return True, x_m, y_m
+    tolerance, nearest, found, best_x, best_y = q.tolerance, math.inf, False, x_m, y_m
+    y = y_m - tolerance
+    while y <= y_m + tolerance:
+        x = x_m - tolerance
+        while x <= x_m + tolerance:
+            square = (x - x_m) * (x - x_m) + (y - y_m) * (y - y_m)
+            if square < nearest and _open(memory, given, x, y, reached):
+                nearest, found, best_x, best_y = square, True, x, y
+            x += given.place[2]
+        y += given.place[2]
+    return found, best_x, best_y
+
+
+@inner
+def _open(memory: NavFnMemory, given: PlannerInput, x_m: float, y_m: float, reached: bool) -> bool:
+    column, row = cell(given.place, x_m, y_m)
+    if not inside(memory.travel, column, row):
+        return False
+    return bool(memory.potential[row, column] < UNREACHED if reached else memory.travel[row, column] < OBSTACLE)
+
+
+@inner
+def _flood(q: Any, memory: NavFnMemory, leg: int, start: Cell, end: Cell, stop: Cell) -> bool:
+    """NavFn's potential from a cell until the stop has a value; whether the end has one. If not, all that can be reached is flooded."""
+    # A* does not find the best path, and which one it finds hangs on every cell it has been to.
+    if q.use_astar != 0:
+        memory.floods[0] += 1
+        propagate_astar(memory.travel, start[0], start[1], stop[0], stop[1], memory.potential, memory.scratch)
+        return bool(memory.potential[end[1], end[0]] < UNREACHED)
+    if _flood_within_bounds(memory, leg, start, end, stop):
+        return True
+    memory.floods[0] += 1
+    propagate(memory.travel, start[0], start[1], stop[0], stop[1], memory.potential, memory.scratch)
+    return bool(memory.potential[end[1], end[0]] < UNREACHED)
+
+
+@inner
+def _flood_within_bounds(memory: NavFnMemory, leg: int, start: Cell, end: Cell, stop: Cell) -> bool:
+    """The same among paths little dearer than the one to be expected; whether it was among them."""
+    bounds = memory.bounds
+    b, least, to_goal = bounds.legs[leg], bounds.least, bounds.to_goal[leg]
+    (column, row), (end_column, end_row) = start, end
+    if least[row, column] >= OBSTACLE:
+        return False
+    if b.goal_column != end_column or b.goal_row != end_row or to_goal[row, column] == 0.0:
+        memory.floods[0] += bound_below(
+            b, least, to_goal, column, row, end_column, end_row, 0.0, memory.potential, memory.scratch
+        )
+        b.detour = 1.0
+    if to_goal[row, column] == 0.0:
+        return False
+    expected = b.detour * to_goal[row, column]
+    for _ in range(2):
+        margin = max(MARGIN * expected, MARGIN_COST)
+        bound = expected + margin
+        if not covers(b, column, row, bound):
+            memory.floods[0] += bound_below(
+                b, least, to_goal, column, row, end_column, end_row, FARTHER * bound, memory.potential, memory.scratch
+            )
+        memory.floods[0] += 1
+        propagate_within(memory.travel, column, row, stop[0], stop[1], to_goal, bound, memory.potential, memory.scratch)
+        if memory.potential[end_row, end_column] < UNREACHED:
+            expected = memory.potential[end_row, end_column]
+            # A path that only just fits has been cut at its sides.
+            if expected + 0.5 * margin <= bound:
+                b.detour = max(expected / to_goal[row, column], 1.0)
+                return True
+        else:
+            expected *= WIDER
+    return False
+
+
+@inner
+def _to_map(given: PlannerInput, leg: Any, n: int, goal: Any) -> int:
+    """Put `leg`, turned round, into `given.path` in meters, ending at the exact goal; the number of poses.
+
+    NavFn gives every pose but the goal's the map's own heading.
+    """
+    out, resolution, (end_x_m, end_y_m, end_yaw_rad) = given.path, given.place[2], goal
+    for i in range(n):
+        out[i, 0] = given.place[0] + leg[n - 1 - i, 0] * resolution
+        out[i, 1] = given.place[1] + leg[n - 1 - i, 1] * resolution
+        out[i, 2] = 0.0
+    end = n
+    if n > 1:
+        last, before = out[end - 1], out[end - 2]
+        if math.hypot(last[0] - before[0], last[1] - before[1]) > math.hypot(end_x_m - before[0], end_y_m - before[1]):
+            end -= 1
+    out[end, 0], out[end, 1], out[end, 2] = end_x_m, end_y_m, end_yaw_rad
+    return end + 1
+
+
+class NavFnPlanner(NavFn, Planner):
+    """The NavFn planner."""
+
+    compute_path = compute_path
+    overlaps = False
+
+    def memory(self, setting: PlannerSetting) -> NavFnMemory:
+        """Return the memory of a mission; each of its legs has bounds of its own."""
+        shape = setting.costs.shape
+        return NavFnMemory(
+            travel_costs(setting.costs, self.allow_unknown),
+            new_potential(shape),
+            new_scratch(shape),
+            np.zeros((LEG_LENGTHS * max(shape), 2)),
+            new_bounds(setting.legs, travel_costs(setting.free_costs)),
+            np.zeros(1, dtype=np.int64),
+        )

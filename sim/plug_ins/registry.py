@@ -1,0 +1,129 @@
+"""Registries: how plug-ins of one kind are found, by a name in an entry-point group or in a file of its own."""
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Final, Generic, TypeVar
+
+from vastflow.sim.model.files import is_file
+from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.model.parameter import ParameterGroup
+from vastflow.sim.plug_ins.loading import module_of
+from vastflow.sim.plug_ins.neighbors import PlugInError
+from vastflow.sim.plug_ins.snapshot import Snapshot, snapshot_of
+
+FILE: Final = ".py:"
+"""In the name of a plug-in in a file, `my_pursuit.py:PurePursuit`."""
+
+PlugIn = TypeVar("PlugIn", bound=ParameterGroup)
+
+
+class UnknownPlugIn(LookupError):
+    """No plug-in can be had under a name: `what` was found, and what would be `right`."""
+
+    def __init__(self, what: str, right: str) -> None:
+        super().__init__(f"{what}; {right}")
+        self.what = what
+        self.right = right
+
+
+@dataclass(frozen=True, eq=False)
+class Registry(Generic[PlugIn]):
+    """The plug-ins of one kind.
+
+    Attributes:
+        group: Entry-point group.
+        noun: The kind, in words.
+        base: Base class of all of them.
+        beside: The file that a plug-in's own file is relative to.
+        apart: Entry points of plug-ins whose parameters stand apart from their kernels: a campaign is read without numba.
+    """
+
+    group: str
+    noun: str
+    base: type[PlugIn]
+    beside: str
+    apart: Mapping[str, type[ParameterGroup]] = field(default_factory=dict)
+
+    @property
+    def own(self) -> str:
+        """How a user names a plug-in of their own."""
+        return f"file.py:Class for one of your own, relative to the {self.beside}"
+
+    @functools.cached_property
+    def known(self) -> Mapping[str, EntryPoint]:
+        """The entry points of the group by name, sorted.
+
+        Raises:
+            RuntimeError: not even vastflow's own are there, as after an update of an editable install's source alone.
+        """
+        found = dict(sorted((entry.name, entry) for entry in entry_points(group=self.group)))
+        if not any(entry.module.startswith("vastflow.") for entry in found.values()):
+            right = "install it again: pip install -e . in a checkout"
+            raise RuntimeError(
+                f"vastflow is installed without its {self.noun}s, its metadata is older than its source; {right}"
+            )
+        return found
+
+    def name_of(self, kind: type[ParameterGroup]) -> str:
+        """Return the name of an installed plug-in, or of the one whose parameters these are."""
+        own = f"{kind.__module__}:{kind.__qualname__}"
+        value = next((value for value, parameters in self.apart.items() if parameters is kind), own)
+        return next(name for name, entry in self.known.items() if entry.value == value)
+
+    def parameters(self, name: str, base: Path = Path(), snapshot: Snapshot | None = None) -> type[ParameterGroup]:
+        """Return the parameters of the plug-in called `name`: a class of their own, or the plug-in's; see `find`."""
+        entry = self.known.get(name)
+        apart = None if entry is None else self.apart.get(entry.value)
+        return apart or self.find(name, base, snapshot)
+
+    def find(self, name: str, base: Path = Path(), snapshot: Snapshot | None = None) -> type[PlugIn]:
+        """Return the class called `name` in the entry-point group, or `file.py:Class`.
+
+        Args:
+            base: The folder that a file is relative to.
+            snapshot: The file as it was before, which is loaded in place of it.
+
+        Raises:
+            UnknownPlugIn: no such entry point, file or class, a class of another kind, or a file that can't be loaded.
+        """
+        if FILE in name:
+            found = self._class_of_file(name, plug_in_file(name, base), snapshot)
+        else:
+            entry = self.known.get(name)
+            if entry is None:
+                right = f"{did_you_mean(name, self.known)}; {self.own}"
+                raise UnknownPlugIn(f"no {self.noun} {name!r} is known", right)
+            found = entry.load()
+        if not (isinstance(found, type) and issubclass(found, self.base)):
+            right = f"a subclass of {self.base.__module__}.{self.base.__name__}"
+            raise UnknownPlugIn(f"{name!r} is no {self.noun}", right)
+        return found
+
+    def _class_of_file(self, name: str, file: Path, snapshot: Snapshot | None) -> object:
+        class_name = name.rpartition(":")[2]
+        if snapshot is None and not is_file(file):
+            raise UnknownPlugIn(f"no file {str(file)!r}", self.own)
+        try:
+            module = module_of(snapshot or snapshot_of(file, file.parent))
+        except PlugInError as error:
+            raise UnknownPlugIn(error.what, error.right) from None
+        except Exception as error:
+            what = f"{str(file)!r} can't be imported: {type(error).__name__}: {error}"
+            raise UnknownPlugIn(what, "a Python module") from error
+        if not hasattr(module, class_name):
+            known = [each for each, kind in vars(module).items() if self._is_own(kind, module.__name__)]
+            right = did_you_mean(class_name, known, f"a class of it that is a {self.base.__name__}", listed="it has:")
+            raise UnknownPlugIn(f"{str(file)!r} has no class {class_name!r}", right)
+        found: object = getattr(module, class_name)
+        return found
+
+    def _is_own(self, found: object, module: str) -> bool:
+        return isinstance(found, type) and issubclass(found, self.base) and found.__module__ == module
+
+
+def plug_in_file(name: str, base: Path) -> Path:
+    """Return the file in the name of a plug-in; a relative one lies below `base`."""
+    return base / name.rpartition(":")[0]
