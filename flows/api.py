@@ -10,7 +10,7 @@ from vastflow.flows.request.run_request import RunRequest, option_parameters, re
 from vastflow.flows.results.directory import new_directory
 from vastflow.flows.results.summary import Results
 from vastflow.flows.run.campaign_run import CampaignRun, open_run
-from vastflow.flows.run.reporting import assess, deliver, report
+from vastflow.flows.run.reporting import assess, current, deliver, report
 from vastflow.flows.terminal.notebook import notebook_display
 from vastflow.tasks.engine.progress import Observer
 from vastflow.tasks.store.store import Lost
@@ -56,7 +56,9 @@ setattr(run_campaign, "__signature__", signature(run_campaign).replace(parameter
 
 
 def _found(run: CampaignRun) -> Results:
-    """All is in the store: what the flow would do then, without Prefect."""
+    """All is in the store: what the flow would do then, without Prefect, unless the directory of an earlier run is the same."""
+    if (results := current(run)) is not None:
+        return results
     with new_directory(run.delivery.folder, run.name, run.created) as directory:
         written = report(run, assess(run, directory))
     return deliver(run, written)

@@ -108,7 +108,7 @@ def run_and_show(request: RunRequest, as_json: bool, *, open_report: bool = Fals
 
     if not is_address(request.results):
         check_writable(Path(request.results), "--results")
-    found = _kept(request) or _run(request)
+    found = _run(request)
     for note in found.notes:
         print(note, file=sys.stderr)
     if as_json:
@@ -119,13 +119,6 @@ def run_and_show(request: RunRequest, as_json: bool, *, open_report: bool = Fals
         _open(found.directory / "report.html")
     if found.faults:
         raise typer.Exit(FAULT)
-
-
-def _kept(request: RunRequest) -> "Results | None":
-    """What an earlier run with this request came to, if nothing has changed since."""
-    from vastflow.flows.results.answer import kept_answer
-
-    return kept_answer(request)
 
 
 def _run(request: RunRequest) -> "Results":

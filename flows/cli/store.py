@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 DAMAGED: Final = 1
 
 _READERS: Final = 8
-_LOCAL: Final = ("environments", "prefect", "logs", "answers", "bundles", "results")
+_LOCAL: Final = ("environments", "prefect", "logs", "bundles", "results")
 
 store = typer.Typer(
     help="Look after the store, where results are kept for the next run.", no_args_is_help=True, rich_markup_mode=None

@@ -1,8 +1,8 @@
 """The tables of a campaign's runs, written part by part, so that few runs are in memory at a time."""
 
-import hashlib
 import json
-from collections.abc import Container, Sequence
+from collections import Counter
+from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import cached_property
 from pathlib import Path
@@ -12,27 +12,35 @@ from typing import IO, Any, Final, Self
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from vastflow.flows.results.found import Found, complete
 from vastflow.flows.results.summary import OutcomeTally
-from vastflow.flows.results.tables import TablePart, configuration_row, exclusion_row, rejection_row
-from vastflow.oracles.evidence.rates import pooled
-from vastflow.oracles.results.behaviors import BEHAVIORS_FILE
+from vastflow.flows.results.tables import configuration_row, exclusion_row, rejection_row, run_columns, verdict_columns
+from vastflow.oracles.evidence.rates import Counts
+from vastflow.oracles.judgement.verdict import Judgement, Verdict, run_judgement
+from vastflow.oracles.results.behaviors import BEHAVIORS_FILE, CONFIGURATION
 from vastflow.oracles.results.schema import (
     CONFIGURATIONS,
     EXCLUSIONS,
     JUDGED_RUNS,
     REJECTIONS,
     VERDICTS,
+    Columns,
     TableWriter,
+    column_table,
+    texts,
     write_table,
 )
 from vastflow.producers.instantiation.instantiate import Instantiation
 from vastflow.producers.model.configuration import Configuration
+from vastflow.sim.model.archive import behaviors_below, read_behaviors
+from vastflow.sim.model.blocks import read_rows
 from vastflow.sim.model.files import read_json
 
 LOGS_FILE: Final = "logs/runs.jsonl"
 """A line for each block of runs: `configuration`, where and with what they were executed, and `runs`."""
 
 _BEHAVIORS_A_GROUP: Final = 1 << 16
+_CONFIGURATIONS_AT_A_TIME: Final = 64
 
 
 class CampaignTables:
@@ -44,7 +52,11 @@ class CampaignTables:
 
     def __init__(self, place: Path, oracles: Sequence[str]) -> None:
         self._oracles = oracles
-        self._tallies: list[OutcomeTally] = []
+        self._together: Counter[Judgement] = Counter()
+        self._by_oracle: dict[str, Counter[Judgement]] = {oracle: Counter() for oracle in oracles}
+        self._stood_still = 0
+        self._runs: list[Columns] = []
+        self._verdicts: list[Columns] = []
         self._open = ExitStack()
         self._run_rows = self._open.enter_context(TableWriter(place / "runs.parquet", JUDGED_RUNS))
         self._verdict_rows = self._open.enter_context(TableWriter(place / "verdicts.parquet", VERDICTS))
@@ -53,11 +65,8 @@ class CampaignTables:
     @property
     def tally(self) -> OutcomeTally:
         """Of the runs that were added."""
-        return OutcomeTally(
-            pooled(each.counts for each in self._tallies),
-            {oracle: pooled(each.by_oracle[oracle] for each in self._tallies) for oracle in self._oracles},
-            sum(each.stood_still for each in self._tallies),
-        )
+        by_oracle = {oracle: _counts(counter) for oracle, counter in self._by_oracle.items()}
+        return OutcomeTally(_counts(self._together), by_oracle, self._stood_still)
 
     def __enter__(self) -> Self:
         return self
@@ -65,15 +74,45 @@ class CampaignTables:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
+        if kind is None:
+            self._flush()
         self._open.__exit__(kind, error, traceback)
 
-    def add(self, configurations: Sequence[Configuration], part: TablePart) -> None:
-        """Write the rows of some configurations; to be called in their order."""
-        self._run_rows.add(part.run_rows(configurations))
-        self._verdict_rows.add(part.verdict_rows(configurations))
-        if (behaviors := part.behavior_rows(configurations)) is not None:
-            self._behaviors.add(behaviors)
-        self._tallies.append(part.tally)
+    def add(self, configuration: Configuration, found: Found, runs: int) -> None:
+        """Add what was found of a configuration's first `runs` runs; to be called in order."""
+        rows = {row["run_index"]: row for block in found.recordings for row in read_rows(block)}
+        wanted = [rows[index] for index in sorted(rows) if index < runs]
+        causes = found.causes
+        columns = {**run_columns(configuration, wanted), "cause": [causes.get(row["run_index"]) for row in wanted]}
+        self._stood_still += sum(cause is not None for cause in columns["stood_still"])
+        verdicts = complete(found, runs, self._oracles)
+        self._count(verdicts)
+        self._runs.append(columns)
+        self._verdicts.append(verdict_columns(configuration, verdicts))
+        if len(self._runs) == _CONFIGURATIONS_AT_A_TIME:
+            self._flush()
+        blocks = found.behaviors
+        behaviors = read_behaviors(blocks[0]) if found.exact and blocks else behaviors_below(blocks, runs)
+        if behaviors is not None:
+            names = texts([configuration.name] * behaviors.num_rows)
+            self._behaviors.add(behaviors.add_column(0, CONFIGURATION, names))
+
+    def _flush(self) -> None:
+        self._run_rows.add(column_table(JUDGED_RUNS, self._runs))
+        self._verdict_rows.add(column_table(VERDICTS, self._verdicts))
+        self._runs, self._verdicts = [], []
+
+    def _count(self, verdicts: Sequence[Verdict]) -> None:
+        """Count verdicts on every run, those on one run after another."""
+        oracles = len(self._oracles)
+        for verdict in verdicts:
+            self._by_oracle[verdict.oracle][verdict.judgement] += 1
+        for first in range(0, len(verdicts), oracles):
+            self._together[run_judgement(each.judgement for each in verdicts[first : first + oracles])] += 1
+
+
+def _counts(counter: Counter[Judgement]) -> Counts:
+    return Counts(counter["pass"], counter["fail"], counter["not judged"])
 
 
 class RunLogs:
@@ -83,28 +122,15 @@ class RunLogs:
         self._place = place
         self._file: IO[bytes] | None = None
 
-    def add(self, configuration: str, logs: Sequence[bytes], known: Container[str] = ()) -> set[str]:
-        """Write the logs of a configuration's blocks; what is none, for nothing vouches for them, is left out.
-
-        Args:
-            known: Digests of logs that were read whole before, which takes most of the time.
-
-        Returns:
-            Digests of the logs that were written.
-        """
-        sound = set()
-        for log in logs:
-            hashed = hashlib.sha256(log).hexdigest()
-            if hashed not in known and not _is_log(log):
-                continue
-            sound.add(hashed)
+    def add(self, configuration: str, logs: Sequence[bytes]) -> None:
+        """Write the logs of a configuration's blocks; what is none, for nothing vouches for them, is left out."""
+        for log in filter(_is_log, logs):
             block = b"".join(line.strip() for line in log.splitlines())  # JSON has no line break within a text
             line = b'{"configuration": %b, %b\n' % (json.dumps(configuration).encode(), block[1:])
             if self._file is None:
                 (self._place / LOGS_FILE).parent.mkdir(exist_ok=True)
                 self._file = open(self._place / LOGS_FILE, "wb")  # noqa: SIM115 - closed by `close`
             self._file.write(line)
-        return sound
 
     def close(self) -> None:
         """Write what is left."""

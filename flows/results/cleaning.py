@@ -51,7 +51,6 @@ def references(store: Store, directories: Iterable[Path]) -> References:
     tree = installed_tree()
     for directory in directories:
         recorded, metadata, scenarios = _recorded(directory)
-        keys.update(_of_report(store, metadata.get("report")))
         for scenario in scenarios:
             keys.update(_of_scenario(store, recorded, scenario))
         evaluations = _evaluations(store, recorded, tree, directory, metadata)
@@ -71,14 +70,6 @@ def _recorded(directory: Path) -> tuple[Keys, Mapping[str, Any], list[str]]:
             f"{directory}: an earlier version wrote it, without the keys of its results; run the campaign again"
         )
     return keys, metadata, scenarios
-
-
-def _of_report(store: Store, key: str | None) -> Iterable[str]:
-    """A report, and the parts of its tables, by which the report of an edited campaign is made sooner."""
-    if key is not None:
-        yield key
-        if (report := store.find(key)) is not None:
-            yield from report.info.get("parts", ())
 
 
 def _of_scenario(store: Store, keys: Keys, scenario: str) -> Iterable[str]:

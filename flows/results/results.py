@@ -12,7 +12,6 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
-from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,14 +22,12 @@ from PIL import Image
 
 from vastflow.flows.request.campaign_file import campaign_name, terminal_lines
 from vastflow.flows.request.configurations import Runs, runs_of
-from vastflow.flows.results.cached_report import LEAST, KeptParts, KeptReport, Restored, parts_of, renew_work
 from vastflow.flows.results.campaign_tables import CampaignTables, RunLogs, write_instantiation
 from vastflow.flows.results.directory import NewDirectory
 from vastflow.flows.results.found import Found, RunFault, one_block
 from vastflow.flows.results.inputs import Inputs
 from vastflow.flows.results.provenance import origin_row
 from vastflow.flows.results.summary import OutcomeTally, Results, Summary, Work
-from vastflow.flows.results.tables import PartRows
 from vastflow.oracles.results.executed import NAMED_FILES
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.floorplan.environment import MESH, PLAN, PROVENANCE
@@ -152,59 +149,26 @@ def _write_file(path: str, content: bytes) -> None:
             file.write(content)
 
 
-@dataclass(frozen=True, slots=True)
-class WrittenRows:
-    """What the rows of a campaign come to.
-
-    Attributes:
-        kept: Keys of the parts that the store has, or was to have.
-    """
-
-    tally: OutcomeTally
-    faults: tuple[RunFault, ...]
-    kept: tuple[str, ...]
-
-
 def write_rows(
     place: Path,
-    configurations: Sequence[Configuration],
-    files: Iterator[tuple[Configuration, Found]],
+    files: Iterable[tuple[Configuration, Found]],
     runs: Runs,
     oracles: Sequence[str],
-    parts: KeptParts | None,
-) -> WrittenRows:
-    """Write the tables of runs and the run logs into a campaign directory.
+) -> tuple[OutcomeTally, list[RunFault]]:
+    """Write the tables of runs and the run logs into a campaign directory; gives what they come to, and faults.
 
     Args:
-        configurations: Those that are no duplicates.
-        files: Gives each of them with what was found of it, in order.
+        files: Each configuration that is no duplicate, in order, with what was found of it.
         runs: Of each.
         oracles: Names of the oracles, in order.
-        parts: Where the store has parts of the tables; None where it shall have none.
     """
     faults: list[RunFault] = []
-    kept: list[str] = []
     with CampaignTables(place, oracles) as tables, closing(RunLogs(place)) as logs:
-        for members in parts_of(configurations):
-            wanted = [runs_of(runs, each.name) for each in members]
-            key = parts.key(members, wanted, oracles) if parts is not None and len(members) >= LEAST else None
-            restored = parts.restore(key) if parts is not None and key is not None else None
-            part, known = restored or (None, frozenset())
-            rows, sound = PartRows(oracles) if part is None else None, set[str]()
-            for (configuration, found), count in zip(islice(files, len(members)), wanted, strict=True):
-                if rows is not None:
-                    rows.add(configuration, found, count)
-                sound |= logs.add(configuration.name, found.logs, known)
-                faults += found.faults
-            if part is None and rows is not None:
-                part = rows.part()
-                if parts is not None and key is not None and not faults:
-                    parts.keep(key, part, sound)
-            if part is not None:
-                tables.add(members, part)
-            if key is not None:
-                kept.append(key)
-    return WrittenRows(tables.tally, tuple(faults), tuple(kept))
+        for configuration, found in files:
+            tables.add(configuration, found, runs_of(runs, configuration.name))
+            logs.add(configuration.name, found.logs)
+            faults += found.faults
+    return tables.tally, faults
 
 
 LOGGER: Final = logging.getLogger("vastflow.results")
@@ -216,20 +180,13 @@ class Assessed:
 
     Attributes:
         metadata: What `metadata.json` says beside outcome and work.
-        kept: Where the store has or would have tables and report; None where nothing is to be kept.
-        parts: Keys of the parts of tables that the store has.
-        restored: What was kept of the same results; None where everything was made now.
     """
 
     directory: NewDirectory
     metadata: Mapping[str, Any]
     summary: Summary
-    tally: OutcomeTally
     faults: tuple[RunFault, ...]
     notes: tuple[str, ...]
-    kept: KeptReport | None
-    parts: tuple[str, ...]
-    restored: Restored | None
 
 
 def write_tables(
@@ -246,7 +203,6 @@ def write_tables(
     faults: Iterable[RunFault] = (),
     created: datetime,
     work: Callable[[], Work],
-    kept: Callable[[Mapping[str, Any]], KeptReport] | None = None,
     threads: int = 1,
 ) -> Assessed:
     """Write all of a campaign directory but its report.
@@ -263,8 +219,6 @@ def write_tables(
         record: What more `metadata.json` says, from the beginning on: what was asked, and the code in detail.
         faults: Those of no single configuration.
         work: What the call has done so far.
-        kept: Gives for `metadata.json` where the store has the tables and the report of these results, or would have them; None
-            where nothing is to be kept.
         threads: How many read configurations at a time.
 
     Raises:
@@ -272,34 +226,22 @@ def write_tables(
     """
     place = directory.partial
     inputs.write(place)
-    metadata = {**_metadata(campaign, keys, created), **(record or {})}
+    metadata = {**metadata_of(campaign, keys, created), **(record or {})}
     _write_json(place / "metadata.json", metadata)  # for another run, should this process be killed
     _write_environments(place / "environments", inputs.maps, instantiation.configurations)
-    where = kept(metadata) if kept is not None else None
-    if where is not None:
-        metadata["report"] = where.key
-
-    all_faults = list(faults)
     distinct = [each for each in instantiation.configurations if each.duplicate_of is None]
-    files = written(place, distinct, found, runs, threads)
-    restored = where.restore(place) if where is not None else None
-    if restored is None:
-        _write_json(place / "coverage.json", instantiation.coverage)
-        write_instantiation(place, instantiation)
-        written_rows = write_rows(place, distinct, files, runs, oracles, where.parts if where is not None else None)
-        tally, parts = written_rows.tally, written_rows.kept
-        all_faults += written_rows.faults
-    else:
-        tally, parts = restored.tally, ()
-        _write_logs(place, files, restored.logs and not work().executed)
+    _write_json(place / "coverage.json", instantiation.coverage)
+    write_instantiation(place, instantiation)
+    tally, run_faults = write_rows(place, written(place, distinct, found, runs, threads), runs, oracles)
+    all_faults = [*faults, *run_faults]
     summary = summary_of(instantiation, tally, runs, work(), directory.final)
     _write_outcome(place, metadata, summary, all_faults)
     notes = tuple(terminal_lines(campaign.notes))
-    return Assessed(directory, metadata, summary, tally, tuple(all_faults), notes, where, parts, restored)
+    return Assessed(directory, metadata, summary, tuple(all_faults), notes)
 
 
 def write_report(assessed: Assessed, report: Callable[[Path], None], work: Callable[[], Work]) -> Results:
-    """Write a campaign's report, or bring the one that was kept up to date.
+    """Write a campaign's report.
 
     Args:
         report: Writes evidence, figures and report into the directory it is given. What it raises
@@ -307,16 +249,11 @@ def write_report(assessed: Assessed, report: Callable[[Path], None], work: Calla
         work: What the call has done so far.
     """
     place, metadata, faults = assessed.directory.partial, assessed.metadata, list(assessed.faults)
-    if assessed.restored is not None:
-        renew_work(place, {**metadata, "counts": assessed.summary.as_json()})
-    else:
-        try:
-            report(place)
-        except Exception as error:
-            LOGGER.exception("the report could not be made")
-            faults.append(RunFault("", None, "report", f"{type(error).__name__}: {error}"))
-        if assessed.kept is not None and not faults:
-            assessed.kept.keep(place, assessed.tally, assessed.parts)
+    try:
+        report(place)
+    except Exception as error:
+        LOGGER.exception("the report could not be made")
+        faults.append(RunFault("", None, "report", f"{type(error).__name__}: {error}"))
     done = work()
     summary = replace(assessed.summary, cpu_s=done.cpu_s, wall_s=done.wall_s)
     _write_outcome(place, metadata, summary, faults)
@@ -346,17 +283,6 @@ def summary_of(instantiation: Instantiation, tally: OutcomeTally, runs: Runs, wo
     )
 
 
-def _write_logs(place: Path, files: Iterable[tuple[Configuration, Found]], there: bool) -> None:
-    """Let the files of configurations be written, and the run logs where they are not there or have become others."""
-    if there:
-        for _ in files:
-            pass
-        return
-    with closing(RunLogs(place)) as logs:
-        for configuration, result in files:
-            logs.add(configuration.name, result.logs)
-
-
 def _excluded_by(instantiation: Instantiation) -> dict[str, dict[str, int]]:
     counts: dict[str, dict[str, int]] = {}
     for instance in instantiation.excluded:
@@ -384,7 +310,8 @@ def _write_environments(
         _write_json(directory / NAMED_FILES, named)
 
 
-def _metadata(campaign: Campaign, keys: Keys, created: datetime) -> dict[str, Any]:
+def metadata_of(campaign: Campaign, keys: Keys, created: datetime) -> dict[str, Any]:
+    """What every `metadata.json` says of its call, beside outcome and work."""
     return {
         "name": campaign_name(campaign),
         "created": created.isoformat(timespec="seconds"),

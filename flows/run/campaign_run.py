@@ -34,7 +34,6 @@ from vastflow.producers.model.faults import CampaignError
 from vastflow.tasks.engine import process
 from vastflow.tasks.engine.engine import Engine, block_size
 from vastflow.tasks.engine.index import FoundMember, Index, Member
-from vastflow.tasks.engine.index_cache import member_pack
 from vastflow.tasks.engine.instantiation import Instantiated, Instantiator
 from vastflow.tasks.engine.machine_check import check_surroundings
 from vastflow.tasks.engine.pool import Pool, cores
@@ -44,7 +43,7 @@ from vastflow.tasks.engine.shards import Shard, missing_shards
 from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.keys.source import SourceTree, installed_tree
 from vastflow.tasks.prefect import campaign_log
-from vastflow.tasks.store.store import Lost, Store, open_store, store_address
+from vastflow.tasks.store.store import Lost, Store, open_store
 
 if TYPE_CHECKING:
     from vastflow.flows.request.stopping import Stopping
@@ -303,10 +302,8 @@ def open_run(request: RunRequest, observer: Observer | None = None) -> Iterator[
             check_surroundings()
             search = search_progress(campaign, request, stopping, asked.runs, store, inputs.campaign, tally)
             rule_of_runs = stopping if search is None else search.runs
-            is_folder = store_address(request.store) is None
-            pack = member_pack(store, keys, campaign_name(campaign)) if is_folder else None
             engine = Engine(
-                Index(store, keys, pack),
+                Index(store, keys),
                 Pool(request.workers or cores(), log),
                 tally,
                 pickle.dumps(tuple(oracles)),

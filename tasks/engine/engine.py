@@ -207,7 +207,6 @@ class Engine:
                 self._tally.reuse(each.name, range(one.block.start, one.block.stop))
                 if one.verdicts:
                     self._tally.judge(each.name, judgements(one.verdicts))
-        self.index.keep()
         return scanned
 
     def begin(self, found: Iterable[FoundMember], workers: int) -> None:

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.reading.checked import checked_digest
-from vastflow.tasks.engine.index_cache import MemberPack
 from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.store.artifact import Block, Stored
 from vastflow.tasks.store.store import Artifact, Store
@@ -60,33 +59,13 @@ class FoundMember:
 
 @dataclass(frozen=True, slots=True)
 class Index:
-    """Where a campaign's artifacts are. Each question looks into the store.
-
-    Attributes:
-        pack: What an earlier look found, where every file is as it was then; None where each look is a new one.
-    """
+    """Where a campaign's artifacts are. Each question looks into the store."""
 
     store: Store
     keys: Keys
-    pack: MemberPack | None = None
 
     def stored(self, member: Member) -> list[Stored]:
         """Everything there is of a member's wanted runs."""
-        if self.pack is None:
-            return self._looked_at(member)
-        if (known := self.pack.find(member.checked, member.runs)) is not None:
-            return known
-        found = self._looked_at(member)
-        if FoundMember(member, tuple(found)).complete:
-            self.pack.add(member.checked, member.runs, self.keys.recordings(member.checked), found)
-        return found
-
-    def keep(self) -> None:
-        """Keep for the next call what was found."""
-        if self.pack is not None:
-            self.pack.keep()
-
-    def _looked_at(self, member: Member) -> list[Stored]:
         found = []
         for artifact, block in self._recorded(member):
             trace = self.store.find(self.trace_key(member, block))

@@ -96,15 +96,6 @@ class Keys:
         """
         return self._key("evaluate", source, producer, parameters, inputs)
 
-    def report(self, source: Sequence[str], content: str) -> str:
-        """The tables, figures and report of a campaign.
-
-        Args:
-            source: Digests of what makes them.
-            content: Digest of all results of the campaign.
-        """
-        return self._key("report", list(source), content)
-
     def _key(self, stage: str, *content: Value) -> str:
         hashed = digest(LAYOUT, stage, self.numeric, *content)
         return f"{stage}/{hashed[:2]}/{hashed}"

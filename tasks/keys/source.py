@@ -332,7 +332,8 @@ def _only_reads(importer: str, imported: str) -> bool:
     return _is_below(importer, ("vastflow",)) and _is_below(imported, READING) and not _is_below(importer, READING)
 
 
-def _is_below(name: str, packages: Iterable[str]) -> bool:
+@functools.cache
+def _is_below(name: str, packages: tuple[str, ...]) -> bool:
     return any(name == package or name.startswith(f"{package}.") for package in packages)
 
 

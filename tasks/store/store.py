@@ -114,9 +114,9 @@ __all__ = [
 LOGGER: Final = logging.getLogger("vastflow.store")
 
 VARIABLE: Final = "VASTFLOW_STORE"
-STAGES: Final = ("evaluate", "search", "execute", "observe", "judge", "report", "bundle")
+STAGES: Final = ("evaluate", "search", "execute", "observe", "judge", "bundle")
 """The first name of an artifact's key; a store's place may hold other things beside them."""
-EARLIER_STAGES: Final = ("parcel",)
+EARLIER_STAGES: Final = ("parcel", "report")
 """Those of earlier versions: nothing reads what they hold, and it is counted so that it can be seen and deleted."""
 
 _TRIES: Final = 100

@@ -10,7 +10,6 @@ from table import each_row
 
 from vastflow.flows.results.campaign_tables import LOGS_FILE, CampaignTables, KeptLogs, RunLogs
 from vastflow.flows.results.found import ConfigurationResult, RunFault
-from vastflow.flows.results.tables import PartRows
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.judgement.verdict import Verdict
 from vastflow.oracles.results import schema
@@ -47,15 +46,8 @@ def written(place, *results):
     place.mkdir()
     with CampaignTables(place, ORACLES) as found:
         for name, result in zip(NAMES, results, strict=False):
-            found.add([configuration(name)], part_of(result))
+            found.add(configuration(name), result, 3)
     return found
-
-
-def part_of(*results, runs=3):
-    rows = PartRows(ORACLES)
-    for name, result in zip(NAMES, results, strict=False):
-        rows.add(configuration(name), result, runs)
-    return rows.part()
 
 
 def digests(place):

@@ -1,4 +1,4 @@
-"""The key of a report: another one for each thing that tables, figures or report would show otherwise."""
+"""The digest of a campaign directory: another one for each thing that its files would show otherwise."""
 
 import importlib.metadata
 import shutil
@@ -9,8 +9,9 @@ import pytest
 
 from vastflow.flows.request.asked import SEQUENTIAL
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.flows.results.cached_report import _PACKAGES as PACKAGES_OF_FLOWS
-from vastflow.flows.results.cached_report import report_key
+from vastflow.flows.results.current_report import _PACKAGES as PACKAGES_OF_FLOWS
+from vastflow.flows.results.current_report import report_key
+from vastflow.flows.results.inputs import inputs_of
 from vastflow.oracles.judgement.oracle import oracle_of
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.model.configuration import ExcludedInstance, RejectedInstance, Step
@@ -39,7 +40,7 @@ def asked(small_room):
     return {
         "keys": KEYS,
         "tree": installed_tree(),
-        "campaign": small_room.read_bytes(),
+        "inputs": inputs_of(campaign, oracles),
         "metadata": METADATA,
         "instantiation": instantiate(campaign),
         "contents": [["verdicts/a", "content of a"], ["verdicts/b", "content of b"]],
@@ -62,7 +63,12 @@ def of_metadata(**changes):
 
 
 CHANGES = {
-    "a comment in the campaign file, which the report shows": lambda asked: {"campaign": asked["campaign"] + b"# a\n"},
+    "a comment in the campaign file, which the report shows": lambda asked: {
+        "inputs": replace(asked["inputs"], campaign=asked["inputs"].campaign + b"# a\n")
+    },
+    "a comment in a file that it names": lambda asked: {
+        "inputs": replace(asked["inputs"], files={**asked["inputs"].files, "notes.yaml": b"# a\n"})
+    },
     "the campaign's name": of_metadata(name="m"),
     "the version of vastflow": of_metadata(vastflow="2"),
     "the version of a library": of_metadata(versions={"numpy": "2.1"}),

@@ -127,7 +127,6 @@ def test_info_counts_artifacts_and_bytes_by_stage(ran, store):
         "execute": 3,
         "observe": 3,
         "judge": 3,
-        "report": 0,
         "bundle": 0,
     }
     assert (found["artifacts"], found["unfinished"]) == (11, 0)
@@ -219,16 +218,6 @@ def test_gc_keeps_what_a_campaign_was_made_of_and_deletes_the_rest(ran, store):
     assert keys_in(store) == of_first
     assert set(found["keys"]) == of_both - of_first
     assert (found["deleted"], found["artifacts"], found["kept"]) == (True, 4, 7)
-
-
-def test_gc_keeps_the_report_of_a_campaign_and_deletes_others(ran, store):
-    directory = ran("one")
-    metadata = json.loads((directory / "metadata.json").read_text())
-    for key in ("report/aa/own", "report/bb/other"):
-        store.put(key, {"report.html": b"report"})
-    (directory / "metadata.json").write_text(json.dumps({**metadata, "report": "report/aa/own"}))
-    grow_old(store)
-    assert reported("gc", "--keep", directory)["keys"] == ["report/bb/other"]
 
 
 def test_gc_keeps_all_campaigns_of_a_folder(ran, store):

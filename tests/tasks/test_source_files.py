@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from vastflow.flows.results.cached_report import written_by
+from vastflow.flows.results.current_report import written_by
 from vastflow.tasks.keys.source import SourceTree
 from vastflow.tasks.store.source_files import SourceChanged, source_files
 from vastflow.tasks.store.store import open_store

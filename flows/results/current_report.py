@@ -1,0 +1,128 @@
+"""The current report: what a campaign directory follows from, in one digest, and whether one with that digest is there and whole."""
+
+import hashlib
+import importlib.metadata
+import inspect
+import json
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final
+
+from vastflow.flows.request.asked import SEARCH, SEQUENTIAL
+from vastflow.flows.request.configurations import Runs
+from vastflow.flows.results.directory import directory_name
+from vastflow.flows.results.inputs import Inputs
+from vastflow.oracles.judgement.oracle import Oracle
+from vastflow.producers.instantiation.instantiate import Instantiation
+from vastflow.sim.model.digest import FileContent, digest
+from vastflow.sim.model.files import read_json
+from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.keys.source import SourceTree, folders_of
+
+KEY: Final = "report"
+"""In `metadata.json`: the digest, see `report_key`."""
+
+_FILES: Final = ".files.json"
+"""In a campaign directory: its files as the run left them."""
+
+REPORT_SOURCE: Final = ("vastflow.flows.results.results", "vastflow.oracles.page.report")
+"""What writes a campaign directory, and what makes a report of it."""
+
+_PACKAGES: Final = ("vastflow.flows.request", "vastflow.flows.results")
+"""What of the flows they import."""
+_DATA: Final = "vastflow.oracles"
+_PAGE: Final = (".css", ".j2", ".js")
+"""Package with the report's template, and how the names of its files end."""
+REPORT_LIBRARIES: Final = ("jinja2", "markupsafe", "matplotlib")
+
+
+def written_by() -> tuple[Path, ...]:
+    """Folders with the code and the templates that make tables and reports."""
+    return tuple(folders_of((*_PACKAGES, _DATA)).values())
+
+
+def report_key(
+    keys: Keys,
+    tree: SourceTree,
+    inputs: Inputs,
+    metadata: Mapping[str, Any],
+    instantiation: Instantiation,
+    contents: Iterable[Sequence[Any]],
+    runs: Runs,
+    oracles: Sequence[Oracle[Any]],
+) -> str:
+    """Digest of all that the campaign directory of a campaign without faults follows from.
+
+    Args:
+        metadata: What `metadata.json` says; of it what is the same for every call with these results.
+        contents: Of each configuration that is no duplicate, in order: the keys of its verdicts, which follow from its scenario,
+            its recordings and the oracles' code and parameters, and what is in them.
+        runs: Of each configuration; `metadata` has the rule, where they ended by one.
+        oracles: Those that judged, in order. The report has their docstrings, which are in no digest of their code.
+    """
+    hashed = hashlib.sha256()
+    same = {name: metadata[name] for name in ("name", "vastflow", "versions", "notes", "robots")}
+    same |= {name: metadata[name] for name in ("asked", SEQUENTIAL, SEARCH) if name in metadata}
+    files = {name: hashlib.sha256(content).hexdigest() for name, content in inputs.files.items()}
+    libraries = {name: importlib.metadata.version(name) for name in REPORT_LIBRARIES}
+    said = [[oracle.name, inspect.getdoc(type(oracle))] for oracle in oracles]
+    for part in (
+        [keys.identity, same, libraries, hashlib.sha256(inputs.campaign).hexdigest(), files, runs, said],
+        instantiation.sampled_from,
+        *(
+            (c.name, c.family, c.scenario.digest, c.duplicate_of, c.factors, c.provenance)
+            for c in instantiation.configurations
+        ),
+        *([(s.producer, s.keys, s.choice) for s in c.steps] for c in instantiation.configurations),
+        *((r.family, r.parent, r.producer, r.reason, r.requested, r.inputs) for r in instantiation.rejections),
+        *((e.family, e.name, e.constraint, e.values) for e in instantiation.excluded),
+        instantiation.coverage,
+        *contents,
+    ):
+        hashed.update(_text(part).encode() + b"\n")
+    source = [tree.with_packages(*_PACKAGES).digest(*REPORT_SOURCE), tree.data_digest(_DATA, _PAGE)]
+    return digest(source, hashed.hexdigest())
+
+
+def _plain(value: object) -> Any:
+    if isinstance(value, FileContent):
+        return {"file": value.digest}
+    if isinstance(value, Mapping):
+        return dict(value)
+    if isinstance(value, Sequence):
+        return list(value)
+    raise TypeError(f"{type(value).__name__} is no value of a configuration")
+
+
+_text: Final = json.JSONEncoder(separators=(",", ":"), default=_plain).encode
+
+
+def seal(directory: Path) -> None:
+    """Note how the files of a finished campaign directory are, so that it is known to be whole as long as none changes.
+
+    Without the note the next run writes a directory of its own.
+    """
+    with suppress(OSError):
+        (directory / _FILES).write_text(json.dumps(_states(directory), separators=(",", ":")), encoding="utf-8")
+
+
+def newest_sealed(root: Path, name: str) -> Path | None:
+    """The newest directory of a campaign, where each of its files is as the run left it; others may have come."""
+    directory = max(root.glob(f"{directory_name(name)}-????-??-??-??????*"), default=None)
+    try:
+        return directory if directory and read_json(directory / _FILES).items() <= _states(directory).items() else None
+    except (OSError, ValueError, AttributeError):
+        return None
+
+
+def _states(directory: Path) -> dict[str, list[int]]:
+    """Of each file size and times; the time of the last change of the file itself is out of an editor's reach."""
+    states = {}
+    for folder, _, names in os.walk(directory):  # pathlib takes three times as long, for ten thousands of files
+        for name in names:
+            found = os.stat(f"{folder}/{name}")
+            states[f"{folder}/{name}"[len(f"{directory}/") :]] = [found.st_size, found.st_mtime_ns, found.st_ctime_ns]
+    states.pop(_FILES, None)
+    return states

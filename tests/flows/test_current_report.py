@@ -1,0 +1,164 @@
+"""A report that is current: the same command again is answered with the directory that is there, and anything else is made anew."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from vastflow.flows import run_campaign
+from vastflow.flows.results.current_report import newest_sealed, seal
+
+
+def same_size_and_time(file: Path, old: str, new: str) -> None:
+    """Edit a file so that neither its size nor the time of its last change tells of it."""
+    before = file.stat()
+    text = file.read_text()
+    assert old in text and len(old) == len(new)
+    file.write_text(text.replace(old, new))
+    os.utime(file, ns=(before.st_atime_ns, before.st_mtime_ns))
+
+
+@pytest.fixture
+def sealed(tmp_path):
+    directory = tmp_path / "a-2026-01-31-120000"
+    (directory / "figures").mkdir(parents=True)
+    (directory / "metadata.json").write_text("{}")
+    (directory / "report.html").write_text("<p>7 of 8</p>")
+    (directory / "figures" / "rates.png").write_bytes(b"picture")
+    seal(directory)
+    return directory
+
+
+DAMAGE = {
+    "a figure is gone": lambda directory: (directory / "figures" / "rates.png").unlink(),
+    "a report was edited": lambda directory: same_size_and_time(directory / "report.html", "7 of 8", "8 of 8"),
+    "a file is empty": lambda directory: (directory / "metadata.json").write_text(""),
+    "the note is damaged": lambda directory: (directory / ".files.json").write_text("[]"),
+    "the directory is gone": shutil.rmtree,
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE)
+def test_damaged_directory_is_not_current(sealed, damage):
+    assert newest_sealed(sealed.parent, "a") == sealed
+    damage(sealed)
+    assert newest_sealed(sealed.parent, "a") is None
+
+
+def test_directory_that_was_moved_or_got_a_file_more_stays_current(sealed, tmp_path):
+    (sealed / "notes.txt").write_text("mine")
+    (tmp_path / "elsewhere").mkdir()
+    moved = sealed.rename(tmp_path / "elsewhere" / sealed.name)
+    assert newest_sealed(moved.parent, "a") == moved
+
+
+def test_only_the_newest_directory_of_that_name_is_current(sealed):
+    (sealed.parent / "a-b-2027-01-31-120000").mkdir()
+    assert newest_sealed(sealed.parent, "a") == sealed
+    (sealed.parent / "a-2026-01-31-120000-2").mkdir()
+    assert newest_sealed(sealed.parent, "a") is None
+
+
+def files(directory):
+    found = (path for path in directory.rglob("*") if path.is_file())
+    return {path.relative_to(directory).as_posix(): path.read_bytes() for path in found}
+
+
+NOTHING = """\
+import osc.helpers
+
+scenario nothing:
+    level: int
+    do serial:
+        log("done")
+"""
+
+CAMPAIGN = """\
+version: 1
+metadata: {name: nothing}
+configuration:
+- name: all
+  variations:
+  - ParameterVariationList: {name: level, values: [1, 2, 3]}
+execution: {scenario_file: nothing.osc, runs: 2, timeout: 10}
+"""
+
+
+@pytest.fixture(scope="module")
+def computed(tmp_path_factory, prefect_home):
+    """A folder with a campaign, and what a run of it came to; all of it is in the store."""
+    folder = tmp_path_factory.mktemp("nothing")
+    (folder / "nothing.osc").write_text(NOTHING)
+    (folder / "nothing.vast").write_text(CAMPAIGN)
+    (folder / "work").mkdir()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PREFECT_HOME", str(prefect_home(folder / "prefect")))
+        patch.delenv("PREFECT_API_URL", raising=False)
+        first = run_campaign(folder / "nothing.vast", results=folder / "results", store=folder / "store", workers=1)
+    return folder, first
+
+
+HEAVY = "{'prefect', 'numba', 'scipy', 'matplotlib', 'pandas', 'jinja2', 'pymunk'}"
+
+
+def command(folder, *arguments):
+    """The JSON that the command line prints in a folder, and which heavy modules it loads for that."""
+    asked = ["run", folder / "nothing.vast", "--store", folder / "store", "--json", *arguments]
+    script = (
+        f"import sys; sys.argv = ['vastflow', *{[str(each) for each in asked]!r}]\n"
+        "from vastflow.flows.__main__ import main\n"
+        "try:\n    main()\nexcept SystemExit as end:\n    assert not end.code, end.code\n"
+        f"print(*{HEAVY} & sys.modules.keys())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=folder / "work", capture_output=True, text=True, timeout=300, check=True
+    )
+    said, loaded = done.stdout.splitlines()
+    return json.loads(said), loaded.split()
+
+
+@pytest.mark.timeout(900)
+def test_command_that_is_given_again_is_answered_with_the_directory_that_is_there(computed):
+    folder, first = computed
+    again, loaded = command(folder, "--results", folder / "results")
+    assert (again["executed"], again["reused"], again["results"]) == (0, 6, str(first.directory))
+    made = first.summary.as_json()
+    of_a_call = {"executed", "reused", "simulated_s", "cpu_s", "wall_s"}
+    assert {name: made[name] for name in made.keys() - of_a_call} == {
+        name: again[name] for name in again.keys() - of_a_call
+    }
+    assert loaded == []
+
+
+@pytest.mark.timeout(900)
+def test_deleted_report_is_made_again_from_the_store_without_prefect(computed):
+    folder, first = computed
+    made, loaded = command(folder, "--results", folder / "other")
+    before, after = files(first.directory), files(Path(made["results"]))
+    assert before.keys() - {"logs/campaign.log"} == after.keys()
+    different = {name for name in after if before[name] != after[name]}
+    assert different == {"metadata.json", "report.html", ".files.json"}
+    assert "prefect" not in loaded
+    (Path(made["results"]) / "report.html").unlink()
+    assert command(folder, "--results", folder / "other")[0]["results"] != made["results"]
+
+
+@pytest.mark.timeout(900)
+def test_changed_input_is_not_answered_with_the_directory_that_is_there(computed):
+    folder, _ = computed
+    results = ("--results", folder / "edited")
+    before, _ = command(folder, *results)
+    same_size_and_time(folder / "nothing.vast", "name: nothing", "name: nothin9")
+    same_size_and_time(folder / "nothing.vast", "name: nothin9", "name: nothing")
+    assert command(folder, *results)[0]["results"] == before["results"]
+    with (folder / "nothing.osc").open("a") as scenario:
+        scenario.write("# a comment\n")
+    after, _ = command(folder, *results)
+    assert after["executed"] == 0 and after["results"] != before["results"]
+    assert b"# a comment" in files(Path(after["results"]))["inputs/nothing.osc"]
+    fewer, _ = command(folder, *results, "--runs", "1")
+    assert fewer["runs"] == 3 and fewer["results"] != after["results"]
