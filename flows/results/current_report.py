@@ -16,10 +16,10 @@ from vastflow.flows.results.directory import directory_name
 from vastflow.flows.results.inputs import Inputs
 from vastflow.oracles.judgement.oracle import Oracle
 from vastflow.producers.instantiation.instantiate import Instantiation
-from vastflow.sim.model.digest import FileContent, digest
+from vastflow.sim.model.digest import FileContent, file_digest
 from vastflow.sim.model.files import read_json
 from vastflow.tasks.keys.keys import Keys
-from vastflow.tasks.keys.source import SourceTree, folders_of
+from vastflow.tasks.keys.source import folders_of
 
 KEY: Final = "report"
 """In `metadata.json`: the digest, see `report_key`."""
@@ -27,25 +27,27 @@ KEY: Final = "report"
 _FILES: Final = ".files.json"
 """In a campaign directory: its files as the run left them."""
 
-REPORT_SOURCE: Final = ("vastflow.flows.results.results", "vastflow.oracles.page.report")
-"""What writes a campaign directory, and what makes a report of it."""
-
-_PACKAGES: Final = ("vastflow.flows.request", "vastflow.flows.results")
-"""What of the flows they import."""
-_DATA: Final = "vastflow.oracles"
-_PAGE: Final = (".css", ".j2", ".js")
-"""Package with the report's template, and how the names of its files end."""
+_PACKAGES: Final = ("vastflow.flows", "vastflow.oracles", "vastflow.producers", "vastflow.sim", "vastflow.tasks")
+_WRITTEN_BY: Final = frozenset({".css", ".j2", ".js", ".py"})
 REPORT_LIBRARIES: Final = ("jinja2", "markupsafe", "matplotlib")
 
 
 def written_by() -> tuple[Path, ...]:
     """Folders with the code and the templates that make tables and reports."""
-    return tuple(folders_of((*_PACKAGES, _DATA)).values())
+    return tuple(folders_of(_PACKAGES).values())
+
+
+def _source() -> str:
+    """Digest of all of vastflow's code and templates, which is read sooner than it is told what of it makes a report."""
+    hashed = hashlib.sha256()
+    for folder in written_by():
+        for file in sorted(file for file in folder.rglob("*") if file.suffix in _WRITTEN_BY):
+            hashed.update(f"{file.relative_to(folder)} {file_digest(file)}\n".encode())
+    return hashed.hexdigest()
 
 
 def report_key(
     keys: Keys,
-    tree: SourceTree,
     inputs: Inputs,
     metadata: Mapping[str, Any],
     instantiation: Instantiation,
@@ -82,8 +84,8 @@ def report_key(
         *contents,
     ):
         hashed.update(_text(part).encode() + b"\n")
-    source = [tree.with_packages(*_PACKAGES).digest(*REPORT_SOURCE), tree.data_digest(_DATA, _PAGE)]
-    return digest(source, hashed.hexdigest())
+    hashed.update(_source().encode())
+    return hashed.hexdigest()
 
 
 def _plain(value: object) -> Any:

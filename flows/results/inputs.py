@@ -1,6 +1,5 @@
 """The files a campaign was asked for with: kept as they were when it was read, and laid out again as they lay."""
 
-import hashlib
 import os
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -43,15 +42,12 @@ class Inputs:
         maps: Digest to map.
         places: File from elsewhere, relative to the campaign file's folder, to its place below `inputs/`. A map of the
             user's folder of maps is kept as if it lay beside the campaign file, for there it is looked for first.
-        read: Absolute path of each file, the campaign file too, to the SHA-256 of what was read; None for a path where none was
-            found that would have been read.
     """
 
     campaign: bytes = field(repr=False)
     files: Mapping[str, bytes] = field(repr=False)
     maps: Mapping[str, OccupancyMap] = field(repr=False)
     places: Mapping[str, str] = field(default_factory=dict)
-    read: Mapping[str, str | None] = field(default_factory=dict, repr=False)
 
     def write(self, directory: Path) -> None:
         """Write `campaign.vast` and `inputs/` into the campaign directory."""
@@ -80,8 +76,6 @@ def inputs_of(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Inputs:
     for path in map_files.values():
         borrowed = campaign.borrowed_maps.get(path)
         beside = Path(path) if borrowed is None else base / borrowed
-        if borrowed is not None:
-            kept.read[os.path.abspath(beside)] = None
         picture = _picture(Path(path))
         kept.keep(Path(path), Path(path).parent / picture, at=[beside, beside.parent / picture])
     for plan_file in dict.fromkeys(name for producer in producers for name in _plan_files(producer.parameters)):
@@ -98,9 +92,7 @@ def inputs_of(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Inputs:
         for step_file in step.files(base):
             kept.keep(step_file)
     maps = {key: load_map(file) for key, file in map_files.items()}
-    written = campaign.path.read_bytes()
-    kept.read[os.path.abspath(campaign.path)] = _sha256(written)
-    return Inputs(written, kept.files, maps, kept.places, kept.read)
+    return Inputs(campaign.path.read_bytes(), kept.files, maps, kept.places)
 
 
 @dataclass
@@ -114,12 +106,10 @@ class _Kept:
     base: Path
     files: dict[str, bytes] = field(default_factory=dict)
     places: dict[str, str] = field(default_factory=dict)
-    read: dict[str, str | None] = field(default_factory=dict)
 
     def keep(self, *together: Path, at: Sequence[Path] | None = None) -> None:
         """Keep files at their places below `base`, or as if they lay `at` others; those elsewhere, in a folder named by content."""
         contents = [path.read_bytes() for path in together]
-        self.read |= {os.path.abspath(path): _sha256(content) for path, content in zip(together, contents, strict=True)}
         elsewhere, home = digest([content.hex() for content in contents])[:12], self.base.resolve()
         for path, content in zip(at or together, contents, strict=True):
             inside = path.resolve().is_relative_to(home)
@@ -152,7 +142,6 @@ class _Kept:
 
     def _keep_copy(self, snapshot: Snapshot, place: str, name: str) -> None:
         self.files[name] = snapshot.read(place)
-        self.read[os.path.abspath(snapshot.origin / place)] = snapshot.files[place]
 
 
 def _plan_files(parameters: BaseModel) -> Iterator[str]:
@@ -168,10 +157,6 @@ def _plan_files(parameters: BaseModel) -> Iterator[str]:
 
 def _picture(map_file: Path) -> str:
     return str(yaml_value(read_text(map_file))["image"])
-
-
-def _sha256(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
 
 
 @dataclass(frozen=True)

@@ -102,7 +102,7 @@ def _key(run: CampaignRun) -> str:
     assert run.instantiated is not None
     metadata = {**metadata_of(run.campaign, run.keys, run.created), **_record(run)}
     instantiation, contents = run.instantiated.instantiation, run.contents().values()
-    return report_key(run.keys, run.tree, run.inputs, metadata, instantiation, contents, run.runs, run.oracles)
+    return report_key(run.keys, run.inputs, metadata, instantiation, contents, run.runs, run.oracles)
 
 
 def _is_by_its_source(run: CampaignRun) -> bool:

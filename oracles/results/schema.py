@@ -128,7 +128,7 @@ def column_table(schema: pa.Schema, parts: Iterable[Columns]) -> pa.Table:
     for part in parts:
         for name, values in whole.items():
             values += part[name]
-    return pa.Table.from_pydict(whole, schema=schema)
+    return pa.Table.from_arrays([column_array(whole[each.name], each.type) for each in schema], schema=schema)
 
 
 def write_table(path: Path, schema: pa.Schema, rows: Iterable[Row]) -> None:

@@ -8,7 +8,7 @@ import importlib.util
 import io
 import sys
 import tokenize
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -188,10 +188,6 @@ class SourceTree:
         versions = {name: _version(name) for top in others for name in _distributions().get(top, [top])}
         return Code(code.modules, {**code.data, **data}, {**code.libraries, **versions})
 
-    def with_packages(self, *packages: str) -> "SourceTree":
-        """A tree that has these packages of vastflow too, as this process would import them."""
-        return self._with(folders_of(packages), {})
-
     def _is_elsewhere(self, plug_in: type) -> bool:
         """Whether a class is from a package that is not in the tree."""
         name = plug_in.__module__
@@ -204,7 +200,8 @@ class SourceTree:
         wider = copy.copy(self)  # with the same cache, and the modules that were read
         wider._packages = {**self._packages, **packages}
         wider._files = {**self._files, **files}
-        wider._places, wider._codes = {}, {}
+        wider._places = {name: file for name, file in self._places.items() if file and name not in files}
+        wider._codes = {}
         return wider
 
     def _closure(self, entries: tuple[str, ...]) -> dict[str, Module]:
@@ -244,17 +241,12 @@ class SourceTree:
             self._read[file] = module
         return self._read[file]
 
-    def data_digest(self, package: str, suffixes: Collection[str] = ()) -> str:
-        """Digest of what is no code in a package of the tree and in its folders, by name and content.
-
-        Args:
-            suffixes: Of the files that count; none for all.
-        """
+    def data_digest(self, package: str) -> str:
+        """Digest of what is no code in a package of the tree and in its folders, by name and content."""
         folder = self._folder(package)
         if folder is None:
             return ""
         files = [file for file in sorted(folder.rglob("*")) if file.is_file() and file.suffix not in _CODE]
-        files = [file for file in files if not suffixes or file.suffix in suffixes]
         return digest([[file.relative_to(folder).as_posix(), file_digest(file)] for file in files])
 
     def _folder(self, name: str) -> Path | None:

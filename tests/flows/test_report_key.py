@@ -1,22 +1,19 @@
 """The digest of a campaign directory: another one for each thing that its files would show otherwise."""
 
 import importlib.metadata
-import shutil
 from dataclasses import replace
-from importlib.util import find_spec
 
 import pytest
 
 from vastflow.flows.request.asked import SEQUENTIAL
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.flows.results.current_report import _PACKAGES as PACKAGES_OF_FLOWS
+from vastflow.flows.results import current_report
 from vastflow.flows.results.current_report import report_key
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.oracles.judgement.oracle import oracle_of
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.model.configuration import ExcludedInstance, RejectedInstance, Step
 from vastflow.tasks.keys.keys import Keys
-from vastflow.tasks.keys.source import PACKAGES, SourceTree, installed_tree
 
 KEYS = Keys("x86_64; glibc 2.36; avx2 fma; ", "e" * 64, "o" * 64, "j" * 64, 0, [])
 METADATA = {
@@ -39,7 +36,6 @@ def asked(small_room):
     campaign, oracles = read_campaign(small_room)
     return {
         "keys": KEYS,
-        "tree": installed_tree(),
         "inputs": inputs_of(campaign, oracles),
         "metadata": METADATA,
         "instantiation": instantiate(campaign),
@@ -132,70 +128,12 @@ def test_the_libraries_that_draw_and_lay_out_are_in_the_key(asked, monkeypatch, 
     assert report_key(**asked) != before
 
 
-class Copied(SourceTree):
-    """Copies of all packages that a report's key follows from, to be edited."""
-
-    def __init__(self, root):
-        self.copies = {name: root / name for name in (*PACKAGES, *PACKAGES_OF_FLOWS)}
-        for name, folder in self.copies.items():
-            shutil.copytree(
-                find_spec(name).submodule_search_locations[0], folder, ignore=shutil.ignore_patterns("__py*")
-            )
-        self._root = root
-        self.read_anew()
-
-    def read_anew(self):
-        super().__init__({name: self.copies[name] for name in PACKAGES}, cache=self._root / "read.json")
-
-    def with_packages(self, *names):
-        return self._with({name: self.copies[name] for name in names}, {})
-
-
-@pytest.fixture(scope="module")
-def tree(tmp_path_factory):
-    return Copied(tmp_path_factory.mktemp("tree"))
-
-
-def key_with(asked, tree):
-    tree.read_anew()
-    return report_key(**{**asked, "tree": tree})
-
-
-CODE = [
-    "vastflow.oracles/page/report.py",
-    "vastflow.oracles/evidence/findings.py",
-    "vastflow.oracles/page/words.py",
-    "vastflow.oracles/figures/palette.py",
-    "vastflow.oracles/statistics/classes.py",
-    "vastflow.flows.results/tables.py",
-    "vastflow.flows.results/campaign_tables.py",
-    "vastflow.flows.results/found.py",
-    "vastflow.flows.results/results.py",
-    "vastflow.flows.request/configurations.py",
-    "vastflow.producers/instantiation/coverage.py",
-    "vastflow.sim/model/blocks.py",
-]
-
-
-@pytest.mark.parametrize("place", CODE)
-def test_the_code_that_writes_tables_figures_and_report_is_in_the_key(asked, tree, place):
-    before = key_with(asked, tree)
-    package, _, name = place.partition("/")
-    file = tree.copies[package] / name
-    text = file.read_text()
-    file.write_text(f"{text}\nADDED = 1\n")
-    assert key_with(asked, tree) != before
-    file.write_text(f"{text}\n# a comment\n")
-    assert key_with(asked, tree) == before
-    file.write_text(text)
-
-
-@pytest.mark.parametrize("suffix", [".j2", ".css", ".js"])
-def test_the_pages_template_style_and_script_are_in_the_key(asked, tree, suffix):
-    before = key_with(asked, tree)
-    (file,) = tree.copies["vastflow.oracles"].rglob(f"report*{suffix}")
-    text = file.read_text()
-    file.write_text(f"{text} ")
-    assert key_with(asked, tree) != before
-    file.write_text(text)
-    assert key_with(asked, tree) == before
+@pytest.mark.parametrize("name", ["tables.py", "report.html.j2", "report.css", "report.js"])
+def test_code_and_templates_are_in_the_key(asked, tmp_path, monkeypatch, name):
+    (tmp_path / "page").mkdir()
+    monkeypatch.setattr(current_report, "written_by", lambda: (tmp_path,))
+    before = report_key(**asked)
+    (tmp_path / "page" / "tables.pyc").write_text("compiled")
+    assert report_key(**asked) == before
+    (tmp_path / "page" / name).write_text("edited")
+    assert report_key(**asked) != before
