@@ -28,6 +28,9 @@ LOGGER: Final = logging.getLogger("vastflow.flow_call")
 
 CONFIGURED: Final = "PREFECT_API_URL"
 
+FLOWS: Final = 3
+"""As often a flow is begun at an embedded API that fails it; what it has computed stays."""
+
 GONE_S: Final = 1.0
 """What Prefect's services may take to send what they have, to a server that has just failed the flow."""
 
@@ -92,29 +95,34 @@ class FlowCall:
             from vastflow.tasks.prefect.orphans import tagged
             from vastflow.tasks.prefect.retry import bounded
 
-            stack.enter_context(bounded())
             configured = configured_url()
             if configured:
                 self._kill_server()
+                stack.enter_context(bounded())
             else:
                 self._server = self._server or ApiServer(self._log)
                 stack.enter_context(embedded(self._server.url(), self._server.auth))
                 for notice in self._server.notices:
                     self._tally.notice(notice)
-            sending_s = GONE_S
-            try:
-                with tagged():
-                    state = flow()
-                sending_s = SENDING_S
-            except Exception as error:  # what a flow raises is in its state: this is of Prefect itself
-                LOGGER.warning("Prefect's API failed the flow", exc_info=True)
-                unavailable = PrefectUnavailable(_refusal(configured, self._log, error))
-                if not done():
-                    raise unavailable from None
-                self._tally.notice(f"all is computed, but Prefect's pages do not show the end: {unavailable}")
-                return
-            finally:
-                end_services(sending_s)
+            for tries_left in reversed(range(1 if configured else FLOWS)):
+                ended = False
+                try:
+                    with tagged():
+                        state = flow()
+                    ended = True
+                    break
+                except Exception as error:  # what a flow raises is in its state: this is of Prefect itself
+                    LOGGER.warning("Prefect's API failed the flow", exc_info=True)
+                    unavailable = PrefectUnavailable(_refusal(configured, self._log, error))
+                    if done():
+                        self._tally.notice(f"all is computed, but Prefect's pages do not show the end: {unavailable}")
+                        return
+                    if not tries_left:
+                        raise unavailable from None
+                    if self._server is not None:
+                        self._server.url()  # killed before the flow had heard of it; it is back with this
+                finally:
+                    end_services(SENDING_S if ended else GONE_S)
             if not state.is_completed() and not done():
                 raise state.result(raise_on_failure=False)
 

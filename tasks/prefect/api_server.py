@@ -1,4 +1,4 @@
-"""Prefect's API, as a process of its own: `python -m vastflow.tasks.prefect.api_server`.
+"""Prefect's API, as a process of its own: `python -m vastflow.tasks.prefect.api_server [PORT]`.
 
 On standard output it says what a user should hear, a line each, and then its port. It ends when its standard input does: with
 the process that started it, however that one died. Prefect's own temporary server outlives a killed flow, and dies of the flow's Ctrl-C.
@@ -63,7 +63,9 @@ def main() -> None:
     if found:
         print(found, flush=True)
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    listener.bind(("127.0.0.1", 0))  # any free port, held from now on
+    if os.name == "posix":  # elsewhere this means that two may listen at once
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # the port of one that was killed just now
+    listener.bind(("127.0.0.1", int(sys.argv[1]) if len(sys.argv) > 1 else 0))  # 0: any free port, held from now on
     print(listener.getsockname()[1], flush=True)
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
 

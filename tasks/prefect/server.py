@@ -20,6 +20,9 @@ from vastflow.tasks.prefect.adapter import SERVER_SETTINGS, post
 STARTUP_S: Final = 120.0
 """A fresh database has to be made: 12 s on an idle machine, 35 s on a busy one."""
 
+STARTS: Final = 4
+"""Of an embedded API that is killed again and again, the first one included."""
+
 DRAIN_S: Final = 60.0
 QUIET_S: Final = 20.0
 """Nothing recorded for so long: what is missing then went down with a server that was killed."""
@@ -41,44 +44,42 @@ class PrefectUnavailable(RuntimeError):
 
 
 class ApiServer:
-    """An embedded API server. It starts with the object, beside whatever its owner does next, and ends with this process.
+    """An embedded API server. It starts with the object, beside whatever its owner does next.
+
+    One that is killed is started again on its port, so that what a flow asks meanwhile only waits: Prefect's clients try for
+    a minute. One that ends by itself has a reason to, and stays away.
 
     Args:
         log: File that takes what it prints.
 
     Attributes:
-        auth: User and password that it asks for.
         answers: Whether it has ever answered.
+        lost: Whether it has ended and nobody starts it again.
         notices: What it said that a user should hear.
     """
 
     def __init__(self, log: Path) -> None:
         self._log = log
-        self.auth = f"vastflow:{secrets.token_urlsafe(32)}"
+        self._environment = _environment()
+        self.auth = self._environment[AUTH]
         self.answers = False
+        self.lost = False
         self.notices: list[str] = []
-        self._port: int | None = None
-        private = {AUTH: self.auth, "PREFECT_SERVER_API_CORS_ALLOWED_ORIGINS": ""}
-        with open(log, "ab") as sink:
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "vastflow.tasks.prefect.api_server"],
-                stdin=subprocess.PIPE,  # never written: it ends when this process does
-                stdout=subprocess.PIPE,
-                stderr=sink,
-                env={**SERVER_SETTINGS, **os.environ, **private},
-                start_new_session=True,  # a terminal's Ctrl-C is for the campaign, which then ends in order
-            )
-        threading.Thread(target=self._listen, name="vastflow server", daemon=True).start()
+        self._port = 0
+        self._stopping = False
+        self._lock = threading.Lock()
+        self._process = self._started()
+        threading.Thread(target=self._watch, name="vastflow server", daemon=True).start()
 
     def url(self, timeout_s: float = STARTUP_S) -> str:
-        """Return the API's address, once it answers.
+        """The API's address, once it answers.
 
         Raises:
             PrefectUnavailable: it ended or was too slow.
         """
         deadline = time.monotonic() + timeout_s
-        while self._process.poll() is None:
-            if self._port is not None:
+        while not (self.lost or self._stopping):
+            if self._port:
                 address = f"http://127.0.0.1:{self._port}/api"
                 if answers(address):
                     self.answers = True
@@ -90,6 +91,8 @@ class ApiServer:
 
     def stop(self, grace_s: float = 3.0) -> None:
         """End it, at the latest after `grace_s`. May be called twice."""
+        with self._lock:
+            self._stopping = True
         if self._process.poll() is None and grace_s > 0:
             self._process.terminate()
             with contextlib.suppress(subprocess.TimeoutExpired):
@@ -97,14 +100,40 @@ class ApiServer:
         self._process.kill()
         self._process.wait()
 
-    def _listen(self) -> None:
-        """Take what it says: notices, a line each, and then its port."""
-        assert self._process.stdout is not None
-        for said in map(bytes.strip, self._process.stdout):
-            if said.isdigit():
-                self._port = int(said)
-            else:
+    def _started(self) -> "subprocess.Popen[bytes]":
+        with open(self._log, "ab") as sink:
+            return subprocess.Popen(
+                [sys.executable, "-m", "vastflow.tasks.prefect.api_server", str(self._port)],
+                stdin=subprocess.PIPE,  # never written: it ends when this process does
+                stdout=subprocess.PIPE,
+                stderr=sink,
+                env=self._environment,
+                start_new_session=True,  # a terminal's Ctrl-C is for the campaign, which then ends in order
+            )
+
+    def _watch(self) -> None:
+        for start in range(STARTS):
+            if start:
+                with self._lock:
+                    if self._stopping:
+                        return
+                    LOGGER.warning("Prefect's API was killed; it is started again")
+                    self._process = self._started()
+            assert self._process.stdout is not None
+            for said in map(bytes.strip, self._process.stdout):
+                if said.isdigit():
+                    self._port = int(said)
+                    break
                 self.notices.append(said.decode(errors="replace"))
+            if self._process.wait() >= 0:  # by itself: a second one would fare no better
+                break
+        self.lost = True
+
+
+def _environment() -> dict[str, str]:
+    """The environment of a server of the user's database: it asks for a random password and serves no foreign origin."""
+    private = {AUTH: f"vastflow:{secrets.token_urlsafe(32)}", "PREFECT_SERVER_API_CORS_ALLOWED_ORIGINS": ""}
+    return {**SERVER_SETTINGS, **os.environ, **private}
 
 
 def redacted(text: str) -> str:

@@ -1,4 +1,4 @@
-"""A flow whose API of Prefect's fails it: the user is told which one, and what helps."""
+"""A flow whose API of Prefect's fails it: begun again where the API is embedded, told where it is the user's."""
 
 import pickle
 import re
@@ -6,7 +6,7 @@ import re
 import pytest
 
 from vastflow.flows.flow_runs import flow_call
-from vastflow.flows.flow_runs.flow_call import FlowCall
+from vastflow.flows.flow_runs.flow_call import FLOWS, FlowCall
 from vastflow.tasks.engine.engine import Engine
 from vastflow.tasks.engine.index import Index
 from vastflow.tasks.engine.pool import Pool
@@ -48,30 +48,44 @@ def made(tmp_path, monkeypatch):
     return FlowCall(Engine(index, Pool(1), tally, pickle.dumps(())), tally, tmp_path / "log")
 
 
-def failing():
-    """A flow that its API fails."""
-    raise RuntimeError("Failed to reach API")
+class Flow:
+    """A flow that its API fails some times."""
+
+    def __init__(self, failures):
+        self.begun = 0
+        self._failures = failures
+
+    def __call__(self):
+        from prefect.states import Completed
+
+        self.begun += 1
+        if self.begun <= self._failures:
+            raise RuntimeError("Failed to reach API")
+        return Completed()
 
 
-def completed():
-    """A flow that its API records."""
-    from prefect.states import Completed
+def test_a_flow_that_its_embedded_api_fails_is_begun_again(made):
+    flow = Flow(FLOWS - 1)
+    made.run(flow)
+    assert flow.begun == FLOWS
 
-    return Completed()
 
-
-def test_an_embedded_api_that_fails_is_told_with_the_log(made, tmp_path):
+def test_an_embedded_api_that_fails_again_and_again_is_told_with_the_log(made, tmp_path):
+    flow = Flow(FLOWS)
     words = f"Prefect's embedded API failed (Failed to reach API); see {tmp_path / 'log'}"
     with pytest.raises(PrefectUnavailable, match=f"^{re.escape(words)}$"):
-        made.run(failing)
+        made.run(flow)
+    assert flow.begun == FLOWS
 
 
 def test_an_api_of_the_users_that_fails_is_told_with_its_address_at_once(made, monkeypatch):
     monkeypatch.setattr(flow_call, "configured_url", lambda: "http://lab:4200/api")
+    flow = Flow(1)
     with pytest.raises(
         PrefectUnavailable, match=r"^Prefect's API at http://lab:4200/api failed \(Failed to reach API\); start it"
     ):
-        made.run(failing)
+        made.run(flow)
+    assert flow.begun == 1
 
 
 def test_with_a_server_configured_none_is_started_beside_it(tmp_path, monkeypatch):
@@ -85,11 +99,13 @@ def test_with_a_server_configured_none_is_started_beside_it(tmp_path, monkeypatc
     monkeypatch.setattr(flow_call, "configured_url", lambda: "http://127.0.0.1:9/api")
     index = Index(open_store(tmp_path / "store"), Keys("numeric", "e", "o", "j", 0, []))
     tally = Tally()
-    FlowCall(Engine(index, Pool(1), tally, pickle.dumps(())), tally, tmp_path / "log").run(completed)
+    FlowCall(Engine(index, Pool(1), tally, pickle.dumps(())), tally, tmp_path / "log").run(Flow(0))
 
 
-def test_a_flow_that_had_done_all_when_its_api_failed_has_its_results_and_that_is_told(made):
-    made.run(failing, done=lambda: True)
+def test_a_flow_that_had_done_all_when_its_api_failed_is_not_begun_again_and_that_is_told(made):
+    flow = Flow(FLOWS)
+    made.run(flow, done=lambda: True)
+    assert flow.begun == 1
     (notice,) = made._tally.progress().notices
     assert notice.startswith("all is computed, but Prefect's pages do not show the end: ")
 

@@ -75,7 +75,7 @@ def test_the_api_says_what_it_set_aside_before_it_serves(tmp_path, monkeypatch):
     (tmp_path / "prefect.db").write_bytes(b"garbage" * 1000)
     server = ApiServer(tmp_path / "log")
     deadline = time.monotonic() + 120
-    while not server.notices and server._process.poll() is None and time.monotonic() < deadline:
+    while not server.notices and not server.lost and time.monotonic() < deadline:
         time.sleep(0.05)
     server.stop(0)
     (notice,) = server.notices

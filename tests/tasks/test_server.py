@@ -2,6 +2,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import time
 
 import httpx
 import psutil
@@ -46,7 +47,43 @@ def test_an_api_that_does_not_answer_in_time_is_told(tmp_path):
         server.stop(0)
 
 
-def test_an_api_that_ends_by_itself_is_not_waited_for(tmp_path, monkeypatch):
+def started_again(server, before):
+    deadline = time.monotonic() + 120
+    while server._process.pid == before and not server.lost and time.monotonic() < deadline:
+        time.sleep(0.01)
+    return server._process.pid != before
+
+
+def test_an_api_that_is_killed_is_started_again_on_its_port(tmp_path):
+    server = ApiServer(tmp_path / "log")
+    try:
+        deadline = time.monotonic() + 120
+        while not server._port and time.monotonic() < deadline:
+            time.sleep(0.01)
+        port, before = server._port, server._process.pid
+        server._process.kill()
+        assert started_again(server, before)
+        assert "-m vastflow.tasks.prefect.api_server" in " ".join(psutil.Process(server._process.pid).cmdline())
+        assert server._process.args[-1] == str(port)
+    finally:
+        server.stop(0)
+
+
+def test_an_api_that_is_killed_again_and_again_is_given_up(tmp_path):
+    server = ApiServer(tmp_path / "log")
+    try:
+        while not server.lost:
+            before = server._process.pid
+            server._process.kill()
+            if not started_again(server, before):
+                break
+        with pytest.raises(PrefectUnavailable, match=r"ended while it started; see .*log"):
+            server.url()
+    finally:
+        server.stop(0)
+
+
+def test_an_api_that_ends_by_itself_is_not_started_again(tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     (tmp_path / "sitecustomize.py").write_text(
         "import sys; sys.argv and 'vastflow.tasks.prefect.api_server' in sys.orig_argv and sys.exit(4)"
@@ -54,6 +91,7 @@ def test_an_api_that_ends_by_itself_is_not_waited_for(tmp_path, monkeypatch):
     server = ApiServer(tmp_path / "log")
     with pytest.raises(PrefectUnavailable, match="ended while it started"):
         server.url(120)
+    assert server.lost
 
 
 def test_an_embedded_api_answers_nobody_else(tmp_path, prefect_home, monkeypatch):
