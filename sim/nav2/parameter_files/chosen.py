@@ -40,20 +40,10 @@ WHOLE: Final = re.compile(r"[-+]?\d+")
 POINTED: Final = re.compile(r"[-+]?(\d+\.\d*|\.\d+)")
 
 
-@dataclass(frozen=True)
-class Rewritten:
-    """A document after rewrites.
-
-    Attributes:
-        touched: Key to the paths it stands for.
-    """
-
-    document: ParameterDocument
-    touched: Mapping[str, tuple[ParameterLocation, ...]]
-
-
-def rewritten(document: ParameterDocument, rewrites: Mapping[str, Value]) -> Rewritten:
-    """Replace parameters of a document, or add them: each key at its `targets`.
+def rewritten(
+    document: ParameterDocument, rewrites: Mapping[str, Value]
+) -> tuple[ParameterDocument, dict[str, tuple[ParameterLocation, ...]]]:
+    """Replace parameters of a document, or add them, and say which paths each key stands for: its `targets`.
 
     Of two keys for one path the longer one counts, in whatever order they come. Text that is a number or a flag is
     that.
@@ -69,7 +59,7 @@ def rewritten(document: ParameterDocument, rewrites: Mapping[str, Value]) -> Rew
                 values[path[:-1]] = [*items[:k], converted(rewrites[key]), *items[k + 1 :]]
             else:
                 values[path] = converted(rewrites[key])
-    return Rewritten(replace(document, values=values), touched)
+    return replace(document, values=values), touched
 
 
 def targets(values: Mapping[ParameterLocation, Value], key: str) -> tuple[ParameterLocation, ...]:
@@ -152,7 +142,7 @@ def parameters_of(system: Mapping[str, Value]) -> NavParameters:
     """The stack's parameters of a system dimension; keys that it does not model are left to `unread`.
 
     The document is that of `nav2_params`, else Nav2 Jazzy's default; `controller` puts another controller in it; every
-    other key rewrites parameters of it (see `rewriting.targets`). Numbers and flags may be written as text.
+    other key rewrites parameters of it (see `targets`). Numbers and flags may be written as text.
 
     Raises:
         DocumentError: a value of the wrong type or out of range, an unknown plug-in, a file that has changed. The faults
@@ -307,11 +297,10 @@ def _chosen(system: _System) -> Chosen:
     if CONTROLLER_KEY in system.values:
         document = with_controller(document, system.values[CONTROLLER_KEY])
     own = {key: value for key, value in keys.items() if _own_paths(key)}
-    changed = rewritten(document, {key: value for key, value in keys.items() if key not in own})
-    values = {**changed.document.values, **_own_values(own)}
-    touched = {**changed.touched, **{key: _targets(document, key) for key in own}}
+    changed, touched = rewritten(document, {key: value for key, value in keys.items() if key not in own})
+    touched |= {key: _targets(document, key) for key in own}
     try:
-        return Chosen(interpretation(replace(changed.document, values=values)), touched)
+        return Chosen(interpretation(replace(changed, values={**changed.values, **_own_values(own)})), touched)
     except DocumentError as error:
         raise DocumentError(dict.fromkeys(_named(fault, touched) for fault in error.faults), error.file) from None
 
