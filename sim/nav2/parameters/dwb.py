@@ -20,7 +20,6 @@ class RotateToGoalCritic(DwbCritic):
 class OscillationCritic(DwbCritic):
     """No change of direction until the robot has moved (m) or turned (rad); a negative reset value never lifts it."""
 
-    place: int = derived(1)
     scale: float = parameter(1.0, 0.0, 1e6)
     oscillation_reset_dist: float = parameter(0.05, -1.0, 100.0)
     oscillation_reset_angle: float = parameter(0.2, -1.0, 7.0)
@@ -30,7 +29,6 @@ class OscillationCritic(DwbCritic):
 class BaseObstacleCritic(DwbCritic):
     """Cost under the center at the last pose, or at all of them with `sum_scores`; it may collide at none."""
 
-    place: int = derived(2)
     scale: float = parameter(0.02, 0.0, 1e6, code=1.0)
     sum_scores: bool = parameter(False)
 
@@ -38,7 +36,6 @@ class BaseObstacleCritic(DwbCritic):
 class GoalAlignCritic(DwbCritic):
     """Distance of a point ahead of the robot (m) to one ahead of the local goal."""
 
-    place: int = derived(3)
     scale: float = parameter(24.0, 0.0, 1e6, code=1.0)
     forward_point_distance: float = parameter(0.1, 0.0, 10.0, code=0.325)
 
@@ -46,7 +43,6 @@ class GoalAlignCritic(DwbCritic):
 class PathAlignCritic(DwbCritic):
     """Distance of a point ahead of the robot (m) to the local plan."""
 
-    place: int = derived(4)
     scale: float = parameter(32.0, 0.0, 1e6, code=1.0)
     forward_point_distance: float = parameter(0.1, 0.0, 10.0, code=0.325)
 
@@ -54,22 +50,18 @@ class PathAlignCritic(DwbCritic):
 class PathDistCritic(DwbCritic):
     """Distance to the local plan."""
 
-    place: int = derived(5)
     scale: float = parameter(32.0, 0.0, 1e6, code=1.0)
 
 
 class GoalDistCritic(DwbCritic):
     """Distance to the end of the local plan."""
 
-    place: int = derived(6)
     scale: float = parameter(24.0, 0.0, 1e6, code=1.0)
 
 
 class PreferForwardCritic(DwbCritic):
     """A penalty for driving backward (m/s), and for being slower than `strafe_x` and `strafe_theta` (rad/s); else what it turns."""
 
-    enabled: bool = derived(False)
-    place: int = derived(7)
     scale: float = parameter(1.0, 0.0, 1e6)
     penalty: float = parameter(1.0, 0.0, 1e6)
     strafe_x: float = parameter(0.1, -10.0, 10.0)
@@ -80,16 +72,12 @@ class PreferForwardCritic(DwbCritic):
 class TwirlingCritic(DwbCritic):
     """What it turns."""
 
-    enabled: bool = derived(False)
-    place: int = derived(8)
     scale: float = parameter(0.0, 0.0, 1e6)
 
 
 class ObstacleFootprintCritic(DwbCritic):
     """Greatest cost under the outline, as BaseObstacle's under the center; it may meet nothing lethal or unknown."""
 
-    enabled: bool = derived(False)
-    place: int = derived(9)
     scale: float = parameter(1.0, 0.0, 1e6)
     sum_scores: bool = parameter(False)
 
@@ -126,15 +114,15 @@ class DwbParameters(ParameterGroup):
     prune_distance: float = parameter(2.0, 0.0, 100.0)
     forward_prune_distance: float = parameter(2.0, 0.0, 100.0)
     RotateToGoal: RotateToGoalCritic = RotateToGoalCritic()
-    Oscillation: OscillationCritic = OscillationCritic()
-    BaseObstacle: BaseObstacleCritic = BaseObstacleCritic()
-    GoalAlign: GoalAlignCritic = GoalAlignCritic()
-    PathAlign: PathAlignCritic = PathAlignCritic()
-    PathDist: PathDistCritic = PathDistCritic()
-    GoalDist: GoalDistCritic = GoalDistCritic()
-    PreferForward: PreferForwardCritic = PreferForwardCritic()
-    Twirling: TwirlingCritic = TwirlingCritic()
-    ObstacleFootprint: ObstacleFootprintCritic = ObstacleFootprintCritic()
+    Oscillation: OscillationCritic = OscillationCritic(place=1)
+    BaseObstacle: BaseObstacleCritic = BaseObstacleCritic(place=2)
+    GoalAlign: GoalAlignCritic = GoalAlignCritic(place=3)
+    PathAlign: PathAlignCritic = PathAlignCritic(place=4)
+    PathDist: PathDistCritic = PathDistCritic(place=5)
+    GoalDist: GoalDistCritic = GoalDistCritic(place=6)
+    PreferForward: PreferForwardCritic = PreferForwardCritic(enabled=False, place=7)
+    Twirling: TwirlingCritic = TwirlingCritic(enabled=False, place=8)
+    ObstacleFootprint: ObstacleFootprintCritic = ObstacleFootprintCritic(enabled=False, place=9)
 
     def critics(self) -> tuple[DwbCritic, ...]:
         """The groups of the critics, as they stand above."""

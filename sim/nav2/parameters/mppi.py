@@ -13,20 +13,24 @@ class AckermannParameters(ParameterGroup):
     min_turning_r: float = parameter(0.2, 0.001, 100.0)
 
 
-class ConstraintParameters(ParameterGroup):
-    """Speed beyond the limits. `enabled` also says whether the critic is in the list `critics`, as in all groups below."""
+class MppiCritic(ParameterGroup):
+    """A critic: whether it is in the list `critics`, and on."""
 
     enabled: bool = parameter(True)
+
+
+class ConstraintParameters(MppiCritic):
+    """Speed beyond the limits."""
+
     cost_weight: float = parameter(4.0, 0.0, 1e6)
 
 
-class CostParameters(ParameterGroup):
+class CostParameters(MppiCritic):
     """The local costmap under every `trajectory_point_step`-th point; distances in meters.
 
     With `consider_footprint` a point collides where the robot's outline does, and not where its center is inscribed.
     """
 
-    enabled: bool = parameter(True)
     cost_weight: float = parameter(3.81, 0.0, 1e6)
     near_collision_cost: int = parameter(253, 0, 255)
     critical_cost: float = parameter(300.0, 0.0, 1e6)
@@ -36,13 +40,12 @@ class CostParameters(ParameterGroup):
     consider_footprint: bool = parameter(False)
 
 
-class ObstaclesParameters(ParameterGroup):
+class ObstaclesParameters(MppiCritic):
     """Distance to the nearest obstacle, as the local costmap's inflation says it, under every point; distances in meters.
 
     Humble's critic in place of CostCritic. The inflation's two parameters are the critic's own there, and since then the layer's.
     """
 
-    enabled: bool = parameter(False)
     repulsion_weight: float = parameter(1.5, 0.0, 1e6)
     critical_weight: float = parameter(20.0, 0.0, 1e6)
     collision_cost: float = parameter(100_000.0, 0.0, 1e12)
@@ -52,29 +55,26 @@ class ObstaclesParameters(ParameterGroup):
     cost_scaling_factor: float = parameter(10.0, 0.0, 1e3)
 
 
-class GoalParameters(ParameterGroup):
+class GoalParameters(MppiCritic):
     """Distance of all points to the goal, within a distance of it (m)."""
 
-    enabled: bool = parameter(True)
     cost_weight: float = parameter(5.0, 0.0, 1e6)
     threshold_to_consider: float = parameter(1.4, 0.0, 1e3)
 
 
-class GoalAngleParameters(ParameterGroup):
+class GoalAngleParameters(MppiCritic):
     """Heading of all points against the goal's, within a distance of it (m)."""
 
-    enabled: bool = parameter(True)
     cost_weight: float = parameter(3.0, 0.0, 1e6)
     threshold_to_consider: float = parameter(0.5, 0.0, 1e3)
 
 
-class PathAlignParameters(ParameterGroup):
+class PathAlignParameters(MppiCritic):
     """Distance of every `trajectory_point_step`-th point to the plan's point as far along; offsets count its points.
 
     With `use_path_orientations` 1 rad between their headings counts as 1 m.
     """
 
-    enabled: bool = parameter(True)
     cost_weight: float = parameter(14.0, 0.0, 1e6, code=10.0)
     max_path_occupancy_ratio: float = parameter(0.05, 0.0, 1.0, code=0.07)
     trajectory_point_step: int = parameter(4, 1, 1000)
@@ -83,22 +83,20 @@ class PathAlignParameters(ParameterGroup):
     use_path_orientations: bool = parameter(False)
 
 
-class PathFollowParameters(ParameterGroup):
+class PathFollowParameters(MppiCritic):
     """Distance of the last point to a point of the plan just beyond what any trajectory reaches."""
 
-    enabled: bool = parameter(True)
     cost_weight: float = parameter(5.0, 0.0, 1e6)
     offset_from_furthest: int = parameter(5, 0, 1000, code=6)
     threshold_to_consider: float = parameter(1.4, 0.0, 1e3)
 
 
-class PathAngleParameters(ParameterGroup):
+class PathAngleParameters(MppiCritic):
     """Last heading against the bearing of such a point, when the robot faces elsewhere (rad).
 
     `mode` 0 wants the front towards the point, 1 front or back, and 2 whichever the plan's heading there says.
     """
 
-    enabled: bool = parameter(True)
     cost_weight: float = parameter(2.0, 0.0, 1e6, code=2.2)
     offset_from_furthest: int = parameter(4, 0, 1000)
     threshold_to_consider: float = parameter(0.5, 0.0, 1e3)
@@ -106,26 +104,23 @@ class PathAngleParameters(ParameterGroup):
     mode: int = parameter(0, 0, 2)
 
 
-class PreferForwardParameters(ParameterGroup):
+class PreferForwardParameters(MppiCritic):
     """Driving backwards, farther than a distance from the goal (m)."""
 
-    enabled: bool = parameter(True)
     cost_weight: float = parameter(5.0, 0.0, 1e6)
     threshold_to_consider: float = parameter(0.5, 0.0, 1e3)
 
 
-class TwirlingParameters(ParameterGroup):
+class TwirlingParameters(MppiCritic):
     """Turning, as long as the robot is farther from the goal than the goal checker allows."""
 
-    enabled: bool = parameter(False)
     cost_power: int = parameter(1, 1, 10)
     cost_weight: float = parameter(10.0, 0.0, 1e6)
 
 
-class VelocityDeadbandParameters(ParameterGroup):
+class VelocityDeadbandParameters(MppiCritic):
     """Speeds short of these: forward and to the left (m/s), and turning (rad/s)."""
 
-    enabled: bool = parameter(False)
     cost_power: int = parameter(1, 1, 10)
     cost_weight: float = parameter(35.0, 0.0, 1e6)
     deadband_velocities: tuple[float, float, float] = parameter((0.0, 0.0, 0.0))
@@ -170,12 +165,12 @@ class MppiParameters(ParameterGroup):
     AckermannConstraints: AckermannParameters = AckermannParameters()
     ConstraintCritic: ConstraintParameters = ConstraintParameters()
     CostCritic: CostParameters = CostParameters()
-    ObstaclesCritic: ObstaclesParameters = ObstaclesParameters()
+    ObstaclesCritic: ObstaclesParameters = ObstaclesParameters(enabled=False)
     GoalCritic: GoalParameters = GoalParameters()
     GoalAngleCritic: GoalAngleParameters = GoalAngleParameters()
     PathAlignCritic: PathAlignParameters = PathAlignParameters()
     PathFollowCritic: PathFollowParameters = PathFollowParameters()
     PathAngleCritic: PathAngleParameters = PathAngleParameters()
     PreferForwardCritic: PreferForwardParameters = PreferForwardParameters()
-    TwirlingCritic: TwirlingParameters = TwirlingParameters()
-    VelocityDeadbandCritic: VelocityDeadbandParameters = VelocityDeadbandParameters()
+    TwirlingCritic: TwirlingParameters = TwirlingParameters(enabled=False)
+    VelocityDeadbandCritic: VelocityDeadbandParameters = VelocityDeadbandParameters(enabled=False)
