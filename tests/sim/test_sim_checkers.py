@@ -45,7 +45,7 @@ def test_a_smoother_with_feedback_is_read_and_one_with_another_word_refused():
         0.2,
     )
     assert {finding.status for finding in findings(found)} == {"modeled"}
-    with pytest.raises(DocumentError, match="found 'HALF'; OPEN_LOOP or CLOSED_LOOP"):
+    with pytest.raises(DocumentError, match="found 'HALF'; one of OPEN_LOOP, CLOSED_LOOP"):
         read("velocity_smoother", "feedback: HALF")
 
 
