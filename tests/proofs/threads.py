@@ -29,7 +29,7 @@ FILES = {
     "own.py": f"""{SLOW}
 from helper import NUMBER
 from pathlib import Path
-from vastflow.oracles import oracle
+from vastflow.oracles.judgement import oracle
 from vastflow.producers.model.configuration import Fragment
 from vastflow.producers.model.producer import Parameters, Producer
 

@@ -132,14 +132,16 @@ def test_the_seed_of_a_run_is_in_its_recording(noisy):
 
 
 def first_scan(scenario):
-    """What the robot sees in the first tick, and the state of the lidar's stream after it."""
+    """Ranges that the robot sees in the first tick, and the states of the random streams after it."""
     start, parameters = pose_of(scenario.task["start_pose"]), parameters_of(scenario.system)
     prepared = prepare(load_map(scenario.environment["map_file"].path), Lidar(), parameters)
     entropy = run_entropy(0, scenario.situation_digest, 1)
     loop = ClosedLoop(prepared, parameters, Lidar(), Robot(), start, (), entropy, 60.0)
     loop.localize(start)
     loop.advance(1)
-    return loop.stack.m[0]["ranges"][:360].copy(), loop.stack.m[0]["streams"].copy()
+    streams = loop.stack.m[0]["streams"].copy()
+    streams[LIDAR] = loop.stack.noise.memory.stream
+    return loop.stack.m[0]["ranges"][:360].copy(), streams
 
 
 def test_two_systems_in_one_situation_meet_the_same_noise(scenario):
