@@ -7,7 +7,7 @@ from typing import Any, Final, Protocol
 
 from markupsafe import Markup
 
-from vastflow.flows.terminal.display import Meter
+from vastflow.flows.terminal.pace import Meter
 from vastflow.tasks.engine.progress import Progress
 
 INTERVAL_S: Final = 0.5

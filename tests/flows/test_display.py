@@ -5,7 +5,8 @@ import re
 
 from rich.console import Console
 
-from vastflow.flows.terminal.display import Display, Meter, Pace, duration_text, phase_text, plain_line, view
+from vastflow.flows.terminal.display import Display, duration_text, phase_text, plain_line, view
+from vastflow.flows.terminal.pace import Meter, Pace
 from vastflow.tasks.engine.progress import Progress
 
 

@@ -103,7 +103,6 @@ def seen():
         "warnings": [str(each) for each in warnings.filters] + [str(warnings.showwarning)],
         "logging": [str(logging.root), str(logging.root.handlers), logging.raiseExceptions, str(logging.getLoggerClass())],
         "signals": [str(signal.getsignal(number)) for number in sorted(signal.valid_signals())],
-        "scipy.linalg": "scipy.linalg" in sys.modules,
         "paths": [sys.path, sys.meta_path, sys.path_hooks],
         "limits": [sys.getrecursionlimit(), sys.getswitchinterval(), sys.flags, str(sys.excepthook)],
         "random": [str(np.random.get_state()), str(random.getstate()), np.geterr()],
