@@ -177,4 +177,6 @@ def test_two_campaigns_at_once_on_one_s3_store_come_to_what_each_comes_to_alone(
         damaged = re.findall(r"(\S+) is damaged", (both / "logs" / "campaign.log").read_text())
         assert {f"{s3}/{key}" for key in damaged} <= shared_s3.lost
     store = open_store(s3)
-    assert [fault for holding in store.holdings() if (fault := store.fault(holding.key))] == []
+    # A file that the server lost of two writers, and that no campaign read since, is still missing.
+    faulty = {f"{s3}/{holding.key}" for holding in store.holdings() if store.fault(holding.key)}
+    assert faulty <= shared_s3.lost
