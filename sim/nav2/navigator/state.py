@@ -341,8 +341,9 @@ def give(stack: Stack, mission: Mission) -> Stack:
     m["state"], m["status"], m["error_code"] = STARTING, RUNNING, 0
     m["goal"], m["loop"], m["path_n"] = 0, 0, 0
     legs = len(mission.goals) if mission.kind == "navigate_through_poses" else 1
-    setting = replace(stack.planner_setting, legs=legs)
-    planner = running_planner(stack.planner.plug_in, setting)
+    setting, planner = replace(stack.planner_setting, legs=legs), stack.planner
+    if stack.route.goals.size or legs != stack.planner_setting.legs:  # else no mission has used the memory yet
+        planner = running_planner(planner.plug_in, setting)
     return replace(stack, planner=planner, route=_route(setting.costs.shape, mission.goals, legs, planner.bound))
 
 

@@ -44,7 +44,7 @@ class PlannerSetting:
     """What a planner can prepare its memory for.
 
     Attributes:
-        costs: (H, W) uint8 global costmap, as it is now.
+        costs: (H, W) uint8 global costmap, as it is when the memory is made; `PlannerInput.changed` counts from then.
         free_costs: The same with nothing marked, and unknown cells taken for free: no cell will ever cost less.
         costmap: Parameters of the global costmap.
         legs: Greatest number of legs of a path.
