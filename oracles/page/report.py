@@ -27,7 +27,7 @@ from vastflow.oracles.page.search_section import search_section
 from vastflow.oracles.page.section import Section
 from vastflow.oracles.page.table import bar, rate_cell, rate_html
 from vastflow.oracles.page.untested import coverage_section, left_out, untested_section
-from vastflow.oracles.page.work_section import with_work
+from vastflow.oracles.page.work_section import created, work_section
 from vastflow.oracles.results.column import floats
 from vastflow.oracles.results.tables import read_tables
 from vastflow.sim.model.files import Unreadable, yaml_value
@@ -55,6 +55,8 @@ _FILTERS: Final = {
     "rate": rate_html,
     "bar": bar,
     "cell": rate_cell,
+    "created": created,
+    "work_section": work_section,
     "kind": lambda of: type(of).__name__,
 }
 
@@ -85,7 +87,7 @@ def write_report(directory: Path) -> None:
     for picture in pictures:
         (figures / f"{picture.name}.png").write_bytes(picture.png)
         (figures / f"{picture.name}.svg").write_bytes(picture.svg)
-    page = with_work(_html(facts, sections, contrasts, _embedded(pictures)), facts.metadata)
+    page = _html(facts, sections, contrasts, _embedded(pictures))
     (directory / "report.html").write_text(page, encoding="utf-8", errors="backslashreplace")
 
 

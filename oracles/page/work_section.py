@@ -1,33 +1,19 @@
-"""What a report says of the call that wrote it, which is all of it that does not follow from the campaign's content.
+"""Facts of the call that wrote a report, which is all of it that does not follow from the campaign's content.
 
-A report's HTML has two pairs of marks, and between them what `with_work` puts there: `<!-- when -->`, `<!-- /when -->` for the
-time in a line of text, and `<!-- work -->`, `<!-- /work -->` for a section. So a report that was kept can be given to another call.
+The template puts them between comments, so that two reports can be compared without them.
 """
 
-import re
 from collections.abc import Mapping
 from typing import Any, Final
 
 from markupsafe import Markup
 
-_MARKS: Final = "(<!-- {0} -->)((?s:.*?))(<!-- /{0} -->)"
 _LINE: Final = Markup("<dt>{}</dt><dd>{}</dd>\n")
 
 
-def with_work(html: str, metadata: Mapping[str, Any]) -> str:
-    """The report with the facts of a call between its marks; one without marks stays as it is.
-
-    Args:
-        metadata: `metadata.json` of the call's campaign directory.
-    """
-    for name, text in (("when", _when(metadata)), ("work", _section(metadata))):
-        parts = re.split(_MARKS.format(name), html)
-        html = "".join(text if place % 4 == 2 else part for place, part in enumerate(parts))
-    return html
-
-
-def _when(metadata: Mapping[str, Any]) -> str:
-    return str(Markup(" · {}").format(str(metadata["created"]).replace("T", " ")))
+def created(metadata: Mapping[str, Any]) -> str:
+    """The time of the call, from `metadata.json`."""
+    return str(metadata["created"]).replace("T", " ")
 
 
 def _host_line(key: str, value: Any) -> tuple[str, str]:
@@ -36,9 +22,10 @@ def _host_line(key: str, value: Any) -> tuple[str, str]:
     return f"host {key.replace('_', ' ')}", str(value)
 
 
-def _section(metadata: Mapping[str, Any]) -> str:
+def work_section(metadata: Mapping[str, Any]) -> Markup:
+    """The section on the call: when, where, and for how long."""
     counts = metadata.get("counts", {})
-    lines = [("written", str(metadata["created"]).replace("T", " "))]
+    lines = [("written", created(metadata))]
     if {"executed", "reused"} <= counts.keys():
         lines.append(("runs", f"{counts['executed']:,} executed, {counts['reused']:,} from the store"))
     if {"cpu_s", "wall_s"} <= counts.keys():
@@ -46,4 +33,4 @@ def _section(metadata: Mapping[str, Any]) -> str:
     lines += [_host_line(key, value) for key, value in metadata["host"].items()]
     facts = "".join(_LINE.format(name, value) for name, value in lines)
     summary = '<summary><h2>This call</h2><span class="soft">when, where, and for how long</span></summary>'
-    return f'\n<details class="fold" id="work">{summary}\n<div><dl>\n{facts}</dl></div>\n</details>\n'
+    return Markup(f'\n<details class="fold" id="work">{summary}\n<div><dl>\n{facts}</dl></div>\n</details>\n')

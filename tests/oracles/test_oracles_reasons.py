@@ -9,7 +9,7 @@ from vastflow.oracles.figures.factor_figure import factor_figure, interaction_fi
 from vastflow.oracles.page.failures import failure_kinds, kind_of
 from vastflow.oracles.page.report import write_report
 from vastflow.oracles.page.untested import rejection_rows
-from vastflow.oracles.page.work_section import with_work
+from vastflow.oracles.page.work_section import work_section
 from vastflow.oracles.results.tables import read_tables
 from vastflow.oracles.statistics.effects import Claim, FactorEffect, LevelEffect
 from vastflow.oracles.statistics.interactions import InteractionEffect, LevelPair
@@ -114,6 +114,6 @@ def test_factor_figure_has_a_panel_for_each_factor_up_to_100_percent() -> None:
 
 def test_memory_of_the_host_is_said_in_gigabytes() -> None:
     metadata = {"created": "2026-11-21T06:00:00", "host": {"name": "lab", "memory_bytes": 25_276_502_016}}
-    page = with_work("<!-- work --><!-- /work -->", metadata)
+    page = work_section(metadata)
     assert "<dt>host memory</dt><dd>25.3 GB</dd>" in page
     assert "<dt>host name</dt><dd>lab</dd>" in page
