@@ -41,10 +41,10 @@ def _show_coverage(directory: Path, place: str, as_json: bool) -> None:
     check_directory(directory)
     with reading(place):
         found = read_coverage(directory)
-    if as_json:
-        print(json.dumps(found, ensure_ascii=False))
-    else:
-        printed(coverage_text(found))
+        if as_json:
+            print(json.dumps(found, ensure_ascii=False))
+        else:
+            printed(coverage_text(found))
 
 
 def _show(directory: Path, place: str) -> None:

@@ -154,3 +154,24 @@ def test_a_path_that_is_neither_is_said_in_one_line(make, tmp_path):
     assert (result.exit_code, result.stdout) == (2, "")
     (line,) = result.stderr.splitlines()
     assert line.startswith(str(path))
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        (("dimensions", "environment", "combinations"), "many"),
+        (("dimensions", "environment", "factors"), [["map_file"]]),
+        (("t_way", "pairs_not_listed"), {}),
+    ],
+)
+def test_show_coverage_reports_damaged_values(directory, expected, place, value):
+    damaged = json.loads(json.dumps(expected))
+    *path, last = place
+    part = next(iter(damaged["families"].values()))
+    for key in path:
+        part = part[key]
+    assert last in part or last == "pairs_not_listed"
+    part[last] = value
+    (directory / "coverage.json").write_text(json.dumps(damaged))
+    result = called(directory)
+    assert (result.exit_code, "damaged campaign directory" in result.stderr) == (2, True)
