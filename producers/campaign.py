@@ -237,7 +237,7 @@ def _family_set_faults(document: Document) -> list[Fault]:
     raw = document.data.get("configuration")
     search = document.data.get("search")
     if raw and search:
-        what, right = "found beside configuration", "search or configuration, not both"
+        what, right = "got beside configuration", "search or configuration, not both"
         return [document.fault(("search",), what, right, "key")]
     if raw is None and "configuration" not in document.data and search is None:
         return [

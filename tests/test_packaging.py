@@ -76,13 +76,13 @@ def test_every_folder_with_an_init_file_is_a_package_of_the_distribution():
     )
 
 
-def test_the_package_links_to_every_folder_of_it():
+def test_package_links_to_every_folder_of_it():
     links = {path: path.resolve() for path in PACKAGE.rglob("*") if path.is_symlink()}
     folders = {PACKAGE / layer: ROOT / layer for layer in LAYERS}
     assert links == folders | {PACKAGE / "campaigns" / name: ROOT / "campaigns" / name for name in SHIPPED_DATA}
 
 
-def test_an_editable_install_is_a_folder_on_the_path_which_editors_and_type_checkers_can_follow():
+def test_editable_install_is_a_folder_on_the_path_which_editors_and_type_checkers_can_follow():
     found = run(sys.executable, "-c", "import vastflow, sys; print(vastflow.__file__); print(*sys.path, sep='\\n')")
     assert found.returncode == 0, found.stderr
     file, *places = found.stdout.splitlines()
@@ -90,7 +90,7 @@ def test_an_editable_install_is_a_folder_on_the_path_which_editors_and_type_chec
     assert Path(file).with_name("py.typed").is_file()
 
 
-def test_the_package_names_what_a_script_calls_and_its_version():
+def test_package_names_what_a_script_calls_and_its_version():
     code = "import vastflow; print(vastflow.__version__, *(getattr(vastflow, name).__name__ for name in vastflow.__all__[1:]))"
     done = run(sys.executable, "-c", code)
     assert done.stdout.split() == [
@@ -110,7 +110,7 @@ def test_importing_the_package_imports_nothing_else_of_it():
 
 
 @each_row("folder", LAYERS)
-def test_a_folder_is_imported_by_the_package_s_name_and_by_no_other(folder):
+def test_folder_is_imported_by_the_package_s_name_and_by_no_other(folder):
     done = run(sys.executable, "-c", f"import {folder}")  # in the repository's root, where Python would find it
     assert done.returncode == 1
     assert f"ImportError: import vastflow.{folder}, not {folder}: one module has one name" in done.stderr
@@ -120,20 +120,20 @@ def test_every_package_says_that_it_is_typed():
     assert [folder for folder in package_folders() if not (folder / "py.typed").is_file()] == []
 
 
-def test_the_way_through_the_code_names_every_package_with_its_own_words():
+def test_way_through_the_code_names_every_package_with_its_own_words():
     page = (ROOT / "docs" / "find-your-way-in-the-code.md").read_text()
     named = re.findall(r"^\| `([a-z0-9_/]+)/` \| (.*) \|$", page, re.MULTILINE)
     said = {folder: ast.get_docstring(ast.parse((folder / "__init__.py").read_text())) for folder in package_folders()}
     assert sorted(named) == sorted((str(folder.relative_to(ROOT)), words) for folder, words in said.items())
 
 
-def test_the_places_that_the_way_through_the_code_names_are_there():
+def test_places_that_the_way_through_the_code_names_are_there():
     page = (ROOT / "docs" / "find-your-way-in-the-code.md").read_text()
     files = re.findall(r"`([a-z0-9_/]+\.py)`", page)
     assert files and [file for file in files if not (ROOT / file).is_file()] == []
 
 
-def test_the_top_level_holds_nothing_beyond_the_fixed_layout():
+def test_top_level_holds_nothing_beyond_the_fixed_layout():
     found = {path.name for path in ROOT.iterdir() if not path.name.startswith(".")}
     assert {name for name in found - MADE_HERE if not name.endswith(".egg-info")} == LAYOUT
 
@@ -217,7 +217,7 @@ def test_importing_the_flows_imports_neither_prefect_nor_numba():
     assert run(sys.executable, "-c", code).stdout.strip() == "[]"
 
 
-def test_the_version_that_is_installed_is_the_one_in_pyproject():
+def test_version_that_is_installed_is_the_one_in_pyproject():
     assert distribution("vastflow").version == PYPROJECT["project"]["version"]
 
 
@@ -228,7 +228,7 @@ def test_every_python_that_the_wheel_is_tried_with_is_one_that_is_allowed():
     assert all(python in allowed for python in re.findall(r"\d+\.\d+(?:\.\d+)?", tried))
 
 
-def test_the_readme_runs_a_campaign_that_exists_with_a_command_that_exists():
+def test_readme_runs_a_campaign_that_exists_with_a_command_that_exists():
     line = readme_line(
         "python3 -m venv .venv && .venv/bin/pip install -c deployments/constraints.txt -e . && ", "quickstart.vast"
     )
@@ -239,7 +239,7 @@ def test_the_readme_runs_a_campaign_that_exists_with_a_command_that_exists():
     assert (ROOT / campaign).is_file()
 
 
-def test_the_readme_installs_what_the_tests_need():
+def test_readme_installs_what_the_tests_need():
     line = readme_line(
         "python3 -m venv .venv && .venv/bin/pip install -c deployments/constraints.txt -e ",
         ".venv/bin/pytest -n 3 --dist loadfile",

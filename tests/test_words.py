@@ -42,13 +42,13 @@ def trees():
 
 
 @each_row("words_of", [names_of, messages_of])
-def test_a_path_is_called_a_path(trees, words_of):
+def test_path_is_called_a_path(trees, words_of):
     found = {(file, words) for file, tree in trees.items() for words in words_of(tree) if A_PATH.search(words)}
     assert sorted((file, words) for file, words in found if not NOT_A_PATH.search(words)) == []
 
 
 @each_row("words_of", [names_of, messages_of])
-def test_the_spelling_is_american(trees, words_of):
+def test_spelling_is_american(trees, words_of):
     found = {(file, words) for file, tree in trees.items() for words in words_of(tree) if BRITISH.search(words)}
     assert sorted(found) == []
 

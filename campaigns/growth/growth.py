@@ -28,7 +28,7 @@ def main() -> None:
     parser.add_argument("--capacity", type=float, default=1000.0, help="of the logistic model")
     arguments = parser.parse_args()
     if arguments.initial_population <= 0:
-        parser.error(f"found --initial-population {arguments.initial_population:g}; more than 0")
+        parser.error(f"expected more than 0, got --initial-population {arguments.initial_population:g}")
     capacity = arguments.capacity if arguments.model == "logistic" else math.inf
 
     population = arguments.initial_population

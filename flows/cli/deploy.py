@@ -160,10 +160,10 @@ def _check_schedule(deployment: "Deployment") -> None:
         return
     if not is_cron(deployment.cron):
         right = "five fields, minute hour day month weekday, such as '0 2 * * *'"
-        raise UserError(f"--schedule: found {deployment.cron!r}; {right}")
+        raise UserError(f"--schedule: expected {right}, got {deployment.cron!r}")
     zones = sorted(available_timezones())
     if deployment.timezone not in zones:
-        raise UserError(f"--timezone: found {deployment.timezone!r}; {did_you_mean(deployment.timezone, zones)}")
+        raise UserError(f"--timezone: expected {did_you_mean(deployment.timezone, zones)}, got {deployment.timezone!r}")
 
 
 def _print(deployment: "Deployment", shards: "ShardDeployment", kind: PoolType) -> None:

@@ -40,7 +40,7 @@ def render(
     check_writable(out, "--out")
     for option, value in (("--resolution", resolution), ("--laser-height", laser_height)):
         if not math.isfinite(value):
-            raise UserError(f"{option}: found {value}; a number of meters")
+            raise UserError(f"{option}: expected a number of meters, got {value}")
     from vastflow.producers.floorplan.files import read_plan_file
     from vastflow.producers.floorplan.rendering import render as rendered
 

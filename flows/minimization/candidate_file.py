@@ -26,6 +26,7 @@ from vastflow.producers.model.faults import CampaignError
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.start_check import StartCheck
 from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.faults import complaint
 from vastflow.sim.model.files import read_text, yaml_value
 from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
@@ -91,7 +92,7 @@ class CandidateFiles:
             campaign, oracles = read_campaign(file)
             made = instantiate(campaign)
         except CampaignError as error:
-            raise NotBuilt(f"{error.faults[0].what}; {error.faults[0].right}") from None
+            raise NotBuilt(complaint(error.faults[0].what, error.faults[0].right)) from None
         if not made.configurations:
             raise NotBuilt(made.rejections[0].reason if made.rejections else "nothing comes of it")
         return BuiltCandidate(campaign, oracles, made.configurations[0], text)

@@ -89,7 +89,7 @@ class RunRequest(BaseModel):
     @model_validator(mode="after")
     def _checked(self) -> Self:
         if self.pool == "":
-            raise ValueError("--pool: found an empty name; the name of a work pool")
+            raise ValueError("--pool: expected the name of a work pool, got an empty name")
         given = {"--shards": self.shards, "--pool-wait": self.pool_wait_s}
         if self.pool is None and (alone := next((name for name, value in given.items() if value is not None), None)):
             raise ValueError(f"{alone}: only with --pool, whose shards it is about")

@@ -41,9 +41,9 @@ class WorkPool:
 
     def __post_init__(self) -> None:
         if not self.name:
-            raise WorkPoolError("--pool: found an empty name; the name of a work pool")
+            raise WorkPoolError("--pool: expected the name of a work pool, got an empty name")
         if self.shards is not None and self.shards < 1:
-            raise WorkPoolError(f"--shards: found {self.shards}; 1 or more")
+            raise WorkPoolError(f"--shards: expected 1 or more, got {self.shards}")
 
 
 def check_api(log: Path) -> None:

@@ -8,6 +8,7 @@ from typing import Any, Final, Literal
 
 from pydantic import BaseModel, ValidationError
 
+from vastflow.sim.model.faults import complaint
 from vastflow.sim.model.files import Unreadable, read_json
 
 SKIPPED: Final = "skip-execution"
@@ -21,7 +22,7 @@ class NotebookError(ValueError):
     """A notebook that can't judge: `what` was found, and what would be `right`."""
 
     def __init__(self, what: str, right: str) -> None:
-        super().__init__(f"{what}; {right}")
+        super().__init__(complaint(what, right))
         self.what = what
         self.right = right
 

@@ -8,6 +8,7 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from vastflow.oracles.judgement.oracle_base import Oracle, Parameters
+from vastflow.sim.model.faults import complaint
 from vastflow.sim.model.files import is_file
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.plug_ins.effects import plug_in_code
@@ -54,7 +55,9 @@ class OracleError(ValueError):
     def __init__(self, name: str, faults: Sequence[OracleFault]) -> None:
         self.name = name
         self.faults = tuple(faults)
-        lines = (".".join(map(str, (name, *fault.location))) + f": {fault.what}; {fault.right}" for fault in faults)
+        lines = (
+            ".".join(map(str, (name, *fault.location))) + f": {complaint(fault.what, fault.right)}" for fault in faults
+        )
         super().__init__("\n".join(lines))
 
 
@@ -160,4 +163,4 @@ def _fault(detail: Mapping[str, Any], model: type[Parameters]) -> OracleFault:
         hint = did_you_mean(str(location[-1]), known, "known keys: none", listed="known keys:")
         return OracleFault(location, f"unknown key {location[-1]!r}", hint)
     message = str(detail["msg"])
-    return OracleFault(location, f"found {detail['input']!r}", message[:1].lower() + message[1:])
+    return OracleFault(location, f"got {detail['input']!r}", message[:1].lower() + message[1:])

@@ -93,7 +93,7 @@ def read_document(path: str | Path) -> Document:
     if not isinstance(node, MappingNode):
         found = "a list" if isinstance(node, SequenceNode) else shown(node.value)
         right = "a mapping with the sections of a campaign, such as configuration and execution"
-        raise CampaignError([Fault(file, *place_of(node), "file", f"found {found}", right)])
+        raise CampaignError([Fault(file, *place_of(node), "file", f"got {found}", right)])
     walk = _Walk(file)
     data = walk.value(node, ())
     return Document(file, data, walk.keys, walk.values, tuple(walk.faults), tuple(walk.notes), text)
@@ -118,7 +118,7 @@ class _Walk:
             return self._mapping(node, location)
         if isinstance(node, SequenceNode) and node.tag == f"{TAG}seq":
             return [self.value(item, (*location, i)) for i, item in enumerate(node.value)]
-        self._fault(node, location, f"found the tag {_tag(node)}", "no tag")
+        self._fault(node, location, f"got the tag {_tag(node)}", "no tag")
         return None
 
     def _mapping(self, node: MappingNode, location: Location) -> dict[str, Any]:
@@ -153,9 +153,7 @@ class _Walk:
                 continue
             for source in value_node.value if isinstance(value_node, SequenceNode) else [value_node]:
                 if not isinstance(source, MappingNode):
-                    self._fault(
-                        value_node, (*location, "<<"), "found no mapping to merge", "an alias of another mapping"
-                    )
+                    self._fault(value_node, (*location, "<<"), "got no mapping to merge", "an alias of another mapping")
                     continue
                 yield from (pair for pair in source.value if pair[0].tag != f"{TAG}merge")
                 yield from self._merged(source, location)
@@ -165,7 +163,7 @@ class _Walk:
         if isinstance(node, ScalarNode) and node.value and node.tag.startswith(TAG):
             return str(node.value)
         found = shown(node.value) if isinstance(node, ScalarNode) else "a list or mapping"
-        self._fault(node, location, f"found {found} as a key", "a key is text")
+        self._fault(node, location, f"got {found} as a key", "a key is text")
         return None
 
     def _scalar(self, node: ScalarNode, location: Location) -> Any:
@@ -183,9 +181,9 @@ class _Walk:
         except (ValueError, KeyError, IndexError, OverflowError):
             pass
         else:
-            self._fault(node, location, f"found the tag {_tag(node)}", "no tag")
+            self._fault(node, location, f"got the tag {_tag(node)}", "no tag")
             return None
-        self._fault(node, location, f"found {shown(text)}", f"{MEANING[kind]}, or quotes round a text")
+        self._fault(node, location, f"got {shown(text)}", f"{MEANING[kind]}, or quotes round a text")
         return None
 
     def _number(self, node: ScalarNode, kind: str, location: Location) -> int | float | None:
@@ -195,13 +193,13 @@ class _Walk:
             else self._constructor.construct_yaml_float(node)
         )
         if isinstance(number, float) and not math.isfinite(number):
-            self._fault(node, location, f"found {node.value}", "a finite number")
+            self._fault(node, location, f"got {node.value}", "a finite number")
             return None
         if isinstance(number, int) and not -(2**63) <= number < 2**63:
-            self._fault(node, location, f"found {shown(node.value)}", "a whole number of at most 64 bits")
+            self._fault(node, location, f"got {shown(node.value)}", "a whole number of at most 64 bits")
             return None
         if OCTAL_OR_BASE_60.fullmatch(node.value):
-            what = f"found {node.value}, which YAML 1.1 reads as {number}"
+            what = f"got {node.value}, which YAML 1.1 reads as {number}"
             place, where = place_of(node), path_text(location)
             self.notes.append(Note("warning", self._file, *place, where, what, f"write {number}, or quotes for a text"))
         return number
@@ -300,7 +298,7 @@ def _fault(document: Document, base: Location, found: Location, model: type[Base
             right = _nearest(detail["input"], right)
         if kind == "string_type" and isinstance(detail["input"], int | float):
             right = "text; put it in quotes"
-        return document.fault(found, f"found {shown(detail['input'])}", right)
+        return document.fault(found, f"got {shown(detail['input'])}", right)
     # A mapping begins below the key that names it, and the fault is one of the whole.
     whole_mapping = "at" not in context and isinstance(detail["input"], Mapping)
     fault = document.fault(found, *_parted(detail), at="key" if whole_mapping else "value")
@@ -315,8 +313,10 @@ def _parted(detail: ErrorDetails) -> tuple[str, str]:
     """What and right of a validator's own message, which separates the two by a semicolon."""
     error = detail.get("ctx", {}).get("error")
     message = " ".join(str(error if isinstance(error, Exception) else detail["msg"]).split())
+    if re.search(r"(^|: )expected ", message):
+        return message, ""
     what, semicolon, right = message.partition("; ")
-    return (what, right) if semicolon else (f"found {shown(detail['input'])}", message)
+    return (what, right) if semicolon else (f"got {shown(detail['input'])}", message)
 
 
 def _nearest(found: str, expected: str) -> str:

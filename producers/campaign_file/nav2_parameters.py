@@ -39,7 +39,7 @@ def nav2_params_of(document: Document, base: Path) -> Nav2Params:
         return Nav2Params({})
     path = base / name
     if not is_file(path):
-        what = f"found {shown(name)}, and there is no such file"
+        what = f"got {shown(name)}, and there is no such file"
         return Nav2Params({}, (document.fault(WHERE, what, "a Nav2 parameter file"),))
     try:
         found = interpretation(frozen(read_nav2_document(path)))
@@ -80,11 +80,11 @@ def notes_of(found: Interpretation) -> Iterator[Note]:
         yield Note("warning", document.file, *document.place(path), short(path), "a second time; this value counts")
     for path, why in found.reader.unused.items():
         if path[-1] == "robot_radius" and path in document.values:
-            what = f"found {shown(document.values[path])}, which has no effect"
+            what = f"got {shown(document.values[path])}, which has no effect"
             yield Note("warning", document.file, *document.place(path), short(path), what, why)
     for path, held in found.reader.held.items():
         if path in document.values:
-            what = f"found {shown(document.values[path])}, which is no whole number of ticks of 50 ms"
+            what = f"got {shown(document.values[path])}, which is no whole number of ticks of 50 ms"
             yield Note("warning", document.file, *document.place(path), short(path), what, f"runs at {held:g} Hz")
     said = [finding for finding in findings(found) if finding.status in ("not modeled", "differs")]
     sizes = Counter(finding.about for finding in said)
@@ -95,7 +95,7 @@ def notes_of(found: Interpretation) -> Iterator[Note]:
 
 def _note(document: parameters.ParameterDocument, finding: Finding, size: int) -> Note:
     if finding.status == "differs":
-        what, right = f"found {shown(finding.value)}, which is not modeled", f"{shown(finding.used)} is built in"
+        what, right = f"got {shown(finding.value)}, which is not modeled", f"{shown(finding.used)} is built in"
     else:
         what, right = "not modeled" if size == 1 else f"its {size} parameters are not modeled", finding.why
     return Note("not modeled", document.file, *document.place(finding.about), short(finding.about), what, right)

@@ -19,7 +19,7 @@ def plug_in_complaint(reference: str, base: Path) -> str | None:
     name, _, class_name = reference.rpartition(":")
     file = base / name
     if not is_file(file):
-        return f"found {reference!r}, and there is no such file"
+        return f"got {reference!r}, and there is no such file"
     try:
         module = ast.parse(file.read_bytes())
     except (SyntaxError, ValueError, RecursionError, OSError) as error:

@@ -77,9 +77,9 @@ class ProcessingStep:
                 return "a command without a script; script: FILE"
             arguments = self.parameters.get("args")
             if arguments is not None and not isinstance(arguments, list):
-                return f"args: found {arguments!r}; a list"
+                return f"args: expected a list, got {arguments!r}"
             if not (base / self.file).is_file():
-                return f"found the script {self.file!r}, and there is no such file"
+                return f"got the script {self.file!r}, and there is no such file"
         return None
 
     def files(self, base: Path) -> Iterator[Path]:

@@ -96,7 +96,7 @@ class AbstractScenario:
         try:
             bound(alone, overrides_of(alone, {key: value}))
         except ParameterMismatch as error:
-            return f"found {error.given}", f"{error.expected}, for it is a parameter of {self.name}"
+            return f"got {error.given}", f"{error.expected}, for it is a parameter of {self.name}"
         return None
 
 
@@ -113,11 +113,11 @@ def abstract_scenario_of(document: Document, base: Path) -> tuple[AbstractScenar
     if name.startswith(BUILTIN):
         if name.removeprefix(BUILTIN) not in SHIPPED:
             right = did_you_mean(name, [BUILTIN + each for each in SHIPPED])
-            return None, [document.fault(WHERE, f"found {name!r}", right)]
+            return None, [document.fault(WHERE, f"got {name!r}", right)]
         return AbstractScenario(name, name, definition_of(name)), []
     file = base / name
     if not is_file(file):
-        return None, [document.fault(WHERE, f"found {name!r}, and there is no such file", "an OpenSCENARIO DSL file")]
+        return None, [document.fault(WHERE, f"got {name!r}, and there is no such file", "an OpenSCENARIO DSL file")]
     try:
         content = abstract_content(file)
         definition = definition_of(content)
@@ -202,7 +202,7 @@ def _scripts(document: Document, base: Path, execution: ExecutionSpec) -> tuple[
                 notes.append(document.note("warning", where, f"this machine has no {program!r}", right))
         else:
             right = "a file below the campaign file's folder"
-            faults.append(document.fault(where, f"found {program!r}, and there is no such file", right))
+            faults.append(document.fault(where, f"got {program!r}, and there is no such file", right))
     return found, notes, faults
 
 

@@ -41,11 +41,11 @@ def complaint_of(
         return _pose_complaint(value)
     if key == GOALS_KEY:
         if not isinstance(value, Sequence) or isinstance(value, str) or not value:
-            return f"found {shown(value)}", "a list of one pose {x, y, yaw} or more"
+            return f"got {shown(value)}", "a list of one pose {x, y, yaw} or more"
         return next(filter(None, map(_pose_complaint, value)), None)
     if key == LOOPS_KEY:
         good = isinstance(value, int) and not isinstance(value, bool) and value >= 0
-        return None if good else (f"found {shown(value)}", "a whole number, 0 or more")
+        return None if good else (f"got {shown(value)}", "a whole number, 0 or more")
     if dimension == "environment" and isinstance(value, Sequence) and not isinstance(value, str):
         return next(filter(None, map(_obstacle_complaint, value)), None)
     return _parameter_complaint(key, value, system or {}) if dimension == "system" else None
@@ -107,7 +107,7 @@ def mask_complaints(system: Mapping[str, Value], written: Collection[str]) -> It
 
 def _pose_complaint(value: Value) -> Complaint | None:
     if not isinstance(value, Mapping):
-        return f"found {shown(value)}", "a pose, {x, y, yaw} or {position: {x, y}, orientation: {yaw}}"
+        return f"got {shown(value)}", "a pose, {x, y, yaw} or {position: {x, y}, orientation: {yaw}}"
     try:
         written_pose_of(value, "")
     except ValueError as error:
@@ -118,7 +118,7 @@ def _pose_complaint(value: Value) -> Complaint | None:
 
 def _obstacle_complaint(value: Value) -> Complaint | None:
     if not isinstance(value, Mapping) or "spawn_pose" not in value:
-        return f"found {shown(value)}", "an obstacle, {entity_name, model, spawn_pose, xacro_arguments}"
+        return f"got {shown(value)}", "an obstacle, {entity_name, model, spawn_pose, xacro_arguments}"
     try:
         obstacle_of(value)
         written_pose_of(value["spawn_pose"], "obstacle.spawn_pose")
@@ -130,7 +130,7 @@ def _obstacle_complaint(value: Value) -> Complaint | None:
 
 def _parameter_complaint(key: str, value: Value, system: Mapping[str, Value]) -> Complaint | None:
     if key == FILE_KEY:
-        return f"found {shown(value)}", f"no {FILE_KEY} here; execution.{FILE_KEY} is the file of all families"
+        return f"got {shown(value)}", f"no {FILE_KEY} here; execution.{FILE_KEY} is the file of all families"
     others = {other: given for other, given in system.items() if other != key}
     undecided = () if CONTROLLER_KEY in (key, *system) else _contexts(others, (CONTROLLER_KEY,))
     for each in (others, *undecided):
@@ -141,8 +141,8 @@ def _parameter_complaint(key: str, value: Value, system: Mapping[str, Value]) ->
             # A bound on a pair of parameters is for the pair: the other may be given too.
             own = [fault for fault in error.faults if fault.where == key and not fault.together]
             if not own and key == CONTROLLER_KEY:  # critics of another, for example
-                return f"found {shown(value)}", f"one that goes with the rest: {error.faults[0]}"
-            return (f"found {shown(value)}", own[0].right) if own else None
+                return f"got {shown(value)}", f"one that goes with the rest: {error.faults[0]}"
+            return (f"got {shown(value)}", own[0].right) if own else None
     return None
 
 

@@ -66,7 +66,7 @@ class SearchDimension(Section):
         if self.type == "int":
             for name, bound in (("low", self.low), ("high", self.high)):
                 if not bound.is_integer():
-                    raise _wrong("found {bound:g}; a whole number, as type int has", bound=bound, at=name)
+                    raise _wrong("expected a whole number, as type int has, got {bound:g}", bound=bound, at=name)
         if self.log and self.low <= 0:
             raise _wrong("low {low:g} on a logarithmic scale; low > 0", low=self.low)
         if self.log and self.step not in (None, 1):
@@ -242,7 +242,7 @@ class SearchSpec(Section):
         if not self.budget and not self.stopping:
             raise _wrong("neither budget nor stopping; at least one of them")
         if len(self.objectives) > 1:
-            raise _wrong("found {n} objectives; one", n=len(self.objectives), at="objectives")
+            raise _wrong("expected one, got {n} objectives", n=len(self.objectives), at="objectives")
         return self
 
     @property
@@ -259,7 +259,7 @@ class SearchSpec(Section):
 def _check_not_empty(criterion: Section) -> None:
     if not criterion.model_fields_set:
         known = ", ".join(type(criterion).model_fields)
-        raise _wrong("found {found}; one of {known}", found=shown({}), known=known)
+        raise _wrong("expected one of {known}, got {found}", found=shown({}), known=known)
 
 
 def _wrong(message: str, **context: Any) -> PydanticCustomError:
@@ -284,7 +284,7 @@ def marker_faults(document: Document, spec: SearchSpec) -> Iterator[Fault]:
     for part in ("parameters", "variations"):
         for where, name in _markers(document.data["search"].get(part), (*SEARCH, part)):
             if name not in spec.search_space:
-                what = f"found {shown(document.value(where))}, a dimension that search_space does not have"
+                what = f"got {shown(document.value(where))}, a dimension that search_space does not have"
                 yield document.fault(where, what, did_you_mean(name, spec.search_space))
 
 

@@ -61,7 +61,7 @@ EmptyIsMap = BeforeValidator(_or_empty_map)
 
 def _single_key(value: Any) -> dict[str, Any]:
     if not isinstance(value, Mapping) or not value:
-        raise PydanticCustomError("entry", "found {found}; 'name: value'", {"found": shown(value)})
+        raise PydanticCustomError("entry", "expected 'name: value', got {found}", {"found": shown(value)})
     if len(value) > 1:
         first, second, *_ = value
         raise PydanticCustomError(
@@ -78,7 +78,7 @@ def _named(value: Any) -> dict[str, dict[str, Any]]:
     ((name, parameters),) = _single_key(value).items()
     if parameters is not None and not isinstance(parameters, Mapping):
         raise PydanticCustomError(
-            "parameters", "found {found}; its parameters as a mapping", {"found": shown(parameters), "at": name}
+            "parameters", "expected its parameters as a mapping, got {found}", {"found": shown(parameters), "at": name}
         )
     return {name: dict(parameters or {})}
 
@@ -131,7 +131,7 @@ def _named_kind(value: Any) -> Any:
         return {"cartesian": {}}
     if isinstance(value, str):
         right = "cartesian, 't_way: {strength: 2}' or 'sample: {method: lhs, size: 100}'"
-        raise PydanticCustomError("design", "found {found}; {right}", {"found": shown(value), "right": right})
+        raise PydanticCustomError("design", "expected {right}, got {found}", {"found": shown(value), "right": right})
     if isinstance(value, dict):
         return {key: {} if item is None else item for key, item in value.items()}
     return value
@@ -152,7 +152,9 @@ class DesignSpec(Section):
         given = [name for name in type(self).model_fields if getattr(self, name) is not None]
         if len(given) != 1:
             found = " and ".join(given) or "nothing"
-            raise PydanticCustomError("design", "found {found}; one of cartesian, t_way and sample", {"found": found})
+            raise PydanticCustomError(
+                "design", "expected one of cartesian, t_way and sample, got {found}", {"found": found}
+            )
         return self
 
 

@@ -41,7 +41,7 @@ def _family_name(name: str) -> str:
     if wrong or not name or name.startswith("-") or len(name) > MAX_NAME:
         raise PydanticCustomError(
             "family_name",
-            "found {found}; lowercase letters, digits and hyphens, such as 'rooms-noise', at most 100",
+            "expected lowercase letters, digits and hyphens, such as 'rooms-noise', at most 100, got {found}",
             {"found": repr(name[:MAX_NAME])},
         )
     return name
@@ -53,7 +53,7 @@ def _inside(path: str) -> str:
         depth += -1 if part == ".." else 1
         if part == "/" or depth < 0:
             raise PydanticCustomError(
-                "outside", "found {found}; a path below the campaign file's folder", {"found": repr(path)}
+                "outside", "expected a path below the campaign file's folder, got {found}", {"found": repr(path)}
             )
     return path
 
@@ -239,7 +239,9 @@ class Notebooks(Section):
 
 def _one_tab(entry: dict[str, Notebooks]) -> dict[str, Notebooks]:
     if len(entry) != 1:
-        raise PydanticCustomError("tab", "found {found} tabs in one entry; one, as 'Tab: ...'", {"found": len(entry)})
+        raise PydanticCustomError(
+            "tab", "expected one, as 'Tab: ...', got {found} tabs in one entry", {"found": len(entry)}
+        )
     return entry
 
 

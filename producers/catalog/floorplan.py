@@ -45,7 +45,7 @@ F = TypeVar("F", PlanFile, VariationFile)
 def _some(value: Any) -> Any:
     # A least length of the field would complain a second time of a list whose files are wrong.
     if isinstance(value, list | tuple) and not value:
-        raise PydanticCustomError("floorplan", "found an empty list; the path of at least one file")
+        raise PydanticCustomError("floorplan", "expected the path of at least one file, got an empty list")
     return value
 
 
@@ -74,7 +74,7 @@ def _read(read: Callable[[Path], F], kind: type[F]) -> Callable[[Any, Validation
         if isinstance(value, kind):
             return value
         if not isinstance(value, str):
-            raise PydanticCustomError("floorplan", "found {found}; the path of a file", {"found": repr(value)})
+            raise PydanticCustomError("floorplan", "expected the path of a file, got {found}", {"found": repr(value)})
         context = info.context or {}
         known = context.get("plans", {})  # a file may be named a hundred times, and reading it builds its plan
         if (kind, value) not in known:
@@ -119,7 +119,7 @@ class EnvironmentParameters(producer.Parameters):
     @model_validator(mode="after")
     def _check_name(self) -> Self:
         if len(set(self.keys)) < 2 or not all(self.keys):
-            raise PydanticCustomError("name", "name: found {found}; two names", {"found": repr(list(self.name))})
+            raise PydanticCustomError("name", "name: expected two names, got {found}", {"found": repr(list(self.name))})
         return self
 
     @property

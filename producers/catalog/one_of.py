@@ -26,7 +26,7 @@ def _child(value: Any, info: ValidationInfo) -> Producer[Any]:
     if isinstance(value, Producer):
         return value
     if not isinstance(value, Mapping) or len(value) != 1:
-        raise PydanticCustomError("child", "found {found}; one 'Producer: {parameters}'", {"found": repr(value)})
+        raise PydanticCustomError("child", "expected one 'Producer: {parameters}', got {found}", {"found": repr(value)})
     ((name, given),) = value.items()
     try:
         kind = find_producer(name, Path((info.context or {}).get("base", ".")))
@@ -36,9 +36,7 @@ def _child(value: Any, info: ValidationInfo) -> Producer[Any]:
             "child", "{what}; {right}", {"what": str(error), "right": right, "at": name}
         ) from None
     except PlugInError as error:
-        raise PydanticCustomError(
-            "child", "{what}; {right}", {"what": error.what, "right": error.right, "at": name}
-        ) from None
+        raise PydanticCustomError("child", "{why}", {"why": str(error), "at": name}) from None
     except Exception as error:
         what = f"{name!r} can't be imported: {type(error).__name__}: {error}"
         raise PydanticCustomError(

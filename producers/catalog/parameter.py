@@ -39,7 +39,7 @@ def _listed_value(value: Any, info: ValidationInfo) -> Any:
     if not isinstance(value, list) or len(value) != len(name):
         raise PydanticCustomError(
             "lockstep",
-            "found {found}; a list of {length}, one for each of {names}",
+            "expected a list of {length}, one for each of {names}, got {found}",
             {"found": repr(value), "length": len(name), "names": ", ".join(name)},
         )
     return [_value(key, item, info) for key, item in zip(name, value, strict=True)]
@@ -49,7 +49,7 @@ def _value(name: str | None, value: Any, info: ValidationInfo) -> Any:
     if name in MAP_FILE_KEYS:
         return map_value(value, info)
     if value is None:
-        raise PydanticCustomError("value", "found nothing; text, a number, true or false, a list or a map")
+        raise PydanticCustomError("value", "expected text, a number, true or false, a list or a map, got nothing")
     if name == NOISE_MODEL_KEY:
         return noise_value(value, Path((info.context or {}).get("base", ".")))
     _json_value.validate_python(value)

@@ -61,11 +61,11 @@ class TriggeredObstacleParameters(ObstacleParameters):
     def _check_one(self) -> Self:
         keys = [self.name, *self.trigger_keys]
         if len(set(keys)) < len(keys):
-            raise PydanticCustomError("keys", "found one key twice in {keys}; three", {"keys": ", ".join(keys)})
+            raise PydanticCustomError("keys", "expected three, got one key twice in {keys}", {"keys": ", ".join(keys)})
         amounts = [config.amount for config in self.obstacle_configs]
         total = sum(amount or 0 for amount in amounts)
         if total > 1 or (total < 1 and None not in amounts):
-            raise PydanticCustomError("amount", "found {total} obstacles; one for one trigger", {"total": total})
+            raise PydanticCustomError("amount", "expected one for one trigger, got {total} obstacles", {"total": total})
         return self
 
 

@@ -50,11 +50,13 @@ class WorldParameters(producer.Parameters):
     def _check(self) -> "WorldParameters":
         if max(self.missing_furniture) > 1.0:
             found = {"found": f"{max(self.missing_furniture):g}"}
-            raise PydanticCustomError("share", "missing_furniture: found {found}; a probability from 0 to 1", found)
+            raise PydanticCustomError(
+                "share", "missing_furniture: expected a probability from 0 to 1, got {found}", found
+            )
         if (widest := max(self.wall_offset)) > (most := STEEPEST * self.correlation_length):
             raise PydanticCustomError(
                 "offset",
-                "wall_offset: found {found}, at which walls tear; at most {most} at a correlation_length of {length} m",
+                "wall_offset: expected at most {most} at a correlation_length of {length} m, got {found}, at which walls tear",
                 {"found": f"{widest:g}", "most": f"{most:g}", "length": f"{self.correlation_length:g}"},
             )
         return self

@@ -24,6 +24,7 @@ from vastflow.producers.constraints.operations import (
     kind_of,
     spelled,
 )
+from vastflow.sim.model.faults import complaint
 from vastflow.sim.model.names import did_you_mean
 
 __all__ = ["ConstraintExpression", "ExpressionFault", "ExpressionName", "NotEvaluable", "expression_of"]
@@ -59,7 +60,7 @@ class ExpressionFault(Exception):
     """
 
     def __init__(self, offset: int, what: str, right: str) -> None:
-        super().__init__(f"{what}; {right}")
+        super().__init__(complaint(what, right))
         self.offset = offset
         self.what = what
         self.right = right
@@ -116,7 +117,7 @@ def expression_of(text: str) -> ConstraintExpression:
             MOST_CHARACTERS, f"{len(text)} characters", f"at most {MOST_CHARACTERS}; several constraints"
         )
     if not text.strip():
-        raise ExpressionFault(0, "found nothing", "an expression such as 'robot_radius < 0.3'")
+        raise ExpressionFault(0, "got nothing", "an expression such as 'robot_radius < 0.3'")
     tree = _Tree(text, _UNLIKE_PYTHON.sub(_in_python, text))
     whole = tree.parsed()
     if (kind := tree.kind(whole)) not in (None, "truth"):
@@ -139,7 +140,7 @@ def _unexpected(text: str, offset: int, right: str | None = None) -> ExpressionF
     if right is None:
         needs_value = word in ("and", "or", "in") or not _NAME.match(word)
         right = "a number, a name, text in quotes or '('" if needs_value else "an operator such as '<', 'and' or '*'"
-    return ExpressionFault(offset, f"found {word!r}" if word else "the expression ends too early", right)
+    return ExpressionFault(offset, f"got {word!r}" if word else "the expression ends too early", right)
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,7 +190,7 @@ class _Tree:
                 return self._leaf(node)
             case ast.Constant(value=bool() | int() | float() as value):
                 if abs(value) > 1e300:
-                    raise self.fault(node, f"found {self._written(node)[:20]}", "a number below 1e300")
+                    raise self.fault(node, f"got {self._written(node)[:20]}", "a number below 1e300")
                 self.leaves[node] = value
                 return kind_of(value)
             case ast.List():
@@ -207,7 +208,7 @@ class _Tree:
         takes: ValueKind = "number" if isinstance(node, ast.UnaryOp) and type(node.op) in SYMBOLS else "truth"
         for each, kind in zip(operands, kinds, strict=True):
             if kind not in (None, takes):
-                raise self.fault(each, f"found {spelled(kind)}", spelled(takes))
+                raise self.fault(each, f"got {spelled(kind)}", spelled(takes))
         return takes
 
     def _operands(self, node: ast.expr) -> Sequence[ast.expr]:
@@ -279,7 +280,7 @@ class _Tree:
         name = self._written(node.func)
         if name == "defined":
             if len(kinds) != 1 or not isinstance(self.leaves.get(node.args[0]), ExpressionName):
-                raise self.fault(node, "found 'defined' of something else", "defined of one name")
+                raise self.fault(node, "got 'defined' of something else", "defined of one name")
             return "truth"
         if name not in FUNCTIONS:
             raise self.fault(node, f"no function {name!r}", did_you_mean(name, FUNCTIONS))
@@ -295,7 +296,7 @@ class _Tree:
     def _check_relation(self, symbol: str, operands: Sequence[ast.expr], kinds: Sequence[ValueKind | None]) -> None:
         if symbol in ("in", "not in"):
             if kinds[1] not in (None, "list"):
-                raise self.fault(operands[1], f"found {spelled(kinds[1])}", f"a list after {symbol!r}")
+                raise self.fault(operands[1], f"got {spelled(kinds[1])}", f"a list after {symbol!r}")
         elif "list" in kinds:
             raise ExpressionFault(self._place_after(operands[0]), f"{symbol!r} of a list", "'in'")
         elif None not in kinds and kinds[0] != kinds[1]:
@@ -306,7 +307,7 @@ class _Tree:
             )
 
     def _unlike(self, left: ast.expr, symbol: str, kinds: Sequence[ValueKind | None], right: str) -> ExpressionFault:
-        what = f"found {spelled(kinds[0])} {symbol} {spelled(kinds[1])}"
+        what = f"got {spelled(kinds[0])} {symbol} {spelled(kinds[1])}"
         return ExpressionFault(self._place_after(left), what, right)
 
     def fault(self, node: ast.expr, what: str, right: str) -> ExpressionFault:

@@ -25,12 +25,10 @@ def read_constraints(document: Document, location: Location) -> tuple[list[Const
             continue
         seen.add(name)
         if not name.strip() or len(name) > MOST_NAME:
-            faults.append(
-                document.fault(where, f"found {shown(name)}", f"a name of 1 to {MOST_NAME} characters", "key")
-            )
+            faults.append(document.fault(where, f"got {shown(name)}", f"a name of 1 to {MOST_NAME} characters", "key"))
             continue
         if not isinstance(text, str):
-            faults.append(document.fault(where, f"found {shown(text)}", "an expression such as 'robot_radius < 0.3'"))
+            faults.append(document.fault(where, f"got {shown(text)}", "an expression such as 'robot_radius < 0.3'"))
             continue
         try:
             expression = expression_of(text)
@@ -113,6 +111,6 @@ def _entries(document: Document, location: Location, faults: list[Fault]) -> Ite
                 ((name, text),) = entry.items()
                 yield (*location, k, name), name, text
             else:
-                faults.append(document.fault((*location, k), f"found {shown(entry)}", "'name: \"expression\"'"))
+                faults.append(document.fault((*location, k), f"got {shown(entry)}", "'name: \"expression\"'"))
     elif found is not None:
-        faults.append(document.fault(location, f"found {shown(found)}", RIGHT))
+        faults.append(document.fault(location, f"got {shown(found)}", RIGHT))

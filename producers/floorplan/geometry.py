@@ -58,7 +58,7 @@ def clipped(outline: Outline, low: float, high: float) -> Outline:
 def outline_fault(outline: Outline) -> tuple[str, str] | None:
     """What is wrong with a polygon and what would be right; None where it encloses one area."""
     if len(outline) < 3:
-        return f"found a Polygon with {len(outline)} corners", "three corners or more"
+        return f"got a Polygon with {len(outline)} corners", "three corners or more"
     for k, (start, end) in enumerate(edges(outline)):
         if math.dist(start, end) < SMALLEST_M:
             what = f"corners {k} and {(k + 1) % len(outline)} of the Polygon are both at {_at(*start)}"

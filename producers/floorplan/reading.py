@@ -133,7 +133,7 @@ class _Reader:
         found: dict[str, SectionPart] = {}
         for part in parts:
             if known is not None and part.key not in known:
-                self._fault(part.token, where, f"found {part.key!r}", f"only {', '.join(known)} can stand here")
+                self._fault(part.token, where, f"got {part.key!r}", f"only {', '.join(known)} can stand here")
             elif part.key in found:
                 right = f"one; line {found[part.key].token.line} has it"
                 self._fault(part.token, where, f"a second {part.key!r}", right)
@@ -175,9 +175,9 @@ class _Reader:
     def _length(self, quantity: Quantity, where: str) -> float:
         value, unit = self._value(quantity, where, "m", "a length")
         if unit != "m" and not quantity.is_variable:
-            self._fault(quantity.token, where, f"found {quantity.token}", "a length, in m")
+            self._fault(quantity.token, where, f"got {quantity.token}", "a length, in m")
         if abs(value) > LARGEST_M:
-            self._fault(quantity.token, where, f"found {value:g} m", f"a length of at most {LARGEST_M:g} m")
+            self._fault(quantity.token, where, f"got {value:g} m", f"a length of at most {LARGEST_M:g} m")
         return value
 
     def _size(self, quantity: Quantity, where: str, what: str) -> float:
@@ -189,12 +189,12 @@ class _Reader:
     def _angle(self, quantity: Quantity, where: str) -> float:
         value, unit = self._value(quantity, where, "rad", "an angle")
         if unit == "m" and not quantity.is_variable:
-            self._fault(quantity.token, where, f"found {quantity.token}", "an angle, in rad or deg")
+            self._fault(quantity.token, where, f"got {quantity.token}", "an angle, in rad or deg")
         if not quantity.is_variable and not quantity.unit and abs(value) > math.tau:
             right = f"{quantity.text} deg, or at most one turn"
-            self._note(quantity.token, where, f"found {quantity.text}, which is in radians without a unit", right)
+            self._note(quantity.token, where, f"got {quantity.text}, which is in radians without a unit", right)
         if math.isinf(value):
-            self._fault(quantity.token, where, f"found {quantity.token}", "a finite number")
+            self._fault(quantity.token, where, f"got {quantity.token}", "a finite number")
             return math.nan
         return math.radians(value) if unit == "deg" else value
 
@@ -215,7 +215,7 @@ class _Reader:
         wanted, other = ("height", "length") if section.kind in ("Entryway", "Window") else ("length", "height")
         if other in sizes:
             right = f"width and {wanted}, for it {'stands upright' if wanted == 'height' else 'lies on the floor'}"
-            self._fault(shape.token, where, f"found a Rectangle with {other}", right)
+            self._fault(shape.token, where, f"got a Rectangle with {other}", right)
             return ()
         return rectangle(sizes["width"], sizes[wanted])
 
@@ -227,7 +227,7 @@ class _Reader:
             across = numbers[1 if upright else 2] if len(numbers) == 3 else 0.0
             if across != 0.0 and not math.isnan(across):
                 axis = "y" if upright else "z"
-                self._fault(point[1 if upright else 2].token, where, f"found {axis} = {across:g} m", f"{axis} = 0")
+                self._fault(point[1 if upright else 2].token, where, f"got {axis} = {across:g} m", f"{axis} = 0")
             points.append((numbers[0], numbers[-1] if upright else numbers[1]))
         if len(points) > 1 and points[0] == points[-1]:
             del points[-1]
@@ -281,7 +281,7 @@ class _Reader:
         """Complain of a value on another axis than the `free` ones, unless it is 0."""
         for axis, (value, token) in values.items():
             if axis not in free and token is not None and value != 0.0 and not math.isnan(value):
-                self._fault(token, where, f"found {axis}: {value:g} {unit}", f"{axis}: 0, or nothing; it {does} only")
+                self._fault(token, where, f"got {axis}: {value:g} {unit}", f"{axis}: 0, or nothing; it {does} only")
 
     def _frame(self, text: FrameText, where: str, this: str | None) -> PlanFrame:
         """The frame that is named; the world's in place of one that does not exist."""
@@ -290,7 +290,7 @@ class _Reader:
             return PlanFrame(None, None, _place(text.token))
         if name == THIS:
             if this is None:
-                self._fault(text.token, where, "found 'this'", "the name of a space; this is inside of none")
+                self._fault(text.token, where, "got 'this'", "the name of a space; this is inside of none")
                 return PlanFrame(None, None, _place(text.token))
             name = this
         if name not in self._corners:
@@ -336,12 +336,12 @@ class _Reader:
         offset = self._offset("Space", location, where)
         spaced, straight = location.get("spaced"), location.get("not aligned")
         if spaced is not None and wrt.space is None and "wrt" in location:
-            self._fault(spaced.token, where, "found 'spaced' beside 'wrt: world'", "no 'spaced'; the world has no wall")
+            self._fault(spaced.token, where, "got 'spaced' beside 'wrt: world'", "no 'spaced'; the world has no wall")
         elif spaced is not None and offset.y_m != 0.0:
             right = "one of the two: 'spaced' leaves room for both walls"
-            self._fault(spaced.token, where, f"found 'spaced' and y: {offset.y_m:g} m", right)
+            self._fault(spaced.token, where, f"got 'spaced' and y: {offset.y_m:g} m", right)
         if straight is not None and offset.yaw_rad != 0.0:
-            self._fault(straight.token, where, "found 'not aligned' and a rotation", "the rotation alone says it")
+            self._fault(straight.token, where, "got 'not aligned' and a rotation", "the rotation alone says it")
         if outline and signed_area(outline) > 0.0:
             what = "its corners run counter-clockwise, so its walls grow inwards"
             self._note(section.token, where, what, "corners in clockwise order for walls outside of the floor")
@@ -365,7 +365,7 @@ class _Reader:
         text: FrameText = location["of"].value
         if text.name not in (THIS, name):
             right = f"this or this.walls[...]: it says which frame of {name} is placed"
-            self._fault(text.token, f"{where}: location", f"found 'of: {text.token}'", right)
+            self._fault(text.token, f"{where}: location", f"got 'of: {text.token}'", right)
             return None
         return self._frame(text, f"{where}: location", name).wall
 
@@ -384,7 +384,7 @@ class _Reader:
         wrt = self._wrt(section, location, where, space)
         if wrt.space is None and "wrt" in location and str(location["wrt"].value.token) == WORLD:
             right = "a space or one of its walls; a feature belongs to a room"
-            self._fault(location["wrt"].value.token, where, "found 'wrt: world'", right)
+            self._fault(location["wrt"].value.token, where, "got 'wrt: world'", right)
         return Feature(
             "Column" if section.kind == "Column" else "Divider",
             str(section.token),
@@ -416,16 +416,16 @@ class _Reader:
             return ()
         texts: tuple[FrameText, ...] = location["in"].value
         if len(texts) > 2:
-            self._fault(texts[2].token, where, f"found {len(texts)} walls", "one wall, or two with 'and'")
+            self._fault(texts[2].token, where, f"got {len(texts)} walls", "one wall, or two with 'and'")
         for text in texts:
             if text.wall is None and text.name in (WORLD, *self._corners):
                 right = (
                     "the wall of a space" if text.name == WORLD else f"one of its walls, such as {text.name}.walls[0]"
                 )
-                self._fault(text.token, where, f"found {text.name!r}", right)
+                self._fault(text.token, where, f"got {text.name!r}", right)
         frames = tuple(self._frame(text, f"{where}: location", None) for text in texts)
         if len(set(frames)) < len(frames) and not self.faults:
-            self._fault(texts[1].token, where, f"found {frames[1]} twice", "two walls, or one of them once")
+            self._fault(texts[1].token, where, f"got {frames[1]} twice", "two walls, or one of them once")
         return frames
 
 

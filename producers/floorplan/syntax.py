@@ -88,9 +88,9 @@ def parsed(parser: Lark, text: str, file: str) -> Any:
     if old := WORD_OF_VERSION_1.match(text, at):
         word = " ".join(old[0].removesuffix(":").split()) + ":"
         right = f"{VERSION_1[word]} in version 2, the only one that is read; this is the language's version 1"
-        complain(file, place, "syntax", f"found {word!r}", right)
+        complain(file, place, "syntax", f"got {word!r}", right)
     found = WORD.match(text, at)
-    what = f"found {found[0][:40]!r}" if found else "the file ends here"
+    what = f"got {found[0][:40]!r}" if found else "the file ends here"
     complain(file, place, "syntax", what, _right(found[0] if found else "", before.rstrip(), set(expected)))
 
 

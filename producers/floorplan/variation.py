@@ -74,11 +74,11 @@ class Distribution:
     def fault(self) -> tuple[str, str] | None:
         """What is wrong with it and what would be right."""
         if not np.isfinite([*self.values, *self.probabilities]).all():
-            return "found an infinite number", "finite numbers"
+            return "got an infinite number", "finite numbers"
         if self.kind == "normal" and self.values[1] < 0.0:
             return f"std is {self.values[1]:g}", "0 or more"
         if self.kind == "discrete" and min(self.probabilities) < 0.0:
-            return f"found the probability {min(self.probabilities):g}", "0 or more; in each pair it stands first"
+            return f"got the probability {min(self.probabilities):g}", "0 or more; in each pair it stands first"
         if self.kind == "discrete" and abs(sum(self.probabilities) - 1.0) > PROBABILITY_ROUNDING:
             what = f"the probabilities add up to {sum(self.probabilities):g}"
             return what, "1; in each pair the probability stands first"

@@ -221,7 +221,7 @@ class FamilyReader:
                 self._fault(where, f"a second {key!r}", f"one; the first is in line {line}", at="key")
                 continue
             if key.startswith("_"):
-                self._fault(where, f"found {key!r}", "a name without a leading underscore", at="key")
+                self._fault(where, f"got {key!r}", "a name without a leading underscore", at="key")
             places[key] = where
             if key not in MAP_FILE_KEYS:
                 values[key] = noise_value(value, self._base) if key == NOISE_MODEL_KEY else value
@@ -231,7 +231,7 @@ class FamilyReader:
 
     def _map(self, location: Location, value: Any) -> FileContent | None:
         if not isinstance(value, str):
-            self._fault(location, f"found {shown(value)}", "the path of a map_server YAML file")
+            self._fault(location, f"got {shown(value)}", "the path of a map_server YAML file")
             return None
         if value not in self._maps:
             try:
@@ -303,7 +303,7 @@ class FamilyReader:
             self._fault(location, what, "a producer that can be imported", at="key")
             return None
         if given is not None and not isinstance(given, dict):
-            self._fault(location, f"found {shown(given)}", f"the parameters of {name} as a mapping")
+            self._fault(location, f"got {shown(given)}", f"the parameters of {name} as a mapping")
             return None
         try:
             with plug_in_code():

@@ -111,7 +111,7 @@ class DataFlow:
         items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
         for key, item in items:
             if isinstance(item, str) and item.startswith("@") and item[1:] not in available:
-                what = f"found {shown(item)}, a reference to a parameter that nothing before writes"
+                what = f"got {shown(item)}, a reference to a parameter that nothing before writes"
                 yield self.document.fault((*location, key), what, did_you_mean(item[1:], available))
             yield from self._references((*location, key), available)
 

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
-from vastflow.sim.model.faults import UserError
+from vastflow.sim.model.faults import UserError, complaint
 
 Location: TypeAlias = tuple[str | int, ...]
 """Path of a value from the top of the file: keys of mappings and indices of lists."""
@@ -38,7 +38,7 @@ class Fault:
     missing: bool = False
 
     def __str__(self) -> str:
-        return f"{self.file}:{self.line}:{self.column}: {self.where}: {self.what}; {self.right}"
+        return f"{self.file}:{self.line}:{self.column}: {self.where}: {complaint(self.what, self.right)}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ class Note:
 
     def __str__(self) -> str:
         place = f"{self.file}:{self.line}:{self.column}: {'warning: ' if self.kind in ('warning', 'unknown key') else ''}{self.where}"
-        return f"{place}: {self.what}; {self.right}" if self.right else f"{place}: {self.what}"
+        return f"{place}: {complaint(self.what, self.right)}"
 
 
 class CampaignError(UserError):

@@ -13,7 +13,7 @@ DEFAULT_ROBOT_DIAMETER_M: Final = 0.35
 def _no_flag(value: Any) -> Any:
     """Refuse true and false, which pydantic would read as 1.0 and 0.0."""
     if isinstance(value, bool):
-        raise PydanticCustomError("number", "found {found}; a number", {"found": str(value).lower()})
+        raise PydanticCustomError("number", "expected a number, got {found}", {"found": str(value).lower()})
     return value
 
 
@@ -25,7 +25,7 @@ def _unquoted(value: Any) -> Any:
 def _listed(value: Any) -> Any:
     values = value if isinstance(value, list | tuple) else [value]
     if not values:
-        raise PydanticCustomError("empty", "found an empty list; at least one value")
+        raise PydanticCustomError("empty", "expected at least one value, got an empty list")
     return values
 
 

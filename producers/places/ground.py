@@ -215,7 +215,7 @@ def map_value(value: Any, info: ValidationInfo) -> FileContent:
         return value
     if not isinstance(value, str):
         raise PydanticCustomError(
-            "map_file", "found {found}; the path of a map_server YAML file", {"found": repr(value)}
+            "map_file", "expected the path of a map_server YAML file, got {found}", {"found": repr(value)}
         )
     try:
         return _search(info).content(value)

@@ -106,7 +106,7 @@ class SiteRequest:
 def _list_of(value: Value, key: str) -> list[Value]:
     if isinstance(value, Sequence) and not isinstance(value, str):
         return list(value)
-    raise ValueError(f"{key}: found {value!r}; a list of obstacles")
+    raise ValueError(f"{key}: expected a list of obstacles, got {value!r}")
 
 
 def _standing(lists: Mapping[str, Sequence[Value]]) -> tuple[Obstacle, ...]:

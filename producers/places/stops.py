@@ -27,7 +27,7 @@ def _goals(value: Any) -> Any:
         return (_pose(value),)
     if not isinstance(value, list) or not value:
         raise PydanticCustomError(
-            "goals", "found {found}; a key such as '@goal_poses', or a list of poses", {"found": repr(value)}
+            "goals", "expected a key such as '@goal_poses', or a list of poses, got {found}", {"found": repr(value)}
         )
     return tuple(_pose(item) for item in value)
 
@@ -36,7 +36,7 @@ def _key(value: str) -> str:
     key = value.removeprefix("@")
     if not key or key.startswith("_"):
         raise PydanticCustomError(
-            "key", "found {found}; the name of a parameter, such as '@start_pose'", {"found": repr(value)}
+            "key", "expected the name of a parameter, such as '@start_pose', got {found}", {"found": repr(value)}
         )
     return key
 
@@ -96,5 +96,5 @@ def given_goals(inputs: Mapping[str, Value], parameter: str | tuple[Pose, ...]) 
     if isinstance(value, Mapping):
         return (pose_of(value, parameter),)
     if not isinstance(value, Sequence) or isinstance(value, str) or not value:
-        raise ValueError(f"{parameter}: found {value!r}; a list of poses")
+        raise ValueError(f"{parameter}: expected a list of poses, got {value!r}")
     return tuple(pose_of(item, f"{parameter}[{i}]") for i, item in enumerate(value))

@@ -199,10 +199,10 @@ class _Reading:
         batch = self._spec.per_batch * runs
         for k, budget in enumerate(self._spec.budget):
             if budget.runs is not None and budget.runs < batch:
-                what = f"found {budget.runs}, less than a batch of {self._spec.per_batch} points with {runs} runs each"
+                what = f"got {budget.runs}, less than a batch of {self._spec.per_batch} points with {runs} runs each"
                 self._fault((*SEARCH, "budget", k, "runs"), what, f"{batch} or more")
         if self._spec.max_proposals < self._spec.per_batch:
-            what = f"found {self._spec.max_proposals}, less than a batch of {self._spec.per_batch} points"
+            what = f"got {self._spec.max_proposals}, less than a batch of {self._spec.per_batch} points"
             self._fault((*SEARCH, "max_proposals"), what, f"{self._spec.per_batch} or more")
 
 

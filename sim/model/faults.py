@@ -15,6 +15,13 @@ class Place:
         return f"{self.file}:{self.line}:{self.column}"
 
 
+def complaint(problem: str, expected: str) -> str:
+    """Return `expected a path, got 3` for `got 3` and `a path`, and both with a semicolon for other problems."""
+    if problem.startswith("got ") and not expected.startswith("did you mean"):
+        return f"expected {expected}, {problem}"
+    return f"{problem}; {expected}" if expected else problem
+
+
 @dataclass(frozen=True, slots=True)
 class Fault:
     """A mistake in a file.
@@ -29,7 +36,7 @@ class Fault:
     right: str
 
     def __str__(self) -> str:
-        return f"{self.place}: {self.what}; {self.right}"
+        return f"{self.place}: {complaint(self.what, self.right)}"
 
 
 class UserError(Exception):

@@ -13,6 +13,8 @@ from PIL import Image, UnidentifiedImageError
 from yaml.constructor import SafeConstructor
 from yaml.nodes import MappingNode, Node, ScalarNode
 
+from vastflow.sim.model.faults import complaint
+
 TextPlace: TypeAlias = tuple[int, int]
 """Line and column, from 1."""
 
@@ -56,7 +58,7 @@ class Unreadable(ValueError):
         self.what, self.right, self.place = what, right, place
 
     def __str__(self) -> str:
-        return f"{self.what}; {self.right}"
+        return complaint(self.what, self.right)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.what, self.right, self.place)
@@ -106,7 +108,7 @@ def is_file(path: str | Path) -> bool:
 
 
 def _too_large(found: int, most_bytes: int) -> NoReturn:
-    raise Unreadable(f"found {found:,} bytes", f"at most {most_bytes:,}")
+    raise Unreadable(f"got {found:,} bytes", f"at most {most_bytes:,}")
 
 
 def read_text(path: str | Path, kind: str = "a text file", most_bytes: int = MOST_TEXT_BYTES) -> str:
@@ -177,7 +179,7 @@ def _check_aliases(node: Node, sizes: dict[int, tuple[int, int]], opened: set[in
     if isinstance(node, ScalarNode):
         return 1, 0
     if id(node) in opened:
-        what = "found an alias inside of what it stands for"
+        what = "got an alias inside of what it stands for"
         raise Unreadable(what, "an alias of something else", place_of(node))
     if id(node) not in sizes:
         opened.add(id(node))
@@ -288,7 +290,7 @@ def read_picture(path: str | Path) -> Image.Image:
             if width * height > MOST_PIXELS:
                 _too_many_pixels(f"{width:,} × {height:,} pixels")
             if getattr(picture, "n_frames", 1) > 1:
-                raise Unreadable("found a picture that moves", "a single picture")
+                raise Unreadable("got a picture that moves", "a single picture")
             picture.load()
     except Unreadable:
         raise
@@ -302,7 +304,7 @@ def read_picture(path: str | Path) -> Image.Image:
 
 
 def _too_many_pixels(found: str) -> NoReturn:
-    raise Unreadable(f"found {found}", f"at most {MOST_PIXELS:,}")
+    raise Unreadable(f"got {found}", f"at most {MOST_PIXELS:,}")
 
 
 def _place_behind(before: str) -> TextPlace:

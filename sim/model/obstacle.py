@@ -131,7 +131,7 @@ def obstacles_of(environment: Mapping[str, Value]) -> tuple[Obstacle, ...]:
         known = any(o.trigger is not None and replace(o.trigger, delay_s=0.0) == trigger for o in obstacles)
         if not known and not any(there):
             raise ValueError(
-                f"{TRIGGER_POINT_KEY}: found {point!r}; the position of an obstacle, and none stands there"
+                f"{TRIGGER_POINT_KEY}: expected the position of an obstacle, and none stands there, got {point!r}"
             )
         obstacles = [replace(o, trigger=trigger) if meant else o for o, meant in zip(obstacles, there, strict=True)]
     return tuple(obstacles)
@@ -181,13 +181,15 @@ def _trigger(entry: Mapping[str, Value], where: str, environment: Mapping[str, V
         return None
     found = entry["spawn_trigger"]
     if not isinstance(found, Mapping) or set(found) - {"delay"} != {"point", "threshold"}:
-        raise ValueError(f"{where}.spawn_trigger: found {found!r}; {{point: …, threshold: …}}, and delay: … (s) if any")
+        raise ValueError(
+            f"{where}.spawn_trigger: expected {{point: …, threshold: …}}, and delay: … (s) if any, got {found!r}"
+        )
     point, threshold, delay = (
         environment.get(value, value) if isinstance(value, str) else value
         for value in (found["point"], found["threshold"], found.get("delay", 0.0))
     )
     if isinstance(delay, bool) or not isinstance(delay, int | float) or not 0 <= delay < math.inf:
-        raise ValueError(f"{where}.spawn_trigger.delay: found {delay!r}; a time in seconds, 0 or more")
+        raise ValueError(f"{where}.spawn_trigger.delay: expected a time in seconds, 0 or more, got {delay!r}")
     trigger = _trigger_of(point, threshold, f"{where}.spawn_trigger.point", f"{where}.spawn_trigger.threshold")
     return replace(trigger, delay_s=float(delay))
 
@@ -195,7 +197,7 @@ def _trigger(entry: Mapping[str, Value], where: str, environment: Mapping[str, V
 def _trigger_of(point: Value, distance: Value, point_where: str, distance_where: str) -> Trigger:
     at = pose_of(point, point_where)
     if isinstance(distance, bool) or not isinstance(distance, int | float) or not 0 <= distance < math.inf:
-        raise ValueError(f"{distance_where}: found {distance!r}; a distance in meters, 0 or more")
+        raise ValueError(f"{distance_where}: expected a distance in meters, 0 or more, got {distance!r}")
     return Trigger(at.x_m, at.y_m, float(distance))
 
 

@@ -59,7 +59,7 @@ def written_pose_of(value: Value, where: str = "pose") -> Pose:
     """
     pose = pose_of(value, where)
     if abs(pose.yaw_rad) > MOST_YAW_RAD:
-        raise ValueError(f"{where}: found yaw {pose.yaw_rad:g}; radians, one turn ({MOST_YAW_RAD:g}) at most")
+        raise ValueError(f"{where}: expected radians, one turn ({MOST_YAW_RAD:g}) at most, got yaw {pose.yaw_rad:g}")
     return pose
 
 

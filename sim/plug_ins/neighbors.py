@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+from vastflow.sim.model.faults import complaint
 from vastflow.sim.model.files import Unreadable, read_bytes
 
 FILES: Final = "files"
@@ -31,7 +32,7 @@ class PlugInError(ValueError):
     """A plug-in that can't be taken: `what` was found, and what would be `right`."""
 
     def __init__(self, what: str, right: str) -> None:
-        super().__init__(f"{what}; {right}")
+        super().__init__(complaint(what, right))
         self.what = what
         self.right = right
 
@@ -202,16 +203,14 @@ def _names(value: ast.expr, line: int) -> list[str]:
     if isinstance(names, list | tuple) and all(isinstance(name, str) and name for name in names):
         return list(names)
     found = ast.unparse(value)[:80]
-    raise PlugInError(
-        f"line {line}: found {FILES} = {found}", f'names of files, written out: {FILES} = ["limits.json"]'
-    )
+    raise PlugInError(f"line {line}: got {FILES} = {found}", f'names of files, written out: {FILES} = ["limits.json"]')
 
 
 def _files(names: list[str], module: Path) -> Iterator[Path]:
     """Declared files: each by its name, all below a folder, or what matches a pattern."""
     for name in names:
         if Path(name).is_absolute():
-            raise PlugInError(f"{module.name}: found {name!r} in {FILES}", "a path relative to the plug-in's folder")
+            raise PlugInError(f"{module.name}: got {name!r} in {FILES}", "a path relative to the plug-in's folder")
         place = module.parent / name
         if not _PATTERN.isdisjoint(name):
             yield from sorted(_normal(each) for each in module.parent.glob(name) if each.is_file())

@@ -7,6 +7,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Final, Generic, TypeVar
 
+from vastflow.sim.model.faults import complaint
 from vastflow.sim.model.files import is_file
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.parameter import ParameterGroup
@@ -24,7 +25,7 @@ class UnknownPlugIn(LookupError):
     """No plug-in can be had under a name: `what` was found, and what would be `right`."""
 
     def __init__(self, what: str, right: str) -> None:
-        super().__init__(f"{what}; {right}")
+        super().__init__(complaint(what, right))
         self.what = what
         self.right = right
 

@@ -102,7 +102,7 @@ def _defined(abstract: Abstract, path: str) -> ScenarioDefinition:
         return definition
     name = abstract.removeprefix(BUILTIN)
     if not abstract.startswith(BUILTIN) or name not in SHIPPED:
-        raise AbstractError(f"found {abstract!r}; one of {', '.join(BUILTIN + each for each in SHIPPED)}")
+        raise AbstractError(f"expected one of {', '.join(BUILTIN + each for each in SHIPPED)}, got {abstract!r}")
     return _read(shipped_file(name))
 
 
@@ -117,7 +117,7 @@ def _only_one(file: Path, scenarios: Sequence[ScenarioDefinition]) -> ScenarioDe
     last = [scenario for scenario in scenarios if scenario.name not in bases]
     if len(last) != 1:
         names = ", ".join(scenario.name for scenario in last)
-        raise AbstractError(f"{file}: found the scenarios {names}; one, for a run is one scenario")
+        raise AbstractError(f"{file}: expected one, for a run is one scenario, got the scenarios {names}")
     return last[0]
 
 

@@ -138,7 +138,7 @@ def _robot(scenario: Scenario, script: Script) -> RobotSetup:
         raise ScenarioError("start_pose: nothing says where the robot stands at first; a start_pose, or init_nav2")
     content = scenario.environment.get(MAP_KEY)
     if not isinstance(content, FileContent):
-        raise ScenarioError(f"{MAP_KEY}: found {content!r}; a map file that the campaign names")
+        raise ScenarioError(f"{MAP_KEY}: expected a map file that the campaign names, got {content!r}")
     parameters = parameters_of(scenario.system)
     masks = masks_of(scenario.system, parameters)
     robot, lidar = robot_of(parameters), lidar_of(parameters)

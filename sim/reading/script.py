@@ -61,7 +61,7 @@ def sent_to_each(
     found: Any = given[GOALS_KEY] if GOALS_KEY in keys else [given[key] for key in keys]
     goals = [found] if isinstance(found, Mapping) else found
     if not isinstance(goals, Sequence) or isinstance(goals, str) or not goals:
-        raise ValueError(f"{GOALS_KEY}: found {found!r}; a list of poses, at least one")
+        raise ValueError(f"{GOALS_KEY}: expected a list of poses, at least one, got {found!r}")
     values = {**given, GOAL_KEY: goals[-1]}
     if len(goals) == 1:
         return definition, values
@@ -216,7 +216,9 @@ def _one_robot(calls: Sequence[Call]) -> None:
             acting.setdefault(call.actor, call.place)
     if len(acting) > 1:
         first, second, *_ = acting
-        raise ValueError(f"{acting[second]}: found a second robot {second!r}; {first!r} alone, for a world has one")
+        raise ValueError(
+            f"{acting[second]}: expected {first!r} alone, for a world has one, got a second robot {second!r}"
+        )
 
 
 def _in_full(value: Value) -> Value:

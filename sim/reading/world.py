@@ -25,11 +25,11 @@ def difference_of(value: Value) -> WorldDifference | None:
     if not isinstance(value, Mapping) or (unknown := set(value) - set(_NAMES)):
         found = repr(value) if not isinstance(value, Mapping) else ", ".join(sorted(unknown))
         raise ScenarioError(
-            f"{WORLD_KEY}: found {found}; a mapping of {', '.join(_NAMES)}, as WorldVariation writes it"
+            f"{WORLD_KEY}: expected a mapping of {', '.join(_NAMES)}, as WorldVariation writes it, got {found}"
         )
     seed = value.get("seed", 0)
     if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
-        raise ScenarioError(f"{WORLD_KEY}.seed: found {seed!r}; a whole number from 0")
+        raise ScenarioError(f"{WORLD_KEY}.seed: expected a whole number from 0, got {seed!r}")
     difference = WorldDifference(
         seed,
         _number(value, "wall_offset", 0.0, 0.0, LONGEST_M),
@@ -42,5 +42,5 @@ def difference_of(value: Value) -> WorldDifference | None:
 def _number(value: Mapping[str, Value], name: str, usual: float, least: float, most: float) -> float:
     found = value.get(name, usual)
     if isinstance(found, bool) or not isinstance(found, int | float) or not least <= found <= most:
-        raise ScenarioError(f"{WORLD_KEY}.{name}: found {found!r}; a number from {least:g} to {most:g}")
+        raise ScenarioError(f"{WORLD_KEY}.{name}: expected a number from {least:g} to {most:g}, got {found!r}")
     return float(found)

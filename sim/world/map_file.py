@@ -49,12 +49,12 @@ def load_map(path: str | Path) -> OccupancyMap:
     resolution_m = _number(header, "resolution", path)
     if not LEAST_CELL_M <= resolution_m <= LARGEST_CELL_M:
         right = f"meters per cell, greater than 0: {LEAST_CELL_M:g} to {LARGEST_CELL_M:g}"
-        raise MapError(f"{path}: resolution: found {resolution_m!r}; {right}")
+        raise MapError(f"{path}: resolution: expected {right}, got {resolution_m!r}")
     occupied_threshold = _share(header, "occupied_thresh", path, default=0.65)
     free_threshold = _share(header, "free_thresh", path, default=0.25)
     mode = str(header.get("mode", "trinary"))
     if mode.lower() not in MODES:
-        raise MapError(f"{path}: mode: found {mode!r}; trinary, scale or raw")
+        raise MapError(f"{path}: mode: expected trinary, scale or raw, got {mode!r}")
     x_m, y_m, yaw_rad = _origin(header, path)
     gray, opaque = _picture(path, str(header["image"]))
     cells = _occupancy(gray, opaque, mode.lower(), _flag(header, "negate", path), occupied_threshold, free_threshold)
@@ -79,7 +79,7 @@ def _header(path: Path) -> Mapping[str, Any]:
         raise MapError(f"{path}: found {type(header).__name__}; a map is a mapping with image, resolution and origin")
     written = [key.value for key, _ in node.value] if isinstance(node, MappingNode) else []
     if twice := [key for key in header if written.count(key) > 1]:
-        raise MapError(f"{path}: {twice[0]}: found {written.count(twice[0])} times; one")
+        raise MapError(f"{path}: {twice[0]}: expected one, got {written.count(twice[0])} times")
     for key in ("image", "resolution", "origin"):
         if key not in header:
             raise MapError(f"{path}: no key {key!r}; a map has image, resolution and origin")
@@ -90,7 +90,7 @@ def _number(header: Mapping[str, Any], key: str, path: Path, default: float | No
     value = header.get(key, default)
     number = _finite(value)
     if number is None:
-        raise MapError(f"{path}: {key}: found {value!r}; a number")
+        raise MapError(f"{path}: {key}: expected a number, got {value!r}")
     return number
 
 
@@ -98,7 +98,7 @@ def _share(header: Mapping[str, Any], key: str, path: Path, default: float) -> f
     """A threshold; map_server takes 65 for one too, above which nothing is a wall."""
     number = _number(header, key, path, default)
     if not 0.0 <= number <= 1.0:
-        raise MapError(f"{path}: {key}: found {number:g}; a share of black, 0 to 1")
+        raise MapError(f"{path}: {key}: expected a share of black, 0 to 1, got {number:g}")
     return number
 
 
@@ -119,7 +119,7 @@ def _finite(value: Any) -> float | None:
 def _flag(header: Mapping[str, Any], key: str, path: Path) -> bool:
     value = header.get(key, 0)
     if value not in (0, 1):
-        raise MapError(f"{path}: {key}: found {value!r}; 0 or 1")
+        raise MapError(f"{path}: {key}: expected 0 or 1, got {value!r}")
     return bool(value)
 
 
@@ -130,11 +130,11 @@ def _origin(header: Mapping[str, Any], path: Path) -> tuple[float, float, float]
         case [x_m, y_m, *yaw] if len(numbers) == 2 + len(yaw) and len(yaw) < 2:
             yaw_rad = sum(yaw)
             if abs(yaw_rad) > MOST_YAW_RAD:
-                raise MapError(f"{path}: origin: found yaw {yaw_rad:g}; radians, one turn (6.2832) at most")
+                raise MapError(f"{path}: origin: expected radians, one turn (6.2832) at most, got yaw {yaw_rad:g}")
             if max(abs(x_m), abs(y_m)) > FARTHEST_M:
-                raise MapError(f"{path}: origin: found {origin!r}; at most {FARTHEST_M:,.0f} m from zero")
+                raise MapError(f"{path}: origin: expected at most {FARTHEST_M:,.0f} m from zero, got {origin!r}")
             return x_m, y_m, yaw_rad
-    raise MapError(f"{path}: origin: found {origin!r}; [x, y, yaw] in meters and radians")
+    raise MapError(f"{path}: origin: expected [x, y, yaw] in meters and radians, got {origin!r}")
 
 
 def _placed(

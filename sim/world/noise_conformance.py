@@ -58,7 +58,7 @@ def check_allocations(noise: LidarNoise) -> None:
     found = _started(noise)
     for name, given in _scans().items():
         each = allocations_of(lambda times, given=given: _perturb(found, given, times))  # type: ignore[misc]
-        right = f"must allocate nothing in a call, found {each:g} allocations in {name!r}; keep arrays in its memory"
+        right = f"must allocate nothing in a call, got {each:g} allocations in {name!r}; keep arrays in its memory"
         _must(each == 0, noise, right)
 
 

@@ -223,7 +223,9 @@ def unpacked(store: Store, key: str, folder: Path) -> Bundle:
     """
     content = json.loads(_content(store, key, _CONTENT))
     if content["layout"] != LAYOUT:
-        raise BundleError(f"found a bundle of layout {content['layout']}; {LAYOUT}, with this version of vastflow")
+        raise BundleError(
+            f"expected {LAYOUT}, with this version of vastflow, got a bundle of layout {content['layout']}"
+        )
     _unpack_files(store, content["files"], folder)
     oracles = tuple(_oracle(row, folder) for row in content["oracles"])
     for row in content["oracles"]:  # a name such as ../judge.py:Judge is looked up from there

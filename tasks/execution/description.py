@@ -73,7 +73,7 @@ def memory_bytes(text: str) -> int:
             return size
     near = f"{match[2][:1].upper()}i" if match else ""
     right = f"did you mean '{match[1]}{near}'?" if match and near in SUFFIXES else "a quantity such as 8Gi or 512Mi"
-    raise ValueError(f"found {text!r}; {right}")
+    raise ValueError(f"expected {right}, got {text!r}")
 
 
 def kubernetes_memory(size: int) -> str:
@@ -139,7 +139,7 @@ class Container:
 
     def __post_init__(self) -> None:
         if not is_label(self.name):
-            raise ValueError(f"found {self.name!r}; at most {MAX_LABEL} lowercase letters, digits and hyphens")
+            raise ValueError(f"expected at most {MAX_LABEL} lowercase letters, digits and hyphens, got {self.name!r}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,10 +176,10 @@ class RunDescription:
 
     def __post_init__(self) -> None:
         if not is_label(self.name):
-            raise ValueError(f"found {self.name!r}; at most {MAX_LABEL} lowercase letters, digits and hyphens")
+            raise ValueError(f"expected at most {MAX_LABEL} lowercase letters, digits and hyphens, got {self.name!r}")
         names = [self.main.name, *(sidecar.name for sidecar in self.sidecars)]
         if twice := sorted({name for name in names if names.count(name) > 1}):
-            raise ValueError(f"found two containers {twice[0]!r}; a name of its own for each")
+            raise ValueError(f"expected a name of its own for each, got two containers {twice[0]!r}")
 
     def command_of(self, container: Container) -> tuple[str, ...]:
         """The container's command, the main one's with the scripts before and after it; empty for the image's."""

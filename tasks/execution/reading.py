@@ -72,9 +72,7 @@ class _Reader:
             right = "image: container image of the system under test, such as ghcr.io/me/robot:1.0"
             self.faults.append(self._campaign.fault(("execution",), "no 'image'", right, "key"))
         elif not image or re.search(r"\s", image):
-            self._fault(
-                ("execution", "image"), f"found {image!r}", "the name of an image, such as ghcr.io/me/robot:1.0"
-            )
+            self._fault(("execution", "image"), f"got {image!r}", "the name of an image, such as ghcr.io/me/robot:1.0")
         return image or ""
 
     def needs(self, resources: Resources | None, location: Location) -> Needs:
@@ -99,7 +97,7 @@ class _Reader:
             name = label_of(secondary.name)
             needs = self.needs(secondary.resources, (*location, "resources"))
             if not name:
-                self._fault(location, f"found {secondary.name!r}", "a name of letters, digits and hyphens")
+                self._fault(location, f"got {secondary.name!r}", "a name of letters, digits and hyphens")
             elif name in names:
                 what = f"{name!r} is the main container" if name == MAIN else f"a second container {name!r}"
                 self._fault(location, what, "another name")
@@ -113,11 +111,11 @@ class _Reader:
             for name, value in entry.items():
                 location = ("execution", "env", i, name)
                 if not VARIABLE.fullmatch(name):
-                    self._fault(location, f"found {name!r}", "letters, digits and underscores", "key")
+                    self._fault(location, f"got {name!r}", "letters, digits and underscores", "key")
                 elif name == "CONTAINER_NAME":
                     self._fault(location, f"{name} is set for every container", "another name", "key")
                 elif isinstance(value, list | dict):
-                    self._fault(location, "found a list or mapping", "text, a number, true or false")
+                    self._fault(location, "got a list or mapping", "text, a number, true or false")
                 else:
                     yield name, self._as_written(location, value)
 
@@ -128,15 +126,15 @@ class _Reader:
         for i, pattern in enumerate(self._execution.run_files):
             location = ("execution", "run_files", i)
             if ".." in Path(pattern).parts or Path(pattern).is_absolute():
-                self._fault(location, f"found {pattern!r}", "a pattern of files below the campaign file's folder")
+                self._fault(location, f"got {pattern!r}", "a pattern of files below the campaign file's folder")
                 continue
             try:
                 found = [path for path, _ in run_files(folder, [pattern])]
             except RunFileError:
-                self._fault(location, f"found {pattern!r}", "a pattern such as scripts/*.sh or **/*.yaml")
+                self._fault(location, f"got {pattern!r}", "a pattern such as scripts/*.sh or **/*.yaml")
                 continue
             if not found:
-                self._fault(location, f"found {pattern!r}, which no file matches", f"a pattern of files below {folder}")
+                self._fault(location, f"got {pattern!r}, which no file matches", f"a pattern of files below {folder}")
             yield from (file for file in found if file not in seen)
             seen.update(found)
 
@@ -146,9 +144,9 @@ class _Reader:
             location = ("execution", "kubernetes", "jobs", "node_labels", name)
             text = "" if isinstance(value, list | dict) else self._as_written(location, value)
             if not NODE_LABEL.fullmatch(name):
-                self._fault(location, f"found {name!r}", "a label such as node-type or example.org/node-type", "key")
+                self._fault(location, f"got {name!r}", "a label such as node-type or example.org/node-type", "key")
             elif isinstance(value, list | dict) or not NODE_LABEL_VALUE.fullmatch(text):
-                self._fault(location, f"found {shown(value)}", "at most 63 letters, digits, '-', '_' and '.'")
+                self._fault(location, f"got {shown(value)}", "at most 63 letters, digits, '-', '_' and '.'")
             else:
                 yield name, text
 
@@ -170,7 +168,7 @@ class _Reader:
             for context, amount in entry.items()
         }
         if not places:
-            self._fault(location, "found an empty list", "an amount, or one for each context, '- context: amount'")
+            self._fault(location, "got an empty list", "an amount, or one for each context, '- context: amount'")
         elif self._context not in places:
             self._fault(location, f"nothing for the context {self._context!r}", did_you_mean(self._context, places))
         return places.get(self._context)

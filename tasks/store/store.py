@@ -385,7 +385,7 @@ def store_root(place: str | os.PathLike[str] | None = None) -> Path:
         StoreError: the place is an address and no local folder.
     """
     if (address := store_address(place)) is not None:
-        raise StoreError(f"store: found {address!r}; a local folder")
+        raise StoreError(f"store: expected a local folder, got {address!r}")
     if chosen := place or os.environ.get(VARIABLE):
         return Path(os.fspath(chosen).removeprefix("file://")).expanduser().absolute()
     import platformdirs
@@ -404,7 +404,9 @@ def open_store(place: str | os.PathLike[str] | None = None, *, read_only: bool =
     """
     address = store_address(place)
     if address is not None and address.startswith("memory:"):
-        raise StoreError(f"store: found {address!r}, which no other process sees; a folder, or s3://bucket/prefix")
+        raise StoreError(
+            f"store: expected a folder, or s3://bucket/prefix, got {address!r}, which no other process sees"
+        )
     store = Store(place, read_only=read_only)
     if not read_only:
         store._files.prepare()

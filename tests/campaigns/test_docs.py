@@ -122,12 +122,12 @@ def first_column(text: str) -> list[str]:
     return [name for cell in cells for name in re.findall(r"`([^`]+)`", cell)]
 
 
-def test_the_pages_have_examples_of_every_kind():
+def test_pages_have_examples_of_every_kind():
     assert all((CAMPAIGNS, VARIATIONS, ORACLES, FILES, SCENARIOS))
 
 
 @pytest.mark.parametrize("block", CAMPAIGNS, ids=str)
-def test_a_campaign_of_the_pages_is_valid_and_every_configuration_can_be_built(folder, block):
+def test_campaign_of_the_pages_is_valid_and_every_configuration_can_be_built(folder, block):
     campaign, _ = read(folder, block.text)
     found = instantiate(campaign)
     assert (campaign.notes, campaign.unexecutable, found.rejections) == ((), (), ())
@@ -135,13 +135,13 @@ def test_a_campaign_of_the_pages_is_valid_and_every_configuration_can_be_built(f
 
 
 @pytest.mark.parametrize("block", SCENARIOS, ids=str)
-def test_a_scenario_of_the_pages_is_valid_and_everything_in_it_can_be_done(folder, block):
+def test_scenario_of_the_pages_is_valid_and_everything_in_it_can_be_done(folder, block):
     (definition,) = read_scenarios(folder / block.about)
     assert definition.name == Path(block.about).stem
     assert unsupported(definition, ACTIONS) == []
 
 
-def test_the_tables_of_actions_have_every_action_of_the_libraries_where_it_belongs():
+def test_tables_of_actions_have_every_action_of_the_libraries_where_it_belongs():
     implemented = section("write-a-scenario", "On the robot and its world") + section(
         "write-a-scenario", "Without a robot"
     )
@@ -176,13 +176,13 @@ def test_producers_of_the_pages_are_valid_and_build_configurations(folder, block
     assert instantiate(campaign).configurations
 
 
-def test_the_readmes_campaign_has_twelve_configurations(folder):
+def test_readmes_campaign_has_twelve_configurations(folder):
     (block,) = [block for block in CAMPAIGNS if block.page == "README"]
     campaign, _ = read(folder, block.text)
     assert len(instantiate(campaign).configurations) == 12
 
 
-def test_the_producer_of_the_pages_rejects_what_they_say_it_rejects(folder):
+def test_producer_of_the_pages_rejects_what_they_say_it_rejects(folder):
     (block,) = [block for block in VARIATIONS if block.page == "write-a-producer"]
     found = instantiate(read(folder, family_of(block.text))[0])
     assert (len(found.configurations), len(found.rejections)) == (4, 2)
@@ -190,7 +190,7 @@ def test_the_producer_of_the_pages_rejects_what_they_say_it_rejects(folder):
 
 
 @pytest.mark.slow
-def test_the_oracle_of_the_pages_judges_a_run(folder):
+def test_oracle_of_the_pages_judges_a_run(folder):
     (block,) = ORACLES
     producers = "- PathVariationRandom: {path_length: 4.0, robot_diameter: 0.5}\n"
     campaign, oracles = read(folder, family_of(producers, block.text))
@@ -206,7 +206,7 @@ def test_the_oracle_of_the_pages_judges_a_run(folder):
 
 
 @pytest.mark.slow
-def test_the_tests_of_the_pages_pass(folder):
+def test_tests_of_the_pages_pass(folder):
     tests = [block.about for block in FILES if block.about.startswith("test_")]
     assert len(tests) == 4
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--rootdir", str(folder), *tests]
@@ -214,7 +214,7 @@ def test_the_tests_of_the_pages_pass(folder):
     assert done.returncode == 0, done.stdout
 
 
-def test_the_python_files_of_the_pages_are_well_kept(folder):
+def test_python_files_of_the_pages_are_well_kept(folder):
     files = [block.about for block in FILES]
     command = [
         Path(sys.executable).parent / "ruff",
@@ -231,26 +231,26 @@ def test_the_python_files_of_the_pages_are_well_kept(folder):
 
 
 @each_row("name", known_producers())
-def test_the_table_of_a_producer_has_its_parameters(name):
+def test_table_of_a_producer_has_its_parameters(name):
     kind = find_producer(name, ROOT)
     table, _, _ = section("write-a-campaign", f"`{name}`").partition("Each of `obstacle_configs`")
     assert sorted(first_column(table)) == sorted(set(kind.Parameters.model_fields) - {"dimension"})
 
 
-def test_the_table_of_obstacles_has_its_keys():
+def test_table_of_obstacles_has_its_keys():
     _, _, table = section("write-a-campaign", "`ObstacleVariation`").partition("Each of `obstacle_configs`")
     assert sorted(first_column(table)) == sorted(ObstacleConfig.model_fields)
 
 
 @each_row("name", known_oracles())
-def test_the_table_of_an_oracle_has_its_parameters_with_their_defaults(name):
+def test_table_of_an_oracle_has_its_parameters_with_their_defaults(name):
     text = section("write-a-campaign", f"`{name}`")
     rows = re.findall(r"^\| `(\w+)` \| (\S+) \|", text, re.MULTILINE)
     parameters = oracle_class(name).Parameters.model_fields
     assert {key: yaml.safe_load(default) for key, default in rows} == {k: f.default for k, f in parameters.items()}
 
 
-def test_the_table_of_what_is_not_executed_is_complete():
+def test_table_of_what_is_not_executed_is_complete():
     text = section("write-a-campaign", "Read, but not executed by this version")
     rows = re.findall(r"^\| ([^|]*) \| (`[^|]*) \|", text, re.MULTILINE)
     said = {where.strip("`"): set(re.findall(r"`([^`]+)`", keys)) for where, keys in rows}
@@ -270,7 +270,7 @@ def test_the_table_of_what_is_not_executed_is_complete():
     assert said == {where: keys for where, keys in marked.items() if keys}
 
 
-def test_the_columns_of_a_trace_are_all_described(folder):
+def test_columns_of_a_trace_are_all_described(folder):
     producers = "- PathVariationRandom: {path_length: 3.0, robot_diameter: 0.5}\n"
     producers += "- ObstacleVariation: {obstacle_configs: [{amount: 1, max_distance: 0.8}], robot_diameter: 0.5}\n"
     (configuration,) = instantiate(read(folder, family_of(producers))[0]).configurations
@@ -282,19 +282,19 @@ def test_the_columns_of_a_trace_are_all_described(folder):
 
 
 @each_row(("name", "page"), [("run", "run-and-resume"), ("plan", "see-what-would-run")])
-def test_the_options_of_run_and_plan_are_all_described(name, page):
+def test_options_of_run_and_plan_are_all_described(name, page):
     command = get_command(app).commands[name]
     options = {name for option in command.params for name in option.opts if name.startswith("--")}
     described = {name.split()[0] for name in first_column(section(page, f"`vastflow {name}`"))}
     assert described == options
 
 
-def test_the_commands_are_all_described():
+def test_commands_are_all_described():
     described = {name.split()[1] for name in first_column(section("run-and-resume", "Commands")) if " " in name}
     assert described == set(get_command(app).commands)
 
 
-def test_the_keys_of_the_json_summary_are_all_described():
+def test_keys_of_the_json_summary_are_all_described():
     described = first_column(section("run-and-resume", "`--json`"))
     assert sorted(described) == sorted(field.name for field in fields(Summary))
 

@@ -8,13 +8,13 @@ from vastflow.producers.instantiation.family import robots_json
 from vastflow.sim.nav2.parameters.robot import PRESETS
 
 
-def test_the_campaign_varies_nothing_of_the_robot_but_its_latency():
+def test_campaign_varies_nothing_of_the_robot_but_its_latency():
     campaign = load_campaign(CAMPAIGN)
     assert not campaign.notes
     assert {line["robot"][-1] for line in robots_json(campaign.families)} == {f"varied: {PRESET}"}
 
 
-def test_a_configuration_is_flaky_where_some_of_its_runs_pass_and_some_fail():
+def test_configuration_is_flaky_where_some_of_its_runs_pass_and_some_fail():
     passed = {
         "well": [True] * 4,
         "flaky": [True, False, True, False],
@@ -27,7 +27,7 @@ def test_a_configuration_is_flaky_where_some_of_its_runs_pass_and_some_fail():
     assert found.always_share == pytest.approx(4 / 7)
 
 
-def test_the_table_counts_the_runs_that_all_presets_have():
+def test_table_counts_the_runs_that_all_presets_have():
     both, none = [True, True], [False, False]
     kept = {f"a {preset}": {0: both, 1: none} for preset in PRESETS} | {"a loaded": {0: none}}
     reached = [line.split("|")[3:7] for line in table(kept, ["a"]) if line.startswith("| reached")]

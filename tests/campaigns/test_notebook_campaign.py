@@ -27,18 +27,18 @@ def test_it_has_nothing_to_complain_of_and_can_be_built_in_full(campaign):
     assert len(found.configurations) == 2
 
 
-def test_the_notebook_is_kept_with_the_campaign(campaign):
+def test_notebook_is_kept_with_the_campaign(campaign):
     kept = inputs_of(*campaign).files
     assert kept["lost.ipynb"] == LOST.with_suffix(".ipynb").read_bytes()
 
 
-def test_the_notebook_is_shipped_without_outputs():
+def test_notebook_is_shipped_without_outputs():
     cells = json.loads(LOST.with_suffix(".ipynb").read_text())["cells"]
     code = [cell for cell in cells if cell["cell_type"] == "code"]
     assert [(cell["outputs"], cell["execution_count"]) for cell in code] == [([], None)] * len(code)
 
 
-def test_a_run_is_judged_by_the_notebook_among_the_others(campaign):
+def test_run_is_judged_by_the_notebook_among_the_others(campaign):
     scenario = instantiate(campaign[0]).configurations[0].scenario
     recorded = write_recordings([run(scenario, 0)])
     verdicts = judge_block(scenario, recorded, observe_block(scenario, recorded), campaign[1]).verdicts

@@ -37,7 +37,7 @@ def test_it_has_nothing_to_complain_of(kind):
 
 
 @pytest.mark.parametrize(("plan", "configurations"), [("corridors", 400), ("nested-rooms", 216)])
-def test_the_paths_of_a_plan_are_as_many_as_the_papers_and_all_distinct(plan, configurations):
+def test_paths_of_a_plan_are_as_many_as_the_papers_and_all_distinct(plan, configurations):
     found = requested_of(of_plan("performance.vast", plan).coverage)
     assert found == Requested(configurations, 0, 0, 0, configurations)
 

@@ -21,12 +21,12 @@ def campaign(request):
     return load_campaign(FOLDER / f"{request.param}.vast")
 
 
-def test_a_campaign_has_nothing_to_complain_of_but_nodes_that_its_file_leaves_out(campaign):
+def test_campaign_has_nothing_to_complain_of_but_nodes_that_its_file_leaves_out(campaign):
     assert [note.what for note in campaign.notes if not note.what.startswith("has no ")] == []
     assert {family.name for family in campaign.families} == {"office", "university"}
 
 
-def test_the_robot_of_both_floors_is_the_same_and_said(campaign):
+def test_robot_of_both_floors_is_the_same_and_said(campaign):
     (said,) = robots_json(campaign.families)
     assert said["families"] == ["office", "university"]
 
@@ -41,7 +41,7 @@ def test_the_robot_of_both_floors_is_the_same_and_said(campaign):
         ("forklift", 1.0867, 8, 1.0, 25.0),
     ],
 )
-def test_a_robot_is_what_its_files_say(name, radius_m, vertices, speed_mps, range_m):
+def test_robot_is_what_its_files_say(name, radius_m, vertices, speed_mps, range_m):
     values = load_campaign(FOLDER / f"{name}.vast").families[0].values
     parameters = parameters_of({key: value for key, value in values.items() if key == "nav2_params" or "robot." in key})
     robot = robot_of(parameters)
@@ -56,7 +56,7 @@ def test_a_robot_is_what_its_files_say(name, radius_m, vertices, speed_mps, rang
 @each_row(
     ("x_mm", "contacts", "unnoted"), [(1200, (), False), (1750, (), True), (1750, (0.4,), False), (1750, (0.9,), True)]
 )
-def test_a_body_in_a_wall_without_a_contact_until_then_is_found(x_mm, contacts, unnoted):
+def test_body_in_a_wall_without_a_contact_until_then_is_found(x_mm, contacts, unnoted):
     cells = np.zeros((40, 40), dtype=np.int8)
     cells[:, -2:] = 100  # from 1.9 m on
     columns = {

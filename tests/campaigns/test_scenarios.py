@@ -46,7 +46,7 @@ def test_every_shipped_name_has_a_file_and_a_campaign():
 
 
 @each_row("name", SHIPPED)
-def test_a_shipped_name_stands_for_its_file_and_everything_in_it_can_be_done(name):
+def test_shipped_name_stands_for_its_file_and_everything_in_it_can_be_done(name):
     definition = definition_of(BUILTIN + name)
     assert abstract_content(SCENARIOS / f"{name}.osc").digest == definition_digest(definition)
     assert unsupported(definition, ACTIONS) == []
@@ -62,7 +62,7 @@ def test_its_campaign_has_nothing_to_complain_of_and_can_be_built_in_full(name):
 
 
 @each_row("name", SHIPPED)
-def test_the_first_run_of_its_campaign_passes(name):
+def test_first_run_of_its_campaign_passes(name):
     _, oracles = campaign_of(name)
     scenario = configurations_of(name)[0].scenario
     recorded = write_recordings([run(scenario, 0)])
@@ -76,7 +76,7 @@ def test_rounds_after_the_first_take_longer():
 
 
 @each_row("number", range(4))
-def test_the_box_appears_as_soon_as_the_robot_is_within_the_configuration_s_distance(number):
+def test_box_appears_as_soon_as_the_robot_is_within_the_configuration_s_distance(number):
     scenario = configurations_of("obstacle_appears")[number].scenario
     recording = run(scenario, 0)
     (spawned,) = [event for event in recording.run.events if event.kind == "spawned"]
@@ -115,7 +115,7 @@ def results(tmp_path_factory):
     return written.directory, configuration
 
 
-def test_the_report_shows_starts_goals_and_what_the_scenario_of_a_file_spawned(results):
+def test_report_shows_starts_goals_and_what_the_scenario_of_a_file_spawned(results):
     directory, configuration = results
     (scene,) = scenes_of(read_tables(directory))
     (box,) = scene.obstacles
@@ -125,7 +125,7 @@ def test_the_report_shows_starts_goals_and_what_the_scenario_of_a_file_spawned(r
     assert (directory / "report.html").is_file()
 
 
-def test_a_run_of_a_scenario_file_can_be_rebuilt_from_the_campaign_directory_alone(results):
+def test_run_of_a_scenario_file_can_be_rebuilt_from_the_campaign_directory_alone(results):
     directory, configuration = results
     scenario = recorded_run(directory, configuration.name, 0).scenario
     assert scenario.digest == configuration.scenario.digest

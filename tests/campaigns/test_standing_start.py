@@ -39,7 +39,7 @@ def made(tmp_path):
 
 @each_row(("x_m", "drives"), [(0.225, False), (0.236, True)])
 @each_row("yaw_rad", [0.0, 0.4])
-def test_the_check_and_the_simulator_agree_on_where_a_robot_can_start(made, x_m, yaw_rad, drives):
+def test_check_and_the_simulator_agree_on_where_a_robot_can_start(made, x_m, yaw_rad, drives):
     (unchecked,) = made("none", x_m, yaw_rad)
     assert (run(unchecked.scenario, 0).run.distance_m > 0.1) is drives
     assert bool(made("footprint", x_m, yaw_rad)) is drives

@@ -87,14 +87,14 @@ def test_files_of_every_kind_are_found_and_others_are_not(rows):
     }
 
 
-def test_a_campaign_tells_its_runs_its_verdicts_and_what_could_not_be_done(rows):
+def test_campaign_tells_its_runs_its_verdicts_and_what_could_not_be_done(rows):
     row = rows["count.vast"]
     assert (row["outcome"], row["configurations"], row["runs"]) == ("ran", 3, 3)
     assert (row["passed"], row["failed"]) == (1, 2)
     assert row["broken"] == 2, "a family without its map, and a step without its file"
 
 
-def test_a_robot_in_a_scenario_file_drives_to_a_goal_that_was_made_up(rows):
+def test_robot_in_a_scenario_file_drives_to_a_goal_that_was_made_up(rows):
     row = rows["below/go.osc"]
     assert (row["outcome"], row["sent"], row["drove"], row["passed"]) == ("ran", 1, 1, 1)
     assert 2.0 < row["distance_m"] < 6.0
@@ -113,7 +113,7 @@ def test_plans_variations_and_parameters_say_what_was_made_of_them(rows):
 
 
 @pytest.mark.slow
-def test_a_table_for_a_page_has_a_line_for_each_file(tmp_path):
+def test_table_for_a_page_has_a_line_for_each_file(tmp_path):
     (tmp_path / "nav2.yaml").write_text(NAV2)
     called = subprocess.run(
         [sys.executable, str(TABLE), str(tmp_path), "--markdown"], check=False, capture_output=True, text=True
@@ -123,7 +123,7 @@ def test_a_table_for_a_page_has_a_line_for_each_file(tmp_path):
     assert line.startswith("| nav2.yaml | Nav2 parameters | valid |")
 
 
-def test_the_page_has_the_table_that_the_suite_holds():
+def test_page_has_the_table_that_the_suite_holds():
     page = (TABLE.parents[2] / "docs" / "compatibility.md").read_text()
     lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in page.splitlines() if ".vast |" in line]
     said = {file: (outcome, configurations, drove) for file, _, outcome, configurations, _, drove, *_ in lines}

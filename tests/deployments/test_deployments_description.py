@@ -32,7 +32,7 @@ def test_every_key_is_in_the_description(described, tmp_path):
     )
 
 
-def test_an_image_is_enough(described, tmp_path):
+def test_image_is_enough(described, tmp_path):
     found = described(IMAGE)
     assert found == RunDescription("two-rooms", "ghcr.io/me/robot:1.0", Container("main"), folder=tmp_path)
 
@@ -44,9 +44,9 @@ def test_without_an_image_it_is_said_what_to_write(described):
 
 
 @each_row("image", ["''", "'my robot'"])
-def test_an_image_without_a_name_is_refused(described, image):
+def test_image_without_a_name_is_refused(described, image):
     (fault,) = faults(described, f"  image: {image}\n")
-    assert fault == f"10:10: execution.image: found {image}; the name of an image, such as ghcr.io/me/robot:1.0"
+    assert fault == f"10:10: execution.image: expected the name of an image, such as ghcr.io/me/robot:1.0, got {image}"
 
 
 @each_row(("context", "needs"), [(None, (4, 8 * 2**30)), ("cloud", (16, 1_500_000_000))])
@@ -62,7 +62,7 @@ def test_every_list_follows_the_first_cluster_that_the_file_names(described):
     assert needs == Needs(1, 2**30)
 
 
-def test_a_cluster_without_resources_is_refused_at_each_list(described):
+def test_cluster_without_resources_is_refused_at_each_list(described):
     execution = f"{IMAGE}  resources:\n    cpu: [{{edge: 4}}]\n    memory: [{{edge: 8Gi}}, {{cloud: 1Gi}}]\n"
     assert faults(described, execution, "edg") == [
         "12:10: execution.resources.cpu: nothing for the context 'edg'; did you mean 'edge'?",
@@ -71,11 +71,11 @@ def test_a_cluster_without_resources_is_refused_at_each_list(described):
     assert len(faults(described, execution, "cloud")) == 1
 
 
-def test_a_cluster_means_nothing_where_the_file_has_no_lists(described):
+def test_cluster_means_nothing_where_the_file_has_no_lists(described):
     assert described(f"{IMAGE}  resources: {{cpu: 3}}\n", "any").main.needs == Needs(3)
 
 
-def test_an_amount_of_memory_that_is_none_is_refused_where_it_stands(described):
+def test_amount_of_memory_that_is_none_is_refused_where_it_stands(described):
     assert faults(described, f"{IMAGE}  resources:\n    memory: [{{edge: 8GB}}]\n") == [
         "12:21: execution.resources.memory[0].edge: found '8GB'; did you mean '8Gi'?"
     ]
@@ -85,23 +85,23 @@ def test_an_amount_of_memory_that_is_none_is_refused_where_it_stands(described):
     ("written", "text"),
     [("1", "1"), ("1.10", "1.10"), ("yes", "yes"), ("1e3", "1e3"), ("'a b'", "a b"), ("", ""), ("010", "010")],
 )
-def test_a_variable_has_the_value_as_it_is_written(described, written, text):
+def test_variable_has_the_value_as_it_is_written(described, written, text):
     assert described(f"{IMAGE}  env:\n    - NAME: {written}\n").env == {"NAME": text}
 
 
-def test_a_value_that_stands_elsewhere_is_taken_as_yaml_reads_it(described):
+def test_value_that_stands_elsewhere_is_taken_as_yaml_reads_it(described):
     assert described(f"{IMAGE}  env:\n    - A: &on true\n    - B: *on\n").env == {"A": "true", "B": "true"}
 
 
 @each_row(
     ("entry", "fault"),
     [
-        ("A-B: 1", "env[0].A-B: found 'A-B'; letters, digits and underscores"),
-        ("A: [1]", "env[0].A: found a list or mapping; text, a number, true or false"),
+        ("A-B: 1", "env[0].A-B: expected letters, digits and underscores, got 'A-B'"),
+        ("A: [1]", "env[0].A: expected text, a number, true or false, got a list or mapping"),
         ("CONTAINER_NAME: x", "env[0].CONTAINER_NAME: CONTAINER_NAME is set for every container; another name"),
     ],
 )
-def test_a_variable_that_no_container_can_have_is_refused(described, entry, fault):
+def test_variable_that_no_container_can_have_is_refused(described, entry, fault):
     (found,) = faults(described, f"{IMAGE}  env:\n    - {entry}\n")
     assert found.partition("execution.")[2] == fault
 
@@ -111,7 +111,7 @@ def test_a_variable_that_no_container_can_have_is_refused(described, entry, faul
     [
         ("[nav, NAV]", "a second container 'nav'; another name"),
         ("[main]", "'main' is the main container; another name"),
-        ("['???']", "found '???'; a name of letters, digits and hyphens"),
+        ("['???']", "expected a name of letters, digits and hyphens, got '???'"),
     ],
 )
 def test_containers_have_names_of_their_own(described, names, fault):
@@ -119,7 +119,7 @@ def test_containers_have_names_of_their_own(described, names, fault):
     assert found.endswith(fault)
 
 
-def test_a_pattern_without_a_slash_matches_in_every_folder_and_each_file_is_there_once(described):
+def test_pattern_without_a_slash_matches_in_every_folder_and_each_file_is_there_once(described):
     assert described(f"{IMAGE}  run_files: ['*.sh', 'scripts/*', '**/pre.sh']\n").files == (
         "scripts/post.sh",
         "scripts/pre.sh",
@@ -129,20 +129,20 @@ def test_a_pattern_without_a_slash_matches_in_every_folder_and_each_file_is_ther
 @each_row(
     ("pattern", "fault"),
     [
-        ("*.txt", "found '*.txt', which no file matches; a pattern of files below "),
-        ("../x", "found '../x'; a pattern of files below the campaign file's folder"),
-        ("/etc/passwd", "found '/etc/passwd'; a pattern of files below the campaign file's folder"),
-        ("a/**b", "found 'a/**b'"),  # a pattern since Python 3.13
-        ("", "found ''; a pattern such as scripts/*.sh or **/*.yaml"),
+        ("*.txt", "expected a pattern of files below , got '*.txt', which no file matches"),
+        ("../x", "expected a pattern of files below the campaign file's folder, got '../x'"),
+        ("/etc/passwd", "expected a pattern of files below the campaign file's folder, got '/etc/passwd'"),
+        ("a/**b", "got 'a/**b'"),  # a pattern since Python 3.13
+        ("", "expected a pattern such as scripts/*.sh or **/*.yaml, got ''"),
     ],
 )
-def test_a_pattern_that_gives_no_files_is_refused(described, pattern, fault):
+def test_pattern_that_gives_no_files_is_refused(described, pattern, fault):
     (found,) = faults(described, f"{IMAGE}  run_files: ['{pattern}']\n")
     assert found.startswith(f"11:15: execution.run_files[0]: {fault}")
 
 
 @each_row("label", ["'a b': x", "a: 'b c'", "a: [b]", "-a: b"])
-def test_a_label_that_no_node_can_have_is_refused(described, label):
+def test_label_that_no_node_can_have_is_refused(described, label):
     (found,) = faults(described, f"{IMAGE}  kubernetes: {{jobs: {{node_labels: {{{label}}}}}}}\n")
     assert "execution.kubernetes.jobs.node_labels." in found
 
@@ -152,7 +152,7 @@ def test_all_faults_are_said_at_once(described):
     assert [fault.partition(":")[0] for fault in faults(described, execution)] == ["9", "10", "11", "12", "13"]
 
 
-def test_an_image_is_told_the_scripts_and_a_command_is_wrapped_in_them(described):
+def test_image_is_told_the_scripts_and_a_command_is_wrapped_in_them(described):
     found = described()
     assert found.command_of(found.main) == ()
     assert found.environment_of(found.main)["PRE_COMMAND"] == "/config/scripts/pre.sh"
@@ -161,7 +161,7 @@ def test_an_image_is_told_the_scripts_and_a_command_is_wrapped_in_them(described
     assert "PRE_COMMAND" not in with_command.environment_of(with_command.main)
 
 
-def test_the_scripts_are_the_main_containers_alone(described):
+def test_scripts_are_the_main_containers_alone(described):
     found = described()
     environment = found.environment_of(found.sidecars[0])
     assert "PRE_COMMAND" not in environment
@@ -170,7 +170,7 @@ def test_the_scripts_are_the_main_containers_alone(described):
 
 
 @each_row("name", ["", "-a", "a_b", "A", "x" * 64])
-def test_a_name_that_is_no_dns_label_is_refused(name):
+def test_name_that_is_no_dns_label_is_refused(name):
     with pytest.raises(ValueError, match="at most 63 lowercase letters, digits and hyphens"):
         Container(name)
     with pytest.raises(ValueError, match="at most 63 lowercase letters, digits and hyphens"):
@@ -178,10 +178,10 @@ def test_a_name_that_is_no_dns_label_is_refused(name):
 
 
 def test_two_containers_of_one_name_are_refused():
-    with pytest.raises(ValueError, match="found two containers 'main'"):
+    with pytest.raises(ValueError, match="got two containers 'main'"):
         RunDescription("x", "image", Container("main"), (Container("main"),))
 
 
 @each_row("text", ["Nav Stack", "_nav_", "x" * 62 + "-y", "Ä1", "nav"])
-def test_a_label_is_made_of_any_name_with_a_letter_or_digit(text):
+def test_label_is_made_of_any_name_with_a_letter_or_digit(text):
     assert is_label(label_of(text))

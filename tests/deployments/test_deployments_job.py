@@ -62,11 +62,11 @@ def pod(configuration):
     return configuration.job_manifest["spec"]["template"]["spec"]
 
 
-def test_a_job_of_the_template_alone_is_valid():
+def test_job_of_the_template_alone_is_valid():
     valid_job(configured(PoolType.kubernetes, {}).job_manifest)
 
 
-def test_a_job_of_every_key_of_a_campaign_file_is_valid_and_has_them(described):
+def test_job_of_every_key_of_a_campaign_file_is_valid_and_has_them(described):
     made = configured(PoolType.kubernetes, job_variables(PoolType.kubernetes, described()))
     valid_job(made.job_manifest)
     spec = pod(made)
@@ -83,7 +83,7 @@ def test_a_job_of_every_key_of_a_campaign_file_is_valid_and_has_them(described):
     assert (config["name"], len(config["items"])) == ("two-rooms-files", 3)
 
 
-def test_a_sidecar_has_the_users_of_the_file_and_the_campaign_that_of_its_image(described):
+def test_sidecar_has_the_users_of_the_file_and_the_campaign_that_of_its_image(described):
     spec = pod(configured(PoolType.kubernetes, job_variables(PoolType.kubernetes, described())))
     assert spec["securityContext"]["runAsUser"] == IMAGE_USER
     assert {each["securityContext"]["runAsUser"] for each in spec["initContainers"]} == {1001}
@@ -97,7 +97,7 @@ def test_every_mount_has_its_volume(described):
     assert {"name": "data", "mountPath": DATA} in spec["containers"][0]["volumeMounts"]
 
 
-def test_a_job_waits_in_the_queue_that_the_deployment_names():
+def test_job_waits_in_the_queue_that_the_deployment_names():
     assert configured(PoolType.kubernetes, {}).labels[QUEUE_LABEL] == "vastflow"
     assert configured(PoolType.kubernetes, {"queue": "nightly"}).labels[QUEUE_LABEL] == "nightly"
 
@@ -108,7 +108,7 @@ def test_credentials_come_from_a_secret_and_are_in_no_template():
     assert "AWS" not in json.dumps(base_job_template(PoolType.kubernetes))
 
 
-def test_a_finished_job_is_cleaned_up_and_an_evicted_one_is_prefects():
+def test_finished_job_is_cleaned_up_and_an_evicted_one_is_prefects():
     spec = configured(PoolType.kubernetes, {"finished_job_ttl": 60}).job_manifest["spec"]
     assert (spec["ttlSecondsAfterFinished"], spec["backoffLimit"]) == (60, 0)
     assert base_job_template(PoolType.kubernetes)["variables"]["properties"]["finished_job_ttl"]["default"] > 0
@@ -124,7 +124,7 @@ def test_nothing_of_the_workers_own_settings_reaches_a_job(kind, monkeypatch):
 
 
 @pytest.mark.parametrize("kind", [PoolType.docker, PoolType.kubernetes])
-def test_a_deployment_can_set_what_is_taken_from_the_worker(kind, monkeypatch):
+def test_deployment_can_set_what_is_taken_from_the_worker(kind, monkeypatch):
     env = {"PREFECT_API_SSL_CERT_FILE": "/etc/ca.pem", "VASTFLOW_STORE": "s3://bucket"}
     made = configured(kind, {"env": env}, {"PREFECT_API_SSL_CERT_FILE": FOREIGN}, monkeypatch=monkeypatch)
     assert {name: made.env[name] for name in env} == env
@@ -151,14 +151,14 @@ def test_what_a_worker_runs_is_the_container_that_prefect_looks_for():
     assert [container["name"] for container in pod(configured(PoolType.kubernetes, {}))["containers"]] == [LOOKED_FOR]
 
 
-def test_a_container_of_docker_has_the_volume_and_the_memory(described):
+def test_container_of_docker_has_the_volume_and_the_memory(described):
     made = configured(PoolType.docker, job_variables(PoolType.docker, described()))
     assert (made.volumes, made.mem_limit, made.image) == ([f"vastflow:{DATA}"], "8g", "vastflow:latest")
 
 
-def test_a_process_takes_nothing_of_the_file_and_has_no_template_of_ours(described):
+def test_process_takes_nothing_of_the_file_and_has_no_template_of_ours(described):
     assert job_variables(PoolType.process, described()) == {}
-    with pytest.raises(ValueError, match="found 'process'; Prefect has the template"):
+    with pytest.raises(ValueError, match="expected Prefect has the template, got 'process'"):
         base_job_template(PoolType.process)
 
 

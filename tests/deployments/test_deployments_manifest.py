@@ -31,5 +31,5 @@ def test_manifests_load_back_equal_and_have_no_aliases(described):
         assert "&id" not in written
 
 
-def test_a_script_is_written_line_by_line():
+def test_script_is_written_line_by_line():
     assert yaml_text({"script": "a\nb 'c'"}) == "script: |-\n  a\n  b 'c'\n"

@@ -22,7 +22,7 @@ from vastflow.tasks.execution.description import compose_memory, kubernetes_memo
         ("0.3", 1),
     ],
 )
-def test_a_quantity_of_kubernetes_is_read(text, size):
+def test_quantity_of_kubernetes_is_read(text, size):
     assert memory_bytes(text) == size
 
 
@@ -41,7 +41,7 @@ def test_a_quantity_of_kubernetes_is_read(text, size):
 def test_anything_else_is_refused_with_what_is_likely_meant(text, right):
     with pytest.raises(ValueError, match=r"^found ") as error:
         memory_bytes(text)
-    assert str(error.value) == f"found {text!r}; {right}"
+    assert str(error.value) == f"expected {right}, got {text!r}"
 
 
 def test_no_memory_at_all_is_refused():
@@ -60,6 +60,6 @@ def test_compose_reads_back_what_is_written_for_it(size):
     assert int(text[:-1]) * {"b": 1, "k": 2**10, "m": 2**20, "g": 2**30}[text[-1]] == size
 
 
-def test_the_largest_unit_is_taken_that_leaves_a_whole_number():
+def test_largest_unit_is_taken_that_leaves_a_whole_number():
     assert [kubernetes_memory(size) for size in (2**33, 3 * 2**29, 10**9, 1)] == ["8Gi", "1536Mi", "1000000000", "1"]
     assert [compose_memory(size) for size in (2**33, 3 * 2**29, 2**16, 1)] == ["8g", "1536m", "64k", "1b"]

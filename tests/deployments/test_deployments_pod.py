@@ -22,7 +22,7 @@ def validate(manifest, version=VERSIONS[-1]):
 
 
 @each_row("version", VERSIONS)
-def test_the_template_is_valid_and_so_are_a_pod_and_a_job_of_it(described, version):
+def test_template_is_valid_and_so_are_a_pod_and_a_job_of_it(described, version):
     template = pod_template(described())
     validate(template, version)
     validate({"apiVersion": "v1", "kind": "Pod", "metadata": template["metadata"], **template["template"]}, version)
@@ -30,11 +30,11 @@ def test_the_template_is_valid_and_so_are_a_pod_and_a_job_of_it(described, versi
     validate({"apiVersion": "batch/v1", "kind": "Job", **job}, version)
 
 
-def test_the_template_of_a_single_container_is_valid():
+def test_template_of_a_single_container_is_valid():
     validate(pod_template(ALONE))
 
 
-def test_the_schema_refuses_what_kubernetes_does_not_know(described):
+def test_schema_refuses_what_kubernetes_does_not_know(described):
     template = pod_template(described())
     template["template"]["spec"]["containers"][0]["comand"] = ["x"]
     with pytest.raises(kubernetes_validate.ValidationError, match="comand"):
@@ -51,13 +51,13 @@ def test_sidecars_start_before_the_main_container_and_the_pod_ends_with_it(descr
     ]
 
 
-def test_the_pod_gets_nothing_of_the_cluster(described):
+def test_pod_gets_nothing_of_the_cluster(described):
     spec = pod_spec(described())
     assert (spec["automountServiceAccountToken"], spec["enableServiceLinks"]) == (False, False)
 
 
 @each_row(("user", "restricted"), [(0, False), (1001, True)])
-def test_the_pod_is_roots_only_where_the_file_says_so(user, restricted):
+def test_pod_is_roots_only_where_the_file_says_so(user, restricted):
     spec = pod_spec(replace(ALONE, user=user))
     assert (spec["securityContext"]["runAsUser"], spec["securityContext"]["runAsNonRoot"]) == (user, restricted)
     assert ("securityContext" in spec["containers"][0]) == restricted
@@ -72,7 +72,7 @@ def test_requests_are_the_files_and_memory_alone_is_limited(described):
     assert "resources" not in spec["initContainers"][0]
 
 
-def test_a_gpu_alone_is_valid():
+def test_gpu_alone_is_valid():
     validate(pod_template(replace(ALONE, main=Container("main", Needs(gpu=2)))))
 
 

@@ -38,7 +38,7 @@ def test_what_an_image_runs_can_not_be_wrapped():
         wrapped([], "/pre.sh", None)
 
 
-def test_the_command_sees_what_the_script_before_it_exports(scripts):
+def test_command_sees_what_the_script_before_it_exports(scripts):
     pre, post = map(str, scripts)
     command = ["bash", "-c", 'echo "$GREETING"']
     assert ran(wrapped(command, pre, None)).stdout == "sourced 0\n"
@@ -46,7 +46,7 @@ def test_the_command_sees_what_the_script_before_it_exports(scripts):
 
 
 @pytest.mark.parametrize("code", [0, 7])
-def test_the_exit_code_is_the_commands_own(scripts, code):
+def test_exit_code_is_the_commands_own(scripts, code):
     pre, post = map(str, scripts)
     for around in ((pre, None), (pre, post), (None, post)):
         done = ran(wrapped(["bash", "-c", f"exit {code}"], *around))
@@ -54,7 +54,7 @@ def test_the_exit_code_is_the_commands_own(scripts, code):
         assert done.stdout == ("after\n" if around[1] else "")
 
 
-def test_a_script_after_the_command_that_fails_changes_no_exit_code(scripts):
+def test_script_after_the_command_that_fails_changes_no_exit_code(scripts):
     assert ran(wrapped(["true"], None, "/no/such/script")).returncode == 0
 
 
@@ -66,7 +66,7 @@ def test_where_the_script_before_it_fails_the_command_does_not_run(scripts, cont
     assert (done.returncode, done.stdout) == (1 if content is None else 3, "")
 
 
-def test_a_stop_reaches_the_command_and_the_script_after_it_still_runs(scripts):
+def test_stop_reaches_the_command_and_the_script_after_it_still_runs(scripts):
     _, post = map(str, scripts)
     command = ["bash", "-c", "trap 'echo stopped; exit 9' TERM; echo ready; while :; do sleep 0.02; done"]
     started = subprocess.Popen(wrapped(command, None, post), stdout=subprocess.PIPE, text=True)

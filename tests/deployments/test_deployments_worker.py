@@ -94,7 +94,7 @@ def logged(api, flow_run):
     return [each["message"] for each in api.request("POST", "/logs/filter", json=asked).json()]
 
 
-def test_the_command_makes_pool_and_deployment_and_says_what_is_next(api, deployed):
+def test_command_makes_pool_and_deployment_and_says_what_is_next(api, deployed):
     assert deployed.exit_code == 0, deployed.output
     made, address, again = deployed.stdout.splitlines()
     assert made == "made the work pool lab; start a worker: prefect worker start --pool lab"
@@ -103,7 +103,7 @@ def test_the_command_makes_pool_and_deployment_and_says_what_is_next(api, deploy
     assert api.read_work_pool("lab").type == "process"
 
 
-def test_the_deployment_has_a_schedule_a_limit_and_parameters_that_a_form_can_show(api, deployed):
+def test_deployment_has_a_schedule_a_limit_and_parameters_that_a_form_can_show(api, deployed):
     deployment = api.read_deployment_by_name(DEPLOYMENT)
     assert deployment.schedules[0].schedule.cron == "0 2 * * *"
     assert (deployment.global_concurrency_limit.limit, deployment.tags) == (1, ["vastflow", "tiny"])
@@ -116,7 +116,7 @@ def test_the_deployment_has_a_schedule_a_limit_and_parameters_that_a_form_can_sh
     assert deployment.enforce_parameter_schema
 
 
-def test_the_schedule_makes_flow_runs(api, place, deployed):
+def test_schedule_makes_flow_runs(api, place, deployed):
     # What Prefect's own scheduler does every minute, which it can't with every release of SQLAlchemy.
     code = "import asyncio\nfrom prefect.server.services.scheduler import schedule_deployments as s\nasyncio.run(s())"
     environment = {**os.environ, "PREFECT_HOME": str(place / "prefect")}
@@ -142,7 +142,7 @@ def test_deploying_again_changes_the_same_deployment(api, place, deployed, monke
     assert CliRunner().invoke(app, ["deploy", "tiny.vast", "--pool", "lab", *options]).exit_code == 0
 
 
-def test_a_pool_of_another_type_is_not_taken(api, place, deployed, monkeypatch):
+def test_pool_of_another_type_is_not_taken(api, place, deployed, monkeypatch):
     monkeypatch.chdir(place)
     result = CliRunner().invoke(app, ["deploy", "tiny.vast", "--pool", "lab", "--type", "docker"])
     assert result.exit_code == 2
@@ -155,14 +155,14 @@ def test_parameters_that_make_no_sense_are_refused_before_they_run(api, deployed
         api.create_flow_run_from_deployment(deployment.id, parameters={"request": {"campaign": "tiny.vast", "runs": 0}})
 
 
-def test_a_worker_runs_the_campaign_and_the_flow_run_is_completed_under_a_readable_name(first):
+def test_worker_runs_the_campaign_and_the_flow_run_is_completed_under_a_readable_name(first):
     assert first.state.name == "Completed", first.state.message
     assert first.name == "tiny, 2 configurations × 2 runs"
     assert first.state.message.startswith("2 configurations × 2 runs: ")
     assert first.state.message.endswith("; 4 runs executed, 0 from the store")
 
 
-def test_the_campaign_directory_is_where_the_deployment_says(place, first):
+def test_campaign_directory_is_where_the_deployment_says(place, first):
     (directory,) = (place / "results").glob("tiny-*")
     assert (directory / "report.html").is_file()
     assert json.loads((directory / "metadata.json").read_text())["counts"]["executed"] == 4
@@ -182,7 +182,7 @@ def test_progress_results_and_the_link_to_the_report_are_on_the_flow_runs_page(a
     assert found["tiny-report"]["data"] == f"[report.html]({(directory / 'report.html').as_uri()})"
 
 
-def test_the_log_on_the_flow_runs_page_is_short_and_tells_begin_stages_and_summary(api, first):
+def test_log_on_the_flow_runs_page_is_short_and_tells_begin_stages_and_summary(api, first):
     lines = logged(api, first)
     assert len(lines) < 20
     own = [line for line in lines if line.startswith(("2 configurations", "executing", "writing"))]
@@ -191,7 +191,7 @@ def test_the_log_on_the_flow_runs_page_is_short_and_tells_begin_stages_and_summa
     assert "report: " in own[-1]
 
 
-def test_the_stages_are_task_runs_of_the_one_flow_run(api, first):
+def test_stages_are_task_runs_of_the_one_flow_run(api, first):
     assert [run.id for run in api.read_flow_runs() if run.state.name == "Completed"] == [first.id]
     assert {"vastflow", "tiny"} <= set(first.tags)
     asked = {"flow_runs": {"id": {"any_": [str(first.id)]}}}
@@ -200,7 +200,7 @@ def test_the_stages_are_task_runs_of_the_one_flow_run(api, first):
     assert sorted(names) == sorted(stages | {"instantiate room by ParameterVariationList"})
 
 
-def test_a_campaign_run_by_hand_has_a_page_of_its_own_with_progress_results_and_report(api, place, first):
+def test_campaign_run_by_hand_has_a_page_of_its_own_with_progress_results_and_report(api, place, first):
     def run():
         return run_campaign(place / "tiny.vast", runs=4, results=place / "by-hand", store=place / "store", workers=2)
 
@@ -217,7 +217,7 @@ def test_a_campaign_run_by_hand_has_a_page_of_its_own_with_progress_results_and_
 
 
 @more
-def test_a_second_night_executes_nothing_and_has_its_results_all_the_same(api, first, work):
+def test_second_night_executes_nothing_and_has_its_results_all_the_same(api, first, work):
     second = work()
     assert second.state.message.endswith("; 0 runs executed, 4 from the store")
     assert set(artifacts(api, second)) == {"tiny-progress", "tiny-results", "tiny-report"}
@@ -225,7 +225,7 @@ def test_a_second_night_executes_nothing_and_has_its_results_all_the_same(api, f
 
 
 @more
-def test_the_link_goes_to_where_the_results_are_served(api, first, work):
+def test_link_goes_to_where_the_results_are_served(api, first, work):
     asked = work(reports="https://lab.example/results/", runs=3)
     link = artifacts(api, asked)["tiny-report"]["data"]
     assert link.startswith("[report.html](https://lab.example/results/tiny-20")
@@ -233,7 +233,7 @@ def test_the_link_goes_to_where_the_results_are_served(api, first, work):
 
 
 @more
-def test_a_broken_campaign_file_fails_its_flow_run_and_says_where(place, first, work):
+def test_broken_campaign_file_fails_its_flow_run_and_says_where(place, first, work):
     Path(place, "broken.vast").write_text(CAMPAIGN.replace("runs: 2", "runs: none"))
     broken = work(campaign=str(place / "broken.vast"))
     assert broken.state.name == "Failed"

@@ -19,11 +19,11 @@ def test_importing_the_package_imports_neither_prefect_nor_numba():
     assert loaded_after("import vastflow.flows") == []
 
 
-def test_the_api_does_not_import_prefect_until_it_is_needed():
+def test_api_does_not_import_prefect_until_it_is_needed():
     assert "prefect" not in loaded_after("from vastflow.flows import run_campaign")
 
 
-def test_the_worker_functions_import_neither_prefect_nor_numba():
+def test_worker_functions_import_neither_prefect_nor_numba():
     assert loaded_after("import vastflow.tasks.engine.work, vastflow.tasks.engine.pool") == []
 
 
@@ -32,7 +32,7 @@ def test_fewer_than_one_run_is_refused(tmp_path):
         run_campaign(tmp_path / "x.vast", runs=0)
 
 
-def test_a_bad_campaign_file_writes_nothing(tmp_path):
+def test_bad_campaign_file_writes_nothing(tmp_path):
     (tmp_path / "x.vast").write_text("version: 1\nconfiguraton: []\n")
     with pytest.raises(CampaignError, match=r"x\.vast:2:1: .*did you mean 'configuration'"):
         run_campaign(tmp_path / "x.vast", results=tmp_path / "results", store=tmp_path / "store")

@@ -83,7 +83,7 @@ def test_progress_is_one_artifact_that_is_updated_now_and_then(client, clock):
     assert client.sent == [("create", "x-progress", 0.0, "0 of 4"), ("update", 50.0, "2 of 4")]
 
 
-def test_the_end_is_always_shown_and_only_once(client, clock):
+def test_end_is_always_shown_and_only_once(client, clock):
     bar = ProgressBar("x-progress", str(uuid4()))
     bar.show(0.0, "0 of 4")
     bar.show(1.0, "4 of 4")
@@ -99,7 +99,7 @@ def told(client, *states, asked=(5, False)):
     return lines
 
 
-def test_a_flow_run_is_named_once_the_campaigns_size_is_known(client, clock):
+def test_flow_run_is_named_once_the_campaigns_size_is_known(client, clock):
     lines = told(
         client,
         Progress("scanning"),
@@ -113,7 +113,7 @@ def test_a_flow_run_is_named_once_the_campaigns_size_is_known(client, clock):
     assert client.sent[1][1] == "two-rooms-progress"
 
 
-def test_a_flow_run_is_named_anew_when_a_search_has_come_to_more_configurations(client, clock):
+def test_flow_run_is_named_anew_when_a_search_has_come_to_more_configurations(client, clock):
     lines = told(
         client,
         Progress("running", configurations_total=4, runs_total=12, runs_done=3, passed=3),
@@ -126,17 +126,17 @@ def test_a_flow_run_is_named_anew_when_a_search_has_come_to_more_configurations(
     assert sum("configurations" in line for line in lines) == 1
 
 
-def test_a_flow_run_is_named_after_the_runs_asked_for_and_not_those_that_were_done(client, clock):
+def test_flow_run_is_named_after_the_runs_asked_for_and_not_those_that_were_done(client, clock):
     told(client, Progress("running", configurations_total=24, runs_total=222, runs_done=222), asked=(20, True))
     assert client.sent[0] == ("rename", "Two rooms, 24 configurations, at most 480 runs")
 
 
-def test_a_name_that_was_given_is_kept(client, clock):
+def test_name_that_was_given_is_kept(client, clock):
     told(client, Progress("running", configurations_total=24, runs_total=120), asked=None)
     assert "rename" not in [sent[0] for sent in client.sent]
 
 
-def test_the_log_has_a_line_for_a_phase_and_none_for_a_run(client, clock):
+def test_log_has_a_line_for_a_phase_and_none_for_a_run(client, clock):
     running = [
         Progress("running", configurations_total=1000, runs_total=100_000, runs_done=done, passed=done)
         for done in range(0, 100_001, 100)
@@ -146,7 +146,7 @@ def test_the_log_has_a_line_for_a_phase_and_none_for_a_run(client, clock):
     assert lines[-1] == "writing the report"
 
 
-def test_an_api_that_refuses_is_said_once_and_left_alone_for_half_a_minute(client, clock, caplog):
+def test_api_that_refuses_is_said_once_and_left_alone_for_half_a_minute(client, clock, caplog):
     client.error = RuntimeError("gone")
     with caplog.at_level(logging.WARNING, "vastflow.artifacts"):
         lines = told(
@@ -159,7 +159,7 @@ def test_an_api_that_refuses_is_said_once_and_left_alone_for_half_a_minute(clien
     assert lines[0] == "2 configurations × 2 runs; 0 runs are in the store"
 
 
-def test_a_page_is_shown_again_when_its_server_is_back(client, clock):
+def test_page_is_shown_again_when_its_server_is_back(client, clock):
     lines = []
     page = Page("Two rooms", str(uuid4()), lines.append, (2, False))
     client.error = RuntimeError("gone")
@@ -192,18 +192,18 @@ def test_results_and_report_are_shown_on_the_page(client, finished):
     assert {str(flow_run_id) for flow_run_id in client.flow_runs} == {FLOW_RUN}
 
 
-def test_the_link_to_the_report_goes_to_where_results_are_served(client, finished):
+def test_link_to_the_report_goes_to_where_results_are_served(client, finished):
     publish(finished, "x", "https://lab.example/results/")
     assert client.sent[1][2] == "[report.html](https://lab.example/results/x-1/report.html)"
 
 
-def test_a_campaign_is_not_lost_because_the_api_refuses_its_results(client, finished, caplog):
+def test_campaign_is_not_lost_because_the_api_refuses_its_results(client, finished, caplog):
     client.error = RuntimeError("gone")
     publish(finished, "x")
     assert "does not show the campaign's progress or results: gone" in caplog.text
 
 
-def test_an_interruption_is_not_tolerated():
+def test_interruption_is_not_tolerated():
     with pytest.raises(KeyboardInterrupt, match="now"), tolerated():
         raise KeyboardInterrupt("now")
 
@@ -229,7 +229,7 @@ def test_progress_in_words():
 
 
 @given(st.text())
-def test_a_key_is_one_that_prefect_takes_whatever_a_campaign_is_called(name):
+def test_key_is_one_that_prefect_takes_whatever_a_campaign_is_called(name):
     key = key_of(name)
     assert key
     assert set(key) <= set("abcdefghijklmnopqrstuvwxyz0123456789-")

@@ -50,7 +50,7 @@ def test_plan_counts_what_such_a_run_has(file, tmp_path):
     assert [each["configurations"] for each in plans] == [2, 3]
 
 
-def test_a_deployment_has_it_among_its_parameters_where_it_is_asked(file):
+def test_deployment_has_it_among_its_parameters_where_it_is_asked(file):
     for option, given in (([], None), (["--as-v1"], True)):
         result = called("deploy", file, "--pool", "p", "--dry-run", *option)
         deployment, _ = yaml.safe_load(result.stdout.split("---")[0])["deployments"]

@@ -173,7 +173,7 @@ def no_prefect(monkeypatch):
     monkeypatch.setattr(flow_call, "ApiServer", refuse)
 
 
-def test_the_first_run_executes_everything(first):
+def test_first_run_executes_everything(first):
     summary = first.summary
     assert (summary.configurations, summary.runs, summary.executed, summary.reused) == (4, 8, 8, 0)
     assert summary.passed + summary.failed == 8
@@ -188,7 +188,7 @@ def test_every_task_run_is_recorded_in_a_final_state_under_a_readable_name(place
     assert sorted(found) == sorted((name, "Completed") for name in expected)
 
 
-def test_the_graph_leads_from_each_producer_to_the_next_and_to_the_runs(place, first):
+def test_graph_leads_from_each_producer_to_the_next_and_to_the_runs(place, first):
     flow_run = "(select id from flow_run order by start_time limit 1)"
     found = rows(place, f"select id, name, task_inputs from task_run where flow_run_id = {flow_run}")
     names = {identity: name for identity, name, _ in found}
@@ -201,7 +201,7 @@ def test_the_graph_leads_from_each_producer_to_the_next_and_to_the_runs(place, f
     assert follows == {last: {"instantiate room by Task"}, **{f"execute {k} of room": {last} for k in range(1, 5)}}
 
 
-def test_a_task_run_whose_shard_was_in_the_store_is_shown_as_cached(place, again):
+def test_task_run_whose_shard_was_in_the_store_is_shown_as_cached(place, again):
     again(("tiny.vast", "values: [0.0, 0.01]", "values: [0.0, 0.03]"))
     last = "(select id from flow_run order by start_time desc limit 1)"
     found = rows(place, f"select name, state_name from task_run where flow_run_id = {last}")
@@ -210,12 +210,12 @@ def test_a_task_run_whose_shard_was_in_the_store_is_shown_as_cached(place, again
     assert set(found) == expected
 
 
-def test_the_flow_run_has_the_campaigns_name_and_size_and_is_completed(place, first):
+def test_flow_run_has_the_campaigns_name_and_size_and_is_completed(place, first):
     name, state = rows(place, "select name, state_name from flow_run order by start_time limit 1")[0]
     assert (name, state) == ("tiny, 4 configurations × 2 runs", "Completed")
 
 
-def test_a_second_run_executes_nothing_and_starts_no_prefect(again, counted, no_prefect):
+def test_second_run_executes_nothing_and_starts_no_prefect(again, counted, no_prefect):
     phases = Phases()
     found = again(observer=phases)
     assert (found.summary.executed, found.summary.reused) == (0, 8)
@@ -224,7 +224,7 @@ def test_a_second_run_executes_nothing_and_starts_no_prefect(again, counted, no_
     assert "starting Prefect" not in phases.seen
 
 
-def test_the_same_bytes_come_from_the_store(first, again):
+def test_same_bytes_come_from_the_store(first, again):
     second = again()
     for recording in sorted((first.directory / "recordings").iterdir()):
         assert (second.directory / "recordings" / recording.name).read_bytes() == recording.read_bytes()
@@ -249,7 +249,7 @@ def test_another_noise_level_executes_the_configurations_that_have_it(again, cou
     assert counted() == {"runs": 2 * RUNS, "evaluate": 1, "observe": 2 * RUNS, "judge": 2 * RUNS}
 
 
-def test_an_oracles_parameter_judges_everything_and_executes_nothing_also_from_a_notebook(again, counted):
+def test_oracles_parameter_judges_everything_and_executes_nothing_also_from_a_notebook(again, counted):
     async def cell():  # a notebook's cell runs inside an event loop
         return again(("tiny.vast", "least_m: 0.1", "least_m: 0.2"))
 
@@ -260,19 +260,19 @@ def test_an_oracles_parameter_judges_everything_and_executes_nothing_also_from_a
     assert added["judge"] >= CONFIGURATIONS
 
 
-def test_a_comment_in_a_plug_in_costs_nothing(again, no_prefect, counted):
+def test_comment_in_a_plug_in_costs_nothing(again, no_prefect, counted):
     again(("own.py", "goal_x_m = 1.0 + distance_m", "goal_x_m = 1.0 + distance_m  # ahead"))
     assert counted() == {"runs": 0, "evaluate": 0, "observe": 0, "judge": 0}
 
 
-def test_an_edited_producer_executes_what_it_produces_anew(again, counted):
+def test_edited_producer_executes_what_it_produces_anew(again, counted):
     code = ("own.py", "goal_x_m = 1.0 + distance_m", "goal_x_m = 1.0 + (distance_m if distance_m < 0.7 else 1.0)")
     found = again(code)
     assert (found.summary.executed, found.summary.reused) == (2 * RUNS, 2 * RUNS)
     assert counted()["evaluate"] == 1
 
 
-def test_a_damaged_recording_is_recorded_again_and_its_trace_and_verdicts_stay(artifacts, again, counted):
+def test_damaged_recording_is_recorded_again_and_its_trace_and_verdicts_stay(artifacts, again, counted):
     recording = artifacts["execute"][0] / "recordings.parquet"
     content = bytearray(recording.read_bytes())
     content[len(content) // 2] ^= 1
@@ -289,7 +289,7 @@ def test_a_damaged_recording_is_recorded_again_and_its_trace_and_verdicts_stay(a
     assert "is damaged and will be computed again" in (found.directory / "logs" / "campaign.log").read_text()
 
 
-def test_a_lost_trace_is_observed_again_and_nothing_else(artifacts, again, counted):
+def test_lost_trace_is_observed_again_and_nothing_else(artifacts, again, counted):
     shutil.rmtree(artifacts["observe"][0])
     assert counted()["observe"] == -1
     found = again()
@@ -297,7 +297,7 @@ def test_a_lost_trace_is_observed_again_and_nothing_else(artifacts, again, count
     assert counted() == {"runs": 0, "evaluate": 0, "observe": 0, "judge": 0}
 
 
-def test_an_oracle_that_raises_breaks_no_campaign_and_its_verdicts_are_not_kept(again, counted):
+def test_oracle_that_raises_breaks_no_campaign_and_its_verdicts_are_not_kept(again, counted):
     broken = "distance_m = trace.run.distance_m if trace.run.run_index else 1 / 0"
     found = again(("own_oracle.py", "distance_m = trace.run.distance_m", broken))
     assert found.summary.not_judged > 0
@@ -324,9 +324,7 @@ run_campaign("tiny.vast", runs=60, results="results", store={store!r}, workers=2
 
 
 @pytest.mark.slow
-def test_an_interrupted_campaign_ends_early_and_goes_on_where_it_was(
-    place, first, tmp_path, again, counted, prefect_home
-):
+def test_interrupted_campaign_ends_early_and_goes_on_where_it_was(place, first, tmp_path, again, counted, prefect_home):
     script = SCRIPT.format(store=str(place / "store"))
     campaign = subprocess.Popen(
         [sys.executable, "-c", script],
@@ -361,7 +359,7 @@ def test_only_a_named_configuration_is_run(again):
     assert (found.summary.configurations, found.summary.runs) == (1, RUNS)
 
 
-def test_an_unknown_name_is_a_users_mistake(again):
+def test_unknown_name_is_a_users_mistake(again):
     with pytest.raises(CampaignError, match=r"no family or configuration 'rom'; did you mean 'room'\?"):
         again(only=["rom"])
 

@@ -54,7 +54,7 @@ def digests(place):
     return {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in place.glob("*.parquet")}
 
 
-def test_the_tables_have_the_same_bytes_however_the_runs_were_blocked(tmp_path):
+def test_tables_have_the_same_bytes_however_the_runs_were_blocked(tmp_path):
     written(tmp_path / "one", found_of(range(3), exact=True))
     written(tmp_path / "other", found_of([2], range(5)))
     assert digests(tmp_path / "one") == digests(tmp_path / "other")
@@ -82,7 +82,7 @@ def test_verdicts_are_counted_by_oracle_and_together(tmp_path):
     assert found.tally.by_oracle == {"success": Counts(3, 2, 4), "safety": Counts(3, 2, 4)}
 
 
-def test_a_run_log_is_a_line_and_comes_back_as_it_was(tmp_path):
+def test_run_log_is_a_line_and_comes_back_as_it_was(tmp_path):
     logs = RunLogs(tmp_path)
     logs.add("room-1", [log(2, 3), log(0, 2)])
     logs.add('a "name"', [log(0, 1)])
@@ -96,14 +96,14 @@ def test_a_run_log_is_a_line_and_comes_back_as_it_was(tmp_path):
 
 
 @each_row("damaged", [b"", b"{", b"[1]", b'{"runs": 3}', b"\xff"])
-def test_a_damaged_run_log_is_left_out(tmp_path, damaged):
+def test_damaged_run_log_is_left_out(tmp_path, damaged):
     logs = RunLogs(tmp_path)
     logs.add("room-1", [damaged, log(0, 1)])
     logs.close()
     assert [row["run_index"] for row in KeptLogs(tmp_path).of("room-1")] == [0]
 
 
-def test_the_logs_of_an_earlier_version_are_read_too(tmp_path):
+def test_logs_of_an_earlier_version_are_read_too(tmp_path):
     (tmp_path / "logs").mkdir()
     (tmp_path / "logs" / "room-1.json").write_text('[{"run_index": 0}]')
     assert KeptLogs(tmp_path).of("room-1") == [{"run_index": 0}]

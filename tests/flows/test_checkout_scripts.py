@@ -39,7 +39,7 @@ def called(*arguments):
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
-def test_a_command_becomes_its_script(command, monkeypatch):
+def test_command_becomes_its_script(command, monkeypatch):
     def execv(program, words):
         raise Became(program, words)
 

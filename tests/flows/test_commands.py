@@ -103,9 +103,7 @@ BAD_FILES = {
 
 @pytest.mark.parametrize(("spoil", "words"), BAD_FILES.items(), ids=[spoil.__name__ for spoil in BAD_FILES])
 @pytest.mark.parametrize("command", ["validate", "run"])
-def test_a_bad_file_exits_with_2_says_where_and_writes_nothing(
-    small_room, tmp_path, monkeypatch, command, spoil, words
-):
+def test_bad_file_exits_with_2_says_where_and_writes_nothing(small_room, tmp_path, monkeypatch, command, spoil, words):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "store"))
     spoil(small_room)
@@ -121,7 +119,7 @@ def test_a_bad_file_exits_with_2_says_where_and_writes_nothing(
 
 
 @pytest.mark.parametrize("command", ["validate", "run"])
-def test_a_file_that_is_not_there_exits_with_2(tmp_path, monkeypatch, command):
+def test_file_that_is_not_there_exits_with_2(tmp_path, monkeypatch, command):
     monkeypatch.chdir(tmp_path)
     result = called(command, "nowhere.vast")
     assert result.exit_code == 2 and "nowhere.vast" in result.stderr and "Traceback" not in result.stderr
@@ -135,14 +133,14 @@ def test_all_faults_of_a_file_are_said_at_once(small_room):
     assert len(called("validate", small_room).stderr.splitlines()) == 3
 
 
-def test_a_section_that_is_wrong_itself_is_said_once(small_room):
+def test_section_that_is_wrong_itself_is_said_once(small_room):
     missing_map(small_room)
     small_room.write_text(small_room.read_text() + "evaluation:\n  oracles: {1: 2}\n")
     said = called("validate", small_room).stderr
     assert len(said.splitlines()) == 2 and "evaluation.oracles" in said
 
 
-def test_a_valid_file_is_ok_with_its_counts(small_room):
+def test_valid_file_is_ok_with_its_counts(small_room):
     result = called("validate", small_room)
     assert (result.exit_code, result.stdout) == (0, "OK: 1 family, 1 producer, 1 oracle\n")
 
@@ -194,7 +192,7 @@ def test_campaign_directory_takes_no_option_that_changes_what_is_run(tmp_path, c
     assert f"{option[0]}: expected a campaign file, got {tmp_path}" in result.stderr
 
 
-def test_the_schema_is_json_and_knows_the_sections():
+def test_schema_is_json_and_knows_the_sections():
     result = called("validate", "--schema")
     assert {"configuration", "execution", "evaluation"} <= set(json.loads(result.stdout)["properties"])
 
@@ -207,13 +205,13 @@ def test_bad_arguments_exit_with_2(small_room, arguments):
     assert result.exit_code == 2 and arguments[0] in result.stderr
 
 
-def test_a_results_folder_that_is_a_file_is_found_before_anything_runs(small_room, tmp_path):
+def test_results_folder_that_is_a_file_is_found_before_anything_runs(small_room, tmp_path):
     (tmp_path / "taken").write_text("")
     result = called("run", small_room, "--results", tmp_path / "taken" / "below")
     assert result.exit_code == 2 and "is not a folder" in result.stderr
 
 
-def test_a_results_folder_may_be_made(tmp_path):
+def test_results_folder_may_be_made(tmp_path):
     check_writable(tmp_path / "a" / "b")
     assert not (tmp_path / "a").exists()
 
@@ -229,7 +227,7 @@ def test_a_results_folder_may_be_made(tmp_path):
         ("gone/../there", "gone is not there"),
     ],
 )
-def test_a_results_folder_that_can_not_be_made_is_said_before_anything_is_run(
+def test_results_folder_that_can_not_be_made_is_said_before_anything_is_run(
     small_room, tmp_path, monkeypatch, name, why
 ):
     def behave(observer):
@@ -263,7 +261,7 @@ def test_what_was_not_executed_is_said_after_the_run(small_room, monkeypatch):
     assert called("run", small_room, "--json").stderr == notes[0] + "\n"
 
 
-def test_a_store_that_cannot_be_used_exits_with_2(small_room, tmp_path):
+def test_store_that_cannot_be_used_exits_with_2(small_room, tmp_path):
     (tmp_path / "taken").write_text("")
     result = called("run", small_room, "--results", tmp_path / "results", "--store", tmp_path / "taken")
     assert result.exit_code == 2 and str(tmp_path / "taken") in result.stderr and "Traceback" not in result.stderr
@@ -277,7 +275,7 @@ def test_our_own_faults_exit_with_3(small_room, monkeypatch):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupt_exits_with_130_and_says_how_to_go_on(small_room, monkeypatch, number):
+def test_interrupt_exits_with_130_and_says_how_to_go_on(small_room, monkeypatch, number):
     def behave(observer):
         os.kill(os.getpid(), number)
         raise AssertionError("the interrupt should have come before this")
@@ -291,7 +289,7 @@ def test_an_interrupt_exits_with_130_and_says_how_to_go_on(small_room, monkeypat
     assert signal.getsignal(number) is before
 
 
-def test_the_command_to_go_on_with_is_the_one_that_was_typed():
+def test_command_to_go_on_with_is_the_one_that_was_typed():
     assert command_line(["/usr/bin/vastflow", "run", "a b.vast", "--runs", "5"]) == "vastflow run 'a b.vast' --runs 5"
 
 
@@ -318,7 +316,7 @@ def test_show_says_when_a_campaign_directory_is_damaged(tmp_path):
     assert result.exit_code == 2 and "damaged campaign directory" in result.stderr
 
 
-def test_the_entry_module_imports_nothing_heavy():
+def test_entry_module_imports_nothing_heavy():
     program = (
         "import sys, vastflow.flows.__main__\n"
         "heavy = {'prefect', 'numba', 'matplotlib', 'pandas', 'pyarrow', 'numpy', 'scipy'} & set(sys.modules)\n"

@@ -109,7 +109,7 @@ def test_few_pairs_without_a_change_rule_out_no_loss_and_the_gate_says_how_many_
 
 
 @pytest.mark.parametrize("target", ["these", "others"])
-def test_a_campaign_of_equal_keys_passes_though_it_is_small(before, tmp_path, target):
+def test_campaign_of_equal_keys_passes_though_it_is_small(before, tmp_path, target):
     after = of_one_code(write(tmp_path / "elsewhere", same("p" * 10)))
     result = called(of_one_code(before), after, "--gate", "--target", target)
     assert result.exit_code == 0, result.output
@@ -159,7 +159,7 @@ def test_no_number_of_paths_rules_out_every_loss(before, tmp_path):
     assert "no number of paths is enough" in result.stdout
 
 
-def test_the_json_names_target_and_status_of_the_gate(before, worse):
+def test_json_names_target_and_status_of_the_gate(before, worse):
     assert as_json(before, worse)["gate"] == {
         "target": "these",
         "status": "loss shown",
@@ -200,7 +200,7 @@ def test_campaigns_that_are_mostly_not_judged_never_hold_the_gate(tmp_path):
     assert "gate does not hold: of 480 pairs, 240 were judged both times and 0 only in A" in result.stdout
 
 
-def test_the_junit_file_has_target_and_status_and_what_cant_be_claimed_is_an_error(before, tmp_path):
+def test_junit_file_has_target_and_status_and_what_cant_be_claimed_is_an_error(before, tmp_path):
     called(before, before, "--target", "others", "--junit", tmp_path / "compare.xml")
     gate, _ = ElementTree.parse(tmp_path / "compare.xml").getroot()
     (case,) = gate
@@ -209,7 +209,7 @@ def test_the_junit_file_has_target_and_status_and_what_cant_be_claimed_is_an_err
     assert case.find("error").get("message").startswith("gate can't be claimed: 12 paths")
 
 
-def test_a_configuration_that_fails_newly_is_named_and_the_gate_does_not_hold(before, worse):
+def test_configuration_that_fails_newly_is_named_and_the_gate_does_not_hold(before, worse):
     result = called(before, worse, "--gate")
     assert result.exit_code == 1
     assert "12 configurations paired (12 of them with another system)" in result.stdout
@@ -265,7 +265,7 @@ def test_without_gate_the_exit_code_says_nothing_of_the_result(before, worse):
     assert called(before, worse).exit_code == 0
 
 
-def test_a_margin_that_is_wide_enough_lets_the_gate_hold(before, worse):
+def test_margin_that_is_wide_enough_lets_the_gate_hold(before, worse):
     assert called(before, worse, "--gate", "--margin", 0.5).exit_code == 0
 
 
@@ -277,7 +277,7 @@ def faulty(directory, *names):
     return directory
 
 
-def test_a_change_by_which_runs_can_no_longer_be_judged_does_not_hold_the_gate(before, tmp_path):
+def test_change_by_which_runs_can_no_longer_be_judged_does_not_hold_the_gate(before, tmp_path):
     after = faulty(write(tmp_path / "after", same("p" * 10)), "c1", "c2")
     result = called(before, after, "--gate")
     assert result.exit_code == 1
@@ -327,7 +327,7 @@ def test_configurations_and_runs_without_a_counterpart_are_counted_and_listed(tm
     assert "not paired: 2 runs of A with a seed that the other has not" in result.stdout
 
 
-def test_a_renamed_configuration_is_paired_by_its_content(tmp_path):
+def test_renamed_configuration_is_paired_by_its_content(tmp_path):
     before = write(tmp_path / "a", {"old": (1, 0, "pppp"), "same": (2, 0, "pppp")})
     after = write(tmp_path / "b", {"new": (1, 7, "ffff"), "same": (2, 0, "pppp")})
     found = as_json(before, after)
@@ -354,7 +354,7 @@ def test_one_oracle_can_be_compared_alone(tmp_path):
     assert as_json(before, before, "--oracle", "safety")["oracle"] == "safety"
 
 
-def test_an_oracle_that_is_not_there_is_answered_with_the_nearest(before):
+def test_oracle_that_is_not_there_is_answered_with_the_nearest(before):
     result = called(before, before, "--oracle", "sucess")
     assert result.exit_code == 2
     assert "--oracle sucess: did not judge both campaigns; did you mean 'success'?" in result.stderr
@@ -378,14 +378,14 @@ def test_what_is_no_campaign_directory_is_bad_input(before, tmp_path):
     assert "no such folder" in result.stderr
 
 
-def test_a_damaged_directory_is_bad_input(before, worse):
+def test_damaged_directory_is_bad_input(before, worse):
     (worse / "verdicts.parquet").write_bytes(b"")
     result = called(before, worse)
     assert result.exit_code == 2
     assert "damaged campaign directory" in result.stderr
 
 
-def test_the_junit_file_has_the_gate_and_every_configuration(before, worse, tmp_path):
+def test_junit_file_has_the_gate_and_every_configuration(before, worse, tmp_path):
     called(before, worse, "--junit", tmp_path / "compare.xml")
     gate, configurations = ElementTree.parse(tmp_path / "compare.xml").getroot()
     assert (gate.get("name"), gate.get("failures")) == ("gate", "1")
@@ -395,19 +395,19 @@ def test_the_junit_file_has_the_gate_and_every_configuration(before, worse, tmp_
     assert failed.find("failure").get("message") == "newly failing: 10 of 10 before, 0 after"
 
 
-def test_a_junit_file_that_cant_be_written_is_bad_input(before, worse, tmp_path):
+def test_junit_file_that_cant_be_written_is_bad_input(before, worse, tmp_path):
     result = called(before, worse, "--junit", tmp_path / "no" / "compare.xml")
     assert result.exit_code == 2
     assert "can't be written" in result.stderr
 
 
-def test_a_configuration_without_a_map_is_named_and_not_drawn(before, worse):
+def test_configuration_without_a_map_is_named_and_not_drawn(before, worse):
     result = called(before, worse)
     assert "not drawn: c3: it has no map" in result.stderr
     assert not (worse / "comparisons").exists()
 
 
-def test_the_options_are_all_described():
+def test_options_are_all_described():
     page = (Path(__file__).parents[2] / "docs" / "compare-campaigns.md").read_text()
     described = set(re.findall(r"^\| `(--[a-z]+)", page, re.MULTILINE))
     command = get_command(app).commands["compare"]

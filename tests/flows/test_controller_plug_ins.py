@@ -56,11 +56,11 @@ def scenarios_of(file: Path):
     return [configuration.scenario for configuration in instantiate(campaign).configurations]
 
 
-def test_a_key_of_the_campaign_file_chooses_it(campaign_file):
+def test_key_of_the_campaign_file_chooses_it(campaign_file):
     assert controllers(scenarios_of(campaign_file)) == ["RppParameters", "PurePursuit"]
 
 
-def test_an_unknown_one_is_refused_with_the_nearest_name(campaign_file):
+def test_unknown_one_is_refused_with_the_nearest_name(campaign_file):
     campaign_file.write_text(campaign_file.read_text().replace("PurePursuit", "PurePursit"))
     with pytest.raises(
         CampaignError, match=r"did you mean 'my_pursuit.py:PurePursuit'\? one of dwb, mppi, rpp, my_pursuit"
@@ -68,7 +68,7 @@ def test_an_unknown_one_is_refused_with_the_nearest_name(campaign_file):
         read_campaign(campaign_file)
 
 
-def test_the_campaign_directory_keeps_it_as_it_was_read(campaign_file, tmp_path):
+def test_campaign_directory_keeps_it_as_it_was_read(campaign_file, tmp_path):
     campaign, oracles = read_campaign(campaign_file)
     plug_in = next(campaign_file.parent.parent.rglob("my_pursuit.py"))
     text = plug_in.read_text()

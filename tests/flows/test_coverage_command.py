@@ -112,7 +112,7 @@ def test_dimensions_and_pairs_of_producers_have_their_counts(campaign_file):
     ("share", "text"),
     [(None, "–"), (1.0, "100.0 %"), (0.9999, "99.9 %"), (0.0, "0.0 %"), (0.0001, "< 0.1 %"), (0.57, "57.0 %")],
 )
-def test_a_share_is_rounded_down(share, text):
+def test_share_is_rounded_down(share, text):
     assert share_text(share) == text
 
 
@@ -148,7 +148,7 @@ def cut_off_directory(folder):
     "make",
     [no_such_path, folder_of_something_else, picture, older_directory, damaged_directory, cut_off_directory],
 )
-def test_a_path_that_is_neither_is_said_in_one_line(make, tmp_path):
+def test_path_that_is_neither_is_said_in_one_line(make, tmp_path):
     path = make(tmp_path)
     result = called(path)
     assert (result.exit_code, result.stdout) == (2, "")

@@ -72,7 +72,7 @@ def test_metadata_that_is_none_is_said_in_a_sentence(directory, tmp_path, monkey
     assert f"{directory}: damaged campaign directory" in result.stderr
 
 
-def test_an_export_does_without_what_the_campaign_file_says_of_its_scenario(directory, tmp_path):
+def test_export_does_without_what_the_campaign_file_says_of_its_scenario(directory, tmp_path):
     (directory / "campaign.vast").write_bytes(b"")
     assert called("export", directory, tmp_path / "out").exit_code == 0
 
@@ -86,7 +86,7 @@ def test_plan_says_why_it_can_not_tell_what_a_run_would_do(directory, tmp_path, 
     assert "what a run of it would do today can't be told" in said and "campaign.vast" in said
 
 
-def test_a_whole_directory_is_a_past(directory):
+def test_whole_directory_is_a_past(directory):
     assert list(past_of(directory).by_name) == ["room-1", "room-2"]
     assert newest_past(directory.parent, "small_room").directory == directory
 
@@ -153,7 +153,7 @@ def test_runs_that_are_none_are_no_past(directory, column, values):
         past_of(directory)
 
 
-def test_a_table_without_its_columns_is_no_past(directory):
+def test_table_without_its_columns_is_no_past(directory):
     pq.write_table(pa.table({"other": [1]}), directory / "runs.parquet")
     with pytest.raises(
         UnusableDirectory, match=r"damaged campaign directory: runs\.parquet: 0\.configuration: Field required"

@@ -14,7 +14,7 @@ from vastflow.tasks.store.store import StoreError
 CREATED = datetime(2026, 11, 21, 6, 5, 4)
 
 
-def test_the_name_is_the_campaigns_and_the_time_it_started(tmp_path):
+def test_name_is_the_campaigns_and_the_time_it_started(tmp_path):
     with new_directory(tmp_path / "results", "first_try", CREATED) as directory:
         (directory.partial / "a").write_text("x")
     assert [p.name for p in (tmp_path / "results").iterdir()] == ["first-try-2026-11-21-060504"]
@@ -43,7 +43,7 @@ def test_what_is_interrupted_leaves_nothing(tmp_path, error):
 
 
 @each_row("code", [errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO])
-def test_a_disk_that_is_full_or_broken_is_told_with_what_helps_and_leaves_no_half_directory(tmp_path, code):
+def test_disk_that_is_full_or_broken_is_told_with_what_helps_and_leaves_no_half_directory(tmp_path, code):
     words = rf"results: can't write to '{tmp_path}' \({os.strerror(code)}\); make room there or .*--results; what was computed"
     with pytest.raises(ResultsError, match=words), new_directory(tmp_path, "c", CREATED) as directory:
         (directory.partial / "runs.parquet").write_text("x")
@@ -74,12 +74,12 @@ def test_before_the_end_nothing_stands_under_the_final_name(tmp_path):
     ("name", "folder"),
     [("a_b", "a-b"), ("My Campaign / 2", "My-Campaign-2"), ("../up", "up"), ("___", "campaign"), ("v1.2", "v1.2")],
 )
-def test_a_name_becomes_one_that_every_file_system_takes(name, folder):
+def test_name_becomes_one_that_every_file_system_takes(name, folder):
     assert directory_name(name) == folder
 
 
 @each_row("name", ["dangling", "file/below", "loop", "a" * 300])
-def test_a_place_where_no_folder_can_be_made_is_said_in_words(tmp_path, name):
+def test_place_where_no_folder_can_be_made_is_said_in_words(tmp_path, name):
     (tmp_path / "dangling").symlink_to("nowhere")
     (tmp_path / "loop").symlink_to("loop")
     (tmp_path / "file").write_text("")
@@ -90,7 +90,7 @@ def test_a_place_where_no_folder_can_be_made_is_said_in_words(tmp_path, name):
         raise AssertionError("it was begun")
 
 
-def test_a_campaign_of_a_very_long_name_has_a_directory_of_a_shorter_one(tmp_path):
+def test_campaign_of_a_very_long_name_has_a_directory_of_a_shorter_one(tmp_path):
     with new_directory(tmp_path, "long name " * 100, CREATED) as directory:
         pass
     assert directory.final.is_dir() and directory.final.name.startswith("long-name-long-name")

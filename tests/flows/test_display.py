@@ -45,7 +45,7 @@ class Clock:
         return self.now_s
 
 
-def test_a_running_campaign_shows_counts_pace_and_verdicts():
+def test_running_campaign_shows_counts_pace_and_verdicts():
     text = shown(progress(), Pace(20.0, 12.0, 2.0, 81.6, 52.0))
     for words in (
         "16/120 runs",
@@ -68,7 +68,7 @@ def test_while_prefect_starts_the_display_says_so_and_how_long_it_takes():
     assert phase_text(progress("starting Prefect"), Pace(40.0, 30.0)).endswith("5–12 s, and longer on a busy machine")
 
 
-def test_a_long_wait_for_the_first_run_is_explained_by_compiling():
+def test_long_wait_for_the_first_run_is_explained_by_compiling():
     waiting = progress(executed=0, runs_done=0)
     assert "compiles its kernels" in phase_text(waiting, Pace(12.0, 6.0))
     assert "compiles" not in phase_text(waiting, Pace(12.0, 1.0))
@@ -76,7 +76,7 @@ def test_a_long_wait_for_the_first_run_is_explained_by_compiling():
     assert "compiles" not in phase_text(progress(executed=0, reused=120, runs_done=0), Pace(12.0, 6.0))
 
 
-def test_the_wait_after_the_last_run_is_explained():
+def test_wait_after_the_last_run_is_explained():
     assert "Prefect records" in phase_text(progress(runs_done=120), Pace(20.0, 12.0))
 
 
@@ -85,7 +85,7 @@ def test_no_pace_and_no_time_left_are_shown_before_the_first_run_is_done():
     assert "runs/s" not in line and "left" not in line
 
 
-def test_a_plain_line_is_one_line_that_says_it_all():
+def test_plain_line_is_one_line_that_says_it_all():
     line = plain_line(progress(), Pace(80.0, 12.0, 2.0, 81.6, 52.0))
     assert line == (
         "[  1:20] running, 16/120 runs, 3/24 configurations, 4 from the store, 2 runs/s, 82 × real time, "
@@ -97,7 +97,7 @@ def test_durations_read_like_a_clock_from_a_minute_on():
     assert [duration_text(s) for s in (0.2, 59.4, 59.6, 65, 3723)] == ["0 s", "59 s", "1:00", "1:05", "1:02:03"]
 
 
-def test_the_pace_counts_executed_runs_and_not_those_from_the_store():
+def test_pace_counts_executed_runs_and_not_those_from_the_store():
     meter = Meter(0.0)
     meter.note(progress(executed=0, reused=0, runs_done=0, simulated_s=0.0), 5.0)
     meter.note(progress(executed=10, reused=50, runs_done=60, simulated_s=300.0), 6.0)
@@ -107,7 +107,7 @@ def test_the_pace_counts_executed_runs_and_not_those_from_the_store():
     assert (pace.runs_per_s, pace.times_real_time, pace.left_s) == (5.0, 150.0, 8.0)
 
 
-def test_the_time_until_the_first_run_is_done_does_not_slow_the_pace():
+def test_time_until_the_first_run_is_done_does_not_slow_the_pace():
     meter = Meter(0.0)
     meter.note(progress(executed=0, simulated_s=0.0), 0.0)
     meter.note(progress(executed=1, simulated_s=40.0), 30.0)
@@ -124,7 +124,7 @@ def test_only_the_last_minute_counts_for_the_pace():
     assert meter.pace(last, 200.0).runs_per_s == 10.0
 
 
-def test_a_new_phase_starts_its_own_clock():
+def test_new_phase_starts_its_own_clock():
     meter = Meter(0.0)
     meter.note(progress("scanning"), 0.0)
     meter.note(progress("starting Prefect"), 1.0)
@@ -198,7 +198,7 @@ def test_on_a_terminal_the_display_is_drawn_and_the_cursor_given_back(monkeypatc
     assert text.rindex("\x1b[?25h") > text.rindex("\x1b[?25l")
 
 
-def test_a_dumb_terminal_gets_plain_lines(monkeypatch):
+def test_dumb_terminal_gets_plain_lines(monkeypatch):
     monkeypatch.setenv("TERM", "dumb")
     stream = Terminal()
     with Display(stream) as display:

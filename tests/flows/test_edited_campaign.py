@@ -34,7 +34,7 @@ def contents(directory: Path) -> dict[str, str]:
     return found
 
 
-def test_an_edited_campaign_has_the_bytes_of_a_run_from_nothing(file, tmp_path):
+def test_edited_campaign_has_the_bytes_of_a_run_from_nothing(file, tmp_path):
     def run(store, results):
         return run_campaign(file, store=str(tmp_path / store), results=str(tmp_path / results), workers=1)
 

@@ -17,7 +17,7 @@ RESOLUTIONS = st.sampled_from([0.05, 0.025, 0.1, 1.0, LEAST_CELL_M, LARGEST_CELL
 
 
 @pytest.mark.parametrize("values", [(0, 100, -1), tuple(range(-1, 101))], ids=["trinary", "scale"])
-def test_a_map_written_anew_is_the_same_map(tmp_path_factory, values):
+def test_map_written_anew_is_the_same_map(tmp_path_factory, values):
     @given(
         arrays(np.int8, array_shapes(min_dims=2, max_dims=2, max_side=12), elements=st.sampled_from(values)),
         RESOLUTIONS,
@@ -33,6 +33,6 @@ def test_a_map_written_anew_is_the_same_map(tmp_path_factory, values):
     check()
 
 
-def test_a_trinary_map_has_the_gray_values_of_map_saver(tmp_path):
+def test_trinary_map_has_the_gray_values_of_map_saver(tmp_path):
     write_map(tmp_path / "e", OccupancyMap(np.array([[0, 100, -1]], dtype=np.int8), 0.05, (0.0, 0.0)))
     assert (tmp_path / "e/map.pgm").read_bytes().endswith(bytes([254, 0, 205]))

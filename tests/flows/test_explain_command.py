@@ -175,7 +175,7 @@ def test_other_code_another_machine_and_another_oracle_are_said(place):
     assert oracle.startswith("parameters of oracle success changed: allow_missed from 7 to ")
 
 
-def test_a_duplicate_has_the_results_of_the_one_that_was_run(place):
+def test_duplicate_has_the_results_of_the_one_that_was_run(place):
     place.edit("[0.0, 0.02]", "[0.02, 0.02]")
     directory = place.run()
     found = explained(place, directory, "room-2")
@@ -195,7 +195,7 @@ def test_what_a_run_would_do_today_is_left_open_where_the_inputs_are_gone(place)
         explained(place, directory, "room-1")
 
 
-def test_a_directory_of_an_earlier_version_says_so(place):
+def test_directory_of_an_earlier_version_says_so(place):
     directory = place.run()
     metadata = json.loads((directory / "metadata.json").read_text())
     for key in ("seed", "oracles", "asked", "code", "producers"):
@@ -210,7 +210,7 @@ def called(*arguments):
     return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
-def test_the_command_says_it_for_people_and_as_json(place):
+def test_command_says_it_for_people_and_as_json(place):
     first = place.run()
     place.edit("[0.0, 0.02]", "[0.0, 0.03]")
     second = place.run()

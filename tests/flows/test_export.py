@@ -160,7 +160,7 @@ def test_each_run_has_a_folder_with_what_there_is_of_it(exported):
     assert sorted(path.name for path in exported.iterdir()) == ["_config", "room-1", "room-2", "test.xml"]
 
 
-def test_a_recording_is_in_si_units_with_the_decimals_that_were_recorded(exported):
+def test_recording_is_in_si_units_with_the_decimals_that_were_recorded(exported):
     assert (exported / "room-1/0/recording.csv").read_text() == (
         "t_s,x_m,covariance_xx_m2\n0,0.001,0\n0.1,-2.5,0.000005\n0.3,0.007,0.000001\n"
     )
@@ -216,7 +216,7 @@ def test_outputs_are_as_they_were_written_and_tables_are_csv_with_nothing_for_wh
     ]
 
 
-def test_a_table_beside_a_file_of_its_name_is_parquet(small_room, tmp_path):
+def test_table_beside_a_file_of_its_name_is_parquet(small_room, tmp_path):
     outputs = Outputs(
         {"a": {"n": np.array([1])}, "b.parquet": {"n": np.array([2])}, "b": {"n": np.array([3])}}, {"a.csv": b"?"}
     )
@@ -229,7 +229,7 @@ def test_a_table_beside_a_file_of_its_name_is_parquet(small_room, tmp_path):
     assert pq.read_table(folder / "b.parquet").to_pydict() == {"n": [2]}
 
 
-def test_a_configuration_has_its_values_under_the_scenarios_name_and_files_that_are_there(exported, small_room):
+def test_configuration_has_its_values_under_the_scenarios_name_and_files_that_are_there(exported, small_room):
     values = yaml.safe_load((exported / "room-2/scenario.config").read_text())
     assert list(values) == ["navigate_to_pose"]
     given = values["navigate_to_pose"]
@@ -239,13 +239,13 @@ def test_a_configuration_has_its_values_under_the_scenarios_name_and_files_that_
     assert found.digest == load_map(small_room.with_name("room.yaml")).digest
 
 
-def test_the_campaign_file_lies_beside_what_it_names(exported, small_room):
+def test_campaign_file_lies_beside_what_it_names(exported, small_room):
     shared = exported / "_config"
     assert (shared / "campaign.vast").read_bytes() == small_room.read_bytes()
     assert (shared / "room.yaml").read_bytes() == small_room.with_name("room.yaml").read_bytes()
 
 
-def test_a_run_that_passed_says_when_it_began_and_how_long_it_took_simulated_and_not(exported):
+def test_run_that_passed_says_when_it_began_and_how_long_it_took_simulated_and_not(exported):
     suite = ElementTree.parse(exported / "room-1/0/test.xml").getroot()
     (case,) = suite
     stated = {p.get("name"): p.get("value") for p in case.iter("property")}
@@ -258,7 +258,7 @@ def test_a_run_that_passed_says_when_it_began_and_how_long_it_took_simulated_and
     assert "success: gap (m)" not in stated
 
 
-def test_a_run_that_failed_names_the_oracles_and_shows_how_its_scenario_ended(exported):
+def test_run_that_failed_names_the_oracles_and_shows_how_its_scenario_ended(exported):
     (case,) = ElementTree.parse(exported / "room-1/1/test.xml").getroot()
     failure = case.find("failure")
     assert failure.get("message") == "success: mission aborted; safety: 0.1 m from a box"
@@ -272,7 +272,7 @@ def test_a_run_that_failed_names_the_oracles_and_shows_how_its_scenario_ended(ex
     ]
 
 
-def test_the_campaigns_report_has_a_suite_for_each_configuration_and_few_properties(exported):
+def test_campaigns_report_has_a_suite_for_each_configuration_and_few_properties(exported):
     root = ElementTree.parse(exported / "test.xml").getroot()
     assert (root.get("name"), root.get("tests"), root.get("failures")) == ("small_room", "4", "2")
     assert [(suite.get("name"), len(suite)) for suite in root] == [("room-1", 2), ("room-2", 2)]
@@ -280,7 +280,7 @@ def test_the_campaigns_report_has_a_suite_for_each_configuration_and_few_propert
     assert names == {"start_time", "simulated_time_s", "wall_time_s", "outcome"}
 
 
-def test_a_run_that_our_own_fault_left_without_a_verdict_is_an_error(small_room, tmp_path):
+def test_run_that_our_own_fault_left_without_a_verdict_is_an_error(small_room, tmp_path):
     fault = RunFault("room-1", 0, "execute", "MemoryError: 3 GB")
     suite = judged(small_room, tmp_path, faults=[fault])
     assert (suite.get("errors"), suite.get("failures"), suite.get("skipped")) == ("1", "0", "0")
@@ -291,13 +291,13 @@ def test_a_run_that_our_own_fault_left_without_a_verdict_is_an_error(small_room,
     assert sorted(path.name for path in (tmp_path / "out/room-1/0").iterdir()) == ["test.xml"]
 
 
-def test_the_reason_of_a_missing_verdict_begins_as_the_export_expects():
+def test_reason_of_a_missing_verdict_begins_as_the_export_expects():
     faults = [RunFault("room", 0, "judge", "KeyError: 'x'")]
     reasons = [verdict.reason for verdict in complete(ConfigurationResult(faults=faults), 2, ["success"])]
     assert len(reasons) == 2 and all(reason.startswith(FAULT) for reason in reasons)
 
 
-def test_a_run_that_an_oracle_could_not_judge_is_skipped(small_room, tmp_path):
+def test_run_that_an_oracle_could_not_judge_is_skipped(small_room, tmp_path):
     suite = judged(
         small_room, tmp_path, Verdict("success", 0, "pass"), Verdict("safety", 0, "not judged", "there is no box")
     )
@@ -311,7 +311,7 @@ def test_one_oracle_that_failed_a_run_makes_it_a_failure_whatever_the_others_lac
     assert suite.find("testcase/failure").get("message") == "success: late"
 
 
-def test_a_duplicate_names_its_original_and_has_no_runs(small_room, tmp_path):
+def test_duplicate_names_its_original_and_has_no_runs(small_room, tmp_path):
     small_room.write_text(small_room.read_text().replace("[0.0, 0.02]", "[0.0, 0.0]"))
     done = export(campaign_directory(small_room, tmp_path / "results", lambda configuration: whole()), tmp_path / "out")
     assert sorted(path.name for path in (tmp_path / "out/room-2").iterdir()) == ["duplicate_of", "scenario.config"]
@@ -336,13 +336,13 @@ def test_only_is_a_pattern_of_families_and_configurations(results, tmp_path, pat
 @pytest.mark.parametrize(
     ("pattern", "hint"), [("rom-1", "did you mean 'room-1'"), ("kitchen*", "it has room, room-1, room-2")]
 )
-def test_a_pattern_that_fits_nothing_is_refused_with_the_nearest_name(results, tmp_path, pattern, hint):
+def test_pattern_that_fits_nothing_is_refused_with_the_nearest_name(results, tmp_path, pattern, hint):
     with pytest.raises(UnusableDirectory, match=re.escape(f"no family or configuration fits {pattern!r}; {hint}")):
         export(results, tmp_path / "out", ["room-1", pattern])
     assert not (tmp_path / "out").exists()
 
 
-def test_the_scenario_of_a_file_is_named_as_in_the_file(small_room, tmp_path):
+def test_scenario_of_a_file_is_named_as_in_the_file(small_room, tmp_path):
     text = "import osc.helpers\n\nscenario patrol:\n    do serial:\n        wait elapsed(1s)\n"
     small_room.with_name("rounds.osc").write_text(text)
     edited = small_room.read_text().replace("execution:\n", "execution:\n  scenario_file: rounds.osc\n")
@@ -360,7 +360,7 @@ def test_the_scenario_of_a_file_is_named_as_in_the_file(small_room, tmp_path):
     assert (tmp_path / "out/_config/rounds.osc").read_text() == text
 
 
-def test_an_empty_folder_is_filled_and_stays_the_same(results, tmp_path):
+def test_empty_folder_is_filled_and_stays_the_same(results, tmp_path):
     (tmp_path / "there/out").mkdir(parents=True)
     before = (tmp_path / "there/out").stat().st_ino
     export(results, tmp_path / "there/out")
@@ -375,7 +375,7 @@ def test_an_empty_folder_is_filled_and_stays_the_same(results, tmp_path):
 
 
 @pytest.mark.parametrize("existing", [True, False])
-def test_an_export_that_ends_early_leaves_nothing(results, tmp_path, existing):
+def test_export_that_ends_early_leaves_nothing(results, tmp_path, existing):
     def interrupt(done, of):
         raise KeyboardInterrupt
 
@@ -400,7 +400,7 @@ def test_what_appears_in_the_folder_meanwhile_is_not_overwritten(results, tmp_pa
     assert [(path.name, path.read_text()) for path in (tmp_path / "out").iterdir()] == [("test.xml", "mine")]
 
 
-def test_an_output_that_would_leave_the_folder_is_refused(small_room, tmp_path):
+def test_output_that_would_leave_the_folder_is_refused(small_room, tmp_path):
     found = ConfigurationResult(outputs=[write_outputs({0: Outputs(files={"../../../away": b"x"})})])
     directory = campaign_directory(small_room, tmp_path / "results", lambda configuration: found)
     with pytest.raises(
@@ -413,7 +413,7 @@ def test_an_output_that_would_leave_the_folder_is_refused(small_room, tmp_path):
 @pytest.mark.parametrize(
     "file", ["recordings/room-1.parquet", "behaviors.parquet", "logs/runs.jsonl", "outputs/room-1.zip"]
 )
-def test_a_damaged_file_is_said_so_and_nothing_is_exported(results, tmp_path, file):
+def test_damaged_file_is_said_so_and_nothing_is_exported(results, tmp_path, file):
     (results / file).write_bytes(b"[{}]" if file.endswith("jsonl") else b"damaged")
     with pytest.raises(UnusableDirectory, match="damaged campaign directory: "):
         export(results, tmp_path / "out")

@@ -92,7 +92,7 @@ def test_what_is_wrong_is_said_in_one_line_and_nothing_is_written(results, tmp_p
     assert not (tmp_path / "out").exists()
 
 
-def test_a_folder_that_cant_be_made_is_said_in_one_line(results, tmp_path, monkeypatch):
+def test_folder_that_cant_be_made_is_said_in_one_line(results, tmp_path, monkeypatch):
     def export(results, folder, only, progress):
         raise PermissionError(13, "Permission denied")
 
@@ -102,18 +102,18 @@ def test_a_folder_that_cant_be_made_is_said_in_one_line(results, tmp_path, monke
     assert done.stderr == f"{tmp_path / 'out'}: can't be written (Permission denied); name another folder\n"
 
 
-def test_a_new_folder_and_an_empty_one_are_good(tmp_path):
+def test_new_folder_and_an_empty_one_are_good(tmp_path):
     refuse(tmp_path / "new")
     refuse(tmp_path)
 
 
-def test_a_link_that_leads_nowhere_is_refused(tmp_path):
+def test_link_that_leads_nowhere_is_refused(tmp_path):
     (tmp_path / "link").symlink_to(tmp_path / "gone")
     with pytest.raises(UserError, match=r"link: not a folder"):
         refuse(tmp_path / "link")
 
 
-def test_the_page_about_exports_describes_every_option():
+def test_page_about_exports_describes_every_option():
     page = (Path(__file__).parents[2] / "docs" / "export-results.md").read_text()
     described = set(re.findall(r"^\| `(--[a-z]+)", page, re.MULTILINE))
     options = {name for option in get_command(app).commands["export"].params for name in option.opts if "--" in name}

@@ -20,25 +20,25 @@ def totals(element):
     return {key: element.get(key) for key in ("tests", "failures", "errors", "skipped", "time")}
 
 
-def test_a_suite_counts_each_kind_of_flaw_on_its_own():
+def test_suite_counts_each_kind_of_flaw_on_its_own():
     root = ElementTree.fromstring(suite_report(ROOM))
     assert (root.tag, root.get("name")) == ("testsuite", "room")
     assert totals(root) == {"tests": "4", "failures": "1", "errors": "1", "skipped": "1", "time": "1.750000"}
 
 
-def test_a_suite_began_with_its_first_case_that_says_when_in_utc():
+def test_suite_began_with_its_first_case_that_says_when_in_utc():
     assert ElementTree.fromstring(suite_report(ROOM)).get("timestamp") == "2023-11-14T22:13:20"
     assert "timestamp" not in ElementTree.fromstring(suite_report(Suite("s", [BROKEN]))).attrib
 
 
-def test_a_campaign_adds_its_suites_up():
+def test_campaign_adds_its_suites_up():
     root = ElementTree.fromstring(campaign_report("c", [ROOM, HALL]))
     assert (root.tag, root.get("name")) == ("testsuites", "c")
     assert totals(root) == {"tests": "5", "failures": "1", "errors": "1", "skipped": "1", "time": "2.000000"}
     assert [suite.get("name") for suite in root] == ["room", "hall"]
 
 
-def test_a_case_has_its_wall_time_and_its_start_with_microseconds():
+def test_case_has_its_wall_time_and_its_start_with_microseconds():
     case = ElementTree.fromstring(suite_report(ROOM))[0]
     assert case.attrib == {"classname": "c.room", "name": "room/0", "time": "0.250000"}
     assert [(p.get("name"), p.get("value")) for p in case.iter("property")] == [
@@ -47,7 +47,7 @@ def test_a_case_has_its_wall_time_and_its_start_with_microseconds():
     ]
 
 
-def test_a_case_that_passed_has_no_flaw_and_any_other_has_one():
+def test_case_that_passed_has_no_flaw_and_any_other_has_one():
     cases = ElementTree.fromstring(suite_report(ROOM))
     flaws = [[child.tag for child in case if child.tag != "properties"] for case in cases]
     assert flaws == [[], ["failure"], ["error"], ["skipped"]]
@@ -55,7 +55,7 @@ def test_a_case_that_passed_has_no_flaw_and_any_other_has_one():
     assert (failure.get("message"), failure.text) == ("success: too late", "the whole\nstory")
 
 
-def test_the_file_says_that_it_is_utf8():
+def test_file_says_that_it_is_utf8():
     content = suite_report(Suite("größe", []))
     assert content.startswith(b"<?xml version='1.0' encoding='utf-8'?>")
     assert "größe".encode() in content

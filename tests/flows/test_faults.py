@@ -37,7 +37,7 @@ def tools(tmp_path):
     return CliRunner().invoke(app, ["run", str(tmp_path / "tools.vast"), *places]), tmp_path / "results"
 
 
-def test_a_program_that_can_not_be_started_is_a_fault_and_in_no_rate(tools):
+def test_program_that_can_not_be_started_is_a_fault_and_in_no_rate(tools):
     called, results = tools
     assert called.exit_code == 3
     why = "'no-such-tool' could not be started: no program of this name in PATH; run_process at tool.osc:7:9"

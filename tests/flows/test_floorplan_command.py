@@ -56,7 +56,7 @@ def test_render_writes_map_mesh_picture_plan_and_provenance(plan, tmp_path):
         assert min(picture.size) > 400
 
 
-def test_the_provenance_says_from_what_when_and_by_what_and_what_came_of_it(plan, tmp_path):
+def test_provenance_says_from_what_when_and_by_what_and_what_came_of_it(plan, tmp_path):
     run("render", plan, "--out", tmp_path / "out")
     provenance = json.loads((tmp_path / "out" / "flat.provenance.json").read_text())
     assert provenance["derived_from"] == {"file": str(plan), "sha256": hashlib.sha256(plan.read_bytes()).hexdigest()}
@@ -100,7 +100,7 @@ def test_variations_writes_a_plan_for_each_seed(plan, tmp_path):
     assert all(run("geometry", file).exit_code == 0 for file in files)
 
 
-def test_a_variation_that_makes_no_building_is_reported_and_the_others_are_written(plan, tmp_path):
+def test_variation_that_makes_no_building_is_reported_and_the_others_are_written(plan, tmp_path):
     file = plan.with_suffix(".variation")
     file.write_text(file.read_text().replace("0.7, 0.9, 1.1", "0.9, -7.0"))
     result = run("variations", file, "--count", 6, "--out", tmp_path / "v")
@@ -111,7 +111,7 @@ def test_a_variation_that_makes_no_building_is_reported_and_the_others_are_writt
     assert re.search(r"\.variation: not written: flat_\d.fpm:\d+:\d+: Entryway door: the width is -7 m", reports[0])
 
 
-def test_a_door_that_is_drawn_beside_its_wall_is_said_of_the_plan_that_is_written(plan, tmp_path):
+def test_door_that_is_drawn_beside_its_wall_is_said_of_the_plan_that_is_written(plan, tmp_path):
     file = plan.with_suffix(".variation")
     door = "door: {\n    location.translation.x : "
     assert door in file.read_text()
@@ -122,7 +122,7 @@ def test_a_door_that_is_drawn_beside_its_wall_is_said_of_the_plan_that_is_writte
 
 
 @pytest.mark.parametrize("command", ["render", "geometry"])
-def test_a_fault_of_a_plan_is_said_with_its_place(plan, tmp_path, command):
+def test_fault_of_a_plan_is_said_with_its_place(plan, tmp_path, command):
     plan.write_text(plan.read_text().replace("width=gap", "width=gab"))
     out = ("--out", tmp_path / "out") if command == "render" else ()
     said = refused(command, plan, *out)
@@ -133,7 +133,7 @@ def test_other_mistakes_are_one_message_each(plan, tmp_path):
     out = ("--out", tmp_path / "out")
     missing = tmp_path / "none.fpm"
     assert refused("geometry", missing).startswith(f"{missing}:1:1: file: no such file")
-    assert "--resolution: found inf; a number of meters" in refused("render", plan, *out, "--resolution", "inf")
+    assert "--resolution: expected a number of meters, got inf" in refused("render", plan, *out, "--resolution", "inf")
     for wrong in ("0", "nan", "fine"):
         assert "Invalid value for '--resolution'" in refused("render", plan, *out, "--resolution", wrong)
     assert "cells; at most" in refused("render", OFFICE_WING, *out, "--resolution", "0.001")
@@ -144,7 +144,7 @@ def test_other_mistakes_are_one_message_each(plan, tmp_path):
     assert "syntax: found 'Floor'" in refused("variations", plan, *out)
 
 
-def test_a_folder_that_can_not_be_written_to_is_said(plan, tmp_path):
+def test_folder_that_can_not_be_written_to_is_said(plan, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "maps").touch()
     result = run("render", plan, "--out", tmp_path / "out")

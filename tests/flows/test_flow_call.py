@@ -64,13 +64,13 @@ class Flow:
         return Completed()
 
 
-def test_a_flow_that_its_embedded_api_fails_is_begun_again(made):
+def test_flow_that_its_embedded_api_fails_is_begun_again(made):
     flow = Flow(FLOWS - 1)
     made.run(flow)
     assert flow.begun == FLOWS
 
 
-def test_an_embedded_api_that_fails_again_and_again_is_told_with_the_log(made, tmp_path):
+def test_embedded_api_that_fails_again_and_again_is_told_with_the_log(made, tmp_path):
     flow = Flow(FLOWS)
     words = f"Prefect's embedded API failed (Failed to reach API); see {tmp_path / 'log'}"
     with pytest.raises(PrefectUnavailable, match=f"^{re.escape(words)}$"):
@@ -78,7 +78,7 @@ def test_an_embedded_api_that_fails_again_and_again_is_told_with_the_log(made, t
     assert flow.begun == FLOWS
 
 
-def test_an_api_of_the_users_that_fails_is_told_with_its_address_at_once(made, monkeypatch):
+def test_api_of_the_users_that_fails_is_told_with_its_address_at_once(made, monkeypatch):
     monkeypatch.setattr(flow_call, "configured_url", lambda: "http://lab:4200/api")
     flow = Flow(1)
     with pytest.raises(
@@ -102,7 +102,7 @@ def test_with_a_server_configured_none_is_started_beside_it(tmp_path, monkeypatc
     FlowCall(Engine(index, Pool(1), tally, pickle.dumps(())), tally, tmp_path / "log").run(Flow(0))
 
 
-def test_a_flow_that_had_done_all_when_its_api_failed_is_not_begun_again_and_that_is_told(made):
+def test_flow_that_had_done_all_when_its_api_failed_is_not_begun_again_and_that_is_told(made):
     flow = Flow(FLOWS)
     made.run(flow, done=lambda: True)
     assert flow.begun == 1
@@ -110,7 +110,7 @@ def test_a_flow_that_had_done_all_when_its_api_failed_is_not_begun_again_and_tha
     assert notice.startswith("all is computed, but Prefect's pages do not show the end: ")
 
 
-def test_a_password_in_the_address_is_neither_printed_nor_kept(made, monkeypatch, tmp_path):
+def test_password_in_the_address_is_neither_printed_nor_kept(made, monkeypatch, tmp_path):
     monkeypatch.setattr(flow_call, "configured_url", lambda: "http://me:s3cret@lab:4200/api")
 
     def flow():

@@ -78,34 +78,34 @@ def test_what_was_not_judged_is_missing_and_in_no_mean(tmp_path):
     assert runs["safety.min_distance (m)"].isna().tolist() == [False, True]
 
 
-def test_a_run_without_a_recording_has_a_row_in_which_nothing_happened(tmp_path):
+def test_run_without_a_recording_has_a_row_in_which_nothing_happened(tmp_path):
     runs = frame(write(tmp_path, {"a": ("f", {"noise": 1}, "pn")}, unrecorded={("a", 1)}))
     assert runs["distance_m"].isna().tolist() == [False, True]
     assert runs["outcome"].isna().tolist() == [False, True]
     assert runs["noise"].tolist() == [1.0, 1.0]
 
 
-def test_a_factor_that_is_named_like_another_column_says_that_it_is_a_factor(tmp_path):
+def test_factor_that_is_named_like_another_column_says_that_it_is_a_factor(tmp_path):
     runs = frame(write(tmp_path, {"a": ("f", {"passed": 3, "outcome": 2}, "p")}))
     assert runs["factor.passed"].tolist() == [3.0] and runs["passed"].tolist() == [True]
     assert runs["factor.outcome"].tolist() == [2.0] and runs["outcome"].tolist() == ["reached"]
 
 
-def test_a_factor_of_numbers_here_and_texts_there_is_text_and_missing_where_a_family_lacks_it(tmp_path):
+def test_factor_of_numbers_here_and_texts_there_is_text_and_missing_where_a_family_lacks_it(tmp_path):
     families = {"a": ("f", {"speed": 0.5}, "p"), "b": ("g", {"speed": "fast"}, "p"), "c": ("h", {}, "p")}
     runs = frame(write(tmp_path, families))
     assert runs["speed"].tolist()[:2] == ["0.5", "fast"]
     assert runs["speed"].isna().tolist() == [False, False, True]
 
 
-def test_a_run_takes_few_bytes(tmp_path):
+def test_run_takes_few_bytes(tmp_path):
     said = "p" * 20
     runs = frame(write(tmp_path, {f"c{k}": ("f", {"noise": k % 3, "map": f"m{k % 7}"}, said) for k in range(548)}))
     assert len(runs) == 10_960
     assert runs.memory_usage(deep=True).sum() < 200 * len(runs)  # bytes a run, so 22 MB for 109,600
 
 
-def test_the_file_beside_the_report_says_what_the_frame_says(tmp_path):
+def test_file_beside_the_report_says_what_the_frame_says(tmp_path):
     families = {"a": ("f", {"speed": 0.5, "map": "rooms"}, "pfn"), "b": ("g", {"speed": "fast"}, "p")}
     write(tmp_path, families, unrecorded={("a", 1)})
     write_wide(tmp_path, wide_table(read_tables(tmp_path)))
@@ -123,7 +123,7 @@ def test_success_by_factor_is_two_lines_of_a_notebook_beside_the_file(tmp_path, 
     assert runpy.run_path("cells.py")["success"].to_dict() == {0.0: 1.0, 0.4: 0.5}
 
 
-def test_a_name_that_is_taken_twice_over_still_has_a_column_of_its_own(tmp_path):
+def test_name_that_is_taken_twice_over_still_has_a_column_of_its_own(tmp_path):
     runs = frame(write(tmp_path, {"a": ("f", {"factor.passed": 1, "passed": 2}, "p")}))
     assert (runs["factor.passed"].tolist(), runs["factor.factor.passed"].tolist()) == ([1.0], [2.0])
     assert runs["passed"].tolist() == [True]

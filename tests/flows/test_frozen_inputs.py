@@ -58,9 +58,7 @@ class Limited(Oracle[Parameters]):
 
 
 @pytest.mark.parametrize("oracle_folder", ["", "../oracles/"])
-def test_a_campaign_directory_is_complete_without_the_campaigns_folder(
-    tmp_path, small_room, monkeypatch, oracle_folder
-):
+def test_campaign_directory_is_complete_without_the_campaigns_folder(tmp_path, small_room, monkeypatch, oracle_folder):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     home = tmp_path / "all" / "campaign"
     judges = home / oracle_folder
@@ -109,7 +107,7 @@ def test_a_campaign_directory_is_complete_without_the_campaigns_folder(
 
 
 @pytest.mark.parametrize(("file", "place"), [("c.vast", "{}/away"), ("{}/away", "x")])
-def test_a_directory_from_elsewhere_is_laid_out_inside_a_folder(tmp_path, file, place):
+def test_directory_from_elsewhere_is_laid_out_inside_a_folder(tmp_path, file, place):
     (tmp_path / "inputs").mkdir()
     for path in ("campaign.vast", "inputs/x"):
         (tmp_path / path).write_text("")

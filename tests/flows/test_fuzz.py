@@ -41,7 +41,7 @@ def folder(fuzz, tmp_path_factory):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MUTANTS)
-def test_a_mutant_is_accepted_or_refused_with_its_file(fuzz, folder, monkeypatch, name):
+def test_mutant_is_accepted_or_refused_with_its_file(fuzz, folder, monkeypatch, name):
     monkeypatch.setenv("VASTFLOW_STORE", str(folder / "store"))
     (kind,) = (kind for kind in fuzz.kinds(folder) if kind.name == name)
     count = fuzz.Count()

@@ -32,7 +32,7 @@ def files_of(folder):
 
 
 @each_row("name", ["first", "a/folder with spaces"])
-def test_the_quickstart_with_its_map_is_written_and_the_command_that_runs_it_is_named(tmp_path, name):
+def test_quickstart_with_its_map_is_written_and_the_command_that_runs_it_is_named(tmp_path, name):
     done = called("init", tmp_path / name)
     assert done.exit_code == 0
     wanted = ("quickstart.vast", "maps/office.yaml", "maps/office.pgm")
@@ -46,13 +46,13 @@ def test_the_quickstart_with_its_map_is_written_and_the_command_that_runs_it_is_
     assert called("validate", campaign).exit_code == 0
 
 
-def test_a_folder_with_other_files_is_taken_and_they_stay(tmp_path):
+def test_folder_with_other_files_is_taken_and_they_stay(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     assert called("init", tmp_path).exit_code == 0
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
-def test_a_file_that_is_there_is_not_written_over_and_nothing_else_is_written(tmp_path):
+def test_file_that_is_there_is_not_written_over_and_nothing_else_is_written(tmp_path):
     (tmp_path / "maps").mkdir()
     (tmp_path / "maps" / "office.yaml").write_text("mine")
     done = called("init", tmp_path)
@@ -93,7 +93,7 @@ def test_init_refuses_what_gives_no_campaign_with_one_line(tmp_path, options, sa
 
 
 @each_row("taken", ["first", "first/maps"])
-def test_a_file_where_a_folder_is_wanted_exits_with_2_and_one_sentence(tmp_path, taken):
+def test_file_where_a_folder_is_wanted_exits_with_2_and_one_sentence(tmp_path, taken):
     (tmp_path / taken).parent.mkdir(exist_ok=True)
     (tmp_path / taken).write_text("mine")
     done = called("init", tmp_path / "first")
@@ -102,12 +102,12 @@ def test_a_file_where_a_folder_is_wanted_exits_with_2_and_one_sentence(tmp_path,
     assert str(tmp_path / taken) in done.stderr
 
 
-def test_the_version_is_that_of_the_distribution():
+def test_version_is_that_of_the_distribution():
     assert called("--version").stdout == f"vastflow {version('vastflow')}\n"
 
 
 @pytest.mark.timeout(300)
-def test_a_shell_completes_commands_and_their_options():
+def test_shell_completes_commands_and_their_options():
     def completed(*words):
         asked = {
             "_VASTFLOW_COMPLETE": "complete_bash",
@@ -140,13 +140,13 @@ def opened(monkeypatch, tmp_path):
     return run
 
 
-def test_the_report_is_opened_with_the_option(opened, tmp_path):
+def test_report_is_opened_with_the_option(opened, tmp_path):
     assert opened("--open", CI="") == [(tmp_path / "report.html").as_uri()]
 
 
-def test_the_report_is_not_opened_without_the_option(opened):
+def test_report_is_not_opened_without_the_option(opened):
     assert opened(CI="") == []
 
 
-def test_the_report_is_never_opened_in_ci(opened):
+def test_report_is_never_opened_in_ci(opened):
     assert opened("--open", CI="true") == []

@@ -11,7 +11,7 @@ from vastflow.flows.terminal.ending import Interruptible
 
 
 @each_row("number", [signal.SIGINT, signal.SIGTERM])
-def test_the_last_words_are_said_once_and_the_exit_code_is_130(number):
+def test_last_words_are_said_once_and_the_exit_code_is_130(number):
     said = []
     with pytest.raises(typer.Exit) as ended, Interruptible("bye") as interruptible:
         interruptible.last_words_by(said.append)
@@ -29,12 +29,12 @@ def test_what_an_interrupted_import_raises_is_an_interrupt_too(capsys):
     assert capsys.readouterr().err == "bye\n"
 
 
-def test_an_error_without_an_interrupt_stays_what_it_is():
+def test_error_without_an_interrupt_stays_what_it_is():
     with pytest.raises(ValueError, match="mine"), Interruptible("bye"):
         raise ValueError("mine")
 
 
-def test_the_handlers_are_given_back():
+def test_handlers_are_given_back():
     before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
     with Interruptible("bye"):
         assert signal.getsignal(signal.SIGINT) is not before[0]

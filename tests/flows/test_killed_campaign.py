@@ -58,7 +58,7 @@ def alone(killed, lab):
     return killed.undisturbed(lab, twice=False)
 
 
-def test_the_proof_runs_its_copy_of_the_code_so_that_an_edit_of_the_checkout_changes_nothing(killed, tmp_path):
+def test_proof_runs_its_copy_of_the_code_so_that_an_edit_of_the_checkout_changes_nothing(killed, tmp_path):
     lab = killed.Lab.made(tmp_path)
     packages = ("", ".deployments", ".flows", ".oracles", ".producers", ".sim", ".tasks")
     names = [f"vastflow{name}" for name in packages]
@@ -70,7 +70,7 @@ def test_the_proof_runs_its_copy_of_the_code_so_that_an_edit_of_the_checkout_cha
 
 
 @pytest.mark.parametrize("victim", ["flow", "worker", "server"])
-def test_a_process_that_is_killed_at_a_random_time_costs_nothing_but_what_was_in_flight(killed, lab, alone, victim):
+def test_process_that_is_killed_at_a_random_time_costs_nothing_but_what_was_in_flight(killed, lab, alone, victim):
     whole, there = alone
     (point,) = killed.points(SEED, 1, [("embedded", victim)], {"embedded": there})
     killed.killed(lab, point, random.Random(f"{SEED} {victim}"), whole, api=None)
@@ -88,7 +88,7 @@ def states(api):
     return sorted(run.state.type.value for run in api.read_flow_runs())
 
 
-def test_a_flow_run_whose_process_was_killed_before_its_first_line_has_crashed_too(api):
+def test_flow_run_whose_process_was_killed_before_its_first_line_has_crashed_too(api):
     host, own = process_tags()
     dead, lives = (
         api.create_flow_run(Flow(lambda: None, name="begins"), tags=[host, process], state=Running())
@@ -102,7 +102,7 @@ def test_a_flow_run_whose_process_was_killed_before_its_first_line_has_crashed_t
 
 
 @more
-def test_a_flow_run_whose_process_was_killed_has_crashed_once_the_campaign_is_run_again(killed, lab, alone, api):
+def test_flow_run_whose_process_was_killed_has_crashed_once_the_campaign_is_run_again(killed, lab, alone, api):
     place = killed.Place(lab, "configured", api=str(api.api_url))
     before = states(api)
     life = place.begin()
@@ -128,7 +128,7 @@ def test_with_nothing_missing_a_configured_server_is_asked_nothing(killed, lab, 
             listener.accept()
 
 
-def test_a_server_that_is_not_there_is_told_in_a_sentence_with_how_to_go_on(killed, lab, alone):
+def test_server_that_is_not_there_is_told_in_a_sentence_with_how_to_go_on(killed, lab, alone):
     place = killed.Place(lab, "nowhere", api="http://127.0.0.1:9/api")
     life = place.begin()
     assert life.end(60) == 3

@@ -78,7 +78,7 @@ def test_no_script_program_notebook_or_step_is_executed(looked, command):
 
 @each_row("command", COMMANDS)
 @each_row("when", ["imported", "produced"])
-def test_a_plug_in_has_no_effects_and_is_told(looked, command, when):
+def test_plug_in_has_no_effects_and_is_told(looked, command, when):
     code, said, is_marked = looked(command, **{when: TOUCH})
     assert not is_marked
     assert code == 2

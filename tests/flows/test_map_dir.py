@@ -26,7 +26,7 @@ def apart(small_room, tmp_path, monkeypatch):
     return small_room, maps.parent
 
 
-def test_a_file_whose_maps_lie_elsewhere_is_valid_with_the_folder_and_names_the_option_without(apart):
+def test_file_whose_maps_lie_elsewhere_is_valid_with_the_folder_and_names_the_option_without(apart):
     file, maps = apart
     assert called("validate", file, "--map-dir", maps).exit_code == 0
     without = called("validate", file)
@@ -34,7 +34,7 @@ def test_a_file_whose_maps_lie_elsewhere_is_valid_with_the_folder_and_names_the_
 
 
 @pytest.mark.parametrize("command", ["run", "validate", "plan", "deploy"])
-def test_a_folder_that_is_not_there_is_refused(command, apart):
+def test_folder_that_is_not_there_is_refused(command, apart):
     file, maps = apart
     pool = ["--pool", "p"] if command == "deploy" else []
     result = called(command, file, "--map-dir", maps / "none", *pool)
@@ -51,7 +51,7 @@ def test_plan_finds_the_maps_and_says_of_how_many_the_sample_is(apart, tmp_path)
     assert "a sample of 1 of 2 distinct configurations" in called("plan", file, *options).stdout
 
 
-def test_a_deployment_has_the_folder_of_maps_and_the_sample_among_its_parameters(apart):
+def test_deployment_has_the_folder_of_maps_and_the_sample_among_its_parameters(apart):
     file, maps = apart
     result = called("deploy", file, "--pool", "p", "--map-dir", maps, "--sample", 3, "--dry-run")
     deployment, _ = yaml.safe_load(result.stdout.split("---")[0])["deployments"]

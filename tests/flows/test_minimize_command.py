@@ -151,7 +151,7 @@ def test_what_is_left_is_the_planted_cause_and_a_campaign_that_fails(place):
 
 
 @pytest.mark.slow
-def test_a_point_of_a_search_is_minimized_as_a_configuration_is(place, searched):
+def test_point_of_a_search_is_minimized_as_a_configuration_is(place, searched):
     folder, directory = place
     listed = minimize_configuration(directory, "blocked", store=folder / "store")
     found = minimize_configuration(searched, "point-0002", store=folder / "store")
@@ -177,7 +177,7 @@ def test_minimize_names_only_keys_that_the_parameter_file_contains():
 
 
 @pytest.mark.slow
-def test_a_second_call_executes_nothing_and_starts_nothing(place, monkeypatch):
+def test_second_call_executes_nothing_and_starts_nothing(place, monkeypatch):
     folder, directory = place
     first = minimize_configuration(directory, "blocked", store=folder / "store")
     monkeypatch.setattr(module, "FlowCall", None)
@@ -200,7 +200,7 @@ def test_one_that_is_interrupted_and_taken_up_again_comes_to_the_same(place, alo
 
 
 @each_row("name", ["nav2/dwb.yaml", "robots/turtlebot3_burger.yaml", "robots/turtlebot4.yaml"])
-def test_a_parameter_file_is_tried_parameter_by_parameter(planted, tmp_path, name):
+def test_parameter_file_is_tried_parameter_by_parameter(planted, tmp_path, name):
     planted.written(tmp_path, [])
     file = {FILE_KEY: nav2_file(CAMPAIGNS / name)}
     task = {"start_pose": planted.START, "goal_pose": planted.GOAL}
@@ -220,7 +220,7 @@ def test_a_parameter_file_is_tried_parameter_by_parameter(planted, tmp_path, nam
         assert nothing.digest == files.built(Candidate(frozenset())).configuration.scenario.digest
 
 
-def test_a_candidate_whose_file_would_have_a_fault_is_not_built(planted, tmp_path):
+def test_candidate_whose_file_would_have_a_fault_is_not_built(planted, tmp_path):
     planted.written(tmp_path, [])
     task = {"start_pose": planted.START, "goal_pose": planted.GOAL}
     layers = "global_costmap.global_costmap.plugins"
@@ -232,7 +232,7 @@ def test_a_candidate_whose_file_would_have_a_fault_is_not_built(planted, tmp_pat
         files.built(Candidate(whole))
 
 
-def test_a_candidate_has_the_mask_of_a_filter_beside_its_file(planted, tmp_path):
+def test_candidate_has_the_mask_of_a_filter_beside_its_file(planted, tmp_path):
     planted.written(tmp_path, [])
     (tmp_path / "masks").mkdir()
     for file in ("rooms.yaml", yaml.safe_load((tmp_path / "rooms.yaml").read_text())["image"]):
@@ -261,7 +261,7 @@ def test_a_candidate_has_the_mask_of_a_filter_beside_its_file(planted, tmp_path)
             files.built(Candidate(without))
 
 
-def test_a_parameter_file_with_what_no_key_says_stays_whole():
+def test_parameter_file_with_what_no_key_says_stays_whole():
     file = {FILE_KEY: nav2_file(CAMPAIGNS / "robots" / "forklift.yaml")}
     assert spelled_out(file) == file
 

@@ -188,7 +188,7 @@ def test_oracles_take_size_of_robot(system, inscribed_m, circumscribed_m):
 def test_validate_says_that_polygon_replaces_robot_radius(campaign):
     said = called("validate", campaign(nav2=f'footprint: "{SQUARE}", robot_radius: 0.3')).stdout
     assert (
-        "warning: local_costmap.local_costmap.robot_radius: found 0.3, which has no effect; the polygon footprint replaces it"
+        "warning: local_costmap.local_costmap.robot_radius: expected the polygon footprint replaces it, got 0.3, which has no effect"
         in said
     )
     said = called(

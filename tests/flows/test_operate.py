@@ -21,12 +21,12 @@ AUTOMATIONS = [
 
 
 @each_row("written", AUTOMATIONS)
-def test_an_automation_of_the_page_is_one_that_prefect_takes(written):
+def test_automation_of_the_page_is_one_that_prefect_takes(written):
     automation = AutomationCore.model_validate(written)
     assert (automation.enabled, automation.trigger.threshold) == (True, 1)
 
 
-def test_the_page_has_automations():
+def test_page_has_automations():
     assert len(AUTOMATIONS) == 2
 
 

@@ -71,11 +71,11 @@ def test_each_family_has_its_rate_with_a_wilson_interval():
     assert words_of(text, "all")[1:5] == ["2", "14", "12", "2"]
 
 
-def test_a_single_family_has_no_second_row_for_all():
+def test_single_family_has_no_second_row_for_all():
     assert "all " not in text_of(tables(PASSES))
 
 
-def test_a_rate_over_no_judged_run_is_said_to_be_not_judged():
+def test_rate_over_no_judged_run_is_said_to_be_not_judged():
     assert rate_text(Counts(0, 0, 5)) == "not judged"
 
 
@@ -86,11 +86,11 @@ def test_runs_that_were_not_judged_have_a_column_only_where_there_are_any():
     assert "not judged" not in text_of(tables(PASSES))
 
 
-def test_the_outcome_fits_a_terminal_of_80_columns():
+def test_outcome_fits_a_terminal_of_80_columns():
     assert max(map(len, text_of(tables(PASSES + FAILS)).splitlines())) < 80
 
 
-def test_a_family_of_which_nothing_could_be_built_has_a_row():
+def test_family_of_which_nothing_could_be_built_has_a_row():
     rejection = {"family": "far", "producer": "PathVariationRandom", "reason": "too far"}
     assert words_of(text_of(tables(PASSES, [rejection])), "far")[1:] == ["0", "0", "0", "0", "–"]
 

@@ -27,7 +27,7 @@ def test_another_campaign_is_refused(tmp_path):
     assert "campaign 'quickstart' is none of the paper's" in result.stderr
 
 
-def test_a_damaged_directory_is_said_in_one_line(tmp_path):
+def test_damaged_directory_is_said_in_one_line(tmp_path):
     (tmp_path / "metadata.json").write_text(json.dumps({"name": "paper-safety"}))
     result = called(tmp_path)
     assert (result.exit_code, len(result.stderr.splitlines())) == (2, 1)

@@ -52,7 +52,7 @@ def test_every_parameter_of_the_file_is_a_line_with_what_becomes_of_it(nav2):
     ]
 
 
-def test_the_counts_come_last(nav2):
+def test_counts_come_last(nav2):
     lines = called("params", nav2).stdout.splitlines()[8:]
     assert [line.split(":")[0].split(maxsplit=1) for line in lines[:5]] == [
         ["3", "modeled"],
@@ -66,7 +66,7 @@ def test_the_counts_come_last(nav2):
     assert lines[7] == "not in the file and left away: collision_monitor"
 
 
-def test_the_body_and_the_limits_that_follow_from_the_file_are_said_and_what_is_assumed(nav2):
+def test_body_and_the_limits_that_follow_from_the_file_are_said_and_what_is_assumed(nav2):
     polygon = "[[0.35, 0.25], [0.35, -0.25], [-0.35, -0.25], [-0.35, 0.25]]"
     costmap = f"local_costmap: {{local_costmap: {{ros__parameters: {{footprint: '{polygon}'}}}}}}\n"
     nav2.write_text(costmap + NAV2.replace("scale_velocities: false", "max_velocity: [1.5, 0.0, 2.0]"))
@@ -111,7 +111,7 @@ def test_faults_of_the_file_are_said_with_their_places_and_exit_with_2(nav2):
     assert "Traceback" not in result.stderr
 
 
-def test_a_file_that_is_not_there_exits_with_2(tmp_path):
+def test_file_that_is_not_there_exits_with_2(tmp_path):
     result = called("params", tmp_path / "none.yaml")
     assert (result.exit_code, "no such file" in result.stderr) == (2, True)
 
@@ -132,7 +132,7 @@ def test_validate_says_what_is_not_modeled(campaign):
 
 
 @pytest.mark.parametrize("command", ["validate", "run"])
-def test_a_campaign_with_a_bad_parameter_file_exits_with_2_and_writes_nothing(campaign, monkeypatch, tmp_path, command):
+def test_campaign_with_a_bad_parameter_file_exits_with_2_and_writes_nothing(campaign, monkeypatch, tmp_path, command):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "store"))
     campaign.with_name("nav2.yaml").write_text(NAV2.replace("_vel: 1", "_vel: -1"))
@@ -145,7 +145,7 @@ def test_a_campaign_with_a_bad_parameter_file_exits_with_2_and_writes_nothing(ca
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_the_parameter_file_is_kept_with_the_inputs(campaign):
+def test_parameter_file_is_kept_with_the_inputs(campaign):
     found = inputs_of(*read_campaign(campaign))
     assert found.files["nav2.yaml"] == NAV2.encode()
     assert set(found.files) == {"nav2.yaml", "room.yaml", "room.pgm"}
@@ -156,7 +156,7 @@ def note(k, kind="not modeled"):
     return Note(kind, "nav2.yaml", k, 1, f"p{k}", "not modeled")
 
 
-def test_a_few_unmodeled_parameters_are_all_said():
+def test_few_unmodeled_parameters_are_all_said():
     assert len(list(terminal_lines([note(k) for k in range(MOST_OF_A_FILE)]))) == MOST_OF_A_FILE
 
 

@@ -20,7 +20,7 @@ def test_everything_is_executed_once_and_after_an_edit_one_configuration_alone()
 
 
 @each_row("configurations", [2, 21, 22, 50])
-def test_the_campaign_has_as_many_distinct_configurations_as_asked(tmp_path, configurations):
+def test_campaign_has_as_many_distinct_configurations_as_asked(tmp_path, configurations):
     (tmp_path / "nothing.osc").write_text(SCENARIO)
     (tmp_path / "nothing.vast").write_text(campaign_text(configurations, 3, edited=0))
     found = instantiate(load_campaign(tmp_path / "nothing.vast")).configurations

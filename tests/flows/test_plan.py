@@ -321,7 +321,7 @@ def kernel_edited(again):
 
 
 @pytest.mark.slow
-def test_an_edited_kernel_is_named_by_its_module(again, monkeypatch):
+def test_edited_kernel_is_named_by_its_module(again, monkeypatch):
     tree = kernel_edited(again)
     monkeypatch.setattr(plans, "installed_tree", lambda: tree)
     found = again.dry()
@@ -360,7 +360,7 @@ def test_another_kind_of_machine_is_said(again, first, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_directory_of_an_earlier_version_tells_what_it_can(again, first, tmp_path, monkeypatch):
+def test_directory_of_an_earlier_version_tells_what_it_can(again, first, tmp_path, monkeypatch):
     past = Path(shutil.copytree(first, tmp_path / "past"))
     metadata = json.loads((past / "metadata.json").read_text())
     for key in ("code", "asked", "oracles", "producers", "seed"):
@@ -410,7 +410,7 @@ def test_what_an_earlier_selection_left_out_is_told_from_what_is_new(again, firs
 
 
 @pytest.mark.slow
-def test_a_lost_evaluation_is_made_here_and_not_stored(again, first):
+def test_lost_evaluation_is_made_here_and_not_stored(again, first):
     lost = sorted(again.store.glob("evaluate/*/*"))
     for folder in lost:
         shutil.rmtree(folder)
@@ -421,7 +421,7 @@ def test_a_lost_evaluation_is_made_here_and_not_stored(again, first):
 
 
 @pytest.mark.slow
-def test_a_lost_trace_costs_an_observation(again):
+def test_lost_trace_costs_an_observation(again):
     shutil.rmtree(next(again.store.glob("observe/*/*")))
     found = again.dry()
     assert found.computed("execute") == 0 and 1 <= found.computed("observe") <= 2
@@ -429,7 +429,7 @@ def test_a_lost_trace_costs_an_observation(again):
 
 
 @pytest.mark.slow
-def test_a_producer_that_raises_is_a_fault_and_the_rest_is_told(again):
+def test_producer_that_raises_is_a_fault_and_the_rest_is_told(again):
     found = again.dry(("ahead.py", "        for distance_m", "        1 / 0\n        for distance_m"), FRONT)
     assert [fault.error for fault in found.faults] == ["ZeroDivisionError: division by zero"]
     assert found.computed("execute") == 2
@@ -458,7 +458,7 @@ def test_run_executes_what_its_plan_says_of_edited_kernel_and_keeps_equal_traces
 
 
 @pytest.mark.slow
-def test_the_newest_campaign_of_the_name_is_compared_with(first, tmp_path):
+def test_newest_campaign_of_the_name_is_compared_with(first, tmp_path):
     results = tmp_path / "results"
     for name, created, campaign in [("a", "2026-01-01", "dry"), ("b", "2026-03-01", "dry"), ("c", "2026-04-01", "wet")]:
         shutil.copytree(first, results / name)
@@ -473,7 +473,7 @@ def test_the_newest_campaign_of_the_name_is_compared_with(first, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_damaged_directory_to_compare_with_is_a_users_mistake(again, first, tmp_path):
+def test_damaged_directory_to_compare_with_is_a_users_mistake(again, first, tmp_path):
     past = Path(shutil.copytree(first, tmp_path / "past"))
     (past / "runs.parquet").unlink()
     with pytest.raises(UnusableDirectory, match=r"past: damaged campaign directory: .*runs\.parquet"):
@@ -488,7 +488,7 @@ def test_plan_reports_unknown_name_as_user_error(again):
 
 
 @pytest.mark.slow
-def test_a_store_at_an_address_that_is_none_is_a_users_mistake(again):
+def test_store_at_an_address_that_is_none_is_a_users_mistake(again):
     with pytest.raises(StoreError, match="nowhere"):
         again.dry(store="nowhere://x")
 
@@ -498,7 +498,7 @@ def called(*arguments):
 
 
 @pytest.mark.slow
-def test_the_command_prints_json_and_nothing_else_and_starts_no_prefect(again, first, monkeypatch):
+def test_command_prints_json_and_nothing_else_and_starts_no_prefect(again, first, monkeypatch):
     monkeypatch.setattr(flow_call, "ApiServer", None)
     again.edit(NOISE)
     options = ("--store", again.store, "--results", again.place / "results")

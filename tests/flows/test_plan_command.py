@@ -99,13 +99,13 @@ def test_coverage_lists_dimensions_and_pairs(rich_room):
     assert "dimension" in printed and "pair of producers" in printed
 
 
-def test_the_reasons_of_rejections_and_exclusions_are_printed(rich_room):
+def test_reasons_of_rejections_and_exclusions_are_printed(rich_room):
     printed = called(rich_room).stdout
     assert "200 m" in printed
     assert "1 ×  room  see_enough" in printed
 
 
-def test_the_first_configurations_are_drawn_and_named(rich_room, tmp_path):
+def test_first_configurations_are_drawn_and_named(rich_room, tmp_path):
     found = as_json(rich_room, "--pictures", 1, "--out", tmp_path / "pictures")
     assert found["pictures"] == [str(tmp_path / "pictures" / "room-1-1-1.png")]
     with Image.open(found["pictures"][0]) as picture:
@@ -113,7 +113,7 @@ def test_the_first_configurations_are_drawn_and_named(rich_room, tmp_path):
         assert min(picture.size) > 400
 
 
-def test_a_duplicate_is_not_drawn(rich_room):
+def test_duplicate_is_not_drawn(rich_room):
     names = [name.rpartition("/")[2] for name in as_json(rich_room, "--pictures", 4)["pictures"]]
     assert names == ["room-1-1-1.png", "room-1-1-2.png"]
 
@@ -129,14 +129,14 @@ def test_without_pictures_no_folder_is_made(small_room, tmp_path):
     assert not list(tmp_path.glob("pictures-*"))
 
 
-def test_a_picture_has_path_stops_and_the_obstacle_with_its_trigger(rich_room):
+def test_picture_has_path_stops_and_the_obstacle_with_its_trigger(rich_room):
     view = plan_view_of(configurations_of(rich_room)[0])
     start, goal = view.situation.start, view.situation.goals[0]
     assert [tuple(view.path_xy_m[k]) for k in (0, -1)] == [(start.x_m, start.y_m), (goal.x_m, goal.y_m)]
     assert [obstacle.trigger.distance_m for obstacle in view.situation.obstacles] == [0.8]
 
 
-def test_the_estimate_is_of_distinct_runs_at_the_mean_speed(rich_room):
+def test_estimate_is_of_distinct_runs_at_the_mean_speed(rich_room):
     configurations = configurations_of(rich_room)
     five = Counter({each.name: 5 for each in configurations if each.duplicate_of is None})
     length_m = configurations[0].provenance["_path_length"]
@@ -145,7 +145,7 @@ def test_the_estimate_is_of_distinct_runs_at_the_mean_speed(rich_room):
     assert found.wall_s == pytest.approx(found.simulated_s / (2 * TIMES_REAL_TIME))
 
 
-def test_the_estimate_of_a_run_does_not_exceed_the_timeout(small_room):
+def test_estimate_of_a_run_does_not_exceed_the_timeout(small_room):
     configurations = configurations_of(small_room)
     three = Counter({each.name: 3 for each in configurations})
     assert estimate_of(configurations, three, timeout_s=1.5, cores=1).simulated_s == 2 * 3 * 1.5
@@ -155,7 +155,7 @@ def test_without_a_path_the_way_is_straight_from_stop_to_stop(small_room):
     assert [route_m(configuration) for configuration in configurations_of(small_room)] == [2.0, 2.0]
 
 
-def test_the_estimate_says_what_it_supposes(small_room):
+def test_estimate_says_what_it_supposes(small_room):
     printed = " ".join(called(small_room).stdout.split())
     assert "estimate: about" in printed
     assert Estimate(10.0, 300.0, 1).how == (
@@ -164,7 +164,7 @@ def test_the_estimate_says_what_it_supposes(small_room):
     )
 
 
-def test_a_fault_of_the_file_ends_with_2_and_is_said_as_validate_says_it(small_room):
+def test_fault_of_the_file_ends_with_2_and_is_said_as_validate_says_it(small_room):
     small_room.write_text(small_room.read_text().replace("  runs: 2", "  rums: 2"))
     result = called(small_room)
     assert (result.exit_code, result.stdout) == (2, "")
@@ -178,7 +178,7 @@ def test_constraints_that_leave_nothing_end_with_2(rich_room):
     assert "the constraints leave nothing of family 'room'" in result.stderr
 
 
-def test_an_out_folder_that_is_a_file_is_said_before_anything_is_built(small_room, tmp_path):
+def test_out_folder_that_is_a_file_is_said_before_anything_is_built(small_room, tmp_path):
     (tmp_path / "taken").write_text("")
     result = called(small_room, "--out", tmp_path / "taken")
     assert (result.exit_code, result.stdout) == (2, "")

@@ -59,7 +59,7 @@ def campaign(folder, code, reads="()", oracle=False, **places):
 
 @each_row("end", ENDS)
 @each_row("place", ["imported", "made", "produced"])
-def test_a_producer_that_ends_the_process_is_a_fault_of_the_file(tmp_path, place, end):
+def test_producer_that_ends_the_process_is_a_fault_of_the_file(tmp_path, place, end):
     result = CliRunner().invoke(app, ["validate", campaign(tmp_path, PRODUCER, **{place: end})])
     assert (result.exit_code, result.stdout) == (2, "")
     assert f"{tmp_path}/c.vast:4:19: configuration[0].variations[0].plug.py:Leaver: " in result.stderr
@@ -67,19 +67,19 @@ def test_a_producer_that_ends_the_process_is_a_fault_of_the_file(tmp_path, place
 
 
 @each_row("place", ["imported", "made"])
-def test_an_oracle_that_ends_the_process_is_a_fault_of_the_file(tmp_path, place):
+def test_oracle_that_ends_the_process_is_a_fault_of_the_file(tmp_path, place):
     result = CliRunner().invoke(app, ["validate", campaign(tmp_path, ORACLE, oracle=True, **{place: "sys.exit(0)"})])
     assert (result.exit_code, result.stdout) == (2, "")
     assert f"{tmp_path}/c.vast:4:" in result.stderr and ENDS["sys.exit(0)"] in result.stderr
 
 
-def test_an_oracle_that_can_not_be_made_is_a_fault_of_the_file(tmp_path):
+def test_oracle_that_can_not_be_made_is_a_fault_of_the_file(tmp_path):
     result = CliRunner().invoke(app, ["validate", campaign(tmp_path, ORACLE, oracle=True, made="1 / 0")])
     assert result.exit_code == 2
     assert "it raised ZeroDivisionError: division by zero; an oracle that can be made" in result.stderr
 
 
-def test_a_job_of_a_worker_whose_plug_in_ends_the_process_is_broken(capsys):
+def test_job_of_a_worker_whose_plug_in_ends_the_process_is_broken(capsys):
     def judge():
         raise SystemExit(0)
 
@@ -91,14 +91,14 @@ def test_ctrl_c_in_a_plug_in_stays_ctrl_c():
         raise KeyboardInterrupt
 
 
-def test_an_error_of_a_plug_in_stays_that_error():
+def test_error_of_a_plug_in_stays_that_error():
     with pytest.raises(LookupError, match="own"), plug_in_code():
         raise LookupError("own")
     with pytest.raises(PlugInExit, match=r"SystemExit\('words'\)"), plug_in_code():
         raise SystemExit("words")
 
 
-def test_an_exit_that_comes_from_anywhere_else_is_no_exit_code_of_a_command(monkeypatch, tmp_path):
+def test_exit_that_comes_from_anywhere_else_is_no_exit_code_of_a_command(monkeypatch, tmp_path):
     def leave(*arguments, **named):
         raise SystemExit(0)
 

@@ -171,12 +171,12 @@ def test_members_that_want_more_runs_go_to_the_workers_again_for_these_alone(tmp
     assert shown[-1] == (2, 2)
 
 
-def test_a_shard_is_called_by_its_places(drive, members):
+def test_shard_is_called_by_its_places(drive, members):
     _, _, workers, _ = drive(done, members, WorkPool("lab"))
     assert [name for name, _ in workers.tried] == ["1–8 of hall"]
 
 
-def test_a_shard_that_fails_once_is_given_to_another_worker_with_what_is_missing(drive, members):
+def test_shard_that_fails_once_is_given_to_another_worker_with_what_is_missing(drive, members):
     failures = iter([True])
 
     def act(workers, flow_run, some):
@@ -192,7 +192,7 @@ def test_a_shard_that_fails_once_is_given_to_another_worker_with_what_is_missing
     assert (progress.passed, faults) == (6, ())
 
 
-def test_a_member_that_kills_its_worker_ends_alone_and_the_others_are_computed(drive, members):
+def test_member_that_kills_its_worker_ends_alone_and_the_others_are_computed(drive, members):
     progress, faults, workers, error = drive(dies_of({"hall-4"}), members)
     assert error is None
     assert [(fault.member, fault.run_index, fault.stage) for fault in faults] == [("hall-4", None, "execute")]
@@ -209,7 +209,7 @@ def test_two_poisons_are_both_found(drive, members):
     assert (progress.passed, progress.not_judged) == (12, 4)
 
 
-def test_a_poison_in_every_shard_is_found(drive):
+def test_poison_in_every_shard_is_found(drive):
     many = [member(k) for k in range(1, 33)]
     progress, faults, _, error = drive(dies_of({"hall-1", "hall-12", "hall-20", "hall-32"}), many, WorkPool("lab", 4))
     assert error is None
@@ -227,7 +227,7 @@ def test_workers_that_fail_whatever_they_are_given_end_the_campaign_before_every
     assert len(workers.tried) < 16
 
 
-def test_a_fault_that_the_worker_reports_is_the_members_and_nothing_is_tried_again(drive, members):
+def test_fault_that_the_worker_reports_is_the_members_and_nothing_is_tried_again(drive, members):
     def act(workers, flow_run, some):
         for each in some[1:]:
             compute(workers.store, each)
@@ -240,7 +240,7 @@ def test_a_fault_that_the_worker_reports_is_the_members_and_nothing_is_tried_aga
     assert len(workers.tried) == 1
 
 
-def test_a_member_whose_fault_was_forgotten_and_that_breaks_again_has_a_fault_again(tmp_path, members):
+def test_member_whose_fault_was_forgotten_and_that_breaks_again_has_a_fault_again(tmp_path, members):
     store, tally, pool = open_store(tmp_path / "store"), Tally(), Pool(1)
     tally.expect({"hall-1": RUNS})
     engine = Engine(Index(store, KEYS), pool, tally, b"")
@@ -256,7 +256,7 @@ def test_a_member_whose_fault_was_forgotten_and_that_breaks_again_has_a_fault_ag
     assert engine.broken == {"hall-1"}
 
 
-def test_a_flow_run_without_a_sign_of_life_is_given_up_and_its_shard_tried_again(drive, members):
+def test_flow_run_without_a_sign_of_life_is_given_up_and_its_shard_tried_again(drive, members):
     silent = iter([True])
 
     def act(workers, flow_run, some):
@@ -288,7 +288,7 @@ def test_signs_of_life_keep_a_slow_shard(drive, members):
     assert (workers.given_up, progress.passed) == ([], 16)
 
 
-def test_a_cancelled_shard_is_not_judged_and_the_others_are(drive, members):
+def test_cancelled_shard_is_not_judged_and_the_others_are(drive, members):
     def act(workers, flow_run, some):
         if some[0].name == "hall-1":
             return Seen("ended", "Cancelled", "", "")
@@ -345,7 +345,7 @@ def test_workers_that_are_there_and_take_nothing_are_counted(drive, members):
     assert sorted(workers.cancelled) == sorted(workers.ended)
 
 
-def test_an_ended_campaign_cancels_what_is_on_its_way(drive, members):
+def test_ended_campaign_cancels_what_is_on_its_way(drive, members):
     def act(workers, flow_run, some):
         threading.Timer(0.05, workers.pool.close).start()
         return Seen("running", "Running", "", "")
@@ -355,7 +355,7 @@ def test_an_ended_campaign_cancels_what_is_on_its_way(drive, members):
     assert workers.cancelled == list(workers.ended)
 
 
-def test_a_flow_run_that_somebody_deleted_is_tried_again(drive, members):
+def test_flow_run_that_somebody_deleted_is_tried_again(drive, members):
     deleted = iter([True])
 
     def act(workers, flow_run, some):
@@ -385,14 +385,14 @@ def test_there_are_as_many_shards_as_the_work_is_worth(members, runs, most, coun
     assert shard_count(WorkPool("lab", shards=most), members, runs) == count
 
 
-def test_a_pool_has_a_name_and_at_least_one_shard():
+def test_pool_has_a_name_and_at_least_one_shard():
     with pytest.raises(WorkPoolError, match="--pool: found an empty name"):
         WorkPool("")
-    with pytest.raises(WorkPoolError, match="--shards: found 0; 1 or more"):
+    with pytest.raises(WorkPoolError, match="--shards: expected 1 or more, got 0"):
         WorkPool("lab", shards=0)
 
 
-def test_a_report_tells_each_member_once_and_its_end(tmp_path, members):
+def test_report_tells_each_member_once_and_its_end(tmp_path, members):
     store = open_store(tmp_path / "store")
     pool = Pool(1)
     engine = Engine(Index(store, KEYS), pool, Tally(), b"")
@@ -454,7 +454,7 @@ def test_members_are_counted_while_their_shard_is_under_way(drive, members, monk
     assert passed == [0, 2, 4, 6]
 
 
-def test_a_flow_run_that_was_taken_and_never_begun_is_given_up_only_where_nothing_queues(drive, members):
+def test_flow_run_that_was_taken_and_never_begun_is_given_up_only_where_nothing_queues(drive, members):
     taken = iter([True])
 
     def act(workers, flow_run, some):

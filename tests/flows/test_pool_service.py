@@ -97,7 +97,7 @@ def service(client, monkeypatch, say=lambda line: None, ended=lambda: False, **a
     )
 
 
-def test_a_shard_is_asked_for_by_name_tags_bundle_and_what_the_campaign_wants_of_its_container(monkeypatch):
+def test_shard_is_asked_for_by_name_tags_bundle_and_what_the_campaign_wants_of_its_container(monkeypatch):
     client = Client("kubernetes")
     assert service(client, monkeypatch, workers=3).submit("bundle/ab/abc", "12–15 of hall") == str(RUNS["a"])
     (asked,) = client.created
@@ -106,7 +106,7 @@ def test_a_shard_is_asked_for_by_name_tags_bundle_and_what_the_campaign_wants_of
     assert (asked["job_variables"], asked["timeout"]) == ({"cpu": "3"}, 0)
 
 
-def test_a_request_whose_answer_got_lost_is_repeated_as_the_same_one(monkeypatch):
+def test_request_whose_answer_got_lost_is_repeated_as_the_same_one(monkeypatch):
     client = Client()
     found = service(client, monkeypatch)
     client.away = [httpx.ReadTimeout("slow"), refused(503)]
@@ -136,7 +136,7 @@ def test_states_and_signs_of_life_take_two_requests_for_all_shards(monkeypatch):
         (Crashed(), "ended"),
     ],
 )
-def test_a_state_of_prefects_says_where_a_shard_stands(monkeypatch, state, standing):
+def test_state_of_prefects_says_where_a_shard_stands(monkeypatch, state, standing):
     client = Client()
     client.read_flow_runs = lambda flow_run_filter, limit: (
         [flow_run(RUNS["b"], state)] if flow_run_filter.id is not None else []
@@ -152,7 +152,7 @@ def test_shards_are_cancelled_fifty_a_request(monkeypatch):
     assert sizes == [50, 50, 20]
 
 
-def test_a_server_that_stays_away_is_said_at_once_and_then_given_up_and_named(monkeypatch):
+def test_server_that_stays_away_is_said_at_once_and_then_given_up_and_named(monkeypatch):
     client, said = Client(), []
     found = service(client, monkeypatch, say=said.append)
     client.away = [httpx.ConnectError("refused")] * 1000
@@ -183,14 +183,14 @@ def test_what_the_server_refuses_is_not_repeated(monkeypatch):
     assert len(client.away) == 1
 
 
-def test_a_pool_that_is_not_there_is_said_with_the_nearest_name():
+def test_pool_that_is_not_there_is_said_with_the_nearest_name():
     with pytest.raises(
         WorkPoolError, match=r"--pool: no work pool 'lap'; did you mean 'lab'.*prefect work-pool create lap"
     ):
         pool_type(Asking(Client(), print), "lap")
 
 
-def test_a_pool_of_another_kind_is_refused():
+def test_pool_of_another_kind_is_refused():
     with pytest.raises(WorkPoolError, match="--pool: the work pool 'lab' is of type 'ecs'; one of process, docker"):
         pool_type(Asking(Client("ecs"), print), "lab")
 

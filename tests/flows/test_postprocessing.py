@@ -129,7 +129,7 @@ def campaign(small_room, tmp_path):
     return Campaign(small_room, tmp_path / "results")
 
 
-def test_a_plug_in_works_on_a_copy_and_what_it_writes_lies_below_one_folder(campaign):
+def test_plug_in_works_on_a_copy_and_what_it_writes_lies_below_one_folder(campaign):
     beside = contents(campaign.file.parent, campaign.file.name)
     (step,), results = campaign.after([{"measure/plug.py:Lengths": {"suffix": ".len"}}])
     assert (step["outcome"], step["message"], results.faults) == ("done", "measured 4 runs", ())
@@ -140,7 +140,7 @@ def test_a_plug_in_works_on_a_copy_and_what_it_writes_lies_below_one_folder(camp
     assert "robovast" not in sys.modules
 
 
-def test_a_command_gets_its_arguments_and_the_copy_with_what_steps_before_it_made(campaign):
+def test_command_gets_its_arguments_and_the_copy_with_what_steps_before_it_made(campaign):
     steps = ["measure/plug.py:Lengths", {"command": {"script": "note.sh", "args": [0]}}]
     rows, results = campaign.after(steps)
     assert [row["outcome"] for row in rows] == ["done", "done"]
@@ -158,15 +158,15 @@ def test_a_command_gets_its_arguments_and_the_copy_with_what_steps_before_it_mad
         ("measure/plug.py:Exits", "its process ended with code 0 without an answer"),
         ("measure/plug.py:Forgets", "TypeError: it returned None; (done, message), such as (True, 'wrote 3 files')"),
         ({"measure/plug.py:Raises": {"speed": 1}}, "TypeError: Raises.__call__() got an unexpected keyword"),
-        ("measure/gone.py:Raises", "found 'measure/gone.py:Raises', and there is no such file"),
+        ("measure/gone.py:Raises", "got 'measure/gone.py:Raises', and there is no such file"),
         ("measure/plug.py:Gone", "no class 'Gone' in measure/plug.py"),
         ("rosbag_to_csv", "no step is called 'rosbag_to_csv'; did you mean 'rosbags_to_csv'?"),
-        ({"command": {"script": "gone.sh"}}, "found the script 'gone.sh', and there is no such file"),
+        ({"command": {"script": "gone.sh"}}, "got the script 'gone.sh', and there is no such file"),
         ({"command": {"script": "note.sh", "args": [7]}}, "ended with code 7"),
         ("command", "a command without a script; script: FILE"),
     ],
 )
-def test_a_step_that_fails_is_a_fault_of_its_own_and_the_rest_runs(campaign, step, message):
+def test_step_that_fails_is_a_fault_of_its_own_and_the_rest_runs(campaign, step, message):
     rows, results = campaign.after([step, {"command": {"script": "note.sh", "args": [0]}}])
     assert [row["outcome"] for row in rows] == ["failed", "done"]
     assert rows[0]["message"].startswith(message)
@@ -184,7 +184,7 @@ def test_steps_that_recordings_satisfy_run_nothing_and_say_what_there_is(campaig
     assert "poses.csv" in rows[1]["message"] and results.faults == ()
 
 
-def test_the_same_steps_over_the_same_results_are_not_run_again_and_edited_ones_are(campaign):
+def test_same_steps_over_the_same_results_are_not_run_again_and_edited_ones_are(campaign):
     steps = ["measure/plug.py:Lengths", {"command": {"script": "count.sh"}}]
     counter = campaign.root.parent / "count"
     (campaign.file.parent / "count.sh").write_text(f"#!/bin/sh\necho run >> {counter}\ncp {counter} .\n")

@@ -144,7 +144,7 @@ def add_a_millimeter(columns):
     columns["x_mm"][12] += 1
 
 
-def test_a_run_is_repeated_bit_for_bit_from_the_campaign_directory_alone(results):
+def test_run_is_repeated_bit_for_bit_from_the_campaign_directory_alone(results):
     done = called(results, "room-2", 1)
     assert done.exit_code == 0, done.stderr
     assert "room-2, run 1: executed again, equal to the recording bit for bit" in done.stdout
@@ -165,7 +165,7 @@ def test_with_json_standard_output_says_what_was_found_and_where_the_pictures_ar
     assert said["strip"] == str(tmp_path / "pictures/strip.png")
 
 
-def test_a_tampered_recording_is_reported_with_its_row_and_column_and_pictures_are_made(results):
+def test_tampered_recording_is_reported_with_its_row_and_column_and_pictures_are_made(results):
     tampered(results, add_a_millimeter)
     done = called(results, "room-2", 1, "--at", "1.0", "--json")
     said = json.loads(done.stdout)
@@ -177,12 +177,12 @@ def test_a_tampered_recording_is_reported_with_its_row_and_column_and_pictures_a
     assert (results / "replays/room-2-1/strip.png").exists()
 
 
-def test_the_other_runs_of_a_tampered_file_are_still_what_was_recorded(results):
+def test_other_runs_of_a_tampered_file_are_still_what_was_recorded(results):
     tampered(results, add_a_millimeter)
     assert called(results, "room-2", 0, "--at", "1.0").exit_code == 0
 
 
-def test_a_film_has_a_picture_for_each_step(results):
+def test_film_has_a_picture_for_each_step(results):
     done = called(results, "room-1", 0, "--at", "1", "--video", "--every", "0.5", "--from", "1", "--to", "2", "--json")
     with Image.open(json.loads(done.stdout)["video"]) as film:
         assert film.n_frames == 3
@@ -193,13 +193,13 @@ def test_pictures_at_regular_times_make_a_strip(results):
     assert [frame["t_s"] for frame in json.loads(done.stdout)["frames"]] == [0.0, 1.0, 2.0, 2.95]
 
 
-def test_a_time_between_two_ticks_is_rounded_and_said(results):
+def test_time_between_two_ticks_is_rounded_and_said(results):
     done = called(results, "room-1", 0, "--at", "1.238", "--json")
     assert json.loads(done.stdout)["frames"][0]["t_s"] == 1.25
     assert done.stderr == "--at 1.238: the nearest tick of 50 ms is 1.25 s\n"
 
 
-def test_a_duplicate_shows_the_runs_of_its_original(results):
+def test_duplicate_shows_the_runs_of_its_original(results):
     done = called(results, "room-3", 0, "--at", "1")
     assert done.exit_code == 0
     assert done.stdout.startswith("room-3 has the content of room-1, whose runs were recorded\n")
@@ -232,7 +232,7 @@ def test_bad_arguments_exit_with_2(made, arguments):
     assert done.exit_code == 2 and "Traceback" not in done.stderr
 
 
-def test_a_folder_that_is_no_campaign_directory_is_refused(tmp_path):
+def test_folder_that_is_no_campaign_directory_is_refused(tmp_path):
     done = called(tmp_path, "room-1", 0)
     assert done.exit_code == 2 and "has no metadata.json" in done.stderr
 
@@ -296,7 +296,7 @@ def no_versions(results):
     ],
     ids=lambda value: getattr(value, "__name__", ""),
 )
-def test_a_damaged_directory_is_refused_in_one_line(results, spoil, words):
+def test_damaged_directory_is_refused_in_one_line(results, spoil, words):
     spoil(results)
     done = called(results, "room-2", 1)
     assert (done.exit_code, done.stdout) == (2, "")
@@ -304,19 +304,19 @@ def test_a_damaged_directory_is_refused_in_one_line(results, spoil, words):
     assert words in line and "Traceback" not in done.stderr
 
 
-def test_a_configuration_without_a_recording_is_named(results):
+def test_configuration_without_a_recording_is_named(results):
     (results / "recordings" / "room-2.parquet").unlink()
     with pytest.raises(UnusableDirectory, match="no run of room-2 was recorded"):
         recorded_run(results, "room-2", 0)
 
 
-def test_a_map_that_lies_only_among_the_inputs_is_found_there(results):
+def test_map_that_lies_only_among_the_inputs_is_found_there(results):
     shutil.rmtree(results / "environments")
     found = recorded_run(results, "room-2", 0).scenario.environment["map_file"]
     assert isinstance(found, FileContent) and found.path.startswith(str(results / "inputs"))
 
 
-def test_the_parameter_file_of_a_campaign_is_found_among_its_inputs(tmp_path):
+def test_parameter_file_of_a_campaign_is_found_among_its_inputs(tmp_path):
     def recordings_of(scenario):
         entropy = run_entropy(SEED, scenario.situation_digest, 0)
         row = Run(0, ":".join(f"{part:x}" for part in entropy), "succeeded", 0, "", 1.0, 0.0, 0, 0)
@@ -331,13 +331,13 @@ def test_the_parameter_file_of_a_campaign_is_found_among_its_inputs(tmp_path):
     assert found.scenario.system["nav2_params"].path == str(directory / "inputs" / "mine.yaml")
 
 
-def test_a_folder_that_cannot_be_written_is_said(made, tmp_path):
+def test_folder_that_cannot_be_written_is_said(made, tmp_path):
     (tmp_path / "taken").write_text("")
     done = called(made, "room-2", 0, "--out", tmp_path / "taken")
     assert done.exit_code == 2 and "--out" in done.stderr
 
 
-def test_an_interrupt_exits_with_130(made, tmp_path, monkeypatch):
+def test_interrupt_exits_with_130(made, tmp_path, monkeypatch):
     def interrupted(recorded, asked):
         os.kill(os.getpid(), signal.SIGINT)
         raise AssertionError("the interrupt should have come before this")
@@ -365,7 +365,7 @@ def test_where_nothing_differs_nothing_is_said_before_the_replay(results):
     assert (done.stderr, json.loads(done.stdout)["differs"]) == ("", [])
 
 
-def test_a_result_of_other_code_is_said_so_before_it_is_replayed_and_may_be_equal_all_the_same(results):
+def test_result_of_other_code_is_said_so_before_it_is_replayed_and_may_be_equal_all_the_same(results):
     rewritten(results, source={"execute": "abcdef012345" + "0" * 52, "observe": "o", "judge": "j"})
     done = called(results, "room-2", 1, "--at", "1.0")
     assert done.exit_code == 0
@@ -373,7 +373,7 @@ def test_a_result_of_other_code_is_said_so_before_it_is_replayed_and_may_be_equa
     assert "equal to the recording bit for bit" in done.stdout
 
 
-def test_a_result_of_another_numeric_class_says_what_of_it_differs(results):
+def test_result_of_another_numeric_class_says_what_of_it_differs(results):
     rewritten(results, numeric_class="riscv64; glibc 2.36; ; ")
     tampered(results, add_a_millimeter)
     done = called(results, "room-2", 1, "--at", "1.0", "--json")
@@ -391,14 +391,14 @@ def test_other_source_names_the_libraries_that_are_other_too(made):
     assert "(" in words and "here ssssssssssss); numba 0.1, here " in words
 
 
-def test_a_numeric_class_of_another_form_is_shown_whole(made):
+def test_numeric_class_of_another_form_is_shown_whole(made):
     (words,) = origin_differences(
         {**metadata_of(made), "numeric_class": "arm"}, "x86_64; glibc; fma; ; 3.12", simulator_of(made)
     )
     assert words == "recorded on another numeric class: 'arm', here 'x86_64; glibc; fma; ; 3.12'"
 
 
-def test_the_page_about_replays_describes_every_option():
+def test_page_about_replays_describes_every_option():
     page = (Path(__file__).parents[2] / "docs" / "replay-a-run.md").read_text()
     described = set(
         re.findall(r"--[a-z]+", "".join(line.split("|")[1] for line in page.splitlines() if "| `--" in line))

@@ -110,7 +110,7 @@ def test_each_change_of_what_a_report_shows_gives_another_key(asked):
 @pytest.mark.parametrize(
     "facts", [{"created": "2027-01-01T00:00:00"}, {"host": {"name": "there"}}, {"counts": {"executed": 4}}]
 )
-def test_the_facts_of_a_call_are_in_no_key(asked, facts):
+def test_facts_of_a_call_are_in_no_key(asked, facts):
     assert report_key(**{**asked, "metadata": {**METADATA, **facts}}) == report_key(**asked)
 
 
@@ -121,7 +121,7 @@ def test_what_an_oracle_says_of_itself_is_in_the_key_though_it_is_in_no_digest_o
 
 
 @pytest.mark.parametrize("library", ["jinja2", "markupsafe", "matplotlib"])
-def test_the_libraries_that_draw_and_lay_out_are_in_the_key(asked, monkeypatch, library):
+def test_libraries_that_draw_and_lay_out_are_in_the_key(asked, monkeypatch, library):
     before = report_key(**asked)
     version = importlib.metadata.version
     monkeypatch.setattr(importlib.metadata, "version", lambda name: "0" if name == library else version(name))

@@ -74,11 +74,11 @@ def written(path, root, found, report=lambda directory: None, runs=2):
         [range(2), range(1, 8)],
     ],
 )
-def test_the_file_has_the_same_bytes_however_the_runs_were_blocked(blocking):
+def test_file_has_the_same_bytes_however_the_runs_were_blocked(blocking):
     assert one_block(blocks_of(*blocking), 5) == write_recordings([recording(k) for k in range(5)])
 
 
-def test_a_block_without_a_run_that_was_asked_for_gives_no_file():
+def test_block_without_a_run_that_was_asked_for_gives_no_file():
     assert one_block(blocks_of(range(5, 8)), 5) == b""
     assert one_block([], 5) == b""
 
@@ -92,7 +92,7 @@ def test_traces_of_runs_that_met_other_classes_of_obstacles_become_one_block():
     assert second["separation_mm/box"].tolist() == near.tolist()
 
 
-def test_the_rows_of_a_block_are_read_without_its_columns():
+def test_rows_of_a_block_are_read_without_its_columns():
     (block,) = blocks_of(range(2))
     assert [row["run_index"] for row in read_rows(block)] == [0, 1]
 
@@ -112,7 +112,7 @@ def test_every_run_has_a_verdict_of_every_oracle_and_what_broke_says_why():
     ]
 
 
-def test_the_directory_holds_what_was_asked_and_what_was_found(small_room, tmp_path):
+def test_directory_holds_what_was_asked_and_what_was_found(small_room, tmp_path):
     results = written(small_room, tmp_path / "results", lambda configuration: found_of(range(2)))
     directory = results.directory
     assert directory == tmp_path / "results/small-room-2026-11-21-060504"
@@ -137,7 +137,7 @@ def test_the_directory_holds_what_was_asked_and_what_was_found(small_room, tmp_p
     assert (directory / "campaign.vast").read_bytes() == small_room.read_bytes()
 
 
-def test_the_directory_is_complete_when_the_campaigns_files_are_gone(small_room, tmp_path):
+def test_directory_is_complete_when_the_campaigns_files_are_gone(small_room, tmp_path):
     digest = load_map(small_room.with_name("room.yaml")).digest
     directory = written(small_room, tmp_path / "results", lambda configuration: found_of(range(2))).directory
     shutil.rmtree(small_room.parent)
@@ -166,7 +166,7 @@ def test_what_was_asked_is_kept_as_it_was_when_the_campaign_was_read(small_room,
     assert (directory / "inputs/room.yaml").read_text().startswith("{image")
 
 
-def test_the_summary_counts_runs_and_each_oracles_verdicts(small_room, tmp_path):
+def test_summary_counts_runs_and_each_oracles_verdicts(small_room, tmp_path):
     def found(configuration):
         return found_of(range(2), "pass" if configuration.name == "room-1" else "fail")
 
@@ -216,7 +216,7 @@ def test_metadata_has_the_summary_and_our_own_faults(small_room, tmp_path):
     assert pq.read_metadata(results.directory / "runs.parquet").num_rows == 3
 
 
-def test_a_duplicate_is_listed_and_has_no_recordings_of_its_own(small_room, tmp_path):
+def test_duplicate_is_listed_and_has_no_recordings_of_its_own(small_room, tmp_path):
     small_room.write_text(small_room.read_text().replace("[0.0, 0.02]", "[0.0, 0.0]"))
     asked = []
 
@@ -230,7 +230,7 @@ def test_a_duplicate_is_listed_and_has_no_recordings_of_its_own(small_room, tmp_
     assert read_tables(results.directory).configurations.duplicate_of == [None, "room-1"]
 
 
-def test_the_report_is_made_before_the_directory_appears(small_room, tmp_path):
+def test_report_is_made_before_the_directory_appears(small_room, tmp_path):
     seen = []
 
     def report(directory):
@@ -242,7 +242,7 @@ def test_the_report_is_made_before_the_directory_appears(small_room, tmp_path):
     assert seen == [] and (results.directory / "report.html").exists()
 
 
-def test_a_report_that_breaks_costs_the_report_and_is_said(small_room, tmp_path):
+def test_report_that_breaks_costs_the_report_and_is_said(small_room, tmp_path):
     def report(directory):
         raise RuntimeError("no font")
 
@@ -251,7 +251,7 @@ def test_a_report_that_breaks_costs_the_report_and_is_said(small_room, tmp_path)
     assert json.loads((results.directory / "metadata.json").read_text())["faults"][0]["stage"] == "report"
 
 
-def test_an_interrupt_leaves_no_directory(small_room, tmp_path):
+def test_interrupt_leaves_no_directory(small_room, tmp_path):
     def found(configuration):
         raise KeyboardInterrupt
 
@@ -275,7 +275,7 @@ def test_two_directories_of_the_same_runs_hold_the_same_bytes(small_room, tmp_pa
     assert digests(one) == digests(other)
 
 
-def test_a_producer_beside_the_campaign_file_is_kept(small_room, tmp_path):
+def test_producer_beside_the_campaign_file_is_kept(small_room, tmp_path):
     small_room.with_name("own.py").write_text(
         "from vastflow.producers.catalog.parameter import ParameterVariationList\n\n\nclass Own(ParameterVariationList):\n    pass\n"
     )
@@ -284,7 +284,7 @@ def test_a_producer_beside_the_campaign_file_is_kept(small_room, tmp_path):
     assert (directory / "inputs/own.py").read_text().startswith("from vastflow")
 
 
-def test_a_map_from_elsewhere_is_kept_with_its_picture(small_room, tmp_path):
+def test_map_from_elsewhere_is_kept_with_its_picture(small_room, tmp_path):
     shutil.move(small_room.parent, tmp_path / "maps")
     path = tmp_path / "c" / "room.vast"
     path.parent.mkdir()

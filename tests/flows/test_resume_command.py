@@ -111,7 +111,7 @@ def resumed(*arguments):
     return CliRunner().invoke(app, ["run", *map(str, arguments)], catch_exceptions=True)
 
 
-def test_a_campaign_runs_again_from_its_own_inputs_with_the_runs_that_were_asked(
+def test_campaign_runs_again_from_its_own_inputs_with_the_runs_that_were_asked(
     directory, small_room, tmp_path, asked_again
 ):
     digests = [c.scenario.digest for c in instantiate(read_campaign(small_room)[0]).configurations]
@@ -132,13 +132,13 @@ def test_plan_of_a_directory_is_made_from_its_own_inputs(directory, small_room, 
     assert (said["runs"], said["stages"]["execute"]) == (3, {"reused": 0, "computed": 6})
 
 
-def test_the_selection_that_was_asked_is_kept(small_room, tmp_path, tree, asked_again):
+def test_selection_that_was_asked_is_kept(small_room, tmp_path, tree, asked_again):
     result = resumed(written(small_room, tmp_path / "results", tree, only=["room-1"]))
     assert "3 runs of each configuration, only room-1" in result.stderr
     assert asked_again[0]["only"] == ("room-1",)
 
 
-def test_the_sample_that_was_asked_is_kept(small_room, tmp_path, tree, asked_again):
+def test_sample_that_was_asked_is_kept(small_room, tmp_path, tree, asked_again):
     result = resumed(written(small_room, tmp_path / "results", tree, sample=7))
     assert "3 runs of each configuration, a sample of 7" in result.stderr
     assert asked_again[0]["sample"] == 7
@@ -160,7 +160,7 @@ def test_maps_of_another_folder_are_kept_as_if_they_lay_beside_the_file(name, sm
     assert asked_again[0]["digests"] == digests
 
 
-def test_a_map_named_from_the_root_of_another_machine_is_among_the_inputs(small_room, tmp_path, tree, asked_again):
+def test_map_named_from_the_root_of_another_machine_is_among_the_inputs(small_room, tmp_path, tree, asked_again):
     maps = tmp_path / "maps"
     maps.mkdir()
     for moved in ("room.yaml", "room.pgm"):
@@ -193,14 +193,14 @@ def test_obstacles_are_placed_by_the_rule_by_which_they_were(small_room, tmp_pat
     assert ("obstacles as version 1 of RoboVAST places them" in said) is as_v1
 
 
-def test_the_copy_of_the_inputs_is_gone_afterwards(directory):
+def test_copy_of_the_inputs_is_gone_afterwards(directory):
     with replica(directory, asked_of(json.loads((directory / "metadata.json").read_text()))) as laid_out:
         folder = laid_out.file.parent
         assert laid_out.file.name == "room.vast" and (folder / "../maps/room.yaml").is_file()
     assert not folder.exists()
 
 
-def test_a_file_named_from_the_root_that_is_another_by_now_is_refused(small_room, tmp_path, tree):
+def test_file_named_from_the_root_that_is_another_by_now_is_refused(small_room, tmp_path, tree):
     outside = tmp_path / "room.yaml"
     shutil.move(small_room.with_name("room.yaml"), outside)
     shutil.move(small_room.with_name("room.pgm"), tmp_path)
@@ -224,7 +224,7 @@ def test_inputs_that_somebody_deleted_are_said(directory):
     assert f"{directory}: its inputs can't be read any more: {directory}/campaign.vast:" in result.stderr
 
 
-def test_the_keys_of_a_campaign_follow_from_its_directory(directory, small_room, tree):
+def test_keys_of_a_campaign_follow_from_its_directory(directory, small_room, tree):
     campaign, oracles = read_campaign(small_room)
     metadata = json.loads((directory / "metadata.json").read_text())
     keys = campaign_keys(tree, campaign.seed, oracles)
@@ -239,7 +239,7 @@ def test_of_a_directory_of_an_earlier_version_runs_are_told_from_its_counts():
     assert asked == Asked("a-b.vast", 3)
 
 
-def test_a_campaign_that_never_ended_has_no_directory_and_the_message_says_what_does_go_on(tmp_path):
+def test_campaign_that_never_ended_has_no_directory_and_the_message_says_what_does_go_on(tmp_path):
     result = resumed(tmp_path / "results" / "nothing")
     assert result.exit_code == 2
     assert (
@@ -248,13 +248,13 @@ def test_a_campaign_that_never_ended_has_no_directory_and_the_message_says_what_
 
 
 @each_row("content", ["{", "{}", "[]", '{"name": "x", "created": "y", "counts": {}}'])
-def test_a_damaged_directory_exits_with_2(tmp_path, content):
+def test_damaged_directory_exits_with_2(tmp_path, content):
     (tmp_path / "metadata.json").write_text(content)
     result = resumed(tmp_path)
     assert result.exit_code == 2 and "damaged campaign directory" in result.stderr
 
 
-def test_a_folder_that_is_no_campaign_directory_exits_with_2(tmp_path):
+def test_folder_that_is_no_campaign_directory_exits_with_2(tmp_path):
     result = resumed(tmp_path)
     assert result.exit_code == 2 and "has no metadata.json" in result.stderr
 
@@ -274,14 +274,14 @@ def gone_pid():
     return ended.pid
 
 
-def test_a_directory_that_was_left_half_written_is_found_by_either_name(half, directory, asked_again):
+def test_directory_that_was_left_half_written_is_found_by_either_name(half, directory, asked_again):
     for name in (half, directory):
         result = resumed(name)
         assert f"{half} was left half written by a process that was killed" in result.stderr
     assert [call["runs"] for call in asked_again] == [3, 3]
 
 
-def test_a_directory_that_is_being_written_is_left_alone(half, directory):
+def test_directory_that_is_being_written_is_left_alone(half, directory):
     me = psutil.Process()
     writer = {"host": os.uname().nodename, "pid": me.pid, "began_s": me.create_time()}
     (half / WRITER).write_text(json.dumps(writer))
@@ -289,7 +289,7 @@ def test_a_directory_that_is_being_written_is_left_alone(half, directory):
     assert result.exit_code == 2 and f"process {me.pid} is writing it now" in result.stderr
 
 
-def test_a_half_written_directory_without_inputs_is_said(half):
+def test_half_written_directory_without_inputs_is_said(half):
     (half / "metadata.json").unlink()
     result = resumed(half)
     assert result.exit_code == 2 and "holds too little to go on from; `vastflow run`" in result.stderr
@@ -319,7 +319,7 @@ def test_what_is_being_written_is_never_swept(tmp_path):
     assert [path.name for path in directory.final.iterdir()] == []
 
 
-def test_a_later_process_of_the_same_number_is_not_the_writer(tmp_path):
+def test_later_process_of_the_same_number_is_not_the_writer(tmp_path):
     (tmp_path / WRITER).write_text(json.dumps({"host": os.uname().nodename, "pid": os.getpid(), "began_s": 1.0}))
     assert writer_of(tmp_path) is None
     (tmp_path / WRITER).write_text(json.dumps({"host": "other", "pid": os.getpid(), "began_s": 1.0}))
@@ -328,7 +328,7 @@ def test_a_later_process_of_the_same_number_is_not_the_writer(tmp_path):
     assert writer_of(tmp_path) is None
 
 
-def test_an_interrupted_run_of_a_directory_says_how_to_go_on(directory, monkeypatch):
+def test_interrupted_run_of_a_directory_says_how_to_go_on(directory, monkeypatch):
     def run_campaign(path, **options):
         os.kill(os.getpid(), 2)
         raise AssertionError("the interrupt should have come before this")
@@ -340,7 +340,7 @@ def test_an_interrupted_run_of_a_directory_says_how_to_go_on(directory, monkeypa
     assert "interrupted; `vastflow run results/x` again computes only what is missing" in result.stderr
 
 
-def test_the_summary_is_printed_as_json(directory, monkeypatch):
+def test_summary_is_printed_as_json(directory, monkeypatch):
     found = SimpleNamespace(summary=SUMMARY, notes=(), faults=())
     monkeypatch.setattr(api, "run_campaign", lambda path, **options: found)
     result = resumed(directory, "--json")

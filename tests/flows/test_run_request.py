@@ -16,7 +16,7 @@ from vastflow.flows.request.work_pool import WorkPool
 from vastflow.flows.scheduled import DeployAgain, run_scheduled
 
 
-def test_a_request_goes_through_json_unchanged(tmp_path):
+def test_request_goes_through_json_unchanged(tmp_path):
     request = request_of(tmp_path / "x.vast", {"runs": 3, "only": "hall", "pool": WorkPool("lab", 4)})
     assert RunRequest.model_validate_json(request.model_dump_json()) == request
     assert (request.only, request.pool, request.shards) == (("hall",), "lab", 4)
@@ -26,7 +26,7 @@ def test_every_field_says_what_it_is():
     assert [name for name, about in RunRequest.model_fields.items() if not about.description] == []
 
 
-def test_the_command_has_an_option_for_each_field_with_the_words_of_the_field():
+def test_command_has_an_option_for_each_field_with_the_words_of_the_field():
     said = " ".join(CliRunner().invoke(app, ["run", "--help"], env={"COLUMNS": "400"}).output.split())
     for name in NAMES:
         if name != "reports":
@@ -35,11 +35,11 @@ def test_the_command_has_an_option_for_each_field_with_the_words_of_the_field():
             assert RunRequest.model_fields[name].description in said
 
 
-def test_the_python_call_takes_what_the_request_has():
+def test_python_call_takes_what_the_request_has():
     assert [*inspect.signature(run_campaign).parameters] == ["campaign", "observer", *NAMES]
 
 
-def test_the_flow_takes_the_request_and_nothing_else():
+def test_flow_takes_the_request_and_nothing_else():
     assert [*campaign.parameters.properties] == ["request"]
     with pytest.raises(ParameterTypeError, match=r"request\.runs_each: Extra inputs are not permitted"):
         campaign.validate_parameters({"request": {"campaign": "x.vast", "runs_each": 3}})
@@ -50,33 +50,33 @@ def test_the_flow_takes_the_request_and_nothing_else():
     [
         ({"runs": 0}, "^runs is at least 1, got 0$"),
         ({"shards": 2}, "^--shards: only with --pool, whose shards it is about$"),
-        ({"pool": ""}, "^--pool: found an empty name; the name of a work pool$"),
+        ({"pool": ""}, "^--pool: expected the name of a work pool, got an empty name$"),
     ],
 )
-def test_an_option_out_of_bounds_is_told_with_what_was_found(options, words):
+def test_option_out_of_bounds_is_told_with_what_was_found(options, words):
     with pytest.raises(ValueError, match=words):
         request_of("x.vast", options)
 
 
-def test_an_option_that_there_is_not_is_told_with_those_there_are():
+def test_option_that_there_is_not_is_told_with_those_there_are():
     with pytest.raises(TypeError, match="no option 'run'; those there are: runs, results, store"):
         request_of("x.vast", {"run": 2})
 
 
-def test_a_deployment_of_an_earlier_version_is_refused_and_told_to_be_deployed_again():
+def test_deployment_of_an_earlier_version_is_refused_and_told_to_be_deployed_again():
     assert f"{run_scheduled.fn.__module__}.{run_scheduled.fn.__name__}" == "vastflow.flows.scheduled.run_scheduled"
     with pytest.raises(DeployAgain, match=r"deploy again: `vastflow deploy quickstart\.vast`"):
         run_scheduled.fn(campaign="quickstart.vast", runs=3, results="results")
 
 
-def test_a_shard_that_an_earlier_version_asks_for_is_refused_and_told_what_helps():
+def test_shard_that_an_earlier_version_asks_for_is_refused_and_told_what_helps():
     assert f"{run_shard.fn.__module__}.{run_shard.fn.__name__}" == "vastflow.flows.pool.shard_flow.run_shard"
     assert run_shard.name == "vastflow-shard"
     with pytest.raises(DeployAgain, match=r"deploy again: `vastflow deploy FILE --pool POOL`"):
         run_shard.fn(store="s3://bucket/store", parcel="parcel/ab/abc", workers=2)
 
 
-def test_the_parameters_of_an_earlier_deployment_never_run_with_defaults():
+def test_parameters_of_an_earlier_deployment_never_run_with_defaults():
     old = {"campaign": "quickstart.vast", "runs": 3}
     with pytest.raises(Exception, match=r"request|campaign"):
         campaign.validate_parameters(old)

@@ -57,13 +57,13 @@ def test_check_says_of_every_action_that_nothing_here_can_do_where_it_stands_and
     assert world.startswith(f"{file}:14:9: load_world can't be run here; ")
 
 
-def test_a_scenario_that_can_t_be_run_here_still_has_parameters(file):
+def test_scenario_that_can_t_be_run_here_still_has_parameters(file):
     file.write_text(PATROL.replace('log("x")', "bag_play('drive')"))
     result = run("parameters", file)
     assert result.exit_code == 0 and json.loads(result.stdout)[0]["scenario"] == "patrol"
 
 
-def test_a_missing_file_is_said_without_a_traceback(tmp_path):
+def test_missing_file_is_said_without_a_traceback(tmp_path):
     result = run("check", tmp_path / "absent.osc")
     assert result.exit_code == 2 and "there is no file" in result.stderr and "Traceback" not in result.stderr
 

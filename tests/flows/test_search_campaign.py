@@ -165,7 +165,7 @@ def content(result, table="evaluations"):
     return (result.directory / f"{table}.parquet").read_bytes()
 
 
-def test_a_search_runs_batch_by_batch_until_its_budget_is_spent(first):
+def test_search_runs_batch_by_batch_until_its_budget_is_spent(first):
     assert found(first)["ended_by"] == "batches 3 of 3"
     assert [(row["configuration"], row["batch"], row["runs"]) for row in rows(first)] == [
         (f"point-{k:04}", (k - 1) // 4, 3) for k in range(1, 13)
@@ -173,7 +173,7 @@ def test_a_search_runs_batch_by_batch_until_its_budget_is_spent(first):
     assert not first.faults
 
 
-def test_the_best_is_confirmed_by_runs_that_the_search_never_used(first):
+def test_best_is_confirmed_by_runs_that_the_search_never_used(first):
     said = found(first)
     objectives = [row["objective"] for row in rows(first)]
     assert said["best"]["objective"] == max(objectives)
@@ -185,7 +185,7 @@ def test_the_best_is_confirmed_by_runs_that_the_search_never_used(first):
 
 
 @pytest.mark.slow
-def test_a_flow_of_prefect_finds_the_same_and_again_executes_nothing(place, first, prefect_home, monkeypatch):
+def test_flow_of_prefect_finds_the_same_and_again_executes_nothing(place, first, prefect_home, monkeypatch):
     monkeypatch.setenv("PREFECT_HOME", str(prefect_home(place / "prefect")))
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
 
@@ -206,7 +206,7 @@ def test_one_worker_finds_what_two_find(run, first):
     assert content(run(store="other", workers=1)) == content(first)
 
 
-def test_a_greater_budget_goes_on_where_the_smaller_one_ended(run, first):
+def test_greater_budget_goes_on_where_the_smaller_one_ended(run, first):
     more = run(more="  budget: [{batches: 4}]")
     assert rows(more)[:12] == rows(first)
     new = [row["configuration"] for row in rows(more)[12:]]
@@ -224,7 +224,7 @@ def test_a_greater_budget_goes_on_where_the_smaller_one_ended(run, first):
         ("ribs", "qd", "{archive: {measures: {x: {low: 1, high: 11, bins: 5}, n: {low: -0.5, high: 3.5, bins: 4}}}}"),
     ],
 )
-def test_a_search_that_is_interrupted_at_five_points_finds_what_one_in_one_go_finds(run, library, strategy, parameters):
+def test_search_that_is_interrupted_at_five_points_finds_what_one_in_one_go_finds(run, library, strategy, parameters):
     pytest.importorskip(library)
     more = f"{BATCHES}\n  strategy_parameters: {parameters}"
     file = {"more": more, "strategy": strategy, "objective": "badness"}
@@ -239,7 +239,7 @@ def test_a_search_that_is_interrupted_at_five_points_finds_what_one_in_one_go_fi
         assert content(again, "archive") == content(whole, "archive")
 
 
-def test_a_point_in_which_no_robot_drives_can_not_be_minimized(first):
+def test_point_in_which_no_robot_drives_can_not_be_minimized(first):
     best = found(first)["best"]
     with pytest.raises(UnusableDirectory, match=f"{best['configuration']} can't be minimized: it has no map"):
         failing_configuration(first.directory, best["configuration"], None, 0.1)
@@ -275,14 +275,14 @@ def test_nothing_is_said_of_others_from_points_that_a_search_chose_but_from_rand
     assert said["families"]["random"]["clustered"] is not None
 
 
-def test_a_space_in_which_nothing_can_be_built_ends(run):
+def test_space_in_which_nothing_can_be_built_ends(run):
     result = run(limit=-1, more="  budget: [{runs: 100}]\n  max_proposals: 10")
     assert found(result)["ended_by"] == "proposals 10 of 10" and found(result)["best"] is None
     assert result.summary.runs == 0
 
 
 @pytest.mark.slow
-def test_a_search_whose_points_break_ends_with_faults_after_a_second_try(run):
+def test_search_whose_points_break_ends_with_faults_after_a_second_try(run):
     result = run(broken="True", store="broken")
     assert found(result)["ended_by"] == "a point broke twice"
     assert {fault.configuration for fault in result.faults} == {f"point-{k:04}" for k in range(1, 5)}
@@ -291,7 +291,7 @@ def test_a_search_whose_points_break_ends_with_faults_after_a_second_try(run):
     assert repaired.faults == () and len(rows(repaired)) == 12
 
 
-def test_the_batches_that_time_paid_for_are_repeated(run):
+def test_batches_that_time_paid_for_are_repeated(run):
     timed = run(store="timed", more="  budget: [{time: 0.01}]")
     assert found(timed)["batches"] == 1
     again = run(store="timed", more="  budget: [{time: 0.01}]")
@@ -310,7 +310,7 @@ def test_what_a_kept_search_was_made_of_outlives_gc(place, run):
     assert store.holdings() == []
 
 
-def test_an_archive_has_the_worst_point_of_each_kind(run):
+def test_archive_has_the_worst_point_of_each_kind(run):
     pytest.importorskip("ribs")
     archive = "{archive: {measures: {x: {low: 1, high: 11, bins: 5}, n: {low: -0.5, high: 3.5, bins: 4}}}}"
     result = run(strategy="qd", more=f"{BATCHES}\n  strategy_parameters: {archive}")
@@ -322,7 +322,7 @@ def test_an_archive_has_the_worst_point_of_each_kind(run):
         assert json.loads(cell["cell"]) == [int((point["x"] - 1) / 2), point["n"]]
 
 
-def test_a_metric_of_an_oracle_is_an_objective(run):
+def test_metric_of_an_oracle_is_an_objective(run):
     result = run(objective="badness")
     assert all(
         row["objective"] == pytest.approx(1 - abs(json.loads(row["point"])["x"] - 7) / 10, abs=0.03)
@@ -348,7 +348,7 @@ def test_only_a_part_of_a_search_is_refused(place):
         ),
     ],
 )
-def test_a_number_that_no_oracle_gives_is_a_fault_with_its_place(place, extract, fault):
+def test_number_that_no_oracle_gives_is_a_fault_with_its_place(place, extract, fault):
     file = file_of(place)
     file.write_text(file.read_text().replace("{oracle: own.py:Pocket, metric: badness}", extract))
     with pytest.raises(CampaignError, match=re.escape(fault)):

@@ -42,7 +42,7 @@ LARGE = instantiation(a=list(range(60)), b=list(range(100, 130)), c=list(range(2
 
 
 @given(st.integers(1, 110), st.integers(1, 110), st.integers(0, 3))
-def test_a_larger_sample_contains_a_smaller_one(one, other, seed):
+def test_larger_sample_contains_a_smaller_one(one, other, seed):
     small, large = sorted((one, other))
     assert distinct(sampled(LARGE, small, seed)) <= distinct(sampled(LARGE, large, seed))
 
@@ -61,7 +61,7 @@ def test_shares_are_rounded_by_websters_method(size, seats):
     assert Counter(each.family for each in found.configurations) == seats
 
 
-def test_the_sample_follows_from_content_and_seed_and_not_from_names_or_order():
+def test_sample_follows_from_content_and_seed_and_not_from_names_or_order():
     renamed = instantiation(z=list(reversed(range(60))))
     plain = instantiation(a=list(range(60)))
 
@@ -71,12 +71,12 @@ def test_the_sample_follows_from_content_and_seed_and_not_from_names_or_order():
     assert digests(sampled(renamed, 20, 1)) == digests(sampled(plain, 20, 1)) != digests(sampled(plain, 20, 2))
 
 
-def test_a_new_configuration_moves_only_itself_into_a_sample():
+def test_new_configuration_moves_only_itself_into_a_sample():
     before, after = instantiation(a=list(range(60))), instantiation(a=[*range(60), 99])
     assert len(distinct(sampled(before, 20, 1)) - distinct(sampled(after, 20, 1))) <= 1
 
 
-def test_a_sample_keeps_the_order_and_the_duplicates_of_what_is_in_it():
+def test_sample_keeps_the_order_and_the_duplicates_of_what_is_in_it():
     found = sampled(instantiation(a=[5, 6, 7, 5, 6, 5]), 1, 0)
     assert len(distinct(found)) == 1
     (first, *others) = found.configurations
@@ -85,11 +85,11 @@ def test_a_sample_keeps_the_order_and_the_duplicates_of_what_is_in_it():
     assert found.sampled_from == 3
 
 
-def test_a_sample_of_more_than_there_are_is_all():
+def test_sample_of_more_than_there_are_is_all():
     assert names(sampled(LARGE, 1000, 0)) == names(LARGE)
 
 
-def test_a_sample_is_drawn_from_what_is_selected_by_name():
+def test_sample_is_drawn_from_what_is_selected_by_name():
     found = narrowed(Instantiated(LARGE), Selection(["b"], 7, 0), FILE).instantiation
     assert (len(names(found)), found.sampled_from) == (7, 30)
     assert {each.family for each in found.configurations} == {"b"}
@@ -100,11 +100,11 @@ def test_without_a_selection_everything_is_there_and_is_no_sample():
     assert LARGE.sampled_from is None
 
 
-def test_an_unknown_name_is_refused_with_the_nearest():
+def test_unknown_name_is_refused_with_the_nearest():
     with pytest.raises(CampaignError, match="no family or configuration 'aa'"):
         narrowed(Instantiated(LARGE), Selection(["aa"], 5), FILE)
 
 
-def test_a_sample_of_none_is_a_mistake_of_the_caller(tmp_path):
+def test_sample_of_none_is_a_mistake_of_the_caller(tmp_path):
     with pytest.raises(ValueError, match="sample is at least 1, got 0"):
         run_campaign(tmp_path / "none.vast", sample=0)

@@ -154,7 +154,7 @@ def test_metadata_has_the_rule_and_the_most(first):
     assert (said["asked"]["runs"], said["counts"]["runs"]) == (20, 58)
 
 
-def test_the_report_has_the_classes_of_the_rule_and_what_was_saved(first):
+def test_report_has_the_classes_of_the_rule_and_what_was_saved(first):
     evidence = json.loads((first.directory / "evidence.json").read_text())
     assert Counter(evidence["classes"]["configurations"].values()) == Counter(
         ["reliable", "systematic", "flaky", "undecided"]
@@ -177,7 +177,7 @@ def test_one_worker_gives_the_same_as_two(first, run):
     assert judgements_of(alone) == judgements_of(first)
 
 
-def test_a_store_with_all_runs_of_a_fixed_campaign_gives_the_same(first, run, monkeypatch):
+def test_store_with_all_runs_of_a_fixed_campaign_gives_the_same(first, run, monkeypatch):
     fixed = run("20", store="fixed")
     assert (fixed.summary.runs, fixed.summary.executed) == (80, 80)
     assert "sequential" not in metadata_of(fixed)
@@ -199,7 +199,7 @@ def test_runs_of_the_command_line_are_a_fixed_number_and_the_rule_goes_on_from_t
     assert judgements_of(found) == judgements_of(first)
 
 
-def test_a_larger_most_goes_on_and_a_smaller_one_computes_nothing(run, first):
+def test_larger_most_goes_on_and_a_smaller_one_computes_nothing(run, first):
     larger = run("{min: 5, max: 40, stop: {}}")
     ends = runs_of(larger)
     assert ends["open"] > 20 and all(ends[kind] >= ENDS[kind] for kind in KINDS)
@@ -209,7 +209,7 @@ def test_a_larger_most_goes_on_and_a_smaller_one_computes_nothing(run, first):
     assert content(smaller) == content(first)
 
 
-def test_a_configuration_without_verdicts_has_the_most_runs_and_one_with_a_fault_of_ours_does_not_go_on(run):
+def test_configuration_without_verdicts_has_the_most_runs_and_one_with_a_fault_of_ours_does_not_go_on(run):
     found = run(store="faulty", kinds=("silent", "breaks"))
     assert runs_of(found, "verdicts") == {"silent": 20, "breaks": 10}
     assert {fault.configuration for fault in found.faults} == {"kind-2"}
@@ -229,7 +229,7 @@ def test_plan_of_sequential_campaign_is_an_upper_bound(place, run, first):
     assert (fixed.found("judge"), fixed.least) == (8, None)
 
 
-def test_the_past_knows_how_many_runs_each_configuration_had(first):
+def test_past_knows_how_many_runs_each_configuration_had(first):
     past = past_of(first.directory)
     assert [past.runs_of(name) for name in past.by_name] == list(ENDS.values())
     assert past.runs == 20
@@ -246,7 +246,7 @@ run_campaign(sys.argv[1], results=sys.argv[2], store=sys.argv[3], workers=2)
 """
 
 
-def test_an_interrupted_campaign_goes_on_where_it_was(place, run, first, prefect_home):
+def test_interrupted_campaign_goes_on_where_it_was(place, run, first, prefect_home):
     file = file_of(place, SEQUENTIAL)
     store = place / "interrupted"
     process = subprocess.Popen(

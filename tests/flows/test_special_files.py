@@ -38,7 +38,7 @@ def refused(*arguments):
 
 
 @pytest.mark.parametrize("what", NAMED)
-def test_a_campaign_that_names_a_pipe_is_refused(folder, what):
+def test_campaign_that_names_a_pipe_is_refused(folder, what):
     (folder / "c.vast").write_text(NAMED[what])
     assert "c.vast:" in refused("validate", "c.vast")
 
@@ -54,5 +54,5 @@ def test_a_campaign_that_names_a_pipe_is_refused(folder, what):
     ],
     ids=" ".join,
 )
-def test_a_command_that_is_given_a_pipe_refuses_it(folder, arguments):
+def test_command_that_is_given_a_pipe_refuses_it(folder, arguments):
     assert "can't be read: it is a pipe" in refused(*arguments)

@@ -157,7 +157,7 @@ def test_upstreams_campaigns_are_the_same_by_every_spelling(name, runs, tmp_path
 def test_faults_name_the_file_as_it_was_typed(folder, monkeypatch):
     (folder / "own.vast").write_text(CAMPAIGN.replace("version: 1", "version: 2"))
     monkeypatch.chdir(folder.parent)
-    with pytest.raises(CampaignError, match=r"^campaign/own\.vast:1:10: version: found 2; 1$"):
+    with pytest.raises(CampaignError, match=r"^campaign/own\.vast:1:10: version: expected 1, got 2$"):
         read_campaign(Path("campaign/own.vast"))
 
 

@@ -131,7 +131,7 @@ def test_instantiating_gives_configurations_by_name_and_executes_nothing(place, 
     )
 
 
-def test_an_unknown_configuration_is_answered_with_the_nearest(configurations):
+def test_unknown_configuration_is_answered_with_the_nearest(configurations):
     with pytest.raises(UnknownConfiguration, match="no configuration 'left-1-3'; did you mean 'left-1-"):
         configurations["left-1-3"]
 
@@ -143,7 +143,7 @@ def test_each_distinct_configuration_is_executed_and_read_by_name(place, recordi
     assert count(place, "observe") == 0
 
 
-def test_the_table_of_runs_has_a_row_for_each_that_was_recorded(recordings):
+def test_table_of_runs_has_a_row_for_each_that_was_recorded(recordings):
     rows = recordings.table().select(["configuration", "family", "run_index", "outcome"]).to_pylist()
     assert [tuple(row.values()) for row in rows] == [
         (name, name.partition("-")[0], run, "succeeded")
@@ -172,7 +172,7 @@ def test_verdicts_are_those_of_the_files_oracles(verdicts):
     assert index == [0, 1] * 3
 
 
-def test_an_oracle_that_did_not_judge_has_no_counts(verdicts):
+def test_oracle_that_did_not_judge_has_no_counts(verdicts):
     with pytest.raises(ValueError, match=r"no oracle .safety.; those that judged: success, own\.py:Even"):
         verdicts.counts("safety")
 
@@ -182,7 +182,7 @@ def test_what_the_store_has_needs_no_prefect(place, verdicts, no_prefect):
     assert again.blocks == verdicts.blocks
 
 
-def test_a_campaign_finds_what_the_stages_computed(place, verdicts, no_prefect):
+def test_campaign_finds_what_the_stages_computed(place, verdicts, no_prefect):
     result = run_campaign(place / "small.vast", store=place / "store", results=place / "results")
     assert (result.summary.executed, result.summary.reused) == (0, 6)
 
@@ -210,7 +210,7 @@ def test_other_parameters_judge_what_was_observed_and_nothing_is_executed(odd):
     assert verdicts.counts("own.py:Even")["right-1-1"] == Counts(passed=1, not_judged=1)
 
 
-def test_a_fault_of_ours_is_in_the_result_and_its_run_is_not_judged(odd):
+def test_fault_of_ours_is_in_the_result_and_its_run_is_not_judged(odd):
     verdicts, _ = odd
     assert [(fault.run_index, fault.stage, fault.error) for fault in verdicts.faults] == [
         (0, "judge", "ValueError: this one")
@@ -228,12 +228,12 @@ def test_a_fault_of_ours_is_in_the_result_and_its_run_is_not_judged(odd):
         (["success", {"own.py:Even": {"rest": 1}}], r"oracles\[1\]\.rest: unknown key 'rest'"),
     ],
 )
-def test_an_oracle_that_is_not_there_is_a_fault_with_its_place(traces, oracles, said):
+def test_oracle_that_is_not_there_is_a_fault_with_its_place(traces, oracles, said):
     with pytest.raises(CampaignError, match=said):
         judge(traces, oracles=oracles)
 
 
-def test_a_name_in_only_that_nothing_has_is_a_fault(configurations):
+def test_name_in_only_that_nothing_has_is_a_fault(configurations):
     with pytest.raises(CampaignError, match="only: no family or configuration 'rigth'; did you mean 'right'"):
         execute(configurations, only="rigth")
 
@@ -258,7 +258,7 @@ def test_what_was_deleted_is_said_to_be_lost_and_by_what_it_comes_back(place, co
 
 
 @pytest.mark.slow
-def test_the_examples_of_the_page_run_in_a_plain_script_without_a_guard(tmp_path, prefect_home):
+def test_examples_of_the_page_run_in_a_plain_script_without_a_guard(tmp_path, prefect_home):
     """One process with all of the page's examples, on a campaign whose names are the quickstart's."""
     examples = re.findall(r"^```python\n(.*?)^```$", EXAMPLES.read_text(), re.MULTILINE | re.DOTALL)
     assert len(examples) >= 5

@@ -47,12 +47,12 @@ def test_what_stays_open_has_the_most_runs():
     assert stop(USUAL, [*["pass"] * 4, "fail"] * 4) == 20
 
 
-def test_a_run_that_is_not_judged_counts_as_a_run_and_not_as_evidence():
+def test_run_that_is_not_judged_counts_as_a_run_and_not_as_evidence():
     assert stop(USUAL, ["not judged", *["pass"] * 19]) == 15
     assert stop(USUAL, ["not judged"] * 20) == 20
 
 
-def test_a_run_of_which_nothing_is_known_lets_nothing_after_it_count():
+def test_run_of_which_nothing_is_known_lets_nothing_after_it_count():
     said = known(["pass"] * 20)
     del said[3]
     assert USUAL.wanted(said) == USUAL.wanted({}) < 14
@@ -68,7 +68,7 @@ def test_looks_are_from_the_least_to_the_most_runs_and_few():
 
 @given(st.sampled_from(RULES), RUNS)
 @settings(max_examples=60, deadline=None)
-def test_the_runs_end_at_the_first_look_at_which_the_rule_decides(stopping, said):
+def test_runs_end_at_the_first_look_at_which_the_rule_decides(stopping, said):
     said = (said + ["not judged"] * stopping.most)[: stopping.most]
 
     def decided(look):
@@ -96,7 +96,7 @@ def test_blocks_of_runs_beyond_the_wanted_ones_do_not_count(said, gap):
     assert USUAL.wanted(beyond) == USUAL.wanted({run: each for run, each in beyond.items() if run < gap})
 
 
-def test_the_rule_is_the_files_and_metadata_has_it():
+def test_rule_is_the_files_and_metadata_has_it():
     stopping = stopping_of(Sequential(min=4, max=30, stop=Stop(error=0.1, systematic=0.3, reliable=0.9)))
     row = json.loads(json.dumps(stopping.as_json))
     assert row == {"min": 4, "max": 30, "error": 0.1, "systematic": 0.3, "reliable": 0.9}
@@ -104,10 +104,10 @@ def test_the_rule_is_the_files_and_metadata_has_it():
     assert stopping_rule({SEQUENTIAL: row}) == stopping.rule == StoppingRule(4, 30, ClassBounds(0.3, 0.9), 0.1)
 
 
-def test_a_fixed_number_of_runs_has_no_stopping():
+def test_fixed_number_of_runs_has_no_stopping():
     assert stopping_of(None) is None
 
 
-def test_a_rule_without_room_is_refused():
+def test_rule_without_room_is_refused():
     with pytest.raises(ValueError, match="1 <= min_runs <= max_runs must hold, got 5 and 3"):
         StoppingRule(5, 3)

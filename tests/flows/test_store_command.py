@@ -142,14 +142,14 @@ def test_info_of_a_new_store_is_all_zero(store):
 
 
 @each_row("command", [["info"], ["verify"], ["gc", "--older-than", "1"]])
-def test_a_store_that_is_not_there_is_a_users_mistake_and_is_not_made(tmp_path, command):
+def test_store_that_is_not_there_is_a_users_mistake_and_is_not_made(tmp_path, command):
     result = called(*command, "--store", tmp_path / "nowhere")
     assert (result.exit_code, result.stdout) == (2, "")
     assert f"no folder '{tmp_path / 'nowhere'}'" in result.stderr
     assert not (tmp_path / "nowhere").exists()
 
 
-def test_an_address_nobody_knows_is_a_users_mistake():
+def test_address_nobody_knows_is_a_users_mistake():
     result = called("info", "--store", "nonsense://x")
     assert result.exit_code == 2 and "Protocol not known" in result.stderr and "Traceback" not in result.stderr
 
@@ -228,7 +228,7 @@ def test_gc_keeps_all_campaigns_of_a_folder(ran, store):
     assert keys_in(store) == before
 
 
-def test_a_dry_run_of_gc_deletes_nothing_and_says_the_same(ran, store):
+def test_dry_run_of_gc_deletes_nothing_and_says_the_same(ran, store):
     first = ran("one")
     ran("two", "0.02", "0.05")
     grow_old(store)
@@ -314,12 +314,12 @@ def test_gc_deletes_nothing_if_a_campaign_directory_does_not_name_its_keys(ran, 
     assert keys_in(store) == before
 
 
-def test_a_folder_that_is_no_campaign_directory_is_a_users_mistake(tmp_path, store):
+def test_folder_that_is_no_campaign_directory_is_a_users_mistake(tmp_path, store):
     result = called("gc", "--keep", tmp_path / "nowhere")
     assert result.exit_code == 2 and "--keep" in result.stderr and "no such folder" in result.stderr
 
 
-def test_the_options_are_all_described():
+def test_options_are_all_described():
     page = (Path(__file__).parents[2] / "docs" / "keep-the-store.md").read_text()
     described = set(re.findall(r"^\| `(--[a-z-]+)[^|]*\| (all|`\w+`) \|", page, re.MULTILINE))
     commands = get_command(app).commands["store"].commands

@@ -12,7 +12,7 @@ def summary():
     )
 
 
-def test_the_json_summary_has_exactly_these_keys():
+def test_json_summary_has_exactly_these_keys():
     assert list(json.loads(summary().json_text())) == [
         "configurations",
         "rejected",
@@ -43,5 +43,5 @@ def test_seconds_are_rounded_to_milliseconds():
     assert summary().as_json()["simulated_s"] == 4800.123
 
 
-def test_the_json_summary_is_one_line():
+def test_json_summary_is_one_line():
     assert "\n" not in summary().json_text()

@@ -35,7 +35,7 @@ def rows_of(path):
     return pq.ParquetFile(path).read().to_pylist()
 
 
-def test_a_table_without_rows_still_has_its_columns(tmp_path):
+def test_table_without_rows_still_has_its_columns(tmp_path):
     write_table(tmp_path / "t.parquet", REJECTIONS, [])
     assert pq.read_schema(tmp_path / "t.parquet").equals(REJECTIONS)
 
@@ -57,12 +57,12 @@ def test_numbers_come_back_bit_for_bit(tmp_path):
     assert [row["simulated_s"].hex() for row in rows_of(tmp_path / "t.parquet")] == [n.hex() for n in numbers]
 
 
-def test_a_column_the_table_does_not_have_is_refused(tmp_path):
+def test_column_the_table_does_not_have_is_refused(tmp_path):
     with pytest.raises(ValueError, match="unexpected field"):
         write_table(tmp_path / "t.parquet", REJECTIONS, [{"nonsense": 1}])
 
 
-def test_a_configuration_is_written_with_files_as_digests(tmp_path):
+def test_configuration_is_written_with_files_as_digests(tmp_path):
     write_table(tmp_path / "t.parquet", CONFIGURATIONS, [configuration_row(CONFIGURATION)])
     (row,) = rows_of(tmp_path / "t.parquet")
     assert row == {
@@ -81,7 +81,7 @@ def test_a_configuration_is_written_with_files_as_digests(tmp_path):
     }
 
 
-def test_a_run_is_written_with_its_contacts_counted():
+def test_run_is_written_with_its_contacts_counted():
     run = {
         "run_index": 2,
         "seed": "7",
@@ -100,11 +100,11 @@ def test_a_run_is_written_with_its_contacts_counted():
     assert [*zip(*map(columns.get, ("run_index", "error_code", "contacts")), strict=True)] == [(2, 103, 2), (3, 103, 0)]
 
 
-def test_a_configuration_of_which_no_run_was_recorded_has_no_rows():
+def test_configuration_of_which_no_run_was_recorded_has_no_rows():
     assert {*map(len, run_columns(CONFIGURATION, []).values())} == {0}
 
 
-def test_a_verdict_is_written_with_its_metrics_and_units():
+def test_verdict_is_written_with_its_metrics_and_units():
     verdict = Verdict("safety", 1, "fail", "too near", {"separation": Metric(0.2, "m")})
     columns = verdict_columns(CONFIGURATION, [verdict, *read_verdicts(write_verdicts([verdict]))])
     assert list(columns) == VERDICTS.names
@@ -112,13 +112,13 @@ def test_a_verdict_is_written_with_its_metrics_and_units():
     assert columns["reason"] == ["too near"] * 2
 
 
-def test_a_rejection_is_written_with_what_was_requested():
+def test_rejection_is_written_with_what_was_requested():
     row = rejection_row(RejectedInstance("f", "f-1", "PathVariationRandom", "too long", {"path_length": 200.0}, {}))
     assert list(row) == REJECTIONS.names
     assert row["requested"] == '{"path_length":200.0}'
 
 
-def test_a_number_that_is_none_is_null():
+def test_number_that_is_none_is_null():
     assert json_text([math.inf, math.nan, 1.0]) == "[null,null,1.0]"
 
 

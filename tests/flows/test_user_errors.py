@@ -33,7 +33,7 @@ def test_prefects_absence_is_no_mistake_of_the_user():
     assert not issubclass(server.PrefectUnavailable, UserError) and not issubclass(pool.WorkersFailed, UserError)
 
 
-def test_an_error_of_the_store_keeps_its_words_on_the_path_from_a_worker():
+def test_error_of_the_store_keeps_its_words_on_the_path_from_a_worker():
     sent = StoreError("/store: no space left on the device; free some")
     come = pickle.loads(pickle.dumps(sent))
     assert (type(come), str(come)) == (StoreError, str(sent)) and isinstance(come, OSError)

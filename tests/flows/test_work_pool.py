@@ -14,6 +14,6 @@ def test_options_of_a_pool_want_a_pool(source, option, tmp_path):
     assert f"{option}: only with --pool, whose shards it is about" in result.stderr
 
 
-def test_an_empty_name_is_no_pool(tmp_path):
+def test_empty_name_is_no_pool(tmp_path):
     result = CliRunner().invoke(app, ["run", str(tmp_path / "x.vast"), "--pool", ""])
     assert (result.exit_code, "--pool: found an empty name" in result.stderr) == (2, True)

@@ -28,7 +28,7 @@ def plain(columns):
     return {name: column.tolist() for name, column in columns.items()}
 
 
-def test_a_configuration_has_its_rows_from_every_row_group(directory):
+def test_configuration_has_its_rows_from_every_row_group(directory):
     assert plain(Behaviors(directory).of("b")) == {"run_index": [0, 1], "t_s": [1.5, 2.5], "name": ["wait", ""]}
 
 
@@ -37,7 +37,7 @@ def test_configurations_may_be_asked_for_in_any_order(directory):
     assert [plain(behaviors.of(name))["t_s"] for name in ("c", "a", "c")] == [[3.5], [0.5], [3.5]]
 
 
-def test_the_columns_have_the_types_of_the_table(directory):
+def test_columns_have_the_types_of_the_table(directory):
     columns = Behaviors(directory).of("a")
     assert {name: column.dtype for name, column in columns.items()} == {
         "run_index": np.dtype(np.int64),
@@ -46,19 +46,19 @@ def test_the_columns_have_the_types_of_the_table(directory):
     }
 
 
-def test_a_configuration_without_a_recorded_run_has_none(directory, tmp_path):
+def test_configuration_without_a_recorded_run_has_none(directory, tmp_path):
     assert Behaviors(directory).of("d") == {}
     assert Behaviors(tmp_path / "elsewhere").of("a") == {}
 
 
-def test_a_directory_of_an_earlier_version_has_a_file_for_each_configuration(tmp_path):
+def test_directory_of_an_earlier_version_has_a_file_for_each_configuration(tmp_path):
     (tmp_path / "behaviors").mkdir()
     own = write_table({"run_index": np.array([0]), "t_s": np.array([0.5])})
     (tmp_path / "behaviors" / "a.parquet").write_bytes(own)
     assert plain(Behaviors(tmp_path).of("a")) == {"run_index": [0], "t_s": [0.5]}
 
 
-def test_a_damaged_file_is_an_error(tmp_path):
+def test_damaged_file_is_an_error(tmp_path):
     (tmp_path / BEHAVIORS_FILE).write_bytes(b"damaged")
     with pytest.raises(ValueError, match="Parquet"):
         Behaviors(tmp_path).of("a")

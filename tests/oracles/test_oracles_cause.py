@@ -66,17 +66,17 @@ def at_end(kind, what, t_s=7.9, x_m=4.95):
     return Event(t_s, kind, x_m, 2.0, what)
 
 
-def test_a_passed_run_has_no_cause_whatever_happened_in_it(judged, build):
+def test_passed_run_has_no_cause_whatever_happened_in_it(judged, build):
     events = (at_end("contact", "wall"), at_end("recovery", "spin"), at_end("control_failed", "103"))
     assert judged(build.a_recording(ALONG, events=events), "performance", "safety") is None
 
 
-def test_a_run_that_nobody_judged_has_no_cause():
+def test_run_that_nobody_judged_has_no_cause():
     trace = Trace(Run(0, "0", "timed_out", 0, "", 1.0, 0.0, 0, 0), {}, NoReference("no map"))
     assert cause_of(trace, [Verdict("success", 0, "not judged", "fault")]) is None
 
 
-def test_a_robot_that_was_sent_and_never_moved_stood_still(judged, build):
+def test_robot_that_was_sent_and_never_moved_stood_still(judged, build):
     recording = build.a_recording([START] * 80, events=(Event(0.0, STOOD_STILL, *START, "no command"),))
     assert judged(stopping(recording), "performance") == "stood still"
 
@@ -90,39 +90,39 @@ def jumping(build, jump_m, failed_s=5.2):
     )
 
 
-def test_an_invalid_path_right_after_a_jump_of_the_estimate_is_its_doing(judged, build):
+def test_invalid_path_right_after_a_jump_of_the_estimate_is_its_doing(judged, build):
     assert judged(jumping(build, 1.6)) == "jump of the estimate"
 
 
-def test_an_invalid_path_without_a_jump_or_long_after_one_is_not(judged, build):
+def test_invalid_path_without_a_jump_or_long_after_one_is_not(judged, build):
     assert judged(jumping(build, 0.3)) == "unknown"
     assert judged(jumping(build, 1.6, failed_s=3.0)) == "lost"
 
 
-def test_a_robot_that_is_not_where_it_believes_to_be_at_the_end_is_lost(judged, build):
+def test_robot_that_is_not_where_it_believes_to_be_at_the_end_is_lost(judged, build):
     assert judged(stopping(build.a_recording(HALF, error_xy_m=(0.0, 0.8)))) == "lost"
 
 
-def test_a_robot_that_arrives_where_it_believes_the_goal_to_be_is_lost_if_an_oracle_fails_it(judged, build):
+def test_robot_that_arrives_where_it_believes_the_goal_to_be_is_lost_if_an_oracle_fails_it(judged, build):
     assert judged(build.a_recording(ALONG, error_xy_m=(0.0, 0.8)), "robustness") == "lost"
 
 
-def test_an_estimate_that_was_wrong_under_way_and_right_in_the_end_is_mislocalized(judged, build):
+def test_estimate_that_was_wrong_under_way_and_right_in_the_end_is_mislocalized(judged, build):
     recording = build.a_recording(ALONG)
     recording.columns["estimated_y_mm"][40:60] += 700
     assert judged(recording, "robustness") == "mislocalized"
 
 
-def test_a_robot_that_touches_the_wall_where_it_ends_failed_by_contact(judged, build):
+def test_robot_that_touches_the_wall_where_it_ends_failed_by_contact(judged, build):
     assert judged(stopping(build.a_recording(HALF, events=(at_end("contact", "wall"),)))) == "contact"
 
 
-def test_a_contact_that_the_robot_left_behind_is_not_why_its_mission_failed(judged, build):
+def test_contact_that_the_robot_left_behind_is_not_why_its_mission_failed(judged, build):
     passed_by = build.a_recording(HALF, events=(at_end("contact", "wall", 2.0, 2.0),))
     assert judged(stopping(passed_by)) == "unknown"
 
 
-def test_a_contact_that_safety_fails_is_the_cause_although_the_mission_succeeded(judged, build):
+def test_contact_that_safety_fails_is_the_cause_although_the_mission_succeeded(judged, build):
     box = build.box_at(5.0, 2.4)
     assert (
         judged(build.a_recording(ALONG, events=(at_end("contact", box["entity_name"]),)), "safety", obstacles=[box])
@@ -130,20 +130,20 @@ def test_a_contact_that_safety_fails_is_the_cause_although_the_mission_succeeded
     )
 
 
-def test_a_robot_that_passes_a_box_nearer_than_it_could_stop_is_too_close(judged, build):
+def test_robot_that_passes_a_box_nearer_than_it_could_stop_is_too_close(judged, build):
     assert judged(build.a_recording(ALONG), "safety", obstacles=[build.box_at(5.0, 2.5)]) == "too close"
 
 
-def test_a_mission_that_ends_before_a_box_that_is_not_on_the_map_is_blocked_by_it(judged, build):
+def test_mission_that_ends_before_a_box_that_is_not_on_the_map_is_blocked_by_it(judged, build):
     box = build.box_at(5.6, 2.0)  # the robot ends at 4.95 m, 0.4 m from its face
     assert judged(stopping(build.a_recording(HALF)), obstacles=[box]) == "blocked by an obstacle"
 
 
-def test_a_mission_that_ends_far_from_every_box_is_not_blocked_by_one(judged, build):
+def test_mission_that_ends_far_from_every_box_is_not_blocked_by_one(judged, build):
     assert judged(stopping(build.a_recording(HALF)), obstacles=[build.box_at(1.0, 3.5)]) == "unknown"
 
 
-def test_a_box_in_sight_blocks_where_there_is_no_path_and_a_map_alone_has_no_path(judged, build):
+def test_box_in_sight_blocks_where_there_is_no_path_and_a_map_alone_has_no_path(judged, build):
     recording = stopping(build.a_recording(HALF), error_code=208)
     assert judged(recording, obstacles=[build.box_at(7.0, 2.0)]) == "blocked by an obstacle"
     assert judged(recording) == "no path"
@@ -152,24 +152,24 @@ def test_a_box_in_sight_blocks_where_there_is_no_path_and_a_map_alone_has_no_pat
 @pytest.mark.parametrize(
     ("outcome", "cause"), [("timed_out", "timed out recovering"), ("aborted", "gave up recovering")]
 )
-def test_a_mission_that_ends_among_recoveries_ended_recovering(judged, build, outcome, cause):
+def test_mission_that_ends_among_recoveries_ended_recovering(judged, build, outcome, cause):
     events = tuple(at_end("recovery", what, t_s) for what, t_s in (("spin", 3.0), ("wait", 6.0)))
     assert judged(stopping(build.a_recording(HALF, events=events), outcome)) == cause
 
 
-def test_a_recovery_long_before_the_end_is_not_why_the_time_ran_out(judged, build):
+def test_recovery_long_before_the_end_is_not_why_the_time_ran_out(judged, build):
     long = [START] * 10 + [(1.0 + 0.01 * k, 2.0) for k in range(600)]
     recording = build.a_recording(long, events=(at_end("recovery", "spin", 2.0, 1.1),))
     assert judged(stopping(recording, "timed_out")) == "unknown"
 
 
-def test_a_robot_that_takes_a_way_of_its_own_left_the_path(judged, build):
+def test_robot_that_takes_a_way_of_its_own_left_the_path(judged, build):
     detour = [(1.0, 2.0), (1.0, 3.9), (5.0, 3.9), (9.0, 3.9), (9.0, 0.2), (1.0, 0.2), (9.0, 0.3), (9.0, 2.0)]
     along = [tuple(point) for a, b in itertools.pairwise(detour) for point in np.linspace(a, b, 40)]
     assert judged(build.a_recording(along), "performance") == "left the path"
 
 
-def test_a_goal_that_was_given_up_is_judged_by_where_that_was(judged, build):
+def test_goal_that_was_given_up_is_judged_by_where_that_was(judged, build):
     missed = build.a_recording(
         ALONG, events=(at_end("recovery", "spin", 3.0, 2.5), at_end("goal_missed", "0", 4.0, 3.0)), missed_goals=1
     )
@@ -221,11 +221,11 @@ BLIND, NOISY = {"laserscan_random_drop_percentage": 1.0}, {"laserscan_gaussian_n
 SAFETY = ("safety", {})
 
 
-def test_a_robot_on_a_free_floor_passes_and_has_no_cause(driven):
+def test_robot_on_a_free_floor_passes_and_has_no_cause(driven):
     assert driven(oracles=[SAFETY, ("performance", {}), ("robustness", {})]) == {}
 
 
-def test_the_simulators_robots_fail_of_the_cause_that_was_planted(driven, build):
+def test_simulators_robots_fail_of_the_cause_that_was_planted(driven, build):
     planted = {
         "stood still": driven({"robot_radius": 0.3}, start=(1.0, 0.32)),  # scan points of the wall in the footprint
         "lost": driven(BLIND, [("robustness", {})]),  # no scan, so no correction of odometry
@@ -260,7 +260,7 @@ def test_table_evidence_and_report_have_the_causes_with_a_picture_and_the_comman
     assert (directory / "figures" / "cause-lost.png").is_file()
 
 
-def test_a_directory_of_an_earlier_version_has_no_causes_and_a_report(synthetic_campaign, room, build):
+def test_directory_of_an_earlier_version_has_no_causes_and_a_report(synthetic_campaign, room, build):
     task = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 9.0, "y": 2.0}}
     synthetic_campaign.add("a-1", "a", room, task, recordings=[stopping(build.a_recording(HALF))])
     tables = read_tables(synthetic_campaign.write())

@@ -43,7 +43,7 @@ def an_oracle(**broken):
     return kind(Parameters(), "mine", Path())
 
 
-def test_an_oracle_that_keeps_the_contract_passes():
+def test_oracle_that_keeps_the_contract_passes():
     check_oracle(an_oracle())
 
 
@@ -115,7 +115,7 @@ BREAKS["a changed trace"] = (judging(changes_its_trace), "Mine must not change t
 
 
 @each_row("what", BREAKS)
-def test_an_oracle_that_breaks_the_contract_is_found(what):
+def test_oracle_that_breaks_the_contract_is_found(what):
     broken, message = BREAKS[what]
     with pytest.raises(AssertionError, match=message):
         check_oracle(an_oracle(**broken))

@@ -43,7 +43,7 @@ def directory(tmp_path, oracles, parameters=None):
     return read_tables(tmp_path)
 
 
-def test_an_oracle_that_fails_every_run_says_how_far_the_least_is_from_its_threshold(tmp_path):
+def test_oracle_that_fails_every_run_says_how_far_the_least_is_from_its_threshold(tmp_path):
     runs = [("fail", {"update": value, "threshold": 0.3}) for value in (9.3, 2.57, 40.0)]
     (found,) = criteria_of(directory(tmp_path, {"robustness": runs}, {"robustness": {"basis": "update"}}))
     assert criterion_text(found) == (
@@ -51,13 +51,13 @@ def test_an_oracle_that_fails_every_run_says_how_far_the_least_is_from_its_thres
     )
 
 
-def test_an_oracle_that_passes_every_run_says_the_greatest_of_runs_by_their_own_thresholds(tmp_path):
+def test_oracle_that_passes_every_run_says_the_greatest_of_runs_by_their_own_thresholds(tmp_path):
     runs = [("pass", {"rmse": 0.5, "threshold": 1.0}), ("pass", {"rmse": 0.6, "threshold": 4.0})]
     (found,) = criteria_of(directory(tmp_path, {"performance": runs}))
     assert criterion_text(found).endswith("the greatest rmse is 0.5\xa0m, 0.5 times the threshold")
 
 
-def test_a_margin_of_any_oracle_is_a_score(tmp_path):
+def test_margin_of_any_oracle_is_a_score(tmp_path):
     runs = [("pass", {"margin": 0.4}), ("pass", {"margin": 0.21}), ("not judged", {"margin": None})]
     (found,) = criteria_of(directory(tmp_path, {"mine.py:Mine": runs}))
     assert criterion_text(found) == (
@@ -65,21 +65,21 @@ def test_a_margin_of_any_oracle_is_a_score(tmp_path):
     )
 
 
-def test_an_oracle_without_a_score_has_the_sentence_alone(tmp_path):
+def test_oracle_without_a_score_has_the_sentence_alone(tmp_path):
     (found,) = criteria_of(directory(tmp_path, {"success": [("fail", {"time": 3.0})] * 2}))
     assert found.score is None
     assert criterion_text(found) == "separates nothing here: all 2 judged runs fail"
     assert criteria_json([found]) == {"success": {"passed": False, "runs": 2}}
 
 
-def test_an_oracle_that_separates_one_that_only_measures_and_one_run_are_left_out(tmp_path):
+def test_oracle_that_separates_one_that_only_measures_and_one_run_are_left_out(tmp_path):
     passed, failed = ("pass", {"margin": 1.0}), ("fail", {"margin": -1.0})
     oracles = {"safety": [passed, failed], "navigation": [passed, passed], "mine": [passed, ("not judged", {})]}
     assert criteria_of(directory(tmp_path, oracles)) == []
 
 
 @each_row(("name", "judgement", "values"), [("margin", "pass", (0.2, 0.5)), ("update", "fail", (0.4, 0.8))])
-def test_the_figure_shows_the_share_that_passes_at_each_threshold(tmp_path, name, judgement, values):
+def test_figure_shows_the_share_that_passes_at_each_threshold(tmp_path, name, judgement, values):
     metrics = [{name: value, "threshold": 0.3} for value in values]
     oracle = "safety" if name == "margin" else "robustness"
     tables = directory(tmp_path, {oracle: [(judgement, each) for each in metrics]}, {oracle: {"basis": "update"}})

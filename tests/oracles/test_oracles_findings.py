@@ -35,7 +35,7 @@ def test_families_in_which_the_same_varies_are_compared_with_each_other_and_no_o
     assert names == {"family", "noise"}
 
 
-def test_the_factor_that_does_harm_comes_first(found):
+def test_factor_that_does_harm_comes_first(found):
     noise = found.designs[0].analysis.factors[0]
     assert (noise.name, noise.highest, noise.lowest, noise.difference) == ("noise", "0.4", "0.0", 1.0)
 
@@ -45,7 +45,7 @@ def test_configurations_that_always_and_never_and_sometimes_fail_are_counted(fou
     assert (found.total_failures.failures, found.total_failures.of_failures) == (24, 25)
 
 
-def test_a_requested_length_of_the_path_is_a_factor_and_a_drawn_one_is_not(synthetic_campaign, tmp_path, build):
+def test_requested_length_of_the_path_is_a_factor_and_a_drawn_one_is_not(synthetic_campaign, tmp_path, build):
     room = build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
     for k in range(24):
         task = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 1.0 + 0.1 * k}}
@@ -80,16 +80,16 @@ def test_findings_are_json(found):
     assert (said["weighted"], said["saved"]) == (None, None)
 
 
-def test_a_fixed_number_of_runs_has_no_stopping_rule():
+def test_fixed_number_of_runs_has_no_stopping_rule():
     assert stopping_rule({}) is None
 
 
-def test_a_stopping_rule_is_read_with_what_the_campaign_says_of_it():
+def test_stopping_rule_is_read_with_what_the_campaign_says_of_it():
     rule = stopping_rule({"sequential": {"min": 4, "max": 30, "reliable": 0.9}})
     assert (rule.min_runs, rule.max_runs, rule.bounds.reliable, rule.bounds.systematic) == (4, 30, 0.9, 0.2)
 
 
-def test_a_file_is_called_by_its_name_where_there_is_one():
+def test_file_is_called_by_its_name_where_there_is_one():
     assert named({"file": "abcdef0123"}, {"abcdef0123": "office"}) == "office"
     assert named({"file": "abcdef0123"}, {}) == "abcdef01"
     assert named(0.4, {}) == 0.4

@@ -45,17 +45,17 @@ def test_success_is_weighted_by_path_length() -> None:
 
 
 @each_row("failure", [{"outcome": "aborted"}, {"outcome": "timed_out"}, {"missed": 1}])
-def test_a_mission_that_failed_has_an_spl_of_nought_and_no_efficiency(failure: dict[str, Any]) -> None:
+def test_mission_that_failed_has_an_spl_of_nought_and_no_efficiency(failure: dict[str, Any]) -> None:
     found = measured(DETOUR, **failure)
     assert (found["spl"], found["path_efficiency"], found["time_to_goal"]) == (0.0, None, None)
 
 
-def test_a_way_shorter_than_the_octile_one_has_an_spl_of_one() -> None:
+def test_way_shorter_than_the_octile_one_has_an_spl_of_one() -> None:
     found = measured([(0, 0), (8, 0)])
     assert (found["spl"], found["path_efficiency"]) == (1.0, pytest.approx(1.25))
 
 
-def test_a_robot_that_succeeds_without_moving_has_an_spl_of_one_and_no_efficiency() -> None:
+def test_robot_that_succeeds_without_moving_has_an_spl_of_one_and_no_efficiency() -> None:
     found = measured([(0, 0), (0, 0)])
     assert (found["spl"], found["path_efficiency"], found["turning"]) == (1.0, None, None)
 
@@ -65,13 +65,13 @@ def test_without_a_reference_there_is_no_spl() -> None:
     assert (found["spl"], found["path_efficiency"]) == (None, None)
 
 
-def test_the_time_to_the_goal_is_that_of_the_last_one_reached() -> None:
+def test_time_to_the_goal_is_that_of_the_last_one_reached() -> None:
     reached = tuple(Event(t_s, "goal_reached", 0, 0, "0") for t_s in (8.0, 21.5))
     assert measured(DETOUR, events=reached)["time_to_goal"] == 21.5
     assert measured(DETOUR)["time_to_goal"] == 30.0
 
 
-def test_the_minimum_clearance_is_to_the_nearest_of_all_there_is() -> None:
+def test_minimum_clearance_is_to_the_nearest_of_all_there_is() -> None:
     found = measured(DETOUR, wall_clearance_m=[1, 0.6, 1, 1], appearing_clearance_m=[math.inf, math.inf, 0.4, 2])
     assert found["minimum_clearance"] == 0.4
     assert measured(DETOUR, appearing_clearance_m=[math.inf] * 4)["minimum_clearance"] is None
@@ -86,7 +86,7 @@ def test_turning_is_the_curvature_of_a_circle_whatever_the_sense() -> None:
         assert measured(circle, yaw_rad=yaw_rad)["turning"] == pytest.approx(1 / 2.0, rel=1e-5)
 
 
-def test_a_straight_way_does_not_turn() -> None:
+def test_straight_way_does_not_turn() -> None:
     assert measured([(0, 0), (5, 0), (10, 0)], yaw_rad=[0, 0, 0])["turning"] == 0.0
 
 
@@ -103,23 +103,23 @@ def test_stops_are_between_driving_and_driving() -> None:
 
 
 @each_row(("rows", "count"), [(5, 0), (6, 1)])
-def test_a_stop_lasts_for_half_a_second_or_more(rows: int, count: int) -> None:
+def test_stop_lasts_for_half_a_second_or_more(rows: int, count: int) -> None:
     stopped = np.array([0] + [1] * rows + [0]) > 0
     assert len(stops(np.arange(len(stopped)) * 0.1, stopped, 0.5)) == count
 
 
-def test_a_robot_that_never_moves_makes_no_stops() -> None:
+def test_robot_that_never_moves_makes_no_stops() -> None:
     found = measured(np.zeros((30, 2)), stopped=np.ones(30), speed_mps=np.zeros(30))
     assert (found["stops"], found["smoothness"]) == (0, None)
 
 
-def test_a_run_without_rows_has_its_recoveries_alone() -> None:
+def test_run_without_rows_has_its_recoveries_alone() -> None:
     found = measured([])
     assert found.pop("recoveries") == 2
     assert set(found.values()) == {None}
 
 
-def test_a_run_without_a_robot_has_no_measures() -> None:
+def test_run_without_a_robot_has_no_measures() -> None:
     trace = Trace(Run(0, "0", "succeeded", 0, "", 1.0, 0.0, 0, 0), {}, NoReference("no robot"))
     verdict = oracle_of("navigation", {}).judge(trace, Situation(None, (), ()))
     assert {metric.value for metric in verdict.metrics.values()} == {None}

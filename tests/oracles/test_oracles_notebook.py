@@ -48,11 +48,11 @@ CORRIDOR = run_called("an empty corridor")
 
 
 @each_row("check", CHECKS)
-def test_the_worked_example_keeps_the_contract(check) -> None:
+def test_worked_example_keeps_the_contract(check) -> None:
     check(oracle_of("lost.ipynb", {"max_error_m": 0.025}, EXAMPLE), sample_runs())
 
 
-def test_the_worked_example_counts_the_time_that_a_robot_drives_while_lost() -> None:
+def test_worked_example_counts_the_time_that_a_robot_drives_while_lost() -> None:
     # The sample's error is 0.02 + 0.01 sin(k) m at row k, and it drives at all rows but the last.
     rows = sum(math.sin(k) > 0.5 for k in range(1, 100))
     verdict = oracle_of("lost.ipynb", {"max_error_m": 0.025}, EXAMPLE).judge(CORRIDOR.trace, CORRIDOR.situation)
@@ -60,7 +60,7 @@ def test_the_worked_example_counts_the_time_that_a_robot_drives_while_lost() -> 
     assert verdict.reason == "drove for 3.4 s more than 0.025 m from where it believed to be"
 
 
-def test_a_notebook_judges_a_block_of_runs_at_once(tmp_path) -> None:
+def test_notebook_judges_a_block_of_runs_at_once(tmp_path) -> None:
     oracle = notebook(tmp_path, LEAVES)
     verdicts = oracle.judge_all([CORRIDOR.trace], CORRIDOR.situation)
     assert [(v.oracle, v.run_index, v.judgement, v.metrics["distance"].value) for v in verdicts] == [
@@ -76,7 +76,7 @@ def test_parameters_of_the_campaign_file_replace_those_of_the_notebook(tmp_path)
     assert said.reason == "slow 2.0"
 
 
-def test_an_unknown_parameter_of_a_notebook_names_the_nearest(tmp_path) -> None:
+def test_unknown_parameter_of_a_notebook_names_the_nearest(tmp_path) -> None:
     with pytest.raises(OracleError, match=r"judge\.ipynb\.limt: unknown key 'limt'; did you mean 'limit'"):
         notebook(tmp_path, cell("limit = 1.5", "parameters"), LEAVES, limt=2)
 
@@ -93,7 +93,7 @@ def test_what_a_notebook_prints_is_not_shown(tmp_path, capsys) -> None:
     assert capsys.readouterr().out == ""
 
 
-def test_a_run_that_the_notebook_leaves_out_is_not_judged(tmp_path) -> None:
+def test_run_that_the_notebook_leaves_out_is_not_judged(tmp_path) -> None:
     verdict = notebook(tmp_path, "verdicts = []").judge(CORRIDOR.trace, CORRIDOR.situation)
     assert (verdict.judgement, verdict.reason) == ("not judged", "the notebook has no verdict on this run")
 
@@ -108,10 +108,10 @@ def test_verdicts_may_be_a_table(tmp_path) -> None:
     ("left", "message"),
     [
         ("pass", "judge.ipynb: it leaves no 'verdicts'; a table or list of rows, one for each run"),
-        ("verdicts = [{'run_index': 8}]", r"verdict 1: found run_index 8; one of the runs \[3\]"),
+        ("verdicts = [{'run_index': 8}]", r"verdict 1: expected one of the runs \[3\], got run_index 8"),
         (
             "verdicts = [{'run_index': 3, 'judgement': 'ok'}]",
-            "found judgement 'ok'; one of 'pass', 'fail', 'not judged'",
+            "expected one of 'pass', 'fail', 'not judged', got judgement 'ok'",
         ),
         ("verdicts = [{'run_index': 3, 'judgement': 'fail'}]", "verdict 1: 'fail' without a reason"),
         (
@@ -122,7 +122,7 @@ def test_verdicts_may_be_a_table(tmp_path) -> None:
         ("a = 1\nb = a / 0", "judge.ipynb: cell 2, line 2: ZeroDivisionError: division by zero"),
     ],
 )
-def test_a_notebook_that_gives_no_verdicts_is_broken_and_says_where(tmp_path, left: str, message: str) -> None:
+def test_notebook_that_gives_no_verdicts_is_broken_and_says_where(tmp_path, left: str, message: str) -> None:
     oracle = notebook(tmp_path, "first = 1", left)
     with pytest.raises(NotebookError, match=message):
         oracle.judge(CORRIDOR.trace, CORRIDOR.situation)
@@ -137,16 +137,16 @@ def test_a_notebook_that_gives_no_verdicts_is_broken_and_says_where(tmp_path, le
         ),
         ([cell("import numpy", "parameters")], "cell 1, line 1: found 'import numpy'; name = literal"),
         ([cell("a = b", "parameters")], "cell 1, line 1: found 'a = b'; name = literal"),
-        (["metrics = {'a': 1}"], r"cell 1: found metrics = \{'a': 1\}; names and units"),
+        (["metrics = {'a': 1}"], r"cell 1: expected names and units, got metrics = \{'a': 1\}"),
     ],
 )
-def test_a_notebook_that_cannot_judge_is_a_fault_of_the_request(tmp_path, cells: list[Any], message: str) -> None:
+def test_notebook_that_cannot_judge_is_a_fault_of_the_request(tmp_path, cells: list[Any], message: str) -> None:
     with pytest.raises(OracleError, match=message):
         notebook(tmp_path, *cells)
 
 
 def test_what_is_no_notebook_is_a_fault_of_the_request(tmp_path) -> None:
-    with pytest.raises(OracleError, match="nbformat: found 3; a notebook of format 4"):
+    with pytest.raises(OracleError, match="nbformat: expected a notebook of format 4, got 3"):
         oracle_of("judge.ipynb", {}, written(tmp_path, LEAVES, nbformat=3))
     (tmp_path / "judge.ipynb").write_text("not JSON")
     with pytest.raises(OracleError, match=r"judge\.ipynb: not JSON: Expecting value; a JSON text"):
@@ -167,9 +167,9 @@ def test_what_is_no_notebook_is_a_fault_of_the_request(tmp_path) -> None:
         oracle_of("absent.ipynb", {}, tmp_path)
 
 
-def test_a_notebook_s_error_can_be_sent_to_another_process() -> None:
-    error = pickle.loads(pickle.dumps(NotebookError("found this", "that")))
-    assert (str(error), error.what) == ("found this; that", "found this")
+def test_notebook_s_error_can_be_sent_to_another_process() -> None:
+    error = pickle.loads(pickle.dumps(NotebookError("got this", "that")))
+    assert (str(error), error.what) == ("expected that, got this", "got this")
 
 
 # What a judgement follows from
@@ -187,7 +187,7 @@ def test_code_changes_the_source_digest_of_a_notebook_and_nothing_else_does(tmp_
     assert source_of(tmp_path, f"x = 1\n{LEAVES}") != before
 
 
-def test_the_cell_of_the_parameters_is_part_of_a_notebook_s_code(tmp_path) -> None:
+def test_cell_of_the_parameters_is_part_of_a_notebook_s_code(tmp_path) -> None:
     assert source_of(tmp_path, "a = 1", LEAVES) != source_of(tmp_path, cell("a = 1", "parameters"), LEAVES)
 
 

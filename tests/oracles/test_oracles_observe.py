@@ -93,7 +93,7 @@ def test_unknown_cells_are_no_walls(scenario_on, tmp_path, build) -> None:
     assert trace["wall_clearance_m"][0] > 1.9
 
 
-def test_a_map_without_walls_has_no_clearance(scenario_on, tmp_path, build) -> None:
+def test_map_without_walls_has_no_clearance(scenario_on, tmp_path, build) -> None:
     field = build.write_map(tmp_path / "field", np.zeros((80, 120), dtype=np.int8))
     assert "wall_clearance_m" not in observed(scenario_on(field), build.a_recording([(1, 2), (2, 2)])).columns
 
@@ -110,7 +110,7 @@ def appearing(box: Mapping[str, Any]) -> dict[str, Any]:
     return {**box, "spawn_trigger": {"point": {"x": 3.0, "y": 2.0}, "threshold": 1.0}}
 
 
-def test_an_obstacle_that_appears_and_is_pushed_is_separated_from_where_it_is_then(scenario_on, room, build) -> None:
+def test_obstacle_that_appears_and_is_pushed_is_separated_from_where_it_is_then(scenario_on, room, build) -> None:
     box = build.box_at(3.0, 2.0)
     events = (
         Event(0.2, "spawned", 3.0, 2.0, box["entity_name"]),
@@ -136,13 +136,13 @@ def test_without_obstacles_of_a_kind_there_is_no_clearance_from_them(scenario_on
     assert "appearing_clearance_m" not in trace.columns
 
 
-def test_the_error_at_each_update_is_that_of_its_row(scenario_on, room, build) -> None:
+def test_error_at_each_update_is_that_of_its_row(scenario_on, room, build) -> None:
     recording = build.a_recording([(1, 2), (2, 2), (3, 2)], error_xy_m=(0.3, 0.4))
     recording.columns["localized"][1] = 0
     np.testing.assert_allclose(observed(scenario_on(room), recording).update_errors_m, [0.5, 0.5])
 
 
-def test_a_robot_is_stopped_where_it_neither_drives_nor_turns(scenario_on, room, build) -> None:
+def test_robot_is_stopped_where_it_neither_drives_nor_turns(scenario_on, room, build) -> None:
     recording = build.a_recording([(1, 2), (1, 2), (1, 2), (1, 2)])
     recording.columns["speed_mmps"][:] = [0, 10, 9, 0]
     recording.columns["yaw_rate_mradps"][:] = [0, 0, -9, -10]
@@ -165,14 +165,14 @@ def test_what_has_not_appeared_yet_hides_no_obstacle_of_its_class_that_stands(sc
     np.testing.assert_allclose(trace["separation_m/box 0.5 x 0.5 m"], [3.0, 2.0], atol=5e-4)
 
 
-def test_an_obstacle_that_is_deleted_is_infinitely_far_from_then_on(scenario_on, room, build) -> None:
+def test_obstacle_that_is_deleted_is_infinitely_far_from_then_on(scenario_on, room, build) -> None:
     box = build.box_at(3.0, 2.0)
     deleted = Event(0.1, "deleted", 3.0, 2.0, box["entity_name"])
     trace = observed(scenario_on(room, obstacles=[box]), build.a_recording([(2, 2), (2, 2)], events=(deleted,)))
     np.testing.assert_allclose(trace["separation_m/box 0.5 x 0.5 m"], [1.0, np.inf])
 
 
-def test_the_reference_goes_round_what_appeared_and_through_what_did_not(scenario_on, room, build) -> None:
+def test_reference_goes_round_what_appeared_and_through_what_did_not(scenario_on, room, build) -> None:
     box = build.box_at(3.0, 2.0)
     scenario = scenario_on(room, obstacles=[appearing(box)])
     spawned = Event(0.1, "spawned", 3.0, 2.0, box["entity_name"])
@@ -211,14 +211,14 @@ def test_deviation_is_the_distance_to_the_nearest_point_of_the_reference(scenari
     np.testing.assert_allclose(trace["deviation_m"], [0.0, 0.3, 0.3], atol=5e-4)
 
 
-def test_a_free_straight_way_has_its_ends_as_reference(scenario_on, room, build) -> None:
+def test_free_straight_way_has_its_ends_as_reference(scenario_on, room, build) -> None:
     reference = reference_of(scenario_on(room))
     assert isinstance(reference, Reference)
     np.testing.assert_allclose(reference.points_xy_m, [[1.025, 2.025], [5.025, 2.025]])
     assert reference.length_m == pytest.approx(4.0)
 
 
-def test_the_reference_is_octile_and_keeps_its_corners_alone(scenario_on, room) -> None:
+def test_reference_is_octile_and_keeps_its_corners_alone(scenario_on, room) -> None:
     task = {"start_pose": {"x": 1.0, "y": 1.0}, "goal_pose": {"x": 3.0, "y": 2.0}}
     reference = reference_of(scenario_on(room, task))
     assert isinstance(reference, Reference)
@@ -227,7 +227,7 @@ def test_the_reference_is_octile_and_keeps_its_corners_alone(scenario_on, room) 
     assert len(reference.points_xy_m) < 10  # of 41 cells
 
 
-def test_the_reference_goes_round_obstacles_by_the_robots_radius(scenario_on, room) -> None:
+def test_reference_goes_round_obstacles_by_the_robots_radius(scenario_on, room) -> None:
     # Box 2.75..3.25 × 1.75..2.25: the way passes at least 0.22 m beyond its side.
     wall = {"entity_name": "b", "model": "box", "spawn_pose": {"x": 3.0, "y": 2.0}, "xacro_arguments": "width:=0.5"}
     reference = reference_of(scenario_on(room, obstacles=[wall]))
@@ -254,40 +254,40 @@ def test_there_is_no_reference_through_a_gap_too_narrow_for_the_robot(scenario_o
     assert isinstance(slim, Reference)
 
 
-def test_a_start_nearer_to_the_wall_than_the_radius_is_moved_to_where_the_robot_fits(scenario_on, room) -> None:
+def test_start_nearer_to_the_wall_than_the_radius_is_moved_to_where_the_robot_fits(scenario_on, room) -> None:
     task = {"start_pose": {"x": 0.23, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
     reference = reference_of(scenario_on(room, task))
     assert isinstance(reference, Reference)
     assert reference.points_xy_m[0, 0] == pytest.approx(0.275)
 
 
-def test_a_goal_outside_the_map_has_no_reference(scenario_on, room) -> None:
+def test_goal_outside_the_map_has_no_reference(scenario_on, room) -> None:
     task = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 50.0, "y": 2.0}}
     reference = reference_of(scenario_on(room, task))
     assert isinstance(reference, NoReference)
     assert reference.reason.startswith("goal 1 at (50.00, 2.00) m is more than 0.22 m from any place")
 
 
-def test_a_scenario_without_a_map_is_observed_without_walls_and_reference(scenario_on, build) -> None:
+def test_scenario_without_a_map_is_observed_without_walls_and_reference(scenario_on, build) -> None:
     trace = observed(scenario_on(None), build.a_recording([(1, 2), (2, 2)]))
     assert isinstance(trace.reference, NoReference)
     assert {"wall_clearance_m", "deviation_m"}.isdisjoint(trace.columns)
 
 
-def test_a_trace_has_the_recordings_signals_in_si_units(scenario_on, room, build) -> None:
+def test_trace_has_the_recordings_signals_in_si_units(scenario_on, room, build) -> None:
     trace = observed(scenario_on(room), build.a_recording([(1, 2), (2, 2.5)]))
     np.testing.assert_allclose(trace.xy_m, [(1, 2), (2, 2.5)])
     np.testing.assert_allclose(trace["t_s"], [0.0, 0.1])
     np.testing.assert_allclose(trace["localized"], [1, 1])
 
 
-def test_a_block_stores_the_derived_columns_alone(scenario_on, room, build) -> None:
+def test_block_stores_the_derived_columns_alone(scenario_on, room, build) -> None:
     block = observe_block(scenario_on(room), write_recordings([build.a_recording([(1, 2), (2, 2)])]))
     ((_, columns),) = read_block(block)
     assert set(columns) == {"localization_error_mm", "stopped", "wall_clearance_mm", "deviation_mm"}
 
 
-def test_a_run_is_observed_alike_alone_and_in_a_block(scenario_on, room, build) -> None:
+def test_run_is_observed_alike_alone_and_in_a_block(scenario_on, room, build) -> None:
     runs = [build.a_recording([(1, 2), (2, 2 + 0.1 * i)], run_index=i) for i in range(3)]
     together = observe_block(scenario_on(room), write_recordings(runs))
     alone = observe_block(scenario_on(room), write_recordings(runs[1:2]))
@@ -296,11 +296,11 @@ def test_a_run_is_observed_alike_alone_and_in_a_block(scenario_on, room, build) 
     np.testing.assert_equal(columns, columns_alone)
 
 
-def test_a_recording_without_rows_is_observed(scenario_on, room, build) -> None:
+def test_recording_without_rows_is_observed(scenario_on, room, build) -> None:
     assert len(observed(scenario_on(room, obstacles=[build.box_at(3, 3)]), build.a_recording([]))) == 0
 
 
-def test_a_block_is_judged_run_by_run_in_the_order_of_the_oracles(scenario_on, room, build) -> None:
+def test_block_is_judged_run_by_run_in_the_order_of_the_oracles(scenario_on, room, build) -> None:
     scenario = scenario_on(room, obstacles=[build.box_at(3.0, 2.5)])
     way = [(1.0, 2.0), (3.0, 2.0), (5.0, 2.0)]
     runs = [build.a_recording(way, run_index=i, outcome=o) for i, o in enumerate(("succeeded", "timed_out"))]
@@ -318,7 +318,7 @@ def test_a_block_is_judged_run_by_run_in_the_order_of_the_oracles(scenario_on, r
     ]
 
 
-def test_an_oracle_that_changes_a_column_fails_there_and_the_next_one_reads_what_was_recorded(
+def test_oracle_that_changes_a_column_fails_there_and_the_next_one_reads_what_was_recorded(
     scenario_on, room, build, tmp_path
 ) -> None:
     (tmp_path / "shifts.py").write_text(SHIFTS)

@@ -134,7 +134,7 @@ def robustness(tmp_path):
     )
 
 
-def test_the_papers_figures_are_consistent():
+def test_papers_figures_are_consistent():
     assert ALL_RUNS == 109_600
     assert {kind: round(100 * each.rate, 2) for kind, each in PUBLISHED.items()} == {
         "performance": 98.12,
@@ -148,7 +148,7 @@ def test_the_papers_figures_are_consistent():
     }
 
 
-def test_a_way_that_is_not_there_stands_for_all_that_would_have_followed():
+def test_way_that_is_not_there_stands_for_all_that_would_have_followed():
     """The rooms of the paper's safety campaign: 3 of 9 paths, 24 settings, 2 radii; 6 placements find no room."""
     factors = (("start_pose, goal_pose", 9), ("static_objects", 24), (RADIUS, 2))
     rooms = family(
@@ -167,7 +167,7 @@ def test_of_a_family_that_is_a_sample_its_size_was_requested():
     assert requested_of(coverage(raster)) == Requested(100, 0, 0, 0, 100)
 
 
-def test_a_campaign_directory_is_reduced_to_its_figures(safety):
+def test_campaign_directory_is_reduced_to_its_figures(safety):
     found = paper_results(safety)
     assert (found.kind, found.original_maps, found.runs, found.sampled_from) == ("safety", True, 2, None)
     assert found.counts == {"a-1": Counts(2, 0), "a-4": Counts(0, 2)}
@@ -233,7 +233,7 @@ def test_both_radii_of_an_obstacle_are_tabulated(safety):
     assert "| `cube` | 0.090 m | 75.0 %" in page
 
 
-def test_the_page_has_rates_over_distinct_configurations_and_weighted_as_the_paper_counts(safety):
+def test_page_has_rates_over_distinct_configurations_and_weighted_as_the_paper_counts(safety):
     page = paper_page([paper_results(safety)])
     (row,) = (line for line in page.splitlines() if line.startswith("| safety | **") and "| 2 | 2 |" in line)
     assert "| 50.0 % [15.0, 85.0] |" in row
@@ -241,12 +241,12 @@ def test_the_page_has_rates_over_distinct_configurations_and_weighted_as_the_pap
     assert "| **61.2 %** |" in row
 
 
-def test_the_page_says_whether_it_is_of_a_sample(safety, robustness):
+def test_page_says_whether_it_is_of_a_sample(safety, robustness):
     assert "Every distinct configuration was run" in paper_page([paper_results(safety)])
     assert "A sample of so many configurations was run" in paper_page([paper_results(robustness)])
 
 
-def test_the_same_results_give_the_same_page(safety, robustness):
+def test_same_results_give_the_same_page(safety, robustness):
     assert paper_page([*map(paper_results, (safety, robustness))]) == paper_page(
         [*map(paper_results, (safety, robustness))]
     )
@@ -259,18 +259,18 @@ def test_with_the_proof_of_delays_the_page_says_what_a_late_obstacle_does(safety
     assert "spawn_delays" not in paper_page([paper_results(safety)])
 
 
-def test_the_command_puts_what_the_proof_wrote_into_the_page(safety, tmp_path, capsys):
+def test_command_puts_what_the_proof_wrote_into_the_page(safety, tmp_path, capsys):
     row = {"delay_s": 0.4, "reading": "cube", "kept": 0.5, "reached": 11 / 12, "both": 0.5}
     (tmp_path / "delays.json").write_text(json.dumps({"configurations": 12, "runs": 3, "rows": [row]}))
     main([safety], tmp_path / "delays.json")
     assert "| 0.4 s | cube | 50.0 % | 91.7 % | 50.0 % |" in capsys.readouterr().out
 
 
-def test_a_page_of_nothing_is_only_words():
+def test_page_of_nothing_is_only_words():
     assert "Side by side with the paper" in paper_page([])
 
 
-def test_a_campaign_that_is_none_of_the_papers_is_refused(tmp_path, safety):
+def test_campaign_that_is_none_of_the_papers_is_refused(tmp_path, safety):
     other = tmp_path / "other"
     safety.rename(other)
     metadata = json.loads((other / "metadata.json").read_text())

@@ -76,7 +76,7 @@ def test_within_one_block_its_configurations_are_the_clusters() -> None:
     assert clustered(settings, blocks=[4, 4, 4]) == clustered(settings)
 
 
-def test_a_block_without_judged_runs_is_no_cluster() -> None:
+def test_block_without_judged_runs_is_no_cluster() -> None:
     settings = [Counts(9, 1), Counts(8, 2), Counts(not_judged=5)]
     assert clustered(settings, blocks=[4, 4, 9]) == clustered(settings[:2])
 
@@ -90,7 +90,7 @@ def test_where_every_run_fails_each_configuration_counts_once() -> None:
 
 
 @given(st.lists(st.tuples(st.integers(0, 20), st.integers(0, 20)), min_size=2, max_size=12))
-def test_the_interval_for_others_is_never_narrower_than_that_of_pooled_runs(runs: list[tuple[int, int]]) -> None:
+def test_interval_for_others_is_never_narrower_than_that_of_pooled_runs(runs: list[tuple[int, int]]) -> None:
     clusters = [Counts(passed, failed) for passed, failed in runs]
     found, whole = clustered(clusters), pooled(clusters)
     if found is not None:

@@ -48,7 +48,7 @@ def test_why_runs_failed_counts_runs_and_configurations_of_each_kind(synthetic_c
     assert "stuck after 0 tries" in stuck["reason"]
 
 
-def test_a_campaign_without_failures_has_no_reasons(synthetic_campaign, room, build) -> None:
+def test_campaign_without_failures_has_no_reasons(synthetic_campaign, room, build) -> None:
     synthetic_campaign.add("a-1", "a", room, TASK, recordings=lost(build, 2, 0))
     directory = synthetic_campaign.write()
     assert failure_kinds(read_tables(directory).verdicts.reasons("fail")) == []

@@ -123,7 +123,7 @@ def test_every_tag_of_the_report_is_closed_in_order(page: Page) -> None:
     assert (page.misnested, page.open) == ([], [])
 
 
-def test_the_report_fetches_nothing(page: Page, shown: Path) -> None:
+def test_report_fetches_nothing(page: Page, shown: Path) -> None:
     assert page.addresses
     inside = ("data:image/png;base64,", "data:image/svg+xml;base64,", "#")
     links = {address for address in page.addresses if not address.startswith(inside)}
@@ -173,7 +173,7 @@ def test_figures_are_written_as_png_and_svg_too(page: Page, shown: Path) -> None
     assert [file.suffix for file in files] == [".png", ".svg"] * len(names)
 
 
-def test_the_worst_configurations_are_shown_with_the_command_that_replays_them(page: Page) -> None:
+def test_worst_configurations_are_shown_with_the_command_that_replays_them(page: Page) -> None:
     assert page.text.index("vastflow replay . noisy-2 0") < page.text.index("vastflow replay . noisy-1 3")
 
 
@@ -200,7 +200,7 @@ def test_rows_of_a_table_are_data_that_a_script_can_read(shown: Path) -> None:
     assert json.loads(data)["rows"][1][3][:3] == [3, 5, 0]
 
 
-def test_a_campaign_that_was_stopped_early_says_how_many_runs_that_saved(directory: Path) -> None:
+def test_campaign_that_was_stopped_early_says_how_many_runs_that_saved(directory: Path) -> None:
     metadata = json.loads((directory / "metadata.json").read_text())
     (directory / "metadata.json").write_text(json.dumps({**metadata, "sequential": {"min": 3, "max": 20}}))
     write_report(directory)
@@ -210,7 +210,7 @@ def test_a_campaign_that_was_stopped_early_says_how_many_runs_that_saved(directo
     assert "those that took longest to decide count most" in text
 
 
-def test_a_sample_and_a_selection_are_said_at_the_top(directory: Path) -> None:
+def test_sample_and_a_selection_are_said_at_the_top(directory: Path) -> None:
     metadata = json.loads((directory / "metadata.json").read_text())
     metadata |= {"counts": {"sampled_from": 1234}, "asked": {"runs": 5, "sample": 4, "only": ["noisy*"]}}
     (directory / "metadata.json").write_text(json.dumps(metadata))
@@ -266,12 +266,12 @@ def test_not_judged_faults_duplicates_and_notes_are_named(page: Page) -> None:
         assert what in page.text
 
 
-def test_the_method_says_what_the_robot_is_and_what_of_it_is_assumed(page: Page) -> None:
+def test_method_says_what_the_robot_is_and_what_of_it_is_assumed(page: Page) -> None:
     for what in ("quiet, noisy", "The robot: mass 9 kg.", "Assumed: speed up to 0.5 m/s."):
         assert what in page.text
 
 
-def test_the_headline_counts_judged_runs_alone(page: Page) -> None:
+def test_headline_counts_judged_runs_alone(page: Page) -> None:
     # quiet-1: 5 of 5; noisy-1: 3 of 5; noisy-2: 0 of 5, too close to the box.
     assert "of the judged runs passed every oracle: 8 of 15." in page.text
 
@@ -296,12 +296,12 @@ def test_evidence_has_rates_and_intervals_for_campaign_family_and_configuration(
     assert (evidence["rejected"], evidence["duplicates"]) == (2, {"noisy-3": "noisy-1"})
 
 
-def test_a_duplicate_is_counted_once(shown: Path) -> None:
+def test_duplicate_is_counted_once(shown: Path) -> None:
     family = evidence_of(read_tables(shown))[None].families["noisy"]
     assert (family.configurations, family.counts.judged) == (2, 10)
 
 
-def test_a_report_can_be_written_again(shown: Path, directory: Path) -> None:
+def test_report_can_be_written_again(shown: Path, directory: Path) -> None:
     write_report(directory)
     assert text_of(directory) == text_of(shown)
 
@@ -315,7 +315,7 @@ def test_what_a_user_has_set_for_matplotlib_changes_no_picture(directory: Path) 
     assert {file.name: file.read_bytes() for file in (directory / "figures").iterdir()} == before
 
 
-def test_a_campaign_of_which_nothing_could_be_built_has_a_report(synthetic_campaign) -> None:
+def test_campaign_of_which_nothing_could_be_built_has_a_report(synthetic_campaign) -> None:
     synthetic_campaign.reject("far", REASON, {"path_length": 200.0})
     directory = synthetic_campaign.write()
     write_report(directory)
@@ -325,7 +325,7 @@ def test_a_campaign_of_which_nothing_could_be_built_has_a_report(synthetic_campa
     assert page.misnested == []
 
 
-def test_a_campaign_whose_every_run_broke_has_a_report(synthetic_campaign, tmp_path: Path, build) -> None:
+def test_campaign_whose_every_run_broke_has_a_report(synthetic_campaign, tmp_path: Path, build) -> None:
     room = build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
     synthetic_campaign.add("a-1", "a", room, TASK, recordings=[build.a_recording(LINE)])
     synthetic_campaign.verdicts = [{**row, "judgement": "not judged"} for row in synthetic_campaign.verdicts]
@@ -345,18 +345,18 @@ def test_a_campaign_whose_every_run_broke_has_a_report(synthetic_campaign, tmp_p
         (0.0004, "0.04\u00a0%"),
     ],
 )
-def test_a_rate_is_never_rounded_to_none_or_all(rate: float | None, text: str) -> None:
+def test_rate_is_never_rounded_to_none_or_all(rate: float | None, text: str) -> None:
     assert percent(rate) == text
 
 
-def test_an_interval_is_written_with_one_sign_and_rounded_outwards() -> None:
+def test_interval_is_written_with_one_sign_and_rounded_outwards() -> None:
     assert span(Interval(0.523, 0.704)).replace("\u2060", "") == "52–71\u00a0%"
     assert span(Interval(0.0, 1.0)).replace("\u2060", "") == "0–100\u00a0%"
     assert span(Interval(0.29, 0.57)).replace("\u2060", "") == "29–57\u00a0%"
 
 
 @each_row(("difference", "text"), [(0.124, "+12"), (-0.5, "−50"), (-0.004, "+0"), (0.0, "+0")])
-def test_a_difference_has_its_sign_and_nothing_is_not_less_than_nothing(difference: float, text: str) -> None:
+def test_difference_has_its_sign_and_nothing_is_not_less_than_nothing(difference: float, text: str) -> None:
     assert points(difference) == text
 
 
@@ -366,7 +366,7 @@ def test_ninety_five_of_a_hundred_and_twenty_have_one_interval_in_headline_and_t
 
 
 @given(st.integers(0, 300), st.integers(0, 300))
-def test_an_interval_is_the_same_in_headline_and_table_and_holds_what_was_computed(passed: int, failed: int) -> None:
+def test_interval_is_the_same_in_headline_and_table_and_holds_what_was_computed(passed: int, failed: int) -> None:
     counts = Counts(passed, failed)
     if counts.judged:
         shown = span(counts.interval)
@@ -375,14 +375,14 @@ def test_an_interval_is_the_same_in_headline_and_table_and_holds_what_was_comput
         assert low <= counts.interval.low + 1e-8 and counts.interval.high - 1e-8 <= high
 
 
-def test_a_narrow_interval_has_a_digit_more() -> None:
+def test_narrow_interval_has_a_digit_more() -> None:
     assert span(Interval(0.7601, 0.7649)).replace("\u2060", "") == "76.0–76.5\u00a0%"
     assert rate_words([760, 1000, 0, 757, 762])["span"].replace("\u2060", "") == "75.7–76.2\u00a0%"
     assert rate_words([5, 10, 0, 237, 763])["span"].replace("\u2060", "") == "23–77\u00a0%"
 
 
 @each_row(("value", "text"), [(None, "–"), (1e-15, "0"), (-1e-15, "0"), (0.0582, "0.058"), (1234.5, "1,234")])
-def test_a_number_is_rounded_to_the_millimeter(value: float | None, text: str) -> None:
+def test_number_is_rounded_to_the_millimeter(value: float | None, text: str) -> None:
     assert number(value) == text
 
 
@@ -434,16 +434,16 @@ def coverage_text(covered: Path) -> str:
     return " ".join(Page(section.replace("<t", " <t")).text.split())
 
 
-def test_the_coverage_of_a_family_is_in_the_report_with_its_design(coverage_text: str):
+def test_coverage_of_a_family_is_in_the_report_with_its_design(coverage_text: str):
     assert "quiet 1,234 1,100 30 4 100 130 77 % 2-way: 104 of 9,000, at least 96" in coverage_text
 
 
-def test_the_report_names_what_constraints_and_producers_took(coverage_text: str):
+def test_report_names_what_constraints_and_producers_took(coverage_text: str):
     assert "quiet: constraint see_<enough> excludes 1,100." in coverage_text
     assert "quiet: PathVariationRandom can't build 30;" in coverage_text
 
 
-def test_the_report_shows_dimensions_and_pairs(coverage_text: str):
+def test_report_shows_dimensions_and_pairs(coverage_text: str):
     assert "quiet system 2 2 of 3 67 % noise, radius" in coverage_text
     assert "quiet noise × radius 2 3 4 67 %" in coverage_text
     assert "Counted, not listed: 7 pairs." in coverage_text
@@ -454,7 +454,7 @@ def test_tags_of_a_report_with_coverage_are_closed_in_order(covered: Path):
     assert (page.open, page.misnested) == ([], [])
 
 
-def test_a_directory_of_before_there_was_a_coverage_json_has_a_report_without_it(page: Page):
+def test_directory_of_before_there_was_a_coverage_json_has_a_report_without_it(page: Page):
     assert "coverage" not in page.ids
     assert "#coverage" not in page.addresses
 

@@ -54,7 +54,7 @@ def value(verdict: Verdict, metric: str) -> float | None:
 CRUISE, BRAKE = [0.5] * 11, [0.4, 0.2, 0.0]  # rows 0..10, then at 1 and 2 m/s²
 
 
-def test_the_response_is_from_the_appearance_to_the_beginning_of_braking() -> None:
+def test_response_is_from_the_appearance_to_the_beginning_of_braking() -> None:
     # It appears at 0.7 s; the speed begins to fall after the row at 1.0 s.
     verdict = judged([*CRUISE, *BRAKE, 0.0], [carton(2.0)], {"carton": 0.7})
     assert (value(verdict, "response_time"), value(verdict, "unanswered")) == (pytest.approx(0.3), 0)
@@ -84,21 +84,21 @@ def test_uneven_driving_is_no_braking() -> None:
     assert (value(verdict, "response_time"), value(verdict, "unanswered")) == (None, 1)
 
 
-def test_a_gentle_stop_counts_from_its_last_step() -> None:
+def test_gentle_stop_counts_from_its_last_step() -> None:
     speeds = [*CRUISE, *np.arange(0.49, 0.005, -0.01), 0.0, 0.0]
     verdict = judged(speeds, [carton(4.0)], {"carton": 0.5}, stopped_speed_mps=0.0)
     assert value(verdict, "response_time") == pytest.approx((len(speeds) - 3) * STEP_S - 0.5)
 
 
-def test_a_robot_that_brakes_already_responds_at_once() -> None:
+def test_robot_that_brakes_already_responds_at_once() -> None:
     assert value(judged([*CRUISE, *BRAKE, 0.0], [carton(2.0)], {"carton": 1.0}), "response_time") == 0.0
 
 
-def test_a_robot_that_stands_and_drives_on_has_responded_at_once() -> None:
+def test_robot_that_stands_and_drives_on_has_responded_at_once() -> None:
     assert value(judged([0.0, 0.0, 0.2, 0.4], [carton(1.5)], {"carton": 0.1}), "response_time") == 0.0
 
 
-def test_a_robot_that_runs_into_it_without_braking_gave_no_answer() -> None:
+def test_robot_that_runs_into_it_without_braking_gave_no_answer() -> None:
     verdict = judged([0.5] * 20, [carton(0.95)], {"carton": 0.7})
     assert (value(verdict, "response_time"), value(verdict, "unanswered")) == (None, 1)
 
@@ -132,7 +132,7 @@ def test_what_appears_after_the_last_row_has_no_response() -> None:
 # Violations: d_min of a 0.5 m cube is 0.5536 m.
 
 
-def test_a_violation_has_a_time_and_a_distance_from_rim_to_outline() -> None:
+def test_violation_has_a_time_and_a_distance_from_rim_to_outline() -> None:
     # Centers 0.60, 0.55, 0.50, 0.50, 0.50 m apart: two steps and a half.
     verdict = judged([0.5, 0.5, 0.5, 0.0, 0.0], [carton(0.6, appears=False)], {})
     assert verdict.judgement == "fail"
@@ -140,7 +140,7 @@ def test_a_violation_has_a_time_and_a_distance_from_rim_to_outline() -> None:
     assert value(verdict, "violation_clearance") == pytest.approx(0.5 - 0.25 - 0.15)
 
 
-def test_a_disc_that_overlaps_the_obstacle_has_a_negative_clearance() -> None:
+def test_disc_that_overlaps_the_obstacle_has_a_negative_clearance() -> None:
     verdict = judged([0.0, 0.0], [carton(0.3, appears=False)], {})
     assert value(verdict, "violation_clearance") == pytest.approx(0.3 - 0.25 - 0.15)
 
@@ -150,7 +150,7 @@ def test_without_a_violation_there_is_no_distance_and_no_time() -> None:
     assert (value(verdict, "violation_time"), value(verdict, "violation_clearance")) == (0.0, None)
 
 
-def test_a_late_obstacle_violates_only_from_then_on() -> None:
+def test_late_obstacle_violates_only_from_then_on() -> None:
     verdict = judged([0.0] * 11, [carton(0.5)], {"carton": 0.6})
     assert value(verdict, "violation_time") == pytest.approx(0.45)
 

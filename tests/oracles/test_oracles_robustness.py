@@ -61,55 +61,55 @@ def test_every_basis_is_measured_beside_the_one_that_judges() -> None:
         ("maximum", "greatest localization error 0.080 m, more than 0.01 m"),
     ],
 )
-def test_the_basis_that_judges_is_chosen_in_the_campaign_file(basis: str, reason: str) -> None:
+def test_basis_that_judges_is_chosen_in_the_campaign_file(basis: str, reason: str) -> None:
     verdict = judged([0, 10, 20, 40, 80], [0, 1, 0, 1, 0], [0, 0.5, 1.7, 2.4, 2.5], basis=basis, threshold_m=0.01)
     assert (verdict.judgement, verdict.reason) == ("fail", reason)
 
 
 @each_row(("last_mm", "judgement"), [(100, "pass"), (101, "fail")])
-def test_a_sum_of_exactly_the_threshold_passes(last_mm: int, judgement: str) -> None:
+def test_sum_of_exactly_the_threshold_passes(last_mm: int, judgement: str) -> None:
     # As floating-point numbers 0.1 + 0.1 + 0.1 is more than 0.3.
     assert judged([100, 100, last_mm], [1, 1, 1], basis="update").judgement == judgement
 
 
 @each_row("seconds", [1, 10, 100])
-def test_a_longer_run_with_the_same_errors_is_judged_alike(seconds: int) -> None:
+def test_longer_run_with_the_same_errors_is_judged_alike(seconds: int) -> None:
     assert judged([50, 300] * 5 * seconds, [1, 1] * 5 * seconds).judgement == "pass"
     assert judged([50, 301] * 5 * seconds, [1, 1] * 5 * seconds).judgement == "fail"
 
 
 @each_row("basis", BASES)
 @each_row(("error_mm", "judgement"), [(300, "pass"), (301, "fail")])
-def test_a_single_sample_is_its_own_sum_mean_and_maximum(basis: str, error_mm: int, judgement: str) -> None:
+def test_single_sample_is_its_own_sum_mean_and_maximum(basis: str, error_mm: int, judgement: str) -> None:
     verdict = judged([0, error_mm], [0, 1], x_m=[0, 0], basis=basis)
     expected = "pass" if basis == "metre" else judgement  # no meter is full
     assert verdict.judgement == expected
 
 
-def test_a_robot_that_never_moves_has_no_meter() -> None:
+def test_robot_that_never_moves_has_no_meter() -> None:
     verdict = judged([50] * 40, [1] + [0] * 39)
     assert (measured(verdict)["metre"], measured(verdict)["update"]) == (0.0, 0.05)
 
 
-def test_a_recording_without_rows_is_not_judged_and_keeps_its_metrics() -> None:
+def test_recording_without_rows_is_not_judged_and_keeps_its_metrics() -> None:
     verdict = judged([], [])
     assert (verdict.judgement, verdict.reason) == ("not judged", "the recording has no rows")
     assert measured(verdict) == {**dict.fromkeys((*BASES, "updates")), "threshold": 0.3}
 
 
-def test_a_robot_that_was_never_localized_is_not_judged() -> None:
+def test_robot_that_was_never_localized_is_not_judged() -> None:
     verdict = judged([10, 10], [0, 0])
     assert (verdict.judgement, verdict.reason) == ("not judged", "AMCL published no pose")
     assert measured(verdict)["updates"] == 0
 
 
-def test_a_trace_without_the_signal_is_not_judged() -> None:
+def test_trace_without_the_signal_is_not_judged() -> None:
     trace = Trace(RUN, {"t_s": np.zeros(2)}, NoReference("none is needed"))
     verdict = oracle_of("robustness", {}).judge(trace, Situation(None, (), ()))
     assert verdict.reason == "the trace has no localization_error_m and no localized"
 
 
-def test_a_basis_that_does_not_exist_is_refused() -> None:
+def test_basis_that_does_not_exist_is_refused() -> None:
     with pytest.raises(OracleError, match="'update', 'step', 'metre', 'mean' or 'maximum'"):
         oracle_of("robustness", {"basis": "second"})
 

@@ -29,7 +29,7 @@ def directory(synthetic_campaign, tmp_path, build):
     return synthetic_campaign.write()
 
 
-def test_a_walk_is_the_true_way_of_each_run(directory):
+def test_walk_is_the_true_way_of_each_run(directory):
     walks = read_walks(directory, "a-1")
     assert walks.run_index.tolist() == list(range(10))
     assert walks.ends_xy_m[[0, 9]].tolist() == pytest.approx(np.array([[5.0, 2.0], [2.9, 2.0]]))
@@ -38,11 +38,11 @@ def test_a_walk_is_the_true_way_of_each_run(directory):
     assert len(line) == 20
 
 
-def test_a_configuration_without_a_recording_has_no_walks(directory):
+def test_configuration_without_a_recording_has_no_walks(directory):
     assert read_walks(directory, "a-2") is None
 
 
-def test_a_scene_has_where_failed_runs_ended_and_how_many_there_were(directory):
+def test_scene_has_where_failed_runs_ended_and_how_many_there_were(directory):
     (scene,) = scenes_of(read_tables(directory))
     assert (scene.runs.passed, scene.runs.failed, scene.runs.not_judged) == (7, 3, 2)
     assert scene.failed_xy_m == pytest.approx(np.array([[2.9, 2.0]] * 3))
@@ -52,7 +52,7 @@ def test_a_scene_has_where_failed_runs_ended_and_how_many_there_were(directory):
     assert len(scene.obstacles) == 1
 
 
-def test_a_configuration_that_nothing_could_run_leaves_the_others_their_scene(synthetic_campaign, tmp_path, build):
+def test_configuration_that_nothing_could_run_leaves_the_others_their_scene(synthetic_campaign, tmp_path, build):
     room = build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
     broken = {**build.box_at(3.0, 3.0), "xacro_arguments": "size:=0.4"}
     synthetic_campaign.add("a-1", "a", room, TASK, recordings=[build.a_recording(WAY)])
@@ -114,7 +114,7 @@ def test_maps_of_one_floor_plan_are_numbered(synthetic_campaign, tmp_path, build
     assert list(environment_names(directory, environments).values()) == ["office_wing 1", "office_wing 2"]
 
 
-def test_a_turned_map_is_drawn_where_it_lies(tmp_path, build):
+def test_turned_map_is_drawn_where_it_lies(tmp_path, build):
     """Every cell of the map has its color on the figure at its place in the map's frame."""
     file = build.write_map(tmp_path / "room", build.walled_room(4.0, 3.0), origin_xy_m=(1.0, -2.0))
     file.write_text(file.read_text().replace("-2.0, 0.0]", "-2.0, 0.5]"))

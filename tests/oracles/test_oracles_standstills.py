@@ -49,7 +49,7 @@ def pose(x_m, y_m):
 
 
 @pytest.mark.slow
-def test_a_system_that_freezes_in_a_third_of_the_runs_fails_the_gate_and_the_one_that_does_not_holds_it(driven):
+def test_system_that_freezes_in_a_third_of_the_runs_fails_the_gate_and_the_one_that_does_not_holds_it(driven):
     thin, wide = map(str, driven)
     called = CliRunner().invoke(app, ["compare", thin, wide, "--gate", "--pictures", "0"], terminal_width=200)
     assert called.exit_code == 1, called.output
@@ -73,7 +73,7 @@ def test_runs_that_stood_still_are_failed_runs_in_every_rate_and_class(driven):
     assert shape_of(findings) == {"always": CONFIGURATIONS - NEAR_A_WALL, "never": NEAR_A_WALL, "mixed": 0}
 
 
-def test_the_terminal_the_report_and_the_evidence_show_them_apart(driven):
+def test_terminal_the_report_and_the_evidence_show_them_apart(driven):
     thin, wide = driven
     tables = read_tables(wide)
     said = [str(part) for part in outcome(tables, evidence_of(tables))]
@@ -89,7 +89,7 @@ def test_the_terminal_the_report_and_the_evidence_show_them_apart(driven):
     assert not [part for part in outcome(read_tables(thin), evidence_of(read_tables(thin))) if "stood" in str(part)]
 
 
-def test_a_directory_of_an_earlier_version_knows_of_no_standstill(driven):
+def test_directory_of_an_earlier_version_knows_of_no_standstill(driven):
     tables = read_tables(driven[1])
     earlier = tables.__class__(**{**tables.__dict__, "runs": tables.runs.drop_columns(["stood_still"])})
     assert standstills_of(earlier).runs == 0

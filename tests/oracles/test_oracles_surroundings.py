@@ -21,7 +21,7 @@ def test_surroundings_have_names_with_units_and_centimeters():
     assert rows({}, found) == [{NARROW: 0.81, "turning (rad)": 1.57, "obstacles near the path": 0}]
 
 
-def test_a_passage_that_is_none_is_missing():
+def test_passage_that_is_none_is_missing():
     assert rows({}, {"_narrowest_passage_m": None, "_goal_clearance_m": 0.3}) == [{"clearance at goal (m)": 0.3}]
 
 
@@ -44,7 +44,7 @@ def campaign(rng, harm):
     return factors, seen, passed, np.repeat(np.arange(60), 3)
 
 
-def test_a_narrow_passage_that_fails_runs_is_found_and_a_clearance_that_does_nothing_is_not():
+def test_narrow_passage_that_fails_runs_is_found_and_a_clearance_that_does_nothing_is_not():
     factors, seen, passed, blocks = campaign(np.random.default_rng(4), 0.2)
     analysis = factor_analysis(factors, passed, np.full(180, 20), blocks, surroundings=seen)
     assert [(each.name, each.others.shown) for each in analysis.surroundings] == [(NARROW, True), ("clearance", False)]

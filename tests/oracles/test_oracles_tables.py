@@ -70,7 +70,7 @@ def test_counts_are_those_of_the_rows_in_whatever_order_they_stand(judged, rando
     assert table.counts(None).tolist() == [[together[name, word] for word in CODES] for name in NAMES]
 
 
-def test_a_metric_is_aligned_with_the_runs_and_nothing_is_not_a_number():
+def test_metric_is_aligned_with_the_runs_and_nothing_is_not_a_number():
     table = table_of(
         [
             verdict("b", 1, time=2.5),
@@ -87,12 +87,12 @@ def test_a_metric_is_aligned_with_the_runs_and_nothing_is_not_a_number():
     assert list(table.metrics("safety")) == ["depth"]
 
 
-def test_a_metric_that_no_run_has_keeps_its_name_and_unit():
+def test_metric_that_no_run_has_keeps_its_name_and_unit():
     time = table_of([verdict(time=None)]).metrics("success")["time"]
     assert time.unit == "m" and np.isnan(time.values).all()
 
 
-def test_an_oracle_may_measure_nothing():
+def test_oracle_may_measure_nothing():
     assert table_of([verdict()]).metrics("success") == {}
 
 
@@ -103,17 +103,17 @@ def test_reasons_are_those_of_one_judgement():
     assert reasons.reason.tolist() == ["too late"]
 
 
-def test_a_verdict_of_no_configuration_is_refused():
+def test_verdict_of_no_configuration_is_refused():
     with pytest.raises(ValueError, match=r"verdicts.parquet judges 'z', which is no row of configurations.parquet"):
         table_of([verdict("z")])
 
 
-def test_a_judgement_that_is_none_is_refused():
+def test_judgement_that_is_none_is_refused():
     with pytest.raises(ValueError, match="has the judgement 'maybe'; it can be pass, fail, not judged"):
         table_of([verdict(judgement="maybe")])
 
 
-def test_a_table_in_many_pieces_reads_like_one(tmp_path):
+def test_table_in_many_pieces_reads_like_one(tmp_path):
     rows = [verdict(NAMES[k % 3], k, reason=f"r{k % 4}", time=float(k)) for k in range(50)]
     table = pa.Table.from_pylist(rows, SCHEMA)
     with pq.ParquetWriter(tmp_path / "v.parquet", SCHEMA) as writer:

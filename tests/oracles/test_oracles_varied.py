@@ -52,18 +52,18 @@ def test_matched_sets_are_equal_in_all_but_the_factor_and_what_it_places():
     assert len(set(matched_sets(table, [0, 4], "path_length").tolist())) == 2  # poses differ
 
 
-def test_a_map_is_called_by_its_name_and_another_file_by_the_beginning_of_its_digest():
+def test_map_is_called_by_its_name_and_another_file_by_the_beginning_of_its_digest():
     other = {"file": "cd" * 32}
     assert rows({"map_file": {"file": MAP}, "mesh": other}, {}) == [{"map_file": "office", "mesh": "cdcdcdcd"}]
 
 
-def test_the_drawn_length_of_a_path_is_no_factor():
+def test_drawn_length_of_a_path_is_no_factor():
     assert rows({"noise": 0.1}, {"_path_length": 5.031370849898476}) == [{"noise": 0.1}]
     table = table_of(({"noise": 0.1}, {"_path_length": 5.031370849898476}, (), {}))
     assert varied_rows(table, [0], {}) == [{"noise": 0.1, "path length (m)": 5.03}]
 
 
-def test_a_drawn_world_is_told_by_its_numbers_of_which_0_is_a_level():
+def test_drawn_world_is_told_by_its_numbers_of_which_0_is_a_level():
     noted = {"_wall_offset_m": 0.1, "_missing_furniture": 0.0}
     drawn = {"noise": 0.1, "world": {"seed": 5, "wall_offset": 0.1}}
     said = {"noise": 0.1, "wall offset (m)": 0.1, "missing furniture": 0.0}
@@ -71,5 +71,5 @@ def test_a_drawn_world_is_told_by_its_numbers_of_which_0_is_a_level():
     assert rows({"noise": 0.1}, noted | {"_wall_offset_m": 0.0}) == [said | {"wall offset (m)": 0.0}]
 
 
-def test_a_world_that_the_file_gives_stays_what_it_is():
+def test_world_that_the_file_gives_stays_what_it_is():
     assert rows({"world": {"seed": 5}}, {}) == [{"world": {"seed": 5}}]

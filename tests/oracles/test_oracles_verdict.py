@@ -30,12 +30,12 @@ def test_metrics_that_were_read_are_written_again_as_they_were() -> None:
     assert repr(read[1].metrics) == "{}" and VERDICTS[0].metrics == read[0].metrics != VERDICTS[1].metrics
 
 
-def test_a_reason_may_hold_what_no_text_file_can() -> None:
+def test_reason_may_hold_what_no_text_file_can() -> None:
     said = [Verdict("success", 0, "fail", "a program wrote \ud800")]
     assert read_verdicts(write_verdicts(said)) == said
 
 
-def test_a_metric_that_is_no_number_is_refused() -> None:
+def test_metric_that_is_no_number_is_refused() -> None:
     with pytest.raises(ValueError, match="not JSON compliant"):
         write_verdicts([Verdict("success", 0, "pass", "", {"time": Metric(float("nan"), "s")})])
 
@@ -50,5 +50,5 @@ def test_a_metric_that_is_no_number_is_refused() -> None:
         ([], "not judged"),
     ],
 )
-def test_a_run_passes_when_all_pass_and_fails_when_one_fails(judgements: list[Judgement], together: str) -> None:
+def test_run_passes_when_all_pass_and_fails_when_one_fails(judgements: list[Judgement], together: str) -> None:
     assert run_judgement(judgements) == together

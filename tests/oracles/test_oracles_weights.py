@@ -11,7 +11,7 @@ from vastflow.oracles.evidence.rates import Counts, Interval, clustered, pooled,
 judged = st.integers(0, 20).flatmap(lambda n: st.integers(0, n).map(lambda x: Counts(x, n - x)))
 
 
-def test_a_configuration_weighs_itself_and_its_duplicates():
+def test_configuration_weighs_itself_and_its_duplicates():
     rows = [("a-1", None), ("a-2", None), ("a-3", "a-1"), ("b-1", "a-1"), ("b-2", None)]
     assert weights_of(rows) == {"a-1": 3, "a-2": 1, "b-2": 1}
 
@@ -55,5 +55,5 @@ def test_all_pass_and_all_fail_have_intervals_that_end_there():
     assert weighted_rate({"a": Counts(0, 4), "b": Counts(0, 4)}, {"a": 3}).interval.low == 0.0
 
 
-def test_a_weight_of_what_was_not_run_is_of_no_account():
+def test_weight_of_what_was_not_run_is_of_no_account():
     assert weighted_counts({"a": Counts(1, 0)}, {"a": 2, "gone": 9}) == {"a": Counts(2, 0)}

@@ -42,7 +42,7 @@ def test_equal_sides_give_equal_bytes(build, tmp_path):
     assert drawn(*sides)[0] == drawn(*sides)[0]
 
 
-def test_a_side_without_a_recorded_run_is_an_empty_map(build, tmp_path):
+def test_side_without_a_recorded_run_is_an_empty_map(build, tmp_path):
     sides = a_side(build, tmp_path, "A", (), chosen=None), a_side(build, tmp_path, "B", ("not judged",), chosen=None)
     content, _ = drawn(*sides)
     assert content.startswith(b"\x89PNG")

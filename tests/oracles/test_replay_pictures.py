@@ -104,11 +104,11 @@ def near(one, other, by=3):
     return max(abs(a - b) for a, b in zip(one, other, strict=True)) <= by
 
 
-def test_the_true_body_is_dark_where_the_robot_is(close_up):
+def test_true_body_is_dark_where_the_robot_is(close_up):
     assert near(close_up(1.5, 2.0 - 0.1), rgb(INK))
 
 
-def test_the_body_of_a_polygon_is_drawn_as_it_lies(occupancy):
+def test_body_of_a_polygon_is_drawn_as_it_lies(occupancy):
     figure = Figure(figsize=(8, 8), dpi=100)
     axes = figure.add_axes((0, 0, 1, 1))
     long = Robot(0.61, vertices=((0.6, 0.1), (0.6, -0.1), (-0.6, -0.1), (-0.6, 0.1)))
@@ -119,11 +119,11 @@ def test_the_body_of_a_polygon_is_drawn_as_it_lies(occupancy):
     assert not near(tuple(beside.tolist()), rgb(INK))
 
 
-def test_the_goal_is_a_green_mark(close_up):
+def test_goal_is_a_green_mark(close_up):
     assert near(close_up(GOAL.x_m, GOAL.y_m), rgb(GOAL_COLOR))
 
 
-def test_the_way_has_the_color_of_the_judgement(close_up):
+def test_way_has_the_color_of_the_judgement(close_up):
     red, green, blue = close_up(1.15, 2.0)
     assert red > green + 50 > blue + 50
 
@@ -134,12 +134,12 @@ def test_walls_free_cells_and_unknown_ones_look_as_in_the_other_figures(close_up
     assert close_up(0.5, 3.8) == UNKNOWN
 
 
-def test_an_obstacle_stands_where_it_is_and_one_that_has_not_appeared_is_nowhere(close_up):
+def test_obstacle_stands_where_it_is_and_one_that_has_not_appeared_is_nowhere(close_up):
     red, green, blue = close_up(2.3, 2.8)
     assert red > green + 20 and blue > green + 20
 
 
-def test_a_mark_of_the_local_costmap_is_where_the_turned_window_puts_it(close_up):
+def test_mark_of_the_local_costmap_is_where_the_turned_window_puts_it(close_up):
     c, s, x, y = np.cos(0.3), np.sin(0.3), 40.5 * 0.05, 20.5 * 0.05
     assert near(close_up(1.0 + c * x - s * y, 0.5 + s * x + c * y), rgb(BELIEF_COLOR), by=20)
 
@@ -170,7 +170,7 @@ def test_without_a_local_costmap_yet_there_is_a_picture_all_the_same(occupancy):
     assert pixels(figure).std() > 0
 
 
-def test_a_goal_out_of_sight_is_named_with_its_distance(occupancy):
+def test_goal_out_of_sight_is_named_with_its_distance(occupancy):
     figure = Figure(figsize=(4, 4))
     axes = figure.add_axes((0, 0, 1, 1))
     draw_close_up(axes, occupancy, a_snapshot(0, goals=(Pose(12.0, 2.0),)), a_story(occupancy).path_until(0), BOX)
@@ -181,7 +181,7 @@ def texts(figure):
     return [text.get_text() for text in figure.texts]
 
 
-def test_a_strip_numbers_its_pictures_and_says_what_happened(occupancy):
+def test_strip_numbers_its_pictures_and_says_what_happened(occupancy):
     figure = strip_figure(a_story(occupancy), [a_snapshot(tick) for tick in (0, 20, 31, 59)])
     said = texts(figure)
     assert [text for text in said if text.endswith(" s") and text[0].isdigit()] == [
@@ -196,7 +196,7 @@ def test_a_strip_numbers_its_pictures_and_says_what_happened(occupancy):
     assert not any("NOT THE RECORDED RUN" in text for text in said)
 
 
-def test_a_strip_of_another_run_than_the_recorded_one_says_so(occupancy):
+def test_strip_of_another_run_than_the_recorded_one_says_so(occupancy):
     figure = strip_figure(a_story(occupancy, warning="row 3 (0.30 s), x_mm"), [a_snapshot(0)])
     assert "NOT THE RECORDED RUN: row 3 (0.30 s), x_mm" in texts(figure)
 
@@ -215,7 +215,7 @@ def film(occupancy, tmp_path_factory):
 
 
 @each_row("width_in", [11.3, 11.99, 11.996, 12.004, 12.01])
-def test_a_page_of_any_width_has_its_rows_where_they_belong(width_in):
+def test_page_of_any_width_has_its_rows_where_they_belong(width_in):
     figure = Figure(figsize=(width_in, 1.0), dpi=100)
     figure.add_artist(Rectangle((0.5, 0.0), 0.01, 1.0, color="black"))
     rows = np.asarray(_image(figure).convert("L"))[5:-5]
@@ -231,7 +231,7 @@ def test_headline_is_wrapped_to_the_width_of_its_page(occupancy):
         assert ending.get_window_extent().x1 < figure.bbox.x1
 
 
-def test_a_film_shows_all_pictures_and_the_last_one_longest(film):
+def test_film_shows_all_pictures_and_the_last_one_longest(film):
     with Image.open(film) as picture:
         shown = []
         for k in range(picture.n_frames):
@@ -240,14 +240,14 @@ def test_a_film_shows_all_pictures_and_the_last_one_longest(film):
     assert shown == [FRAME_MS] * 3 + [LAST_MS]
 
 
-def test_a_film_keeps_white_white_and_the_colors_of_small_marks(film):
+def test_film_keeps_white_white_and_the_colors_of_small_marks(film):
     with Image.open(film) as picture:
         colors = {color for _, color in picture.convert("RGB").getcolors(maxcolors=1024)}
     assert FREE in colors
     assert {rgb(GOAL_COLOR), rgb(COLORS["fail"])} <= colors
 
 
-def test_a_small_run_is_shown_whole_from_beginning_to_end(occupancy):
+def test_small_run_is_shown_whole_from_beginning_to_end(occupancy):
     moments = [a_moment(tick) for tick in range(60)]
     view = view_of(moments, [GOAL])
     assert view.box(moments[0]) == view.box(moments[-1])
@@ -264,7 +264,7 @@ def test_view_moves_only_when_the_robot_comes_near_its_edge():
     assert (first.x1 - first.x0, first.y1 - first.y0) == pytest.approx((FOLLOWED_M, FOLLOWED_M))
 
 
-def test_the_timeline_has_a_band_for_each_thing_the_robot_did():
+def test_timeline_has_a_band_for_each_thing_the_robot_did():
     moments = [a_moment(0), a_moment(1), a_moment(2, no_command_s=0.05), a_moment(3, stopped=True)]
     moments += [a_moment(4, activity="spin"), a_moment(5, activity="spin"), a_moment(6, no_progress_s=5.0)]
     assert [*bands(moments)] == [

@@ -54,7 +54,7 @@ def test_what_the_robot_is_doing_is_said_in_words(changes, words):
     assert doing(a_moment(**changes), a_run()) == words
 
 
-def test_a_mission_that_is_over_was_given_up_where_it_was_aborted():
+def test_mission_that_is_over_was_given_up_where_it_was_aborted():
     assert doing(a_moment(activity="ended"), a_run(outcome="aborted")) == "mission given up"
 
 
@@ -62,7 +62,7 @@ def test_numbers_are_speed_turning_localization_and_recoveries():
     assert numbers(a_moment(recoveries=1)) == "0.25 m/s, 29°/s · localization 12 cm off · 1 recovery"
 
 
-def test_a_robot_that_stands_has_no_negative_speed():
+def test_robot_that_stands_has_no_negative_speed():
     assert numbers(a_moment(speed_mps=-0.001, yaw_rate_radps=0.0)).startswith("0.00 m/s ·")
 
 
@@ -81,11 +81,11 @@ def test_a_robot_that_stands_has_no_negative_speed():
         ("obstacle_moved", "box 3", 0.2, None),
     ],
 )
-def test_an_event_is_said_in_a_few_words(kind, what, value, words):
+def test_event_is_said_in_a_few_words(kind, what, value, words):
     assert happening(Event(1.0, kind, 0.0, 0.0, what, value)) == words
 
 
-def test_a_tick_knows_of_events_at_its_time_and_of_contacts_before_it():
+def test_tick_knows_of_events_at_its_time_and_of_contacts_before_it():
     assert tick_of(Event(1.35, "recovery", 0.0, 0.0, "spin")) == 27
     assert tick_of(Event(1.36, "contact", 0.0, 0.0, "wall")) == 28
 
@@ -109,7 +109,7 @@ def test_what_happens_at_once_makes_one_picture():
     assert len({*range(200, 204)} & {*chosen}) == 1
 
 
-def test_a_moved_obstacle_is_no_highlight():
+def test_moved_obstacle_is_no_highlight():
     moved = Event(20.0, "obstacle_moved", 0.0, 0.0, "box", 0.1)
     assert 400 not in highlights(a_run(moved), 0, 701)
 
@@ -127,28 +127,28 @@ def test_highlights_are_few_increasing_and_within_the_span(first, length, events
     assert (chosen[0], chosen[-1]) == (first, first + length)
 
 
-def test_a_run_of_two_seconds_has_forty_ticks():
+def test_run_of_two_seconds_has_forty_ticks():
     assert whole_run(2.0) == Span(0, 39)
 
 
-def test_a_time_becomes_the_nearest_tick_and_the_end_the_last():
+def test_time_becomes_the_nearest_tick_and_the_end_the_last():
     whole = whole_run(30.0)
     assert [tick_at("--at", t_s, whole) for t_s in (0.0, 12.35, 12.37, 29.99, 30.0)] == [0, 247, 247, 599, 599]
 
 
 @each_row("t_s", [-0.1, 30.1, float("nan"), float("inf")])
-def test_a_time_outside_the_run_is_refused(t_s):
+def test_time_outside_the_run_is_refused(t_s):
     with pytest.raises(TimeError, match=r"--at .*: outside the run, which goes from 0 to 30\.00 s"):
         tick_at("--at", t_s, whole_run(30.0))
 
 
-def test_a_span_that_ends_before_it_begins_is_refused():
+def test_span_that_ends_before_it_begins_is_refused():
     with pytest.raises(TimeError, match="--from 9 --to 4: ends before it begins"):
         span_of(9.0, 4.0, whole_run(30.0))
 
 
 @each_row("every_s", [0.0, -1.0, float("nan"), float("inf")])
-def test_a_step_that_is_no_positive_time_is_refused(every_s):
+def test_step_that_is_no_positive_time_is_refused(every_s):
     with pytest.raises(TimeError, match=r"--every .*: a time greater than 0 s"):
         step_of(every_s)
 

@@ -72,7 +72,7 @@ def chosen(element: str, value: str, event: str) -> str:
     return f"{{const it = document.querySelector({element!r}); it.value = {value!r}; it.dispatchEvent(new Event({event!r}))}}"
 
 
-def test_the_browser_has_nothing_to_complain_of(browser: Browser, report: Path) -> None:
+def test_browser_has_nothing_to_complain_of(browser: Browser, report: Path) -> None:
     browser.open(report)
     pictures = "[...document.images].filter(image => { image.loading = 'eager'; return true }).length"
     assert browser.value(pictures) > 5
@@ -82,7 +82,7 @@ def test_the_browser_has_nothing_to_complain_of(browser: Browser, report: Path) 
     assert browser.complaints == []
 
 
-def test_a_click_on_a_head_sorts_and_a_second_one_turns_the_order_round(browser: Browser, report: Path) -> None:
+def test_click_on_a_head_sorts_and_a_second_one_turns_the_order_round(browser: Browser, report: Path) -> None:
     open_table(browser, report)
     browser.value(click("Configuration"))
     names = [row[0] for row in browser.value(ROWS)]
@@ -137,7 +137,7 @@ def test_heads_can_be_reached_and_pressed_by_keyboard(browser: Browser, report: 
     assert browser.value("document.querySelector('#configurations th').ariaSort") == "ascending"
 
 
-def test_the_worst_come_first_and_a_plain_table_has_them_without_the_script(browser: Browser, report: Path) -> None:
+def test_worst_come_first_and_a_plain_table_has_them_without_the_script(browser: Browser, report: Path) -> None:
     browser.ask("Emulation.setScriptExecutionDisabled", value=True)
     browser.open(report)
     browser.value("document.querySelector('#all').open = true")
@@ -148,13 +148,13 @@ def test_the_worst_come_first_and_a_plain_table_has_them_without_the_script(brow
     assert browser.value("document.querySelectorAll('.tools').length") == 0
 
 
-def test_a_phone_shows_the_page_without_scrolling_sideways(browser: Browser, report: Path) -> None:
+def test_phone_shows_the_page_without_scrolling_sideways(browser: Browser, report: Path) -> None:
     browser.ask("Emulation.setDeviceMetricsOverride", width=390, height=800, deviceScaleFactor=2, mobile=True)
     browser.open(report)
     assert browser.value("document.documentElement.scrollWidth") <= 390
 
 
-def test_a_table_that_is_wider_than_its_frame_shows_a_shadow_there(browser: Browser, report: Path) -> None:
+def test_table_that_is_wider_than_its_frame_shows_a_shadow_there(browser: Browser, report: Path) -> None:
     browser.ask("Emulation.setDeviceMetricsOverride", width=390, height=800, deviceScaleFactor=1, mobile=True)
     open_table(browser, report)
     frame = "document.querySelector('#all .card.scroll')"
@@ -168,7 +168,7 @@ def test_what_a_run_says_ends_no_script(report: Path) -> None:
     assert len(re.findall(r"</script>", page)) == len(re.findall(r"<script", page))
 
 
-def test_a_reader_has_verdict_causes_and_the_worst_within_a_few_screens(browser: Browser, report: Path) -> None:
+def test_reader_has_verdict_causes_and_the_worst_within_a_few_screens(browser: Browser, report: Path) -> None:
     found = measured(browser, report)
     assert beyond(found, 9000, 2000) == []
     heads = "[...document.querySelectorAll('main h2')].filter(it => it.checkVisibility()).map(it => it.innerText)"
@@ -180,7 +180,7 @@ def test_a_reader_has_verdict_causes_and_the_worst_within_a_few_screens(browser:
     ]
 
 
-def test_the_table_shows_what_failed_and_a_click_shows_the_rest(browser: Browser, report: Path) -> None:
+def test_table_shows_what_failed_and_a_click_shows_the_rest(browser: Browser, report: Path) -> None:
     browser.open(report)
     browser.value("document.querySelector('nav a[href=\"#all\"]').click()")
     assert browser.value(COUNT) == "50 of 56 rows (of 70)"
@@ -188,14 +188,14 @@ def test_the_table_shows_what_failed_and_a_click_shows_the_rest(browser: Browser
     assert browser.value(COUNT) == "50 of 70 rows"
 
 
-def test_a_link_to_what_is_folded_opens_it(browser: Browser, report: Path) -> None:
+def test_link_to_what_is_folded_opens_it(browser: Browser, report: Path) -> None:
     browser.open(report)
     assert browser.value("document.querySelector('#method').open") is False
     browser.value("document.querySelector('#why a[href=\"#method\"]').click()")
     assert browser.value("document.querySelector('#method').open") is True
 
 
-def test_a_fold_opens_by_keyboard(browser: Browser, report: Path) -> None:
+def test_fold_opens_by_keyboard(browser: Browser, report: Path) -> None:
     browser.open(report)
     browser.value("document.querySelector('#rates summary').focus()")
     for kind in ("rawKeyDown", "char", "keyUp"):

@@ -21,7 +21,7 @@ def proof():
     return module
 
 
-def test_a_report_of_2400_runs_stays_small(proof, tmp_path):
+def test_report_of_2400_runs_stays_small(proof, tmp_path):
     proof.write_campaign(tmp_path / "robot", 240, 10)
     found = proof.measured(tmp_path / "robot")
     assert found["memory_mb"] < 1000
@@ -30,7 +30,7 @@ def test_a_report_of_2400_runs_stays_small(proof, tmp_path):
     assert len(evidence["all_oracles"]["configurations"]) == 240
 
 
-def test_a_report_without_a_robot_has_no_maps(proof, tmp_path):
+def test_report_without_a_robot_has_no_maps(proof, tmp_path):
     proof.write_campaign(tmp_path / "idle", 300, 20, robot=False)
     proof.measured(tmp_path / "idle")
     page = (tmp_path / "idle" / "report.html").read_text()

@@ -19,7 +19,7 @@ PATH = np.array([[1.0, 1.0], [2.0, 1.0], [4.0, 1.0]])
 COUNT = CELLS_DRAWN + 2
 
 
-def test_the_runs_of_the_worst_cells_are_drawn_worst_first(synthetic_campaign, tmp_path, build):
+def test_runs_of_the_worst_cells_are_drawn_worst_first(synthetic_campaign, tmp_path, build):
     room = build.write_map(tmp_path / "room", build.walled_room(5.0, 4.0))
     for k in range(COUNT):
         obstacles = [build.box_at(3.0, 1.5 + 0.2 * k)]

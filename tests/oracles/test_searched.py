@@ -34,7 +34,7 @@ def beside(as_good):
         ({"is_rate": False, "objective": "time"}, "point-0007: time found at 0.9; the mean of 60 fresh runs is 0.7."),
     ],
 )
-def test_the_best_is_said_with_what_confirms_it(parts, text):
+def test_best_is_said_with_what_confirms_it(parts, text):
     assert found_text(said(**parts)) == text
 
 
@@ -49,7 +49,7 @@ def test_beside_it_stands_what_random_search_needed(as_good, text):
     assert found_text(said(baseline=beside(as_good))).endswith(f"on 60 fresh runs. {text}")
 
 
-def test_the_interval_of_fresh_runs_covers_the_truth_whatever_was_selected():
+def test_interval_of_fresh_runs_covers_the_truth_whatever_was_selected():
     """200 searches among 100 points of rates up to 60 %: the best of 5 runs each looks worse than it is, its fresh runs do not."""
     draws = np.random.default_rng(1)
     covered, excess = 0, []

@@ -45,7 +45,7 @@ def test_unbalanced_levels_are_adjusted_for_the_other_factors() -> None:
     assert by_name["b"].difference == pytest.approx(0.5)
 
 
-def test_an_interaction_has_cells_that_do_not_add_up() -> None:
+def test_interaction_has_cells_that_do_not_add_up() -> None:
     rng = np.random.default_rng(3)
     rows = [{"a": a, "b": b} for a, b in product((0, 1), (0, 1)) for _ in range(25)]
     found = analyzed(rows, rng.binomial(20, [0.1 + 0.4 * (row["a"] == row["b"]) for row in rows]))
@@ -64,7 +64,7 @@ def test_where_all_runs_end_alike_no_factor_matters(failed: int) -> None:
     assert found.factors[0].levels[0].interval.high - found.factors[0].levels[0].interval.low < 0.35
 
 
-def test_a_level_that_always_fails_breaks_nothing_and_is_found() -> None:
+def test_level_that_always_fails_breaks_nothing_and_is_found() -> None:
     found = analyzed(GRID, [20 * row["a"] for row in GRID])
     effect = found.factors[0]
     assert (effect.name, effect.difference, effect.matters) == ("a", pytest.approx(1.0), True)
@@ -82,7 +82,7 @@ def test_one_judged_configuration_is_no_analysis() -> None:
     assert factor_analysis(factors, [3, 0], [5, 0]) is None
 
 
-def test_a_level_without_judged_runs_drops_out() -> None:
+def test_level_without_judged_runs_drops_out() -> None:
     factors, _ = factors_of([{"a": k % 2, "b": k % 3} for k in range(6)])
     found = factor_analysis(factors, [5, 0, 4, 0, 5, 0], [5, 0, 5, 0, 5, 0])
     assert found is not None
@@ -90,7 +90,7 @@ def test_a_level_without_judged_runs_drops_out() -> None:
     assert found.dropped[-1].reason == "has one level among the judged"
 
 
-def test_a_factor_that_comes_with_another_alone_can_not_be_told_from_it() -> None:
+def test_factor_that_comes_with_another_alone_can_not_be_told_from_it() -> None:
     rows = [{"a": k % 3, "b": (k % 3 > 0) * 1} for k in range(12)]
     by_name = {effect.name: effect for effect in analyzed(rows, range(12)).factors}
     assert (by_name["b"].others.p_value, by_name["b"].others.note) == (None, "can't be told from other factors")
@@ -118,7 +118,7 @@ def test_configurations_on_one_path_do_not_count_as_many_where_paths_are_compare
     assert low < 0.0 < high
 
 
-def test_the_variance_of_outcomes_is_divided_without_remainder() -> None:
+def test_variance_of_outcomes_is_divided_without_remainder() -> None:
     rng = np.random.default_rng(5)
     rows = [{"a": k % 2} for k in range(400)]
     # Var of a run: p(1 - p) with p = 0.4; of which 0.2² = 0.04 is the factor's.
@@ -136,7 +136,7 @@ def test_permutations_of_few_values_give_the_exact_p_value() -> None:
     assert found.p_value == pytest.approx(0.1, abs=0.02)
 
 
-def test_the_p_value_of_many_configurations_is_that_of_analysis_of_variance() -> None:
+def test_p_value_of_many_configurations_is_that_of_analysis_of_variance() -> None:
     from scipy.stats import f_oneway
 
     rng = np.random.default_rng(6)
@@ -147,6 +147,6 @@ def test_the_p_value_of_many_configurations_is_that_of_analysis_of_variance() ->
     assert found.p_value == pytest.approx(expected, abs=0.02)
 
 
-def test_the_same_data_give_the_same_p_values() -> None:
+def test_same_data_give_the_same_p_values() -> None:
     failed = np.random.default_rng(8).binomial(20, 0.3, len(GRID))
     assert analyzed(GRID, failed).factors == analyzed(GRID, failed).factors

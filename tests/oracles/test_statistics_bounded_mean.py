@@ -54,7 +54,7 @@ def test_no_number_of_zeros_rules_out_every_loss_and_one_a_loss_of_more_than_all
     assert needed(1.0) == 1
 
 
-def test_a_value_that_cant_be_is_refused() -> None:
+def test_value_that_cant_be_is_refused() -> None:
     with pytest.raises(ValueError, match=r"values within -1\.\.1, got \[0\.5, 1\.5\]"):
         mean_interval([0.5, 1.5])
     with pytest.raises(ValueError, match=r"values within -1\.\.1, got \[\]"):

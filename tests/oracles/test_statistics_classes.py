@@ -16,12 +16,12 @@ from vastflow.oracles.statistics.classes import (
 )
 
 
-def test_a_configuration_that_passes_all_of_20_runs_is_reliable_and_one_that_passes_none_systematic() -> None:
+def test_configuration_that_passes_all_of_20_runs_is_reliable_and_one_that_passes_none_systematic() -> None:
     found = classify([20, 0, 10], [20, 20, 20])
     assert found.names == ("reliable", "systematic", "flaky")
 
 
-def test_the_p_values_are_binomial_tails_at_the_bounds() -> None:
+def test_p_values_are_binomial_tails_at_the_bounds() -> None:
     found = classify([19, 1, 9], [20, 20, 20])
     flaky = max(binom.sf(8, 20, 0.2), binom.cdf(9, 20, 0.8))
     assert found.p_values == pytest.approx([binom.sf(18, 20, 0.8), binom.cdf(1, 20, 0.2), flaky])

@@ -27,7 +27,7 @@ def test_independent_runs_of_thirty_clusters_have_hardly_a_wider_interval_than_i
 
 
 @pytest.mark.parametrize("clusters", [2, 3, 4])
-def test_the_interval_holds_the_rate_however_few_clusters_there_are(clusters: int) -> None:
+def test_interval_holds_the_rate_however_few_clusters_there_are(clusters: int) -> None:
     for each in proof.cells(400, 9, [clusters], [0.6, 0.9], [0.0, 1 / 3, 1.0]):
         assert each.good
 

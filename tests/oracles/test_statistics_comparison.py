@@ -36,7 +36,7 @@ def test_pairs_that_agree_show_nothing() -> None:
     assert mcnemar(3, 3) == 1.0
 
 
-def test_the_difference_of_approval_ratings_has_the_published_interval() -> None:
+def test_difference_of_approval_ratings_has_the_published_interval() -> None:
     # Agresti: -0.04 with a standard error of 0.0095, -0.059 to -0.021; each person is a path of its own.
     found = pairs(*[(1, 0, 0, 0)] * 794, *[(0, 1, 0, 0)] * 150, *[(0, 0, 1, 0)] * 86, *[(0, 0, 0, 1)] * 570)
     for target in TARGETS:
@@ -46,7 +46,7 @@ def test_the_difference_of_approval_ratings_has_the_published_interval() -> None
         assert said.interval == pytest.approx((-0.059, -0.021), abs=1e-3)
 
 
-def test_a_path_that_lost_all_is_one_observation_of_others_and_many_of_these() -> None:
+def test_path_that_lost_all_is_one_observation_of_others_and_many_of_these() -> None:
     # One of four paths lost all: of others, the exact interval of one in four; of these, that of ten in forty.
     lost = pairs((0, 10, 0, 0), *[(10, 0, 0, 0)] * 3)
     for target, ends in (("others", binomtest(1, 4)), ("these", binomtest(10, 40))):
@@ -115,7 +115,7 @@ def test_without_a_pair_there_is_no_difference() -> None:
     assert changes(pairs()) == []
 
 
-def test_a_loss_is_ruled_out_where_the_whole_interval_is_above_it() -> None:
+def test_loss_is_ruled_out_where_the_whole_interval_is_above_it() -> None:
     found = difference(pairs(*[(10, 0, 0, 0)] * 10))
     assert found is not None
     assert found.non_inferior(0.037)
@@ -162,11 +162,11 @@ def test_level_with_one_configuration_has_mcnemars_p_value_for_these_scenarios()
     assert [one.adjusted for one in by_level(factors, found, "others")] == [None, None]
 
 
-def test_a_level_without_pairs_is_left_out() -> None:
+def test_level_without_pairs_is_left_out() -> None:
     factors, _ = factors_of([{"noise": 0}, {"noise": 1}])
     assert [one.level for one in by_level(factors, pairs((5, 0, 0, 0)))] == ["0"]
 
 
-def test_a_pair_has_both_outcomes() -> None:
+def test_pair_has_both_outcomes() -> None:
     with pytest.raises(ValueError, match="a pair has a configuration and two outcomes"):
         Pairs(np.zeros(2, dtype=np.int64), np.zeros(2, dtype=bool), np.zeros(1, dtype=bool))

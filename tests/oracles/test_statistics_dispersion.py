@@ -13,7 +13,7 @@ ALIVE = [12, 11, 10, 9, 10, 9, 9, 8, 8, 4, 7, 4, 5, 3, 3, 0]
 BORN = [12, 11, 10, 9, 11, 10, 10, 9, 9, 5, 9, 7, 10, 6, 10, 7]
 
 
-def test_the_fit_of_geisslers_families_is_the_published_one() -> None:
+def test_fit_of_geisslers_families_is_the_published_one() -> None:
     found = dispersion(FAMILIES, np.full(len(FAMILIES), 12))
     assert found is not None
     assert (found.alpha, found.beta) == pytest.approx((34.1, 31.58), abs=0.02)
@@ -21,7 +21,7 @@ def test_the_fit_of_geisslers_families_is_the_published_one() -> None:
     assert found.p_value < 1e-9
 
 
-def test_the_fit_of_weils_litters_is_the_published_one() -> None:
+def test_fit_of_weils_litters_is_the_published_one() -> None:
     # D. A. Williams, Biometrics 31 (1975) 949: mean 0.74, theta = 1/(alpha + beta) = 0.465.
     found = dispersion(ALIVE, BORN)
     assert found is not None
@@ -72,7 +72,7 @@ def test_without_a_judged_run_there_is_nothing_to_say() -> None:
     assert dispersion([], []) is None
 
 
-def test_a_planted_distribution_is_recovered_and_the_pooled_interval_is_wide_enough() -> None:
+def test_planted_distribution_is_recovered_and_the_pooled_interval_is_wide_enough() -> None:
     rng = np.random.default_rng(1)
     passed, judged = rng.binomial(20, rng.beta(0.6, 0.3, 5480)), np.full(5480, 20)
     found = dispersion(passed, judged)

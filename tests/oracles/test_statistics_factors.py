@@ -49,7 +49,7 @@ def test_levels_that_are_no_numbers_have_no_values() -> None:
     assert number.values is not None and np.array_equal(number.values, [0.1, np.nan, 0.2], equal_nan=True)
 
 
-def test_a_level_without_end_has_no_place_in_a_trend() -> None:
+def test_level_without_end_has_no_place_in_a_trend() -> None:
     (factor,), _ = factors_of([{"range": 1.0}, {"range": 2.0}, {"range": float("inf")}])
     assert (len(factor.levels), factor.values) == (3, None)
 
@@ -80,12 +80,12 @@ def test_keys_that_divide_alike_are_one_factor() -> None:
     assert (dropped.name, dropped.reason) == ("size", "divides the configurations as map does")
 
 
-def test_a_configuration_without_the_key_has_no_level() -> None:
+def test_configuration_without_the_key_has_no_level() -> None:
     (factor,), _ = factors_of([{"a": 1}, {"a": 2}, {}])
     assert factor.codes.tolist() == [0, 1, -1]
 
 
-def test_a_key_with_one_value_where_it_is_given_can_compare_nothing() -> None:
+def test_key_with_one_value_where_it_is_given_can_compare_nothing() -> None:
     factors, (dropped,) = factors_of([{"a": 1}, {}])
     assert factors == []
     assert dropped.reason == "has one value where it is given at all"

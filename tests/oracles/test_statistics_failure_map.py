@@ -26,13 +26,13 @@ def drawn(rng: np.random.Generator, configurations: int, rates: np.ndarray) -> F
     return FailureMap(FailureGrid((0.0, 0.0), 0.25, came.shape), visits.sum(0), failures.sum(0), came, squares)
 
 
-def test_a_run_visits_a_cell_once_however_often_it_comes_back() -> None:
+def test_run_visits_a_cell_once_however_often_it_comes_back() -> None:
     found = mapped(along(0.2, 0.8, 1.2, 0.8, 0.2, 1.4), failed=[False])
     assert found.visits.tolist() == [[1, 1, 0, 0]]
     assert found.failures.sum() == 0
 
 
-def test_a_failed_run_fails_in_the_cells_of_its_last_half_meter() -> None:
+def test_failed_run_fails_in_the_cells_of_its_last_half_meter() -> None:
     found = mapped(along(0.5, 0.9, 1.3, 1.7, 2.1), along(0.5, 1.5), failed=[True, False])
     assert found.visits.tolist() == [[2, 2, 1, 0]]
     assert found.failures.tolist() == [[0, 1, 1, 0]]
@@ -43,7 +43,7 @@ def test_path_and_not_distance_counts_as_the_last_half_meter() -> None:
     assert found.failures.tolist() == [[0, 1, 0, 0]]
 
 
-def test_a_failed_run_that_never_moved_fails_where_it_stood() -> None:
+def test_failed_run_that_never_moved_fails_where_it_stood() -> None:
     found = mapped(along(2.5, 2.5, 2.5), failed=[True])
     assert (found.visits.tolist(), found.failures.tolist()) == ([[0, 0, 1, 0]], [[0, 0, 1, 0]])
 
@@ -53,7 +53,7 @@ def test_positions_off_the_grid_and_runs_without_any_are_in_no_cell() -> None:
     assert found.visits.tolist() == [[1, 0, 0, 0]]
 
 
-def test_a_cell_of_few_visits_has_no_rate() -> None:
+def test_cell_of_few_visits_has_no_rate() -> None:
     found = mapped(*[along(0.5)] * 4, along(0.5, 1.5), failed=[True, False, False, False, False])
     assert found.rate(5)[0, 0] == pytest.approx(0.2)
     assert np.isnan(found.rate(5)[0, 1:]).all()
@@ -85,7 +85,7 @@ def test_one_configuration_counts_as_one_observation() -> None:
     assert found.intervals()[0, 3] == pytest.approx([0.0, 1.0])
 
 
-def test_a_planted_hot_cell_is_found_and_no_other() -> None:
+def test_planted_hot_cell_is_found_and_no_other() -> None:
     rng = np.random.default_rng(2)
     found = empty_map(GRID)
     for _ in range(60):
@@ -126,6 +126,6 @@ def test_starts_that_do_not_fit_the_positions_are_refused() -> None:
         failure_map(GRID, along(0.5, 1.5), [0, 3], [False])
 
 
-def test_the_grid_covers_the_rectangle() -> None:
+def test_grid_covers_the_rectangle() -> None:
     assert grid_over(-1.0, 2.0, 1.1, 3.0, cell_m=0.5).shape == (2, 5)
     assert grid_over(-1.0, 2.0, 1.1, 3.0, cell_m=0.5).extent_m == (-1.0, 1.5, 2.0, 3.0)

@@ -15,7 +15,7 @@ def test_both_intervals_are_scipys(n: int, share: float, level: float) -> None:
         assert ours(passed, n, level) == pytest.approx([expected.low, expected.high], abs=1e-9)
 
 
-def test_the_exact_interval_is_the_published_one_of_81_in_263_and_of_none_in_20() -> None:
+def test_exact_interval_is_the_published_one_of_81_in_263_and_of_none_in_20() -> None:
     # R. G. Newcombe, Statistics in Medicine 17 (1998) 857, table I, method 5.
     assert clopper_pearson_intervals([81, 0], [263, 20]) == pytest.approx(
         np.array([[0.2527, 0.3676], [0.0, 0.1684]]), abs=5e-5
@@ -46,7 +46,7 @@ def test_many_configurations_take_one_call() -> None:
     assert intervals[7] == pytest.approx(wilson_intervals(7, 20))
 
 
-def test_the_published_intervals_of_newcombe_with_few_runs_and_none_passed() -> None:
+def test_published_intervals_of_newcombe_with_few_runs_and_none_passed() -> None:
     # R. G. Newcombe, Statistics in Medicine 17 (1998) 857, table I, methods 3 and 5.
     assert wilson_intervals([15, 0, 1], [148, 20, 29]) == pytest.approx(
         np.array([[0.0624, 0.1605], [0.0, 0.1611], [0.0061, 0.1718]]), abs=5e-5

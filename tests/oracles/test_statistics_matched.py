@@ -94,7 +94,7 @@ def test_needed_situations_are_the_fewest_that_can_show_an_effect(levels, tests,
         ),
     ],
 )
-def test_a_sentence_says_what_is_shown_on_these_and_on_other_paths(failed, values, said) -> None:
+def test_sentence_says_what_is_shown_on_these_and_on_other_paths(failed, values, said) -> None:
     assert factor_text(effect_of(failed, values), "path") == said
 
 

@@ -9,7 +9,7 @@ from vastflow.oracles.statistics.classes import CLAIMS, ClassBounds
 from vastflow.oracles.statistics.stopping import StoppingRule, classes_by, runs_saved
 
 
-def test_a_configuration_is_reliable_after_fourteen_passes_in_a_row() -> None:
+def test_configuration_is_reliable_after_fourteen_passes_in_a_row() -> None:
     # 0.8^14 = 0.044 is the chance of so many at the bound; one failure among twenty would add more than 0.05 allows.
     rule = StoppingRule()
     assert rule.decision(13, 13) is None
@@ -29,14 +29,14 @@ def test_nothing_is_decided_before_the_least_runs() -> None:
     assert rule.decision(16, 16) == "reliable"
 
 
-def test_the_thresholds_of_many_runs_come_near_walds() -> None:
+def test_thresholds_of_many_runs_come_near_walds() -> None:
     # ln(1/error), from below: the exact error of a truncated test is smaller than Wald's bound.
     systematic, _, reliable = StoppingRule(1, 400).thresholds
     assert reliable == pytest.approx(systematic)
     assert 2.8 < reliable <= math.log(20)
 
 
-def test_the_characteristics_are_those_of_every_sequence_of_runs() -> None:
+def test_characteristics_are_those_of_every_sequence_of_runs() -> None:
     rule = StoppingRule(2, 10, ClassBounds(0.4, 0.6), error=0.2)
     assert len(rule.decidable) >= 2
     said = {(n, x): rule.decision(x, n) for n in range(1, 11) for x in range(n + 1)}
@@ -62,7 +62,7 @@ def test_no_success_rate_makes_a_false_claim_likelier_than_stated(rule: Stopping
     assert 0.5 * rule.error < rule.worst_error <= rule.error
 
 
-def test_the_errors_and_runs_of_drawn_configurations_are_the_computed_ones() -> None:
+def test_errors_and_runs_of_drawn_configurations_are_the_computed_ones() -> None:
     rule, configurations = StoppingRule(5, 40), 3000
     rng = np.random.default_rng(11)
     for p in (0.02, 0.2, 0.5):
@@ -85,19 +85,19 @@ def test_looking_after_waves_makes_fewer_errors_and_more_runs() -> None:
     assert (waves.expected_runs >= each.expected_runs).all()
 
 
-def test_a_class_that_the_most_runs_cant_show_is_not_decidable() -> None:
+def test_class_that_the_most_runs_cant_show_is_not_decidable() -> None:
     assert StoppingRule(2, 10).decidable == ("flaky",)
     assert StoppingRule(2, 20).decidable == CLAIMS
 
 
-def test_a_rule_that_ends_before_it_begins_is_refused() -> None:
+def test_rule_that_ends_before_it_begins_is_refused() -> None:
     with pytest.raises(ValueError, match=r"1 <= min_runs <= max_runs must hold, got 5 and 3"):
         StoppingRule(5, 3)
     with pytest.raises(ValueError, match=r"error must be between 0 and 0\.5, got 0\.7"):
         StoppingRule(error=0.7)
 
 
-def test_the_classes_of_a_stopped_campaign_are_the_rules_and_say_what_they_control() -> None:
+def test_classes_of_a_stopped_campaign_are_the_rules_and_say_what_they_control() -> None:
     found = classes_by(StoppingRule(), [14, 0, 16, 3], [14, 14, 20, 3])
     assert found.names == ("reliable", "systematic", "undecided", "undecided")
     assert "at most 5 %" in found.controls

@@ -20,7 +20,7 @@ def analyzed(lengths, failed, runs=20, blocks=None, **others) -> FactorAnalysis:
     return found
 
 
-def test_the_slope_is_that_of_least_squares_and_its_interval_about_as_wide() -> None:
+def test_slope_is_that_of_least_squares_and_its_interval_about_as_wide() -> None:
     rng = np.random.default_rng(1)
     lengths = rng.uniform(5, 20, 40)
     rates = 0.02 * lengths + rng.normal(0, 0.05, 40)
@@ -33,7 +33,7 @@ def test_the_slope_is_that_of_least_squares_and_its_interval_about_as_wide() -> 
     assert found.change == pytest.approx(expected.slope * np.ptp(lengths))
 
 
-def test_a_slope_beside_another_factor_is_that_within_its_levels() -> None:
+def test_slope_beside_another_factor_is_that_within_its_levels() -> None:
     # Long ways on map B, which is harder by 0.3; a meter costs 0.01 on either.
     lengths = np.r_[np.linspace(5, 15, 20), np.linspace(10, 20, 20)]
     b = np.repeat([0.0, 1.0], 20)
@@ -50,7 +50,7 @@ def test_of_two_values_or_fewer_there_is_no_trend(values: list[float]) -> None:
     assert trend_of(contrasts_of(rates, ALONE, 999), np.array(values), ONE, RUNS, 0.05) is None
 
 
-def test_a_number_that_follows_from_another_factor_has_no_trend() -> None:
+def test_number_that_follows_from_another_factor_has_no_trend() -> None:
     lengths = np.repeat([5.0, 10.0, 15.0, 20.0], 10)
     others = np.column_stack((ONE, lengths[:, None] == [10.0, 15.0, 20.0]))
     assert trend_of(contrasts_of(np.linspace(0, 1, 40), ALONE, 999), lengths, others, RUNS, 0.05) is None
@@ -75,7 +75,7 @@ def test_where_all_runs_end_alike_the_trend_is_flat(failed: int) -> None:
 
 
 @pytest.mark.parametrize("blocks", [4, 8])
-def test_the_interval_of_a_total_effect_holds_it_within_100_points(blocks: int) -> None:
+def test_interval_of_a_total_effect_holds_it_within_100_points(blocks: int) -> None:
     values = np.tile([1.0, 2.0, 3.0], blocks)
     one, runs = np.ones((len(values), 1)), np.full(len(values), 5.0)
     found = trend_of(contrasts_of((values - 1) / 2, np.repeat(np.arange(blocks), 3), 999), values, one, runs, 0.05)
@@ -84,7 +84,7 @@ def test_the_interval_of_a_total_effect_holds_it_within_100_points(blocks: int) 
     assert -1 <= low < found.change <= high <= 1
 
 
-def test_a_rise_over_eight_paths_is_found_where_their_lengths_are_all_different() -> None:
+def test_rise_over_eight_paths_is_found_where_their_lengths_are_all_different() -> None:
     # Eight blocks of three settings: bins have two blocks each, which show nothing on their own.
     rng = np.random.default_rng(2)
     lengths = np.repeat(np.linspace(5, 26, 8), 3)
@@ -95,7 +95,7 @@ def test_a_rise_over_eight_paths_is_found_where_their_lengths_are_all_different(
     assert length.trend is not None and length.trend.change_interval[0] < 21 / 25 < length.trend.change_interval[1]
 
 
-def test_the_tests_of_levels_and_of_the_trend_share_the_error() -> None:
+def test_tests_of_levels_and_of_the_trend_share_the_error() -> None:
     rng = np.random.default_rng(5)
     lengths, failed = np.repeat([5.0, 10.0, 15.0, 20.0], 10), rng.binomial(20, 0.3, 40)
     (factor,) = analyzed(lengths, failed).factors

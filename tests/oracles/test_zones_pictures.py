@@ -61,21 +61,21 @@ def test_keepout_is_dark_and_speed_is_light_on_a_map_and_what_lies_beside_stays_
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["kept out by a mask", "slower by a mask"]
 
 
-def test_a_zone_is_the_stronger_the_greater_its_value_and_unknown_cells_have_none(occupancy):
+def test_zone_is_the_stronger_the_greater_its_value_and_unknown_cells_have_none(occupancy):
     weak, strong, unknown = zone(0.5, 0.5, 20), zone(2.0, 0.5, 90), zone(0.5, 2.0, 0)
     figure, axes = plan_view(occupancy, Zones((weak, strong, unknown)))
     found = colors_at(figure, axes, (1.0, 1.0), (2.5, 1.0), (1.0, 2.5))
     assert sum(found[1]) < sum(found[0]) < sum(found[2]) == 765
 
 
-def test_a_turned_mask_is_drawn_turned(occupancy):
+def test_turned_mask_is_drawn_turned(occupancy):
     figure, axes = plan_view(occupancy, Zones((zone(2.0, 0.5, 100, np.pi / 4),)))
     inside, outside = colors_at(figure, axes, (2.0, 1.2), (2.9, 0.6))
     assert sum(inside) < 550
     assert outside == (255, 255, 255)
 
 
-def test_the_zones_of_both_campaigns_are_on_their_sides_of_a_comparison(occupancy):
+def test_zones_of_both_campaigns_are_on_their_sides_of_a_comparison(occupancy):
     situation = Situation(Pose(0.5, 2.0, 0.0), (Pose(3.5, 2.0, 0.0),), ())
     masks = Zones(keepout=(zone(0.5, 0.5, 100),)), Zones(speed=(zone(2.5, 2.5, 100),))
     before, after = (Side("", occupancy, situation, (), (), zones=zones) for zones in masks)
@@ -92,7 +92,7 @@ def test_without_zones_there_is_nothing_to_say(occupancy):
     assert zone_handles(NO_ZONES) == []
 
 
-def test_the_masks_of_scenarios_are_those_of_the_filters_that_are_on(tmp_path):
+def test_masks_of_scenarios_are_those_of_the_filters_that_are_on(tmp_path):
     Image.fromarray(np.full((10, 10), 0, dtype=np.uint8)).save(tmp_path / "mask.pgm")
     (tmp_path / "mask.yaml").write_text(
         "{image: mask.pgm, resolution: 0.1, origin: [0, 0, 0], negate: 0, occupied_thresh: 0.65, free_thresh: 0.196}"

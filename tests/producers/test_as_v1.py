@@ -86,19 +86,19 @@ def test_centers_are_apart_near_the_path_and_off_the_stops_and_a_path_remains(
     assert octile.shortest_path(occupancy, passable, np.array(stops)) is not None
 
 
-def test_a_box_stands_in_the_wall_where_none_would_find_room(narrow):
+def test_box_stands_in_the_wall_where_none_would_find_room(narrow):
     """A box of 0.8 m beside the middle of a corridor 1 m wide leaves a path only by standing in the wall."""
     asked = {"obstacle_configs": boxes(1, max_distance=0.5), "seed": 1}
     (constructive,) = evaluate(obstacles(placement="constructive", **asked), narrow)
     (item,) = evaluate(obstacles(**asked), narrow)
-    assert isinstance(constructive, Rejection) and "found room" in constructive.reason
+    assert isinstance(constructive, Rejection) and "got room" in constructive.reason
     occupancy = load_map(narrow["map_file"].path)
     placed = obstacles_of({"static_objects": item.values["static_objects"]})
     corners = [corner for each in placed for corner in each.footprint().exterior.coords[:-1]]
     assert not all(occupancy.free[occupancy.cell_of(*corner)] for corner in corners)
 
 
-def test_a_set_that_leaves_no_path_is_drawn_ten_times_and_then_rejected(narrow):
+def test_set_that_leaves_no_path_is_drawn_ten_times_and_then_rejected(narrow):
     (item,) = evaluate(obstacles(obstacle_configs=boxes(1, max_distance=0.0)), narrow)
     assert item.reason == "as version 1 places them, 10 of 10 sets of 1 obstacles left no path to the goals"
 
@@ -114,7 +114,7 @@ def test_no_obstacles_are_no_question_of_room(narrow):
     assert item.values["static_objects"] == []
 
 
-def test_an_obstacle_may_appear_where_the_robot_is(wide):
+def test_obstacle_may_appear_where_the_robot_is(wide):
     asked = {
         "obstacle_configs": boxes(1, max_distance=0.0, side=0.5),
         "spawn_trigger_point": "point",
@@ -153,14 +153,14 @@ def file(narrow, tmp_path):
     return path
 
 
-def test_a_whole_file_is_placed_so_whatever_it_says(file):
+def test_whole_file_is_placed_so_whatever_it_says(file):
     for text in (FILE, FILE.replace("seed: 1", "seed: 1, placement: constructive")):
         file.write_text(text.replace("MAP", load_campaign(file).families[0].values["map_file"].path))
         assert len(instantiate(load_campaign(file)).configurations) == 0
         assert len(instantiate(load_campaign(file, as_v1=True)).configurations) == 1
 
 
-def test_a_file_that_does_not_choose_is_told_that_the_two_differ(file):
+def test_file_that_does_not_choose_is_told_that_the_two_differ(file):
     (note,) = load_campaign(file).notes
     assert str(note).endswith(
         "obstacles keep clear of walls and of each other; version 1 of RoboVAST places them otherwise, as does --as-v1 or "
@@ -171,11 +171,11 @@ def test_a_file_that_does_not_choose_is_told_that_the_two_differ(file):
 
 
 @pytest.mark.parametrize("chosen", ["seed: 1, placement: as_v1", "seed: 1, placement: constructive"])
-def test_a_file_that_chooses_is_told_nothing(file, chosen):
+def test_file_that_chooses_is_told_nothing(file, chosen):
     file.write_text(file.read_text().replace("seed: 1", chosen))
     assert load_campaign(file).notes == ()
 
 
-def test_a_file_without_any_obstacle_is_told_nothing(file):
+def test_file_without_any_obstacle_is_told_nothing(file):
     file.write_text(file.read_text().replace("amount: 1", "amount_per_m: 0.0"))
     assert load_campaign(file).notes == ()

@@ -120,7 +120,7 @@ def varied(*producers: str) -> str:
     return f"configuration:\n- name: a\n  parameters:\n  - map_file: maps/room.yaml\n\n  variations:\n{lines}"
 
 
-def test_a_campaign_has_its_families_with_fixed_values_and_producers(load: Load) -> None:
+def test_campaign_has_its_families_with_fixed_values_and_producers(load: Load) -> None:
     campaign = load(
         FIXED + "  - robot_radius: 0.3\n  variations:\n"
         "  - ParameterVariationList: {name: inflation_radius, values: [0.5, 0.7]}\n"
@@ -138,7 +138,7 @@ def test_a_campaign_has_its_families_with_fixed_values_and_producers(load: Load)
     assert campaign.notes == ()
 
 
-def test_a_map_is_a_value_of_its_content_and_is_found_beside_the_file(load: Load, folder: Path) -> None:
+def test_map_is_a_value_of_its_content_and_is_found_beside_the_file(load: Load, folder: Path) -> None:
     value = load(FIXED).families[0].values["map_file"]
     assert isinstance(value, FileContent)
     assert value.digest == load_map(folder / "maps/room.yaml").digest
@@ -149,7 +149,7 @@ def test_nothing_given_is_one_run_with_seed_0_and_the_papers_timeout(load: Load)
     assert (campaign.runs, campaign.seed, campaign.timeout_s) == (1, 0, 360.0)
 
 
-def test_the_papers_listing_is_valid_and_nothing_keeps_it_from_running(load: Load, folder: Path) -> None:
+def test_papers_listing_is_valid_and_nothing_keeps_it_from_running(load: Load, folder: Path) -> None:
     (folder / "environments/rooms").mkdir(parents=True)
     (folder / "environments/rooms/rooms.fpm").write_text(
         "Floor plan: rooms Defaults: walls: thickness: 0.1 m height: 2.5 m\n"
@@ -171,7 +171,7 @@ def test_own_producers_stand_beside_the_file(load: Load) -> None:
 
 
 @each_row("mission", ["navigate_to_pose", "navigate_through_poses", "follow_waypoints"])
-def test_the_scenario_file_names_a_builtin_mission(load: Load, mission: str) -> None:
+def test_scenario_file_names_a_builtin_mission(load: Load, mission: str) -> None:
     campaign = load(f"{FIXED}execution: {{scenario_file: 'builtin:{mission}'}}\n")
     assert campaign.abstract == f"builtin:{mission}"
 
@@ -181,7 +181,7 @@ def test_lists_of_obstacles_among_the_parameters_belong_to_the_environment(load:
     assert campaign.families[0].dimensions == {"crates": "environment"}
 
 
-def test_a_listed_obstacle_is_checked_as_one_among_the_parameters_is(faults: Faults) -> None:
+def test_listed_obstacle_is_checked_as_one_among_the_parameters_is(faults: Faults) -> None:
     said = faults(varied("ParameterVariationList: {name: crates, values: [[], [{spawn_pose: {x: 1}}]]}"))
     at_the_second = "ParameterVariationList.values[1]: obstacle.spawn_pose: found {'x': 1}; a pose is {x, y, yaw}"
     assert any(at_the_second in fault for fault in said)
@@ -217,7 +217,7 @@ def test_of_a_plug_in_that_names_no_dimension_nothing_is_said_that_its_values_ma
     assert "unknown key 'boxes' is ignored, unless it lists obstacles" in said
 
 
-def test_the_file_overrides_a_dimension(load: Load) -> None:
+def test_file_overrides_a_dimension(load: Load) -> None:
     campaign = load(FIXED + "  - color: red\n  dimensions: {color: environment}\n")
     assert campaign.families[0].dimensions == {"color": "environment"}
 
@@ -232,7 +232,7 @@ def test_keys_that_version_1_read_over_in_a_family_are_warnings(load: Load, fold
     ]
 
 
-def test_a_key_of_a_family_that_is_near_to_no_other_is_read_over_with_a_warning(load: Load) -> None:
+def test_key_of_a_family_that_is_near_to_no_other_is_read_over_with_a_warning(load: Load) -> None:
     campaign = load(FIXED + "  priority: high\n  tags: [a, b]\n")
     assert [(note.kind, note.where, note.what) for note in campaign.notes] == [
         ("unknown key", "configuration[0].priority", "has no effect in a family"),
@@ -243,7 +243,7 @@ def test_a_key_of_a_family_that_is_near_to_no_other_is_read_over_with_a_warning(
 def test_whole_numbers_may_stand_in_quotes(load: Load) -> None:
     campaign = load(FIXED + "execution: {runs: '20', seed: '7', run_as_user: '1000', resources: {cpu: '2'}}\n")
     assert (campaign.runs, campaign.seed) == (20, 7)
-    with pytest.raises(CampaignError, match=r"execution\.runs: found 'many'; a whole number"):
+    with pytest.raises(CampaignError, match=r"execution\.runs: expected a whole number, got 'many'"):
         load(FIXED + "execution: {runs: many}\n")
 
 
@@ -262,7 +262,7 @@ def test_keys_without_effect_are_notes_and_never_silent(load: Load) -> None:
     assert all("not executed by this version" in str(note) for note in campaign.notes)
 
 
-def test_a_parameter_that_nothing_reads_is_a_warning(load: Load) -> None:
+def test_parameter_that_nothing_reads_is_a_warning(load: Load) -> None:
     (note,) = load(FIXED + "  - robot_color: red\n").notes
     assert (note.kind, note.line, note.what) == (
         "unknown key",
@@ -271,7 +271,7 @@ def test_a_parameter_that_nothing_reads_is_a_warning(load: Load) -> None:
     )
 
 
-def test_a_campaign_of_a_search_can_be_run(load: Load) -> None:
+def test_campaign_of_a_search_can_be_run(load: Load) -> None:
     template = "  parameters: [{map_file: maps/room.yaml}]\n  variations: [{PathVariationRandom: {path_length: $a}}]\n"
     space = "search_space: {a: {type: float, low: 1, high: 3}}"
     campaign = load(f"search:\n  strategy: random\n  {space}\n{template}  budget: {{batches: 1}}\n")
@@ -289,7 +289,7 @@ scenario growth:
 """
 
 
-def test_a_scenario_file_without_a_robot_needs_what_its_parameters_need(load: Load, folder: Path) -> None:
+def test_scenario_file_without_a_robot_needs_what_its_parameters_need(load: Load, folder: Path) -> None:
     (folder / "growth.osc").write_text(GROWTH)
     growth = "configuration:\n- name: growth\n  parameters:\n  - {}\nexecution: {{scenario_file: growth.osc}}\n"
     campaign = load(growth.format("rate: 2"))
@@ -298,24 +298,24 @@ def test_a_scenario_file_without_a_robot_needs_what_its_parameters_need(load: Lo
     with pytest.raises(CampaignError, match=r"configuration\[0\].name: growth.osc needs rate, which nothing writes"):
         load(growth.format("label: b"))
     with pytest.raises(
-        CampaignError, match=r"rate: found .*2.5.*; a whole number, for it is a parameter of growth.osc"
+        CampaignError, match=r"rate: expected a whole number, for it is a parameter of growth.osc, got .*2.5.*"
     ):
         load(growth.format("rate: 2.5"))
 
 
-def test_a_scenario_s_slip_is_a_fault_of_its_own_file(load: Load, folder: Path) -> None:
+def test_scenario_s_slip_is_a_fault_of_its_own_file(load: Load, folder: Path) -> None:
     (folder / "growth.osc").write_text(GROWTH.replace("run_process", "run_proces"))
     with pytest.raises(CampaignError, match=r"growth.osc:7:9: scenario: .*run_proces.*run_process"):
         load("configuration:\n- name: growth\n  parameters:\n  - rate: 2\nexecution: {scenario_file: growth.osc}\n")
 
 
-def test_a_default_that_only_a_run_can_draw_is_a_fault(load: Load, folder: Path) -> None:
+def test_default_that_only_a_run_can_draw_is_a_fault(load: Load, folder: Path) -> None:
     (folder / "growth.osc").write_text(GROWTH.replace('string = "a"', "float = random.get_float(0.0, 1.0)"))
     with pytest.raises(CampaignError, match=r"growth.osc:5:5: scenario: the default of parameter label is not known"):
         load("configuration:\n- name: growth\n  parameters:\n  - rate: 2\nexecution: {scenario_file: growth.osc}\n")
 
 
-def test_a_robot_that_nothing_puts_anywhere_needs_a_start(load: Load, folder: Path) -> None:
+def test_robot_that_nothing_puts_anywhere_needs_a_start(load: Load, folder: Path) -> None:
     (folder / "wait.osc").write_text(
         "import osc.gazebo\n\nscenario wait_for_it:\n    do serial:\n        actor_exists('box')\n"
     )
@@ -323,7 +323,7 @@ def test_a_robot_that_nothing_puts_anywhere_needs_a_start(load: Load, folder: Pa
         load(FIXED.replace("start_pose", "other_pose") + "execution: {scenario_file: wait.osc}\n")
 
 
-def test_an_action_that_nothing_here_can_do_is_a_fault_before_anything_runs(load: Load, folder: Path) -> None:
+def test_action_that_nothing_here_can_do_is_a_fault_before_anything_runs(load: Load, folder: Path) -> None:
     text = GROWTH.replace("osc.helpers", "osc.ros").replace(
         'run_process("true")', 'ros_run("demo_nodes_cpp", "talker")'
     )
@@ -361,7 +361,7 @@ def test_names_that_only_look_alike_are_good(load: Load, second: str) -> None:
     assert len(load(FIXED + other).families) == 2
 
 
-def test_a_producer_before_the_one_it_needs_is_told_the_right_order(faults: Faults) -> None:
+def test_producer_before_the_one_it_needs_is_told_the_right_order(faults: Faults) -> None:
     (found,) = faults(
         "configuration:\n- name: a\n  variations:\n  - PathVariationRandom: {path_length: 1}\n"
         "  - ParameterVariationList: {name: map_file, values: [maps/room.yaml]}\n"
@@ -406,15 +406,15 @@ def test_all_mistakes_of_a_file_are_reported_at_once_in_the_order_of_the_file(fa
     ]
 
 
-def test_a_fault_found_elsewhere_is_reported_at_its_place(load: Load, folder: Path) -> None:
+def test_fault_found_elsewhere_is_reported_at_its_place(load: Load, folder: Path) -> None:
     campaign = load(f"{FIXED}evaluation:\n  oracles:\n  - safety:\n      margin: -1\n")
-    fault = campaign.fault((*campaign.oracles[0].location, "margin"), "found -1", "0 or more")
+    fault = campaign.fault((*campaign.oracles[0].location, "margin"), "got -1", "0 or more")
     assert str(fault).replace(f"{folder}/", "") == (
-        "c.vast:10:15: evaluation.oracles[0].safety.margin: found -1; 0 or more"
+        "c.vast:10:15: evaluation.oracles[0].safety.margin: expected 0 or more, got -1"
     )
 
 
-def test_an_error_comes_whole_from_another_process(load: Load) -> None:
+def test_error_comes_whole_from_another_process(load: Load) -> None:
     with pytest.raises(CampaignError) as caught:
         load("version: 2\n")
     assert pickle.loads(pickle.dumps(caught.value)).faults == caught.value.faults
@@ -442,7 +442,7 @@ SEEDS = (
     text=st.sampled_from(SEEDS),
     edits=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 12), WORDS), min_size=1, max_size=4),
 )
-def test_a_mutated_file_is_a_campaign_or_a_campaign_error(
+def test_mutated_file_is_a_campaign_or_a_campaign_error(
     load: Load, text: str, edits: list[tuple[float, int, str]]
 ) -> None:
     for share, length, word in edits:

@@ -34,7 +34,7 @@ def fragment_of_a(inputs, draws):
 INPUTS = [{"a": 1, "z": 5}, {"a": 2, "z": 6}]
 
 
-def test_a_producer_that_keeps_the_contract_passes():
+def test_producer_that_keeps_the_contract_passes():
     check_producer(producer(fragment_of_a), INPUTS)
 
 
@@ -53,13 +53,13 @@ def test_each_check_stands_alone(check):
         ({"parameters": {"seed": 1}}, r"Mine's parameters must be a producer\.Parameters"),
     ],
 )
-def test_a_declaration_of_another_form_is_found(declared, what):
+def test_declaration_of_another_form_is_found(declared, what):
     with pytest.raises(AssertionError, match=what):
         check_producer(producer(fragment_of_a, **declared), INPUTS)
 
 
 @each_row("generator", [random, np.random])
-def test_a_global_generator_is_found_even_where_it_is_seeded(generator):
+def test_global_generator_is_found_even_where_it_is_seeded(generator):
     def produce(inputs, draws):
         generator.seed(inputs["a"])
         return [Fragment({"b": float(generator.random())})]
@@ -68,7 +68,7 @@ def test_a_global_generator_is_found_even_where_it_is_seeded(generator):
         check_producer(producer(produce), INPUTS)
 
 
-def test_a_changed_input_is_found():
+def test_changed_input_is_found():
     def produce(inputs, draws):
         inputs["a"].append(1)
         return [Fragment({"b": 1})]
@@ -90,7 +90,7 @@ def test_what_depends_on_how_many_keys_a_configuration_has_is_found():
         check_producer(Curious(Parameters()), INPUTS)
 
 
-def test_a_global_generator_is_found():
+def test_global_generator_is_found():
     generator = np.random.default_rng(1)
     with pytest.raises(AssertionError, match="Mine must yield the same for the same input"):
         check_producer(producer(lambda inputs, draws: [Fragment({"b": generator.random()})]), INPUTS)
@@ -102,17 +102,17 @@ def test_state_between_inputs_is_found():
         check_producer(producer(lambda inputs, draws: [Fragment({"b": next(count)})]), INPUTS)
 
 
-def test_an_undeclared_read_is_found():
+def test_undeclared_read_is_found():
     with pytest.raises(AssertionError, match="Mine must declare 'z' in `reads`"):
         check_producer(producer(lambda inputs, draws: [Fragment({"b": inputs.get("z", 0)})]), INPUTS)
 
 
-def test_an_undeclared_key_is_found():
+def test_undeclared_key_is_found():
     with pytest.raises(AssertionError, match="Mine writes 'c', which it does not declare; every key in `writes`"):
         check_producer(producer(lambda inputs, draws: [Fragment({"c": 1, "_note": 2})]), INPUTS)
 
 
-def test_a_rejection_without_a_reason_is_found():
+def test_rejection_without_a_reason_is_found():
     with pytest.raises(AssertionError, match="Mine must say why it rejects"):
         check_producer(producer(lambda inputs, draws: [Rejection(" ")]), INPUTS)
 
@@ -122,6 +122,6 @@ def test_something_else_than_a_fragment_is_found():
         check_producer(producer(lambda inputs, draws: [{"b": 1}]), INPUTS)
 
 
-def test_a_value_without_a_digest_is_found():
+def test_value_without_a_digest_is_found():
     with pytest.raises(TypeError, match="int64 has no canonical form"):
         check_producer(producer(lambda inputs, draws: [Fragment({"b": np.int64(1)})]), INPUTS)

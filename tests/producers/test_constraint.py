@@ -90,7 +90,7 @@ class Counting(Producer[Parameters]):
 
 
 @each_row("design", [CARTESIAN, T_WAY])
-def test_a_branch_is_cut_before_later_producers_see_it(design):
+def test_branch_is_cut_before_later_producers_see_it(design):
     Counting.seen.clear()
     grown(levels("a", 1, 2, 3), Counting(Parameters()), design=design, small="a < 3")
     assert Counting.seen == [1, 2]
@@ -101,7 +101,7 @@ def test_names_do_not_move_when_a_constraint_is_added():
     assert [c.name for c in found.configurations] == ["rooms-2", "rooms-3"]
 
 
-def test_a_key_that_is_written_again_later_is_looked_at_in_the_end():
+def test_key_that_is_written_again_later_is_looked_at_in_the_end():
     found = grown(levels("b", 1), values={"b": 9}, small="b < 5")
     assert len(found.configurations) == 1
 
@@ -129,7 +129,7 @@ def looked(room, name, **values):
     return found.excluded[0].values[name]
 
 
-def test_the_clearances_of_a_path_along_a_wall_are_distances_to_it(room):
+def test_clearances_of_a_path_along_a_wall_are_distances_to_it(room):
     # The lower half of the room is free from x = -0.5 to 5.5 and from y = -1.5 to 1.5.
     poses = {"start_pose": {"x": 0.0, "y": -1.0}, "goal_pose": {"x": 4.0, "y": -1.2}}
     assert looked(room, "start_clearance", **poses) == pytest.approx(0.5, abs=0.03)
@@ -138,7 +138,7 @@ def test_the_clearances_of_a_path_along_a_wall_are_distances_to_it(room):
     assert looked(room, "narrowest_passage", **poses) == pytest.approx(0.6, abs=0.06)
 
 
-def test_the_narrowest_passage_is_the_door_that_the_path_goes_through(room):
+def test_narrowest_passage_is_the_door_that_the_path_goes_through(room):
     poses = {"start_pose": {"x": 1.75, "y": -0.5}, "goal_pose": {"x": 1.75, "y": 3.5}}
     # The door is three letters of 0.5 m wide, and the straight path goes through its middle.
     assert looked(room, "narrowest_passage", **poses) == pytest.approx(1.5, abs=0.1)
@@ -154,7 +154,7 @@ def test_counts_and_lengths_of_fixed_poses(room):
     assert looked(room, "obstacle_density", boxes=boxes, **poses) == pytest.approx(1.0)
 
 
-def test_a_constraint_on_obstacles_waits_for_their_producer(room):
+def test_constraint_on_obstacles_waits_for_their_producer(room):
     kinds = [{"amount_per_m": [0.0, 0.5], "max_distance": 1.0, "model": "box", "xacro_arguments": "width:=0.2"}]
     obstacles = made("ObstacleVariation", {"obstacle_configs": kinds})
     for design in (CARTESIAN, T_WAY):
@@ -175,7 +175,7 @@ def test_what_can_not_be_evaluated_is_a_fault_with_constraint_instance_and_reaso
         grown(levels("a", 1, "two"), levels("b", 1, 2), design=design, odd="a < 3")
 
 
-def test_a_name_that_only_some_alternatives_write_has_to_be_guarded():
+def test_name_that_only_some_alternatives_write_has_to_be_guarded():
     either = made(
         "OneOfVariation", {"variations": [{"ParameterVariationList": {"name": n, "values": [1, 2]}} for n in "ab"]}
     )
@@ -196,7 +196,7 @@ def test_constraints_that_leave_nothing_are_one_fault_with_what_each_excluded():
     assert fault.what == "the constraints leave nothing of family 'rooms': low excludes 2, high excludes 1"
 
 
-def test_a_family_of_which_nothing_is_left_does_not_stop_the_others():
+def test_family_of_which_nothing_is_left_does_not_stop_the_others():
     lost = family(levels("a", 1, 2), never="a > 5")
     found = instantiate(Campaign((lost, family(levels("a", 1), name="other"))))
     assert [c.name for c in found.configurations] == ["other-1"]
@@ -246,15 +246,15 @@ def test_constraints_are_read_from_a_list_and_from_a_mapping_and_from_the_campai
     ("constraints", "expected"),
     [
         ("    constraints: [small: gain <]\n", [(7, 32, "the expression ends too early")]),
-        ('    constraints:\n      - small: "gain = 3"\n', [(8, 22, "found '='")]),
-        ("    constraints:\n      - a: 'x == ''b'' = 3'\n", [(8, 24, "found '='")]),
-        ("    constraints:\n      - a: >-\n          gain < 3 and\n          gain ! 3\n", [(10, 16, "found '!'")]),
-        ("    constraints:\n      - a: |\n          gain < 3\n\n          = 3\n", [(11, 11, "found '='")]),
+        ('    constraints:\n      - small: "gain = 3"\n', [(8, 22, "got '='")]),
+        ("    constraints:\n      - a: 'x == ''b'' = 3'\n", [(8, 24, "got '='")]),
+        ("    constraints:\n      - a: >-\n          gain < 3 and\n          gain ! 3\n", [(10, 16, "got '!'")]),
+        ("    constraints:\n      - a: |\n          gain < 3\n\n          = 3\n", [(11, 11, "got '='")]),
         ("    constraints:\n      - a: gain < 3 and gian > 1\n", [(8, 25, "'gian' is written by nothing in this family")]),
-        ("    constraints: [a: 3]\n", [(7, 22, "found 3")]),
+        ("    constraints: [a: 3]\n", [(7, 22, "got 3")]),
         ("    constraints: [a: gain < 3, a: gain < 2]\n", [(7, 32, "a second constraint 'a'")]),
-        ("    constraints: ['gain < 3']\n", [(7, 19, "found 'gain < 3'")]),
-        ("    constraints: gain < 3\n", [(7, 18, "found 'gain < 3'")]),
+        ("    constraints: ['gain < 3']\n", [(7, 19, "got 'gain < 3'")]),
+        ("    constraints: gain < 3\n", [(7, 18, "got 'gain < 3'")]),
         ("    constraints: [low: gain < 2, high: gain > 2]\n",
          [(7, 24, "the constraints leave nothing of family 'rooms': low excludes 2, high excludes 1")]),
         ("    constraints: [a: gain < 'b']\n", [(7, 27, "")]),
@@ -268,18 +268,18 @@ def test_every_fault_of_a_constraint_has_its_place_in_the_file(load, constraints
         assert "can't be evaluated for rooms-1: a number < text" in found[0][2]
 
 
-def test_a_slip_in_a_name_comes_with_the_nearest_one(load):
+def test_slip_in_a_name_comes_with_the_nearest_one(load):
     ((*_, right),) = faults_of(load, "    constraints: [a: path_lenght < 3]\n")
     assert right == "did you mean 'path_length'?"
 
 
-def test_the_place_inside_of_a_double_quoted_text_counts_its_escapes():
+def test_place_inside_of_a_double_quoted_text_counts_its_escapes():
     source = 'a: "x \\"y\\" = 3"'
     assert place_inside(source, (1, 4), 'x "y" = 3', 6) == (1, 13)
     assert source[12] == "="
 
 
-def test_a_design_that_is_none_is_a_fault(load):
+def test_design_that_is_none_is_a_fault(load):
     for design, message in (
         ("pairwise", "cartesian, 't_way: {strength: 2}'"),
         ("{t_way: {strength: 0}}", "strength"),
@@ -291,13 +291,13 @@ def test_a_design_that_is_none_is_a_fault(load):
             load(f"    design: {design}\n")
 
 
-def test_a_design_is_read_from_the_file(load):
+def test_design_is_read_from_the_file(load):
     assert load("    design: {t_way: {strength: 3}}\n").families[0].design == DesignSpec(t_way=TWay(strength=3))
     assert load("    design: {sample: {method: lhs, size: 2}}\n").families[0].design.sample.size == 2
     assert load("    design: cartesian\n").families[0].design == CARTESIAN
 
 
-def test_a_design_that_is_too_large_is_a_fault_at_its_place(load):
+def test_design_that_is_too_large_is_a_fault_at_its_place(load):
     variations = "".join(
         f"      - ParameterVariationList: {{name: k{i}, values: [1, 2, 3, 4, 5, 6, 7, 8, 9]}}\n" for i in range(7)
     )

@@ -77,7 +77,7 @@ def test_each_pair_of_choices_is_counted():
     ]
 
 
-def test_a_family_of_nothing_is_still_told_of():
+def test_family_of_nothing_is_still_told_of():
     found = coverage(levels("a", 2, 4), Wide(Parameters()))
     assert (found["realised"], found["share"], found["unrealisable"]) == (0, 0.0, 2)
 

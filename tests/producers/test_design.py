@@ -74,7 +74,7 @@ def chain():
     return levels("map", 1, 2, 3), levels("noise", 0, 1, 2), Paths(Parameters()), levels("radius", 1, 2)
 
 
-def test_a_design_is_a_part_of_the_full_product_under_the_same_names():
+def test_design_is_a_part_of_the_full_product_under_the_same_names():
     whole = {c.name: c.scenario for c in grown(*chain(), design=CARTESIAN).configurations}
     for design in (two_way(), sample(12)):
         found = {c.name: c.scenario for c in grown(*chain(), design=design).configurations}
@@ -100,7 +100,7 @@ def test_what_can_not_be_built_is_told_once_and_replaced():
     assert (pair["combinations"], pair["admissible"], pair["covered"]) == (9, 6, 6)
 
 
-def test_the_size_is_reported_against_the_product_and_a_lower_bound():
+def test_size_is_reported_against_the_product_and_a_lower_bound():
     ten = [levels(f"k{i}", 1, 2, 3, 4) for i in range(10)]
     found = grown(*ten, design=two_way())
     design = found.coverage["families"]["rooms"]["design"]
@@ -120,13 +120,13 @@ def test_constraints_enter_the_design_itself(design):
         assert part["t_way"]["share"] == 1.0
 
 
-def test_a_constraint_that_ties_paths_and_noise_together_is_kept():
+def test_constraint_that_ties_paths_and_noise_together_is_kept():
     found = grown(*chain(), design=two_way(), apart="noise != 0 or path != '1a'")
     assert all(c.factors["noise"] or c.factors["path"] != "1a" for c in found.configurations)
     assert [e.name for e in found.excluded] == ["rooms-1-1-1"]
 
 
-def test_a_sample_does_not_depend_on_other_families():
+def test_sample_does_not_depend_on_other_families():
     alone = grown(*chain(), design=sample(9))
     with_others = instantiate(
         Campaign((family(levels("map", 7), design=two_way(), name="first"), family(*chain(), design=sample(9))))
@@ -134,14 +134,14 @@ def test_a_sample_does_not_depend_on_other_families():
     assert with_others.configurations[1:] == alone.configurations
 
 
-def test_a_sample_of_an_enormous_product_is_made_at_once():
+def test_sample_of_an_enormous_product_is_made_at_once():
     many = [levels(f"k{i}", *range(10)) for i in range(20)]
     found = grown(*many, design=sample(50))
     assert len({c.scenario.digest for c in found.configurations}) == 50
     assert found.coverage["valid"] == 10**20
 
 
-def test_a_family_without_producers_is_its_one_configuration():
+def test_family_without_producers_is_its_one_configuration():
     for design in (two_way(), sample(5)):
         assert [c.name for c in grown(design=design).configurations] == ["rooms"]
 

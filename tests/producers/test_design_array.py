@@ -72,7 +72,7 @@ def test_ten_factors_of_four_levels_take_at_most_32_rows(loops):
     assert len(found[0]) <= 32
 
 
-def test_the_lower_bound_of_free_factors_is_the_product_of_the_largest():
+def test_lower_bound_of_free_factors_is_the_product_of_the_largest():
     counts = [2, 5, 3, 4]
     bound = lower_bound(admissible_tuples(free(counts), counts, designed_factors(free(counts)), 2))
     assert bound == 20
@@ -84,18 +84,18 @@ def test_strength_of_all_factors_is_the_full_product():
     assert len(covering_array(free([3, 1, 2]), [3, 1, 2], 6)) == 6
 
 
-def test_a_space_of_one_or_of_no_configuration_is_one_row_or_none():
+def test_space_of_one_or_of_no_configuration_is_one_row_or_none():
     assert covering_array(free([1, 1]), [1, 1], 2).tolist() == [[0, 0]]
     assert covering_array([], [], 2).shape == (1, 0)
     assert covering_array([*free([3]), FactorBlock((1,), np.empty((0, 1), np.int64))], [3, 2], 2).shape == (0, 2)
 
 
-def test_the_same_space_gives_the_same_rows():
+def test_same_space_gives_the_same_rows():
     one, other = (covering_array(free([4, 3, 3, 2]), [4, 3, 3, 2], 2).tolist() for _ in range(2))
     assert one == other
 
 
-def test_a_missing_tuple_and_a_wrong_row_are_found():
+def test_missing_tuple_and_a_wrong_row_are_found():
     blocks = free([2, 2])
     with pytest.raises(IncompleteDesign, match=r"levels \(1, 1\) of factors \[0, 1\] are in no row"):
         verify(np.array([[0, 0], [0, 1], [1, 0]]), blocks, 2)

@@ -37,7 +37,7 @@ def test_columns_count_characters_and_not_bytes(tmp_path: Path) -> None:
     assert read(tmp_path, "{büro: 1, b: 2}").keys[("b",)] == (1, 11)
 
 
-def test_a_location_with_elements_that_are_not_in_the_file_finds_the_nearest_place(tmp_path: Path) -> None:
+def test_location_with_elements_that_are_not_in_the_file_finds_the_nearest_place(tmp_path: Path) -> None:
     document = read(tmp_path, "a:\n  b:\n    c: 1\n")
     assert document.place(("a", "function-after", "b", "float", "c")) == (3, 8)
     assert document.place(("a", "b", "missing"), "key") == (2, 3)
@@ -47,7 +47,7 @@ def test_only_the_first_document_is_read(tmp_path: Path) -> None:
     assert read(tmp_path, "a: 1\n---\nb: [\n").data == {"a": 1}
 
 
-def test_a_second_time_the_same_key_is_a_fault_at_the_second(tmp_path: Path) -> None:
+def test_second_time_the_same_key_is_a_fault_at_the_second(tmp_path: Path) -> None:
     document = read(tmp_path, "a: 1\nb:\n  c: 1\n  c: 2\n")
     assert document.data == {"a": 1, "b": {"c": 1}}
     assert [str(fault).replace(f"{tmp_path}/", "") for fault in document.faults] == [
@@ -66,20 +66,20 @@ def test_a_second_time_the_same_key_is_a_fault_at_the_second(tmp_path: Path) -> 
         (b"ok: 1\na: \xff\n", "c.vast:2:4: file: byte 0xff is not UTF-8; a text in UTF-8"),
         ("", "c.vast:1:1: file: empty; a campaign, at least its configuration"),
         ("# nothing\n", "c.vast:1:1: file: empty; "),
-        ("\n- a\n", "c.vast:2:1: file: found a list; a mapping with the sections of a campaign"),
-        ("just text\n", "c.vast:1:1: file: found 'just text'; a mapping"),
+        ("\n- a\n", "c.vast:2:1: file: expected a mapping with the sections of a campaign, got a list"),
+        ("just text\n", "c.vast:1:1: file: expected a mapping, got 'just text'"),
     ],
 )
 def test_what_is_no_mapping_is_one_fault_with_its_place(tmp_path: Path, content: str | bytes, message: str) -> None:
     assert fatal(tmp_path, content).startswith(message)
 
 
-def test_a_file_that_is_not_there_is_a_fault(tmp_path: Path) -> None:
+def test_file_that_is_not_there_is_a_fault(tmp_path: Path) -> None:
     with pytest.raises(CampaignError, match=r"none\.vast:1:1: file: no such file; the path of a \.vast file"):
         read_document(tmp_path / "none.vast")
 
 
-def test_a_folder_in_place_of_a_file_is_a_fault(tmp_path: Path) -> None:
+def test_folder_in_place_of_a_file_is_a_fault(tmp_path: Path) -> None:
     with pytest.raises(CampaignError, match="can't be read"):
         read_document(tmp_path)
 
@@ -96,7 +96,7 @@ def test_numbers_with_an_exponent_are_numbers_and_dates_are_text(tmp_path: Path,
 def test_numbers_that_yaml_1_1_reads_oddly_come_with_a_warning(tmp_path: Path, text: str, value: int) -> None:
     document = read(tmp_path, f"a: {text}")
     assert document.data == {"a": value}
-    assert [note.what for note in document.notes] == [f"found {text}, which YAML 1.1 reads as {value}"]
+    assert [note.what for note in document.notes] == [f"got {text}, which YAML 1.1 reads as {value}"]
 
 
 @each_row("text", [".nan", ".inf", "0x_", "!!int x", "!!python/name:os.system x", "0x1" + "0" * 20])
@@ -109,8 +109,8 @@ def test_keys_are_the_text_that_is_written(tmp_path: Path) -> None:
     assert read(tmp_path, "on: 1\n2: 2\n2024-01-01: 3\n").data == {"on": 1, "2": 2, "2024-01-01": 3}
 
 
-def test_a_key_that_is_no_text_is_a_fault(tmp_path: Path) -> None:
-    assert [fault.what for fault in read(tmp_path, "a: 1\n[b]: 2\n").faults] == ["found a list or mapping as a key"]
+def test_key_that_is_no_text_is_a_fault(tmp_path: Path) -> None:
+    assert [fault.what for fault in read(tmp_path, "a: 1\n[b]: 2\n").faults] == ["got a list or mapping as a key"]
 
 
 def test_merged_keys_yield_to_own_keys_and_stand_where_they_are_written(tmp_path: Path) -> None:
@@ -120,7 +120,7 @@ def test_merged_keys_yield_to_own_keys_and_stand_where_they_are_written(tmp_path
     assert document.faults == ()
 
 
-def test_an_alias_inside_of_what_it_stands_for_is_a_fault(tmp_path: Path) -> None:
+def test_alias_inside_of_what_it_stands_for_is_a_fault(tmp_path: Path) -> None:
     for text in ("a: &a [*a]\n", "a: &a {<<: *a}\n"):
         assert fatal(tmp_path, text).startswith("c.vast:1:4: file: found an alias inside of what it stands for; ")
 

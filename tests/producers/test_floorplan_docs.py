@@ -28,13 +28,13 @@ def folder(tmp_path):
         yield tmp_path
 
 
-def test_the_pages_plan_is_a_building_with_nothing_to_note(folder):
+def test_pages_plan_is_a_building_with_nothing_to_note(folder):
     building = read_plan_file(folder / "rooms.fpm").building()
     assert building.notes == ()
     assert [hole.name for hole in building.holes] == ["study_door", "north_window"]
 
 
-def test_the_pages_variation_varies_what_it_says(folder):
+def test_pages_variation_varies_what_it_says(folder):
     variation = read_variation_file(folder / "rooms.variation").variation()
     assert [varied.name for varied in variation.varied] == [
         "door",
@@ -43,7 +43,7 @@ def test_the_pages_variation_varies_what_it_says(folder):
     ]
 
 
-def test_the_pages_producers_build_every_configuration(folder):
+def test_pages_producers_build_every_configuration(folder):
     variations = "".join(f"      {line}\n" for line in BLOCKS["floorplans"].splitlines())
     (folder / "c.vast").write_text(f"version: 1\nconfiguration:\n  - name: rooms\n    variations:\n{variations}")
     campaign = load_campaign(folder / "c.vast")
@@ -53,14 +53,14 @@ def test_the_pages_producers_build_every_configuration(folder):
     assert all(isinstance(item, Fragment) for item in evaluate(campaign.families[0].producers[0], {}))
 
 
-def test_the_pages_table_names_the_files_that_are_written(folder):
+def test_pages_table_names_the_files_that_are_written(folder):
     plan = read_plan_file(folder / "rooms.fpm")
     cells = re.findall(r"^\| (`[^|]*) \| [^|]* \|$", PAGE.read_text(), re.MULTILINE)
     named = {name.replace("NAME", "rooms") for cell in cells for name in re.findall(r"`([^`]+)`", cell)}
     assert set(render(plan.building(), plan.text, "rooms.fpm", 0.05, 0.193)) == named
 
 
-def test_the_pages_yaml_is_a_list_of_producers():
+def test_pages_yaml_is_a_list_of_producers():
     assert [next(iter(entry)) for entry in yaml.safe_load(BLOCKS["floorplans"])] == [
         "FloorplanVariation",
         "PathVariationRandom",

@@ -81,7 +81,7 @@ def check_faults(error):
 
 
 @each_row("file", PLANS)
-def test_a_mutated_plan_gives_a_building_or_clean_faults(file):
+def test_mutated_plan_gives_a_building_or_clean_faults(file):
     rng = random.Random(f"plan {file.stem}")
     built = 0
     for _ in range(BUDGET):
@@ -101,7 +101,7 @@ def test_a_mutated_plan_gives_a_building_or_clean_faults(file):
 
 
 @each_row("file", VARIATIONS)
-def test_a_mutated_variation_gives_samples_or_clean_faults(file):
+def test_mutated_variation_gives_samples_or_clean_faults(file):
     rng = random.Random(f"variation {file.stem}")
     plan = parse(file.with_suffix(".fpm").read_text(), "plan")
     drawn = 0

@@ -56,12 +56,12 @@ def example():
         ("openings", "pane", [(1.5, 3.2), (2.5, 3.2), (2.5, 3), (1.5, 3)]),
     ],
 )
-def test_the_documented_example_has_the_documented_corners(example, kind, name, corners):
+def test_documented_example_has_the_documented_corners(example, kind, name, corners):
     found = example[kind][name] if kind == "spaces" else example[kind][name]["polygon"]
     assert found == [pytest.approx(corner, abs=5e-5) for corner in corners]
 
 
-def test_the_documented_example_has_the_documented_heights_and_cut_walls(example):
+def test_documented_example_has_the_documented_heights_and_cut_walls(example):
     assert list(example["walls"]) == [f"{space}-wall-{k}" for space in ("corridor", "study") for k in range(4)]
     assert {wall["height"] for wall in example["walls"].values()} == {2.5}
     assert {name: (each["kind"], each["height"]) for name, each in example["obstacles"].items()} == {
@@ -78,7 +78,7 @@ def test_the_documented_example_has_the_documented_heights_and_cut_walls(example
     assert (pane["kind"], pane["walls"], pane["bottom"], pane["top"]) == ("window", ["corridor-wall-0"], 1.0, 2.0)
 
 
-def test_the_geometry_is_json_without_noise_in_its_numbers(example):
+def test_geometry_is_json_without_noise_in_its_numbers(example):
     assert json.loads(json.dumps(example)) == example
     assert not {"-0.0", "4.199999999"} & set(json.dumps(example).replace("]", ",").split(","))
 
@@ -100,12 +100,12 @@ def test_the_geometry_is_json_without_noise_in_its_numbers(example):
         ("wrt: a.walls[0] of: this translation: y: 1.0 m rotation: z: 90 deg", (-1, 1.5)),
     ],
 )
-def test_a_space_is_placed_by_its_frame_in_the_other_frame(location, first_corner):
+def test_space_is_placed_by_its_frame_in_the_other_frame(location, first_corner):
     second = "Space b: shape: Rectangle width=2.0 m, length=2.0 m location: " + location
     assert geometry(HEAD + ROOM + second)["spaces"]["b"][0] == pytest.approx(first_corner)
 
 
-def test_a_room_may_be_placed_by_a_wall_in_the_world_or_in_a_space():
+def test_room_may_be_placed_by_a_wall_in_the_world_or_in_a_space():
     # Upstream inverts the wrong transforms here; the rule is W · T · O⁻¹.
     second = (
         "Space b: shape: Rectangle width=2.0 m, length=4.0 m location: wrt: world of: this.walls[1] translation: x: 1 m"
@@ -117,7 +117,7 @@ def test_a_room_may_be_placed_by_a_wall_in_the_world_or_in_a_space():
     ]
 
 
-def test_a_name_with_wall_in_it_changes_nothing():
+def test_name_with_wall_in_it_changes_nothing():
     location = "wrt: {0}.walls[0] of: this.walls[2] spaced features: Column c: shape: Circle radius=0.1 m height: 1 m "
     location += "location: wrt: this.walls[2] translation: y: -0.5 m"
     texts = [
@@ -193,7 +193,7 @@ def turns_deg(outline):
 
 
 @given(polygons(convex=True), st.floats(0.05, 0.5))
-def test_the_walls_round_a_convex_room_fill_its_mitred_offset(outline, thickness):
+def test_walls_round_a_convex_room_fill_its_mitred_offset(outline, thickness):
     assume(sharpest_deg(outline) > 10)
     floor = shapely.Polygon(outline)
     walls = shapely.union_all([shapely.Polygon(wall) for wall in wall_outlines(outline, thickness)])
@@ -235,12 +235,12 @@ def test_walls_in_one_line_meet_without_a_mitre():
     assert walls[0][1] == walls[1][0] == (0.0, 1.2)
 
 
-def test_the_walls_of_a_counter_clockwise_room_eat_into_it():
+def test_walls_of_a_counter_clockwise_room_eat_into_it():
     (wall, *_) = wall_outlines(tuple(reversed(rectangle(4, 3))), 0.2)
     assert shapely.Polygon(rectangle(4, 3)).contains(shapely.Polygon(wall).centroid)
 
 
-def test_a_wall_between_two_corners_that_turn_away_ends_square_where_its_mitres_would_cross():
+def test_wall_between_two_corners_that_turn_away_ends_square_where_its_mitres_would_cross():
     notch = ((-3, 2), (-0.05, 2), (-0.05, 1), (0.05, 1), (0.05, 2), (3, 2), (3, -2), (-3, -2))
     bottom = wall_outlines(notch, 0.3)[2]
     assert bottom == (pytest.approx((-0.05, 1.3)), pytest.approx((0.05, 1.3)), (0.05, 1), (-0.05, 1))
@@ -269,7 +269,7 @@ def test_rooms_placed_wall_to_wall_and_spaced_have_touching_outer_faces(theirs, 
 
 
 @given(st.floats(-1.4, 1.4), st.floats(0.1, 1.0), st.sampled_from(range(4)), turns)
-def test_an_opening_lies_in_its_wall_from_face_to_face(x, width, wall, turn):
+def test_opening_lies_in_its_wall_from_face_to_face(x, width, wall, turn):
     text = HEAD + ROOM.strip() + f" rotation: z: {turn!r}\nEntryway d: shape: Rectangle width={width!r} m, height=2 m "
     assume(abs(x) + width / 2 < 1.5)
     plan = build(read_plan(text + f"location: in: a.walls[{wall}] translation: x: {x!r} m, z: 1 m", "p.fpm"))
@@ -287,28 +287,28 @@ def hole(shape, location="translation: z: 1.0 m"):
     return build(read_plan(text, "p.fpm")).holes[0]
 
 
-def test_a_rectangle_is_open_over_its_width_from_its_bottom_to_its_top():
+def test_rectangle_is_open_over_its_width_from_its_bottom_to_its_top():
     door = hole("Rectangle width=1.0 m, height=2.0 m", "translation: x: 0.5 m, z: 1.2 m")
     assert [door.section(z) for z in (0.1, 0.2, 1.0, 2.2, 2.3)] == [(), ((0, 1),), ((0, 1),), ((0, 1),), ()]
 
 
-def test_a_rectangle_at_z_0_is_half_below_the_floor():
+def test_rectangle_at_z_0_is_half_below_the_floor():
     door = hole("Rectangle width=1.0 m, height=2.0 m", "translation: z: 0.0 m")
     assert (door.bottom_m, door.top_m) == (-1.0, 1.0)
 
 
-def test_an_opening_turned_about_y_is_open_where_its_turned_shape_is():
+def test_opening_turned_about_y_is_open_where_its_turned_shape_is():
     door = hole("Rectangle width=2.0 m, height=1.0 m", "translation: z: 1.0 m rotation: y: 90 deg")
     assert (door.bottom_m, door.top_m) == pytest.approx((0.0, 2.0))
     assert door.section(0.5)[0] == pytest.approx((-0.5, 0.5))
 
 
-def test_a_turn_about_y_takes_z_towards_x():
+def test_turn_about_y_takes_z_towards_x():
     door = hole("Polygon points:[(0, 0), (0.2, 0), (0, 1)]", "translation: z: 1.0 m rotation: y: 90 deg")
     assert max(x for x, _ in door.shape) == pytest.approx(1.0)
 
 
-def test_a_circle_and_a_polygon_are_open_as_wide_as_they_are_at_that_height():
+def test_circle_and_a_polygon_are_open_as_wide_as_they_are_at_that_height():
     round_one = hole("Circle radius=1.0 m")
     assert round_one.section(1.0)[0] == pytest.approx((-1, 1))
     assert round_one.section(1.6)[0] == pytest.approx((-0.8, 0.8), abs=0.01)
@@ -318,11 +318,11 @@ def test_a_circle_and_a_polygon_are_open_as_wide_as_they_are_at_that_height():
     assert twin_towers.section(1.0) == ((-1, -0.5), (0.5, 1))
 
 
-def test_the_polygon_of_an_opening_may_be_written_with_a_y_of_0():
+def test_polygon_of_an_opening_may_be_written_with_a_y_of_0():
     two = hole("Polygon points:[(-0.5, 0), (0.5, 0), (0.5, 2), (-0.5, 2)]", "")
     three = hole("Polygon points:[(-0.5, 0, 0), (0.5, 0, 0), (0.5, 0, 2), (-0.5, 0, 2)]", "")
     assert two.shape == three.shape
 
 
-def test_a_circle_is_as_large_as_its_radius_says():
+def test_circle_is_as_large_as_its_radius_says():
     assert -signed_area(circle(2.0)) == pytest.approx(math.pi * 4, rel=2e-3)

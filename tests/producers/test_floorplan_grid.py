@@ -34,14 +34,14 @@ def at(found, x, y):
     return int(occupancy.cells[occupancy.cell_of(x, y)])
 
 
-def test_the_example_has_the_documented_size_and_origin():
+def test_example_has_the_documented_size_and_origin():
     found = grid(EXAMPLE)
     assert found.gray.shape == (int(2.25 / 0.05) + 50, int(9.5 / 0.05) + 50)
     assert found.origin_xy_m == (-3.25, -0.5)
     assert (found.resolution_m, found.laser_height_m) == (0.05, 0.193)
 
 
-def test_the_rooms_of_the_example_are_free_its_walls_and_obstacles_occupied_and_the_outside_unknown():
+def test_rooms_of_the_example_are_free_its_walls_and_obstacles_occupied_and_the_outside_unknown():
     found = grid(EXAMPLE)
     places = {
         (1, 2): FREE,
@@ -54,42 +54,42 @@ def test_the_rooms_of_the_example_are_free_its_walls_and_obstacles_occupied_and_
     assert {place: at(found, *place) for place in places} == places
 
 
-def test_a_door_is_open_through_both_walls_and_closed_beside():
+def test_door_is_open_through_both_walls_and_closed_beside():
     found = grid(EXAMPLE)
     assert {at(found, x, 1.65) for x in np.arange(3.9, 4.6, 0.02)} == {FREE}
     assert {at(found, x, 2.3) for x in np.arange(4.06, 4.5, 0.02)} == {OCCUPIED}
 
 
-def test_a_window_stays_wall_at_every_height_of_the_laser():
+def test_window_stays_wall_at_every_height_of_the_laser():
     assert {at(grid(EXAMPLE, laser_height_m=height), 2.0, 3.1) for height in (0.2, 1.5)} == {OCCUPIED}
 
 
 @each_row(("height", "rail", "post"), [(0.193, OCCUPIED, OCCUPIED), (0.7, FREE, OCCUPIED), (2.2, FREE, FREE)])
-def test_the_laser_sees_what_is_as_high_as_itself(height, rail, post):
+def test_laser_sees_what_is_as_high_as_itself(height, rail, post):
     found = grid(EXAMPLE, laser_height_m=height)
     assert (at(found, 5.7, 1.76), at(found, 6.5, 2.15)) == (rail, post)
 
 
-def test_a_laser_above_the_door_sees_its_lintel_and_one_above_the_walls_sees_none():
+def test_laser_above_the_door_sees_its_lintel_and_one_above_the_walls_sees_none():
     assert at(grid(EXAMPLE, laser_height_m=2.2), 4.1, 1.65) == OCCUPIED
     assert at(grid(EXAMPLE, laser_height_m=3.0), 7.6, 2.0) == UNKNOWN
 
 
-def test_the_slice_of_a_round_door_is_as_wide_as_the_door_at_that_height():
+def test_slice_of_a_round_door_is_as_wide_as_the_door_at_that_height():
     text = ROOM + "Entryway d: shape: Circle radius=1.0 m location: in: a.walls[0] translation: z: 1.0 m"
     assert at(grid(text, laser_height_m=1.0), 0.8, 1.6) == FREE
     assert at(grid(text, laser_height_m=0.193), 0.8, 1.6) == OCCUPIED
     assert at(grid(text, laser_height_m=0.193), 0.4, 1.6) == FREE
 
 
-def test_a_door_opens_a_cell_beyond_both_faces():
+def test_door_opens_a_cell_beyond_both_faces():
     text = ROOM + "Entryway d: shape: Rectangle width=1 m, height=2 m location: in: a.walls[0] translation: z: 1 m\n"
     closed = text.replace("Entryway", "Window")
     opened = (grid(text).gray != grid(closed).gray).any(axis=1).sum()
     assert opened == pytest.approx(0.2 / 0.05 + 2, abs=1)
 
 
-def test_a_plan_away_from_the_origin_has_its_origin_where_it_is():
+def test_plan_away_from_the_origin_has_its_origin_where_it_is():
     moved = ROOM.replace("of: this", "of: this translation: x: 30 m, y: 20 m")
     here, there = grid(ROOM), grid(moved)
     assert there.origin_xy_m == (30 - 2 - 1.25, 20 - 1.5 - 1.25)
@@ -102,7 +102,7 @@ def test_every_wall_fits_into_the_picture_however_thick():
     assert (found.gray[[0, -1]] == 200).all()
 
 
-def test_the_border_is_25_cells_on_each_side_at_any_resolution():
+def test_border_is_25_cells_on_each_side_at_any_resolution():
     assert grid(ROOM, resolution_m=0.02).gray.shape == (150 + 50, 200 + 50)
 
 
@@ -114,7 +114,7 @@ def test_rounding_noise_does_not_choose_the_cells_of_walls_on_the_grid():
     assert grid(moved).origin_xy_m == grid(same).origin_xy_m
 
 
-def test_the_files_are_a_ros_map_of_the_same_content(tmp_path):
+def test_files_are_a_ros_map_of_the_same_content(tmp_path):
     found = grid(EXAMPLE)
     (tmp_path / "flat.yaml").write_bytes(found.header("flat.pgm"))
     (tmp_path / "flat.pgm").write_bytes(found.picture())
@@ -132,7 +132,7 @@ def test_the_files_are_a_ros_map_of_the_same_content(tmp_path):
     }
 
 
-def test_a_map_of_too_many_cells_is_a_fault():
+def test_map_of_too_many_cells_is_a_fault():
     with pytest.raises(
         FloorplanError,
         match=r"p.fpm:1:1: Floor plan p: 4 m × 3 m at 0.0001 m are 1,496,468,036 cells; at most 50,000,000",

@@ -179,7 +179,7 @@ def test_what_was_read_before_has_the_geometry_and_the_map_that_it_had(name):
     assert (solid_digest(building), grid_of(building).occupancy.digest) == DIGESTS[name]
 
 
-def test_a_plan_with_every_kind_of_thing_is_built_and_warns_of_what_is_cut(clinic):
+def test_plan_with_every_kind_of_thing_is_built_and_warns_of_what_is_cut(clinic):
     building = read_plan_file(clinic).building()
     assert len(building.rooms) == 4
     assert [obstacle.name for obstacle in building.obstacles] == ["left", "round", "counter", "buttress", "bench"]
@@ -225,7 +225,7 @@ def test_its_mesh_is_closed_and_its_map_has_the_doors_as_wide_as_their_walls(cli
         assert occupancy.cells[occupancy.cell_of(*door.frame.apply((x, 0.25)))] == cell, x
 
 
-def test_a_variation_may_stand_elsewhere_and_speak_of_a_draft_in_the_draft_s_words(clinic, tmp_path):
+def test_variation_may_stand_elsewhere_and_speak_of_a_draft_in_the_draft_s_words(clinic, tmp_path):
     folder = tmp_path / "variations"
     folder.mkdir()
     (folder / "wards.variation").write_text("""\
@@ -262,7 +262,7 @@ over_the_corner: { pose.translation.x : uniform([-1.9, 1.9]) }
 
 
 @each_row("door_width_m", [0.5, 1.0, 2.0])
-def test_a_varied_door_wider_than_its_varied_wall_is_as_wide_as_that(tmp_path, door_width_m):
+def test_varied_door_wider_than_its_varied_wall_is_as_wide_as_that(tmp_path, door_width_m):
     (tmp_path / "cells.fpm").write_text("""\
 Floor plan: cells
     Defaults: walls: thickness: 0.1 m height: 2.0 m

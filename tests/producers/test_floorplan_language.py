@@ -69,7 +69,7 @@ def changed(old, new, text=ROOM):
         "\ufeff".lstrip("\ufeff") + ROOM + DOOR,
     ],
 )
-def test_a_model_of_the_language_is_accepted_however_it_is_laid_out(text):
+def test_model_of_the_language_is_accepted_however_it_is_laid_out(text):
     assert building(text).rooms
 
 
@@ -79,14 +79,14 @@ def test_openings_variables_and_defaults_may_stand_anywhere():
     assert plan.holes[0].section(1.0) == ((-0.6, 0.6),)
 
 
-def test_a_space_may_be_named_before_it_is_defined():
+def test_space_may_be_named_before_it_is_defined():
     head, defaults, space = ROOM.splitlines(keepends=True)
     assert (
         room(head + defaults + SECOND.format(location="wrt: a of: this translation: x: 9.0 m") + space, "b")[0][0] == 8
     )
 
 
-def test_a_space_may_have_the_name_of_a_keyword():
+def test_space_may_have_the_name_of_a_keyword():
     assert room(ROOM.replace("Space a", "Space Space"), "Space") == ((-2, 1.5), (2, 1.5), (2, -1.5), (-2, -1.5))
 
 
@@ -95,44 +95,44 @@ def test_world_is_the_world_even_where_a_space_has_that_name():
     assert room(text, "world")[0] == (3, 1.5)
 
 
-def test_a_variable_is_a_length_or_an_angle_wherever_one_can_stand_and_may_be_negated():
+def test_variable_is_a_length_or_an_angle_wherever_one_can_stand_and_may_be_negated():
     text = changed("width=4.0 m", "width=w").replace("0.2 m", "t") + "var w = 5 m var t = 0.1 m var turn = 90 deg"
     text = text.replace("of: this", "of: this translation: x: -w rotation: z: -turn")
     assert room(text)[0] == (-3.5, 2.5)
 
 
-def test_an_angle_without_a_unit_is_in_radians_and_a_length_in_meters():
+def test_angle_without_a_unit_is_in_radians_and_a_length_in_meters():
     assert room(changed("of: this", "of: this translation: x: 1 rotation: z: 3.141592653589793"))[0] == (3, -1.5)
 
 
-def test_a_space_has_its_own_wall_values_first_and_the_defaults_for_the_rest():
+def test_space_has_its_own_wall_values_first_and_the_defaults_for_the_rest():
     walls = building(ROOM.rstrip() + " walls: height: 4.0 m").walls
     assert {(wall.thickness_m, wall.height_m) for wall in walls} == {(0.2, 4.0)}
 
 
-def test_a_plan_without_defaults_is_fine_where_every_space_says_both():
+def test_plan_without_defaults_is_fine_where_every_space_says_both():
     head, _, space = ROOM.splitlines(keepends=True)
     assert building(head + space + "walls: thickness: 0.1 m height: 2.0 m").walls[0].height_m == 2.0
 
 
-def test_a_polygons_last_point_may_repeat_the_first():
+def test_polygons_last_point_may_repeat_the_first():
     text = changed("Rectangle width=4.0 m, length=3.0 m", "Polygon points:[(0,0), (0,2), (2,0), (0.0 m, 0.0 m)]")
     assert room(text) == ((0, 0), (0, 2), (2, 0))
 
 
-def test_a_circular_space_and_a_circular_column_are_polygons_on_their_circle():
+def test_circular_space_and_a_circular_column_are_polygons_on_their_circle():
     plan = building(changed("Rectangle width=4.0 m, length=3.0 m", "Circle radius=2.0 m") + POST.format(
         location="wrt: a").replace("Rectangle width=0.4 m, length=0.4 m", "Circle radius=0.3 m"))  # fmt: skip
     assert len(plan.walls) == len(plan.rooms[0].outline) == len(plan.obstacles[0].outline) >= 32
     assert plan.rooms[0].outline[0] == (0, 2)
 
 
-def test_the_parts_of_a_features_location_may_come_in_any_order():
+def test_parts_of_a_features_location_may_come_in_any_order():
     plan = building(ROOM + POST.format(location="rotation: z: 0 deg translation: x: 1.0 m wrt: a.walls[1]"))
     assert plan.obstacles[0].outline[2] == pytest.approx((1.8, -1.2))
 
 
-def test_a_feature_outside_of_all_spaces_stands_where_it_says():
+def test_feature_outside_of_all_spaces_stands_where_it_says():
     (post,) = building(ROOM + POST.format(location="wrt: a translation: x: 1.0 m")).obstacles
     assert (post.name, post.kind, post.outline[0]) == ("c", "Column", (0.8, 0.2))
 
@@ -154,9 +154,9 @@ def test_faults_of_a_floor_plan_have_place_and_message(golden):
         ("of: this", "of: this wall height: 3 m", "wall height:", "'walls:' with 'height:'"),
     ],
 )
-def test_a_word_of_version_1_is_said_to_be_one_with_what_stands_in_its_place(old, written, found, today):
+def test_word_of_version_1_is_said_to_be_one_with_what_stands_in_its_place(old, written, found, today):
     right = f"{today} in version 2, the only one that is read; this is the language's version 1"
-    assert complaint(changed(old, written)).partition(": ")[2] == f"syntax: found {found!r}; {right}"
+    assert complaint(changed(old, written)).partition(": ")[2] == f"syntax: expected {right}, got {found!r}"
 
 
 def test_what_has_the_name_of_a_word_of_version_1_may_have_it():
@@ -176,14 +176,14 @@ def test_all_mistakes_of_a_file_are_said_at_once_in_its_order():
         "translation: x: 0.5 m, y: -none, z: 1.0 m",
     ],
 )
-def test_an_opening_may_say_that_it_is_0_off_along_and_about_the_other_axes(location):
+def test_opening_may_say_that_it_is_0_off_along_and_about_the_other_axes(location):
     plain = building(ROOM + DOOR.replace("z: 1.0 m", "x: 0.5 m, z: 1.0 m"))
     said = building(ROOM + DOOR.replace("translation: z: 1.0 m", location) + "var none = 0.0 m")
     assert said.holes == plain.holes
     assert said.notes == ()
 
 
-def test_a_space_and_a_feature_may_say_that_they_are_0_off_along_and_about_the_other_axes():
+def test_space_and_a_feature_may_say_that_they_are_0_off_along_and_about_the_other_axes():
     moved = "translation: x: 1.0 m, y: 2.0 m, z: 0.0 m rotation: x: 0.0 deg, y: 0.0 deg, z: 30.0 deg"
     text = changed("of: this", f"of: this {moved}") + POST.format(location=f"wrt: a {moved}")
     said = building(text)
@@ -191,7 +191,7 @@ def test_a_space_and_a_feature_may_say_that_they_are_0_off_along_and_about_the_o
     assert (said.walls, said.obstacles) == (plain.walls, plain.obstacles)
 
 
-def test_a_door_as_wide_as_its_wall_is_allowed():
+def test_door_as_wide_as_its_wall_is_allowed():
     plan = building(ROOM + DOOR.replace("1.0 m,", "4.0 m,"))
     assert plan.holes[0].section(1.0) == ((-2.0, 2.0),)
     assert plan.notes == ()
@@ -210,7 +210,7 @@ def test_a_door_as_wide_as_its_wall_is_allowed():
          "it reaches up to 2.6 m, and is cut to its wall; at most 2.5 m"),
     ],
 )  # fmt: skip
-def test_an_opening_that_reaches_past_its_wall_is_cut_to_it_with_a_warning(door, open_at_1_m, note):
+def test_opening_that_reaches_past_its_wall_is_cut_to_it_with_a_warning(door, open_at_1_m, note):
     plan = building(ROOM + door)
     (section,) = plan.holes[0].section(1.0)
     assert section == pytest.approx(open_at_1_m)
@@ -230,7 +230,7 @@ def test_an_opening_that_reaches_past_its_wall_is_cut_to_it_with_a_warning(door,
          "part of it between 0 m and 2.5 m; it reaches from -2 m to 0 m")),
     ],
 )  # fmt: skip
-def test_an_opening_outside_of_its_wall_cuts_nothing_and_a_warning_says_so(door, note):
+def test_opening_outside_of_its_wall_cuts_nothing_and_a_warning_says_so(door, note):
     plan = building(ROOM + door)
     assert plan.holes == ()
     assert [str(each) for each in plan.notes] == [f"p.fpm:4:10: warning: Entryway d: {note}"]
@@ -244,13 +244,13 @@ def test_corners_in_counter_clockwise_order_are_noted_for_their_walls_grow_inwar
     )
 
 
-def test_an_opening_that_does_not_reach_its_second_wall_is_noted():
+def test_opening_that_does_not_reach_its_second_wall_is_noted():
     text = ROOM + SECOND.format(location="wrt: a.walls[1] of: this.walls[3] translation: y: 5 m")
     (note,) = building(text + DOOR.replace("a.walls[0]", "a.walls[1] and b.walls[3]")).notes
     assert "it does not reach b.walls[3], 0.4 m deep as it is" in str(note)
 
 
-def test_a_long_chain_of_spaces_is_placed_whatever_their_order():
+def test_long_chain_of_spaces_is_placed_whatever_their_order():
     spaces = [
         f"Space s{k}: shape: Rectangle width=1 m, length=2 m location: wrt: s{k + 1} of: this translation: x: 1 m\n"
         for k in range(999)
@@ -259,7 +259,7 @@ def test_a_long_chain_of_spaces_is_placed_whatever_their_order():
     assert next(r for r in plan.rooms if r.name == "s0").outline[0] == (998.5, 1)
 
 
-def test_a_missing_file_is_a_fault_and_so_is_one_that_is_no_text(tmp_path):
+def test_missing_file_is_a_fault_and_so_is_one_that_is_no_text(tmp_path):
     with pytest.raises(FloorplanError, match=r"none.fpm:1:1: file: no such file; the path of a floor plan"):
         read_plan_file(tmp_path / "none.fpm")
     (tmp_path / "binary.fpm").write_bytes(b"Floor plan: p\nSpace \xff")
@@ -274,7 +274,7 @@ def test_of_two_rooms_in_one_place_there_is_a_picture_too():
     assert picture_of(plan).startswith(b"\x89PNG")
 
 
-def test_an_angle_of_many_turns_without_a_unit_is_warned_of():
+def test_angle_of_many_turns_without_a_unit_is_warned_of():
     (note,) = building(changed("of: this", "of: this rotation: z: 45")).notes
-    assert (note.what, note.right) == ("found 45, which is in radians without a unit", "45 deg, or at most one turn")
+    assert (note.what, note.right) == ("got 45, which is in radians without a unit", "45 deg, or at most one turn")
     assert building(changed("of: this", "of: this rotation: z: 45 deg")).notes == ()

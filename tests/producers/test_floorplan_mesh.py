@@ -46,7 +46,7 @@ def volume(triangles):
     return float(np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6)
 
 
-def test_the_example_is_one_watertight_solid_of_the_documented_measures():
+def test_example_is_one_watertight_solid_of_the_documented_measures():
     triangles = written(EXAMPLE)
     assert is_watertight(triangles)
     walls = (6.4 * 2.4 - 6 * 2 + 3.6 * 2.6 - 3 * 2) * 2.5
@@ -59,7 +59,7 @@ def test_the_example_is_one_watertight_solid_of_the_documented_measures():
 
 
 @each_row("file", FLOOR_PLANS)
-def test_the_mesh_of_every_plan_of_ours_is_watertight(file):
+def test_mesh_of_every_plan_of_ours_is_watertight(file):
     assert is_watertight(written(file.read_text()))
 
 
@@ -74,13 +74,13 @@ def test_the_mesh_of_every_plan_of_ours_is_watertight(file):
     ],
 )
 @each_row("kind", ["Entryway", "Window"])
-def test_an_opening_of_any_shape_is_cut_out_of_its_wall(kind, shape, location, hole_m2):
+def test_opening_of_any_shape_is_cut_out_of_its_wall(kind, shape, location, hole_m2):
     triangles = written(ROOM.format(more="") + f"{kind} d: shape: {shape} location: in: a.walls[1] {location}")
     assert is_watertight(triangles)
     assert volume(triangles) == pytest.approx(RING_M2 * 2.5 - hole_m2 * 0.2, abs=5e-4)
 
 
-def test_an_opening_cuts_the_walls_it_names_and_no_others():
+def test_opening_cuts_the_walls_it_names_and_no_others():
     rooms = (
         ROOM.format(more="")
         + "Space b: shape: Rectangle width=4 m, length=3 m location: wrt: a.walls[0] of: this.walls[2] spaced\n"
@@ -96,12 +96,12 @@ def test_columns_and_dividers_are_solid_to_their_height_and_are_not_cut():
     assert volume(written(ROOM.format(more="") + post)) == pytest.approx(RING_M2 * 2.5 + 0.25, abs=1e-4)
 
 
-def test_a_column_that_stands_half_in_a_wall_counts_once():
+def test_column_that_stands_half_in_a_wall_counts_once():
     post = "Column c: shape: Rectangle width=0.2 m, length=0.2 m height: 1.0 m location: wrt: a.walls[0]\n"
     assert volume(written(ROOM.format(more="") + post)) == pytest.approx(RING_M2 * 2.5 + 0.02, abs=1e-4)
 
 
-def test_a_mesh_is_closed_only_where_every_edge_has_two_triangles():
+def test_mesh_is_closed_only_where_every_edge_has_two_triangles():
     triangles = mesh_of(build(read_plan(EXAMPLE, "p.fpm")))
     assert is_closed(triangles)
     assert not is_closed(triangles[1:])

@@ -40,14 +40,14 @@ def test_there_are_five_plans_each_with_a_variation():
 
 
 @each_row("name", NAMES)
-def test_a_plan_has_the_name_of_its_file_and_nothing_to_note(name):
+def test_plan_has_the_name_of_its_file_and_nothing_to_note(name):
     building = read_plan_file(FOLDER / f"{name}.fpm").building()
     assert building.name == name
     assert building.notes == ()
 
 
 @each_row("name", NAMES)
-def test_a_robot_half_a_meter_across_can_go_into_every_room(name):
+def test_robot_half_a_meter_across_can_go_into_every_room(name):
     assert rooms_without_the_robot(read_plan_file(FOLDER / f"{name}.fpm").building()) == []
 
 
@@ -66,13 +66,13 @@ def test_every_sample_of_a_variation_is_a_building_in_which_the_robot_can_go_eve
         assert rooms_without_the_robot(building, 0.4) == [], seed
 
 
-def test_the_university_is_as_large_as_the_real_one():
+def test_university_is_as_large_as_the_real_one():
     low_x, low_y, high_x, high_y = read_plan_file(FOLDER / "university.fpm").building().bounds
     assert (high_x - low_x, high_y - low_y) == (pytest.approx(84, abs=1), pytest.approx(87, abs=1))
 
 
 @each_row("name", NAMES)
-def test_a_plan_is_geometry_and_grid_in_a_tenth_of_a_second_and_with_its_mesh_in_half(name, loops):
+def test_plan_is_geometry_and_grid_in_a_tenth_of_a_second_and_with_its_mesh_in_half(name, loops):
     plan = read_plan_file(FOLDER / f"{name}.fpm")
     plan.building()
     assert loops(lambda: grid_of(plan.building())) < 20

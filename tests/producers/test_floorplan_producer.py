@@ -60,7 +60,7 @@ def fault(kind, base, **parameters):
     return error["msg"]
 
 
-def test_a_plan_yields_its_map_and_its_mesh(base):
+def test_plan_yields_its_map_and_its_mesh(base):
     (fragment,) = evaluate(generation(base), {})
     map_file, mesh_file = fragment.values["map_file"], fragment.values["mesh_file"]
     assert map_content(map_file.path) == map_file
@@ -108,7 +108,7 @@ def test_another_seed_or_number_of_variations_leaves_the_others_as_they_are(base
     assert maps(num_variations=3, seed=7)[1:] == maps(num_variations=2, seed=8)
 
 
-def test_the_environment_has_everything_and_says_where_it_came_from(base, store):
+def test_environment_has_everything_and_says_where_it_came_from(base, store):
     (fragment,) = evaluate(variation(base, seed=8), {})
     (folder,) = store.iterdir()
     assert Path(fragment.values["map_file"].path).parent == folder
@@ -166,7 +166,7 @@ def test_what_is_worth_knowing_of_a_plan_as_it_is_drawn_is_noted_with_its_seeds(
     assert one_of.notes == (note,)
 
 
-def test_a_drawn_plan_is_noted_as_its_text_is(base):
+def test_drawn_plan_is_noted_as_its_text_is(base):
     found = read_variation_file(base / "test_floorplan_example.variation").variation()
     for seed in range(4):
         sample = found.sample(seed)
@@ -175,7 +175,7 @@ def test_a_drawn_plan_is_noted_as_its_text_is(base):
         assert (as_drawn.walls, as_drawn.obstacles, as_drawn.holes) == (as_text.walls, as_text.obstacles, as_text.holes)
 
 
-def test_a_campaign_warns_of_what_is_cut_in_its_plans_once(base):
+def test_campaign_warns_of_what_is_cut_in_its_plans_once(base):
     plan = base / "test_floorplan_example.fpm"
     plan.write_text(plan.read_text().replace("width=gap", "width=9.0 m"))
     (base / "c.vast").write_text("""\
@@ -211,7 +211,7 @@ def test_plan_is_built_twice_at_most_for_all_families_that_name_it(base, monkeyp
     assert 1 <= len(built) <= 2
 
 
-def test_a_plan_that_a_campaign_names_a_hundred_times_is_built_once(base, monkeypatch):
+def test_plan_that_a_campaign_names_a_hundred_times_is_built_once(base, monkeypatch):
     built = []
     build = files.build
     monkeypatch.setattr(files, "build", lambda *given: built.append(given) or build(*given))
@@ -225,7 +225,7 @@ def test_a_plan_that_a_campaign_names_a_hundred_times_is_built_once(base, monkey
     assert len(built) <= 3  # as it is checked, and for its notes
 
 
-def test_a_plan_that_is_too_large_for_the_resolution_is_a_rejection(base):
+def test_plan_that_is_too_large_for_the_resolution_is_a_rejection(base):
     (item,) = evaluate(generation(base, resolution=0.0001), {})
     assert isinstance(item, Rejection) and "cells; at most" in item.reason
 
@@ -240,7 +240,7 @@ def test_both_are_found_by_their_names():
     assert find_producer("FloorplanVariation", Path()) is FloorplanVariation
 
 
-def test_a_mistake_in_a_plan_is_said_with_its_place_when_the_campaign_is_read(base):
+def test_mistake_in_a_plan_is_said_with_its_place_when_the_campaign_is_read(base):
     text = (base / "test_floorplan_example.fpm").read_text()
     (base / "bad.fpm").write_text(text.replace("width=gap", "width=gab"))
     message = fault(FloorplanGeneration, base, floorplans=["bad.fpm"])
@@ -251,9 +251,12 @@ def test_a_mistake_in_a_plan_is_said_with_its_place_when_the_campaign_is_read(ba
     ("parameters", "message"),
     [
         ({"floorplans": ["none.fpm"]}, "none.fpm:1:1: file: no such file; the path of a floor plan or variation file"),
-        ({"floorplans": [3]}, "found 3; the path of a file"),
-        ({"floorplans": []}, "found an empty list; the path of at least one file"),
-        ({"floorplans": ["test_floorplan_example.fpm"], "name": ["a", "@a"]}, "name: found ['a', '@a']; two names"),
+        ({"floorplans": [3]}, "expected the path of a file, got 3"),
+        ({"floorplans": []}, "expected the path of at least one file, got an empty list"),
+        (
+            {"floorplans": ["test_floorplan_example.fpm"], "name": ["a", "@a"]},
+            "name: expected two names, got ['a', '@a']",
+        ),
         ({"floorplans": ["test_floorplan_example.fpm"], "resolution": 0}, "Input should be greater than 0"),
     ],
 )
@@ -261,13 +264,13 @@ def test_wrong_parameters_are_refused(base, parameters, message):
     assert fault(FloorplanGeneration, base, **parameters).endswith(message)
 
 
-def test_a_variation_that_names_what_is_not_there_is_refused(base):
+def test_variation_that_names_what_is_not_there_is_refused(base):
     (base / "bad.variation").write_text('import "test_floorplan_example.fpm"\nwidth : uniform([1])')
     message = fault(FloorplanVariation, base, variation_files=["bad.variation"])
     assert "bad.variation:2:1: width: the plan has no variable 'width'" in message
 
 
-def test_a_seed_beyond_numpys_legacy_generator_is_refused(base):
+def test_seed_beyond_numpys_legacy_generator_is_refused(base):
     message = fault(
         FloorplanVariation, base, variation_files=["test_floorplan_example.variation"], seed=2**32 - 1, num_variations=2
     )
@@ -283,7 +286,7 @@ def test_where_the_campaign_lies_changes_nothing(base, tmp_path):
     assert content_of(generation(base).parameters) == content_of(generation(moved).parameters)
 
 
-def test_the_plan_behind_a_variation_counts_as_much_as_the_variation(base):
+def test_plan_behind_a_variation_counts_as_much_as_the_variation(base):
     before = content_of(variation(base).parameters)
     plan = base / "test_floorplan_example.fpm"
     plan.write_text(plan.read_text().replace("height: 2.5 m", "height: 2.6 m"))
@@ -315,14 +318,14 @@ def test_what_a_worker_made_another_process_can_read(base, tmp_path, monkeypatch
     assert Path(fragment.values["map_file"].path).is_relative_to(tmp_path / "store")
 
 
-def test_the_same_environment_is_kept_once(base, store):
+def test_same_environment_is_kept_once(base, store):
     first, second = (evaluate(generation(base), {})[0].values["map_file"] for _ in range(2))
     assert first.path == second.path
     assert len(list(store.iterdir())) == 1
 
 
 @pytest.mark.parametrize("damage", ["shorten", "remove", "replace"])
-def test_a_damaged_environment_is_made_anew(base, store, damage):
+def test_damaged_environment_is_made_anew(base, store, damage):
     map_file = evaluate(generation(base), {})[0].values["map_file"]
     picture = Path(map_file.path).with_name("map.pgm")
     if damage == "shorten":
@@ -344,6 +347,6 @@ def test_environments_are_kept_in_the_store_or_where_a_worker_says(tmp_path, mon
     assert environments_folder().parts[-2:] == ("store", "environments")
 
 
-def test_a_file_as_a_value_is_its_content(base):
+def test_file_as_a_value_is_its_content(base):
     (fragment,) = evaluate(generation(base), {})
     assert fragment.values["map_file"] == FileContent("elsewhere", fragment.values["map_file"].digest)

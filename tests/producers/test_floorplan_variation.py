@@ -33,7 +33,7 @@ def complaints(items, plan=PLAN):
     ("seed", "numbers"),
     [(7, (0.7, 0.3, 0.34, 0.6, -0.05)), (8, (0.7, 0.3, 0.02, 0.6, 0.11)), (9, (1.1, 0.1, -0.05, 0.6, -0.0))],
 )
-def test_the_documented_seeds_give_the_documented_numbers(seed, numbers):
+def test_documented_seeds_give_the_documented_numbers(seed, numbers):
     sample = read_variation_file(FILE).variation().sample(seed)
     assert dict(sample.values) == dict(
         zip(
@@ -56,7 +56,7 @@ def test_what_is_written_says_plan_and_seed_and_has_the_drawn_numbers_in_place_o
     }
 
 
-def test_a_variation_of_a_plan_with_features_and_walls_of_its_own_can_be_built():
+def test_variation_of_a_plan_with_features_and_walls_of_its_own_can_be_built():
     # Upstream's writer loses `of: this.walls[0]` and writes features that its parser refuses.
     geometry = geometry_of(build(read_plan(read_variation_file(FILE).variation().sample(9).text, "flat_9.fpm")))
     assert geometry["obstacles"]["post"]["height"] == 0.6
@@ -71,7 +71,7 @@ def test_numbers_are_drawn_in_the_order_of_the_file_whatever_the_plans():
     assert list(one.values) == ["gap", "study.post.height"]
 
 
-def test_an_angle_written_in_degrees_is_drawn_in_degrees():
+def test_angle_written_in_degrees_is_drawn_in_degrees():
     assert "var tilt = 45.0 deg" in variation("tilt : uniform([45])").sample(0).text
 
 
@@ -87,7 +87,7 @@ def test_every_documented_attribute_can_be_varied():
     assert building.holes[0].top_m == pytest.approx(2.1)
 
 
-def test_the_generator_is_numpys_legacy_one_and_a_normal_draw_is_rounded_to_two_decimals():
+def test_generator_is_numpys_legacy_one_and_a_normal_draw_is_rounded_to_two_decimals():
     rng = np.random.RandomState(3)
     expected = [float(np.around(rng.normal(1.0, 0.5), 2)) for _ in range(2)]
     items = "gap : normal(mean=1.0, std=0.5)\nstudy.post: { height : normal(mean=1.0, std=0.5) }"
@@ -102,7 +102,7 @@ def test_faults_of_a_variation_have_place_and_message(golden):
     golden("floor_plans", "variation", complaints)
 
 
-def test_a_name_that_two_things_have_can_not_be_varied():
+def test_name_that_two_things_have_can_not_be_varied():
     plan = PLAN.replace("Window pane", "Window corridor")
     (only,) = complaints("corridor: { shape.width : uniform([1]) }", plan)
     assert "the plan has more than one 'corridor'" in only
@@ -112,7 +112,7 @@ def test_all_mistakes_are_said_at_once():
     assert len(complaints("a : uniform([1])\nb : uniform([1])\nstudy: { shape.radius : uniform([1]) }")) == 3
 
 
-def test_an_import_that_is_not_there_is_a_fault_of_the_variation_file(tmp_path):
+def test_import_that_is_not_there_is_a_fault_of_the_variation_file(tmp_path):
     (tmp_path / "v.variation").write_text('// a comment\nimport "none.fpm"\ngap : uniform([1])\n')
     with pytest.raises(
         FloorplanError, match=r"v\.variation:2:8: import: '.*none\.fpm': no such file; a floor plan, by its"
@@ -120,7 +120,7 @@ def test_an_import_that_is_not_there_is_a_fault_of_the_variation_file(tmp_path):
         read_variation_file(tmp_path / "v.variation")
 
 
-def test_a_fault_of_the_imported_plan_is_said_of_the_plan(tmp_path):
+def test_fault_of_the_imported_plan_is_said_of_the_plan(tmp_path):
     (tmp_path / "flat.fpm").write_text(PLAN.replace("width=gap", "width=gab"))
     (tmp_path / "v.variation").write_text(f"{HEAD}gap : uniform([1])")
     with pytest.raises(
@@ -129,11 +129,11 @@ def test_a_fault_of_the_imported_plan_is_said_of_the_plan(tmp_path):
         read_variation_file(tmp_path / "v.variation").variation()
 
 
-def test_a_sample_that_makes_no_building_is_drawn_all_the_same():
+def test_sample_that_makes_no_building_is_drawn_all_the_same():
     sample = variation("gap : uniform([-9.0])").sample(0)
     with pytest.raises(FloorplanError, match=r"Entryway door: the width is -9 m; at least 0.001 m"):
         build(read_plan(sample.text, "flat_0.fpm"))
 
 
-def test_a_standard_deviation_of_minus_zero_is_zero():
+def test_standard_deviation_of_minus_zero_is_zero():
     assert Distribution("normal", (7.7, -0.0)).draw(np.random.RandomState(0)) == 7.7

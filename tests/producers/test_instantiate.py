@@ -87,12 +87,12 @@ def hall(drawn_map):
     return drawn_map(*["." * 20] * 20, cells=10)
 
 
-def test_a_family_without_producers_is_one_configuration_of_its_name():
+def test_family_without_producers_is_one_configuration_of_its_name():
     (only,) = configurations(family(values={"robot_radius": 0.2}))
     assert (only.name, only.family, only.factors) == ("rooms", "rooms", {"robot_radius": 0.2})
 
 
-def test_the_earliest_producer_is_the_outermost_and_names_count_from_one():
+def test_earliest_producer_is_the_outermost_and_names_count_from_one():
     found = configurations(family(noise(0.0, 0.1), {"ParameterVariationList": {"name": "loops", "values": [1, 2, 3]}}))
     assert [c.name for c in found] == [f"rooms-{i}-{k}" for i in (1, 2) for k in (1, 2, 3)]
     assert [(c.factors["noise"], c.factors["loops"]) for c in found] == [(n, k) for n in (0.0, 0.1) for k in (1, 2, 3)]
@@ -103,7 +103,7 @@ def test_names_are_unique_over_alternatives():
     assert len({c.name for c in found}) == len(found) == 6
 
 
-def test_a_producer_is_evaluated_once_for_each_distinct_input(picky):
+def test_producer_is_evaluated_once_for_each_distinct_input(picky):
     with_loops = family(noise(1, 3), {"ParameterVariationList": {"name": "loops", "values": [1, 2, 3]}})
     chain = Family("rooms", {}, {}, (*with_loops.producers, picky))
     found = configurations(chain)
@@ -123,13 +123,13 @@ def test_rejections_take_no_number_and_say_whose_child_could_not_be(picky):
     assert found.rejections[1].inputs == {"noise": 2}
 
 
-def test_a_producer_that_says_nothing_does_not_lose_a_configuration_in_silence(picky):
+def test_producer_that_says_nothing_does_not_lose_a_configuration_in_silence(picky):
     chain = Family("rooms", {"noise": 0}, {}, (picky,))
     found = instantiate(Campaign((chain,)))
     assert [r.reason for r in found.rejections] == ["Picky yielded nothing for this input"]
 
 
-def test_the_stages_one_by_one_are_the_whole():
+def test_stages_one_by_one_are_the_whole():
     chain = family(noise(1, 2), noise(3))
     partials = start(chain)
     for step in chain.producers:
@@ -151,7 +151,7 @@ def test_provenance_and_steps_are_kept_beside_the_scenario(picky):
     assert other.scenario.task == {"gain": 2}
 
 
-def test_a_producer_and_the_file_tag_dimensions():
+def test_producer_and_the_file_tag_dimensions():
     tagged = {"ParameterVariationList": {"name": "a", "values": [1], "dimension": "task"}}
     (only,) = configurations(family(tagged, values={"b": 2, "c": 3}, dimensions={"b": "environment"}))
     assert (only.scenario.environment, only.scenario.task, only.scenario.system) == ({"b": 2}, {"a": 1}, {"c": 3})
@@ -165,12 +165,12 @@ def test_a_producer_and_the_file_tag_dimensions():
         ({"goal_poses": [{"x": 1, "y": 1}]}, "builtin:follow_waypoints", "builtin:follow_waypoints"),
     ],
 )
-def test_the_mission_follows_from_the_goal_where_the_file_names_none(values, abstract, expected):
+def test_mission_follows_from_the_goal_where_the_file_names_none(values, abstract, expected):
     (only,) = configurations(family(values=values), abstract=abstract)
     assert only.scenario.abstract == expected
 
 
-def test_the_same_scenario_again_is_a_duplicate_of_the_first_across_families():
+def test_same_scenario_again_is_a_duplicate_of_the_first_across_families():
     found = configurations(family(noise(1, 2, 1)), family(noise(2), name="again"))
     assert [(c.name, c.duplicate_of) for c in found] == [
         ("rooms-1", None),
@@ -195,7 +195,7 @@ def test_coverage_accounts_for_all_that_was_asked(picky):
     assert [found.coverage["families"]["flat"][name] for name in names] == [2, 0, 0, 1, 1, 1]
 
 
-def test_an_impossible_request_is_a_rejection_and_the_rest_of_the_campaign_stays(hall):
+def test_impossible_request_is_a_rejection_and_the_rest_of_the_campaign_stays(hall):
     found = instantiate(Campaign((family(paths(path_length=[200, 5]), noise(1, 2), values={"map_file": hall}),)))
     assert [c.name for c in found.configurations] == ["rooms-1-1", "rooms-1-2"]
     assert ["200 m" in r.reason for r in found.rejections] == [True]
@@ -205,7 +205,7 @@ def task_of(configuration):
     return configuration.scenario.task
 
 
-def test_the_same_seed_gives_the_same_paths_whatever_else_varies(hall):
+def test_same_seed_gives_the_same_paths_whatever_else_varies(hall):
     values = {"map_file": hall}
     alone = configurations(family(paths(num_paths=2), values=values))
     after = configurations(family(noise(1, 2), paths(num_paths=2), values=values))
@@ -214,14 +214,14 @@ def test_the_same_seed_gives_the_same_paths_whatever_else_varies(hall):
     assert [task_of(c) for c in before] == [task_of(c) for c in alone for _ in range(3)]
 
 
-def test_the_same_seed_gives_the_same_obstacles_whatever_else_varies(hall):
+def test_same_seed_gives_the_same_obstacles_whatever_else_varies(hall):
     obstacles = {"ObstacleVariation": {"obstacle_configs": [{"amount": 3, "max_distance": 0.5}], "seed": 4}}
     alone = configurations(family(paths(), obstacles, values={"map_file": hall}))
     crossed = configurations(family(paths(), noise(1, 2), obstacles, values={"map_file": hall}))
     assert [c.scenario.environment for c in crossed] == [alone[0].scenario.environment] * 2
 
 
-def test_a_drawn_configuration_is_pinned(hall):
+def test_drawn_configuration_is_pinned(hall):
     obstacles = {"ObstacleVariation": {"obstacle_configs": [{"amount": 2, "max_distance": 0.5}], "seed": 4}}
     (only,) = configurations(family(paths(seed=42), obstacles, values={"map_file": hall}))
     assert only.scenario.digest == "d31ad8fdd3c288853e8416dede4b1a6b94e35915d3f36381090f2e157e2aef27"

@@ -57,11 +57,11 @@ def load(tmp_path: Path) -> Load:
     ("overrides", "words"),
     [
         ("- gaol_pose: {x: 1.0}", r"'gaol_pose' is no parameter of go.osc; did you mean 'goal_pose'"),
-        ("- speed: fast", r"found 'fast'; a speed, a number in mps"),
+        ("- speed: fast", r"expected a speed, a number in mps, got 'fast'"),
         ("- speed: 1.0\n    - speed: 2.0", r"a second 'speed'; one"),
     ],
 )
-def test_an_override_that_the_scenario_can_not_take_is_a_fault_with_its_place(
+def test_override_that_the_scenario_can_not_take_is_a_fault_with_its_place(
     load: Load, overrides: str, words: str
 ) -> None:
     local = f"  local:\n    parameter_overrides:\n    {overrides}\n"
@@ -70,7 +70,7 @@ def test_an_override_that_the_scenario_can_not_take_is_a_fault_with_its_place(
     assert re.search(words, str(raised.value))
 
 
-def test_an_override_takes_the_place_of_what_a_family_and_its_producers_give(load: Load) -> None:
+def test_override_takes_the_place_of_what_a_family_and_its_producers_give(load: Load) -> None:
     local = "  local:\n    parameter_overrides:\n    - goal_pose: {x: 1.5, y: 0.5}\n    - speed: 0.3\n"
     vary = "  variations:\n  - ParameterVariationList: {name: speed, values: [0.1, 0.2]}\n"
     campaign = load(f"{GOAL}{MAP}{vary}", "    speed: speed = 0.5mps\n", local)
@@ -84,7 +84,7 @@ def said(campaign: Campaign) -> list[str]:
     return [f"{note.what}; {note.right}" for note in campaign.notes if note.where == "execution.scenario_file"]
 
 
-def test_a_launched_simulation_with_its_own_map_becomes_a_hall_in_which_a_robot_finds_its_place(load: Load) -> None:
+def test_launched_simulation_with_its_own_map_becomes_a_hall_in_which_a_robot_finds_its_place(load: Load) -> None:
     campaign = load(GOAL)
     found = campaign.families[0].values["map_file"]
     assert isinstance(found, FileContent)
@@ -102,14 +102,14 @@ def test_in_the_hall_a_robot_stands_at_every_whole_meter(load: Load) -> None:
     assert all(fits[hall.cell_of(float(x), float(y))] for x in range(-29, 30) for y in range(-29, 30))
 
 
-def test_a_map_that_the_family_names_is_the_world(load: Load) -> None:
+def test_map_that_the_family_names_is_the_world(load: Load) -> None:
     campaign = load(GOAL + MAP)
     found = campaign.families[0].values["map_file"]
     assert isinstance(found, FileContent) and Path(found.path).name == "room.yaml"
     assert said(campaign) == []
 
 
-def test_a_scenario_that_takes_its_map_from_the_family_needs_one(load: Load) -> None:
+def test_scenario_that_takes_its_map_from_the_family_needs_one(load: Load) -> None:
     with pytest.raises(CampaignError, match=r"go.osc needs map_file, which nothing writes"):
         load(GOAL, own="    map_file: string\n")
 
@@ -137,8 +137,8 @@ def test_another_parameter_without_a_value_is_a_fault_as_before(load: Load) -> N
         load(GOAL + MAP, own="    speed: float\n")
 
 
-def test_a_family_whose_list_of_goals_is_empty_is_lost_and_the_others_are_not(load: Load) -> None:
+def test_family_whose_list_of_goals_is_empty_is_lost_and_the_others_are_not(load: Load) -> None:
     campaign = load(GOAL + MAP + "- name: b\n  parameters:\n  - goal_poses: []\n" + MAP)
     assert [family.name for family in campaign.families] == ["a"]
     (fault,) = campaign.unavailable["b"]
-    assert (fault.line, fault.what) == (8, "found []")
+    assert (fault.line, fault.what) == (8, "got []")

@@ -43,7 +43,7 @@ def places(tmp_path, drawn_map):
     return base, maps
 
 
-def test_a_map_that_is_not_beside_the_file_is_found_in_the_folder_of_maps(places):
+def test_map_that_is_not_beside_the_file_is_found_in_the_folder_of_maps(places):
     base, maps = places
     search = MapSearch(base, maps)
     found = search.content("halls/map.yaml")
@@ -51,7 +51,7 @@ def test_a_map_that_is_not_beside_the_file_is_found_in_the_folder_of_maps(places
     assert search.borrowed == {found.path: "halls/map.yaml"}
 
 
-def test_a_map_beside_the_file_comes_before_one_in_the_folder_of_maps(places):
+def test_map_beside_the_file_comes_before_one_in_the_folder_of_maps(places):
     base, maps = places
     shutil.copytree(maps / "halls", base / "halls")
     search = MapSearch(base, maps)
@@ -65,14 +65,14 @@ def test_without_a_folder_of_maps_the_option_is_named(places):
         load_campaign(base / "two.vast")
 
 
-def test_a_map_in_neither_place_says_both_and_the_nearest_there_is(places):
+def test_map_in_neither_place_says_both_and_the_nearest_there_is(places):
     base, maps = places
     with pytest.raises(MapError, match=r"hall/map\.yaml: no such file, and no .*; did you mean 'halls/map\.yaml'\?"):
         MapSearch(base, maps).content("hall/map.yaml")
 
 
 @pytest.mark.parametrize("name", ["/opt/share/halls/map.yaml", "/halls/map.yaml"])
-def test_an_absolute_path_of_another_machine_is_found_by_its_longest_end(places, name):
+def test_absolute_path_of_another_machine_is_found_by_its_longest_end(places, name):
     base, maps = places
     shutil.copy(base / "beside.yaml", maps / "map.yaml")
     search = MapSearch(base, maps)
@@ -81,13 +81,13 @@ def test_an_absolute_path_of_another_machine_is_found_by_its_longest_end(places,
     assert search.borrowed == {found.path: name}
 
 
-def test_an_absolute_path_with_no_end_in_the_folder_of_maps_is_missing_there(places):
+def test_absolute_path_with_no_end_in_the_folder_of_maps_is_missing_there(places):
     base, maps = places
     with pytest.raises(MapError, match=r"/opt/other\.yaml: no such file, and no .*maps/other\.yaml; known: "):
         MapSearch(base, maps).content("/opt/other.yaml")
 
 
-def test_a_folder_without_maps_says_so(places, tmp_path):
+def test_folder_without_maps_says_so(places, tmp_path):
     base, _ = places
     (tmp_path / "empty").mkdir()
     with pytest.raises(MapError, match=r"another --map-dir; .*empty has no map"):

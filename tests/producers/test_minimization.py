@@ -55,11 +55,11 @@ def test_where_nothing_is_needed_one_question_is_asked():
 
 
 @each_row("least", range(1, LEVELS + 1))
-def test_the_least_level_that_fails_is_found(least):
+def test_least_level_that_fails_is_found(least):
     assert least_level(lambda level: level >= least) == least
 
 
-def test_a_value_that_stays_comes_as_near_to_its_default_as_fails():
+def test_value_that_stays_comes_as_near_to_its_default_as_fails():
     noise, other = thing("noise", 0.0), thing("other", 0.0)
 
     def judge(candidate):
@@ -81,7 +81,7 @@ def test_what_could_not_be_tried_is_still_there_and_no_cause():
     assert (found.cause, found.not_tried) == ({a: PASSES}, {b: untried})
 
 
-def test_a_minimum_that_fresh_runs_do_not_confirm_is_passed_over():
+def test_minimum_that_fresh_runs_do_not_confirm_is_passed_over():
     things = tuple(map(thing, "abc"))
 
     def judge(candidate):  # as if a trial had been wrong once
@@ -140,7 +140,7 @@ def test_obstacles_are_left_out_one_by_one(tmp_path):
     assert it.reduced((), {})["boxes"] == []
 
 
-def test_a_trigger_goes_with_the_obstacle_that_it_sets_off(tmp_path):
+def test_trigger_goes_with_the_obstacle_that_it_sets_off(tmp_path):
     it = subject(
         tmp_path,
         boxes=[box("a", 3, 3), box("b", 5, 3)],
@@ -151,7 +151,7 @@ def test_a_trigger_goes_with_the_obstacle_that_it_sets_off(tmp_path):
     assert not {"spawn_trigger_point", "spawn_trigger_threshold"} & it.reduced(named(it, "obstacle a"), {}).keys()
 
 
-def test_a_world_without_differences_is_the_map(tmp_path):
+def test_world_without_differences_is_the_map(tmp_path):
     it = subject(tmp_path, world={"seed": 4, "wall_offset": 0.2, "missing_furniture": 0.5})
     assert it.reduced(named(it, "moved walls"), {})["world"] == {"seed": 4, "wall_offset": 0.2}
     assert "world" not in it.reduced((), {})
@@ -175,7 +175,7 @@ def test_waypoints_go_and_the_last_goal_stays(tmp_path):
     assert it.reduced((), {})["goal_poses"] == goals[2:]
 
 
-def test_a_path_gets_shorter_from_both_ends(tmp_path):
+def test_path_gets_shorter_from_both_ends(tmp_path):
     it = subject(tmp_path)
     end, beginning = (each for each in it.circumstances if each.kind == "path")
     left = it.reduced((), {end: 4, beginning: 4})
@@ -184,7 +184,7 @@ def test_a_path_gets_shorter_from_both_ends(tmp_path):
     assert left["start_pose"]["orientation"]["yaw"] == pytest.approx(0.0)
 
 
-def test_a_shorter_path_does_not_end_in_an_obstacle(tmp_path):
+def test_shorter_path_does_not_end_in_an_obstacle(tmp_path):
     it = subject(tmp_path, boxes=[box("a", 5.0, 2.0)])
     (end, _) = (each for each in it.circumstances if each.kind == "path")
     with pytest.raises(ValueError, match=r"begin or end at \(5\.05, 2\.05\), where a stands"):
@@ -199,7 +199,7 @@ def candidates(it, **more):
     return Candidates(it, whole, **{"abstract": FROM_GOAL, "start_check": StartCheck("own", {}), **more})
 
 
-def test_a_candidate_is_a_scenario_of_what_is_left(tmp_path):
+def test_candidate_is_a_scenario_of_what_is_left(tmp_path):
     it = subject(tmp_path, boxes=[box("a", 3, 3), box("b", 5, 3)], robot_radius=0.3)
     made = candidates(it).scenario(Candidate(frozenset(named(it, "obstacle b"))))
     assert (made.abstract, made.timeout_s, made.system) == ("builtin:navigate_to_pose", 20.0, {})
@@ -217,7 +217,7 @@ def test_a_candidate_is_a_scenario_of_what_is_left(tmp_path):
         ({"global_costmap.global_costmap.plugins": ["static_layer", "unheard_of"]}, "unheard_of"),
     ],
 )
-def test_a_candidate_whose_values_do_not_go_together_is_not_built(tmp_path, values, message):
+def test_candidate_whose_values_do_not_go_together_is_not_built(tmp_path, values, message):
     it = subject(tmp_path, **values)
     whole = Candidate(frozenset(each for each in it.circumstances if each.can_be_left_out))
     with pytest.raises(NotBuilt, match=message):
@@ -225,7 +225,7 @@ def test_a_candidate_whose_values_do_not_go_together_is_not_built(tmp_path, valu
     candidates(it).scenario(Candidate(frozenset()))
 
 
-def test_a_candidate_has_what_its_scenario_file_needs(tmp_path):
+def test_candidate_has_what_its_scenario_file_needs(tmp_path):
     osc = "scenario own:\n    speed: float\n    do serial:\n        wait elapsed(1s)\n"
     (tmp_path / "own.osc").write_text(f"import osc.standard\n{osc}")
     document = tmp_path / "x.vast"

@@ -50,7 +50,7 @@ PATHS = "{start_pose: '@start_pose', goal_poses: '@goal_pose', path_length: 1, n
         ({"parameters": "", "variations": f"FloorplanVariation: {PLANS % 'variation_files: [no-plan.variation]'}"}, "gone.fpm': no such file"),
     ],
 )  # fmt: skip
-def test_a_family_that_lacks_a_file_is_set_apart_with_its_fault(loaded, family, what):
+def test_family_that_lacks_a_file_is_set_apart_with_its_fault(loaded, family, what):
     campaign = loaded(**family)
     assert [each.name for each in campaign.families] == ["one"]
     (fault,) = campaign.unavailable["two"]
@@ -68,12 +68,12 @@ def test_nothing_is_set_apart_where_all_files_are_there(loaded):
     ("families", "faults"),
     [
         ({"parameters": "map_file: gone.yaml", "first": "map_file: lost.yaml"}, ["lost.yaml", "gone.yaml"]),
-        ({"parameters": "map_file: gone.yaml", "first": "map_file: no-map.yaml"}, ["found list", "gone.yaml"]),
-        ({"parameters": "map_file: gone.yaml, robot_radius: -1"}, ["gone.yaml", "found -1"]),
-        ({"parameters": "map_file: no-map.yaml"}, ["found list"]),
+        ({"parameters": "map_file: gone.yaml", "first": "map_file: no-map.yaml"}, ["got list", "gone.yaml"]),
+        ({"parameters": "map_file: gone.yaml, robot_radius: -1"}, ["gone.yaml", "got -1"]),
+        ({"parameters": "map_file: no-map.yaml"}, ["got list"]),
     ],
 )
-def test_a_file_with_other_faults_or_without_any_family_left_is_refused_with_all_of_them(loaded, families, faults):
+def test_file_with_other_faults_or_without_any_family_left_is_refused_with_all_of_them(loaded, families, faults):
     with pytest.raises(CampaignError, match=r"x\.vast") as refused:
         loaded(**families)
     assert len(refused.value.faults) == len(faults)

@@ -79,13 +79,13 @@ def system(campaign: Campaign) -> Any:
     return configuration.scenario.system
 
 
-def test_the_file_is_in_every_scenarios_system_by_its_content(load: Load, folder: Path) -> None:
+def test_file_is_in_every_scenarios_system_by_its_content(load: Load, folder: Path) -> None:
     value = system(load(NAV2))["nav2_params"]
     assert isinstance(value, FileContent)
     assert value == nav2_file(folder / "mine" / "nav2.yaml")
 
 
-def test_a_comment_in_the_file_changes_no_scenario_and_a_value_does(load: Load) -> None:
+def test_comment_in_the_file_changes_no_scenario_and_a_value_does(load: Load) -> None:
     digests = [
         instantiate(load(text)).configurations[0].scenario.digest
         for text in (NAV2, f"# Mine.\n{NAV2}", NAV2.replace("0.3", "0.31"))
@@ -104,7 +104,7 @@ def test_fixed_and_varied_parameters_rewrite_the_file(load: Load) -> None:
     assert [p.controller.desired_linear_vel for p in found] == [0.2, 0.3]  # type: ignore[union-attr]
 
 
-def test_a_file_of_which_everything_is_modeled_is_noted_for_its_missing_nodes_alone(load: Load) -> None:
+def test_file_of_which_everything_is_modeled_is_noted_for_its_missing_nodes_alone(load: Load) -> None:
     assert notes(load(NAV2)) == [
         (
             "nav2.yaml:1:1: warning: file: has no amcl, global_costmap, planner_server, behavior_server, "
@@ -122,29 +122,29 @@ def test_what_is_not_modeled_is_noted_once_with_its_place(load: Load) -> None:
         load(f"{text}ekf:\n  ros__parameters:\n    a: 1\n    b: {{c: 2}}\n      \namcl: {{ros__parameters: {{x: 1}}}}")
     )
     assert found[2:] == [
-        "nav2.yaml:3:29: controller_server.costmap_update_timeout: found 0.5, which is not modeled; 0.3 is built in",
+        "nav2.yaml:3:29: controller_server.costmap_update_timeout: expected 0.3 is built in, got 0.5, which is not modeled",
         "nav2.yaml:11:18: local_costmap.local_costmap.map_vis_z: not modeled",
         "nav2.yaml:13:3: ekf: its 2 parameters are not modeled; nothing of this node is",
         "nav2.yaml:17:29: amcl.x: not modeled",
     ]  # fmt: skip
 
 
-def test_a_rate_that_is_no_whole_number_of_ticks_is_noted_with_the_one_it_runs_at(load: Load) -> None:
+def test_rate_that_is_no_whole_number_of_ticks_is_noted_with_the_one_it_runs_at(load: Load) -> None:
     (said,) = notes(load(NAV2.replace("20.0", "8.0")))[2:]
     assert said == (
         "nav2.yaml:3:27: warning: controller_server.controller_frequency: "
-        "found 8.0, which is no whole number of ticks of 50 ms; runs at 10 Hz"
+        "expected runs at 10 Hz, got 8.0, which is no whole number of ticks of 50 ms"
     )
     assert notes(load(NAV2.replace("20.0", "10.0")))[2:] == []
 
 
-def test_a_value_that_a_later_one_takes_the_place_of_is_noted(load: Load) -> None:
+def test_value_that_a_later_one_takes_the_place_of_is_noted(load: Load) -> None:
     assert notes(load(f"{NAV2}      robot_radius: 0.4\n"))[2] == (
         "nav2.yaml:12:21: warning: local_costmap.local_costmap.robot_radius: a second time; this value counts"
     )
 
 
-def test_a_controller_without_critics_is_noted(load: Load) -> None:
+def test_controller_without_critics_is_noted(load: Load) -> None:
     text = "controller_server: {ros__parameters: {controller_plugins: [F], F: {plugin: 'dwb_core::DWBLocalPlanner', critics: []}}}"
     assert notes(load(text))[2] == (
         "nav2.yaml:1:21: warning: controller_server: enables no critic of its controller; it will not follow a path"
@@ -164,7 +164,7 @@ def test_faults_of_campaign_and_parameter_file_come_together_each_at_its_place(l
     ("text", "message"),
     [
         ("a: [\n", "nav2.yaml:2:1: file: not YAML: "),
-        ("- 1", "nav2.yaml:1:1: file: found no mapping; a whole Nav2 parameter file"),
+        ("- 1", "nav2.yaml:1:1: file: expected a whole Nav2 parameter file, got no mapping"),
         ("a: {b: {}}", "nav2.yaml:1:1: file: no ros__parameters anywhere; "),
         (
             NAV2.replace("0.3", "wide"),
@@ -172,35 +172,35 @@ def test_faults_of_campaign_and_parameter_file_come_together_each_at_its_place(l
         ),
     ],
 )
-def test_a_file_that_cannot_be_used_is_a_fault(load: Load, text: str, message: str) -> None:
+def test_file_that_cannot_be_used_is_a_fault(load: Load, text: str, message: str) -> None:
     (found,) = faults(load, text)
     assert found.startswith(message)
 
 
-def test_a_file_that_is_not_there_is_a_fault_of_the_campaign(load: Load, folder: Path) -> None:
+def test_file_that_is_not_there_is_a_fault_of_the_campaign(load: Load, folder: Path) -> None:
     load(NAV2)
     (folder / "mine" / "nav2.yaml").unlink()
     with pytest.raises(CampaignError, match=r"c.vast:\d+:16: execution.nav2_params: found 'mine/nav2.yaml', and there"):
         load_campaign(folder / "c.vast")
 
 
-def test_a_name_that_is_no_text_is_one_fault(load: Load, folder: Path) -> None:
+def test_name_that_is_no_text_is_one_fault(load: Load, folder: Path) -> None:
     load(NAV2)
     text = (folder / "c.vast").read_text().replace("mine/nav2.yaml", "3")
     (folder / "c.vast").write_text(text)
-    with pytest.raises(CampaignError, match=r"execution\.nav2_params: found 3; text") as caught:
+    with pytest.raises(CampaignError, match=r"execution\.nav2_params: expected text, got 3") as caught:
         load_campaign(folder / "c.vast")
     assert len(caught.value.faults) == 1
 
 
-def test_a_fixed_parameter_is_checked_against_the_file(load: Load) -> None:
+def test_fixed_parameter_is_checked_against_the_file(load: Load) -> None:
     (found,) = faults(load, NAV2, "  - FollowPath.plugin: 'x::Y'\n")
     assert found.startswith(
-        "c.vast:7:24: configuration[0].parameters[3].FollowPath.plugin: found 'x::Y'; known: dwb_core::DWB"
+        "c.vast:7:24: configuration[0].parameters[3].FollowPath.plugin: expected known: dwb_core::DWB, got 'x::Y'"
     )
 
 
-def test_a_key_that_the_file_does_not_have_is_unread(load: Load) -> None:
+def test_key_that_the_file_does_not_have_is_unread(load: Load) -> None:
     assert notes(load(NAV2, "  - sigma_hit: 0.1\n"))[0] == (
         "c.vast:7:5: warning: configuration[0].parameters[3].sigma_hit: unknown key 'sigma_hit' is ignored"
     )
@@ -213,7 +213,7 @@ global_costmap:
 """
 
 
-def test_a_filter_without_a_mask_is_a_fault_with_the_line_that_would_be_right(load: Load) -> None:
+def test_filter_without_a_mask_is_a_fault_with_the_line_that_would_be_right(load: Load) -> None:
     (found,) = faults(load, KEPT_OUT)
     assert found.startswith(
         "c.vast:3:3: configuration[0].parameters: the keepout filter of the global_costmap has no mask; "
@@ -221,7 +221,7 @@ def test_a_filter_without_a_mask_is_a_fault_with_the_line_that_would_be_right(lo
     assert found.endswith("'keepout_mask: keepout.yaml', a map_server YAML file")
 
 
-def test_a_mask_is_read_as_a_map_is_fixed_or_produced(load: Load) -> None:
+def test_mask_is_read_as_a_map_is_fixed_or_produced(load: Load) -> None:
     produced = "  - ParameterVariationList: {name: keepout_mask, values: [room.yaml]}"
     for campaign in (load(KEPT_OUT, "  - keepout_mask: room.yaml\n"), load(KEPT_OUT, "", produced)):
         (configuration,) = instantiate(campaign).configurations
@@ -235,7 +235,7 @@ def test_every_fixed_parameter_that_is_wrong_is_named(load: Load) -> None:
     assert [line.split(": ")[0] for line in found] == ["c.vast:7:19", "c.vast:8:25"]
 
 
-def test_a_family_names_no_file_of_its_own(load: Load) -> None:
+def test_family_names_no_file_of_its_own(load: Load) -> None:
     (found,) = faults(load, NAV2, "  - nav2_params: other.yaml\n")
     assert "nav2_params: found 'other.yaml'; no nav2_params here; execution.nav2_params is the file of all" in found
 
@@ -243,7 +243,7 @@ def test_a_family_names_no_file_of_its_own(load: Load) -> None:
 def test_produced_values_are_checked_with_the_controller_they_are_for(load: Load) -> None:
     producer = "  - ParameterVariationList: {name: max_vel_theta, values: [1.0, -1.0]}"
     (found,) = faults(load, NAV2, "", producer)
-    assert "values[1]: found -1.0; max_vel_theta must lie in [0, 100]" in found
+    assert "values[1]: expected max_vel_theta must lie in [0, 100], got -1.0" in found
 
 
 def test_keys_of_a_controller_are_read_where_the_controller_varies() -> None:
@@ -252,7 +252,7 @@ def test_keys_of_a_controller_are_read_where_the_controller_varies() -> None:
     assert unread_keys({"critics": ["PathDist"]}, ["controller"]) == ()
 
 
-def test_a_controller_that_does_not_go_with_the_critics_is_refused() -> None:
+def test_controller_that_does_not_go_with_the_critics_is_refused() -> None:
     fixed = {"controller": "dwb", "critics": ["PathDist", "GoalDist"]}
     assert complaint_of("controller", "dwb", "system", fixed) is None
     found = complaint_of("controller", "mppi", "system", fixed)

@@ -142,12 +142,12 @@ def test_poses_are_drawn_within_max_distance_of_the_path(max_distance, seed):
     assert -math.pi <= pose.yaw_rad <= math.pi + 1e-6
 
 
-def test_a_path_of_a_single_point_has_obstacles_round_it():
+def test_path_of_a_single_point_has_obstacles_round_it():
     pose = Line.along(np.array([[1.0, 2.0]])).draw(0.5, np.random.default_rng(0))
     assert math.dist((pose.x_m, pose.y_m), (1.0, 2.0)) <= 0.5 + 1e-5
 
 
-def test_an_amount_per_meter_is_rounded_down(site):
+def test_amount_per_meter_is_rounded_down(site):
     length = site["_path_length"]
     (item,) = evaluate(obstacle_variation({"amount_per_m": 0.3, "max_distance": 1}), site)
     assert len(placed(item)) == math.floor(0.3 * length)
@@ -228,11 +228,11 @@ def test_obstacles_that_would_close_a_corridor_are_rejected_with_the_reason(draw
     [
         (("_path", "start_pose"), {}, "there is no path to place obstacles at: no start_pose with goal_pose"),
         (("_path",), {"start_pose": {"x": -0.9, "y": -1.9}}, "there is no path from the start to the goals"),
-        ((), {"start_pose": 3}, "start_pose: found 3; a pose"),
+        ((), {"start_pose": 3}, "start_pose: expected a pose, got 3"),
         (("map_file",), {}, "map_file is None, not a map file"),
     ],
 )
-def test_a_configuration_without_a_path_is_rejected_with_the_reason(site, without_keys, extra, reason):
+def test_configuration_without_a_path_is_rejected_with_the_reason(site, without_keys, extra, reason):
     inputs = {key: value for key, value in {**site, **extra}.items() if key not in without_keys}
     items = evaluate(obstacle_variation({"amount": 1, "max_distance": 0}, count=2), inputs)
     assert [type(item) for item in items] == [Rejection, Rejection]
@@ -247,14 +247,14 @@ def test_a_configuration_without_a_path_is_rejected_with_the_reason(site, withou
         ({"amount": -1, "max_distance": 0}, "greater than or equal to 0"),
         ({"amount": 1.5, "max_distance": 0}, "valid integer"),
         ({"amount_per_m": [0.1, -0.1], "max_distance": 0}, r"amount_per_m\.1\n.*greater than or equal to 0"),
-        ({"amount_per_m": [], "max_distance": 0}, "found an empty list; at least one value"),
+        ({"amount_per_m": [], "max_distance": 0}, "expected at least one value, got an empty list"),
         ({"amount": 1, "max_distance": -1}, "greater than or equal to 0"),
         ({"amount": 1}, "Field required"),
         ({"amount": 1, "max_distance": 0, "args": "width=2"}, "found argument 'width=2'; a size is written like"),
         ({"amount": 1, "max_distance": 0, "distance": 2}, "Extra inputs are not permitted"),
     ],
 )
-def test_a_kind_of_obstacle_out_of_range_is_refused(config, message):
+def test_kind_of_obstacle_out_of_range_is_refused(config, message):
     with pytest.raises(ValidationError, match=message):
         obstacle_variation(config)
 
@@ -269,12 +269,12 @@ def test_a_kind_of_obstacle_out_of_range_is_refused(config, message):
         ({"seed": -1}, "greater than or equal to 0"),
     ],
 )
-def test_a_parameter_out_of_range_is_refused(parameters, message):
+def test_parameter_out_of_range_is_refused(parameters, message):
     with pytest.raises(ValidationError, match=message):
         obstacle_variation({"amount": 1, "max_distance": 0}, **parameters)
 
 
-def test_a_second_producer_leaves_the_obstacles_of_the_first_their_place(site):
+def test_second_producer_leaves_the_obstacles_of_the_first_their_place(site):
     first, second = (
         obstacle_variation({"amount": 3, "max_distance": 1.0, "args": "width:=0.4"}, name=name, seed=8)
         for name in ("boxes", "more_boxes")
@@ -297,7 +297,7 @@ def test_what_is_in_the_list_already_stays(site):
     assert [o.name for o in placed(item)] == ["obstacle_1", "obstacle_2", "obstacle_3"]
 
 
-def test_a_corridor_that_an_earlier_obstacle_narrows_is_not_closed(drawn_map):
+def test_corridor_that_an_earlier_obstacle_narrows_is_not_closed(drawn_map):
     inputs = {
         "map_file": drawn_map(*["." * 30] * 3, cells=10),
         "start_pose": {"x": 0.0, "y": -1.3},
@@ -328,28 +328,28 @@ def test_obstacles_that_stand_in_the_only_way_are_named_as_the_reason(drawn_map)
 @each_row(
     ("there", "reason"),
     [
-        (7, "static_objects: found 7; a list of obstacles"),
-        ([{"spawn_pose": 3}], r"static_objects[0].spawn_pose: found 3; a pose"),
+        (7, "static_objects: expected a list of obstacles, got 7"),
+        ([{"spawn_pose": 3}], r"static_objects[0].spawn_pose: expected a pose, got 3"),
     ],
 )
-def test_a_list_that_is_none_of_obstacles_is_a_rejection_with_its_reason(site, there, reason):
+def test_list_that_is_none_of_obstacles_is_a_rejection_with_its_reason(site, there, reason):
     (item,) = evaluate(obstacle_variation({"amount": 1, "max_distance": 1}), {**site, "static_objects": there})
     assert reason in item.reason
 
 
-def test_a_goal_beyond_the_map_is_a_rejection_with_its_reason(site):
+def test_goal_beyond_the_map_is_a_rejection_with_its_reason(site):
     inputs = {**site, "goal_poses": [{"x": 99.0, "y": 0.0}]}
     (item,) = evaluate(obstacle_variation({"amount": 1, "max_distance": 1}), inputs)
     assert item.reason == "the start or a goal, (99, 0), lies beyond the map"
 
 
-def test_the_papers_listing_is_complete(site):
+def test_papers_listing_is_complete(site):
     config = {"amount_per_m": [0.4], "max_distance": [0.0], "args": "width:=0.8, length:=0.8, height:=1.0"}
     (item,) = evaluate(obstacle_variation(config, name="static_objects", seed=42), site)
     assert isinstance(item, Fragment | Rejection)
 
 
-def test_the_schema_for_editors_knows_the_short_name_of_the_arguments():
+def test_schema_for_editors_knows_the_short_name_of_the_arguments():
     schema = ObstacleVariation.Parameters.model_json_schema()
     assert {"args", "xacro_arguments"} <= set(schema["$defs"]["ObstacleConfig"]["properties"])
 

@@ -25,7 +25,7 @@ def test_children_are_joined_one_after_the_other():
     assert keys == [("b",)] * 3 + [("a",)] * 2
 
 
-def test_a_child_yields_what_it_yields_alone():
+def test_child_yields_what_it_yields_alone():
     alone = ParameterVariationDistributionUniform(
         ParameterVariationDistributionUniform.Parameters.model_validate(
             UNIFORM["ParameterVariationDistributionUniform"]
@@ -45,7 +45,7 @@ def test_its_dimension_goes_for_all_children():
     assert one_of(LIST, OBSTACLES, dimension="task").writes == {"a": "task", "static_objects": "task"}
 
 
-def test_a_childs_rejection_says_whose_it_is():
+def test_childs_rejection_says_whose_it_is():
     (rejection,) = evaluate(one_of(OBSTACLES), {"map_file": "x"})
     assert isinstance(rejection, Rejection)
     assert rejection.reason.startswith("ObstacleVariation: ")
@@ -56,7 +56,7 @@ def test_alternatives_may_be_nested():
     assert evaluate(nested, {}) == [Fragment({"a": value}) for value in (1, 2, 1, 2)]
 
 
-def test_a_child_may_be_a_class_of_a_file_beside_the_campaign(tmp_path):
+def test_child_may_be_a_class_of_a_file_beside_the_campaign(tmp_path):
     (tmp_path / "mine.py").write_text(
         "from vastflow.producers.catalog.parameter import ParameterVariationList\n\n\n"
         "class Mine(ParameterVariationList):\n    pass\n"
@@ -78,7 +78,7 @@ def test_a_child_may_be_a_class_of_a_file_beside_the_campaign(tmp_path):
         ({**LIST, **UNIFORM}, "one 'Producer: {parameters}'"),
     ],
 )
-def test_a_childs_fault_is_reported_at_its_place(child, message):
+def test_childs_fault_is_reported_at_its_place(child, message):
     with pytest.raises(ValidationError, match=message):
         one_of(child)
 
@@ -92,6 +92,6 @@ def test_alternatives_keep_the_contract():
     check_producer(one_of(LIST, UNIFORM), [{}, {"z": 1}])
 
 
-def test_the_parameters_can_be_written_down_with_their_childrens():
+def test_parameters_can_be_written_down_with_their_childrens():
     written = one_of(LIST).parameters.model_dump(mode="json")
     assert written["variations"] == [{"ParameterVariationList": {"dimension": None, **LIST["ParameterVariationList"]}}]

@@ -54,6 +54,6 @@ def test_what_it_says_leaves_the_free_cells_does(ground, obstacle):
         assert covered_cells(ground, moved.footprint()) is None
 
 
-def test_a_line_of_one_point_is_drawn_round_it():
+def test_line_of_one_point_is_drawn_round_it():
     pose = Line.along(np.array([[1.0, 2.0]])).draw(0.5, np.random.default_rng(0))
     assert math.dist((pose.x_m, pose.y_m), (1.0, 2.0)) <= 0.5

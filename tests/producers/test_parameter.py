@@ -57,7 +57,7 @@ def test_listed_obstacles_are_of_the_environment_whatever_their_key():
     assert both.writes == {"boxes": "environment", "robot_radius": "system"}
 
 
-def test_a_lockstep_value_of_the_wrong_length_is_named_with_its_place():
+def test_lockstep_value_of_the_wrong_length_is_named_with_its_place():
     with pytest.raises(ValidationError, match=r"values\.1\n.*found \[3\]; a list of 2, one for each of a, b"):
         listed(name=["a", "b"], values=[[1, 2], [3]])
 
@@ -66,7 +66,7 @@ def test_a_lockstep_value_of_the_wrong_length_is_named_with_its_place():
     ("asked", "message"),
     [
         ([], "at least 1 item"),
-        ([None], "found nothing"),
+        ([None], "got nothing"),
         ([float("nan")], "NaN has no digest"),
         ([{1: 2}], "valid string"),
         ("abc", "valid list"),
@@ -87,7 +87,7 @@ def test_values_of_map_file_are_maps_relative_to_the_campaign_file(drawn_map):
     assert parameters.model_dump(mode="json")["values"] == [{"file": content.digest}]
 
 
-def test_a_map_file_that_is_missing_is_refused():
+def test_map_file_that_is_missing_is_refused():
     with pytest.raises(ValidationError, match=r"values\.0\n.*no such file"):
         listed(name="map_file", values=["nowhere.yaml"])
 
@@ -100,7 +100,7 @@ def test_uniform_whole_numbers_reach_both_bounds():
     assert set(values(uniform(min=1, max=3, type="int", num_variations=100))) == {1, 2, 3}
 
 
-def test_a_uniform_bool_is_true_with_probability_max():
+def test_uniform_bool_is_true_with_probability_max():
     assert not any(values(uniform(max=0.0, type="bool", num_variations=50)))
     assert all(values(uniform(max=1.0, type="bool", num_variations=50)))
     assert statistics.mean(values(uniform(max=0.2, type="bool", num_variations=500))) == pytest.approx(0.2, abs=0.06)
@@ -125,7 +125,7 @@ def test_gaussian_whole_numbers_are_rounded():
     assert values(gaussian(std=10.0, type="int")) == [round(value) for value in values(gaussian(std=10.0))]
 
 
-def test_a_gaussian_bool_is_true_from_the_mean_upwards():
+def test_gaussian_bool_is_true_from_the_mean_upwards():
     assert values(gaussian(std=0.0, type="bool")) == [True] * 5
     assert values(gaussian(type="bool")) == [value >= 0.0 for value in values(gaussian())]
 
@@ -135,7 +135,7 @@ def test_more_variations_leave_the_first_ones_as_they_are():
     assert values(gaussian(num_variations=9))[:5] == values(gaussian())
 
 
-def test_the_seed_changes_what_is_drawn():
+def test_seed_changes_what_is_drawn():
     assert values(uniform(seed=1)) != values(uniform(seed=2))
 
 
@@ -152,7 +152,7 @@ def test_two_keys_with_one_seed_draw_different_numbers():
         (uniform, {"max": 2, "type": "bool"}, "max 2.0 is the probability of true for a bool; 0 to 1"),
         (uniform, {"max": 1.5, "type": "int"}, "max is 1.5 for type int; a whole number"),
         (uniform, {"max": float("inf")}, "finite number"),
-        (uniform, {"max": True}, "found true; a number"),
+        (uniform, {"max": True}, "expected a number, got true"),
         (uniform, {"type": "complex"}, "'int', 'integer'"),
         (uniform, {"seed": -1}, "greater than or equal to 0"),
         (gaussian, {"std": -0.1}, "greater than or equal to 0"),
@@ -161,7 +161,7 @@ def test_two_keys_with_one_seed_draw_different_numbers():
         (gaussian, {"sigma": 1}, "Extra inputs are not permitted"),
     ],
 )
-def test_a_parameter_out_of_range_is_refused(make, parameters, message):
+def test_parameter_out_of_range_is_refused(make, parameters, message):
     with pytest.raises(ValidationError, match=message):
         make(**parameters)
 

@@ -86,7 +86,7 @@ def grid_map(drawn_map):
     seed=st.integers(0, 9),
 )
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_a_path_is_as_promised_or_no_such_path_exists(
+def test_path_is_as_promised_or_no_such_path_exists(
     grid_map, walls, length, tolerance, min_distance, robot_diameter, seed
 ):
     content = grid_map(walls)
@@ -137,7 +137,7 @@ def test_several_goals_share_the_length_equally(hall, n_goals, length, seed):
     assert abs(item.values["_path_length"] - length) <= 0.6 + 1e-6
 
 
-def test_a_path_of_200_m_in_a_map_of_15_m_is_rejected_with_the_longest_there_is(hall):
+def test_path_of_200_m_in_a_map_of_15_m_is_rejected_with_the_longest_there_is(hall):
     items = evaluate(path_variation(path_length=200, num_paths=2), {"map_file": hall})
     assert [type(item) for item in items] == [Rejection, Rejection]
     assert items[0].reason == items[1].reason
@@ -147,17 +147,17 @@ def test_a_path_of_200_m_in_a_map_of_15_m_is_rejected_with_the_longest_there_is(
     assert [item.requested["path"] for item in items] == [1, 2]
 
 
-def test_a_request_that_only_the_far_corners_meet_is_met(hall):
+def test_request_that_only_the_far_corners_meet_is_met(hall):
     (item,) = evaluate(path_variation(path_length=20.55, path_length_tolerance=0.05), {"map_file": hall})
     assert item.values["_path_length"] == pytest.approx(20.55, abs=0.05)
 
 
-def test_a_straight_distance_that_no_path_of_this_length_spans_is_rejected(hall):
+def test_straight_distance_that_no_path_of_this_length_spans_is_rejected(hall):
     (item,) = evaluate(path_variation(path_length=5, min_distance=6), {"map_file": hall})
     assert item.reason == "a path of 5 m ± 0.5 m can't lead 6 m away in a straight line"
 
 
-def test_a_search_that_ends_without_a_proof_says_so(drawn_map):
+def test_search_that_ends_without_a_proof_says_so(drawn_map):
     # No sum of steps of 0.05 m and 0.0707 m is 3.01 m to the nanometer, but many come close.
     producer = path_variation(path_length=3.01, path_length_tolerance=0, num_paths=2)
     items = evaluate(producer, {"map_file": drawn_map(".", cells=100)})
@@ -172,7 +172,7 @@ def test_a_search_that_ends_without_a_proof_says_so(drawn_map):
         (["".join("." if abs(i - j) <= 1 else "?" for j in range(14)) for i in range(14)], 5.5 * math.sqrt(2.0)),
     ],
 )
-def test_the_way_from_end_to_end_of_a_corridor_is_found(drawn_map, rows, length):
+def test_way_from_end_to_end_of_a_corridor_is_found(drawn_map, rows, length):
     """A robot takes a cell to each side, so twelve of fourteen are left of the middle line."""
     corridor = drawn_map(*rows, resolution_m=0.5)
     producer = path_variation(path_length=length, path_length_tolerance=1e-6, robot_diameter=0.3)
@@ -180,7 +180,7 @@ def test_the_way_from_end_to_end_of_a_corridor_is_found(drawn_map, rows, length)
     assert item.values["_path_length"] == pytest.approx(length)
 
 
-def test_a_robot_that_fits_nowhere_is_rejected(drawn_map):
+def test_robot_that_fits_nowhere_is_rejected(drawn_map):
     (item,) = evaluate(path_variation(path_length=5, robot_diameter=3), {"map_file": drawn_map("..", "..", cells=10)})
     assert isinstance(item, Rejection)
 
@@ -201,7 +201,7 @@ def test_starts_are_spread_over_the_whole_map(hall):
     assert all(30 <= n <= 70 for n in quarters.values())
 
 
-def test_the_single_goal_reference_writes_one_pose(hall):
+def test_single_goal_reference_writes_one_pose(hall):
     (item,) = evaluate(path_variation(path_length=5, goal_poses="@goal_pose"), {"map_file": hall})
     assert pose_of(item.values["goal_pose"])
     assert "goal_poses" not in item.values
@@ -214,7 +214,7 @@ def test_references_name_the_keys_that_are_written(hall):
     assert producer.writes == {"from": "task", "to": "task"}
 
 
-def test_a_goals_yaw_is_the_direction_of_arrival(drawn_map):
+def test_goals_yaw_is_the_direction_of_arrival(drawn_map):
     corridor = drawn_map("#" * 40, "." * 40, "#" * 40, cells=10)
     (item,) = evaluate(path_variation(path_length=10, goal_poses="@goal_pose"), {"map_file": corridor})
     start, goal = pose_of(item.values["start_pose"]), pose_of(item.values["goal_pose"])
@@ -238,7 +238,7 @@ def test_another_seed_draws_other_paths(hall):
     assert one != other
 
 
-def test_a_given_start_is_kept_and_the_goal_drawn_from_there(hall):
+def test_given_start_is_kept_and_the_goal_drawn_from_there(hall):
     given_start = {"x": 3.0, "y": 3.0, "yaw": 1.0}
     items = evaluate(path_variation(path_length=6, num_paths=5), {"map_file": hall, "start_pose": given_start})
     assert all("start_pose" not in item.values for item in items)
@@ -272,8 +272,8 @@ def test_given_poses_may_miss_the_length_by_the_tolerance_and_no_more(hall, goal
     ("inputs", "reason"),
     [
         ({"start_pose": {"x": 90, "y": 0}}, r"the given start \(90, 0\) is no place for a robot 0.35 m across"),
-        ({"start_pose": "here"}, "start_pose: found 'here'; a pose"),
-        ({"goal_poses": []}, r"goal_poses: found \[\]; a list of poses"),
+        ({"start_pose": "here"}, "start_pose: expected a pose, got 'here'"),
+        ({"goal_poses": []}, r"goal_poses: expected a list of poses, got \[\]"),
         ({"start_pose": {"x": 3, "y": 3}, "goal_poses": [{"x": 9, "y": 3}]}, "given poses are 6.00 m apart, not 4 m"),
         ({"goal_poses": [{"x": 3, "y": 3}, {"x": 9, "y": 3}]}, "given goals alone are 6.00 m apart"),
         ({"map_file": "m.yaml"}, "map_file is 'm.yaml', not a map file"),
@@ -292,7 +292,7 @@ def test_goals_that_are_not_connected_are_rejected(drawn_map):
     assert "no path" in item.reason
 
 
-def test_a_map_of_its_own_becomes_the_configurations_map(hall):
+def test_map_of_its_own_becomes_the_configurations_map(hall):
     producer = path_variation(path_length=5, map_file=hall.path)
     (item,) = evaluate(producer, {})
     assert item.values["map_file"] == hall
@@ -300,7 +300,7 @@ def test_a_map_of_its_own_becomes_the_configurations_map(hall):
     assert producer.writes["map_file"] == "environment"
 
 
-def test_the_papers_listing_is_complete(hall):
+def test_papers_listing_is_complete(hall):
     (item,) = evaluate(path_variation(num_goal_poses=2, path_length=15.0, seed=20), {"map_file": hall})
     assert len(item.values["goal_poses"]) == 2
 
@@ -311,7 +311,7 @@ def test_the_papers_listing_is_complete(hall):
         ({}, "Field required"),
         ({"path_length": 0}, "greater than 0"),
         ({"path_length": [5, -1]}, r"path_length\.1\n.*greater than 0"),
-        ({"path_length": []}, "found an empty list; at least one value"),
+        ({"path_length": []}, "expected at least one value, got an empty list"),
         ({"path_length": 5, "path_length_tolerance": -0.1}, "greater than or equal to 0"),
         ({"path_length": 5, "num_paths": 0}, "greater than or equal to 1"),
         ({"path_length": 5, "num_paths": 1.5}, "valid integer"),
@@ -324,12 +324,12 @@ def test_the_papers_listing_is_complete(hall):
             "holds one goal; '@goal_poses' for several",
         ),
         ({"path_length": 5, "start_pose": {"x": 1}}, "a pose is {x, y, yaw}"),
-        ({"path_length": 5, "goal_poses": []}, r"found \[\]; a key such as '@goal_poses', or a list of poses"),
+        ({"path_length": 5, "goal_poses": []}, r"expected a key such as '@goal_poses', or a list of poses, got \[\]"),
         ({"path_length": 5, "map_file": "nowhere.yaml"}, "no such file"),
         ({"path_length": 5, "seed": -1}, "greater than or equal to 0"),
     ],
 )
-def test_a_parameter_out_of_range_is_refused(parameters, message):
+def test_parameter_out_of_range_is_refused(parameters, message):
     with pytest.raises(ValidationError, match=message):
         path_variation(**parameters)
 
@@ -349,7 +349,7 @@ def test_whatever_else_a_configuration_holds_the_paths_are_the_same(hall):
     )
 
 
-def test_a_path_of_20_m_in_a_large_building_takes_tens_of_milliseconds(shared_map, loops):
+def test_path_of_20_m_in_a_large_building_takes_tens_of_milliseconds(shared_map, loops):
     inputs = {"map_file": shared_map("university")}
     evaluate(path_variation(path_length=20), inputs)  # the map is read and inflated once
     items = []
@@ -358,7 +358,7 @@ def test_a_path_of_20_m_in_a_large_building_takes_tens_of_milliseconds(shared_ma
 
 
 @each_row(("name", "longest_m"), [("rooms", 18.7), ("hallways", 49.5)])
-def test_a_building_without_such_a_path_is_proved_to_have_none(shared_map, name, longest_m):
+def test_building_without_such_a_path_is_proved_to_have_none(shared_map, name, longest_m):
     (item,) = evaluate(path_variation(path_length=60), {"map_file": shared_map(name)})
     assert item.reason.startswith("this map has no path of 60 m")
     assert float(item.reason.split()[-2]) == pytest.approx(longest_m, abs=0.1)

@@ -116,7 +116,7 @@ def test_points_go_row_by_row_from_below_at_the_offset_within_a_raster_step(hall
     assert points.tolist() == [[20, 20], [20, 60], [20, 100], [60, 20], [60, 60], [60, 100]]
 
 
-def test_a_raster_finer_than_the_map_has_every_cell_once(drawn_map):
+def test_raster_finer_than_the_map_has_every_cell_once(drawn_map):
     points = raster_points(ground_of(drawn_map(*["....."] * 4), 0.01), 1e-9, 0.0, 0.0)
     assert points.tolist() == [[1, 1], [1, 2], [1, 3], [2, 1], [2, 2], [2, 3]]
 
@@ -129,7 +129,7 @@ def test_stops_are_the_centers_of_the_points_cells_and_look_along_x(hall):
     assert {key for key in items[0].values if not key.startswith("_")} == {"start_pose", "goal_pose"}
 
 
-def test_the_way_back_is_the_same_way(hall):
+def test_way_back_is_the_same_way(hall):
     items, _ = split(evaluate(rasterized(path_length=3, raster_size=1), {"map_file": hall}))
     ways = {tuple(places(item)): item.values["_path"] for item in items}
     assert all(ways[ends[::-1]] == way[::-1] for ends, way in ways.items())
@@ -159,7 +159,7 @@ def test_one_rejection_for_each_length_counts_what_it_leaves_out_and_says_what_i
     )
 
 
-def test_a_given_start_is_kept_and_is_the_only_one(hall):
+def test_given_start_is_kept_and_is_the_only_one(hall):
     start = {"x": 0.6, "y": -1.0, "yaw": 1.0}
     items, (rejection,) = split(
         evaluate(rasterized(path_length=3, raster_size=1), {"map_file": hall, "start_pose": start})
@@ -169,7 +169,7 @@ def test_a_given_start_is_kept_and_is_the_only_one(hall):
     assert len(items) + int(rejection.reason.split()[0]) == 15
 
 
-def test_a_start_among_the_parameters_is_written(hall):
+def test_start_among_the_parameters_is_written(hall):
     producer = rasterized(path_length=4, num_goal_poses=2, raster_size=1, start_pose={"x": 0.6, "y": -1.0})
     (item,), _ = split(evaluate(producer, {"map_file": hall}))
     assert stops(item)[0] == Pose(0.6, -1.0)
@@ -180,7 +180,7 @@ def test_a_start_among_the_parameters_is_written(hall):
     ("parameters", "inputs", "reason"),
     [
         ({}, {"map_file": "m.yaml"}, "map_file is 'm.yaml', not a map file"),
-        ({}, {"start_pose": "here"}, "start_pose: found 'here'; a pose"),
+        ({}, {"start_pose": "here"}, "start_pose: expected a pose, got 'here'"),
         ({}, {"start_pose": {"x": 90, "y": 0}}, "the given start (90, 0) is no place for a robot 0.35 m across"),
         ({"raster_size": 90}, {}, "a raster of 90 m has 0 points for a robot 0.35 m across on this map; too few"),
         (
@@ -197,7 +197,7 @@ def test_what_gives_no_raster_is_a_rejection_for_each_length(hall, parameters, i
     assert reason in items[0].reason
 
 
-def test_a_map_of_its_own_becomes_the_configurations_map(hall):
+def test_map_of_its_own_becomes_the_configurations_map(hall):
     producer = rasterized(path_length=3, raster_size=1, map_file=hall.path)
     assert evaluate(producer, {})[0].values["map_file"] == hall
     assert (producer.needs, producer.writes["map_file"]) == ((), "environment")
@@ -209,11 +209,11 @@ def test_a_map_of_its_own_becomes_the_configurations_map(hall):
         ({"path_length": 3}, "raster_size\n.*Field required"),
         ({"path_length": 3, "raster_size": 0}, "greater than 0"),
         ({"path_length": 3, "raster_size": 1, "num_goal_poses": 0}, "greater than or equal to 1"),
-        ({"path_length": [], "raster_size": 1}, "found an empty list; at least one value"),
+        ({"path_length": [], "raster_size": 1}, "expected at least one value, got an empty list"),
         ({"path_length": 3, "raster_size": 1, "raster_offset_x": "far"}, "valid number"),
     ],
 )
-def test_a_raster_out_of_range_is_refused(parameters, message):
+def test_raster_out_of_range_is_refused(parameters, message):
     with pytest.raises(ValidationError, match=message):
         rasterized(**parameters)
 

@@ -48,7 +48,7 @@ def test_what_a_robot_is_given_takes_the_place_of_the_turtlebot_4s(family):
     assert lidar.directions()[[0, 90, 180]].ravel() == pytest.approx([0.0, -1.0, 1.0, 0.0, 0.0, 1.0], abs=1e-5)
 
 
-def test_the_section_has_every_quantity_that_a_robot_has(family):
+def test_section_has_every_quantity_that_a_robot_has(family):
     keys = {f"robot.{name}" for name in RobotSpec.model_fields if name not in ("lidar", "latency")}
     keys |= {f"robot.lidar.{name}" for name in LidarSpec.model_fields if name != "noise"} | {NOISE_MODEL_KEY}
     assert keys | {f"robot.latency.{name}" for name in LatencySpec.model_fields} == set(robot_keys())
@@ -56,7 +56,7 @@ def test_the_section_has_every_quantity_that_a_robot_has(family):
     assert (robot.drive, robot.min_turning_radius_m) == ("ackermann", 0.8)
 
 
-def test_a_robots_latency_is_its_presets_and_the_numbers_that_take_their_place(family):
+def test_robots_latency_is_its_presets_and_the_numbers_that_take_their_place(family):
     given = family("{lidar: {sweeps: true}, latency: {preset: gazebo, scan_age: 0.05}}")
     parameters = parameters_of(of_robot(given))
     assert parameters.latency == PRESETS["gazebo"].with_values(scan_age=0.05)
@@ -66,12 +66,12 @@ def test_a_robots_latency_is_its_presets_and_the_numbers_that_take_their_place(f
     assert "odometry at 30 Hz" in said
 
 
-def test_a_campaign_varies_latency_by_its_preset(family):
+def test_campaign_varies_latency_by_its_preset(family):
     varied = family("{}", "[ParameterVariationList: {name: robot.latency.preset, values: [ideal, loaded]}]")
     assert robots_json([varied])[0]["robot"][-1] == "varied: robot.latency.preset"
 
 
-def test_a_radius_is_the_bodys_and_leaves_the_costmaps_their_footprint(family):
+def test_radius_is_the_bodys_and_leaves_the_costmaps_their_footprint(family):
     parameters = parameters_of(of_robot(family("{radius: 0.105}")))
     assert robot_of(parameters).radius_m == 0.105
     assert parameters.local_costmap.robot_radius == 0.22
@@ -92,6 +92,6 @@ def test_faults_of_a_robot_have_place_and_message(golden, family, tmp_path):
     golden("campaign_files", "robot", faults)
 
 
-def test_a_quantity_is_given_once(family):
+def test_quantity_is_given_once(family):
     with pytest.raises(CampaignError, match=r"a second 'robot.mass'; one; the first is in line 4"):
         family("{mass: 3}", parameters=", {robot.mass: 4}")

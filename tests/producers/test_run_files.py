@@ -24,7 +24,7 @@ def names(base, *patterns):
 
 @pytest.mark.parametrize("marks", LEFT.values(), ids=LEFT)
 @pytest.mark.parametrize("pattern", ["drive.sh", "**", "*/**/*.sh"])
-def test_the_files_are_the_same_after_a_campaign_as_before(base, marks, pattern):
+def test_files_are_the_same_after_a_campaign_as_before(base, marks, pattern):
     before = names(base, pattern)
     left = base / "results" / "drive-2026-11-22-030000"
     for name in (*marks, "inputs/drive.sh", "inputs/tools/drive.sh"):
@@ -33,12 +33,12 @@ def test_the_files_are_the_same_after_a_campaign_as_before(base, marks, pattern)
     assert names(base, pattern) == before != []
 
 
-def test_a_folder_of_ones_own_may_be_called_results(base):
+def test_folder_of_ones_own_may_be_called_results(base):
     (base / "results").mkdir()
     (base / "results" / "expected.csv").write_text("1")
     assert names(base, "*.csv") == ["results/expected.csv"]
 
 
-def test_a_campaign_file_beside_a_file_of_facts_is_still_the_campaigns_own_folder(base):
+def test_campaign_file_beside_a_file_of_facts_is_still_the_campaigns_own_folder(base):
     (base / "campaign.vast").write_text("version: 1")
     assert "tools/drive.sh" in names(base, "drive.sh")

@@ -80,7 +80,7 @@ def said(tmp_path: Path) -> Said:
         {"extract": "metrics, params: {time: {oracle: success, metric: time, aggregate: quantile, q: 0.9}}"},
     ],
 )
-def test_a_search_of_every_form_has_no_fault(said: Said, parts: dict[str, str]) -> None:
+def test_search_of_every_form_has_no_fault(said: Said, parts: dict[str, str]) -> None:
     assert said(**parts) == []
 
 
@@ -92,9 +92,7 @@ def test_a_search_of_every_form_has_no_fault(said: Said, parts: dict[str, str]) 
         ({"strategy": "./wind.py:Wind"}, "4:13: search.strategy: './wind.py:Wind' can't be imported"),
     ],
 )  # fmt: skip
-def test_a_plug_in_of_another_kind_leaves_the_file_valid_and_is_said(
-    said: Said, parts: dict[str, str], why: str
-) -> None:
+def test_plug_in_of_another_kind_leaves_the_file_valid_and_is_said(said: Said, parts: dict[str, str], why: str) -> None:
     (found,) = said(**parts)
     assert why in found
 
@@ -104,7 +102,7 @@ def test_faults_of_a_search_have_place_and_message(golden, said: Said) -> None:
     golden("campaign_files", "search", lambda parts: said(**dict(line.split(": ", 1) for line in parts.splitlines())))
 
 
-def test_a_criterion_that_is_a_number_is_short_for_its_main_field() -> None:
+def test_criterion_that_is_a_number_is_short_for_its_main_field() -> None:
     spec = SearchSpec.model_validate(
         {
             "strategy": "random",

@@ -21,7 +21,7 @@ def proof():
 
 
 @each_row(("strategy", "library"), [("optuna", "optuna"), ("qd", "ribs")])
-def test_a_driven_strategy_finds_a_narrow_pocket_with_a_third_of_randoms_runs(proof, strategy, library):
+def test_driven_strategy_finds_a_narrow_pocket_with_a_third_of_randoms_runs(proof, strategy, library):
     pytest.importorskip(library)
     runs = {
         name: np.median([proof.runs_to_confirmed(name, seed, proof.NARROW, sloped=True) for seed in range(7)])
@@ -30,7 +30,7 @@ def test_a_driven_strategy_finds_a_narrow_pocket_with_a_third_of_randoms_runs(pr
     assert runs["random"] >= proof.FASTER * runs[strategy]
 
 
-def test_a_boundary_is_within_a_twentieth_of_the_range_with_a_fifth_of_a_grids_runs(proof):
+def test_boundary_is_within_a_twentieth_of_the_range_with_a_fifth_of_a_grids_runs(proof):
     assert proof.boundary(1)
 
 

@@ -42,19 +42,19 @@ def test_where_nothing_blocks_the_door_all_runs_are_spent(proof, place, monkeypa
     assert proof.runs_to_confirmed(place, "door", "random", 0, batches=1) == 2
 
 
-def test_a_box_that_blocks_the_door_is_found_at_once_and_confirmed(proof, place, monkeypatch):
+def test_box_that_blocks_the_door_is_found_at_once_and_confirmed(proof, place, monkeypatch):
     monkeypatch.setitem(proof.SPACES, "door", ({"x": (2.6, 2.65), "y": (2.45, 2.5)}, proof.SPACES["door"][1]))
     assert proof.runs_to_confirmed(place, "door", "random", 0, batches=2) == 1 + 1
 
 
-def test_a_grid_and_a_search_say_that_a_wide_passage_is_better_than_a_narrow_one(proof, place):
+def test_grid_and_a_search_say_that_a_wide_passage_is_better_than_a_narrow_one(proof, place):
     rates = proof.grid_rates(place)
     assert rates.shape == (3, 3) and rates[:, 0].mean() > rates[:, -1].mean()
     expected = proof.searched_rates(place, 0, runs=2)
     assert expected.shape[0] == expected.shape[1] > 3
 
 
-def test_a_curve_is_as_far_from_another_as_its_passages_are(proof):
+def test_curve_is_as_far_from_another_as_its_passages_are(proof):
     along = np.linspace(0.0, 1.0, 41)
     falling = np.clip(0.5 + 10.0 * (0.4 - along), 0.0, 1.0)
     fine, coarse = np.tile(falling, (41, 1)), np.tile(falling[::20], (3, 1))

@@ -71,11 +71,11 @@ def searched(kind, parameters, problem, objective, batches):
 
 @each_row("check", CHECKS)
 @each_row("name", STRATEGIES)
-def test_a_shipped_strategy_keeps_the_contract(name, check):
+def test_shipped_strategy_keeps_the_contract(name, check):
     check(*strategy(*STRATEGIES[name]))
 
 
-def test_a_strategy_that_keeps_no_contract_is_found():
+def test_strategy_that_keeps_no_contract_is_found():
     class Careless(Random):
         def ask(self, batch, count):
             return [{"x": np.random.rand()}] * count
@@ -85,7 +85,7 @@ def test_a_strategy_that_keeps_no_contract_is_found():
 
 
 @each_row("unit", [0.0, 0.2, 0.5, 0.999, 1.0])
-def test_a_point_that_is_coded_and_decoded_is_the_same(unit):
+def test_point_that_is_coded_and_decoded_is_the_same(unit):
     space = Space(MIXED)
     point = space.decoded([unit] * len(MIXED))
     assert space.contains(point)
@@ -93,7 +93,7 @@ def test_a_point_that_is_coded_and_decoded_is_the_same(unit):
     assert again == {**point, "x": pytest.approx(point["x"])}
 
 
-def test_the_ends_of_the_unit_cube_are_the_ends_of_every_range():
+def test_ends_of_the_unit_cube_are_the_ends_of_every_range():
     space = Space(MIXED)
     assert space.decoded([0.0] * 5) == {"x": 0.1, "n": 0, "m": 1, "k": "a", "b": False}
     assert space.decoded([1.0] * 5) == {"x": 10, "n": 9, "m": 100, "k": [1], "b": True}
@@ -116,7 +116,7 @@ def test_halton_without_scrambling_is_the_textbooks_sequence_across_batches():
     ]
 
 
-def test_a_search_by_optuna_comes_nearer_than_one_at_random():
+def test_search_by_optuna_comes_nearer_than_one_at_random():
     def objective(point):
         return -((point["x"] - 1) ** 2) - (point["y"] + 1) ** 2
 
@@ -138,7 +138,7 @@ def test_where_nothing_is_better_points_come_from_the_whole_space(name, given):
     assert np.mean(inner) == pytest.approx(0.25, abs=0.08)
 
 
-def test_a_search_by_qd_comes_nearer_than_one_at_random_and_finds_most_kinds():
+def test_search_by_qd_comes_nearer_than_one_at_random_and_finds_most_kinds():
     kind, parameters, problem = strategy("qd", PLACES, PLANE)
     found, told = searched(kind, parameters, problem, lambda point: -((point["x"] - 1) ** 2) - point["y"] ** 2, 20)
     _, drawn = searched(*strategy("random", {}, PLANE), lambda point: -((point["x"] - 1) ** 2) - point["y"] ** 2, 20)
@@ -173,13 +173,13 @@ def test_what_is_promised_depends_on_no_unit_and_where_all_is_equal_on_distance_
     assert near < far
 
 
-def test_a_least_value_is_looked_for_where_it_is_asked_for():
+def test_least_value_is_looked_for_where_it_is_asked_for():
     kind, parameters, problem = strategy("optuna", {}, PLANE, direction="minimize")
     _, told = searched(kind, parameters, problem, lambda point: abs(point["x"] - 1), 12)
     assert best_of(told, "minimize").objective < 0.1
 
 
-def test_the_boundary_is_found_where_the_objective_crosses_its_level():
+def test_boundary_is_found_where_the_objective_crosses_its_level():
     kind, parameters, problem = Boundary, BoundaryParameters(), Problem(Space(PLANE), seed=1, per_batch=6)
     found, _ = searched(kind, parameters, problem, lambda point: float(1 / (1 + np.exp(-8 * point["x"]))), 10)
     units = np.stack((np.linspace(0, 1, 41), np.full(41, 0.5)), axis=-1)
@@ -187,7 +187,7 @@ def test_the_boundary_is_found_where_the_objective_crosses_its_level():
     assert abs(units[np.argmin(np.abs(mean)), 0] - 0.5) <= 0.05
 
 
-def test_an_unknown_strategy_is_said_with_those_there_are():
+def test_unknown_strategy_is_said_with_those_there_are():
     with pytest.raises(UnknownStrategy, match="no strategy 'randm'") as caught:
         find_strategy("randm", Path())
     assert "random" in caught.value.known
@@ -233,12 +233,12 @@ def test_runs_are_counted_until_a_point_is_as_good(objective, direction, runs):
         ({"budget": {"batches": 3}}, None),
     ],
 )
-def test_a_search_ends_at_the_criterion_that_is_met_first(asked, met):
+def test_search_ends_at_the_criterion_that_is_met_first(asked, met):
     found = list(criteria(spec(**asked), batches([0.2, 0.8], [0.8, 0.1]), {"coverage": 0.4}, 0.0))
     assert next((each.text for each in found if each.met), None) == met
 
 
-def test_a_plan_names_each_end_with_its_unit():
+def test_plan_names_each_end_with_its_unit():
     asked = spec(
         per_batch=4,
         budget=[{"batches": 1}, {"evaluations": 20}, {"runs": 60}, {"simulated_hours": 2}, {"time": 90}],

@@ -105,17 +105,17 @@ def test_what_is_left_out_has_the_documented_default() -> None:
 
 
 @each_row("section", ["metadata", "general", "execution", "results_processing", "evaluation"])
-def test_a_section_with_nothing_below_it_is_as_if_left_out(section: str) -> None:
+def test_section_with_nothing_below_it_is_as_if_left_out(section: str) -> None:
     assert spec_of(f"configuration: [{{name: a}}]\n{section}:\n").execution.runs == 1
 
 
 @each_row("name", ["a", "rooms-10m", "2d", "büro"])
-def test_a_family_may_be_called(name: str) -> None:
+def test_family_may_be_called(name: str) -> None:
     assert spec_of(f"configuration: [{{name: {name}}}]").configuration[0].name == name
 
 
 @each_row("name", ["Rooms", "a_b", "a b", "a.b", "a/b", "-a", "", "a" * 101])
-def test_a_family_may_not_be_called(tmp_path: Path, name: str) -> None:
+def test_family_may_not_be_called(tmp_path: Path, name: str) -> None:
     (complaint,) = complaints(tmp_path, f"configuration:\n- name: '{name}'\n")
     assert complaint.startswith("2:9: configuration[0].name: found ")
     assert complaint.endswith("; lowercase letters, digits and hyphens, such as 'rooms-noise', at most 100")
@@ -147,7 +147,7 @@ def test_everything_without_an_effect_is_found_and_nothing_else() -> None:
     }
 
 
-def test_the_schema_offers_the_parameters_of_known_producers() -> None:
+def test_schema_offers_the_parameters_of_known_producers() -> None:
     schema = campaign_schema()
     offered = schema["$defs"]["FamilySpec"]["properties"]["variations"]["items"]["properties"]
     assert {"PathVariationRandom", "ObstacleVariation", "FloorplanGeneration"} <= set(offered)
@@ -191,13 +191,13 @@ def test_every_property_in_the_schema_is_described() -> None:
     assert len(found) > 180
 
 
-def test_the_schema_defines_nothing_that_no_key_takes() -> None:
+def test_schema_defines_nothing_that_no_key_takes() -> None:
     schema = campaign_schema()
     text = json.dumps(schema)
     assert [name for name in schema["$defs"] if f'"#/$defs/{name}"' not in text] == []
 
 
-def test_the_schema_describes_keys_in_words_and_marks_those_without_effect() -> None:
+def test_schema_describes_keys_in_words_and_marks_those_without_effect() -> None:
     execution = campaign_schema()["$defs"]["ExecutionSpec"]["properties"]
     assert execution["runs"]["description"].startswith(
         "Repetitions of each configuration: a number, or `{min, max, stop:"

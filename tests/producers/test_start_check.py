@@ -69,7 +69,7 @@ def fits(found):
     ("x_m", "free"),
     [(4.0, True), (0.231, True), (0.229, False), (0.1, False), (-0.5, False), (7.769, True), (7.771, False)],
 )
-def test_a_given_start_is_realised_exactly_where_the_padded_footprint_fits(made, x_m, free):
+def test_given_start_is_realised_exactly_where_the_padded_footprint_fits(made, x_m, free):
     """0.22 m and 0.01 m of padding to each side along an axis."""
     assert fits(made(poses((x_m, 2.0)))) is free
 
@@ -93,7 +93,7 @@ def test_every_goal_counts_as_the_start_does(made, goals, free):
     )
 
 
-def test_the_rejection_says_who_where_and_into_what(made):
+def test_rejection_says_who_where_and_into_what(made):
     found = made(poses((0.1, 2.0)))
     (rejection,) = found.rejections
     assert (rejection.producer, rejection.family, rejection.parent) == ("start_check", "a", "a")
@@ -142,7 +142,7 @@ def test_radius_polygon_and_padding_are_those_of_the_systems_parameter_file(
     assert fits(made(poses((0.27, 2.0)), "execution:\n  nav2_params: nav2.yaml\n")) is free
 
 
-def test_a_polygon_turns_with_the_robot(made, tmp_path):
+def test_polygon_turns_with_the_robot(made, tmp_path):
     long = 'footprint: "[[0.5, 0.1], [0.5, -0.1], [-0.5, -0.1], [-0.5, 0.1]]"'
     (tmp_path / "nav2.yaml").write_text(NAV2.format(radius=0.1, padding=0.0, more=long))
     execution = "execution:\n  nav2_params: nav2.yaml\n"
@@ -150,7 +150,7 @@ def test_a_polygon_turns_with_the_robot(made, tmp_path):
     assert fits(made(poses((0.27, 2.0)).replace("yaw: 0.0", f"yaw: {math.pi / 2}", 1), execution))
 
 
-def test_a_radius_that_a_later_producer_varies_is_looked_at_on_the_finished_configuration(made):
+def test_radius_that_a_later_producer_varies_is_looked_at_on_the_finished_configuration(made):
     radii = "  variations:\n  - ParameterVariationList: {name: robot_radius, values: [0.2, 0.25, 0.3]}\n"
     found = made(poses((0.27, 2.0), more=radii))
     assert [c.scenario.system["robot_radius"] for c in found.configurations] == [0.2, 0.25]
@@ -159,7 +159,7 @@ def test_a_radius_that_a_later_producer_varies_is_looked_at_on_the_finished_conf
 
 
 @each_row("design", ["t_way: {strength: 2}", "sample: {method: lhs, size: 6, seed: 1}"])
-def test_a_design_is_of_what_fits(made, design):
+def test_design_is_of_what_fits(made, design):
     radii = "  variations:\n  - ParameterVariationList: {name: robot_radius, values: [0.2, 0.25, 0.3]}\n"
     noise = "  - ParameterVariationList: {name: laserscan_gaussian_noise_std_deviation, values: [0.0, 0.1, 0.2]}\n"
     found = made(f"  design:\n    {design}\n" + poses((0.27, 2.0), more=radii + noise))
@@ -169,7 +169,7 @@ def test_a_design_is_of_what_fits(made, design):
 
 
 @each_row(("box", "free"), [("x: 0.5, y: 0.0", False), ("x: 3.0, y: 3.0", True), ("x: 4.0, y: 2.0", True)])
-def test_an_obstacle_is_in_the_way_at_the_start_and_not_at_the_goal(made, box, free):
+def test_obstacle_is_in_the_way_at_the_start_and_not_at_the_goal(made, box, free):
     more = f"  - static_objects: [{{entity_name: crate, spawn_pose: {{{box}}}}}]\n"
     found = made(poses((0.5, 0.4), (4.0, 2.0), more))
     assert fits(found) is free
@@ -242,7 +242,7 @@ def test_where_a_larger_robot_fits_too_the_same_is_drawn_for_it(made):
     st.sampled_from([0.0, 0.03, 0.1, 0.234142, 0.4]),
 )
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_a_stop_is_as_far_from_every_wall_as_was_asked(drawn_map, walls, room_m):
+def test_stop_is_as_far_from_every_wall_as_was_asked(drawn_map, walls, room_m):
     rows = [["."] * 20 for _ in range(20)]
     for row, column in walls:
         rows[row][column] = "#"
@@ -276,7 +276,7 @@ def test_on_the_papers_maps_one_start_in_22_leaves_no_room_for_nav2s_footprint(s
     assert (tight / cells, tight_then / rounded_down) == pytest.approx((0.0451, 0.0673), abs=0.0001)
 
 
-def test_the_room_is_that_of_the_largest_outline():
+def test_room_is_that_of_the_largest_outline():
     assert room_m({}, []) == pytest.approx(circumscribed_radius_m(padded_outline(0.22, 0.01)))
     assert room_m({"robot_radius": "0.4", "footprint_padding": 0.0}, []) == pytest.approx(0.4)
 
@@ -308,7 +308,7 @@ def test_editors_know_the_key():
     assert '"start_check"' in json.dumps(campaign_schema())
 
 
-def test_the_outline_is_a_polygon_of_the_map(room):
+def test_outline_is_a_polygon_of_the_map(room):
     """The room of this file is what the numbers above say."""
     occupancy = load_map(room.path)
     free = [occupancy.center_of(int(r), int(c)) for r, c in np.argwhere(occupancy.free)]
@@ -325,6 +325,6 @@ def test_the_outline_is_a_polygon_of_the_map(room):
 
 
 @each_row("start", [(9.3, 2.0), (-1.4, 2.0), (1e9, 100.0)])
-def test_a_start_outside_of_the_map_is_a_rejection_however_far_it_is(made, start):
+def test_start_outside_of_the_map_is_a_rejection_however_far_it_is(made, start):
     (rejected,) = made(poses(start)).rejections
     assert rejected.reason == f"start_pose ({start[0]:g}, {start[1]:g}) lies outside of the map"

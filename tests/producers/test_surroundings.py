@@ -32,7 +32,7 @@ def corridor(width, angle_rad, length=LENGTH):
 
 @given(width=st.integers(4, 60), offset=st.floats(-0.8, 0.8))
 @settings(max_examples=40, deadline=None)
-def test_a_corridor_has_its_width_wherever_in_it_the_path_is(width, offset):
+def test_corridor_has_its_width_wherever_in_it_the_path_is(width, offset):
     free = np.zeros((100, LENGTH), dtype=bool)
     free[20 : 20 + width] = True
     row = 20 + round((width - 1) / 2 * (1 + offset))
@@ -41,7 +41,7 @@ def test_a_corridor_has_its_width_wherever_in_it_the_path_is(width, offset):
 
 @given(width=st.integers(8, 40), angle_rad=st.floats(0.0, math.pi))
 @settings(max_examples=60, deadline=None)
-def test_a_turned_corridor_has_its_width_to_a_cell_and_a_half(width, angle_rad):
+def test_turned_corridor_has_its_width_to_a_cell_and_a_half(width, angle_rad):
     free, path = corridor(width, angle_rad)
     assert narrowest_passage_cells(clearance_of(free), path) == pytest.approx(width, abs=1.5)
 
@@ -58,7 +58,7 @@ def test_between_a_box_and_a_wall_there_is_the_gap(gap, edge):
 
 @each_row("thickness", [1, 2, 6])
 @each_row("width", [8, 17])
-def test_a_door_counts_however_thin_its_wall_is(thickness, width):
+def test_door_counts_however_thin_its_wall_is(thickness, width):
     free = np.zeros((90, LENGTH), dtype=bool)
     free[5:85, 5:-5] = True
     free[:, 60 : 60 + thickness] = False
@@ -67,7 +67,7 @@ def test_a_door_counts_however_thin_its_wall_is(thickness, width):
     assert narrowest_passage_cells(clearance_of(free), path) == pytest.approx(width, abs=0.5)
 
 
-def test_a_corner_of_a_room_is_no_passage():
+def test_corner_of_a_room_is_no_passage():
     free = np.zeros((90, 70), dtype=bool)
     free[5:85, 5:65] = True
     path = straight((8, 8), (35, 35))
@@ -91,7 +91,7 @@ def test_no_passage_is_narrower_than_the_medial_axis_says(seed):
     assert found is None or found >= 2 * distance[skeleton].min() - 2
 
 
-def test_a_straight_path_turns_nowhere_whatever_steps_the_grid_makes_of_it():
+def test_straight_path_turns_nowhere_whatever_steps_the_grid_makes_of_it():
     free = np.ones((60, 120), dtype=bool)
     path = np.concatenate([straight((5, 5), (25, 25)), straight((25, 26), (25, 100))])
     assert turning_rad(path, free) == 0.0

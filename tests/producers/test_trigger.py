@@ -97,7 +97,7 @@ def test_it_appears_off_the_stops_and_beyond_the_triggers_distance_and_leaves_a_
     assert octile.shortest_path(occupancy, passable, np.array(stops)) is not None
 
 
-def test_the_usual_keys_are_written_as_the_scenario_reads_them(site):
+def test_usual_keys_are_written_as_the_scenario_reads_them(site):
     (item,) = evaluate(triggered(), site)
     (entry,) = item.values["static_objects"]
     position = entry["spawn_pose"]["position"]
@@ -133,7 +133,7 @@ def test_two_of_them_with_keys_of_their_own_each_have_their_trigger(site):
     assert all((o.trigger.x_m, o.trigger.y_m) == (o.pose.x_m, o.pose.y_m) for o in found.values())
 
 
-def test_a_static_one_after_it_leaves_it_its_place(site):
+def test_static_one_after_it_leaves_it_its_place(site):
     (late,) = evaluate(triggered(name="late"), site)
     config = {"amount": 5, "max_distance": 1.0, "args": "width:=0.4"}
     (item,) = evaluate(
@@ -145,7 +145,7 @@ def test_a_static_one_after_it_leaves_it_its_place(site):
     assert all(one.distance(other) >= 0.05 for one, other in itertools.combinations(footprints, 2))
 
 
-def test_a_trigger_whose_keys_are_taken_is_rejected(site):
+def test_trigger_whose_keys_are_taken_is_rejected(site):
     (item,) = evaluate(triggered(), {**site, "spawn_trigger_threshold": 2.0})
     assert item.reason.startswith("spawn_trigger_threshold is written already, for another trigger")
 
@@ -166,7 +166,7 @@ def test_every_goal_of_the_path_stays(site):
     assert "goal_poses" not in item.values
 
 
-def test_an_amount_per_meter_that_comes_to_one_is_one(site):
+def test_amount_per_meter_that_comes_to_one_is_one(site):
     (item,) = evaluate(triggered({"amount_per_m": 0.12, "max_distance": 0.5}), site)
     assert len(item.values["static_objects"]) == 1
 
@@ -206,7 +206,7 @@ def test_poses_of_its_own_are_the_paths_ends(drawn_map):
 
 
 @given(st.floats(0.0, 8.0))
-def test_the_rest_of_a_path_is_as_long_as_what_is_cut_off_leaves(distance):
+def test_rest_of_a_path_is_as_long_as_what_is_cut_off_leaves(distance):
     path = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 5.0]])
     rest = beyond(path, distance)
     assert np.hypot(*np.diff(rest, axis=0).T).sum() == pytest.approx(8.0 - distance)
@@ -220,15 +220,15 @@ def test_of_a_path_that_is_too_short_nothing_is_left():
 @each_row(
     ("parameters", "message"),
     [
-        ({"obstacle_configs": [{"amount": 2, "max_distance": 0}]}, "found 2 obstacles; one for one trigger"),
-        ({"obstacle_configs": [{"amount": 0, "max_distance": 0}]}, "found 0 obstacles; one for one trigger"),
-        ({"obstacle_configs": [BOX, BOX]}, "found 2 obstacles; one for one trigger"),
+        ({"obstacle_configs": [{"amount": 2, "max_distance": 0}]}, "expected one for one trigger, got 2 obstacles"),
+        ({"obstacle_configs": [{"amount": 0, "max_distance": 0}]}, "expected one for one trigger, got 0 obstacles"),
+        ({"obstacle_configs": [BOX, BOX]}, "expected one for one trigger, got 2 obstacles"),
         ({"trigger_distance": 0}, "greater than 0"),
-        ({"spawn_trigger_point": "static_objects"}, "found one key twice in static_objects, static_objects, spawn_tr"),
-        ({"spawn_trigger_point": "@"}, "found '@'; the name of a parameter"),
+        ({"spawn_trigger_point": "static_objects"}, "got one key twice in static_objects, static_objects, spawn_tr"),
+        ({"spawn_trigger_point": "@"}, "expected the name of a parameter, got '@'"),
     ],
 )
-def test_a_trigger_out_of_range_is_refused(parameters, message):
+def test_trigger_out_of_range_is_refused(parameters, message):
     with pytest.raises(ValidationError, match=message):
         triggered(**parameters)
 

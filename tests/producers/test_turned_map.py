@@ -54,7 +54,7 @@ def test_random_paths_are_turned(maps):
         assert other["_path_length"] == one["_path_length"]
 
 
-def test_a_raster_is_turned(maps):
+def test_raster_is_turned(maps):
     asked = {"path_length": 3.0, "raster_size": 1.0, "robot_diameter": 0.4}
     plain, turned = (produced(PathVariationRasterized, {"map_file": found}, **asked) for found in maps)
     assert len(plain) == len(turned) > 10

@@ -41,7 +41,7 @@ def test_it_keeps_the_contract_of_producers(inputs, drawn_map):
     )
 
 
-def test_a_world_is_drawn_for_each_combination_and_each_of_count(inputs):
+def test_world_is_drawn_for_each_combination_and_each_of_count(inputs):
     items = evaluate(world_variation(wall_offset=[0.02, 0.05], missing_furniture=[0.1, 0.9], count=3), inputs)
     worlds = [item.values["world"] for item in items]
     assert [(w["wall_offset"], w["missing_furniture"]) for w in worlds] == [
@@ -61,7 +61,7 @@ def test_another_offset_in_the_list_leaves_a_world_as_it_is(inputs):
     assert evaluate(world_variation(wall_offset=0.05, seed=1), inputs)[0] != alone
 
 
-def test_the_robot_finds_a_path_in_each_world(inputs):
+def test_robot_finds_a_path_in_each_world(inputs):
     """With offsets of 0.3 m doors of 0.4 m are often closed; such worlds are drawn again."""
     worlds = [
         item.values["world"]
@@ -76,7 +76,7 @@ def test_the_robot_finds_a_path_in_each_world(inputs):
             assert world.free[world.cell_of(x_m, 0.0)]
 
 
-def test_a_start_in_a_wall_is_rejected_with_its_reason(inputs):
+def test_start_in_a_wall_is_rejected_with_its_reason(inputs):
     (item,) = evaluate(world_variation(wall_offset=0.01), {**inputs, "start_pose": {"x": -0.9, "y": -1.9}})
     assert isinstance(item, Rejection)
     assert item.reason == (
@@ -102,10 +102,10 @@ def test_without_stops_any_world_will_do(inputs):
         ({"wall_offset": -0.1}, "greater than or equal to 0"),
         (
             {"wall_offset": 0.5},
-            r"wall_offset: found 0.5, at which walls tear; at most 0.4 at a correlation_length of 2 m",
+            r"wall_offset: expected at most 0.4 at a correlation_length of 2 m, got 0.5, at which walls tear",
         ),
         ({"wall_offset": 0.2, "correlation_length": 0.5}, r"at most 0.1 at a correlation_length of 0.5 m"),
-        ({"missing_furniture": [0.5, 1.2]}, r"missing_furniture: found 1.2; a probability from 0 to 1"),
+        ({"missing_furniture": [0.5, 1.2]}, r"missing_furniture: expected a probability from 0 to 1, got 1.2"),
         ({"correlation_length": 0.3}, "greater than or equal to 0.5"),
         ({"offset": 1}, "Extra inputs"),
     ],

@@ -79,7 +79,7 @@ def bench(controller: str = "mppi", *, profile: bool = False) -> dict[str, Any]:
         ValueError: a controller there is not.
     """
     if controller not in short_names():
-        raise ValueError(f"controller: found {controller!r}; one of {', '.join(short_names())}")
+        raise ValueError(f"controller: expected one of {', '.join(short_names())}, got {controller!r}")
     parameters, lidar = NavParameters(controller=find_controller(short_names()[controller])()), Lidar()
     large, small = _Course(LARGE, parameters), _Course(SMALL, parameters)
     measured = {"controller": controller, **large.measured(), "small": small.measured()}

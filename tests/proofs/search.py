@@ -279,7 +279,7 @@ def coverage(seeds: int) -> bool:
             true_rates.append(truth)
         least = 0.95 - 1.96 * np.sqrt(0.95 * 0.05 / seeds)
         met &= covered / seeds >= least
-        said = f"found at {np.mean(found_rates):.0%} on average, in truth {np.mean(true_rates):.0%}"
+        said = f"got at {np.mean(found_rates):.0%} on average, in truth {np.mean(true_rates):.0%}"
         print(f"{name:10} {covered} of {seeds} intervals cover; {said}", flush=True)
     return met
 

@@ -95,7 +95,7 @@ def weight_by_hand(pose_xyt, ranges_m, laser_xyt, occupied, origin_xy_m, max_bea
     seed=st.integers(0, 2**32),
 )
 @settings(deadline=None, max_examples=60)
-def test_a_weight_is_the_likelihood_field_s_whatever_pose_scan_and_scanner(
+def test_weight_is_the_likelihood_field_s_whatever_pose_scan_and_scanner(
     x, y, yaw, laser, beams, max_beams, range_max_m, seed
 ):
     rng = np.random.default_rng(seed)
@@ -132,7 +132,7 @@ def one_beam(pose_xyt, reading_m, occupied, **values):
 
 
 @each_row(("reading_m", "cells_off"), [(0.276, 0), (0.324, 0), (0.274, 1), (0.326, 1), (0.2, 2)])
-def test_the_cell_of_an_end_point_is_found_by_rounding_as_amcl_does(one_wall_cell, reading_m, cells_off):
+def test_cell_of_an_end_point_is_found_by_rounding_as_amcl_does(one_wall_cell, reading_m, cells_off):
     """Column 8 is x 0.40..0.45 m of the map; AMCL takes 0.375..0.425 for it."""
     found = one_beam((0.1, 0.2, 0.0), reading_m, one_wall_cell)
     assert found == pytest.approx(1 + pz(0.05 * cells_off) ** 3, abs=1e-9)
@@ -150,7 +150,7 @@ def test_off_the_map_the_distance_is_the_cap(one_wall_cell, pose):
 
 
 @each_row("reading_m", [math.inf, math.nan, 20.0, 25.0, 0.164, 0.1, -0.2])
-def test_a_reading_beyond_the_limits_or_too_near_counts_as_none(one_wall_cell, reading_m):
+def test_reading_beyond_the_limits_or_too_near_counts_as_none(one_wall_cell, reading_m):
     assert one_beam((0.1, 0.2, 0.0), reading_m, one_wall_cell) == 1.0
 
 
@@ -207,7 +207,7 @@ def test_weights_in_a_corridor_are_those_measured_with_nav2_s_filter_in_one_like
         ({"laser_xyt": (0.0, 0.0)}, "laser_xyt must be x, y"),
     ],
 )
-def test_a_weight_with_an_impossible_argument_is_refused(one_wall_cell, values, message):
+def test_weight_with_an_impossible_argument_is_refused(one_wall_cell, values, message):
     with pytest.raises(ValueError, match=message):
         one_beam((0.1, 0.2, 0.0), 0.3, one_wall_cell, **values)
 
@@ -230,7 +230,7 @@ def updated(amcl, room, driven_m=0.0):
     return amcl.update((driven_m, 0.0, 0.0), looked(room, truth), *BEAMS.values())
 
 
-def test_the_first_update_resamples_where_the_pose_was_set(filters, room):
+def test_first_update_resamples_where_the_pose_was_set(filters, room):
     amcl = filters()
     amcl.set_pose(START, np.zeros((3, 3)))
     pose, covariance = updated(amcl, room)
@@ -251,7 +251,7 @@ def test_between_the_gates_there_is_no_update(filters, room):
     assert updated(amcl, room, 0.26) is not None
 
 
-def test_the_filter_follows_a_drive(filters, room):
+def test_filter_follows_a_drive(filters, room):
     amcl = filters()
     amcl.set_pose(START, np.zeros(3))
     for step in range(6):
@@ -266,7 +266,7 @@ def test_the_filter_follows_a_drive(filters, room):
     np.testing.assert_array_equal(covariance, covariance.T)
 
 
-def test_a_published_covariance_is_that_of_the_particles(filters, room):
+def test_published_covariance_is_that_of_the_particles(filters, room):
     amcl = filters()
     amcl.set_pose(START, [0.2, 0.3, 0.1])
     _, covariance = updated(amcl, room)
@@ -276,7 +276,7 @@ def test_a_published_covariance_is_that_of_the_particles(filters, room):
     assert covariance[0, 2] == covariance[1, 2] == 0.0
 
 
-def test_an_uncertain_pose_is_drawn_to_where_the_scan_fits(filters, room):
+def test_uncertain_pose_is_drawn_to_where_the_scan_fits(filters, room):
     amcl = filters()
     amcl.set_pose((START[0] + 0.15, START[1] - 0.1, START[2] + 0.1), [0.04, 0.04, 0.04])
     for step in range(8):
@@ -285,7 +285,7 @@ def test_an_uncertain_pose_is_drawn_to_where_the_scan_fits(filters, room):
     np.testing.assert_allclose(pose, end, atol=0.15)
 
 
-def test_a_full_covariance_and_its_diagonal_spread_alike(filters, room):
+def test_full_covariance_and_its_diagonal_spread_alike(filters, room):
     clouds = []
     for covariance in (np.diag([0.1, 0.2, 0.05]), [0.1, 0.2, 0.05], [[0.1, 0, 0.9], [0, 0.2, 0], [0, 0, 0.05]]):
         amcl = filters()
@@ -341,7 +341,7 @@ def test_with_an_interval_of_two_every_second_update_resamples_and_publishes(fil
     assert np.ptp(amcl.weights) > 0.0
 
 
-def test_the_filter_weighs_its_particles_as_poses_are_weighed_alone(filters, room):
+def test_filter_weighs_its_particles_as_poses_are_weighed_alone(filters, room):
     """In four bytes a beam that ends on the very edge of a cell may fall into the next one."""
     amcl = filters(resample_interval=2)
     amcl.set_pose(START, [0.2, 0.2, 0.5])
@@ -353,7 +353,7 @@ def test_the_filter_weighs_its_particles_as_poses_are_weighed_alone(filters, roo
     assert np.ptp(alone) > 3.0
 
 
-def test_a_laser_range_too_short_for_the_walls_leaves_the_particles_unweighted(filters, room):
+def test_laser_range_too_short_for_the_walls_leaves_the_particles_unweighted(filters, room):
     amcl = filters(laser_max_range=0.3, resample_interval=5)
     amcl.set_pose(START, [0.1, 0.1, 0.05])
     updated(amcl, room)
@@ -375,7 +375,7 @@ def test_unknown_or_impossible_parameters_are_refused(filters, parameters, messa
         filters(**parameters)
 
 
-def test_an_update_before_a_pose_is_refused(filters, room):
+def test_update_before_a_pose_is_refused(filters, room):
     with pytest.raises(ValueError, match="no initial pose: call set_pose before update"):
         updated(filters(), room)
 
@@ -390,13 +390,13 @@ def test_what_is_no_covariance_is_refused(covariance):
 
 
 @each_row("covariance", [[0.25, 0.16, 0.07], [[0.25, 0.1, 9], [0.1, 0.16, 9], [9, 9, 0.07]]])
-def test_a_covariance_is_its_planar_block_and_its_yaw(covariance):
+def test_covariance_is_its_planar_block_and_its_yaw(covariance):
     xx, xy, yy, yaw = covariance_of(covariance, "initial_pose_covariance")
     assert (xx, yy, yaw) == (0.25, 0.16, 0.07)
     assert xy == (0.1 if isinstance(covariance[0], list) else 0.0)
 
 
-def test_the_defaults_are_those_of_nav2_s_default_file():
+def test_defaults_are_those_of_nav2_s_default_file():
     q = AmclParameters()
     assert (q.min_particles, q.max_particles, q.pf_err, q.pf_z) == (500, 2000, 0.05, 0.99)
     assert (q.alpha1, q.alpha2, q.alpha3, q.alpha4) == (0.2, 0.2, 0.2, 0.2)
@@ -404,7 +404,7 @@ def test_the_defaults_are_those_of_nav2_s_default_file():
     assert (q.update_min_d, q.update_min_a, q.resample_interval) == (0.25, 0.2, 1)
 
 
-def test_a_map_may_be_read_only_and_of_any_kind_of_truth(room):
+def test_map_may_be_read_only_and_of_any_kind_of_truth(room):
     occupied = OccupancyMap(np.where(room, 100, 0).astype(np.int8), RESOLUTION_M, (0.0, 0.0)).occupied
     for kind in (occupied, occupied.astype(np.int8), occupied.tolist()):
         amcl = Filter(laser_xyt=LIDAR.mount_xyt, seed=1, **place(kind))

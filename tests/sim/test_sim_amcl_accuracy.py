@@ -90,19 +90,19 @@ def test_in_a_corridor_the_error_is_that_measured_with_nav2_s_filter(corridor, e
     assert np.percentile(found, 95) == pytest.approx(0.41, rel=0.35)
 
 
-def test_a_room_with_things_in_it_is_easier_than_a_corridor(room, corridor, errors):
+def test_room_with_things_in_it_is_easier_than_a_corridor(room, corridor, errors):
     found = errors(room)["position_m"]
     assert 0.03 < found.mean() < 0.5 * errors(corridor)["position_m"].mean()
     assert np.percentile(found, 95) < 0.21
 
 
-def test_the_yaw_is_kept_as_nav2_s_filter_keeps_it(room, corridor, errors):
+def test_yaw_is_kept_as_nav2_s_filter_keeps_it(room, corridor, errors):
     """0.012 to 0.014 rad in the mean."""
     for place in (room, corridor):
         assert errors(place)["yaw_rad"].mean() == pytest.approx(0.013, rel=0.3)
 
 
-def test_the_number_of_particles_adapts_to_what_is_known(room, errors):
+def test_number_of_particles_adapts_to_what_is_known(room, errors):
     """Nav2's filter has 500 to 1600 in rooms: all of them where no beam says anything."""
     exact, blind = errors(room)["particles"], errors(room, dropout=0.9)["particles"]
     assert np.percentile(exact, 5) == 501
@@ -120,7 +120,7 @@ def test_half_of_the_beams_are_nearly_as_good_as_all(room, errors):
     assert errors(room, dropout=0.5)["position_m"].mean() < 1.5 * errors(room)["position_m"].mean()
 
 
-def test_a_tenth_of_the_beams_is_too_few(room, corridor, errors):
+def test_tenth_of_the_beams_is_too_few(room, corridor, errors):
     assert errors(room, dropout=0.9)["position_m"].mean() > 2 * errors(room)["position_m"].mean()
     assert np.abs(errors(corridor, dropout=0.9)["across_m"]).mean() > 1.5 * np.abs(errors(corridor)["across_m"]).mean()
 

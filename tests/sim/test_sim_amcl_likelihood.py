@@ -39,7 +39,7 @@ def test_round_one_wall_distances_are_euclidean():
     np.testing.assert_array_equal(squared_distances(occupied, 100), nearest(occupied))
 
 
-def test_a_cell_belongs_to_the_wall_whose_cells_touch_it_first_and_not_to_the_nearest():
+def test_cell_belongs_to_the_wall_whose_cells_touch_it_first_and_not_to_the_nearest():
     """The upper left cell is √8 from the wall on the right, and its lower neighbor belongs to the wall 3 below it."""
     occupied = walls("....", "....", "..#.", "#...")
     expected = nearest(occupied)
@@ -60,7 +60,7 @@ def test_among_equals_the_order_is_that_of_a_c_plus_plus_priority_queue():
 
 @given(arrays(np.bool_, (7, 9), elements=st.integers(0, 5).map(lambda n: n == 0)))
 @settings(deadline=None)
-def test_a_distance_is_that_to_some_wall_and_never_less_than_that_to_the_nearest(occupied):
+def test_distance_is_that_to_some_wall_and_never_less_than_that_to_the_nearest(occupied):
     found = squared_distances(occupied, 40)
     if not occupied.any():
         assert (found == UNREACHED).all()
@@ -81,7 +81,7 @@ def test_beyond_the_greatest_distance_no_wall_is_found():
 
 
 @each_row("cells", [0, 1, 4, 39])
-def test_a_cell_weighs_by_the_likelihood_of_its_distance(cells):
+def test_cell_weighs_by_the_likelihood_of_its_distance(cells):
     occupied = np.zeros((3, 60), dtype=np.bool_)
     occupied[1, 5] = True
     found = table(occupied, dtype=np.float64)
@@ -99,13 +99,13 @@ def test_off_the_map_and_far_from_walls_the_distance_is_the_cap():
     assert found[FRAME, -1] == far
 
 
-def test_a_map_without_walls_weighs_every_cell_alike():
+def test_map_without_walls_weighs_every_cell_alike():
     assert len(np.unique(table(np.zeros((20, 20), dtype=np.bool_)))) == 1
 
 
 @given(st.integers(1, 400), st.integers(1, 400))
 @settings(deadline=None, max_examples=30)
-def test_the_table_has_a_whole_frame_and_an_odd_multiple_of_its_width(rows, columns):
+def test_table_has_a_whole_frame_and_an_odd_multiple_of_its_width(rows, columns):
     shape = table(np.zeros((rows, columns), dtype=np.bool_)).shape
     assert shape[0] == rows + 2 * FRAME
     assert columns + 2 * FRAME <= shape[1] < columns + 2 * FRAME + 2 * WIDTH
@@ -117,6 +117,6 @@ def test_the_table_has_a_whole_frame_and_an_odd_multiple_of_its_width(rows, colu
     ("low", "high", "expected"),
     [(-1.0, 100.0, (0.164, 20.0)), (0.5, 12.0, (0.5, 12.0)), (0.1, -1.0, (0.164, 20.0)), (0.0, 0.0, (0.164, 20.0))],
 )
-def test_the_usable_range_is_the_narrower_of_scanner_s_and_parameters(low, high, expected):
+def test_usable_range_is_the_narrower_of_scanner_s_and_parameters(low, high, expected):
     q = AmclParameters(laser_min_range=low, laser_max_range=high)
     assert usable_range_m(q, 0.164, 20.0) == expected

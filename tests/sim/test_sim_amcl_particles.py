@@ -41,7 +41,7 @@ def drawn(cloud, n, stream, x, y, yaw, covariance):
         ((0.2, 0.2, 0.0), False),
     ],
 )
-def test_the_gate_tests_each_axis_of_the_odometry_frame_by_itself(motion, updates):
+def test_gate_tests_each_axis_of_the_odometry_frame_by_itself(motion, updates):
     assert passes(*motion, record_of(AmclParameters())) == updates
 
 
@@ -61,7 +61,7 @@ def test_without_noise_particles_move_as_the_odometry_did():
     np.testing.assert_allclose(yaw, 1.6)
 
 
-def test_a_quarter_meter_ahead_scatters_as_the_motion_model_says():
+def test_quarter_meter_ahead_scatters_as_the_motion_model_says():
     """σ_trans² = α3 d², σ_rot1² = σ_rot2² = α2 d²: 0.11 m and 0.11 rad."""
     x, y, yaw = cloud_after(0.25, 0.0, 0.0, 0.0)
     assert pytest.approx(0.1118, abs=1e-4) == SIGMA
@@ -117,7 +117,7 @@ def test_without_covariance_every_particle_starts_at_the_pose():
     np.testing.assert_array_equal(cloud.particles, np.tile([[3.0], [-2.0], [0.5]], 10))
 
 
-def test_a_covariance_along_one_line_spreads_particles_on_it():
+def test_covariance_along_one_line_spreads_particles_on_it():
     cloud = new_cloud(1000)
     drawn(cloud, 1000, streams_of([5])[0], 0.0, 0.0, 0.0, np.array([0.04, 0.04, 0.04, 0.0]))
     x, y, _ = cloud.particles

@@ -38,13 +38,13 @@ def scattered(cloud, bins):
 
 
 @each_row(("bins", "expected"), [(0, 2000), (1, 2000), (2, 500), (40, 500), (100, 1129), (200, 2000)])
-def test_the_number_of_particles_for_some_bins(bins, expected):
+def test_number_of_particles_for_some_bins(bins, expected):
     assert limit(bins, PARAMETERS) == expected
 
 
 @given(st.integers(2, 4000))
 @settings(deadline=None)
-def test_the_limit_is_fox_s_formula_within_the_bounds(bins):
+def test_limit_is_fox_s_formula_within_the_bounds(bins):
     k = bins - 1
     formula = math.ceil(k / 0.1 * (1 - 2 / (9 * k) + math.sqrt(2 / (9 * k)) * 0.99) ** 3)
     wide = record_of(AmclParameters(min_particles=1, max_particles=100_000))
@@ -64,12 +64,12 @@ def filled(groups, weights=None):
     return cloud, n
 
 
-def test_a_cloud_in_one_bin_is_resampled_to_the_greatest_number():
+def test_cloud_in_one_bin_is_resampled_to_the_greatest_number():
     cloud, n = filled([(700, 0.1, 0.1, 0.01)])
     assert resampled(cloud, n, streams_of([1])[0], PARAMETERS) == (2000, 1)
 
 
-def test_a_cloud_in_two_bins_is_resampled_to_one_more_than_the_least_number():
+def test_cloud_in_two_bins_is_resampled_to_one_more_than_the_least_number():
     cloud, n = filled([(350, 0.1, 0.1, 0.01), (350, 0.6, 0.1, 0.01)])
     assert resampled(cloud, n, streams_of([1])[0], PARAMETERS) == (501, 2)
 
@@ -107,7 +107,7 @@ def test_particles_are_drawn_by_their_weight(weights, seed):
     np.testing.assert_allclose(found, shares, atol=6 * math.sqrt(shares.max() / draws))
 
 
-def test_a_particle_that_weighs_nearly_nothing_is_not_drawn():
+def test_particle_that_weighs_nearly_nothing_is_not_drawn():
     cloud, n = filled([(1, 0.1, 0.1, 0.0), (1, 5.0, 0.1, 0.0), (1, 9.0, 0.1, 0.0)], weights=[1.0, 1e-12, 1.0])
     count, _ = resampled(cloud, n, streams_of([4])[0], PARAMETERS)
     x = cloud.particles[0, :count]
@@ -115,7 +115,7 @@ def test_a_particle_that_weighs_nearly_nothing_is_not_drawn():
     assert (x == 0.1).mean() == pytest.approx(0.5, abs=5 * 0.5 / math.sqrt(count))
 
 
-def test_the_pose_is_the_mean_of_the_heaviest_cluster_and_not_of_the_cloud():
+def test_pose_is_the_mean_of_the_heaviest_cluster_and_not_of_the_cloud():
     cloud, n = filled([(300, 0.1, 0.1, 0.1), (300, 0.6, 0.3, 0.2), (700, 5.2, 5.2, 1.0), (50, 9.0, 1.0, -1.0)])
     _, bins = resampled(cloud, n, streams_of([1])[0], PARAMETERS)
     assert bins == 4
@@ -137,7 +137,7 @@ def test_bins_with_an_empty_one_between_them_are_two_clusters():
     assert clustered(cloud, bins) == pytest.approx((5.2, 5.2, 1.0))
 
 
-def test_the_yaw_of_a_cluster_is_a_circular_mean():
+def test_yaw_of_a_cluster_is_a_circular_mean():
     cloud, n = filled([(500, 0.1, 0.1, math.radians(178)), (500, 0.1, 0.1, math.radians(182))])
     _, bins = resampled(cloud, n, streams_of([1])[0], PARAMETERS)
     assert math.cos(clustered(cloud, bins)[2] - math.pi) == pytest.approx(1.0, abs=1e-3)
@@ -150,7 +150,7 @@ def test_bins_do_not_wrap_at_half_a_turn():
     assert clustered(cloud, bins)[2] == pytest.approx(0.01 - math.pi)
 
 
-def test_the_covariance_is_that_of_all_particles_whatever_their_cluster():
+def test_covariance_is_that_of_all_particles_whatever_their_cluster():
     rng = np.random.default_rng(2)
     cloud, n = new_cloud(2000), 2000
     cloud.particles[:] = rng.multivariate_normal(

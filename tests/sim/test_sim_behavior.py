@@ -76,7 +76,7 @@ def test_each_attempt_to_plan_has_one_clearing_and_six_recoveries_come_in_their_
     assert events(hopeless, "plan_failed", "recovery") == expected
 
 
-def test_a_goal_without_a_path_is_given_up_with_the_planner_s_code(hopeless):
+def test_goal_without_a_path_is_given_up_with_the_planner_s_code(hopeless):
     assert (hopeless.run.outcome, hopeless.run.error_code) == ("aborted", 208)
 
 
@@ -84,13 +84,13 @@ def test_every_clearing_of_a_costmap_counts_as_a_recovery_and_clearing_both_as_t
     assert hopeless.run.recoveries == 7 + len(ROUND) + ROUND.count("clear both costmaps")
 
 
-def test_a_plan_after_a_clearing_waits_for_the_costmap_s_next_update(hopeless):
+def test_plan_after_a_clearing_waits_for_the_costmap_s_next_update(hopeless):
     failed = times(hopeless, "plan_failed")
     waits = [second - first for first, second in zip(failed[::2], failed[1::2], strict=True)]
     assert all(0.0 < wait <= 1.05 for wait in waits)
 
 
-def test_the_spin_turns_a_quarter_and_the_backup_drives_thirty_centimeters(hopeless):
+def test_spin_turns_a_quarter_and_the_backup_drives_thirty_centimeters(hopeless):
     t = hopeless.columns["t_ms"]
     recoveries = {event.what: event.t_s for event in reversed(hopeless.run.events) if event.kind == "recovery"}
     spin = (t > 1e3 * recoveries["spin"]) & (t < 1e3 * recoveries["spin"] + 4500)
@@ -100,7 +100,7 @@ def test_the_spin_turns_a_quarter_and_the_backup_drives_thirty_centimeters(hopel
     assert si(hopeless.columns["command_speed_mmps"])[back].min() == -0.15
 
 
-def test_a_robot_whose_every_move_collides_gives_up_soon_for_lack_of_patience(caged):
+def test_robot_whose_every_move_collides_gives_up_soon_for_lack_of_patience(caged):
     assert (caged.run.outcome, caged.run.error_code) == ("aborted", 104)
     assert 10.0 < caged.run.simulated_s < 60.0
 
@@ -111,7 +111,7 @@ def test_patience_lasts_three_tenths_of_a_second(caged):
     assert first - started == pytest.approx(0.35, abs=0.15)
 
 
-def test_a_failure_of_the_controller_is_first_answered_by_clearing_the_local_costmap(caged):
+def test_failure_of_the_controller_is_first_answered_by_clearing_the_local_costmap(caged):
     found = events(caged, "control_failed", "recovery")
     assert found[:4] == [
         ("control_failed", "104"),
@@ -121,7 +121,7 @@ def test_a_failure_of_the_controller_is_first_answered_by_clearing_the_local_cos
     ]
 
 
-def test_a_robot_that_gets_nowhere_gives_up_after_two_and_a_half_minutes(stuck):
+def test_robot_that_gets_nowhere_gives_up_after_two_and_a_half_minutes(stuck):
     """Ten seconds of allowance twice an attempt, seven attempts, and the recoveries between them."""
     assert (stuck.run.outcome, stuck.run.error_code) == ("aborted", 105)
     assert 140.0 < stuck.run.simulated_s < 190.0
@@ -145,13 +145,13 @@ def test_what_lies_outside_the_map_aborts_at_once_and_without_a_recovery(scenari
     assert recording.run.simulated_s < 1.0
 
 
-def test_a_mission_through_poses_reports_the_code_of_its_own_planner(scenario, walled_off):
+def test_mission_through_poses_reports_the_code_of_its_own_planner(scenario, walled_off):
     goals = [{"x": 3.0, "y": 4.0}, {"x": 7.0, "y": 4.0}]
     recording = run(scenario("navigate_through_poses", map_file=walled_off, goal_poses=goals), 0)
     assert (recording.run.outcome, recording.run.error_code) == ("aborted", 308)
 
 
-def test_a_missed_waypoint_ends_the_mission_where_the_follower_stops_on_failure(scenario, walled_off):
+def test_missed_waypoint_ends_the_mission_where_the_follower_stops_on_failure(scenario, walled_off):
     goals = [{"x": 7.0, "y": 4.0}, {"x": 3.0, "y": 4.0}]
     stops = {"waypoint_follower.ros__parameters.stop_on_failure": True}
     recording = run(scenario("follow_waypoints", map_file=walled_off, goal_poses=goals, **stops), 0)
@@ -167,7 +167,7 @@ def test_between_waypoints_the_robot_pauses_as_long_as_its_parameter_says(scenar
     assert gaps[1] - gaps[0] == pytest.approx(2.8, abs=0.3)
 
 
-def test_the_smoother_lets_speed_grow_by_an_eighth_of_a_metre_a_second_each_tick(scenario):
+def test_smoother_lets_speed_grow_by_an_eighth_of_a_metre_a_second_each_tick(scenario):
     recording = run(scenario(controller="rpp"), 0)
     sent = si(recording.columns["sent_speed_mmps"])
     assert max(abs(later - earlier) for earlier, later in itertools.pairwise(sent)) <= 2 * 0.125 + 1e-3

@@ -61,7 +61,7 @@ def test_compare_succeeds_where_the_relation_holds(made, left, sign, right, hold
     assert ("does not hold" in message) == (not holds)
 
 
-def test_a_relation_without_meaning_does_not_merely_not_hold(made):
+def test_relation_without_meaning_does_not_merely_not_hold(made):
     with pytest.raises(ScenarioError, match="'=>' is no operator of compare; it knows ==, !=, <, <=, >, >="):
         made("compare", left_value=1, operator="=>", right_value=2)
     with pytest.raises(ScenarioError, match="1 and 'a' can't be compared by <"):
@@ -102,7 +102,7 @@ def test_random_numbers_come_from_the_runs_generator_alone():
     assert {s for _, _, s in drawn(7)} == {"a", "b", "c"}
 
 
-def test_a_seed_in_the_file_makes_every_run_draw_the_same():
+def test_seed_in_the_file_makes_every_run_draw_the_same():
     one, other = functions(1), functions(2)
     assert one["random.seed"](5) == other["random.seed"](5) == 5
     assert one["random.get_float"](0.0, 1.0) == other["random.get_float"](0.0, 1.0)
@@ -146,7 +146,7 @@ def test_what_runs_until_the_end_never_wakes_the_tree():
         assert acting.wakes_s() == math.inf
 
 
-def test_the_simulators_programs_run_as_long_as_it_does(made):
+def test_simulators_programs_run_as_long_as_it_does(made):
     known = stand_ins({})
     for process in (*SIMULATOR_PROCESSES, "nav2_amcl"):
         assert made("check_process_running", known=known, process_name=process, regex=False)[0] is Status.SUCCESS
@@ -197,5 +197,5 @@ def test_every_call_that_nothing_implements_is_told_with_its_place_and_a_reason(
     assert "container" in found[2].reason
 
 
-def test_a_scenario_of_known_actions_lacks_nothing():
+def test_scenario_of_known_actions_lacks_nothing():
     assert unsupported(definition(Call("log", "", {}, "", Place("visit.osc", 3, 9))), HELPERS) == []

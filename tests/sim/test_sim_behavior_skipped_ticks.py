@@ -201,7 +201,7 @@ def test_nothing_wakes_a_scenario_that_waits_for_the_mission_alone():
     assert tree.next_tick() == math.inf
 
 
-def test_a_variable_that_a_running_action_changes_is_seen_to_its_left_at_the_next_tick():
+def test_variable_that_a_running_action_changes_is_seen_to_its_left_at_the_next_tick():
     seen = Wait(Holds(Operation(">=", (COUNT, constant(1)), PLACE), PLACE), "", PLACE)
     arguments = {"lasts_s": constant(3.0), "fails": constant(False), "counts": constant(False)}
     changing = Call("lingering", "", arguments, "", PLACE)

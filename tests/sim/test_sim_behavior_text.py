@@ -106,7 +106,7 @@ BODIES = {
 
 
 @each_row("body", BODIES)
-def test_a_file_ends_as_its_words_say(body):
+def test_file_ends_as_its_words_say(body):
     text = "import osc.helpers\nimport osc.x11\nscenario visit:\n" + textwrap.indent(body, "  ")
     tree = ended(tree_of(text))
     assert (tree.passed, tree.now_s) == BODIES[body]
@@ -182,7 +182,7 @@ def test_what_only_the_ros_machine_needs_stands_in_the_way_of_nothing():
     assert (tree.passed, tree.now_s) == (True, 20.0)
 
 
-def test_a_timeout_names_what_was_waited_for_not_what_only_goes_along():
+def test_timeout_names_what_was_waited_for_not_what_only_goes_along():
     tree = ended(tree_of(TOUR))
     assert (tree.cause, tree.now_s) == ("timeout", 60.2)
     assert tree.message == "timeout(60 s) at visit.osc:10:5 ran out while nav_through_poses was running"
@@ -192,7 +192,7 @@ def with_drive(**outcome):
     return {**ACTIONS, "differential_drive_robot.nav_through_poses": type("Drive", (Drive,), outcome)}
 
 
-def test_a_visit_ends_with_its_mission_while_the_watchdog_runs_on():
+def test_visit_ends_with_its_mission_while_the_watchdog_runs_on():
     lines = []
     (definition,) = read_text(textwrap.dedent(VISIT), "visit.osc", Path())
     tree = ended(ScenarioTree(definition, bound(definition, {}), with_drive(end_s=33.3), {}, log=lines.append))
@@ -200,19 +200,19 @@ def test_a_visit_ends_with_its_mission_while_the_watchdog_runs_on():
     assert lines == ["alive"] * 30
 
 
-def test_a_visit_whose_mission_fails_says_where_why_and_with_which_code():
+def test_visit_whose_mission_fails_says_where_why_and_with_which_code():
     tree = ended(tree_of(VISIT, with_drive(end_s=7.0, status=Status.FAILURE)))
     assert (tree.passed, tree.now_s, tree.cause, tree.error_code) == (False, 7.0, "action", 308)
     assert tree.message == "no path to the goal; nav_through_poses at visit.osc:20:13"
 
 
-def test_a_visit_whose_mission_takes_too_long_names_the_timeout_that_ran_out():
+def test_visit_whose_mission_takes_too_long_names_the_timeout_that_ran_out():
     tree = ended(tree_of(VISIT))
     assert (tree.passed, tree.now_s, tree.cause, tree.error_code) == (False, 90.2, "timeout", 0)
     assert tree.message == "timeout(90 s) at visit.osc:21:17 ran out while nav_through_poses was running"
 
 
-def test_the_ticks_of_a_visit_that_matter_give_the_same_run():
+def test_ticks_of_a_visit_that_matter_give_the_same_run():
     every, leaping = ended(tree_of(VISIT)), tree_of(VISIT)
     while not leaping.ended:
         leaping.tick(int(leaping.next_tick()))
@@ -220,7 +220,7 @@ def test_the_ticks_of_a_visit_that_matter_give_the_same_run():
     assert leaping.message == every.message
 
 
-def test_a_division_by_zero_in_a_file_says_where():
+def test_division_by_zero_in_a_file_says_where():
     text = """\
         import osc.helpers
         scenario visit:
@@ -235,7 +235,7 @@ def test_a_division_by_zero_in_a_file_says_where():
     assert tree.now_s == 0.6
 
 
-def test_a_function_of_the_file_that_refuses_its_arguments_says_why():
+def test_function_of_the_file_that_refuses_its_arguments_says_why():
     text = """\
         import osc.helpers
         scenario visit:

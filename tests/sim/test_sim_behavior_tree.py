@@ -188,23 +188,23 @@ def do(seconds=0.0, fails=False, **more):
     return call("do", lasts_s=seconds, fails=fails, **more)
 
 
-def test_a_wait_of_one_second_that_begins_at_the_first_tick_ends_at_1_1(outcome):
+def test_wait_of_one_second_that_begins_at_the_first_tick_ends_at_1_1(outcome):
     assert outcome(elapsed(1.0)) == (True, 1.1)
 
 
-def test_a_timeout_of_two_seconds_over_a_longer_wait_fails_at_2_2(outcome):
+def test_timeout_of_two_seconds_over_a_longer_wait_fails_at_2_2(outcome):
     assert outcome(timeout(2.0, elapsed(5.0))) == (False, 2.2)
 
 
-def test_a_wait_as_long_as_its_timeout_passes_at_2_1(outcome):
+def test_wait_as_long_as_its_timeout_passes_at_2_1(outcome):
     assert outcome(timeout(2.0, elapsed(2.0))) == (True, 2.1)
 
 
-def test_a_wait_of_one_second_three_times_over_ends_at_3_3(outcome):
+def test_wait_of_one_second_three_times_over_ends_at_3_3(outcome):
     assert outcome(repeat(3, elapsed(1.0))) == (True, 3.3)
 
 
-def test_a_lone_log_ends_at_the_first_tick(outcome):
+def test_lone_log_ends_at_the_first_tick(outcome):
     assert outcome(log()) == (True, 0.1)
 
 
@@ -213,28 +213,28 @@ def test_no_noise_of_floats_decides_when_a_wait_ends(outcome):
         assert outcome(elapsed(tenths / 10)) == (True, (tenths + 1) / 10)
 
 
-def test_a_duration_may_be_a_parameter_or_what_a_function_says(outcome):
+def test_duration_may_be_a_parameter_or_what_a_function_says(outcome):
     assert outcome(elapsed(name("patience")), values={"patience": 0.5}) == (True, 0.6)
     drawn = External("random.get_float", (), PLACE)
     assert outcome(elapsed(drawn), functions={"random.get_float": lambda: 0.7}) == (True, 0.8)
 
 
-def test_a_serial_starts_the_next_child_in_the_tick_in_which_one_succeeds(outcome, journal):
+def test_serial_starts_the_next_child_in_the_tick_in_which_one_succeeds(outcome, journal):
     assert outcome(serial(do(0.2, label="a"), do(0.0, label="b"), do(0.3, label="c"))) == (True, 0.6)
     assert journal == [(0.1, "a", "enters"), (0.3, "b", "enters"), (0.3, "c", "enters")]
 
 
-def test_a_serial_fails_with_the_first_failure_and_never_begins_the_rest(outcome, journal):
+def test_serial_fails_with_the_first_failure_and_never_begins_the_rest(outcome, journal):
     assert outcome(serial(do(0.2, fails=True), do(label="rest"))) == (False, 0.3)
     assert len(journal) == 1
 
 
-def test_a_parallel_succeeds_when_all_have_and_does_not_begin_finished_ones_again(outcome, journal):
+def test_parallel_succeeds_when_all_have_and_does_not_begin_finished_ones_again(outcome, journal):
     assert outcome(parallel(do(0.1, label="a"), do(0.5, label="b"))) == (True, 0.6)
     assert journal == [(0.1, "a", "enters"), (0.1, "b", "enters")]
 
 
-def test_a_parallel_fails_as_soon_as_one_branch_does_and_cancels_the_others(outcome, journal):
+def test_parallel_fails_as_soon_as_one_branch_does_and_cancels_the_others(outcome, journal):
     assert outcome(parallel(do(9.0, label="a"), do(0.3, fails=True, label="b"), do(9.0, label="c"))) == (False, 0.4)
     assert journal[3:] == [(0.4, "a", "is cancelled"), (0.4, "c", "is cancelled")]
 
@@ -248,23 +248,23 @@ def test_one_failure_fails_one_of_even_beside_a_success_in_the_same_tick(outcome
     assert outcome(one_of(do(0.3), do(0.3, fails=True))) == (False, 0.4)
 
 
-def test_an_event_is_heard_in_the_same_tick_to_the_right_and_in_the_next_to_the_left(outcome, journal):
+def test_event_is_heard_in_the_same_tick_to_the_right_and_in_the_next_to_the_left(outcome, journal):
     heard = [serial(event("go"), do(label=side)) for side in ("left", "right")]
     assert outcome(parallel(heard[0], serial(elapsed(0.3), emit("go")), heard[1])) == (True, 0.5)
     assert journal == [(0.4, "right", "enters"), (0.5, "left", "enters")]
 
 
-def test_an_event_stays_for_the_rest_of_the_run(outcome):
+def test_event_stays_for_the_rest_of_the_run(outcome):
     assert outcome(serial(emit("go"), elapsed(0.5), event("go"), event("go"))) == (True, 0.6)
 
 
-def test_an_event_with_a_condition_waits_for_both(outcome):
+def test_event_with_a_condition_waits_for_both(outcome):
     late = event("go", operation("==", name("count"), 2))
     counting = serial(emit("go"), repeat(2, serial(elapsed(0.1), call("increment", target_variable="count"))))
     assert outcome(parallel(counting, late), variables=counter()) == (True, 0.4)
 
 
-def test_a_condition_is_evaluated_again_at_each_tick(outcome):
+def test_condition_is_evaluated_again_at_each_tick(outcome):
     counting = repeat(3, call("increment", target_variable="count"))
     assert outcome(parallel(counting, holds(operation(">=", name("count"), 3))), variables=counter()) == (True, 0.3)
 
@@ -285,17 +285,17 @@ def test_emit_fail_fails_the_scenario_and_wins_over_end_in_the_same_tick(outcome
     assert (failed.cause, failed.message) == ("emit", "emit fail at visit.osc:12:9")
 
 
-def test_a_failed_root_wins_over_emit_end_in_the_same_tick(outcome):
+def test_failed_root_wins_over_emit_end_in_the_same_tick(outcome):
     assert outcome(parallel(emit("end"), do(fails=True))) == (False, 0.1)
 
 
-def test_a_timeout_fails_even_if_the_child_succeeds_in_that_very_tick(tree):
+def test_timeout_fails_even_if_the_child_succeeds_in_that_very_tick(tree):
     failed = ended(tree(timeout(0.25, do(0.3))))
     assert (failed.now_s, failed.cause) == (0.4, "timeout")
     assert failed.message == "timeout(0.25 s) at visit.osc:8:5 ran out in the tick in which do succeeded"
 
 
-def test_a_timeout_cancels_what_runs_below_it_and_says_what_that_was(tree, journal):
+def test_timeout_cancels_what_runs_below_it_and_says_what_that_was(tree, journal):
     running = parallel(call("robot.drive", "bot", lasts_s=9.0), elapsed(5.0))
     failed = ended(tree(timeout(2.0, serial(running)), actors=(Actor("bot", ("robot",), {}, (), PLACE),)))
     assert failed.message == "timeout(2 s) at visit.osc:8:5 ran out while drive was running"
@@ -303,7 +303,7 @@ def test_a_timeout_cancels_what_runs_below_it_and_says_what_that_was(tree, journ
     assert journal[-1] == (2.2, "", "is cancelled")
 
 
-def test_the_innermost_of_two_timeouts_is_the_cause(tree):
+def test_innermost_of_two_timeouts_is_the_cause(tree):
     failed = ended(tree(timeout(9.0, timeout(1.0, elapsed(5.0)))))
     assert failed.message == "timeout(1 s) at visit.osc:8:5 ran out while wait elapsed was running"
 
@@ -313,7 +313,7 @@ def test_repeat_begins_its_child_again_at_the_next_tick(outcome, journal):
     assert [t_s for t_s, *_ in journal] == [0.1, 0.2, 0.3]
 
 
-def test_a_failure_ends_repeat_with_failure(outcome):
+def test_failure_ends_repeat_with_failure(outcome):
     assert outcome(repeat(-1, serial(elapsed(0.2), do(fails=True)))) == (False, 0.3)
 
 
@@ -350,12 +350,12 @@ def test_modifiers_read_a_status_as_another(outcome, modifier, success, failure,
     assert outcome(modified(modifier, do(0.3))) == running
 
 
-def test_the_first_written_modifier_is_outermost(outcome):
+def test_first_written_modifier_is_outermost(outcome):
     assert outcome(modified("inverter", timeout(0.5, do(9.0)))) == (True, 0.7)
     assert outcome(timeout(0.5, modified("inverter", do(9.0)))) == (False, 0.7)
 
 
-def test_a_modifier_that_makes_a_failure_of_a_success_says_so(tree):
+def test_modifier_that_makes_a_failure_of_a_success_says_so(tree):
     failed = ended(tree(modified("inverter", log())))
     assert (failed.cause, failed.message) == ("behavior", "inverter at visit.osc:8:5 failed: log: success is failure")
 
@@ -368,23 +368,23 @@ def test_until_ends_a_branch_with_success_and_cancels_it(outcome, journal):
     assert outcome(parallel(signal, stopped)) == (True, 0.4)
 
 
-def test_a_child_of_until_that_ends_first_keeps_its_result(outcome):
+def test_child_of_until_that_ends_first_keeps_its_result(outcome):
     assert outcome(until(Elapsed(value(0.5), PLACE), do(0.2))) == (True, 0.3)
     assert outcome(until(Elapsed(value(0.5), PLACE), do(0.2, fails=True))) == (False, 0.3)
 
 
-def test_a_failed_action_is_named_with_its_place_its_reason_and_its_code(tree):
+def test_failed_action_is_named_with_its_place_its_reason_and_its_code(tree):
     failed = ended(tree(serial(log(), parallel(elapsed(9.0), do(0.3, fails=True, line=30)))))
     assert (failed.cause, failed.error_code) == ("action", 203)
     assert failed.message == "goal rejected; do at visit.osc:30:9"
 
 
-def test_a_label_names_a_node(tree):
+def test_label_names_a_node(tree):
     failed = ended(tree(serial(do(fails=True, label="first_leg", line=3))))
     assert failed.message == "goal rejected; first_leg at visit.osc:3:9"
 
 
-def test_a_scenario_that_divides_by_zero_can_not_work_and_says_where(tree):
+def test_scenario_that_divides_by_zero_can_not_work_and_says_where(tree):
     for root in (
         call("log", msg=operation("/", 1.0, 0.0)),
         elapsed(operation("/", 1.0, 0.0)),
@@ -398,13 +398,13 @@ def test_a_scenario_that_divides_by_zero_can_not_work_and_says_where(tree):
         assert broken.now_s == 0.1
 
 
-def test_a_scenario_with_a_declaration_that_has_no_value_can_not_work(tree):
+def test_scenario_with_a_declaration_that_has_no_value_can_not_work(tree):
     initial = operation("/", 1.0, 0.0)
     with pytest.raises(ScenarioError, match=r"visit\.osc:8:5: .*zero"):
         tree(log(), variables=(Field("share", Type("float", "basic"), initial, PLACE),))
 
 
-def test_an_action_of_an_actor_sees_the_actors_members_and_its_name(tree):
+def test_action_of_an_actor_sees_the_actors_members_and_its_name(tree):
     seen = []
 
     class Look(Deed):
@@ -421,7 +421,7 @@ def test_an_action_of_an_actor_sees_the_actors_members_and_its_name(tree):
     assert seen == [{"namespace": "north", "name": "bot"}]
 
 
-def test_an_exception_of_an_action_is_passed_on_and_every_action_is_shut_down_once(tree, journal):
+def test_exception_of_an_action_is_passed_on_and_every_action_is_shut_down_once(tree, journal):
     class Broken(Deed):
         def update(self):
             raise OSError("no such simulator")
@@ -435,7 +435,7 @@ def test_an_exception_of_an_action_is_passed_on_and_every_action_is_shut_down_on
     assert [(who, what) for _, who, what in journal[2:]] == [("a", "is shut down"), ("b", "is shut down")]
 
 
-def test_an_exception_in_one_shutdown_keeps_no_other_from_its_own(tree, journal):
+def test_exception_in_one_shutdown_keeps_no_other_from_its_own(tree, journal):
     class Stuck(Deed):
         def shutdown(self):
             super().shutdown()
@@ -448,7 +448,7 @@ def test_an_exception_in_one_shutdown_keeps_no_other_from_its_own(tree, journal)
     assert [who for _, who, _ in journal] == ["a", "b"]
 
 
-def test_the_status_of_every_node_is_told_at_the_start_and_then_each_change(tree):
+def test_status_of_every_node_is_told_at_the_start_and_then_each_change(tree):
     under_way = ended(tree(serial(elapsed(0.2), log("over"), label="body")))
     rows = [(row.t_s, row.node, row.parent, row.child_index, row.name, row.status) for row in under_way.changes]
     assert rows == [
@@ -486,13 +486,13 @@ def test_no_tick_is_made_twice_or_after_the_end(tree):
         under_way.tick(9)
 
 
-def test_a_period_is_a_whole_number_of_microseconds(tree):
+def test_period_is_a_whole_number_of_microseconds(tree):
     for period_s in (0.0, -0.1, 1 / 3, math.nan, math.inf):
         with pytest.raises(ValueError, match="whole number of microseconds"):
             tree(log(), period_s=period_s)
     assert ended(tree(elapsed(1.0), period_s=0.05)).now_s == 1.05
 
 
-def test_an_action_that_nothing_implements_is_refused_with_its_place(tree):
+def test_action_that_nothing_implements_is_refused_with_its_place(tree):
     with pytest.raises(ValueError, match=r"visit\.osc:8:9: nothing implements the action fly"):
         tree(call("fly"))

@@ -20,7 +20,7 @@ def test_all_that_is_implemented_may_be_used():
     assert {*HELPERS, *ENTITIES, *NAVIGATION, *ROS, *PROCESSES, *stand_ins({})} == ACTIONS
 
 
-def test_the_names_are_known_without_the_simulator():
+def test_names_are_known_without_the_simulator():
     script = "import sys, vastflow.sim.reading.vocabulary; print(*{'numba', 'pymunk', 'scipy'} & sys.modules.keys())"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=240, check=True)
     assert done.stdout.split() == []

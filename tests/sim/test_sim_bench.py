@@ -18,7 +18,7 @@ from vastflow.sim.world.octile import passable, shortest_path
         (SMALL, (400, 400), "bb0fe3f30afcb6791c224b22cdc6ca6e9e690a779577cf57375f49c9d01323da"),
     ],
 )
-def test_the_map_is_pinned(floor, shape, digest):
+def test_map_is_pinned(floor, shape, digest):
     occupancy = benchmark_map(floor)
     assert occupancy.shape == shape
     assert occupancy.digest == digest
@@ -37,8 +37,8 @@ def test_every_route_has_the_length_of_its_floor(floor):
         assert math.isclose(way[1], floor.route_m, abs_tol=0.06)
 
 
-def test_a_controller_that_does_not_exist_is_refused():
-    with pytest.raises(ValueError, match="controller: found 'teb'; one of dwb, mppi, rpp"):
+def test_controller_that_does_not_exist_is_refused():
+    with pytest.raises(ValueError, match="controller: expected one of dwb, mppi, rpp, got 'teb'"):
         bench("teb")
 
 
@@ -58,14 +58,14 @@ def test_what_was_measured_says_what_it_was_measured_with(measured):
 
 
 @each_row("floor", ["large", "small"])
-def test_the_routes_are_driven_to_their_ends(measured, floor):
+def test_routes_are_driven_to_their_ends(measured, floor):
     found = measured if floor == "large" else measured["small"]
     assert (found["runs"], found["reached"], found["contacts"]) == (ROUTES, ROUTES, 0)
     assert found["driven_m"] == pytest.approx(ROUTES * found["map"]["route_m"], rel=0.15)
     assert found["x_real_time"] == pytest.approx(found["simulated_s"] / found["cpu_s"], rel=0.02)
 
 
-def test_the_stages_of_a_profile_add_up_to_about_what_the_run_takes(measured):
+def test_stages_of_a_profile_add_up_to_about_what_the_run_takes(measured):
     stages = measured["profile"]
     total = sum(stage["ms_per_simulated_s"] for stage in stages.values())
     # They are driven once more for it, perhaps while others use the machine.
@@ -75,13 +75,13 @@ def test_the_stages_of_a_profile_add_up_to_about_what_the_run_takes(measured):
     assert stages["planner"]["per_simulated_s"] == pytest.approx(1.0, rel=0.2)
 
 
-def test_a_control_cycle_is_the_profile_s_stage_divided_by_its_calls(measured):
+def test_control_cycle_is_the_profile_s_stage_divided_by_its_calls(measured):
     cycle, stage = measured["control_cycle"], measured["profile"]["controller"]
     assert cycle["us"] * stage["per_simulated_s"] == pytest.approx(1e3 * stage["ms_per_simulated_s"], rel=0.01)
     assert cycle["us"] * cycle["per_s_and_core"] == pytest.approx(1e6, rel=0.01)
 
 
-def test_the_control_cycle_is_said_plainly_and_as_json(measured):
+def test_control_cycle_is_said_plainly_and_as_json(measured):
     cycle = measured["control_cycle"]
     lines = dict(line.split(maxsplit=1) for line in shown(measured, as_json=False).splitlines())
     assert float(lines["control_cycle.us"]) == pytest.approx(cycle["us"], rel=1e-3)

@@ -51,7 +51,7 @@ def blocks(draw):
 
 
 @given(RUNS)
-def test_a_run_is_read_back_from_its_row(run):
+def test_run_is_read_back_from_its_row(run):
     assert run_of(run_row(run)) == run
 
 
@@ -70,7 +70,7 @@ def test_what_a_block_holds_is_what_was_written(recordings):
 
 @given(blocks())
 @settings(max_examples=30, deadline=None)
-def test_a_block_s_bytes_are_its_content_alone(recordings):
+def test_block_s_bytes_are_its_content_alone(recordings):
     content = write_recordings(recordings)
     assert write_recordings(recordings) == content
     assert write_recordings(read_recordings(content)) == content
@@ -82,17 +82,17 @@ def a_recording(run_index=0, n=50, **changes):
     return Recording(run, {"t_ms": t * 100, "x_mm": t * t, **changes})
 
 
-def test_the_digest_of_a_recording_is_pinned():
+def test_digest_of_a_recording_is_pinned():
     assert a_recording().digest == "a0d04e63e45f3b803cb5a96e1a9799951424f6fffd7c0bb58196518d4f2bf014"
 
 
-def test_a_column_s_name_and_its_values_are_in_the_digest():
+def test_column_s_name_and_its_values_are_in_the_digest():
     moved = np.arange(50, dtype=np.int32)
     digests = [a_recording(), a_recording(x_mm=moved), a_recording(y_mm=moved), a_recording(run_index=1)]
     assert len({recording.digest for recording in digests}) == 4
 
 
-def test_a_block_of_nothing_is_read_as_nothing():
+def test_block_of_nothing_is_read_as_nothing():
     assert read_block(write_block([], [])) == []
 
 
@@ -101,7 +101,7 @@ def test_runs_of_one_block_have_the_same_columns():
         write_block([{"run_index": 0}, {"run_index": 1}], [{"a": np.zeros(1, np.int32)}, {"b": np.zeros(1, np.int32)}])
 
 
-def test_a_block_is_parquet_whose_differences_others_can_add_up(tmp_path):
+def test_block_is_parquet_whose_differences_others_can_add_up(tmp_path):
     (tmp_path / "b.parquet").write_bytes(write_recordings([a_recording(3), a_recording(5, n=2)]))
     table = pq.read_table(tmp_path / "b.parquet")
     assert table.column_names == ["run_index", "t_ms:d1", "x_mm:d2"]
@@ -112,13 +112,13 @@ def test_a_block_is_parquet_whose_differences_others_can_add_up(tmp_path):
     np.testing.assert_array_equal(np.cumsum(np.cumsum(differences)), expected)
 
 
-def test_a_rough_column_is_stored_as_it_is(tmp_path):
+def test_rough_column_is_stored_as_it_is(tmp_path):
     noise = np.random.default_rng(1).integers(-(2**31), 2**31 - 1, 50, dtype=np.int32)
     (tmp_path / "b.parquet").write_bytes(write_recordings([a_recording(noise=noise)]))
     np.testing.assert_array_equal(np.array(pq.read_table(tmp_path / "b.parquet")["noise"]), noise)
 
 
-def test_a_column_whose_name_looks_like_differences_is_read_back():
+def test_column_whose_name_looks_like_differences_is_read_back():
     columns = {"a:d2": np.array([7, -7, 7, 2**31 - 1], dtype=np.int32), "b:d0": np.arange(4, dtype=np.int32)}
     ((_, found),) = read_block(write_block([{"run_index": 0}], [columns]))
     assert list(found) == ["a:d2", "b:d0"]
@@ -133,12 +133,12 @@ def test_some_columns_are_read_alone():
     )
 
 
-def test_a_column_that_a_block_does_not_have_is_an_error():
+def test_column_that_a_block_does_not_have_is_an_error():
     with pytest.raises(KeyError, match="y_mm"):
         read_columns(write_recordings([a_recording()]), ["y_mm"])
 
 
-def test_a_block_of_an_older_form_is_refused():
+def test_block_of_an_older_form_is_refused():
     out = io.BytesIO()
     pq.write_table(pa.table({"run_index": [0]}, metadata={"vastflow.runs": "[{}]"}), out)
     with pytest.raises(ValueError, match="a block that another version of vastflow wrote"):
@@ -150,11 +150,11 @@ def test_rows_are_read_without_columns():
     assert read_rows(write_recordings(recordings)) == [run_row(recording.run) for recording in recordings]
 
 
-def test_a_smooth_column_takes_little_room():
+def test_smooth_column_takes_little_room():
     rows = 20_000
     content = write_recordings([a_recording(n=rows)])
     assert len(content) < rows
 
 
-def test_a_column_of_thousandths_is_read_in_si_units():
+def test_column_of_thousandths_is_read_in_si_units():
     np.testing.assert_allclose(si(np.array([1500, -1], dtype=np.int32)), [1.5, -0.001])

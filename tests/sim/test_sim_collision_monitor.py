@@ -75,20 +75,20 @@ def walls_beside(distance_m, other_m=math.inf, noise_m=0.0, rng=None):
     return ranges + (rng.normal(0.0, noise_m, 360) if noise_m else 0.0)
 
 
-def test_a_command_into_the_open_is_left_alone():
+def test_command_into_the_open_is_left_alone():
     assert factor(np.full(360, np.inf), 0.5) == 1.0
 
 
-def test_a_wall_beyond_the_time_to_collision_is_left_alone():
+def test_wall_beyond_the_time_to_collision_is_left_alone():
     assert factor(wall_ahead(0.9), 0.5) == 1.0
 
 
-def test_a_command_towards_a_wall_is_scaled_by_the_time_to_the_collision():
+def test_command_towards_a_wall_is_scaled_by_the_time_to_the_collision():
     """At 0.5 m/s the outline (0.23 m) comes within a wall at 0.6 m in the eighth step of 0.1 s: label 0.7 s."""
     assert factor(wall_ahead(0.6), 0.5) == pytest.approx(0.7 / 1.2)
 
 
-def test_the_factor_falls_as_the_wall_comes_near():
+def test_factor_falls_as_the_wall_comes_near():
     found = [factor(wall_ahead(distance), 0.5) for distance in (0.8, 0.6, 0.45, 0.3)]
     assert found == sorted(found, reverse=True)
     assert found[0] > found[-1]
@@ -121,7 +121,7 @@ def test_points_nearer_than_the_scanner_sees_do_not_count():
     assert factor(ranges, 0.5) == 1.0
 
 
-def test_the_points_stay_where_they_were_while_the_robot_moves_on():
+def test_points_stay_where_they_were_while_the_robot_moves_on():
     assert factor(wall_ahead(0.9), 0.5, moved=(0.3, 0.0, 0.0)) == pytest.approx(factor(wall_ahead(0.6), 0.5))
     assert factor(wall_ahead(0.6), 0.5, moved=(0.0, 0.0, math.pi)) == 1.0
 
@@ -130,7 +130,7 @@ def test_without_a_monitor_nothing_is_stopped():
     assert factor(wall_ahead(0.25), 0.5, enabled=False) == 1.0
 
 
-def test_the_footprint_is_the_padded_polygon_and_not_a_circle():
+def test_footprint_is_the_padded_polygon_and_not_a_circle():
     """Straight ahead its vertex is at 0.23 m; points at 0.232 m lie outside there and inside half way to its next but one."""
     inside = np.full(360, np.inf)
     assert np.isclose(circumscribed_radius_m(OUTLINE), 0.234142, atol=1e-6)

@@ -103,15 +103,15 @@ def driven(parameters: NavParameters, length_m: float = 10.0):
 
 
 @each_row("check", CHECKS)
-def test_the_page_s_controller_keeps_the_contract(pursuit, check):
+def test_page_s_controller_keeps_the_contract(pursuit, check):
     check(pursuit, sample_situations())
 
 
-def test_the_page_s_controller_has_about_sixty_lines(folder):
+def test_page_s_controller_has_about_sixty_lines(folder):
     assert len((folder / "my_pursuit.py").read_text().splitlines()) <= 65
 
 
-def test_the_page_s_controller_drives_ten_meters_by_its_own_parameters_and_not_the_default_in_its_place(folder):
+def test_page_s_controller_drives_ten_meters_by_its_own_parameters_and_not_the_default_in_its_place(folder):
     parameters = parameters_of({"nav2_params": nav2_file(folder / "my_pursuit.yaml")})
     found = driven(parameters)
     assert (type(parameters.controller).__name__, parameters.controller.desired_linear_vel) == ("PurePursuit", 0.45)
@@ -122,7 +122,7 @@ def test_the_page_s_controller_drives_ten_meters_by_its_own_parameters_and_not_t
     assert not np.array_equal(commands[:50], driven(NavParameters()).columns["command_speed_mmps"][:50])
 
 
-def test_a_run_with_a_plug_in_is_the_same_again(folder):
+def test_run_with_a_plug_in_is_the_same_again(folder):
     parameters = parameters_of({"nav2_params": nav2_file(folder / "my_pursuit.yaml")})
     one, other = driven(parameters, 3.0), driven(parameters, 3.0)
     assert all(np.array_equal(one.columns[name], other.columns[name]) for name in one.columns)
@@ -132,13 +132,13 @@ def test_a_run_with_a_plug_in_is_the_same_again(folder):
 # Those that are shipped.
 
 
-def test_the_shipped_controllers_are_found_by_entry_points():
+def test_shipped_controllers_are_found_by_entry_points():
     assert list(short_names()) == ["dwb", "mppi", "rpp"]
     assert all(issubclass(find_controller(name), Controller) for name in CONTROLLER_PLUG_INS.known)
 
 
 @each_row("name", ["dwb", "mppi", "rpp"])
-def test_a_shipped_controller_keeps_the_contract(name):
+def test_shipped_controller_keeps_the_contract(name):
     check_controller(find_controller(short_names()[name])())
 
 
@@ -258,9 +258,9 @@ def test_parameters_of_a_plug_in_are_checked_at_their_lines(tmp_path, folder):
     at = f"{tmp_path}/nav2.yaml"
     name = "controller_server.ros__parameters.FollowPath"
     assert [line.partition(": ")[0] for line in said] == [f"{at}:6:23", f"{at}:7:17", f"{at}:8:24"]
-    assert f"{name}.lookahead_dist: found 9.0; lookahead_dist must lie in [0.1, 3]" in said[0]
+    assert f"{name}.lookahead_dist: expected lookahead_dist must lie in [0.1, 3], got 9.0" in said[0]
     assert f"{name}.lookahed: PurePursuit has no parameter 'lookahed'; did you mean 'lookahead_dist'?" in said[1]
-    assert f"{name}.max_angular_vel: found 'fast'; max_angular_vel must be a number" in said[2]
+    assert f"{name}.max_angular_vel: expected max_angular_vel must be a number, got 'fast'" in said[2]
 
 
 @each_row(
@@ -278,7 +278,7 @@ def test_parameters_of_a_plug_in_are_checked_at_their_lines(tmp_path, folder):
         ("typo.py:Own", "typo.py', line 1 can't be imported: SyntaxError"),
     ],
 )
-def test_a_plug_in_that_can_t_be_had_is_a_fault_at_its_line(tmp_path, plugin, message):
+def test_plug_in_that_can_t_be_had_is_a_fault_at_its_line(tmp_path, plugin, message):
     own(tmp_path, "return True, 0.0, 0.0\n")
     (tmp_path / "broken.py").write_text("1 / 0\n")
     (tmp_path / "typo.py").write_text("class Own(\n")
@@ -287,7 +287,7 @@ def test_a_plug_in_that_can_t_be_had_is_a_fault_at_its_line(tmp_path, plugin, me
     assert message in said
 
 
-def test_the_file_s_value_changes_with_the_plug_in_alone(tmp_path, folder):
+def test_file_s_value_changes_with_the_plug_in_alone(tmp_path, folder):
     for name in ("my_pursuit.py", "my_pursuit.yaml"):
         (tmp_path / name).write_text((folder / name).read_text())
     before = nav2_file(tmp_path / "my_pursuit.yaml")
@@ -310,7 +310,7 @@ def test_what_was_read_is_what_runs(tmp_path, folder):
     assert "later" not in type(parameters_of({"nav2_params": content}).controller).model_fields
 
 
-def test_the_key_controller_takes_a_plug_in_that_the_file_lists(tmp_path, folder):
+def test_key_controller_takes_a_plug_in_that_the_file_lists(tmp_path, folder):
     (tmp_path / "my_pursuit.py").write_text((folder / "my_pursuit.py").read_text())
     (tmp_path / "both.yaml").write_text(
         "controller_server:\n  ros__parameters:\n    controller_plugins: [FollowPath, Own]\n"
@@ -325,16 +325,16 @@ def test_the_key_controller_takes_a_plug_in_that_the_file_lists(tmp_path, folder
         parameters_of({**system, "controller": "my_pursuit.py:PurePursit"})
 
 
-def test_an_unknown_name_in_code_is_refused_with_the_nearest():
+def test_unknown_name_in_code_is_refused_with_the_nearest():
     with pytest.raises(UnknownPlugIn, match="did you mean 'dwb_core::DWBLocalPlanner'"):
         find_controller("dwb_core::DWBLocalPlaner")
 
 
-def test_a_controller_without_memory_needs_none():
+def test_controller_without_memory_needs_none():
     assert Controller().memory(Setting(1, 1, 0.05, 0.25, 0.25, np.ones(1, dtype=np.uint64))) == ()
 
 
-def test_an_install_whose_metadata_is_older_than_its_source_says_to_install_again(monkeypatch):
+def test_install_whose_metadata_is_older_than_its_source_says_to_install_again(monkeypatch):
     monkeypatch.setattr(registry, "entry_points", lambda group: ())
     with pytest.raises(
         RuntimeError, match=r"its metadata is older than its source; install it again: pip install -e \."
@@ -342,7 +342,7 @@ def test_an_install_whose_metadata_is_older_than_its_source_says_to_install_agai
         _ = replace(CONTROLLER_PLUG_INS).known
 
 
-def test_the_parameters_of_built_in_controllers_are_read_without_numba_and_scipy():
+def test_parameters_of_built_in_controllers_are_read_without_numba_and_scipy():
     script = (
         "import sys; from vastflow.sim.nav2.parameter_files.chosen import parameters_of; "
         "print([type(parameters_of({'controller': name}).controller).__name__ for name in ('dwb', 'mppi', 'rpp')]); "
@@ -353,7 +353,7 @@ def test_the_parameters_of_built_in_controllers_are_read_without_numba_and_scipy
 
 
 @each_row("name", ["dwb", "mppi", "rpp"])
-def test_a_built_in_controller_has_the_parameters_that_were_read(name):
+def test_built_in_controller_has_the_parameters_that_were_read(name):
     parameters = parameters_of({"controller": name}).controller
     controller = with_kernels(parameters)
     assert type(controller) is find_controller(short_names()[name])

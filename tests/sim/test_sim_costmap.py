@@ -70,27 +70,27 @@ ROW, COLUMN = 40, 40
 """The cell of the default sensor; a beam along x passes the cells right of it."""
 
 
-def test_a_beam_clears_up_to_its_end_and_marks_there():
+def test_beam_clears_up_to_its_end_and_marks_there():
     row = seen([2.0])[ROW]
     assert (row[COLUMN : COLUMN + 40] == SEEN_FREE).all()
     assert row[COLUMN + 40] == MARKED
     assert (row[:COLUMN] == UNSEEN).all() and (row[COLUMN + 41 :] == UNSEEN).all()
 
 
-def test_a_beam_touches_no_other_row():
+def test_beam_touches_no_other_row():
     layer = seen([2.0])
     layer[ROW] = UNSEEN
     assert (layer == UNSEEN).all()
 
 
 @each_row(("short", "kept"), [(GLOBAL, 1), (LOCAL, 2)])
-def test_the_local_layer_stops_clearing_two_cells_before_the_end_of_a_beam(short, kept):
+def test_local_layer_stops_clearing_two_cells_before_the_end_of_a_beam(short, kept):
     layer = np.full((80, 160), MARKED, dtype=np.uint8)
     row = seen([2.0], short, layer)[ROW, COLUMN : COLUMN + 42]
     assert np.flatnonzero(row == MARKED)[0] == 41 - kept
 
 
-def test_an_old_mark_a_cell_before_the_wall_stays_in_the_local_layer_and_goes_from_the_global_one():
+def test_old_mark_a_cell_before_the_wall_stays_in_the_local_layer_and_goes_from_the_global_one():
     for short, left in ((LOCAL, MARKED), (GLOBAL, SEEN_FREE)):
         layer = seen([1.95], short)
         assert seen([2.0], short, layer)[ROW, COLUMN + 39] == left
@@ -116,7 +116,7 @@ def test_marking_ends_at_its_range(range_m, mark):
 
 @each_row("range_m", [math.inf, math.nan, 0.1, 20.0, -0.3])
 @each_row("short", [GLOBAL, LOCAL])
-def test_a_beam_without_a_valid_return_neither_marks_nor_clears(range_m, short):
+def test_beam_without_a_valid_return_neither_marks_nor_clears(range_m, short):
     layer = np.full((80, 160), MARKED, dtype=np.uint8)
     assert (seen([range_m], short, layer) == MARKED).all()
 
@@ -132,24 +132,24 @@ def test_beams_turn_with_the_robot():
     assert layer[ROW + 20, COLUMN] == MARKED
 
 
-def test_an_end_beyond_the_grid_clears_up_to_the_border():
+def test_end_beyond_the_grid_clears_up_to_the_border():
     layer = seen([2.4], bearings=[math.pi / 2])
     assert (layer[ROW:, COLUMN] == SEEN_FREE).all()
     assert not (layer == MARKED).any()
 
 
-def test_a_sensor_outside_the_grid_changes_nothing():
+def test_sensor_outside_the_grid_changes_nothing():
     assert (seen([1.0], at=(-0.1, 2.0)) == UNSEEN).all()
 
 
-def test_a_layer_that_does_not_clear_only_marks():
+def test_layer_that_does_not_clear_only_marks():
     layer = np.full((80, 160), UNSEEN, dtype=np.uint8)
     row = seen([2.0], layer=layer, clearing=False)[ROW]
     assert row[COLUMN + 40] == MARKED
     assert not (layer == SEEN_FREE).any()
 
 
-def test_a_layer_that_does_not_mark_only_clears():
+def test_layer_that_does_not_mark_only_clears():
     layer = seen([2.0], marking=False)
     assert (layer[ROW, COLUMN : COLUMN + 41] == SEEN_FREE).all()
     assert not (layer == MARKED).any()
@@ -161,7 +161,7 @@ def test_nearer_than_the_least_obstacle_range_nothing_is_marked():
 
 @given(*[st.integers(0, 29)] * 2, *[st.integers(-60, 90)] * 2, st.integers(0, 2))
 @settings(deadline=None)
-def test_a_line_that_leaves_the_layer_clears_what_the_whole_line_would_there(col0, row0, col1, row1, short):
+def test_line_that_leaves_the_layer_clears_what_the_whole_line_would_there(col0, row0, col1, row1, short):
     layer, wide = np.zeros((30, 30), dtype=np.uint8), np.zeros((160, 160), dtype=np.uint8)
     clear_line(layer, col0, row0, col1, row1, short)
     clear_line(wide, col0 + 65, row0 + 65, col1 + 65, row1 + 65, short)
@@ -170,7 +170,7 @@ def test_a_line_that_leaves_the_layer_clears_what_the_whole_line_would_there(col
 
 @given(*[st.integers(0, 29)] * 4, st.integers(0, 4))
 @settings(deadline=None)
-def test_a_cleared_line_is_connected_and_ends_where_it_should(col0, row0, col1, row1, short):
+def test_cleared_line_is_connected_and_ends_where_it_should(col0, row0, col1, row1, short):
     layer = np.zeros((30, 30), dtype=np.uint8)
     clear_line(layer, col0, row0, col1, row1, short)
     cells = np.argwhere(layer == SEEN_FREE)
@@ -197,7 +197,7 @@ def test_a_cleared_line_is_connected_and_ends_where_it_should(col0, row0, col1, 
     st.integers(-17, 17),
 )
 @settings(deadline=None)
-def test_a_rolled_window_keeps_what_is_in_both_and_sees_nothing_new(layer, shift_columns, shift_rows):
+def test_rolled_window_keeps_what_is_in_both_and_sees_nothing_new(layer, shift_columns, shift_rows):
     before = layer.copy()
     rolled(layer, shift_columns, shift_rows)
     for row, column in np.ndindex(before.shape):
@@ -225,7 +225,7 @@ def test_under_the_robot_the_cells_of_its_outline_and_those_within_are_cleared(x
         assert layer[int(vertex_y / RESOLUTION_M), int(vertex_x / RESOLUTION_M)] == SEEN_FREE
 
 
-def test_the_corners_that_the_footprints_disc_touches_are_left_where_no_line_of_its_outline_passes():
+def test_corners_that_the_footprints_disc_touches_are_left_where_no_line_of_its_outline_passes():
     layer = np.full((20, 20), MARKED, dtype=np.uint8)
     polygon_cleared(layer, padded_outline(0.22, 0.01), 0.525, 0.525, 0.0)
     columns, rows = np.meshgrid(*[np.maximum(np.abs(np.arange(20) - 10.0) - 0.5, 0.0) * RESOLUTION_M] * 2)
@@ -235,7 +235,7 @@ def test_the_corners_that_the_footprints_disc_touches_are_left_where_no_line_of_
     assert 4 <= (touched & ~cleared).sum() <= 12
 
 
-def test_a_footprint_that_reaches_off_the_layer_clears_nothing():
+def test_footprint_that_reaches_off_the_layer_clears_nothing():
     layer = np.full((20, 20), MARKED, dtype=np.uint8)
     polygon_cleared(layer, padded_outline(0.22, 0.01), 0.2, 0.5, 0.0)
     assert (layer == MARKED).all()
@@ -246,7 +246,7 @@ def test_a_footprint_that_reaches_off_the_layer_clears_nothing():
     arrays(np.uint8, (50, 60), elements=st.sampled_from([UNSEEN] * 20 + [SEEN_FREE] * 20 + [MARKED])),
 )
 @settings(max_examples=50, deadline=None)
-def test_the_merged_costmap_is_the_greater_of_both_layers_inflated(static, layer):
+def test_merged_costmap_is_the_greater_of_both_layers_inflated(static, layer):
     costs = np.zeros_like(static)
     merged(static, layer, 30, 25, 60, costs)
     master = np.where((static == 254) | (layer == MARKED), 254, static)
@@ -266,7 +266,7 @@ def test_only_the_window_is_merged_and_it_counts_what_lies_just_outside():
     assert (costs[outside] == 7).all()
 
 
-def test_a_static_wall_is_not_cleared_by_a_beam_through_it():
+def test_static_wall_is_not_cleared_by_a_beam_through_it():
     static, layer = np.zeros((50, 60), dtype=np.uint8), np.full((50, 60), SEEN_FREE, dtype=np.uint8)
     static[25, 30] = 254
     costs = np.zeros_like(static)

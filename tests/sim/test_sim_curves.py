@@ -20,7 +20,7 @@ def apart(one, other):
 
 @settings(max_examples=400, deadline=None)
 @given(LENGTHS, LENGTHS, ANGLES, st.booleans())
-def test_a_curve_ends_at_the_pose_it_is_for(x, y, heading, reverses):
+def test_curve_ends_at_the_pose_it_is_for(x, y, heading, reverses):
     curve = shortest(x, y, heading, reverses)
     end_x, end_y, end_heading, _ = pose_on(curve, curve[0])
     assert math.hypot(end_x - x, end_y - y) < 1e-6
@@ -29,7 +29,7 @@ def test_a_curve_ends_at_the_pose_it_is_for(x, y, heading, reverses):
 
 @settings(max_examples=200, deadline=None)
 @given(LENGTHS, LENGTHS, ANGLES)
-def test_a_curve_is_at_least_as_long_as_a_line_and_reversing_never_makes_it_longer(x, y, heading):
+def test_curve_is_at_least_as_long_as_a_line_and_reversing_never_makes_it_longer(x, y, heading):
     forward, either = shortest(x, y, heading, False)[0], shortest(x, y, heading, True)[0]
     assert math.hypot(x, y) - 1e-9 <= either <= forward + 1e-9
 

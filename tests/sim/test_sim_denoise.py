@@ -45,19 +45,19 @@ def test_groups_of_fewer_cells_go_and_all_others_stay(seed, size, connectivity):
     assert np.array_equal(denoised(static, layer), np.where(lethal & (sizes < size), 0, static))
 
 
-def test_a_file_s_layer_is_read_and_one_after_the_inflation_refused():
+def test_file_s_layer_is_read_and_one_after_the_inflation_refused():
     layers = "d: {plugin: nav2_costmap_2d::DenoiseLayer, minimal_group_size: 3}, i: {plugin: nav2_costmap_2d::InflationLayer}"
     assert local(f"plugins: [d, i], {layers}").denoise_layer == DenoiseLayer(minimal_group_size=3)
     with pytest.raises(DocumentError, match="d comes after the inflation; a Denoise layer before it"):
         local(f"plugins: [i, d], {layers}")
 
 
-def test_a_stack_with_the_layer_is_the_same_read_from_its_document():
+def test_stack_with_the_layer_is_the_same_read_from_its_document():
     stack = with_layer(NavParameters(), DenoiseLayer(minimal_group_size=4, group_connectivity_type=4))
     assert interpretation(document_of(stack)).parameters == stack
 
 
-def test_a_robot_with_the_layer_drives_ten_meters_straight_on_past_a_speck_that_the_default_keeps_away_from(
+def test_robot_with_the_layer_drives_ten_meters_straight_on_past_a_speck_that_the_default_keeps_away_from(
     over_a_floor,
 ):
     cells = np.zeros((80, 280), dtype=bool)

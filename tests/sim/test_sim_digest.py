@@ -32,16 +32,16 @@ VALUES = st.recursive(
         (FileContent("anywhere", "00ff"), '[{"file":"00ff"}]'),
     ],
 )
-def test_the_canonical_text_of_a_value_is_pinned(value, text):
+def test_canonical_text_of_a_value_is_pinned(value, text):
     assert canonical([value]) == text
 
 
-def test_the_digest_of_a_value_of_every_kind_is_pinned():
+def test_digest_of_a_value_of_every_kind_is_pinned():
     value = {"a": [None, True, 1, 1.0, "x"], "f": FileContent("p", "ab"), "m": {"k": -0.5}}
     assert digest(value) == "e02165f78da9cb46bc09e87f968a6ec0e1b1c8e1bab756ed8b0018d39c863c6b"
 
 
-def test_the_digest_of_nothing_is_pinned():
+def test_digest_of_nothing_is_pinned():
     assert digest() == "4f53cda18c2baa0c0354bb5f9a3ecbe5ed12ab4d8e11ba873c2f11161202b945"
 
 
@@ -57,7 +57,7 @@ def test_text_and_the_thing_it_spells_differ():
     assert len({digest("1"), digest(1), digest(None), digest("None"), digest("null")}) == 5
 
 
-def test_a_mapping_is_not_mistaken_for_the_tag_of_a_float_or_a_file():
+def test_mapping_is_not_mistaken_for_the_tag_of_a_float_or_a_file():
     assert digest({"float": (1.0).hex()}) != digest(1.0)
     assert digest({"file": "ab"}) != digest(FileContent("p", "ab"))
 
@@ -72,17 +72,17 @@ def test_not_a_number_is_refused():
 
 
 @each_row("value", [{1, 2}, b"bytes", object()])
-def test_a_type_without_a_canonical_form_is_refused(value):
+def test_type_without_a_canonical_form_is_refused(value):
     with pytest.raises(TypeError, match="has no canonical form; use None, bool, int"):
         digest(value)  # type: ignore[arg-type]
 
 
-def test_a_key_that_is_no_text_is_refused():
+def test_key_that_is_no_text_is_refused():
     with pytest.raises(TypeError, match="key must be text, got 1"):
         digest({1: 2})  # type: ignore[dict-item]
 
 
-def test_a_file_enters_by_what_it_holds_and_not_by_its_place(tmp_path):
+def test_file_enters_by_what_it_holds_and_not_by_its_place(tmp_path):
     (tmp_path / "a").write_bytes(b"content")
     (tmp_path / "b").write_bytes(b"content")
     (tmp_path / "c").write_bytes(b"Content")
@@ -93,7 +93,7 @@ def test_a_file_enters_by_what_it_holds_and_not_by_its_place(tmp_path):
 
 
 @given(st.dictionaries(st.text(), VALUES, max_size=5))
-def test_the_order_of_keys_does_not_matter(mapping):
+def test_order_of_keys_does_not_matter(mapping):
     assert digest(dict(reversed(mapping.items()))) == digest(mapping)
 
 
@@ -113,11 +113,11 @@ def a_scenario(**changes):
     return Scenario(**{**parts, **changes})
 
 
-def test_the_digest_of_a_scenario_is_pinned():
+def test_digest_of_a_scenario_is_pinned():
     assert a_scenario().digest == "a202318e9758f97ead10a6a262317279a9abb237789033287637fb95fe10f9ab"
 
 
-def test_the_digest_of_a_situation_is_pinned():
+def test_digest_of_a_situation_is_pinned():
     assert a_scenario().situation_digest == "bcc541ce17c8653f67bfdb1a8ed29df0e5289900fb3d77bd87469f61994618e0"
 
 
@@ -135,7 +135,7 @@ def test_every_part_of_a_scenario_is_in_its_digest(change):
     assert a_scenario(**change).digest != a_scenario().digest
 
 
-def test_the_system_is_left_out_of_the_situation():
+def test_system_is_left_out_of_the_situation():
     assert a_scenario(system={"robot_radius": 0.3}).situation_digest == a_scenario().situation_digest
 
 

@@ -133,7 +133,7 @@ def test_samples_are_what_the_accelerations_reach_within_the_roll_outs_time():
     assert memory.speeds[[0, 19]] == pytest.approx([0.15 - 0.05 * 1.7, 0.15 + 0.02 * 1.7])
 
 
-def test_a_robot_that_cannot_turn_has_one_yaw_rate():
+def test_robot_that_cannot_turn_has_one_yaw_rate():
     stiff = HUMBLE.with_values(max_vel_theta=0.0)
     table = scored(
         record_of(stiff),
@@ -169,7 +169,7 @@ def test_path_distances_of_a_straight_plan_are_manhattan_from_the_nearest_cell_o
     np.testing.assert_array_equal(values, away.min(axis=2))
 
 
-def test_a_grid_that_was_used_gives_what_a_new_one_gives():
+def test_grid_that_was_used_gives_what_a_new_one_gives():
     grid = new_path_grid(CELLS, CELLS)
     short = straight(0.3, length_m=0.6)
     for plan in (short, np.add(short, [0.0, 0.1]), bent(2), bent(2), bent(3)):
@@ -178,7 +178,7 @@ def test_a_grid_that_was_used_gives_what_a_new_one_gives():
         np.testing.assert_array_equal(used, fresh)
 
 
-def test_the_plan_counts_up_to_the_first_cell_without_information():
+def test_plan_counts_up_to_the_first_cell_without_information():
     costs = np.zeros((CELLS, CELLS), dtype=np.uint8)
     costs[:, 45] = 255
     plan = straight()
@@ -195,7 +195,7 @@ def test_holes_of_more_than_two_cells_are_filled():
     assert values[29].tolist() == [min(abs(column - each) for each in sources) for column in range(CELLS)]
 
 
-def test_a_nose_outside_the_window_is_the_last_point_on_the_way_there():
+def test_nose_outside_the_window_is_the_last_point_on_the_way_there():
     plan = straight(length_m=1.4)
     nosed = plan + [[0.4 if k == len(plan) - 1 else 0.0, 0.0] for k in range(len(plan))]
     _, goal, nose = distances(new_path_grid(CELLS, CELLS), window(), plan, len(plan), *nosed[-1])
@@ -222,7 +222,7 @@ def test_without_base_obstacle_a_wall_is_driven_through():
     assert (valid, v) == (True, pytest.approx(0.26))
 
 
-def test_a_plan_outside_the_window_leaves_no_legal_sample():
+def test_plan_outside_the_window_leaves_no_legal_sample():
     plan = straight(start=(CENTER[0] + 5.0, CENTER[1]))
     assert not chosen(HUMBLE, window(), (*CENTER, 0.0), (0.0, 0.0), plan, (9.0, 0.0, 0.0))[0]
 
@@ -271,5 +271,5 @@ def test_twirling_counts_turns_where_it_has_a_scale():
     assert not added_by("Twirling")[3].any()
 
 
-def test_the_default_parameters_are_in_their_ranges():
+def test_default_parameters_are_in_their_ranges():
     assert DwbParameters.model_validate(dict(HUMBLE)) == HUMBLE

@@ -56,7 +56,7 @@ def scores_of(parameters, costs, outline=RECTANGLE):
     st.tuples(st.floats(-1.0, 22.0), st.floats(-1.0, 22.0)),
     st.tuples(st.floats(0.5, 8.0), st.floats(0.5, 8.0)),
 )
-def test_an_upright_rectangle_lies_on_the_cells_of_its_border_and_may_not_leave_the_grid(seed, at, half):
+def test_upright_rectangle_lies_on_the_cells_of_its_border_and_may_not_leave_the_grid(seed, at, half):
     costs = np.random.default_rng(seed).integers(0, 253, (20, 22)).astype(np.uint8)
     (x, y), (half_x, half_y) = at, half
     outline = np.array([[half_x, half_y], [half_x, -half_y], [-half_x, -half_y], [-half_x, half_y]])
@@ -84,7 +84,7 @@ def test_what_lies_within_the_outline_does_not_count():
     assert cost_under(costs, outline, 10.5, 10.5, 1.0, 0.0) == 0
 
 
-def test_a_sample_is_scored_by_the_greatest_cost_under_the_outline_at_its_end():
+def test_sample_is_scored_by_the_greatest_cost_under_the_outline_at_its_end():
     costs = np.add.outer(2 * np.arange(CELLS), np.arange(CELLS)).astype(np.uint8)
     blind = OUTLINED.with_values(ObstacleFootprint=OUTLINED.ObstacleFootprint.with_values(enabled=False))
     without, ends = scores_of(blind, costs)

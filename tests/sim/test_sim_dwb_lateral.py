@@ -83,7 +83,7 @@ def test_without_limits_to_the_side_there_is_one_sample_of_no_motion_there():
     assert not memory.sideways.any()
 
 
-def test_a_sample_to_the_side_ends_where_it_leads_at_that_speed():
+def test_sample_to_the_side_ends_where_it_leads_at_that_speed():
     """Straight: the robot looks at 0.5 rad and already moves to its left as fast as the sample."""
     memory, n_speeds, n_turns = samples(OMNI.with_values(vtheta_samples=21), lateral_mps=0.3, yaw_rad=0.5)
     straight = int(np.argmin(np.abs(memory.turns[:n_turns])))
@@ -117,13 +117,13 @@ def test_oscillation_allows_no_change_of_side_until_the_robot_has_moved():
     assert lateral[2] <= 0.0
 
 
-def test_a_stack_with_samples_to_the_side_is_the_same_read_from_its_document_and_its_robot_is_omni():
+def test_stack_with_samples_to_the_side_is_the_same_read_from_its_document_and_its_robot_is_omni():
     stack = parameters_of({**{key: value for key, value in STACK.items() if key != "robot.drive"}, **SIDEWAYS})
     assert robot_of(stack).drive == "omni"
     assert interpretation(document_of(stack)).parameters == stack
 
 
-def test_a_robot_that_may_moves_to_the_side_along_a_path_of_ten_meters_where_the_default_never_does():
+def test_robot_that_may_moves_to_the_side_along_a_path_of_ten_meters_where_the_default_never_does():
     floor = np.zeros((120, 280), dtype=np.int8)
     floor[[0, -1]], floor[:, [0, -1]] = 100, 100
     lateral = {}

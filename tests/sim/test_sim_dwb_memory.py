@@ -75,7 +75,7 @@ def turning_about(memory, parameters, moved_m=0.0, turned_rad=0.0):
 IN_PLACE = HUMBLE.with_values(max_vel_x=0.0)
 
 
-def test_a_turn_that_was_reversed_is_not_reversed_again_on_the_spot():
+def test_turn_that_was_reversed_is_not_reversed_again_on_the_spot():
     first, second, third, fourth = turning_about(dwb.new_memory(IN_PLACE, CELLS, CELLS), IN_PLACE)
     assert first > 0.0 > second
     assert third < 0.0
@@ -90,7 +90,7 @@ def test_once_moved_or_turned_the_robot_may_reverse_its_turn_again(moved_m, turn
 
 
 @each_row(("moved_m", "turned_rad"), [(0.04, 0.0), (0.0, -0.15)])
-def test_a_smaller_move_does_not_lift_the_restriction(moved_m, turned_rad):
+def test_smaller_move_does_not_lift_the_restriction(moved_m, turned_rad):
     *_, fourth = turning_about(dwb.new_memory(IN_PLACE, CELLS, CELLS), IN_PLACE, moved_m, turned_rad)
     assert fourth < 0.0
 

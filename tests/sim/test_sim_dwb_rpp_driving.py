@@ -114,7 +114,7 @@ def test_dwb_drives_at_humbles_own_speed():
 
 
 @CONTROLLERS
-def test_a_bend_is_followed_to_the_goal_and_its_heading(controller):
+def test_bend_is_followed_to_the_goal_and_its_heading(controller):
     path = bend()
     rows = drive(controller(), path, math.pi / 2, (0.0, 0.0, 0.0), 60.0)
     away = np.hypot(rows[:, None, 0] - path[:, 0], rows[:, None, 1] - path[:, 1]).min(axis=1)
@@ -186,7 +186,7 @@ def test_dwb_does_not_touch_a_wall_across_the_plan():
 
 
 @CONTROLLERS
-def test_a_post_close_beside_the_plan_is_passed(controller):
+def test_post_close_beside_the_plan_is_passed(controller):
     post = (2.0, 0.3)
     rows = drive(
         controller(), line(4.0), 0.0, (0.0, 0.0, 0.0), 30.0, lambda x, y: np.hypot(x - post[0], y - post[1]) < 0.05
@@ -197,6 +197,6 @@ def test_a_post_close_beside_the_plan_is_passed(controller):
 
 
 @CONTROLLERS
-def test_the_same_inputs_give_the_same_bytes(controller):
+def test_same_inputs_give_the_same_bytes(controller):
     runs = [drive(controller(), bend(), 1.5, (0.0, 0.05, 0.1), 10.0) for _ in range(2)]
     assert runs[0].tobytes() == runs[1].tobytes()

@@ -57,7 +57,7 @@ def there(folder):
 
 
 @pytest.mark.parametrize("code", EFFECTS)
-def test_an_effect_of_code_that_is_only_looked_at_is_refused(imported, tmp_path, code):
+def test_effect_of_code_that_is_only_looked_at_is_refused(imported, tmp_path, code):
     imported("")
     before = {**there(tmp_path), "plug_in.py": code}
     with looking_only(), pytest.raises(EffectRefused, match=f"it would {EFFECTS[code]}.*, and is only looked at"):

@@ -28,7 +28,7 @@ def put(folder: Path, content: bytes, name: str = "file") -> Path:
 # Regular files only
 
 
-def test_a_pipe_that_nobody_writes_to_is_refused_at_once(tmp_path):
+def test_pipe_that_nobody_writes_to_is_refused_at_once(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(Unreadable, match=r"can't be read: it is a pipe; a text file"):
         read_text(tmp_path / "pipe")
@@ -47,44 +47,44 @@ def test_what_is_no_regular_file_is_refused(tmp_path, monkeypatch, place, found)
 
 
 @each_row("name", ["none", "dangling"])
-def test_a_file_that_is_not_there_is_missing(tmp_path, name):
+def test_file_that_is_not_there_is_missing(tmp_path, name):
     (tmp_path / "dangling").symlink_to("nowhere")
     with pytest.raises(Missing, match=r"no such file; the path of a \.vast file"):
         read_text(tmp_path / name, "a .vast file")
 
 
 @each_row("name", ["circle", "a" * 300, "nul\0"])
-def test_a_path_that_leads_nowhere_is_refused(tmp_path, name):
+def test_path_that_leads_nowhere_is_refused(tmp_path, name):
     (tmp_path / "circle").symlink_to("circle")
     with pytest.raises(Unreadable, match="can't be read: "):
         read_text(tmp_path / name)
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read every file")
-def test_a_file_that_may_not_be_read_is_refused(tmp_path):
+def test_file_that_may_not_be_read_is_refused(tmp_path):
     put(tmp_path, b"").chmod(0)
     with pytest.raises(Unreadable, match="can't be read: Permission denied"):
         read_text(tmp_path / "file")
 
 
-def test_a_file_that_is_too_large_is_refused_before_it_is_read(tmp_path):
+def test_file_that_is_too_large_is_refused_before_it_is_read(tmp_path):
     with open(tmp_path / "file", "wb") as file:
         file.truncate(2**40)  # with holes: it takes no room
-    with pytest.raises(Unreadable, match="found 1,099,511,627,776 bytes; at most 16,777,216"):
+    with pytest.raises(Unreadable, match="expected at most 16,777,216, got 1,099,511,627,776 bytes"):
         read_text(tmp_path / "file")
 
 
-def test_a_byte_order_mark_is_no_part_of_a_text(tmp_path):
+def test_byte_order_mark_is_no_part_of_a_text(tmp_path):
     assert read_text(put(tmp_path, b"\xef\xbb\xbfa\n")) == "a\n"
 
 
-def test_a_byte_that_is_no_utf_8_has_a_place(tmp_path):
+def test_byte_that_is_no_utf_8_has_a_place(tmp_path):
     with pytest.raises(Unreadable, match="byte 0xff is not UTF-8; a text in UTF-8") as caught:
         read_text(put(tmp_path, b"a\n\xc3\xa4\xff"))
     assert caught.value.place == (2, 2)
 
 
-def test_an_error_can_be_sent_to_another_process():
+def test_error_can_be_sent_to_another_process():
     error = pickle.loads(pickle.dumps(Missing("this", "that", (2, 3))))
     assert (type(error), str(error), error.place) == (Missing, "this; that", (2, 3))
 
@@ -98,7 +98,7 @@ def test_yaml_that_is_deeper_than_parsers_recurse_is_refused(opening):
         yaml_value(opening * 100_000)
 
 
-def test_a_map_s_yaml_of_100_000_levels_is_refused(tmp_path):
+def test_map_s_yaml_of_100_000_levels_is_refused(tmp_path):
     with pytest.raises(MapError, match=r"map\.yaml:1:\d+: more than 100 levels deep"):
         load_map(put(tmp_path, b"image: " + b"[" * 100_000, "map.yaml"))
 
@@ -121,8 +121,8 @@ def test_yaml_of_too_many_values_is_refused_before_any_is_kept():
 
 
 @each_row("text", ["&a [*a]", "&a {<<: *a}", "&a {b: {c: [*a]}}"])
-def test_an_alias_inside_of_what_it_stands_for_is_refused(text):
-    with pytest.raises(Unreadable, match="found an alias inside of what it stands for"):
+def test_alias_inside_of_what_it_stands_for_is_refused(text):
+    with pytest.raises(Unreadable, match="got an alias inside of what it stands for"):
         yaml_value(text)
 
 
@@ -169,7 +169,7 @@ def test_whatever_the_text_a_value_comes_or_a_refusal(value):
 
 
 @each_row(("content", "message"), [(None, "no such file; "), (b"a: [", "not YAML: "), (b"\xff", "not UTF-8")])
-def test_a_yaml_file_in_which_a_value_is_to_be_set_is_read_with_the_same_limits(tmp_path, content, message):
+def test_yaml_file_in_which_a_value_is_to_be_set_is_read_with_the_same_limits(tmp_path, content, message):
     if content is not None:
         put(tmp_path, content)
     with pytest.raises(YamlFault, match=f"file': .*{message}"):
@@ -216,7 +216,7 @@ def encoded(kind: str, picture: Image.Image | None = None, **options) -> bytes:
 
 
 @each_row("kind", ["PPM", "PNG", "BMP"])
-def test_the_formats_of_maps_are_read(tmp_path, kind):
+def test_formats_of_maps_are_read(tmp_path, kind):
     assert read_picture(put(tmp_path, encoded(kind))).size == (4, 3)
 
 
@@ -226,25 +226,25 @@ def test_other_formats_are_refused_whatever_the_file_is_called(tmp_path, kind):
         read_picture(put(tmp_path, encoded(kind), "map.png"))
 
 
-def test_a_picture_of_more_pixels_than_memory_has_room_for_is_refused_by_its_header(tmp_path):
+def test_picture_of_more_pixels_than_memory_has_room_for_is_refused_by_its_header(tmp_path):
     for content, found in (
         (b"P5 10000 9000 255\n", "10,000 × 9,000 pixels"),
         (b"P5 1000000 1000000 255\n", "a picture of more pixels"),
     ):
-        with pytest.raises(Unreadable, match=f"found {found}; at most 25,000,000"):
+        with pytest.raises(Unreadable, match=f"expected at most 25,000,000, got {found}"):
             read_picture(put(tmp_path, content))
 
 
-def test_a_small_file_of_many_pixels_is_refused(tmp_path):
+def test_small_file_of_many_pixels_is_refused(tmp_path):
     bomb = encoded("PNG", Image.new("1", (14_000, 14_000)))
     assert len(bomb) < 100_000
     with pytest.raises(Unreadable, match="at most 25,000,000"):
         read_picture(put(tmp_path, bomb))
 
 
-def test_a_picture_that_moves_is_refused(tmp_path):
+def test_picture_that_moves_is_refused(tmp_path):
     moving = encoded("PNG", save_all=True, append_images=[Image.new("L", (4, 3), 0)])
-    with pytest.raises(Unreadable, match="found a picture that moves; a single picture"):
+    with pytest.raises(Unreadable, match="expected a single picture, got a picture that moves"):
         read_picture(put(tmp_path, moving))
 
 
@@ -262,7 +262,7 @@ def test_a_picture_that_moves_is_refused(tmp_path):
         b"BM" + struct.pack("<IHHI", 60, 0, 0, 54) + struct.pack("<IiiHH", 40, -4, 2**31 - 1, 1, 24) + bytes(30),
     ],
 )
-def test_a_damaged_picture_is_refused(tmp_path, content):
+def test_damaged_picture_is_refused(tmp_path, content):
     with pytest.raises(Unreadable, match="picture"):
         read_picture(put(tmp_path, content))
 

@@ -83,28 +83,28 @@ def filtered(plugin, enabled):
     return read(text % (plugin, enabled)).parameters.global_costmap
 
 
-def test_a_filter_that_is_not_enabled_and_a_keepout_filter_need_no_filter_info_server():
+def test_filter_that_is_not_enabled_and_a_keepout_filter_need_no_filter_info_server():
     assert not filtered("SpeedFilter", "false").speed_filter.enabled
     assert filtered("KeepoutFilter", "true").keepout_filter.enabled
 
 
-def test_a_stack_with_filters_is_the_same_read_from_its_document():
+def test_stack_with_filters_is_the_same_read_from_its_document():
     stack = with_filters(NavParameters(), keepout_filter=KeepoutFilter())
     stack = with_filters(stack, local=False, speed_filter=SpeedFilter(type=2, base=0.5, multiplier=-0.004))
     assert interpretation(document_of(stack)).parameters == stack
 
 
-def test_a_speed_filter_of_no_known_type_and_one_in_each_costmap_are_faults():
+def test_speed_filter_of_no_known_type_and_one_in_each_costmap_are_faults():
     with pytest.raises(
         DocumentError, match=r"slow_info_server.ros__parameters.type: found 3; type must lie in \[1, 2\]"
     ):
         read(FILE.replace("type: 2", "type: 3"))
     local = FILE.replace("global_costmap", "local_costmap").split("keepout_info_server")[0]
-    with pytest.raises(DocumentError, match="found a speed filter in both costmaps; one of them"):
+    with pytest.raises(DocumentError, match="expected one of them, got a speed filter in both costmaps"):
         read(FILE + local)
 
 
-def test_a_filter_without_a_mask_is_refused_with_the_line_that_would_be_right():
+def test_filter_without_a_mask_is_refused_with_the_line_that_would_be_right():
     with pytest.raises(
         ScenarioError,
         match=r"keepout_mask: the keepout filter of the global_costmap has no mask; 'keepout_mask: keepout.yaml'",
@@ -112,7 +112,7 @@ def test_a_filter_without_a_mask_is_refused_with_the_line_that_would_be_right():
         masks_of({}, read(FILE).parameters)
 
 
-def test_a_mask_that_no_filter_needs_is_read_by_nothing():
+def test_mask_that_no_filter_needs_is_read_by_nothing():
     assert unread({}, ["keepout_mask", "controller"]) == ("keepout_mask",)
 
 
@@ -140,7 +140,7 @@ class Misnamed(Controller):
 """
 
 
-def test_a_speed_filter_beside_a_controller_that_takes_no_limits_is_a_fault(tmp_path):
+def test_speed_filter_beside_a_controller_that_takes_no_limits_is_a_fault(tmp_path):
     (tmp_path / "own.py").write_text(OWN)
     text = FILE + "controller_server: {ros__parameters: {controller_plugins: [F], F.plugin: 'own.py:Unlimited'}}"
     with pytest.raises(DocumentError, match=r"filters: found a speed filter beside the controller Unlimited, whose"):
@@ -165,14 +165,14 @@ def test_what_runs_depends_on_the_cells_of_a_mask_that_a_filter_reads_and_on_no_
 # What masks do.
 
 
-def test_a_keepout_mask_raises_costs_and_unknown_cells_and_leaves_what_it_does_not_know():
+def test_keepout_mask_raises_costs_and_unknown_cells_and_leaves_what_it_does_not_know():
     keepout = on_map(keepout_mask(mask([[0, 50, 100, -1]]), over := mask([[0, 0, 0, 0]])), over)
     assert keepout.tolist() == [[0, 127, 254, 255]]
     assert kept_out(np.array([[10, 10, 10, 10]], dtype=np.uint8), keepout).tolist() == [[10, 127, 254, 10]]
     assert kept_out(np.full((1, 4), 255, dtype=np.uint8), keepout).tolist() == [[0, 127, 254, 255]]
 
 
-def test_a_mask_of_other_cells_and_another_corner_lies_where_its_yaml_says():
+def test_mask_of_other_cells_and_another_corner_lies_where_its_yaml_says():
     """Cells of 0.1 m from (0.1, 0.05) on: of a map of 0.05 m the columns 2 and 3, and from row 1 on."""
     over = mask(np.zeros((4, 6)))
     found = on_map(keepout_mask(mask([[100]], 0.1, (0.1, 0.05)), over), over)
@@ -220,7 +220,7 @@ def limits_at(kind, q, values, names):
         ("rpp", ("desired_linear_vel", "rotate_to_heading_angular_vel"), (0.5, 1.8)),
     ],
 )
-def test_a_limit_in_percent_scales_a_controller_s_speeds_until_there_is_another(kind, names, full):
+def test_limit_in_percent_scales_a_controller_s_speeds_until_there_is_another(kind, names, full):
     unscaled = {"ax_max", "min_vel_x", "acc_lim_x", "rotate_to_heading_angular_vel"}
     half = tuple(value if name in unscaled else round(0.5 * value, 6) for name, value in zip(names, full, strict=True))
     # 0 is no limit, -1 changes nothing, and 120 % is out of bounds, which is no limit again.
@@ -228,7 +228,7 @@ def test_a_limit_in_percent_scales_a_controller_s_speeds_until_there_is_another(
     assert limits_at(kind, SpeedFilter(type=1, base=100.0, multiplier=1.0), [20], names) == [full]
 
 
-def test_a_limit_in_meters_per_second_is_what_each_controller_takes_it_for():
+def test_limit_in_meters_per_second_is_what_each_controller_takes_it_for():
     """MPPI scales by whatever it is, DWB only downward, and RPP drives at it."""
     q = SpeedFilter(type=2, base=0.0, multiplier=0.01)
     assert limits_at("mppi", q, [25, 100], ("vx_max", "wz_max")) == [(0.25, 0.95), (1.0, 3.8)]

@@ -44,7 +44,7 @@ def outline_cells(x, y, yaw):
 
 
 @each_row(("robot_radius", "inscribed", "circumscribed"), [(0.22, 0.225498, 0.234142), (0.175, 0.181353, 0.189142)])
-def test_the_padded_footprint_has_nav2s_radii(robot_radius, inscribed, circumscribed):
+def test_padded_footprint_has_nav2s_radii(robot_radius, inscribed, circumscribed):
     outline = padded_outline(robot_radius, 0.01)
     assert inscribed_radius_m(outline) == pytest.approx(inscribed, abs=5e-7)
     assert circumscribed_radius_m(outline) == pytest.approx(circumscribed, abs=5e-7)
@@ -58,7 +58,7 @@ def test_without_padding_the_outline_is_a_regular_polygon():
 
 @settings(max_examples=25, deadline=None)
 @given(x=st.floats(-1.2, 1.2), y=st.floats(1.8, 4.2), yaw=st.floats(-7.0, 7.0))
-def test_a_lethal_cell_is_hit_where_one_of_the_outlines_lines_crosses_it_and_nowhere_else(x, y, yaw):
+def test_lethal_cell_is_hit_where_one_of_the_outlines_lines_crosses_it_and_nowhere_else(x, y, yaw):
     vertices = vertices_in_cells(x, y, yaw)
     # A vertex on a cell's border belongs to either side, as the last bit of a sum has it.
     assume(np.abs(vertices - np.round(vertices)).min() > 1e-9)
@@ -79,12 +79,12 @@ def test_no_other_cost_than_lethal_is_a_hit(cost):
     assert not hits(Window(np.full((40, 40), cost, dtype=np.uint8), PLACE), OUTLINE, 0.0, 3.0, 0.4)
 
 
-def test_a_lethal_cell_inside_the_outline_is_no_hit():
+def test_lethal_cell_inside_the_outline_is_no_hit():
     costs = np.zeros((40, 40), dtype=np.uint8)
     costs[18:23, 18:23] = 254
     assert not hits(Window(costs, PLACE), OUTLINE, 0.025, 3.025, 0.3)
 
 
-def test_an_outline_wholly_outside_the_window_hits_nothing():
+def test_outline_wholly_outside_the_window_hits_nothing():
     costs = np.full((40, 40), 254, dtype=np.uint8)
     assert not hits(Window(costs, PLACE), OUTLINE, 5.0, 3.0, 0.0)

@@ -55,12 +55,12 @@ def test_numbered_goals_are_sent_for_in_the_order_of_their_numbers(script):
     assert script(task).goals == POSES
 
 
-def test_a_single_goal_of_a_list_is_the_goal(script):
+def test_single_goal_of_a_list_is_the_goal(script):
     found = script({"goal_poses": GOALS[:1]})
     assert (found.goals, len(sent(found))) == (POSES[:1], 1)
 
 
-def test_a_goal_of_its_own_counts_whatever_else_is_given(script):
+def test_goal_of_its_own_counts_whatever_else_is_given(script):
     assert script({"goal_pose": GOALS[1], "goal_poses": GOALS}).goals == POSES[1:2]
 
 
@@ -73,9 +73,9 @@ def test_numbered_goals_that_are_parameters_stay_what_they_are(script):
 
 @pytest.mark.parametrize("goals", [[], "@goal", 3])
 def test_what_is_no_list_of_goals_is_refused(script, goals):
-    with pytest.raises(ValueError, match=r"goal_poses: found .*; a list of poses, at least one"):
+    with pytest.raises(ValueError, match=r"goal_poses: expected a list of poses, at least one, got .*"):
         script({"goal_poses": goals})
 
 
-def test_a_list_of_objects_that_nobody_gives_is_empty(script):
+def test_list_of_objects_that_nobody_gives_is_empty(script):
     assert script({"goal_pose": GOALS[0]}).values["boxes"] == []

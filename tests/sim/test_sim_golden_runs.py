@@ -94,7 +94,7 @@ DIGESTS: Final[Mapping[str, str]] = {
 
 
 @each_row("name", STACKS)
-def test_a_short_run_has_the_bytes_it_had(name):
+def test_short_run_has_the_bytes_it_had(name):
     """Round the end of a wall, 8 s of a path that begins with a turn, with noise on scan and odometry."""
     cells = np.zeros((120, 200), dtype=np.int8)
     cells[[0, -1]], cells[:, [0, -1]], cells[:70, 90:94] = 100, 100, 100

@@ -14,13 +14,13 @@ frames = st.builds(GridFrame, st.tuples(meters, meters), st.floats(-math.pi / 4,
 
 
 @given(frames, meters, meters, st.floats(-3, 3))
-def test_a_pose_in_the_grid_s_frame_and_back_is_the_pose_to_the_nanometer(frame, x, y, yaw):
+def test_pose_in_the_grid_s_frame_and_back_is_the_pose_to_the_nanometer(frame, x, y, yaw):
     back = frame.pose_to_map(frame.pose_to_grid(Pose(x, y, yaw)))
     assert (back.x_m, back.y_m, back.yaw_rad) == pytest.approx((x, y, yaw), abs=2e-9)
 
 
 @given(meters, meters, st.tuples(meters, meters), st.floats(-3, 3))
-def test_a_frame_that_is_not_turned_gives_every_number_back(x, y, corner, yaw):
+def test_frame_that_is_not_turned_gives_every_number_back(x, y, corner, yaw):
     frame, points = GridFrame(corner), np.array([[x, y]])
     assert frame.pose_to_grid(Pose(x, y, yaw)) == frame.pose_to_map(Pose(x, y, yaw)) == Pose(x, y, yaw)
     assert frame.points_to_grid(points) is frame.points_to_map(points) is points
@@ -34,7 +34,7 @@ def test_points_go_where_they_go_one_by_one(frame, points):
 
 
 @given(frames, st.floats(0, 1), st.floats(0, 1))
-def test_a_covariance_keeps_its_extent_and_lies_along_the_map_s_axes_when_turned_back(frame, xx, yy):
+def test_covariance_keeps_its_extent_and_lies_along_the_map_s_axes_when_turned_back(frame, xx, yy):
     a, b, d = frame.covariance_to_grid(xx, yy)
     c, s = math.cos(frame.yaw_rad), math.sin(frame.yaw_rad)
     turn = np.array([[c, -s], [s, c]])

@@ -49,7 +49,7 @@ def test_no_cell_of_a_map_of_the_dataset_differs_from_the_formula(shared_map, na
 
 
 @each_row(("robot_radius", "inscribed_m"), [(0.22, 0.225498), (0.175, 0.181353)])
-def test_the_inscribed_radius_is_that_of_the_padded_footprint(robot_radius, inscribed_m):
+def test_inscribed_radius_is_that_of_the_padded_footprint(robot_radius, inscribed_m):
     assert inscribed_radius_m(padded_outline(robot_radius, 0.01)) == pytest.approx(inscribed_m, abs=5e-7)
 
 

@@ -37,7 +37,7 @@ def hits(kernel):
     return sum(kernel.stats.cache_hits.values())
 
 
-def test_a_compiled_kernel_is_loaded_by_the_next_process(files):
+def test_compiled_kernel_is_loaded_by_the_next_process(files):
     assert hits(used()) == 0
     assert hits(used()) == 2
     assert len(files(".nbc")) == 2
@@ -67,7 +67,7 @@ def test_damaged_kernels_are_compiled_again_with_one_line_in_the_log(files, dama
     assert caplog.records == []
 
 
-def test_a_kernel_that_another_process_removes_is_compiled_again(files):
+def test_kernel_that_another_process_removes_is_compiled_again(files):
     used()
     for file in files(".nbc"):
         file.unlink()
@@ -82,7 +82,7 @@ def test_one_damaged_kernel_of_two_is_compiled_again_alone(files):
     assert hits(used()) == 2
 
 
-def test_a_file_that_was_compiled_from_another_source_is_not_used(tmp_path):
+def test_file_that_was_compiled_from_another_source_is_not_used(tmp_path):
     files = _Files(tmp_path, "double", "the source")
     files.save("int64", "its machine code")
     assert files.load("int64") == "its machine code"
@@ -105,7 +105,7 @@ def test_importing_kernels_writes_nothing(files, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_kernel_that_is_in_no_file_is_compiled_and_not_kept(files):
+def test_kernel_that_is_in_no_file_is_compiled_and_not_kept(files):
     kernel = numeric.njit(eval("lambda x: 3 * x"))
     assert kernel(2) == 6
     assert files(".nbc") == []

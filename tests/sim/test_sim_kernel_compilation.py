@@ -13,12 +13,12 @@ def compiled(tmp_path, monkeypatch):
     return numeric.njit
 
 
-def test_an_expression_of_arrays_is_computed_in_one_loop_as_numpy_does(compiled):
+def test_expression_of_arrays_is_computed_in_one_loop_as_numpy_does(compiled):
     values = np.linspace(-1.0, 1.0, 9)
     assert compiled(lambda a: (a * 2.0 + np.abs(a))[3])(values) == (values * 2.0 + abs(values))[3]
 
 
-def test_a_part_that_is_called_with_either_flag_is_compiled_for_each(compiled):
+def test_part_that_is_called_with_either_flag_is_compiled_for_each(compiled):
     @numeric.inner
     def either(x, doubled):
         return 2.0 * x if doubled else x
@@ -27,7 +27,7 @@ def test_a_part_that_is_called_with_either_flag_is_compiled_for_each(compiled):
     assert len(either.overloads) == 2
 
 
-def test_a_part_that_is_called_with_several_whole_numbers_is_compiled_once(compiled):
+def test_part_that_is_called_with_several_whole_numbers_is_compiled_once(compiled):
     @numeric.inner
     def plus(x, number):
         return x + number

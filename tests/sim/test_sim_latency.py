@@ -65,18 +65,18 @@ def test_without_latency_nothing_is_drawn(loop):
     assert ideal.stack.p[0]["late"] == 0
 
 
-def test_a_latency_of_nothing_is_the_run_without_latency(loop):
+def test_latency_of_nothing_is_the_run_without_latency(loop):
     late = loop()
     late.stack.p["late"] = 1
     assert recorded(late) == recorded(loop())
 
 
-def test_the_preset_ideal_is_the_run_without_latency(loop):
+def test_preset_ideal_is_the_run_without_latency(loop):
     assert recorded(loop(preset="ideal")) == recorded(loop())
 
 
 @each_row("preset", ["gazebo", "loaded"])
-def test_a_latency_is_drawn_from_the_runs_seed(loop, preset):
+def test_latency_is_drawn_from_the_runs_seed(loop, preset):
     once, again, other = (
         recorded(loop(preset=preset)),
         recorded(loop(preset=preset)),
@@ -87,19 +87,19 @@ def test_a_latency_is_drawn_from_the_runs_seed(loop, preset):
     assert once[0] != recorded(loop())[0]
 
 
-def test_the_stack_uses_a_scan_from_where_the_robot_was_at_its_age(loop):
+def test_stack_uses_a_scan_from_where_the_robot_was_at_its_age(loop):
     m = cruising(loop(scan_age=0.3), 81)
     assert m["odom_x"] - m["scan_odom_x"] == pytest.approx(0.5 * 0.3 + 0.5 * 0.05, abs=0.005)  # a tick has passed since
 
 
-def test_a_scan_that_is_late_has_the_ranges_of_its_time(loop):
+def test_scan_that_is_late_has_the_ranges_of_its_time(loop):
     m = cruising(loop(scan_age=0.3), 81)
     ahead = np.argmax(m["directions"][:360, 0])
     taken_at_m = 1.0 + m["scan_odom_x"]
     assert m["ranges"][ahead] == pytest.approx(WALL_X_M - (taken_at_m - 0.04), abs=0.03)
 
 
-def test_the_costmap_marks_what_appears_later_by_the_scans_age(loop):
+def test_costmap_marks_what_appears_later_by_the_scans_age(loop):
     def marked_after_ticks(scan_age):
         made = loop(goal=None, scan_age=scan_age)
         made.advance(40)
@@ -120,7 +120,7 @@ def test_amcl_waits_for_the_first_scan(loop):
     assert made.localized
 
 
-def test_a_late_scan_corrects_odometry_where_the_scan_was_taken(loop):
+def test_late_scan_corrects_odometry_where_the_scan_was_taken(loop):
     """The estimate stays right: AMCL moves its particles to the scan's odometry, and not to the newest."""
     errors_m = []
     made = loop(scan_age=0.4)
@@ -130,12 +130,12 @@ def test_a_late_scan_corrects_odometry_where_the_scan_was_taken(loop):
     assert abs(np.mean(errors_m)) < 0.1  # 0.2 m behind, if it did
 
 
-def test_the_stacks_odometry_is_as_old_as_it_is_late(loop):
+def test_stacks_odometry_is_as_old_as_it_is_late(loop):
     m = cruising(loop(tf_age=0.2))
     assert m["counted_x"] - m["odom_x"] == pytest.approx(0.5 * 0.2, abs=0.002)
 
 
-def test_a_scan_waits_for_the_odometry_of_its_stamp(loop):
+def test_scan_waits_for_the_odometry_of_its_stamp(loop):
     m = cruising(loop(tf_age=0.2), 81)
     assert m["scan_odom_x"] <= m["odom_x"] + 1e-9
     assert m["counted_x"] - m["scan_odom_x"] >= 0.5 * 0.2 - 0.002
@@ -160,7 +160,7 @@ def test_odometry_never_goes_back_however_late_it_is(loop):
 
 
 @each_row(("controller_time", "ticks"), [(0.0, 0), (0.05, 1), (0.12, 3), (0.4, 8)])
-def test_a_command_takes_effect_when_the_controller_has_computed_it(loop, controller_time, ticks):
+def test_command_takes_effect_when_the_controller_has_computed_it(loop, controller_time, ticks):
     def first_sent(**latency):
         made = loop(**latency)
         for tick in range(1, 60):
@@ -172,7 +172,7 @@ def test_a_command_takes_effect_when_the_controller_has_computed_it(loop, contro
     assert first_sent(controller_time=controller_time) - first_sent() == ticks
 
 
-def test_a_controller_that_computes_longer_than_its_period_commands_as_often_as_it_can(loop):
+def test_controller_that_computes_longer_than_its_period_commands_as_often_as_it_can(loop):
     made, ordered = loop(controller_time=0.12), set()
     for tick in range(20, 80):
         made.advance(tick)
@@ -190,7 +190,7 @@ def test_in_missed_cycles_the_last_command_stands(loop):
     assert min(sent) == pytest.approx(0.5, abs=0.01)
 
 
-def test_a_smoother_out_of_step_sends_a_command_within_the_tick(loop):
+def test_smoother_out_of_step_sends_a_command_within_the_tick(loop):
     """Commands of 20 ms reach the wheels in the same tick from a smoother that runs later in it, else in the next."""
 
     def first_moved(seed, **latency):
@@ -207,7 +207,7 @@ def test_a_smoother_out_of_step_sends_a_command_within_the_tick(loop):
     assert all(in_step - tick == (1 if step >= 2 else 0) for tick, step in free)
 
 
-def test_a_spinning_robots_sweep_is_turned_by_what_the_robot_turned_since_the_beam(loop):
+def test_spinning_robots_sweep_is_turned_by_what_the_robot_turned_since_the_beam(loop):
     """At 1 rad/s a sweep of 0.1 s is distorted by 0.1 rad from its first beam to its last; each beam is where its own time has it."""
     made = loop(goal=None, lidar=Lidar(sweeps=True))
     for tick in range(1, 62):
@@ -230,7 +230,7 @@ def _to_walls(yaw_rad, bearings_rad):
     return np.minimum(np.where(c > 0, WALL_X_M - x_m, 0.05 - x_m) / c, np.where(s > 0, 3.95 - y_m, 0.05 - y_m) / s)
 
 
-def test_a_standing_robots_sweep_is_a_scan_taken_at_once(loop):
+def test_standing_robots_sweep_is_a_scan_taken_at_once(loop):
     sweeping, still = (loop(goal=None, lidar=Lidar(sweeps=sweeps)) for sweeps in (True, False))
     for made in (sweeping, still):
         made.advance(20)
@@ -240,17 +240,17 @@ def test_a_standing_robots_sweep_is_a_scan_taken_at_once(loop):
 @each_row(
     ("name", "value", "message"),
     [
-        ("scan_age", -0.1, r"robot.latency.scan_age: found -0.1; scan_age must lie in \[0, 0.5\]"),
+        ("scan_age", -0.1, r"robot.latency.scan_age: expected scan_age must lie in \[0, 0.5\], got -0.1"),
         ("scan_age", 0.6, r"scan_age must lie in \[0, 0.5\]"),
         ("tf_age", 2, r"tf_age must lie in \[0, 0.5\]"),
         ("odometry_rate", 0, r"odometry_rate must lie in \[5, 100\]"),
         ("controller_time", "long", "controller_time must be a number"),
         ("missed_cycles", 1.0, r"missed_cycles must lie in \[0, 0.9\]"),
         ("smoother_in_step", 3, "smoother_in_step must be true or false"),
-        ("preset", "slow", r"robot.latency.preset: found 'slow'; one of ideal, gazebo, loaded"),
+        ("preset", "slow", r"robot.latency.preset: expected one of ideal, gazebo, loaded, got 'slow'"),
     ],
 )
-def test_a_meaningless_latency_is_refused_by_its_key(name, value, message):
+def test_meaningless_latency_is_refused_by_its_key(name, value, message):
     with pytest.raises(DocumentError, match=message):
         parameters_of({f"robot.latency.{name}": value})
 

@@ -53,7 +53,7 @@ def nearest_cell(occupied, x, y, dx, dy, margin, start=0.0):
 
 @given(GRIDS, COORDINATES, COORDINATES, ANGLES)
 @settings(max_examples=60, deadline=None)
-def test_a_range_is_that_to_the_first_cell_the_beam_meets(occupied, x, y, angle):
+def test_range_is_that_to_the_first_cell_the_beam_meets(occupied, x, y, angle):
     dx, dy = math.cos(angle), math.sin(angle)
     found = range_to_wall(skip_table_of(occupied), x, y, dx, dy, 0.0, 1e3)
     assert nearest_cell(occupied, x, y, dx, dy, HAIR) - 1e-6 <= found
@@ -62,7 +62,7 @@ def test_a_range_is_that_to_the_first_cell_the_beam_meets(occupied, x, y, angle)
 
 @given(GRIDS, COORDINATES, COORDINATES, st.sampled_from([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)]))
 @settings(max_examples=60, deadline=None)
-def test_a_beam_along_an_axis_is_exact_too(occupied, x, y, direction):
+def test_beam_along_an_axis_is_exact_too(occupied, x, y, direction):
     found = range_to_wall(skip_table_of(occupied), x, y, *direction, 0.0, 1e3)
     assert nearest_cell(occupied, x, y, *direction, HAIR) - 1e-6 <= found
     assert found <= nearest_cell(occupied, x, y, *direction, -HAIR) + 1e-6
@@ -79,14 +79,14 @@ def test_what_is_nearer_than_the_start_is_not_seen(occupied, x, y, angle, start)
 
 @given(GRIDS, COORDINATES, COORDINATES, ANGLES, st.floats(0.5, 30.0))
 @settings(max_examples=60, deadline=None)
-def test_a_wall_beyond_the_end_gives_no_return(occupied, x, y, angle, end):
+def test_wall_beyond_the_end_gives_no_return(occupied, x, y, angle, end):
     dx, dy = math.cos(angle), math.sin(angle)
     everything = range_to_wall(skip_table_of(occupied), x, y, dx, dy, 0.0, 1e3)
     found = range_to_wall(skip_table_of(occupied), x, y, dx, dy, 0.0, end)
     assert found == (everything if everything < end else math.inf)
 
 
-def test_a_beam_that_leaves_the_map_beside_a_wall_at_its_border_comes_to_an_end():
+def test_beam_that_leaves_the_map_beside_a_wall_at_its_border_comes_to_an_end():
     occupied = np.zeros((20, 20), dtype=np.bool_)
     occupied[::4, 19] = True
     # The point where this one crosses the border is rounded to the inside.
@@ -97,7 +97,7 @@ def test_a_beam_that_leaves_the_map_beside_a_wall_at_its_border_comes_to_an_end(
 
 
 @each_row("x", [11.0, 0.5])
-def test_a_beam_along_a_border_of_cells_never_goes_back(x):
+def test_beam_along_a_border_of_cells_never_goes_back(x):
     """By rounding it lies on one side and is looked up on the other; a step to where it crossed would lead back."""
     occupied = np.zeros((32, 12), dtype=np.bool_)
     occupied[23, 6] = True
@@ -106,17 +106,17 @@ def test_a_beam_along_a_border_of_cells_never_goes_back(x):
     assert found in (pytest.approx(4.0), pytest.approx(5.5), math.inf)
 
 
-def test_a_beam_along_a_border_from_outside_the_map_comes_to_an_end():
+def test_beam_along_a_border_from_outside_the_map_comes_to_an_end():
     occupied = np.zeros((32, 4), dtype=np.bool_)
     occupied[20, 3] = True
     assert range_to_wall(skip_table_of(occupied), 11.0, 24.0, -1.0, -1.2246467991473532e-16, 0.0, 1e3) == math.inf
 
 
-def test_a_beam_from_the_very_border_looks_into_the_map():
+def test_beam_from_the_very_border_looks_into_the_map():
     assert range_to_wall(skip_table_of(np.array([[False, True, False]])), 3.0, 0.5, -1.0, 0.0, 0.0, 9.0) == 1.0
 
 
-def test_a_map_without_walls_gives_no_return():
+def test_map_without_walls_gives_no_return():
     assert range_to_wall(skip_table_of(np.zeros((20, 20), dtype=np.bool_)), 3.3, 4.4, 0.6, 0.8, 0.0, 1e3) == math.inf
 
 
@@ -131,7 +131,7 @@ def outline(x, y, yaw, length, width, margin):
 
 @given(BOXES, st.floats(-5, 5), st.floats(-5, 5), ANGLES)
 @settings(max_examples=60, deadline=None)
-def test_the_range_to_a_box_is_that_of_shapely(obstacle, x, y, angle):
+def test_range_to_a_box_is_that_of_shapely(obstacle, x, y, angle):
     cx, cy, yaw, length, width = obstacle
     row = np.array([cx, cy, math.cos(yaw), math.sin(yaw), length / 2, width / 2])
     beam = LineString([(x, y), (x + 30 * math.cos(angle), y + 30 * math.sin(angle))])
@@ -145,7 +145,7 @@ def test_the_range_to_a_box_is_that_of_shapely(obstacle, x, y, angle):
 
 @given(st.floats(-5, 5), st.floats(-5, 5), st.floats(0.01, 3.0), ANGLES)
 @settings(max_examples=60, deadline=None)
-def test_the_range_to_a_cylinder_is_where_the_beam_enters_the_circle(cx, cy, radius, angle):
+def test_range_to_a_cylinder_is_where_the_beam_enters_the_circle(cx, cy, radius, angle):
     dx, dy = math.cos(angle), math.sin(angle)
     along, across = cx * dx + cy * dy, abs(cx * dy - cy * dx)
     assume(abs(math.hypot(cx, cy) - radius) > 1e-6 and abs(across - radius) > 1e-6)
@@ -178,7 +178,7 @@ def scanned(skips, pose, lidar=None, obstacles=(), origin=(0.0, 0.0), resolution
     return out
 
 
-def test_the_first_beam_points_to_the_left_and_the_rest_go_round_counter_clockwise(room):
+def test_first_beam_points_to_the_left_and_the_rest_go_round_counter_clockwise(room):
     ranges = scanned(room, (5.0, 4.0, 0.0))
     sensor_x = 4.96
     quarter = 90
@@ -189,13 +189,13 @@ def test_the_first_beam_points_to_the_left_and_the_rest_go_round_counter_clockwi
     assert ranges[3 * quarter] == pytest.approx((9.9 - sensor_x) / math.cos(3 * off))
 
 
-def test_the_first_and_the_last_beam_nearly_coincide():
+def test_first_and_the_last_beam_nearly_coincide():
     directions = Lidar().directions()
     assert directions.shape == (360, 2)
     assert np.arccos(directions[0] @ directions[-1]) == pytest.approx(2 * math.pi - 6.28)
 
 
-def test_the_scanner_turns_with_the_robot_and_sits_behind_its_center(room):
+def test_scanner_turns_with_the_robot_and_sits_behind_its_center(room):
     ranges = scanned(room, (5.0, 4.0, math.pi / 2))
     assert ranges[0] == pytest.approx(5.0 - 0.1)  # to the robot's left, west
     assert ranges[180] == pytest.approx(9.9 - 5.0, abs=1e-3)
@@ -204,7 +204,7 @@ def test_the_scanner_turns_with_the_robot_and_sits_behind_its_center(room):
 
 @given(st.floats(-50, 50), st.floats(-50, 50))
 @settings(max_examples=30, deadline=None)
-def test_the_origin_of_the_map_shifts_the_scan_with_it(x, y):
+def test_origin_of_the_map_shifts_the_scan_with_it(x, y):
     occupied = np.zeros((80, 100), dtype=np.bool_)
     occupied[20, 70], occupied[60:, 10] = True, True
     skips = skip_table_of(occupied)
@@ -214,7 +214,7 @@ def test_the_origin_of_the_map_shifts_the_scan_with_it(x, y):
     assert grazed.sum() <= 2
 
 
-def test_an_obstacle_hides_the_wall_behind_it(room):
+def test_obstacle_hides_the_wall_behind_it(room):
     ranges = scanned(room, (5.04, 4.0, 0.0), obstacles=[(7.0, 4.0, 1.0, 0.0, 0.25, 0.5)])
     free = scanned(room, (5.04, 4.0, 0.0))
     hit = ranges < free
@@ -231,7 +231,7 @@ OBSTACLES = st.lists(
 
 @given(OBSTACLES, ANGLES, st.sampled_from([1, 2, 7, 360]), st.floats(0.001, 1.0))
 @settings(max_examples=60, deadline=None)
-def test_a_scan_sees_of_obstacles_what_each_beam_alone_sees(obstacles, yaw, beams, fullness):
+def test_scan_sees_of_obstacles_what_each_beam_alone_sees(obstacles, yaw, beams, fullness):
     """Whichever beams are looked at for an obstacle: in front, behind, round the sensor, across the first beam."""
     rows = np.array([(x, y, math.cos(a), math.sin(a), length, width) for x, y, a, length, width in obstacles])
     lidar = Lidar(beams=beams, angle_increment_rad=fullness * 2 * math.pi / beams)
@@ -243,12 +243,12 @@ def test_a_scan_sees_of_obstacles_what_each_beam_alone_sees(obstacles, yaw, beam
         assert found == pytest.approx(min([r for r in each if r < lidar.range_max_m], default=math.inf))
 
 
-def test_an_obstacle_that_is_not_there_is_not_seen(room):
+def test_obstacle_that_is_not_there_is_not_seen(room):
     nowhere = [(math.inf, math.inf, 1.0, 0.0, 0.25, 0.25)]
     np.testing.assert_array_equal(scanned(room, (5.0, 4.0, 0.0)), scanned(room, (5.0, 4.0, 0.0), obstacles=nowhere))
 
 
-def test_the_nearest_of_several_obstacles_is_seen(room):
+def test_nearest_of_several_obstacles_is_seen(room):
     near, far = (6.0, 4.0, 1.0, 0.0, 0.1, 0.0), (7.0, 4.0, 1.0, 0.0, 0.3, 0.3)
     beam = Lidar(beams=1, mount_xyt=(0.0, 0.0, 0.0))
     assert scanned(room, (5.0, 4.0, 0.0), beam, [far, near])[0] == pytest.approx(0.9)
@@ -305,7 +305,7 @@ def test_noise_is_gaussian_of_the_given_width_and_independent():
     assert abs((noise[:-1] * noise[1:]).mean()) < 5 / math.sqrt(n)
 
 
-def test_a_beam_without_a_return_stays_without_one_under_noise():
+def test_beam_without_a_return_stays_without_one_under_noise():
     ranges = np.full(360, 3.0)
     ranges[::7] = np.inf
     assert np.isinf(perturbed(ranges, noise_m=0.2)[0]).tolist() == np.isinf(ranges).tolist()
@@ -316,7 +316,7 @@ def test_noise_is_not_clipped_to_the_limits_of_the_scanner():
     assert perturbed(np.full(360, 19.99), noise_m=0.3)[0].max() > 20.0
 
 
-def test_an_odd_number_of_beams_is_perturbed_to_the_last():
+def test_odd_number_of_beams_is_perturbed_to_the_last():
     assert (perturbed(np.ones(5), noise_m=0.1)[0] != 1.0).all()
 
 

@@ -59,7 +59,7 @@ def straight(length_m=5.0):
     return [(x, 0.0) for x in np.arange(0.0, length_m + 1e-9, 0.025)]
 
 
-def test_the_local_plan_starts_at_the_point_nearest_to_the_robot():
+def test_local_plan_starts_at_the_point_nearest_to_the_robot():
     plan, _ = Follower(straight(), x_m=1.01, y_m=0.2).plan()
     np.testing.assert_allclose(plan[0], (1.0, 0.0))
 
@@ -89,7 +89,7 @@ def test_what_has_been_passed_is_forgotten_even_if_the_robot_goes_back():
     np.testing.assert_allclose(plan[0], (1.0, 0.0))
 
 
-def test_the_nearest_point_is_sought_on_the_first_stretch_only():
+def test_nearest_point_is_sought_on_the_first_stretch_only():
     """A path that crosses itself: the branch ahead wins over one that lies nearer but farther along."""
     loop = (
         straight(2.0) + [(2.0, y) for y in np.arange(0.025, 1.0, 0.025)] + [(x, 1.0) for x in np.arange(2, 0, -0.025)]
@@ -111,13 +111,13 @@ def test_its_end_has_the_goal_s_heading_only_where_it_is_the_goal(length_m, end_
     assert found_rad == pytest.approx(end_yaw_rad)
 
 
-def test_a_cut_by_distance_keeps_the_path_behind_the_robot_that_is_near():
+def test_cut_by_distance_keeps_the_path_behind_the_robot_that_is_near():
     """DWB's: from the first point nearer than one distance to the first farther than another, wherever the robot is between."""
     plan, _ = Follower(straight(), x_m=2.0, cut=PlanCut(search_m=3.0, within_m=0.501, around_m=0.801)).plan()
     np.testing.assert_allclose(plan[[0, -1]], [(1.5, 0.0), (2.8, 0.0)], atol=1e-9)
 
 
-def test_a_cut_by_distance_does_not_mind_the_window():
+def test_cut_by_distance_does_not_mind_the_window():
     plan, _ = Follower(straight(), cut=PlanCut(search_m=3.0, within_m=1.5, around_m=2.001)).plan()
     np.testing.assert_allclose(plan[-1], (2.0, 0.0), atol=1e-9)
 
@@ -128,7 +128,7 @@ def test_without_a_point_that_is_near_the_cut_begins_where_the_search_ends():
 
 
 @each_row(("two_points", "count"), [(True, 2), (False, 1)])
-def test_a_robot_past_the_end_of_its_path_may_keep_a_second_point(two_points, count):
+def test_robot_past_the_end_of_its_path_may_keep_a_second_point(two_points, count):
     cut = PlanCut(search_m=1.5, two_points=two_points, around_m=1.5)
     assert len(Follower(straight(1.0), x_m=1.1, cut=cut).plan()[0]) == count
 
@@ -138,7 +138,7 @@ def test_of_points_that_are_equally_near_it_begins_with_the_last():
     assert len(Follower(twice, x_m=1.0).plan()[0]) == 2
 
 
-def test_a_robot_that_takes_itself_to_be_far_from_its_path_has_no_local_plan():
+def test_robot_that_takes_itself_to_be_far_from_its_path_has_no_local_plan():
     plan, _ = Follower(straight(), y_m=2.0).plan()
     assert len(plan) == 0
 
@@ -150,7 +150,7 @@ THERE_AND_BACK = [(x, 0.0) for x in np.arange(0.0, 0.9, 0.05)] + [(x, 0.1) for x
 CUSP = (0.85, 0.0)
 
 
-def test_a_path_counts_to_its_first_reversal():
+def test_path_counts_to_its_first_reversal():
     plan, _ = Follower(THERE_AND_BACK, cut=TO_INVERSION).plan()
     np.testing.assert_allclose(plan[-1], CUSP)
     assert len(plan) == 18
@@ -162,7 +162,7 @@ def test_without_it_what_lies_behind_a_reversal_is_in_the_local_plan_at_once():
 
 
 @each_row(("x_m", "yaw_rad", "goes_on"), [(0.7, 0.3, True), (0.6, 0.3, False), (0.7, 0.5, False)])
-def test_the_next_stretch_follows_once_the_robot_is_near_the_reversal_and_looks_as_the_path_does_there(
+def test_next_stretch_follows_once_the_robot_is_near_the_reversal_and_looks_as_the_path_does_there(
     x_m, yaw_rad, goes_on
 ):
     robot = Follower(THERE_AND_BACK, x_m=x_m, cut=TO_INVERSION)
@@ -173,7 +173,7 @@ def test_the_next_stretch_follows_once_the_robot_is_near_the_reversal_and_looks_
     np.testing.assert_allclose(after[-1], THERE_AND_BACK[-1] if goes_on else CUSP)
 
 
-def test_a_stretch_ends_with_the_heading_of_the_pose_where_the_path_reverses():
+def test_stretch_ends_with_the_heading_of_the_pose_where_the_path_reverses():
     robot = Follower(THERE_AND_BACK, cut=TO_INVERSION)
     robot.path[17, 2] = 0.3
     assert robot.plan()[1] == pytest.approx(0.3)

@@ -51,7 +51,7 @@ def errors(map_file, **perturbation):
 
 @each_row("name", ["rooms", "hallways"])
 @each_row("noise_m", [0.0, 0.1])
-def test_the_localization_error_is_that_of_nav2_s_filter_and_noise_hardly_adds_to_it(shared_map, name, noise_m):
+def test_localization_error_is_that_of_nav2_s_filter_and_noise_hardly_adds_to_it(shared_map, name, noise_m):
     """Upstream's filter, measured: position 0.09 to 0.21 m in the mean, 0.45 m at the 95th percentile, 0.015 rad.
 
     Exact odometry and a likelihood of 0.2 m leave that much, so a smaller error would be as wrong as a larger one.
@@ -68,7 +68,7 @@ def test_without_nine_beams_of_ten_the_filter_loses_its_place(shared_map):
     assert few.mean() > 2.5 * full.mean()
 
 
-def test_a_pose_is_published_at_the_first_scan_and_then_after_each_gate(shared_map):
+def test_pose_is_published_at_the_first_scan_and_then_after_each_gate(shared_map):
     recording = recordings(shared_map("rooms"))[0]
     published = poses(recording)[recording.columns["localized"] == 1]
     np.testing.assert_allclose(published[0], poses(recording)[0], atol=0.01)
@@ -81,7 +81,7 @@ def test_a_pose_is_published_at_the_first_scan_and_then_after_each_gate(shared_m
     assert (np.maximum(np.maximum(abs(along), abs(across)) / 0.25, abs(wrapped(steps[:, 2])) / 0.2) > 0.97).all()
 
 
-def test_an_uncertain_initial_pose_is_published_as_such_and_found_again(shared_map):
+def test_uncertain_initial_pose_is_published_as_such_and_found_again(shared_map):
     map_file = shared_map("rooms")
     spread = {f"initial_pose_covariance_{axis}": value for axis, value in (("xx", 0.1), ("yy", 0.1), ("yaw", 0.05))}
     sure, unsure = recordings(map_file)[0], recordings(map_file, **spread)[0]

@@ -63,19 +63,19 @@ def after_a_tick(prepared, scenario):
     return tick
 
 
-def test_the_window_s_marks_stay_two_cells_before_what_is_seen(after_a_tick):
+def test_window_s_marks_stay_two_cells_before_what_is_seen(after_a_tick):
     ahead = after_a_tick(MARKED).local.layer[30]
     assert (ahead[29:47] == SEEN_FREE).all()
     assert (ahead[47:49] == MARKED).all()
 
 
-def test_the_global_map_is_cleared_up_to_what_is_seen(after_a_tick):
+def test_global_map_is_cleared_up_to_what_is_seen(after_a_tick):
     ahead = after_a_tick(MARKED).grids.layer[48]
     assert (ahead[58:78] == SEEN_FREE).all()
     assert ahead[78] == MARKED
 
 
-def test_the_window_lies_in_the_odometry_s_frame_with_the_robot_in_its_middle(after_a_tick):
+def test_window_lies_in_the_odometry_s_frame_with_the_robot_in_its_middle(after_a_tick):
     local = after_a_tick(yaw=1.0).local
     np.testing.assert_allclose(local.window.place, (-1.5, -1.5, 0.05))
     assert local.layer[30, 30] == SEEN_FREE
@@ -89,7 +89,7 @@ def test_what_is_ahead_lies_ahead_in_the_window_wherever_the_robot_faces(after_a
     assert stack.grids.layer[67, 59] == MARKED
 
 
-def test_the_window_holds_only_what_is_seen_and_no_wall_of_the_map(after_a_tick, prepared):
+def test_window_holds_only_what_is_seen_and_no_wall_of_the_map(after_a_tick, prepared):
     hidden = after_a_tick().local.layer[30, 52:55]  # the wall's place behind the crate
     assert (hidden == UNSEEN).all()
 
@@ -103,26 +103,26 @@ def test_with_a_static_layer_the_window_has_the_map_s_walls_where_localization_p
     assert after_a_tick().local.window.costs[50, 53] < 254
 
 
-def test_a_window_has_the_size_and_the_cells_of_its_parameters(after_a_tick):
+def test_window_has_the_size_and_the_cells_of_its_parameters(after_a_tick):
     wide = NavParameters(local_costmap=Costmap(width=4, height=5, resolution=0.1))
     local = after_a_tick(parameters=wide).local
     assert local.window.costs.shape == (50, 40)
     np.testing.assert_allclose(local.window.place, (-2.0, -2.5, 0.1))
 
 
-def test_a_map_that_the_global_costmap_does_not_use_leaves_it_free(two_rooms):
+def test_map_that_the_global_costmap_does_not_use_leaves_it_free(two_rooms):
     unused = NavParameters(global_costmap=global_costmap().with_values(static_layer=StaticLayer(enabled=False)))
     assert not prepare(load_map(two_rooms.path), Lidar(), unused).costs.any()
 
 
-def test_the_global_costs_join_the_map_s_walls_and_the_obstacle(after_a_tick, prepared):
+def test_global_costs_join_the_map_s_walls_and_the_obstacle(after_a_tick, prepared):
     m_costs = after_a_tick().grids.costs
     assert m_costs[48, 78] == 254  # the crate
     assert prepared.costs[48, 78] < 253
     assert m_costs[70, 83] == 254  # the wall beside the door
 
 
-def test_a_run_s_marks_leave_the_prepared_map_as_it_was(after_a_tick, prepared):
+def test_run_s_marks_leave_the_prepared_map_as_it_was(after_a_tick, prepared):
     before = prepared.costs.copy(), prepared.free_costs.copy(), prepared.static.copy()
     after_a_tick(MARKED)
     for one, other in zip(before, (prepared.costs, prepared.free_costs, prepared.static), strict=True):
@@ -135,7 +135,7 @@ def updated(parameters, memory, grids, local):
     update_global(parameters[0], memory[0], grids)
 
 
-def test_a_scan_is_put_where_it_was_taken_although_the_robot_has_turned_since(after_a_tick):
+def test_scan_is_put_where_it_was_taken_although_the_robot_has_turned_since(after_a_tick):
     """A costmap updates between two scans: with the turn of 0.05 s the marks would lie 10 cm off, a meter ahead."""
     stack = after_a_tick()
     once = (stack.local.layer == MARKED).copy(), (stack.grids.layer == MARKED).copy()
@@ -165,7 +165,7 @@ def test_particles_begin_at_the_start_without_spread(after_a_tick):
     np.testing.assert_allclose(stack.cloud.particles[:, :2000].T, np.tile([2.98, 2.42, 0.0], (2000, 1)))
 
 
-def test_a_path_lies_on_navfn_s_points_half_a_cell_off_the_costmap_s_centers(after_a_tick):
+def test_path_lies_on_navfn_s_points_half_a_cell_off_the_costmap_s_centers(after_a_tick):
     """Nav2's planner rounds where the costmap truncates: x 2.98 is column 60, whose point is 3.00."""
     stack = after_a_tick(obstacles=())
     assert stack.m[0]["path_n"] > 100

@@ -42,11 +42,11 @@ def cells(path):
     return load_map(path).cells.tolist()
 
 
-def test_the_last_row_of_the_picture_is_the_lowest_row_of_the_grid(write):
+def test_last_row_of_the_picture_is_the_lowest_row_of_the_grid(write):
     assert cells(write([[254, 254], [0, 205]])) == [[100, -1], [0, 0]]
 
 
-def test_a_cell_s_corner_lies_at_the_origin(write):
+def test_cell_s_corner_lies_at_the_origin(write):
     occupancy = load_map(write())
     assert occupancy.origin_xy_m == (-1.0, -2.0)
     assert occupancy.cell_of(-1.0 + 1e-9, -2.0 + 1e-9) == (0, 0)
@@ -55,7 +55,7 @@ def test_a_cell_s_corner_lies_at_the_origin(write):
     assert occupancy.center_of(1, 0) == pytest.approx((-0.975, -1.925))
 
 
-def test_an_origin_may_leave_its_yaw_out(write):
+def test_origin_may_leave_its_yaw_out(write):
     assert load_map(write(origin="[1, 2]")).origin_xy_m == (1.0, 2.0)
 
 
@@ -101,12 +101,12 @@ def test_every_gray_value_is_read_by_the_formula_of_map_server(write, free, span
 
 
 @each_row("mode", ["Trinary", "SCALE", "rAw"])
-def test_a_mode_may_be_written_in_any_case(write, mode):
+def test_mode_may_be_written_in_any_case(write, mode):
     assert cells(write([[0, 50, 150, 254]], mode=mode)) == cells(write(None, mode=mode.lower()))
 
 
 @each_row("negate", [1, "true"])
-def test_a_negated_map_is_occupied_where_it_is_bright(write, negate):
+def test_negated_map_is_occupied_where_it_is_bright(write, negate):
     assert cells(write([[0, 255]], negate=negate)) == [[0, 100]]
 
 
@@ -114,7 +114,7 @@ def test_raw_takes_values_to_100_as_they_are_and_the_rest_as_unknown(write):
     assert cells(write([[0, 1, 50, 100, 101, 255]], mode="raw")) == [[0, 1, 50, 100, -1, -1]]
 
 
-def test_a_cell_between_the_thresholds_is_neither_wall_nor_free(write):
+def test_cell_between_the_thresholds_is_neither_wall_nor_free(write):
     occupancy = load_map(write([[150]], mode="scale"))
     assert 0 < occupancy.cells[0, 0] < 100
     assert not occupancy.occupied.any()
@@ -122,7 +122,7 @@ def test_a_cell_between_the_thresholds_is_neither_wall_nor_free(write):
 
 
 @pytest.mark.parametrize("mode", ["trinary", "scale"])
-def test_a_transparent_pixel_is_unknown(write, tmp_path, mode):
+def test_transparent_pixel_is_unknown(write, tmp_path, mode):
     pixels = np.array([[[0, 0, 0, 255], [0, 0, 0, 254], [255, 255, 255, 255], [255, 255, 255, 0]]], dtype=np.uint8)
     Image.fromarray(pixels, "RGBA").save(tmp_path / "map.png")
     assert cells(write(None, image="map.png", mode=mode)) == [[100, -1, 0, -1]]
@@ -139,7 +139,7 @@ def test_sixteen_bits_a_pixel_are_as_good_as_eight(write, tmp_path):
     assert cells(write(None, image="map.png")) == [[100, -1, 0, 0]]
 
 
-def test_a_pgm_of_sixteen_bits_a_pixel_is_as_good_as_one_of_eight(write, tmp_path):
+def test_pgm_of_sixteen_bits_a_pixel_is_as_good_as_one_of_eight(write, tmp_path):
     values = (np.array([0, 205, 254, 255]) * 257).astype(">u2")
     (tmp_path / "map.pgm").write_bytes(b"P5\n4 1\n65535\n" + values.tobytes())
     assert cells(write(None)) == [[100, -1, 0, 0]]
@@ -165,18 +165,18 @@ def test_luma_is_that_of_graphicsmagick(write, tmp_path):
     assert [luma(*color) for color in colors] == [76, 149, 29, 225, 1, 98, 87]
 
 
-def test_a_blue_wall_is_a_wall_and_a_yellow_floor_is_free(write, tmp_path):
+def test_blue_wall_is_a_wall_and_a_yellow_floor_is_free(write, tmp_path):
     Image.fromarray(np.array([[[0, 0, 255], [255, 255, 0]]], dtype=np.uint8), "RGB").save(tmp_path / "map.png")
     assert cells(write(None, image="map.png")) == [[100, 0]]
 
 
 @pytest.mark.parametrize("form", ["png", "bmp", "pgm", "ppm"])
-def test_a_picture_may_have_any_of_the_usual_formats(write, tmp_path, form):
+def test_picture_may_have_any_of_the_usual_formats(write, tmp_path, form):
     Image.fromarray(np.array([[0, 205], [254, 254]], dtype=np.uint8)).save(tmp_path / f"floor.{form}")
     assert cells(write(None, image=f"floor.{form}")) == [[0, 0], [100, -1]]
 
 
-def test_a_picture_may_be_named_by_an_absolute_path(write, tmp_path):
+def test_picture_may_be_named_by_an_absolute_path(write, tmp_path):
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     Image.fromarray(np.array([[0, 254]], dtype=np.uint8)).save(elsewhere / "floor.png")
@@ -191,7 +191,7 @@ def test_transparency_makes_unknown_in_all_modes_but_raw(write, tmp_path, mode):
     assert cells(write(None, image="map.png", mode=mode)) == [[gray, *((50, 50) if mode == "raw" else (-1, -1))]]
 
 
-def test_a_palette_is_read_by_its_colors(write, tmp_path):
+def test_palette_is_read_by_its_colors(write, tmp_path):
     Image.fromarray(np.array([[0, 254, 205]], dtype=np.uint8)).convert("P").save(tmp_path / "map.png")
     assert cells(write(None, image="map.png")) == [[100, 0, -1]]
 
@@ -209,7 +209,7 @@ def test_black_and_white_of_one_bit_a_pixel_are_wall_and_free(write, tmp_path):
         b"P5 2 2 255 ",
     ],
 )
-def test_the_header_of_a_pgm_may_hold_comments_and_any_white_space(write, tmp_path, header):
+def test_header_of_a_pgm_may_hold_comments_and_any_white_space(write, tmp_path, header):
     (tmp_path / "map.pgm").write_bytes(header + bytes([254, 0, 205, 254]))
     assert cells(write(None)) == [[-1, 0], [0, 100]]
 
@@ -234,60 +234,60 @@ def test_numbers_may_be_written_with_an_exponent(write):
         ({"image": None}, "no key 'image'; a map has image, resolution and origin"),
         ({"resolution": None}, "no key 'resolution'"),
         ({"origin": None}, "no key 'origin'"),
-        ({"resolution": "1" + "0" * 400}, "resolution: found 10+; a number"),
-        ({"resolution": 1e-300}, "resolution: found 1e-300; meters per cell, greater than 0: 0.0001 to 100"),
-        ({"resolution": 1e300}, "resolution: found 1e.300; meters per cell"),
+        ({"resolution": "1" + "0" * 400}, "resolution: expected a number, got 10+"),
+        ({"resolution": 1e-300}, "resolution: expected meters per cell, greater than 0: 0.0001 to 100, got 1e-300"),
+        ({"resolution": 1e300}, "resolution: expected meters per cell, got 1e.300"),
         ({"origin": f"[{'9' * 400}, 0]"}, "origin: found "),
-        ({"origin": "[1.0e+300, 0]"}, "origin: found .*; at most 10,000,000 m from zero"),
+        ({"origin": "[1.0e+300, 0]"}, "origin: expected at most 10,000,000 m from zero, got .*"),
         ({"image": "none.pgm"}, "image: no file '.*none.pgm'; the picture lies relative to the YAML file"),
         ({"image": "map.yaml"}, "map.yaml': no picture in PGM, PNG or BMP; one of these formats"),
-        ({"origin": "[0, 0, 90]"}, r"origin: found yaw 90; radians, one turn \(6.2832\) at most"),
-        ({"origin": "[0, 0, 0, 0]"}, r"origin: found \[0, 0, 0, 0\]; \[x, y, yaw\]"),
-        ({"origin": "[0]"}, r"origin: found \[0\]; \[x, y, yaw\]"),
+        ({"origin": "[0, 0, 90]"}, r"origin: expected radians, one turn \(6.2832\) at most, got yaw 90"),
+        ({"origin": "[0, 0, 0, 0]"}, r"origin: expected \[x, y, yaw\], got \[0, 0, 0, 0\]"),
+        ({"origin": "[0]"}, r"origin: expected \[x, y, yaw\], got \[0\]"),
         ({"origin": "[0, .nan, 0]"}, r"origin: found \[0, nan, 0\]"),
         ({"origin": "here"}, "origin: found 'here'"),
-        ({"resolution": 0}, "resolution: found 0.0; meters per cell, greater than 0"),
+        ({"resolution": 0}, "resolution: expected meters per cell, greater than 0, got 0.0"),
         ({"resolution": -0.05}, "greater than 0"),
-        ({"resolution": "fine"}, "resolution: found 'fine'; a number"),
-        ({"resolution": ".inf"}, "resolution: found inf; a number"),
-        ({"free_thresh": "true"}, "free_thresh: found True; a number"),
-        ({"occupied_thresh": 65}, "occupied_thresh: found 65; a share of black, 0 to 1"),
-        ({"free_thresh": -0.2}, r"free_thresh: found -0\.2; a share of black, 0 to 1"),
-        ({"negate": "0\nresolution: 0.1"}, "resolution: found 2 times; one"),
-        ({"negate": 2}, "negate: found 2; 0 or 1"),
-        ({"mode": "binary"}, "mode: found 'binary'; trinary, scale or raw"),
+        ({"resolution": "fine"}, "resolution: expected a number, got 'fine'"),
+        ({"resolution": ".inf"}, "resolution: expected a number, got inf"),
+        ({"free_thresh": "true"}, "free_thresh: expected a number, got True"),
+        ({"occupied_thresh": 65}, "occupied_thresh: expected a share of black, 0 to 1, got 65"),
+        ({"free_thresh": -0.2}, r"free_thresh: expected a share of black, 0 to 1, got -0\.2"),
+        ({"negate": "0\nresolution: 0.1"}, "resolution: expected one, got 2 times"),
+        ({"negate": 2}, "negate: expected 0 or 1, got 2"),
+        ({"mode": "binary"}, "mode: expected trinary, scale or raw, got 'binary'"),
     ],
 )
-def test_a_map_that_is_wrong_is_refused_with_what_would_be_right(write, changes, message):
+def test_map_that_is_wrong_is_refused_with_what_would_be_right(write, changes, message):
     path = write(**changes)
     with pytest.raises(MapError, match=message) as caught:
         load_map(path)
     assert str(caught.value).startswith(f"{path}: ")
 
 
-def test_a_map_that_is_not_there_is_refused(tmp_path):
+def test_map_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(MapError, match=r"none\.yaml: no such file; a map is a map_server YAML file"):
         load_map(tmp_path / "none.yaml")
 
 
 @each_row(("text", "message"), [("a: [", "not YAML"), ("- 1\n", "found list; a map is a mapping")])
-def test_a_file_that_is_no_mapping_is_refused(tmp_path, text, message):
+def test_file_that_is_no_mapping_is_refused(tmp_path, text, message):
     (tmp_path / "map.yaml").write_text(text)
     with pytest.raises(MapError, match=message):
         load_map(tmp_path / "map.yaml")
 
 
-def test_a_picture_that_is_cut_off_is_refused(write, tmp_path):
+def test_picture_that_is_cut_off_is_refused(write, tmp_path):
     (tmp_path / "map.pgm").write_bytes(b"P5\n20 20\n255\n" + bytes(7))
     with pytest.raises(MapError, match=r"map\.pgm': a damaged picture: .*truncated"):
         load_map(write(None))
 
 
-def test_the_digest_is_pinned(write):
+def test_digest_is_pinned(write):
     assert load_map(write()).digest == "e13fb87f6a8a8d8ef06d30c38294b2189289ec7cb0ff8690228e606f069c8594"
 
 
-def test_the_digest_is_of_the_grid_and_not_of_the_files(write, tmp_path):
+def test_digest_is_of_the_grid_and_not_of_the_files(write, tmp_path):
     first = map_content(write())
     Image.fromarray(np.array([[255, 1], [205, 254]], dtype=np.uint8)).save(tmp_path / "other.png")
     assert map_content(write(None, image="other.png")) == first
@@ -311,7 +311,7 @@ TALL = [[0, 254], [205, 0], [254, 254]]
 """3 rows of 2 cells, no two turns of it alike."""
 
 
-def test_an_origin_s_yaw_turns_the_grid_about_it(write):
+def test_origin_s_yaw_turns_the_grid_about_it(write):
     occupancy = load_map(write(TALL, origin="[1.0, 2.0, 0.3]"))
     assert occupancy.origin_xy_m == (1.0, 2.0)
     c, s = math.cos(0.3), math.sin(0.3)
@@ -335,7 +335,7 @@ def test_an_origin_s_yaw_turns_the_grid_about_it(write):
         (1e-17, TALL, (0.0, 0.0)),
     ],
 )
-def test_a_map_turned_by_a_quarter_is_the_map_drawn_turned(write, yaw, turned, corner):
+def test_map_turned_by_a_quarter_is_the_map_drawn_turned(write, yaw, turned, corner):
     origin_xy_m = 1.0, -2.0
     found = load_map(write(TALL, origin=f"[1.0, -2.0, {yaw!r}]"))
     x, y = (o + c for o, c in zip(origin_xy_m, corner, strict=True))
@@ -364,5 +364,5 @@ def test_many_places_are_the_same_as_one_by_one(write):
     assert np.floor(occupancy.in_cells(places)).astype(int).tolist() == some.tolist()
 
 
-def test_a_turned_map_has_another_digest(write):
+def test_turned_map_has_another_digest(write):
     assert map_content(write(origin="[0, 0, 0.1]")) != map_content(write(origin="[0, 0, 0.2]"))

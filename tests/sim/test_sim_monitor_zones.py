@@ -38,14 +38,14 @@ def zone(action, **values):
     return MonitorZone(action=action, **{"vertices": AHEAD, "min_points": 2, **values})
 
 
-def test_an_area_acts_when_it_has_its_points_and_not_before():
+def test_area_acts_when_it_has_its_points_and_not_before():
     stop = zone("stop")
     assert left([stop], [(0.9, 0.0)]) == 1.0
     assert left([stop], [(0.9, 0.0), (0.9, 0.2)]) == 0.0
     assert left([stop], [(0.9, 0.0), (0.9, 0.4)]) == 1.0
 
 
-def test_a_circle_is_round_the_robots_center():
+def test_circle_is_round_the_robots_center():
     ring = zone("stop", vertices=(), radius=0.5, min_points=1)
     assert left([ring], [(-0.3, -0.3)]) == 0.0
     assert left([ring], [(-0.4, -0.4)]) == 1.0
@@ -58,7 +58,7 @@ def test_points_stay_where_they_were_while_the_robot_moves_and_turns():
     assert left([stop], [(0.0, 0.8)], moved=(0.0, 0.0, math.pi / 2)) == 0.0
 
 
-def test_an_area_slows_down_by_its_ratio_and_the_smallest_command_counts():
+def test_area_slows_down_by_its_ratio_and_the_smallest_command_counts():
     inside = [(0.5, 0.0), (0.5, 0.1)]
     assert left([zone("slowdown", slowdown_ratio=0.4)], inside) == 0.4
     assert left([zone("slowdown", slowdown_ratio=0.4), zone("slowdown", slowdown_ratio=0.7)], inside) == 0.4
@@ -69,12 +69,12 @@ def test_an_area_slows_down_by_its_ratio_and_the_smallest_command_counts():
     ("v_mps", "w_radps", "expected"),
     [(0.5, 0.0, 0.4), (0.1, 0.0, 1.0), (0.0, 2.0, 0.25), (0.5, 2.0, 0.25), (0.0, 0.0, 1.0)],
 )
-def test_a_limit_holds_both_velocities_by_one_factor(v_mps, w_radps, expected):
+def test_limit_holds_both_velocities_by_one_factor(v_mps, w_radps, expected):
     limit = zone("limit", linear_limit=0.2, angular_limit=0.5)
     assert left([limit], [(0.5, 0.0), (0.5, 0.1)], v_mps, w_radps) == pytest.approx(expected)
 
 
-def test_an_area_of_its_own_approaches_by_the_time_to_collision():
+def test_area_of_its_own_approaches_by_the_time_to_collision():
     near = zone("approach", time_before_collision=2.0, min_points=1)
     assert left([near], [(1.52, 0.0)]) == pytest.approx(0.5)  # 0.52 m at 0.5 m/s: inside at the 11th step
     assert left([near], [(1.52, 0.0)], v_mps=0.1) == 1.0

@@ -55,7 +55,7 @@ def away_from_walls(occupancy, pose, velocities):
 
 @given(GRIDS, POSES, STEPS)
 @settings(max_examples=60, deadline=None)
-def test_a_body_moves_freely_just_when_no_step_ends_within_a_millimeter_of_a_wall(grid, pose, velocities):
+def test_body_moves_freely_just_when_no_step_ends_within_a_millimeter_of_a_wall(grid, pose, velocities):
     occupancy = OccupancyMap(grid, RESOLUTION_M, ORIGIN)
     free, after = free_motion(occupancy, pose, velocities)
     away = away_from_walls(occupancy, pose, velocities)
@@ -84,7 +84,7 @@ OBSTACLES = st.tuples(st.sampled_from(["box", "cylinder"]), POSES, st.floats(0.0
 
 @given(OBSTACLES, POSES, STEPS)
 @settings(max_examples=60, deadline=None)
-def test_a_body_moves_freely_just_when_no_step_ends_within_a_millimeter_of_an_obstacle(obstacle, pose, velocities):
+def test_body_moves_freely_just_when_no_step_ends_within_a_millimeter_of_an_obstacle(obstacle, pose, velocities):
     empty = OccupancyMap(np.zeros((40, 44), dtype=np.int8), RESOLUTION_M, ORIGIN)
     free, _ = free_motion(empty, pose, velocities, (obstacle,))
     away = min(obstacle.footprint().distance(Point(*at)) for at in ends(pose, velocities))
@@ -94,7 +94,7 @@ def test_a_body_moves_freely_just_when_no_step_ends_within_a_millimeter_of_an_ob
 
 
 @each_row("at", [(0.0, 3.0), (0.0, 2.0), (-1.0, 2.0)])
-def test_a_body_deep_in_a_wall_is_not_free(at):
+def test_body_deep_in_a_wall_is_not_free(at):
     solid = OccupancyMap(np.full((40, 44), 100, dtype=np.int8), RESOLUTION_M, ORIGIN)
     assert not free_motion(solid, (*at, 0.0), np.zeros((5, 3)))[0]
 

@@ -233,7 +233,7 @@ def test_three_cycles_give_the_commands_of_the_plain_reading(name):
         sequence = np.vstack([after[1:], after[-1:]])
 
 
-def test_the_costs_of_the_samples_are_those_of_the_plain_reading():
+def test_costs_of_the_samples_are_those_of_the_plain_reading():
     costs, pose, twist, plan, goal = SITUATIONS["beside a blob"]
     memory, win = memory_of(SMALL), window(costs)
     command_of(record_of(SMALL), memory, win, OUTLINE, pose, twist, plan, len(plan), 0.0, goal)
@@ -298,7 +298,7 @@ def judged_by_headings(q, pose, twist, heading_rad):
         ("PathAngleCritic", {"mode": 2}, (0.0, 0.0, 2.0), (0.3, 0.1), 0.2),
     ],
 )
-def test_a_critic_that_is_told_to_looks_at_the_plan_s_headings(name, changed, pose, twist, heading_rad):
+def test_critic_that_is_told_to_looks_at_the_plan_s_headings(name, changed, pose, twist, heading_rad):
     q = SMALL.with_values(**{name: getattr(SMALL, name).with_values(**changed)})
     found, expected = judged_by_headings(q, pose, twist, heading_rad)
     # What the sequence itself costs by γ is the same for all samples.
@@ -310,7 +310,7 @@ def test_a_critic_that_is_told_to_looks_at_the_plan_s_headings(name, changed, po
 
 
 @each_row(("vx_min", "alike"), [(0.0, True), (-0.35, False)])
-def test_a_robot_that_can_not_reverse_has_its_front_toward_the_path_where_it_might_choose(vx_min, alike):
+def test_robot_that_can_not_reverse_has_its_front_toward_the_path_where_it_might_choose(vx_min, alike):
     found = []
     for mode in (0, 1):
         q = SMALL.with_values(vx_min=vx_min, PathAngleCritic=SMALL.PathAngleCritic.with_values(mode=mode))
@@ -322,7 +322,7 @@ def test_a_robot_that_can_not_reverse_has_its_front_toward_the_path_where_it_mig
     "critic",
     ["ConstraintCritic", "CostCritic", "PathAlignCritic", "PathFollowCritic", "PreferForwardCritic"],
 )
-def test_a_critic_that_is_left_out_adds_nothing(critic):
+def test_critic_that_is_left_out_adds_nothing(critic):
     costs, pose, twist, plan, goal = SITUATIONS["beside a blob"]
     without = SMALL.with_values(**{critic: getattr(SMALL, critic).with_values(enabled=False)})
     weightless = SMALL.with_values(**{critic: getattr(SMALL, critic).with_values(cost_weight=0.0)})
@@ -383,7 +383,7 @@ def test_equal_streams_give_equal_commands_and_others_do_not():
     assert first(3) != first(4)
 
 
-def test_a_reset_controller_is_as_new_but_for_its_noise():
+def test_reset_controller_is_as_new_but_for_its_noise():
     memory = memory_of(SMALL)
     for _ in range(3):
         command_of(record_of(SMALL), memory, window(), OUTLINE, (0.0, 0.0, 0.0), (0.2, 0.0), straight(), 56, 0.0, AHEAD)
@@ -391,7 +391,7 @@ def test_a_reset_controller_is_as_new_but_for_its_noise():
     assert not np.asarray(memory.sequence).any() and not np.asarray(memory.history).any()
 
 
-def test_the_shared_noise_is_normal_and_no_number_follows_from_another():
+def test_shared_noise_is_normal_and_no_number_follows_from_another():
     for numbers, spread in zip(numbers_in(noise(112_000, 0.2, 0.4)), (0.2, 0.4), strict=True):
         assert numbers.mean() == pytest.approx(0.0, abs=0.003 * spread)
         assert numbers.std() == pytest.approx(spread, rel=0.003)
@@ -400,7 +400,7 @@ def test_the_shared_noise_is_normal_and_no_number_follows_from_another():
             assert np.corrcoef(numbers[:-lag], numbers[lag:])[0, 1] == pytest.approx(0.0, abs=0.005)
 
 
-def test_the_noise_of_speed_and_turning_share_a_word_and_nothing_else():
+def test_noise_of_speed_and_turning_share_a_word_and_nothing_else():
     v, w = numbers_in(noise(112_000, 0.2, 0.4))
     for f, g in ((v, w), (np.abs(v), np.abs(w)), (np.abs(v), w), (v, np.abs(w))):
         assert np.corrcoef(f, g)[0, 1] == pytest.approx(0.0, abs=0.005)
@@ -440,7 +440,7 @@ def command_of_long(costs, **critic):
     )
 
 
-def test_a_nose_in_a_wall_is_a_collision_of_the_outline_and_none_of_the_center():
+def test_nose_in_a_wall_is_a_collision_of_the_outline_and_none_of_the_center():
     costs = np.full((60, 60), 100, dtype=np.uint8)
     costs[:, 38:] = 254  # 0.4 m ahead
     assert command_of_long(costs)[0]
@@ -453,7 +453,7 @@ def test_with_the_outline_considered_an_inscribed_center_is_no_collision():
     assert command_of_long(costs, consider_footprint=True)[0]
 
 
-def test_a_long_robot_between_walls_does_not_turn_where_its_corners_would_meet_them():
+def test_long_robot_between_walls_does_not_turn_where_its_corners_would_meet_them():
     costs = np.full((60, 60), 100, dtype=np.uint8)
     costs[:24], costs[36:] = 254, 254  # 0.3 m to both sides; the corners reach 0.49 m
     valid, v_mps, w_radps = command_of_long(costs, consider_footprint=True)

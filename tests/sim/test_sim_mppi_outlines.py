@@ -54,7 +54,7 @@ def poses_of(rng, count=400):
     lethal=st.integers(0, 40),
 )
 @settings(max_examples=40, deadline=None)
-def test_an_outline_collides_where_drawing_it_meets_a_lethal_cell_or_it_leaves_the_window(outline, seed, shape, lethal):
+def test_outline_collides_where_drawing_it_meets_a_lethal_cell_or_it_leaves_the_window(outline, seed, shape, lethal):
     rng = np.random.default_rng(seed)
     costs = np.full(shape, 100, dtype=np.uint8)
     costs[rng.integers(0, shape[0], lethal), rng.integers(0, shape[1], lethal)] = 254
@@ -64,7 +64,7 @@ def test_an_outline_collides_where_drawing_it_meets_a_lethal_cell_or_it_leaves_t
     assert np.count_nonzero(quick != drawn) <= 1
 
 
-def test_a_window_larger_than_the_frame_is_cut_round_the_robot():
+def test_window_larger_than_the_frame_is_cut_round_the_robot():
     rng = np.random.default_rng(5)
     costs = np.full((300, 280), 100, dtype=np.uint8)
     costs[rng.integers(0, 300, 200), rng.integers(0, 280, 200)] = 254
@@ -74,7 +74,7 @@ def test_a_window_larger_than_the_frame_is_cut_round_the_robot():
     assert 0.05 < quick.mean() < 0.95
 
 
-def test_a_center_that_costs_too_little_for_any_lethal_cell_to_be_in_reach_is_not_looked_at():
+def test_center_that_costs_too_little_for_any_lethal_cell_to_be_in_reach_is_not_looked_at():
     costs = np.zeros((100, 100), dtype=np.uint8)
     costs[50, 50] = 254  # without inflation: a cost below the threshold everywhere else
     poses = np.array([[0.5, 0.5, 0.0], [0.5 + 9 / 102, 0.5, 0.0]])

@@ -85,7 +85,7 @@ def test_wide_and_narrow_registers_give_the_same_commands_and_costs(narrow, need
         ("avx2 avx512f avx512bw avx512dq avx512vl avx512vbmi2 avx512bf16 SapphireRapids", AVX512),
     ],
 )
-def test_the_widest_registers_are_used_that_slow_no_processor_down(processor, features):
+def test_widest_registers_are_used_that_slow_no_processor_down(processor, features):
     assert widest(dict.fromkeys(processor.split(), True)) == features
 
 

@@ -40,5 +40,5 @@ def test_navfn_has_nav2s_potential_and_its_path(answers):
     assert too_great(nav2_conformance.of_navfn(answers)) == []
 
 
-def test_an_answer_that_differs_is_a_distance_too_great():
+def test_answer_that_differs_is_a_distance_too_great():
     assert nav2_conformance.Distance("DWB", 29, "other commands", 1, 0).holds is False

@@ -34,7 +34,7 @@ COSTMAPS = st.tuples(st.integers(5, 24), st.integers(5, 24)).flatmap(
 
 @given(COSTMAPS, st.data())
 @settings(max_examples=40, deadline=None)
-def test_a_flood_in_used_memory_is_a_flood_in_new_memory(costmap, data):
+def test_flood_in_used_memory_is_a_flood_in_new_memory(costmap, data):
     travel = travel_costs(costmap)
     rows, columns = costmap.shape
     out, scratch = new_potential(costmap.shape), new_scratch(costmap.shape)
@@ -67,7 +67,7 @@ def test_within_bounds_nothing_is_flooded_that_no_way_of_that_cost_leads_through
     assert not scratch[1].any()
 
 
-def test_a_way_well_within_bounds_has_the_whole_flood_s_potential():
+def test_way_well_within_bounds_has_the_whole_flood_s_potential():
     travel = travel_costs(a_wall_with_a_gap())
     to_goal = potential(a_wall_with_a_gap(), (70, 12))
     whole = potential(a_wall_with_a_gap(), (8, 8), (70, 12))
@@ -87,7 +87,7 @@ def test_there_is_no_way_within_bounds_that_are_too_narrow():
     )
 
 
-def test_a_star_floods_less_and_its_way_is_no_shorter():
+def test_star_floods_less_and_its_way_is_no_shorter():
     costmap = np.zeros((120, 120), dtype=np.uint8)
     costmap[30:90, 60] = 254
     inflated = inflate(costmap, 0.05, INSCRIBED_M, 0.70, 3.0)
@@ -108,12 +108,12 @@ def a_wall_with_a_gap():
     return inflate(costmap, 0.05, INSCRIBED_M, 0.70, 3.0)
 
 
-def test_the_potential_behind_a_gap_is_pinned():
+def test_potential_behind_a_gap_is_pinned():
     values = potential(a_wall_with_a_gap(), (8, 8))
     assert values[12, 70] == pytest.approx(7649.591796875, rel=1e-6)
 
 
-def test_the_early_stop_leaves_the_value_that_the_target_had_first():
+def test_early_stop_leaves_the_value_that_the_target_had_first():
     full, early = (potential(a_wall_with_a_gap(), (8, 8), stop)[3, 45] for stop in (None, (45, 3)))
     assert full == pytest.approx(9363.865, rel=1e-6)
     assert early == pytest.approx(14438.769, rel=1e-6)
@@ -126,7 +126,7 @@ def test_travel_costs_are_navfn_s_own():
     assert travel_costs(costmap, False)[1, 9] == 254
 
 
-def test_the_outermost_cells_are_obstacles():
+def test_outermost_cells_are_obstacles():
     travel = travel_costs(np.zeros((6, 7), dtype=np.uint8))
     inner = np.zeros((6, 7), dtype=bool)
     inner[1:-1, 1:-1] = True
@@ -151,7 +151,7 @@ def rooms_with_a_door(door_cells):
         (0.05, 0.70, 3.0, 0.175, 6, False),
     ],
 )
-def test_a_door_is_passed_from_the_width_that_nav2_passes(resolution_m, radius_m, scaling, robot_radius, cells, passes):
+def test_door_is_passed_from_the_width_that_nav2_passes(resolution_m, radius_m, scaling, robot_radius, cells, passes):
     static = np.where(rooms_with_a_door(cells).occupied, 254, 0).astype(np.uint8)
     inscribed_m = inscribed_radius_m(padded_outline(robot_radius, 0.01))
     way = path(inflate(static, resolution_m, inscribed_m, radius_m, scaling), (10, 29), (70, 29))
@@ -160,7 +160,7 @@ def test_a_door_is_passed_from_the_width_that_nav2_passes(resolution_m, radius_m
 
 @given(st.integers(3, 75), st.integers(3, 55), st.integers(3, 75), st.integers(3, 55))
 @settings(max_examples=60, deadline=None)
-def test_a_path_leads_from_start_to_goal_in_small_steps_over_cells_that_may_be_driven(x0, y0, x1, y1):
+def test_path_leads_from_start_to_goal_in_small_steps_over_cells_that_may_be_driven(x0, y0, x1, y1):
     costmap = a_wall_with_a_gap()
     if costmap[y0, x0] >= 253 or costmap[y1, x1] >= 253:
         return
@@ -174,7 +174,7 @@ def test_a_path_leads_from_start_to_goal_in_small_steps_over_cells_that_may_be_d
     assert (costmap[near[:, 1], near[:, 0]] < 253).all()
 
 
-def test_a_straight_path_is_straight():
+def test_straight_path_is_straight():
     way = path(np.zeros((40, 60), dtype=np.uint8), (10, 20), (50, 20))
     assert np.abs(way[:, 1] - 20).max() < 1e-6
     assert len(way) == pytest.approx(80, abs=3)
@@ -187,7 +187,7 @@ def test_unknown_ground_is_driven_where_it_is_allowed_and_only_there():
     assert len(path(costmap, (5, 15), (35, 15), allow_unknown=False)) == 0
 
 
-def test_a_way_over_known_ground_is_preferred_to_a_shorter_one_over_unknown():
+def test_way_over_known_ground_is_preferred_to_a_shorter_one_over_unknown():
     costmap = np.zeros((60, 60), dtype=np.uint8)
     costmap[20:, 25:35] = 255
     way = path(costmap, (10, 28), (50, 28))
@@ -201,7 +201,7 @@ def test_there_is_no_path_to_a_goal_that_is_walled_off():
     assert len(path(costmap, (5, 15), (25, 15))) == 0
 
 
-def test_a_path_longer_than_navfn_s_cap_is_none():
+def test_path_longer_than_navfn_s_cap_is_none():
     """The walk ends after 4 max(H, W) points, so a long way is not found although the flood reached its end."""
     costmap = np.zeros((200, 200), dtype=np.uint8)
     costmap[:, 66], costmap[:, 132] = 254, 254
@@ -211,7 +211,7 @@ def test_a_path_longer_than_navfn_s_cap_is_none():
     assert len(path(costmap, (33, 10), (100, 100))) > 0
 
 
-def test_the_potential_behind_a_nine_cell_door_is_that_of_nav2():
+def test_potential_behind_a_nine_cell_door_is_that_of_nav2():
     """A value of Nav2's own planner: 81 x 81 cells, lethal border, a wall with a door, Jazzy's inflation."""
     costmap = np.zeros((81, 81), dtype=np.uint8)
     costmap[[0, -1]] = costmap[:, [0, -1]] = 254

@@ -15,7 +15,7 @@ NUMBERS = st.floats(-1e3, 1e3)
 
 
 @given(NUMBERS, NUMBERS, NUMBERS)
-def test_a_pose_is_read_back_from_its_value(x, y, yaw):
+def test_pose_is_read_back_from_its_value(x, y, yaw):
     assert pose_of(Pose(x, y, yaw).value()) == Pose(x, y, yaw)
 
 
@@ -30,7 +30,7 @@ def test_a_pose_is_read_back_from_its_value(x, y, yaw):
         ({"position": {"x": 1, "y": 2}, "orientation": {"roll": 0.1}}, Pose(1.0, 2.0, 0.0)),
     ],
 )
-def test_a_pose_may_be_written_long_or_short(value, pose):
+def test_pose_may_be_written_long_or_short(value, pose):
     assert pose_of(value) == pose
 
 
@@ -67,7 +67,7 @@ def read(model="box", arguments="", **others):
         ("box_width:=0.3,box_length:=0.4,box_height:=2", 0.4, 0.3),
     ],
 )
-def test_a_box_has_the_size_of_its_arguments(arguments, length_m, width_m):
+def test_box_has_the_size_of_its_arguments(arguments, length_m, width_m):
     assert read("models/box.sdf.xacro", arguments) == Obstacle("obstacle", "box", Pose(1, 2), length_m, width_m)
 
 
@@ -75,7 +75,7 @@ def test_a_box_has_the_size_of_its_arguments(arguments, length_m, width_m):
     ("arguments", "diameter_m"),
     [("", 0.5), ("diameter:=0.4", 0.4), ("radius:=0.4, height:=1", 0.8), ("width:=0.3", 0.3), ("length:=2.0", 0.5)],
 )
-def test_a_cylinder_has_the_diameter_of_its_arguments(arguments, diameter_m):
+def test_cylinder_has_the_diameter_of_its_arguments(arguments, diameter_m):
     found = read("models/Cylinder.sdf.xacro", arguments)
     assert (found.shape, found.length_m, found.width_m) == ("cylinder", diameter_m, diameter_m)
 
@@ -84,7 +84,7 @@ def test_only_the_file_s_name_says_what_a_model_is():
     assert read("cylinders/crate.sdf").shape == "box"
 
 
-def test_an_obstacle_without_a_name_is_called_by_its_place():
+def test_obstacle_without_a_name_is_called_by_its_place():
     entry = {"spawn_pose": {"x": 0, "y": 0}}
     assert [o.name for o in obstacles_of({"crates": [entry, {**entry, "entity_name": "red"}]})] == ["crates[0]", "red"]
 
@@ -102,25 +102,25 @@ def test_obstacles_are_the_entries_with_a_spawn_pose_of_any_list_in_order_of_key
         ("box", "radius:=0.3", "a box has no argument 'radius'"),
         ("cylinder", "box_width:=0.3", "a cylinder has no argument 'box_width'; it has diameter, radius"),
         ("box", "width=3", "found argument 'width=3'; a size is written like width:=0.5, greater than 0"),
-        ("box", "width:=wide", "found argument 'width:=wide'"),
-        ("box", "width:=0", "found argument 'width:=0'"),
-        ("box", "width:=-1", "found argument 'width:=-1'"),
-        ("box", "width:=nan", "found argument 'width:=nan'"),
-        ("box", "width:=inf", "found argument 'width:=inf'"),
+        ("box", "width:=wide", "got argument 'width:=wide'"),
+        ("box", "width:=0", "got argument 'width:=0'"),
+        ("box", "width:=-1", "got argument 'width:=-1'"),
+        ("box", "width:=nan", "got argument 'width:=nan'"),
+        ("box", "width:=inf", "got argument 'width:=inf'"),
     ],
 )
-def test_a_size_that_can_not_be_read_is_refused(model, arguments, message):
+def test_size_that_can_not_be_read_is_refused(model, arguments, message):
     with pytest.raises(ValueError, match=message):
         read(model, arguments)
 
 
-def test_an_obstacle_in_no_place_is_refused_by_its_place_in_the_list():
+def test_obstacle_in_no_place_is_refused_by_its_place_in_the_list():
     with pytest.raises(ValueError, match=r"crates\[1\]\.spawn_pose: found None"):
         obstacles_of({"crates": [{"spawn_pose": {"x": 0, "y": 0}}, {"spawn_pose": None}]})
 
 
 @given(NUMBERS, NUMBERS, st.floats(-7, 7), st.floats(0.01, 5), st.floats(0.01, 5))
-def test_a_box_s_footprint_has_its_area_its_center_and_its_direction(x, y, yaw, length, width):
+def test_box_s_footprint_has_its_area_its_center_and_its_direction(x, y, yaw, length, width):
     box = Obstacle("b", "box", Pose(x, y, yaw), length, width)
     footprint = box.footprint()
     assert footprint.area == pytest.approx(length * width, rel=1e-6)
@@ -131,7 +131,7 @@ def test_a_box_s_footprint_has_its_area_its_center_and_its_direction(x, y, yaw, 
     assert box.circumradius_m == pytest.approx(math.dist(corner, (x, y)), rel=1e-6)
 
 
-def test_a_cylinder_s_footprint_is_its_circle():
+def test_cylinder_s_footprint_is_its_circle():
     cylinder = Obstacle("c", "cylinder", Pose(1.0, 2.0), 0.6, 0.6)
     assert cylinder.circumradius_m == 0.3
     assert cylinder.footprint().area == pytest.approx(math.pi * 0.09, rel=2e-3)
@@ -149,13 +149,13 @@ def test_mass_and_friction_are_those_of_the_arguments_or_of_a_carton():
 
 
 @given(st.floats(0.05, 3.0), st.floats(0.05, 3.0))
-def test_the_mean_radius_is_the_mean_distance_of_the_floor_area_s_points_from_its_center(length_m, width_m):
+def test_mean_radius_is_the_mean_distance_of_the_floor_area_s_points_from_its_center(length_m, width_m):
     box = Obstacle("it", "box", Pose(0, 0), length_m, width_m)
     x, y = np.meshgrid((np.arange(200) + 0.5) / 200 - 0.5, (np.arange(200) + 0.5) / 200 - 0.5)
     assert box.mean_radius_m == pytest.approx(np.hypot(x * length_m, y * width_m).mean(), rel=1e-3)
 
 
-def test_the_mean_radius_of_a_cylinder_is_two_thirds_of_its_own():
+def test_mean_radius_of_a_cylinder_is_two_thirds_of_its_own():
     assert Obstacle("it", "cylinder", Pose(0, 0), 0.6, 0.6).mean_radius_m == pytest.approx(0.2)
 
 
@@ -163,11 +163,11 @@ ENTRY = {"entity_name": "obstacle_0", "model": "box.sdf.xacro", "spawn_pose": {"
 POINT = {"x": 1.5, "y": -2.0, "z": 0}
 
 
-def test_an_obstacle_without_a_trigger_stands_from_the_start():
+def test_obstacle_without_a_trigger_stands_from_the_start():
     assert [o.trigger for o in obstacles_of({"static_objects": [ENTRY]})] == [None]
 
 
-def test_the_trigger_of_the_usual_keys_is_that_of_the_obstacle_at_its_point():
+def test_trigger_of_the_usual_keys_is_that_of_the_obstacle_at_its_point():
     (static, triggered) = obstacles_of(
         {
             "static_objects": [{**ENTRY, "spawn_pose": {"x": 0, "y": 0}}],
@@ -183,38 +183,46 @@ def test_the_trigger_of_the_usual_keys_is_that_of_the_obstacle_at_its_point():
     "spawn_trigger",
     [{"point": {"x": 4, "y": 5}, "threshold": 1}, {"point": "where", "threshold": "near"}],
 )
-def test_an_entry_s_own_trigger_is_written_as_values_or_as_keys_of_the_environment(spawn_trigger):
+def test_entry_s_own_trigger_is_written_as_values_or_as_keys_of_the_environment(spawn_trigger):
     environment = {"crates": [{**ENTRY, "spawn_trigger": spawn_trigger}], "where": {"x": 4, "y": 5, "z": 0}, "near": 1}
     assert [o.trigger for o in obstacles_of(environment)] == [Trigger(4.0, 5.0, 1.0)]
 
 
 @each_row("delay", [0.8, "late"])
-def test_the_delay_of_an_entry_s_own_trigger_is_a_value_or_a_key(delay):
+def test_delay_of_an_entry_s_own_trigger_is_a_value_or_a_key(delay):
     spawn_trigger = {"point": {"x": 4, "y": 5}, "threshold": 1, "delay": delay}
     (obstacle,) = obstacles_of({"crates": [{**ENTRY, "spawn_trigger": spawn_trigger}], "late": 0.8})
     assert obstacle.trigger == Trigger(4.0, 5.0, 1.0, 0.8)
 
 
 @each_row("delay", [-1, True, "nowhere", float("inf")])
-def test_a_delay_that_is_no_time_is_refused(delay):
+def test_delay_that_is_no_time_is_refused(delay):
     spawn_trigger = {"point": {"x": 4, "y": 5}, "threshold": 1, "delay": delay}
-    with pytest.raises(ValueError, match=r"crates\[0\]\.spawn_trigger\.delay: found .*; a time in seconds, 0 or more"):
+    with pytest.raises(
+        ValueError, match=r"crates\[0\]\.spawn_trigger\.delay: expected a time in seconds, 0 or more, got .*"
+    ):
         obstacles_of({"crates": [{**ENTRY, "spawn_trigger": spawn_trigger}]})
 
 
 @each_row(
     ("environment", "message"),
     [
-        ({"spawn_trigger_point": POINT}, "spawn_trigger_threshold: found None; a distance in meters, 0 or more"),
-        ({"spawn_trigger_point": POINT, "spawn_trigger_threshold": -1}, "spawn_trigger_threshold: found -1; a dist"),
-        ({"spawn_trigger_point": [1, 2], "spawn_trigger_threshold": 1}, r"spawn_trigger_point: found \[1, 2\]; a pose"),
+        ({"spawn_trigger_point": POINT}, "spawn_trigger_threshold: expected a distance in meters, 0 or more, got None"),
+        (
+            {"spawn_trigger_point": POINT, "spawn_trigger_threshold": -1},
+            "spawn_trigger_threshold: expected a dist, got -1",
+        ),
+        (
+            {"spawn_trigger_point": [1, 2], "spawn_trigger_threshold": 1},
+            r"spawn_trigger_point: expected a pose, got \[1, 2\]",
+        ),
         (
             {"spawn_trigger_point": {"x": 1.5, "y": 2.0}, "spawn_trigger_threshold": 1},
-            "spawn_trigger_point: found .*; the position of an obstacle, and none stands there",
+            "spawn_trigger_point: expected the position of an obstacle, and none stands there, got .*",
         ),
     ],
 )
-def test_a_trigger_that_can_not_be_read_or_is_no_obstacle_s_is_refused(environment, message):
+def test_trigger_that_can_not_be_read_or_is_no_obstacle_s_is_refused(environment, message):
     with pytest.raises(ValueError, match=message):
         obstacles_of({"crates": [ENTRY], **environment})
 
@@ -222,12 +230,12 @@ def test_a_trigger_that_can_not_be_read_or_is_no_obstacle_s_is_refused(environme
 @each_row(
     ("spawn_trigger", "message"),
     [
-        (2.0, r"crates\[0\]\.spawn_trigger: found 2\.0; \{point: …, threshold: …\}"),
-        ({"point": POINT}, r"crates\[0\]\.spawn_trigger: found .*; \{point: …, threshold: …\}"),
-        ({"point": "there", "threshold": 1}, r"crates\[0\]\.spawn_trigger\.point: found 'there'; a pose"),
-        ({"point": POINT, "threshold": True}, r"crates\[0\]\.spawn_trigger\.threshold: found True; a distance"),
+        (2.0, r"crates\[0\]\.spawn_trigger: expected \{point: …, threshold: …\}, got 2\.0"),
+        ({"point": POINT}, r"crates\[0\]\.spawn_trigger: expected \{point: …, threshold: …\}, got .*"),
+        ({"point": "there", "threshold": 1}, r"crates\[0\]\.spawn_trigger\.point: expected a pose, got 'there'"),
+        ({"point": POINT, "threshold": True}, r"crates\[0\]\.spawn_trigger\.threshold: expected a distance, got True"),
     ],
 )
-def test_an_entry_s_own_trigger_that_can_not_be_read_is_refused_by_its_place(spawn_trigger, message):
+def test_entry_s_own_trigger_that_can_not_be_read_is_refused_by_its_place(spawn_trigger, message):
     with pytest.raises(ValueError, match=message):
         obstacles_of({"crates": [{**ENTRY, "spawn_trigger": spawn_trigger}]})

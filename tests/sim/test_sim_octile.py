@@ -29,7 +29,7 @@ GRIDS = st.tuples(st.integers(1, 14), st.integers(1, 14)).flatmap(
 
 @given(GRIDS, st.data())
 @settings(max_examples=60, deadline=None)
-def test_the_field_is_that_of_a_minimum_cost_path(free, data):
+def test_field_is_that_of_a_minimum_cost_path(free, data):
     source = tuple(data.draw(st.integers(0, n - 1)) for n in free.shape)
     field = distance_field(free, *source)
     if not free[source]:
@@ -39,7 +39,7 @@ def test_the_field_is_that_of_a_minimum_cost_path(free, data):
     np.testing.assert_allclose(field, expected, rtol=1e-6)
 
 
-def test_the_field_of_a_wide_open_map_is_that_of_a_minimum_cost_path_too():
+def test_field_of_a_wide_open_map_is_that_of_a_minimum_cost_path_too():
     free = np.random.default_rng(3).random((240, 300)) > 0.02
     free[120, 150] = True
     expected, _ = MCP_Geometric(np.where(free, 1.0, -1.0), fully_connected=True).find_costs([(120, 150)])
@@ -48,7 +48,7 @@ def test_the_field_of_a_wide_open_map_is_that_of_a_minimum_cost_path_too():
 
 @given(GRIDS, st.data(), st.floats(0.0, 12.0))
 @settings(max_examples=60, deadline=None)
-def test_a_limit_leaves_what_is_nearer_and_nothing_else(free, data, limit):
+def test_limit_leaves_what_is_nearer_and_nothing_else(free, data, limit):
     source = tuple(data.draw(st.integers(0, n - 1)) for n in free.shape)
     whole = distance_field(free, *source)
     np.testing.assert_array_equal(distance_field(free, *source, limit), np.where(whole <= limit, whole, np.inf))
@@ -56,7 +56,7 @@ def test_a_limit_leaves_what_is_nearer_and_nothing_else(free, data, limit):
 
 @given(GRIDS, st.data())
 @settings(max_examples=60, deadline=None)
-def test_the_way_down_the_field_is_connected_free_and_as_long_as_the_field_says(free, data):
+def test_way_down_the_field_is_connected_free_and_as_long_as_the_field_says(free, data):
     source = tuple(data.draw(st.integers(0, n - 1)) for n in free.shape)
     field = distance_field(free, *source)
     reached = np.argwhere(np.isfinite(field))
@@ -72,7 +72,7 @@ def test_the_way_down_the_field_is_connected_free_and_as_long_as_the_field_says(
     assert np.hypot(*steps.T).sum() == pytest.approx(field[cell], rel=1e-6)
 
 
-def test_a_diagonal_step_passes_between_two_blocked_cells():
+def test_diagonal_step_passes_between_two_blocked_cells():
     assert distance_field(np.array([[True, False], [False, True]]), 0, 0)[1, 1] == pytest.approx(math.sqrt(2))
 
 
@@ -89,7 +89,7 @@ def test_there_is_no_way_from_a_cell_that_is_not_reached():
 
 @given(GRIDS, st.floats(0.0, 5.0))
 @settings(max_examples=60, deadline=None)
-def test_a_cell_is_passable_exactly_when_every_cell_within_the_radius_is_free(free, radius_cells):
+def test_cell_is_passable_exactly_when_every_cell_within_the_radius_is_free(free, radius_cells):
     found = inflated_free(free, radius_cells)
     blocked = np.argwhere(~np.pad(free, 1, constant_values=False)) - 1
     for cell in np.ndindex(free.shape):
@@ -98,7 +98,7 @@ def test_a_cell_is_passable_exactly_when_every_cell_within_the_radius_is_free(fr
             assert found[cell] == (nearest > radius_cells)
 
 
-def test_a_cell_at_the_radius_itself_is_blocked():
+def test_cell_at_the_radius_itself_is_blocked():
     free = np.ones((9, 9), dtype=np.bool_)
     free[4, 4] = False
     found = inflated_free(free, 3.0)
@@ -115,7 +115,7 @@ def test_unknown_cells_are_not_passable(drawn):
     assert passable(drawn("..?", "...", "..."), 0.0).tolist() == [[True] * 3, [True] * 3, [True, True, False]]
 
 
-def test_a_radius_is_taken_in_meters(drawn):
+def test_radius_is_taken_in_meters(drawn):
     field = drawn(*["." * 9] * 5, cells=1, resolution_m=0.1)
     assert int(passable(field, 0.1).sum()) == 3 * 7
     assert int(passable(field, 0.2).sum()) == 1 * 5
@@ -123,7 +123,7 @@ def test_a_radius_is_taken_in_meters(drawn):
 
 @given(GRIDS, st.floats(0.0, 0.3), st.sampled_from([0.02, 0.05, 0.1]))
 @settings(max_examples=60, deadline=None)
-def test_a_robot_stands_where_every_cell_of_its_disc_is_free_and_part_of_a_cell_is_one(free, radius_m, resolution_m):
+def test_robot_stands_where_every_cell_of_its_disc_is_free_and_part_of_a_cell_is_one(free, radius_m, resolution_m):
     """Version 1's test of a start or goal, read plainly: all cells of a disc of ceil(radius / resolution) cells."""
     cells = np.where(free, 0, 100).astype(np.int8)
     found = passable(OccupancyMap(cells, resolution_m, (0.0, 0.0)), radius_m)
@@ -138,11 +138,11 @@ def test_a_robot_stands_where_every_cell_of_its_disc_is_free_and_part_of_a_cell_
     ("radius_m", "resolution_m", "cells"),
     [(0.175, 0.05, 4), (0.22, 0.05, 5), (0.2, 0.05, 4), (0.35, 0.05, 7), (1.1, 0.1, 11), (0.6, 0.1, 6), (0.0, 0.05, 0)],
 )
-def test_a_radius_takes_whole_cells_and_no_cell_for_the_rounding_of_numbers(radius_m, resolution_m, cells):
+def test_radius_takes_whole_cells_and_no_cell_for_the_rounding_of_numbers(radius_m, resolution_m, cells):
     assert whole_cells(radius_m, resolution_m) == cells
 
 
-def test_a_path_through_several_stops_is_the_sum_of_its_legs(drawn):
+def test_path_through_several_stops_is_the_sum_of_its_legs(drawn):
     occupancy = drawn(".......", ".......", ".......", resolution_m=0.5)
     stops = np.array([(0.25, 0.25), (3.25, 0.25), (2.25, 1.25)])
     points, length_m = shortest_path(occupancy, occupancy.free, stops)
@@ -152,7 +152,7 @@ def test_a_path_through_several_stops_is_the_sum_of_its_legs(drawn):
     assert len(points) == 9  # a stop is no two points
 
 
-def test_a_path_from_a_stop_to_itself_has_no_length(drawn):
+def test_path_from_a_stop_to_itself_has_no_length(drawn):
     occupancy = drawn("...")
     points, length_m = shortest_path(occupancy, occupancy.free, np.array([(0.07, 0.02), (0.08, 0.03)]))
     assert (len(points), length_m) == (1, 0.0)

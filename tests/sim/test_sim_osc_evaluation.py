@@ -52,7 +52,7 @@ def value(text, functions=None, **names):
         ("signal!sigint", EnumValue("signal", "sigint", 2)),
     ],
 )
-def test_an_expression_of_constants_has_a_value(text, result):
+def test_expression_of_constants_has_a_value(text, result):
     assert value(text) == result
 
 
@@ -61,7 +61,7 @@ def test_names_are_looked_up_when_it_is_evaluated():
     assert value("p.position.x", p={"position": {"x": 2.0}}) == 2.0
 
 
-def test_the_right_side_is_looked_at_only_where_it_matters():
+def test_right_side_is_looked_at_only_where_it_matters():
     assert value("false and 1 / n == 1.0", n=0) is False
     assert value("true or 1 / n == 1.0", n=0) is True
 
@@ -89,7 +89,7 @@ def test_what_has_no_value_says_where_and_why(text, words):
         value(text, {"random.get_int": empty}, n=0)
 
 
-def test_an_evaluation_error_survives_the_way_to_another_process():
+def test_evaluation_error_survives_the_way_to_another_process():
     with pytest.raises(EvaluationError, match="can't be done") as raised:
         value("1 / 0")
     assert str(pickle.loads(pickle.dumps(raised.value))) == str(raised.value)

@@ -27,7 +27,7 @@ def value(parameter, **overrides):
 
 
 def refused(parameter, **overrides):
-    with pytest.raises(ParameterMismatch, match=r"^parameter \S+ of scenario patrol: found .+; .+") as raised:
+    with pytest.raises(ParameterMismatch, match=r"^parameter \S+ of scenario patrol: expected .+, got .+") as raised:
         value(parameter, **overrides)
     return str(raised.value).partition("patrol: ")[2]
 
@@ -41,8 +41,8 @@ def test_without_overrides_all_parameters_have_their_defaults_in_order():
 
 
 @each_row("type_", ["string", "float", "speed", "pose_3d", "list of pose_3d", "signal"])
-def test_a_parameter_without_default_needs_a_value(type_):
-    assert refused(f"p: {type_}").startswith("found nothing; a value, ")
+def test_parameter_without_default_needs_a_value(type_):
+    assert refused(f"p: {type_}").startswith("expected a value, , got nothing")
 
 
 def test_actors_and_variables_are_no_parameters():
@@ -76,7 +76,7 @@ def test_actors_and_variables_are_no_parameters():
         ("p: list of int", (1, 2), [1, 2]),
     ],
 )
-def test_an_override_takes_the_place_of_the_default(parameter, given, value_):
+def test_override_takes_the_place_of_the_default(parameter, given, value_):
     found = value(parameter, p=given)
     assert found == value_ and type(found) is type(value_)
 
@@ -84,54 +84,54 @@ def test_an_override_takes_the_place_of_the_default(parameter, given, value_):
 @each_row(
     ("parameter", "given", "words"),
     [
-        ("p: float", "fast", "found 'fast'; a number"),
-        ("p: float", True, "found true; a number"),
-        ("p: float", float("nan"), "found nan; a number"),
-        ("p: int", 3.0, "found 3.0; a whole number"),
-        ("p: int", True, "found true; a whole number"),
-        ("p: uint", -3, "found -3; a whole number >= 0"),
-        ("p: bool", 1, "found 1; true or false"),
-        ("p: bool", "true", "found 'true'; true or false"),
-        ("p: string", None, "found nothing; a text"),
-        ("p: speed", "3mps", "found '3mps'; a speed, a number in SI units"),
-        ("p: int", "3.5", "found '3.5'; a whole number"),
-        ("p: float", "inf", "found 'inf'; a number"),
-        ("p: speed = 36kmph", "fast", "found 'fast'; a speed, a number in kmph"),
+        ("p: float", "fast", "expected a number, got 'fast'"),
+        ("p: float", True, "expected a number, got true"),
+        ("p: float", float("nan"), "expected a number, got nan"),
+        ("p: int", 3.0, "expected a whole number, got 3.0"),
+        ("p: int", True, "expected a whole number, got true"),
+        ("p: uint", -3, "expected a whole number >= 0, got -3"),
+        ("p: bool", 1, "expected true or false, got 1"),
+        ("p: bool", "true", "expected true or false, got 'true'"),
+        ("p: string", None, "expected a text, got nothing"),
+        ("p: speed", "3mps", "expected a speed, a number in SI units, got '3mps'"),
+        ("p: int", "3.5", "expected a whole number, got '3.5'"),
+        ("p: float", "inf", "expected a number, got 'inf'"),
+        ("p: speed = 36kmph", "fast", "expected a speed, a number in kmph, got 'fast'"),
         ("p: signal", "sigtrem", "found 'sigtrem'; did you mean 'sigterm'?"),
-        ("p: list of int", 3, "found 3; a list of int"),
-        ("p: list of string", "ab", "found 'ab'; a list of string"),
-        ("p: pose_3d", [1, 2], "found [1, 2]; a mapping, pose_3d with position, orientation"),
+        ("p: list of int", 3, "expected a list of int, got 3"),
+        ("p: list of string", "ab", "expected a list of string, got 'ab'"),
+        ("p: pose_3d", [1, 2], "expected a mapping, pose_3d with position, orientation, got [1, 2]"),
         ("p: pose_3d", {"positon": {}}, "found member 'positon'; did you mean 'position'?"),
     ],
 )
-def test_a_value_of_another_type_is_refused(parameter, given, words):
+def test_value_of_another_type_is_refused(parameter, given, words):
     assert refused(parameter, p=given) == words
 
 
-def test_a_fault_names_the_member_and_the_item_that_it_is_about():
+def test_fault_names_the_member_and_the_item_that_it_is_about():
     with pytest.raises(ParameterMismatch, match=r"parameter p\[1\]\.position\.x of scenario patrol: found 'a'"):
         value("p: list of pose_3d", p=[{}, {"position": {"x": "a"}}])
 
 
-def test_an_unknown_parameter_is_refused_with_the_nearest_name():
+def test_unknown_parameter_is_refused_with_the_nearest_name():
     with pytest.raises(ParameterMismatch, match=r"parameter speed_limt .* did you mean 'speed_limit'"):
         bound(scenario("speed_limit: speed = 1mps"), {"speed_limt": 1})
     with pytest.raises(ParameterMismatch, match=r"parameter bot .* no parameters"):
         bound(scenario("bot: differential_drive_robot"), {"bot": 1})
 
 
-def test_a_part_of_a_struct_leaves_the_other_members_as_the_default_has_them():
+def test_part_of_a_struct_leaves_the_other_members_as_the_default_has_them():
     pose = value("p: pose_3d = pose_3d(position_3d(1m, 2m))", p={"position": {"x": 9}})
     assert pose["position"] == {"x": 9.0, "y": 2.0, "z": 0.0}
 
 
-def test_a_part_of_a_struct_without_default_has_the_defaults_of_its_type():
+def test_part_of_a_struct_without_default_has_the_defaults_of_its_type():
     pose = value("p: pose_3d", p={"position": {"x": 9}})
     assert pose["position"] == {"x": 9.0, "y": 0.0, "z": 0.0}
     assert pose["orientation"]["yaw"] == 0.0
 
 
-def test_a_member_of_a_struct_without_default_needs_a_value():
+def test_member_of_a_struct_without_default_needs_a_value():
     boxes = [{"entity_name": "box1", "spawn_pose": {"position": {"x": 2.0}}}]
     with pytest.raises(ParameterMismatch, match=r"parameter p\[0\]\.model of scenario patrol: found nothing"):
         value("p: list of spawn_entity", p=boxes)
@@ -139,17 +139,17 @@ def test_a_member_of_a_struct_without_default_needs_a_value():
     assert (box["model"], box["xacro_arguments"], box["spawn_pose"]["position"]["x"]) == ("box.sdf", "", 2.0)
 
 
-def test_a_number_with_a_unit_is_given_in_the_unit_of_the_default():
+def test_number_with_a_unit_is_given_in_the_unit_of_the_default():
     assert value("p: speed = 36.0kmph", p=72.0) == pytest.approx(20.0)
     assert value("p: temperature = 20C", p=10) == pytest.approx(283.15)
 
 
-def test_a_default_may_use_what_is_declared_before_it_overridden_or_not():
+def test_default_may_use_what_is_declared_before_it_overridden_or_not():
     definition = scenario("base: string = 'maps'", "p: string = base + '/flat.yaml'")
     assert bound(definition, {"base": "other"})["p"] == "other/flat.yaml"
 
 
-def test_a_default_may_call_a_function():
+def test_default_may_call_a_function():
     definition = scenario("p: string = common.get_output_directory()")
     assert bound(definition, {}, {"common.get_output_directory": lambda: "/out"}) == {"p": "/out"}
     with pytest.raises(ParameterMismatch, match=r"common\.get_output_directory\(\) is not available here"):
@@ -157,7 +157,7 @@ def test_a_default_may_call_a_function():
     assert default_of(definition, "p") is None
 
 
-def test_a_default_that_has_no_value_is_a_mismatch():
+def test_default_that_has_no_value_is_a_mismatch():
     assert "'/' can't be done" in refused("p: float = 1 / 0")
 
 
@@ -174,7 +174,7 @@ def test_overrides_and_defaults_are_not_shared_between_runs():
     assert overrides == {"p": {"position": {"x": 1}}}
 
 
-def test_a_mismatch_survives_the_way_to_another_process():
+def test_mismatch_survives_the_way_to_another_process():
     with pytest.raises(ParameterMismatch, match="p of") as raised:
         value("p: int", p="a")
     copy = pickle.loads(pickle.dumps(raised.value))

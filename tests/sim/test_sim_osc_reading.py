@@ -77,7 +77,7 @@ def value(text, type_, before=""):
     return parameter.default
 
 
-def test_the_navigation_scenario_becomes_a_tree_with_its_modifiers_round_it():
+def test_navigation_scenario_becomes_a_tree_with_its_modifiers_round_it():
     (visit,) = read(NAVIGATION)
     assert visit.name == "visit"
     assert [(p.name, str(p.type), p.default) for p in visit.parameters] == [
@@ -106,7 +106,7 @@ def test_every_library_can_be_read_alone(name):
 
 
 @each_row("action", ["init_nav2", "nav_to_pose", "nav_through_poses", "follow_waypoints"])
-def test_a_robot_of_ros_can_navigate_once_nav2_is_imported(action):
+def test_robot_of_ros_can_navigate_once_nav2_is_imported(action):
     assert f"differential_drive_robot.{action}" in library("osc.nav2").actions
 
 
@@ -133,7 +133,7 @@ def test_labels_are_kept():
     assert [root.label, *(child.label for child in root.children)] == ["all", "first", "second", "third"]
 
 
-def test_a_struct_is_made_by_position_by_name_and_by_default():
+def test_struct_is_made_by_position_by_name_and_by_default():
     by_position = value("pose_3d(position_3d(1.0m, 2.0m))", "pose_3d")
     by_name = value("pose_3d(position: position_3d(y: 2.0m, x: 1.0m))", "pose_3d")
     for pose in (by_position, by_name):
@@ -162,11 +162,11 @@ def test_a_struct_is_made_by_position_by_name_and_by_default():
         ("180degps", "angular_rate", 3.1415926536),
     ],
 )
-def test_a_number_with_a_unit_is_in_si_units(text, type_, si):
+def test_number_with_a_unit_is_in_si_units(text, type_, si):
     assert value(text, type_).value == pytest.approx(si, rel=1e-8)
 
 
-def test_the_unit_of_a_default_is_kept():
+def test_unit_of_a_default_is_kept():
     assert scenario("v: speed = 36.0kmph\ndo log('x')").parameters[0].unit == "kmph"
 
 
@@ -190,7 +190,7 @@ def test_literals(text, type_, plain):
     assert value(text, type_).value == plain
 
 
-def test_an_enumeration_counts_on_from_the_numbers_that_are_given():
+def test_enumeration_counts_on_from_the_numbers_that_are_given():
     colors = "enum color: [red, green = 5, blue]\n"
     assert value("color!blue", "color", colors).value == EnumValue("color", "blue", 6)
 
@@ -203,14 +203,14 @@ def test_lists_are_joined_by_plus():
     assert value("['a'] + ['b']", "list of string").operator == "+"
 
 
-def test_a_file_may_hold_several_scenarios_and_an_inherited_one_runs_as_well():
+def test_file_may_hold_several_scenarios_and_an_inherited_one_runs_as_well():
     text = "import osc.helpers\nscenario base:\n    n: int = 1\n    do log('x')\n"
     base, derived = read(text + "scenario derived inherits base:\n    k: int = 2\n")
     assert [p.name for p in derived.parameters] == ["n", "k"]
     assert derived.root == base.root
 
 
-def test_a_derived_scenario_does_what_it_says_itself():
+def test_derived_scenario_does_what_it_says_itself():
     text = "import osc.helpers\nscenario base:\n    timeout(3s)\n    do log('x')\n"
     derived = read(text + "scenario derived inherits base:\n    do log('y')\n")[1]
     assert (derived.root.modifier, derived.root.child.arguments["msg"].value) == ("timeout", "y")
@@ -223,7 +223,7 @@ def test_events_are_awaited_and_emitted():
     assert isinstance(root.children[1].until, Happened) and isinstance(root.children[1].until.condition, Operation)
 
 
-def test_a_wait_may_be_for_a_condition_over_variables():
+def test_wait_may_be_for_a_condition_over_variables():
     definition = scenario("var c: int = 0\ndo wait c == 3")
     assert isinstance(definition.root.until, Holds)
     assert [v.name for v in definition.variables] == ["c"]
@@ -233,7 +233,7 @@ def test_globals_count_as_variables_of_each_scenario():
     assert [v.name for v in scenario("do wait g == 3", before="global g: int = 1\n").variables] == ["g"]
 
 
-def test_a_variable_is_counted_by_its_name():
+def test_variable_is_counted_by_its_name():
     assert scenario("var c: int = 0\ndo increment(c)").root.arguments["target_variable"].value == "c"
 
 
@@ -250,7 +250,7 @@ def test_until_takes_an_event_or_a_condition():
     assert events == [Happened, Holds]
 
 
-def test_a_composition_takes_a_with_block_behind_its_members():
+def test_composition_takes_a_with_block_behind_its_members():
     root = scenario("do serial:\n    retry(2)\n    log('x')\nwith:\n    timeout(3s)").root
     assert (root.modifier, root.child.modifier, root.child.child.kind) == ("timeout", "retry", "serial")
 
@@ -303,14 +303,14 @@ def test_structs_and_actors_inherit_and_may_stand_below_their_use():
     assert value("b()", "a", before).type == "b"
 
 
-def test_an_action_of_ones_own_inherits_parameters():
+def test_action_of_ones_own_inherits_parameters():
     before = "actor rover inherits osc_actor\naction move:\n    speed_limit: speed = 1mps\n"
     before += "action rover.drive_to inherits move:\n    goal: pose_3d\n"
     root = scenario("r: rover\ndo r.drive_to(goal: pose_3d())", before=before).root
     assert (root.action, list(root.arguments)) == ("rover.drive_to", ["speed_limit", "goal"])
 
 
-def test_an_action_is_found_on_what_the_actor_inherits_from():
+def test_action_is_found_on_what_the_actor_inherits_from():
     root = scenario("bot: differential_drive_robot\ndo bot.spawn(pose_3d(), 'box.sdf')", "ros", "gazebo").root
     assert (root.action, root.actor) == ("osc_actor.spawn", "bot")
 
@@ -321,13 +321,13 @@ def test_fields_of_parameters_and_actors_are_arguments():
     assert paths == [("p", "position", "x"), ("plan", "generated_gazebo_world_path")]
 
 
-def test_a_name_of_a_number_can_stand_for_a_text():
+def test_name_of_a_number_can_stand_for_a_text():
     body = "p: pose_3d\nq: list of key_value = [key_value('x', p.position.x)]\ndo log('x')"
     (pair,) = bound(scenario(body), {"p": {"position": {"x": 1.5}}})["q"]
     assert pair == {"key": "x", "value": "1.5"}
 
 
-def test_a_navigation_scenario_as_they_are_written_for_a_robot_with_ros_is_read():
+def test_navigation_scenario_as_they_are_written_for_a_robot_with_ros_is_read():
     body = """\
 timeout(300s)
 start_pose: pose_3d
@@ -396,7 +396,7 @@ def test_multiplication_binds_tighter_than_addition():
     assert (product.operator, product.operands[1].operator) == ("+", "*")
 
 
-def test_a_list_of_structs_keeps_its_order():
+def test_list_of_structs_keeps_its_order():
     places = value("[position_3d(1m), position_3d(2m)]", "list of position_3d")
     assert isinstance(places, ListOf)
     assert [place.members["x"].value for place in places.items] == [1.0, 2.0]
@@ -410,12 +410,12 @@ def test_structs_units_and_enums_in_scope_are_part_of_the_definition():
     assert definition.enums["signal"]["sigterm"] == 15
 
 
-def test_a_definition_is_a_value_that_can_be_sent_to_a_worker():
+def test_definition_is_a_value_that_can_be_sent_to_a_worker():
     (visit,) = read(NAVIGATION)
     assert pickle.loads(pickle.dumps(visit)) == visit
 
 
-def test_an_imported_file_brings_its_declarations_and_is_named_among_the_files(tmp_path):
+def test_imported_file_brings_its_declarations_and_is_named_among_the_files(tmp_path):
     (tmp_path / "more").mkdir()
     (tmp_path / "more" / "types.osc").write_text("struct box:\n    width: int = 2\n")
     (tmp_path / "base.osc").write_text(
@@ -427,7 +427,7 @@ def test_an_imported_file_brings_its_declarations_and_is_named_among_the_files(t
     assert [file.name for file in files_of(main)] == ["main.osc", "base.osc", "types.osc"]
 
 
-def test_a_file_that_two_others_import_is_known_to_both(tmp_path):
+def test_file_that_two_others_import_is_known_to_both(tmp_path):
     (tmp_path / "c.osc").write_text("struct box\n")
     for name in "ab":
         (tmp_path / f"{name}.osc").write_text(f'import "c.osc"\nstruct {name}:\n    b: box\n')
@@ -442,7 +442,7 @@ def test_files_that_import_each_other_are_read_once(tmp_path):
     assert len(files_of(tmp_path / "a.osc")) == 2
 
 
-def test_a_byte_order_mark_and_windows_line_ends_are_no_matter(tmp_path):
+def test_byte_order_mark_and_windows_line_ends_are_no_matter(tmp_path):
     (tmp_path / "a.osc").write_bytes("\ufeffimport osc.helpers\r\nscenario a:\r\n    do log('x')\r\n".encode())
     assert len(read_scenarios(tmp_path / "a.osc")) == 1
 
@@ -456,7 +456,7 @@ def test_any_text_is_read_or_refused_with_a_place(text):
 
 
 @given(st.lists(st.sampled_from(NAVIGATION.split()), max_size=30), st.randoms())
-def test_the_words_of_a_scenario_in_any_order_are_read_or_refused(words, random):
+def test_words_of_a_scenario_in_any_order_are_read_or_refused(words, random):
     try:
         read("".join(word + random.choice([" ", "\n", "\n    ", "\n        "]) for word in words))
     except OscError as error:
@@ -468,7 +468,7 @@ def test_reading_the_navigation_scenario_takes_a_few_milliseconds_of_cpu(loops):
     assert loops(lambda: read(NAVIGATION), 10) < 1.5
 
 
-def test_the_time_to_read_a_scenario_grows_with_its_length_and_no_faster(loops):
+def test_time_to_read_a_scenario_grows_with_its_length_and_no_faster(loops):
     def text(lines):
         return "import osc.helpers\nscenario a:\n    do serial:\n" + "        log('x')\n" * lines
 

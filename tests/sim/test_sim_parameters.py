@@ -81,15 +81,15 @@ def test_defaults_are_those_of_nav2_jazzy(parameter, value):
     assert found == value
 
 
-def test_a_leaf_key_rewrites_every_occurrence():
+def test_leaf_key_rewrites_every_occurrence():
     assert radii({"robot_radius": 0.3}) == (0.3, 0.3)
 
 
-def test_a_whole_dotted_key_rewrites_just_one():
+def test_whole_dotted_key_rewrites_just_one():
     assert radii({GLOBAL_RADIUS: 0.3}) == (0.22, 0.3)
 
 
-def test_the_last_names_of_a_path_rewrite_what_ends_so():
+def test_last_names_of_a_path_rewrite_what_ends_so():
     assert radii({"local_costmap.robot_radius": 0.3}) == (0.3, 0.22)
     assert (
         parameters_of({"inflation_layer.inflation_radius": 0.4}).global_costmap.inflation_layer.inflation_radius == 0.4
@@ -97,12 +97,12 @@ def test_the_last_names_of_a_path_rewrite_what_ends_so():
 
 
 @each_row("order", [1, -1])
-def test_the_longest_key_counts_whatever_the_order(order):
+def test_longest_key_counts_whatever_the_order(order):
     keys = [("robot_radius", 0.1), (GLOBAL_RADIUS, 0.3), ("global_costmap.robot_radius", 0.2)]
     assert radii(dict(keys[::order])) == (0.1, 0.3)
 
 
-def test_an_item_of_a_list_is_rewritten_by_its_number():
+def test_item_of_a_list_is_rewritten_by_its_number():
     assert parameters_of({"max_velocity.0": 0.4}).velocity_smoother.max_velocity == (0.4, 0.0, 2.0)
 
 
@@ -115,7 +115,7 @@ def test_what_is_no_item_of_a_list_is_unread_or_refused(end):
         assert "max_velocity must be a list of 3 numbers" in str(error)
 
 
-def test_a_whole_list_is_rewritten():
+def test_whole_list_is_rewritten():
     assert parameters_of({"max_accel": [1, 0, 2.0]}).velocity_smoother.max_accel == (1.0, 0.0, 2.0)
 
 
@@ -154,7 +154,7 @@ def test_every_perturbation_has_a_key():
     } == Perturbation.model_fields.keys()
 
 
-def test_the_initial_covariance_is_a_list_of_three():
+def test_initial_covariance_is_a_list_of_three():
     found = parameters_of({"initial_pose_covariance": [0.25, "0.2", 0.0685]}).perturbation
     covariances = (
         found.initial_pose_covariance_xx,
@@ -165,11 +165,11 @@ def test_the_initial_covariance_is_a_list_of_three():
 
 
 @each_row(("name", "default"), [("dwb", DwbParameters()), ("rpp", RppParameters())])
-def test_a_controller_by_name_has_its_own_default_parameters(name, default):
+def test_controller_by_name_has_its_own_default_parameters(name, default):
     assert parameters_of({"controller": name}) == NavParameters().with_values(controller=default)
 
 
-def test_the_default_controller_by_name_changes_nothing():
+def test_default_controller_by_name_changes_nothing():
     assert parameters_of({"controller": "mppi"}) == NavParameters()
 
 
@@ -177,30 +177,30 @@ def test_other_keys_rewrite_the_controller_that_was_named():
     assert parameters_of({"desired_linear_vel": 0.3, "controller": "rpp"}).controller.desired_linear_vel == 0.3
 
 
-def test_a_controller_that_the_file_has_is_the_files_own(content):
+def test_controller_that_the_file_has_is_the_files_own(content):
     assert parameters_of({"nav2_params": content, "controller": "rpp"}).controller.desired_linear_vel == 0.2
     assert parameters_of({"nav2_params": content, "controller": "dwb"}).controller.max_vel_x == 0.4
 
 
-def test_a_controller_that_the_file_does_not_have_comes_with_its_defaults(content):
+def test_controller_that_the_file_does_not_have_comes_with_its_defaults(content):
     found = parameters_of({"nav2_params": content, "controller": "mppi"})
     assert found.controller == NavParameters().controller
 
 
-def test_a_file_is_rewritten_like_the_default(content):
+def test_file_is_rewritten_like_the_default(content):
     assert radii({"nav2_params": content}) == (0.3, 0.3)  # the file has the local costmap alone
     assert radii({"nav2_params": content, "robot_radius": 0.4}) == (0.4, 0.4)
     assert radii({"nav2_params": content, GLOBAL_RADIUS: 0.4}) == (0.3, 0.4)
 
 
-def test_a_file_without_a_controller_server_still_gets_the_controller_asked_for(tmp_path):
+def test_file_without_a_controller_server_still_gets_the_controller_asked_for(tmp_path):
     (tmp_path / "nav2.yaml").write_text("amcl: {ros__parameters: {pf_err: 0.1}}")
     found = parameters_of({"nav2_params": nav2_file(tmp_path / "nav2.yaml"), "controller": "rpp"})
     assert (found.amcl.pf_err, found.controller) == (0.1, RppParameters())
     assert found.goal_checker == NavParameters().goal_checker
 
 
-def test_a_file_is_the_same_value_wherever_it_lies_and_however_it_is_written(content, tmp_path):
+def test_file_is_the_same_value_wherever_it_lies_and_however_it_is_written(content, tmp_path):
     other = tmp_path / "other.yaml"
     local, _, rest = FILE.rpartition("local_costmap:\n  local")
     other.write_text(f"# A comment.\nlocal_costmap:\n  local{rest}bt_navigator: {{ros__parameters: {{a: 1}}}}\n{local}")
@@ -209,17 +209,17 @@ def test_a_file_is_the_same_value_wherever_it_lies_and_however_it_is_written(con
 
 
 @pytest.mark.parametrize("edit", ["0.3}|0.31}", "Fast, Slow|Slow, Fast", "[PathDist]|[GoalDist]"])
-def test_a_file_that_says_something_else_is_another_value(content, tmp_path, edit):
+def test_file_that_says_something_else_is_another_value(content, tmp_path, edit):
     (tmp_path / "other.yaml").write_text(FILE.replace(*edit.split("|")))
     assert nav2_file(tmp_path / "other.yaml") != content
 
 
-def test_a_node_without_parameters_is_not_the_same_as_no_node(content, tmp_path):
+def test_node_without_parameters_is_not_the_same_as_no_node(content, tmp_path):
     (tmp_path / "other.yaml").write_text(f"{FILE}collision_monitor:\n  ros__parameters:\n")
     assert nav2_file(tmp_path / "other.yaml") != content
 
 
-def test_a_file_that_changed_since_it_was_read_is_refused(tmp_path):
+def test_file_that_changed_since_it_was_read_is_refused(tmp_path):
     file = tmp_path / "nav2.yaml"
     file.write_text("amcl: {ros__parameters: {pf_err: 0.07}}")
     content = nav2_file(file)
@@ -240,59 +240,59 @@ def test_keys_whose_values_are_not_decided_are_asked_for_too():
     assert found == ("max_vel_x",)
 
 
-def test_a_key_is_unread_where_the_file_has_nothing_of_that_name(content):
+def test_key_is_unread_where_the_file_has_nothing_of_that_name(content):
     assert unread({"nav2_params": content, "sigma_hit": 0.1, "robot_radius": 0.2}) == ("sigma_hit",)
 
 
-def test_a_parameter_that_is_there_and_not_modeled_is_unread(tmp_path):
+def test_parameter_that_is_there_and_not_modeled_is_unread(tmp_path):
     (tmp_path / "nav2.yaml").write_text("controller_server: {ros__parameters: {costmap_update_timeout: 0.3}}")
     assert unread({"nav2_params": nav2_file(tmp_path / "nav2.yaml"), "costmap_update_timeout": 0.5}) == (
         "costmap_update_timeout",
     )
 
 
-def test_a_whole_dotted_key_is_read_if_the_file_could_have_it(content):
+def test_whole_dotted_key_is_read_if_the_file_could_have_it(content):
     keys = [f"controller_server.ros__parameters.Fast.{name}" for name in ("sim_time", "sim_tim")]
     assert unread({"nav2_params": content}, keys) == (keys[1],)
 
 
 WRONG = [
-    ({"robot_radius": -0.1}, r"robot_radius: found -0.1; robot_radius must lie in \[0.01, 10\]"),
-    ({GLOBAL_RADIUS: -0.1}, r"ros__parameters.robot_radius: found -0.1; robot_radius must lie"),
+    ({"robot_radius": -0.1}, r"robot_radius: expected robot_radius must lie in \[0.01, 10\], got -0.1"),
+    ({GLOBAL_RADIUS: -0.1}, r"ros__parameters.robot_radius: expected robot_radius must lie, got -0.1"),
     (
         {"random_drop_percentage": 20},
-        r"random_drop_percentage: found 20; \w+random_drop_percentage must lie in \[0, 1\]",
+        r"random_drop_percentage: expected \w+random_drop_percentage must lie in \[0, 1\], got 20",
     ),
-    ({"robot_radius": "wide"}, "found 'wide'; robot_radius must be a number"),
-    ({"robot_radius": True}, "found true; robot_radius must be a number"),
-    ({"robot_radius": float("inf")}, "found inf; robot_radius must be a number"),
+    ({"robot_radius": "wide"}, "expected robot_radius must be a number, got 'wide'"),
+    ({"robot_radius": True}, "expected robot_radius must be a number, got true"),
+    ({"robot_radius": float("inf")}, "expected robot_radius must be a number, got inf"),
     ({"robot_radius": 10**400}, "; robot_radius must be a number"),
-    ({"robot_radius": None}, "found nothing; robot_radius must be a number"),
-    ({"robot_radius": [0.2]}, r"found \[0.2\]; robot_radius must be a number"),
-    ({"max_beams": 2.5}, "found 2.5; max_beams must be a whole number"),
-    ({"allow_unknown": 1}, "found 1; allow_unknown must be true or false"),
-    ({"max_velocity": [0.5, 0.0]}, r"found \[0.5, 0.0\]; max_velocity must be a list of 3 numbers"),
-    ({"max_velocity.1": "fast"}, r"max_velocity\.1: found .*; max_velocity\[1\] must be a number"),
+    ({"robot_radius": None}, "expected robot_radius must be a number, got nothing"),
+    ({"robot_radius": [0.2]}, r"expected robot_radius must be a number, got \[0.2\]"),
+    ({"max_beams": 2.5}, "expected max_beams must be a whole number, got 2.5"),
+    ({"allow_unknown": 1}, "expected allow_unknown must be true or false, got 1"),
+    ({"max_velocity": [0.5, 0.0]}, r"expected max_velocity must be a list of 3 numbers, got \[0.5, 0.0\]"),
+    ({"max_velocity.1": "fast"}, r"max_velocity\.1: expected max_velocity\[1\] must be a number, got .*"),
     ({"min_particles": 3000}, "contradict each other: amcl.min_particles 3000 must be <= max_particles 2000"),
-    ({"controller": "teb"}, "controller: found 'teb'; one of dwb, mppi, rpp"),
-    ({"controller": None}, "controller: found nothing; one of dwb, mppi, rpp"),
-    ({"controller": 3}, "controller: found 3; one of dwb, mppi, rpp"),
+    ({"controller": "teb"}, "controller: expected one of dwb, mppi, rpp, got 'teb'"),
+    ({"controller": None}, "controller: expected one of dwb, mppi, rpp, got nothing"),
+    ({"controller": 3}, "controller: expected one of dwb, mppi, rpp, got 3"),
     ({"controller": "dwb", "critics": ["PathDist", "Foo"]}, "critics: DWB has no critic 'Foo'; known: RotateToGoal, "),
     (
         {"GridBased.plugin": "a::B"},
         "GridBased.plugin: no planner 'a::B' is known; known: nav2_navfn_planner::NavfnPlanner",
     ),
-    ({"initial_pose_covariance": 0.1}, "initial_pose_covariance: found 0.1; a list of three variances"),
+    ({"initial_pose_covariance": 0.1}, "initial_pose_covariance: expected a list of three variances, got 0.1"),
     (
         {"initial_pose_covariance": [0.1, 0.1, -1]},
-        "initial_pose_covariance: found -1; initial_pose_covariance_yaw must lie",
+        "initial_pose_covariance: expected initial_pose_covariance_yaw must lie, got -1",
     ),
-    ({"nav2_params": "nav2.yaml"}, "nav2_params: found 'nav2.yaml'; a file, which execution.nav2_params names"),
+    ({"nav2_params": "nav2.yaml"}, "nav2_params: expected a file, which execution.nav2_params names, got 'nav2.yaml'"),
 ]
 
 
 @each_row(("system", "message"), WRONG)
-def test_a_value_that_cannot_be_used_is_refused_by_its_key(system, message):
+def test_value_that_cannot_be_used_is_refused_by_its_key(system, message):
     with pytest.raises(ParameterError, match=message):
         parameters_of(system)
 
@@ -322,7 +322,7 @@ def test_one_more_key_says_whether_it_stands_for_anything():
     assert not check_key({}, "robot_color", "red")
 
 
-def test_the_default_document_has_the_names_of_nav2_jazzys_file():
+def test_default_document_has_the_names_of_nav2_jazzys_file():
     values = default_document().values
     assert values["controller_server", "ros__parameters", "controller_plugins"] == ["FollowPath"]
     assert values["local_costmap", "local_costmap", "ros__parameters", "plugins"] == ["voxel_layer", "inflation_layer"]
@@ -331,6 +331,6 @@ def test_the_default_document_has_the_names_of_nav2_jazzys_file():
     )
 
 
-def test_a_value_of_another_files_content_is_not_mistaken_for_it(content):
+def test_value_of_another_files_content_is_not_mistaken_for_it(content):
     with pytest.raises(ParameterError, match="changed since"):
         parameters_of({"nav2_params": FileContent(content.path, "0" * 64)})

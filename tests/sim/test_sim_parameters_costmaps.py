@@ -33,11 +33,11 @@ def statuses(text):
     return {".".join(found.path[2:]): found.status for found in findings(read(text))}
 
 
-def test_a_costmap_is_the_node_in_its_namespace():
+def test_costmap_is_the_node_in_its_namespace():
     assert read(f"local_costmap: {{ros__parameters: {{robot_radius: 0.3}}}}\n{MINIMAL}").replaced[1] == "local_costmap"
 
 
-def test_the_list_of_plug_ins_decides_which_layers_there_are():
+def test_list_of_plug_ins_decides_which_layers_there_are():
     found = local(
         "plugins: [a, b], a: {plugin: 'nav2_costmap_2d::StaticLayer'}, b: {plugin: 'nav2_costmap_2d/InflationLayer'}"
     )
@@ -48,18 +48,18 @@ def test_the_list_of_plug_ins_decides_which_layers_there_are():
     )
 
 
-def test_an_inflation_may_reach_across_a_whole_room():
+def test_inflation_may_reach_across_a_whole_room():
     text = "plugins: [i], i: {plugin: 'nav2_costmap_2d::InflationLayer', inflation_radius: 5.5}"
     assert local(text).inflation_layer.inflation_radius == 5.5
 
 
-def test_a_layer_may_be_switched_off():
+def test_layer_may_be_switched_off():
     text = "plugins: [a], a: {plugin: 'nav2_costmap_2d::StaticLayer', enabled: false}"
     assert local(text).static_layer == StaticLayer(enabled=False)
 
 
 @each_row(("layer", "cells"), [("VoxelLayer", 2), ("ObstacleLayer", 0)])
-def test_a_voxel_layer_clears_short_of_the_beams_end(layer, cells):
+def test_voxel_layer_clears_short_of_the_beams_end(layer, cells):
     scan = "observation_sources: s, s: {data_type: LaserScan, clearing: true, obstacle_max_range: 2.0}"
     found = local(f"plugins: [a], a: {{plugin: 'nav2_costmap_2d::{layer}', {scan}}}").obstacle_layer
     assert found == ObstacleLayer(obstacle_max_range=2.0, short_clearing_cells=cells)
@@ -68,12 +68,12 @@ def test_a_voxel_layer_clears_short_of_the_beams_end(layer, cells):
 @each_row(
     "sources", ["", "observation_sources: [],", "observation_sources: s, s: {data_type: PointCloud2, marking: false},"]
 )
-def test_a_layer_without_a_source_that_marks_neither_marks_nor_clears(sources):
+def test_layer_without_a_source_that_marks_neither_marks_nor_clears(sources):
     found = local(f"plugins: [a], a: {{{sources} plugin: 'nav2_costmap_2d::ObstacleLayer'}}").obstacle_layer
     assert (found.enabled, found.marking, found.clearing) == (True, False, False)
 
 
-def test_a_point_cloud_that_marks_is_read_as_the_laser_scan_where_there_is_none():
+def test_point_cloud_that_marks_is_read_as_the_laser_scan_where_there_is_none():
     sources = "observation_sources: up down, up: {obstacle_max_range: 4.0}, down: {marking: false, clearing: true}"
     text = f"local_costmap: {{local_costmap: {{ros__parameters: {{plugins: [a], a: {{plugin: nav2_costmap_2d::ObstacleLayer, {sources}}}}}}}}}"
     found = read(text)
@@ -101,7 +101,7 @@ def test_of_two_obstacle_layers_the_one_is_read_that_is_on_and_sees_the_scan(oth
     assert "a second layer beside a is not modeled" in found.reader.unmodeled.values()
 
 
-def test_a_file_with_one_costmap_gives_the_other_its_body():
+def test_file_with_one_costmap_gives_the_other_its_body():
     footprint = "'[[0.2, 0.4], [0.2, -0.4], [-0.9, 0.0]]'"
     body = f"footprint: {footprint}, footprint_padding: 0.02, robot_radius: 0.5"
     found = parameters(f"global_costmap: {{global_costmap: {{ros__parameters: {{{body}}}}}}}")
@@ -132,13 +132,13 @@ def test_costmaps_without_a_list_have_nav2s_default_layers():
     )
 
 
-def test_the_global_costmaps_size_is_the_maps():
+def test_global_costmaps_size_is_the_maps():
     text = "global_costmap: {global_costmap: {ros__parameters: {width: 80, resolution: 0.1, plugins: []}}}"
     assert parameters(text).global_costmap.resolution == 0.05
     assert statuses(text)["ros__parameters.width"] == "no effect"
 
 
-def test_a_spatio_temporal_voxel_layer_is_read_as_a_voxel_layer_and_said():
+def test_spatio_temporal_voxel_layer_is_read_as_a_voxel_layer_and_said():
     text = """local_costmap: {local_costmap: {ros__parameters: {plugins: [stvl], stvl: {
         plugin: spatio_temporal_voxel_layer/SpatioTemporalVoxelLayer, voxel_decay: 15.0, observation_sources: [clear, mark],
         clear: {data_type: PointCloud2, marking: false}, mark: {data_type: PointCloud2, marking: true, obstacle_range: 4.0}}}}}"""

@@ -22,7 +22,7 @@ def fault(text):
     return str(caught.value)
 
 
-def test_a_path_leads_through_node_and_groups_to_each_value():
+def test_path_leads_through_node_and_groups_to_each_value():
     assert values("a:\n  ros__parameters: {b: {c: 1, d: [x, 2.0]}, e: true}") == {
         ("a", "ros__parameters", "b", "c"): 1,
         ("a", "ros__parameters", "b", "d"): ["x", 2.0],
@@ -85,7 +85,7 @@ def test_nodes_are_known_though_they_have_no_parameters():
     assert set(document.nodes) == {("b", "ros__parameters"), ("a", "ros__parameters")}
 
 
-def test_a_node_is_found_in_its_namespace_and_the_least_deep_of_two():
+def test_node_is_found_in_its_namespace_and_the_least_deep_of_two():
     document = parse("x: {a: {ros__parameters: {p: 1}}}\na: {ros__parameters: {p: 1}}\nros__parameters: {p: 1}")
     assert document.node("a") == ("a", "ros__parameters")
     assert document.node("x", "a") == ("x", "a", "ros__parameters")
@@ -111,7 +111,7 @@ def test_aliases_may_not_make_a_path_deeper_than_a_file_may_be():
     assert "levels; fewer aliases" in fault(f"x0: &x0 {{a: {{ros__parameters: {{b: 1}}}}}}\n{chain}")
 
 
-def test_a_file_that_is_not_there_or_no_text_is_a_fault_of_the_whole(tmp_path):
+def test_file_that_is_not_there_or_no_text_is_a_fault_of_the_whole(tmp_path):
     (tmp_path / "latin.yaml").write_bytes(b"a:\n b: \xe4\n")
     for name, message in (
         ("none.yaml", "no such file"),
@@ -122,7 +122,7 @@ def test_a_file_that_is_not_there_or_no_text_is_a_fault_of_the_whole(tmp_path):
             read_document(tmp_path / name)
 
 
-def test_an_error_can_be_sent_to_another_process():
+def test_error_can_be_sent_to_another_process():
     with pytest.raises(DocumentError) as caught:
         parse("a: 1", "nav2.yaml")
     assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)

@@ -35,7 +35,7 @@ def controller(text):
 OBSTACLES = "plugin: nav2_mppi_controller::MPPIController, critics: [ObstaclesCritic, GoalCritic]"
 
 
-def test_a_file_of_dashing_is_refused_where_it_differs_from_todays():
+def test_file_of_dashing_is_refused_where_it_differs_from_todays():
     text = """
 dwb_controller: {ros__parameters: {max_vel_x: 0.26}}
 navfn_planner: {ros__parameters: {tolerance: 0.0}}
@@ -46,9 +46,9 @@ local_costmap:
       plugin_types: ["nav2_costmap_2d::ObstacleLayer"]
 """
     assert faults(text) == [
-        "nav2.yaml:2:1: dwb_controller: found a node of Nav2 Dashing's; controller_server with a list of plug-ins, as since Foxy",
-        "nav2.yaml:3:1: navfn_planner: found a node of Nav2 Dashing's; planner_server with a list of plug-ins, as since Foxy",
-        "nav2.yaml:7:7: local_costmap.local_costmap.ros__parameters.plugin_names: found a list of Nav2 Eloquent's, which has the classes in another list; 'plugins', and 'plugin: package::Class' below each name, as since Foxy",
+        "nav2.yaml:2:1: dwb_controller: expected controller_server with a list of plug-ins, as since Foxy, got a node of Nav2 Dashing's",
+        "nav2.yaml:3:1: navfn_planner: expected planner_server with a list of plug-ins, as since Foxy, got a node of Nav2 Dashing's",
+        "nav2.yaml:7:7: local_costmap.local_costmap.ros__parameters.plugin_names: expected 'plugins', and 'plugin: package::Class' below each name, as since Foxy, got a list of Nav2 Eloquent's, which has the classes in another list",
     ]
 
 
@@ -107,7 +107,7 @@ def test_every_item_of_a_list_that_is_out_of_range_is_told():
 
 @settings(max_examples=40, deadline=None)
 @given(st.sampled_from(["jazzy_mppi.yaml", "dwb.yaml", "rpp.yaml"]), st.data())
-def test_a_file_with_accidents_is_read_or_has_faults(name, data):
+def test_file_with_accidents_is_read_or_has_faults(name, data):
     lines = (SHIPPED / name).read_text().splitlines()
     for _ in range(data.draw(st.integers(1, 4))):
         at = data.draw(st.integers(0, len(lines) - 1))
@@ -141,25 +141,27 @@ controller_server:
 """
 
 
-def test_a_footprint_to_consider_must_be_a_polygon_as_nav2_does_not_start_otherwise():
+def test_footprint_to_consider_must_be_a_polygon_as_nav2_does_not_start_otherwise():
     (fault,) = faults(OUTLINED)
-    assert "found true, and the local costmap has no polygon `footprint`" in fault
+    assert "got true, and the local costmap has no polygon `footprint`" in fault
     polygon = "'[[0.3, 0.3], [0.3, -0.3], [-0.3, 0.0]]'"
     costmap = f"local_costmap: {{local_costmap: {{ros__parameters: {{footprint: {polygon}}}}}}}"
     assert parameters(OUTLINED + costmap).controller.CostCritic.consider_footprint
 
 
 @each_row("value", ["0.3", "'[[0.2, 0.2]]'"])
-def test_a_footprint_that_is_no_text_or_no_polygon_is_a_fault_with_its_place(value):
+def test_footprint_that_is_no_text_or_no_polygon_is_a_fault_with_its_place(value):
     (fault,) = faults(
         f"local_costmap: {{local_costmap: {{ros__parameters: {{robot_radius: 0.2, footprint: {value}}}}}}}"
     )
     assert "footprint must be text" in fault
 
 
-def test_a_period_longer_than_mppis_step_is_a_fault_as_nav2_does_not_start():
+def test_period_longer_than_mppis_step_is_a_fault_as_nav2_does_not_start():
     text = "controller_server: {ros__parameters: {controller_frequency: 10.0, FollowPath: {plugin: nav2_mppi_controller::MPPIController}}}"
-    with pytest.raises(DocumentError, match=r"found 10; 20 or more for a model_dt of 0.05 s, as Nav2 does not start"):
+    with pytest.raises(
+        DocumentError, match=r"expected 20 or more for a model_dt of 0.05 s, as Nav2 does not start, got 10"
+    ):
         parameters(text)
 
 
@@ -176,10 +178,10 @@ def test_a_period_longer_than_mppis_step_is_a_fault_as_nav2_does_not_start():
 )
 def test_what_a_path_handler_of_lyrical_can_do_and_the_controllers_here_can_not_is_refused(own, handler, fault):
     (line,) = faults(controller(f"{own}}}, path_handler: {{plugin: nav2_controller::FeasiblePathHandler, {handler}"))
-    assert f"path_handler.{fault}: found true, which is not modeled; false" in line
+    assert f"path_handler.{fault}: expected false, got true, which is not modeled" in line
 
 
-def test_a_path_handler_of_an_unknown_class_is_refused_where_it_is_named():
+def test_path_handler_of_an_unknown_class_is_refused_where_it_is_named():
     own = "plugin: nav2_mppi_controller::MPPIController"
     (line,) = faults(controller(f"{own}}}, path_handler_plugins: [P], P: {{plugin: mine::Handler"))
     assert "P.plugin: no path handler 'mine::Handler' is known; known: nav2_controller::FeasiblePathHandler" in line

@@ -28,7 +28,7 @@ def statuses(text):
     return {".".join(found.path[2:]): found.status for found in findings(read(text))}
 
 
-def test_a_parameter_is_modeled_built_in_without_effect_different_or_not_modeled():
+def test_parameter_is_modeled_built_in_without_effect_different_or_not_modeled():
     found = statuses(
         "amcl: {ros__parameters: {alpha1: 0.1, laser_model_type: likelihood_field, scan_topic: s, recovery_alpha_slow: 0.1, x: 1}}"
     )
@@ -41,7 +41,7 @@ def test_a_parameter_is_modeled_built_in_without_effect_different_or_not_modeled
     }
 
 
-def test_a_difference_names_what_is_built_in():
+def test_difference_names_what_is_built_in():
     (found,) = findings(read("controller_server: {ros__parameters: {costmap_update_timeout: 0.5}}"))
     assert (found.status, found.used, found.place) == ("differs", 0.3, (1, 63))
 
@@ -60,7 +60,7 @@ def test_what_is_built_in_says_itself(rule, value):
     assert rule.value == value
 
 
-def test_a_polygon_for_a_footprint_is_modeled_and_counts_in_place_of_the_radius():
+def test_polygon_for_a_footprint_is_modeled_and_counts_in_place_of_the_radius():
     polygon = "[[0.2, 0.2], [0.2, -0.2], [-0.2, 0.0]]"
     text = f"local_costmap: {{local_costmap: {{ros__parameters: {{footprint: '{polygon}', robot_radius: 0.3}}}}}}"
     found, radius = findings(read(text))
@@ -73,7 +73,7 @@ def test_without_a_polygon_the_radius_counts():
     assert [(found.status, found.used) for found in findings(read(text))] == [("modeled", "[]"), ("modeled", 0.3)]
 
 
-def test_an_unknown_node_is_spoken_of_as_a_whole():
+def test_unknown_node_is_spoken_of_as_a_whole():
     found = findings(
         read("amcl: {ros__parameters: {}}\nslam_toolbox: {ros__parameters: {a: 1, b: {c: 2}, use_sim_time: true}}")
     )
@@ -82,7 +82,7 @@ def test_an_unknown_node_is_spoken_of_as_a_whole():
     assert found[2].status == "no effect"
 
 
-def test_an_unknown_parameter_of_a_plug_in_is_spoken_of_by_itself():
+def test_unknown_parameter_of_a_plug_in_is_spoken_of_by_itself():
     text = "controller_server: {ros__parameters: {goal_checker_plugins: [g], g: {plugin: nav2_controller::SimpleGoalChecker, x: 1}}}"
     *_, found = findings(read(text))
     assert (found.status, found.about, found.why) == ("not modeled", found.path, "")
@@ -117,7 +117,7 @@ def test_another_behavior_tree_is_not_the_one_built_in():
         ),
     ],
 )
-def test_a_name_that_the_default_trees_do_not_ask_for_is_spoken_of(text, asked_for):
+def test_name_that_the_default_trees_do_not_ask_for_is_spoken_of(text, asked_for):
     """With them Nav2 fails at every goal; a tree of the robot's own may ask for it."""
     said, *others = findings(read(text))
     why = f"the default behavior trees ask for {asked_for}, which Nav2 would not find; Drive is used"
@@ -146,7 +146,7 @@ def test_eight_neighbors_and_trees_ticked_with_the_stack_are_built_in(text, stat
     assert found.status == status
 
 
-def test_a_frame_may_have_the_robots_name_before_it():
+def test_frame_may_have_the_robots_name_before_it():
     def status(frame):
         return statuses(f"local_costmap: {{local_costmap: {{ros__parameters: {{global_frame: '{frame}'}}}}}}")
 
@@ -154,7 +154,7 @@ def test_a_frame_may_have_the_robots_name_before_it():
     assert status("map") == {"ros__parameters.global_frame": "differs"}
 
 
-def test_a_behavior_that_is_listed_and_not_one_of_nav2s_is_not_modeled():
+def test_behavior_that_is_listed_and_not_one_of_nav2s_is_not_modeled():
     text = "behavior_server: {ros__parameters: {behavior_plugins: [spin, backup, wait, dance], dance: {plugin: x::Y, a: 1}}}"
     assert statuses(text) == {
         "behavior_plugins": "built in",

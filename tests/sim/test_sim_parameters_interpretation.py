@@ -76,15 +76,15 @@ def test_obstacles_critic_takes_distances_by_its_own_parameters_as_in_humble_els
     assert (critic.inflation_radius, critic.cost_scaling_factor) == (0.9, 2.0)
 
 
-def test_the_shipped_file_of_jazzy_is_what_the_stack_has_by_default():
+def test_shipped_file_of_jazzy_is_what_the_stack_has_by_default():
     assert shipped("jazzy_mppi.yaml").parameters == NavParameters()
 
 
-def test_the_shipped_file_with_rpp_differs_from_it_in_the_controller_alone():
+def test_shipped_file_with_rpp_differs_from_it_in_the_controller_alone():
     assert shipped("rpp.yaml").parameters == NavParameters(controller=RppParameters())
 
 
-def test_the_shipped_file_with_dwb_is_a_turtlebot_4_under_humble():
+def test_shipped_file_with_dwb_is_a_turtlebot_4_under_humble():
     found = shipped("dwb.yaml").parameters
     assert found.controller == DwbParameters()
     assert (found.global_costmap.robot_radius, found.local_costmap.inflation_layer.inflation_radius) == (0.175, 0.45)
@@ -105,13 +105,13 @@ def test_what_a_file_leaves_out_is_as_in_nav2s_code():
     assert parameters(MINIMAL).controller_server.min_x_velocity_threshold == 0.0001
 
 
-def test_the_minimal_example_selects_its_controller():
+def test_minimal_example_selects_its_controller():
     found = parameters(MINIMAL)
     assert isinstance(found.controller, MppiParameters)
     assert found.controller.batch_size == 1500
 
 
-def test_a_controller_server_that_names_no_controller_has_jazzys():
+def test_controller_server_that_names_no_controller_has_jazzys():
     found = read("controller_server: {ros__parameters: {failure_tolerance: 0.5}}")
     assert found.parameters.controller_server.failure_tolerance == 0.5
     assert found.parameters.controller == NavParameters().controller
@@ -139,7 +139,7 @@ def test_other_nodes_that_are_missing_are_as_in_jazzys_file_and_named():
     assert found.left_away == ("velocity_smoother", "collision_monitor")
 
 
-def test_a_node_with_nothing_in_it_is_there_and_as_in_nav2s_code():
+def test_node_with_nothing_in_it_is_there_and_as_in_nav2s_code():
     found = parameters("velocity_smoother: {ros__parameters: }\nplanner_server: {ros__parameters: {}}\n" + MINIMAL)
     assert found.velocity_smoother == VelocitySmoother(max_velocity=(0.5, 0.0, 2.5), min_velocity=(-0.5, 0.0, -2.5))
 
@@ -175,7 +175,7 @@ def test_dwbs_critics_are_summed_in_the_order_of_the_list():
     assert interpretation(document_of(NavParameters(controller=found))).parameters.controller == found
 
 
-def test_an_mppi_critic_can_be_switched_off_in_its_group():
+def test_mppi_critic_can_be_switched_off_in_its_group():
     text = controller(
         "plugin: nav2_mppi_controller::MPPIController, critics: [CostCritic, GoalCritic], GoalCritic: {enabled: false}"
     )
@@ -229,7 +229,7 @@ def test_names_of_dashing_beside_todays_have_no_say():
     )
 
 
-def test_a_rotation_shim_has_its_controller_in_a_group_since_kilted():
+def test_rotation_shim_has_its_controller_in_a_group_since_kilted():
     shim = "plugin: nav2_rotation_shim_controller::RotationShimController, angular_dist_threshold: 0.5"
     inside = "primary_controller: {plugin: nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController, desired_linear_vel: 0.4}"
     found = parameters(controller(f"{shim}, {inside}, desired_linear_vel: 0.9"))
@@ -237,7 +237,7 @@ def test_a_rotation_shim_has_its_controller_in_a_group_since_kilted():
     assert found.controller == RppParameters(desired_linear_vel=0.4)
 
 
-def test_the_position_goal_checker_lets_the_robot_face_anywhere():
+def test_position_goal_checker_lets_the_robot_face_anywhere():
     checkers = "goal_checker_plugins: [g], g: {plugin: nav2_controller::PositionGoalChecker, xy_goal_tolerance: 0.2, yaw_goal_tolerance: 0.1}"
     found = parameters(f"controller_server: {{ros__parameters: {{{checkers}}}}}").goal_checker
     assert (found.xy_goal_tolerance, found.stateful) == (0.2, True)
@@ -283,7 +283,7 @@ def test_dwb_with_few_samples_or_for_a_fast_robot_is_read():
     assert (found.vtheta_samples, found.max_vel_theta, found.min_speed_xy) == (0, 12.0, -8.0)
 
 
-def test_a_waypoint_task_that_is_off_or_another_does_not_pause():
+def test_waypoint_task_that_is_off_or_another_does_not_pause():
     def pause(task):
         text = f"waypoint_follower: {{ros__parameters: {{waypoint_task_executor_plugin: w, w: {{{task}}}}}}}"
         return parameters(text).waypoint_follower.waypoint_pause_duration

@@ -18,7 +18,7 @@ def monitor(text):
 APPROACH = "polygons: [p], p: {type: polygon, action_type: approach, min_points: 5}, observation_sources: [s]"
 
 
-def test_the_monitors_approach_polygon_is_read_with_the_nodes_timeout():
+def test_monitors_approach_polygon_is_read_with_the_nodes_timeout():
     assert monitor(f"{APPROACH}, source_timeout: 3.0") == CollisionMonitor(
         time_before_collision=2.0, min_points=5, source_timeout=3.0
     )
@@ -37,7 +37,7 @@ def test_the_monitors_approach_polygon_is_read_with_the_nodes_timeout():
         APPROACH.replace("[s]", "[]"),
     ],
 )
-def test_a_monitor_without_a_footprint_that_approaches_or_without_a_scan_does_nothing(text):
+def test_monitor_without_a_footprint_that_approaches_or_without_a_scan_does_nothing(text):
     assert not monitor(text).enabled
 
 
@@ -52,9 +52,11 @@ def test_what_of_a_monitor_does_not_count_is_said_to_have_no_effect():
     }
 
 
-def test_a_flag_of_the_monitor_that_is_a_number_is_a_fault_at_its_place():
+def test_flag_of_the_monitor_that_is_a_number_is_a_fault_at_its_place():
     text = APPROACH.replace("min_points: 5", "enabled: 3")
-    with pytest.raises(DocumentError, match=r"collision_monitor\.ros__parameters\.p\.enabled: found 3; true or f"):
+    with pytest.raises(
+        DocumentError, match=r"collision_monitor\.ros__parameters\.p\.enabled: expected true or f, got 3"
+    ):
         monitor(text)
 
 
@@ -79,7 +81,7 @@ def test_areas_of_the_monitor_are_read_with_their_actions():
     assert (near.action, near.vertices[2], near.linear_limit, near.angular_limit) == ("limit", (0.3, 0.0), 0.2, 0.5)
 
 
-def test_an_area_that_is_not_enabled_or_does_nothing_is_none():
+def test_area_that_is_not_enabled_or_does_nothing_is_none():
     text = "{{type: circle, radius: 0.3, {}}}"
     off, none = text.format("action_type: stop, enabled: false"), text.format("action_type: none")
     assert monitor(f"polygons: [quiet, idle], {SCANNED}, quiet: {off}, idle: {none}").zones == ()
@@ -91,7 +93,7 @@ def test_an_area_that_is_not_enabled_or_does_nothing_is_none():
         ("{type: circle, radius: 0.3}", "no 'action_type' or 'type' below 'a'; both of them"),
         (
             "{type: circle, radius: 0.3, action_type: halt}",
-            "found 'halt'; one of stop, slowdown, limit, approach, none",
+            "expected one of stop, slowdown, limit, approach, none, got 'halt'",
         ),
         ("{type: polygon, action_type: stop, points: [0.1, 0.2, 0.3]}", "with the x, y of three or more vertices"),
         (
@@ -104,6 +106,6 @@ def test_an_area_that_is_not_enabled_or_does_nothing_is_none():
         ),
     ],
 )
-def test_an_area_that_nav2_would_not_start_with_is_a_fault(area, message):
+def test_area_that_nav2_would_not_start_with_is_a_fault(area, message):
     with pytest.raises(DocumentError, match=message):
         monitor(f"polygons: [a], {SCANNED}, a: {area}")

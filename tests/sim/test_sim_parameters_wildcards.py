@@ -28,7 +28,7 @@ def alpha(text):
     return read(text).parameters.amcl.alpha1
 
 
-def test_a_wildcard_gives_each_node_that_has_such_a_parameter_the_value_beside_its_own():
+def test_wildcard_gives_each_node_that_has_such_a_parameter_the_value_beside_its_own():
     found = read("/**: {ros__parameters: {robot_radius: 0.31}}" + COSTMAPS).parameters
     assert (found.local_costmap.robot_radius, found.global_costmap.robot_radius) == (0.31, 0.31)
     assert (found.local_costmap.width, found.local_costmap.footprint_padding) == (4, 0.02)
@@ -68,7 +68,7 @@ def test_one_star_stands_for_one_part_of_a_name_and_two_for_any_number(name, own
     assert alpha(text) == (0.5 if stands else 0.2)
 
 
-def test_a_file_may_have_a_node_s_parameters_in_a_wildcard_alone():
+def test_file_may_have_a_node_s_parameters_in_a_wildcard_alone():
     controller = "controller_plugins: [Own], Own: {plugin: 'dwb_core::DWBLocalPlanner', critics: [PathDist]}"
     found = read(f"/**: {{ros__parameters: {{{controller}}}}}\namcl: {{ros__parameters: {{}}}}")
     assert "controller_server" not in found.replaced
@@ -85,13 +85,13 @@ def test_what_belongs_to_no_node_in_particular_starts_none():
     }
 
 
-def test_a_mistake_in_a_wildcard_has_its_line_and_column():
+def test_mistake_in_a_wildcard_has_its_line_and_column():
     text = COSTMAPS + "/**:\n  ros__parameters:\n    robot_radius: -1.0\n"
     with pytest.raises(DocumentError, match=r"n.yaml:6:19: .*robot_radius: found -1.0"):
         read(text)
 
 
-def test_a_file_s_digest_is_that_of_what_it_means(tmp_path):
+def test_file_s_digest_is_that_of_what_it_means(tmp_path):
     one, other, third = (tmp_path / f"{name}.yaml" for name in ("one", "other", "third"))
     one.write_text("/**/amcl: {ros__parameters: {alpha1: 0.5}}")
     other.write_text("amcl: {ros__parameters: {alpha1: 0.5}}")
@@ -100,6 +100,6 @@ def test_a_file_s_digest_is_that_of_what_it_means(tmp_path):
     assert nav2_file(one).digest == nav2_file(other).digest != nav2_file(third).digest
 
 
-def test_a_file_without_wildcards_stays_as_it_is():
+def test_file_without_wildcards_stays_as_it_is():
     document = parse(COSTMAPS)
     assert resolved(document) is document

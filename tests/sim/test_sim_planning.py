@@ -123,14 +123,14 @@ def test_with_a_star_a_plan_is_that_of_navfn_s_a_star():
     assert len(fresh) != len(desk.fresh((1.0, 3.0), (7.0, 1.5)))
 
 
-def test_a_path_begins_where_the_robot_is_and_ends_at_the_goal_itself():
+def test_path_begins_where_the_robot_is_and_ends_at_the_goal_itself():
     desk = Desk(two_doors(), (7.013, 1.489))
     desk.plan(1.0, 3.0)
     assert desk.path[0].tolist() == [20.0, 60.0]
     assert desk.path[-1] * RESOLUTION_M == pytest.approx((7.013, 1.489))
 
 
-def test_a_way_that_closes_is_left_and_taken_again_as_soon_as_it_opens():
+def test_way_that_closes_is_left_and_taken_again_as_soon_as_it_opens():
     desk = Desk(two_doors(), (7.0, 1.5))
     ways = []
     for closed in (False, True, False):
@@ -142,7 +142,7 @@ def test_a_way_that_closes_is_left_and_taken_again_as_soon_as_it_opens():
     assert [1.0 < ways[0] < 2.0, 4.0 < ways[1] < 5.0, 1.0 < ways[2] < 2.0] == [True] * 3
 
 
-def test_a_way_much_longer_than_the_map_s_own_is_found():
+def test_way_much_longer_than_the_map_s_own_is_found():
     cells = two_doors()
     desk = Desk(cells, (7.0, 1.5))
     desk.cost(slice(2, 112), slice(40, 42), 254)
@@ -162,7 +162,7 @@ def test_unknown_ground_that_is_seen_to_be_free_is_driven_at_once():
     assert 1.0 < at_the_wall(desk.path) < 2.0
 
 
-def test_a_goal_in_an_obstacle_is_replaced_by_the_nearest_cell_that_can_be_reached():
+def test_goal_in_an_obstacle_is_replaced_by_the_nearest_cell_that_can_be_reached():
     desk = Desk(two_doors(), (7.0, 1.5))
     desk.cost(slice(24, 37), slice(136, 147), 254)
     assert desk.plan(1.0, 3.0) == 0
@@ -170,7 +170,7 @@ def test_a_goal_in_an_obstacle_is_replaced_by_the_nearest_cell_that_can_be_reach
     assert desk.path[-1] == pytest.approx((135, 30))
 
 
-def test_a_goal_that_is_moved_keeps_its_place_within_the_cell():
+def test_goal_that_is_moved_keeps_its_place_within_the_cell():
     """NavFn looks for another in steps of a cell from the goal, and not at the cells' own points."""
     desk = Desk(two_doors(), (7.013, 1.489))
     desk.cost(slice(25, 36), slice(136, 145), 254)
@@ -181,7 +181,7 @@ def test_a_goal_that_is_moved_keeps_its_place_within_the_cell():
     assert desk.path[-1] * RESOLUTION_M == pytest.approx((desk.m["goal_x"], desk.m["goal_y"]))
 
 
-def test_a_free_cell_that_is_walled_in_is_no_goal():
+def test_free_cell_that_is_walled_in_is_no_goal():
     desk = Desk(two_doors(), (7.0, 1.5))
     desk.cost(slice(26, 35), slice(136, 145), 254)
     desk.cost(slice(29, 32), slice(139, 142), 0)
@@ -201,7 +201,7 @@ def test_where_nothing_near_the_goal_can_be_reached_the_path_stays_as_it_was():
     np.testing.assert_array_equal(desk.path, before)
 
 
-def test_a_path_through_goals_is_navfn_s_leg_by_leg():
+def test_path_through_goals_is_navfn_s_leg_by_leg():
     goals = (7.0, 1.5), (7.0, 5.0), (1.0, 5.0)
     desk = Desk(two_doors(), *goals, kind="navigate_through_poses")
     for _ in range(2):  # the second time with lower bounds at hand
@@ -213,7 +213,7 @@ def test_a_path_through_goals_is_navfn_s_leg_by_leg():
             assert np.hypot(*(desk.path[:, None] - leg[None, ::10]).T).min(axis=1).max() < 1.0
 
 
-def test_a_goal_passed_on_the_way_is_planned_for_no_more():
+def test_goal_passed_on_the_way_is_planned_for_no_more():
     goals = (1.5, 3.0), (7.0, 1.5)
     desk = Desk(two_doors(), *goals, kind="navigate_through_poses")
     assert desk.plan(1.0, 3.0) == 0
@@ -221,7 +221,7 @@ def test_a_goal_passed_on_the_way_is_planned_for_no_more():
     assert len(desk.path) == pytest.approx(len(desk.fresh((1.0, 3.0), goals[1])), abs=2)
 
 
-def test_a_goal_off_the_map_is_told_apart_from_one_without_a_way():
+def test_goal_off_the_map_is_told_apart_from_one_without_a_way():
     assert Desk(two_doors(), (9.0, 1.5)).plan(1.0, 3.0) == GOAL_OUTSIDE
 
 
@@ -250,7 +250,7 @@ def test_lower_bounds_hold_whatever_is_marked():
     assert (desk.memory.bounds.to_goal[0] <= 1.01 * marked).all()
 
 
-def test_a_robot_where_the_map_has_no_room_for_it_is_planned_for_all_the_same():
+def test_robot_where_the_map_has_no_room_for_it_is_planned_for_all_the_same():
     desk = Desk(two_doors(), (7.0, 1.5))
     place = 1.0, 0.2  # inscribed by the wall, beside a cell that is not
     assert desk.memory.travel[4, 20] == 254
@@ -259,7 +259,7 @@ def test_a_robot_where_the_map_has_no_room_for_it_is_planned_for_all_the_same():
     assert desk.path[:-1] == pytest.approx(desk.fresh(place, (7.0, 1.5))[: len(desk.path) - 1])
 
 
-def test_a_plan_where_bounds_are_at_hand_is_one_flood():
+def test_plan_where_bounds_are_at_hand_is_one_flood():
     desk = Desk(two_doors(), (7.0, 1.5))
     desk.plan(1.0, 3.0)
     floods = int(desk.memory.floods[0])

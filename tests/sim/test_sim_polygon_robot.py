@@ -34,7 +34,7 @@ def of_polygon(text, **values):
     return NavParameters(local_costmap=Costmap(footprint=text, **values))
 
 
-def test_a_polygon_counts_in_place_of_the_radius():
+def test_polygon_counts_in_place_of_the_radius():
     outline = outline_of(Costmap(footprint=RECTANGLE, robot_radius=0.1))
     assert outline.tolist() == [[0.36, 0.26], [0.36, -0.26], [-0.36, -0.26], [-0.36, 0.26]]
     assert inscribed_radius_m(outline) == pytest.approx(0.26)
@@ -65,7 +65,7 @@ def test_without_a_polygon_the_robot_is_the_disc_of_its_radius(text):
         ),
     ],
 )
-def test_a_polygon_that_no_robot_has_is_refused(text, right):
+def test_polygon_that_no_robot_has_is_refused(text, right):
     with pytest.raises(ValueError, match=right):
         vertices_of(text)
 
@@ -82,7 +82,7 @@ def inside(outline, x, y):
 
 
 @given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.sampled_from([RECTANGLE, NOTCHED]), st.booleans())
-def test_a_point_is_inside_whatever_form_and_direction_the_outline_has(x, y, text, turned):
+def test_point_is_inside_whatever_form_and_direction_the_outline_has(x, y, text, turned):
     vertices = np.array(vertices_of(text))
     polygon = shapely.Polygon(vertices)
     if polygon.exterior.distance(shapely.Point(x, y)) > 1e-9:
@@ -91,13 +91,13 @@ def test_a_point_is_inside_whatever_form_and_direction_the_outline_has(x, y, tex
         )
 
 
-def test_the_body_is_the_polygon_without_its_padding():
+def test_body_is_the_polygon_without_its_padding():
     robot = robot_of(of_polygon(RECTANGLE))
     assert robot.vertices == ((0.35, 0.25), (0.35, -0.25), (-0.35, -0.25), (-0.35, 0.25))
     assert robot.radius_m == pytest.approx(math.hypot(0.35, 0.25))
 
 
-def test_the_body_is_a_disc_of_the_radius_and_that_of_nav2s_default_file_is_the_turtlebot_4():
+def test_body_is_a_disc_of_the_radius_and_that_of_nav2s_default_file_is_the_turtlebot_4():
     assert robot_of(NavParameters(local_costmap=Costmap(robot_radius=0.4))).radius_m == 0.4
     assert robot_of(NavParameters()).radius_m == 0.17
 
@@ -176,7 +176,7 @@ def test_no_wall_is_entered_however_it_drives_and_turns_and_no_wall_is_met_witho
             assert driven.world.events
 
 
-def test_a_contact_of_a_notched_body_is_one_however_many_convex_parts_it_is_made_of():
+def test_contact_of_a_notched_body_is_one_however_many_convex_parts_it_is_made_of():
     driven = Driven(Pose(4.5, 2.0), NOTCHED)
     driven.drive(0.5, 0.0, 5.0)
     partners = [(event.x_m, event.y_m, event.t_s) for event in driven.world.events]
@@ -185,7 +185,7 @@ def test_a_contact_of_a_notched_body_is_one_however_many_convex_parts_it_is_made
     assert len(partners) == len(whole.world.events)
 
 
-def test_a_turn_beside_a_wall_is_blocked_or_pushes_the_body_away_and_is_a_contact():
+def test_turn_beside_a_wall_is_blocked_or_pushes_the_body_away_and_is_a_contact():
     driven = Driven(Pose(3.0, 0.27))
     driven.drive(0.0, 1.0, 1.5)
     assert driven.world.events

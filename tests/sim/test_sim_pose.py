@@ -17,7 +17,7 @@ from vastflow.sim.model.pose import Pose, pose_of, written_pose_of
         ({"position": {"x": "1.5", "y": "-2"}, "orientation": {"yaw": "1e-1"}}, Pose(1.5, -2.0, 0.1)),
     ],
 )
-def test_a_pose_may_be_short_without_a_yaw_or_of_numbers_in_quotes(value, pose):
+def test_pose_may_be_short_without_a_yaw_or_of_numbers_in_quotes(value, pose):
     assert pose_of(value) == pose
 
 
@@ -36,12 +36,12 @@ def test_what_is_no_number_makes_no_pose(x):
         ({"position": {"x": 1, "y": 2, "yaw": 1.5}}, "position.yaw"),
     ],
 )
-def test_a_heading_in_other_words_is_not_read_over(pose, unread):
+def test_heading_in_other_words_is_not_read_over(pose, unread):
     with pytest.raises(ValueError, match=rf"^goal_pose: found '{unread}'; a pose has x, y and yaw"):
         pose_of(pose, "goal_pose")
 
 
-def test_a_person_s_yaw_of_90_is_not_taken_for_radians():
-    with pytest.raises(ValueError, match=r"^goal_pose: found yaw 90; radians, one turn \(6\.2832\) at most"):
+def test_person_s_yaw_of_90_is_not_taken_for_radians():
+    with pytest.raises(ValueError, match=r"^goal_pose: expected radians, one turn \(6\.2832\) at most, got yaw 90"):
         written_pose_of({"x": 1, "y": 2, "yaw": 90}, "goal_pose")
     assert pose_of({"x": 1, "y": 2, "yaw": 7.0}).yaw_rad == 7.0

@@ -60,11 +60,11 @@ def until_printed(run, label):
         time.sleep(0.005)
 
 
-def test_a_program_that_exits_with_code_0_succeeds(entered):
+def test_program_that_exits_with_code_0_succeeds(entered):
     assert outcome(entered("run_process", command=python("pass")))[0] is Status.SUCCESS
 
 
-def test_a_program_that_exits_with_another_code_fails_with_its_last_words(entered):
+def test_program_that_exits_with_another_code_fails_with_its_last_words(entered):
     status, message = outcome(entered("run_process", command=python("raise SystemExit('no route')")))
     assert status is Status.FAILURE
     assert message.endswith(" exited with code 1: no route")
@@ -79,7 +79,7 @@ def test_a_program_that_exits_with_another_code_fails_with_its_last_words(entere
         ("echo 'a", 'command "echo \'a": no closing quotation'),
     ],
 )
-def test_a_command_that_can_not_be_started_is_no_failure_of_a_program(entered, run, command, message):
+def test_command_that_can_not_be_started_is_no_failure_of_a_program(entered, run, command, message):
     (run.folders.out / "data.txt").touch()
     with pytest.raises(ScenarioError, match=message):
         entered("run_process", command=command)
@@ -97,7 +97,7 @@ def test_quotes_keep_blanks_in_a_word_and_no_shell_reads_the_command(entered, ru
     assert run.labeled("echo").log.read() == b"a  b $HOME > c\n"
 
 
-def test_a_program_nobody_waits_for_succeeds_at_once_and_runs_on(entered, run):
+def test_program_nobody_waits_for_succeeds_at_once_and_runs_on(entered, run):
     action = entered("run_process", "sim", command=python(SLEEPS), wait_for_shutdown=False)
     assert action.update() is Status.SUCCESS
     assert run.waiting
@@ -105,7 +105,7 @@ def test_a_program_nobody_waits_for_succeeds_at_once_and_runs_on(entered, run):
     assert not run.waiting
 
 
-def test_a_program_that_is_given_up_gets_the_signal_of_its_call(entered, run):
+def test_program_that_is_given_up_gets_the_signal_of_its_call(entered, run):
     text = "import signal; signal.signal(signal.SIGUSR1, lambda *_: exit(7)); " + SLEEPS
     usr1 = EnumValue("signal", "sigusr1", 10)
     action = entered("run_process", "sim", command=python(text), shutdown_signal=usr1, shutdown_timeout=20.0)
@@ -115,7 +115,7 @@ def test_a_program_that_is_given_up_gets_the_signal_of_its_call(entered, run):
     assert run.labeled("sim").poll().code == 7
 
 
-def test_a_program_that_ignores_its_signal_is_killed_after_the_timeout_of_its_call(entered, run):
+def test_program_that_ignores_its_signal_is_killed_after_the_timeout_of_its_call(entered, run):
     text = "import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN); " + SLEEPS
     action = entered("run_process", "sim", command=python(text), shutdown_timeout=0.2)
     until_printed(run, "sim")
@@ -123,7 +123,7 @@ def test_a_program_that_ignores_its_signal_is_killed_after_the_timeout_of_its_ca
     assert run.labeled("sim").poll().reason == "did not end within 0.2 s of SIGTERM and was killed"
 
 
-def test_an_action_that_is_repeated_starts_its_program_again(entered, run):
+def test_action_that_is_repeated_starts_its_program_again(entered, run):
     command = python("open('times', 'a').write('x')")
     action = entered("run_process", command=command)
     outcome(action)
@@ -132,7 +132,7 @@ def test_an_action_that_is_repeated_starts_its_program_again(entered, run):
     assert (run.folders.out / "times").read_text() == "xx"
 
 
-def test_a_log_check_succeeds_when_one_of_the_values_is_printed(entered, run):
+def test_log_check_succeeds_when_one_of_the_values_is_printed(entered, run):
     check = entered("process_log_check", process_name="sim", values=["never", "rea"])
     assert check.update() is Status.RUNNING
     assert check.message == "no run_process labeled 'sim' has begun"
@@ -140,26 +140,26 @@ def test_a_log_check_succeeds_when_one_of_the_values_is_printed(entered, run):
     assert outcome(check) == (Status.SUCCESS, "'sim' printed 'rea'")
 
 
-def test_a_log_check_finds_a_value_that_comes_in_two_pieces(entered):
+def test_log_check_finds_a_value_that_comes_in_two_pieces(entered):
     text = "import time; print('one t', end='', flush=True); time.sleep(0.1); print('wo', flush=True); time.sleep(600)"
     entered("run_process", "sim", command=python(text))
     assert outcome(entered("process_log_check", process_name="sim", values=["one two"]))[0] is Status.SUCCESS
 
 
-def test_a_log_check_fails_once_the_value_can_not_come_any_more(entered):
+def test_log_check_fails_once_the_value_can_not_come_any_more(entered):
     entered("run_process", "sim", command=python("print('nothing')"))
     status, message = outcome(entered("process_log_check", process_name="sim", values=["up"]))
     assert (status, message) == (Status.FAILURE, "it ended before 'sim' printed 'up'")
 
 
-def test_a_log_check_from_now_on_does_not_see_what_was_printed_before(entered, run):
+def test_log_check_from_now_on_does_not_see_what_was_printed_before(entered, run):
     entered("run_process", "sim", command=python(SLEEPS))
     until_printed(run, "sim")
     check = entered("process_log_check", process_name="sim", values=["ready"], from_start=False)
     assert check.update() is Status.RUNNING
 
 
-def test_a_process_of_this_run_is_found_by_command_line_label_or_pattern(entered, run):
+def test_process_of_this_run_is_found_by_command_line_label_or_pattern(entered, run):
     entered("run_process", "planner", command=python(SLEEPS))
     until_printed(run, "planner")
 
@@ -178,7 +178,7 @@ def test_processes_of_the_machine_are_not_this_runs(entered):
     assert (action.update(), action.message) == (Status.FAILURE, "no process 'python' of this run is running")
 
 
-def test_a_pattern_that_is_none_is_the_scenarios_error(entered):
+def test_pattern_that_is_none_is_the_scenarios_error(entered):
     with pytest.raises(ScenarioError, match=r"'\(' is no regular expression"):
         entered("check_process_running", process_name="(", regex=True)
 
@@ -224,7 +224,7 @@ def test_resources_are_not_written_outside_of_the_runs_folder(entered):
         ({"key_path": "d.e", "value": "x"}, {"a": {"b": 1, "c": [1, 2]}, "d": {"e": "x"}}),
     ],
 )
-def test_a_value_of_a_yaml_file_is_set(entered, run, arguments, changed):
+def test_value_of_a_yaml_file_is_set(entered, run, arguments, changed):
     (run.folders.out / "x.yaml").write_text("a: {b: 1, c: [1, 2]}\n")
     assert entered("set_yaml_value", file_path="x.yaml", **arguments).update() is Status.SUCCESS
     assert yaml.safe_load((run.folders.out / "x.yaml").read_text()) == changed
@@ -236,12 +236,15 @@ def test_a_value_of_a_yaml_file_is_set(entered, run, arguments, changed):
         ({"key_path": "a.c.2"}, "key_path 'a.c.2' leads nowhere: there is no '2'"),
         ({"key_path": "a.x.y", "create_missing": False}, "key_path 'a.x.y' leads nowhere: there is no 'x'"),
         ({"key_path": "a.x", "create_missing": False}, "key_path 'a.x' leads nowhere: there is no 'x'"),
-        ({"key_path": "a.b", "value_type": "int"}, "found value 'v'; one of type int"),
-        ({"key_path": "a.b", "value_type": "bool"}, "found 'v'; true or false"),
-        ({"key_path": "a.b", "value_type": "text"}, "found value_type 'text'; a value_type of str, int, float, bool"),
+        ({"key_path": "a.b", "value_type": "int"}, "expected one of type int, got value 'v'"),
+        ({"key_path": "a.b", "value_type": "bool"}, "expected true or false, got 'v'"),
+        (
+            {"key_path": "a.b", "value_type": "text"},
+            "expected a value_type of str, int, float, bool, got value_type 'text'",
+        ),
     ],
 )
-def test_a_value_that_can_not_be_set_fails(entered, run, arguments, message):
+def test_value_that_can_not_be_set_fails(entered, run, arguments, message):
     (run.folders.out / "x.yaml").write_text("a: {b: 1, c: [1, 2]}\n")
     action = entered("set_yaml_value", file_path="x.yaml", **{"value": "v", **arguments})
     assert action.update() is Status.FAILURE

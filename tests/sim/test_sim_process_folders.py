@@ -71,7 +71,7 @@ def test_scripts_before_and_after_write_to_out_and_nothing_comes_to_the_machines
     assert set(os.listdir("/")) == before
 
 
-def test_a_program_reads_below_config_and_writes_below_out(begun):
+def test_program_reads_below_config_and_writes_below_out(begun):
     code = "import shutil; shutil.copy('/config/files/given.txt', '/out/given.txt'); open('/out/x.csv', 'w').write('a\\n1\\n')"
     with begun({"files/given.txt": "given", "files/copy.py": code}) as run:
         printed(run, sys.executable, "/config/files/copy.py")
@@ -104,7 +104,7 @@ def test_arguments_of_the_script_before_are_its_own(begun):
         assert printed(run, "printenv", "GOT") == "first-the second\n"
 
 
-def test_a_script_that_is_not_among_the_run_files_is_missed_by_its_name(begun):
+def test_script_that_is_not_among_the_run_files_is_missed_by_its_name(begun):
     with (
         pytest.raises(CommandFailed, match=r"pre_command: there is no file '/config/other\.sh'"),
         begun({}, pre_command="/config/other.sh"),
@@ -112,7 +112,7 @@ def test_a_script_that_is_not_among_the_run_files_is_missed_by_its_name(begun):
         pass
 
 
-def test_a_program_that_is_not_among_the_run_files_is_said_to_be_missing_there(begun):
+def test_program_that_is_not_among_the_run_files_is_said_to_be_missing_there(begun):
     with begun({"a.txt": "a"}) as run:
         with pytest.raises(NotStarted, match=r"no file that execution\.run_files matches lies there"):
             run.start(["/config/other.py"])
@@ -120,7 +120,7 @@ def test_a_program_that_is_not_among_the_run_files_is_said_to_be_missing_there(b
             run.start(["no-such-program", "/out"])
 
 
-def test_a_file_of_bytes_is_never_rewritten(begun):
+def test_file_of_bytes_is_never_rewritten(begun):
     content = b"\0 /config/x"
     with begun({"a.txt": "/config/x"}) as run:
         (run.folders.config / "data.bin").write_bytes(content)
@@ -128,7 +128,7 @@ def test_a_file_of_bytes_is_never_rewritten(begun):
         assert (run.folders.config / "data.bin").read_bytes() == content
 
 
-def test_a_run_keeps_no_namespace_after_its_end(begun):
+def test_run_keeps_no_namespace_after_its_end(begun):
     before = len(os.listdir("/proc/self/fd")) if Path("/proc").is_dir() else 0
     with begun({"a.txt": "a"}) as run:
         printed(run, "cat", "/config/a.txt")
@@ -136,7 +136,7 @@ def test_a_run_keeps_no_namespace_after_its_end(begun):
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").is_file(), reason="signals are read from /proc")
-def test_a_program_that_names_a_folder_has_the_arguments_environment_and_signals_of_any_other(begun):
+def test_program_that_names_a_folder_has_the_arguments_environment_and_signals_of_any_other(begun):
     show = (
         "printf '%s|' \"$@\"; env | grep -e ^LC_ -e ^GIVEN; grep -e SigIgn -e SigBlk /proc/self/status; pwd; ulimit -a"
     )
@@ -162,7 +162,7 @@ def test_names_are_rewritten_where_they_begin_a_path(text, rewritten):
 
 
 @given(st.text())
-def test_a_text_without_a_name_is_left_as_it_is(text):
+def test_text_without_a_name_is_left_as_it_is(text):
     if not named_in([text]):
         assert FOLDERS.rewritten(text) == text
 
@@ -179,7 +179,7 @@ def test_a_text_without_a_name_is_left_as_it_is(text):
         ("/opt/ros/setup.bash", None),
     ],
 )
-def test_a_name_below_config_is_a_path_below_the_campaigns_folder(name, path):
+def test_name_below_config_is_a_path_below_the_campaigns_folder(name, path):
     assert below_config(name) == path
 
 
@@ -200,18 +200,18 @@ def test_can_mount_is_false_without_bubblewrap(monkeypatch, tmp_path):
     assert not mounts.can_mount.__wrapped__()
 
 
-def test_a_machine_that_forbids_mounts_is_known():
+def test_machine_that_forbids_mounts_is_known():
     forbid = 'echo 0 > /proc/sys/user/max_mnt_namespaces; exec "$@"'
     assert probed("unshare", "--user", "--map-root-user", "sh", "-c", forbid, "sh") == "False"
 
 
 @pytest.mark.skipif(not mounts.can_mount(), reason="bubblewrap is missing, or this machine forbids namespaces")
-def test_a_user_who_may_not_mount_does_so_as_the_root_of_a_user_namespace():
+def test_user_who_may_not_mount_does_so_as_the_root_of_a_user_namespace():
     dropped = ("setpriv", "--bounding-set=-sys_admin", "--inh-caps=-all")
     assert probed(*dropped) == probed(*dropped, "unshare", "--user", "--map-current-user")
 
 
-def test_a_map_is_handed_to_programs_with_its_picture_and_one_that_changed_is_told(tmp_path):
+def test_map_is_handed_to_programs_with_its_picture_and_one_that_changed_is_told(tmp_path):
     folder = tmp_path / "maps"
     folder.mkdir()
     (folder / "hall.yml").write_text("{image: hall.pgm, resolution: 0.05, origin: [0, 0, 0]}")

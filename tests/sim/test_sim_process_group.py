@@ -77,16 +77,16 @@ def until_printed(group, text=b"ready"):
         time.sleep(0.005)
 
 
-def test_a_program_that_exits_with_code_0_has_no_reason_to_give(started):
+def test_program_that_exits_with_code_0_has_no_reason_to_give(started):
     ended = started("print('hello')").wait(120)
     assert (ended.code, ended.signal, ended.killed, ended.reason) == (0, "", False, "")
 
 
-def test_an_exit_code_is_a_reason(started):
+def test_exit_code_is_a_reason(started):
     assert started("raise SystemExit(3)").wait(120).reason == "exited with code 3"
 
 
-def test_the_log_has_standard_output_and_error(started):
+def test_log_has_standard_output_and_error(started):
     group = started("import sys; print('out', flush=True); print('err', file=sys.stderr)")
     group.wait(120)
     group.stop()
@@ -94,7 +94,7 @@ def test_the_log_has_standard_output_and_error(started):
     assert group.log.last_line() == "err"
 
 
-def test_a_signal_that_ended_a_program_is_named(started):
+def test_signal_that_ended_a_program_is_named(started):
     ended = started("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)").wait(120)
     assert (ended.code, ended.signal, ended.reason) == (None, "SIGSEGV", "was ended by SIGSEGV")
 
@@ -108,7 +108,7 @@ def interruptible():
 
 
 @pytest.mark.usefixtures("interruptible")
-def test_a_program_that_sleeps_for_ever_ends_by_the_signal_it_is_sent(started):
+def test_program_that_sleeps_for_ever_ends_by_the_signal_it_is_sent(started):
     group = started("import time; print('ready', flush=True); time.sleep(600)")
     until_printed(group)  # earlier Python ends with code 1
     assert group.wait(0.05) is None
@@ -117,7 +117,7 @@ def test_a_program_that_sleeps_for_ever_ends_by_the_signal_it_is_sent(started):
     assert not group.poll().killed
 
 
-def test_a_program_that_ignores_sigterm_is_killed_after_its_time(started):
+def test_program_that_ignores_sigterm_is_killed_after_its_time(started):
     group = started(STUBBORN)
     until_printed(group)
     ended = group.stop(timeout_s=0.3)
@@ -141,7 +141,7 @@ def test_children_that_a_program_leaves_behind_end_when_it_is_stopped(started, m
     assert list(marked(mark)) == []
 
 
-def test_a_child_without_a_mark_is_found_by_its_parents(started, tmp_path):
+def test_child_without_a_mark_is_found_by_its_parents(started, tmp_path):
     group = started(HIDES)
     until_printed(group)
     (child,) = [int(pid) for pid in _children(group.pid)]
@@ -161,7 +161,7 @@ def test_children_in_the_group_have_the_rest_of_the_time_to_end_in_order(started
     assert (tmp_path / "saved").exists()
 
 
-def test_a_flood_is_cut_and_the_program_never_waits_for_its_reader(started):
+def test_flood_is_cut_and_the_program_never_waits_for_its_reader(started):
     group = started("import os\nfor _ in range(1700): os.write(1, b'x' * 65536)", max_log_bytes=1 << 20)
     assert group.wait(120).code == 0
     group.stop()
@@ -171,29 +171,29 @@ def test_a_flood_is_cut_and_the_program_never_waits_for_its_reader(started):
     assert group.log.last_line() == "[the log was cut here: more than 1048576 bytes]"
 
 
-def test_a_program_that_is_not_there_is_not_started(started):
+def test_program_that_is_not_there_is_not_started(started):
     with pytest.raises(NotStarted, match=r"'no-such-program' could not be started: no program of this name in PATH"):
         started(command=["no-such-program"])
 
 
-def test_a_file_that_is_not_there_is_not_started(started):
+def test_file_that_is_not_there_is_not_started(started):
     with pytest.raises(NotStarted, match=r"'\./gone' could not be started: there is no such file"):
         started(command=["./gone"])
 
 
-def test_a_file_that_is_not_executable_is_not_started(started, tmp_path):
+def test_file_that_is_not_executable_is_not_started(started, tmp_path):
     (tmp_path / "data").write_text("#!/bin/sh\n")
     with pytest.raises(NotStarted, match=r"'\./data' could not be started: it is not executable"):
         started(command=["./data"])
 
 
-def test_a_script_without_a_first_line_is_not_started(started, tmp_path):
+def test_script_without_a_first_line_is_not_started(started, tmp_path):
     executable(tmp_path / "script", "exit 0\n")
     with pytest.raises(NotStarted, match="neither a binary of this machine nor a script with a #! line"):
         started(command=["./script"])
 
 
-def test_a_script_whose_interpreter_is_missing_is_not_started(started, tmp_path):
+def test_script_whose_interpreter_is_missing_is_not_started(started, tmp_path):
     executable(tmp_path / "script", "#!/no/such/interpreter\n")
     with pytest.raises(NotStarted, match="the interpreter its first line names was not found"):
         started(command=["./script"])

@@ -27,7 +27,7 @@ def test_columns_of_a_csv_have_the_types_of_their_values():
     assert notes == ()
 
 
-def test_a_value_that_is_not_there_is_no_number():
+def test_value_that_is_not_there_is_no_number():
     columns, _ = csv("n,x,yes,who\n1,,true,a\n,2.5,,\n")
     np.testing.assert_array_equal(columns["n"], [1.0, np.nan])
     np.testing.assert_array_equal(columns["x"], [np.nan, 2.5])
@@ -40,25 +40,25 @@ def test_moments_are_seconds():
     assert (columns["when"].tolist(), columns["at"].tolist()) == ([60.0], [30.0])
 
 
-def test_a_type_follows_from_all_rows_of_a_long_file():
+def test_type_follows_from_all_rows_of_a_long_file():
     columns, _ = csv("x\n" + "1\n" * 600_000 + "0.5\n")
     assert columns["x"].dtype == np.float64
     assert columns["x"][-1] == 0.5
 
 
-def test_a_header_alone_is_a_table_without_rows():
+def test_header_alone_is_a_table_without_rows():
     columns, _ = csv("a,b\n")
     assert {name: values.shape for name, values in columns.items()} == {"a": (0,), "b": (0,)}
 
 
-def test_a_second_column_of_one_name_is_left_out():
+def test_second_column_of_one_name_is_left_out():
     columns, notes = csv("a,a\n1,2\n")
     assert columns["a"].tolist() == [1]
     assert notes == ("a second column 'a' is left out",)
 
 
 @each_row("text", ["", "a,b\n1\n", "a,b\n1,2,3\n"])
-def test_a_broken_csv_is_no_table(text):
+def test_broken_csv_is_no_table(text):
     with pytest.raises(TableFault, match="not a table: "):
         csv(text)
 
@@ -101,7 +101,7 @@ def test_only_what_is_new_or_changed_was_written_by_the_run(tmp_path):
     assert list(found.tables) == ["sub/new"]
 
 
-def test_a_broken_table_is_noted_and_kept_as_a_file(tmp_path):
+def test_broken_table_is_noted_and_kept_as_a_file(tmp_path):
     (tmp_path / "good.csv").write_text("a\n1\n")
     (tmp_path / "bad.csv").write_text("a,b\n1\n")
     found = read_outputs(tmp_path, {})
@@ -150,17 +150,17 @@ def test_links_out_of_the_folder_are_not_followed(tmp_path):
     assert [left.path for left in found.left_out] == ["broken", "file", "folder", "loop"]
 
 
-def test_a_pipe_is_not_read(tmp_path):
+def test_pipe_is_not_read(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     (left,) = read_outputs(tmp_path, {}).left_out
     assert (left.path, left.why) == ("pipe", "not a file but a device, pipe or socket")
 
 
-def test_a_name_that_is_no_text_can_be_written_down(tmp_path):
+def test_name_that_is_no_text_can_be_written_down(tmp_path):
     with open(os.fsencode(tmp_path) + b"/\xff", "w") as file:
         file.write("x")
     assert list(read_outputs(tmp_path, {}).files) == ["\\xff"]
 
 
-def test_a_folder_that_can_not_be_listed_is_noted(tmp_path):
+def test_folder_that_can_not_be_listed_is_noted(tmp_path):
     assert read_outputs(tmp_path / "gone", {}).notes == (".: No such file or directory",)

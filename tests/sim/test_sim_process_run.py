@@ -49,7 +49,7 @@ def said(run, text):
     return group.log.read().decode().strip()
 
 
-def test_a_run_works_in_a_folder_of_its_own_with_its_files(begun, tmp_path):
+def test_run_works_in_a_folder_of_its_own_with_its_files(begun, tmp_path):
     with begun() as run:
         assert said(run, "import os; print(os.getcwd(), sorted(os.listdir()))") == f"{run.folders.out} ['given.txt']"
         folder = run.folders.out
@@ -57,7 +57,7 @@ def test_a_run_works_in_a_folder_of_its_own_with_its_files(begun, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["campaign"]
 
 
-def test_a_program_has_the_campaigns_environment_and_this_process_own(begun, monkeypatch):
+def test_program_has_the_campaigns_environment_and_this_process_own(begun, monkeypatch):
     monkeypatch.setenv("FROM_HERE", "1")
     with begun(environment={"FROM_THE_CAMPAIGN": "2"}) as run:
         assert said(run, "import os; print(os.environ['FROM_HERE'], os.environ['FROM_THE_CAMPAIGN'])") == "1 2"
@@ -102,18 +102,18 @@ def test_what_the_pre_command_started_runs_until_the_end(begun, campaign):
         ("kill -9 $$", r"pre_command 'pre\.sh' was ended by SIGKILL"),
     ],
 )
-def test_a_pre_command_that_fails_ends_the_run_with_its_reason(begun, campaign, text, reason):
+def test_pre_command_that_fails_ends_the_run_with_its_reason(begun, campaign, text, reason):
     (campaign / "pre.sh").write_text(text)
     with pytest.raises(CommandFailed, match=reason), begun(pre_command="pre.sh"):
         pass
 
 
-def test_a_pre_command_that_is_not_there_is_told(begun):
+def test_pre_command_that_is_not_there_is_told(begun):
     with pytest.raises(CommandFailed, match=r"pre_command: there is no file 'pre\.sh'"), begun(pre_command="pre.sh"):
         pass
 
 
-def test_the_post_command_gets_the_runs_folder_and_may_add_to_it(begun, campaign):
+def test_post_command_gets_the_runs_folder_and_may_add_to_it(begun, campaign):
     (campaign / "post.sh").write_text('#!/bin/sh\necho "$1" > "$2/after.txt"; echo done; exit 4\n')
     (campaign / "post.sh").chmod(0o755)
     with begun(post_command="post.sh 'two words'") as run:
@@ -123,13 +123,13 @@ def test_the_post_command_gets_the_runs_folder_and_may_add_to_it(begun, campaign
     assert record.logs[-1].text == "done\n"
 
 
-def test_a_post_command_that_takes_too_long_is_killed(begun, monkeypatch):
+def test_post_command_that_takes_too_long_is_killed(begun, monkeypatch):
     monkeypatch.setattr(run_module, "COMMAND_TIMEOUT_S", 0.2)
     with begun(post_command="sh -c 'sleep 600'") as run:
         assert run.close().post_command == "took longer than 0.2 s and was killed"
 
 
-def test_a_post_command_that_can_not_be_started_is_noted(begun):
+def test_post_command_that_can_not_be_started_is_noted(begun):
     with begun(post_command="no-such-program") as run:
         assert "no program of this name in PATH" in run.close().post_command
 
@@ -159,7 +159,7 @@ def test_nothing_is_left_when_a_run_is_given_up(begun):
     assert run.pids() == set()
 
 
-def test_a_daemon_that_was_seen_before_it_hid_ends_with_the_run(begun):
+def test_daemon_that_was_seen_before_it_hid_ends_with_the_run(begun):
     text = (
         "import os, subprocess, sys, time\n"
         "subprocess.Popen(['sleep', '600'], start_new_session=True, env={})\n"
@@ -225,20 +225,20 @@ def test_resources_can_be_written_as_a_table(tmp_path):
     assert (tmp_path / "use.csv").read_text() == "t_s,cpu_s,rss_bytes,processes\n0.000,0.50,1024,1\n"
 
 
-def test_a_run_inside_of_another_bears_both_marks(begun, monkeypatch):
+def test_run_inside_of_another_bears_both_marks(begun, monkeypatch):
     monkeypatch.setenv(VARIABLE, "outer.")
     with begun() as run:
         assert said(run, f"import os; print(os.environ['{VARIABLE}'])").startswith("outer.")
 
 
-def test_a_folder_that_a_program_locked_is_removed_all_the_same(begun):
+def test_folder_that_a_program_locked_is_removed_all_the_same(begun):
     with begun() as run:
         said(run, "import os; os.mkdir('a'); open('a/b', 'w'); os.chmod('a', 0)")
         folder = Path(run.folders.out)
     assert not os.path.lexists(folder)
 
 
-def test_a_run_leaves_no_descriptor_and_no_thread_behind(begun):
+def test_run_leaves_no_descriptor_and_no_thread_behind(begun):
     def descriptors():
         return len(os.listdir("/proc/self/fd"))
 

@@ -28,7 +28,7 @@ def read(record):
     return q.time_steps, q.max_velocity[2], q.CostCritic.cost_weight, q.CostCritic.enabled
 
 
-def test_a_kernel_reads_numbers_lists_and_groups_by_their_names():
+def test_kernel_reads_numbers_lists_and_groups_by_their_names():
     assert read(record_of(Controller())) == (56, 2.0, 3.81, 1)
 
 

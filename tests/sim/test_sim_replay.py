@@ -67,12 +67,12 @@ def test_of_the_global_costs_the_part_asked_for_is_kept(replayed):
     assert patch.costs.shape == (30, 60)
 
 
-def test_a_part_outside_the_map_is_empty(short):
+def test_part_outside_the_map_is_empty(short):
     (snapshot,) = replay(short, 3, 7, {0: Box(20.0, 20.0, 21.0, 21.0)}).snapshots
     assert snapshot.global_costs.costs.size == 0
 
 
-def test_the_scan_lies_where_the_walls_and_the_box_are(replayed):
+def test_scan_lies_where_the_walls_and_the_box_are(replayed):
     scan = replayed.snapshots[0].scan_xy_m
     walls = np.abs(scan[:, [0]] - [0.2, 8.2]).min(axis=1) < 0.1
     walls |= np.abs(scan[:, [1]] - [0.2, 5.2]).min(axis=1) < 0.1
@@ -93,7 +93,7 @@ def test_marks_of_the_local_costmap_lie_where_the_scan_does(replayed):
     assert away.max() < 0.06
 
 
-def test_the_plan_leads_to_the_goal_and_the_controller_has_its_beginning(replayed):
+def test_plan_leads_to_the_goal_and_the_controller_has_its_beginning(replayed):
     snapshot = replayed.snapshots[1]
     assert np.hypot(*(snapshot.plan_xy_m[-1] - (7.0, 4.0))) < 0.1
     ahead = snapshot.ahead_xy_m
@@ -112,7 +112,7 @@ def test_what_mppi_intends_begins_at_the_estimate_and_goes_on_for_its_horizon(re
     assert 0.1 < np.hypot(*(intended[-1] - intended[0])) <= 56 * 0.05 * 0.5
 
 
-def test_the_particles_are_round_the_robot(replayed):
+def test_particles_are_round_the_robot(replayed):
     particles, moment = replayed.snapshots[-1].particles, replayed.moments[-1]
     assert particles.shape[0] >= 500 and particles.shape[1] == 3
     assert np.hypot(*(particles[:, :2].mean(axis=0) - (moment.true.x_m, moment.true.y_m))) < 0.5
@@ -133,14 +133,14 @@ def test_behaviors_alone_may_differ(replayed):
     assert difference.what == "behaviors" and "else" in str(difference.recorded)
 
 
-def test_a_snapshot_stays_as_it_is_while_the_run_goes_on(replayed):
+def test_snapshot_stays_as_it_is_while_the_run_goes_on(replayed):
     first, later = replayed.snapshots[0], replayed.snapshots[2]
     assert first.moment.tick == 2 and first.moment.recoveries == 0
     assert not np.array_equal(first.scan_xy_m, later.scan_xy_m)
     assert first.moment.error_m < 0.01
 
 
-def test_the_overview_of_a_large_map_keeps_walls_and_gives_way_to_what_is_known(drawn, saved):
+def test_overview_of_a_large_map_keeps_walls_and_gives_way_to_what_is_known(drawn, saved):
     rows = ["#" * 90, "#" + "." * 44 + "?" * 45, "#" + "." * 44 + "?" * 45, "#" + "." * 44 + "?" * 45, "#" * 90]
     scenario = Scenario(
         "builtin:navigate_to_pose",
@@ -176,19 +176,19 @@ def test_equal_recordings_do_not_differ():
     assert first_difference(a_recording(), a_recording()) is None
 
 
-def test_a_difference_names_the_row_the_time_and_both_values():
+def test_difference_names_the_row_the_time_and_both_values():
     found = first_difference(a_recording(), tampered("x_mm", 12))
     assert found == Difference("x_mm", 12, 1.2, 84, 85)
     assert str(found) == "row 12 (1.20 s), x_mm: recorded 84, executed 85"
 
 
-def test_the_earliest_row_counts_and_not_the_first_column():
+def test_earliest_row_counts_and_not_the_first_column():
     late, early = tampered("x_mm", 12).columns, tampered("y_mm", 5).columns
     both = Recording(a_recording().run, {**a_recording().columns, "x_mm": late["x_mm"], "y_mm": early["y_mm"]})
     assert first_difference(a_recording(), both) == Difference("y_mm", 5, 0.5, 15, 16)
 
 
-def test_a_run_that_is_longer_differs_where_the_other_has_ended():
+def test_run_that_is_longer_differs_where_the_other_has_ended():
     recording = a_recording()
     shorter = Recording(recording.run, {name: column[:15] for name, column in recording.columns.items()})
     found = first_difference(recording, shorter)
@@ -196,7 +196,7 @@ def test_a_run_that_is_longer_differs_where_the_other_has_ended():
     assert str(first_difference(shorter, recording)) == "row 15 (1.50 s), t_ms: recorded nothing, executed 1500"
 
 
-def test_a_column_that_one_lacks_differs_from_its_beginning():
+def test_column_that_one_lacks_differs_from_its_beginning():
     recording = a_recording()
     fewer = Recording(recording.run, {name: c for name, c in recording.columns.items() if name != "y_mm"})
     assert first_difference(fewer, recording) == Difference("y_mm", 0, 0.0, None, 0)

@@ -77,17 +77,17 @@ def test_what_is_repeated_below_meets_the_physics_engine(noisy):
     assert {"spawned", "contact", "obstacle_moved"} <= kinds
 
 
-def test_a_run_repeated_is_the_same_bytes(noisy):
+def test_run_repeated_is_the_same_bytes(noisy):
     assert content(run(noisy, 1, 5)) == content(run(noisy, 1, 5))
 
 
-def test_a_run_in_a_batch_is_the_run_alone_and_the_order_does_not_matter(noisy):
+def test_run_in_a_batch_is_the_run_alone_and_the_order_does_not_matter(noisy):
     batch = [run(noisy, index, 5) for index in (2, 0, 1)]
     assert content(batch[2]) == content(run(noisy, 1, 5))
     assert content(run(noisy, 0, 5), run(noisy, 1, 5), run(noisy, 2, 5)) == content(batch[1], batch[2], batch[0])
 
 
-def test_a_run_after_another_map_mission_and_system_is_the_same_bytes(noisy, scenario, saved):
+def test_run_after_another_map_mission_and_system_is_the_same_bytes(noisy, scenario, saved):
     alone = content(run(noisy, 1, 5))
     other = np.zeros((70, 90), dtype=np.int8)
     other[[0, -1]], other[:, [0, -1]] = 100, 100
@@ -99,7 +99,7 @@ def test_a_run_after_another_map_mission_and_system_is_the_same_bytes(noisy, sce
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("controller", "before"), [("rpp", ""), ("mppi", ""), ("rpp", THE_USER_S_OWN)])
-def test_a_run_in_a_new_process_is_the_same_bytes(scenario, controller, before):
+def test_run_in_a_new_process_is_the_same_bytes(scenario, controller, before):
     """Where this process had to compile its kernels, the new one loads them: cold and warm give the same bytes too."""
     noisy = scenario(obstacles=[CRATE, LATE], controller=controller, **NOISE)
     map_file = noisy.environment["map_file"]
@@ -127,7 +127,7 @@ def test_another_run_or_another_seed_is_another_recording(noisy, run_index, seed
     assert run(noisy, run_index, seed).digest != run(noisy, 1, 5).digest
 
 
-def test_the_seed_of_a_run_is_in_its_recording(noisy):
+def test_seed_of_a_run_is_in_its_recording(noisy):
     assert run(noisy, 1, 5).run.seed == f"5:{int(noisy.situation_digest, 16):x}:1"
 
 
@@ -150,7 +150,7 @@ def test_two_systems_in_one_situation_meet_the_same_noise(scenario):
     np.testing.assert_array_equal(first_scan(one)[0], first_scan(other)[0])
 
 
-def test_the_scan_is_perturbed_from_the_lidar_s_own_stream(scenario):
+def test_scan_is_perturbed_from_the_lidar_s_own_stream(scenario):
     noisy = scenario(**NOISE)
     before = streams_of(run_entropy(0, noisy.situation_digest, 1))
     after = first_scan(noisy)[1]

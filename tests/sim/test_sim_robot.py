@@ -13,7 +13,7 @@ SPEEDS = st.floats(-3.0, 3.0)
 
 @given(SPEEDS, SPEEDS, st.floats(0.1, 2.0), st.floats(0.1, 5.0), st.floats(0.001, 0.1))
 @settings(deadline=None)
-def test_a_limited_command_keeps_both_limits_and_is_as_near_to_the_command_as_they_allow(
+def test_limited_command_keeps_both_limits_and_is_as_near_to_the_command_as_they_allow(
     command, previous, limit, acceleration, dt_s
 ):
     previous = min(max(previous, -limit), limit)
@@ -27,7 +27,7 @@ def test_a_limited_command_keeps_both_limits_and_is_as_near_to_the_command_as_th
 
 @given(st.floats(-9, 9), st.floats(-9, 9), st.floats(-4, 4), SPEEDS, SPEEDS, st.floats(0.001, 1.0))
 @settings(deadline=None)
-def test_an_arc_is_the_formula_of_the_circle(x, y, yaw, v, w, dt_s):
+def test_arc_is_the_formula_of_the_circle(x, y, yaw, v, w, dt_s):
     new_x, new_y, new_yaw = arc(x, y, yaw, v, w, dt_s)
     assert new_yaw == pytest.approx(yaw + w * dt_s)
     if abs(w) > 1e-3:
@@ -50,7 +50,7 @@ def test_without_turning_the_arc_is_a_straight_line():
 
 @given(st.floats(-50, 50))
 @settings(deadline=None)
-def test_a_wrapped_angle_is_the_same_direction_between_minus_pi_and_pi(angle):
+def test_wrapped_angle_is_the_same_direction_between_minus_pi_and_pi(angle):
     found = wrapped(angle)
     assert -math.pi <= found < math.pi
     assert math.cos(found - angle) == pytest.approx(1.0)

@@ -33,11 +33,11 @@ def seen(scenario):
     return scans, recording
 
 
-def test_a_robot_with_another_scanner_arrives(seen):
+def test_robot_with_another_scanner_arrives(seen):
     assert seen[1].run.outcome == "succeeded"
 
 
-def test_a_scan_has_the_beams_and_the_ranges_of_the_robots_own_scanner(seen):
+def test_scan_has_the_beams_and_the_ranges_of_the_robots_own_scanner(seen):
     first = seen[0][1]
     assert first.shape == (181,)
     assert first[90] == pytest.approx(4.1 - 1.1, abs=0.03)  # the wall before it, from the mount
@@ -49,14 +49,14 @@ def test_scans_come_at_the_scanners_rate(seen):
     assert set(np.diff(changes)) == {4}
 
 
-def test_the_actuators_hold_their_own_limits_whatever_is_commanded(seen):
+def test_actuators_hold_their_own_limits_whatever_is_commanded(seen):
     columns = seen[1].columns
     assert columns["command_speed_mmps"].max() == 500
     assert columns["speed_mmps"].max() == pytest.approx(300, abs=2)
     assert np.diff(columns["speed_mmps"].astype(int)).max() <= 52  # 0.5 m/s² in 0.1 s
 
 
-def test_the_controller_commands_at_the_files_rate(scenario, tmp_path):
+def test_controller_commands_at_the_files_rate(scenario, tmp_path):
     """At 10 Hz a command stands for two ticks."""
     (tmp_path / "nav2.yaml").write_text(
         "controller_server: {ros__parameters: {controller_frequency: 10.0, controller_plugins: [FollowPath], FollowPath: "
@@ -95,13 +95,13 @@ def through_a_door(saved, scenario):
     return drive
 
 
-def test_a_rectangle_passes_a_door_that_it_fits_lengthwise(through_a_door):
+def test_rectangle_passes_a_door_that_it_fits_lengthwise(through_a_door):
     """Its 0.9 m pass 1.05 m, its 1.1 m would not."""
     recording = through_a_door(21)
     assert (recording.run.outcome, recording.run.reason) == ("succeeded", "")
 
 
-def test_a_rectangle_does_not_pass_a_door_narrower_than_itself(through_a_door):
+def test_rectangle_does_not_pass_a_door_narrower_than_itself(through_a_door):
     recording = through_a_door(17)
     assert recording.run.outcome == "aborted"
     assert recording.columns["x_mm"].max() < 4900

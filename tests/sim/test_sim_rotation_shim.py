@@ -71,7 +71,7 @@ def first_moves(found):
     )
 
 
-def test_a_file_s_shim_has_its_own_parameters_and_the_controller_its_own():
+def test_file_s_shim_has_its_own_parameters_and_the_controller_its_own():
     text = f"plugin: {SHIM}, primary_controller: {CLASSES['rpp'].replace('::', '/')}, angular_dist_threshold: 0.5"
     found = read(f"{text}, rotate_to_heading_angular_vel: 1.1, desired_linear_vel: 0.3, lookahead_time: 2.0")
     shim, controller = found.parameters.rotation_shim, found.parameters.controller
@@ -81,7 +81,7 @@ def test_a_file_s_shim_has_its_own_parameters_and_the_controller_its_own():
 
 
 @each_row("name", CLASSES)
-def test_a_stack_with_a_shim_is_the_same_read_from_its_document(name):
+def test_stack_with_a_shim_is_the_same_read_from_its_document(name):
     stack = shimmed(name, forward_sampling_distance=0.7, rotate_to_goal_heading=True)
     assert interpretation(document_of(stack)).parameters == stack
 
@@ -94,12 +94,12 @@ def test_a_stack_with_a_shim_is_the_same_read_from_its_document(name):
         (f"plugin: {SHIM}, primary_controller: mine::Own", "no controller 'mine::Own' is known"),
     ],
 )
-def test_a_shim_without_a_controller_is_refused(text, fault):
+def test_shim_without_a_controller_is_refused(text, fault):
     with pytest.raises(DocumentError, match=fault):
         read(text)
 
 
-def test_the_key_controller_keeps_a_file_s_shim_round_the_controller_that_it_names(tmp_path):
+def test_key_controller_keeps_a_file_s_shim_round_the_controller_that_it_names(tmp_path):
     file = tmp_path / "nav2.yaml"
     file.write_text(
         "controller_server: {ros__parameters: {controller_plugins: [FollowPath], "
@@ -126,7 +126,7 @@ def test_with_the_path_behind_it_the_robot_turns_in_place_until_it_looks_along_a
     assert not np.array_equal(rates[:20], first_moves(over_a_floor(alone(name), yaw_rad=3.0))[1][:20])
 
 
-def test_a_plug_in_of_one_s_own_drives_in_a_shim(tmp_path, over_a_floor):
+def test_plug_in_of_one_s_own_drives_in_a_shim(tmp_path, over_a_floor):
     (tmp_path / "own.py").write_text(PLUG_IN)
     file = tmp_path / "nav2.yaml"
     file.write_text(
@@ -141,7 +141,7 @@ def test_a_plug_in_of_one_s_own_drives_in_a_shim(tmp_path, over_a_floor):
     assert stack.controller.speed == 0.4
 
 
-def test_the_acceleration_limits_the_first_turn_and_the_angle_left_the_last(over_a_floor):
+def test_acceleration_limits_the_first_turn_and_the_angle_left_the_last(over_a_floor):
     found = over_a_floor(shimmed("rpp", angular_dist_threshold=0.05, max_angular_accel=1.0), yaw_rad=2.0)
     _, rates, _ = first_moves(found)
     # A row is two ticks of 50 ms: at most 0.1 rad/s more or less in each, seen from what odometry reports.
@@ -159,7 +159,7 @@ def test_at_the_goal_the_robot_turns_to_its_heading_where_the_shim_is_told_so(ov
     assert found.columns["command_yaw_rate_mradps"][near].max() == pytest.approx(1800)
 
 
-def test_a_robot_that_can_not_turn_in_place_leaves_the_path_to_the_controller(over_a_floor):
+def test_robot_that_can_not_turn_in_place_leaves_the_path_to_the_controller(over_a_floor):
     cells = np.zeros((80, 280), dtype=bool)
     cells[45:47, 5:40] = True
     stack = shimmed("rpp")

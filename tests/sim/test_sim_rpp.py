@@ -162,7 +162,7 @@ VARIANTS = [
     points=st.integers(2, 57),
     parameters=st.sampled_from(VARIANTS),
 )
-def test_the_command_is_that_of_the_plain_reading(seed, yaw, end_yaw, v, w, points, parameters):
+def test_command_is_that_of_the_plain_reading(seed, yaw, end_yaw, v, w, points, parameters):
     rng = np.random.default_rng(seed)
     heading = yaw + rng.normal(0.0, 0.6) + np.cumsum(rng.normal(0.0, 0.1, points))
     # A spacing of which no multiple is a threshold: there rounding decides.
@@ -189,7 +189,7 @@ def test_on_a_circle_it_drives_the_circle_slower_by_its_radius(radius_m):
     assert v == pytest.approx(0.5 * abs(radius_m) / 0.9, rel=1e-3)
 
 
-def test_a_tight_circle_is_driven_at_the_least_regulated_speed():
+def test_tight_circle_is_driven_at_the_least_regulated_speed():
     assert command(arc(0.44))[1] == pytest.approx(0.25)
 
 
@@ -216,7 +216,7 @@ def test_near_the_plans_end_it_slows_by_the_distance():
     assert command(straight(length_m=0.31))[1] == pytest.approx(0.5 * 0.3 / 0.6)
 
 
-def test_a_plan_that_ends_here_and_yet_not_at_the_goal_is_approached_at_the_least_speed():
+def test_plan_that_ends_here_and_yet_not_at_the_goal_is_approached_at_the_least_speed():
     assert command(straight(length_m=0.04), memory=rpp.new_memory(0.01))[1] == pytest.approx(0.05)
 
 
@@ -225,7 +225,7 @@ def test_towards_a_plan_behind_it_turns_in_place_no_faster_than_its_acceleration
     assert command(straight(-3.0), twist=(0.0, -1.75)) == (True, 0.0, pytest.approx(-1.8))
 
 
-def test_a_turn_in_place_ends_slowly_enough_to_stop():
+def test_turn_in_place_ends_slowly_enough_to_stop():
     valid, v, w = command(straight(length_m=0.1), yaw=0.3, twist=(0.0, -1.8), end_yaw=0.2)
     assert (valid, v) == (True, 0.0)
     assert w == pytest.approx(-math.sqrt(2 * 3.2 * 0.1))
@@ -257,24 +257,24 @@ def test_that_the_goal_was_reached_holds_until_a_reset():
     assert command(straight(), memory=memory, end_yaw=1.0)[1] == pytest.approx(0.5)
 
 
-def test_a_controller_without_state_forgets_at_once_that_it_was_at_the_goal():
+def test_controller_without_state_forgets_at_once_that_it_was_at_the_goal():
     memory, stateless = rpp.new_memory(0.25), DEFAULT.with_values(stateful=False)
     assert command(straight(length_m=0.1), memory=memory, parameters=stateless)[1] == 0.0
     assert command(straight(), memory=memory, parameters=stateless)[1] == pytest.approx(0.5)
 
 
-def test_a_wall_across_the_way_ahead_leaves_no_valid_command():
+def test_wall_across_the_way_ahead_leaves_no_valid_command():
     assert command(straight(), walls((0, CELLS, 42, 44))) == (False, 0.0, 0.0)
 
 
-def test_a_wall_beyond_one_second_of_driving_is_not_minded_yet():
+def test_wall_beyond_one_second_of_driving_is_not_minded_yet():
     # The last step within a second is at 0.45 m, where the outline reaches 2.192 m, and the wall begins at 2.2 m.
     brisk = DEFAULT.with_values(cost_scaling_dist=0.1)
     assert command(straight(), walls((0, CELLS, 44, 46)), parameters=brisk) == (True, pytest.approx(0.5), 0.0)
     assert not command(straight(), walls((0, CELLS, 43, 46)), parameters=brisk)[0]
 
 
-def test_a_wall_beyond_the_carrot_is_not_minded():
+def test_wall_beyond_the_carrot_is_not_minded():
     assert command(straight(length_m=0.31), walls((0, CELLS, 43, 44)))[0]
 
 
@@ -298,5 +298,5 @@ def test_without_collision_detection_a_wall_is_driven_into():
     assert command(straight(), walls((0, CELLS, 42, 44)), parameters=blind)[0]
 
 
-def test_the_default_parameters_are_in_their_ranges():
+def test_default_parameters_are_in_their_ranges():
     assert RppParameters.model_validate(dict(DEFAULT)) == DEFAULT

@@ -49,7 +49,7 @@ def final_m(recording, x, y):
     return math.hypot(si(recording.columns["x_mm"])[-1] - x, si(recording.columns["y_mm"])[-1] - y)
 
 
-def test_the_robot_goes_through_the_door_to_its_goal(scenario):
+def test_robot_goes_through_the_door_to_its_goal(scenario):
     recording = run(scenario(), 0)
     assert (recording.run.outcome, recording.run.error_code, recording.run.reason) == ("succeeded", 0, "")
     assert kinds(recording, "goal_reached") == ["0"]
@@ -59,14 +59,14 @@ def test_the_robot_goes_through_the_door_to_its_goal(scenario):
     assert 6.5 < recording.run.distance_m < 9.0
 
 
-def test_the_robot_faces_the_way_the_goal_says(scenario):
+def test_robot_faces_the_way_the_goal_says(scenario):
     recording = run(scenario(goal_pose={"x": 7.0, "y": 4.0, "yaw": 2.5}), 0)
     assert recording.run.outcome == "succeeded"
     yaw_error = si(recording.columns["estimated_yaw_mrad"])[-1] - 2.5
     assert abs(math.remainder(yaw_error, 2 * math.pi)) <= 0.251
 
 
-def test_a_goal_is_reached_by_the_robot_s_own_estimate_within_the_tolerance(scenario):
+def test_goal_is_reached_by_the_robot_s_own_estimate_within_the_tolerance(scenario):
     estimates = []  # in the ticks after which the goal counts as reached
 
     def look(stack, _):
@@ -123,7 +123,7 @@ def test_waypoints_are_repeated_loops_times_after_the_first_round(scenario):
     assert kinds(recording, "goal_reached") == ["0", "1"] * 3
 
 
-def test_a_mission_ends_as_timed_out_at_its_simulated_time(scenario):
+def test_mission_ends_as_timed_out_at_its_simulated_time(scenario):
     recording = run(scenario(timeout_s=3.0), 0)
     assert (recording.run.outcome, recording.run.error_code) == ("timed_out", 0)
     assert recording.run.reason == "the scenario did not end within its time, waiting for nav_to_pose"
@@ -142,7 +142,7 @@ def walled_off(saved, two_rooms):
     return saved(OccupancyMap(cells, 0.05, (0.0, 0.0)))
 
 
-def test_a_goal_behind_a_wall_is_given_up_after_the_round_of_recoveries(scenario, walled_off):
+def test_goal_behind_a_wall_is_given_up_after_the_round_of_recoveries(scenario, walled_off):
     recording = run(scenario(map_file=walled_off), 0)
     assert (recording.run.outcome, recording.run.error_code) == ("aborted", 208)
     assert recording.run.reason.startswith("no path to the goal (NO_VALID_PATH), after ")
@@ -155,7 +155,7 @@ def test_a_goal_behind_a_wall_is_given_up_after_the_round_of_recoveries(scenario
     assert kinds(recording, "plan_failed") == ["208"] * 14
 
 
-def test_a_waypoint_behind_a_wall_is_missed_and_the_next_one_reached(scenario, walled_off):
+def test_waypoint_behind_a_wall_is_missed_and_the_next_one_reached(scenario, walled_off):
     goals = [{"x": 7.0, "y": 4.0}, {"x": 3.0, "y": 4.0}]
     recording = run(scenario("follow_waypoints", map_file=walled_off, goal_poses=goals), 0)
     assert recording.run.outcome == "succeeded"
@@ -170,14 +170,14 @@ def test_one_goal_of_many_behind_a_wall_aborts_a_mission_through_poses(scenario,
     assert (recording.run.outcome, recording.run.error_code) == ("aborted", 308)
 
 
-def test_a_goal_in_a_wall_is_replaced_by_the_nearest_one_within_the_tolerance(scenario):
+def test_goal_in_a_wall_is_replaced_by_the_nearest_one_within_the_tolerance(scenario):
     recording = run(scenario(goal_pose={"x": 8.3, "y": 3.0, "yaw": 0.0}), 0)
     assert recording.run.outcome == "succeeded"
     assert 0.2 < final_m(recording, 8.3, 3.0) < 1.0
 
 
 @each_row("start_pose", [{"x": 4.2, "y": 4.5}, {"x": 0.1, "y": 0.1}, {"x": -5.0, "y": 2.0}, {"x": 0.25, "y": 3.0}])
-def test_a_robot_that_starts_in_a_wall_or_outside_the_map_ends_with_an_outcome_and_a_reason(scenario, start_pose):
+def test_robot_that_starts_in_a_wall_or_outside_the_map_ends_with_an_outcome_and_a_reason(scenario, start_pose):
     recording = run(scenario(start_pose=start_pose), 0)
     assert recording.run.outcome == "succeeded" or recording.run.reason
     assert np.isfinite(recording.run.distance_m)
@@ -186,7 +186,7 @@ def test_a_robot_that_starts_in_a_wall_or_outside_the_map_ends_with_an_outcome_a
 CRATE = {"entity_name": "crate", "model": "box", "xacro_arguments": "width:=0.6", "spawn_pose": {"x": 2.6, "y": 1.7}}
 
 
-def test_an_obstacle_on_the_way_is_driven_round(scenario):
+def test_obstacle_on_the_way_is_driven_round(scenario):
     recording = run(scenario(obstacles=[CRATE]), 0)
     assert recording.run.outcome == "succeeded"
     assert kinds(recording, "contact") == []
@@ -195,7 +195,7 @@ def test_an_obstacle_on_the_way_is_driven_round(scenario):
     assert min(crate.distance(Point(*point)) for point in way) > Robot().radius_m
 
 
-def test_an_obstacle_in_the_door_closes_the_only_way(scenario):
+def test_obstacle_in_the_door_closes_the_only_way(scenario):
     plug = {**CRATE, "xacro_arguments": "width:=1.1, length:=0.3", "spawn_pose": {"x": 4.2, "y": 2.4}}
     recording = run(scenario(obstacles=[plug], timeout_s=240.0), 0)
     assert recording.run.outcome == "aborted"
@@ -218,7 +218,7 @@ def test_noise_and_dropout_reach_the_robot(scenario):
     assert len({recording.digest for recording in (blind, noisy, clear)}) == 3
 
 
-def test_the_first_of_two_equal_timesteps_of_localization_is_marked(scenario):
+def test_first_of_two_equal_timesteps_of_localization_is_marked(scenario):
     localized = run(scenario(), 0).columns["localized"]
     assert localized[:4].tolist() in ([0, 1, 0, 0], [0, 0, 1, 0])
     assert set(localized.tolist()) == {0, 1}
@@ -246,7 +246,7 @@ def on_its_way(prepared, parameters, lidar, robot, start, mission, obstacles, en
     return loop
 
 
-def test_a_body_that_pushes_a_wall_stays_while_its_wheels_and_odometry_turn_on(wide):
+def test_body_that_pushes_a_wall_stays_while_its_wheels_and_odometry_turn_on(wide):
     loop = on_its_way(*wide())
     m = loop.stack.m[0]
     rolled_m, truly_m = 0.0, 0.0
@@ -260,7 +260,7 @@ def test_a_body_that_pushes_a_wall_stays_while_its_wheels_and_odometry_turn_on(w
     assert rolled_m > truly_m + 0.2
 
 
-def test_a_run_s_memory_is_free_as_soon_as_nobody_looks_at_it(wide):
+def test_run_s_memory_is_free_as_soon_as_nobody_looks_at_it(wide):
     loop = on_its_way(*wide())
     loop.advance(20)
     grids = weakref.ref(loop.stack.grids.costs)
@@ -295,7 +295,7 @@ def test_contacts_are_told_with_the_reason_of_the_outcome(wide):
     assert run.reason == f"the mission did not end within its time; {told} with wall at {first.t_s:.1f} s"
 
 
-def test_a_run_tick_by_tick_is_the_run_in_one_go(wide):
+def test_run_tick_by_tick_is_the_run_in_one_go(wide):
     whole, by_ticks = on_its_way(*wide()), on_its_way(*wide())
     whole.advance()
     for tick in range(whole.tick + 1):
@@ -325,7 +325,7 @@ def at(recording, t_s):
     return si(recording.columns["x_mm"])[row], si(recording.columns["y_mm"])[row]
 
 
-def test_an_obstacle_appears_when_the_robot_comes_within_its_distance(scenario):
+def test_obstacle_appears_when_the_robot_comes_within_its_distance(scenario):
     recording = run(scenario(obstacles=[appearing(1.0)]), 0)
     (spawned,) = happened(recording, "spawned")
     assert (spawned.what, spawned.x_m, spawned.y_m) == ("carton", 3.0, 2.4)
@@ -334,7 +334,7 @@ def test_an_obstacle_appears_when_the_robot_comes_within_its_distance(scenario):
 
 
 @each_row("delay_s", [0.4, 0.8])
-def test_an_obstacle_with_a_delay_appears_that_much_after_its_trigger(scenario, delay_s):
+def test_obstacle_with_a_delay_appears_that_much_after_its_trigger(scenario, delay_s):
     (at_once,) = happened(run(scenario(obstacles=[appearing(1.5)]), 0), "spawned")
     carton = appearing(1.5)
     late = {**carton, "spawn_trigger": {**carton["spawn_trigger"], "delay": delay_s}}
@@ -353,20 +353,20 @@ def test_what_appeared_is_driven_round(scenario):
     assert min(carton.distance(Point(*point)) for point in way) > Robot().radius_m
 
 
-def test_an_obstacle_that_nobody_comes_near_does_not_appear(scenario):
+def test_obstacle_that_nobody_comes_near_does_not_appear(scenario):
     without = run(scenario(), 0)
     recording = run(scenario(obstacles=[appearing(0.5, x=1.0, y=4.5)]), 0)
     assert happened(recording, "spawned") == []
     assert recording.run.outcome == without.run.outcome == "succeeded"
 
 
-def test_an_obstacle_whose_distance_the_robot_starts_within_is_there_from_the_first_scan(scenario):
+def test_obstacle_whose_distance_the_robot_starts_within_is_there_from_the_first_scan(scenario):
     recording = run(scenario(obstacles=[appearing(5.0)]), 0)
     (spawned,) = happened(recording, "spawned")
     assert spawned.t_s == 0.0
 
 
-def test_a_box_that_appears_right_before_the_robot_is_struck_pushed_and_told(scenario):
+def test_box_that_appears_right_before_the_robot_is_struck_pushed_and_told(scenario):
     """At 0.5 m/s and 0.38 m from its center there is no stopping, nor time for a scan."""
     recording = run(scenario(obstacles=[appearing(0.38)]), 0)
     (spawned,) = happened(recording, "spawned")
@@ -377,7 +377,7 @@ def test_a_box_that_appears_right_before_the_robot_is_struck_pushed_and_told(sce
     assert " with carton at " in recording.run.reason
 
 
-def test_a_box_that_appears_on_the_robot_is_a_contact_and_the_run_ends_all_the_same(scenario):
+def test_box_that_appears_on_the_robot_is_a_contact_and_the_run_ends_all_the_same(scenario):
     recording = run(scenario(obstacles=[appearing(3.0, x=1.1, y=1.0)], timeout_s=60.0), 0)
     assert happened(recording, "contact")[0].what == "carton"
     assert recording.run.outcome == "succeeded" or recording.run.reason
@@ -386,16 +386,20 @@ def test_a_box_that_appears_on_the_robot_is_a_contact_and_the_run_ends_all_the_s
 @each_row(
     ("changes", "error", "message"),
     [
-        ({"map_file": "map.yaml"}, ScenarioError, "map_file: found 'map.yaml'; a map file that the campaign names"),
+        (
+            {"map_file": "map.yaml"},
+            ScenarioError,
+            "map_file: expected a map file that the campaign names, got 'map.yaml'",
+        ),
         ({"robot_radius": -1}, ParameterError, "robot_radius must lie in"),
     ],
 )
-def test_a_scenario_that_can_not_be_executed_says_why(scenario, changes, error, message):
+def test_scenario_that_can_not_be_executed_says_why(scenario, changes, error, message):
     with pytest.raises(error, match=message):
         run(scenario(**changes), 0)
 
 
-def test_a_map_that_changed_since_the_campaign_was_read_is_not_executed(scenario, two_rooms):
+def test_map_that_changed_since_the_campaign_was_read_is_not_executed(scenario, two_rooms):
     changed = FileContent(two_rooms.path, "0" * 64)
     with pytest.raises(
         ScenarioError, match=r"map_file: .* changed since the campaign was read; run the campaign again"

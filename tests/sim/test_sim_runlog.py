@@ -16,10 +16,10 @@ LOG = RunLog(
 
 
 @each_row("log", [LOG, RunLog(0.0, 0.5, 0.25, 1000)])
-def test_a_log_comes_back_from_json_as_it_was(log):
+def test_log_comes_back_from_json_as_it_was(log):
     assert run_log_of(json.loads(json.dumps(run_log_row(log)))) == log
 
 
-def test_a_row_with_other_keys_is_no_log():
+def test_row_with_other_keys_is_no_log():
     with pytest.raises(KeyError, match="wall_s"):
         run_log_of({key: value for key, value in run_log_row(LOG).items() if key != "wall_s"})

@@ -19,7 +19,7 @@ TEXT = """
 """
 
 
-def test_a_file_is_read_once_for_all_its_scenarios(staged):
+def test_file_is_read_once_for_all_its_scenarios(staged):
     scenario = staged(TEXT)
     first = definition_of(scenario.abstract)
     for _ in range(3):

@@ -196,7 +196,7 @@ def test_most_ticks_of_a_drive_are_passed_over(staged, monkeypatch):
     assert len(made) < 8
 
 
-def test_a_run_repeated_is_the_same(mixed):
+def test_run_repeated_is_the_same(mixed):
     first = run(mixed, 2)
     for other in (0, 1):
         run(mixed, other)
@@ -209,7 +209,7 @@ def test_runs_differ_from_one_another(mixed):
     assert run(mixed, 0, 1).digest != run(mixed, 0, 0).digest
 
 
-def test_a_run_of_a_file_that_lies_elsewhere_is_the_same(staged, mixed):
+def test_run_of_a_file_that_lies_elsewhere_is_the_same(staged, mixed):
     moved = staged(MIXED)
     assert moved.abstract.path != mixed.abstract.path
     assert moved.digest == mixed.digest
@@ -236,7 +236,7 @@ def test_another_word_in_the_file_is_another_scenario_with_the_same_noise(staged
 
 
 @pytest.mark.slow
-def test_a_run_in_another_process_is_the_same(mixed):
+def test_run_in_another_process_is_the_same(mixed):
     code = f"""
 from pathlib import Path
 from vastflow.sim.reading.abstract import abstract_content
@@ -259,7 +259,7 @@ def test_runs_in_threads_do_not_disturb_each_other(staged, mixed):
         assert [each.result().digest for each in beside] == alone
 
 
-def test_a_run_within_a_run_disturbs_neither(staged, mixed):
+def test_run_within_a_run_disturbs_neither(staged, mixed):
     inner = staged(TEXTS["in the world"])
     alone, inner_alone = run(mixed, 0).digest, run(inner, 1).digest
     within = []
@@ -268,7 +268,7 @@ def test_a_run_within_a_run_disturbs_neither(staged, mixed):
 
 
 @each_row("name", TEXTS)
-def test_a_replay_is_the_run_and_looks_at_every_tick(staged, name):
+def test_replay_is_the_run_and_looks_at_every_tick(staged, name):
     scenario = staged(TEXTS[name], timeout_s=30.0)
     replayed, executed = replay(scenario, 1, 0, {}), run(scenario, 1)
     assert replayed.recording.digest == executed.digest
@@ -276,7 +276,7 @@ def test_a_replay_is_the_run_and_looks_at_every_tick(staged, name):
     assert [moment.tick for moment in replayed.moments] == list(range(ticks))
 
 
-def test_a_watched_run_is_looked_at_after_just_the_ticks_asked_for(mixed):
+def test_watched_run_is_looked_at_after_just_the_ticks_asked_for(mixed):
     seen = []
     watched = run(
         mixed,
@@ -288,7 +288,7 @@ def test_a_watched_run_is_looked_at_after_just_the_ticks_asked_for(mixed):
     assert watched.digest == run(mixed, 0).digest
 
 
-def test_the_table_of_behaviors_is_in_the_digest(staged):
+def test_table_of_behaviors_is_in_the_digest(staged):
     """Two files that do the same under other labels."""
     one, other = run(staged("one: wait elapsed(1s)"), 0), run(staged("two: wait elapsed(1s)"), 0)
     assert one.run == other.run

@@ -30,13 +30,13 @@ REFUSED = "Nav2 takes no goal before the robot was told where it is; init_nav2 f
         ),
     ],
 )
-def test_a_robot_that_a_scenario_never_gave_a_goal_has_not_failed(staged, text, why):
+def test_robot_that_a_scenario_never_gave_a_goal_has_not_failed(staged, text, why):
     with pytest.raises(ScenarioError) as raised:
         run(staged(text, start_pose={"x": 1.0, "y": 1.0}, timeout_s=3.0), 0)
     assert str(raised.value).startswith(f"the robot was never given a goal: {why}")
 
 
-def test_a_campaign_whose_time_is_over_before_the_mission_begins_says_so(staged):
+def test_campaign_whose_time_is_over_before_the_mission_begins_says_so(staged):
     with pytest.raises(ScenarioError, match="never given a goal: the scenario did not end within its time"):
         run(staged("robot.nav_to_pose(near)", timeout_s=0.04), 0)
 
@@ -49,16 +49,16 @@ def test_a_campaign_whose_time_is_over_before_the_mission_begins_says_so(staged)
         ("wait 1 == 2", "timed_out"),
     ],
 )
-def test_a_scenario_that_sends_its_robot_nowhere_on_purpose_ends_as_it_says(staged, text, outcome):
+def test_scenario_that_sends_its_robot_nowhere_on_purpose_ends_as_it_says(staged, text, outcome):
     assert run(staged(text, timeout_s=3.0), 0).run.outcome == outcome
 
 
-def test_a_mission_that_is_taken_back_at_once_was_given(staged):
+def test_mission_that_is_taken_back_at_once_was_given(staged):
     text = "parallel:\n    robot.nav_to_pose(near)\n    serial:\n        wait elapsed(0.2s)\n        emit fail"
     assert run(staged(text), 0).run.outcome == "failed"
 
 
-def test_a_mission_that_was_given_before_an_expression_has_no_value_is_not_judged_either(staged):
+def test_mission_that_was_given_before_an_expression_has_no_value_is_not_judged_either(staged):
     text = "parallel:\n    robot.nav_to_pose(near)\n    serial:\n        wait elapsed(1s)\n        log(1 / 0)"
     with pytest.raises(ScenarioError, match=r"trial\.osc:.*zero"):
         run(staged(text), 0)

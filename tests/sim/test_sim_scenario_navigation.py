@@ -40,7 +40,7 @@ def at(recording, t_s, name):
     return si(recording.columns[name])[np.searchsorted(recording.columns["t_ms"], round(t_s * 1000))]
 
 
-def test_a_mission_written_in_a_file_is_the_shipped_one_but_for_its_places(staged, scenario):
+def test_mission_written_in_a_file_is_the_shipped_one_but_for_its_places(staged, scenario):
     """The map's and the task's digest seed the noise, so both have to be given alike."""
     start, goal = {"x": 1.0, "y": 1.0}, {"x": 3.0, "y": 4.0}
     text = """
@@ -56,7 +56,7 @@ def test_a_mission_written_in_a_file_is_the_shipped_one_but_for_its_places(stage
     assert all((ours.columns[name] == column).all() for name, column in shipped.columns.items())
 
 
-def test_a_goal_succeeds_at_the_first_tenth_of_a_second_after_the_robot_is_there(staged):
+def test_goal_succeeds_at_the_first_tenth_of_a_second_after_the_robot_is_there(staged):
     recording = run(staged("robot.nav_to_pose(near)"), 0)
     (reached,) = [event.t_s for event in recording.run.events if event.kind == "goal_reached"]
     ((ended_s, status, _),) = ends(recording, "nav_to_pose")
@@ -74,7 +74,7 @@ def test_three_goals_in_turn_are_reached_in_turn(staged):
     assert math.dist(final(recording), (1.0, 1.0)) < 0.4
 
 
-def test_a_goal_that_is_sent_again_where_the_robot_stands_is_reached_at_once(staged):
+def test_goal_that_is_sent_again_where_the_robot_stands_is_reached_at_once(staged):
     recording = run(staged("serial:\n    repeat(2)\n    robot.nav_to_pose(near)"), 0)
     assert recording.run.outcome == "succeeded"
     first, second = ends(recording, "nav_to_pose")
@@ -82,7 +82,7 @@ def test_a_goal_that_is_sent_again_where_the_robot_stands_is_reached_at_once(sta
     assert second[0] - first[0] < 2.0
 
 
-def test_a_timeout_takes_the_mission_away_and_the_robot_brakes_and_stands(staged):
+def test_timeout_takes_the_mission_away_and_the_robot_brakes_and_stands(staged):
     text = """
         serial:
             failure_is_success()
@@ -101,7 +101,7 @@ def test_a_timeout_takes_the_mission_away_and_the_robot_brakes_and_stands(staged
     assert math.dist(final(recording), (3.0, 4.0)) < 0.4
 
 
-def test_a_robot_whose_mission_was_taken_away_brakes_as_its_smoother_lets_it(staged):
+def test_robot_whose_mission_was_taken_away_brakes_as_its_smoother_lets_it(staged):
     recording = run(staged("serial:\n    running_is_success()\n    robot.nav_to_pose(near)\nwait elapsed(1s)"), 0)
     assert recording.run.outcome == "succeeded"
     assert recording.run.distance_m < 0.01
@@ -136,7 +136,7 @@ def test_another_goal_takes_the_place_of_the_one_before(staged):
     assert recording.run.reason.startswith("another goal took its place; first at trial.osc:")
 
 
-def test_a_branch_that_lost_its_goal_does_not_cancel_the_goal_that_took_its_place(staged):
+def test_branch_that_lost_its_goal_does_not_cancel_the_goal_that_took_its_place(staged):
     text = """
         parallel:
             serial:
@@ -159,7 +159,7 @@ def test_waypoints_loop_as_often_as_the_file_says(staged):
 
 
 @each_row("action", ["nav_through_poses", "follow_waypoints"])
-def test_a_mission_without_goals_can_not_work(staged, action):
+def test_mission_without_goals_can_not_work(staged, action):
     with pytest.raises(ScenarioError, match=rf"no goals; one or more; {action} at trial\.osc:"):
         run(
             staged(f"none: list of pose_3d\ndo serial:\n    robot.init_nav2(start)\n    robot.{action}(none)", none=[]),
@@ -167,7 +167,7 @@ def test_a_mission_without_goals_can_not_work(staged, action):
         )
 
 
-def test_a_goal_before_the_initial_pose_is_refused_as_nav2_refuses_it(staged):
+def test_goal_before_the_initial_pose_is_refused_as_nav2_refuses_it(staged):
     text = """
         do parallel:
             serial:
@@ -196,7 +196,7 @@ def test_without_a_pose_of_its_own_init_nav2_waits(staged):
     assert recording.columns["localized"].sum() == 0
 
 
-def test_an_initial_pose_that_is_to_come_from_elsewhere_is_waited_for(staged):
+def test_initial_pose_that_is_to_come_from_elsewhere_is_waited_for(staged):
     text = """
         do parallel:
             told: robot.init_nav2(start, wait_for_initial_pose: true)
@@ -210,7 +210,7 @@ def test_an_initial_pose_that_is_to_come_from_elsewhere_is_waited_for(staged):
     assert 1.0 < t_s < 1.5
 
 
-def test_a_kidnapped_robot_takes_itself_to_be_where_it_was_told(staged):
+def test_kidnapped_robot_takes_itself_to_be_where_it_was_told(staged):
     """`start_pose` is where it stands, the argument of init_nav2 what it is told."""
     told_wrong = staged("wait elapsed(1s)", start_pose={"x": 1.0, "y": 4.0})
     columns = run(told_wrong, 0).columns
@@ -230,7 +230,7 @@ def test_another_init_nav2_puts_a_lost_robot_right(staged):
     assert math.dist(final(recording), (3.0, 4.0)) < 0.4
 
 
-def test_an_initial_pose_on_the_way_leaves_the_mission_alone(staged):
+def test_initial_pose_on_the_way_leaves_the_mission_alone(staged):
     text = """
         parallel:
             robot.nav_to_pose(near)
@@ -249,7 +249,7 @@ def test_what_nav2_gives_up_is_aborted_with_its_code_and_its_reason(staged, wall
     assert recording.run.reason.startswith("no path to the goal (NO_VALID_PATH), after 15 recoveries; nav_to_pose at ")
 
 
-def test_a_goal_that_was_given_up_can_be_tried_again_and_each_try_counts_its_own_recoveries(staged, walled_off):
+def test_goal_that_was_given_up_can_be_tried_again_and_each_try_counts_its_own_recoveries(staged, walled_off):
     recording = run(staged("serial:\n    retry(2)\n    robot.nav_to_pose(beyond)", map_file=walled_off), 0)
     first, second = ends(recording, "nav_to_pose")
     assert first[1:] == second[1:] == ("FAILURE", "no path to the goal (NO_VALID_PATH), after 15 recoveries")
@@ -263,14 +263,14 @@ def test_after_an_abort_that_does_not_matter_the_robot_goes_elsewhere(staged, wa
     assert math.dist(final(recording), (3.0, 4.0)) < 0.4
 
 
-def test_a_missed_waypoint_fails_the_round_at_its_end(staged, walled_off):
+def test_missed_waypoint_fails_the_round_at_its_end(staged, walled_off):
     recording = run(staged("robot.follow_waypoints([beyond, above])", map_file=walled_off), 0)
     assert (recording.run.outcome, recording.run.missed_goals, recording.run.error_code) == ("failed", 1, 0)
     assert recording.run.reason.startswith("1 of the waypoints could not be reached; follow_waypoints at trial.osc:")
     assert math.dist(final(recording), (3.0, 4.0)) < 0.4
 
 
-def test_a_waypoint_that_may_be_missed_is_no_failure(staged, walled_off):
+def test_waypoint_that_may_be_missed_is_no_failure(staged, walled_off):
     text = "robot.follow_waypoints([beyond, above], allow_missed_waypoints: true)"
     recording = run(staged(text, map_file=walled_off), 0)
     assert (recording.run.outcome, recording.run.missed_goals) == ("succeeded", 1)

@@ -34,13 +34,13 @@ def statuses(recording, name):
         ("serial:\n    inverter()\n    log('done')", "failed", "inverter at trial.osc:"),
     ],
 )
-def test_the_end_of_a_scenario_has_an_outcome_and_a_reason(staged, text, outcome, reason):
+def test_end_of_a_scenario_has_an_outcome_and_a_reason(staged, text, outcome, reason):
     recording = run(staged(text, timeout_s=5.0), 0)
     assert (recording.run.outcome, recording.run.error_code) == (outcome, 0)
     assert recording.run.reason.startswith(reason) and bool(reason) == bool(recording.run.reason)
 
 
-def test_a_timeout_of_the_whole_scenario_is_its_time(staged):
+def test_timeout_of_the_whole_scenario_is_its_time(staged):
     text = "timeout(2s)\ndo serial:\n    robot.init_nav2(start)\n    robot.nav_to_pose(beyond)"
     recording = run(staged(text), 0)
     assert (recording.run.outcome, recording.run.simulated_s) == ("timed_out", 2.2)
@@ -48,7 +48,7 @@ def test_a_timeout_of_the_whole_scenario_is_its_time(staged):
 
 
 @each_row("timeout_s", [2.0, 2.05, 2.1])
-def test_the_campaign_s_timeout_ends_a_run_at_its_last_whole_tenth_of_a_second(staged, timeout_s):
+def test_campaign_s_timeout_ends_a_run_at_its_last_whole_tenth_of_a_second(staged, timeout_s):
     recording = run(
         staged("robot.nav_to_pose(beyond)", timeout_s=timeout_s), 0, watch=lambda *_: None, watch_ticks=range(99)
     )
@@ -66,7 +66,7 @@ def test_emit_end_ends_the_run_while_the_robot_drives(staged):
     assert statuses(recording, "nav_to_pose")[-1][1] == "RUNNING"
 
 
-def test_a_scenario_whose_robot_never_moves_is_a_run_too(staged):
+def test_scenario_whose_robot_never_moves_is_a_run_too(staged):
     recording = run(staged("do serial:\n    wait elapsed(2s)", start_pose={"x": 2.0, "y": 2.0}), 0)
     assert (recording.run.outcome, recording.run.simulated_s, recording.run.distance_m) == ("succeeded", 2.1, 0.0)
     assert set(recording.columns["x_mm"].tolist()) == {2000}
@@ -80,26 +80,28 @@ def test_values_of_a_configuration_take_the_place_of_the_file_s(staged):
     assert given.log.lines == ("0.1 s: from outside", "0.1 s: 5")
 
 
-def test_a_value_that_is_none_of_its_parameter_is_refused(staged):
+def test_value_that_is_none_of_its_parameter_is_refused(staged):
     scenario = staged("count: int = 1\ndo serial:\n    robot.init_nav2(start)", count="many")
-    with pytest.raises(ParameterMismatch, match="parameter count of scenario trial: found 'many'; a whole number"):
+    with pytest.raises(
+        ParameterMismatch, match="parameter count of scenario trial: expected a whole number, got 'many'"
+    ):
         run(scenario, 0)
 
 
-def test_a_robot_that_nothing_puts_anywhere_is_said_before_the_run(staged):
+def test_robot_that_nothing_puts_anywhere_is_said_before_the_run(staged):
     with pytest.raises(ScenarioError, match="start_pose: nothing says where the robot stands at first"):
         run(staged("do serial:\n    robot.nav_to_pose(near)"), 0)
 
 
-def test_a_second_robot_is_refused_with_its_place(staged):
+def test_second_robot_is_refused_with_its_place(staged):
     text = "other: differential_drive_robot\ndo serial:\n    robot.init_nav2(start)\n    other.nav_to_pose(near)\n    robot.nav_to_pose(near)"
     with pytest.raises(
-        ValueError, match=r"trial.osc:17:9: found a second robot 'other'; 'robot' alone, for a world has"
+        ValueError, match=r"trial.osc:17:9: expected 'robot' alone, for a world has, got a second robot 'other'"
     ):
         run(staged(text), 0)
 
 
-def test_a_map_that_is_only_for_a_program_makes_no_world(staged):
+def test_map_that_is_only_for_a_program_makes_no_world(staged):
     recording = run(staged("map_file: string = ''\ndo serial:\n    compare(map_file, '!=', '')"), 0)
     assert (recording.run.outcome, recording.columns) == ("succeeded", {})
 
@@ -181,7 +183,7 @@ KEPT_ALWAYS = {"t_ms", "x_mm", "estimated_x_mm", "speed_mmps", "localized"}
         ("'/amcl_pose', '/cmd_vel_nav'", {"covariance_xx_mm2", "command_yaw_rate_mradps"}, ("sent_",)),
     ],
 )
-def test_a_bag_keeps_the_columns_of_its_topics_and_those_that_judge_a_run(staged, topics, kept, left_out):
+def test_bag_keeps_the_columns_of_its_topics_and_those_that_judge_a_run(staged, topics, kept, left_out):
     body = f"do parallel:\n    bag_record([{topics}])\n    serial:\n        robot.init_nav2(start)\n        emit end"
     execution = execute(staged(body), 0)
     columns = execution.recording.columns
@@ -201,7 +203,7 @@ def test_runs_that_come_to_their_bag_and_runs_that_do_not_fit_into_one_block(sta
     assert [r.run for r in read_recordings(write_recordings(recordings))] == [r.run for r in recordings]
 
 
-def test_a_bag_whose_topics_only_a_run_knows_keeps_everything(staged):
+def test_bag_whose_topics_only_a_run_knows_keeps_everything(staged):
     scenario = staged("bag_record([random.get_random_string(['/tf', '/cmd_vel'])])", timeout_s=1.0)
     assert script_of(scenario).topics is None
     assert tuple(run(scenario, 0).columns) == COLUMNS
@@ -215,7 +217,7 @@ def test_what_follows_a_bag_goes_on_while_it_records(staged):
     assert si(recording.columns["x_mm"])[-1] > 2.5
 
 
-def test_a_bag_alone_needs_no_robot(staged):
+def test_bag_alone_needs_no_robot(staged):
     scenario = staged("do serial:\n    bag_record(['/tf'])\n    wait elapsed(1s)")
     recording = run(Scenario(scenario.abstract, 9.0, {}, {}, {}), 0)
     assert (recording.run.outcome, recording.run.simulated_s, recording.columns) == ("succeeded", 1.1, {})

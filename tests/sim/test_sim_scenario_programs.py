@@ -46,7 +46,7 @@ def running(mark):
     return found
 
 
-def test_a_program_runs_in_host_time_while_the_robot_drives(staged):
+def test_program_runs_in_host_time_while_the_robot_drives(staged):
     code = program("import time; time.sleep(0.6); print('done')")
     text = f"parallel:\n    robot.nav_to_pose(near)\n    waited: run_process({code})"
     began_s = time.monotonic()
@@ -59,7 +59,7 @@ def test_a_program_runs_in_host_time_while_the_robot_drives(staged):
     assert execution.recording.run.outcome == "succeeded"
 
 
-def test_a_program_beside_it_changes_nothing_for_the_robot(staged):
+def test_program_beside_it_changes_nothing_for_the_robot(staged):
     beside = f"parallel:\n    robot.nav_to_pose(near)\n    run_process({program('pass')})"
     plain = execute(staged("robot.nav_to_pose(near)"), 0).recording
     paced = execute(staged(beside), 0).recording
@@ -67,7 +67,7 @@ def test_a_program_beside_it_changes_nothing_for_the_robot(staged):
         assert (paced.columns[name][: len(column)] == column).all(), name
 
 
-def test_a_program_that_dies_fails_the_scenario_with_its_last_words(staged):
+def test_program_that_dies_fails_the_scenario_with_its_last_words(staged):
     code = program("import sys, time; time.sleep(0.4); print('lost the map', file=sys.stderr); sys.exit(3)")
     execution = execute(staged(f"parallel:\n    robot.nav_to_pose(near)\n    run_process({code})"), 0)
     run = execution.recording.run
@@ -77,7 +77,7 @@ def test_a_program_that_dies_fails_the_scenario_with_its_last_words(staged):
 
 
 @each_row("modifier", ["", "failure_is_success()\n", "inverter()\n"])
-def test_a_scenario_whose_program_is_not_there_can_not_work_whatever_it_makes_of_failures(staged, modifier):
+def test_scenario_whose_program_is_not_there_can_not_work_whatever_it_makes_of_failures(staged, modifier):
     text = f"serial:\n    {modifier}{'    ' if modifier else ''}run_process('no-such-program-here')"
     with pytest.raises(
         ScenarioError, match=r"'no-such-program-here' could not be started: .*; run_process at trial\.osc:"
@@ -105,7 +105,7 @@ def test_nothing_is_left_of_a_program_when_the_run_breaks(staged):
     assert running("left by test 7c2") == []
 
 
-def test_a_timeout_round_a_program_ends_it_and_the_robot_goes_on(staged):
+def test_timeout_round_a_program_ends_it_and_the_robot_goes_on(staged):
     code = program("import time; mark = 'left by test 7c3'; time.sleep(600)")
     text = f"""
         serial:
@@ -121,7 +121,7 @@ def test_a_timeout_round_a_program_ends_it_and_the_robot_goes_on(staged):
     assert running("left by test 7c3") == []
 
 
-def test_a_scenario_of_programs_alone_counts_their_host_time(staged):
+def test_scenario_of_programs_alone_counts_their_host_time(staged):
     text = f"do serial:\n    run_process({program('import time; time.sleep(0.45)')})\n    log('over')"
     began_s = time.monotonic()
     execution = execute(alone(staged(text)), 0)
@@ -140,7 +140,7 @@ def test_host_time_goes_by_only_while_a_program_runs(staged):
     assert time.monotonic() - began_s < 250.0
 
 
-def test_a_scenario_of_programs_alone_ends_at_its_timeout_whatever_runs(staged):
+def test_scenario_of_programs_alone_ends_at_its_timeout_whatever_runs(staged):
     code = program("import time; mark = 'left by test 7c4'; time.sleep(600)")
     execution = execute(alone(staged(f"do serial:\n    run_process({code})", timeout_s=1.0)), 0)
     run = execution.recording.run

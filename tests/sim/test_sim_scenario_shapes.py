@@ -239,7 +239,7 @@ def driven(file, two_rooms, **given):
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_a_scenario_of_this_shape_drives(tmp_path, two_rooms, shape):
+def test_scenario_of_this_shape_drives(tmp_path, two_rooms, shape):
     file = tmp_path / "trial.osc"
     file.write_text(IMPORTS + textwrap.dedent(SHAPES[shape]))
     found = driven(file, two_rooms)
@@ -256,7 +256,7 @@ def test_a_scenario_of_this_shape_drives(tmp_path, two_rooms, shape):
         ("navigation/nav_through_poses.osc", {"goal_poses": [{"x": 2.0, "y": 1.0}, {"x": 3.2, "y": 1.5}]}),
     ],
 )
-def test_a_scenario_of_robovasts_drives(two_rooms, name, given):
+def test_scenario_of_robovasts_drives(two_rooms, name, given):
     file = UPSTREAM / name
     if not file.is_file():
         pytest.skip("RoboVAST's configurations are not beside the repository")

@@ -53,7 +53,7 @@ def test_data_is_waited_for_until_it_comes(staged):
     assert 1.1 < ended(recording, "pose")[0] < 1.6
 
 
-def test_a_member_of_a_message_is_compared_until_the_relation_holds(staged):
+def test_member_of_a_message_is_compared_until_the_relation_holds(staged):
     text = f"""
         parallel:
             robot.nav_to_pose(near)
@@ -66,14 +66,14 @@ def test_a_member_of_a_message_is_compared_until_the_relation_holds(staged):
     assert status == "SUCCESS" and 0.9 < driven < 1.2
 
 
-def test_a_relation_that_does_not_hold_fails_where_it_is_asked_to(staged):
+def test_relation_that_does_not_hold_fails_where_it_is_asked_to(staged):
     text = f"check_data({ODOMETRY}, member_name: 'twist.twist.linear.x', expected_value: '5.0', fail_if_bad_comparison: true)"
     recording = run(staged(text), 0)
     assert recording.run.outcome == "failed"
     assert "twist.twist.linear.x of /odom is 0.0, eq 5.0: false" in recording.run.reason
 
 
-def test_a_monitored_member_is_a_variable_that_goes_on_changing(staged):
+def test_monitored_member_is_a_variable_that_goes_on_changing(staged):
     text = f"""
         var x: float = 0.0
         do serial:
@@ -90,7 +90,7 @@ def test_a_monitored_member_is_a_variable_that_goes_on_changing(staged):
     assert 0.5 < ended(recording, "half")[0] < recording.run.simulated_s
 
 
-def test_a_pose_that_was_heard_is_a_goal(staged):
+def test_pose_that_was_heard_is_a_goal(staged):
     """The robot goes back to where AMCL took it to be when the scenario began."""
     text = """
         var heard: pose_3d
@@ -106,7 +106,7 @@ def test_a_pose_that_was_heard_is_a_goal(staged):
     assert math.dist(final(recording), (3.0, 1.0)) < 0.6
 
 
-def test_a_goal_that_is_published_sends_the_robot_there(staged):
+def test_goal_that_is_published_sends_the_robot_there(staged):
     text = """
         topic_publish('/goal_pose', 'geometry_msgs.msg.PoseStamped', '{\\"pose\\": {\\"position\\": {\\"x\\": 3.0, \\"y\\": 1.0}}}')
         log_check(values: ['Goal succeeded'])
@@ -116,7 +116,7 @@ def test_a_goal_that_is_published_sends_the_robot_there(staged):
     assert math.dist(final(recording), (3.0, 1.0)) < 0.4
 
 
-def test_a_velocity_that_is_published_moves_the_robot_until_its_smoother_gives_up(staged):
+def test_velocity_that_is_published_moves_the_robot_until_its_smoother_gives_up(staged):
     text = """
         topic_publish('/cmd_vel', 'geometry_msgs.msg.Twist', "{'linear': {'x': 0.4}}")
         robot.odometry_distance_traveled(0.2m)
@@ -128,7 +128,7 @@ def test_a_velocity_that_is_published_moves_the_robot_until_its_smoother_gives_u
     assert recording.columns["speed_mmps"][-1] == 0
 
 
-def test_an_initial_pose_that_is_published_is_what_init_nav2_waits_for(staged):
+def test_initial_pose_that_is_published_is_what_init_nav2_waits_for(staged):
     text = """
         do parallel:
             init: robot.init_nav2(wait_for_initial_pose: true)
@@ -141,7 +141,7 @@ def test_an_initial_pose_that_is_published_is_what_init_nav2_waits_for(staged):
     assert 1.0 < ended(recording, "init")[0] < 1.6
 
 
-def test_the_log_of_the_stack_is_read_from_here_on_and_by_node(staged):
+def test_log_of_the_stack_is_read_from_here_on_and_by_node(staged):
     text = """
         parallel:
             begun: log_check('bt_navigator', ['Begin navigating'])
@@ -159,7 +159,7 @@ def test_the_log_of_the_stack_is_read_from_here_on_and_by_node(staged):
     assert "SUCCESS" not in recording.behaviors["status"][recording.behaviors["name"] == "other"]
 
 
-def test_a_robot_that_stands_still_for_too_long_fails_the_assertion_that_it_moves(staged):
+def test_robot_that_stands_still_for_too_long_fails_the_assertion_that_it_moves(staged):
     text = """
         parallel:
             moves: assert_tf_moving('base_link', timeout: 2s)
@@ -179,7 +179,7 @@ def test_a_robot_that_stands_still_for_too_long_fails_the_assertion_that_it_move
     assert driven.run.outcome == "succeeded"
 
 
-def test_a_frame_of_the_truth_is_where_the_robot_is_and_one_of_odometry_begins_at_nothing(staged):
+def test_frame_of_the_truth_is_where_the_robot_is_and_one_of_odometry_begins_at_nothing(staged):
     text = """
         parallel:
             robot.nav_to_pose(near)
@@ -225,12 +225,12 @@ def test_what_is_not_here_is_said_before_anything_runs(call, reason):
     assert said.startswith("6: ") and reason in said
 
 
-def test_the_log_of_nodes_of_ones_own_is_not_here():
+def test_log_of_nodes_of_ones_own_is_not_here():
     (said,) = lacks("do log_check(values: ['ready'])")
     assert "process_log_check" in said
 
 
-def test_a_topic_that_only_a_run_knows_and_nobody_publishes_is_a_fault_of_the_run(staged):
+def test_topic_that_only_a_run_knows_and_nobody_publishes_is_a_fault_of_the_run(staged):
     text = "wait_for_data(random.get_random_string(['/camera']), 'sensor_msgs.msg.Image')"
     with pytest.raises(ScenarioError, match=r"nothing publishes /camera here; .* wait_for_data at trial\.osc:"):
         run(staged(text), 0)
@@ -240,11 +240,11 @@ def test_a_topic_that_only_a_run_knows_and_nobody_publishes_is_a_fault_of_the_ru
     ("call", "words"),
     [
         (f"check_data({ODOMETRY}, member_name: 'pose.pose.z', expected_value: '1')", "no member 'z' of 'pose.pose.z'; position"),
-        (f"check_data({ODOMETRY}, expected_value: '1 +')", r"found '1 \+'; a literal"),
-        ("topic_publish('/goal_pose', 'geometry_msgs.msg.PoseStamped', '{}')", "found no pose in the message"),
-        ("topic_publish('/cmd_vel', 'geometry_msgs.msg.Twist', '[1]')", "found no twist in the message"),
+        (f"check_data({ODOMETRY}, expected_value: '1 +')", r"expected a literal, got '1 \+'"),
+        ("topic_publish('/goal_pose', 'geometry_msgs.msg.PoseStamped', '{}')", "got no pose in the message"),
+        ("topic_publish('/cmd_vel', 'geometry_msgs.msg.Twist', '[1]')", "got no twist in the message"),
     ],
 )  # fmt: skip
-def test_a_message_without_what_is_looked_for_is_a_fault_of_the_run(staged, call, words):
+def test_message_without_what_is_looked_for_is_a_fault_of_the_run(staged, call, words):
     with pytest.raises(ScenarioError, match=words):
         run(staged(call), 0)

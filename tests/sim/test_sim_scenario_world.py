@@ -53,7 +53,7 @@ def ended_s(recording, name):
     return float(b["t_s"][(b["name"] == name) & (b["status"] == "SUCCESS")][0])
 
 
-def test_a_box_without_mass_is_fixed_and_driven_round(staged):
+def test_box_without_mass_is_fixed_and_driven_round(staged):
     recording = run(staged(f"spawn_multiple([{box('crate', 2, 1)}])\nrobot.nav_to_pose(near)"), 0)
     assert recording.run.outcome == "succeeded"
     assert recording.run.entities == (Entity("crate", "box", 0.4, 0.4),)
@@ -63,7 +63,7 @@ def test_a_box_without_mass_is_fixed_and_driven_round(staged):
 
 
 @each_row(("arguments", "gives_way"), [("width:=0.3", False), ("width:=0.3, mass:=2.0", True)])
-def test_a_box_in_front_of_a_robot_at_speed_is_struck_and_one_with_a_mass_gives_way(staged, arguments, gives_way):
+def test_box_in_front_of_a_robot_at_speed_is_struck_and_one_with_a_mass_gives_way(staged, arguments, gives_way):
     text = f"""
         parallel:
             robot.nav_to_pose(near)
@@ -85,7 +85,7 @@ def test_a_box_in_front_of_a_robot_at_speed_is_struck_and_one_with_a_mass_gives_
         f"spawn_multiple([{box('crate', 2, 3)}, {box('crate', 3, 3)}])",
     ],
 )
-def test_a_name_that_stands_in_the_world_is_not_given_again(staged, text):
+def test_name_that_stands_in_the_world_is_not_given_again(staged, text):
     recording = run(staged(text), 0)
     assert recording.run.outcome == "failed"
     assert recording.run.reason.startswith(
@@ -94,7 +94,7 @@ def test_a_name_that_stands_in_the_world_is_not_given_again(staged, text):
     assert [entity.name for entity in recording.run.entities] == ["crate"]
 
 
-def test_a_name_is_free_again_after_its_entity_is_deleted(staged):
+def test_name_is_free_again_after_its_entity_is_deleted(staged):
     text = f"""
         spawn_multiple([{box("crate", 2, 3)}])
         delete_entity('crate')
@@ -110,7 +110,7 @@ def test_a_name_is_free_again_after_its_entity_is_deleted(staged):
     assert second.at(np.array([1000])).tolist() == [[3.0, 3.0]]
 
 
-def test_a_scenario_with_an_entity_that_can_not_be_read_can_not_work(staged):
+def test_scenario_with_an_entity_that_can_not_be_read_can_not_work(staged):
     scenario = staged(f"spawn_multiple([{box('a', 2, 3)}, {box('b', 3, 3, 'breadth:=1')}])")
     with pytest.raises(
         ScenarioError, match=r"entity 2: a box has no argument 'breadth'.*; spawn_multiple at trial\.osc:"
@@ -118,7 +118,7 @@ def test_a_scenario_with_an_entity_that_can_not_be_read_can_not_work(staged):
         run(scenario, 0)
 
 
-def test_a_box_spawned_on_the_robot_puts_it_out_of_its_place_and_is_a_contact(staged):
+def test_box_spawned_on_the_robot_puts_it_out_of_its_place_and_is_a_contact(staged):
     recording = run(staged(f"spawn_multiple([{box('crate', 1.1, 1)}])\nwait elapsed(1s)"), 0)
     assert recording.run.outcome == "succeeded"
     (contact,) = happened(recording, "contact")
@@ -203,7 +203,7 @@ def test_what_is_spawned_relative_to_the_robot_lies_ahead_of_it_and_is_turned_li
 
 
 @each_row("spawned", ["robot.spawn(start, 'topic:///robot_description')", "turtlebot4.spawn(start, 'turtlebot4.sdf')"])
-def test_the_robot_itself_stands_there_already_when_a_file_spawns_it(staged, spawned):
+def test_robot_itself_stands_there_already_when_a_file_spawns_it(staged, spawned):
     text = f"turtlebot4: osc_actor\ndo serial:\n    {spawned}\n    robot.init_nav2(start)\n    robot.nav_to_pose(near)"
     recording = run(staged(text), 0)
     assert (recording.run.outcome, recording.run.reason, recording.run.entities) == ("succeeded", "", ())
@@ -223,7 +223,7 @@ def test_actor_exists_waits_for_what_another_branch_spawns(staged):
     assert ended_s(recording, "there") - 1.2 == pytest.approx(0.1)
 
 
-def test_the_lidar_sees_what_was_spawned_and_no_longer_what_was_deleted(staged):
+def test_lidar_sees_what_was_spawned_and_no_longer_what_was_deleted(staged):
     text = f"spawn_multiple([{box('crate', 2, 1)}])\nwait elapsed(1s)\ndelete_entity('crate')\nwait elapsed(1s)"
     ahead_m = {}
 
@@ -255,7 +255,7 @@ def test_what_a_scenario_spawned_is_measured_where_it_stands_and_where_it_was_pu
     assert places[-1].tolist() == [moved[-1].x_m, moved[-1].y_m]
 
 
-def test_the_separation_from_what_was_spawned_is_observed_from_then_on_and_until_it_is_deleted(staged):
+def test_separation_from_what_was_spawned_is_observed_from_then_on_and_until_it_is_deleted(staged):
     text = f"wait elapsed(1s)\nspawn_multiple([{box('crate', 2, 2)}])\nwait elapsed(1s)\ndelete_entity('crate')\nwait elapsed(1s)"
     scenario = staged(text)
     recording = run(scenario, 0)
@@ -267,7 +267,7 @@ def test_the_separation_from_what_was_spawned_is_observed_from_then_on_and_until
 
 
 @pytest.mark.parametrize("pushable", [False, True])
-def test_a_robot_that_stands_against_what_is_deleted_is_free_at_once(two_rooms, pushable):
+def test_robot_that_stands_against_what_is_deleted_is_free_at_once(two_rooms, pushable):
     parameters = NavParameters(controller=Rpp())
     prepared, start = prepare(load_map(two_rooms.path), Lidar(), parameters), Pose(1.0, 1.0)
     loop = ClosedLoop(prepared, parameters, Lidar(), Robot(), start, (), (0, 1, 2), 60.0)
@@ -296,7 +296,7 @@ def test_tf_close_to_is_set_off_where_it_says(staged):
     assert 0.65 - 0.01 < math.dist(estimate, (2.5, 1.0)) < 0.7 + 0.06
 
 
-def test_the_way_of_the_wheels_is_counted_from_where_the_action_begins(staged):
+def test_way_of_the_wheels_is_counted_from_where_the_action_begins(staged):
     text = """
         parallel:
             robot.nav_to_pose(near)
@@ -309,7 +309,7 @@ def test_the_way_of_the_wheels_is_counted_from_where_the_action_begins(staged):
     assert math.dist(began, ended) == pytest.approx(1.0, abs=0.06)
 
 
-def test_the_shipped_scenario_appears_about_when_the_environment_s_trigger_does(staged, scenario):
+def test_shipped_scenario_appears_about_when_the_environment_s_trigger_does(staged, scenario):
     crate = {**PLUG, "entity_name": "crate", "xacro_arguments": "width:=0.4", "spawn_pose": {"x": 3.0, "y": 2.4}}
     given = {"controller": "rpp", "spawn_trigger_point": {"x": 3.0, "y": 2.4}, "spawn_trigger_threshold": 1.2}
     by_file = run(scenario("obstacle_appears", **given, static_objects=[crate]), 0)

@@ -53,33 +53,37 @@ def test_without_a_start_pose_the_robot_starts_where_init_nav2_puts_it(tmp_path)
 @each_row(
     ("kind", "task", "message"),
     [
-        ("navigate_to_pose", {}, "parameter goal_pose of scenario navigate_to_pose: found nothing; a value"),
+        ("navigate_to_pose", {}, "parameter goal_pose of scenario navigate_to_pose: expected a value, got nothing"),
         ("navigate_to_pose", {"goal_pose": THERE, "start_pose": "here"}, "parameter start_pose .*: found 'here'; "),
-        ("follow_waypoints", {}, "parameter goal_poses .*: found nothing; a value"),
-        ("follow_waypoints", {"goal_poses": "@x"}, "parameter goal_poses .*: found '@x'; a list"),
+        ("follow_waypoints", {}, "parameter goal_poses .*: expected a value, got nothing"),
+        ("follow_waypoints", {"goal_poses": "@x"}, "parameter goal_poses .*: expected a list, got '@x'"),
         ("navigate_through_poses", {"goal_poses": [THERE, 3]}, r"parameter goal_poses.*: found 3; "),
         (
             "follow_waypoints",
             {"goal_poses": [THERE], "number_of_loops": True},
-            "number_of_loops .*: found true; a whole",
+            "number_of_loops .*: expected a whole, got true",
         ),
-        ("follow_waypoints", {"goal_poses": [THERE], "number_of_loops": 1.5}, "number_of_loops .*: found 1.5; a whole"),
+        (
+            "follow_waypoints",
+            {"goal_poses": [THERE], "number_of_loops": 1.5},
+            "number_of_loops .*: expected a whole, got 1.5",
+        ),
     ],
 )
-def test_a_value_that_a_parameter_can_not_have_is_refused(kind, task, message):
+def test_value_that_a_parameter_can_not_have_is_refused(kind, task, message):
     with pytest.raises(ParameterMismatch, match=message):
         a_script(kind, **task)
 
 
-def test_a_name_that_stands_for_no_scenario_is_refused():
-    with pytest.raises(AbstractError, match=r"found 'builtin:fly'; one of builtin:navigate_to_pose, "):
+def test_name_that_stands_for_no_scenario_is_refused():
+    with pytest.raises(AbstractError, match=r"expected one of builtin:navigate_to_pose, , got 'builtin:fly'"):
         a_script("fly")
 
 
 GO = "scenario go:\n    speed: int = 1\n    do serial:\n        wait elapsed(1s)\n"
 
 
-def test_a_scenario_file_counts_by_what_it_defines_and_in_which_lines(tmp_path):
+def test_scenario_file_counts_by_what_it_defines_and_in_which_lines(tmp_path):
     texts = {
         "one": "import osc.types\n" + GO,
         "elsewhere": "import osc.types\n" + GO,
@@ -96,7 +100,7 @@ def test_a_scenario_file_counts_by_what_it_defines_and_in_which_lines(tmp_path):
     assert len({contents[name].digest for name in ("one", "moved", "other")}) == 3
 
 
-def test_a_file_that_changed_since_it_was_read_is_refused(tmp_path):
+def test_file_that_changed_since_it_was_read_is_refused(tmp_path):
     file = tmp_path / "go.osc"
     file.write_text("import osc.types\n" + GO)
     content = abstract_content(file)
@@ -105,8 +109,8 @@ def test_a_file_that_changed_since_it_was_read_is_refused(tmp_path):
         definition_of(content)
 
 
-def test_a_file_of_two_scenarios_is_refused(tmp_path):
+def test_file_of_two_scenarios_is_refused(tmp_path):
     file = tmp_path / "go.osc"
     file.write_text("import osc.types\n" + GO + GO.replace("go", "come"))
-    with pytest.raises(AbstractError, match="found the scenarios go, come; one, for a run is one scenario"):
+    with pytest.raises(AbstractError, match="expected one, for a run is one scenario, got the scenarios go, come"):
         abstract_content(file)

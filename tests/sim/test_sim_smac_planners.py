@@ -125,11 +125,11 @@ def raw_path(parameters, given, costmap=None):
         SmacPlannerHybrid(motion_model_for_search="REEDS_SHEPP", minimum_turning_radius=0.8, smooth_path=False),
     ],
 )
-def test_a_stack_with_a_smac_planner_is_the_same_read_from_its_document(planner):
+def test_stack_with_a_smac_planner_is_the_same_read_from_its_document(planner):
     assert interpretation(document_of(NavParameters(planner=planner))).parameters == NavParameters(planner=planner)
 
 
-def test_a_file_s_planner_has_its_parameters_and_those_of_its_smoother():
+def test_file_s_planner_has_its_parameters_and_those_of_its_smoother():
     found = read(
         "plugin: nav2_smac_planner/SmacPlannerHybrid, motion_model_for_search: REEDS_SHEPP, max_planning_time: 3.5, "
         "smoother: {w_smooth: 0.2}, downsample_costmap: false, reverse_penalty: 2.1"
@@ -144,7 +144,7 @@ def test_a_file_s_planner_has_its_parameters_and_those_of_its_smoother():
 @each_row(
     ("text", "fault"),
     [
-        ("plugin: nav2_smac_planner::SmacPlanner2D, downsample_costmap: true", "found true, which is not modeled"),
+        ("plugin: nav2_smac_planner::SmacPlanner2D, downsample_costmap: true", "got true, which is not modeled"),
         ("plugin: nav2_smac_planner::SmacPlannerHybrid, motion_model_for_search: MOORE", "'DUBIN' or 'REEDS_SHEPP'"),
         ("plugin: nav2_smac_planner::SmacPlannerHybrid, minimum_turning_radius: -1.0", "must lie in"),
         ("plugin: nav2_smac_planner::SmacPlannerLattice", "SmacPlannerLattice is not modeled"),
@@ -188,7 +188,7 @@ def cost_2d(costs, cells, penalty):
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10_000), st.sampled_from([0.0, 1.0, 2.0]))
-def test_a_path_over_the_cells_costs_what_the_best_of_all_paths_costs(seed, penalty):
+def test_path_over_the_cells_costs_what_the_best_of_all_paths_costs(seed, penalty):
     draw = np.random.default_rng(seed)
     lethal = draw.random((50, 60)) < 0.01
     costs = costs_of(lethal)
@@ -208,7 +208,7 @@ def test_a_path_over_the_cells_costs_what_the_best_of_all_paths_costs(seed, pena
 
 
 @pytest.mark.slow
-def test_a_goal_in_an_obstacle_is_replaced_by_a_cell_within_the_tolerance():
+def test_goal_in_an_obstacle_is_replaced_by_a_cell_within_the_tolerance():
     lethal = rooms()
     lethal[40, 90] = True
     given = situation(costs_of(lethal), (1.0, 2.0, 0.0), (90.5 * 0.05, 40.5 * 0.05, 0.0))
@@ -217,7 +217,7 @@ def test_a_goal_in_an_obstacle_is_replaced_by_a_cell_within_the_tolerance():
     assert path_of(SmacPlanner2D(tolerance=0.1), given) == 208
 
 
-def test_a_closed_door_leaves_no_path_and_a_blocked_robot_none_from_its_start():
+def test_closed_door_leaves_no_path_and_a_blocked_robot_none_from_its_start():
     closed = costs_of(rooms(door=slice(0, 0)))
     assert path_of(SmacPlanner2D(), situation(closed, (1.0, 2.0, 0.0), (5.0, 2.0, 0.0))) == 208
     walled = rooms()
@@ -235,7 +235,7 @@ def test_unknown_cells_are_passed_only_where_that_is_allowed():
     assert path_of(SmacPlanner2D(allow_unknown=False), given) == 208
 
 
-def test_the_smoother_keeps_the_ends_and_takes_the_corners_away():
+def test_smoother_keeps_the_ends_and_takes_the_corners_away():
     given = situation(costs_of(rooms()), (1.0, 0.8, 0.0), (5.0, 3.2, 0.0))
     rough = path_of(SmacPlanner2D(smoother=UNSMOOTHED), given)
     smooth = path_of(SmacPlanner2D(), given)
@@ -297,7 +297,7 @@ def headed(poses):
     return steps[:, 0] * np.cos(middle) + steps[:, 1] * np.sin(middle) > 0.0
 
 
-def test_a_dubins_path_never_reverses_and_a_reeds_shepp_path_does_where_there_is_no_room_to_turn():
+def test_dubins_path_never_reverses_and_a_reeds_shepp_path_does_where_there_is_no_room_to_turn():
     costs = costs_of(rooms(rows=44, columns=200, door=slice(0, 44)))
     start, goal = (6.0, 1.1, 0.0), (3.0, 1.1, 0.0)
     values = {"minimum_turning_radius": 0.5, "analytic_expansion_max_length": 10.0}
@@ -311,7 +311,7 @@ def test_a_dubins_path_never_reverses_and_a_reeds_shepp_path_does_where_there_is
     assert headed(forward).all()
 
 
-def test_a_path_begins_at_the_start_and_ends_at_the_goal_with_their_headings():
+def test_path_begins_at_the_start_and_ends_at_the_goal_with_their_headings():
     costs = costs_of(rooms())
     start, goal = (1.0, 0.8, 0.3), (5.0, 3.2, 1.5)
     poses, _ = raw_path(SmacPlannerHybrid(), situation(costs, start, goal))
@@ -321,7 +321,7 @@ def test_a_path_begins_at_the_start_and_ends_at_the_goal_with_their_headings():
 
 @each_row("model", ["DUBIN", "REEDS_SHEPP"])
 @each_row(("start", "goal"), [((1.0, 1.0, 0.0), (5.0, 4.0, -1.5)), ((5.0, 2.0, 3.0), (1.0, 4.0, 3.0))])
-def test_a_smoothed_path_leaves_along_the_start_s_heading_and_arrives_along_the_goal_s(model, start, goal):
+def test_smoothed_path_leaves_along_the_start_s_heading_and_arrives_along_the_goal_s(model, start, goal):
     """Within what an arc of the least radius turns between two points, and half of a bin; the smoother alone keeps neither."""
     values = {"motion_model_for_search": model, "minimum_turning_radius": 0.8, "analytic_expansion_max_length": 0.0}
     rough = SmacPlannerHybrid(**values, smooth_path=False)
@@ -406,7 +406,7 @@ def lattice_dijkstra(q, costs, start, goal_cell):
 
 
 @each_row("model", ["DUBIN", "REEDS_SHEPP"])
-def test_a_path_on_the_lattice_costs_within_two_percent_of_an_exhaustive_search(model):
+def test_path_on_the_lattice_costs_within_two_percent_of_an_exhaustive_search(model):
     lethal = rooms(rows=60, columns=80, door=slice(22, 40))
     costs = costs_of(lethal)
     parameters = SmacPlannerHybrid(
@@ -445,7 +445,7 @@ def lattice_price(q, poses, costs):
     return total
 
 
-def test_a_long_robot_passes_a_door_lengthwise_only_where_its_outline_fits():
+def test_long_robot_passes_a_door_lengthwise_only_where_its_outline_fits():
     costmap = global_costmap().with_values(footprint=RECTANGLE)
     wide, narrow = (costs_of(rooms(door=slice(40 - n, 40 + n)), costmap) for n in (7, 3))
     q = SmacPlannerHybrid(minimum_turning_radius=0.5)
@@ -464,7 +464,7 @@ def test_a_long_robot_passes_a_door_lengthwise_only_where_its_outline_fits():
     [SmacPlanner2D(), SmacPlannerHybrid(), SmacPlannerHybrid(motion_model_for_search="REEDS_SHEPP")],
     ids=["2D", "DUBIN", "REEDS_SHEPP"],
 )
-def test_a_robot_drives_ten_meters_on_a_smac_planner_s_path_round_a_wall(planner, over_a_floor):
+def test_robot_drives_ten_meters_on_a_smac_planner_s_path_round_a_wall(planner, over_a_floor):
     cells = np.zeros((80, 280), dtype=bool)
     cells[20:60, 120:124] = True
     stack = parameters_of({"controller": "rpp"})
@@ -475,7 +475,7 @@ def test_a_robot_drives_ten_meters_on_a_smac_planner_s_path_round_a_wall(planner
     assert not np.array_equal(found.columns["y_mm"][:100], other.columns["y_mm"][:100])
 
 
-def test_a_hybrid_path_to_a_goal_behind_turns_with_the_least_radius_where_the_default_turns_in_place(over_a_floor):
+def test_hybrid_path_to_a_goal_behind_turns_with_the_least_radius_where_the_default_turns_in_place(over_a_floor):
     stack = parameters_of({"controller": "rpp"})
     stack = stack.with_values(
         controller=stack.controller.with_values(

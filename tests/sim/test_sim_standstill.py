@@ -45,7 +45,7 @@ def test_what_held_a_robot_follows_from_its_commands_and_what_became_of_them(com
 
 
 @pytest.mark.parametrize("controller", ["mppi", "rpp"])
-def test_a_robot_that_starts_against_a_wall_fails_and_says_that_the_monitor_stopped_every_command(scenario, controller):
+def test_robot_that_starts_against_a_wall_fails_and_says_that_the_monitor_stopped_every_command(scenario, controller):
     against = scenario(start_pose=AGAINST_THE_WALL, goal_pose=NEAR, controller=controller, timeout_s=30.0)
     recording = run(against, 0)
     assert stood(recording) == ["points in footprint"]
@@ -62,7 +62,7 @@ def test_why_it_stood_still_is_known_too_where_commands_are_not_recorded(staged)
     assert stood(recording) == ["points in footprint"]
 
 
-def test_a_robot_that_is_refused_its_goal_was_sent_and_stood_still(scenario):
+def test_robot_that_is_refused_its_goal_was_sent_and_stood_still(scenario):
     recording = run(scenario(goal_pose={"x": 90.0, "y": 1.0}, controller="rpp"), 0)
     assert (recording.run.outcome, stood(recording)) == ("aborted", ["no command"])
     assert recording.run.reason.startswith("the goal is outside the map")

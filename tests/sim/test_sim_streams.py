@@ -26,11 +26,11 @@ from vastflow.sim.kernels.streams import (
 DIGEST = "00ff" * 16
 
 
-def test_the_entropy_of_a_run_is_the_campaign_s_seed_the_situation_and_the_run_s_number():
+def test_entropy_of_a_run_is_the_campaign_s_seed_the_situation_and_the_run_s_number():
     assert run_entropy(7, DIGEST, 3) == [7, int(DIGEST, 16), 3]
 
 
-def test_the_streams_of_a_run_are_pinned():
+def test_streams_of_a_run_are_pinned():
     assert [hex(state) for state in streams_of(run_entropy(0, DIGEST, 0))[:, 0].tolist()] == [
         "0x6eb0dec9e8a52720",
         "0xe78f09fd730e95a0",
@@ -94,7 +94,7 @@ def test_equal_source_has_one_folder_of_compiled_kernels_wherever_it_lies(copied
 
 
 @pytest.mark.parametrize("module", ["world/lidar.py", "nav2/planners/navfn.py"])
-def test_an_edited_module_has_another_folder_of_compiled_kernels(copied, module):
+def test_edited_module_has_another_folder_of_compiled_kernels(copied, module):
     before = numeric.kernel_cache_dir()
     (copied / module).write_text((copied / module).read_text() + "\nX = 1\n")
     assert numeric.kernel_cache_dir() != before
@@ -107,14 +107,14 @@ def test_what_kernels_take_constants_and_types_from_counts_as_well(copied, modul
     assert numeric.kernel_cache_dir() != before
 
 
-def test_an_edit_that_no_compiled_code_can_follow_from_compiles_nothing_again(copied):
+def test_edit_that_no_compiled_code_can_follow_from_compiles_nothing_again(copied):
     before = numeric.kernel_cache_dir()
     (copied / "run.py").write_text((copied / "run.py").read_text() + "\nX = 1\n")
     (copied / "nav2" / "new.py").write_text("")
     assert numeric.kernel_cache_dir() == before
 
 
-def test_a_new_module_with_kernels_has_another_folder_of_compiled_kernels(copied):
+def test_new_module_with_kernels_has_another_folder_of_compiled_kernels(copied):
     before = numeric.kernel_cache_dir()
     (copied / "nav2" / "new.py").write_text("from vastflow.sim.kernels.numeric import inner\n")
     assert numeric.kernel_cache_dir() != before

@@ -87,7 +87,7 @@ def turned_mm(columns, yaw_rad, prefix=""):
 
 @given(st.floats(-math.pi / 4, math.pi / 4))
 @settings(max_examples=3, deadline=None)
-def test_a_run_on_a_turned_map_is_the_run_on_the_map_turned(trip, yaw_rad):
+def test_run_on_a_turned_map_is_the_run_on_the_map_turned(trip, yaw_rad):
     plain, turned = run(trip(0.0), 1), run(trip(yaw_rad), 1)
     assert plain.run.outcome == "succeeded"
     for prefix in ("", "estimated_"):
@@ -142,7 +142,7 @@ def test_what_is_observed_of_a_run_is_the_same_on_the_turned_map(trip):
 
 
 @pytest.mark.parametrize("quarters", [1, 2, 3])
-def test_a_run_on_a_map_turned_by_a_quarter_is_byte_for_byte_that_on_the_map_drawn_turned(
+def test_run_on_a_map_turned_by_a_quarter_is_byte_for_byte_that_on_the_map_drawn_turned(
     trip, rooms, scenario, tmp_path, quarters
 ):
     yaw_rad = quarters * math.pi / 2

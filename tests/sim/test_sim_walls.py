@@ -23,7 +23,7 @@ def covered(rectangles, shape):
 
 @given(GRIDS)
 @settings(max_examples=60, deadline=None)
-def test_the_rectangles_cover_each_wall_cell_that_anything_can_reach_once_and_no_other(cells):
+def test_rectangles_cover_each_wall_cell_that_anything_can_reach_once_and_no_other(cells):
     occupancy = OccupancyMap(cells, 1.0, (0.0, 0.0))
     framed = np.pad(occupancy.occupied, 1, constant_values=True)
     rows, columns = cells.shape
@@ -33,14 +33,14 @@ def test_the_rectangles_cover_each_wall_cell_that_anything_can_reach_once_and_no
     np.testing.assert_array_equal(covered(rectangles, cells.shape), occupancy.occupied & ~buried)
 
 
-def test_a_straight_wall_is_one_rectangle_in_meters():
+def test_straight_wall_is_one_rectangle_in_meters():
     cells = np.zeros((10, 10), dtype=np.int8)
     cells[2:4, 1:9] = 100
     rectangles = wall_rectangles(OccupancyMap(cells, 0.5, (-1.0, 3.0)))
     np.testing.assert_allclose(rectangles, [(-0.5, 4.0, 3.5, 5.0)])
 
 
-def test_a_map_without_walls_has_no_rectangle():
+def test_map_without_walls_has_no_rectangle():
     assert wall_rectangles(OccupancyMap(np.zeros((4, 4), dtype=np.int8), 0.1, (0.0, 0.0))).shape == (0, 4)
 
 

@@ -63,7 +63,7 @@ def test_free_motion_is_the_exact_arc(yaw, v, w):
     assert driven.world.hold == FREE
 
 
-def test_a_robot_that_drives_against_a_wall_stops_with_its_body_at_the_wall():
+def test_robot_that_drives_against_a_wall_stops_with_its_body_at_the_wall():
     driven = Driven(Pose(4.0, 2.0))
     driven.drive(0.5, 0.0, 8.0)
     assert driven.pose[0] == pytest.approx(6.0 - ROBOT.radius_m, abs=STEP_M)
@@ -71,7 +71,7 @@ def test_a_robot_that_drives_against_a_wall_stops_with_its_body_at_the_wall():
     assert driven.world.hold != FREE
 
 
-def test_a_contact_says_when_where_with_what_and_how_fast():
+def test_contact_says_when_where_with_what_and_how_fast():
     driven = Driven(Pose(4.0, 2.0))
     driven.drive(0.5, 0.0, 8.0)
     (contact,) = driven.contacts
@@ -81,14 +81,14 @@ def test_a_contact_says_when_where_with_what_and_how_fast():
     assert (contact.x_m, contact.y_m) == pytest.approx((6.0 - ROBOT.radius_m, 2.0), abs=0.01)
 
 
-def test_a_glancing_contact_closes_with_the_part_of_the_speed_towards_the_wall():
+def test_glancing_contact_closes_with_the_part_of_the_speed_towards_the_wall():
     yaw = math.radians(30)
     driven = Driven(Pose(1.0, 3.0, yaw))
     driven.drive(0.5, 0.0, 4.0)
     assert driven.contacts[0].value == pytest.approx(0.5 * math.sin(yaw))
 
 
-def test_a_robot_slides_along_a_wall_that_blocks_one_part_of_its_motion():
+def test_robot_slides_along_a_wall_that_blocks_one_part_of_its_motion():
     yaw = math.radians(30)
     driven = Driven(Pose(1.0, 3.5, yaw))
     driven.drive(0.5, 0.0, 4.0)
@@ -96,14 +96,14 @@ def test_a_robot_slides_along_a_wall_that_blocks_one_part_of_its_motion():
     assert driven.pose[0] == pytest.approx(1.0 + 4.0 * 0.5 * math.cos(yaw), abs=0.02)
 
 
-def test_a_robot_that_leaves_a_wall_and_comes_back_touches_it_twice():
+def test_robot_that_leaves_a_wall_and_comes_back_touches_it_twice():
     driven = Driven(Pose(5.5, 2.0))
     for v in (0.5, -0.5, 0.5):
         driven.drive(v, 0.0, 1.0)
     assert [contact.what for contact in driven.contacts] == ["wall", "wall"]
 
 
-def test_the_engine_holds_a_robot_while_it_touches_and_no_longer():
+def test_engine_holds_a_robot_while_it_touches_and_no_longer():
     driven = Driven(Pose(5.5, 2.0))
     found = []
     for v in (0.5, -0.5, 0.5):
@@ -113,14 +113,14 @@ def test_the_engine_holds_a_robot_while_it_touches_and_no_longer():
 
 
 @each_row(("shape", "length_m", "width_m", "face_m"), [("box", 0.4, 1.0, 0.2), ("cylinder", 0.6, 0.6, 0.3)])
-def test_an_obstacle_stops_the_robot_and_is_named_in_the_contact(shape, length_m, width_m, face_m):
+def test_obstacle_stops_the_robot_and_is_named_in_the_contact(shape, length_m, width_m, face_m):
     driven = Driven(Pose(1.0, 2.0), [Obstacle("crate", shape, Pose(3.0, 2.0), length_m, width_m)])
     driven.drive(0.5, 0.0, 5.0)
     assert driven.pose[0] == pytest.approx(3.0 - face_m - ROBOT.radius_m, abs=STEP_M)
     assert {contact.what for contact in driven.contacts} == {"crate"}
 
 
-def test_a_robot_slides_off_the_corner_of_an_obstacle_and_never_enters_it():
+def test_robot_slides_off_the_corner_of_an_obstacle_and_never_enters_it():
     obstacle = Obstacle("crate", "box", Pose(3.0, 2.0, 0.7), 0.4, 0.4)
     driven = Driven(Pose(1.0, 2.0), [obstacle])
     for _ in range(40):
@@ -142,7 +142,7 @@ def test_walls_join_as_the_robot_comes_near_them_and_stop_it_all_the_same():
 
 @given(st.floats(0.5, 5.5), st.floats(0.5, 3.5), st.floats(-4, 4), st.floats(-1, 1))
 @settings(max_examples=30, deadline=None)
-def test_the_body_never_enters_a_wall(x, y, yaw, w):
+def test_body_never_enters_a_wall(x, y, yaw, w):
     driven = Driven(Pose(x, y, yaw))
     for _ in range(10):
         driven.drive(0.5, w, 1.0)
@@ -151,7 +151,7 @@ def test_the_body_never_enters_a_wall(x, y, yaw, w):
         assert reach <= driven.pose[1] <= 4.0 - reach
 
 
-def test_a_robot_that_has_come_to_a_stand_at_a_wall_is_held_as_touching_and_stays():
+def test_robot_that_has_come_to_a_stand_at_a_wall_is_held_as_touching_and_stays():
     driven = Driven(Pose(5.5, 2.0))
     driven.drive(0.5, 0.0, 1.0)
     driven.drive(0.0, 0.0, 0.1)
@@ -162,7 +162,7 @@ def test_a_robot_that_has_come_to_a_stand_at_a_wall_is_held_as_touching_and_stay
     assert len(driven.contacts) == 1
 
 
-def test_a_box_in_motion_is_held_as_moving_even_when_the_robot_has_left_it():
+def test_box_in_motion_is_held_as_moving_even_when_the_robot_has_left_it():
     driven = Driven(Pose(2.55, 2.0), [carton(mass_kg=0.5, friction=0.05)])
     driven.appear()
     driven.drive(0.5, 0.0, 0.2)
@@ -190,7 +190,7 @@ def test_what_appears_says_when_where_and_how_it_is_turned():
     assert (event.x_m, event.y_m, event.value) == (3.0, 2.0, 0.3)
 
 
-def test_a_box_that_nothing_touches_stays_where_it_appeared():
+def test_box_that_nothing_touches_stays_where_it_appeared():
     driven = Driven(Pose(1.0, 2.0), [carton(yaw_rad=0.3)])
     driven.appear()
     driven.drive(0.0, 0.5, 2.0)
@@ -199,7 +199,7 @@ def test_a_box_that_nothing_touches_stays_where_it_appeared():
 
 
 @each_row("shape", ["box", "cylinder"])
-def test_the_robot_pushes_a_light_box_before_it(shape):
+def test_robot_pushes_a_light_box_before_it(shape):
     driven = Driven(Pose(1.0, 2.0), [carton(shape=shape)])
     driven.appear()
     driven.drive(0.5, 0.0, 6.0)
@@ -210,7 +210,7 @@ def test_the_robot_pushes_a_light_box_before_it(shape):
     assert driven.world.hold != FREE
 
 
-def test_a_box_whose_friction_is_more_than_the_tyres_is_struck_and_then_stands():
+def test_box_whose_friction_is_more_than_the_tyres_is_struck_and_then_stands():
     heavy = carton(mass_kg=30.0, friction=0.5)
     assert heavy.mass_kg * heavy.friction > ROBOT.mass_kg * TRACTION
     driven = Driven(Pose(1.0, 2.0), [heavy])
@@ -223,7 +223,7 @@ def test_a_box_whose_friction_is_more_than_the_tyres_is_struck_and_then_stands()
     assert driven.pose[0] == pytest.approx(struck_at[0] - 0.25 - ROBOT.radius_m, abs=STEP_M)
 
 
-def test_a_struck_box_slides_as_far_as_friction_lets_it():
+def test_struck_box_slides_as_far_as_friction_lets_it():
     """Inelastic: both go on at one speed, and the box slides v² / 2μg where the robot stops at once."""
     driven = Driven(Pose(2.5, 2.0), [carton(mass_kg=1.0, friction=0.2)])
     driven.appear()
@@ -237,14 +237,14 @@ def test_a_struck_box_slides_as_far_as_friction_lets_it():
     assert driven.world.hold == FREE
 
 
-def test_a_box_struck_off_its_center_turns():
+def test_box_struck_off_its_center_turns():
     driven = Driven(Pose(1.0, 2.15), [carton()])
     driven.appear()
     driven.drive(0.5, 0.0, 5.0)
     assert driven.world.pose_of(0)[2] < -0.05
 
 
-def test_a_box_pushed_against_a_wall_stops_the_robot():
+def test_box_pushed_against_a_wall_stops_the_robot():
     driven = Driven(Pose(4.5, 2.0), [carton(x_m=5.4)])
     driven.appear()
     driven.drive(0.5, 0.0, 10.0)
@@ -252,7 +252,7 @@ def test_a_box_pushed_against_a_wall_stops_the_robot():
     assert driven.pose[0] == pytest.approx(6.0 - 0.5 - ROBOT.radius_m, abs=3 * STEP_M)
 
 
-def test_the_moves_of_a_box_are_events_and_its_rest_is_none():
+def test_moves_of_a_box_are_events_and_its_rest_is_none():
     driven = Driven(Pose(2.3, 2.0), [carton()])
     driven.appear()
     for _ in range(20):
@@ -268,7 +268,7 @@ def test_the_moves_of_a_box_are_events_and_its_rest_is_none():
     assert len(driven.world.events) == events
 
 
-def test_a_box_that_appears_on_the_robot_puts_it_out_of_its_place_and_is_a_contact():
+def test_box_that_appears_on_the_robot_puts_it_out_of_its_place_and_is_a_contact():
     driven = Driven(Pose(3.1, 2.0), [carton()])
     driven.appear()
     driven.drive(0.0, 0.0, 1.0)
@@ -278,7 +278,7 @@ def test_a_box_that_appears_on_the_robot_puts_it_out_of_its_place_and_is_a_conta
     assert carton().footprint().distance(Point(*driven.pose[:2])) == pytest.approx(ROBOT.radius_m, abs=STEP_M)
 
 
-def test_a_box_that_appears_in_a_wall_stands_in_it():
+def test_box_that_appears_in_a_wall_stands_in_it():
     driven = Driven(Pose(3.0, 2.0), [carton(x_m=6.0)])
     driven.appear()
     driven.drive(0.0, 0.0, 1.0)
@@ -286,7 +286,7 @@ def test_a_box_that_appears_in_a_wall_stands_in_it():
     assert driven.world.hold == FREE
 
 
-def test_a_pushed_box_pushes_the_next_one():
+def test_pushed_box_pushes_the_next_one():
     driven = Driven(Pose(1.0, 2.0), [carton(mass_kg=1.0), carton(x_m=3.6, mass_kg=1.0)])
     driven.appear(0)
     driven.appear(1)

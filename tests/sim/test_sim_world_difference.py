@@ -46,7 +46,7 @@ def test_places_share_their_offset_as_far_as_the_correlation_length_says(correla
     assert np.mean(a * b) / np.mean(a * a) == pytest.approx(shared, abs=0.12)
 
 
-def test_a_wall_of_one_cell_stays_whole():
+def test_wall_of_one_cell_stays_whole():
     cells = np.full((200, 200), FREE, dtype=np.int8)
     cells[:, 100] = OCCUPIED
     for seed in range(20):
@@ -55,7 +55,7 @@ def test_a_wall_of_one_cell_stays_whole():
         assert world.occupied.any(axis=1).all()
 
 
-def test_a_world_has_the_maps_extent_frame_and_unknown_space():
+def test_world_has_the_maps_extent_frame_and_unknown_space():
     cells = np.full((40, 60), UNKNOWN, dtype=np.int8)
     turned = OccupancyMap(cells, RESOLUTION_M, (-3.0, 2.0), 0.3)
     world = world_of(turned, WorldDifference(1, wall_offset_m=0.05))
@@ -64,7 +64,7 @@ def test_a_world_has_the_maps_extent_frame_and_unknown_space():
     assert (world.cells == UNKNOWN).all()
 
 
-def test_a_coarse_map_gets_cells_of_at_most_25_millimeters_in_whole_fractions():
+def test_coarse_map_gets_cells_of_at_most_25_millimeters_in_whole_fractions():
     world = world_of(OccupancyMap(np.zeros((9, 9), dtype=np.int8), 0.06, (0.0, 0.0)), WorldDifference(1, 0.05))
     assert (world.shape, world.resolution_m) == ((27, 27), pytest.approx(0.02))
 
@@ -92,12 +92,12 @@ def test_what_is_longer_than_2_meters_is_no_furniture():
     assert world.occupied[20].sum() == 41
 
 
-def test_a_seed_alone_makes_no_difference():
+def test_seed_alone_makes_no_difference():
     assert difference_of({"seed": 5, "wall_offset": 0.0, "missing_furniture": 0.0}) is None
     assert difference_of(None) is None
 
 
-def test_a_world_changes_the_checked_scenario(scenario):
+def test_world_changes_the_checked_scenario(scenario):
     worlds = [scenario(world={"seed": seed, "wall_offset": 0.1}) for seed in (1, 2)]
     assert len({checked_digest(each) for each in (scenario(), *worlds)}) == 3
 
@@ -123,7 +123,7 @@ def test_where_all_walls_moved_alike_the_estimate_moves_back(scenario, two_rooms
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_body_keeps_out_of_the_worlds_walls(scenario, two_rooms_map, seed):
+def test_body_keeps_out_of_the_worlds_walls(scenario, two_rooms_map, seed):
     """With offsets of 0.25 m it would enter them by the width of a hand, did physics take the map's."""
     given = {"seed": seed, "wall_offset": 0.25, "correlation_length": 3.0}
     recording = run(scenario(world=given, timeout_s=60.0), 0, 0)
@@ -136,16 +136,16 @@ def test_the_body_keeps_out_of_the_worlds_walls(scenario, two_rooms_map, seed):
 @each_row(
     ("value", "message"),
     [
-        (3, r"^world: found 3; a mapping of seed, wall_offset, correlation_length, missing_furniture"),
-        ({"offset": 1}, r"^world: found offset; a mapping of seed"),
-        ({"seed": -1}, r"^world.seed: found -1; a whole number from 0"),
-        ({"seed": True}, r"^world.seed: found True; a whole number from 0"),
-        ({"wall_offset": -0.1}, r"^world.wall_offset: found -0.1; a number from 0 to 1000"),
-        ({"wall_offset": float("nan")}, r"^world.wall_offset: found nan; a number from 0 to 1000"),
-        ({"correlation_length": 0}, r"^world.correlation_length: found 0; a number from 0.5 to 1000"),
-        ({"missing_furniture": 1.5}, r"^world.missing_furniture: found 1.5; a number from 0 to 1"),
+        (3, r"^world: expected a mapping of seed, wall_offset, correlation_length, missing_furniture, got 3"),
+        ({"offset": 1}, r"^world: expected a mapping of seed, got offset"),
+        ({"seed": -1}, r"^world.seed: expected a whole number from 0, got -1"),
+        ({"seed": True}, r"^world.seed: expected a whole number from 0, got True"),
+        ({"wall_offset": -0.1}, r"^world.wall_offset: expected a number from 0 to 1000, got -0.1"),
+        ({"wall_offset": float("nan")}, r"^world.wall_offset: expected a number from 0 to 1000, got nan"),
+        ({"correlation_length": 0}, r"^world.correlation_length: expected a number from 0.5 to 1000, got 0"),
+        ({"missing_furniture": 1.5}, r"^world.missing_furniture: expected a number from 0 to 1, got 1.5"),
     ],
 )
-def test_a_world_of_another_form_is_refused_with_its_place(value, message):
+def test_world_of_another_form_is_refused_with_its_place(value, message):
     with pytest.raises(ScenarioError, match=message):
         difference_of(value)

@@ -27,7 +27,7 @@ def many():
     return draws(N)
 
 
-def test_the_numbers_are_normally_distributed(many):
+def test_numbers_are_normally_distributed(many):
     assert stats.kstest(many, "norm").pvalue > 1e-3
 
 
@@ -54,7 +54,7 @@ def test_layers_become_narrower_up_to_the_top():
     assert EDGES[-1] == 0.0
 
 
-def test_a_stream_goes_on_where_it_stopped():
+def test_stream_goes_on_where_it_stopped():
     stream, whole = streams_of([3])[0], draws(1000, seed=3)
     first, second = np.empty(400), np.empty(600)
     filled(stream, first)

@@ -105,7 +105,7 @@ def test_members_come_out_as_they_went_in_with_files_of_their_own(store, home, t
     assert (bundle.campaign, bundle.seed) == ("hall", 7)
 
 
-def test_the_digest_of_a_scenario_stays_the_same(store, home, tmp_path):
+def test_digest_of_a_scenario_stays_the_same(store, home, tmp_path):
     before = member(home)
     (after,) = unpacked(store, packed(store, home, [before]), tmp_path / "here").members
     assert after.scenario.digest == before.scenario.digest
@@ -127,28 +127,28 @@ def test_oracles_of_a_file_keep_name_and_parameters(store, home, tmp_path):
     assert bundle.oracles[1].base.is_relative_to(tmp_path / "here")
 
 
-def test_an_oracle_beside_the_campaigns_folder_is_found(store, home, tmp_path):
+def test_oracle_beside_the_campaigns_folder_is_found(store, home, tmp_path):
     (home / "judge.py").rename(home.parent / "judge.py")
     beside = oracles_of([("../judge.py:Nobody", {})], home)
     key = Packer(store, "hall", KEYS, beside, home).packed([member(home)])
     assert unpacked(store, key, tmp_path / "here").oracles[1].name == "../judge.py:Nobody"
 
 
-def test_the_same_members_give_the_same_bundle_wherever_the_campaign_lies(store, home, tmp_path):
+def test_same_members_give_the_same_bundle_wherever_the_campaign_lies(store, home, tmp_path):
     first = packed(store, home, [member(home)])
     moved = tmp_path / "moved"
     home.parent.rename(moved)
     assert packed(store, moved / "campaign", [member(moved / "campaign")]) == first
 
 
-def test_a_file_is_stored_once_for_all_bundles(store, home):
+def test_file_is_stored_once_for_all_bundles(store, home):
     packed(store, home, [member(home)])
     before = {holding.key for holding in store.holdings()}
     packed(store, home, [member(home, "hall-2")])
     assert len({holding.key for holding in store.holdings()} - before) == 1
 
 
-def test_a_bundle_that_lost_a_file_is_lost(store, home, tmp_path):
+def test_bundle_that_lost_a_file_is_lost(store, home, tmp_path):
     key = packed(store, home, [member(home)])
     sha256 = file_digest(home / "judge.py")
     store.remove([f"bundle/{sha256[:2]}/{sha256}"])
@@ -175,7 +175,7 @@ def test_nothing_of_a_forged_bundle_is_imported(store, home, tmp_path):
         unpacked(store, key, tmp_path / f"after {len(artifact)}")
 
 
-def test_a_file_that_changed_since_is_noticed(store, home, tmp_path):
+def test_file_that_changed_since_is_noticed(store, home, tmp_path):
     before = member(home)
     (home / "drive.osc").write_text(OSC.format(library="osc.helpers").replace("done", "changed"))
     key = packed(store, home, [before])
@@ -184,7 +184,7 @@ def test_a_file_that_changed_since_is_noticed(store, home, tmp_path):
         definition_of(after.scenario.abstract)
 
 
-def test_a_file_that_is_gone_is_named(store, home):
+def test_file_that_is_gone_is_named(store, home):
     before = member(home)
     (home / "nav2.yaml").unlink()
     with pytest.raises(BundleError, match=r"nav2\.yaml can't be read \(No such file or directory\)"):
@@ -220,7 +220,7 @@ def test_whatever_a_scenario_says_keeps_its_digest(tmp_path_factory, values):
     assert after.scenario.digest == scenario.digest
 
 
-def test_a_scenario_file_that_became_wrong_is_a_fault_of_the_bundle(store, home):
+def test_scenario_file_that_became_wrong_is_a_fault_of_the_bundle(store, home):
     before = member(home)
     (home / "drive.osc").write_text("scenario")
     with pytest.raises(BundleError, match=r"drive\.osc:1.*changed since the campaign was read"):

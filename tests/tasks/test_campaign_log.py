@@ -22,7 +22,7 @@ def test_what_vastflow_says_goes_to_the_log_alone(tmp_path, capsys):
     assert capsys.readouterr().err == ""
 
 
-def test_a_campaign_that_has_nothing_to_say_leaves_no_log(tmp_path):
+def test_campaign_that_has_nothing_to_say_leaves_no_log(tmp_path):
     with own_log(tmp_path / "log"):
         pass
     assert not (tmp_path / "log").exists()
@@ -56,7 +56,7 @@ def test_nothing_that_prefect_or_a_library_says_reaches_the_terminal(tmp_path):
         assert said.count(f"{words}\n") == 1
 
 
-def test_the_next_campaign_of_a_process_has_a_log_of_its_own(tmp_path):
+def test_next_campaign_of_a_process_has_a_log_of_its_own(tmp_path):
     script = textwrap.dedent(f"""
         import logging, pathlib
         from vastflow.tasks.prefect.campaign_log import own_log, prefect_log
@@ -74,7 +74,7 @@ def test_the_next_campaign_of_a_process_has_a_log_of_its_own(tmp_path):
     assert "from second\n" in second and "of second\n" in second
 
 
-def test_a_program_that_uses_prefect_gets_its_logging_back(tmp_path):
+def test_program_that_uses_prefect_gets_its_logging_back(tmp_path):
     import prefect.main  # noqa: F401
 
     logger, root = logging.getLogger("prefect"), logging.getLogger()

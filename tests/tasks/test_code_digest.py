@@ -63,7 +63,7 @@ def test_different_programs_have_different_digests(one, other):
 
 
 @each_row(("one", "other"), SAME.values())
-def test_a_program_that_looks_different_has_the_same_digest(one, other):
+def test_program_that_looks_different_has_the_same_digest(one, other):
     assert code_digest(one) == code_digest(other)
 
 
@@ -72,7 +72,7 @@ def test_deep_and_large_programs_have_a_digest():
     assert code_digest(f"x = 0x{'f' * 9000}") != code_digest(f"x = 0x{'f' * 8999}")
 
 
-def test_the_code_digest_is_pinned():
+def test_code_digest_is_pinned():
     text = (
         "import math\n\n\ndef area(r, *, n: int = 2, **rest):\n    return f'{math.pi * r**n!r:>{n}}' if r else None\n"
     )

@@ -22,7 +22,7 @@ def test_where_nothing_drives_there_are_none():
     assert controllers_in([]) == []
 
 
-def test_a_controller_that_there_is_not_is_left_to_its_runs():
+def test_controller_that_there_is_not_is_left_to_its_runs():
     assert controllers_in([{"controller": "nonsense"}, {"controller": "dwb"}]) == [{"controller": "dwb"}]
 
 
@@ -31,7 +31,7 @@ NOTHING = 'import osc.helpers\n\nscenario nothing:\n    level: int\n    do seria
 
 
 @each_row("campaign, drives", [("room", True), ("nothing", False)])
-def test_a_family_says_whether_a_robot_drives_in_it(tmp_path, campaign, drives):
+def test_family_says_whether_a_robot_drives_in_it(tmp_path, campaign, drives):
     (tmp_path / "nothing.osc").write_text(NOTHING)
     nothing = tmp_path / "nothing.vast"
     nothing.write_text(

@@ -21,7 +21,7 @@ def test_sigterm_interrupts_as_ctrl_c_does():
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
 
 
-def test_a_program_with_its_own_idea_of_sigterm_keeps_it():
+def test_program_with_its_own_idea_of_sigterm_keeps_it():
     heard = []
     signal.signal(signal.SIGTERM, lambda *_: heard.append(1))
     try:
@@ -32,7 +32,7 @@ def test_a_program_with_its_own_idea_of_sigterm_keeps_it():
     assert heard == [1]
 
 
-def test_a_process_that_does_not_end_is_ended_with_code_130_after_the_kill():
+def test_process_that_does_not_end_is_ended_with_code_130_after_the_kill():
     script = textwrap.dedent("""
         import threading
         from vastflow.tasks.engine import process as ending
@@ -44,11 +44,11 @@ def test_a_process_that_does_not_end_is_ended_with_code_130_after_the_kill():
     assert (done.returncode, done.stdout) == (130, "killed\n")
 
 
-def test_the_main_thread_of_a_script_owns_its_process():
+def test_main_thread_of_a_script_owns_its_process():
     assert owns_process()
 
 
-def test_a_notebooks_cell_does_not_own_the_kernel():
+def test_notebooks_cell_does_not_own_the_kernel():
     async def cell():
         return owns_process()
 

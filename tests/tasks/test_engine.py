@@ -104,7 +104,7 @@ def test_what_is_in_the_store_is_not_computed(engine, pool):
     assert sorted(pool.done) == [("execute", "b"), ("judge", "b"), ("observe", "b")]
 
 
-def test_a_member_started_early_is_not_started_again(engine, pool):
+def test_member_started_early_is_not_started_again(engine, pool):
     engine.start_executing(member("a"))
     engine.execute([member("a")])
     assert pool.done == [("execute", "a")]
@@ -124,7 +124,7 @@ def test_where_no_robot_drives_nothing_is_compiled(engine, pool):
 
 @pytest.mark.parametrize("stage", ["execute", "observe", "judge"])
 @pytest.mark.parametrize("error", [Broken("ValueError: x"), WorkerDied("died"), RuntimeError("can't be pickled")])
-def test_an_error_costs_its_member_and_no_other(engine, pool, stage, error):
+def test_error_costs_its_member_and_no_other(engine, pool, stage, error):
     pool.answers[stage, "a"] = error
     assert [len(rows) for rows in through(engine, [member("a"), member("b")])[-1].made] == [0, 1]
     assert {(fault.member, fault.run_index, fault.stage) for fault in engine.faults} == {
@@ -134,7 +134,7 @@ def test_an_error_costs_its_member_and_no_other(engine, pool, stage, error):
     assert engine.tally.progress().not_judged == 2
 
 
-def test_a_run_that_kills_its_worker_costs_no_other_run_of_its_block(engine, pool):
+def test_run_that_kills_its_worker_costs_no_other_run_of_its_block(engine, pool):
     pool.answers["execute", "a"] = lambda *arguments: WorkerDied("died") if arguments[3] <= 1 < arguments[4] else None
     recorded = engine.execute([member("a", runs=2)])
     assert [row[:2] for row in recorded.made[0]] == [[0, 1]]
@@ -147,26 +147,26 @@ def test_one_broken_run_is_one_fault(engine, pool):
     assert engine.faults == (MemberFault("a", 1, "execute", "ValueError: x"),)
 
 
-def test_a_lost_artifact_is_no_fault_but_what_follows_from_it_stays_missing(engine, pool):
+def test_lost_artifact_is_no_fault_but_what_follows_from_it_stays_missing(engine, pool):
     pool.answers["observe", "a"] = Gone("recordings")
     assert [outcome.made == [[]] for outcome in through(engine, [member("a")])] == [False, True, True]
     assert engine.faults == ()
 
 
-def test_a_closed_pool_ends_the_stage(engine, pool):
+def test_closed_pool_ends_the_stage(engine, pool):
     pool.answers["execute", "a"] = PoolClosed()
     with pytest.raises(PoolClosed):
         engine.execute([member("a")])
 
 
-def test_a_block_is_short_enough_for_every_worker_to_have_several():
+def test_block_is_short_enough_for_every_worker_to_have_several():
     assert block_size(20, 2) == 3
     assert block_size(120, 2) == 15
     assert block_size(109_600, 2) == 20
     assert block_size(1, 8) == 1
 
 
-def test_a_store_that_cannot_be_used_any_more_ends_everything_and_is_no_members_fault(engine, pool):
+def test_store_that_cannot_be_used_any_more_ends_everything_and_is_no_members_fault(engine, pool):
     pool.answers["observe", "a"] = StoreError("store: the disk is full")
     pool.close = lambda: pool.done.append("closed")
     members = [member("a"), member("b")]
@@ -178,7 +178,7 @@ def test_a_store_that_cannot_be_used_any_more_ends_everything_and_is_no_members_
     assert engine.faults == ()
 
 
-def test_a_task_run_that_is_interrupted_ends_as_cancelled():
+def test_task_run_that_is_interrupted_ends_as_cancelled():
     from vastflow.tasks.prefect import stages
 
     def execute(members):

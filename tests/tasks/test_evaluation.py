@@ -53,12 +53,12 @@ def test_what_is_written_comes_back_bit_for_bit(results):
     assert read_evaluation(write_evaluation(results), {}) == results
 
 
-def test_a_whole_number_and_a_float_stay_apart():
+def test_whole_number_and_a_float_stay_apart():
     (fragment,) = read_evaluation(write_evaluation([Fragment({"a": 1, "b": 1.0})]), {})
     assert [type(value) for value in fragment.values.values()] == [int, float]
 
 
-def test_a_file_is_where_this_campaign_has_it(tmp_path):
+def test_file_is_where_this_campaign_has_it(tmp_path):
     here = tmp_path / "here.yaml"
     here.touch()
     content = write_evaluation([Fragment({"map_file": FileContent("/gone/map.yaml", "d")})])
@@ -66,7 +66,7 @@ def test_a_file_is_where_this_campaign_has_it(tmp_path):
     assert fragment.values["map_file"].path == str(here)
 
 
-def test_a_file_that_is_nowhere_has_to_be_made_again():
+def test_file_that_is_nowhere_has_to_be_made_again():
     content = write_evaluation([Fragment({"map_file": FileContent("/gone/map.yaml", "d")})])
     with pytest.raises(Lost, match=r"/gone/map\.yaml"):
         read_evaluation(content, {})
@@ -90,7 +90,7 @@ def test_parameters_and_inputs_are_in_the_key():
     assert keys_of(listed(name="a", values=[1]), "1" * 64) != keys_of(listed(name="a", values=[1]), "2" * 64)
 
 
-def test_a_files_place_is_not_in_the_key():
+def test_files_place_is_not_in_the_key():
     one, other = (listed(name="a", values=[FileContent(path, "d")]) for path in ("/one", "/other"))
     assert keys_of(one, "1" * 64) == keys_of(other, "1" * 64)
 
@@ -101,7 +101,7 @@ def own(folder, text=OWN, **parameters):
     return kind(kind.Parameters(**parameters))
 
 
-def test_a_comment_in_a_plug_in_keeps_its_evaluations_and_code_does_not(tmp_path):
+def test_comment_in_a_plug_in_keeps_its_evaluations_and_code_does_not(tmp_path):
     plain, commented, edited = (
         keys_of(own(tmp_path, text, values=(1.0,)), "1" * 64)
         for text in (OWN, f"# mine\n{OWN}", OWN.replace("value})", "value + 1})"))
@@ -109,14 +109,14 @@ def test_a_comment_in_a_plug_in_keeps_its_evaluations_and_code_does_not(tmp_path
     assert plain == commented != edited
 
 
-def test_a_plug_in_can_be_sent_to_another_process(tmp_path):
+def test_plug_in_can_be_sent_to_another_process(tmp_path):
     sent = pickle.dumps(packed(own(tmp_path, values=(1.0, 2.0))))
     script = "import pickle, sys; p = pickle.loads(sys.stdin.buffer.read()).unpacked(); print(p.parameters.values)"
     done = subprocess.run([sys.executable, "-c", script], input=sent, capture_output=True, timeout=240, check=True)
     assert done.stdout.decode().strip() == "(1.0, 2.0)"
 
 
-def test_a_packed_producer_yields_the_same(tmp_path):
+def test_packed_producer_yields_the_same(tmp_path):
     producer = own(tmp_path, values=(1.0, 2.0))
     assert evaluate(packed(producer).unpacked(), {}) == evaluate(producer, {})
 
@@ -136,7 +136,7 @@ def test_alternatives_are_what_their_producers_and_these_parameters_are(tmp_path
     }
 
 
-def test_an_edited_alternative_of_ones_own_is_evaluated_again(tmp_path):
+def test_edited_alternative_of_ones_own_is_evaluated_again(tmp_path):
     plain, edited = (
         keys_of(one_of(own(tmp_path, text, values=(1.0,))), "1" * 64)
         for text in (OWN, OWN.replace("value})", "value + 1})"))
@@ -151,5 +151,5 @@ def test_alternatives_of_ones_own_can_be_sent_to_another_process(tmp_path):
     assert done.stdout.decode().strip() == "(1.0, 2.0)"
 
 
-def test_a_parameter_model_is_what_its_fields_say():
+def test_parameter_model_is_what_its_fields_say():
     assert content_of(listed(name="a", values=(1, 2)).parameters) == {"dimension": None, "name": "a", "values": [1, 2]}

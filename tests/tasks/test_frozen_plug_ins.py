@@ -111,7 +111,7 @@ def helped(request, home):
     return home / name
 
 
-def test_an_edited_helper_is_another_key_and_another_verdict(home, helped):
+def test_edited_helper_is_another_key_and_another_verdict(home, helped):
     before = oracle(home)
     key_before = key(before)
     helped.write_text("LIMIT = 5\n")
@@ -120,7 +120,7 @@ def test_an_edited_helper_is_another_key_and_another_verdict(home, helped):
     assert key(after) != key_before == key(before)
 
 
-def test_a_comment_in_a_helper_changes_no_key(home, helped):
+def test_comment_in_a_helper_changes_no_key(home, helped):
     before = key(oracle(home))
     helped.write_text('"""A helper."""\nLIMIT = 1  # one\n')
     assert key(oracle(home)) == before
@@ -159,7 +159,7 @@ def test_what_is_not_imported_is_in_no_key(home):
     assert key(oracle(home)) == before
 
 
-def test_a_folder_beside_does_not_hide_what_is_installed(home):
+def test_folder_beside_does_not_hide_what_is_installed(home):
     (home / "numpy").mkdir()
     (home / "numpy" / "notes.py").write_text("")
     (home / "vastflow").mkdir()
@@ -168,7 +168,7 @@ def test_a_folder_beside_does_not_hide_what_is_installed(home):
     assert said(oracle(home)) == 3.0
 
 
-def test_a_producers_helper_is_in_its_key_and_comes_from_the_snapshot(home):
+def test_producers_helper_is_in_its_key_and_comes_from_the_snapshot(home):
     (home / "own.py").write_text(PRODUCER)
     (home / "helper.py").write_text("LIMIT = 1\n")
     kind = find_producer("own.py:Own", home)
@@ -215,14 +215,14 @@ def test_data_that_is_not_declared_is_a_fault_that_names_the_line_to_add(home, t
         said(oracle(home))
 
 
-def test_a_read_while_the_file_is_imported_is_a_fault_of_the_request(home):
+def test_read_while_the_file_is_imported_is_a_fault_of_the_request(home):
     (home / "limit.json").write_text("1")
     write(home, f"LIMIT = open({BESIDE}).read()", "LIMIT")
     with pytest.raises(OracleError, match=r"reads 'limit\.json', which it does not declare"):
         oracle(home)
 
 
-def test_a_plug_in_that_swallows_the_error_is_a_fault_all_the_same(home):
+def test_plug_in_that_swallows_the_error_is_a_fault_all_the_same(home):
     (home / "limit.json").write_text("1")
     top = f"def limit():\n    try:\n        return open({BESIDE}).read()\n    except Exception:\n        return 9"
     write(home, top, "limit()")
@@ -240,7 +240,7 @@ def test_declared_data_that_is_read_where_it_lies_is_a_fault(home, monkeypatch):
         said(oracle(home))
 
 
-def test_a_file_elsewhere_and_one_that_is_written_are_none_of_its_business(home, tmp_path):
+def test_file_elsewhere_and_one_that_is_written_are_none_of_its_business(home, tmp_path):
     (tmp_path / "elsewhere").write_text("3")
     write(home, "", f'open({str(tmp_path / "elsewhere")!r}).read() + "0" * open({str(home / "log")!r}, "w").write("")')
     assert said(oracle(home)) == 3.0
@@ -268,11 +268,11 @@ def test_folders_patterns_and_files_above_can_be_declared(home, declared, read):
     ("declared", "message"),
     [
         ('["absent.json"]', r"no file 'absent\.json' of its files; a file beside"),
-        ("[name for name in ()]", r"line 8: found files = \[.*; names of files, written out: files = "),
-        ('["/etc/passwd"]', r"found '/etc/passwd' in files; a path relative to the plug-in's folder"),
+        ("[name for name in ()]", r"line 8: expected names of files, written out: files = , got files = \[.*"),
+        ('["/etc/passwd"]', r"expected a path relative to the plug-in's folder, got '/etc/passwd' in files"),
     ],
 )
-def test_a_wrong_declaration_is_named(home, declared, message):
+def test_wrong_declaration_is_named(home, declared, message):
     write(home, declared=declared)
     with pytest.raises(OracleError, match=message):
         oracle(home)
@@ -286,7 +286,7 @@ def test_what_is_too_large_is_refused_with_the_limit(home):
         oracle(home)
 
 
-def test_the_versions_of_what_it_imports_are_in_its_key(home, monkeypatch):
+def test_versions_of_what_it_imports_are_in_its_key(home, monkeypatch):
     from vastflow.tasks.keys import source
 
     write(home, "import httpx, numpy", "1")
@@ -298,7 +298,7 @@ def test_the_versions_of_what_it_imports_are_in_its_key(home, monkeypatch):
     assert installed_tree().plug_in_digest(kind) != before
 
 
-def test_a_module_that_is_found_but_not_installed_is_in_the_key_by_its_code(home, tmp_path, monkeypatch):
+def test_module_that_is_found_but_not_installed_is_in_the_key_by_its_code(home, tmp_path, monkeypatch):
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "elsewhere" / "own_tools.py").write_text("LIMIT = 1\n")
     monkeypatch.syspath_prepend(str(tmp_path / "elsewhere"))
@@ -308,7 +308,7 @@ def test_a_module_that_is_found_but_not_installed_is_in_the_key_by_its_code(home
     assert key(oracle(home)) != before
 
 
-def test_a_damaged_copy_is_made_again(home):
+def test_damaged_copy_is_made_again(home):
     write(home)
     first = snapshot_behind(type(oracle(home)))
     first.file.write_text("damaged")
@@ -317,7 +317,7 @@ def test_a_damaged_copy_is_made_again(home):
     assert snapshot_behind(type(again)).file.read_text() == (home / "own.py").read_text()
 
 
-def test_the_environment_and_other_programs_are_pointed_at(home):
+def test_environment_and_other_programs_are_pointed_at(home):
     write(home, "import os, subprocess\nfrom os import environ as e", 'os.getenv("A") or e["B"] or subprocess.run("c")')
     hidden = snapshot_behind(type(oracle(home))).hidden
     assert [each.name for each in hidden] == ["os.getenv", "os.environ", "subprocess.run"]
@@ -341,7 +341,7 @@ def notebook(home, *cells):
     return oracle_of("own.ipynb", {}, home)
 
 
-def test_a_notebooks_helpers_and_files_are_frozen_too(home):
+def test_notebooks_helpers_and_files_are_frozen_too(home):
     (home / "helper.py").write_text("LIMIT = 1\n")
     (home / "limit.json").write_text("2")
     cells = ["from helper import LIMIT", 'files = ["limit.json"]', 'LIMIT += int(open("limit.json").read())']
@@ -354,13 +354,13 @@ def test_a_notebooks_helpers_and_files_are_frozen_too(home):
     assert (said(before), said(notebook(home, *cells))) == (3.0, 12.0)
 
 
-def test_a_notebooks_file_that_is_not_declared_is_a_fault(home):
+def test_notebooks_file_that_is_not_declared_is_a_fault(home):
     (home / "limit.json").write_text("2")
     with pytest.raises(PlugInError, match=r"add the line files = \[\"limit\.json\"\] to a code cell"):
         said(notebook(home, 'LIMIT = int(open("limit.json").read())'))
 
 
-def test_an_output_or_prose_of_a_notebook_changes_no_key(home):
+def test_output_or_prose_of_a_notebook_changes_no_key(home):
     before = key(notebook(home, "LIMIT = 1"))
     document = json.loads((home / "own.ipynb").read_text())
     document["cells"][1]["outputs"] = [{"output_type": "stream", "name": "stdout", "text": "1"}]
@@ -369,7 +369,7 @@ def test_an_output_or_prose_of_a_notebook_changes_no_key(home):
     assert key(oracle_of("own.ipynb", {}, home)) == before
 
 
-def test_the_plug_ins_own_file_has_one_name_in_every_key(home):
+def test_plug_ins_own_file_has_one_name_in_every_key(home):
     write(home)
     assert set(installed_tree().plug_in_code(type(oracle(home))).modules) >= {PLUG_IN}
 

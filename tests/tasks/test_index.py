@@ -41,19 +41,19 @@ def test_blocks_that_add_nothing_are_left_out(index):
     assert spans(index.blocks(MEMBER)) == [(0, 5), (3, 8)]
 
 
-def test_a_hole_in_the_middle_is_missing(index):
+def test_hole_in_the_middle_is_missing(index):
     put(index, 0, 2)
     put(index, 3, 8)
     assert missing(index.blocks(MEMBER), 8) == [2]
 
 
-def test_a_damaged_block_is_missing(index):
+def test_damaged_block_is_missing(index):
     artifact = put(index, 0, 8)
     (index.store.local / artifact.key / "recordings.parquet").unlink()
     assert missing(index.blocks(MEMBER), 8) == list(range(8))
 
 
-def test_a_folder_of_another_name_is_no_block(index):
+def test_folder_of_another_name_is_no_block(index):
     home = index.store.local / index.keys.recordings(MEMBER.checked)
     (home / "notes").mkdir(parents=True)
     assert index.blocks(MEMBER) == []

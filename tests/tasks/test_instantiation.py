@@ -93,7 +93,7 @@ def test_designs_and_constraints_are_those_of_instantiation_in_one_process(campa
     assert [e.constraint for e in found.excluded] == ["odd"]
 
 
-def test_an_input_that_two_families_share_is_evaluated_once(instantiator):
+def test_input_that_two_families_share_is_evaluated_once(instantiator):
     here = Here(instantiator.store, "none")
     instantiator.instantiated(here)
     assert here.evaluated == 2 + 3  # two lists; own.py on a = 1, 2 and 5
@@ -105,20 +105,20 @@ def test_nothing_is_missing_once_all_is_stored(instantiator):
     assert instantiator.stored() == instantiated
 
 
-def test_a_damaged_evaluation_is_missing(instantiator):
+def test_damaged_evaluation_is_missing(instantiator):
     instantiator.instantiated(Here(instantiator.store, "none"))
     fragments = next((instantiator.store.local / "evaluate").rglob("fragments.json"))
     fragments.write_bytes(fragments.read_bytes()[::-1])
     assert instantiator.stored() is None
 
 
-def test_a_producer_that_raises_costs_what_follows_from_it_and_is_told_once(instantiator):
+def test_producer_that_raises_costs_what_follows_from_it_and_is_told_once(instantiator):
     instantiated = instantiator.instantiated(Here(instantiator.store, breaking=2))
     assert [c.name for c in instantiated.instantiation.configurations] == ["hall-1-1", "yard-1-1", "yard-2-1"]
     assert [(f.family, f.producer, f.error) for f in instantiated.faults] == [("hall", "Own", "ValueError: x")]
 
 
-def test_a_family_or_a_configuration_can_be_selected(instantiator):
+def test_family_or_a_configuration_can_be_selected(instantiator):
     whole = instantiator.instantiated(Here(instantiator.store, "none")).instantiation
     assert [c.name for c in selected(whole, ["hall-2-1", "yard"]).configurations] == [
         "hall-2-1",
@@ -127,20 +127,20 @@ def test_a_family_or_a_configuration_can_be_selected(instantiator):
     ]
 
 
-def test_a_duplicate_of_what_is_not_selected_stands_for_itself(instantiator):
+def test_duplicate_of_what_is_not_selected_stands_for_itself(instantiator):
     whole = instantiator.instantiated(Here(instantiator.store, "none")).instantiation
     assert [c.duplicate_of for c in whole.configurations] == [None, None, "hall-2-1", "hall-1-1", None]
     assert [c.duplicate_of for c in selected(whole, ["yard"]).configurations] == [None, None]
 
 
-def test_an_unknown_name_comes_with_the_known_ones(instantiator):
+def test_unknown_name_comes_with_the_known_ones(instantiator):
     whole = instantiator.instantiated(Here(instantiator.store, "none")).instantiation
     with pytest.raises(UnknownName, match="no family or configuration 'lawn'") as raised:
         selected(whole, ["hall", "lawn"])
     assert raised.value.known[:2] == ("hall", "hall-1-1")
 
 
-def test_a_family_whose_map_is_not_there_is_a_fault_of_that_family_and_the_other_is_made(campaign, instantiator):
+def test_family_whose_map_is_not_there_is_a_fault_of_that_family_and_the_other_is_made(campaign, instantiator):
     yard = CAMPAIGN.replace("map_file: room.yaml", "map_file: room2.yaml").replace("room2", "room", 1)
     campaign.path.write_text(yard)
     found = replace(instantiator, campaign=load_campaign(campaign.path)).instantiated(Here(instantiator.store, "none"))

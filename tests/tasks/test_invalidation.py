@@ -19,13 +19,13 @@ def proof(monkeypatch):
     return invalidation
 
 
-def test_an_edit_computes_again_what_it_reaches_and_nothing_else(proof, tmp_path):
+def test_edit_computes_again_what_it_reaches_and_nothing_else(proof, tmp_path):
     rows = list(proof.rows(tmp_path, CHOSEN.__contains__))
     assert len(rows) == 1 + len(CHOSEN)
     assert [(row.edit, row.wrong) for row in rows if row.wrong] == []
 
 
-def test_the_table_has_edits_of_both_kinds(proof):
+def test_table_has_edits_of_both_kinds(proof):
     assert len(proof.MUST) >= 30
     assert len(proof.MUST_NOT) >= 30
     assert len(proof.MEANWHILE) >= 5

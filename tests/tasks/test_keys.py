@@ -16,7 +16,7 @@ KEYS = Keys(
 SCENARIO, RECORDING, TRACE = "1" * 64, "2" * 64, "3" * 64
 
 
-def test_the_keys_are_pinned():
+def test_keys_are_pinned():
     assert KEYS.recordings(SCENARIO) == "execute/74/749c3dc748885c132e1d12d13ed6ed7a6c75afa5c1ed5d2163ea358aa58e21f0"
     assert (
         KEYS.trace(SCENARIO, RECORDING) == "observe/be/be14b40a7643032924faa79105527bc614c00360f880453a94500d080dbbb4ac"
@@ -31,20 +31,20 @@ def test_the_keys_are_pinned():
     )
 
 
-def test_the_seed_is_in_the_key_of_recordings_alone():
+def test_seed_is_in_the_key_of_recordings_alone():
     other = replace(KEYS, seed=1)
     assert other.recordings(SCENARIO) != KEYS.recordings(SCENARIO)
     assert other.trace(SCENARIO, RECORDING) == KEYS.trace(SCENARIO, RECORDING)
 
 
-def test_an_oracles_parameter_is_in_the_key_of_verdicts_alone():
+def test_oracles_parameter_is_in_the_key_of_verdicts_alone():
     other = replace(KEYS, oracles=[["success", {}], ["performance", {"rmse_threshold": 0.6}]])
     assert other.recordings(SCENARIO) == KEYS.recordings(SCENARIO)
     assert other.trace(SCENARIO, RECORDING) == KEYS.trace(SCENARIO, RECORDING)
     assert other.verdicts(SCENARIO, RECORDING, TRACE) != KEYS.verdicts(SCENARIO, RECORDING, TRACE)
 
 
-def test_the_code_of_a_stage_is_in_its_own_keys():
+def test_code_of_a_stage_is_in_its_own_keys():
     other = replace(KEYS, observe_source="x")
     assert other.recordings(SCENARIO) == KEYS.recordings(SCENARIO)
     assert other.trace(SCENARIO, RECORDING) != KEYS.trace(SCENARIO, RECORDING)
@@ -57,13 +57,13 @@ def test_another_numeric_class_shares_nothing():
     assert other.verdicts(SCENARIO, RECORDING, TRACE) != KEYS.verdicts(SCENARIO, RECORDING, TRACE)
 
 
-def test_the_numeric_class_names_what_selects_variants_of_functions():
+def test_numeric_class_names_what_selects_variants_of_functions():
     features = frozenset({"fma", "avx2", "sse4_2", "hypervisor"})
     named = numeric_class("x86_64", "glibc 2.36", features, {"HOME": "/"}, "3.13")
     assert named == "x86_64; glibc 2.36; avx2 fma; ; 3.13"
 
 
-def test_a_forced_variant_of_the_c_library_is_another_class():
+def test_forced_variant_of_the_c_library_is_another_class():
     plain = numeric_class("x86_64", "glibc 2.36", frozenset(), {})
     assert numeric_class("x86_64", "glibc 2.36", frozenset(), {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-FMA"}) != plain
 
@@ -88,13 +88,13 @@ def test_another_minor_version_of_python_is_another_class():
         "NUMBA_NOT_KNOWN_YET=1",
     ],
 )
-def test_a_setting_that_may_change_compiled_code_is_another_class(variable):
+def test_setting_that_may_change_compiled_code_is_another_class(variable):
     name, _, value = variable.partition("=")
     assert numeric_class(environment={name: value}) != numeric_class(environment={})
 
 
 @each_row("name", ["NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS", "NUMBA_DUMP_IR", "NUMBA_WARNINGS"])
-def test_a_setting_that_changes_no_code_changes_no_class(name):
+def test_setting_that_changes_no_code_changes_no_class(name):
     assert numeric_class(environment={name: "1"}) == numeric_class(environment={})
 
 

@@ -18,22 +18,22 @@ def tags_of(pid, began_s):
     return [host, f"process:{pid}@{began_s}", "vastflow"]
 
 
-def test_a_flow_run_of_a_living_process_is_no_orphan():
+def test_flow_run_of_a_living_process_is_no_orphan():
     assert not is_orphan(["vastflow", *process_tags()])
 
 
-def test_a_flow_run_whose_process_is_gone_is_an_orphan():
+def test_flow_run_whose_process_is_gone_is_an_orphan():
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
     assert is_orphan(tags_of(ended.pid, 1))
 
 
-def test_a_later_process_of_the_same_number_does_not_run_it():
+def test_later_process_of_the_same_number_does_not_run_it():
     process = psutil.Process()
     assert is_orphan(tags_of(process.pid, int(process.create_time()) - 60))
 
 
-def test_a_flow_run_of_another_host_or_without_tags_is_no_orphan():
+def test_flow_run_of_another_host_or_without_tags_is_no_orphan():
     _, process, name = tags_of(1, 1)
     assert not is_orphan(["host:elsewhere/1", process, name])
     assert not is_orphan([name])

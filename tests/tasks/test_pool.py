@@ -62,7 +62,7 @@ def append(log, name):
         out.write(f"{name}\n")
 
 
-def test_a_job_gives_its_result(pool):
+def test_job_gives_its_result(pool):
     assert pool.submit(Priority.EXECUTE, square, 7).result(120) == 49
 
 
@@ -71,7 +71,7 @@ def test_what_a_job_raises_reaches_the_caller(pool):
         pool.submit(Priority.EXECUTE, divmod, 1, 0).result(120)
 
 
-def test_a_judgement_overtakes_executions_that_wait(tmp_path):
+def test_judgement_overtakes_executions_that_wait(tmp_path):
     pool = Pool(1)
     try:
         log, gate = tmp_path / "log", tmp_path / "gate"
@@ -119,11 +119,11 @@ def test_many_jobs_begin_with_all_workers(tmp_path, monkeypatch):
         pool.close()
 
 
-def test_a_job_whose_worker_was_killed_is_done_by_another(pool, tmp_path):
+def test_job_whose_worker_was_killed_is_done_by_another(pool, tmp_path):
     assert pool.submit(Priority.EXECUTE, die_once, tmp_path / "mark").result(120) == "done"
 
 
-def test_a_job_that_kills_every_worker_fails_alone(pool):
+def test_job_that_kills_every_worker_fails_alone(pool):
     poison = pool.submit(Priority.EXECUTE, die)
     others = [pool.submit(Priority.EXECUTE, square, i) for i in range(20)]
     assert [future.result(120) for future in others] == [i * i for i in range(20)]
@@ -150,7 +150,7 @@ def test_closing_leaves_no_worker():
     assert not any(psutil.pid_exists(pid) for pid in workers)
 
 
-def test_a_job_for_a_closed_pool_ends_at_once():
+def test_job_for_a_closed_pool_ends_at_once():
     pool = Pool(1)
     pool.close()
     with pytest.raises(PoolClosed):

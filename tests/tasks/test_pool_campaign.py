@@ -202,7 +202,7 @@ def contents(directory):
 
 
 @more
-def test_a_pool_computes_the_same_bytes_as_this_process(api, worker, room, tmp_path):
+def test_pool_computes_the_same_bytes_as_this_process(api, worker, room, tmp_path):
     here = run_campaign(room, results=tmp_path / "here", store=tmp_path / "store-here", workers=2)
     there = run_campaign(
         room, results=tmp_path / "there", store=tmp_path / "store-there", pool=WorkPool("lab", shards=3)
@@ -232,7 +232,7 @@ def test_store_and_worker_need_not_be_on_one_machine(api, started_worker, room, 
 
 
 @more
-def test_a_shard_whose_process_dies_is_tried_again_and_only_what_is_missing(api, worker, programs, tmp_path):
+def test_shard_whose_process_dies_is_tried_again_and_only_what_is_missing(api, worker, programs, tmp_path):
     file = programs("well", "once", "well")
     found = run_campaign(file, results=tmp_path / "results", store=tmp_path / "store", pool="lab", workers=1)
     assert (found.faults, found.summary.executed, found.summary.passed) == ((), 3, 3)
@@ -241,7 +241,7 @@ def test_a_shard_whose_process_dies_is_tried_again_and_only_what_is_missing(api,
     assert any(name.endswith(", try 2") for name in names)
 
 
-def test_a_poison_is_found_and_not_judged_and_the_others_are(api, worker, programs, tmp_path):
+def test_poison_is_found_and_not_judged_and_the_others_are(api, worker, programs, tmp_path):
     file = programs("poison", "well", "well")
     found = run_campaign(file, results=tmp_path / "results", store=tmp_path / "store", pool="lab", workers=1)
     assert [(fault.configuration, fault.stage) for fault in found.faults] == [("step-1", "execute")]
@@ -250,7 +250,7 @@ def test_a_poison_is_found_and_not_judged_and_the_others_are(api, worker, progra
     assert executed(tmp_path).count(0) <= 4  # in three tries of the whole shard, and alone
 
 
-def test_a_search_finds_on_a_pool_what_it_finds_here_and_its_batches_are_flow_runs(api, worker, tmp_path):
+def test_search_finds_on_a_pool_what_it_finds_here_and_its_batches_are_flow_runs(api, worker, tmp_path):
     (tmp_path / "wait.osc").write_text(WAIT_OSC)
     (tmp_path / "sought.vast").write_text(SEARCH)
     file, there = tmp_path / "sought.vast", {"results": tmp_path / "there", "store": tmp_path / "store-there"}
@@ -282,7 +282,7 @@ def test_a_search_finds_on_a_pool_what_it_finds_here_and_its_batches_are_flow_ru
     assert run_campaign(file, pool="nowhere", **there).summary.executed == 0
 
 
-def test_an_interrupted_search_ends_its_batch_and_goes_on_in_it(api, tmp_path):
+def test_interrupted_search_ends_its_batch_and_goes_on_in_it(api, tmp_path):
     (tmp_path / "sleep.osc").write_text(SLEEP_OSC)
     file = tmp_path / "asleep.vast"
     file.write_text(SLEEPS)
@@ -308,7 +308,7 @@ def test_an_interrupted_search_ends_its_batch_and_goes_on_in_it(api, tmp_path):
 
 
 @more
-def test_a_worker_that_does_not_see_the_store_is_a_fault_of_the_store(api, worker, programs, tmp_path, monkeypatch):
+def test_worker_that_does_not_see_the_store_is_a_fault_of_the_store(api, worker, programs, tmp_path, monkeypatch):
     from vastflow.flows.pool import campaign as pool_campaign
 
     hidden = tmp_path / "hidden"
@@ -342,7 +342,7 @@ def test_ctrl_c_cancels_the_shards_and_says_how_to_go_on(api, worker, programs, 
     assert len(executed(tmp_path)) <= 12 + 2  # what was in flight
 
 
-def test_an_api_and_a_pool_have_to_be_there(api, programs, tmp_path, monkeypatch):
+def test_api_and_a_pool_have_to_be_there(api, programs, tmp_path, monkeypatch):
     file = programs("well")
     with pytest.raises(WorkPoolError, match="no work pool 'lap'; did you mean 'lab'"):
         run_campaign(file, results=tmp_path, store=tmp_path / "store", pool="lap")
@@ -356,7 +356,7 @@ def test_an_api_and_a_pool_have_to_be_there(api, programs, tmp_path, monkeypatch
 
 
 @more
-def test_a_pool_without_workers_is_said_and_given_up_when_asked_so(api, programs, tmp_path, monkeypatch):
+def test_pool_without_workers_is_said_and_given_up_when_asked_so(api, programs, tmp_path, monkeypatch):
     from vastflow.flows.pool import driver as pool_driver
 
     monkeypatch.setattr(pool_driver, "IDLE_S", 1.0)
@@ -370,7 +370,7 @@ def test_a_pool_without_workers_is_said_and_given_up_when_asked_so(api, programs
 
 
 @more
-def test_an_s3_server_that_goes_away_ends_the_campaign_and_the_next_computes_what_is_missing(
+def test_s3_server_that_goes_away_ends_the_campaign_and_the_next_computes_what_is_missing(
     api, started_worker, programs, start_s3, s3_variables, tmp_path
 ):
     server = start_s3()
@@ -408,7 +408,7 @@ def test_wrong_credentials_are_one_sentence(api, programs, shared_s3, s3_variabl
 
 
 @more
-def test_a_deployed_campaign_has_its_runs_computed_by_a_pool(api, worker, room, tmp_path, monkeypatch):
+def test_deployed_campaign_has_its_runs_computed_by_a_pool(api, worker, room, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     options = ["--pool", "lab", "--shards-in", "lab", "--name", "spread", "--store", str(tmp_path / "store")]
     result = CliRunner().invoke(app, ["deploy", str(room), *options])

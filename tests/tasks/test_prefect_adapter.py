@@ -40,7 +40,7 @@ def test_no_other_module_touches_what_prefect_does_not_document():
     assert found == []
 
 
-def test_the_application_of_the_api_is_where_uvicorn_is_sent():
+def test_application_of_the_api_is_where_uvicorn_is_sent():
     module, _, name = adapter.SERVER_APPLICATION.partition(":")
     assert callable(getattr(__import__(module, fromlist=[name]), name))
 
@@ -106,7 +106,7 @@ def test_prefects_console_handlers_are_found_and_others_are_not():
     logger.handlers.clear()
 
 
-def test_a_filter_of_what_is_sent_is_gone_afterwards():
+def test_filter_of_what_is_sent_is_gone_afterwards():
     from prefect.logging.handlers import APILogHandler
 
     logger, handler = logging.getLogger("prefect.task_runs"), APILogHandler()
@@ -119,7 +119,7 @@ def test_a_filter_of_what_is_sent_is_gone_afterwards():
         logger.removeHandler(handler)
 
 
-def test_a_flows_schema_and_a_process_pools_template_can_be_had():
+def test_flows_schema_and_a_process_pools_template_can_be_had():
     from vastflow.flows.campaign import campaign
 
     assert adapter.flow_schema(campaign)["required"] == ["request"]

@@ -40,7 +40,7 @@ def database(tmp_path):
     ],
     ids=["overwritten", "truncated", "pages of zeros"],
 )
-def test_a_damaged_database_is_set_aside_with_its_cause(database, damaged, said):
+def test_damaged_database_is_set_aside_with_its_cause(database, damaged, said):
     content = damaged(database.read_bytes())
     database.write_bytes(content)
     database.with_name("prefect.db-wal").write_bytes(b"")
@@ -52,13 +52,13 @@ def test_a_damaged_database_is_set_aside_with_its_cause(database, damaged, said)
     assert database.with_name(ASIDE).read_bytes() == content
 
 
-def test_a_sound_database_stays(database):
+def test_sound_database_stays(database):
     before = database.read_bytes()
     assert set_aside_if_damaged(url(database), NOW) is None
     assert database.read_bytes() == before
 
 
-def test_a_database_that_another_process_has_locked_stays(database):
+def test_database_that_another_process_has_locked_stays(database):
     with contextlib.closing(sqlite3.connect(database)) as connection:
         connection.execute("begin exclusive")
         assert set_aside_if_damaged(url(database), NOW) is None
@@ -66,11 +66,11 @@ def test_a_database_that_another_process_has_locked_stays(database):
 
 
 @each_row("connection_url", ["postgresql+asyncpg://me@host/prefect", "sqlite+aiosqlite:///:memory:"])
-def test_a_database_that_is_no_file_is_nobodys_business(connection_url):
+def test_database_that_is_no_file_is_nobodys_business(connection_url):
     assert set_aside_if_damaged(connection_url, NOW) is None
 
 
-def test_the_api_says_what_it_set_aside_before_it_serves(tmp_path, monkeypatch):
+def test_api_says_what_it_set_aside_before_it_serves(tmp_path, monkeypatch):
     monkeypatch.setenv("PREFECT_HOME", str(tmp_path))
     (tmp_path / "prefect.db").write_bytes(b"garbage" * 1000)
     server = ApiServer(tmp_path / "log")

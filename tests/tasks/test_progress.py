@@ -18,7 +18,7 @@ def test_what_is_expected_is_the_total():
     assert (progress.configurations_total, progress.runs_total) == (2, 4)
 
 
-def test_a_configuration_is_done_when_all_its_runs_are_judged():
+def test_configuration_is_done_when_all_its_runs_are_judged():
     counted = tally()
     counted.judge("room-1", {0: "pass"})
     assert counted.progress().configurations_done == 0
@@ -28,7 +28,7 @@ def test_a_configuration_is_done_when_all_its_runs_are_judged():
     assert (progress.passed, progress.failed, progress.not_judged) == (1, 1, 0)
 
 
-def test_a_run_told_of_twice_counts_once_and_the_last_word_counts():
+def test_run_told_of_twice_counts_once_and_the_last_word_counts():
     counted = tally()
     counted.judge("room-1", {0: "not judged"})
     counted.judge("room-1", {0: "pass"})
@@ -44,7 +44,7 @@ def test_runs_nobody_asked_for_do_not_count():
     assert (progress.reused, progress.runs_done) == (2, 1)
 
 
-def test_a_run_executed_by_this_call_is_not_reused_when_it_is_found_again():
+def test_run_executed_by_this_call_is_not_reused_when_it_is_found_again():
     counted = tally()
     counted.execute("room-1", {0: 10.0, 1: 20.0})
     counted.reuse("room-1", range(2))
@@ -52,7 +52,7 @@ def test_a_run_executed_by_this_call_is_not_reused_when_it_is_found_again():
     assert (progress.executed, progress.reused, progress.simulated_s) == (2, 0, 30.0)
 
 
-def test_a_run_found_damaged_after_it_counted_as_reused_is_executed():
+def test_run_found_damaged_after_it_counted_as_reused_is_executed():
     counted = tally()
     counted.reuse("room-1", range(2))
     counted.execute("room-1", {1: 20.0})
@@ -110,7 +110,7 @@ class Recorder:
         self.threads.add(threading.get_ident())
 
 
-def test_an_observer_is_shown_the_first_and_the_last_state_from_one_thread():
+def test_observer_is_shown_the_first_and_the_last_state_from_one_thread():
     recorder, counted = Recorder(), tally()
     with Reporter(counted, recorder):
         counted.begin("running")

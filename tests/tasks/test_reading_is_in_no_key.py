@@ -104,7 +104,7 @@ def copied(tmp_path, cache):
     return tmp_path, digests
 
 
-def test_a_reworded_hint_is_in_no_source_digest(copied):
+def test_reworded_hint_is_in_no_source_digest(copied):
     folder, digests = copied
     before = digests()
     for hint in (
@@ -127,7 +127,7 @@ def test_a_reworded_hint_is_in_no_source_digest(copied):
         "sim/scenario/language/library/mine.osc",
     ],
 )
-def test_a_stray_file_in_a_package_folder_is_in_no_source_digest(copied, stray):
+def test_stray_file_in_a_package_folder_is_in_no_source_digest(copied, stray):
     folder, digests = copied
     before = digests()
     (folder / f"vastflow.{stray}").write_text("stray")
@@ -138,7 +138,7 @@ def test_a_stray_file_in_a_package_folder_is_in_no_source_digest(copied, stray):
 @pytest.mark.parametrize(
     "module", ["navigator/tick.py", "controllers/mppi.py", "controllers/dwb_critics.py", "controllers/rpp.py"]
 )
-def test_a_changed_kernel_is_in_the_source_of_execution_alone(copied, module):
+def test_changed_kernel_is_in_the_source_of_execution_alone(copied, module):
     folder, digests = copied
     before = digests()
     kernel = folder / "vastflow.sim" / "nav2" / module
@@ -168,12 +168,12 @@ AMCL = "amcl:\n  ros__parameters:\n    alpha1: 0.3\n    alpha2: 0.4\n"
         AMCL + "some_other_node:\n  ros__parameters: {rate: 3}\n",
     ],
 )
-def test_a_parameter_file_with_the_same_numbers_computes_nothing_again(tmp_path, text):
+def test_parameter_file_with_the_same_numbers_computes_nothing_again(tmp_path, text):
     before = checked_digest(driving(system=parameters(tmp_path, AMCL)))
     assert checked_digest(driving(system=parameters(tmp_path, text))) == before
 
 
-def test_a_parameter_file_with_another_number_computes_again(tmp_path):
+def test_parameter_file_with_another_number_computes_again(tmp_path):
     before = checked_digest(driving(system=parameters(tmp_path, AMCL)))
     assert checked_digest(driving(system=parameters(tmp_path, AMCL.replace("0.3", "0.31")))) != before
 
@@ -204,7 +204,7 @@ def own_controller(folder, text):
     return {FILE_KEY: nav2_file(file)}
 
 
-def test_a_controller_of_ones_own_its_helper_and_its_library_compute_again(tmp_path, monkeypatch):
+def test_controller_of_ones_own_its_helper_and_its_library_compute_again(tmp_path, monkeypatch):
     gains = tmp_path / "gains.py"
     gains.write_text("GAIN = 1\n")
     digests = [checked_digest(driving(system=own_controller(tmp_path, "pass")))]
@@ -218,7 +218,7 @@ def test_a_controller_of_ones_own_its_helper_and_its_library_compute_again(tmp_p
     assert len(set(digests)) == 4
 
 
-def test_a_shipped_scenario_and_its_copy_are_the_same_runs_where_lines_are_the_same(tmp_path):
+def test_shipped_scenario_and_its_copy_are_the_same_runs_where_lines_are_the_same(tmp_path):
     source = next(iter(find_spec("vastflow.campaigns.scenarios").submodule_search_locations))
     copy = Path(shutil.copy(Path(source) / "navigate_to_pose.osc", tmp_path))
     assert checked_digest(driving(abstract_content(copy))) == checked_digest(driving())
@@ -226,7 +226,7 @@ def test_a_shipped_scenario_and_its_copy_are_the_same_runs_where_lines_are_the_s
     assert checked_digest(driving(abstract_content(copy))) != checked_digest(driving())
 
 
-def test_a_key_that_nothing_reads_computes_nothing_again():
+def test_key_that_nothing_reads_computes_nothing_again():
     assert checked_digest(driving(system={"label": "a"})) == checked_digest(driving(system={"label": "b"}))
 
 
@@ -241,6 +241,6 @@ def test_what_seeds_runs_computes_again_even_where_nothing_reads_it(part):
     assert checked_digest(scenario) != checked_digest(driving())
 
 
-def test_a_scenario_that_cannot_be_checked_has_a_digest_of_its_own():
+def test_scenario_that_cannot_be_checked_has_a_digest_of_its_own():
     broken = [Scenario("builtin:no_such", 20.0, {}, {"k": k}, {}) for k in range(2)]
     assert len({checked_digest(each) for each in broken}) == 2

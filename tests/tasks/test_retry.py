@@ -46,13 +46,13 @@ def server(monkeypatch):
     return made
 
 
-def test_a_server_that_comes_back_is_not_missed(server):
+def test_server_that_comes_back_is_not_missed(server):
     missed = []
     assert retried(server(GONE, answered(503), GONE), 5.0, missed=missed.append) == "answer"
     assert missed == [GONE]
 
 
-def test_a_server_that_stays_away_is_given_up_after_the_time_that_is_given(server):
+def test_server_that_stays_away_is_given_up_after_the_time_that_is_given(server):
     away = server(*[GONE] * 100)
     with pytest.raises(httpx.ConnectError, match="refused"):
         retried(away, 5.0)

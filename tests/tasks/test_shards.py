@@ -15,7 +15,7 @@ def shards_of(members):
     return [tuple(members[i] for i in part) for part in chunks(members)]
 
 
-def test_a_small_campaign_has_one_member_a_shard():
+def test_small_campaign_has_one_member_a_shard():
     assert chunks(digests(200)) == [range(i, i + 1) for i in range(200)]
 
 
@@ -35,7 +35,7 @@ def test_no_shard_is_larger_than_three_units(count, salt):
     assert max(map(len, chunks(digests(count, str(salt))))) <= 3 * unit
 
 
-def test_the_papers_campaign_has_about_two_hundred_shards():
+def test_papers_campaign_has_about_two_hundred_shards():
     assert 100 < len(chunks(digests(5480))) <= MOST_TASK_RUNS
 
 
@@ -43,18 +43,18 @@ def test_just_above_the_limit_there_are_not_more_shards_than_below_it():
     assert 100 < len(chunks(digests(400))) < 230
 
 
-def test_an_insertion_in_front_changes_one_shard():
+def test_insertion_in_front_changes_one_shard():
     members = digests(5480)
     before, after = Counter(shards_of(members)), Counter(shards_of([*digests(1, "new"), *members]))
     assert sum((after - before).values()) <= 2
 
 
-def test_an_edit_in_the_middle_changes_one_shard():
+def test_edit_in_the_middle_changes_one_shard():
     members = digests(5480)
     edited = [*members[:2700], *digests(1, "edited"), *members[2701:]]
     before, after = Counter(shards_of(members)), Counter(shards_of(edited))
     assert sum((after - before).values()) <= 2
 
 
-def test_the_cuts_are_pinned():
+def test_cuts_are_pinned():
     assert [len(part) for part in chunks(digests(1000))][:8] == [5, 4, 11, 4, 4, 15, 7, 8]

@@ -47,7 +47,7 @@ def edit(file, old, new):
     file.write_text(text.replace(old, new))
 
 
-def test_the_closure_holds_what_is_imported_also_inside_functions(tree):
+def test_closure_holds_what_is_imported_also_inside_functions(tree):
     assert SourceTree({"pkg.sim": tree / "sim"}).closure("pkg.sim.run") == (
         "pkg.sim",
         "pkg.sim.late",
@@ -57,7 +57,7 @@ def test_the_closure_holds_what_is_imported_also_inside_functions(tree):
     )
 
 
-def test_the_code_behind_a_digest_tells_which_module_was_edited(tree):
+def test_code_behind_a_digest_tells_which_module_was_edited(tree):
     before = SourceTree({"pkg.sim": tree / "sim"}).code("pkg.sim.run")
     edit(tree / "sim/nav/kernel.py", "LIMIT = 3", "LIMIT = 4")
     after = SourceTree({"pkg.sim": tree / "sim"}).code("pkg.sim.run")
@@ -79,7 +79,7 @@ def test_the_code_behind_a_digest_tells_which_module_was_edited(tree):
         ("\n", "\r\n"),
     ],
 )
-def test_an_edit_that_changes_no_code_changes_no_digest(tree, old, new):
+def test_edit_that_changes_no_code_changes_no_digest(tree, old, new):
     before = digest_of(tree)
     edit(tree / "sim/nav/kernel.py", old, new)
     assert digest_of(tree) == before
@@ -94,19 +94,19 @@ def test_an_edit_that_changes_no_code_changes_no_digest(tree, old, new):
         ("import numba", "import scipy"),
     ],
 )
-def test_an_edit_of_code_changes_the_digest(tree, old, new):
+def test_edit_of_code_changes_the_digest(tree, old, new):
     before = digest_of(tree)
     edit(tree / "sim/nav/kernel.py", old, new)
     assert digest_of(tree) != before
 
 
-def test_a_module_that_is_not_imported_does_not_matter(tree):
+def test_module_that_is_not_imported_does_not_matter(tree):
     before = digest_of(tree)
     edit(tree / "sim/other.py", "1", "2")
     assert digest_of(tree) == before
 
 
-def test_a_copy_elsewhere_has_the_same_digest(tree, tmp_path):
+def test_copy_elsewhere_has_the_same_digest(tree, tmp_path):
     shutil.copytree(tree / "sim", tmp_path / "copy" / "sim")
     assert digest_of(tmp_path / "copy") == digest_of(tree)
 
@@ -135,12 +135,12 @@ def test_relative_imports_are_followed(tmp_path):
     assert closure == ("sim", "sim.kernel", "sim.late", "sim.run")
 
 
-def test_an_entry_that_does_not_exist_is_named(tree):
+def test_entry_that_does_not_exist_is_named(tree):
     with pytest.raises(ModuleNotFoundError, match=r"no module 'pkg\.sim\.missing' in pkg\.sim"):
         SourceTree({"pkg.sim": tree / "sim"}).digest("pkg.sim.missing")
 
 
-def test_a_plug_ins_file_is_followed_into_the_tree(tmp_path, monkeypatch):
+def test_plug_ins_file_is_followed_into_the_tree(tmp_path, monkeypatch):
     plug_in = _plug_in(tmp_path, "from vastflow.sim.model.pose import Pose\n\nclass Own:\n    k = 1\n", monkeypatch)
     before = installed_tree().plug_in_digest(plug_in)
     tree = _copied_sim(tmp_path)
@@ -149,7 +149,7 @@ def test_a_plug_ins_file_is_followed_into_the_tree(tmp_path, monkeypatch):
     assert _copied_sim(tmp_path).plug_in_digest(plug_in) != before
 
 
-def test_a_comment_in_a_plug_in_costs_nothing_and_code_does(tmp_path, monkeypatch):
+def test_comment_in_a_plug_in_costs_nothing_and_code_does(tmp_path, monkeypatch):
     digests = [
         installed_tree().plug_in_digest(_plug_in(tmp_path, f"class Own:\n    k = {code}\n", monkeypatch))
         for code in ("1", "1  # the first", "2")
@@ -157,20 +157,20 @@ def test_a_comment_in_a_plug_in_costs_nothing_and_code_does(tmp_path, monkeypatc
     assert digests[0] == digests[1] != digests[2]
 
 
-def test_a_class_of_the_tree_has_its_modules_digest():
+def test_class_of_the_tree_has_its_modules_digest():
     tree = installed_tree()
     from vastflow.sim.model.pose import Pose
 
     assert tree.plug_in_digest(Pose) == tree.digest("vastflow.sim.model.pose")
 
 
-def test_the_simulators_code_is_found_and_reaches_no_other_stage():
+def test_simulators_code_is_found_and_reaches_no_other_stage():
     closure = installed_tree().closure("vastflow.sim.run")
     assert "vastflow.sim.model.recording" in closure
     assert all(name.startswith("vastflow.sim") for name in closure)
 
 
-def test_a_comment_in_a_kernel_changes_no_key_and_its_code_does(tmp_path):
+def test_comment_in_a_kernel_changes_no_key_and_its_code_does(tmp_path):
     before = _copied_sim(tmp_path).digest("vastflow.sim.run")
     kernels = [file for file in (tmp_path / "copy/sim").rglob("*.py") if "@njit" in file.read_text()]
     assert kernels

@@ -32,14 +32,14 @@ def uncached(folder: Path) -> str:
     return SourceTree({"pkg": folder / "pkg"}).digest("pkg.run")
 
 
-def test_a_file_that_was_read_by_another_process_is_not_parsed_again(tree, parsed):
+def test_file_that_was_read_by_another_process_is_not_parsed_again(tree, parsed):
     first = tree().digest("pkg.run")
     assert len(parsed) == 3
     assert tree().digest("pkg.run") == first
     assert len(parsed) == 3
 
 
-def test_an_edit_that_leaves_size_and_time_as_they_were_is_noticed(tree, tmp_path):
+def test_edit_that_leaves_size_and_time_as_they_were_is_noticed(tree, tmp_path):
     before = tree().digest("pkg.run")
     file = tmp_path / "pkg/kernel.py"
     stat = file.stat()
@@ -51,7 +51,7 @@ def test_an_edit_that_leaves_size_and_time_as_they_were_is_noticed(tree, tmp_pat
     assert after == uncached(tmp_path)
 
 
-def test_a_file_that_is_moved_has_what_its_new_place_makes_of_it(tree, tmp_path):
+def test_file_that_is_moved_has_what_its_new_place_makes_of_it(tree, tmp_path):
     (tmp_path / "pkg/run.py").write_text("from . import kernel\n")
     tree().digest("pkg.run")
     (tmp_path / "pkg/deep").mkdir()
@@ -62,14 +62,14 @@ def test_a_file_that_is_moved_has_what_its_new_place_makes_of_it(tree, tmp_path)
 
 
 @pytest.mark.parametrize("damage", [b"", b"damaged", b"0" * 64 + b"\n{}"])
-def test_a_damaged_cache_is_read_anew(tree, tmp_path, parsed, damage):
+def test_damaged_cache_is_read_anew(tree, tmp_path, parsed, damage):
     before = tree().digest("pkg.run")
     (tmp_path / "cache/modules").write_bytes(damage)
     assert tree().digest("pkg.run") == before
     assert len(parsed) == 6
 
 
-def test_a_changed_byte_in_the_cache_is_noticed(tree, tmp_path, parsed):
+def test_changed_byte_in_the_cache_is_noticed(tree, tmp_path, parsed):
     before = tree().digest("pkg.run")
     file = tmp_path / "cache/modules"
     content = bytearray(file.read_bytes())
@@ -79,6 +79,6 @@ def test_a_changed_byte_in_the_cache_is_noticed(tree, tmp_path, parsed):
     assert len(parsed) == 6
 
 
-def test_a_cache_that_can_not_be_written_costs_nothing_but_time(tree, tmp_path):
+def test_cache_that_can_not_be_written_costs_nothing_but_time(tree, tmp_path):
     (tmp_path / "cache").write_text("a file, no folder")
     assert tree().digest("pkg.run") == uncached(tmp_path)

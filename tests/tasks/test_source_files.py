@@ -78,18 +78,18 @@ def test_nothing_is_stored_by_a_process_that_imported_what_was_edited_meanwhile(
     assert turn() == said
 
 
-def test_an_edit_of_what_was_imported_before_changes_nothing(worker, package):
+def test_edit_of_what_was_imported_before_changes_nothing(worker, package):
     turn = worker("-", "vastflow.made_up.two")
     assert turn() == "stored"
     assert turn(lambda: (package / "one.py").write_text("VALUE = 2\n")) == "stored"
 
 
-def test_a_file_that_was_only_touched_is_the_same(worker, package):
+def test_file_that_was_only_touched_is_the_same(worker, package):
     turn = worker("vastflow.made_up.two")
     assert turn(lambda: os.utime(package / "two.py", ns=(1, 1))) == "stored"
 
 
-def test_a_module_that_is_new_is_none_of_the_keys(worker, package):
+def test_module_that_is_new_is_none_of_the_keys(worker, package):
     turn = worker("vastflow.made_up.new")
     assert "new.py changed while the campaign ran" in turn(lambda: (package / "new.py").write_text("VALUE = 2\n"))
 
@@ -99,7 +99,7 @@ def last_year(*files):
         os.utime(file, (time.time() - 365 * 24 * 3600,) * 2)
 
 
-def test_a_process_that_is_older_than_its_source_keeps_no_report(tmp_path, package):
+def test_process_that_is_older_than_its_source_keeps_no_report(tmp_path, package):
     source_files([package]).check()
     with pytest.raises(SourceChanged, match="changed while the campaign ran"):
         source_files([package]).check_since_start()
@@ -108,7 +108,7 @@ def test_a_process_that_is_older_than_its_source_keeps_no_report(tmp_path, packa
 
 
 @pytest.mark.parametrize("name", ["tables.py", "report.html.j2", "report.css", "report.js"])
-def test_a_process_that_is_older_than_what_writes_tables_and_pages_keeps_no_report(tmp_path, package, name):
+def test_process_that_is_older_than_what_writes_tables_and_pages_keeps_no_report(tmp_path, package, name):
     last_year(*package.glob("*.py"))
     (tmp_path / "page").mkdir()
     (tmp_path / "page" / name).write_text("edited")
@@ -125,5 +125,5 @@ def test_what_writes_tables_and_pages_is_looked_at_when_they_are_kept():
     }
 
 
-def test_the_files_of_a_tree_are_all_of_its_packages(package):
+def test_files_of_a_tree_are_all_of_its_packages(package):
     assert SourceTree({"vastflow.made_up": package}).files() == source_files([package])

@@ -42,12 +42,12 @@ def test_what_is_put_is_read(store):
     assert store.read(KEY, "b.bin") == b"two"
 
 
-def test_the_content_digest_is_pinned_and_the_same_in_every_store(store):
+def test_content_digest_is_pinned_and_the_same_in_every_store(store):
     assert store.put(KEY, {"a.bin": b"one"}).content == CONTENT
     assert store.find(KEY).content == CONTENT
 
 
-def test_the_content_digest_is_of_the_files_alone(store):
+def test_content_digest_is_of_the_files_alone(store):
     first = store.put(KEY, {"a.bin": b"one"}, info={"x": 1}, sidecar={"log.json": b"1"})
     other = store.put("execute/ab/other/0-5", {"a.bin": b"one"}, info={"x": 2})
     assert first.content == other.content
@@ -58,7 +58,7 @@ def test_small_facts_are_found_without_reading_the_files(store):
     assert store.find(KEY).info == {"runs": [[0, 12.5]]}
 
 
-def test_a_sidecar_lies_beside_the_files_and_is_not_promised(store, files):
+def test_sidecar_lies_beside_the_files_and_is_not_promised(store, files):
     store.put(KEY, {"a.bin": b"one"}, sidecar={"runlog.json": b"{}"})
     assert store.beside(KEY, "runlog.json") == b"{}"
     files.delete(files.path(KEY, "runlog.json"))
@@ -79,7 +79,7 @@ def test_what_was_never_put_is_not_found(store):
         store.read(KEY, "a.bin")
 
 
-def test_a_changed_byte_is_noticed_when_read_and_the_artifact_is_gone(store, files, caplog):
+def test_changed_byte_is_noticed_when_read_and_the_artifact_is_gone(store, files, caplog):
     store.put(KEY, {"a.bin": b"one"})
     change(files, "a.bin", b"onf")
     with caplog.at_level(logging.WARNING), pytest.raises(Lost, match="damaged"):
@@ -88,14 +88,14 @@ def test_a_changed_byte_is_noticed_when_read_and_the_artifact_is_gone(store, fil
     assert f"{KEY} is damaged and will be computed again: a.bin is not what was written" in caplog.text
 
 
-def test_a_shortened_file_is_noticed_without_reading_it(store, files, caplog):
+def test_shortened_file_is_noticed_without_reading_it(store, files, caplog):
     store.put(KEY, {"a.bin": b"one"})
     change(files, "a.bin", b"on")
     assert store.find(KEY) is None
     assert "a.bin has 2 of 3 bytes" in caplog.text
 
 
-def test_a_missing_file_is_noticed_and_can_be_put_again(store, files):
+def test_missing_file_is_noticed_and_can_be_put_again(store, files):
     store.put(KEY, {"a.bin": b"one"})
     files.delete(files.path(KEY, "a.bin"))
     assert store.find(KEY) is None
@@ -103,7 +103,7 @@ def test_a_missing_file_is_noticed_and_can_be_put_again(store, files):
     assert store.read(KEY, "a.bin") == b"one"
 
 
-def test_a_file_that_goes_away_after_it_was_found_is_lost(store, files):
+def test_file_that_goes_away_after_it_was_found_is_lost(store, files):
     artifact = store.put(KEY, {"a.bin": b"one"})
     files.delete(files.path(KEY, "a.bin"))
     with pytest.raises(Lost, match=r"a\.bin went away"):
@@ -111,7 +111,7 @@ def test_a_file_that_goes_away_after_it_was_found_is_lost(store, files):
     assert store.find(KEY) is None
 
 
-def test_an_altered_manifest_is_noticed(store, files, caplog):
+def test_altered_manifest_is_noticed(store, files, caplog):
     store.put(KEY, {"a.bin": b"one"}, info={"passed": 1})
     path = files.path(KEY, "manifest")
     files.write(path, files.read(path).replace(b'"passed": 1', b'"passed": 5'))
@@ -120,7 +120,7 @@ def test_an_altered_manifest_is_noticed(store, files, caplog):
 
 
 @pytest.mark.parametrize("manifest", [b"", b"{}", b"0\n{}", b"\n", b"\xff\n\xff"])
-def test_an_unreadable_manifest_is_a_missing_artifact(store, files, manifest):
+def test_unreadable_manifest_is_a_missing_artifact(store, files, manifest):
     store.put(KEY, {"a.bin": b"one"})
     change(files, "manifest", manifest)
     assert store.find(KEY) is None
@@ -134,14 +134,14 @@ def test_nothing_exists_without_its_manifest(store, files):
     assert store.find(KEY) is None
 
 
-def test_a_second_writer_leaves_what_is_there(store):
+def test_second_writer_leaves_what_is_there(store):
     first = store.put(KEY, {"a.bin": b"one"})
     second = store.put(KEY, {"a.bin": b"another"})
     assert second.content == first.content
     assert store.read(KEY, "a.bin") == b"one"
 
 
-def test_a_second_writer_replaces_what_is_damaged(store, files):
+def test_second_writer_replaces_what_is_damaged(store, files):
     store.put(KEY, {"a.bin": b"one"})
     change(files, "a.bin", b"bad")
     store.put(KEY, {"a.bin": b"two"})
@@ -202,7 +202,7 @@ def test_writers_beside_one_who_removes_everything_go_on(kind, tmp_path, request
     assert store.put(KEY, {"a.bin": b"one"}) == store.find(KEY)
 
 
-def test_a_store_can_be_sent_to_another_process(store):
+def test_store_can_be_sent_to_another_process(store):
     store.put(KEY, {"a.bin": b"one"})
     store.survey()
     sent = pickle.loads(pickle.dumps(store))
@@ -239,7 +239,7 @@ def test_what_another_process_discards_is_gone_with_the_next_survey(store):
 
 
 @pytest.mark.parametrize("name", ["a.bin", "manifest"])
-def test_a_survey_notices_what_find_would(store, files, name, caplog):
+def test_survey_notices_what_find_would(store, files, name, caplog):
     store.put(KEY, {"a.bin": b"one"})
     change(files, name, b"on")
     store.survey()
@@ -275,7 +275,7 @@ def test_what_is_not_finished_is_listed_as_such(store, files):
         ("manifest", None, "manifest is missing"),
     ],
 )
-def test_a_fault_is_named_and_left_alone(store, files, name, content, words):
+def test_fault_is_named_and_left_alone(store, files, name, content, words):
     store.put(KEY, {"a.bin": b"one", "b.bin": b"two"})
     assert store.fault(KEY) is None
     if content is None:
@@ -294,7 +294,7 @@ def copied(files, source, target):
 
 @pytest.mark.parametrize("surveyed", [False, True])
 @pytest.mark.parametrize("other", ["execute/ab/other/0-5", "execute/ab/abcd/5-10"])
-def test_a_copy_of_another_artifact_is_found_in_its_place(store, files, other, surveyed, caplog):
+def test_copy_of_another_artifact_is_found_in_its_place(store, files, other, surveyed, caplog):
     store.put(other, {"a.bin": b"other"}, info={"runs": []})
     copied(files, other, KEY)
     assert store.fault(KEY) == f"it is a copy of {other}"
@@ -315,7 +315,7 @@ def without_key(files, key):
     files.write(files.path(key, "manifest"), hashlib.sha256(text).hexdigest().encode() + b"\n" + text)
 
 
-def test_an_artifact_of_an_earlier_version_is_never_served(store, files):
+def test_artifact_of_an_earlier_version_is_never_served(store, files):
     store.put(KEY, {"a.bin": b"one"})
     without_key(files, KEY)
     assert store.fault(KEY) == EARLIER
@@ -336,7 +336,7 @@ def test_what_is_removed_leaves_nothing_and_the_rest_stays(store, files, number)
     assert len(files.paths()) == 3
 
 
-def test_a_manifest_is_read_once_on_a_machine(s3, monkeypatch):
+def test_manifest_is_read_once_on_a_machine(s3, monkeypatch):
     store = open_store(s3)
     store.survey()
     for number in range(3):
@@ -364,7 +364,7 @@ def test_spoilt_copies_of_manifests_are_no_fault(s3):
         assert again.find(KEY).content == CONTENT
 
 
-def test_a_listing_that_was_too_early_for_some_files_costs_nothing(memory, monkeypatch, caplog):
+def test_listing_that_was_too_early_for_some_files_costs_nothing(memory, monkeypatch, caplog):
     # Another campaign writes files and manifest while the pages of a long listing come in.
     store = Store(memory)
     store.put(KEY, {"a.bin": b"content"})

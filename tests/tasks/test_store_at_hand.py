@@ -49,7 +49,7 @@ def kept(tmp_path, shared_s3, s3_variables):
 
 
 @pytest.mark.timeout(900)
-def test_a_campaign_on_s3_is_shown_and_exported_as_it_is_from_a_folder(
+def test_campaign_on_s3_is_shown_and_exported_as_it_is_from_a_folder(
     tmp_path, shared_s3, s3_variables, monkeypatch, prefect_home
 ):
     s3_variables(shared_s3)
@@ -81,13 +81,13 @@ def test_what_is_left_out_is_not_fetched(kept):
         assert set(files(folder)) == {"metadata.json"}
 
 
-def test_a_folder_is_itself(tmp_path):
+def test_folder_is_itself(tmp_path):
     with at_hand(str(tmp_path)) as folder:
         assert folder == tmp_path
 
 
 @pytest.mark.parametrize("command", ["show", "export"])
-def test_an_address_that_holds_campaigns_but_is_none_names_one(kept, tmp_path, command):
+def test_address_that_holds_campaigns_but_is_none_names_one(kept, tmp_path, command):
     kept("s3://bucket/some/nothing-1", metadata_json=b"{}")
     kept("s3://bucket/some/nothing-2", metadata_json=b"{}")
     result = called(command, "s3://bucket/some", *[tmp_path / "out"] * (command == "export"))
@@ -97,7 +97,7 @@ def test_an_address_that_holds_campaigns_but_is_none_names_one(kept, tmp_path, c
     )
 
 
-def test_an_address_with_nothing_there_is_said_in_a_sentence(kept):
+def test_address_with_nothing_there_is_said_in_a_sentence(kept):
     kept("s3://bucket/other", report_html=b"<html>")
     with (
         pytest.raises(
@@ -128,7 +128,7 @@ def test_commands_that_read_no_address_say_which_do(command):
     )
 
 
-def test_a_path_that_is_there_was_meant_as_a_path(tmp_path, monkeypatch):
+def test_path_that_is_there_was_meant_as_a_path(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "ab:" / "c").mkdir(parents=True)
     from pathlib import Path

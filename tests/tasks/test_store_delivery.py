@@ -45,14 +45,14 @@ def written(folder):
     return Results(directory, summary, (), ())
 
 
-def test_a_folder_is_where_the_directory_is_made(store, tmp_path):
+def test_folder_is_where_the_directory_is_made(store, tmp_path):
     found = delivery_to(tmp_path / "results", store)
     assert (found.folder, found.address) == (tmp_path / "results", None)
     results = written(found.folder)
     assert found.delivered(results) is results
 
 
-def test_a_directory_is_uploaded_whole_and_says_where_it_is(store, shared_s3, s3_variables):
+def test_directory_is_uploaded_whole_and_says_where_it_is(store, shared_s3, s3_variables):
     s3_variables(shared_s3)
     found = delivery_to("s3://bucket/reports/", store)
     results = found.delivered(written(found.folder))
@@ -104,7 +104,7 @@ def test_copies_of_earlier_days_go(store, shared_s3, s3_variables):
         ("nowhere://x", None, "give a folder, or an address such as s3://bucket/prefix"),
     ],
 )
-def test_an_address_that_can_not_be_written_is_found_before_anything_is_computed(
+def test_address_that_can_not_be_written_is_found_before_anything_is_computed(
     tmp_path, shared_s3, s3_variables, address, secret, said
 ):
     s3_variables(shared_s3, **({"secret": secret} if secret else {}))

@@ -30,7 +30,7 @@ def test_what_killed_writers_left_is_swept_after_a_day(tmp_path):
     assert young.exists()
 
 
-def test_the_place_is_the_argument_else_the_variable_else_the_users_cache(tmp_path, monkeypatch):
+def test_place_is_the_argument_else_the_variable_else_the_users_cache(tmp_path, monkeypatch):
     monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "variable"))
     assert store_root(tmp_path / "given") == tmp_path / "given"
     assert store_root() == tmp_path / "variable"
@@ -39,16 +39,16 @@ def test_the_place_is_the_argument_else_the_variable_else_the_users_cache(tmp_pa
     assert store_root() == tmp_path / "cache" / "vastflow" / "store"
 
 
-def test_a_file_address_is_a_folder(tmp_path):
+def test_file_address_is_a_folder(tmp_path):
     assert open_store(f"file://{tmp_path}/store").local == tmp_path / "store"
 
 
-def test_the_variable_may_be_an_address(s3, monkeypatch):
+def test_variable_may_be_an_address(s3, monkeypatch):
     monkeypatch.setenv("VASTFLOW_STORE", s3)
     assert open_store().place == s3
 
 
-def test_a_place_that_cannot_be_written_is_named(tmp_path):
+def test_place_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(StoreError, match=r"store: can't write to .*file.*--store"):
         open_store(tmp_path / "file")
@@ -62,7 +62,7 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path):
         ("abfs://container/store", r"ImportError.*; install what it names"),
     ],
 )
-def test_an_address_that_cannot_be_is_refused_and_not_made_into_a_folder(tmp_path, monkeypatch, address, words):
+def test_address_that_cannot_be_is_refused_and_not_made_into_a_folder(tmp_path, monkeypatch, address, words):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(StoreError, match=words):
         open_store(address)
@@ -70,7 +70,7 @@ def test_an_address_that_cannot_be_is_refused_and_not_made_into_a_folder(tmp_pat
 
 
 @pytest.mark.slow
-def test_a_server_that_does_not_answer_is_asked_six_times_and_named(monkeypatch):
+def test_server_that_does_not_answer_is_asked_six_times_and_named(monkeypatch):
     monkeypatch.setattr("vastflow.tasks.store.remote_files._ANSWER_S", 0.2)
     asked = []
     with socket.create_server(("127.0.0.1", 0)) as server:
@@ -92,7 +92,7 @@ def test_what_is_no_artifact_lies_on_this_machine_one_folder_for_each_address(tm
     assert all(place.is_relative_to(tmp_path) for place in places)
 
 
-def test_a_bucket_that_is_not_there_is_named(s3):
+def test_bucket_that_is_not_there_is_named(s3):
     with pytest.raises(StoreError, match=r"'s3://nowhere/x' .*bucket does not exist.*make the bucket"):
         open_store("s3://nowhere/x")
 
@@ -115,7 +115,7 @@ def test_no_credentials_are_no_riddle(shared_s3, s3_variables, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_server_that_does_not_answer_is_named(start_s3, s3_variables):
+def test_server_that_does_not_answer_is_named(start_s3, s3_variables):
     server = start_s3()
     s3_variables(server)
     store = open_store("s3://bucket/x")
@@ -127,7 +127,7 @@ def test_a_server_that_does_not_answer_is_named(start_s3, s3_variables):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [1, 2])
-def test_a_server_that_dies_during_a_put_leaves_no_artifact_and_all_goes_on_when_it_is_back(
+def test_server_that_dies_during_a_put_leaves_no_artifact_and_all_goes_on_when_it_is_back(
     start_s3, s3_variables, monkeypatch, number
 ):
     server = start_s3()
@@ -156,7 +156,7 @@ FILES = {"a.bin": b"one" * 1000, "b.bin": b"two" * 1000}
 
 @pytest.mark.parametrize("code", [errno.ENOSPC, errno.EROFS, errno.EIO])
 @pytest.mark.parametrize("number", range(4))
-def test_a_folder_that_takes_no_more_has_whole_artifacts_or_none(tmp_path, monkeypatch, number, code):
+def test_folder_that_takes_no_more_has_whole_artifacts_or_none(tmp_path, monkeypatch, number, code):
     store = open_store(tmp_path / "store")
     left = [number]
     write = Path.write_bytes
@@ -179,7 +179,7 @@ def test_a_folder_that_takes_no_more_has_whole_artifacts_or_none(tmp_path, monke
 
 
 @pytest.mark.parametrize("number", range(4))
-def test_a_service_that_takes_no_more_has_whole_artifacts_or_none(memory, monkeypatch, number):
+def test_service_that_takes_no_more_has_whole_artifacts_or_none(memory, monkeypatch, number):
     store = Store(memory)
     left = [number]
     kind = fsspec.get_filesystem_class("memory")
@@ -221,7 +221,7 @@ def small_disk(tmp_path):
     subprocess.run(["umount", str(disk)], check=False)
 
 
-def test_a_disk_that_is_full_is_said_and_works_again_when_there_is_room(small_disk):
+def test_disk_that_is_full_is_said_and_works_again_when_there_is_room(small_disk):
     disk, _ = small_disk
     store = open_store(disk / "store")
     kept = 0
@@ -234,7 +234,7 @@ def test_a_disk_that_is_full_is_said_and_works_again_when_there_is_room(small_di
     store.put("execute/ab/more/0-1", {"a.bin": bytes(10_000)})
 
 
-def test_a_disk_that_is_read_only_is_said(small_disk):
+def test_disk_that_is_read_only_is_said(small_disk):
     disk, mount = small_disk
     store = open_store(disk / "store")
     store.put(KEY, FILES)
@@ -246,7 +246,7 @@ def test_a_disk_that_is_read_only_is_said(small_disk):
     assert store.read(KEY, "a.bin") == FILES["a.bin"]
 
 
-def test_a_command_that_makes_environments_takes_no_address_for_a_folder(tmp_path, monkeypatch):
+def test_command_that_makes_environments_takes_no_address_for_a_folder(tmp_path, monkeypatch):
     monkeypatch.setenv("VASTFLOW_STORE", "s3://bucket/store")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert environments_folder().is_relative_to(tmp_path / "vastflow")

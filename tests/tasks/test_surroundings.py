@@ -33,13 +33,13 @@ def machine(tmp_path, monkeypatch):
     return spoiled
 
 
-def test_a_machine_that_gives_everything_passes_and_nothing_is_left(machine, tmp_path):
+def test_machine_that_gives_everything_passes_and_nothing_is_left(machine, tmp_path):
     check_surroundings()
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
 @pytest.mark.parametrize(("name", "variable"), [("cache", "XDG_CACHE_HOME"), ("prefect", "PREFECT_HOME")])
-def test_a_folder_that_can_not_be_written_is_named_with_the_variable_that_moves_it(machine, name, variable):
+def test_folder_that_can_not_be_written_is_named_with_the_variable_that_moves_it(machine, name, variable):
     folder = machine(name)
     with pytest.raises(
         SurroundingsError, match=rf"can't write to '{folder}.* \(.+\); set {variable} to a folder of yours"
@@ -110,7 +110,7 @@ def test_no_room_in_a_folder_of_a_plug_in_s_own_stays_its_fault(machine, tmp_pat
     )
 
 
-def test_an_untested_numba_is_reported_before_anything_is_computed(machine, monkeypatch):
+def test_untested_numba_is_reported_before_anything_is_computed(machine, monkeypatch):
     monkeypatch.setattr(machine_check.importlib.metadata, "version", lambda _: "9.0.0")
     with pytest.raises(
         SurroundingsError, match=r"numba: expected a tested version \(.*>=0.62.*\), got 9.0.0; pip install"

@@ -152,7 +152,7 @@ def check_allocations(controller: Controller, situations: Sequence[PathMoment]) 
     for situation in situations:
         found, given = _started(controller), situation.given()
         each = allocations_of(lambda times, found=found, given=given: _commanded(found, given, times))  # type: ignore[misc]
-        right = f"must allocate nothing in a call, found {each:g} allocations in {situation.name!r}; keep arrays in its memory"
+        right = f"must allocate nothing in a call, got {each:g} allocations in {situation.name!r}; keep arrays in its memory"
         _must(each == 0, type(controller), right)
 
 

@@ -229,7 +229,7 @@ def check_key(system: Mapping[str, Value], key: str, value: Value) -> bool:
         return True
     for model, name in fields:
         if right := complaint(model, name, converted(value)):
-            raise DocumentError([ParameterFault(key, f"found {shown(value)}", right)])
+            raise DocumentError([ParameterFault(key, f"got {shown(value)}", right)])
     return bool(fields)
 
 
@@ -264,7 +264,7 @@ def with_controller(document: ParameterDocument, name: Value) -> ParameterDocume
         known = [*short_names(), *sorted(each for each in own if FILE in each)]
         near = nearest(str(name), known)
         right = f"{f'did you mean {near!r}? ' if near else ''}one of {', '.join(known)}"
-        raise DocumentError([ParameterFault(CONTROLLER_KEY, f"found {shown(name)}", right)])
+        raise DocumentError([ParameterFault(CONTROLLER_KEY, f"got {shown(name)}", right)])
     block = written_controller(node, CONTROLLER_PLUG_INS.parameters(meant)())
     kept = {path: value for path, value in values.items() if path[: len(node) + 1] != (*node, CONTROLLERS.used)}
     return replace(document, values={**kept, **block})
@@ -332,7 +332,7 @@ def _own_values(own: Mapping[str, Value]) -> Mapping[ParameterLocation, Value]:
             items = [items]
         elif not isinstance(items, Sequence) or isinstance(items, str) or len(items) != len(paths):
             right = "a list of three variances, of x and y (m²) and of the yaw (rad²)"
-            raise DocumentError([ParameterFault(key, f"found {shown(own[key])}", right)])
+            raise DocumentError([ParameterFault(key, f"got {shown(own[key])}", right)])
         values |= dict(zip(paths, items, strict=True))
     return values
 
@@ -355,7 +355,7 @@ def _document(system: Mapping[str, Value]) -> ParameterDocument:
         return default_document()
     content = system[FILE_KEY]
     if not isinstance(content, FileContent):
-        fault = ParameterFault(FILE_KEY, f"found {shown(content)}", f"a file, which execution.{FILE_KEY} names")
+        fault = ParameterFault(FILE_KEY, f"got {shown(content)}", f"a file, which execution.{FILE_KEY} names")
         raise DocumentError([fault])
     return loaded(content)
 

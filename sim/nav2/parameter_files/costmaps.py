@@ -78,12 +78,12 @@ def check_speed_filter(reader: Reader, parts: Parts) -> None:
     filtered = [name for name in costmaps if name in parts and parts[name].speed_filter.enabled]
     places = [(*(reader.document.node(name, name) or ()), FILTERS.lists[0]) for name in filtered]
     if len(places) > 1:
-        what = "found a speed filter in both costmaps"
+        what = "got a speed filter in both costmaps"
         reader.fault(places[1], what, "one of them, for each would undo the other's limit")
     controller = parts.get("controller")
     unlimited = isinstance(controller, Controller) and type(controller).speed_limits is Controller.speed_limits
     if places and unlimited:
-        what = f"found a speed filter beside the controller {type(controller).__name__}, whose speed nothing limits"
+        what = f"got a speed filter beside the controller {type(controller).__name__}, whose speed nothing limits"
         reader.fault(places[0], what, "a controller with speed_limits(), or no speed filter")
 
 

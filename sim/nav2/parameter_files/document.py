@@ -16,7 +16,7 @@ from yaml.constructor import ConstructorError, SafeConstructor
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from vastflow.sim.model.digest import Value
-from vastflow.sim.model.faults import UserError
+from vastflow.sim.model.faults import UserError, complaint
 from vastflow.sim.model.files import MOST_LEVELS, TextPlace, Unreadable, place_of, read_text, yaml_node
 from vastflow.sim.model.parameter import ParameterError, ParameterLocation
 from vastflow.sim.plug_ins.snapshot import Snapshot
@@ -47,7 +47,7 @@ class ParameterFault:
     together: bool = False
 
     def __str__(self) -> str:
-        return f"{self.where}: {self.what}; {self.right}"
+        return f"{self.where}: {complaint(self.what, self.right)}"
 
 
 class DocumentError(UserError, ParameterError):
@@ -136,7 +136,7 @@ def parse(text: str, file: str = "") -> ParameterDocument:
     except Unreadable as error:
         raise _unreadable(error, file) from None
     if not isinstance(root, MappingNode):
-        found = "empty" if root is None or root.value == "" else "found no mapping"
+        found = "empty" if root is None or root.value == "" else "got no mapping"
         raise DocumentError([ParameterFault("file", found, WHOLE_FILE, place_of(root) if root else (1, 1))], file)
     walk = _Walk(file)
     walk.nodes(root, ())
@@ -185,7 +185,7 @@ class _Walk:
         if isinstance(node, MappingNode):
             self._group(node, path, merged)
         elif self._scalar(node, path) is not None:
-            self._fault(node, path, "found no mapping", "parameters, 'name: value'")
+            self._fault(node, path, "got no mapping", "parameters, 'name: value'")
 
     def _group(self, mapping: MappingNode, above: ParameterLocation, merged: bool) -> None:
         for key, value, brought in self._items(mapping, above):
@@ -211,7 +211,7 @@ class _Walk:
             if isinstance(key, ScalarNode) and key.tag != f"{TAG}merge" and key.value:
                 yield key, value, False
             elif key.tag != f"{TAG}merge":
-                self._fault(key, above, "found a list, a mapping or nothing as a name", "a name")
+                self._fault(key, above, "got a list, a mapping or nothing as a name", "a name")
         for key, value in mapping.value:
             for source in self._merged(key, value, above):
                 yield from ((name, item, True) for name, item, _ in self._items(source, above))
@@ -223,7 +223,7 @@ class _Walk:
             if isinstance(source, MappingNode):
                 yield source
             else:
-                self._fault(value, above, "found no mapping to merge", "an alias of another mapping")
+                self._fault(value, above, "got no mapping to merge", "an alias of another mapping")
 
     def _value(self, node: Node, path: ParameterLocation) -> Value:
         if isinstance(node, ScalarNode):
@@ -235,7 +235,7 @@ class _Walk:
                 if isinstance(item, ScalarNode):
                     items.append(self._scalar(item, path))
                 else:
-                    self._fault(item, path, "found a list or a mapping in a list", "text, numbers or flags")
+                    self._fault(item, path, "got a list or a mapping in a list", "text, numbers or flags")
         return items
 
     def _scalar(self, node: Node, path: ParameterLocation) -> Value:
@@ -255,7 +255,7 @@ class _Walk:
                 return number
         except (ConstructorError, ValueError, KeyError, IndexError, OverflowError):
             pass
-        what = f"found {text[:60]!r}" if kind in ("bool", "int", "float") else f"found the tag {node.tag}"
+        what = f"got {text[:60]!r}" if kind in ("bool", "int", "float") else f"got the tag {node.tag}"
         self._fault(node, path, what, "text, a number, or true or false")
         return None
 

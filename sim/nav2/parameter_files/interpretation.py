@@ -59,12 +59,12 @@ def refuse_releases_before_foxy(reader: Reader) -> None:
     document = reader.document
     for old, new in _NODES_BEFORE_FOXY.items():
         if (node := document.node(old)) and document.node(new) is None:
-            reader.fault(node[:-1], "found a node of Nav2 Dashing's", f"{new} with a list of plug-ins, as since Foxy")
+            reader.fault(node[:-1], "got a node of Nav2 Dashing's", f"{new} with a list of plug-ins, as since Foxy")
     for path in document.values:
         new = _LISTS_BEFORE_FOXY.get(path[-1], "")
         if new and (*path[:-1], new) not in document.values:
             right = f"'{new}', and 'plugin: package::Class' below each name, as since Foxy"
-            reader.fault(path, "found a list of Nav2 Eloquent's, which has the classes in another list", right)
+            reader.fault(path, "got a list of Nav2 Eloquent's, which has the classes in another list", right)
 
 
 NO_SMOOTHER: Final = VelocitySmoother(
@@ -194,12 +194,12 @@ def _check_mppi(reader: Reader, parts: Parts) -> None:
     critic, rate_hz = controller.CostCritic, parts["controller_server"].controller_frequency
     if critic.enabled and critic.consider_footprint and not vertices_of(costmap.footprint):
         path = next(path for path in reader.asked if path[-1] == "consider_footprint")
-        what = "found true, and the local costmap has no polygon `footprint`"
+        what = "got true, and the local costmap has no polygon `footprint`"
         reader.fault(path, what, "false, as Nav2 does not start")
     if 1.0 / rate_hz > controller.model_dt + 1e-6:
         path = next(path for path in reader.asked if path[-1] == "controller_frequency")
         least_hz = f"{1.0 / controller.model_dt:g} or more for a model_dt of {controller.model_dt:g} s"
-        reader.fault(path, f"found {rate_hz:g}", f"{least_hz}, as Nav2 does not start")
+        reader.fault(path, f"got {rate_hz:g}", f"{least_hz}, as Nav2 does not start")
 
 
 def _check_turning_radius(reader: Reader, parts: Parts) -> None:
@@ -209,7 +209,7 @@ def _check_turning_radius(reader: Reader, parts: Parts) -> None:
         return
     modeled = isinstance(controller, MppiParameters) and controller.motion_model == "Ackermann"
     if not modeled and not isinstance(parts.get("planner"), SmacPlannerHybrid):
-        what = "found ackermann, and neither a motion model Ackermann nor a SmacPlannerHybrid says how tight it turns"
+        what = "got ackermann, and neither a motion model Ackermann nor a SmacPlannerHybrid says how tight it turns"
         reader.fault((ROBOT_KEY, "drive"), what, "min_turning_radius beside it")
 
 
@@ -229,7 +229,7 @@ def _latency(reader: Reader) -> Latency:
     place = ROBOT_KEY, LATENCY_KEY
     preset = reader.text((*place, PRESET_KEY), next(iter(PRESETS)))
     if preset not in PRESETS:
-        reader.fault((*place, PRESET_KEY), f"found {shown(preset)}", f"one of {', '.join(PRESETS)}")
+        reader.fault((*place, PRESET_KEY), f"got {shown(preset)}", f"one of {', '.join(PRESETS)}")
     return reader.group(Latency, place, left_out=PRESETS.get(preset, IDEAL))
 
 

@@ -27,7 +27,7 @@ def read_monitor(reader: Reader, node: ParameterLocation) -> Mapping[str, Collis
         elif zone := _zone(reader, place):
             zones.append(zone)
     if len(zones) > MOST_ZONES:
-        reader.fault((*node, "polygons"), f"found {len(zones)} areas beside the footprint's", f"{MOST_ZONES} at most")
+        reader.fault((*node, "polygons"), f"got {len(zones)} areas beside the footprint's", f"{MOST_ZONES} at most")
     given: dict[str, Any] = {"zones": tuple(zones) if scan and not reader.faults else ()}
     if round_footprint is None or scan is None:
         return {"collision_monitor": CollisionMonitor(enabled=False, **given)}
@@ -79,7 +79,7 @@ def _zone(reader: Reader, place: ParameterLocation) -> MonitorZone | None:
         reader.unused[place] = "it does nothing"
         return None
     if action not in _OF_ACTION:
-        reader.fault((*place, "action_type"), f"found {action!r}", f"one of {', '.join(_OF_ACTION)}, none")
+        reader.fault((*place, "action_type"), f"got {action!r}", f"one of {', '.join(_OF_ACTION)}, none")
         return None
     drawn = (*place, "points" if shape == "polygon" else "radius")
     if shape not in ("polygon", "circle") or drawn not in reader.document.values:
@@ -103,7 +103,7 @@ def _area(reader: Reader, path: ParameterLocation) -> Vertices:
     try:
         return area_of(str(points))
     except ValueError as error:
-        reader.fault(path, f"found {shown(reader.document.values[path])}", str(error))
+        reader.fault(path, f"got {shown(reader.document.values[path])}", str(error))
         return ()
 
 
@@ -114,7 +114,7 @@ def _least_points(reader: Reader, place: ParameterLocation) -> dict[str, Any]:
     if most is None:
         return {}
     if not isinstance(most, int) or isinstance(most, bool) or most < 0:
-        reader.fault(path, f"found {shown(most)}", "max_points must be a whole number, 0 or more")
+        reader.fault(path, f"got {shown(most)}", "max_points must be a whole number, 0 or more")
         return {}
     reader.asked[path] = most
     return {"min_points": most + 1}

@@ -122,7 +122,7 @@ class Reader:
         usual = next(iter(texts))
         found = class_name(self.text(path, usual))
         if found not in texts:
-            self.fault(path, f"found {shown(found)}", f"one of {', '.join(texts)}")
+            self.fault(path, f"got {shown(found)}", f"one of {', '.join(texts)}")
         return texts.get(found, texts[usual])
 
     def plug_in(
@@ -173,11 +173,11 @@ class Reader:
     ) -> None:
         for name, right in complaints(model, error):
             if name:
-                self.fault(paths[name], f"found {shown(self.document.values.get(paths[name]))}", right)
+                self.fault(paths[name], f"got {shown(self.document.values.get(paths[name]))}", right)
                 continue
             named = re.findall(r"\w+", right)
             path = next((path for name, path in paths.items() if name in named), ())
-            what = f"found parameters that contradict each other: {right}"
+            what = f"got parameters that contradict each other: {right}"
             place = self.document.place(path)
             self.faults.append(ParameterFault(dotted(path), what, "values that agree", place, together=True))
 
@@ -200,7 +200,7 @@ class Reader:
         given: Value = self.document.values.get(path, list(default))
         found = given.split() if isinstance(given, str) else given
         if not isinstance(found, Sequence) or not all(isinstance(name, str) for name in found):
-            self.fault(path, f"found {shown(given)}", "a list of names")
+            self.fault(path, f"got {shown(given)}", "a list of names")
             found = list(default)
         self.asked[path] = given
         return [str(name) for name in found]
@@ -210,12 +210,12 @@ class Reader:
         found = self.document.values.get(path, modeled)
         self.asked[path] = found
         if found != modeled:
-            self.fault(path, f"found {shown(found)}, which is not modeled", shown(modeled))
+            self.fault(path, f"got {shown(found)}, which is not modeled", shown(modeled))
 
     def _plain(self, path: ParameterLocation, default: Value, kind: type, meaning: str) -> Value:
         found = self.document.values.get(path, default)
         if not isinstance(found, kind):
-            self.fault(path, f"found {shown(found)}", meaning)
+            self.fault(path, f"got {shown(found)}", meaning)
             found = default
         self.asked[path] = found
         return found
@@ -248,7 +248,7 @@ class Reader:
         path = self._list_of(prefix, plugins)
         names = self.names(path, tuple(plugins.defaults))
         if not names:
-            self.fault(path, "found an empty list", f"the name of a {plugins.what}")
+            self.fault(path, "got an empty list", f"the name of a {plugins.what}")
             return None
         used = plugins.used if plugins.used in names else names[0]
         for name in names:

@@ -70,11 +70,13 @@ def covariance_of(value: Any, where: str) -> tuple[float, float, float, float]:
         rows = []
     if [len(row) for row in rows] != [3, 3, 3] or not all(math.isfinite(entry) for row in rows for entry in row):
         raise ParameterError(
-            f"{where}: found {value!r}; three variances [x, y, yaw] in m², m² and rad², or three rows of three numbers"
+            f"{where}: expected three variances [x, y, yaw] in m², m² and rad², or three rows of three numbers, got {value!r}"
         )
     (xx, xy, _), (yx, yy, _), (_, _, yaw) = rows
     if xx < 0.0 or yy < 0.0 or yaw < 0.0 or xy != yx or xy * xy > xx * yy:
-        raise ParameterError(f"{where}: found {value!r}; variances >= 0 and a symmetric matrix with xy² <= xx · yy")
+        raise ParameterError(
+            f"{where}: expected variances >= 0 and a symmetric matrix with xy² <= xx · yy, got {value!r}"
+        )
     return xx, xy, yy, yaw
 
 

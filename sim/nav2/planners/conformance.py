@@ -77,14 +77,14 @@ def check_paths(planner: Planner) -> None:
         given = errand.given()
         n = _planned(_started(planner, given), given)
         if not errand.is_possible:
-            _must(n < 0, planner, f"must return minus an error code in {errand.name!r}, found {n}")
+            _must(n < 0, planner, f"must return minus an error code in {errand.name!r}, got {n}")
             continue
-        _must(0 < n <= _ROOM, planner, f"must find a path in {errand.name!r}, found {n}")
+        _must(0 < n <= _ROOM, planner, f"must find a path in {errand.name!r}, got {n}")
         path = given.path[:n]
         _must(np.isfinite(path).all(), planner, f"must give finite poses in {errand.name!r}")
         for where, pose, wanted in (("begin", path[0], errand.start), ("end", path[-1], errand.goal)):
             away_m = math.dist(pose[:2], wanted[:2])
-            _must(away_m <= NEAR_M, planner, f"must {where} within {NEAR_M} m, found {away_m:.2f} m in {errand.name!r}")
+            _must(away_m <= NEAR_M, planner, f"must {where} within {NEAR_M} m, got {away_m:.2f} m in {errand.name!r}")
         dearest = max(_costs_along(given.costs, path))
         _must(dearest < INSCRIBED, planner, f"must keep to free cells, found a cost of {dearest} in {errand.name!r}")
 
@@ -106,7 +106,7 @@ def check_changes(planner: Planner) -> None:
     _planned(found, open_floor)
     open_floor.costs[:] = closed.costs
     n = _planned(found, open_floor._replace(changed=(0, _ROWS, 0, _COLUMNS)))
-    _must(n < 0, planner, f"must plan on the costs that it is given, found {n} poses through a wall that is new")
+    _must(n < 0, planner, f"must plan on the costs that it is given, got {n} poses through a wall that is new")
 
 
 def check_inputs_are_kept(planner: Planner) -> None:

@@ -103,7 +103,7 @@ class BehaviorChecker:
         calls = []
         for text in modifiers:
             if text.modifiers:
-                self.expressions.fault(text.call.place, "found a modifier of a modifier", "one after the other")
+                self.expressions.fault(text.call.place, "got a modifier of a modifier", "one after the other")
             calls.append(text.call)
         return self._applied(child, calls)
 
@@ -111,7 +111,7 @@ class BehaviorChecker:
         modifiers = [member for member in text.members if isinstance(member, ActText) and self.is_modifier(member)]
         members = [member for member in text.members if all(member is not one for one in modifiers)]
         if not members:
-            self.expressions.fault(text.place, f"found an empty {text.kind}", "one action or more in it")
+            self.expressions.fault(text.place, f"got an empty {text.kind}", "one action or more in it")
         children = [self.behavior(member) for member in members]
         composition: Behavior | None = None
         if members and None not in children:
@@ -123,7 +123,7 @@ class BehaviorChecker:
     def _refuse_keep(self, text: WithText) -> None:
         for item in text:
             if isinstance(item, KeepText):
-                self.expressions.fault(item.place, "found 'keep' where nothing has members", "'keep' below an action")
+                self.expressions.fault(item.place, "got 'keep' where nothing has members", "'keep' below an action")
 
     def _modified(self, child: Behavior | None, text: WithText) -> Behavior | None:
         """`child` with what its `with:` block says: modifiers, the first outermost, and `until` outside of them."""
@@ -267,7 +267,7 @@ class BehaviorChecker:
     def _happened(self, text: AwaitedText) -> Awaited | None:
         assert text.event is not None
         if len(text.event.words) > 1:
-            self.expressions.fault(text.event.place, f"found event {text.event}", "an event of the scenario")
+            self.expressions.fault(text.event.place, f"got event {text.event}", "an event of the scenario")
             return None
         if not self._is_event(text.event.words[0], self.events):
             return None
@@ -278,7 +278,7 @@ class BehaviorChecker:
 
     def _elapsed(self, call: CallText) -> Awaited | None:
         if len(call.arguments) != 1 or call.arguments[0].name is not None:
-            self.expressions.fault(call.place, "found elapsed without one duration", "elapsed(3s)")
+            self.expressions.fault(call.place, "got elapsed without one duration", "elapsed(3s)")
             return None
         wanted = Type("time", "physical")
         text = call.arguments[0].value

@@ -86,7 +86,7 @@ class _Scenario:
         root = checker.wrapped(root, [member for member in applied if checker.is_modifier(member)])
         if root is not None and (deep := _too_deep(root)) is not None:
             self._expressions.fault(
-                deep, f"found more than {MOST_LEVELS} compositions and modifiers in one another", "fewer"
+                deep, f"got more than {MOST_LEVELS} compositions and modifiers in one another", "fewer"
             )
             return None
         actors = [self._actor(name, field, visible) for name, field in self._instances.items()]
@@ -99,7 +99,7 @@ class _Scenario:
         path = str(text.call.path)
         known = did_you_mean(path, self._declared.modifiers, "'import osc.helpers', which declares the modifiers")
         right = "'do' before it" if "." in path or path in self._declared.actions else known
-        self._expressions.fault(text.call.place, f"found {path}(…) in the body of a scenario", right)
+        self._expressions.fault(text.call.place, f"got {path}(…) in the body of a scenario", right)
 
     def _chain(self, text: CompoundText) -> list[CompoundText]:
         """The scenario and those that it inherits from, the farthest first."""
@@ -144,7 +144,7 @@ class _Scenario:
             if member.type.kind == "actor":
                 if member.type.is_list or member.is_variable:
                     what = "a list of actors" if member.type.is_list else "a variable of an actor"
-                    self._expressions.fault(member.place, f"found {what}", "'name: actor' for each instance")
+                    self._expressions.fault(member.place, f"got {what}", "'name: actor' for each instance")
                 self._instances[member.name] = text
             self._fields[member.name] = member
 
@@ -185,7 +185,7 @@ class _Scenario:
         for part in reversed(chain):
             found = [member for member in part.members if isinstance(member, DoText)]
             for other in found[1:]:
-                self._expressions.fault(other.place, "found a second 'do'", "one 'do' with a serial or parallel")
+                self._expressions.fault(other.place, "got a second 'do'", "one 'do' with a serial or parallel")
             if found:
                 return found[0]
         name = chain[-1].name
@@ -197,7 +197,7 @@ class _Scenario:
         declared = self._declared.actors[type_.name]
         members: Mapping[str, Field] = declared.members
         if text.default is not None:
-            self._expressions.fault(self._fields[name].place, "found a value for an actor", "'keep' below it")
+            self._expressions.fault(self._fields[name].place, "got a value for an actor", "'keep' below it")
         for item in text.keeps:
             if isinstance(item, KeepText):
                 members = self._members.keep(item, members, visible)

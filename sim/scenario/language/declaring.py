@@ -113,7 +113,7 @@ class _Declarer:
         key = str(name) if isinstance(name, PathText) else name.text
         place = self._places.setdefault((kind, key), name.place)
         if kind == "type" and key.startswith("listof"):
-            self._expressions.fault(name.place, f"found type {key!r}, which begins with 'listof'", "another name")
+            self._expressions.fault(name.place, f"got type {key!r}, which begins with 'listof'", "another name")
             return False
         if place is not name.place or key in known:
             where = f" at {place}" if place is not name.place else ""
@@ -144,7 +144,7 @@ class _Declarer:
         number = 0
         for name, given in text.members:
             if isinstance(given, float):
-                self._expressions.fault(name.place, f"found {given} for {name.text!r}", "a whole number")
+                self._expressions.fault(name.place, f"got {given} for {name.text!r}", "a whole number")
             elif name.text in members:
                 self._expressions.fault(name.place, f"{name.text!r} is declared already", "another name")
             else:
@@ -167,7 +167,7 @@ class _Declarer:
     def _one_word(self, text: CompoundText) -> bool:
         if len(text.name.words) > 1:
             right = "an action where it is an actor's" if text.kind == "modifier" else "one name"
-            self._expressions.fault(text.name.place, f"found {text.kind} {text.name}, with an actor", right)
+            self._expressions.fault(text.name.place, f"got {text.kind} {text.name}, with an actor", right)
             return False
         return self._members.allowed(text.name.words[0])
 
@@ -196,7 +196,7 @@ class _Declarer:
             return
         actor = text.name.words[0]
         if len(text.name.words) > 2:
-            self._expressions.fault(text.name.place, f"found action {text.name}", "an actor and a name at most")
+            self._expressions.fault(text.name.place, f"got action {text.name}", "an actor and a name at most")
             return
         if len(text.name.words) == 2 and actor.text not in self._declared.actors:
             right = did_you_mean(actor.text, self._declared.actors)
@@ -233,9 +233,9 @@ class _Declarer:
                 case RefusedText():
                     self._expressions.refuse(part)
                 case DoText():
-                    self._expressions.fault(part.place, f"found 'do' in {_a(text.kind)}", "'do' in a scenario")
+                    self._expressions.fault(part.place, f"got 'do' in {_a(text.kind)}", "'do' in a scenario")
                 case ActText():
-                    what = f"found a modifier of {_a(text.kind)}"
+                    what = f"got a modifier of {_a(text.kind)}"
                     self._expressions.fault(part.call.place, what, "a modifier in a scenario or a composition")
         bases = (base.name, *base.bases) if base else ()
         return Compound(text.kind, str(text.name), bases, members, functions, self._origin, text.name.place)

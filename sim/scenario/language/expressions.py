@@ -98,7 +98,7 @@ class ExpressionChecker:
 
     def refuse(self, text: RefusedText) -> None:
         """Take down that a construct is not part of what vastflow executes."""
-        self.fault(text.place, f"found {text.construct}, which vastflow does not have", text.right)
+        self.fault(text.place, f"got {text.construct}, which vastflow does not have", text.right)
 
     def assigned(self, text: ExpressionText, wanted: Type, names: Visible, whose: str) -> Expression | None:
         """The value for something of type `wanted`; `whose` is the words for it in a fault.
@@ -165,11 +165,11 @@ class ExpressionChecker:
                     given[name] = None
                     continue
             elif named:
-                self.fault(argument.value.place, "found a value after a named one", "values by position first")
+                self.fault(argument.value.place, "got a value after a named one", "values by position first")
                 return None
             elif position >= len(order):
                 count = f"{len(order)} at most" if order else "no arguments"
-                self.fault(argument.value.place, f"found one argument more than {whose} takes", count)
+                self.fault(argument.value.place, f"got one argument more than {whose} takes", count)
                 return None
             else:
                 name, place = order[position], argument.value.place
@@ -197,12 +197,12 @@ class ExpressionChecker:
             return value
         if wanted == STRING and isinstance(value, Name) and _has_text(found):
             return Operation("+", (Constant("", text.place), value), text.place)
-        self.fault(text.place, f"found {_shown(text, found)} for {whose}, {_a(wanted)}", self._such_as(wanted, text))
+        self.fault(text.place, f"got {_shown(text, found)} for {whose}, {_a(wanted)}", self._such_as(wanted, text))
         return None
 
     def _refuse_empty(self, text: ListText) -> None:
         if not text.items and not self.of_library:
-            self.fault(text.place, "found an empty list, which the language does not have", "one item or more")
+            self.fault(text.place, "got an empty list, which the language does not have", "one item or more")
 
     def _fits(self, value: Expression, found: Type, wanted: Type) -> bool:
         if self._declared.is_a(found, wanted):
@@ -218,14 +218,14 @@ class ExpressionChecker:
             return Constant(str(text), text.place)
         if isinstance(text, PathText) and str(text) in names.faulty:
             return None
-        what = f"found {text}" if isinstance(text, PathText) else "found a value"
+        what = f"got {text}" if isinstance(text, PathText) else "got a value"
         right = did_you_mean(str(text), names.variables, "'var' with its name and type, declared in the scenario")
         self.fault(text.place, f"{what} for {whose}, the name of a variable", right)
         return None
 
     def _literal(self, text: Constant) -> Typed | None:
         if isinstance(text.value, int | float) and not math.isfinite(text.value):
-            self.fault(text.place, "found a number that is too large", "at most 1.7e308")
+            self.fault(text.place, "got a number that is too large", "at most 1.7e308")
             return None
         return text, LITERALS[type(text.value)]
 
@@ -238,7 +238,7 @@ class ExpressionChecker:
         of, factor, offset = unit
         number = float(text.number) * factor + offset
         if not math.isfinite(number):
-            self.fault(text.place, "found a number that is too large", "at most 1.7e308")
+            self.fault(text.place, "got a number that is too large", "at most 1.7e308")
             return None
         return Constant(number, text.place), Type(of, "physical")
 
@@ -302,7 +302,7 @@ class ExpressionChecker:
             if name.text in self._declared.actions:
                 self.fault(name.place, f"{name.text!r} is an action, which has no value", "a value here")
             elif name.text == "elapsed":
-                self.fault(name.place, "found elapsed inside of an expression", "'wait elapsed(…)' alone")
+                self.fault(name.place, "got elapsed inside of an expression", "'wait elapsed(…)' alone")
             else:
                 near = self.right_type(name.text, self._declared.structs)
                 self.fault(name.place, f"unknown struct {name.text!r}", near)
@@ -337,7 +337,7 @@ class ExpressionChecker:
         items = cast(list[Typed], typed)
         types = {type_ for _, type_ in items}
         if len(types) > 1:
-            self.fault(text.place, f"found a list of {_listed(sorted(map(str, types)))}", "items of one type")
+            self.fault(text.place, f"got a list of {_listed(sorted(map(str, types)))}", "items of one type")
             return None
         item = next(iter(types), ANY)
         return ListOf(tuple(value for value, _ in items), text.place), Type(item.name, item.kind, True)

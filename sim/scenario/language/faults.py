@@ -26,4 +26,4 @@ class OscError(UserError, ValueError):
 
 def too_long(file: str) -> Fault:
     """For a file with more operators in one another than Python has room for."""
-    return Fault(Place(file, 1, 1), "found an expression that is too long", "several shorter ones")
+    return Fault(Place(file, 1, 1), "got an expression that is too long", "several shorter ones")

@@ -73,7 +73,7 @@ class Indentation(PostLex):
                 and WORDS.fullmatch(end[-1] + token[0])
             ):
                 raise IndentationFault(
-                    end.line or 1, end.column or 1, f"found {end + token!r}", f"a blank behind {str(end)!r}"
+                    end.line or 1, end.column or 1, f"got {end + token!r}", f"a blank behind {str(end)!r}"
                 )
             brackets += (token.type in OPENING) - (token.type in CLOSING)
             if brackets > DEEPEST:
@@ -105,7 +105,7 @@ def _steps(token: Token, width: int, levels: list[int]) -> Iterator[Token]:
         raise IndentationFault(
             token.end_line or 1,
             width + 1,
-            f"found a line indented by {width} blanks that belongs to no block",
+            f"got a line indented by {width} blanks that belongs to no block",
             f"{levels[-1]} blanks, as the lines above it",
         )
 
@@ -256,12 +256,12 @@ def _position_of(token: Token, text: str) -> tuple[int, int]:
 def _stray(text: str, at: int) -> tuple[str, str]:
     """What is wrong where no word begins, and what would be right."""
     if text.startswith("/*", at):
-        return "found a comment that does not end", "'*/' at its end"
+        return "got a comment that does not end", "'*/' at its end"
     if text[at] in "'\"":
-        return "found a string that does not end", f"{text[at]} before the end of the line"
+        return "got a string that does not end", f"{text[at]} before the end of the line"
     if text[at] == "|":
-        return "found a name that does not end", "'|' before the end of the line"
-    return f"found {text[at]!r}", "a name, a number, a string or an operator"
+        return "got a name that does not end", "'|' before the end of the line"
+    return f"got {text[at]!r}", "a name, a number, a string or an operator"
 
 
 def _unexpected(error: UnexpectedToken, text: str) -> tuple[str, str]:
@@ -270,17 +270,17 @@ def _unexpected(error: UnexpectedToken, text: str) -> tuple[str, str]:
         return _stray(text, token.start_pos or 0)
     if token.type == "_NL" and (label := LABEL.search(text, 0, token.start_pos or 0)):
         near = nearest(label[1], BLOCKS)
-        return f"found {label[1]!r}", f"did you mean {near!r}?" if near else f"{', '.join(BLOCKS)} or an action"
+        return f"got {label[1]!r}", f"did you mean {near!r}?" if near else f"{', '.join(BLOCKS)} or an action"
     if token.type == "_INDENT":
-        return "found a line that is indented deeper than the one before", "the same indentation, or ':' on that line"
+        return "got a line that is indented deeper than the one before", "the same indentation, or ':' on that line"
     found = {"_NL": "the end of the line", "_DEDENT": "the end of the block", "$END": "the end of the file"}.get(
         token.type, repr(str(token)[:40])
     )
     if token.type == "DOT" and text[: token.start_pos or 0][-1:].isdigit():
-        return f"found {found}", "a number with digits after the point, such as 3.0"
+        return f"got {found}", "a number with digits after the point, such as 3.0"
     if expected == {"_INDENT"}:
-        return f"found {found}", "a block, indented deeper than the line before"
-    return f"found {found}", _right(str(token), expected)
+        return f"got {found}", "a block, indented deeper than the line before"
+    return f"got {found}", _right(str(token), expected)
 
 
 def _right(found: str, expected: set[str]) -> str:

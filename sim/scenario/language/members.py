@@ -130,7 +130,7 @@ class MemberChecker:
         if isinstance(item, RefusedText):
             self._expressions.refuse(item)
         else:
-            self._expressions.fault(item.place, "found a modifier of a field", "'keep(it.member == value)'")
+            self._expressions.fault(item.place, "got a modifier of a field", "'keep(it.member == value)'")
 
     def _target(self, text: KeepText) -> tuple[tuple[Word, ...], ExpressionText] | None:
         """The path below `it` and the value of `keep(it.path == value)`."""
@@ -139,9 +139,9 @@ class MemberChecker:
                 return tuple(path), value
             case OperationText(operator="in"):
                 right = "'keep(it.member == parameter)', and a ParameterVariationList of the parameter in the campaign"
-                self._expressions.fault(text.place, "found a 'keep' with several values", right)
+                self._expressions.fault(text.place, "got a 'keep' with several values", right)
                 return None
-        self._expressions.fault(text.place, "found a 'keep' that gives no value", "'keep(it.member == value)'")
+        self._expressions.fault(text.place, "got a 'keep' that gives no value", "'keep(it.member == value)'")
         return None
 
     def _with_value(
@@ -158,7 +158,7 @@ class MemberChecker:
         if isinstance(whole, Name):
             whole = Struct(type_.name, {name: below_of(whole, [name]) for name in members}, whole.place)
         if not isinstance(whole, Struct):
-            self._expressions.fault(first.place, f"found a 'keep' below a {type_} without value", f"{type_.name}(…)")
+            self._expressions.fault(first.place, f"got a 'keep' below a {type_} without value", f"{type_.name}(…)")
             return default
         member = members[first.text]
         if rest:

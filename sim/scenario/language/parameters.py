@@ -29,7 +29,7 @@ class ParameterMismatch(ValueError):
         super().__init__(scenario, parameter, expected, given)
 
     def __str__(self) -> str:
-        return f"parameter {self.parameter} of scenario {self.scenario}: found {self.given}; {self.expected}"
+        return f"parameter {self.parameter} of scenario {self.scenario}: expected {self.expected}, got {self.given}"
 
 
 def bound(

@@ -86,7 +86,7 @@ def _read(text: str, file: str, folder: Path) -> tuple[ScenarioDefinition, ...]:
     declarations = _declarations(parsed, file, folder, read, faults)
     scenarios = [part for part in parsed.declarations if isinstance(part, CompoundText) and part.kind == "scenario"]
     if not scenarios:
-        faults.append(Fault(Place(file, 1, 1), "found no scenario", "'scenario name:' and what it does"))
+        faults.append(Fault(Place(file, 1, 1), "got no scenario", "'scenario name:' and what it does"))
     definitions = [checked(scenario, declarations, faults, right_type) for scenario in scenarios]
     if faults:
         raise OscError(faults)

@@ -53,9 +53,9 @@ def set_yaml_value(
     except KeyError:
         right = "true or false" if value_type == "bool" else f"a value_type of {', '.join(_TYPES)}"
         found = repr(value) if value_type == "bool" else f"value_type {value_type!r}"
-        raise YamlFault(f"found {found}; {right}") from None
+        raise YamlFault(f"expected {right}, got {found}") from None
     except ValueError:
-        raise YamlFault(f"found value {value!r}; one of type {value_type}") from None
+        raise YamlFault(f"expected one of type {value_type}, got value {value!r}") from None
     try:
         document = yaml_value(read_text(source, "a YAML file"))
         document = {} if document is None else document

@@ -163,7 +163,7 @@ def _paths(folder: Path, leave_out: Callable[[Path], bool]) -> Iterator[str]:
 def _pattern(pattern: str) -> re.Pattern[str]:
     parts = PurePosixPath(pattern).parts
     if not parts or parts[0] == "/" or ".." in parts:
-        raise RunFileError(f"found run_files pattern {pattern!r}; a pattern below the campaign file's folder")
+        raise RunFileError(f"expected a pattern below the campaign file's folder, got run_files pattern {pattern!r}")
     if len(parts) == 1 and parts[0] != "**":
         parts = ("**", *parts)
     texts = [_ANY_FOLDERS if part == "**" else _name(part) + "/" for part in parts[:-1]]
@@ -171,7 +171,7 @@ def _pattern(pattern: str) -> re.Pattern[str]:
     try:
         return re.compile("".join(texts), re.DOTALL)
     except re.error:
-        raise RunFileError(f"found run_files pattern {pattern!r}; a range such as [a-c] goes upwards") from None
+        raise RunFileError(f"expected a range such as [a-c] goes upwards, got run_files pattern {pattern!r}") from None
 
 
 def _name(part: str) -> str:

@@ -32,7 +32,7 @@ def literal(text: str) -> Any:
     try:
         return ast.literal_eval(text.replace("\\", ""))
     except (ValueError, SyntaxError, MemoryError, RecursionError):
-        raise ScenarioError(f"found {text!r}; a literal such as 0.5 or {{'x': 0.5}}") from None
+        raise ScenarioError(f"expected a literal such as 0.5 or {{'x': 0.5}}, got {text!r}") from None
 
 
 def with_members(whole: Any, given: Any) -> Any:
@@ -57,7 +57,7 @@ def pose_in(found: Any) -> Pose:
     while isinstance(found, Mapping) and "pose" in found:
         found = found["pose"]
     if not isinstance(found, Mapping) or not isinstance(found.get("position"), Mapping):
-        raise ScenarioError("found no pose in the message; {'pose': {'position': {'x': 1.0, 'y': 2.0}}}")
+        raise ScenarioError("expected {'pose': {'position': {'x': 1.0, 'y': 2.0}}}, got no pose in the message")
     position, turn = found["position"], found.get("orientation", {})
     if "yaw" in turn:
         yaw_rad = float(turn["yaw"])
@@ -77,7 +77,9 @@ def velocity_in(found: Any) -> tuple[float, float, float]:
         linear, angular = found.get("linear", {}), found.get("angular", {})
         return float(linear.get("x", 0.0)), float(angular.get("z", 0.0)), float(linear.get("y", 0.0))
     except (AttributeError, TypeError, ValueError):
-        raise ScenarioError("found no twist in the message; {'linear': {'x': 0.2}, 'angular': {'z': 0.0}}") from None
+        raise ScenarioError(
+            "expected {'linear': {'x': 0.2}, 'angular': {'z': 0.0}}, got no twist in the message"
+        ) from None
 
 
 def _empty(value: Any) -> Any:
