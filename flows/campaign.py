@@ -102,8 +102,8 @@ def _compute(run: CampaignRun, pool: CampaignPool | None, task_runs: TaskRuns) -
     if run.instantiated is None:
         run.tally.begin("instantiating")
         run.know(instantiate(task_runs, run.instantiator))
-    for wave in run.waves():
+    for due in run.rounds():
         if pool is not None:
-            pool.compute(wave.members)
+            pool.compute(due.configurations)
             continue
-        compute(task_runs, wave.shards)
+        compute(task_runs, due.shards)

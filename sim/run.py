@@ -25,7 +25,7 @@ from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Recording
 from vastflow.sim.model.runlog import RunLog
 from vastflow.sim.model.scenario import ProcessSetup, Scenario
-from vastflow.sim.nav2.navigator.prepared import KEPT_MAPS, prepare
+from vastflow.sim.nav2.navigator.prepared import CACHED_MAPS, prepare
 from vastflow.sim.nav2.navigator.state import Stack
 from vastflow.sim.nav2.parameter_files.costmaps import KEEPOUT_KEY, SPEED_KEY
 from vastflow.sim.reading.checked import MAP_KEY, CheckedScenario, RobotSetup, checked_of
@@ -256,7 +256,7 @@ def _notes(record: ProcessRecord | None) -> tuple[str, ...]:
     return (*record.outputs.notes, *left_out, *filter(None, [record.post_command]))
 
 
-@functools.lru_cache(maxsize=KEPT_MAPS)
+@functools.lru_cache(maxsize=CACHED_MAPS)
 def _loaded(content: FileContent, key: str) -> OccupancyMap:
     occupancy = load_map(content.path)
     if occupancy.digest != content.digest:

@@ -121,7 +121,7 @@ def gc(
         opened = _opened(place, read_only=dry_run)
         from vastflow.flows.results.cleaning import DAY_S, clean, cleaning, references
 
-        opened.survey()
+        opened.refresh()
         referred = references(opened, directories) if directories else None
         if referred is not None and not referred.evaluations:
             print(

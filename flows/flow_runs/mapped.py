@@ -10,7 +10,7 @@ from vastflow.flows.flow_runs.task_runs import TaskRuns
 from vastflow.tasks.engine.engine import Rows
 from vastflow.tasks.engine.evaluation import packed
 from vastflow.tasks.engine.instantiation import EvaluationRequest, Instantiated, Instantiator
-from vastflow.tasks.engine.shards import ProducerShard, Shard, chunks
+from vastflow.tasks.engine.shards import ProducerShard, Shard, shard_ranges
 
 if TYPE_CHECKING:
     from prefect.futures import PrefectFuture
@@ -64,7 +64,7 @@ def compute(task_runs: TaskRuns, shards: Sequence[Shard]) -> None:
 def _producer_shards(request: EvaluationRequest) -> list[ProducerShard]:
     evaluations, sent = request.evaluations, packed(request.producer)
     name = f"{request.family} by {type(request.producer).__name__}"
-    parts = chunks([each.key.rpartition("/")[2] for each in evaluations])
+    parts = shard_ranges([each.key.rpartition("/")[2] for each in evaluations])
     if len(parts) == 1:
         return [ProducerShard(request.family, name, sent, evaluations)]
     return [

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, Final
 
-from vastflow.tasks.engine.engine import Engine, MemberFault
+from vastflow.tasks.engine.engine import Engine, RunFault
 from vastflow.tasks.engine.pool import PoolClosed
 from vastflow.tasks.engine.progress import Observer, Reporter, Tally
 from vastflow.tasks.engine.shards import Shard
@@ -103,7 +103,7 @@ class TaskRuns:
     def wait(self, shards: Sequence[Shard], *stages: "Sequence[PrefectFuture[Any]]") -> None:
         """Wait until all task runs have ended, and the server has recorded most of them.
 
-        One that failed as a whole, which is an internal error, is a fault of its shard's members.
+        One that failed as a whole, which is an internal error, is a fault of its shard's configurations.
 
         Raises:
             StoreError, PoolClosed: see `Engine.check`.
@@ -116,7 +116,9 @@ class TaskRuns:
             shard, states = of_shard[0], [future.state for future in of_shard[1:]]
             if failed := next((state for state in states if not state.is_completed()), None):
                 error = f"a task run ended as {failed.name}: {failed.message}"
-                self.engine.add_faults([MemberFault(member.name, None, "flow", error) for member in shard.members])
+                self.engine.add_faults(
+                    [RunFault(configuration.name, None, "flow", error) for configuration in shard.configurations]
+                )
         if len(self._futures) - self._recorded >= MOST_UNRECORDED:
             self.record()
 

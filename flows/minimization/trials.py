@@ -14,7 +14,7 @@ from vastflow.producers.minimization.candidates import Candidates, NotBuilt
 from vastflow.producers.minimization.circumstance import Subject
 from vastflow.producers.minimization.minimize import Candidate, Outcome, Standing
 from vastflow.tasks.engine.engine import block_size
-from vastflow.tasks.engine.index import FoundMember, Index, Member
+from vastflow.tasks.engine.index import ConfigurationRuns, FoundRuns, Index
 from vastflow.tasks.engine.shards import Shard, missing_shards
 from vastflow.tasks.engine.work import VERDICTS
 from vastflow.tasks.store.store import Artifact, Lost
@@ -75,7 +75,7 @@ class Trials:
     Attributes:
         runs: How many a candidate wants; the confirmed one gets more, with indices that no trial used.
         compute: None as long as only what the store has is looked at.
-        members: Each candidate that was built, in the order of the trials.
+        configurations: Each candidate that was built, in the order of the trials.
         used: Runs that trials and confirmations took, of each candidate.
     """
 
@@ -84,7 +84,7 @@ class Trials:
     test: FailureTest
     runs: PointRuns
     compute: Compute | None = None
-    members: dict[Candidate, Member] = field(default_factory=dict)
+    configurations: dict[Candidate, ConfigurationRuns] = field(default_factory=dict)
     used: dict[Candidate, int] = field(default_factory=dict)
     _number: int = 0
 
@@ -101,14 +101,14 @@ class Trials:
         except NotBuilt as error:
             return self._told(candidate, Outcome("not tried", reason=f"it can't be built: {error}"))
         name = f"candidate-{self._number:03}"
-        member = Member(name, "minimization", self._number, scenario, self.runs.wanted({}))
-        self.members[candidate] = member
-        self.run.tally.expect({each.name: each.runs for each in self.members.values()})
-        found = self._found(member)
-        self.used[candidate] = found.member.runs
-        if fault := next((each for each in self.run.engine.faults if each.member == name), None):
+        configuration = ConfigurationRuns(name, "minimization", self._number, scenario, self.runs.wanted({}))
+        self.configurations[candidate] = configuration
+        self.run.tally.expect({each.name: each.runs for each in self.configurations.values()})
+        found = self._found(configuration)
+        self.used[candidate] = found.configuration.runs
+        if fault := next((each for each in self.run.engine.faults if each.configuration == name), None):
             return self._told(candidate, Outcome("not tried", reason=f"its runs broke: {fault.error}"))
-        said = self._said(found, range(found.member.runs))
+        said = self._said(found, range(found.configuration.runs))
         failed, judged = said.count("fail"), len(said) - said.count("not judged")
         if not judged:
             return self._told(candidate, Outcome("not tried", reason="no run of it is judged"))
@@ -120,33 +120,37 @@ class Trials:
         Raises:
             Uncomputed, Lost: as of `judge`.
         """
-        member, before = self.members[candidate], self.used[candidate]
-        self.runs.confirmed = member.name
-        found = self._found(member)
-        self.used[candidate] = found.member.runs
-        said = self._said(found, range(before, found.member.runs))
+        configuration, before = self.configurations[candidate], self.used[candidate]
+        self.runs.confirmed = configuration.name
+        found = self._found(configuration)
+        self.used[candidate] = found.configuration.runs
+        said = self._said(found, range(before, found.configuration.runs))
         failed, judged = said.count("fail"), len(said) - said.count("not judged")
         fails = judged > 0 and failed / judged >= 1.0 - self.test.rule.bounds.systematic - 1e-9
         outcome = Outcome("fails" if fails else "undecided", failed, judged)
         self.run.tally.notice(f"confirmation on fresh runs: {outcome.text}")
         return outcome
 
-    def _found(self, member: Member) -> FoundMember:
+    def _found(self, configuration: ConfigurationRuns) -> FoundRuns:
         engine = self.run.engine
-        found = engine.scan([member])[member.name]
-        while not found.complete and member.name not in engine.broken:
+        found = engine.scan([configuration])[configuration.name]
+        while not found.complete and configuration.name not in engine.broken:
             if self.compute is None:
                 raise Uncomputed
             self.run.tally.begin("running")
             engine.block_runs = block_size(found.missing_runs, self.run.workers)
-            self.compute(missing_shards([found.member], {member.name}))
+            self.compute(missing_shards([found.configuration], {configuration.name}))
             engine.check()
-            before, found = found, engine.scan([member])[member.name]
-            if found.member.runs == before.member.runs and not found.complete and member.name not in engine.broken:
-                raise Lost(f"results of {member.name}")
+            before, found = found, engine.scan([configuration])[configuration.name]
+            if (
+                found.configuration.runs == before.configuration.runs
+                and not found.complete
+                and configuration.name not in engine.broken
+            ):
+                raise Lost(f"results of {configuration.name}")
         return found
 
-    def _said(self, found: FoundMember, runs: range) -> list[str]:
+    def _said(self, found: FoundRuns, runs: range) -> list[str]:
         known: dict[int, str] = {}
         for each in found.stored:
             if each.verdicts:

@@ -26,7 +26,7 @@ from vastflow.producers.model.faults import CampaignError, shown
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.reading.checked import checked_digest
-from vastflow.tasks.engine.index import Index, Member
+from vastflow.tasks.engine.index import ConfigurationRuns, Index
 from vastflow.tasks.store.artifact import Stored
 from vastflow.tasks.store.store import open_store
 
@@ -95,7 +95,8 @@ def explained(directory: Path, name: str, *, store: str | None = None, since: Pa
         then=None
         if keys is None
         else kept(
-            Index(open_store(store, read_only=True), keys), Member(name, "", 1, scenario, past.runs, recorded_as(row))
+            Index(open_store(store, read_only=True), keys),
+            ConfigurationRuns(name, "", 1, scenario, past.runs, recorded_as(row)),
         ),
         today=today,
         obstacle=obstacle,
@@ -104,10 +105,10 @@ def explained(directory: Path, name: str, *, store: str | None = None, since: Pa
     )
 
 
-def kept(index: Index, member: Member) -> dict[str, dict[str, str]]:
-    """Stage to the key of each artifact of a member that is in the store and its runs, as `0–4`."""
-    blocks = index.stored(member)
-    return {"execute": {index.keys.recordings(member.checked): _runs(blocks)}, **_later(blocks)}
+def kept(index: Index, configuration: ConfigurationRuns) -> dict[str, dict[str, str]]:
+    """Stage to the key of each artifact of a configuration that is in the store and its runs, as `0–4`."""
+    blocks = index.stored(configuration)
+    return {"execute": {index.keys.recordings(configuration.checked): _runs(blocks)}, **_later(blocks)}
 
 
 def _later(blocks: Sequence[Stored]) -> dict[str, dict[str, str]]:

@@ -10,7 +10,7 @@ from vastflow.flows.plan.estimate import Estimate, estimate_of
 from vastflow.flows.plan.reasons import NEVER, Evaluated, EvaluationReasons, HereEvaluator, RunReasons
 from vastflow.flows.request.campaign_file import campaign_name, read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
-from vastflow.flows.request.configurations import Selection, members_of, narrowed
+from vastflow.flows.request.configurations import Selection, distinct_configurations, narrowed
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.request.stopping import Stopping, stopping_of
 from vastflow.flows.results.past import Past, newest_past, past_of
@@ -19,7 +19,7 @@ from vastflow.producers.instantiation.family import robots_json
 from vastflow.producers.model.configuration import Configuration
 from vastflow.producers.model.faults import CampaignError, Fault
 from vastflow.producers.search.criteria import plan_text
-from vastflow.tasks.engine.index import Index, Member, missing
+from vastflow.tasks.engine.index import ConfigurationRuns, Index, missing
 from vastflow.tasks.engine.instantiation import Instantiated, Instantiator, ProducerFault
 from vastflow.tasks.engine.pool import cores
 from vastflow.tasks.keys.keys import Keys
@@ -131,23 +131,23 @@ def plan_of(request: RunRequest, environments: Path, since: Path | None = None) 
     keys = campaign_keys(tree, campaign.seed, oracles)
     today = {} if past is None else {**origin_row(keys), **ingredients_row(tree, campaign.families, oracles)}
     store = open_store(request.store, read_only=True)
-    store.survey()
+    store.refresh()
     evaluations = None if past is None else EvaluationReasons(past, today, campaign.families)
     evaluator = HereEvaluator(store, evaluations, environments)
     found = _instantiated(Instantiator(campaign, store, keys, tree), evaluator)
     chosen = narrowed(found, Selection(request.only, request.sample, campaign.seed), campaign.document.file)
     instantiation = chosen.instantiation
     runs = campaign.runs_asked(request.runs, request.sample)
-    members = [] if campaign.unexecutable else members_of(instantiation, runs)
+    configurations = [] if campaign.unexecutable else distinct_configurations(instantiation, runs)
     index = Index(store, keys)
     sequential = campaign.sequential if request.runs is None else None
     if (stopping := stopping_of(sequential)) is not None:
-        members = [_ending(stopping, index, member) for member in members]
-    stored = {member.name: index.stored(member) for member in members}
+        configurations = [_ending(stopping, index, configuration) for configuration in configurations]
+    stored = {configuration.name: index.stored(configuration) for configuration in configurations}
     reasons = None if past is None else RunReasons(past, today, found.instantiation.configurations)
     reused, due = _evaluations(evaluator.evaluated.values())
-    for member in members:
-        _count(member, stored[member.name], reasons, reused, due)
+    for configuration in configurations:
+        _count(configuration, stored[configuration.name], reasons, reused, due)
     executed: Counter[str] = Counter()
     for each in due:
         executed[each.subject] += each.amount * (each.stage == "execute")
@@ -170,11 +170,11 @@ def plan_of(request: RunRequest, environments: Path, since: Path | None = None) 
     )
 
 
-def _ending(stopping: Stopping, index: Index, member: Member) -> Member:
-    """A member with the runs at which its class is decided, or with the most as long as it is not."""
-    wanted, stored = stopping.stored(index, member)
+def _ending(stopping: Stopping, index: Index, configuration: ConfigurationRuns) -> ConfigurationRuns:
+    """A configuration with the runs at which its class is decided, or with the most as long as it is not."""
+    wanted, stored = stopping.stored(index, configuration)
     whole = all(each.verdicts for each in stored) and not missing([each.block for each in stored], wanted.runs)
-    return wanted if whole else member
+    return wanted if whole else configuration
 
 
 def _instantiated(instantiator: Instantiator, evaluator: HereEvaluator) -> Instantiated:
@@ -200,33 +200,37 @@ def _evaluations(evaluated: Iterable[Evaluated]) -> tuple[Reused, list[Due]]:
 
 
 def _count(
-    member: Member, stored: Sequence[Stored], reasons: RunReasons | None, reused: Reused, due: list[Due]
+    configuration: ConfigurationRuns,
+    stored: Sequence[Stored],
+    reasons: RunReasons | None,
+    reused: Reused,
+    due: list[Due],
 ) -> None:
-    """Sort a member's runs into what is there and what is to be computed, stage by stage."""
-    absent = missing([each.block for each in stored], member.runs)
+    """Sort a configuration's runs into what is there and what is to be computed, stage by stage."""
+    absent = missing([each.block for each in stored], configuration.runs)
     states: dict[Stage, set[int]] = {"execute": set(), "observe": set(), "judge": set()}
     for each in stored:
-        span = range(each.block.start, min(each.block.stop, member.runs))
+        span = range(each.block.start, min(each.block.stop, configuration.runs))
         states["execute"].update(span)
         states["observe"].update(span if each.trace else ())
         states["judge"].update(span if each.verdicts else ())
     for stage, there in states.items():
-        reused[stage, member.family] += len(there)
+        reused[stage, configuration.family] += len(there)
 
     def add(stage: Stage, amount: int, reason: DueReason) -> None:
         if amount:
-            due.append(Due(stage, member.family, member.name, amount, reason))
+            due.append(Due(stage, configuration.family, configuration.name, amount, reason))
 
     recorded, observed, judged = states.values()
     if absent:
-        for reason, amount in reasons.execute(member, absent) if reasons else [(NEVER, len(absent))]:
+        for reason, amount in reasons.execute(configuration, absent) if reasons else [(NEVER, len(absent))]:
             add("execute", amount, reason)
         add("observe", len(absent), _FOLLOWS_EXECUTE)
     if unobserved := len(recorded - observed):
-        add("observe", unobserved, reasons.later("observe", member) if reasons else NEVER)
-    add("judge", member.runs - len(observed), _FOLLOWS_EXECUTE if absent else _FOLLOWS_OBSERVE)
+        add("observe", unobserved, reasons.later("observe", configuration) if reasons else NEVER)
+    add("judge", configuration.runs - len(observed), _FOLLOWS_EXECUTE if absent else _FOLLOWS_OBSERVE)
     if unjudged := len(observed - judged):
-        add("judge", unjudged, reasons.later("judge", member) if reasons else NEVER)
+        add("judge", unjudged, reasons.later("judge", configuration) if reasons else NEVER)
 
 
 _FOLLOWS_EXECUTE: Final = DueReason("follows", "follows from execute")

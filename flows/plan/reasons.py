@@ -29,7 +29,7 @@ from vastflow.producers.model.configuration import Configuration
 from vastflow.producers.model.producer import Producer, evaluate
 from vastflow.sim.model.digest import Value
 from vastflow.tasks.engine.evaluation import FRAGMENTS, write_evaluation
-from vastflow.tasks.engine.index import Member
+from vastflow.tasks.engine.index import ConfigurationRuns
 from vastflow.tasks.engine.instantiation import Evaluation, EvaluationRequest
 from vastflow.tasks.store.store import Store
 
@@ -55,25 +55,25 @@ class RunReasons:
         self._of_stage: dict[Stage, DueReason | None] = {}
         self._known: dict[str, dict[str, set[str]]] = {}
 
-    def execute(self, member: Member, absent: Sequence[int]) -> list[tuple[DueReason, int]]:
+    def execute(self, configuration: ConfigurationRuns, absent: Sequence[int]) -> list[tuple[DueReason, int]]:
         """Reasons for these runs, each with how many it is of."""
-        row = self._past.by_key.get(member.checked)
+        row = self._past.by_key.get(configuration.checked)
         if row is None:
-            return [(self._scenario(self._configurations[member.name]), len(absent))]
-        return list(Counter(self._run(row, member, run) for run in absent).items())
+            return [(self._scenario(self._configurations[configuration.name]), len(absent))]
+        return list(Counter(self._run(row, configuration, run) for run in absent).items())
 
-    def later(self, stage: Literal["observe", "judge"], member: Member) -> DueReason:
+    def later(self, stage: Literal["observe", "judge"], configuration: ConfigurationRuns) -> DueReason:
         """Why a block that is recorded is observed, or one that is observed is judged."""
-        if member.checked not in self._past.by_key:
+        if configuration.checked not in self._past.by_key:
             return DueReason(
                 "never computed", "recorded, but never more", "as a campaign that was interrupted leaves it"
             )
         return self._stage(stage) or lost(self._past)
 
-    def _run(self, row: Row, member: Member, run: int) -> DueReason:
+    def _run(self, row: Row, configuration: ConfigurationRuns, run: int) -> DueReason:
         before = self._past.runs_of(row["name"])
         if run >= before:
-            return DueReason("more runs", "more runs are asked", f"{before} before, now {member.runs}")
+            return DueReason("more runs", "more runs are asked", f"{before} before, now {configuration.runs}")
         if changed := self._stage("execute"):
             return changed
         if (row["name"], run) in self._past.recorded:

@@ -12,7 +12,7 @@ from vastflow.flows.pool.service import Asking, PoolService, asked_of_containers
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.request.work_pool import WorkPool, WorkPoolError
 from vastflow.flows.run.campaign_run import CampaignRun
-from vastflow.tasks.engine.index import Member
+from vastflow.tasks.engine.index import ConfigurationRuns
 from vastflow.tasks.engine.remote_shard import BundleError, Packer
 from vastflow.tasks.execution.job import PoolType
 from vastflow.tasks.prefect.adapter import current_flow
@@ -28,8 +28,8 @@ class CampaignPool:
         self._bar = ProgressBar(f"{key_of(run.name)}-shards", str(flow_run.id))
         self._said = False
 
-    def compute(self, members: Sequence[Member]) -> None:
-        """Have what is missing of members executed, observed and judged.
+    def compute(self, configurations: Sequence[ConfigurationRuns]) -> None:
+        """Have what is missing of configurations executed, observed and judged.
 
         Raises:
             WorkPoolError, WorkersFailed, StoreError, PrefectUnavailable: see `Driver.run` and `PoolService`.
@@ -43,7 +43,7 @@ class CampaignPool:
                 self._bar.show(done / total, f"{done} of {total} shards through")
 
         try:
-            self._driver.run(members, show)
+            self._driver.run(configurations, show)
         except BundleError as error:
             raise WorkPoolError(f"--pool: {error}") from None
 

@@ -1,7 +1,7 @@
-"""The driver: a campaign's members as shards in a work pool, until each is computed or known to be broken.
+"""The driver: a campaign's configurations as shards in a work pool, until each is computed or known to be broken.
 
 What counts is what the store has. A shard whose flow run failed, crashed or fell silent is asked for again with what is
-missing of it, then cut in two until the member is alone that takes its worker with it.
+missing of it, then cut in two until the configuration is alone that takes its worker with it.
 """
 
 import time
@@ -13,12 +13,12 @@ from typing import Final, Protocol
 
 from vastflow.flows.pool.service import Seen
 from vastflow.flows.request.work_pool import WorkersFailed, WorkPool, shard_count
-from vastflow.tasks.engine.engine import Engine, MemberFault, judgements
-from vastflow.tasks.engine.index import Member, missing
+from vastflow.tasks.engine.engine import Engine, RunFault, judgements
+from vastflow.tasks.engine.index import ConfigurationRuns, missing
 from vastflow.tasks.engine.pool import PoolClosed
 from vastflow.tasks.engine.progress import Tally
 from vastflow.tasks.engine.remote_shard import read_part
-from vastflow.tasks.engine.shards import Shard, chunks
+from vastflow.tasks.engine.shards import Shard, shard_ranges
 from vastflow.tasks.execution.deployment import OTHER_CODE, STORE_AWAY
 from vastflow.tasks.store.store import StoreError
 
@@ -59,14 +59,14 @@ class Service(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Members that go to a worker together.
+    """Configurations that go to a worker together.
 
     Attributes:
         failed: How often it was tried in vain.
         cut: Whether it is what a cut left of a larger one.
     """
 
-    members: tuple[Member, ...]
+    configurations: tuple[ConfigurationRuns, ...]
     failed: int = 0
     cut: bool = False
 
@@ -91,10 +91,10 @@ class _Run:
 
 
 class Driver:
-    """Brings members into the store by way of a work pool.
+    """Brings configurations into the store by way of a work pool.
 
     Args:
-        packed: Puts a bundle of some members into the store and gives its key.
+        packed: Puts a bundle of some configurations into the store and gives its key.
         say: Writes a line for the user.
         poll_s: Between two looks at the flow runs.
         idle_s, silent_s: See `IDLE_S` and `SILENT_S`.
@@ -104,7 +104,7 @@ class Driver:
     def __init__(
         self,
         service: Service,
-        packed: Callable[[Sequence[Member]], str],
+        packed: Callable[[Sequence[ConfigurationRuns]], str],
         engine: Engine,
         tally: Tally,
         pool: WorkPool,
@@ -133,10 +133,12 @@ class Driver:
         self._shards = 0
         self._in_vain = 0
 
-    def run(self, members: Sequence[Member], show: Callable[[int, int], None] = lambda done, total: None) -> None:
-        """Return when every member is complete in the store or has a fault in the engine.
+    def run(
+        self, configurations: Sequence[ConfigurationRuns], show: Callable[[int, int], None] = lambda done, total: None
+    ) -> None:
+        """Return when every configuration is complete in the store or has a fault in the engine.
 
-        Called again for members that want more runs than before, it goes on counting.
+        Called again for configurations that want more runs than before, it goes on counting.
 
         Args:
             show: Is given how many shards are done, and of how many.
@@ -147,13 +149,13 @@ class Driver:
             PrefectUnavailable: Prefect's API stayed away.
             PoolClosed: the campaign was ended.
         """
-        for member in members:
-            blocks = self._index.blocks(member)
-            absent = frozenset(missing(blocks, member.runs))
-            known, before = self._known.get(member.name, frozenset()), self._wanted.get(member.name, 0)
-            self._known[member.name] = known | frozenset(range(before, member.runs)) - absent
-            self._wanted[member.name] = member.runs
-        self._waiting.extend(self._parts(self._incomplete(members)))
+        for configuration in configurations:
+            blocks = self._index.blocks(configuration)
+            absent = frozenset(missing(blocks, configuration.runs))
+            known, before = self._known.get(configuration.name, frozenset()), self._wanted.get(configuration.name, 0)
+            self._known[configuration.name] = known | frozenset(range(before, configuration.runs)) - absent
+            self._wanted[configuration.name] = configuration.runs
+        self._waiting.extend(self._parts(self._incomplete(configurations)))
         self._shards += len(self._waiting)
         try:
             self._drive(show)
@@ -161,11 +163,17 @@ class Driver:
             with suppress(Exception):  # whatever ended the campaign is what the user has to hear of
                 self._service.cancel(self._open)
 
-    def _parts(self, members: Sequence[Member]) -> list[Part]:
-        runs = sum(len(missing(self._index.blocks(member), member.runs)) for member in members)
-        count = shard_count(self._pool, len(members), max(runs, len(members)))
-        parts = chunks([member.scenario.digest for member in members], count) if members else []
-        return [Part(tuple(members[i] for i in part)) for part in parts]
+    def _parts(self, configurations: Sequence[ConfigurationRuns]) -> list[Part]:
+        runs = sum(
+            len(missing(self._index.blocks(configuration), configuration.runs)) for configuration in configurations
+        )
+        count = shard_count(self._pool, len(configurations), max(runs, len(configurations)))
+        parts = (
+            shard_ranges([configuration.scenario.digest for configuration in configurations], count)
+            if configurations
+            else []
+        )
+        return [Part(tuple(configurations[i] for i in part)) for part in parts]
 
     def _drive(self, show: Callable[[int, int], None]) -> None:
         lively_s, told = time.monotonic(), False
@@ -186,8 +194,8 @@ class Driver:
             show(self._shards - len(self._open) - len(self._waiting), self._shards)
 
     def _submit(self, part: Part) -> None:
-        name = str(Shard(part.members)) + (f", try {part.failed + 1}" if part.failed else "")
-        self._open[self._service.submit(self._packed(part.members), name)] = _Run(part, name)
+        name = str(Shard(part.configurations)) + (f", try {part.failed + 1}" if part.failed else "")
+        self._open[self._service.submit(self._packed(part.configurations), name)] = _Run(part, name)
 
     def _pause(self) -> None:
         until_s = time.monotonic() + self._poll_s
@@ -229,14 +237,18 @@ class Driver:
             if found.standing == "ended" or now_s - run.listened_s > LISTEN_S:
                 self._listen(flow_run, run)
         if not all(run.whole for run, _ in landed):
-            self._index.store.survey()
+            self._index.store.refresh()
         for run, found in landed:
             self._take(run, found)
 
     def _take(self, run: _Run, found: Seen) -> None:
         broken = self._engine.broken
-        incomplete = [member for member in self._incomplete(run.part.members) if member.name not in broken]
-        if len(incomplete) < len(run.part.members):
+        incomplete = [
+            configuration
+            for configuration in self._incomplete(run.part.configurations)
+            if configuration.name not in broken
+        ]
+        if len(incomplete) < len(run.part.configurations):
             self._in_vain = 0
         if not incomplete:
             return
@@ -269,11 +281,15 @@ class Driver:
         self._waiting.append(part)
         self._shards += 1
 
-    def _give_up(self, members: Sequence[Member], why: str) -> None:
-        self._engine.add_faults([MemberFault(member.name, None, "execute", why) for member in members])
-        for member in members:
-            judged = {run for each in self._index.stored(member) if each.verdicts for run in judgements(each.verdicts)}
-            self._tally.judge(member.name, dict.fromkeys(set(range(member.runs)) - judged, "not judged"))
+    def _give_up(self, configurations: Sequence[ConfigurationRuns], why: str) -> None:
+        self._engine.add_faults(
+            [RunFault(configuration.name, None, "execute", why) for configuration in configurations]
+        )
+        for configuration in configurations:
+            judged = {
+                run for each in self._index.stored(configuration) if each.verdicts for run in judgements(each.verdicts)
+            }
+            self._tally.judge(configuration.name, dict.fromkeys(set(range(configuration.runs)) - judged, "not judged"))
 
     def _listen(self, flow_run: str, run: _Run) -> None:
         """Count what a flow run has told of since."""
@@ -284,20 +300,20 @@ class Driver:
             self._index.store.learn(news.artifacts)
             self._engine.add_faults(news.faults)
         if heard:
-            self._incomplete(run.part.members)
+            self._incomplete(run.part.configurations)
 
-    def _incomplete(self, members: Sequence[Member]) -> list[Member]:
-        """Members of which something is missing in the store; what is there is counted."""
+    def _incomplete(self, configurations: Sequence[ConfigurationRuns]) -> list[ConfigurationRuns]:
+        """Configurations of which something is missing in the store; what is there is counted."""
         incomplete = []
-        for member in members:
-            stored = self._index.stored(member)
-            known = self._known[member.name]
+        for configuration in configurations:
+            stored = self._index.stored(configuration)
+            known = self._known[configuration.name]
             for each in stored:
                 simulated_s = {int(run): float(s) for run, s in each.recordings.info["runs"] if run not in known}
-                self._tally.execute(member.name, simulated_s)
+                self._tally.execute(configuration.name, simulated_s)
                 if each.verdicts is not None:
-                    self._tally.judge(member.name, judgements(each.verdicts))
-            absent = missing([each.block for each in stored], member.runs)
+                    self._tally.judge(configuration.name, judgements(each.verdicts))
+            absent = missing([each.block for each in stored], configuration.runs)
             if absent or not all(each.verdicts for each in stored):
-                incomplete.append(member)
+                incomplete.append(configuration)
         return incomplete

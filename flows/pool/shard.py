@@ -25,7 +25,7 @@ from vastflow.flows.flow_runs.task_runs import task_runs_of
 from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.oracles.judgement.oracle import OracleError
-from vastflow.tasks.engine.engine import Engine, MemberFault
+from vastflow.tasks.engine.engine import Engine, RunFault
 from vastflow.tasks.engine.index import Index
 from vastflow.tasks.engine.pool import Pool, cores
 from vastflow.tasks.engine.progress import Tally
@@ -78,21 +78,21 @@ def _computed(store: Store, bundle: Bundle, workers: int) -> State[Any]:
         return _ended(OTHER_CODE, f"{platform.node()} differs in {', '.join(others)}; {right}")
     log = campaign_log.new_log(store.local / "logs", "shard", datetime.now())
     with campaign_log.own_log(log), ExitStack() as stack:
-        # No survey: of a store with 10,000s of artifacts these are few, and a fresh container has copies of no manifest.
+        # No listing: of a store with 10,000s of artifacts these are few, and a fresh container has copies of no manifest.
         tally = Tally()
-        tally.expect({member.name: member.runs for member in bundle.members})
+        tally.expect({configuration.name: configuration.runs for configuration in bundle.configurations})
         engine = Engine(Index(store, own), Pool(workers, log), tally, pickle.dumps(bundle.oracles))
         stack.callback(engine.close)
         task_runs = stack.enter_context(task_runs_of(bundle.campaign, engine))
-        missing = {name: each for name, each in engine.scan(bundle.members).items() if not each.complete}
+        missing = {name: each for name, each in engine.scan(bundle.configurations).items() if not each.complete}
         wanted, absent = tally.progress().runs_total, sum(each.missing_runs for each in missing.values())
-        get_run_logger().info("%d configurations, %d of %d runs to execute", len(bundle.members), absent, wanted)
+        get_run_logger().info("%d configurations, %d of %d runs to execute", len(bundle.configurations), absent, wanted)
         report = Report(engine, str(flow_run.id))
         with _beating(bundle, tally, report):
             engine.begin(missing.values(), workers)
-            shards = missing_shards(bundle.members, missing, TASK_RUNS)
+            shards = missing_shards(bundle.configurations, missing, TASK_RUNS)
             compute(task_runs, shards)
-        report.add(bundle.members, last=True)
+        report.add(bundle.configurations, last=True)
     done = tally.progress()
     verdict_counts = f"{done.passed} passed, {done.failed} failed, {done.not_judged} not judged"
     outcome = f"{done.executed} runs executed, {done.simulated_s:.0f} s of simulated time; {verdict_counts}"
@@ -100,10 +100,10 @@ def _computed(store: Store, bundle: Bundle, workers: int) -> State[Any]:
     return Completed(message=outcome + _in_words(engine.faults))
 
 
-def _in_words(faults: Sequence[MemberFault]) -> str:
+def _in_words(faults: Sequence[RunFault]) -> str:
     if not faults:
         return ""
-    return f"; {len(faults)} faults, the first of {faults[0].member} in {faults[0].stage}: {faults[0].error}"
+    return f"; {len(faults)} faults, the first of {faults[0].configuration} in {faults[0].stage}: {faults[0].error}"
 
 
 def _opened(place: str) -> Store:
@@ -150,7 +150,9 @@ def _beating(bundle: Bundle, tally: Tally, report: Report) -> Iterator[None]:
             if beats % REPORT_BEATS == 0:
                 through = tally.through()
                 with suppress(StoreError):  # whoever computes meets it too
-                    report.add([member for member in bundle.members if member.name in through])
+                    report.add(
+                        [configuration for configuration in bundle.configurations if configuration.name in through]
+                    )
 
     show()
     thread = threading.Thread(target=beat, name="vastflow beat", daemon=True)

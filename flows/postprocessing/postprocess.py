@@ -15,10 +15,10 @@ from typing import IO, Any, Final, Literal, Self
 
 from vastflow.flows.export.export import SHARED, export
 from vastflow.flows.postprocessing.plug_in import Request
-from vastflow.flows.results.found import RunFault
 from vastflow.flows.results.summary import Results
 from vastflow.producers.campaign_file.postprocessing import CONFIG, ProcessingStep
 from vastflow.sim.model.digest import digest, file_digest
+from vastflow.tasks.engine.engine import RunFault
 
 FOLDER: Final = "postprocessing"
 STEPS: Final = "steps.json"

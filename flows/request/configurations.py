@@ -10,7 +10,7 @@ from vastflow.producers.model.configuration import Configuration
 from vastflow.producers.model.faults import CampaignError, Fault
 from vastflow.sim.model.digest import digest
 from vastflow.sim.model.names import did_you_mean
-from vastflow.tasks.engine.index import Member
+from vastflow.tasks.engine.index import ConfigurationRuns
 from vastflow.tasks.engine.instantiation import Instantiated, UnknownName, selected
 
 
@@ -113,13 +113,15 @@ def requirements(found: Instantiation) -> Iterator[str]:
         yield f"{which} {counts.total()} of family {family!r}: {said}{more}"
 
 
-def members_of(instantiation: Instantiation, runs: int) -> list[Member]:
-    """A member for each configuration that is no duplicate, in order, with `runs` runs wanted of it."""
-    members = []
+def distinct_configurations(instantiation: Instantiation, runs: int) -> list[ConfigurationRuns]:
+    """One for each configuration that is no duplicate, in order, with `runs` runs wanted of it."""
+    configurations = []
     places: dict[str, int] = {}
     for configuration in instantiation.configurations:
         family = configuration.family
         places[family] = places.get(family, 0) + 1
         if configuration.duplicate_of is None:
-            members.append(Member(configuration.name, family, places[family], configuration.scenario, runs))
-    return members
+            configurations.append(
+                ConfigurationRuns(configuration.name, family, places[family], configuration.scenario, runs)
+            )
+    return configurations

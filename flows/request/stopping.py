@@ -9,15 +9,15 @@ from vastflow.oracles.statistics.classes import ClassBounds
 from vastflow.oracles.statistics.stopping import StoppingRule
 from vastflow.producers.campaign_file.sections import Sequential
 from vastflow.tasks.engine.engine import judgements
-from vastflow.tasks.engine.index import Index, Member
+from vastflow.tasks.engine.index import ConfigurationRuns, Index
 from vastflow.tasks.store.artifact import Stored
 from vastflow.tasks.store.store import Artifact
 
-MOST_WAVES: Final = 16
+MOST_ROUNDS: Final = 16
 """Between two looks there are as many runs as let these many suffice, and one where they do: up to 21 runs from a minimum of 5.
 
-A run more of every configuration costs a campaign more than a wave, which is some hundred task runs and a moment in which workers
-wait for the last run. So there are few runs between two looks; but not a wave for every run of hundreds.
+A run more of every configuration costs a campaign more than a round, which is some hundred task runs and a moment in which workers
+wait for the last run. So there are few runs between two looks; but not a round for every run of hundreds.
 """
 
 
@@ -55,14 +55,14 @@ class Stopping:
     def looks(self) -> tuple[int, ...]:
         """Numbers of runs after which it is looked, in order: from the rule's least to its most."""
         least, most = self.rule.min_runs, self.rule.max_runs
-        wave = max(1, -(-(most - least) // MOST_WAVES))
-        return (*range(least, most, wave), most)
+        step = max(1, -(-(most - least) // MOST_ROUNDS))
+        return (*range(least, most, step), most)
 
     def wanted(self, judgements: Mapping[int, str]) -> int:
         """How many runs a configuration wants by what is known of them: indices 0 to `wanted` - 1.
 
         Where all of these are among `judgements` it wants no more. A look at which nothing could be decided, however the runs before
-        it end, is passed over: that saves a wave and changes no outcome.
+        it end, is passed over: that saves a round and changes no outcome.
 
         Args:
             judgements: Run index to `pass`, `fail` or `not judged`, which is no evidence; any other runs, later ones too.
@@ -80,13 +80,13 @@ class Stopping:
             if runs >= self.most or self._decided[judged][passed]:
                 return runs
 
-    def stored(self, index: Index, member: Member) -> tuple[Member, list[Stored]]:
-        """A member with the runs that are wanted of it by what the store has, and what the store has of these."""
-        there = index.stored(replace(member, runs=self.most))
+    def stored(self, index: Index, configuration: ConfigurationRuns) -> tuple[ConfigurationRuns, list[Stored]]:
+        """A configuration with the runs that are wanted of it by what the store has, and what the store has of these."""
+        there = index.stored(replace(configuration, runs=self.most))
         known = {
             run: said for each in there if each.verdicts for run, said in self.judged(index, each.verdicts).items()
         }
-        wanted = replace(member, runs=self.wanted(known))
+        wanted = replace(configuration, runs=self.wanted(known))
         return wanted, [each for each in there if each.block.start < wanted.runs]
 
     def judged(self, index: Index, verdicts: Artifact) -> Mapping[int, str]:

@@ -63,12 +63,12 @@ def check_api(log: Path) -> None:
             raise WorkPoolError(NO_API)
 
 
-def shard_count(pool: WorkPool, members: int, runs: int) -> int:
+def shard_count(pool: WorkPool, configurations: int, runs: int) -> int:
     """How many shards to aim at.
 
     Args:
-        members: With something missing.
+        configurations: With something missing.
         runs: That are missing, or whose verdicts are.
     """
     wanted = min(SHARDS, -(-runs // RUNS_A_SHARD)) if pool.shards is None else pool.shards
-    return max(1, min(wanted, members))
+    return max(1, min(wanted, configurations))

@@ -8,31 +8,13 @@ from typing import Final, Protocol
 from vastflow.oracles.judgement.verdict import Verdict, read_verdicts
 from vastflow.oracles.observation.trace import levelled
 from vastflow.sim.model.blocks import read_block, read_rows, write_block
+from vastflow.tasks.engine.engine import RunFault
 from vastflow.tasks.engine.work import BEHAVIORS, OUTPUTS, RECORDINGS, RUN_LOG, TRACES, VERDICTS
 from vastflow.tasks.store.artifact import Stored
 from vastflow.tasks.store.store import Store
 
 FAULT: Final = "fault"
 """What the reason of a verdict that is missing begins with."""
-
-
-@dataclass(frozen=True, slots=True)
-class RunFault:
-    """Something that broke: the run is not judged, and never counted as a failure of the robot.
-
-    Either its scenario can't work, such as one whose program can't be started, or an error is ours.
-
-    Attributes:
-        configuration: Its name; empty where the fault concerns the whole campaign.
-        run_index: None for all runs of the configuration.
-        stage: `execute`, `observe`, `judge` or `report`.
-        error: Why, in one line.
-    """
-
-    configuration: str
-    run_index: int | None
-    stage: str
-    error: str
 
 
 class Found(Protocol):

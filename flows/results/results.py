@@ -24,7 +24,7 @@ from vastflow.flows.request.campaign_file import campaign_name, terminal_lines
 from vastflow.flows.request.configurations import Runs, runs_of
 from vastflow.flows.results.campaign_tables import CampaignTables, RunLogs, write_instantiation
 from vastflow.flows.results.directory import NewDirectory
-from vastflow.flows.results.found import Found, RunFault, one_block
+from vastflow.flows.results.found import Found, one_block
 from vastflow.flows.results.inputs import Inputs
 from vastflow.flows.results.provenance import origin_row
 from vastflow.flows.results.summary import OutcomeTally, Results, Summary, Work
@@ -39,6 +39,7 @@ from vastflow.sim.model.archive import one_archive
 from vastflow.sim.model.digest import FileContent, file_digest
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
+from vastflow.tasks.engine.engine import RunFault
 from vastflow.tasks.keys.keys import Keys
 
 _GRAY = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}

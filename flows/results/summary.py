@@ -11,7 +11,7 @@ from vastflow.oracles.evidence.rates import Counts
 if TYPE_CHECKING:
     import pandas as pd
 
-    from vastflow.flows.results.found import RunFault
+    from vastflow.tasks.engine.engine import RunFault
 
 
 @dataclass(frozen=True, slots=True)

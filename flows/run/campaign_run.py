@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any, Final
 from vastflow.flows.request.asked import SEQUENTIAL, Asked
 from vastflow.flows.request.campaign_file import campaign_name, read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
-from vastflow.flows.request.configurations import Runs, Selection, members_of, narrowed
+from vastflow.flows.request.configurations import Runs, Selection, distinct_configurations, narrowed
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.results.address import Delivery, delivery_to
 from vastflow.flows.results.directory import directory_name
-from vastflow.flows.results.found import RunFault, StoredResult
+from vastflow.flows.results.found import StoredResult
 from vastflow.flows.results.inputs import Inputs, inputs_of
 from vastflow.flows.results.provenance import ingredients_row
 from vastflow.flows.results.summary import Results, Work
@@ -32,10 +32,10 @@ from vastflow.producers.campaign import Campaign
 from vastflow.producers.model.configuration import Configuration
 from vastflow.producers.model.faults import CampaignError
 from vastflow.tasks.engine import process
-from vastflow.tasks.engine.engine import Engine, block_size
-from vastflow.tasks.engine.index import FoundMember, Index, Member
+from vastflow.tasks.engine.engine import Engine, RunFault, block_size
+from vastflow.tasks.engine.index import ConfigurationRuns, FoundRuns, Index
 from vastflow.tasks.engine.instantiation import Instantiated, Instantiator
-from vastflow.tasks.engine.machine_check import check_surroundings
+from vastflow.tasks.engine.machine_check import check_machine
 from vastflow.tasks.engine.pool import Pool, cores
 from vastflow.tasks.engine.process import few_collections
 from vastflow.tasks.engine.progress import Observer, Reporter, Tally
@@ -53,15 +53,15 @@ _CURRENT: Final = ContextVar["CampaignRun | None"]("vastflow_campaign_run", defa
 
 
 @dataclass(frozen=True, slots=True)
-class Wave:
+class Round:
     """What is computed before it is asked again what is wanted.
 
     Attributes:
-        members: Something may be missing of them.
+        configurations: Something may be missing of them.
         shards: Those in which something is missing.
     """
 
-    members: Sequence[Member]
+    configurations: Sequence[ConfigurationRuns]
     shards: Sequence[Shard]
 
 
@@ -76,7 +76,7 @@ class CampaignRun:
         search: The search that proposes configurations; None where the file lists them.
         log: File for all that would be said on the terminal otherwise.
         instantiated: What is run of the campaign, once that is known.
-        found: Of each member, by name, what the store has.
+        found: Of each configuration, by name, what the store has.
         results: Once they are written.
     """
 
@@ -98,7 +98,7 @@ class CampaignRun:
     created: datetime
     clock: "CampaignClock" = field(repr=False)
     instantiated: Instantiated | None = field(default=None, repr=False)
-    found: dict[str, FoundMember] = field(default_factory=dict, repr=False)
+    found: dict[str, FoundRuns] = field(default_factory=dict, repr=False)
     results: Results | None = None
 
     @property
@@ -128,7 +128,9 @@ class CampaignRun:
     def runs(self) -> Runs:
         """Of each configuration: all that were asked, or as many as were found to be wanted."""
         return (
-            self.asked.runs if self.stopping is None else {name: each.member.runs for name, each in self.found.items()}
+            self.asked.runs
+            if self.stopping is None
+            else {name: each.configuration.runs for name, each in self.found.items()}
         )
 
     @property
@@ -144,15 +146,15 @@ class CampaignRun:
         return [RunFault("", None, "instantiate", str(fault)) for fault in faults]
 
     @property
-    def incomplete(self) -> list[FoundMember]:
-        """Members of which something is missing that no fault explains."""
+    def incomplete(self) -> list[FoundRuns]:
+        """Configurations of which something is missing that no fault explains."""
         broken = self.engine.broken
         return [each for name, each in self.found.items() if not each.complete and name not in broken]
 
     def complete(self) -> bool:
         """Whether the store has everything already; nothing is computed to find out."""
         self.tally.begin("scanning")
-        self.store.survey()
+        self.store.refresh()
         return all(self.instantiated is not None and not self.incomplete for _ in self.batches())
 
     def batches(self) -> Iterator[None]:
@@ -194,37 +196,37 @@ class CampaignRun:
             self.instantiated = narrowed(instantiated, selection, self.campaign.document.file)
         else:
             self.instantiated = self.search.named(instantiated)
-        members = members_of(self.instantiated.instantiation, self.asked.runs)
+        configurations = distinct_configurations(self.instantiated.instantiation, self.asked.runs)
         if self.stopping is not None:
             first = self.stopping.wanted({})
-            members = [replace(member, runs=first) for member in members]
-        wanted = {member.name: member.runs for member in members}
+            configurations = [replace(configuration, runs=first) for configuration in configurations]
+        wanted = {configuration.name: configuration.runs for configuration in configurations}
         self.tally.expect(wanted if self.search is None else self.search.expected(wanted))
         self.tally.begin("scanning")
-        self.found = self.engine.scan(members)
+        self.found = self.engine.scan(configurations)
 
-    def waves(self) -> Iterator[Wave]:
+    def rounds(self) -> Iterator[Round]:
         """What is missing; then, where a rule says how many runs a configuration wants, what it wants next.
 
         Raises:
-            Lost: something of a wave is missing all the same, and no fault explains it.
+            Lost: something of a round is missing all the same, and no fault explains it.
         """
-        cut, wave = [each.member for each in self.found.values()], self.incomplete
-        while wave:
+        cut, due = [each.configuration for each in self.found.values()], self.incomplete
+        while due:
             self.tally.begin("running")
-            self.engine.block_runs = block_size(sum(each.missing_runs for each in wave), self.workers)
+            self.engine.block_runs = block_size(sum(each.missing_runs for each in due), self.workers)
             if self.request.pool is None:
-                self.engine.start([each.member for each in wave if each.missing_runs])
-            before = {each.member.name: each.member.runs for each in wave}
-            yield Wave(cut, missing_shards(cut, before))
+                self.engine.start([each.configuration for each in due if each.missing_runs])
+            before = {each.configuration.name: each.configuration.runs for each in due}
+            yield Round(cut, missing_shards(cut, before))
             self.engine.check()
-            self.found |= self.engine.scan([each.member for each in wave])
-            # One that lacks something of a wave does not go on.
-            again = [each for each in self.incomplete if each.member.name in before]
-            wave = [each for each in again if each.member.runs > before[each.member.name]]
-            cut = [each.member for each in wave]
+            self.found |= self.engine.scan([each.configuration for each in due])
+            # One that lacks something of a round does not go on.
+            again = [each for each in self.incomplete if each.configuration.name in before]
+            due = [each for each in again if each.configuration.runs > before[each.configuration.name]]
+            cut = [each.configuration for each in due]
         if lost := self.incomplete:
-            raise Lost(f"results of {lost[0].member.name}")
+            raise Lost(f"results of {lost[0].configuration.name}")
 
     def attempts(self) -> Iterator[int]:
         """As `Engine.attempts`; each begins with a look at everything, but for the first, which a look may have gone before."""
@@ -236,15 +238,11 @@ class CampaignRun:
     def result_of(self, configuration: Configuration) -> StoredResult:
         """What was found of a configuration, to be read from the store. May be called from any thread."""
         found = self.found[configuration.name]
-        faults = [
-            RunFault(fault.member, fault.run_index, fault.stage, fault.error)
-            for fault in self.engine.faults
-            if fault.member == configuration.name
-        ]
-        return StoredResult(self.store, found.stored, found.member.runs, faults)
+        faults = [fault for fault in self.engine.faults if fault.configuration == configuration.name]
+        return StoredResult(self.store, found.stored, found.configuration.runs, faults)
 
     def contents(self) -> dict[str, list[str]]:
-        """Keys and contents of the verdicts of each member by name, in order: all results of a campaign follow into them."""
+        """Keys and contents of the verdicts of each configuration by name, in order: all results of a campaign follow into them."""
         return {
             name: [
                 text for each in found.stored if each.verdicts for text in (each.verdicts.key, each.verdicts.content)
@@ -281,7 +279,7 @@ def open_run(request: RunRequest, observer: Observer | None = None) -> Iterator[
     Raises:
         CampaignError: faults of the file.
         StoreError: the store can't be used.
-        SurroundingsError: this machine lacks something that a computation needs.
+        MachineError: this machine lacks something that a computation needs.
     """
     clock, created, tally = CampaignClock(), datetime.now(), Tally()
     with process.terminable(), few_collections(), Reporter(tally, observer):
@@ -299,7 +297,7 @@ def open_run(request: RunRequest, observer: Observer | None = None) -> Iterator[
             stopping = _stopping(campaign) if request.runs is None else None
             asked = _asked(request, campaign, inputs)
             rule = {} if stopping is None else {SEQUENTIAL: stopping.as_json}
-            check_surroundings()
+            check_machine()
             search = search_progress(campaign, request, stopping, asked.runs, store, inputs.campaign, tally)
             rule_of_runs = stopping if search is None else search.runs
             engine = Engine(

@@ -22,7 +22,7 @@ from vastflow.producers.search.criteria import Criterion, best_of, criteria
 from vastflow.producers.search.search import Search
 from vastflow.producers.search.strategy import FAMILY, Evaluation, Proposal, Strategy, asked
 from vastflow.sim.model.digest import digest
-from vastflow.tasks.engine.index import FoundMember, Index, Member
+from vastflow.tasks.engine.index import ConfigurationRuns, FoundRuns, Index
 from vastflow.tasks.engine.instantiation import Instantiated
 from vastflow.tasks.engine.progress import Tally
 from vastflow.tasks.engine.work import VERDICTS
@@ -57,19 +57,19 @@ class PointRuns:
         """Runs that the search wants of a point by what is known of them."""
         return self.runs if self.rule is None else self.rule.wanted(judgements)
 
-    def used(self, index: Index, member: Member) -> tuple[Member, list[Stored]]:
-        """The member with the runs that the search uses of it, and what the store has of these."""
+    def used(self, index: Index, configuration: ConfigurationRuns) -> tuple[ConfigurationRuns, list[Stored]]:
+        """The configuration with the runs that the search uses of it, and what the store has of these."""
         if self.rule is not None:
-            return self.rule.stored(index, member)
-        member = replace(member, runs=self.runs)
-        return member, index.stored(member)
+            return self.rule.stored(index, configuration)
+        configuration = replace(configuration, runs=self.runs)
+        return configuration, index.stored(configuration)
 
-    def stored(self, index: Index, member: Member) -> tuple[Member, list[Stored]]:
-        """The member with the runs that are wanted of it by now, and what the store has of these."""
-        member, stored = self.used(index, member)
-        if member.name != self.confirmed or not FoundMember(member, tuple(stored)).complete:
-            return member, stored
-        more = replace(member, runs=member.runs + self.confirm)
+    def stored(self, index: Index, configuration: ConfigurationRuns) -> tuple[ConfigurationRuns, list[Stored]]:
+        """The configuration with the runs that are wanted of it by now, and what the store has of these."""
+        configuration, stored = self.used(index, configuration)
+        if configuration.name != self.confirmed or not FoundRuns(configuration, tuple(stored)).complete:
+            return configuration, stored
+        more = replace(configuration, runs=configuration.runs + self.confirm)
         return more, index.stored(more)
 
 
@@ -218,20 +218,20 @@ class SearchProgress:
         made: Instantiation = self.search.instantiation(self.proposals, instantiated.instantiation)
         return replace(instantiated, instantiation=made)
 
-    def expected(self, members: Mapping[str, int]) -> Mapping[str, int]:
-        """Runs of these members and of all points before."""
-        self._wanted |= members
+    def expected(self, configurations: Mapping[str, int]) -> Mapping[str, int]:
+        """Runs of these configurations and of all points before."""
+        self._wanted |= configurations
         return self._wanted
 
     def take(
-        self, instantiated: Instantiated, found: Mapping[str, FoundMember], index: Index, broken: Collection[str]
+        self, instantiated: Instantiated, found: Mapping[str, FoundRuns], index: Index, broken: Collection[str]
     ) -> bool:
         """Take what the points under way came to, and ask for the next; whether there is something to do.
 
         A batch in which something broke is done once more; where that breaks too, no more is asked.
 
         Args:
-            broken: Names of members that met a fault.
+            broken: Names of configurations that met a fault.
 
         Raises:
             Lost: verdicts are damaged.
@@ -288,7 +288,7 @@ class SearchProgress:
         return self._families[proposal.name]
 
     def _evaluations(
-        self, instantiation: Instantiation, found: Mapping[str, FoundMember], index: Index
+        self, instantiation: Instantiation, found: Mapping[str, FoundRuns], index: Index
     ) -> list[Evaluation]:
         made = {each.name: each.duplicate_of or each.name for each in instantiation.configurations}
         why = {each.parent: each.reason for each in instantiation.rejections}
@@ -300,8 +300,8 @@ class SearchProgress:
             for proposal in self.proposals
         ]
 
-    def _evaluated(self, proposal: Proposal, found: FoundMember, index: Index) -> Evaluation:
-        verdicts, used = verdicts_of(found, index), range(found.member.runs)
+    def _evaluated(self, proposal: Proposal, found: FoundRuns, index: Index) -> Evaluation:
+        verdicts, used = verdicts_of(found, index), range(found.configuration.runs)
         numbers: dict[str, float] = {}
         for name in {self.search.spec.objective.name, *self.search.measures}:
             if (quantity := self._quantities.get(name)) is not None:
@@ -324,20 +324,20 @@ class SearchProgress:
             "" if objective is not None else "its runs do not give the objective",
         )
 
-    def _confirm(self, found: Mapping[str, FoundMember], index: Index, broken: Collection[str]) -> None:
+    def _confirm(self, found: Mapping[str, FoundRuns], index: Index, broken: Collection[str]) -> None:
         best = self.best
         if best is None or best.objective is None or best.proposal.name in broken or not self.runs.confirm:
             return
         name = best.proposal.name
-        if (member := found.get(name)) is None:
+        if (configuration := found.get(name)) is None:
             return
-        fresh = range(best.runs, member.member.runs)
-        samples = self._quantities[self.search.spec.objective.name].samples(verdicts_of(member, index), fresh)
+        fresh = range(best.runs, configuration.configuration.runs)
+        samples = self._quantities[self.search.spec.objective.name].samples(verdicts_of(configuration, index), fresh)
         self.confirmation = Confirmation(best.proposal, best.objective, samples, len(fresh))
 
 
-def verdicts_of(found: FoundMember, index: Index) -> list[Verdict]:
-    """All verdicts on a member's runs.
+def verdicts_of(found: FoundRuns, index: Index) -> list[Verdict]:
+    """All verdicts on a configuration's runs.
 
     Raises:
         Lost: they are damaged.

@@ -10,8 +10,7 @@ from vastflow.flows.flow_runs import mapped
 from vastflow.flows.flow_runs.flow_call import FlowCall
 from vastflow.flows.request.campaign_file import OpenCampaign, open_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
-from vastflow.flows.request.configurations import Selection, members_of, narrowed
-from vastflow.flows.results.found import RunFault
+from vastflow.flows.request.configurations import Selection, distinct_configurations, narrowed
 from vastflow.flows.stages.call import stage_run
 from vastflow.flows.stages.configurations import Configurations
 from vastflow.flows.stages.recordings import Recordings
@@ -19,8 +18,8 @@ from vastflow.flows.stages.traces import ObservedBlock, Traces
 from vastflow.flows.stages.verdicts import Verdicts
 from vastflow.oracles.judgement.oracle import Oracle, OracleError, oracle_of, oracles_of
 from vastflow.producers.model.faults import CampaignError, Fault
-from vastflow.tasks.engine.engine import judgements
-from vastflow.tasks.engine.index import FoundMember, Index, Member, missing
+from vastflow.tasks.engine.engine import RunFault, judgements
+from vastflow.tasks.engine.index import ConfigurationRuns, FoundRuns, Index, missing
 from vastflow.tasks.engine.instantiation import Instantiated, Instantiator
 from vastflow.tasks.engine.progress import Observer, Tally
 from vastflow.tasks.engine.shards import Shard
@@ -110,26 +109,26 @@ def execute(
     narrow = narrowed(Instantiated(configurations.instantiation), selection, opened.file)
     chosen = replace(configurations, instantiation=narrow.instantiation)
     wanted = opened.campaign.runs_asked(runs)
-    members = members_of(chosen.instantiation, wanted)
+    executed = distinct_configurations(chosen.instantiation, wanted)
     keys = campaign_keys(installed_tree(), opened.campaign.seed, opened.oracles)
     with stage_run(opened, "execute", keys, opened.oracles, workers, observer) as run:
         index = run.engine.index
-        run.tally.expect({member.name: member.runs for member in members})
+        run.tally.expect({configuration.name: configuration.runs for configuration in executed})
 
-        def whole(member: Member) -> bool:
-            blocks = index.blocks(member)
-            _reuse(run.tally, member, blocks)
-            return not missing(blocks, member.runs)
+        def whole(configuration: ConfigurationRuns) -> bool:
+            blocks = index.blocks(configuration)
+            _reuse(run.tally, configuration, blocks)
+            return not missing(blocks, configuration.runs)
 
         faults = run.completed(
-            members,
+            executed,
             whole,
             lambda shards, task_runs: task_runs.wait(shards, mapped.execute(task_runs, shards)),
             lambda absent: run.engine.begin(
-                (FoundMember(each, tuple(index.stored(each))) for each in absent), run.workers
+                (FoundRuns(each, tuple(index.stored(each))) for each in absent), run.workers
             ),
         )
-        blocks = {member.name: tuple(index.blocks(member)) for member in members}
+        blocks = {configuration.name: tuple(index.blocks(configuration)) for configuration in executed}
     return Recordings(chosen, wanted, keys, blocks, (*configurations.faults, *faults))
 
 
@@ -145,35 +144,35 @@ def observe(recordings: Recordings, *, workers: int | None = None, observer: Obs
         PrefectUnavailable: Prefect's API can't be started.
     """
     opened = recordings.configurations.opened
-    members = members_of(recordings.configurations.instantiation, recordings.runs)
+    configurations = distinct_configurations(recordings.configurations.instantiation, recordings.runs)
     fresh = campaign_keys(installed_tree(), opened.campaign.seed, opened.oracles)
     keys = replace(recordings.keys, observe_source=fresh.observe_source, sources=fresh.sources)
     with stage_run(opened, "observe", keys, opened.oracles, workers, observer) as run:
         index = run.engine.index
-        run.tally.expect({member.name: member.runs for member in members})
+        run.tally.expect({configuration.name: configuration.runs for configuration in configurations})
 
-        def whole(member: Member) -> bool:
-            _reuse(run.tally, member, recordings.blocks[member.name])
+        def whole(configuration: ConfigurationRuns) -> bool:
+            _reuse(run.tally, configuration, recordings.blocks[configuration.name])
             absent = [
                 block
-                for block in recordings.blocks[member.name]
-                if not index.store.find(index.trace_key(member, block))
+                for block in recordings.blocks[configuration.name]
+                if not index.store.find(index.trace_key(configuration, block))
             ]
-            _check(opened, [block.key for block in absent], f"recordings of {member.name}", "execute")
+            _check(opened, [block.key for block in absent], f"recordings of {configuration.name}", "execute")
             return not absent
 
         def observed(shards: Sequence[Shard], task_runs: "TaskRuns") -> None:
             rows = [
                 [
                     [[block.start, block.stop, block.content] for block in recordings.blocks[m.name]]
-                    for m in shard.members
+                    for m in shard.configurations
                 ]
                 for shard in shards
             ]
             task_runs.wait(shards, mapped.observe(task_runs, shards, rows))
 
-        faults = run.completed(members, whole, observed)
-        blocks = {member.name: _observed(index, member, recordings) for member in members}
+        faults = run.completed(configurations, whole, observed)
+        blocks = {configuration.name: _observed(index, configuration, recordings) for configuration in configurations}
     return Traces(recordings, keys, blocks, (*recordings.faults, *faults))
 
 
@@ -199,37 +198,39 @@ def judge(
     """
     opened = traces.configurations.opened
     asked = opened.oracles if oracles is None else _asked(opened, oracles)
-    members = members_of(traces.configurations.instantiation, traces.recordings.runs)
+    configurations = distinct_configurations(traces.configurations.instantiation, traces.recordings.runs)
     fresh = campaign_keys(installed_tree(), opened.campaign.seed, asked)
     keys = replace(traces.keys, judge_source=fresh.judge_source, oracles=fresh.oracles, sources=fresh.sources)
     with stage_run(opened, "judge", keys, asked, workers, observer) as run:
         index = run.engine.index
-        run.tally.expect({member.name: member.runs for member in members})
+        run.tally.expect({configuration.name: configuration.runs for configuration in configurations})
 
-        def whole(member: Member) -> bool:
-            _reuse(run.tally, member, [each.block for each in traces.blocks[member.name]])
+        def whole(configuration: ConfigurationRuns) -> bool:
+            _reuse(run.tally, configuration, [each.block for each in traces.blocks[configuration.name]])
             absent = []
-            for each in traces.blocks[member.name]:
-                found = index.store.find(index.verdicts_key(member, each.block, each.content))
+            for each in traces.blocks[configuration.name]:
+                found = index.store.find(index.verdicts_key(configuration, each.block, each.content))
                 if found is None:
                     absent += [each.block.key, each.key]
                 else:
-                    run.tally.judge(member.name, judgements(found))
-            _check(opened, absent, f"recordings or traces of {member.name}", "execute and observe")
+                    run.tally.judge(configuration.name, judgements(found))
+            _check(opened, absent, f"recordings or traces of {configuration.name}", "execute and observe")
             return not absent
 
         def judged(shards: Sequence[Shard], task_runs: "TaskRuns") -> None:
-            rows = [[_rows(traces.blocks[member.name]) for member in shard.members] for shard in shards]
+            rows = [
+                [_rows(traces.blocks[configuration.name]) for configuration in shard.configurations] for shard in shards
+            ]
             task_runs.wait(shards, mapped.judge(task_runs, shards, rows))
 
-        faults = run.completed(members, whole, judged)
-        blocks = {member.name: _judged(index, member, traces) for member in members}
+        faults = run.completed(configurations, whole, judged)
+        blocks = {configuration.name: _judged(index, configuration, traces) for configuration in configurations}
     return Verdicts(traces, tuple(oracle.name for oracle in asked), keys, blocks, (*traces.faults, *faults))
 
 
-def _reuse(tally: Tally, member: Member, blocks: Sequence[Block]) -> None:
+def _reuse(tally: Tally, configuration: ConfigurationRuns, blocks: Sequence[Block]) -> None:
     for block in blocks:
-        tally.reuse(member.name, range(block.start, block.stop))
+        tally.reuse(configuration.name, range(block.start, block.stop))
 
 
 def _check(opened: OpenCampaign, keys: Sequence[str], what: str, stages: str) -> None:
@@ -242,13 +243,16 @@ def _rows(blocks: Sequence[ObservedBlock]) -> list[list[Any]]:
     return [[each.block.start, each.block.stop, each.block.content, each.content] for each in blocks]
 
 
-def _observed(index: Index, member: Member, recordings: Recordings) -> tuple[ObservedBlock, ...]:
-    found = [(block, index.store.find(index.trace_key(member, block))) for block in recordings.blocks[member.name]]
+def _observed(index: Index, configuration: ConfigurationRuns, recordings: Recordings) -> tuple[ObservedBlock, ...]:
+    found = [
+        (block, index.store.find(index.trace_key(configuration, block)))
+        for block in recordings.blocks[configuration.name]
+    ]
     return tuple(ObservedBlock(block, trace.key, trace.content) for block, trace in found if trace is not None)
 
 
-def _judged(index: Index, member: Member, traces: Traces) -> tuple[str, ...]:
-    keys = [index.verdicts_key(member, each.block, each.content) for each in traces.blocks[member.name]]
+def _judged(index: Index, configuration: ConfigurationRuns, traces: Traces) -> tuple[str, ...]:
+    keys = [index.verdicts_key(configuration, each.block, each.content) for each in traces.blocks[configuration.name]]
     return tuple(key for key in keys if index.store.find(key) is not None)
 
 

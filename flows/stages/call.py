@@ -12,12 +12,11 @@ from typing import TYPE_CHECKING, Any
 from vastflow.flows.flow_runs.flow_call import FlowCall
 from vastflow.flows.request.campaign_file import OpenCampaign
 from vastflow.flows.results.directory import directory_name
-from vastflow.flows.results.found import RunFault
 from vastflow.oracles.judgement.oracle import Oracle
 from vastflow.tasks.engine import process
-from vastflow.tasks.engine.engine import Engine, RunsWanted
-from vastflow.tasks.engine.index import Index, Member
-from vastflow.tasks.engine.machine_check import check_surroundings
+from vastflow.tasks.engine.engine import Engine, RunFault, RunsWanted
+from vastflow.tasks.engine.index import ConfigurationRuns, Index
+from vastflow.tasks.engine.machine_check import check_machine
 from vastflow.tasks.engine.pool import Pool, cores
 from vastflow.tasks.engine.progress import Observer, Reporter, Tally
 from vastflow.tasks.engine.shards import Shard, missing_shards
@@ -50,39 +49,43 @@ class StageRun:
 
     def completed(
         self,
-        members: Sequence[Member],
-        whole: Callable[[Member], bool],
+        configurations: Sequence[ConfigurationRuns],
+        whole: Callable[[ConfigurationRuns], bool],
         mapped: "Callable[[Sequence[Shard], TaskRuns], None]",
-        begin: Callable[[Sequence[Member]], None] = lambda members: None,
+        begin: Callable[[Sequence[ConfigurationRuns]], None] = lambda configurations: None,
     ) -> tuple[RunFault, ...]:
         """Compute what is missing; gives the faults that are left.
 
         Args:
-            members: All of them: they are cut into the same shards whatever is missing.
-            whole: Whether the store has everything of a member.
+            configurations: All of them: they are cut into the same shards whatever is missing.
+            whole: Whether the store has everything of a configuration.
             mapped: Maps the stage over shards, and waits.
-            begin: Lets workers begin with the members that miss something while Prefect starts.
+            begin: Lets workers begin with the configurations that miss something while Prefect starts.
 
         Raises:
             StoreError: the store can't be used.
             PrefectUnavailable: Prefect's API can't be had.
         """
 
-        def absent() -> list[Member]:
+        def absent() -> list[ConfigurationRuns]:
             self.tally.begin("scanning")
             broken = self.engine.broken
-            return [member for member in members if not whole(member) and member.name not in broken]
+            return [
+                configuration
+                for configuration in configurations
+                if not whole(configuration) and configuration.name not in broken
+            ]
 
         for _ in self.engine.attempts():
             if missing := absent():
-                shards = missing_shards(members, {member.name for member in missing})
+                shards = missing_shards(configurations, {configuration.name for configuration in missing})
                 call = FlowCall(self.engine, self.tally, self.log)
                 begin(missing)
                 with suppress(Lost):
                     self.flow(call, partial(mapped, shards))
             if not missing or not absent():
                 break
-        return tuple(RunFault(each.member, each.run_index, each.stage, each.error) for each in self.engine.faults)
+        return self.engine.faults
 
     def flow(self, call: FlowCall, body: "Callable[[TaskRuns], None]") -> None:
         """Run a flow of this stage alone.
@@ -124,7 +127,7 @@ def stage_run(
         stopping: None where the number of runs of a configuration is fixed.
 
     Raises:
-        SurroundingsError: this machine lacks something that a computation needs.
+        MachineError: this machine lacks something that a computation needs.
     """
     created, tally = datetime.now(), Tally()
     with process.terminable(), Reporter(tally, observer):
@@ -132,7 +135,7 @@ def stage_run(
         with campaign_log.own_log(log):
             title = f"{stage} {opened.name} {created:%Y-%m-%d %H:%M:%S}"
             count = workers or cores()
-            check_surroundings()
+            check_machine()
             engine = Engine(Index(opened.store, keys), Pool(count, log), tally, pickle.dumps(tuple(oracles)), stopping)
             try:
                 yield StageRun(opened.name, stage, title, engine, count, tally, log)

@@ -8,7 +8,6 @@ from typing import Any
 import pyarrow as pa
 
 from vastflow.flows.request.campaign_file import OpenCampaign
-from vastflow.flows.results.found import RunFault
 from vastflow.flows.results.tables import configuration_row
 from vastflow.flows.terminal.words import count_text
 from vastflow.oracles.results.schema import CONFIGURATIONS
@@ -16,6 +15,7 @@ from vastflow.producers.instantiation.instantiate import Instantiation
 from vastflow.producers.model.configuration import Configuration, ExcludedInstance, RejectedInstance
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.names import did_you_mean
+from vastflow.tasks.engine.engine import RunFault
 
 
 class UnknownConfiguration(UserError, LookupError):

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
-from vastflow.flows.results.found import RunFault
 from vastflow.flows.results.tables import run_columns
 from vastflow.flows.stages.configurations import Configurations, faults_text
 from vastflow.flows.terminal.words import count_text
 from vastflow.oracles.results.schema import RUNS, column_table
 from vastflow.sim.model.blocks import read_rows
+from vastflow.tasks.engine.engine import RunFault
 from vastflow.tasks.engine.work import BEHAVIORS, OUTPUTS, RECORDINGS
 from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.store.artifact import Block

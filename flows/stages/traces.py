@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import pyarrow as pa
 
-from vastflow.flows.results.found import RunFault
 from vastflow.flows.stages.configurations import Configurations, faults_text
 from vastflow.flows.stages.recordings import Recordings, outputs_of
 from vastflow.flows.terminal.words import count_text
+from vastflow.tasks.engine.engine import RunFault
 from vastflow.tasks.engine.work import RECORDINGS, TRACES
 from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.store.artifact import Block

@@ -6,7 +6,7 @@ from typing import Final
 
 import pyarrow as pa
 
-from vastflow.flows.results.found import ConfigurationResult, RunFault, complete
+from vastflow.flows.results.found import ConfigurationResult, complete
 from vastflow.flows.results.tables import verdict_columns
 from vastflow.flows.stages.configurations import Configurations, faults_text
 from vastflow.flows.stages.traces import Traces
@@ -15,6 +15,7 @@ from vastflow.oracles.evidence.rates import Counts, counts_of
 from vastflow.oracles.judgement.verdict import Verdict, read_verdicts, run_judgement
 from vastflow.oracles.results.schema import VERDICTS as COLUMNS
 from vastflow.oracles.results.schema import column_table
+from vastflow.tasks.engine.engine import RunFault
 from vastflow.tasks.engine.work import VERDICTS
 from vastflow.tasks.keys.keys import Keys
 

@@ -23,24 +23,24 @@ class Group:
     """The rate of several configurations together.
 
     Attributes:
-        members: Name to the runs of each configuration.
+        counts_by_name: Name to the runs of each configuration.
         tables: Where their blocks stand.
         sought: Whether a search chose them by what others came to: then nothing follows for others of their kind.
     """
 
-    members: Mapping[str, Counts] = field(repr=False)
+    counts_by_name: Mapping[str, Counts] = field(repr=False)
     tables: Tables = field(repr=False)
     sought: bool = False
 
     @cached_property
     def counts(self) -> Counts:
         """Runs of all of them; its own interval is that of these very configurations."""
-        return pooled(self.members.values())
+        return pooled(self.counts_by_name.values())
 
     @property
     def configurations(self) -> int:
         """How many there are."""
-        return len(self.members)
+        return len(self.counts_by_name)
 
     @cached_property
     def clustered(self) -> Interval | None:
@@ -51,7 +51,7 @@ class Group:
         if self.sought:
             return None
         blocks = self.tables.blocks
-        return clustered(list(self.members.values()), blocks=[blocks[name] for name in self.members])
+        return clustered(list(self.counts_by_name.values()), blocks=[blocks[name] for name in self.counts_by_name])
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,13 +71,13 @@ class Evidence:
 
     Attributes:
         families, configurations: By name, in the order of the campaign file.
-        members: Family to the names of its configurations that are no duplicates.
+        distinct: Family to the names of its configurations that are no duplicates.
     """
 
     campaign: Group
     families: Mapping[str, Group]
     configurations: Mapping[str, Counts]
-    members: Mapping[str, Sequence[str]]
+    distinct: Mapping[str, Sequence[str]]
 
 
 def evidence_of(tables: Tables) -> dict[str | None, Evidence]:
@@ -133,12 +133,12 @@ def evidence_json(
 def _evidence(tables: Tables, oracle: str | None) -> Evidence:
     counts = [Counts(*map(int, row)) for row in tables.verdicts.counts(oracle).tolist()]
     found = dict(zip(tables.configurations.names, counts, strict=True))
-    families = {family: {name: found[name] for name in members} for family, members in tables.families.items()}
-    configurations = {name: counts for members in families.values() for name, counts in members.items()}
+    families = {family: {name: found[name] for name in names} for family, names in tables.families.items()}
+    configurations = {name: counts for of_family in families.values() for name, counts in of_family.items()}
     searched = bool(tables.metadata.get("search"))
     return Evidence(
         Group(configurations, tables, searched),
-        {family: Group(members, tables, searched and family == SOUGHT) for family, members in families.items()},
+        {family: Group(of_family, tables, searched and family == SOUGHT) for family, of_family in families.items()},
         configurations,
         tables.families,
     )

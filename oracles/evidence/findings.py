@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.oracles.evidence.rates import LEVEL, Counts, Interval, clustered, pooled, wilson
-from vastflow.oracles.evidence.varied import chosen_rows, chosen_values, matched_sets, surroundings_rows
+from vastflow.oracles.evidence.varied import chosen_rows, chosen_values, matched_sets, path_property_rows
 from vastflow.oracles.results.factors import factors_of
 from vastflow.oracles.results.tables import Tables
 from vastflow.oracles.results.verdict_table import FAIL, PASS
@@ -233,7 +233,7 @@ def _designs(
         if len(families) > 1:
             rows = [{"family": found.families[k], **row} for k, row in zip(at, rows, strict=True)]
         factors, dropped = factors_of(rows)
-        seen, unseen = factors_of(surroundings_rows(found, at))
+        seen, unseen = factors_of(path_property_rows(found, at))
         blocks = [tables.blocks[found.names[k]] for k in at]
         dropped += unseen
         sets = {factor.name: matched_sets(found, at.tolist(), factor.name) for factor in factors}
@@ -243,7 +243,7 @@ def _designs(
             judged[places],
             blocks,
             dropped,
-            surroundings=seen,
+            path_properties=seen,
             sets=sets,
             first=_first(tables, at),
         )

@@ -16,7 +16,7 @@ MEASURED: Final[Mapping[str, str]] = {"_path_length": "path length (m)"}
 WORLD: Final[Mapping[str, str]] = {"_wall_offset_m": "wall offset (m)", "_missing_furniture": "missing furniture"}
 """Likewise how far its world was to differ from the robot's map; 0 is a level like others."""
 
-SURROUNDINGS: Final[Mapping[str, str]] = {
+PATH_PROPERTIES: Final[Mapping[str, str]] = {
     "_narrowest_passage_m": "narrowest passage (m)",
     "_start_clearance_m": "clearance at start (m)",
     "_goal_clearance_m": "clearance at goal (m)",
@@ -26,7 +26,7 @@ SURROUNDINGS: Final[Mapping[str, str]] = {
 """Likewise what surrounds the path that was drawn, which nobody chose."""
 
 _PLACED: Final = "_obstacles"
-"""Of a configuration whose obstacles producers placed, so that its surroundings are known with them."""
+"""Of a configuration whose obstacles producers placed, so that its path's properties are known with them."""
 _DIGITS: Final = 2
 """Of both: a centimeter, which is less than a cell of a map."""
 
@@ -115,13 +115,13 @@ def varied_rows(
     ]
 
 
-def surroundings_rows(configurations: ConfigurationTable, chosen: Iterable[int]) -> list[dict[str, float]]:
-    """The numbers of `SURROUNDINGS` that the configurations at the indices `chosen` have.
+def path_property_rows(configurations: ConfigurationTable, chosen: Iterable[int]) -> list[dict[str, float]]:
+    """The numbers of `PATH_PROPERTIES` that the configurations at the indices `chosen` have.
 
     Of one whose obstacles stand in the campaign file none is known, for its path was drawn without them.
     """
     return [
-        _measured(configurations.provenances[k], SURROUNDINGS)
+        _measured(configurations.provenances[k], PATH_PROPERTIES)
         if _PLACED in configurations.provenances[k] or not any(map(_has_obstacles, configurations.factors[k].values()))
         else {}
         for k in chosen

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from vastflow.oracles.evidence.varied import surroundings_rows, varied_rows
+from vastflow.oracles.evidence.varied import path_property_rows, varied_rows
 from vastflow.oracles.results.executed import environment_names
 from vastflow.oracles.results.tables import Tables
 from vastflow.oracles.results.verdict_table import FAIL, PASS
@@ -69,7 +69,7 @@ def _factors(tables: Tables, others: Iterable[str]) -> dict[str, Any]:
     found = tables.configurations
     maps = environment_names(tables.directory, dict.fromkeys(filter(None, found.environments)))
     varied = varied_rows(found, range(len(found)), maps)
-    rows = [{**seen, **row} for row, seen in zip(varied, surroundings_rows(found, range(len(found))), strict=True)]
+    rows = [{**seen, **row} for row, seen in zip(varied, path_property_rows(found, range(len(found))), strict=True)]
     taken = dict.fromkeys(others)
     names = dict.fromkeys(name for row in rows for name in row)
     of_run = tables.verdicts.configuration

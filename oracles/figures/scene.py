@@ -192,8 +192,8 @@ def known_cells(occupancy: OccupancyMap) -> tuple[int, int, int, int]:
 
 def _scene(tables: Tables, environment: str, runs: Counts, files: KeptFiles) -> Scene:
     found = tables.configurations
-    members = np.array([k for k in found.distinct if found.environments[k] == environment], dtype=np.int64)
-    scenarios = [scenario_at(tables, int(k), files) for k in members]
+    indices = np.array([k for k in found.distinct if found.environments[k] == environment], dtype=np.int64)
+    scenarios = [scenario_at(tables, int(k), files) for k in indices]
     situations = list(_readable(scenarios))
     occupancy = load_map(tables.directory / "environments" / environment / "map.yaml")
     grid = _grid_over(occupancy)
@@ -201,8 +201,8 @@ def _scene(tables: Tables, environment: str, runs: Counts, files: KeptFiles) -> 
     lines: dict[int, list[NDArray[np.float64]]] = {code: [] for code in CODES.values()}
     spawned: list[Obstacle] = []
     failed_xy_m, missed = [np.zeros((0, 2))], [np.zeros(0, dtype=np.bool_)]
-    chosen = _chosen(tables, members)
-    for walks, rows in _walked(tables, members):
+    chosen = _chosen(tables, indices)
+    for walks, rows in _walked(tables, indices):
         judged = tables.verdicts.together[rows]
         visitors.add(walks, judged)
         failed_xy_m.append(walks.ends_xy_m[judged == FAIL])
@@ -269,10 +269,10 @@ def _grid_over(occupancy: OccupancyMap) -> FailureGrid:
     return grid_over(x0, y0, x1, y1, CELL_M)
 
 
-def _walked(tables: Tables, members: NDArray[np.int64]) -> Iterator[tuple[Walks, NDArray[np.int64]]]:
+def _walked(tables: Tables, indices: NDArray[np.int64]) -> Iterator[tuple[Walks, NDArray[np.int64]]]:
     """Walks of each configuration that has a recording, and the runs of the verdicts' table that they are of."""
     verdicts = tables.verdicts
-    for k in members:
+    for k in indices:
         walks = read_walks(tables.directory, tables.configurations.names[k])
         if walks is not None:
             first, last = np.searchsorted(verdicts.configuration, (k, k + 1))
@@ -280,10 +280,10 @@ def _walked(tables: Tables, members: NDArray[np.int64]) -> Iterator[tuple[Walks,
             yield walks, rows
 
 
-def _chosen(tables: Tables, members: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _chosen(tables: Tables, indices: NDArray[np.int64]) -> NDArray[np.bool_]:
     """(R,) the runs to draw, evenly spread over the configurations."""
     verdicts = tables.verdicts
-    here = np.isin(verdicts.configuration, members)
+    here = np.isin(verdicts.configuration, indices)
     chosen = np.zeros(len(verdicts), dtype=np.bool_)
     for code in CODES.values():
         alike = np.flatnonzero(here & (verdicts.together == code))

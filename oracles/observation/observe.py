@@ -115,7 +115,7 @@ def _nearest_passable(
 
 
 def _corners(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """`points` (N, 2) without repetitions and without those on a straight stretch, to the millimeter."""
+    """`points` (N, 2) without repetitions and without those on a straight segment, to the millimeter."""
     points_mm = np.rint(points * 1000.0)
     moves = np.any(np.diff(points_mm, axis=0) != 0, axis=1)
     points, points_mm = points[np.r_[True, moves]], points_mm[np.r_[True, moves]]

@@ -54,7 +54,7 @@ def rates_section(facts: Facts) -> Section:
         [
             *(name, group.configurations),
             *(rate_cell(found.families[name].counts) for found in shown.values()),
-            *([facts.stood.of(group.members)] if facts.stood.runs else []),
+            *([facts.stood.of(group.counts_by_name)] if facts.stood.runs else []),
         ]
         for name, group in facts.everything.families.items()
     ]

@@ -76,7 +76,7 @@ def draw_now(axes: Axes, moments: Sequence[Moment], tick: int) -> None:
 
 
 def bands(moments: Sequence[Moment]) -> Iterator[tuple[int, int, str]]:
-    """Stretches of ticks (first, last) in which the robot did the same thing, and what."""
+    """Spans of ticks (first, last) in which the robot did the same thing, and what."""
     first = 0
     kinds = [_kind(moment) for moment in moments]
     for k in range(1, len(kinds) + 1):

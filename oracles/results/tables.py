@@ -127,9 +127,9 @@ class Tables:
         families: dict[str, list[str]] = {}
         found = self.configurations
         for name, family, duplicate_of in zip(found.names, found.families, found.duplicate_of, strict=True):
-            members = families.setdefault(family, [])
+            of_family = families.setdefault(family, [])
             if duplicate_of is None:
-                members.append(name)
+                of_family.append(name)
         return families
 
 

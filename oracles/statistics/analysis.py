@@ -44,7 +44,7 @@ class FactorAnalysis:
     Attributes:
         factors: Most certain first, of equals the largest difference.
         interactions: Most certain first.
-        surroundings: What nobody chose, each beside all factors and adjusted among themselves; most certain first.
+        path_properties: What nobody chose, each beside all factors and adjusted among themselves; most certain first.
         dropped: What varies and was not analyzed.
         configurations, blocks: That were analyzed.
         error: Probability of even one false claim, at most: on these situations, on others, and of pairs.
@@ -52,7 +52,7 @@ class FactorAnalysis:
 
     factors: tuple[FactorEffect, ...]
     interactions: tuple[InteractionEffect, ...]
-    surroundings: tuple[FactorEffect, ...]
+    path_properties: tuple[FactorEffect, ...]
     dropped: tuple[Dropped, ...]
     variance: Variance = field(repr=False)
     configurations: int
@@ -67,7 +67,7 @@ def factor_analysis(
     blocks: ArrayLike | None = None,
     dropped: Iterable[Dropped] = (),
     error: float = 0.05,
-    surroundings: Sequence[Factor] = (),
+    path_properties: Sequence[Factor] = (),
     sets: Mapping[str, ArrayLike] | None = None,
     first: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> FactorAnalysis | None:
@@ -83,12 +83,12 @@ def factor_analysis(
 
     Effects that multiply, say a rate doubled from 0.1 to 0.2 here and from 0.4 to 0.8 there, do not add up and are an interaction.
 
-    `surroundings` follow from the choices, as a narrow passage does from the number of obstacles. So no factor is held against them, which
+    `path_properties` follow from the choices, as a narrow passage does from the number of obstacles. So no factor is held against them, which
     would take away what it does through them, nor one of them against the others, which say much the same: each is tested beside all
     factors, and Holm's adjustment is among them alone. That a factor matters is thus as hard to show as it was without them.
 
     Args:
-        factors, surroundings: (m,) codes each, see `factors_of`.
+        factors, path_properties: (m,) codes each, see `factors_of`.
         passed, judged: (m,) counts.
         blocks: (m,) equal numbers for configurations that are not independent, see `blocks_of`; by default each is a block.
         sets: Factor to (m,) numbers, equal for configurations that are equal in all but the factor; by default those of a block that
@@ -128,7 +128,7 @@ def factor_analysis(
         mains.append(effect)
     effects = [interaction_effect(*pair, contrasts, model, columns, margins.fitted, between) for pair in pairs]
     seen = _beside(
-        [found for each in surroundings if (found := _present(each, some)) is not None],
+        [found for each in path_properties if (found := _present(each, some)) is not None],
         present,
         contrasts,
         n[some],
@@ -141,7 +141,7 @@ def factor_analysis(
     effects = [replace(effect, claim=claim) for effect, claim in zip(effects, claims, strict=True)]
     lost = [
         Dropped(f.name, "has one level among the judged")
-        for f in (*factors, *surroundings)
+        for f in (*factors, *path_properties)
         if _present(f, some) is None
     ]
     return FactorAnalysis(

@@ -73,7 +73,7 @@ class StoppingRule:
 
     Wald's thresholds ln(1/error) hold for any number of runs, and with twenty of them leave nearly everything open. Here A, B and C
     are the smallest values at which a false claim at the bound has a probability of `error` at most when looked at after every run
-    from `min_runs` to `max_runs`, found by exact dynamic programming over (n, x). Looking less often, as waves of runs do, makes
+    from `min_runs` to `max_runs`, found by exact dynamic programming over (n, x). Looking less often, as rounds of runs do, makes
     fewer errors.
 
     Attributes:
@@ -113,13 +113,13 @@ class StoppingRule:
         found = {claim for claims in self._lattice for claim in claims.tolist() if claim != _OPEN}
         return tuple(CLAIMS[claim] for claim in sorted(found))
 
-    def operating_characteristics(self, p: ArrayLike, wave_runs: int = 1) -> OperatingCharacteristics:
+    def operating_characteristics(self, p: ArrayLike, runs_per_look: int = 1) -> OperatingCharacteristics:
         """Exact probabilities of each end and the mean number of runs, for success rates `p` (k,).
 
         Args:
-            wave_runs: Runs between two looks, the first after `min_runs`, the last after `max_runs`.
+            runs_per_look: Runs between two looks, the first after `min_runs`, the last after `max_runs`.
         """
-        looks = frozenset((*range(self.min_runs, self.max_runs, wave_runs), self.max_runs))
+        looks = frozenset((*range(self.min_runs, self.max_runs, runs_per_look), self.max_runs))
         rates = np.atleast_1d(np.asarray(p, dtype=np.float64))
         return _characteristics(self._lattice, looks, rates, self.bounds)
 

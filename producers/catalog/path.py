@@ -23,7 +23,7 @@ from vastflow.producers.model.numbers import (
     Seed,
 )
 from vastflow.producers.model.producer import ROOM_KEY, Draws, Producer
-from vastflow.producers.places.clearance import surroundings
+from vastflow.producers.places.clearance import path_properties
 from vastflow.producers.places.ground import (
     MAP_KEY,
     Ground,
@@ -216,7 +216,7 @@ def path_values(ground: Ground, legs: Sequence[Leg]) -> dict[str, Value]:
     cells = np.concatenate([legs[0].cells, *(leg.cells[1:] for leg in legs[1:])])
     stops = list(itertools.accumulate((len(leg.cells) - 1 for leg in legs), initial=0))
     return {
-        **surroundings(ground, cells, stops),
+        **path_properties(ground, cells, stops),
         PATH_KEY: [list(center_m(ground, (int(row), int(column)))) for row, column in corners(cells)],
         PATH_LENGTH_KEY: sum(leg.length_m for leg in legs),
     }

@@ -99,7 +99,7 @@ class Hole:
     top_m: float
 
     def section(self, z_m: float) -> tuple[tuple[float, float], ...]:
-        """The stretches of x that are open at a height, in increasing order."""
+        """The intervals of x that are open at a height, in increasing order."""
         if not self.bottom_m <= z_m <= self.top_m:
             return ()
         inset = (self.top_m - self.bottom_m) * 1e-9  # at the very top or bottom, what is open just beside it
@@ -110,7 +110,7 @@ class Hole:
         return tuple(zip(crossings[::2], crossings[1::2], strict=True))
 
     def footprint(self, x0: float, x1: float, margin_m: float = 0.0) -> Outline:
-        """A stretch of x through the whole depth, and `margin_m` beyond both faces, seen from above."""
+        """An interval of x through the whole depth, and `margin_m` beyond both faces, seen from above."""
         y0, y1 = -margin_m, self.depth_m + margin_m
         return self.frame.outline(((x0, y1), (x1, y1), (x1, y0), (x0, y0)))
 

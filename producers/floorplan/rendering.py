@@ -119,7 +119,7 @@ def _label(
     rectangular = len(sides) == 4 and math.isclose(area_m2, sides[0] * sides[1], rel_tol=1e-6)
     measure = f"{_meters(sides[0])} × {_meters(sides[1])} m" if rectangular else f"{area_m2:.1f} m²"
     if rectangular and math.isclose(floor.area, area_m2, rel_tol=1e-6):
-        place, (across_m, high_m), turn_deg = (floor.centroid.x, floor.centroid.y), *_stretch(room)
+        place, (across_m, high_m), turn_deg = (floor.centroid.x, floor.centroid.y), *_text_extent(room)
     else:
         radius = shapely.maximum_inscribed_circle(floor, tolerance=0.1)
         place, across_m, high_m, turn_deg = radius.coords[0], 2 * radius.length, 2 * radius.length, 0.0
@@ -132,7 +132,7 @@ def _label(
     return None
 
 
-def _stretch(room: Room) -> tuple[tuple[float, float], float]:
+def _text_extent(room: Room) -> tuple[tuple[float, float], float]:
     """Of a rectangle: how far a text can go along and across its direction (m), and that direction (degrees).
 
     Texts run along the longer side, but level where a room is nearly square.

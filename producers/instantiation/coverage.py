@@ -65,7 +65,7 @@ def coverage_of(
     for configuration in configurations:
         by_family[configuration.family].append(configuration)
     texts = Texts()
-    contents = {name: _contents(members, texts) for name, members in by_family.items()}
+    contents = {name: _contents(of_family, texts) for name, of_family in by_family.items()}
     parts = {
         family.name: _family(
             family,
@@ -121,7 +121,7 @@ def _counts(
     excluded: Sequence[ExcludedInstance],
     valid: int,
 ) -> dict[str, Any]:
-    duplicates = sum(member.duplicate_of is not None for member in configurations)
+    duplicates = sum(configuration.duplicate_of is not None for configuration in configurations)
     realised = len(configurations) - duplicates
     return {
         "requested": len(configurations) + len(rejections) + len(excluded),

@@ -188,9 +188,9 @@ def ddmin(things: Sequence[T], fails: Callable[[Sequence[T]], bool]) -> tuple[T,
     if not left or fails(()):
         return ()
     while len(left) > 1:
-        chunks = _chunks(left, parts)
-        # Of two chunks each is the complement of the other.
-        subsets = [*chunks, *(_complement(left, chunk) for chunk in chunks if parts > 2)]
+        pieces = _split(left, parts)
+        # Of two pieces each is the complement of the other.
+        subsets = [*pieces, *(_complement(left, piece) for piece in pieces if parts > 2)]
         found = next((k for k, subset in enumerate(subsets) if fails(subset)), None)
         if found is not None:
             left, parts = subsets[found], 2 if found < parts else parts - 1
@@ -213,11 +213,11 @@ def least_level(fails: Callable[[int], bool]) -> int:
     return least
 
 
-def _chunks(things: tuple[T, ...], parts: int) -> list[tuple[T, ...]]:
+def _split(things: tuple[T, ...], parts: int) -> list[tuple[T, ...]]:
     """`things` in order, in parts of about equal size."""
     cuts = [len(things) * k // parts for k in range(parts + 1)]
     return [things[start:stop] for start, stop in itertools.pairwise(cuts)]
 
 
-def _complement(things: tuple[T, ...], chunk: tuple[T, ...]) -> tuple[T, ...]:
-    return tuple(each for each in things if each not in chunk)
+def _complement(things: tuple[T, ...], piece: tuple[T, ...]) -> tuple[T, ...]:
+    return tuple(each for each in things if each not in piece)

@@ -58,7 +58,7 @@ def _clearance_on(occupancy: OccupancyMap) -> Clearance:
     return clearance_of(occupancy.free)
 
 
-def surroundings(
+def path_properties(
     ground: Ground, cells: Cells, stops: Sequence[int], obstacles: Sequence[Obstacle] = ()
 ) -> dict[str, Value]:
     """The provenance of what surrounds a path; numbers to the millimeter.
@@ -89,8 +89,8 @@ def surroundings(
     return {**found, NARROWEST_KEY: None if narrowest is None else round(narrowest * occupancy.resolution_m, 3)}
 
 
-def surroundings_at(site: Site, obstacles: Sequence[Obstacle]) -> dict[str, Value]:
-    """As `surroundings`, of the shortest path round what stands there and `obstacles`; without one nothing is known of it."""
+def shortest_path_properties(site: Site, obstacles: Sequence[Obstacle]) -> dict[str, Value]:
+    """As `path_properties`, of the shortest path round what stands there and `obstacles`; without one nothing is known of it."""
     occupancy = site.ground.occupancy
     everything = (*site.standing, *obstacles)
     path = shortest_path(occupancy, around(site.ground, everything), np.array(site.stops_xy_m))
@@ -101,7 +101,7 @@ def surroundings_at(site: Site, obstacles: Sequence[Obstacle]) -> dict[str, Valu
     for stop in site.stops_xy_m[1:]:
         reached = np.flatnonzero((cells[stops[-1] :] == occupancy.cell_of(*stop)).all(axis=1))
         stops.append(stops[-1] + int(reached[0]))
-    return surroundings(site.ground, cells, stops, everything)
+    return path_properties(site.ground, cells, stops, everything)
 
 
 def narrowest_passage_cells(clearance: Clearance, cells: Cells) -> float | None:

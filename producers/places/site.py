@@ -9,7 +9,7 @@ import numpy as np
 from vastflow.producers.model.configuration import REQUESTED, Rejection
 from vastflow.producers.model.producer import ROOM_KEY
 from vastflow.producers.places.cells import shortest_path
-from vastflow.producers.places.clearance import surroundings_at
+from vastflow.producers.places.clearance import shortest_path_properties
 from vastflow.producers.places.ground import ground_of, map_key, map_of, room_of
 from vastflow.producers.places.placement import Site
 from vastflow.producers.places.stops import (
@@ -91,7 +91,7 @@ class SiteRequest:
         mine = [*lists.get(self.name, ()), *entries]
         placed = _standing({self.name: list(entries)})
         is_known = PATH_KEY in inputs and not placed and not site.standing
-        around = {} if is_known else surroundings_at(site, placed)
+        around = {} if is_known else shortest_path_properties(site, placed)
         # A second producer of the same list does not overwrite what was requested of the first.
         note = f"{REQUESTED}{self.name}{'+' if self.name in lists else ''}"
         return {self.name: mine, LISTS_KEY: {**lists, self.name: mine}, note: {**requested}, **around}

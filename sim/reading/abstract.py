@@ -42,7 +42,7 @@ BUILTIN: Final = "builtin:"
 SHIPPED: Final = ("navigate_to_pose", "navigate_through_poses", "follow_waypoints", "obstacle_appears")
 """Names that follow `builtin:`; each is a file of `campaigns/scenarios`."""
 
-KEPT: Final = 32
+CACHED_DEFINITIONS: Final = 32
 
 Abstract: TypeAlias = str | FileContent
 """`builtin:` and a name, or a scenario file whose digest is that of what it defines, see `abstract_content`."""
@@ -93,7 +93,7 @@ def file_of(abstract: Abstract) -> Path:
     return Path(abstract.path) if isinstance(abstract, FileContent) else shipped_file(abstract.removeprefix(BUILTIN))
 
 
-@functools.lru_cache(maxsize=KEPT)
+@functools.lru_cache(maxsize=CACHED_DEFINITIONS)
 def _defined(abstract: Abstract, path: str) -> ScenarioDefinition:
     if isinstance(abstract, FileContent):
         definition = _read(Path(path))
@@ -121,7 +121,7 @@ def _only_one(file: Path, scenarios: Sequence[ScenarioDefinition]) -> ScenarioDe
     return last[0]
 
 
-@functools.lru_cache(maxsize=KEPT)
+@functools.lru_cache(maxsize=CACHED_DEFINITIONS)
 def content_digest(abstract: Abstract) -> str:
     """Digest of what an abstract scenario defines; of a file it is the file's digest as a value.
 

@@ -27,7 +27,7 @@ from vastflow.sim.world.difference import WorldDifference
 from vastflow.sim.world.robot_model import Lidar, Robot
 
 MAP_KEY: Final = "map_file"
-_KEPT: Final = "checked_digest"
+_CACHED: Final = "checked_digest"
 _NOT_DESCRIBED: Final = RobotParameters()
 
 
@@ -108,9 +108,9 @@ def checked_digest(scenario: Scenario) -> str:
     A scenario that can't be checked has that of what was written: its runs break, and nothing is stored under it.
     """
     known = scenario.__dict__  # kept beside its fields, as by a cached property, which would import what imports it
-    if _KEPT not in known:
-        known[_KEPT] = _checked_digest(scenario)
-    found: str = known[_KEPT]
+    if _CACHED not in known:
+        known[_CACHED] = _checked_digest(scenario)
+    found: str = known[_CACHED]
     return found
 
 

@@ -1,4 +1,4 @@
-"""The engine: of any stage and members, what the store has is found, what is missing is computed, what broke is told.
+"""The engine: of any stage and configurations, what the store has is found, what is missing is computed, what broke is told.
 
 Prefect is not needed here: `vastflow.tasks.prefect.stages` puts its tasks round these methods.
 """
@@ -16,7 +16,7 @@ from vastflow.sim.nav2.parameter_files.document import DocumentError
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 from vastflow.tasks.engine import work
 from vastflow.tasks.engine.evaluation import PackedProducer
-from vastflow.tasks.engine.index import FoundMember, Index, Member, missing, stretches
+from vastflow.tasks.engine.index import ConfigurationRuns, FoundRuns, Index, missing, run_blocks
 from vastflow.tasks.engine.instantiation import Evaluation
 from vastflow.tasks.engine.pool import Pool, PoolClosed, Priority, WorkerDied
 from vastflow.tasks.engine.progress import Tally
@@ -47,14 +47,14 @@ MOST_RUNS_A_BLOCK: Final = 20
 _BLOCKS_A_WORKER: Final = 4
 
 Rows: TypeAlias = list[list[list[Any]]]
-"""Of each member, of each block: start, stop and content digests."""
+"""Of each configuration, of each block: start, stop and content digests."""
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
 class StageOutcome(Generic[T]):
-    """What a stage came to on some members.
+    """What a stage came to on some configurations.
 
     Attributes:
         made: What it gives; what broke is missing in it.
@@ -72,29 +72,33 @@ class Died(Broken):
 
 
 @dataclass(frozen=True, slots=True)
-class MemberFault:
-    """Why a member lacks something.
+class RunFault:
+    """Something that broke: the run is not judged, and never counted as a failure of the robot.
+
+    Either its scenario can't work, such as one whose program can't be started, or an error is ours.
 
     Attributes:
-        member: Its name; empty where the whole campaign is concerned.
-        run_index: None for all its runs.
+        configuration: Its name; empty where the fault concerns the whole campaign.
+        run_index: None for all runs of the configuration.
+        stage: A stage of the campaign, `report` or `postprocessing`.
+        error: Why, in one line.
     """
 
-    member: str
+    configuration: str
     run_index: int | None
-    stage: WorkStage
+    stage: str
     error: str
 
 
 class RunsWanted(Protocol):
-    """Says how many runs a member wants by the verdicts on those it has."""
+    """Says how many runs a configuration wants by the verdicts on those it has."""
 
     @property
     def most(self) -> int:
-        """Runs that no member exceeds."""
+        """Runs that no configuration exceeds."""
 
-    def stored(self, index: Index, member: Member) -> tuple[Member, list[Stored]]:
-        """The member with the runs that are wanted of it by now, and what the store has of these."""
+    def stored(self, index: Index, configuration: ConfigurationRuns) -> tuple[ConfigurationRuns, list[Stored]]:
+        """The configuration with the runs that are wanted of it by now, and what the store has of these."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,11 +113,11 @@ class _Job:
 class Engine:
     """Brings one campaign's artifacts into the store, stage by stage, by a pool of worker processes.
 
-    A stage that is asked twice computes once: what is there is found. What broke is kept as a fault of its member.
+    A stage that is asked twice computes once: what is there is found. What broke is kept as a fault of its configuration.
 
     Args:
         oracles: The pickled oracles.
-        stopping: None where the number of runs of a member is fixed.
+        stopping: None where the number of runs of a configuration is fixed.
 
     Attributes:
         index: What of the campaign the store has.
@@ -135,18 +139,18 @@ class Engine:
         self._lock = threading.Lock()
         self._warm: Future[Any] | None = None
         self._executing: dict[tuple[str, int], list[_Job]] = {}
-        self._faults: list[MemberFault] = []
+        self._faults: list[RunFault] = []
 
     @property
-    def faults(self) -> tuple[MemberFault, ...]:
+    def faults(self) -> tuple[RunFault, ...]:
         """What went wrong so far."""
         with self._lock:
             return tuple(dict.fromkeys(self._faults))  # a flow that is begun again meets them again
 
     @property
     def broken(self) -> frozenset[str]:
-        """Names of the members that met a fault."""
-        return frozenset(fault.member for fault in self.faults)
+        """Names of the configurations that met a fault."""
+        return frozenset(fault.configuration for fault in self.faults)
 
     @property
     def workers(self) -> int:
@@ -188,28 +192,28 @@ class Engine:
             if attempt:
                 with self._lock:
                     self._executing.clear()  # what was computed then is lost
-            self.index.store.survey()
+            self.index.store.refresh()
             yield attempt
         place = self.index.store.place
         raise StoreError(f"store: {place!r} loses what is written to it; is the disk full or broken?")
 
-    def scan(self, members: Iterable[Member]) -> dict[str, FoundMember]:
-        """What the store has of members, by name; it is counted."""
+    def scan(self, configurations: Iterable[ConfigurationRuns]) -> dict[str, FoundRuns]:
+        """What the store has of configurations, by name; it is counted."""
         broken, scanned = self.broken, {}
-        for each in members:
+        for each in configurations:
             stopping = self._stopping
-            member, stored = stopping.stored(self.index, each) if stopping else (each, self.index.stored(each))
-            found = scanned[each.name] = FoundMember(member, tuple(stored))
+            configuration, stored = stopping.stored(self.index, each) if stopping else (each, self.index.stored(each))
+            found = scanned[each.name] = FoundRuns(configuration, tuple(stored))
             if stopping is not None:
                 goes_on = not found.complete and each.name not in broken
-                self._tally.want(each.name, member.runs, stopping.most if goes_on else member.runs)
+                self._tally.want(each.name, configuration.runs, stopping.most if goes_on else configuration.runs)
             for one in stored:
                 self._tally.reuse(each.name, range(one.block.start, one.block.stop))
                 if one.verdicts:
                     self._tally.judge(each.name, judgements(one.verdicts))
         return scanned
 
-    def begin(self, found: Iterable[FoundMember], workers: int) -> None:
+    def begin(self, found: Iterable[FoundRuns], workers: int) -> None:
         """Hand what is not recorded to the workers, which takes them longer than this call.
 
         Where a robot drives, kernels are compiled first.
@@ -218,28 +222,28 @@ class Engine:
             workers: How many there are: each gets several blocks.
         """
         absent = [each for each in found if each.missing_runs]
-        self.warm_up(each.member.scenario.system for each in absent if each.member.drives)
+        self.warm_up(each.configuration.scenario.system for each in absent if each.configuration.drives)
         self.block_runs = block_size(sum(each.missing_runs for each in absent), workers)
-        self.start([each.member for each in absent])
+        self.start([each.configuration for each in absent])
 
-    def start(self, members: Sequence[Member]) -> None:
-        """Hand the missing runs of members to the workers, in their order and in a thread of its own."""
+    def start(self, configurations: Sequence[ConfigurationRuns]) -> None:
+        """Hand the missing runs of configurations to the workers, in their order and in a thread of its own."""
 
         def start() -> None:
             with suppress(PoolClosed, StoreError):  # who waits for it meets the same
-                for member in members:
-                    self.start_executing(member)
+                for configuration in configurations:
+                    self.start_executing(configuration)
 
         threading.Thread(target=start, daemon=True).start()
 
-    def forget(self, members: Collection[str]) -> None:
-        """Let members be as if nothing of them had been asked: what broke of them is computed again where it is asked again."""
+    def forget(self, configurations: Collection[str]) -> None:
+        """Let configurations be as if nothing of them had been asked: what broke of them is computed again where it is asked again."""
         with self._lock:
-            self._faults = [fault for fault in self._faults if fault.member not in members]
-            self._executing = {key: jobs for key, jobs in self._executing.items() if key[0] not in members}
+            self._faults = [fault for fault in self._faults if fault.configuration not in configurations]
+            self._executing = {key: jobs for key, jobs in self._executing.items() if key[0] not in configurations}
 
-    def add_faults(self, faults: Sequence[MemberFault]) -> None:
-        """Faults that members met elsewhere."""
+    def add_faults(self, faults: Sequence[RunFault]) -> None:
+        """Faults that configurations met elsewhere."""
         with self._lock:
             self._faults += faults
 
@@ -266,132 +270,135 @@ class Engine:
         if needed := controllers_in(systems):
             self._warm = self._submit(Priority.EVALUATE, work.compile_kernels, needed)
 
-    def start_executing(self, member: Member) -> list["_Job"]:
-        """Hand the missing runs of a member to the pool, once for each number of runs that is wanted of it."""
-        if self._warm is not None and member.drives:
+    def start_executing(self, configuration: ConfigurationRuns) -> list["_Job"]:
+        """Hand the missing runs of a configuration to the pool, once for each number of runs that is wanted of it."""
+        if self._warm is not None and configuration.drives:
             self._answer(self._warm)
         with self._lock:
-            key = member.name, member.runs
+            key = configuration.name, configuration.runs
             if key not in self._executing:
-                wanted = missing(self.index.blocks(member), member.runs)
+                wanted = missing(self.index.blocks(configuration), configuration.runs)
                 self._executing[key] = [
-                    self._start(member, start, stop) for start, stop in stretches(wanted, self.block_runs)
+                    self._start(configuration, start, stop) for start, stop in run_blocks(wanted, self.block_runs)
                 ]
             return self._executing[key]
 
-    def _start(self, member: Member, start: int, stop: int) -> "_Job":
+    def _start(self, configuration: ConfigurationRuns, start: int, stop: int) -> "_Job":
         keys = self.index.keys
-        home = keys.recordings(member.checked)
+        home = keys.recordings(configuration.checked)
         future = self._submit(
-            Priority.EXECUTE, work.execute, self._store, home, member.scenario, start, stop, keys.seed
+            Priority.EXECUTE, work.execute, self._store, home, configuration.scenario, start, stop, keys.seed
         )
-        future.add_done_callback(lambda done: self._count(member, done))
+        future.add_done_callback(lambda done: self._count(configuration, done))
         return _Job(start, stop, future)
 
-    def _count(self, member: Member, done: "Future[Any]") -> None:
+    def _count(self, configuration: ConfigurationRuns, done: "Future[Any]") -> None:
         if done.exception() is None and isinstance(answer := done.result(), Executed):
-            self._tally.execute(member.name, answer.simulated_s)
+            self._tally.execute(configuration.name, answer.simulated_s)
 
-    def execute(self, members: Sequence[Member]) -> StageOutcome[Rows]:
-        """Execute what is missing; gives start, stop and content of each member's blocks."""
-        started = [(member, list(self.start_executing(member))) for member in members]
+    def execute(self, configurations: Sequence[ConfigurationRuns]) -> StageOutcome[Rows]:
+        """Execute what is missing; gives start, stop and content of each configuration's blocks."""
+        started = [(configuration, list(self.start_executing(configuration))) for configuration in configurations]
         there = sum(not jobs for _, jobs in started)
-        for member, jobs in started:
+        for configuration, jobs in started:
             for job in jobs:
                 answer = self._answer(job.future)
                 if isinstance(answer, Died) and job.stop - job.start > 1:
                     # One run may have killed the workers of all: each gets a block of its own.
-                    jobs += [self._start(member, run, run + 1) for run in range(job.start, job.stop)]
+                    jobs += [self._start(configuration, run, run + 1) for run in range(job.start, job.stop)]
                 elif isinstance(answer, Broken):
-                    self._fault(member, range(job.start, job.stop), "execute", answer)
+                    self._fault(configuration, range(job.start, job.stop), "execute", answer)
                 elif isinstance(answer, Executed):
                     for run_index, error in answer.broken.items():
-                        self._fault(member, [run_index], "execute", error)
+                        self._fault(configuration, [run_index], "execute", error)
             if jobs:
-                self.index.store.changed(self.index.keys.recordings(member.checked))
-        found = [self.index.blocks(member) for member in members]
+                self.index.store.changed(self.index.keys.recordings(configuration.checked))
+        found = [self.index.blocks(configuration) for configuration in configurations]
         rows = [[[block.start, block.stop, block.content] for block in blocks] for blocks in found]
-        return StageOutcome(rows, there, len(members))
+        return StageOutcome(rows, there, len(configurations))
 
-    def observe(self, members: Sequence[Member], recorded: Rows) -> StageOutcome[Rows]:
+    def observe(self, configurations: Sequence[ConfigurationRuns], recorded: Rows) -> StageOutcome[Rows]:
         """Observe recorded blocks; rows gain the trace's content."""
-        blocks = self._blocks(members, recorded)
-        keys = [self.index.trace_key(member, block) for member, block in blocks]
+        blocks = self._blocks(configurations, recorded)
+        keys = [self.index.trace_key(configuration, block) for configuration, block in blocks]
         found, there = self._complete(
             "observe",
             blocks,
             keys,
-            lambda member, block, key: self._submit(
-                Priority.OBSERVE, work.observe, self._store, block.key, key, member.scenario
+            lambda configuration, block, key: self._submit(
+                Priority.OBSERVE, work.observe, self._store, block.key, key, configuration.scenario
             ),
         )
-        rows: dict[str, list[list[Any]]] = {member.name: [] for member in members}
-        for (member, block), trace in zip(blocks, found, strict=True):
+        rows: dict[str, list[list[Any]]] = {configuration.name: [] for configuration in configurations}
+        for (configuration, block), trace in zip(blocks, found, strict=True):
             if trace is not None:
-                rows[member.name].append([block.start, block.stop, block.content, trace.content])
+                rows[configuration.name].append([block.start, block.stop, block.content, trace.content])
         return StageOutcome(list(rows.values()), there, len(blocks))
 
-    def judge(self, members: Sequence[Member], observed: Rows) -> StageOutcome[Rows]:
+    def judge(self, configurations: Sequence[ConfigurationRuns], observed: Rows) -> StageOutcome[Rows]:
         """Judge observed blocks; gives start, stop and the verdicts' content."""
-        blocks = self._blocks(members, observed)
-        traces = [str(row[3]) for of_member in observed for row in of_member]
+        blocks = self._blocks(configurations, observed)
+        traces = [str(row[3]) for of_configuration in observed for row in of_configuration]
         keys = [
-            self.index.verdicts_key(member, block, trace) for (member, block), trace in zip(blocks, traces, strict=True)
+            self.index.verdicts_key(configuration, block, trace)
+            for (configuration, block), trace in zip(blocks, traces, strict=True)
         ]
         found, there = self._complete(
             "judge",
             blocks,
             keys,
-            lambda member, block, key: self._submit(
+            lambda configuration, block, key: self._submit(
                 Priority.JUDGE,
                 work.judge,
                 self._store,
                 block.key,
-                self.index.trace_key(member, block),
+                self.index.trace_key(configuration, block),
                 key,
-                member.scenario,
+                configuration.scenario,
                 self._oracles,
             ),
         )
-        rows: dict[str, list[list[Any]]] = {member.name: [] for member in members}
-        for (member, block), verdicts in zip(blocks, found, strict=True):
+        rows: dict[str, list[list[Any]]] = {configuration.name: [] for configuration in configurations}
+        for (configuration, block), verdicts in zip(blocks, found, strict=True):
             if verdicts is not None:
-                self._tally.judge(member.name, judgements(verdicts))
-                rows[member.name].append([block.start, block.stop, verdicts.content])
+                self._tally.judge(configuration.name, judgements(verdicts))
+                rows[configuration.name].append([block.start, block.stop, verdicts.content])
         return StageOutcome(list(rows.values()), there, len(blocks))
 
     def _complete(
         self,
         stage: WorkStage,
-        blocks: Sequence[tuple[Member, Block]],
+        blocks: Sequence[tuple[ConfigurationRuns, Block]],
         keys: Sequence[str],
-        submit: Callable[[Member, Block, str], "Future[Any]"],
+        submit: Callable[[ConfigurationRuns, Block, str], "Future[Any]"],
     ) -> tuple[list[Artifact | None], int]:
         """Compute what is missing of `keys`, one for each block; give what there is then, and how many there were before."""
         store = self.index.store
         jobs = [
-            submit(member, block, key) if store.find(key) is None else None
-            for (member, block), key in zip(blocks, keys, strict=True)
+            submit(configuration, block, key) if store.find(key) is None else None
+            for (configuration, block), key in zip(blocks, keys, strict=True)
         ]
-        for (member, block), job in zip(blocks, jobs, strict=True):
+        for (configuration, block), job in zip(blocks, jobs, strict=True):
             if job is not None and isinstance(answer := self._answer(job), Broken):
-                self._fault(member, range(block.start, block.stop), stage, answer)
+                self._fault(configuration, range(block.start, block.stop), stage, answer)
         for key, job in zip(keys, jobs, strict=True):
             if job is not None:
                 store.changed(key)
         return [store.find(key) for key in keys], jobs.count(None)
 
-    def _blocks(self, members: Sequence[Member], rows: Rows) -> list[tuple[Member, Block]]:
+    def _blocks(self, configurations: Sequence[ConfigurationRuns], rows: Rows) -> list[tuple[ConfigurationRuns, Block]]:
         return [
-            (member, self.index.block(member, int(row[0]), int(row[1]), str(row[2])))
-            for member, of_member in zip(members, rows, strict=True)
-            for row in of_member
+            (configuration, self.index.block(configuration, int(row[0]), int(row[1]), str(row[2])))
+            for configuration, of_configuration in zip(configurations, rows, strict=True)
+            for row in of_configuration
         ]
 
-    def _fault(self, member: Member, runs: Sequence[int], stage: WorkStage, broken: Broken) -> None:
+    def _fault(self, configuration: ConfigurationRuns, runs: Sequence[int], stage: WorkStage, broken: Broken) -> None:
         with self._lock:
-            self._faults += [MemberFault(member.name, run, stage, broken.error) for run in runs if run < member.runs]
-        self._tally.judge(member.name, dict.fromkeys(runs, "not judged"))
+            self._faults += [
+                RunFault(configuration.name, run, stage, broken.error) for run in runs if run < configuration.runs
+            ]
+        self._tally.judge(configuration.name, dict.fromkeys(runs, "not judged"))
 
     def _submit(self, priority: Priority, function: Callable[..., Any], *arguments: Any) -> "Future[Any]":
         return self._pool.submit(priority, work.answered, function, *arguments)
@@ -408,7 +415,7 @@ class Engine:
             raise
         except WorkerDied as error:
             return Died(str(error))
-        except Exception as error:  # noqa: BLE001 - what can't be pickled, say: one member's fault
+        except Exception as error:  # noqa: BLE001 - what can't be pickled, say: one configuration's fault
             return work.broken(error)
 
 

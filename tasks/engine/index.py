@@ -11,7 +11,7 @@ from vastflow.tasks.store.store import Artifact, Store
 
 
 @dataclass(frozen=True)
-class Member:
+class ConfigurationRuns:
     """A distinct scenario of a campaign, and how many runs of it are asked.
 
     Attributes:
@@ -40,16 +40,16 @@ class Member:
 
 
 @dataclass(frozen=True, slots=True)
-class FoundMember:
-    """A member with the runs that are wanted of it by now, and what the store has of these."""
+class FoundRuns:
+    """A configuration with the runs that are wanted of it by now, and what the store has of these."""
 
-    member: Member
+    configuration: ConfigurationRuns
     stored: tuple[Stored, ...] = ()
 
     @property
     def missing_runs(self) -> int:
         """How many of the wanted runs are not recorded."""
-        return len(missing([each.block for each in self.stored], self.member.runs))
+        return len(missing([each.block for each in self.stored], self.configuration.runs))
 
     @property
     def complete(self) -> bool:
@@ -64,42 +64,42 @@ class Index:
     store: Store
     keys: Keys
 
-    def stored(self, member: Member) -> list[Stored]:
-        """Everything there is of a member's wanted runs."""
+    def stored(self, configuration: ConfigurationRuns) -> list[Stored]:
+        """Everything there is of a configuration's wanted runs."""
         found = []
-        for artifact, block in self._recorded(member):
-            trace = self.store.find(self.trace_key(member, block))
-            verdicts = self.store.find(self.verdicts_key(member, block, trace.content)) if trace else None
+        for artifact, block in self._recorded(configuration):
+            trace = self.store.find(self.trace_key(configuration, block))
+            verdicts = self.store.find(self.verdicts_key(configuration, block, trace.content)) if trace else None
             found.append(Stored(block, artifact, trace, verdicts))
         return found
 
-    def blocks(self, member: Member) -> list[Block]:
+    def blocks(self, configuration: ConfigurationRuns) -> list[Block]:
         """Recorded blocks that together have as many of the wanted runs as there are."""
-        return [block for _, block in self._recorded(member)]
+        return [block for _, block in self._recorded(configuration)]
 
-    def _recorded(self, member: Member) -> list[tuple[Artifact, Block]]:
-        home = self.keys.recordings(member.checked)
+    def _recorded(self, configuration: ConfigurationRuns) -> list[tuple[Artifact, Block]]:
+        home = self.keys.recordings(configuration.checked)
         found = []
-        for start, stop in _covering(_spans(self.store.under(home)), member.runs):
+        for start, stop in _covering(_spans(self.store.under(home)), configuration.runs):
             if (artifact := self.store.find(f"{home}/{start}-{stop}")) is not None:
                 found.append((artifact, Block(artifact.key, start, stop, artifact.content)))
         return found
 
-    def block(self, member: Member, start: int, stop: int, content: str) -> Block:
+    def block(self, configuration: ConfigurationRuns, start: int, stop: int, content: str) -> Block:
         """The block of these runs, found before."""
-        return Block(f"{self.keys.recordings(member.checked)}/{start}-{stop}", start, stop, content)
+        return Block(f"{self.keys.recordings(configuration.checked)}/{start}-{stop}", start, stop, content)
 
-    def recorded(self, member: Member) -> bool:
+    def recorded(self, configuration: ConfigurationRuns) -> bool:
         """Whether every wanted run is recorded."""
-        return not missing(self.blocks(member), member.runs)
+        return not missing(self.blocks(configuration), configuration.runs)
 
-    def trace_key(self, member: Member, block: Block) -> str:
+    def trace_key(self, configuration: ConfigurationRuns, block: Block) -> str:
         """Key of the trace of a block."""
-        return self.keys.trace(member.checked, block.content)
+        return self.keys.trace(configuration.checked, block.content)
 
-    def verdicts_key(self, member: Member, block: Block, trace: str) -> str:
+    def verdicts_key(self, configuration: ConfigurationRuns, block: Block, trace: str) -> str:
         """Key of the verdicts on a block; `trace` is the content digest of its trace."""
-        return self.keys.verdicts(member.checked, block.content, trace)
+        return self.keys.verdicts(configuration.checked, block.content, trace)
 
 
 def missing(blocks: Iterable[Block], runs: int) -> list[int]:
@@ -108,7 +108,7 @@ def missing(blocks: Iterable[Block], runs: int) -> list[int]:
     return [run for run in range(runs) if run not in there]
 
 
-def stretches(runs: Sequence[int], most: int) -> list[tuple[int, int]]:
+def run_blocks(runs: Sequence[int], most: int) -> list[tuple[int, int]]:
     """Run indices in order as (start, stop) of consecutive ones, none longer than `most`."""
     parts: list[tuple[int, int]] = []
     for run in runs:

@@ -1,4 +1,4 @@
-"""The surroundings of a computation: what this machine must give before a process of it is started."""
+"""The machine of a computation: what this machine must give before a process of it is started."""
 
 import errno
 import importlib.metadata
@@ -17,17 +17,17 @@ _SHARED_MEMORY: Final = Path("/dev/shm")
 """Where Linux keeps semaphores, with which worker processes wait for each other."""
 
 
-class SurroundingsError(StoreError):
+class MachineError(StoreError):
     """This machine lacks something, so that no result of it can be kept; says what, and what would help."""
 
 
-def check_surroundings() -> None:
+def check_machine() -> None:
     """Look whether everything can be written that a computation writes beside its store and its results.
 
     Without it workers and Prefect's API would fail one by one, each in its own words and after its own time.
 
     Raises:
-        SurroundingsError: something can't.
+        MachineError: something can't.
     """
     check_numba()
     _check_written(Path(platformdirs.user_cache_dir("vastflow")), "set XDG_CACHE_HOME to a folder of yours")
@@ -38,7 +38,7 @@ def check_surroundings() -> None:
     try:
         temporary = Path(tempfile.gettempdir())
     except FileNotFoundError:  # it has tried them
-        raise SurroundingsError("no folder for temporary files can be written; set TMPDIR to one of yours") from None
+        raise MachineError("no folder for temporary files can be written; set TMPDIR to one of yours") from None
     _check_written(temporary, _TMPDIR)
     if sys.platform == "linux":
         if not _SHARED_MEMORY.is_dir():
@@ -50,22 +50,20 @@ def check_numba() -> None:
     """Compare numba with the versions that kernels are tested with: another may break every run, minutes later.
 
     Raises:
-        SurroundingsError: it is none of them.
+        MachineError: it is none of them.
     """
     asked = map(Requirement, importlib.metadata.requires("vastflow") or ())
     tested = next(each.specifier for each in asked if each.name == "numba")
     found = importlib.metadata.version("numba")
     if not tested.contains(found, prereleases=True):
-        raise SurroundingsError(
-            f"numba: expected a tested version ({tested}), got {found}; pip install 'numba{tested}'"
-        )
+        raise MachineError(f"numba: expected a tested version ({tested}), got {found}; pip install 'numba{tested}'")
 
 
 def check_temporary(error: OSError) -> None:
     """Look whether an error while something was computed is that of a full folder for temporary files.
 
     Raises:
-        SurroundingsError: it is.
+        MachineError: it is.
     """
     if error.errno not in (errno.ENOSPC, errno.EDQUOT):
         return
@@ -88,5 +86,5 @@ def _check_written(folder: Path, right: str) -> None:
         raise _error(folder, error.strerror or str(error), right) from None
 
 
-def _error(folder: Path, reason: str, right: str) -> SurroundingsError:
-    return SurroundingsError(f"can't write to {str(folder)!r} ({reason}); {right}, or make room")
+def _error(folder: Path, reason: str, right: str) -> MachineError:
+    return MachineError(f"can't write to {str(folder)!r} ({reason}); {right}, or make room")

@@ -55,11 +55,11 @@ class Tally:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._phase: Phase = "scanning"
-        self._members: dict[str, _Member] = {}
+        self._configurations: dict[str, _ConfigurationProgress] = {}
         self._executed = self._reused = self._judged = 0
         self._simulated_s = 0.0
         self._judgements: Counter[str] = Counter()
-        self._members_done = 0
+        self._configurations_done = 0
         self._notices: tuple[str, ...] = ()
 
     def notice(self, line: str) -> None:
@@ -73,31 +73,34 @@ class Tally:
             self._phase = phase
 
     def expect(self, wanted: Mapping[str, int]) -> None:
-        """Set what there is to do, before anything of it is told: member to number of runs."""
+        """Set what there is to do, before anything of it is told: configuration to number of runs."""
         with self._lock:
-            known = self._members
-            self._members = {member: known.get(member) or _Member(runs, runs) for member, runs in wanted.items()}
+            known = self._configurations
+            self._configurations = {
+                configuration: known.get(configuration) or _ConfigurationProgress(runs, runs)
+                for configuration, runs in wanted.items()
+            }
 
-    def want(self, member: str, runs: int, most: int) -> None:
-        """Let a member want `runs` by now and `most` at the most; it is done with that many."""
+    def want(self, configuration: str, runs: int, most: int) -> None:
+        """Let a configuration want `runs` by now and `most` at the most; it is done with that many."""
         with self._lock:
-            if (of := self._members.get(member)) is not None:
+            if (of := self._configurations.get(configuration)) is not None:
                 was_done = of.done == of.most
                 of.runs, of.most = max(of.runs, runs), most
-                self._members_done += (of.done == most) - was_done
+                self._configurations_done += (of.done == most) - was_done
 
-    def reuse(self, member: str, runs: Iterable[int]) -> None:
+    def reuse(self, configuration: str, runs: Iterable[int]) -> None:
         """Runs whose recordings were found; those executed by this call stay executed."""
         with self._lock:
-            if (of := self._members.get(member)) is not None:
+            if (of := self._configurations.get(configuration)) is not None:
                 new = of.bits(runs) & ~(of.executed | of.reused)
                 of.reused |= new
                 self._reused += new.bit_count()
 
-    def execute(self, member: str, simulated_s: Mapping[int, float]) -> None:
+    def execute(self, configuration: str, simulated_s: Mapping[int, float]) -> None:
         """Runs that were simulated."""
         with self._lock:
-            if (of := self._members.get(member)) is None:
+            if (of := self._configurations.get(configuration)) is None:
                 return
             bits = of.bits(simulated_s)
             self._executed += (bits & ~of.executed).bit_count()
@@ -109,10 +112,10 @@ class Tally:
                     self._simulated_s += time_s - of.simulated_s.get(run, 0.0)
                     of.simulated_s[run] = time_s
 
-    def judge(self, member: str, judgements: Mapping[int, str]) -> None:
+    def judge(self, configuration: str, judgements: Mapping[int, str]) -> None:
         """Runs that are done, each with what all oracles together say of it."""
         with self._lock:
-            if (of := self._members.get(member)) is None:
+            if (of := self._configurations.get(configuration)) is None:
                 return
             for judgement in dict.fromkeys(judgements.values()):
                 bits = of.bits(run for run, said in judgements.items() if said == judgement)
@@ -124,23 +127,23 @@ class Tally:
                 self._judgements[judgement] += bits.bit_count()
             done, was_done = sum(theirs.bit_count() for theirs in of.judged.values()), of.done
             self._judged += done - was_done
-            self._members_done += (done == of.most) - (was_done == of.most)
+            self._configurations_done += (done == of.most) - (was_done == of.most)
             of.done = done
 
     def through(self) -> frozenset[str]:
-        """Members of which every run that may be wanted is done."""
+        """Configurations of which every run that may be wanted is done."""
         with self._lock:
-            return frozenset(name for name, of in self._members.items() if of.done == of.most)
+            return frozenset(name for name, of in self._configurations.items() if of.done == of.most)
 
     def progress(self) -> Progress:
         """The state now."""
         with self._lock:
             return Progress(
                 phase=self._phase,
-                configurations_done=self._members_done,
-                configurations_total=len(self._members),
+                configurations_done=self._configurations_done,
+                configurations_total=len(self._configurations),
                 runs_done=self._judged,
-                runs_total=sum(of.most for of in self._members.values()),
+                runs_total=sum(of.most for of in self._configurations.values()),
                 executed=self._executed,
                 reused=self._reused,
                 passed=self._judgements["pass"],
@@ -148,13 +151,13 @@ class Tally:
                 not_judged=self._judgements["not judged"],
                 simulated_s=self._simulated_s,
                 notices=self._notices,
-                at_most=any(of.most > of.runs for of in self._members.values()),
+                at_most=any(of.most > of.runs for of in self._configurations.values()),
             )
 
 
 @dataclass(slots=True)
-class _Member:
-    """What is known of a member's runs, sets of them as numbers with a bit for each: a campaign has 100,000 runs.
+class _ConfigurationProgress:
+    """What is known of a configuration's runs, sets of them as numbers with a bit for each: a campaign has 100,000 runs.
 
     Attributes:
         runs: Wanted; a block may hold runs that nobody asked for this time.

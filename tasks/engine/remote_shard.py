@@ -1,6 +1,6 @@
 """A shard for a worker elsewhere: what the worker needs to compute it, and what the worker made of it, both in the store.
 
-Members, oracles and keys are one artifact; every file they name is another, by its content. A bundle is no result: it is
+Configurations, oracles and keys are one artifact; every file they name is another, by its content. A bundle is no result: it is
 made anew when it is needed, so a store may lose it. Programs and plug-ins find their files where they lay relative to each
 other; the folder above all of them is the worker's own.
 """
@@ -23,8 +23,8 @@ from vastflow.sim.nav2.parameter_files.parameter_file import plug_ins_in
 from vastflow.sim.plug_ins.loading import snapshot_behind
 from vastflow.sim.scenario.language.faults import OscError
 from vastflow.sim.scenario.language.reading import files_of
-from vastflow.tasks.engine.engine import Engine, MemberFault
-from vastflow.tasks.engine.index import Member
+from vastflow.tasks.engine.engine import Engine, RunFault
+from vastflow.tasks.engine.index import ConfigurationRuns
 from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.store.artifact import artifact_of, inside, manifest_of
 from vastflow.tasks.store.store import Artifact, Lost, Store
@@ -81,14 +81,14 @@ class Bundle:
         campaign: The campaign's name.
         promise: See `promise_of`: of the code that is to make the artifacts.
         seed: `execution.seed`.
-        oracles: They judge every member.
+        oracles: They judge every configuration.
     """
 
     campaign: str
     promise: Mapping[str, str]
     seed: int
     oracles: tuple[Oracle[Any], ...]
-    members: tuple[Member, ...]
+    configurations: tuple[ConfigurationRuns, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,14 +117,14 @@ class Packer:
         self._files: dict[Path, _Packed] = {}
         self._needed: dict[Path, tuple[Path, ...]] = {}
 
-    def packed(self, members: Sequence[Member]) -> str:
-        """Put a bundle with these members and all of their files into the store; gives its key.
+    def packed(self, configurations: Sequence[ConfigurationRuns]) -> str:
+        """Put a bundle with these configurations and all of their files into the store; gives its key.
 
         Raises:
             BundleError: a file of theirs can't be read.
             StoreError: the store can't be used.
         """
-        files = self._files_of(members)
+        files = self._files_of(configurations)
         root = Path(os.path.commonpath([self._base, *(oracle_base(oracle) for oracle in self._oracles), *files]))
         if root in files:
             root = root.parent
@@ -134,7 +134,7 @@ class Packer:
             "promise": promise_of(self._keys),
             "seed": self._keys.seed,
             "oracles": [self._written_oracle(oracle, root) for oracle in self._oracles],
-            "members": [self._written_member(member, root) for member in members],
+            "configurations": [self._written(configuration, root) for configuration in configurations],
             "files": [[_inside(root, file), *asdict(self._files[file]).values()] for file in sorted(files)],
         }
         text = json.dumps(content, separators=(",", ":"), sort_keys=True).encode()
@@ -144,9 +144,9 @@ class Packer:
             self._store.put(key, {_CONTENT: text})
         return key
 
-    def _files_of(self, members: Sequence[Member]) -> set[Path]:
-        """Every file that the members and oracles need, digested."""
-        named = [file for member in members for file in _contents_of(member.scenario)]
+    def _files_of(self, configurations: Sequence[ConfigurationRuns]) -> set[Path]:
+        """Every file that the configurations and oracles need, digested."""
+        named = [file for configuration in configurations for file in _contents_of(configuration.scenario)]
         for file in plug_ins_in(named):
             for snapshot in file.plug_ins.values():
                 self._copies |= snapshot.contents
@@ -187,15 +187,15 @@ class Packer:
             for _ in writers.map(put, absent.values()):
                 pass
 
-    def _written_member(self, member: Member, root: Path) -> dict[str, Any]:
-        scenario = member.scenario
+    def _written(self, configuration: ConfigurationRuns, root: Path) -> dict[str, Any]:
+        scenario = configuration.scenario
         return {
-            "name": member.name,
-            "family": member.family,
-            "place": member.place,
-            "runs": member.runs,
+            "name": configuration.name,
+            "family": configuration.family,
+            "place": configuration.place,
+            "runs": configuration.runs,
             "digest": scenario.digest,
-            "checked": member.checked,
+            "checked": configuration.checked,
             "abstract": _written(scenario.abstract, root),
             "timeout_s": scenario.timeout_s,
             "environment": _written(scenario.environment, root),
@@ -235,7 +235,7 @@ def unpacked(store: Store, key: str, folder: Path) -> Bundle:
         content["promise"],
         content["seed"],
         oracles,
-        tuple(_member(row, folder) for row in content["members"]),
+        tuple(_configuration(row, folder) for row in content["configurations"]),
     )
 
 
@@ -308,7 +308,7 @@ def _read(written: Any, folder: Path) -> Any:
     return written
 
 
-def _member(row: Mapping[str, Any], folder: Path) -> Member:
+def _configuration(row: Mapping[str, Any], folder: Path) -> ConfigurationRuns:
     programs: ProcessSetup | None = None
     if row["programs"] is not None:
         programs = setup_of(_read(row["programs"], folder))
@@ -318,13 +318,13 @@ def _member(row: Mapping[str, Any], folder: Path) -> Member:
     scenario = Scenario(abstract, row["timeout_s"], environment, task, system, programs)
     if scenario.digest != row["digest"]:
         raise BundleError(f"{row['name']} is another scenario after unpacking than before")
-    member = Member(row["name"], row["family"], row["place"], scenario, row["runs"])
-    if member.checked != row["checked"]:
+    configuration = ConfigurationRuns(row["name"], row["family"], row["place"], scenario, row["runs"])
+    if configuration.checked != row["checked"]:
         raise BundleError(
             f"{row['name']}: its scenario file, parameters or defaults are read differently here; give all workers the "
             "campaign's own version of vastflow"
         )
-    return member
+    return configuration
 
 
 def _oracle(row: Mapping[str, Any], folder: Path) -> Oracle[Any]:
@@ -378,13 +378,13 @@ class ReportPart:
     """News of one flow run.
 
     Attributes:
-        artifacts: What is in the store of members that no earlier part told of.
+        artifacts: What is in the store of configurations that no earlier part told of.
         faults: What broke in the flow run.
         last: Whether no other part follows.
     """
 
     artifacts: tuple[Artifact, ...]
-    faults: tuple[MemberFault, ...] = ()
+    faults: tuple[RunFault, ...] = ()
     last: bool = False
 
 
@@ -402,23 +402,23 @@ class Report:
         self._lock = threading.Lock()
         self._told: set[str] = set()
 
-    def add(self, members: Sequence[Member], last: bool = False) -> None:
-        """Tell of members that are through, of each once; with the last part, of what broke too.
+    def add(self, configurations: Sequence[ConfigurationRuns], last: bool = False) -> None:
+        """Tell of configurations that are through, of each once; with the last part, of what broke too.
 
         Raises:
             StoreError: the store can't be used.
         """
         with self._lock:
-            news = [member for member in members if member.name not in self._told]
+            news = [configuration for configuration in configurations if configuration.name not in self._told]
             if news or last:
-                found = [each for member in news for each in self._engine.index.stored(member)]
+                found = [each for configuration in news for each in self._engine.index.stored(configuration)]
                 kept = [
                     artifact for each in found for artifact in (each.recordings, each.trace, each.verdicts) if artifact
                 ]
                 part = ReportPart(tuple(kept), self._engine.faults if last else (), last)
                 write_part(self._engine.index.store, self._flow_run, self._parts, part)
                 self._parts += 1
-                self._told.update(member.name for member in news)
+                self._told.update(configuration.name for configuration in news)
 
 
 def write_part(store: Store, flow_run: str, number: int, part: ReportPart) -> None:
@@ -440,7 +440,7 @@ def read_part(store: Store, flow_run: str, number: int) -> ReportPart | None:
     except Lost:
         return None
     artifacts = tuple(artifact_of(key, manifest.encode()) for key, manifest in content["artifacts"])
-    return ReportPart(artifacts, tuple(MemberFault(**fault) for fault in content["faults"]), content["last"])
+    return ReportPart(artifacts, tuple(RunFault(**fault) for fault in content["faults"]), content["last"])
 
 
 def _report_key(flow_run: str, number: int) -> str:

@@ -88,7 +88,7 @@ def _is_docstring(node: object) -> bool:
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
 
 
-MOST_KEPT: Final = 4000
+CACHED_FILES: Final = 4000
 """Files; those that were not asked for go first when there are more."""
 
 
@@ -142,7 +142,7 @@ class SourceCache:
         self._new = False
         asked = {key: [each.code, sorted(each.imports), sorted(each.data)] for key, each in self._asked.items()}
         rest = {key: found for key, found in self._known.items() if key not in asked}
-        kept = {**asked, **dict(list(rest.items())[: max(0, MOST_KEPT - len(asked))])}
+        kept = {**asked, **dict(list(rest.items())[: max(0, CACHED_FILES - len(asked))])}
         temporary = self._file.with_name(f"{self._file.name}.{uuid.uuid4().hex}")
         with suppress(OSError):
             self._file.parent.mkdir(parents=True, exist_ok=True)

@@ -17,7 +17,7 @@ from vastflow.tasks.prefect.adapter import console_handlers, import_prefect
 from vastflow.tasks.prefect.server import redacted
 
 FORMAT: Final = "%(asctime)s %(levelname)s %(name)s: %(message)s"
-KEPT: Final = 50
+MOST_LOGS: Final = 50
 
 WARNINGS: Final = "py.warnings"
 
@@ -27,7 +27,7 @@ _CHATTY: Final = ("APILogWorker", "EventsWorker", "asyncio", "httpcore", "httpx"
 def new_log(folder: Path, name: str, created: datetime) -> Path:
     """A path for a campaign's log in `folder`; old logs there are removed."""
     folder.mkdir(parents=True, exist_ok=True)
-    for old in sorted(folder.glob("*.log"), key=lambda file: file.stat().st_mtime)[: -KEPT + 1]:
+    for old in sorted(folder.glob("*.log"), key=lambda file: file.stat().st_mtime)[: -MOST_LOGS + 1]:
         old.unlink(missing_ok=True)
     return folder / f"{name}-{created:%Y-%m-%d-%H%M%S-%f}.log"
 

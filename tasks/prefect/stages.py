@@ -29,19 +29,19 @@ def evaluate(shard: ProducerShard, engine: Engine) -> State[Any]:
 @task(name="execute", task_run_name="execute {shard}", cache_policy=NO_CACHE, persist_result=False)
 def execute(shard: Shard, engine: Engine) -> State[Any]:
     """Execute a shard's missing runs; gives the recorded `Rows`."""
-    return _ended(lambda: engine.execute(shard.members))
+    return _ended(lambda: engine.execute(shard.configurations))
 
 
 @task(name="observe", task_run_name="observe {shard}", cache_policy=NO_CACHE, persist_result=False)
 def observe(shard: Shard, recorded: Rows, engine: Engine) -> State[Any]:
     """Observe a shard's recordings; gives the observed `Rows`."""
-    return _ended(lambda: engine.observe(shard.members, recorded))
+    return _ended(lambda: engine.observe(shard.configurations, recorded))
 
 
 @task(name="judge", task_run_name="judge {shard}", cache_policy=NO_CACHE, persist_result=False)
 def judge(shard: Shard, observed: Rows, engine: Engine) -> State[Any]:
     """Judge a shard's traces; gives the judged `Rows`."""
-    return _ended(lambda: engine.judge(shard.members, observed))
+    return _ended(lambda: engine.judge(shard.configurations, observed))
 
 
 def _ended(stage: Callable[[], StageOutcome[Any]]) -> State[Any]:

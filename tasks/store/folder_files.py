@@ -72,7 +72,7 @@ class FolderFiles:
         return _content(f"{self.local}/{key}/{name}")
 
     def measured(self, key: str, name: str, entry: FileEntry) -> FileEntry:
-        """See `StoreFiles.measured`; in chunks, for what was damaged may be larger than memory."""
+        """See `StoreFiles.measured`; piece by piece, for what was damaged may be larger than memory."""
         with open(f"{self.local}/{key}/{name}", "rb") as file:
             size = os.fstat(file.fileno()).st_size
             return FileEntry(hashlib.file_digest(file, "sha256").hexdigest() if size == entry.size else "", size)

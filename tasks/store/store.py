@@ -26,7 +26,7 @@ from vastflow.tasks.store.folder_files import FolderFiles
 from vastflow.tasks.store.source_files import SourceFiles
 
 
-class Survey:
+class Listing:
     """Artifacts by key. What is known to be there stays known until somebody says otherwise.
 
     Args:
@@ -127,7 +127,7 @@ class Store:
     """Content-addressed artifacts in a folder or at an address that fsspec knows, such as `s3://bucket/prefix`.
 
     A key is a path of names joined by `/`. Every method may be called from any thread or process at any time, and raises
-    `StoreError` if the place can't be used. A store may be sent to another process, without what it surveyed.
+    `StoreError` if the place can't be used. A store may be sent to another process, without its listing.
 
     Args:
         place: See `open_store`, which also checks that it can be written.
@@ -145,7 +145,7 @@ class Store:
         self._files = _files(place)
         self._read_only = read_only
         self._sources = sources
-        self._survey: Survey | None = None
+        self._listing: Listing | None = None
         self._held: dict[str, tuple[Artifact, Mapping[str, bytes]]] = {}
         self._gone: set[str] = set()
 
@@ -171,23 +171,23 @@ class Store:
         """
         return self._files.local
 
-    def survey(self) -> None:
-        """Where looking is slow, look once: `find` and `under` may answer from what is there now, until the next survey."""
+    def refresh(self) -> None:
+        """Where looking is slow, look once: `find` and `under` may answer from what is there now, until the next refresh."""
         if (found := self._files.everything()) is not None:
             # A long listing may have the manifest of what another process writes meanwhile, and not its files.
             looked = (artifact or self._look(key) for key, artifact in found)
-            self._survey = Survey(artifact for artifact in looked if artifact is not None)
+            self._listing = Listing(artifact for artifact in looked if artifact is not None)
 
     def changed(self, key: str) -> None:
         """Another process may have put or discarded `key`, or what is directly below: look there anew."""
-        if self._survey is not None:
-            self._survey.changed(key)
+        if self._listing is not None:
+            self._listing.changed(key)
 
     def learn(self, artifacts: Iterable[Artifact]) -> None:
         """Another process has put these and says so: where looking is slow, `find` and `under` may believe it."""
-        if self._survey is not None:
+        if self._listing is not None:
             for artifact in artifacts:
-                self._survey.add(artifact)
+                self._listing.add(artifact)
 
     def find(self, key: str) -> Artifact | None:
         """The artifact of this key, if its manifest and all files are there in their sizes."""
@@ -197,18 +197,18 @@ class Store:
             return self._held[key][0]
         if key in self._gone:
             return None
-        if self._survey is None:
+        if self._listing is None:
             return self._look(key)
-        if self._survey.knows(key):
-            return self._survey.find(key)
+        if self._listing.knows(key):
+            return self._listing.find(key)
         if (artifact := self._look(key)) is not None:
-            self._survey.add(artifact)
+            self._listing.add(artifact)
         return artifact
 
     def under(self, key: str) -> tuple[str, ...]:
         """Names of the artifacts directly below `key`, sorted."""
-        if self._survey is not None and self._survey.knows_under(key):
-            return self._survey.under(key)
+        if self._listing is not None and self._listing.knows_under(key):
+            return self._listing.under(key)
         try:
             return tuple(sorted(self._files.names(key)))
         except OSError as error:
@@ -286,8 +286,8 @@ class Store:
             if not left:
                 raise refused
         kept = kept or artifact
-        if self._survey is not None:
-            self._survey.add(kept)
+        if self._listing is not None:
+            self._listing.add(kept)
         return kept
 
     def discard(self, key: str, why: str) -> None:
@@ -336,9 +336,9 @@ class Store:
             self._gone.update(chosen)
             return
         self._files.delete(chosen)
-        if self._survey is not None:
+        if self._listing is not None:
             for key in chosen:
-                self._survey.drop(key)
+                self._listing.drop(key)
 
     def _look(self, key: str) -> Artifact | None:
         """The artifact of this key by what lies there now; what is damaged is discarded."""

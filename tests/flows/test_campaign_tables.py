@@ -9,7 +9,7 @@ import pytest
 from table import each_row
 
 from vastflow.flows.results.campaign_tables import LOGS_FILE, CampaignTables, KeptLogs, RunLogs
-from vastflow.flows.results.found import ConfigurationResult, RunFault
+from vastflow.flows.results.found import ConfigurationResult
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.judgement.verdict import Verdict
 from vastflow.oracles.results import schema
@@ -17,6 +17,7 @@ from vastflow.oracles.results.behaviors import Behaviors
 from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.archive import write_behaviors
 from vastflow.sim.model.scenario import Scenario
+from vastflow.tasks.engine.engine import RunFault
 
 ORACLES = ("success", "safety")
 NAMES = ("room-1", "room-2", "room-3")

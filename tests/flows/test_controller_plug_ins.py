@@ -11,7 +11,7 @@ from vastflow.flows.results.inputs import inputs_of
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.model.faults import CampaignError
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.tasks.engine.index import Member
+from vastflow.tasks.engine.index import ConfigurationRuns
 from vastflow.tasks.engine.remote_shard import Packer, unpacked
 from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.store.store import open_store
@@ -83,13 +83,16 @@ def test_workers_elsewhere_get_it_as_it_was_read(campaign_file, tmp_path):
     keys = Keys("x86; glibc", "a", "b", "c", 7, [["success", {}]])
     campaign, oracles = read_campaign(campaign_file)
     made = instantiate(campaign).configurations
-    members = [Member(each.name, "room", k, each.scenario, 1) for k, each in enumerate(made)]
+    configurations = [ConfigurationRuns(each.name, "room", k, each.scenario, 1) for k, each in enumerate(made)]
     next(campaign_file.parent.parent.rglob("my_pursuit.py")).write_text("raise SystemExit\n")
     store = open_store(tmp_path / "store")
-    key = Packer(store, "x", keys, oracles, campaign_file.parent).packed(members)
+    key = Packer(store, "x", keys, oracles, campaign_file.parent).packed(configurations)
     shutil.rmtree(campaign_file.parent)
     found = unpacked(store, key, tmp_path / "elsewhere")
-    assert controllers(member.scenario for member in found.members) == ["RppParameters", "PurePursuit"]
+    assert controllers(configuration.scenario for configuration in found.configurations) == [
+        "RppParameters",
+        "PurePursuit",
+    ]
 
 
 def test_what_it_takes_from_the_environment_is_warned_of(campaign_file):

@@ -23,7 +23,7 @@ from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.recording import Recording, Run
-from vastflow.tasks.engine.index import Index, Member
+from vastflow.tasks.engine.index import ConfigurationRuns, Index
 from vastflow.tasks.keys.source import installed_tree
 from vastflow.tasks.store.store import open_store
 
@@ -57,7 +57,7 @@ class Place:
         found = instantiate(campaign)
         index = Index(open_store(self.store), keys)
         for configuration in found.configurations:
-            stored(index, Member(configuration.name, configuration.family, 1, configuration.scenario, runs))
+            stored(index, ConfigurationRuns(configuration.name, configuration.family, 1, configuration.scenario, runs))
         self._created += timedelta(hours=1)
         return write_results(
             self.results,
@@ -82,14 +82,14 @@ def block(runs):
     return write_recordings([Recording(Run(k, "0", "succeeded", 0, "", 1.0, 1.0, 0, 0), {}) for k in range(runs)])
 
 
-def stored(index, member):
-    home = index.keys.recordings(member.checked)
-    recorded = index.store.put(f"{home}/0-{member.runs}", {"recordings.parquet": block(member.runs)})
-    (found,) = index.blocks(member)
-    trace = index.store.put(index.trace_key(member, found), {"traces.parquet": b"trace"})
-    verdicts = write_verdicts([Verdict("success", k, "pass") for k in range(member.runs)])
-    key = index.keys.verdicts(member.checked, recorded.content, trace.content)
-    index.store.put(key, {"verdicts.json": verdicts}, {"runs": [[k, "pass"] for k in range(member.runs)]})
+def stored(index, configuration):
+    home = index.keys.recordings(configuration.checked)
+    recorded = index.store.put(f"{home}/0-{configuration.runs}", {"recordings.parquet": block(configuration.runs)})
+    (found,) = index.blocks(configuration)
+    trace = index.store.put(index.trace_key(configuration, found), {"traces.parquet": b"trace"})
+    verdicts = write_verdicts([Verdict("success", k, "pass") for k in range(configuration.runs)])
+    key = index.keys.verdicts(configuration.checked, recorded.content, trace.content)
+    index.store.put(key, {"verdicts.json": verdicts}, {"runs": [[k, "pass"] for k in range(configuration.runs)]})
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from whole_directory import write_results
 from vastflow.flows.export.export import export
 from vastflow.flows.export.run import recording_csv
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.flows.results.found import FAULT, ConfigurationResult, RunFault, complete
+from vastflow.flows.results.found import FAULT, ConfigurationResult, complete
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.judgement.verdict import Metric, Verdict
@@ -29,6 +29,7 @@ from vastflow.sim.model.recording import Outputs, Recording, Run
 from vastflow.sim.model.runlog import LogText, RunLog, Use, run_log_row
 from vastflow.sim.run import BEHAVIORS
 from vastflow.sim.world.map_file import load_map
+from vastflow.tasks.engine.engine import RunFault
 from vastflow.tasks.keys.keys import Keys
 
 KEYS = Keys("x86_64; glibc 2.36; avx2 fma; ", "e" * 64, "o" * 64, "j" * 64, 0, [])

@@ -103,31 +103,31 @@ def searched(planted, place):
 
 @pytest.fixture
 def alone(monkeypatch):
-    """Computes without Prefect; of the list, the first number is how many waves come before an interrupt."""
-    waves = []
+    """Computes without Prefect; of the list, the first number is how many rounds come before an interrupt."""
+    rounds = []
 
     def flow(run, call, body):
         def wait(shards, *stages):
-            if waves:
-                waves[0] -= 1
-                if waves[0] == 0:
+            if rounds:
+                rounds[0] -= 1
+                if rounds[0] == 0:
                     raise KeyboardInterrupt
 
         body(SimpleNamespace(wait=wait, engine=run.engine))
 
     stages = SimpleNamespace(
-        execute=lambda runs, shards: [runs.engine.execute(each.members).made for each in shards],
+        execute=lambda runs, shards: [runs.engine.execute(each.configurations).made for each in shards],
         observe=lambda runs, shards, made: [
-            runs.engine.observe(each.members, rows).made for each, rows in zip(shards, made, strict=True)
+            runs.engine.observe(each.configurations, rows).made for each, rows in zip(shards, made, strict=True)
         ],
         judge=lambda runs, shards, made: [
-            runs.engine.judge(each.members, rows).made for each, rows in zip(shards, made, strict=True)
+            runs.engine.judge(each.configurations, rows).made for each, rows in zip(shards, made, strict=True)
         ],
     )
     monkeypatch.setattr(StageRun, "flow", flow)
     monkeypatch.setattr(module, "FlowCall", lambda *_: None)
     monkeypatch.setattr(module, "mapped", stages)
-    return waves
+    return rounds
 
 
 def called(*arguments):
@@ -189,8 +189,8 @@ def test_second_call_executes_nothing_and_starts_nothing(place, monkeypatch):
 def test_one_that_is_interrupted_and_taken_up_again_comes_to_the_same(place, alone, tmp_path):
     folder, directory = place
     whole = minimize_configuration(directory, "blocked", store=folder / "store")
-    for waves in (1, 4):
-        alone[:] = [waves]
+    for rounds in (1, 4):
+        alone[:] = [rounds]
         with pytest.raises(KeyboardInterrupt):
             minimize_configuration(directory, "blocked", store=tmp_path, workers=1)
     alone.clear()

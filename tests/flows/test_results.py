@@ -12,7 +12,7 @@ from table import each_row
 from whole_directory import write_results
 
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.flows.results.found import ConfigurationResult, RunFault, complete, one_block
+from vastflow.flows.results.found import ConfigurationResult, complete, one_block
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.evidence.rates import Counts
@@ -24,6 +24,7 @@ from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.blocks import read_block, read_recordings, read_rows, write_block, write_recordings
 from vastflow.sim.model.recording import Event, Recording, Run
 from vastflow.sim.world.map_file import load_map
+from vastflow.tasks.engine.engine import RunFault
 from vastflow.tasks.keys.keys import Keys
 
 CREATED = datetime(2026, 11, 21, 6, 5, 4)

@@ -125,11 +125,11 @@ def computed(file, place, store, workers=2, calls=math.inf):
             for _ in run.batches():
                 if run.instantiated is None:
                     run.know(run.instantiator.instantiated(lambda requests, run=run: evaluated(run, requests)))
-                for wave in run.waves():
-                    for shard in wave.shards:
-                        recorded = made(run.engine.execute, shard.members)
-                        observed = made(run.engine.observe, shard.members, recorded)
-                        made(run.engine.judge, shard.members, observed)
+                for due in run.rounds():
+                    for shard in due.shards:
+                        recorded = made(run.engine.execute, shard.configurations)
+                        observed = made(run.engine.observe, shard.configurations, recorded)
+                        made(run.engine.judge, shard.configurations, observed)
             with new_directory(run.delivery.folder, run.name, run.created) as directory:
                 written = report(run, assess(run, directory))
             return deliver(run, written)
@@ -301,7 +301,7 @@ def test_batches_that_time_paid_for_are_repeated(run):
 def test_what_a_kept_search_was_made_of_outlives_gc(place, run):
     timed = run(store="kept", more="  budget: [{time: 0.01}]")
     store = open_store(str(place / "kept"))
-    store.survey()
+    store.refresh()
     clean(store, cleaning(store, references(store, [timed.directory]), DAY_S, time.time() + 30 * DAY_S))
     again = run(store="kept", more="  budget: [{time: 0.01}]")
     assert again.summary.executed == 0 and content(again) == content(timed)

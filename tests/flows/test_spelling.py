@@ -7,7 +7,7 @@ import pytest
 
 from vastflow.flows.request.campaign_file import campaign_name, read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
-from vastflow.flows.request.configurations import members_of
+from vastflow.flows.request.configurations import distinct_configurations
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.model.faults import CampaignError
 from vastflow.sim.run import execute
@@ -118,19 +118,22 @@ def asked(path):
     campaign, oracles = read_campaign(path)
     keys = campaign_keys(installed_tree(), campaign.seed, oracles)
     instantiation = instantiate(campaign)
-    members = members_of(instantiation, campaign.runs)
+    configurations = distinct_configurations(instantiation, campaign.runs)
     scenarios = [(each.name, each.scenario.digest) for each in instantiation.configurations]
-    executed = [(member.name, member.runs, keys.recordings(member.checked)) for member in members]
-    return members, (campaign_name(campaign), tuple(scenarios), tuple(executed), keys.judge_source)
+    executed = [
+        (configuration.name, configuration.runs, keys.recordings(configuration.checked))
+        for configuration in configurations
+    ]
+    return configurations, (campaign_name(campaign), tuple(scenarios), tuple(executed), keys.judge_source)
 
 
 def test_every_spelling_asks_for_the_same_runs_which_do_the_same(folder, tmp_path, monkeypatch):
     known, done = {}, {}
     for how, (here, path) in spellings(folder, "own.vast", tmp_path).items():
         monkeypatch.chdir(here)
-        members, known[how] = asked(path)
+        configurations, known[how] = asked(path)
         monkeypatch.chdir(tmp_path)  # keys were made there, runs are not
-        found = execute(members[0].scenario, 0).recording
+        found = execute(configurations[0].scenario, 0).recording
         words = {name: table["word"].tolist() for name, table in found.outputs.tables.items()}
         done[how] = found.run.outcome, words, sorted(set(found.behaviors["message"].tolist()))
     assert set(known.values()) == {known["absolute"]}
@@ -144,11 +147,11 @@ def test_upstreams_campaigns_are_the_same_by_every_spelling(name, runs, tmp_path
     known = {}
     for how, (here, path) in spellings(UPSTREAM / name, f"{name}.vast", tmp_path).items():
         monkeypatch.chdir(here)
-        members, known[how] = asked(path)
-        assert sum(member.runs for member in members) == runs
+        configurations, known[how] = asked(path)
+        assert sum(configuration.runs for configuration in configurations) == runs
     assert set(known.values()) == {known["absolute"]}
     monkeypatch.chdir("/")
-    found = execute(members[0].scenario, 0)
+    found = execute(configurations[0].scenario, 0)
     assert [log.label for log in found.log.texts][:1] == (["pre_command"] if name == "growth_sim" else [""])
     wrote = {*found.recording.outputs.tables, *found.recording.outputs.files}
     assert wrote >= ({"out.csv", "pre_command_executed"} if name == "growth_sim" else {"trajectory"})

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vastflow.flows.request.asked import SEQUENTIAL
-from vastflow.flows.request.stopping import MOST_WAVES, Stopping, stopping_of
+from vastflow.flows.request.stopping import MOST_ROUNDS, Stopping, stopping_of
 from vastflow.oracles.evidence.findings import STOPPING, stopping_rule
 from vastflow.oracles.statistics.classes import ClassBounds
 from vastflow.oracles.statistics.stopping import StoppingRule
@@ -25,7 +25,7 @@ def known(said):
 
 
 def stop(stopping, said):
-    """Where runs end that are done one wave after another."""
+    """Where runs end that are done one round after another."""
     runs = 0
     while (wanted := stopping.wanted(known(said[:runs]))) > runs:
         runs = wanted
@@ -63,7 +63,7 @@ def test_looks_are_from_the_least_to_the_most_runs_and_few():
     for rule in (StoppingRule(5, 60), StoppingRule(5, 200), StoppingRule(3, 3)):
         looks = Stopping(rule).looks
         assert (looks[0], looks[-1]) == (rule.min_runs, rule.max_runs)
-        assert len(looks) <= MOST_WAVES + 1
+        assert len(looks) <= MOST_ROUNDS + 1
 
 
 @given(st.sampled_from(RULES), RUNS)

@@ -330,7 +330,7 @@ def test_options_are_all_described():
 
 
 def test_what_an_earlier_version_called_a_parcel_is_counted_and_goes_when_it_is_old(store):
-    store.put("parcel/ab/abc", {"members.json": b"[]"})
+    store.put("parcel/ab/abc", {"configurations.json": b"[]"})
     (store.local / "parcels" / "abc").mkdir(parents=True)
     assert reported("info")["stages"]["parcel"]["artifacts"] == 1
     assert reported("gc", "--older-than", 1)["keys"] == []

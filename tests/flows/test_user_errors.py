@@ -18,7 +18,7 @@ FAMILY = [
     "sim.nav2.parameter_files.document.DocumentError",
     "sim.scenario.language.faults.OscError",
     "tasks.store.artifact.StoreError",
-    "tasks.engine.machine_check.SurroundingsError",
+    "tasks.engine.machine_check.MachineError",
 ]
 
 

@@ -80,9 +80,9 @@ def test_errors_and_runs_of_drawn_configurations_are_the_computed_ones() -> None
 
 def test_looking_after_waves_makes_fewer_errors_and_more_runs() -> None:
     rule = StoppingRule(5, 40)
-    each, waves = (rule.operating_characteristics([0.2, 0.5, 1.0], wave_runs) for wave_runs in (1, 5))
-    assert (waves.wrong <= each.wrong + 1e-12).all()
-    assert (waves.expected_runs >= each.expected_runs).all()
+    each, rounds = (rule.operating_characteristics([0.2, 0.5, 1.0], runs_per_look) for runs_per_look in (1, 5))
+    assert (rounds.wrong <= each.wrong + 1e-12).all()
+    assert (rounds.expected_runs >= each.expected_runs).all()
 
 
 def test_class_that_the_most_runs_cant_show_is_not_decidable() -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
-from vastflow.flows.request.configurations import members_of
+from vastflow.flows.request.configurations import distinct_configurations
 from vastflow.tasks.engine.engine import Engine
 from vastflow.tasks.engine.evaluation import packed
 from vastflow.tasks.engine.index import Index
@@ -55,9 +55,9 @@ def main() -> None:
         print("keyed", flush=True)
         sys.stdin.readline()
     found = Instantiator(campaign, store, keys, tree).instantiated(evaluator)
-    members = members_of(found.instantiation, campaign.runs)
+    configurations = distinct_configurations(found.instantiation, campaign.runs)
     try:
-        engine.judge(members, engine.observe(members, engine.execute(members).made).made)
+        engine.judge(configurations, engine.observe(configurations, engine.execute(configurations).made).made)
     finally:
         pool.close()
     print(json.dumps([*errors.values(), *(fault.error for fault in engine.faults)]))

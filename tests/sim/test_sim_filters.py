@@ -14,7 +14,7 @@ from vastflow.sim.nav2.controllers.binding import running
 from vastflow.sim.nav2.controllers.controller import Setting
 from vastflow.sim.nav2.controllers.registry import find_controller
 from vastflow.sim.nav2.controllers.speed_zones import limit_speed, speed_zones
-from vastflow.sim.nav2.costmaps.filters import keep_out_of_window, keepout_mask, kept_out, on_map
+from vastflow.sim.nav2.costmaps.filters import keep_out_of_window, keepout_mask, on_map, with_keepout
 from vastflow.sim.nav2.costmaps.window import Window
 from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.navigator.state import with_kernels
@@ -157,8 +157,8 @@ def test_speed_limits_that_scale_what_is_no_parameter_are_said_with_the_controll
 
 def test_what_runs_depends_on_the_cells_of_a_mask_that_a_filter_reads_and_on_no_other(scenario, saved):
     masks = [saved(mask(np.full((4, 4), value))) for value in (0, 100)]
-    kept_out = {f"global_costmap.global_costmap.ros__parameters.{key}": value for key, value in KEEPOUT.items()}
-    assert len({checked_digest(scenario(keepout_mask=each, **kept_out)) for each in masks}) == 2
+    with_keepout = {f"global_costmap.global_costmap.ros__parameters.{key}": value for key, value in KEEPOUT.items()}
+    assert len({checked_digest(scenario(keepout_mask=each, **with_keepout)) for each in masks}) == 2
     assert len({checked_digest(scenario(keepout_mask=each)) for each in masks}) == 1
 
 
@@ -168,8 +168,8 @@ def test_what_runs_depends_on_the_cells_of_a_mask_that_a_filter_reads_and_on_no_
 def test_keepout_mask_raises_costs_and_unknown_cells_and_leaves_what_it_does_not_know():
     keepout = on_map(keepout_mask(mask([[0, 50, 100, -1]]), over := mask([[0, 0, 0, 0]])), over)
     assert keepout.tolist() == [[0, 127, 254, 255]]
-    assert kept_out(np.array([[10, 10, 10, 10]], dtype=np.uint8), keepout).tolist() == [[10, 127, 254, 10]]
-    assert kept_out(np.full((1, 4), 255, dtype=np.uint8), keepout).tolist() == [[0, 127, 254, 255]]
+    assert with_keepout(np.array([[10, 10, 10, 10]], dtype=np.uint8), keepout).tolist() == [[10, 127, 254, 10]]
+    assert with_keepout(np.full((1, 4), 255, dtype=np.uint8), keepout).tolist() == [[0, 127, 254, 255]]
 
 
 def test_mask_of_other_cells_and_another_corner_lies_where_its_yaml_says():

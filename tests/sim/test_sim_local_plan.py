@@ -89,7 +89,7 @@ def test_what_has_been_passed_is_forgotten_even_if_the_robot_goes_back():
     np.testing.assert_allclose(plan[0], (1.0, 0.0))
 
 
-def test_nearest_point_is_sought_on_the_first_stretch_only():
+def test_nearest_point_is_sought_on_the_first_segment_only():
     """A path that crosses itself: the branch ahead wins over one that lies nearer but farther along."""
     loop = (
         straight(2.0) + [(2.0, y) for y in np.arange(0.025, 1.0, 0.025)] + [(x, 1.0) for x in np.arange(2, 0, -0.025)]
@@ -162,7 +162,7 @@ def test_without_it_what_lies_behind_a_reversal_is_in_the_local_plan_at_once():
 
 
 @each_row(("x_m", "yaw_rad", "goes_on"), [(0.7, 0.3, True), (0.6, 0.3, False), (0.7, 0.5, False)])
-def test_next_stretch_follows_once_the_robot_is_near_the_reversal_and_looks_as_the_path_does_there(
+def test_next_segment_follows_once_the_robot_is_near_the_reversal_and_looks_as_the_path_does_there(
     x_m, yaw_rad, goes_on
 ):
     robot = Follower(THERE_AND_BACK, x_m=x_m, cut=TO_INVERSION)
@@ -173,7 +173,7 @@ def test_next_stretch_follows_once_the_robot_is_near_the_reversal_and_looks_as_t
     np.testing.assert_allclose(after[-1], THERE_AND_BACK[-1] if goes_on else CUSP)
 
 
-def test_stretch_ends_with_the_heading_of_the_pose_where_the_path_reverses():
+def test_segment_ends_with_the_heading_of_the_pose_where_the_path_reverses():
     robot = Follower(THERE_AND_BACK, cut=TO_INVERSION)
     robot.path[17, 2] = 0.3
     assert robot.plan()[1] == pytest.approx(0.3)

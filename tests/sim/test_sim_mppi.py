@@ -73,7 +73,7 @@ def blob(column, row, cost=254, half=2):
     return costs
 
 
-def kept_off(q, under, goal_m, inscribed_m=0.1855):
+def avoids_obstacles(q, under, goal_m, inscribed_m=0.1855):
     """What ObstaclesCritic adds to samples (K, T) on cells of these costs, as the critic computes it; the radius drops out."""
     scale, touched = q.cost_scaling_factor, (under > 0) & (under < 253)
     away = (scale * inscribed_m - np.log(np.maximum(under, 1)) + np.log(253.0)) / scale - inscribed_m
@@ -124,7 +124,7 @@ def plain(q, sequence, numbers, win, pose, twist, plan, end_yaw_rad, goal):
         priced = np.where(collides, q.CostCritic.collision_cost, summed)
         costs += priced * q.CostCritic.cost_weight / 254 / under.shape[1]
     if q.ObstaclesCritic.enabled:
-        costs += kept_off(q.ObstaclesCritic, cost_at(x, y), goal_m)
+        costs += avoids_obstacles(q.ObstaclesCritic, cost_at(x, y), goal_m)
     if goal_m < q.GoalCritic.threshold_to_consider:
         costs += q.GoalCritic.cost_weight * np.hypot(x - goal[0], y - goal[1]).mean(1)
     if goal_m < q.GoalAngleCritic.threshold_to_consider:

@@ -341,7 +341,7 @@ def test_smoothed_path_leaves_along_the_start_s_heading_and_arrives_along_the_go
 
 
 @each_row("reversing", [False, True])
-def test_curves_at_the_ends_keep_both_headings_whether_the_robot_drives_the_stretch_forward_or_in_reverse(reversing):
+def test_curves_at_the_ends_keep_both_headings_whether_the_robot_drives_the_segment_forward_or_in_reverse(reversing):
     radius_m, flip = 0.5, math.pi if reversing else 0.0
     q = record_of(
         search_of(SmacPlannerHybrid(minimum_turning_radius=radius_m), global_costmap(), RESOLUTION_M, (0.0, 0.0))

@@ -7,8 +7,8 @@ import pytest
 from vastflow.oracles.judgement.oracle import oracles_of
 from vastflow.sim.model.scenario import Scenario
 from vastflow.tasks.engine import work
-from vastflow.tasks.engine.engine import Engine, MemberFault, block_size
-from vastflow.tasks.engine.index import Index, Member
+from vastflow.tasks.engine.engine import Engine, RunFault, block_size
+from vastflow.tasks.engine.index import ConfigurationRuns, Index
 from vastflow.tasks.engine.pool import PoolClosed, WorkerDied
 from vastflow.tasks.engine.progress import Tally
 from vastflow.tasks.engine.shards import Shard
@@ -17,12 +17,12 @@ from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.store.store import StoreError, open_store
 
 
-def member(name, runs=2):
-    return Member(name, "room", 1, Scenario("builtin:navigate_to_pose", 60.0, {}, {"name": name}, {}), runs)
+def configuration(name, runs=2):
+    return ConfigurationRuns(name, "room", 1, Scenario("builtin:navigate_to_pose", 60.0, {}, {"name": name}, {}), runs)
 
 
 class Pool:
-    """Does jobs at once in this thread with stand-ins for the stages; `answers` says what becomes of a member."""
+    """Does jobs at once in this thread with stand-ins for the stages; `answers` says what becomes of a configuration."""
 
     def __init__(self):
         self.done = []
@@ -75,20 +75,20 @@ def engine(tmp_path, pool):
     return made
 
 
-def through(engine, members):
+def through(engine, configurations):
     """Outcomes of the three stages."""
-    recorded = engine.execute(members)
-    observed = engine.observe(members, recorded.made)
-    return recorded, observed, engine.judge(members, observed.made)
+    recorded = engine.execute(configurations)
+    observed = engine.observe(configurations, recorded.made)
+    return recorded, observed, engine.judge(configurations, observed.made)
 
 
 def there(outcomes):
     return [(outcome.there, outcome.wanted) for outcome in outcomes]
 
 
-def test_each_stage_does_each_member_once(engine, pool):
-    members = [member("a"), member("b")]
-    outcomes = through(engine, members)
+def test_each_stage_does_each_configuration_once(engine, pool):
+    configurations = [configuration("a"), configuration("b")]
+    outcomes = through(engine, configurations)
     assert there(outcomes) == [(0, 2), (0, 2), (0, 2)]
     assert [len(rows) for rows in outcomes[-1].made] == [1, 1]
     assert sorted(pool.done) == [(stage, name) for stage in ("execute", "judge", "observe") for name in "ab"]
@@ -97,37 +97,37 @@ def test_each_stage_does_each_member_once(engine, pool):
 
 
 def test_what_is_in_the_store_is_not_computed(engine, pool):
-    through(engine, [member("a")])
+    through(engine, [configuration("a")])
     pool.done.clear()
     engine._executing.clear()
-    assert there(through(engine, [member("a"), member("b")])) == [(1, 2), (1, 2), (1, 2)]
+    assert there(through(engine, [configuration("a"), configuration("b")])) == [(1, 2), (1, 2), (1, 2)]
     assert sorted(pool.done) == [("execute", "b"), ("judge", "b"), ("observe", "b")]
 
 
-def test_member_started_early_is_not_started_again(engine, pool):
-    engine.start_executing(member("a"))
-    engine.execute([member("a")])
+def test_configuration_started_early_is_not_started_again(engine, pool):
+    engine.start_executing(configuration("a"))
+    engine.execute([configuration("a")])
     assert pool.done == [("execute", "a")]
 
 
 def test_kernels_are_compiled_before_anything_executes(engine, pool):
     engine.warm_up([{}])
-    engine.execute([member("a")])
+    engine.execute([configuration("a")])
     assert pool.done == [("compile_kernels", ""), ("execute", "a")]
 
 
 def test_where_no_robot_drives_nothing_is_compiled(engine, pool):
     engine.warm_up([])
-    engine.execute([member("a")])
+    engine.execute([configuration("a")])
     assert pool.done == [("execute", "a")]
 
 
 @pytest.mark.parametrize("stage", ["execute", "observe", "judge"])
 @pytest.mark.parametrize("error", [Broken("ValueError: x"), WorkerDied("died"), RuntimeError("can't be pickled")])
-def test_error_costs_its_member_and_no_other(engine, pool, stage, error):
+def test_error_costs_its_configuration_and_no_other(engine, pool, stage, error):
     pool.answers[stage, "a"] = error
-    assert [len(rows) for rows in through(engine, [member("a"), member("b")])[-1].made] == [0, 1]
-    assert {(fault.member, fault.run_index, fault.stage) for fault in engine.faults} == {
+    assert [len(rows) for rows in through(engine, [configuration("a"), configuration("b")])[-1].made] == [0, 1]
+    assert {(fault.configuration, fault.run_index, fault.stage) for fault in engine.faults} == {
         ("a", 0, stage),
         ("a", 1, stage),
     }
@@ -136,27 +136,27 @@ def test_error_costs_its_member_and_no_other(engine, pool, stage, error):
 
 def test_run_that_kills_its_worker_costs_no_other_run_of_its_block(engine, pool):
     pool.answers["execute", "a"] = lambda *arguments: WorkerDied("died") if arguments[3] <= 1 < arguments[4] else None
-    recorded = engine.execute([member("a", runs=2)])
+    recorded = engine.execute([configuration("a", runs=2)])
     assert [row[:2] for row in recorded.made[0]] == [[0, 1]]
-    assert engine.faults == (MemberFault("a", 1, "execute", "died"),)
+    assert engine.faults == (RunFault("a", 1, "execute", "died"),)
 
 
 def test_one_broken_run_is_one_fault(engine, pool):
     pool.answers["execute", "a"] = Executed({0: 1.0}, {1: Broken("ValueError: x")})
-    engine.execute([member("a")])
-    assert engine.faults == (MemberFault("a", 1, "execute", "ValueError: x"),)
+    engine.execute([configuration("a")])
+    assert engine.faults == (RunFault("a", 1, "execute", "ValueError: x"),)
 
 
 def test_lost_artifact_is_no_fault_but_what_follows_from_it_stays_missing(engine, pool):
     pool.answers["observe", "a"] = Gone("recordings")
-    assert [outcome.made == [[]] for outcome in through(engine, [member("a")])] == [False, True, True]
+    assert [outcome.made == [[]] for outcome in through(engine, [configuration("a")])] == [False, True, True]
     assert engine.faults == ()
 
 
 def test_closed_pool_ends_the_stage(engine, pool):
     pool.answers["execute", "a"] = PoolClosed()
     with pytest.raises(PoolClosed):
-        engine.execute([member("a")])
+        engine.execute([configuration("a")])
 
 
 def test_block_is_short_enough_for_every_worker_to_have_several():
@@ -166,13 +166,13 @@ def test_block_is_short_enough_for_every_worker_to_have_several():
     assert block_size(1, 8) == 1
 
 
-def test_store_that_cannot_be_used_any_more_ends_everything_and_is_no_members_fault(engine, pool):
+def test_store_that_cannot_be_used_any_more_ends_everything_and_is_no_configurations_fault(engine, pool):
     pool.answers["observe", "a"] = StoreError("store: the disk is full")
     pool.close = lambda: pool.done.append("closed")
-    members = [member("a"), member("b")]
-    recorded = engine.execute(members)
+    configurations = [configuration("a"), configuration("b")]
+    recorded = engine.execute(configurations)
     with pytest.raises(StoreError, match="the disk is full"):
-        engine.observe(members, recorded.made)
+        engine.observe(configurations, recorded.made)
     assert str(engine.store_error) == "store: the disk is full"
     assert pool.done[-1] == "closed"
     assert engine.faults == ()
@@ -181,7 +181,7 @@ def test_store_that_cannot_be_used_any_more_ends_everything_and_is_no_members_fa
 def test_task_run_that_is_interrupted_ends_as_cancelled():
     from vastflow.tasks.prefect import stages
 
-    def execute(members):
+    def execute(configurations):
         raise PoolClosed
 
     state = stages.execute.fn(Shard([]), SimpleNamespace(execute=execute))

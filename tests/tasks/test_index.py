@@ -3,11 +3,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vastflow.sim.model.scenario import Scenario
-from vastflow.tasks.engine.index import Index, Member, missing, stretches
+from vastflow.tasks.engine.index import ConfigurationRuns, Index, missing, run_blocks
 from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.store.store import open_store
 
-MEMBER = Member("room-1", "room", 1, Scenario("builtin:navigate_to_pose", 60.0, {}, {}, {}), runs=8)
+CONFIGURATION = ConfigurationRuns("room-1", "room", 1, Scenario("builtin:navigate_to_pose", 60.0, {}, {}, {}), runs=8)
 
 
 @pytest.fixture
@@ -16,7 +16,7 @@ def index(tmp_path):
 
 
 def put(index, start, stop):
-    home = index.keys.recordings(MEMBER.checked)
+    home = index.keys.recordings(CONFIGURATION.checked)
     return index.store.put(f"{home}/{start}-{stop}", {"recordings.parquet": f"{start} {stop}".encode()})
 
 
@@ -26,52 +26,52 @@ def spans(blocks):
 
 def test_five_runs_leave_exactly_three_of_eight_missing(index):
     put(index, 0, 5)
-    assert missing(index.blocks(MEMBER), 8) == [5, 6, 7]
-    assert not index.recorded(MEMBER)
+    assert missing(index.blocks(CONFIGURATION), 8) == [5, 6, 7]
+    assert not index.recorded(CONFIGURATION)
 
 
 def test_more_runs_than_wanted_are_no_reason_to_record_again(index):
     put(index, 0, 20)
-    assert index.recorded(MEMBER)
+    assert index.recorded(CONFIGURATION)
 
 
 def test_blocks_that_add_nothing_are_left_out(index):
     for start, stop in [(0, 3), (0, 5), (2, 4), (3, 8), (8, 10)]:
         put(index, start, stop)
-    assert spans(index.blocks(MEMBER)) == [(0, 5), (3, 8)]
+    assert spans(index.blocks(CONFIGURATION)) == [(0, 5), (3, 8)]
 
 
 def test_hole_in_the_middle_is_missing(index):
     put(index, 0, 2)
     put(index, 3, 8)
-    assert missing(index.blocks(MEMBER), 8) == [2]
+    assert missing(index.blocks(CONFIGURATION), 8) == [2]
 
 
 def test_damaged_block_is_missing(index):
     artifact = put(index, 0, 8)
     (index.store.local / artifact.key / "recordings.parquet").unlink()
-    assert missing(index.blocks(MEMBER), 8) == list(range(8))
+    assert missing(index.blocks(CONFIGURATION), 8) == list(range(8))
 
 
 def test_folder_of_another_name_is_no_block(index):
-    home = index.store.local / index.keys.recordings(MEMBER.checked)
+    home = index.store.local / index.keys.recordings(CONFIGURATION.checked)
     (home / "notes").mkdir(parents=True)
-    assert index.blocks(MEMBER) == []
+    assert index.blocks(CONFIGURATION) == []
 
 
 def test_verdicts_are_found_through_the_trace(index):
     put(index, 0, 8)
-    (found,) = index.stored(MEMBER)
+    (found,) = index.stored(CONFIGURATION)
     assert (found.trace, found.verdicts) == (None, None)
-    trace = index.store.put(index.trace_key(MEMBER, found.block), {"traces.parquet": b"t"})
-    key = index.verdicts_key(MEMBER, found.block, trace.content)
-    assert index.stored(MEMBER)[0].verdicts is None
+    trace = index.store.put(index.trace_key(CONFIGURATION, found.block), {"traces.parquet": b"t"})
+    key = index.verdicts_key(CONFIGURATION, found.block, trace.content)
+    assert index.stored(CONFIGURATION)[0].verdicts is None
     verdicts = index.store.put(key, {"verdicts.json": b"[]"})
-    assert index.stored(MEMBER)[0].verdicts == verdicts
+    assert index.stored(CONFIGURATION)[0].verdicts == verdicts
 
 
 @given(st.sets(st.integers(0, 60)), st.integers(1, 9))
-def test_stretches_hold_each_run_once_without_gaps_and_not_too_many(runs, most):
-    parts = stretches(sorted(runs), most)
+def test_run_blocks_hold_each_run_once_without_gaps_and_not_too_many(runs, most):
+    parts = run_blocks(sorted(runs), most)
     assert [run for start, stop in parts for run in range(start, stop)] == sorted(runs)
     assert all(0 < stop - start <= most for start, stop in parts)

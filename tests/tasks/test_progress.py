@@ -61,12 +61,14 @@ def test_run_found_damaged_after_it_counted_as_reused_is_executed():
 
 
 WANTED = {"a": 3, "b": 1, "c": 2}
-MEMBERS = st.sampled_from([*WANTED, "unknown"])
+CONFIGURATIONS = st.sampled_from([*WANTED, "unknown"])
 INDICES = st.integers(0, 4)
 TOLD = st.one_of(
-    st.tuples(st.just("reuse"), MEMBERS, st.one_of(st.builds(range, INDICES, INDICES), st.lists(INDICES))),
-    st.tuples(st.just("execute"), MEMBERS, st.dictionaries(INDICES, st.sampled_from([0.5, 1.0, 8.0]))),
-    st.tuples(st.just("judge"), MEMBERS, st.dictionaries(INDICES, st.sampled_from(["pass", "fail", "not judged"]))),
+    st.tuples(st.just("reuse"), CONFIGURATIONS, st.one_of(st.builds(range, INDICES, INDICES), st.lists(INDICES))),
+    st.tuples(st.just("execute"), CONFIGURATIONS, st.dictionaries(INDICES, st.sampled_from([0.5, 1.0, 8.0]))),
+    st.tuples(
+        st.just("judge"), CONFIGURATIONS, st.dictionaries(INDICES, st.sampled_from(["pass", "fail", "not judged"]))
+    ),
 )
 
 
@@ -74,9 +76,9 @@ TOLD = st.one_of(
 def test_whatever_is_told_counts_as_if_every_run_were_remembered_by_itself(told):
     counted, reused, executed, judged = Tally(), set(), {}, {}
     counted.expect(WANTED)
-    for what, member, runs in told:
-        getattr(counted, what)(member, runs)
-        wanted = {(member, run): run for run in runs if run < WANTED.get(member, 0)}
+    for what, configuration, runs in told:
+        getattr(counted, what)(configuration, runs)
+        wanted = {(configuration, run): run for run in runs if run < WANTED.get(configuration, 0)}
         if what == "reuse":
             reused |= wanted.keys() - executed.keys()
         elif what == "execute":
@@ -84,10 +86,10 @@ def test_whatever_is_told_counts_as_if_every_run_were_remembered_by_itself(told)
             reused -= wanted.keys()
         else:
             judged |= {key: runs[run] for key, run in wanted.items()}
-    done = Counter(member for member, _ in judged)
+    done = Counter(configuration for configuration, _ in judged)
     said = Counter(judged.values())
     assert counted.progress() == Progress(
-        configurations_done=sum(done[member] == runs for member, runs in WANTED.items()),
+        configurations_done=sum(done[configuration] == runs for configuration, runs in WANTED.items()),
         configurations_total=3,
         runs_done=len(judged),
         runs_total=6,
@@ -132,9 +134,9 @@ def test_progress_is_a_value():
 def test_runs_that_may_be_wanted_count_until_it_is_known_that_they_are_not():
     counted = Tally()
     counted.expect({"a": 2, "b": 2})
-    for member in "ab":
-        counted.want(member, 2, 5)
-        counted.judge(member, {0: "pass", 1: "pass", 2: "pass"})
+    for configuration in "ab":
+        counted.want(configuration, 2, 5)
+        counted.judge(configuration, {0: "pass", 1: "pass", 2: "pass"})
     open_ones = counted.progress()
     assert (open_ones.runs_done, open_ones.runs_total, open_ones.configurations_done, open_ones.at_most) == (
         4,

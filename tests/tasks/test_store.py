@@ -204,15 +204,15 @@ def test_writers_beside_one_who_removes_everything_go_on(kind, tmp_path, request
 
 def test_store_can_be_sent_to_another_process(store):
     store.put(KEY, {"a.bin": b"one"})
-    store.survey()
+    store.refresh()
     sent = pickle.loads(pickle.dumps(store))
     assert sent.place == store.place
     assert sent.read(KEY, "a.bin") == b"one"
 
 
-def test_after_a_survey_all_is_as_before_and_what_is_put_is_there(store):
+def test_after_a_refresh_all_is_as_before_and_what_is_put_is_there(store):
     store.put(KEY, {"a.bin": b"one"})
-    store.survey()
+    store.refresh()
     assert (store.find(KEY).content, store.under("execute/ab/abcd")) == (CONTENT, ("0-5",))
     store.put("execute/ab/abcd/5-8", {"a.bin": b"one"})
     assert store.under("execute/ab/abcd") == ("0-5", "5-8")
@@ -220,7 +220,7 @@ def test_after_a_survey_all_is_as_before_and_what_is_put_is_there(store):
 
 
 def test_what_another_process_puts_is_found_once_one_is_told(store):
-    store.survey()
+    store.refresh()
     other = pickle.loads(pickle.dumps(store))
     other.put(KEY, {"a.bin": b"one"})
     other.put("observe/ab/abcd", {"a.bin": b"one"})
@@ -230,19 +230,19 @@ def test_what_another_process_puts_is_found_once_one_is_told(store):
     assert store.find(KEY).content == store.find("observe/ab/abcd").content == CONTENT
 
 
-def test_what_another_process_discards_is_gone_with_the_next_survey(store):
+def test_what_another_process_discards_is_gone_with_the_next_refresh(store):
     store.put(KEY, {"a.bin": b"one"})
-    store.survey()
+    store.refresh()
     pickle.loads(pickle.dumps(store)).discard(KEY, "why not")
-    store.survey()
+    store.refresh()
     assert (store.find(KEY), store.under("execute/ab/abcd")) == (None, ())
 
 
 @pytest.mark.parametrize("name", ["a.bin", "manifest"])
-def test_survey_notices_what_find_would(store, files, name, caplog):
+def test_refresh_notices_what_find_would(store, files, name, caplog):
     store.put(KEY, {"a.bin": b"one"})
     change(files, name, b"on")
-    store.survey()
+    store.refresh()
     assert store.find(KEY) is None
     assert f"{KEY} is damaged" in caplog.text
 
@@ -292,14 +292,14 @@ def copied(files, source, target):
         files.write(path.replace(source, target), files.read(path))
 
 
-@pytest.mark.parametrize("surveyed", [False, True])
+@pytest.mark.parametrize("listed", [False, True])
 @pytest.mark.parametrize("other", ["execute/ab/other/0-5", "execute/ab/abcd/5-10"])
-def test_copy_of_another_artifact_is_found_in_its_place(store, files, other, surveyed, caplog):
+def test_copy_of_another_artifact_is_found_in_its_place(store, files, other, listed, caplog):
     store.put(other, {"a.bin": b"other"}, info={"runs": []})
     copied(files, other, KEY)
     assert store.fault(KEY) == f"it is a copy of {other}"
-    if surveyed:
-        store.survey()
+    if listed:
+        store.refresh()
     assert store.find(KEY) is None
     assert f"{KEY} is damaged and will be computed again: it is a copy of {other}" in caplog.text
     assert store.put(KEY, {"a.bin": b"one"}).key == KEY
@@ -329,7 +329,7 @@ def test_what_is_removed_leaves_nothing_and_the_rest_stays(store, files, number)
     keys = [f"execute/ab/abcd{i}/0-5" for i in range(number)]
     for key in keys:
         store.put(key, {"a.bin": b"one"}, sidecar={"log": b"1"})
-    store.survey()
+    store.refresh()
     store.remove(keys[1:])
     assert [each.key for each in store.holdings()] == keys[:1]
     assert [store.find(key) is not None for key in keys[:3]] == [True, False, False]
@@ -338,29 +338,29 @@ def test_what_is_removed_leaves_nothing_and_the_rest_stays(store, files, number)
 
 def test_manifest_is_read_once_on_a_machine(s3, monkeypatch):
     store = open_store(s3)
-    store.survey()
+    store.refresh()
     for number in range(3):
         store.put(f"execute/ab/k{number}/0-1", {"a.bin": b"one"})
     for number in range(3):
         store.changed(f"execute/ab/k{number}/0-1")
         assert store.find(f"execute/ab/k{number}/0-1").content == CONTENT
-    store.survey()
+    store.refresh()
     again = open_store(s3)
     monkeypatch.setattr(again._files._files, "cat", None)
-    again.survey()
+    again.refresh()
     assert again.find("execute/ab/k2/0-1").content == CONTENT
 
 
 def test_spoilt_copies_of_manifests_are_no_fault(s3):
     store = open_store(s3)
     store.put(KEY, {"a.bin": b"one"})
-    store.survey()
+    store.refresh()
     copies = store.local / "manifests.json"
     assert copies.exists()
     for spoilt in (b"", b"[1]", b"\xff", copies.read_bytes().replace(b"files", b"filez")):
         copies.write_bytes(spoilt)
         again = open_store(s3)
-        again.survey()
+        again.refresh()
         assert again.find(KEY).content == CONTENT
 
 
@@ -374,7 +374,7 @@ def test_listing_that_was_too_early_for_some_files_costs_nothing(memory, monkeyp
         return {name: file for name, file in listed(self, key).items() if key or name.endswith("manifest")}
 
     monkeypatch.setattr(RemoteFiles, "_listed", manifests)
-    store.survey()
+    store.refresh()
     assert store.find(KEY) is not None
     assert store.read(KEY, "a.bin") == b"content"
     assert caplog.records == []

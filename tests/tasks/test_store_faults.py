@@ -14,15 +14,15 @@ from vastflow.oracles.judgement.oracle import oracles_of
 from vastflow.sim.model.scenario import Scenario
 from vastflow.tasks.engine import work
 from vastflow.tasks.engine.engine import Engine, judgements
-from vastflow.tasks.engine.index import Index, Member, missing
+from vastflow.tasks.engine.index import ConfigurationRuns, Index, missing
 from vastflow.tasks.engine.progress import Tally
 from vastflow.tasks.engine.work import BEHAVIORS, RECORDINGS, RUN_LOG, TRACES, VERDICTS, Executed
 from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.store.store import Lost, Store, open_store
 
 FAULTS = int(os.environ.get("VASTFLOW_FAULTS", "40"))
-MEMBERS = [
-    Member(f"room-{k}", "room", k, Scenario("builtin:navigate_to_pose", 60.0, {}, {"k": k}, {}), runs=3)
+CONFIGURATIONS = [
+    ConfigurationRuns(f"room-{k}", "room", k, Scenario("builtin:navigate_to_pose", 60.0, {}, {"k": k}, {}), runs=3)
     for k in range(1, 5)
 ]
 
@@ -63,27 +63,27 @@ def campaign(store):
     pool = Pool()
     index = Index(store, Keys("numeric", "e", "o", "j", 0, []))
     for _ in range(4):
-        store.survey()
+        store.refresh()
         shop = Engine(index, pool, Tally(), pickle.dumps(oracles_of([])))
-        recorded = shop.execute(MEMBERS).made
-        observed = shop.observe(MEMBERS, recorded).made
-        shop.judge(MEMBERS, observed)
+        recorded = shop.execute(CONFIGURATIONS).made
+        observed = shop.observe(CONFIGURATIONS, recorded).made
+        shop.judge(CONFIGURATIONS, observed)
         assert shop.faults == ()
         try:
-            return {member.name: files_of(index, member) for member in MEMBERS}, pool.done
+            return {configuration.name: files_of(index, configuration) for configuration in CONFIGURATIONS}, pool.done
         except Lost:
             continue
     raise AssertionError("lost again and again")
 
 
-def files_of(index, member):
-    stored = index.stored(member)
-    if missing([each.block for each in stored], member.runs):
-        raise Lost(member.name)
+def files_of(index, configuration):
+    stored = index.stored(configuration)
+    if missing([each.block for each in stored], configuration.runs):
+        raise Lost(configuration.name)
     load, found = index.store.load, []
     for each in stored:
         if each.trace is None or each.verdicts is None:
-            raise Lost(member.name)
+            raise Lost(configuration.name)
         found += [load(each.recordings, RECORDINGS), load(each.recordings, BEHAVIORS)]
         found += [load(each.trace, TRACES), load(each.verdicts, VERDICTS), judgements(each.verdicts)]
     return found
@@ -113,7 +113,7 @@ def test_every_fault_is_noticed_and_healed_and_nothing_damaged_is_served(kind, r
         address = request.getfixturevalue(kind)
         store = Store(address) if kind == "memory" else open_store(address)
     whole, jobs = campaign(store)
-    assert jobs == 3 * len(MEMBERS)
+    assert jobs == 3 * len(CONFIGURATIONS)
     assert campaign(store) == (whole, 0)
     rng = random.Random(7)
     for number in range(FAULTS if kind != "s3" else FAULTS // 4):
@@ -121,4 +121,4 @@ def test_every_fault_is_noticed_and_healed_and_nothing_damaged_is_served(kind, r
         found, jobs = campaign(store)
         assert found == whole, what
         assert 1 <= jobs <= 3, what
-        assert [store.fault(each.key) for each in store.holdings()] == [None] * 3 * len(MEMBERS), what
+        assert [store.fault(each.key) for each in store.holdings()] == [None] * 3 * len(CONFIGURATIONS), what

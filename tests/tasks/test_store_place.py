@@ -120,7 +120,7 @@ def test_server_that_does_not_answer_is_named(start_s3, s3_variables):
     s3_variables(server)
     store = open_store("s3://bucket/x")
     server.kill()
-    for ask in (store.survey, lambda: store.find(KEY), lambda: store.put(KEY, {"a.bin": b"one"})):
+    for ask in (store.refresh, lambda: store.find(KEY), lambda: store.put(KEY, {"a.bin": b"one"})):
         with pytest.raises(StoreError, match=rf"'s3://bucket/x' .*{server.url}.*; check the network and the server"):
             ask()
 

@@ -80,10 +80,10 @@ class PlanCut:
     """Which part of the path a controller gets as its `plan`; what lies before it is forgotten.
 
     Attributes:
-        search_m: Length of the path's first stretch, in which the part begins.
-        within_m: It begins at the first point nearer to the robot than this, or else where the stretch ends. With 0 it
+        search_m: Length of the path's first segment, in which the part begins.
+        within_m: It begins at the first point nearer to the robot than this, or else where the segment ends. With 0 it
             begins at the nearest point.
-        two_points: Whether it keeps a point behind the nearest where that is the stretch's last.
+        two_points: Whether it keeps a point behind the nearest where that is the segment's last.
         ahead_m: Its greatest length.
         around_m: It ends before the first point farther from the robot than this.
         in_window: Whether it ends where the path leaves the local costmap.

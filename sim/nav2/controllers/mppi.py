@@ -179,14 +179,14 @@ def _sample(
     )
     scale = dt_s / frame.resolution_m
     priced, cell_stride = q.CostCritic.enabled != 0, q.CostCritic.trajectory_point_step
-    kept_off = q.ObstaclesCritic.enabled != 0
-    if kept_off:
+    avoids_obstacles = q.ObstaclesCritic.enabled != 0
+    if avoids_obstacles:
         priced, cell_stride = True, 1
     outlined, motion = q.CostCritic.consider_footprint != 0, (yaw_rad, dt_s)
     cells = (steps - 1) // cell_stride + 1
     cell_weight = q.CostCritic.cost_weight / 254.0 / cells
     crash = cell_weight * q.CostCritic.collision_cost
-    if kept_off:
+    if avoids_obstacles:
         cell_weight, crash = 1.0, q.ObstaclesCritic.critical_weight * q.ObstaclesCritic.collision_cost
     at_goal = q.GoalCritic.enabled != 0 and goal_m < q.GoalCritic.threshold_to_consider
     goal_cell = (goal[0] - frame.left_m) / frame.resolution_m, (goal[1] - frame.bottom_m) / frame.resolution_m

@@ -55,7 +55,7 @@ def on_map(mask: Mask, occupancy: OccupancyMap) -> NDArray[np.uint8]:
     return found
 
 
-def kept_out(costs: NDArray[np.uint8], keepout: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def with_keepout(costs: NDArray[np.uint8], keepout: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Costs (H, W) after a keepout filter; without one, as they are."""
     if keepout.size == 0:
         return costs

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vastflow.sim.nav2.amcl.sensor import likelihood_cubed, usable_range_m
 from vastflow.sim.nav2.costmaps.costmap import denoised
-from vastflow.sim.nav2.costmaps.filters import Mask, keepout_mask, kept_out, on_map
+from vastflow.sim.nav2.costmaps.filters import Mask, keepout_mask, on_map, with_keepout
 from vastflow.sim.nav2.costmaps.inflation import FREE, LETHAL, UNKNOWN, cost_stamp, inflation_of, with_unknown
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, outline_of
 from vastflow.sim.nav2.parameters.costmap import Costmap
@@ -24,9 +24,9 @@ from vastflow.sim.world.robot_model import Lidar
 from vastflow.sim.world.skip_table import SkipTable, skip_table_of
 from vastflow.sim.world.walls import WallIndex
 
-KEPT_MAPS: Final = 6
+CACHED_MAPS: Final = 6
 """About 45 bytes a cell: 130 MB for a building of 85 m × 85 m."""
-KEPT_WORLDS: Final = 2
+CACHED_WORLDS: Final = 2
 """Of those that differ from their map. They have up to four times its cells, of 10 bytes each here, and each is one configuration's."""
 
 
@@ -99,18 +99,18 @@ def prepare(
     )
 
 
-@functools.lru_cache(maxsize=KEPT_MAPS)
+@functools.lru_cache(maxsize=CACHED_MAPS)
 def _geometry(world: OccupancyMap) -> tuple[OccupancyMap, WallIndex, SkipTable]:
     return world, WallIndex(world), skip_table_of(world.occupied)
 
 
-@functools.lru_cache(maxsize=KEPT_WORLDS)
+@functools.lru_cache(maxsize=CACHED_WORLDS)
 def _other_geometry(occupancy: OccupancyMap, difference: WorldDifference) -> tuple[OccupancyMap, WallIndex, SkipTable]:
     world = world_of(occupancy, difference)
     return world, WallIndex(world), skip_table_of(world.occupied)
 
 
-@functools.lru_cache(maxsize=KEPT_MAPS)
+@functools.lru_cache(maxsize=CACHED_MAPS)
 def _likelihood(
     occupancy: OccupancyMap, range_max_m: float, z_hit: float, z_rand: float, sigma_hit_m: float, max_dist_m: float
 ) -> NDArray[np.float32]:
@@ -134,7 +134,7 @@ class _Costs(NamedTuple):
     keepout: NDArray[np.uint8]
 
 
-@functools.lru_cache(maxsize=KEPT_MAPS)
+@functools.lru_cache(maxsize=CACHED_MAPS)
 def _costs(occupancy: OccupancyMap, costmap: Costmap, mask: OccupancyMap | None) -> _Costs:
     static = _static_layer(occupancy, costmap)
     if costmap.denoise_layer.enabled:
@@ -142,8 +142,8 @@ def _costs(occupancy: OccupancyMap, costmap: Costmap, mask: OccupancyMap | None)
     stamp = _stamp(costmap, occupancy.resolution_m)
     static_costs = inflation_of(static, stamp)
     keepout = on_map(keepout_mask(mask, occupancy), occupancy)
-    costs = kept_out(with_unknown(static, static_costs), keepout)
-    free_costs = np.minimum(kept_out(static_costs, keepout), costs) if (static == UNKNOWN).any() else costs
+    costs = with_keepout(with_unknown(static, static_costs), keepout)
+    free_costs = np.minimum(with_keepout(static_costs, keepout), costs) if (static == UNKNOWN).any() else costs
     return _Costs(static, static_costs, stamp, costs, free_costs, keepout)
 
 

@@ -206,7 +206,7 @@ def _curve_to(q: Any, given: Any, nodes: Nodes, node: int, goal: Any, radius: fl
         if not has_room(q, given, pose[0], pose[1], pose[2]):
             return False, poses, math.inf
         cost = center_cost(given.costs, pose[0], pose[1])
-        # Costly ground may only be entered for good: from its last stretch on, a curve that has left it must not come back.
+        # Costly ground may only be entered for good: from its last segment on, a curve that has left it must not come back.
         if cost <= q.expansion_cost:
             leaves = 2 if leaves == 1 else leaves
         elif leaves == 0:

@@ -23,7 +23,7 @@ from vastflow.sim.scenario.programs.guard import VARIABLE, kill_marked
 from vastflow.sim.scenario.programs.mounts import MountNamespace
 
 MAX_LOG_BYTES: Final = 16 * 2**20
-_CHUNK_BYTES: Final = 1 << 16
+_READ_BYTES: Final = 1 << 16
 
 
 class ProcessLog:
@@ -83,13 +83,13 @@ class ProcessLog:
                 while not self._given_up.is_set():
                     if not readable.poll(100):
                         continue
-                    chunk = os.read(self._read_end, _CHUNK_BYTES)
-                    if not chunk:
+                    data = os.read(self._read_end, _READ_BYTES)
+                    if not data:
                         break
-                    if kept := chunk[: self._max_bytes - written]:
+                    if kept := data[: self._max_bytes - written]:
                         file.write(kept)
                         written += len(kept)
-                    if len(kept) < len(chunk) and not self.cut:
+                    if len(kept) < len(data) and not self.cut:
                         self.cut = True
                         file.write(f"\n[the log was cut here: more than {self._max_bytes} bytes]\n".encode())
         finally:

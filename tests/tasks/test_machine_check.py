@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from vastflow.tasks.engine import machine_check
-from vastflow.tasks.engine.machine_check import SurroundingsError, check_surroundings
+from vastflow.tasks.engine.machine_check import MachineError, check_machine
 from vastflow.tasks.engine.work import Broken, answered
 
 
@@ -34,17 +34,15 @@ def machine(tmp_path, monkeypatch):
 
 
 def test_machine_that_gives_everything_passes_and_nothing_is_left(machine, tmp_path):
-    check_surroundings()
+    check_machine()
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
 @pytest.mark.parametrize(("name", "variable"), [("cache", "XDG_CACHE_HOME"), ("prefect", "PREFECT_HOME")])
 def test_folder_that_can_not_be_written_is_named_with_the_variable_that_moves_it(machine, name, variable):
     folder = machine(name)
-    with pytest.raises(
-        SurroundingsError, match=rf"can't write to '{folder}.* \(.+\); set {variable} to a folder of yours"
-    ):
-        check_surroundings()
+    with pytest.raises(MachineError, match=rf"can't write to '{folder}.* \(.+\); set {variable} to a folder of yours"):
+        check_machine()
 
 
 @pytest.mark.parametrize("how", ["API", "profile"])
@@ -55,7 +53,7 @@ def test_prefect_s_home_is_not_asked_for_where_an_api_is_configured(machine, tmp
     else:
         (tmp_path / "prefect" / "profiles.toml").write_text("")
         monkeypatch.setattr(machine_check, "_check_written", refuse_prefect(machine_check._check_written))
-    check_surroundings()
+    check_machine()
 
 
 def refuse_prefect(check):
@@ -68,10 +66,8 @@ def refuse_prefect(check):
 
 def test_no_shared_memory_is_said_with_what_mounts_it(machine, tmp_path):
     (tmp_path / "shm").rmdir()
-    with pytest.raises(
-        SurroundingsError, match=r"shm' \(No such file or directory\); mount a tmpfs there; a container"
-    ):
-        check_surroundings()
+    with pytest.raises(MachineError, match=r"shm' \(No such file or directory\); mount a tmpfs there; a container"):
+        check_machine()
 
 
 def test_no_temporary_folder_is_said(machine, monkeypatch):
@@ -79,8 +75,8 @@ def test_no_temporary_folder_is_said(machine, monkeypatch):
         raise FileNotFoundError("No usable temporary directory found")
 
     monkeypatch.setattr(tempfile, "gettempdir", none)
-    with pytest.raises(SurroundingsError, match="no folder for temporary files can be written; set TMPDIR"):
-        check_surroundings()
+    with pytest.raises(MachineError, match="no folder for temporary files can be written; set TMPDIR"):
+        check_machine()
 
 
 def no_room(*name):
@@ -91,16 +87,16 @@ TMPDIR_IS_FULL = r"can't write to '.*tmp' \(.+\); set TMPDIR to a folder of your
 
 
 def test_no_room_below_the_folder_for_temporary_files_ends_a_campaign_and_is_no_fault_of_a_run(machine, tmp_path):
-    with pytest.raises(SurroundingsError, match=TMPDIR_IS_FULL) as found:
+    with pytest.raises(MachineError, match=TMPDIR_IS_FULL) as found:
         answered(no_room, str(tmp_path / "tmp" / "vastflow-run-x"))
     sent = pickle.loads(pickle.dumps(found.value))  # from a worker's process
-    assert (type(sent), str(sent)) == (SurroundingsError, str(found.value))
+    assert (type(sent), str(sent)) == (MachineError, str(found.value))
 
 
 def test_no_room_in_a_file_without_a_name_is_looked_for_in_the_folder_for_temporary_files(machine):
     tempfile.gettempdir()  # while it can be written
     machine("tmp")
-    with pytest.raises(SurroundingsError, match=r"can't write to '.+' \(.+\); set TMPDIR to a folder of yours"):
+    with pytest.raises(MachineError, match=r"can't write to '.+' \(.+\); set TMPDIR to a folder of yours"):
         answered(no_room)
 
 
@@ -112,7 +108,5 @@ def test_no_room_in_a_folder_of_a_plug_in_s_own_stays_its_fault(machine, tmp_pat
 
 def test_untested_numba_is_reported_before_anything_is_computed(machine, monkeypatch):
     monkeypatch.setattr(machine_check.importlib.metadata, "version", lambda _: "9.0.0")
-    with pytest.raises(
-        SurroundingsError, match=r"numba: expected a tested version \(.*>=0.62.*\), got 9.0.0; pip install"
-    ):
-        check_surroundings()
+    with pytest.raises(MachineError, match=r"numba: expected a tested version \(.*>=0.62.*\), got 9.0.0; pip install"):
+        check_machine()
