@@ -24,6 +24,7 @@ def test_map_is_pinned(floor, shape, digest):
     assert occupancy.digest == digest
 
 
+@pytest.mark.slow
 @each_row("floor", [LARGE, SMALL])
 def test_every_route_has_the_length_of_its_floor(floor):
     occupancy = benchmark_map(floor)
@@ -47,6 +48,7 @@ def measured():
     return bench("rpp", profile=True)
 
 
+@pytest.mark.slow
 def test_what_was_measured_says_what_it_was_measured_with(measured):
     assert measured["controller"] == "rpp"
     assert measured["parameters"]["controller"]["desired_linear_vel"] == 0.5
@@ -57,6 +59,7 @@ def test_what_was_measured_says_what_it_was_measured_with(measured):
     assert 1.0 <= measured["floods_per_s"] < 1.5
 
 
+@pytest.mark.slow
 @each_row("floor", ["large", "small"])
 def test_routes_are_driven_to_their_ends(measured, floor):
     found = measured if floor == "large" else measured["small"]
@@ -65,6 +68,7 @@ def test_routes_are_driven_to_their_ends(measured, floor):
     assert found["x_real_time"] == pytest.approx(found["simulated_s"] / found["cpu_s"], rel=0.02)
 
 
+@pytest.mark.slow
 def test_stages_of_a_profile_add_up_to_about_what_the_run_takes(measured):
     stages = measured["profile"]
     total = sum(stage["ms_per_simulated_s"] for stage in stages.values())
@@ -75,12 +79,14 @@ def test_stages_of_a_profile_add_up_to_about_what_the_run_takes(measured):
     assert stages["planner"]["per_simulated_s"] == pytest.approx(1.0, rel=0.2)
 
 
+@pytest.mark.slow
 def test_control_cycle_is_the_profile_s_stage_divided_by_its_calls(measured):
     cycle, stage = measured["control_cycle"], measured["profile"]["controller"]
     assert cycle["us"] * stage["per_simulated_s"] == pytest.approx(1e3 * stage["ms_per_simulated_s"], rel=0.01)
     assert cycle["us"] * cycle["per_s_and_core"] == pytest.approx(1e6, rel=0.01)
 
 
+@pytest.mark.slow
 def test_control_cycle_is_said_plainly_and_as_json(measured):
     cycle = measured["control_cycle"]
     lines = dict(line.split(maxsplit=1) for line in shown(measured, as_json=False).splitlines())

@@ -19,11 +19,11 @@ RESOLUTION_M = 0.05
 
 def offsets_of_a_wall(seed: int, **given: float) -> np.ndarray:
     """How far a straight wall's face stands from its place on the map, in meters, along the wall."""
-    cells = np.full((400, 200), FREE, dtype=np.int8)
-    cells[:, 100:104] = OCCUPIED
+    cells = np.full((400, 40), FREE, dtype=np.int8)
+    cells[:, 20:24] = OCCUPIED
     world = world_of(OccupancyMap(cells, RESOLUTION_M, (0.0, 0.0)), WorldDifference(seed, **given))
     assert world.occupied.any(axis=1).all()
-    return world.occupied.argmax(axis=1) * world.resolution_m - 100 * RESOLUTION_M
+    return world.occupied.argmax(axis=1) * world.resolution_m - 20 * RESOLUTION_M
 
 
 def test_walls_are_offset_by_the_stated_standard_deviation():
@@ -47,8 +47,8 @@ def test_places_share_their_offset_as_far_as_the_correlation_length_says(correla
 
 
 def test_wall_of_one_cell_stays_whole():
-    cells = np.full((200, 200), FREE, dtype=np.int8)
-    cells[:, 100] = OCCUPIED
+    cells = np.full((200, 60), FREE, dtype=np.int8)
+    cells[:, 30] = OCCUPIED
     for seed in range(20):
         world = world_of(OccupancyMap(cells, RESOLUTION_M, (0.0, 0.0)), WorldDifference(seed, wall_offset_m=0.2))
         assert ndimage.label(world.occupied, np.ones((3, 3)))[1] == 1
