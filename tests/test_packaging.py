@@ -1,4 +1,4 @@
-"""What is installed, under which names, and with what beside it."""
+"""Packaging: contents of the distribution, its names, and its dependencies."""
 
 import ast
 import re
@@ -68,7 +68,7 @@ def run(*command, **options):
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=1500, check=False, **options)
 
 
-def test_every_folder_with_an_init_file_is_a_package_of_the_distribution():
+def test_distribution_has_every_folder_with_an_init_file():
     # A sub-package that is missing from the list still imports here, but is absent from the wheel.
     folders = ["vastflow." + ".".join(folder.relative_to(ROOT).parts) for folder in package_folders()]
     assert sorted(PYPROJECT["tool"]["setuptools"]["packages"]) == sorted(
@@ -82,7 +82,7 @@ def test_package_links_to_every_folder_of_it():
     assert links == folders | {PACKAGE / "campaigns" / name: ROOT / "campaigns" / name for name in SHIPPED_DATA}
 
 
-def test_editable_install_is_a_folder_on_the_path_which_editors_and_type_checkers_can_follow():
+def test_editable_install_is_a_folder_on_the_path():
     found = run(sys.executable, "-c", "import vastflow, sys; print(vastflow.__file__); print(*sys.path, sep='\\n')")
     assert found.returncode == 0, found.stderr
     file, *places = found.stdout.splitlines()
@@ -116,7 +116,7 @@ def test_folder_is_imported_by_the_package_s_name_and_by_no_other(folder):
     assert f"ImportError: import vastflow.{folder}, not {folder}: one module has one name" in done.stderr
 
 
-def test_every_package_says_that_it_is_typed():
+def test_packages_are_marked_as_typed():
     assert [folder for folder in package_folders() if not (folder / "py.typed").is_file()] == []
 
 
@@ -138,7 +138,7 @@ def test_top_level_holds_nothing_beyond_the_fixed_layout():
     assert {name for name in found - MADE_HERE if not name.endswith(".egg-info")} == LAYOUT
 
 
-def test_no_module_imports_itself_by_others_not_even_where_types_are_checked_or_inside_of_functions():
+def test_modules_import_in_no_circle():
     graph = grimp.build_graph("vastflow")
     waiting = {name: set(graph.find_modules_directly_imported_by(name)) for name in graph.modules}
     while free := {name for name, imported in waiting.items() if not imported & waiting.keys()}:
@@ -153,7 +153,7 @@ def test_campaigns_hold_no_code_but_what_their_files_name():
 
 
 @each_row("group", ["console_scripts", "vastflow.producers", "vastflow.oracles", "vastflow.controllers"])
-def test_every_entry_point_loads(group):
+def test_entry_points_load(group):
     ours = [entry for entry in entry_points(group=group) if entry.value.startswith("vastflow.")]
     asked = (
         PYPROJECT["project"]["scripts"] if group == "console_scripts" else PYPROJECT["project"]["entry-points"][group]
@@ -186,12 +186,12 @@ def test_everything_the_tests_import_is_declared_with_them():
     assert needed("tests") - scripts - set(declared()) - set(declared("dev")) == set()
 
 
-def test_every_declared_dependency_is_imported_or_has_a_reason():
+def test_declared_dependencies_are_imported_or_have_a_reason():
     # fsspec imports s3fs; the others are declared for their bounds alone, which are Prefect's, see pyproject.toml and below.
     assert set(declared()) - needed(*LAYERS) == {"fastapi", "python-dateutil", "s3fs", "sqlalchemy"}
 
 
-def test_no_bound_makes_pip_download_what_it_throws_away():
+def test_bounds_make_pip_download_nothing_in_vain():
     asked = {canonical(need.name): need for need in map(Requirement, requires("prefect")) if not need.marker}
     bounded = {name: need for name, need in declared().items() if name in asked}
     assert {name: need.extras for name, need in bounded.items() if need.extras != asked[name].extras} == {}
@@ -221,7 +221,7 @@ def test_version_that_is_installed_is_the_one_in_pyproject():
     assert distribution("vastflow").version == PYPROJECT["project"]["version"]
 
 
-def test_every_python_that_the_wheel_is_tried_with_is_one_that_is_allowed():
+def test_wheel_is_tried_with_allowed_pythons():
     page = (ROOT / "docs" / "operate.md").read_text()
     tried = re.search(r"With Python ([\d., and]+)", page)[1]
     allowed = SpecifierSet(PYPROJECT["project"]["requires-python"])
@@ -248,7 +248,7 @@ def test_readme_installs_what_the_tests_need():
     assert {"pytest", "pytest-xdist", "ruff", "mypy", "import-linter"} <= set(declared(extra))
 
 
-def test_every_installation_from_a_checkout_takes_the_tested_versions():
+def test_installation_from_a_checkout_takes_the_tested_versions():
     commands = [line for line in README.splitlines() + DOCKERFILE.splitlines() if "pip install" in line]
     assert len(commands) == 4
     assert all(" -c deployments/constraints.txt " in command for command in commands)

@@ -53,6 +53,6 @@ def test_spelling_is_american(trees, words_of):
     assert sorted(found) == []
 
 
-def test_no_name_is_a_private_one(trees):
+def test_names_are_not_private_words(trees):
     found = {(file, name) for file, tree in trees.items() for name in names_of(tree) if PRIVATE.search(name)}
     assert sorted(found) == []

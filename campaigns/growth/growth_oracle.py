@@ -13,7 +13,7 @@ from vastflow.oracles.observation.trace import Trace
 
 
 class StaysBelowCapacityParameters(Parameters):
-    """Of `StaysBelowCapacity`.
+    """Parameters of `StaysBelowCapacity`.
 
     Attributes:
         capacity: The greatest population there may be.

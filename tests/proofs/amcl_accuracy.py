@@ -1,4 +1,4 @@
-"""How well AMCL alone keeps the robot's place on the paper's five maps: scans and odometry go in, nothing listens.
+"""Measure AMCL's position error on the paper's five maps, with scans and odometry as its only inputs.
 
 Routes of 17 m on each map are driven at the robot's real speeds, with the start as initial pose and zero covariance;
 a scan comes every 0.1 s. Each kind of scan and odometry is filtered with six seeds. Prints a table of errors over all
@@ -45,7 +45,7 @@ TURN_RAD = 0.785
 
 @dataclass(frozen=True)
 class Condition:
-    """What is wrong with scans and odometry."""
+    """Disturbances of scans and odometry."""
 
     name: str
     noise_m: float = 0.0
@@ -137,7 +137,7 @@ def route(occupancy: OccupancyMap, rng: np.random.Generator) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Errors:
-    """Of one filter on one drive: (S,) position and yaw error at each scan, (U,) particles at each update."""
+    """Errors (S,) of position and yaw at each scan, and particles (U,) at each update, of one filter."""
 
     along_m: np.ndarray
     across_m: np.ndarray
@@ -242,7 +242,7 @@ def main() -> int:
 
 
 def faults_of(name: str, errors_m: dict[str, np.ndarray]) -> Iterator[str]:
-    """What a map's position errors by condition break of what was measured with Nav2's filter."""
+    """Return the bounds, measured with Nav2's filter, that a map's position errors exceed."""
     exact = errors_m["noise 0 m"]
     if errors_m["noise 0.2 m"].mean() > 1.5 * exact.mean() + 0.02:
         yield "noise of 0.2 m hurts"

@@ -1,4 +1,4 @@
-"""The benchmark of the pipeline: a campaign whose runs do nothing, so that what is left is the pipeline's own cost.
+"""Benchmark the pipeline by a campaign whose runs do nothing.
 
     vastflow dev bench pipeline [--configurations 5480] [--runs 20] [--json]
 
@@ -43,7 +43,7 @@ _SAMPLED_EVERY_S: Final = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What one call of `vastflow run` took.
+    """Cost of one call of `vastflow run`.
 
     Attributes:
         summary: What it printed.
@@ -190,7 +190,7 @@ def _executed_s(results: Path) -> float:
 
 
 def _task_runs(home: Path) -> dict[str, int]:
-    """How many task runs Prefect's database has, and how many of them are in a final state."""
+    """Return the number of task runs in Prefect's database, and of those in a final state."""
     database = home / "prefect.db"
     if not database.exists():
         return {"task_runs": 0, "task_runs_final": 0}

@@ -1,4 +1,4 @@
-"""What a benchmark measured, as JSON or as a table."""
+"""Results of a benchmark, as JSON or as a table."""
 
 import json
 from collections.abc import Iterator, Mapping

@@ -159,7 +159,7 @@ class _Course:
         }
 
     def _counted(self, simulated_s: float) -> dict[str, Any]:
-        """What the same runs did, tick by tick, untimed."""
+        """Repeat the runs tick by tick, untimed, and count what they did."""
         particles: list[int] = []
         floods = 0
         for index, route in enumerate(self.routes):

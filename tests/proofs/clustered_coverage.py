@@ -1,4 +1,4 @@
-"""The interval for others holds the rate of their kind, over rates, numbers of clusters and how alike the runs of a cluster are.
+"""Measure the coverage of intervals for clusters that were not sampled.
 
 Campaigns are drawn of clusters of 20 runs whose rates are beta-distributed with a given mean and intraclass correlation; 0 is independent
 runs, 1 clusters that pass or fail wholly. *mixed* is another kind: clusters that always fail beside clusters with one rate, which no beta

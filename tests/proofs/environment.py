@@ -1,4 +1,4 @@
-"""A machine that lacks something: one sentence, exit code 2, and the same command goes on cleanly once it is mended.
+"""Check that a defect of the machine is reported in one sentence, and that the same command resumes afterwards.
 
 A campaign without a robot is run once undisturbed. Then, for each condition, it is run on a machine that is spoiled in a mount
 namespace of its own, or as another user, with an empty store:
@@ -41,7 +41,7 @@ time.time = lambda: real() + random.Random(int((time.monotonic() - begun) / 2)).
 
 @dataclass(frozen=True)
 class Condition:
-    """What is wrong with a machine.
+    """A defect of the machine.
 
     Attributes:
         spoil: Shell commands before vastflow's, in a mount namespace of its own; LAB is the folder of the condition.
@@ -133,7 +133,7 @@ class Lab:
 
 
 def refused(condition: Condition, lab: Lab) -> str | None:
-    """What is wrong with how a spoiled machine is told of; None where nothing is."""
+    """Return the fault in the report of a defect, or None."""
     found = lab.run(condition, spoiled=True)
     said = [line for line in found.stderr.splitlines() if line and not re.match(r"\[ *\d|\s|.*Warning:", line)]
     if "Traceback" in found.stderr:
@@ -150,7 +150,7 @@ def refused(condition: Condition, lab: Lab) -> str | None:
 
 
 def mended(condition: Condition, lab: Lab, whole: list[bytes]) -> str | None:
-    """What is wrong with how the same command goes on; None where nothing is."""
+    """Return the fault in how the same command resumes, or None."""
     found = lab.run(condition, spoiled=False)
     if found.returncode or "Traceback" in found.stderr:
         return f"afterwards exit code {found.returncode}: {found.stderr[-600:]}"

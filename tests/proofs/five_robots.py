@@ -1,4 +1,4 @@
-"""Five robots with Nav2 files of their own on two floors: how many of their runs arrive, and whether a contact is ever without its event.
+"""Drive five robots with Nav2 files of their own, and check that each contact is recorded.
 
     python tests/proofs/five_robots.py [--paths 3] [--runs 2] [--robots NAME...]
 
@@ -54,7 +54,7 @@ class Row:
 
 
 def body_of(robot: Robot) -> shapely.Polygon:
-    """What meets walls, less the overlap that is let be."""
+    """The body, shrunk by the tolerated overlap."""
     whole = shapely.Polygon(robot.vertices) if robot.vertices else shapely.Point(0.0, 0.0).buffer(robot.radius_m)
     return whole.buffer(-OVERLAP_M)
 

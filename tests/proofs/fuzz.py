@@ -47,7 +47,7 @@ MOST_BYTES = 2**30
 
 @dataclass
 class Count:
-    """What came of the mutants of a kind."""
+    """Outcomes of the mutants of one kind."""
 
     accepted: int = 0
     refused: int = 0
@@ -71,7 +71,7 @@ def made(kind: Kind, number: int, seed: int, folder: Path) -> Path:
 
 
 def answer(kind: Kind, file: Path) -> str:
-    """What reading a mutant comes to."""
+    """Outcome of reading one mutant."""
     try:
         kind.read(file)
     except kind.refusals as error:
@@ -92,7 +92,7 @@ def read_here(kind: Kind, numbers: range, seed: int, folder: Path) -> Iterator[t
 
 
 def watched(kind: Kind, numbers: range, seed: int, folder: Path) -> Count:
-    """As `read_here`, in processes that are watched from outside."""
+    """Read mutants as `read_here` does, in processes under supervision."""
     count = Count()
     next_number = numbers.start
     while next_number < numbers.stop:

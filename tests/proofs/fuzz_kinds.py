@@ -308,7 +308,7 @@ def called(*arguments: str) -> None:
 
 
 def _directory_command(file: Path, rng: random.Random) -> list[str]:
-    """One that reads the campaign directory of which `file` is a part."""
+    """Return a reader of the campaign directory that contains `file`."""
     directory = next(
         parent for parent in file.parents if (parent / "configurations.parquet").exists() or parent.name == "mutant"
     )

@@ -1,4 +1,4 @@
-"""Mutants of a file: bytes, tokens and the tree of what it says are changed, or the whole is replaced by an attack."""
+"""Mutate a file by its bytes, its tokens, or its tree, or replace it by an attack."""
 
 import copy
 import json

@@ -1,4 +1,4 @@
-"""The gate keeps its word: a loss of the margin passes in 2.5 % of campaigns at most, however it is spread over paths.
+"""Check that the gate passes a loss of its margin in at most 2.5 % of campaigns.
 
 Campaigns are drawn whose success rate loses exactly the margin, in three manners:
 
@@ -65,7 +65,7 @@ def holds_for_these(before: Floats, after: Floats, margin: float, rng: np.random
 
 @cache
 def lower_end(lost: int, gained: int, pairs: int) -> float:
-    """Of the interval of so many pairs."""
+    """Width of the interval of this number of pairs."""
     return mean_interval(np.repeat([-1.0, 0.0, 1.0], [lost, pairs - lost - gained, gained]))[0]
 
 

@@ -1,4 +1,4 @@
-"""The wheel alone, in an empty environment of each Python: the first campaign from `vastflow init`, and the tests of the cores.
+"""Test the wheel in an empty environment of each Python.
 
 Builds the wheel, and for each interpreter makes an environment, installs the wheel by uv where there is one and else by pip, writes the
 quickstart into an empty folder and runs it twice: the second time nothing may be executed. Home, cache and store are new, so this is
@@ -81,7 +81,7 @@ class Steps:
     failed: list[str] = field(default_factory=list)
 
     def run(self, what: str, *command: object) -> str:
-        """What the command printed; its error output comes to the terminal where it fails."""
+        """Return the output of a command; show its error output if it fails."""
         before, began_s = cpu_s(), time.monotonic()
         done = subprocess.run(
             [str(part) for part in command],

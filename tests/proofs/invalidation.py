@@ -1,4 +1,4 @@
-"""What an edit computes again: every edit of a table is made, and what was really executed is counted.
+"""Count what each edit of a table computes again.
 
 A campaign of everything that a key is made of, a producer, an oracle and a notebook of its own with helpers, a package and data files, a
 map, a scenario file and a program, is computed once. Then, for each edit of the table, a copy of it and of vastflow's own
@@ -33,7 +33,7 @@ Counts: TypeAlias = Mapping[str, int]
 
 
 def executed(runs: int, evaluated: int = 0) -> Counts:
-    """What an edit of `runs` runs computes again: whether they are observed and judged depends on what they wrote."""
+    """Bounds on what an edit of `runs` runs computes again."""
     return {"evaluated": evaluated, "executed": runs}
 
 

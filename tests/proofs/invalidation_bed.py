@@ -1,4 +1,4 @@
-"""The bed of the proof of invalidation: a campaign of everything that a key is made of, with a copy of vastflow's own source.
+"""A campaign with every ingredient of a key, and a copy of vastflow's source.
 
 What its calls compute is counted: the program, the producer and the oracle write a line into a file each time they are called;
 traces are counted as artifacts that are new, as are the runs in which a robot drives.
@@ -285,7 +285,7 @@ def appended(file: Path, text: str) -> None:
 
 
 def verdicts(bed: Bed) -> list[str]:
-    """What the campaign's own oracles measured, whatever the keys; how long a program takes is no two times the same."""
+    """Return the metrics of the campaign's oracles, without the duration of programs."""
     files = (bed.folder / "store" / "judge").glob("*/*/verdicts.json")
     own = [row for file in files for row in json.loads(file.read_text()) if row["oracle"] != "success"]
     return sorted(f"{row['oracle']} {row['metrics']}" for row in own)

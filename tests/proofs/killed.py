@@ -1,4 +1,4 @@
-"""kill -9 at random points of a campaign: nothing is lost, nothing is other, and only what was in flight is executed twice.
+"""Kill processes at random points of a campaign, and check that nothing is lost or changed.
 
 A campaign, with `--robot` one in which a robot drives, is run once undisturbed. Then, for each point, it is run anew with an
 empty store, one of its processes is killed at a random time, and it is run or resumed to its end. One call kills in three
@@ -163,7 +163,7 @@ def _outlived(life: Life, point: Point, api: Api | None, crew: Crew | None) -> N
 
 
 def _struck(life: Life, point: Point, rng: random.Random, api: Api | None, crew: Crew | None) -> bool:
-    """Kill a process once the time has come, or as soon as there is one after that; False if the campaign ended before."""
+    """Kill a process at the given time or soon after it; False if the campaign had ended."""
     while life.process.poll() is None and not _has_come(life, point):
         time.sleep(0.002)
     time.sleep(point.aimed_s)
@@ -213,7 +213,7 @@ _OF_THE_SERVER = {0: "pages do not show the end", 3: "start it (`prefect server 
 
 
 def _judge_end(life: Life, point: Point) -> None:
-    """What may happen to the flow: it dies with its own death, and outlives that of a worker or of its server."""
+    """Return the flow's allowed outcomes: it ends if it was killed itself, and else goes on."""
     if point.exit_code is None:
         point.violations.append(f"hangs: {life.words()[-300:]}")
         life.process.kill()
@@ -347,7 +347,7 @@ def proven(
 
 
 def _there(lab: Lab, setting: Setting, api: Api) -> dict[str, tuple[float, float]]:
-    """As `watched`, with a configured API, whose server and pool are there as long as the flow is."""
+    """Watch a campaign with a configured API, whose server and pool outlive the flow."""
     with_pool = setting == "pool"
     if with_pool:
         api.make_pool()

@@ -145,7 +145,7 @@ parent is gone, else it would always be done before; it costs no processor."""
 
 @dataclass(frozen=True)
 class Lab:
-    """What all points share: the code, the campaign file, and a Prefect home whose database is made.
+    """Inputs that all points share: code, campaign file, and a Prefect home with its database.
 
     Attributes:
         robot: Whether a robot drives in the campaign.
@@ -254,7 +254,7 @@ class Place:
         return found
 
     def directories(self) -> list[Path]:
-        """What a user would take for campaign directories."""
+        """Return the folders that a user would take for campaign directories."""
         return sorted(path for path in self.results.glob("*") if not path.name.startswith("."))
 
 
@@ -295,7 +295,7 @@ class Life:
         return found
 
     def phase(self) -> str:
-        """What it is doing, as far as can be seen from outside."""
+        """The activity of a process, as seen from outside."""
         if list(self.place.results.glob(".*.partial")):
             return "reporting"
         if any(row["what"] == "begin" for row in self.place.trace()):
@@ -341,7 +341,7 @@ class Api:
         return self._folder / "prefect" / "prefect.db"
 
     def environment(self) -> dict[str, str]:
-        """Of the server, and of workers that talk to it."""
+        """Environment of the server and of its workers."""
         kept = {name: value for name, value in os.environ.items() if not name.startswith(("PREFECT_", "VASTFLOW_"))}
         return {**kept, **SERVER_SETTINGS, "PREFECT_HOME": str(self._folder / "prefect")}
 
@@ -381,14 +381,14 @@ class Api:
 
 
 class Crew:
-    """As many workers of the work pool `POOL` as a place has, each with one flow run at a time."""
+    """The workers of the work pool `POOL`, each limited to one flow run."""
 
     def __init__(self, place: Place) -> None:
         self._place = place
         self._workers = [self._started() for _ in range(WORKERS)]
 
     def victims(self, kind: str) -> list[list[psutil.Process]]:
-        """What dies together: a worker (`crew`), the process of its flow run (`shard`), or it and all below it (`node`)."""
+        """Return the processes to kill: a worker (`crew`), its flow run (`shard`), or all of both (`node`)."""
         there = [worker for worker in self._workers if worker.poll() is None]
         if kind == "crew":
             return [[worker] for worker in there]
@@ -406,7 +406,7 @@ class Crew:
         self._workers = [worker if worker.poll() is None else self._started() for worker in self._workers]
 
     def stop(self) -> None:
-        """End them, with all that they started: they take long to end in order, and would take shards of the next point."""
+        """Kill the workers and all their processes, before they take shards of the next point."""
         for worker in self._workers:
             with contextlib.suppress(psutil.Error):
                 for process in [worker, *worker.children(recursive=True)]:

@@ -1,4 +1,4 @@
-"""What a campaign comes to, as far as it must not depend on what was killed: its files, its artifacts, its flow runs."""
+"""The outcome of a campaign that must not depend on kills: files, artifacts, and flow runs."""
 
 import contextlib
 import hashlib
@@ -17,7 +17,7 @@ FINAL = ("COMPLETED", "FAILED", "CRASHED", "CANCELLED")
 
 @dataclass(frozen=True)
 class Whole:
-    """What the campaign comes to: name to digest of its directory's files, key to digest of its artifacts."""
+    """The outcome of a campaign: digests of the directory's files by name, and of artifacts by key."""
 
     files: Mapping[str, str]
     artifacts: Mapping[str, str]
@@ -66,7 +66,7 @@ def stored(store: Store) -> dict[str, str]:
 
 
 def differing(wanted: Mapping[str, str], found: Mapping[str, str]) -> str:
-    """What is missing, too many or other; empty if nothing."""
+    """Return what is missing, superfluous, or different."""
     names = sorted(name for name in {*wanted, *found} if wanted.get(name) != found.get(name))
     return f"{len(names)} files differ, {', '.join(names[:4])}" if names else ""
 

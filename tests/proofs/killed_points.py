@@ -40,7 +40,7 @@ Times: TypeAlias = Mapping[Setting, Mapping[str, tuple[float, float]]]
 
 @dataclass
 class Point:
-    """What one kill came to.
+    """Outcome of one kill.
 
     Attributes:
         number: Among those of the same victim.
@@ -74,7 +74,7 @@ class Point:
         return f"{self.setting}/{self.victim}"
 
     def earlier(self) -> None:
-        """Aim at an earlier time: the campaign had ended, for the machine is faster now than when the time was chosen."""
+        """Move the kill to an earlier time, since the campaign had ended."""
         self.at_s, self.blocks, self.aimed_s = 0.5 * self.at_s, self.blocks // 2, 0.3 * self.aimed_s
 
 

@@ -1,4 +1,4 @@
-"""What latency does to flakiness: the same situations without latency and with each preset, and how many of those that fail always do.
+"""Measure the effect of latency on flakiness, in the same situations with each preset.
 
 The configurations are those of `campaigns/latency/presets.vast` with more paths and boxes. Every run is a line of the file `--keep`; what
 it has is not run again, and rounds go over all configurations, so that the table may be printed of a part.
@@ -55,12 +55,12 @@ class Classes:
 
     @property
     def flaky_share(self) -> float:
-        """Of the failing configurations, those with runs that pass."""
+        """Number of failing configurations with runs that pass."""
         return self.flaky / (self.always + self.flaky) if self.always + self.flaky else float("nan")
 
     @property
     def always_share(self) -> float:
-        """Of the failing runs, those of configurations that always fail."""
+        """Share of failing runs in configurations that always fail."""
         return self.of_always / self.failures if self.failures else float("nan")
 
 

@@ -42,7 +42,7 @@ class Plant:
 
 @dataclass(frozen=True)
 class Ended:
-    """Where the minimization of a plant ended.
+    """Result of minimizing a planted failure.
 
     Attributes:
         cause: What it says can't be left out.

@@ -1,4 +1,4 @@
-"""Where MPPI stands before a passage that is wide enough: runs that arrive, by the inflation that the costmaps have.
+"""Count MPPI's runs that arrive through a wide enough passage, by inflation.
 
     python tests/proofs/narrow_passage.py [--passages 0.75 0.8 0.85 0.9] [--runs 24] [--workers N]
 

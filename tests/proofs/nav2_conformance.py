@@ -1,4 +1,4 @@
-"""How far controllers and planner are from Nav2: answers that Nav2's own code gave, beside ours for the same states.
+"""Compare controllers and planner with recorded answers of Nav2's code for the same states.
 
 The answers lie in a folder with `mppi.npz`, `navfn.npz`, `dwb.npz` and `rpp.npz`, which is not part of vastflow: that in
 the environment variable NAV2_CONFORMANCE, or `../shared/reference/nav2-conformance` beside the repository. Maps are found
@@ -72,7 +72,7 @@ class Distance:
 
 
 def folder() -> Path | None:
-    """Where the answers are; None where there are none.
+    """The folder of recorded answers, or None.
 
     Raises:
         NotADirectoryError: the variable names no folder.

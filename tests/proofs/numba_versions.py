@@ -1,4 +1,4 @@
-"""Each minor version of numba that is allowed, in an environment of its own, with the tests of compilation and the golden runs.
+"""Test compilation and golden runs with each allowed minor version of numba.
 
 What vastflow uses of numba beyond its documents is in `sim/kernels/numba_target.py`; CI runs its tests with one release. Exit code 1
 when one fails.

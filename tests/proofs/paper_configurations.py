@@ -1,4 +1,4 @@
-"""The paper's three campaigns have as many configurations as the paper says, on our floor plans and on its own maps.
+"""Compare the number of configurations of the paper's campaigns with the paper.
 
     python tests/proofs/paper_configurations.py [--map-dir FOLDER]
 
@@ -24,7 +24,7 @@ EQUAL: Final = 390
 
 
 def counted(kind: Kind) -> Requested:
-    """What the paper counts, where nothing is lost."""
+    """The paper's counts, without losses."""
     n = PUBLISHED[kind].configurations
     return Requested(n, 0, 0, 0, n)
 

@@ -98,7 +98,7 @@ def hours(results: PaperResults) -> float:
 
 
 def _together(results: Sequence[PaperResults]) -> tuple[float, float] | None:
-    """CPU hours of all whole campaigns, by the speed of the simulation alone and by that of the calls; None for fewer than two."""
+    """Return CPU hours of all whole campaigns, by simulation speed and by calls; None for fewer than two."""
     least = most = 0.0
     for each in results:
         if each.alone is None or each.call is None:

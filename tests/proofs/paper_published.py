@@ -1,4 +1,4 @@
-"""What the paper reports of its three campaigns, and what follows from that by arithmetic."""
+"""Figures that the paper reports, and figures derived from them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -40,7 +40,7 @@ class NotThePapers(UserError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Requested:
-    """What became of the configurations that the file asks for.
+    """Counts of the requested configurations by what became of them.
 
     Attributes:
         all: The product of all choices, or the size of a family's sample.
@@ -158,7 +158,7 @@ class PaperResults:
 
     @property
     def configurations(self) -> int:
-        """How many were run."""
+        """Number of configurations that were run."""
         return len(self.counts)
 
     @property
@@ -231,7 +231,7 @@ def requested_of(coverage: Row) -> Requested:
 
 
 def _later_choices(factors: list[Row]) -> int:
-    """How many configurations there would be of each way."""
+    """Number of configurations of each kind."""
     product, seen = 1, False
     for factor in factors:
         product *= factor["levels"] if seen else 1
@@ -305,7 +305,7 @@ def _error(metrics: Row, basis: str) -> tuple[float | None, Judgement]:
 
 
 def _separation(metrics: Row, radius: str) -> tuple[float | None, Judgement]:
-    """The margin to the separation that one reading of the obstacle's radius asks for, and what it says of the run."""
+    """The margin to the required separation, under one reading of the obstacle's radius."""
     margin_m = metrics[f"{radius}_margin"]["value"]
     kept = (margin_m is None or margin_m >= 0) and not metrics["obstacle_contacts"]["value"]
     return margin_m, "pass" if kept else "fail"

@@ -52,7 +52,7 @@ def main() -> None:
 
 
 def _sampled(name: str, asked: argparse.Namespace) -> str:
-    """The campaign directory of a sample of the size that is asked for or that the time allows, made by one call from nothing."""
+    """Run a sample of the requested size, or of the size that the time allows."""
     with tempfile.TemporaryDirectory(prefix="paper-sample-") as folder:
         if asked.sample:
             return str(_run(name, asked.sample, asked, Path(folder)).summary["results"])

@@ -1,4 +1,4 @@
-"""Where the runs of a campaign start: can the robot move at all?"""
+"""Find starts from which the robot cannot move."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping

@@ -1,4 +1,4 @@
-"""On each of the paper's five maps: what the loop's paths cost beside those that NavFn floods afresh at the same instant.
+"""Compare the cost of paths in use with fresh NavFn paths, on the paper's five maps.
 
 RPP drives random paths of each map with nothing in the way, with boxes that the map has not, and with a noisy scan. At every
 replanning the cost of the path now in use, the integral of NavFn's costs along it on the global costmap of that tick, is
@@ -96,7 +96,7 @@ def instantiated(map_file: Path, condition: str, length_m: float, paths: int, co
 
 
 def cost_along(way_cells: NDArray[np.float64], travel: NDArray[np.uint8]) -> float:
-    """Integral of the travel costs (H, W) along a way (N, 2) of (x, y) in cells, between cells linearly interpolated."""
+    """Integrate travel costs (H, W) along a path (N, 2) of (x, y) in cells, interpolated linearly."""
     steps = np.hypot(*np.diff(way_cells, axis=0).T)
     along = np.r_[0.0, np.cumsum(steps)]
     at = np.arange(0.5 * STEP_CELLS, along[-1], STEP_CELLS)
@@ -106,7 +106,7 @@ def cost_along(way_cells: NDArray[np.float64], travel: NDArray[np.uint8]) -> flo
 
 
 def excess(stack: Stack) -> float:
-    """By which share the path in use costs more than a fresh one; not a number where there is no fresh one."""
+    """Return the excess cost of the path in use over a fresh one, or NaN without one."""
     m, p, grids = stack.m[0], stack.p[0], stack.grids
     origin, resolution_m = np.array([p["origin_x"], p["origin_y"]]), float(p["resolution"])
     robot, goal = (
@@ -122,13 +122,13 @@ def excess(stack: Stack) -> float:
 
 
 def ended(way_cells: NDArray[np.float64], goal: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A way with the goal itself at its end, as Nav2's planner puts it there: instead of the last point or after it."""
+    """Return the path with the goal at its end, as Nav2's planner puts it."""
     replaced = math.dist(way_cells[-1], way_cells[-2]) > math.dist(goal, way_cells[-2])
     return np.vstack([way_cells[:-1] if replaced else way_cells, goal])
 
 
 def excesses(scenario: Scenario, run_index: int) -> NDArray[np.float64]:
-    """Of a run, one at each replanning."""
+    """Comparisons of one run, one at each replanning."""
     found: list[float] = []
 
     def look(stack: Stack, tick: int) -> None:

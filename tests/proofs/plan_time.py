@@ -1,4 +1,4 @@
-"""What one plan costs: each planner between the same ends on the same costmaps, in CPU time, kernels warm.
+"""Measure the CPU time of a plan, for each planner between the same ends on the same costmaps.
 
     python tests/proofs/plan_time.py [--map FILE.yaml] [--length M]
 
@@ -44,7 +44,7 @@ Plan = Callable[[Pose, Pose], NDArray[np.float64]]
 
 @dataclass(frozen=True, slots=True)
 class Times:
-    """Of one planner: CPU milliseconds of first and of repeated plans, lengths of the paths (m)."""
+    """CPU time (ms) of first and repeated plans, and path lengths (m), of one planner."""
 
     planner: str
     first_ms: NDArray[np.float64]
@@ -58,7 +58,7 @@ def planned(planner: Bound, given: PlannerInput) -> int:
 
 
 def plans_of(occupancy: OccupancyMap) -> Iterator[tuple[str, Plan]]:
-    """Each planner on a map, and what plans a path (N, 2) with it in meters; an empty one where there is none."""
+    """Return a function per planner that plans a path (N, 2) in meters, empty without a path."""
     parameters = NavParameters()
     costs = prepare(occupancy, Lidar(), parameters).costs
     resolution_m, origin_m = occupancy.resolution_m, np.array(occupancy.origin_xy_m)
@@ -85,7 +85,7 @@ def plans_of(occupancy: OccupancyMap) -> Iterator[tuple[str, Plan]]:
 
 
 def times_of(occupancy: OccupancyMap, ends: list[Ends]) -> Iterator[Times]:
-    """What plans between these ends cost each planner."""
+    """Measure each planner between these ends."""
     for name, plan in plans_of(occupancy):
         plan(*reversed(ends[0]))
         first, again, lengths = [], [], []
@@ -104,7 +104,7 @@ def _timed(plan: Plan, start: Pose, goal: Pose) -> tuple[NDArray[np.float64], fl
 
 
 def ends_of(routes: list[Route]) -> list[Ends]:
-    """Where routes begin and end."""
+    """Return the ends of the routes."""
     return [(route.start, route.mission.goals[-1]) for route in routes]
 
 

@@ -73,7 +73,7 @@ class Finding:
 
 
 def classes(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
-    """Campaigns of 400 configurations of six rates, 20 and 60 runs each; of total failures beside rates of 0.9; and of rates at bounds."""
+    """Simulate campaigns of 400 configurations with known rates, and count wrong classes."""
     rates = np.repeat([0.0, 0.1, 0.3, 0.5, 0.9, 1.0], [60, 40, 60, 60, 80, 100])
     true = ClassBounds().of(rates)
     for runs, least in ((20, (1.0, 0.1, 1.0)), (60, (1.0, 0.97, 1.0))):
@@ -117,7 +117,7 @@ def claims_of(passed: NDArray[Any], runs: int) -> NDArray[np.int64]:
 
 
 def wrong_share(claims: NDArray[np.int64], true: NDArray[np.intp], claim: int) -> float:
-    """Of the configurations that are called so, the share of those that are not."""
+    """Share of wrongly classified configurations among those of a class."""
     called = claims == claim
     return float((called & (true != claim)).sum() / max(called.sum(), 1))
 
@@ -125,7 +125,7 @@ def wrong_share(claims: NDArray[np.int64], true: NDArray[np.intp], claim: int) -
 def a_campaign(
     rng: np.random.Generator, harm: float, together: float, spread: float
 ) -> tuple[list[dict[str, Any]], Floats, NDArray[np.int64], NDArray[np.int64]]:
-    """Levels, failure rates and failures of 4 maps × 4 paths × 3 obstacle counts × 2 noises × 2 speeds, 10 runs each.
+    """Draw levels, failure rates, and failures of a crossed design with 10 runs each.
 
     `harm` is added to the failure rate at 3 obstacles, `together` at the high noise with the high speed; paths and configurations
     differ by beta distributions whose spread is `spread`.
@@ -196,7 +196,7 @@ POWER = {
 
 
 def contrasts(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
-    """One factor whose last level does harm, on situations whose failure rates follow a beta distribution; 5 runs of each configuration."""
+    """Plant one harmful level on situations with beta-distributed failure rates, 5 runs each."""
     for (situations, levels), specified in POWER.items():
         for points, told in zip((0.0, 0.1, 0.3, 1.0), specified.split(), strict=True):
             block = np.repeat(np.arange(situations), levels)
@@ -257,7 +257,7 @@ def responses(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
 
 
 def lengths(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
-    """Campaigns of 24 paths of about 5, 10 and 15 m on 3 maps, 4 settings on each, 10 runs; paths and configurations differ."""
+    """Simulate campaigns of 24 paths on 3 maps with 4 settings each, 10 runs."""
     for rise, words in ((0.0, "none"), (0.05, "0.05 a metre")):
         found = held = other = 0
         for _ in range(campaigns):
@@ -287,7 +287,7 @@ def lengths(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
 
 
 def rare(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
-    """Nothing planted, few failures, levels of very different size: where tests by themselves go wrong."""
+    """Simulate campaigns without effects, with few failures and unequal levels."""
     rows = [{"a": "small" if k < 30 else "large", "b": k % 3} for k in range(600)]
     false = 0
     for _ in range(campaigns):

@@ -1,4 +1,4 @@
-"""How long a report is to a reader, in Chromium: height, words before anything is unfolded, where the first pictures are.
+"""Measure a report in Chromium: height, visible words, and position of the first pictures.
 
 Exit code 1 where a limit is not met. With --pictures, screenshots in light and dark, 1,300 and 390 px wide.
 
@@ -85,7 +85,7 @@ class Browser:
 
 @contextmanager
 def chromium(profile: Path) -> Iterator[str]:
-    """Where a Chromium listens, with its files in `profile`."""
+    """Start Chromium with its files in `profile`, and yield its address."""
     assert CHROMIUM is not None
     process = subprocess.Popen(
         [CHROMIUM, *QUIET, f"--user-data-dir={profile}", "about:blank"],
@@ -116,7 +116,7 @@ def opened(address: str) -> Browser:
 
 
 def measured(browser: Browser, report: Path) -> dict[str, float | None]:
-    """Of a report as it is opened at `WIDTH`: px from the top, words that are not folded, megabytes.
+    """Measures of a report opened at `WIDTH`: px from the top, visible words, megabytes.
 
     None for the places of what it doesn't have.
     """
@@ -134,7 +134,7 @@ def measured(browser: Browser, report: Path) -> dict[str, float | None]:
 
 
 def beyond(found: Mapping[str, float | None], most_px: float, most_words: float) -> list[str]:
-    """What of a measured report is beyond its limit."""
+    """Return the measures that exceed their limits."""
     limits = {
         "height_px": most_px,
         "words": most_words,

@@ -209,7 +209,7 @@ def _configuration(k: int, places: Sequence[Mapping[str, Any]]) -> dict[str, Any
 def _outcome(
     configuration: Mapping[str, Any], places: Sequence[Mapping[str, Any]], k: int, rng: np.random.Generator, runs: int
 ) -> tuple[int, Path | None]:
-    """How many runs end early, and the block that has them; noise and drop-outs do harm, most together."""
+    """Return the number of early ends, and their block; noise and drop-outs do harm, most together."""
     if not places:
         return 0, None
     system = json.loads(configuration["scenario"])["system"]
@@ -285,7 +285,7 @@ def _metadata(configurations: int, runs: int) -> dict[str, Any]:
 
 
 def measured(directory: Path) -> dict[str, float]:
-    """Make the report of `directory` in a process of its own: CPU time (s), greatest memory (MB), size of the report (MB)."""
+    """Make a report in a process of its own; return CPU time (s), peak memory (MB), and size (MB)."""
     # Not ru_maxrss, in which Linux keeps what the parent had before the program began.
     program = (
         "import pathlib, sys\nfrom vastflow.oracles.page.report import write_report\n"

@@ -1,4 +1,4 @@
-"""Searches of spaces whose truth is known: how many runs a strategy needs, how near a boundary comes, whether intervals cover.
+"""Measure strategies on spaces with known truth: runs to a failure, boundary error, coverage.
 
     python tests/proofs/search.py [pockets] [boundary] [coverage] [--seeds N]
 
@@ -195,7 +195,7 @@ NEAR: Final = 0.05
 
 
 def curve(x: Floats) -> Floats:
-    """Where the failure rate is 50 %, along the second parameter."""
+    """Return the second parameter at which the failure rate is 50 %."""
     return 0.5 + 0.25 * np.sin(2.5 * np.pi * x) * np.exp(-0.5 * x)
 
 
@@ -205,7 +205,7 @@ def rate(unit: Floats) -> Any:
 
 
 def curve_of(surface: Floats, along: Floats) -> Floats:
-    """Where a surface (x, y) of rates less the level crosses it along y first, for each x; NaN where it does not."""
+    """Return for each x the first y at which the rate crosses the level; NaN without a crossing."""
     found = np.full(len(surface), np.nan)
     for k, column in enumerate(surface):
         crossings = np.flatnonzero((column[:-1] > 0) & (column[1:] <= 0))
@@ -250,7 +250,7 @@ FRESH_RUNS: Final = 60
 
 
 def coverage(seeds: int) -> bool:
-    """Print how often the interval of the confirming runs has the rate of the point that they confirm; whether that is often enough."""
+    """Print the coverage of confirming intervals; True if it is high enough."""
     met = True
     print(
         f"\ncoverage: {seeds} searches of {SEARCH_RUNS} points of one run, {FRESH_RUNS} fresh runs of the best, 95 % intervals"

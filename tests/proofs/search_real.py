@@ -1,4 +1,4 @@
-"""Searches of real spaces, by the simulator: runs that a strategy needs to a failure, and how near a boundary comes to a dense grid.
+"""Measure strategies in the simulator: runs to a failure, and boundary error against a dense grid.
 
     python tests/proofs/search_real.py [door] [passage] [boundary] [--seeds 5] [--batches 12] [--strategies …] [--workers N] [--store FOLDER]
 
@@ -70,7 +70,7 @@ SPACES: Final = {"door": (DOOR, box("box", "$x", "$y", 0.5)), "passage": (PASSAG
 
 @dataclass(frozen=True)
 class Place:
-    """Where campaigns are written and run."""
+    """The folder in which campaigns are written and run."""
 
     folder: Path
     store: Path
@@ -78,7 +78,7 @@ class Place:
 
 
 def parameters_of(*obstacles: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Those of the scenario."""
+    """Parameters of the scenario."""
     return [
         {"map_file": "door.yaml"},
         {"start_pose": {"x": 1.0, "y": 2.5, "yaw": 0.0}},
@@ -200,7 +200,7 @@ def searched_rates(place: Place, seed: int, runs: int) -> Floats:
 
 
 def passage_of(rates: Floats) -> Floats:
-    """(NOISES,) the passage at which half of the runs fail, for each noise of the grid, as a share of the range; NaN where it is none.
+    """Return the passage (NOISES,) at which half of the runs fail, as a share of the range, or NaN.
 
     A wider passage fails no more often: of rates the nearest that fall count, for of few runs one or the other crosses 50 % early.
     """
@@ -216,7 +216,7 @@ def distance(curve: Floats, reference: Floats) -> float:
 
 
 def boundary(place: Place, seeds: int) -> bool:
-    """Print how far the curve of 50 % is from that of the grid, as a share of the range of passages; whether the goal is met."""
+    """Print the distance between the 50 % curves of search and grid; True if the goal is met."""
     rates, budget, draws = grid_rates(place), NOISES * PASSAGES * GRID_RUNS // 5, np.random.default_rng(0)
     reference = passage_of(rates)
     redrawn = [passage_of(draws.binomial(GRID_RUNS, rates) / GRID_RUNS) for _ in range(REDRAWN)]

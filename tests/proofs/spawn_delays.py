@@ -1,4 +1,4 @@
-"""The paper's obstacles that appear, each at once and some tenths of a second after its trigger: how many runs keep their distance.
+"""Count runs that keep their distance to obstacles that appear after various delays.
 
 A simulator that spawns a box on request, as Gazebo does, needs a moment for it, and the paper does not say how long. The same configurations
 of `campaigns/paper/safety.vast`, on its paths of 10 m, are run with each delay, and the same runs are judged by both readings of the
@@ -112,7 +112,7 @@ def _rows(
 
 
 def as_json(rows: Sequence[Row], configurations: int, runs: int) -> Mapping[str, Any]:
-    """What the page takes."""
+    """Figures for the page."""
     said = [
         {"delay_s": r.delay_s, "reading": r.reading, **{n: getattr(r, n).rate for n in ("reached", "kept", "both")}}
         for r in rows

@@ -39,7 +39,7 @@ def spellings(file: Path, links: Path) -> dict[str, tuple[Path, Path]]:
 
 
 def counts(here: Path, file: Path, kept: Path) -> dict[str, int]:
-    """What a run of the campaign counts."""
+    """Counts of one run of the campaign."""
     command = [sys.executable, "-m", "vastflow.flows", "run", str(file), "--json"]
     options = ["--store", str(kept / "store"), "--results", str(kept / "results")]
     done = subprocess.run([*command, *options], cwd=here, capture_output=True, text=True, check=False)

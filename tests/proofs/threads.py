@@ -1,4 +1,4 @@
-"""Several calls at once in one process come to what one call alone comes to: in threads, by `asyncio.to_thread`, in Prefect tasks.
+"""Check that concurrent calls in one process give the results of a single call.
 
 Each round writes two campaign files anew that share a producer, its helper, an oracle, a notebook and a scenario file, so that nothing
 of them is loaded yet, and begins several calls together. A call reads one of the files and instantiates it. Those of `--api` are
@@ -114,7 +114,7 @@ def run(file, number):
 
 
 def raised(call):
-    """What a call raises."""
+    """Return the error that a call raises."""
     try:
         call()
     except BaseException as error:  # noqa: BLE001 - it is what is looked for
@@ -150,7 +150,7 @@ WAYS = {"threads": in_threads, "asyncio.to_thread": by_to_thread, "Prefect tasks
 
 
 def failures(place, call, way, rounds):
-    """How often each failure was met."""
+    """Count each failure."""
     met = Counter()
     for number in range(rounds):
         folder = place / str(number)

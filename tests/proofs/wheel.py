@@ -1,4 +1,4 @@
-"""The wheel of this checkout: it holds every package and nothing else, starts a first campaign, and has the checkout's keys.
+"""Check that this checkout's wheel is complete, runs a campaign, and has the checkout's keys.
 
 `installed.py` goes further: it installs the wheel with all that it needs, and runs the campaign. Prints what is wrong; exit code 1
 when something is.

@@ -1,4 +1,4 @@
-"""A whole campaign directory in one call, tables and report: for tests that have artifacts and want what a run makes of them."""
+"""Write a whole campaign directory from artifacts, for tests."""
 
 from collections.abc import Callable
 from datetime import datetime

@@ -6,7 +6,7 @@ import reprlib
 
 
 def each_row(names, table):
-    """Run a test once for each row of a table, in one case: every row runs, and each that fails is shown by itself.
+    """Run a test for each row of a table, as one case whose failing rows are shown separately.
 
     A case costs half a millisecond before it runs, in each process of the tests. Rows share the fixtures of their case, but for
     `tmp_path`, which is a folder of its own for each. Where that is not enough: `pytest.mark.parametrize`.
