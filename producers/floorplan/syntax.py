@@ -5,17 +5,17 @@ colon, the sections may come in any order, and so may the parts of a section.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, Final, TypeAlias, cast
 
-from lark import Lark, Token, Transformer, UnexpectedCharacters, UnexpectedToken
+from lark import Lark, Token, Transformer, UnexpectedInput
 
 from vastflow.producers.floorplan.faults import complain
 from vastflow.sim.model import files
-from vastflow.sim.model.names import nearest
+from vastflow.sim.model.syntax import expectation, line_and_column, misfit
 
 MOST_BYTES: Final = 1_000_000
 
@@ -57,8 +57,6 @@ BARE: Final = (CAPITALS - {"DEFAULTS"}) | {
 }
 """Keywords without a colon."""
 
-MOST_EXPECTED: Final = 6
-
 VERSION_1: Final[Mapping[str, str]] = {
     "from:": "'wrt:'",
     "to:": "'of:'",
@@ -78,37 +76,28 @@ def parsed(parser: Lark, text: str, file: str) -> Any:
     """
     try:
         return parser.parse(text)
-    except UnexpectedCharacters as error:
-        at, expected = error.pos_in_stream or 0, error.allowed or set()
-    except UnexpectedToken as error:
-        at = len(text.rstrip()) if error.token.type == "$END" else error.token.start_pos or 0
-        expected = error.accepts or error.expected
-    before = text[:at]
-    place = before.count("\n") + 1, at - (before.rfind("\n") + 1) + 1
+    except UnexpectedInput as error:
+        wrong = misfit(error, text)
+    at = wrong.start
+    place = line_and_column(text, at)
     if old := WORD_OF_VERSION_1.match(text, at):
         word = " ".join(old[0].removesuffix(":").split()) + ":"
         right = f"{VERSION_1[word]} in version 2, the only one that is read; this is the language's version 1"
         complain(file, place, "syntax", f"got {word!r}", right)
     found = WORD.match(text, at)
     what = f"got {found[0][:40]!r}" if found else "the file ends here"
-    complain(file, place, "syntax", what, _right(found[0] if found else "", before.rstrip(), set(expected)))
+    complain(file, place, "syntax", what, _right(found[0] if found else "", text[:at].rstrip(), wrong.expected))
 
 
 WORD: Final = re.compile(r"\w+|\S")
 
 
-def _right(found: str, before: str, expected: set[str]) -> str:
+def _right(found: str, before: str, expected: Collection[str]) -> str:
     if found[:1].isalpha() and NUMBER_AT_END.search(before):
         return "the units are m, rad and deg; 'm' for a length, 'rad' or 'deg' for an angle"
     if found in (".", "[") and before[-1:].isalnum():
         return "a wall is written as in hall.walls[0]"
-    spelled = {spelling.strip("'"): spelling for spelling in map(_spelled, expected)}
-    if near := nearest(found, [name for name in spelled if " " not in name]):
-        return f"did you mean {near!r}?"
-    names = sorted(spelled.values())
-    if len(names) > MOST_EXPECTED:
-        names = [*names[:MOST_EXPECTED], "others"]
-    return " or ".join(filter(None, [", ".join(names[:-1]), names[-1]])) if names else "something else here"
+    return expectation(found, map(_spelled, expected))
 
 
 NUMBER_AT_END: Final = re.compile(r"(?<![\w.])[0-9][0-9.eE+-]*$")

@@ -6,18 +6,20 @@ from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
+from threading import Lock
 from typing import Final
 
 import platformdirs
-from lark import Lark, Token, UnexpectedCharacters, UnexpectedToken
+from lark import Lark, Token, UnexpectedInput
 from lark import __version__ as lark_version
-from lark.exceptions import VisitError
 from lark.lark import PostLex
 
 from vastflow.sim.model.faults import Fault, Place
+from vastflow.sim.model.files import Unreadable
 from vastflow.sim.model.names import nearest
+from vastflow.sim.model.syntax import Misfit, expectation, line_and_column, misfit
 from vastflow.sim.scenario.language.building import Builder
-from vastflow.sim.scenario.language.faults import OscError, too_long
+from vastflow.sim.scenario.language.faults import OscError
 from vastflow.sim.scenario.language.syntax import FileText
 
 TAB: Final = 8
@@ -30,14 +32,6 @@ WORDS: Final = re.compile(r"\w\w")
 """Letters of two words that touch."""
 
 COMMENT: Final = re.compile(r"/\*[\s\S]*?\*/|#[^\n]*")
-
-
-class IndentationFault(Exception):
-    """A line whose indentation belongs to no block; `what` and `right` are the words of a fault."""
-
-    def __init__(self, line: int, column: int, what: str, right: str) -> None:
-        self.line, self.column, self.what, self.right = line, column, what, right
-        super().__init__(what)
 
 
 class Indentation(PostLex):
@@ -53,7 +47,7 @@ class Indentation(PostLex):
         """The tokens of a text without blank lines, with the ends of lines and blocks.
 
         Raises:
-            IndentationFault: a line is indented less than its block and more than the one around it, or brackets and
+            Unreadable: a line is indented less than its block and more than the one around it, or brackets and
                 blocks are nested deeper than anybody writes.
         """
         levels, brackets, begun = [0], 0, False
@@ -72,12 +66,12 @@ class Indentation(PostLex):
                 and end.type != "NUMBER"
                 and WORDS.fullmatch(end[-1] + token[0])
             ):
-                raise IndentationFault(
-                    end.line or 1, end.column or 1, f"got {end + token!r}", f"a blank behind {str(end)!r}"
+                raise Unreadable(
+                    f"got {end + token!r}", f"a blank behind {str(end)!r}", (end.line or 1, end.column or 1)
                 )
             brackets += (token.type in OPENING) - (token.type in CLOSING)
             if brackets > DEEPEST:
-                raise IndentationFault(token.line or 1, token.column or 1, "brackets are nested too deep", "fewer")
+                raise Unreadable("brackets are nested too deep", "fewer", (token.line or 1, token.column or 1))
             begun, end = True, token
             yield token
         for _ in levels[1:]:
@@ -95,19 +89,15 @@ def _indent_width(token: Token) -> int | None:
 def _steps(token: Token, width: int, levels: list[int]) -> Iterator[Token]:
     if width > levels[-1]:
         if len(levels) > DEEPEST:
-            raise IndentationFault(token.end_line or 1, width + 1, "blocks are nested too deep", "fewer")
+            raise Unreadable("blocks are nested too deep", "fewer", (token.end_line or 1, width + 1))
         levels.append(width)
         yield Token.new_borrow_pos("_INDENT", "", token)
     while width < levels[-1]:
         levels.pop()
         yield Token.new_borrow_pos("_DEDENT", "", token)
     if width != levels[-1]:
-        raise IndentationFault(
-            token.end_line or 1,
-            width + 1,
-            f"got a line indented by {width} blanks that belongs to no block",
-            f"{levels[-1]} blanks, as the lines above it",
-        )
+        what = f"got a line indented by {width} blanks that belongs to no block"
+        raise Unreadable(what, f"{levels[-1]} blanks, as the lines above it", (token.end_line or 1, width + 1))
 
 
 SPELLED: Final[Mapping[str, str]] = {
@@ -141,7 +131,7 @@ SPELLED: Final[Mapping[str, str]] = {
 UNSAID: Final = frozenset({"PLUS", "MINUS", "TIMES", "DIVIDED", "MODULO", "COMPARED", "IN", "AND", "OR", "QUESTION"})
 """Operators, which could stand after any value: they are said where nothing else could."""
 
-MOST_EXPECTED: Final = 8
+ENDS: Final = {"_NL": "the end of the line", "_DEDENT": "the end of the block", "$END": "the end of the file"}
 
 MOST_FAULTS: Final = 20
 
@@ -160,48 +150,59 @@ QUIET: Final = re.compile(r"""\"{3}[\s\S]*?\"{3}|'{3}[\s\S]*?'{3}|"[^"\n]*"|'[^'
 """Strings and comments, whose brackets are none."""
 
 
+_PARSING: Final = Lock()
+"""The parser's builder takes the name of one file at a time."""
+
+
 def parsed(text: str, file: str) -> FileText:
-    """What is written in `text`.
+    """Return the syntax of `text`.
 
     Raises:
         OscError: it is not in the language. Behind a line that is at fault reading goes on, so that there may be more.
     """
     faults: list[Fault] = []
-    readable = text
-    while True:
+    readable: str | None = text
+    while readable is not None and len(faults) < MOST_FAULTS and len(faults) * len(text) <= MOST_PARSED:
         try:
-            tree = _parser().parse(readable + "\n")
+            read = _read(readable, file)
+        except Unreadable as error:
+            faults.append(Fault(Place(file, *error.place), error.what, error.right))
             break
-        except IndentationFault as fault:
-            faults.append(Fault(Place(file, fault.line, fault.column), fault.what, fault.right))
-            raise OscError(faults) from None
-        except UnexpectedCharacters as error:
-            place = Place(file, error.line, error.column)
-            faults.append(Fault(place, *_stray(readable, error.pos_in_stream or 0)))
-            rest = _without(readable, place.line)
-        except UnexpectedToken as error:
-            place = Place(file, *_position_of(error.token, readable))
-            faults.append(Fault(place, *_unexpected(error, readable)))
-            rest = None if _is_about_blocks(error) else _without(readable, place.line)
-        if rest is None or len(faults) == MOST_FAULTS or len(faults) * len(text) > MOST_PARSED:
-            raise OscError(faults)
-        readable = rest
-    if faults:
-        raise OscError(faults)
-    try:
-        return Builder(file).transform(tree)
-    except (RecursionError, VisitError) as error:
-        if isinstance(error, VisitError) and not isinstance(error.orig_exc, RecursionError):
-            raise
-        raise OscError([too_long(file)]) from None
+        except UnexpectedInput as error:
+            wrong = misfit(error, readable)
+            at, what, right = _told(wrong, readable)
+            place = Place(file, *line_and_column(readable, at))
+            faults.append(Fault(place, what, right))
+            readable = None if _is_about_blocks(wrong) else _without(readable, place.line)
+        else:
+            if faults:
+                break
+            return read
+    raise OscError(faults)
+
+
+def _read(text: str, file: str) -> FileText:
+    with _PARSING:
+        parser, builder = _parser()
+        builder.file = file
+        read: FileText = parser.parse(text + "\n")  # type: ignore[assignment]  # made by the builder
+        return read
 
 
 @cache
-def _parser() -> Lark:
+def _parser() -> tuple[Lark, Builder]:
     grammar = (files("vastflow.sim.scenario.language") / "grammar.lark").read_text("utf-8")
-    return Lark(
-        grammar, start="file_", parser="lalr", postlex=Indentation(), maybe_placeholders=True, cache=_tables(grammar)
+    builder = Builder()
+    parser = Lark(
+        grammar,
+        start="file_",
+        parser="lalr",
+        postlex=Indentation(),
+        transformer=builder,
+        maybe_placeholders=True,
+        cache=_tables(grammar),
     )
+    return parser, builder
 
 
 def _tables(grammar: str) -> str | bool:
@@ -214,9 +215,9 @@ def _tables(grammar: str) -> str | bool:
     return str(folder / f"{hashlib.sha256(f'{lark_version} {grammar}'.encode()).hexdigest()[:16]}.lark")
 
 
-def _is_about_blocks(error: UnexpectedToken) -> bool:
+def _is_about_blocks(wrong: Misfit) -> bool:
     """Whether what is wrong may be the indentation, or a line further up."""
-    return error.token.type in ("_INDENT", "_DEDENT", "$END") or set(error.accepts or error.expected) == {"_INDENT"}
+    return wrong.terminal in ("_INDENT", "_DEDENT", "$END") or wrong.expected == {"_INDENT"}
 
 
 def _without(text: str, number: int) -> str | None:
@@ -241,20 +242,32 @@ def _open_brackets(text: str) -> int:
     return sum(map(code.count, "([")) - sum(map(code.count, ")]"))
 
 
-def _position_of(token: Token, text: str) -> tuple[int, int]:
-    """Line and column of a token; the end of the file is behind its last word."""
-    if token.type == "$END":
-        before = text.rstrip()
-        return before.count("\n") + 1, len(before) - (before.rfind("\n") + 1) + 1
-    if token.type in ("_INDENT", "_DEDENT"):  # made out of the blanks before the line that they are about
-        return token.end_line or 1, token.end_column or 1
-    if token.type == "_NL" and (label := LABEL.search(text, 0, token.start_pos or 0)):
-        return token.line or 1, (token.column or 1) - len(label[0])
-    return token.line or 1, token.column or 1
+def _told(wrong: Misfit, text: str) -> tuple[int, str, str]:
+    """Return the index of a mistake, what is wrong, and what would be right."""
+    at, terminal, expected = wrong.start, wrong.terminal, wrong.expected
+    if not terminal or text.startswith("/*", at):
+        return at, *_stray(text, at)
+    if terminal == "_NL" and (label := LABEL.search(text, 0, at)):
+        near = nearest(label[1], BLOCKS)
+        right = f"did you mean {near!r}?" if near else f"{', '.join(BLOCKS)} or an action"
+        return label.start(), f"got {label[1]!r}", right
+    if terminal == "_INDENT":
+        what = "got a line that is indented deeper than the one before"
+        return wrong.end, what, "the same indentation, or ':' on that line"
+    word = "" if terminal in ENDS else text[at : wrong.end]
+    what = f"got {ENDS.get(terminal) or repr(word[:40])}"
+    at = wrong.end if terminal == "_DEDENT" else at
+    if terminal == "DOT" and text[at - 1 : at].isdigit():
+        return at, what, "a number with digits after the point, such as 3.0"
+    if expected == {"_INDENT"}:
+        return at, what, "a block, indented deeper than the line before"
+    spelled = {each: SPELLED.get(each, f"'{each.lower()}'") for each in expected if each != "STAND_IN"}
+    said = expected - UNSAID or expected
+    return at, what, expectation(word, [spelled[each] for each in spelled if each in said], spelled.values())
 
 
 def _stray(text: str, at: int) -> tuple[str, str]:
-    """What is wrong where no word begins, and what would be right."""
+    """Return what is wrong where no word begins, and what would be right."""
     if text.startswith("/*", at):
         return "got a comment that does not end", "'*/' at its end"
     if text[at] in "'\"":
@@ -262,34 +275,3 @@ def _stray(text: str, at: int) -> tuple[str, str]:
     if text[at] == "|":
         return "got a name that does not end", "'|' before the end of the line"
     return f"got {text[at]!r}", "a name, a number, a string or an operator"
-
-
-def _unexpected(error: UnexpectedToken, text: str) -> tuple[str, str]:
-    token, expected = error.token, set(error.accepts or error.expected)
-    if text.startswith("/*", token.start_pos or 0):
-        return _stray(text, token.start_pos or 0)
-    if token.type == "_NL" and (label := LABEL.search(text, 0, token.start_pos or 0)):
-        near = nearest(label[1], BLOCKS)
-        return f"got {label[1]!r}", f"did you mean {near!r}?" if near else f"{', '.join(BLOCKS)} or an action"
-    if token.type == "_INDENT":
-        return "got a line that is indented deeper than the one before", "the same indentation, or ':' on that line"
-    found = {"_NL": "the end of the line", "_DEDENT": "the end of the block", "$END": "the end of the file"}.get(
-        token.type, repr(str(token)[:40])
-    )
-    if token.type == "DOT" and text[: token.start_pos or 0][-1:].isdigit():
-        return f"got {found}", "a number with digits after the point, such as 3.0"
-    if expected == {"_INDENT"}:
-        return f"got {found}", "a block, indented deeper than the line before"
-    return f"got {found}", _right(str(token), expected)
-
-
-def _right(found: str, expected: set[str]) -> str:
-    words = {terminal.lower() for terminal in expected if terminal not in SPELLED}
-    if near := nearest(found, words):
-        return f"did you mean {near!r}?"
-    said = expected - UNSAID or expected
-    said = said - {"STAND_IN"}
-    names = sorted(SPELLED.get(terminal, f"'{terminal.lower()}'") for terminal in said)
-    if len(names) > MOST_EXPECTED:
-        names = [*names[:MOST_EXPECTED], "others"]
-    return " or ".join(filter(None, [", ".join(names[:-1]), names[-1]])) if names else "something else here"

@@ -1,0 +1,59 @@
+"""Translation of Lark's errors: where a text leaves its grammar, and what could stand there."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from lark import UnexpectedInput, UnexpectedToken
+
+from vastflow.sim.model.names import nearest
+
+MOST_EXPECTED: Final = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Misfit:
+    """The first place where a text does not follow its grammar.
+
+    Attributes:
+        start, end: Indices of the token that does not fit; both behind the last word where the text ends too early.
+        terminal: Of that token; empty where no token begins, `$END` at the end of the text.
+        expected: Terminals that could stand there.
+    """
+
+    start: int
+    end: int
+    terminal: str
+    expected: frozenset[str]
+
+
+def misfit(error: UnexpectedInput, text: str) -> Misfit:
+    """Return what an error of Lark's parser says of `text`."""
+    if not isinstance(error, UnexpectedToken):
+        at = error.pos_in_stream or 0
+        return Misfit(at, at, "", frozenset(getattr(error, "allowed", None) or ()))
+    token, expected = error.token, frozenset(error.accepts or error.expected)
+    if token.type == "$END":
+        end = len(text.rstrip())
+        return Misfit(end, end, token.type, expected)
+    return Misfit(token.start_pos or 0, token.end_pos or 0, token.type, expected)
+
+
+def line_and_column(text: str, at: int) -> tuple[int, int]:
+    """Return line and column of an index, both from 1."""
+    return text.count("\n", 0, at) + 1, at - text.rfind("\n", 0, at)
+
+
+def expectation(got: str, listed: Iterable[str], suggested: Iterable[str] | None = None) -> str:
+    """Return the keyword that `got` was meant to be, or all that could stand in its place.
+
+    Args:
+        listed: Keywords and signs in quotes, other terminals in words.
+        suggested: Those that `got` may have been meant to be; `listed` where it is None.
+    """
+    names = sorted(set(listed))
+    if near := nearest(got, {name.strip("'") for name in suggested or names if " " not in name}):
+        return f"did you mean {near!r}?"
+    if len(names) > MOST_EXPECTED:
+        names = [*names[:MOST_EXPECTED], "others"]
+    return " or ".join(filter(None, [", ".join(names[:-1]), names[-1]])) if names else "something else here"
