@@ -45,11 +45,6 @@ def test_faults_of_a_scenario_have_place_and_message(golden, section, before, af
     golden("scenarios", section, faults)
 
 
-def test_change_of_a_condition_is_awaited_as_two_waits():
-    assert fault_of("do wait rise(1 == 2)").endswith("a serial of 'wait not (…)' and 'wait …'")
-    assert fault_of("do wait fall(1 == 2)").endswith("a serial of 'wait …' and 'wait not (…)'")
-
-
 def test_external_function_of_ones_own_is_not_run():
     before = "struct mine:\n    def f() -> int is external my.module.f()\n"
     assert "mine.f is external code of your own" in fault_of("do log(mine.f())", before)

@@ -161,7 +161,7 @@ def parsed(text: str, file: str) -> FileText:
         OscError: it is not in the language. Behind a line that is at fault reading goes on, so that there may be more.
     """
     faults: list[Fault] = []
-    readable: str | None = text
+    readable: str | None = text + "\n"
     while readable is not None and len(faults) < MOST_FAULTS and len(faults) * len(text) <= MOST_PARSED:
         try:
             read = _read(readable, file)
@@ -185,7 +185,7 @@ def _read(text: str, file: str) -> FileText:
     with _PARSING:
         parser, builder = _parser()
         builder.file = file
-        read: FileText = parser.parse(text + "\n")  # type: ignore[assignment]  # made by the builder
+        read: FileText = parser.parse(text)  # type: ignore[assignment]  # made by the builder
         return read
 
 
