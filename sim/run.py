@@ -38,7 +38,6 @@ from vastflow.sim.scenario.tree.navigation import NAVIGATION
 from vastflow.sim.scenario.tree.stand_ins import stand_ins
 from vastflow.sim.scenario.tree.topics import ROS
 from vastflow.sim.scenario.tree.tree import ScenarioTree
-from vastflow.sim.scenario.tree.world import in_world
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import OccupancyMap
 
@@ -226,8 +225,10 @@ def _tree(
     lines: list[str],
 ) -> ScenarioTree:
     own = {**HELPERS, **(process_actions(programs) if programs else {})}
-    worldly = in_world(simulation, {**ENTITIES, **NAVIGATION, **ROS}) if simulation else {}
-    actions = {**own, **stand_ins(own), **worldly}
+    actions = {**own, **stand_ins(own)}
+    if simulation:
+        worldly = {**ENTITIES, **NAVIGATION, **ROS}
+        actions |= {name: functools.partial(action, simulation) for name, action in worldly.items()}
     rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([*entropy, _SCENARIO_STREAM])))
     below_config = checked.programs.scenario_folder if checked.programs else ""
     functions = helper_functions(rng, os.path.join(CONFIG, below_config).rstrip("/"), OUT)

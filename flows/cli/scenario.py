@@ -7,9 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from vastflow.sim.model.faults import Fault
     from vastflow.sim.scenario.definition import EnumValue, Field, ScenarioDefinition
 
 scenario = typer.Typer(
@@ -26,11 +23,13 @@ def check(file: ScenarioArgument) -> None:
     Every fault is said at once, with its place and what would be right; in a file without any, every action that nothing
     here can do, with the reason.
     """
+    from vastflow.sim.reading.vocabulary import ACTIONS
     from vastflow.sim.scenario.language.faults import OscError
     from vastflow.sim.scenario.language.reading import read_scenarios
+    from vastflow.sim.scenario.tree.support import unsupported
 
     definitions = read_scenarios(file)
-    if lacking := _lacking(definitions):
+    if lacking := [fault for definition in definitions for fault in unsupported(definition, ACTIONS)]:
         raise OscError(lacking)
     names = [definition.name for definition in definitions]
     print(f"OK: {'scenario' if len(names) == 1 else 'scenarios'} {', '.join(names)}")
@@ -49,19 +48,6 @@ def parameters(file: ScenarioArgument) -> None:
         for definition in read_scenarios(file)
     ]
     print(json.dumps(listed, indent=2, default=_member))
-
-
-def _lacking(definitions: "Sequence[ScenarioDefinition]") -> "list[Fault]":
-    """What the scenarios do that can't be done here."""
-    from vastflow.sim.model.faults import Fault
-    from vastflow.sim.reading.vocabulary import ACTIONS
-    from vastflow.sim.scenario.tree.support import unsupported
-
-    return [
-        Fault(found.place, f"{found.name} can't be run here", found.reason)
-        for definition in definitions
-        for found in unsupported(definition, ACTIONS)
-    ]
 
 
 def _described(definition: "ScenarioDefinition", parameter: "Field") -> dict[str, Any]:

@@ -11,17 +11,18 @@ from vastflow.producers.model.faults import Fault, Location, Note
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.sim.model.digest import FileContent, Value, file_digest
+from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.files import is_file
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.scenario import ProcessSetup, RunFiles
-from vastflow.sim.reading.abstract import BUILTIN, SHIPPED, AbstractError, abstract_content, definition_of
+from vastflow.sim.reading.abstract import BUILTIN, SHIPPED, abstract_content, definition_of
 from vastflow.sim.reading.script import calls_of, goal_keys, is_optional_list, overrides_of
 from vastflow.sim.reading.vocabulary import ACTIONS, WORLDLY
 from vastflow.sim.scenario.definition import ScenarioDefinition
 from vastflow.sim.scenario.language.faults import OscError
 from vastflow.sim.scenario.language.parameters import ParameterMismatch, bound, default_of
 from vastflow.sim.scenario.programs.actions import PROCESSES
-from vastflow.sim.scenario.programs.folders import CONFIG, RunFileError, below_config, files_matching, unmatched
+from vastflow.sim.scenario.programs.folders import CONFIG, below_config, files_matching, unmatched
 from vastflow.sim.scenario.tree.support import unsupported
 
 WHERE: Final[Location] = ("execution", "scenario_file")
@@ -125,11 +126,11 @@ def abstract_scenario_of(document: Document, base: Path) -> tuple[AbstractScenar
         return None, [
             Fault(f.place.file, f.place.line, f.place.column, "scenario", f.what, f.right) for f in error.faults
         ]
-    except (AbstractError, UnicodeDecodeError) as error:
+    except (ScenarioError, UnicodeDecodeError) as error:
         what, _, right = str(error).partition("; ")
         return None, [document.fault(WHERE, what, right or "an OpenSCENARIO DSL file")]
     lacking = [
-        Fault(str(file), u.place.line, u.place.column, "scenario", f"{u.name} can't be run here", u.reason)
+        Fault(str(file), u.place.line, u.place.column, "scenario", u.what, u.right)
         for u in unsupported(definition, ACTIONS)
     ]
     drawn = [
@@ -163,7 +164,7 @@ def programs_of(
     scripts, notes, faults = _scripts(document, base, execution)
     try:
         files = run_files(base, execution.run_files)
-    except RunFileError as error:
+    except ScenarioError as error:
         what, _, right = str(error).partition("; ")
         return None, [], [*faults, document.fault(("execution", "run_files"), what, right)]
     notes += [
@@ -218,7 +219,7 @@ def run_files(base: Path, patterns: Sequence[str]) -> RunFiles:
     them a campaign would be another one after each run of it.
 
     Raises:
-        RunFileError: a pattern that can't be used.
+        ScenarioError: a pattern that can't be used.
     """
     return files_matching(base, patterns, _is_left_by_a_campaign)
 

@@ -10,7 +10,7 @@ from typing import Any, Final, TypeAlias
 from pydantic import BaseModel
 
 from vastflow.sim.model.digest import FileContent, Value, digest
-from vastflow.sim.model.faults import Place
+from vastflow.sim.model.faults import Place, ScenarioError
 from vastflow.sim.scenario.definition import ScenarioDefinition
 from vastflow.sim.scenario.language.reading import read_scenarios
 
@@ -48,10 +48,6 @@ Abstract: TypeAlias = str | FileContent
 """`builtin:` and a name, or a scenario file whose digest is that of what it defines, see `abstract_content`."""
 
 
-class AbstractError(ValueError):
-    """An abstract scenario that there is not, or that changed; says what was found and what would be right."""
-
-
 def shipped_file(name: str) -> Path:
     """The file behind `builtin:` and a name."""
     return _beside_shipped(f"{name}.osc")
@@ -73,7 +69,7 @@ def abstract_content(file: Path) -> FileContent:
 
     Raises:
         OscError: what is wrong in the file, or in one that it imports.
-        AbstractError: not one scenario.
+        ScenarioError: not one scenario.
     """
     return FileContent(str(file), definition_digest(_by_name(_only_one(file, read_scenarios(file)))))
 
@@ -82,7 +78,7 @@ def definition_of(abstract: Abstract) -> ScenarioDefinition:
     """What an abstract scenario defines, read once for many scenarios.
 
     Raises:
-        AbstractError: no such name, or a file that changed since its content was taken.
+        ScenarioError: no such name, or a file that changed since its content was taken.
         OscError: a file that is wrong.
     """
     return _defined(abstract, abstract.path if isinstance(abstract, FileContent) else "")
@@ -98,11 +94,11 @@ def _defined(abstract: Abstract, path: str) -> ScenarioDefinition:
     if isinstance(abstract, FileContent):
         definition = _read(Path(path))
         if definition_digest(definition) != abstract.digest:
-            raise AbstractError(f"{path} changed since the campaign was read; run the campaign again")
+            raise ScenarioError(f"{path} changed since the campaign was read; run the campaign again")
         return definition
     name = abstract.removeprefix(BUILTIN)
     if not abstract.startswith(BUILTIN) or name not in SHIPPED:
-        raise AbstractError(f"expected one of {', '.join(BUILTIN + each for each in SHIPPED)}, got {abstract!r}")
+        raise ScenarioError(f"expected one of {', '.join(BUILTIN + each for each in SHIPPED)}, got {abstract!r}")
     return _read(shipped_file(name))
 
 
@@ -117,7 +113,7 @@ def _only_one(file: Path, scenarios: Sequence[ScenarioDefinition]) -> ScenarioDe
     last = [scenario for scenario in scenarios if scenario.name not in bases]
     if len(last) != 1:
         names = ", ".join(scenario.name for scenario in last)
-        raise AbstractError(f"{file}: expected one, for a run is one scenario, got the scenarios {names}")
+        raise ScenarioError(f"{file}: expected one, for a run is one scenario, got the scenarios {names}")
     return last[0]
 
 
@@ -126,7 +122,7 @@ def content_digest(abstract: Abstract) -> str:
     """Digest of what an abstract scenario defines; of a file it is the file's digest as a value.
 
     Raises:
-        AbstractError, OscError: see `definition_of`.
+        ScenarioError, OscError: see `definition_of`.
     """
     return abstract.digest if isinstance(abstract, FileContent) else definition_digest(definition_of(abstract))
 

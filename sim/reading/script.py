@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from vastflow.sim.model.digest import FileContent, Value
-from vastflow.sim.model.faults import Place
+from vastflow.sim.model.faults import Place, ScenarioError
 from vastflow.sim.model.obstacle import Obstacle, obstacles_of
 from vastflow.sim.model.pose import Pose, pose_of
 from vastflow.sim.model.scenario import Scenario
@@ -21,8 +21,9 @@ from vastflow.sim.scenario.definition import (
     Name,
     ScenarioDefinition,
     Until,
+    behaviors_of,
 )
-from vastflow.sim.scenario.evaluation import EvaluationError, evaluate
+from vastflow.sim.scenario.evaluation import evaluate
 from vastflow.sim.scenario.language.parameters import bound
 from vastflow.sim.scenario.programs.folders import handed_name
 
@@ -192,15 +193,9 @@ def is_optional_list(parameter: Field) -> bool:
     return parameter.type.is_list and parameter.type.name == "spawn_entity" and parameter.default is None
 
 
-def calls_of(behavior: Behavior) -> Iterator[Call]:
-    """Every call of an action, in the order they are written."""
-    if isinstance(behavior, Call):
-        yield behavior
-    elif isinstance(behavior, Composition):
-        for child in behavior.children:
-            yield from calls_of(child)
-    elif isinstance(behavior, Modified | Until):
-        yield from calls_of(behavior.child)
+def calls_of(root: Behavior) -> Iterator[Call]:
+    """Yield every call of an action, in the order of the file."""
+    return (behavior for behavior in behaviors_of(root) if isinstance(behavior, Call))
 
 
 def navigates(actions: Iterable[str]) -> bool:
@@ -249,7 +244,7 @@ def _argument(definition: ScenarioDefinition, values: Mapping[str, Any], call: C
         return None
     try:
         return evaluate(call.arguments[name], values, {})
-    except EvaluationError:
+    except ScenarioError:
         return None
 
 

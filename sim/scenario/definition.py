@@ -3,7 +3,7 @@
 A definition is a value. It is made once for a file, and any number of runs build their trees from it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
@@ -90,6 +90,18 @@ class External:
 
 
 Expression: TypeAlias = Constant | Name | ListOf | Struct | Operation | External
+
+
+def parts_of(expression: Expression) -> Iterator[Expression]:
+    """Yield an expression and all that it is made of."""
+    yield expression
+    match expression:
+        case ListOf(items=parts) | Operation(operands=parts) | External(arguments=parts):
+            for part in parts:
+                yield from parts_of(part)
+        case Struct(members=members):
+            for part in members.values():
+                yield from parts_of(part)
 
 
 def substituted(expression: Expression, values: Mapping[str, Expression]) -> Expression:
@@ -214,6 +226,19 @@ class Until:
 
 
 Behavior: TypeAlias = Composition | Call | Wait | Emit | Modified | Until
+
+
+def behaviors_of(root: Behavior) -> Iterator[Behavior]:
+    """Yield a behavior and all below it, in the order of the file."""
+    waiting = [root]
+    while waiting:
+        behavior = waiting.pop()
+        yield behavior
+        match behavior:
+            case Composition():
+                waiting += reversed(behavior.children)
+            case Modified() | Until():
+                waiting.append(behavior.child)
 
 
 @dataclass(frozen=True, slots=True)

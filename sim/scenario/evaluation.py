@@ -2,28 +2,11 @@
 
 import math
 import operator
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from vastflow.sim.model.faults import Place, ScenarioError
-from vastflow.sim.scenario.definition import Constant, Expression, External, ListOf, Name, Operation, Struct
-
-
-class EvaluationError(ScenarioError):
-    """An expression that has no value, such as a division by zero.
-
-    Attributes:
-        place: Where it stands.
-        what: Why it has none.
-    """
-
-    def __init__(self, place: Place, what: str) -> None:
-        self.place, self.what = place, what
-        super().__init__(place, what)
-
-    def __str__(self) -> str:
-        return f"{self.place}: {self.what}"
-
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.scenario.definition import Constant, Expression, External, ListOf, Name, Operation, Struct, parts_of
 
 OPERATORS: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
     "+": operator.add,
@@ -51,7 +34,7 @@ def evaluate(expression: Expression, names: Mapping[str, Any], functions: Mappin
         functions: External functions by struct and name, such as `random.get_int`.
 
     Raises:
-        EvaluationError: an operation or a function is not to be done with its operands, or a name has no value.
+        ScenarioError: an operation or a function is not to be done with its operands, or a name has no value.
     """
     match expression:
         case Constant(value=value):
@@ -72,7 +55,7 @@ def _named(name: Name, names: Mapping[str, Any]) -> Any:
     value: Any = names
     for depth, part in enumerate(name.path):
         if not isinstance(value, Mapping) or part not in value:
-            raise EvaluationError(name.place, f"{'.'.join(name.path[: depth + 1])} has no value")
+            raise ScenarioError(f"{name.place}: {'.'.join(name.path[: depth + 1])} has no value")
         value = value[part]
     return value
 
@@ -93,23 +76,15 @@ def _operation(operation: Operation, names: Mapping[str, Any], functions: Mappin
             return left + text_of(right)
         value = left in right if sign == "in" else OPERATORS[sign](left, right)
     except (TypeError, OverflowError, ZeroDivisionError) as error:
-        raise EvaluationError(operation.place, f"{sign!r} can't be done: {error}") from None
+        raise ScenarioError(f"{operation.place}: {sign!r} can't be done: {error}") from None
     if isinstance(value, float) and not math.isfinite(value):
-        raise EvaluationError(operation.place, f"{sign!r} gives a number that is too large")
+        raise ScenarioError(f"{operation.place}: {sign!r} gives a number that is too large")
     return value
 
 
-def names_in(expression: Expression) -> Iterator[str]:
-    """Every parameter, variable, global or actor that an expression uses."""
-    match expression:
-        case Name(path=path):
-            yield path[0]
-        case ListOf(items=parts) | Operation(operands=parts) | External(arguments=parts):
-            for part in parts:
-                yield from names_in(part)
-        case Struct(members=members):
-            for part in members.values():
-                yield from names_in(part)
+def names_in(expression: Expression) -> set[str]:
+    """Return the names of all parameters, variables, globals, and actors in an expression."""
+    return {part.path[0] for part in parts_of(expression) if isinstance(part, Name)}
 
 
 def text_of(value: Any) -> str:
@@ -120,10 +95,10 @@ def text_of(value: Any) -> str:
 def _external(call: External, names: Mapping[str, Any], functions: Mapping[str, Callable[..., Any]]) -> Any:
     function = functions.get(call.function)
     if function is None:
-        raise EvaluationError(call.place, f"{call.function}() is not available here")
+        raise ScenarioError(f"{call.place}: {call.function}() is not available here")
     arguments = [evaluate(argument, names, functions) for argument in call.arguments]
     try:
         value = function(*arguments)
     except (TypeError, ValueError, ArithmeticError, LookupError, OSError) as error:
-        raise EvaluationError(call.place, f"{call.function}() can't be done: {error}") from None
+        raise ScenarioError(f"{call.place}: {call.function}() can't be done: {error}") from None
     return value

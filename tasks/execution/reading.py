@@ -13,8 +13,8 @@ from vastflow.producers.campaign_file.document import EXPONENT
 from vastflow.producers.campaign_file.scenario import run_files
 from vastflow.producers.campaign_file.spec import Resources
 from vastflow.producers.model.faults import CampaignError, Fault, Location, shown
+from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.names import did_you_mean
-from vastflow.sim.scenario.programs.folders import RunFileError
 from vastflow.tasks.execution.description import MAIN, Container, Needs, RunDescription, label_of, memory_bytes
 
 T = TypeVar("T")
@@ -130,7 +130,7 @@ class _Reader:
                 continue
             try:
                 found = [path for path, _ in run_files(folder, [pattern])]
-            except RunFileError:
+            except ScenarioError:
                 self._fault(location, f"got {pattern!r}", "a pattern such as scripts/*.sh or **/*.yaml")
                 continue
             if not found:

@@ -27,12 +27,13 @@ from vastflow.producers.model.configuration import Configuration
 from vastflow.producers.model.faults import CampaignError
 from vastflow.sim.model.archive import write_outputs
 from vastflow.sim.model.blocks import write_recordings
+from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.scenario import ProcessSetup, Scenario, scenario_of
 from vastflow.sim.nav2.parameter_files.document import DocumentError
 from vastflow.sim.nav2.parameter_files.findings import findings
 from vastflow.sim.nav2.parameter_files.interpretation import interpretation
 from vastflow.sim.nav2.parameter_files.parameter_file import read_nav2_document
-from vastflow.sim.reading.abstract import AbstractError, abstract_content, definition_of
+from vastflow.sim.reading.abstract import abstract_content, definition_of
 from vastflow.sim.reading.script import script_of
 from vastflow.sim.reading.vocabulary import ACTIONS
 from vastflow.sim.run import execute
@@ -206,10 +207,10 @@ def _scenario(name: str, file: Path, trial: Trial) -> Row:
         definition = definition_of(content)
     except OscError as error:
         return Row(name, "scenario", "refused", _first([f"{f.place.line}: {f.what}; {f.right}" for f in error.faults]))
-    except (AbstractError, UnicodeDecodeError) as error:
+    except (ScenarioError, UnicodeDecodeError) as error:
         return Row(name, "scenario", "refused", _line(error))
     if lacking := unsupported(definition, ACTIONS):
-        return Row(name, "scenario", "refused", _first([f"{each.name}: {each.reason}" for each in lacking]))
+        return Row(name, "scenario", "refused", _first([f"{each.what}; {each.right}" for each in lacking]))
     with tempfile.TemporaryDirectory() as folder:
         values: dict[str, Any] = {"map_file": map_content(_room(Path(folder)))}
         for parameter in definition.parameters:

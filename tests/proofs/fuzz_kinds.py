@@ -334,9 +334,9 @@ def kinds(folder: Path) -> list[Kind]:
     from vastflow.oracles.judgement.oracle import OracleError
     from vastflow.producers.floorplan.faults import FloorplanError
     from vastflow.producers.model.faults import CampaignError
+    from vastflow.sim.model.faults import ScenarioError
     from vastflow.sim.model.files import Unreadable
     from vastflow.sim.nav2.parameter_files.document import DocumentError
-    from vastflow.sim.reading.abstract import AbstractError
     from vastflow.sim.scenario.language.faults import OscError
     from vastflow.sim.world.map_file import MapError
 
@@ -375,7 +375,7 @@ def kinds(folder: Path) -> list[Kind]:
     return [
         Kind("vast", found("*.vast"), (*text, words("*.vast"), yaml_tree, yaml_tree), _campaign, (CampaignError,),
              lambda file, rng: ["validate", str(file)]),
-        Kind("osc", found("*.osc"), (*text, words("*.osc")), _scenario, (OscError, AbstractError),
+        Kind("osc", found("*.osc"), (*text, words("*.osc")), _scenario, (OscError, ScenarioError),
              lambda file, rng: ["scenario", rng.choice(("check", "parameters")), str(file)]),
         Kind("fpm", found("*.fpm"), (*text, words("*.fpm")), _plan, (FloorplanError,),
              lambda file, rng: ["floorplan", "geometry", str(file)]),

@@ -16,7 +16,7 @@ from table import each_row
 
 from vastflow.sim.model import files
 from vastflow.sim.model.files import Missing, Unreadable, json_value, read_json, read_picture, read_text, yaml_value
-from vastflow.sim.scenario.programs.actions import YamlFault, set_yaml_value
+from vastflow.sim.scenario.programs.actions import set_yaml_value
 from vastflow.sim.world.map_file import MapError, load_map
 
 
@@ -172,7 +172,7 @@ def test_whatever_the_text_a_value_comes_or_a_refusal(value):
 def test_yaml_file_in_which_a_value_is_to_be_set_is_read_with_the_same_limits(tmp_path, content, message):
     if content is not None:
         put(tmp_path, content)
-    with pytest.raises(YamlFault, match=f"file': .*{message}"):
+    with pytest.raises(ValueError, match=f"file': .*{message}"):
         set_yaml_value(tmp_path / "file", tmp_path / "new", "a.b", "1", "int", True)
 
 

@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 from table import each_row
 
+from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.scenario.definition import EnumValue
-from vastflow.sim.scenario.evaluation import EvaluationError, evaluate
+from vastflow.sim.scenario.evaluation import evaluate
 from vastflow.sim.scenario.language.reading import read_text
 
 
@@ -85,11 +86,11 @@ def test_what_has_no_value_says_where_and_why(text, words):
     def empty(a, b):
         raise ValueError("empty range")
 
-    with pytest.raises(EvaluationError, match=words):
+    with pytest.raises(ScenarioError, match=words):
         value(text, {"random.get_int": empty}, n=0)
 
 
 def test_evaluation_error_survives_the_way_to_another_process():
-    with pytest.raises(EvaluationError, match="can't be done") as raised:
+    with pytest.raises(ScenarioError, match="can't be done") as raised:
         value("1 / 0")
     assert str(pickle.loads(pickle.dumps(raised.value))) == str(raised.value)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from table import each_row
 
-from vastflow.sim.reading.abstract import AbstractError, abstract_content, definition_of
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.reading.abstract import abstract_content, definition_of
 from vastflow.sim.scenario.language.parameters import bound
 from vastflow.sim.scenario.language.reading import read_text
 from vastflow.sim.scenario.tree.helpers import HELPERS, helper_functions
@@ -264,5 +265,5 @@ def test_of_a_file_with_a_scenario_that_another_inherits_from_the_other_is_run(t
     file.write_text(f"{base}scenario derived inherits base:\n    p: string = 'b'\n")
     assert definition_of(abstract_content(file)).name == "derived"
     file.write_text(f"{base}scenario other:\n    do log('x')\n")
-    with pytest.raises(AbstractError, match="expected one, got the scenarios base, other"):
+    with pytest.raises(ScenarioError, match="expected one, got the scenarios base, other"):
         abstract_content(file)

@@ -6,8 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vastflow.sim.model.digest import file_digest
-from vastflow.sim.scenario.programs.folders import RunFileError, copy_in, files_matching, unmatched
+from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.scenario.programs.folders import _pattern as pattern_of
+from vastflow.sim.scenario.programs.folders import copy_in, files_matching, unmatched
 
 TREE = (
     "run.py",
@@ -71,12 +72,12 @@ def test_folder_that_is_left_out_is_not_entered(campaign):
 
 @pytest.mark.parametrize("pattern", ["/etc/passwd", "../secret", "files/../../secret", ""])
 def test_pattern_that_leaves_the_campaigns_folder_is_refused(campaign, pattern):
-    with pytest.raises(RunFileError, match="a pattern below the campaign file's folder"):
+    with pytest.raises(ScenarioError, match="a pattern below the campaign file's folder"):
         files_matching(campaign, [pattern])
 
 
 def test_range_that_goes_down_is_refused(campaign):
-    with pytest.raises(RunFileError, match=r"got run_files pattern '\[z-a\]'"):
+    with pytest.raises(ScenarioError, match=r"got run_files pattern '\[z-a\]'"):
         files_matching(campaign, ["[z-a]"])
 
 
@@ -85,7 +86,7 @@ def test_part_means_what_the_standard_librarys_patterns_mean(part, name):
     hidden = name.startswith(".") and not part.startswith(".")
     try:
         ours = bool(pattern_of(part).fullmatch(name))
-    except RunFileError:
+    except ScenarioError:
         return
     if part not in {".", "..", "**"}:
         assert ours == (not hidden and fnmatch.fnmatchcase(name, part))
@@ -103,12 +104,12 @@ def test_copies_hold_the_same_and_are_executable_where_their_originals_are(campa
 def test_file_that_changed_since_it_was_resolved_is_not_copied_in_silence(campaign, tmp_path):
     files = files_matching(campaign, ["run.py"])
     (campaign / "run.py").write_text("something else")
-    with pytest.raises(RunFileError, match=r"run\.py' changed since the campaign was read"):
+    with pytest.raises(ScenarioError, match=r"run\.py' changed since the campaign was read"):
         copy_in(files, tmp_path / "copy")
 
 
 def test_file_that_is_gone_is_told(campaign, tmp_path):
     files = files_matching(campaign, ["run.py"])
     Path(files[0][1].path).unlink()
-    with pytest.raises(RunFileError, match=r"run\.py' can't be copied: No such file"):
+    with pytest.raises(ScenarioError, match=r"run\.py' can't be copied: No such file"):
         copy_in(files, tmp_path / "copy")

@@ -11,19 +11,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
 
+from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.scenario import ProcessSetup
 from vastflow.sim.scenario.programs import mounts
 from vastflow.sim.scenario.programs import run as run_module
 from vastflow.sim.scenario.programs.folders import (
-    RunFileError,
     RunFolders,
     below_config,
     files_matching,
     handed_name,
     named_in,
 )
-from vastflow.sim.scenario.programs.process import NotStarted
-from vastflow.sim.scenario.programs.run import CommandFailed, process_run
+from vastflow.sim.scenario.programs.run import process_run
 from vastflow.sim.world.map_file import load_map, map_content
 
 pytestmark = pytest.mark.timeout(900)
@@ -106,7 +105,7 @@ def test_arguments_of_the_script_before_are_its_own(begun):
 
 def test_script_that_is_not_among_the_run_files_is_missed_by_its_name(begun):
     with (
-        pytest.raises(CommandFailed, match=r"pre_command: there is no file '/config/other\.sh'"),
+        pytest.raises(ScenarioError, match=r"pre_command: there is no file '/config/other\.sh'"),
         begun({}, pre_command="/config/other.sh"),
     ):
         pass
@@ -114,9 +113,9 @@ def test_script_that_is_not_among_the_run_files_is_missed_by_its_name(begun):
 
 def test_program_that_is_not_among_the_run_files_is_said_to_be_missing_there(begun):
     with begun({"a.txt": "a"}) as run:
-        with pytest.raises(NotStarted, match=r"no file that execution\.run_files matches lies there"):
+        with pytest.raises(ScenarioError, match=r"no file that execution\.run_files matches lies there"):
             run.start(["/config/other.py"])
-        with pytest.raises(NotStarted, match="no program of this name in PATH"):
+        with pytest.raises(ScenarioError, match="no program of this name in PATH"):
             run.start(["no-such-program", "/out"])
 
 
@@ -225,7 +224,9 @@ def test_map_is_handed_to_programs_with_its_picture_and_one_that_changed_is_told
         assert run.close().outputs.files == {}
     (folder / "hall.pgm").write_bytes(b"P5 2 2 255\n" + bytes(4))
     with (
-        pytest.raises(RunFileError, match=r"map_file: '.*hall\.yml' changed since the campaign was read; run it again"),
+        pytest.raises(
+            ScenarioError, match=r"map_file: '.*hall\.yml' changed since the campaign was read; run it again"
+        ),
         process_run(ProcessSetup(), {"map_file": content}, where=tmp_path),
     ):
         pass

@@ -12,9 +12,10 @@ from pathlib import Path
 
 import pytest
 
+from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.scenario.programs.folders import RunFolders
 from vastflow.sim.scenario.programs.guard import marked
-from vastflow.sim.scenario.programs.process import NotStarted, ProcessGroup
+from vastflow.sim.scenario.programs.process import ProcessGroup
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -172,30 +173,30 @@ def test_flood_is_cut_and_the_program_never_waits_for_its_reader(started):
 
 
 def test_program_that_is_not_there_is_not_started(started):
-    with pytest.raises(NotStarted, match=r"'no-such-program' could not be started: no program of this name in PATH"):
+    with pytest.raises(ScenarioError, match=r"'no-such-program' could not be started: no program of this name in PATH"):
         started(command=["no-such-program"])
 
 
 def test_file_that_is_not_there_is_not_started(started):
-    with pytest.raises(NotStarted, match=r"'\./gone' could not be started: there is no such file"):
+    with pytest.raises(ScenarioError, match=r"'\./gone' could not be started: there is no such file"):
         started(command=["./gone"])
 
 
 def test_file_that_is_not_executable_is_not_started(started, tmp_path):
     (tmp_path / "data").write_text("#!/bin/sh\n")
-    with pytest.raises(NotStarted, match=r"'\./data' could not be started: it is not executable"):
+    with pytest.raises(ScenarioError, match=r"'\./data' could not be started: it is not executable"):
         started(command=["./data"])
 
 
 def test_script_without_a_first_line_is_not_started(started, tmp_path):
     executable(tmp_path / "script", "exit 0\n")
-    with pytest.raises(NotStarted, match="neither a binary of this machine nor a script with a #! line"):
+    with pytest.raises(ScenarioError, match="neither a binary of this machine nor a script with a #! line"):
         started(command=["./script"])
 
 
 def test_script_whose_interpreter_is_missing_is_not_started(started, tmp_path):
     executable(tmp_path / "script", "#!/no/such/interpreter\n")
-    with pytest.raises(NotStarted, match="the interpreter its first line names was not found"):
+    with pytest.raises(ScenarioError, match="the interpreter its first line names was not found"):
         started(command=["./script"])
 
 

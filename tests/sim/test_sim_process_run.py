@@ -7,14 +7,14 @@ from pathlib import Path
 import psutil
 import pytest
 
+from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.runlog import Use
 from vastflow.sim.model.scenario import ProcessSetup
 from vastflow.sim.scenario.programs import run as run_module
 from vastflow.sim.scenario.programs.folders import files_matching
 from vastflow.sim.scenario.programs.guard import VARIABLE
-from vastflow.sim.scenario.programs.process import NotStarted
 from vastflow.sim.scenario.programs.resources import write_resources
-from vastflow.sim.scenario.programs.run import CommandFailed, process_run
+from vastflow.sim.scenario.programs.run import process_run
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -104,12 +104,12 @@ def test_what_the_pre_command_started_runs_until_the_end(begun, campaign):
 )
 def test_pre_command_that_fails_ends_the_run_with_its_reason(begun, campaign, text, reason):
     (campaign / "pre.sh").write_text(text)
-    with pytest.raises(CommandFailed, match=reason), begun(pre_command="pre.sh"):
+    with pytest.raises(ScenarioError, match=reason), begun(pre_command="pre.sh"):
         pass
 
 
 def test_pre_command_that_is_not_there_is_told(begun):
-    with pytest.raises(CommandFailed, match=r"pre_command: there is no file 'pre\.sh'"), begun(pre_command="pre.sh"):
+    with pytest.raises(ScenarioError, match=r"pre_command: there is no file 'pre\.sh'"), begun(pre_command="pre.sh"):
         pass
 
 
@@ -248,7 +248,7 @@ def test_run_leaves_no_descriptor_and_no_thread_behind(begun):
     for _ in range(3):
         with begun() as run:
             said(run, "pass")
-            with pytest.raises(NotStarted, match="no program of this name"):
+            with pytest.raises(ScenarioError, match="no program of this name"):
                 run.start(["no-such-program"])
             run.close()
     assert (descriptors(), threading.active_count()) <= before

@@ -3,9 +3,10 @@
 import pytest
 from table import each_row
 
+from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Scenario
-from vastflow.sim.reading.abstract import AbstractError, abstract_content, definition_of
+from vastflow.sim.reading.abstract import abstract_content, definition_of
 from vastflow.sim.reading.script import script_of
 from vastflow.sim.scenario.language.parameters import ParameterMismatch
 
@@ -76,7 +77,7 @@ def test_value_that_a_parameter_can_not_have_is_refused(kind, task, message):
 
 
 def test_name_that_stands_for_no_scenario_is_refused():
-    with pytest.raises(AbstractError, match=r"expected one of builtin:navigate_to_pose, , got 'builtin:fly'"):
+    with pytest.raises(ScenarioError, match=r"expected one of builtin:navigate_to_pose, , got 'builtin:fly'"):
         a_script("fly")
 
 
@@ -105,12 +106,12 @@ def test_file_that_changed_since_it_was_read_is_refused(tmp_path):
     file.write_text("import osc.types\n" + GO)
     content = abstract_content(file)
     file.write_text("import osc.types\n" + GO.replace("1s", "3s"))
-    with pytest.raises(AbstractError, match=r"go\.osc changed since the campaign was read; run the campaign again"):
+    with pytest.raises(ScenarioError, match=r"go\.osc changed since the campaign was read; run the campaign again"):
         definition_of(content)
 
 
 def test_file_of_two_scenarios_is_refused(tmp_path):
     file = tmp_path / "go.osc"
     file.write_text("import osc.types\n" + GO + GO.replace("go", "come"))
-    with pytest.raises(AbstractError, match="expected one, for a run is one scenario, got the scenarios go, come"):
+    with pytest.raises(ScenarioError, match="expected one, for a run is one scenario, got the scenarios go, come"):
         abstract_content(file)

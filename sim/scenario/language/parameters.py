@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequenc
 from numbers import Integral, Real
 from typing import Any, Final, cast
 
+from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.scenario.definition import EnumValue, Expression, Field, ScenarioDefinition, Struct, Type
-from vastflow.sim.scenario.evaluation import EvaluationError, evaluate, text_of
+from vastflow.sim.scenario.evaluation import evaluate, text_of
 
 NO_FUNCTIONS: Final[Mapping[str, Callable[..., Any]]] = {}
 
@@ -63,7 +64,7 @@ def default_of(scenario: ScenarioDefinition, name: str) -> Any:
     values = _Values(scenario, {}, NO_FUNCTIONS)
     try:
         return values[name]
-    except (ParameterMismatch, EvaluationError):
+    except (ParameterMismatch, ScenarioError):
         return None
 
 
@@ -113,7 +114,7 @@ class _Values(Mapping[str, Any]):
             return None
         try:
             return evaluate(parameter.default, self, self._functions)
-        except EvaluationError as error:
+        except ScenarioError as error:
             raise self._mismatch(parameter.name, "a default that has a value", str(error)) from None
 
     def _mismatch(self, where: str, expected: str, given: str) -> ParameterMismatch:

@@ -4,7 +4,6 @@ import functools
 import re
 import shlex
 import signal
-from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -21,6 +20,7 @@ from vastflow.sim.scenario.programs.process import ProcessGroup
 from vastflow.sim.scenario.programs.resources import write_resources
 from vastflow.sim.scenario.programs.run import ProcessRun
 from vastflow.sim.scenario.tree.action import Action, ActionFactory, ActionSituation
+from vastflow.sim.scenario.tree.helpers import Immediate
 
 _TRUTHS: Final[Mapping[str, bool]] = {"true": True, "false": False}
 _TYPES: Final[Mapping[str, Callable[[str], Any]]] = {
@@ -29,10 +29,6 @@ _TYPES: Final[Mapping[str, Callable[[str], Any]]] = {
     "float": float,
     "bool": lambda text: _TRUTHS[text.lower()],
 }
-
-
-class YamlFault(ValueError):
-    """A value that can't be set; says why."""
 
 
 def set_yaml_value(
@@ -46,16 +42,16 @@ def set_yaml_value(
         create_missing: Make mappings that are not there.
 
     Raises:
-        YamlFault: a file that can't be read or written, a path that leads nowhere, or a value not of its type.
+        ValueError: a file that can't be read or written, a path that leads nowhere, or a value not of its type.
     """
     try:
         typed = _TYPES[value_type](value)
     except KeyError:
         right = "true or false" if value_type == "bool" else f"a value_type of {', '.join(_TYPES)}"
         found = repr(value) if value_type == "bool" else f"value_type {value_type!r}"
-        raise YamlFault(f"expected {right}, got {found}") from None
+        raise ValueError(f"expected {right}, got {found}") from None
     except ValueError:
-        raise YamlFault(f"expected one of type {value_type}, got value {value!r}") from None
+        raise ValueError(f"expected one of type {value_type}, got value {value!r}") from None
     try:
         document = yaml_value(read_text(source, "a YAML file"))
         document = {} if document is None else document
@@ -69,9 +65,9 @@ def set_yaml_value(
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_text(yaml.safe_dump(document, sort_keys=False, allow_unicode=True))
     except Unreadable as error:
-        raise YamlFault(f"{str(source)!r}: {error}") from None
+        raise ValueError(f"{str(source)!r}: {error}") from None
     except OSError as error:
-        raise YamlFault(f"{error.filename!r}: {error.strerror}") from None
+        raise ValueError(f"{error.filename!r}: {error.strerror}") from None
 
 
 def _entered(place: Any, key: str, key_path: str, create_missing: bool) -> Any:
@@ -82,7 +78,7 @@ def _entered(place: Any, key: str, key_path: str, create_missing: bool) -> Any:
             return place[key]
     elif isinstance(place, list) and key.isdigit() and int(key) < len(place):
         return place[int(key)]
-    raise YamlFault(f"key_path {key_path!r} leads nowhere: there is no {key!r}")
+    raise ValueError(f"key_path {key_path!r} leads nowhere: there is no {key!r}")
 
 
 def _put(place: Any, key: str, value: Any, key_path: str) -> None:
@@ -91,7 +87,7 @@ def _put(place: Any, key: str, value: Any, key_path: str) -> None:
     elif isinstance(place, list) and key.isdigit() and int(key) < len(place):
         place[int(key)] = value
     else:
-        raise YamlFault(f"key_path {key_path!r} leads nowhere: there is no {key!r}")
+        raise ValueError(f"key_path {key_path!r} leads nowhere: there is no {key!r}")
 
 
 SHUTDOWN_TIMEOUT_S: Final = 10.0
@@ -199,27 +195,13 @@ class ProcessLogCheck(RunAction):
         return Status.FAILURE if over else Status.RUNNING
 
 
-class Answer(RunAction):
-    """An action that succeeds or fails at once: `answer` says which, and sets the message."""
-
-    def enter(self, arguments: Mapping[str, Any]) -> None:
-        self._holds = self.answer(arguments)
-
-    def update(self) -> Status:
-        return Status.SUCCESS if self._holds else Status.FAILURE
-
-    @abstractmethod
-    def answer(self, arguments: Mapping[str, Any]) -> bool:
-        """Whether the action succeeds."""
-
-
-class CheckProcessRunning(Answer):
+class CheckProcessRunning(RunAction, Immediate):
     """`check_process_running`: whether a process of this run has a text in its name, label or command line.
 
     With `regex` the text is a regular expression. Processes of other runs and of the machine are none of this run's.
     """
 
-    def answer(self, arguments: Mapping[str, Any]) -> bool:
+    def act(self, arguments: Mapping[str, Any]) -> bool:
         wanted = arguments["process_name"]
         try:
             pattern = re.compile(wanted if arguments.get("regex", False) else re.escape(wanted))
@@ -240,10 +222,10 @@ class CheckProcessRunning(Answer):
         return texts + self.run.running_labels()
 
 
-class CheckFileExists(Answer):
+class CheckFileExists(RunAction, Immediate):
     """`check_file_exists`: whether there is such a file or folder, seen from the run's folder."""
 
-    def answer(self, arguments: Mapping[str, Any]) -> bool:
+    def act(self, arguments: Mapping[str, Any]) -> bool:
         name = arguments["file_name"]
         there = self.run.folders.path(name).exists()
         self.message = f"{name!r} is {'' if there else 'not '}there"
@@ -253,8 +235,8 @@ class CheckFileExists(Answer):
 class CheckFileNotExists(CheckFileExists):
     """`check_file_not_exists`: the contrary."""
 
-    def answer(self, arguments: Mapping[str, Any]) -> bool:
-        return not super().answer(arguments)
+    def act(self, arguments: Mapping[str, Any]) -> bool:
+        return not super().act(arguments)
 
 
 class MonitorResources(RunAction):
@@ -281,13 +263,13 @@ class MonitorResources(RunAction):
             self.situation.log(f"monitor_resources could not write {error.filename!r}: {error.strerror}")
 
 
-class SetYamlValue(Answer):
+class SetYamlValue(RunAction, Immediate):
     """`set_yaml_value`: sets the value at `key_path` of a YAML file, `a.b.0`, and writes it back or to `output_file`.
 
     What it writes lies in the run's folder.
     """
 
-    def answer(self, arguments: Mapping[str, Any]) -> bool:
+    def act(self, arguments: Mapping[str, Any]) -> bool:
         source = self.run.folders.path(arguments["file_path"])
         target = _written_to(self.run.folders, arguments.get("output_file") or arguments["file_path"])
         if target is None:
@@ -303,7 +285,7 @@ class SetYamlValue(Answer):
                 arguments.get("value_type", "str"),
                 arguments.get("create_missing", True),
             )
-        except YamlFault as fault:
+        except ValueError as fault:
             self.message = str(fault)
             return False
         self.message = f"set {arguments['key_path']} to {arguments['value']}"

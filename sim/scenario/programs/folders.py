@@ -11,6 +11,7 @@ from typing import Any, Final
 import yaml
 
 from vastflow.sim.model.digest import FileContent, file_digest
+from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.files import Unreadable, read_text, yaml_value
 from vastflow.sim.model.scenario import RunFiles
 from vastflow.sim.world.map_file import load_map
@@ -102,10 +103,6 @@ _NEVER: Final = "__pycache__"
 _ANY_FOLDERS: Final = r"(?:(?!\.)[^/]+/)*"
 
 
-class RunFileError(ValueError):
-    """A pattern that can't be used, or a file that isn't what it was when the scenario was made."""
-
-
 def files_matching(
     folder: Path, patterns: Sequence[str], leave_out: Callable[[Path], bool] = lambda folder: False
 ) -> RunFiles:
@@ -119,7 +116,7 @@ def files_matching(
         leave_out: Says of a folder below `folder` whether it is not entered either.
 
     Raises:
-        RunFileError: an absolute pattern, or one that leaves `folder`.
+        ScenarioError: an absolute pattern, or one that leaves `folder`.
     """
     tests = [_pattern(pattern) for pattern in patterns]
     matching = sorted(path for path in _paths(folder, leave_out) if any(test.fullmatch(path) for test in tests))
@@ -137,7 +134,7 @@ def copy_in(files: RunFiles, folder: Path) -> None:
     """Copy `files` below `folder`, executable where they were.
 
     Raises:
-        RunFileError: a file is gone, or holds something else than when it was resolved.
+        ScenarioError: a file is gone, or holds something else than when it was resolved.
     """
     for path, content in files:
         target = folder / path
@@ -145,9 +142,9 @@ def copy_in(files: RunFiles, folder: Path) -> None:
         try:
             shutil.copy2(content.path, target)
         except OSError as error:
-            raise RunFileError(f"run file {content.path!r} can't be copied: {error.strerror}") from None
+            raise ScenarioError(f"run file {content.path!r} can't be copied: {error.strerror}") from None
         if file_digest(target) != content.digest:
-            raise RunFileError(f"run file {content.path!r} changed since the campaign was read; run it again")
+            raise ScenarioError(f"run file {content.path!r} changed since the campaign was read; run it again")
         target.chmod(target.stat().st_mode | 0o200)
 
 
@@ -163,7 +160,7 @@ def _paths(folder: Path, leave_out: Callable[[Path], bool]) -> Iterator[str]:
 def _pattern(pattern: str) -> re.Pattern[str]:
     parts = PurePosixPath(pattern).parts
     if not parts or parts[0] == "/" or ".." in parts:
-        raise RunFileError(f"expected a pattern below the campaign file's folder, got run_files pattern {pattern!r}")
+        raise ScenarioError(f"expected a pattern below the campaign file's folder, got run_files pattern {pattern!r}")
     if len(parts) == 1 and parts[0] != "**":
         parts = ("**", *parts)
     texts = [_ANY_FOLDERS if part == "**" else _name(part) + "/" for part in parts[:-1]]
@@ -171,7 +168,7 @@ def _pattern(pattern: str) -> re.Pattern[str]:
     try:
         return re.compile("".join(texts), re.DOTALL)
     except re.error:
-        raise RunFileError(f"expected a range such as [a-c] goes upwards, got run_files pattern {pattern!r}") from None
+        raise ScenarioError(f"expected a range such as [a-c] goes upwards, got run_files pattern {pattern!r}") from None
 
 
 def _name(part: str) -> str:
@@ -199,7 +196,7 @@ def hand_over(handed: Mapping[str, FileContent], folder: Path) -> None:
     """Copy the files by key below `folder`, a map with its picture.
 
     Raises:
-        RunFileError: one is gone, or a map holds something else than when the campaign was read.
+        ScenarioError: one is gone, or a map holds something else than when the campaign was read.
     """
     for key, content in handed.items():
         source, target = Path(content.path), folder / handed_name(key, content)
@@ -215,9 +212,9 @@ def hand_over(handed: Mapping[str, FileContent], folder: Path) -> None:
             target.write_text(yaml.safe_dump({**header, "image": copied.name}), encoding="utf-8")
             is_same = load_map(target).digest == content.digest
         except (OSError, ValueError) as error:
-            raise RunFileError(f"{key}: {content.path!r} can't be copied: {error}") from None
+            raise ScenarioError(f"{key}: {content.path!r} can't be copied: {error}") from None
         if not is_same:
-            raise RunFileError(f"{key}: {content.path!r} changed since the campaign was read; run it again")
+            raise ScenarioError(f"{key}: {content.path!r} changed since the campaign was read; run it again")
 
 
 def _map_header(source: Path) -> dict[str, Any] | None:
@@ -227,5 +224,5 @@ def _map_header(source: Path) -> dict[str, Any] | None:
     try:
         header = yaml_value(read_text(source))
     except Unreadable as error:
-        raise RunFileError(f"{str(source)!r}: {error}") from None
+        raise ScenarioError(f"{str(source)!r}: {error}") from None
     return header if isinstance(header, dict) and isinstance(header.get("image"), str) else None

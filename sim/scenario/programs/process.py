@@ -102,10 +102,6 @@ _KILL_S: Final = 5.0
 """How long a process may take to be gone after SIGKILL."""
 
 
-class NotStarted(ScenarioError):
-    """A command that could not be started; says which, and why."""
-
-
 @dataclass(frozen=True, slots=True)
 class Ended:
     """How a process ended.
@@ -170,7 +166,7 @@ class ProcessGroup:
             mark: Unique to this group and no beginning of another's.
 
         Raises:
-            NotStarted: there is no such program, or it can't be executed.
+            ScenarioError: there is no such program, or it can't be executed.
         """
         self.command = tuple(command)
         self.label = label
@@ -196,7 +192,7 @@ class ProcessGroup:
             )
         except (OSError, ValueError, subprocess.SubprocessError) as error:
             self.log.abandon()
-            raise NotStarted(_not_started(self.command, folders, error)) from None
+            raise ScenarioError(_not_started(self.command, folders, error)) from None
         self.pid = self._popen.pid
         self.log.begin()
         threading.Thread(target=self._await_end, name=f"end of {self.pid}", daemon=True).start()

@@ -26,7 +26,7 @@ from vastflow.sim.scenario.programs.folders import OUT, RunFolders, copy_in, han
 from vastflow.sim.scenario.programs.guard import VARIABLE, kill_marked, marked, remove_folder
 from vastflow.sim.scenario.programs.mounts import MountNamespace, can_mount
 from vastflow.sim.scenario.programs.outputs import Stamp, read_outputs, stamps
-from vastflow.sim.scenario.programs.process import RSS_UNIT_BYTES, Ended, NotStarted, ProcessGroup, Usage, kill_all
+from vastflow.sim.scenario.programs.process import RSS_UNIT_BYTES, Ended, ProcessGroup, Usage, kill_all
 from vastflow.sim.scenario.programs.resources import ResourceSampler
 
 COMMAND_TIMEOUT_S: Final = 600.0
@@ -44,10 +44,6 @@ Start = Callable[[Sequence[str], Mapping[str, str], str], ProcessGroup]
 """Starts a command in an environment under a label, as `vastflow.sim.scenario.programs.run.ProcessRun` does."""
 
 
-class CommandFailed(ScenarioError):
-    """The campaign's `pre_command` did not do what it should: the run can't begin, and is not judged."""
-
-
 def sourced(
     command: Sequence[str],
     environment: Mapping[str, str],
@@ -62,20 +58,20 @@ def sourced(
         result: File to pass it through; it is removed again.
 
     Raises:
-        CommandFailed: no bash, an exit code other than 0, or no end in time.
+        ScenarioError: no bash, an exit code other than 0, or no end in time.
     """
     script = Path(command[0])
     try:
         group = start(["bash", "-c", _SOURCE, "bash", str(result), *command], environment, "pre_command")
-    except NotStarted as error:
-        raise CommandFailed(f"pre_command: {error}") from None
+    except ScenarioError as error:
+        raise ScenarioError(f"pre_command: {error}") from None
     ended = finished(group, timeout_s)
     if ended.reason:
         group.log.complete.wait(0.2)
         last = group.log.last_line()
-        raise CommandFailed(f"pre_command {script.name!r} {ended.reason}" + (f": {last}" if last else ""))
+        raise ScenarioError(f"pre_command {script.name!r} {ended.reason}" + (f": {last}" if last else ""))
     if not result.exists():
-        raise CommandFailed(f"pre_command {script.name!r} left the shell that sources it; it must not call exit")
+        raise ScenarioError(f"pre_command {script.name!r} left the shell that sources it; it must not call exit")
     entries = [os.fsdecode(entry).partition("=") for entry in result.read_bytes().split(b"\0") if entry]
     result.unlink()
     return {name: value for name, _, value in entries if name not in _NOT_TAKEN}
@@ -137,8 +133,8 @@ class ProcessRun:
         """Fill the folders and source `pre_command`.
 
         Raises:
-            RunFileError: a run file changed or is gone.
-            CommandFailed: `pre_command` did; the run is not to be judged.
+            ScenarioError: a run file changed or is gone.
+            ScenarioError: `pre_command` did; the run is not to be judged.
         """
         folders = self.folders
         for folder in (folders.config, folders.out, folders.logs):
@@ -161,7 +157,7 @@ class ProcessRun:
         """Start `command` in the run's folder.
 
         Raises:
-            NotStarted: there is no such program, or it can't be executed.
+            ScenarioError: there is no such program, or it can't be executed.
         """
         return self._start_in(command, self.environment, label)
 
@@ -265,14 +261,14 @@ class ProcessRun:
         given = self._setup.pre_command
         command = [given] if self.folders.path(given).is_file() else _words(given)
         if not self.folders.path(command[0]).is_file():
-            raise CommandFailed(f"pre_command: there is no file {command[0]!r}")
+            raise ScenarioError(f"pre_command: there is no file {command[0]!r}")
         return [self._seen(command[0]), *command[1:]]
 
     def _post_command(self) -> str:
         try:
             program, *arguments = _words(self._setup.post_command)
             group = self.start([self._seen(program), *arguments, OUT], "post_command")
-        except NotStarted as error:
+        except ScenarioError as error:
             return str(error)
         return finished(group, COMMAND_TIMEOUT_S).reason
 
@@ -311,7 +307,7 @@ def process_run(
         where: Folder to make it in; the system's for temporary files where None.
 
     Raises:
-        RunFileError, CommandFailed: see `ProcessRun.begin`.
+        ScenarioError: see `ProcessRun.begin`.
         OSError: the folder's disk is full at the end. Programs seldom say so, and what they wrote is no result.
     """
     root = Path(tempfile.mkdtemp(prefix="vastflow-run-", dir=where)).resolve()

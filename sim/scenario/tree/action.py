@@ -4,9 +4,12 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, MutableMapping, MutableSequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from py_trees.common import Status
+
+if TYPE_CHECKING:  # names of actions are known without the simulator
+    from vastflow.sim.loop.simulation import Simulation
 
 
 class Clock(Protocol):
@@ -81,3 +84,6 @@ class Action(ABC):
 
 
 ActionFactory: TypeAlias = Callable[[ActionSituation], Action]
+
+WorldAction: TypeAlias = "Callable[[Simulation, ActionSituation], Action]"
+"""Makes an action of one run on the simulated world."""

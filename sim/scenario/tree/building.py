@@ -65,7 +65,7 @@ def build(
     Evaluates actors and variables into the state's names.
 
     Raises:
-        EvaluationError: One of these has no value, such as a division by zero.
+        ScenarioError: One of these has no value, such as a division by zero.
         ValueError: An action or a modifier that nothing implements; `support.unsupported` finds those beforehand.
     """
     made: list[Action] = []

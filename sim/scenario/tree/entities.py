@@ -11,8 +11,7 @@ from vastflow.sim.loop.simulation import Simulation
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.obstacle import has_mass, obstacle_of
 from vastflow.sim.model.pose import Pose
-from vastflow.sim.scenario.tree.action import Action
-from vastflow.sim.scenario.tree.world import WorldAction
+from vastflow.sim.scenario.tree.action import Action, WorldAction
 
 ROBOT_NAMES: Final = ("turtlebot4", "robot")
 """Names by which scenarios ask for the robot itself."""

@@ -31,23 +31,28 @@ SHARE: Final = "/opt/ros/share"
 class Immediate(Action):
     """An action that is over in the tick in which it begins."""
 
-    def __init__(self, situation: ActionSituation) -> None:
-        self.situation = situation
-        self._status = Status.SUCCESS
+    _succeeded = True
 
     def enter(self, arguments: Mapping[str, Any]) -> None:
         self.message = ""
-        self._status = Status.SUCCESS if self.act(arguments) else Status.FAILURE
+        self._succeeded = self.act(arguments)
 
     def update(self) -> Status:
-        return self._status
+        return Status.SUCCESS if self._succeeded else Status.FAILURE
 
     @abstractmethod
     def act(self, arguments: Mapping[str, Any]) -> bool:
-        """Do it; whether it succeeded, with `message` saying why not."""
+        """Act and return True on success; `message` says why it failed."""
 
 
-class Log(Immediate):
+class Helper(Immediate):
+    """An immediate action that needs neither simulator nor process."""
+
+    def __init__(self, situation: ActionSituation) -> None:
+        self.situation = situation
+
+
+class Log(Helper):
     """`log(msg)`: a line in the run's log."""
 
     def act(self, arguments: Mapping[str, Any]) -> bool:
@@ -56,7 +61,7 @@ class Log(Immediate):
         return True
 
 
-class Compare(Immediate):
+class Compare(Helper):
     """`compare(left_value, operator, right_value)`: fails where the relation does not hold; one without meaning is a `ScenarioError`."""
 
     def act(self, arguments: Mapping[str, Any]) -> bool:
@@ -71,7 +76,7 @@ class Compare(Immediate):
         return holds
 
 
-class Increment(Immediate):
+class Increment(Helper):
     """`increment(target_variable)`: one more in a variable that holds a number; the argument is the variable's name."""
 
     step = 1

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import Final
 
 from py_trees import decorators
 from py_trees.behaviour import Behaviour
@@ -99,58 +99,34 @@ class Retry(Modifier):
 
 
 class Translation(Modifier):
-    """Reads the child's status as another one; a child that runs on under a result is cancelled."""
+    """Reads a status of the child as another one; a child that runs on under a result is cancelled."""
 
-    meanings: ClassVar[Mapping[Status, Status]]
+    def __init__(self, modified: Modified, child: Behaviour, state: RunState) -> None:
+        super().__init__(modified, child, state)
+        self._meanings = TRANSLATIONS[modified.modifier]
+
+    @property
+    def class_name(self) -> str:
+        return self.name.title().replace("_", "")
 
     def answer(self, child: Status) -> Status:
-        status = self.meanings.get(child, child)
+        status = self._meanings.get(child, child)
         if status is not child:
             self.state.moved = True
             self.feedback_message = f"{self.decorated.name}: {child.value.lower()} is {status.value.lower()}"
         return status
 
 
-class Inverter(Translation):
-    """Success is failure and failure is success."""
-
-    meanings: ClassVar = {Status.SUCCESS: Status.FAILURE, Status.FAILURE: Status.SUCCESS}
-
-
-class FailureIsRunning(Translation):
-    """Failure is running: the child begins again at the next tick."""
-
-    meanings: ClassVar = {Status.FAILURE: Status.RUNNING}
-
-
-class FailureIsSuccess(Translation):
-    """Failure is success."""
-
-    meanings: ClassVar = {Status.FAILURE: Status.SUCCESS}
-
-
-class RunningIsFailure(Translation):
-    """What does not end in its first tick fails."""
-
-    meanings: ClassVar = {Status.RUNNING: Status.FAILURE}
-
-
-class RunningIsSuccess(Translation):
-    """What does not end in its first tick succeeds."""
-
-    meanings: ClassVar = {Status.RUNNING: Status.SUCCESS}
-
-
-class SuccessIsFailure(Translation):
-    """Success is failure."""
-
-    meanings: ClassVar = {Status.SUCCESS: Status.FAILURE}
-
-
-class SuccessIsRunning(Translation):
-    """Success is running: the child begins again at the next tick."""
-
-    meanings: ClassVar = {Status.SUCCESS: Status.RUNNING}
+TRANSLATIONS: Final[Mapping[str, Mapping[Status, Status]]] = {
+    "inverter": {Status.SUCCESS: Status.FAILURE, Status.FAILURE: Status.SUCCESS},
+    "failure_is_running": {Status.FAILURE: Status.RUNNING},
+    "failure_is_success": {Status.FAILURE: Status.SUCCESS},
+    "running_is_failure": {Status.RUNNING: Status.FAILURE},
+    "running_is_success": {Status.RUNNING: Status.SUCCESS},
+    "success_is_failure": {Status.SUCCESS: Status.FAILURE},
+    "success_is_running": {Status.SUCCESS: Status.RUNNING},
+}
+"""Modifier to the statuses that it reads as others; a child that is running then begins again at the next tick."""
 
 
 class UntilHolds(Modifier):
@@ -173,17 +149,11 @@ class UntilHolds(Modifier):
         return self._condition.wakes()
 
 
-MODIFIERS: Mapping[str, type[Modifier]] = {
+MODIFIERS: Final[Mapping[str, type[Modifier]]] = {
     "timeout": Timeout,
     "repeat": Repeat,
     "retry": Retry,
-    "inverter": Inverter,
-    "failure_is_running": FailureIsRunning,
-    "failure_is_success": FailureIsSuccess,
-    "running_is_failure": RunningIsFailure,
-    "running_is_success": RunningIsSuccess,
-    "success_is_failure": SuccessIsFailure,
-    "success_is_running": SuccessIsRunning,
+    **dict.fromkeys(TRANSLATIONS, Translation),
 }
 """By their names in a file."""
 

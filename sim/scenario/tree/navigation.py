@@ -10,9 +10,8 @@ from vastflow.sim.loop.simulation import COLUMNS_OF, Order, Simulation, distance
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.pose import Pose, pose_of
 from vastflow.sim.model.scenario import Mission, MissionKind
-from vastflow.sim.scenario.tree.action import Action
-from vastflow.sim.scenario.tree.helpers import Immediate
-from vastflow.sim.scenario.tree.world import WorldAction
+from vastflow.sim.scenario.tree.action import Action, WorldAction
+from vastflow.sim.scenario.tree.helpers import Helper
 
 ALWAYS_RECORDED: Final = ("/tf", "/tf_static", "/odom", "/map")
 """Topics whose content is in every recording, or beside it in the campaign directory."""
@@ -104,7 +103,7 @@ class OdometryDistance(Action):
         return Status.SUCCESS if self._driven_m >= self._wanted_m else Status.RUNNING
 
 
-class BagRecord(Immediate):
+class BagRecord(Helper):
     """`bag_record`: succeeds at once, for the recording has begun with the run, and ends with it.
 
     Logs which topics recordings do not have. What the recording keeps is known before the run

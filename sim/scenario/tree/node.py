@@ -19,10 +19,8 @@ from vastflow.sim.scenario.definition import (
     External,
     Happened,
     Holds,
-    ListOf,
-    Operation,
-    Struct,
     Wait,
+    parts_of,
 )
 from vastflow.sim.scenario.tree.action import Action
 from vastflow.sim.scenario.tree.state import RunState, microseconds
@@ -87,7 +85,7 @@ def running_leaves(node: Behaviour) -> Iterator[Behaviour]:
 
 
 class Condition(ABC):
-    """Something awaited, in one run. Evaluation of what a user wrote may raise `EvaluationError`."""
+    """Something awaited, in one run. Evaluation of what a user wrote may raise `ScenarioError`."""
 
     words: str = ""
     """How it is written, in short."""
@@ -150,7 +148,7 @@ class ExpressionHolds(Condition):
         self.words = "condition"
         self._expression = expression
         self._state = state
-        self._asks_outside = _calls_function(expression)
+        self._asks_outside = any(isinstance(part, External) for part in parts_of(expression))
 
     def holds(self) -> bool:
         return bool(self._state.value(self._expression))
@@ -172,18 +170,6 @@ def condition_of(awaited: Awaited, state: RunState) -> AnyCondition:
             return EventHappened(awaited, state)
         case Holds():
             return ExpressionHolds(awaited.condition, state)
-
-
-def _calls_function(expression: Expression) -> bool:
-    match expression:
-        case External():
-            return True
-        case ListOf(items=parts) | Operation(operands=parts):
-            return any(map(_calls_function, parts))
-        case Struct(members=members):
-            return any(map(_calls_function, members.values()))
-        case _:
-            return False
 
 
 P = ParamSpec("P")

@@ -9,7 +9,7 @@ from py_trees.common import Status
 
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.scenario.tree.action import Action, ActionFactory, ActionSituation
-from vastflow.sim.scenario.tree.helpers import Immediate
+from vastflow.sim.scenario.tree.helpers import Helper
 
 SIMULATOR_PROCESSES: Final = (
     "gz",
@@ -33,12 +33,8 @@ SIMULATOR_PROCESSES: Final = (
 """Programs that run on a ROS machine while Nav2 drives a robot in Gazebo."""
 
 
-class AlreadyDone(Immediate):
-    """Succeeds at once and says in the log what stands for it.
-
-    Attributes:
-        stands: What vastflow has instead.
-    """
+class AlreadyDone(Helper):
+    """Succeeds at once and says in the log what stands for it."""
 
     stands = ""
 
@@ -48,18 +44,10 @@ class AlreadyDone(Immediate):
         return True
 
 
-class RunsOn(Action):
+class RunsOn(AlreadyDone):
     """Runs until the scenario ends and says in the log what stands for it."""
 
     goes_along = True
-    stands = ""
-
-    def __init__(self, situation: ActionSituation) -> None:
-        self.situation = situation
-
-    def enter(self, arguments: Mapping[str, Any]) -> None:
-        self.message = self.stands
-        self.situation.log(self.stands)
 
     def update(self) -> Status:
         return Status.RUNNING
@@ -69,41 +57,38 @@ class RunsOn(Action):
 
 
 class RosLaunch(RunsOn):
-    """Launching Nav2 and the simulator is what vastflow did before the first tick; a launch runs on until the end."""
+    """Runs until the end, as a launch does; Nav2 and the simulator were there before the first tick."""
 
-    _status = Status.RUNNING
-
-    def enter(self, arguments: Mapping[str, Any]) -> None:
+    def act(self, arguments: Mapping[str, Any]) -> bool:
         what = f"{arguments.get('package_name', '')} {arguments.get('launch_file', '')}".strip()
-        self.message = f"ros_launch {what}: vastflow's simulator and navigation stack run in its place"
-        self.situation.log(self.message)
-        # One that is not waited for succeeds at once, as it does where there is something to launch.
-        self._status = Status.RUNNING if arguments.get("wait_for_shutdown", True) else Status.SUCCESS
+        self.stands = f"ros_launch {what}: vastflow's simulator and navigation stack run in its place"
+        self._runs = bool(arguments.get("wait_for_shutdown", True))
+        return super().act(arguments)
 
     def update(self) -> Status:
-        return self._status
+        return Status.RUNNING if self._runs else Status.SUCCESS
 
 
 class BagRecord(AlreadyDone):
-    """Every run is recorded from its first tick to its end, asked or not, so what is asked for is being recorded."""
+    """Succeeds at once: every run is recorded from its first tick to its end."""
 
     stands = "bag_record: the run's recording holds what vastflow's simulator knows"
 
 
 class CaptureScreen(RunsOn):
-    """There is no screen, so nothing is captured; a capture runs until the scenario ends and never fails one."""
+    """Runs until the end and captures nothing, for there is no screen."""
 
     stands = "capture_screen: there is no screen; `vastflow replay` draws the run afterwards"
 
 
 class GenerateGazeboWorld(AlreadyDone):
-    """The world was made from the configuration's map or floor plan before the run; Gazebo's file of it is not needed."""
+    """Succeeds at once: the world is made from the map or floor plan before the run."""
 
     stands = "generate_gazebo_world: the simulator's world is the configuration's map or floor plan"
 
 
 class WaitForSim(AlreadyDone):
-    """The simulator that ticks the scenario is there by that very fact."""
+    """Succeeds at once: the simulator ticks the scenario."""
 
     stands = "wait_for_sim: the simulator runs"
 

@@ -82,7 +82,7 @@ class RunState:
         self._functions = functions
 
     def value(self, expression: Expression) -> Any:
-        """Value of an expression at this moment; `EvaluationError` where it has none."""
+        """Value of an expression at this moment; `ScenarioError` where it has none."""
         return evaluate(expression, self.names, self._functions)
 
 

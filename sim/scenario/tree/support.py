@@ -1,12 +1,10 @@
 """Which of a scenario's actions nothing here can do, told before anything runs."""
 
-from collections.abc import Container, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Container, Mapping
 from typing import Final
 
-from vastflow.sim.model.faults import Place
-from vastflow.sim.scenario.definition import Behavior, Call, Composition, Modified, ScenarioDefinition, Until
-from vastflow.sim.scenario.tree.modifier import MODIFIERS
+from vastflow.sim.model.faults import Fault
+from vastflow.sim.scenario.definition import Call, ScenarioDefinition, behaviors_of
 from vastflow.sim.scenario.tree.ros_graph import lacking_before_a_run
 
 _NO_SERVICES = "it asks a node for a service, and nothing offers one: the navigation stack runs inside the simulator"
@@ -43,7 +41,7 @@ REASONS: Final[Mapping[str, str]] = {
 }
 """Why an action can't be had here, by its name without an actor's."""
 
-REASONS_OF_FAMILIES: Final[Mapping[str, str]] = {
+FAMILIES: Final[Mapping[str, str]] = {
     "docker": _NO_CLUSTER,
     "kubernetes": _NO_CLUSTER,
     "moveit": _NO_ARM,
@@ -57,57 +55,25 @@ ROBOT: Final = "differential_drive_robot"
 GENERIC: Final = "vastflow's simulator has no such action; one of your own can inherit from an action of a library"
 
 
-@dataclass(frozen=True, slots=True)
-class Unsupported:
-    """Something in a scenario that nothing implements.
-
-    Attributes:
-        name: Of the action (with its actor's type) or modifier.
-        reason: In words.
-    """
-
-    place: Place
-    name: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"{self.place}: {self.name} can't be run: {self.reason}"
-
-
-def unsupported(definition: ScenarioDefinition, known: Container[str]) -> list[Unsupported]:
-    """Every call and modifier of a scenario that nothing implements, in the order of the file.
+def unsupported(definition: ScenarioDefinition, known: Container[str]) -> list[Fault]:
+    """Return a fault for every call of an action that nothing implements, in the order of the file.
 
     Args:
         known: Qualified names of the actions that a run has.
     """
     has_robot = any(ROBOT in actor.types for actor in definition.actors)
-    return [Unsupported(node.place, name, reason) for node, name, reason in _lacking(definition.root, known, has_robot)]
+    calls = (behavior for behavior in behaviors_of(definition.root) if isinstance(behavior, Call))
+    return [
+        Fault(call.place, f"{call.action} can't be run here", reason)
+        for call in calls
+        if (reason := _reason(call, known, has_robot))
+    ]
 
 
-def reason_for(action: str) -> str:
-    """Why an action can't be had here."""
-    actor, _, name = action.rpartition(".")
-    if name in REASONS:
-        return REASONS[name]
-    for beginning, reason in REASONS_OF_FAMILIES.items():
-        if name.startswith(beginning) or actor.startswith(beginning):
-            return reason
-    return GENERIC
-
-
-def _lacking(node: Behavior, known: Container[str], has_robot: bool) -> Iterator[tuple[Call | Modified, str, str]]:
-    match node:
-        case Call() if node.action not in known:
-            yield node, node.action, reason_for(node.action)
-        case Call():
-            if reason := _NO_LOG if node.action == "log_check" and not has_robot else lacking_before_a_run(node):
-                yield node, node.action, reason
-        case Composition():
-            for child in node.children:
-                yield from _lacking(child, known, has_robot)
-        case Modified():
-            if node.modifier not in MODIFIERS:
-                yield node, node.modifier, "vastflow has no such modifier"
-            yield from _lacking(node.child, known, has_robot)
-        case Until():
-            yield from _lacking(node.child, known, has_robot)
+def _reason(call: Call, known: Container[str], has_robot: bool) -> str:
+    """Return why a call can't be run here; empty where it can."""
+    if call.action in known:
+        return _NO_LOG if call.action == "log_check" and not has_robot else lacking_before_a_run(call)
+    actor, _, name = call.action.rpartition(".")
+    families = (reason for start, reason in FAMILIES.items() if name.startswith(start) or actor.startswith(start))
+    return REASONS.get(name) or next(families, GENERIC)
