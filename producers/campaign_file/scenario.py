@@ -126,9 +126,8 @@ def abstract_scenario_of(document: Document, base: Path) -> tuple[AbstractScenar
         return None, [
             Fault(f.place.file, f.place.line, f.place.column, "scenario", f.what, f.right) for f in error.faults
         ]
-    except (ScenarioError, UnicodeDecodeError) as error:
-        what, _, right = str(error).partition("; ")
-        return None, [document.fault(WHERE, what, right or "an OpenSCENARIO DSL file")]
+    except ScenarioError as error:
+        return None, [document.fault(WHERE, str(error), "")]
     lacking = [
         Fault(str(file), u.place.line, u.place.column, "scenario", u.what, u.right)
         for u in unsupported(definition, ACTIONS)
@@ -165,8 +164,7 @@ def programs_of(
     try:
         files = run_files(base, execution.run_files)
     except ScenarioError as error:
-        what, _, right = str(error).partition("; ")
-        return None, [], [*faults, document.fault(("execution", "run_files"), what, right)]
+        return None, [], [*faults, document.fault(("execution", "run_files"), str(error), "")]
     notes += [
         document.note("warning", ("execution", "run_files"), f"no file matches {pattern!r}")
         for pattern in unmatched(files, execution.run_files)

@@ -16,7 +16,7 @@ from vastflow.sim.scenario.language.reading import read_scenarios
 
 
 def plain_value(part: Any) -> Value:
-    """All that a value is made of: dataclasses and pydantic models by the name of their class and by field, deep down.
+    """Return a value with its dataclasses and pydantic models as mappings of class name and fields.
 
     A property is left out: what computes it must be code that a run depends on, not code that reads.
     """
@@ -65,7 +65,7 @@ def _beside_shipped(name: str) -> Path:
 
 
 def abstract_content(file: Path) -> FileContent:
-    """A scenario file as a value: what it defines and in which lines, for recordings name them; wherever the file lies.
+    """Return a scenario file as a value: its definition with line numbers, independent of its folder.
 
     Raises:
         OscError: what is wrong in the file, or in one that it imports.
@@ -75,7 +75,7 @@ def abstract_content(file: Path) -> FileContent:
 
 
 def definition_of(abstract: Abstract) -> ScenarioDefinition:
-    """What an abstract scenario defines, read once for many scenarios.
+    """Return the definition of an abstract scenario, read once for many scenarios.
 
     Raises:
         ScenarioError: no such name, or a file that changed since its content was taken.
@@ -85,7 +85,7 @@ def definition_of(abstract: Abstract) -> ScenarioDefinition:
 
 
 def file_of(abstract: Abstract) -> Path:
-    """Where an abstract scenario lies."""
+    """Return the path of an abstract scenario."""
     return Path(abstract.path) if isinstance(abstract, FileContent) else shipped_file(abstract.removeprefix(BUILTIN))
 
 
@@ -113,7 +113,7 @@ def _only_one(file: Path, scenarios: Sequence[ScenarioDefinition]) -> ScenarioDe
     last = [scenario for scenario in scenarios if scenario.name not in bases]
     if len(last) != 1:
         names = ", ".join(scenario.name for scenario in last)
-        raise ScenarioError(f"{file}: expected one, for a run is one scenario, got the scenarios {names}")
+        raise ScenarioError(f"{file}: expected one scenario to run, got {names}")
     return last[0]
 
 
@@ -133,7 +133,7 @@ def definition_digest(definition: ScenarioDefinition) -> str:
 
 
 def _by_name(part: Any) -> Any:
-    """A definition whose places are in files by their names alone: what is said of them is the same wherever they lie."""
+    """Return a definition whose places have file names in place of paths."""
     if isinstance(part, Place):
         return replace(part, file=Path(part.file).name)
     if is_dataclass(part) and not isinstance(part, type):

@@ -55,7 +55,7 @@ class RobotSetup:
 
 @dataclass(frozen=True)
 class CheckedScenario:
-    """What runs of a scenario are computed from, beside the campaign's seed and a run's index.
+    """The inputs of a scenario's runs, without the campaign's seed and the run's index.
 
     Attributes:
         timeout_s: Simulated time after which a run ends as timed out.
@@ -149,7 +149,7 @@ def _robot(scenario: Scenario, script: Script) -> RobotSetup:
 
 
 def _definition_digest(scenario: Scenario, script: Script) -> str:
-    """That of the script's definition; of one that a file has as it is, the one that is known."""
+    """Return the digest of the script's definition, from the cache if the file's is unchanged."""
     if script.definition is definition_of(scenario.abstract):
         return content_digest(scenario.abstract)
     return definition_digest(script.definition)

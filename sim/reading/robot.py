@@ -1,4 +1,4 @@
-"""The robot that drives: its body, its limits and its scanner, as a campaign gives them or as they follow from its navigation stack."""
+"""The robot's body, limits, and scanner, as given by a campaign or derived from its navigation stack."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
@@ -125,12 +125,12 @@ def _body(parameters: NavParameters) -> tuple[Vertices, float]:
 
 
 def _assumed_mount(given: LidarParameters) -> tuple[float, float, float]:
-    """Where a scanner is mounted that does not say so: one with angles of its own at the center, looking ahead."""
+    """Return the default mount: the TurtleBot 4's, or the center if the scanner's angles are given."""
     return TURTLEBOT_4_LIDAR.mount_xyt if given.angle_min is None else (0.0, 0.0, 0.0)
 
 
 def _drive(parameters: NavParameters) -> tuple[Drive, float]:
-    """The drive, and the least turning radius (m) of one that has such: what is given, or else what MPPI or Hybrid-A* reckon with."""
+    """Return the drive and the least turning radius (m), as given or as MPPI or Hybrid-A* assumes."""
     given, controller, planner = parameters.robot, parameters.controller, parameters.planner
     modeled: MotionModel = "Omni" if is_omni(controller) else "DiffDrive"
     if isinstance(controller, MppiParameters):
@@ -166,7 +166,7 @@ def _limits(parameters: NavParameters) -> tuple[float, float, float, float]:
 
 
 def _acceleration(smoother: VelocitySmoother, axis: int, own: float) -> float:
-    """What the actuators reach on an axis: the smoother's limits, unless they are the default file's, which no TurtleBot 4 reaches."""
+    """Return the greatest acceleration on an axis: the smoother's, or the robot's own for default limits."""
     limits = smoother.max_accel[axis], smoother.max_decel[axis]
     usual = _DEFAULT_SMOOTHER.max_accel[axis], _DEFAULT_SMOOTHER.max_decel[axis]
     return own if limits == usual else max(own, limits[0], -limits[1])

@@ -35,7 +35,7 @@ _SEND: Final = "nav_to_pose"
 
 
 def goal_keys(definition: ScenarioDefinition, keys: Collection[str]) -> tuple[str, ...]:
-    """Of a configuration's keys, those whose goals stand for the scenario's one `goal_pose`, in order.
+    """Return the keys of a configuration that replace the scenario's single `goal_pose`, in order.
 
     They are `goal_poses`, or `goal_pose1`, `goal_pose2` and so on. None where the configuration has a `goal_pose`, or where
     the scenario has no such parameter, or has theirs.
@@ -52,7 +52,7 @@ def goal_keys(definition: ScenarioDefinition, keys: Collection[str]) -> tuple[st
 def sent_to_each(
     definition: ScenarioDefinition, given: Mapping[str, Value], keys: Sequence[str]
 ) -> tuple[ScenarioDefinition, dict[str, Value]]:
-    """The scenario with its goal sent for once for each of the goals under `keys`, and the values for its parameters.
+    """Return the scenario with one navigation call for each goal under `keys`, and its parameters' values.
 
     Every `nav_to_pose(goal_pose)` becomes a `serial` of as many. Elsewhere `goal_pose` is the last goal.
 
@@ -106,7 +106,7 @@ NAVIGATIONS: Final[Mapping[str, str]] = {
 
 @dataclass(frozen=True)
 class Script:
-    """What is to happen in a scenario's runs.
+    """The course of a scenario's runs.
 
     Attributes:
         values: Every parameter of the definition.
@@ -166,7 +166,7 @@ def script_of(scenario: Scenario) -> Script:
 
 
 def overrides_of(definition: ScenarioDefinition, given: Mapping[str, Value]) -> dict[str, Any]:
-    """The values of a scenario that are for parameters of its definition, poses in full, files by the names programs have for them.
+    """Return the values for a definition's parameters, with full poses and the programs' file names.
 
     The shipped missions through several poses take a single `goal_pose` for a list of one. Where no objects are given there
     are none to spawn.
@@ -211,9 +211,7 @@ def _one_robot(calls: Sequence[Call]) -> None:
             acting.setdefault(call.actor, call.place)
     if len(acting) > 1:
         first, second, *_ = acting
-        raise ValueError(
-            f"{acting[second]}: expected {first!r} alone, for a world has one, got a second robot {second!r}"
-        )
+        raise ValueError(f"{acting[second]}: expected one robot, {first!r}, got {second!r} too")
 
 
 def _in_full(value: Value) -> Value:

@@ -15,7 +15,7 @@ _NAMES: Final = ("seed", "wall_offset", "correlation_length", "missing_furniture
 
 
 def difference_of(value: Value) -> WorldDifference | None:
-    """How the world differs from the map, from the value of the key `world`; None where it does not.
+    """Return the world's difference from the map under the key `world`, or None.
 
     Raises:
         ScenarioError: the value has another form, or a number is out of its bounds.

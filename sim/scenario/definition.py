@@ -1,4 +1,4 @@
-"""What a scenario file defines once it is read and checked: names resolved, types agreed, modifiers wrapped round.
+"""Definitions of scenarios: the checked content of a file, with names, types, and modifiers resolved.
 
 A definition is a value. It is made once for a file, and any number of runs build their trees from it.
 """
@@ -12,7 +12,7 @@ from vastflow.sim.model.faults import Place
 
 @dataclass(frozen=True, slots=True)
 class Type:
-    """A type by name: `int uint float bool string`, a physical type, a struct, an enum or an actor, or a list of one.
+    """A basic type, a physical type, a struct, an enum, an actor, or a list of one of them.
 
     Attributes:
         kind: What the name is the name of.
@@ -73,7 +73,7 @@ class Struct:
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """An operator on one operand or two: `+ - * / % == != < <= > >= in and or not`."""
+    """An operator and one operand or two."""
 
     operator: str
     operands: "tuple[Expression, ...]"
@@ -243,7 +243,7 @@ def behaviors_of(root: Behavior) -> Iterator[Behavior]:
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """A parameter or a `var` of a scenario, a struct, an actor, an action, a modifier or a function; or a global.
+    """A parameter or a `var` of any declaration, or a global.
 
     Attributes:
         default: None where a value has to be given; a `var` begins with it.

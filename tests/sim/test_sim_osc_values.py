@@ -265,5 +265,5 @@ def test_of_a_file_with_a_scenario_that_another_inherits_from_the_other_is_run(t
     file.write_text(f"{base}scenario derived inherits base:\n    p: string = 'b'\n")
     assert definition_of(abstract_content(file)).name == "derived"
     file.write_text(f"{base}scenario other:\n    do log('x')\n")
-    with pytest.raises(ScenarioError, match="expected one, got the scenarios base, other"):
+    with pytest.raises(ScenarioError, match="expected one scenario to run, got base, other"):
         abstract_content(file)

@@ -95,9 +95,7 @@ def test_robot_that_nothing_puts_anywhere_is_said_before_the_run(staged):
 
 def test_second_robot_is_refused_with_its_place(staged):
     text = "other: differential_drive_robot\ndo serial:\n    robot.init_nav2(start)\n    other.nav_to_pose(near)\n    robot.nav_to_pose(near)"
-    with pytest.raises(
-        ValueError, match=r"trial.osc:17:9: expected 'robot' alone, for a world has, got a second robot 'other'"
-    ):
+    with pytest.raises(ValueError, match=r"trial.osc:17:9: expected one robot, 'robot', got 'other' too"):
         run(staged(text), 0)
 
 

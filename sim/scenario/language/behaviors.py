@@ -75,7 +75,7 @@ class BehaviorChecker:
     events: Sequence[str]
 
     def behavior(self, text: BehaviorText) -> Behavior | None:
-        """What is done; None where something in it is at fault."""
+        """Return the checked behavior, or None if it has a fault."""
         match text:
             case RefusedText():
                 self.expressions.refuse(text)
@@ -192,7 +192,7 @@ class BehaviorChecker:
         return Call(self._done_by(action), actor, arguments, _label(text.label), text.call.place)
 
     def _done_by(self, action: Compound) -> str:
-        """The action of a library that an action of one's own is at bottom; its own name where it is none."""
+        """Return the library action that an action inherits from, or its own name if there is none."""
         chain = (action, *(self.declared.actions[base][0] for base in action.bases))
         return next((each.name for each in chain if each.origin in library_names()), action.name)
 

@@ -181,7 +181,7 @@ class _Scenario:
                 self._expressions.fault(member.place, f"the value of {name!r} needs {name!r} itself", "a value")
 
     def _done(self, chain: Sequence[CompoundText]) -> DoText | None:
-        """What the scenario does: its own `do`, or that of the nearest it inherits from."""
+        """Return the scenario's own `do`, or that of its nearest base."""
         for part in reversed(chain):
             found = [member for member in part.members if isinstance(member, DoText)]
             for other in found[1:]:
@@ -244,7 +244,7 @@ class _Scenario:
 
 
 def _too_deep(root: Behavior) -> Place | None:
-    """Where something stands that has more than `MOST_LEVELS` others round it, if anything does."""
+    """Return the place of a behavior nested deeper than `MOST_LEVELS`, if there is one."""
     waiting = [(root, 1)]
     while waiting:
         behavior, level = waiting.pop()

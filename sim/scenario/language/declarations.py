@@ -1,4 +1,4 @@
-"""What names mean in a scenario file, and which types operators go with."""
+"""Declarations of a scenario file, and the types of operators."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -84,7 +84,7 @@ class Declarations:
         return tuple(clashing)
 
     def _unique(self) -> tuple[dict[str, Any], ...]:
-        """What a name may mean once only; an action may be declared twice, and not used then."""
+        """Kinds whose names are unique; an action that is declared twice can't be used."""
         return (
             self.physical,
             self.units,
@@ -136,7 +136,7 @@ class Declarations:
         return tuple(member for member in self.members_of(type_).values() if member.is_variable)
 
     def default_of(self, type_: Type, place: Place) -> Expression | None:
-        """A struct with the defaults of all its members; None where one of them has none, and for every other type."""
+        """Return a struct of its members' defaults; None if one is missing, and for other types."""
         if type_.is_list or type_.kind != "struct":
             return None
         members, missing = self.filled({}, self.structs[type_.name].members, place)

@@ -33,7 +33,7 @@ from vastflow.sim.scenario.language.syntax import (
 
 
 def parse(text: str, file: str) -> FileText:
-    """What is written in `text`; the grammar is built once in a process.
+    """Return the syntax of `text`; the grammar is built once in a process.
 
     Raises:
         OscError: it is not in the language; every place where it is not that can be told from what follows.
@@ -70,7 +70,7 @@ def declared(
 
 
 class _Declarer:
-    """Declares what a file holds; a type may stand below its use, so it is declared when it is first met."""
+    """Declares the content of a file; types are declared at their first use, which may precede them."""
 
     def __init__(self, known: Declarations, origin: str, expressions: ExpressionChecker) -> None:
         self._declared = known
@@ -270,7 +270,7 @@ def library_names() -> tuple[str, ...]:
 
 
 def library(name: str) -> Declarations:
-    """What a library and those that it imports declare; `name` is one of `library_names`."""
+    """Return the declarations of a library and of its imports."""
     with _READING:
         return _library(name)
 
@@ -305,7 +305,7 @@ def home_of(type_name: str) -> str | None:
 
 
 def right_type(name: str, known: Collection[str]) -> str:
-    """The library to import for a type, the nearest name among those that are known or in any library, or all known."""
+    """Suggest the library that declares a type, the nearest type name, or all known types."""
     if home := home_of(name):
         return f"'import {home}', which declares it"
     if nearest(name, known) is None:

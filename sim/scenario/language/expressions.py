@@ -116,7 +116,7 @@ class ExpressionChecker:
         return None if typed is None else self._fitted(text, typed, wanted, whose)
 
     def given(self, text: ExpressionText, wanted: Type, names: Visible, whose: str) -> Expression | None:
-        """As `assigned`, with what calls and `keep` take beyond it: numbers for a number with a unit, in SI units, and for a text."""
+        """Return the value as `assigned` does; plain numbers also stand for SI values and texts."""
         if wanted == VARIABLE or isinstance(text, ListText):
             return self.assigned(text, wanted, names, whose)
         typed = self.value(text, names)
@@ -130,7 +130,7 @@ class ExpressionChecker:
         return self._fitted(text, typed, wanted, whose)
 
     def value(self, text: ExpressionText, names: Visible) -> Typed | None:
-        """What an expression is, and its type."""
+        """Return an expression with its type."""
         match text:
             case Constant():
                 return self._literal(text)
@@ -279,7 +279,7 @@ class ExpressionChecker:
         return below_of(value, [word.text for word in rest]), type_
 
     def _defaults(self, type_: Type, place: Place) -> Expression | None:
-        """What the members of a struct or an actor have that nothing gives another value; its name has them too."""
+        """Return the default members of a struct or an actor as its value."""
         members, missing = self._declared.filled({}, self._declared.members_of(type_), place)
         return Struct(type_.name, members, place) if members and not missing else None
 
@@ -356,7 +356,7 @@ class ExpressionChecker:
         return Operation(text.operator, tuple(value for value, _ in operands), text.place), result
 
     def _such_as(self, wanted: Type, text: ExpressionText) -> str:
-        """What would be right in place of `text`."""
+        """Return an example of the type in place of `text`."""
         number = text.value if isinstance(text, Constant) and not isinstance(text.value, _NO_NUMBERS) else None
         if wanted.is_list:
             return f"[…], a {wanted}"

@@ -1,4 +1,4 @@
-"""What is wrong with a scenario file, each fault with its place and what would be right."""
+"""Faults of scenario files."""
 
 from collections.abc import Callable, Collection, Iterable
 from typing import TypeAlias
@@ -10,7 +10,7 @@ TypeHint: TypeAlias = Callable[[str, Collection[str]], str]
 
 
 class OscError(UserError, ValueError):
-    """A scenario file that can't be used; holds every fault that was found, file by file and in the order of each."""
+    """A scenario file with faults, sorted by file and place."""
 
     def __init__(self, faults: Iterable[Fault]) -> None:
         distinct = list(dict.fromkeys(faults))

@@ -206,7 +206,7 @@ def _parser() -> tuple[Lark, Builder]:
 
 
 def _tables(grammar: str) -> str | bool:
-    """File for the tables that Lark makes of a grammar in 0.1 s, which every worker would spend; False where none can be kept."""
+    """Return the cache file of the grammar's parse tables, or False if there is no cache folder."""
     folder = Path(platformdirs.user_cache_dir("vastflow")) / "grammars"
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequenc
 from numbers import Integral, Real
 from typing import Any, Final, cast
 
-from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.faults import ScenarioError, complaint
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.scenario.definition import EnumValue, Expression, Field, ScenarioDefinition, Struct, Type
 from vastflow.sim.scenario.evaluation import evaluate, text_of
@@ -30,7 +30,8 @@ class ParameterMismatch(ValueError):
         super().__init__(scenario, parameter, expected, given)
 
     def __str__(self) -> str:
-        return f"parameter {self.parameter} of scenario {self.scenario}: expected {self.expected}, got {self.given}"
+        problem = complaint(f"got {self.given}", self.expected)
+        return f"parameter {self.parameter} of scenario {self.scenario}: {problem}"
 
 
 def bound(
@@ -104,7 +105,7 @@ class _Values(Mapping[str, Any]):
             default = self._default(parameter)
         if parameter.name not in self._overrides:
             if default is None:
-                raise self._mismatch(parameter.name, f"a value, {_right(parameter.type, parameter.unit)}", "nothing")
+                raise self._mismatch(parameter.name, _right(parameter.type, parameter.unit), "nothing")
             return default
         given = self._overrides[parameter.name]
         return self._fitted(parameter.name, parameter.type, given, default, parameter.unit)
@@ -157,7 +158,7 @@ class _Values(Mapping[str, Any]):
             elif value is None and member.type.kind == "struct" and not member.type.is_list:
                 whole[name] = self._struct(below, member.type, {}, None)
             elif value is None:
-                raise self._mismatch(below, f"a value, {_right(member.type)}", "nothing")
+                raise self._mismatch(below, _right(member.type), "nothing")
             else:
                 whole[name] = value
         return whole
@@ -197,7 +198,7 @@ def _basic(name: str, given: Any) -> Any:
 
 
 def _right(type_: Type, unit: str = "") -> str:
-    """What a value of a type looks like in a configuration."""
+    """Describe a value of a type as configurations write it."""
     if type_.is_list:
         return f"a {type_}"
     if type_.kind == "physical":
@@ -205,7 +206,7 @@ def _right(type_: Type, unit: str = "") -> str:
     if type_.kind == "struct":
         return f"a mapping, {type_.name}"
     return {
-        "string": "a text",
+        "string": "text",
         "bool": "true or false",
         "float": "a number",
         "int": "a whole number",

@@ -33,7 +33,7 @@ ABSENT: Final[Mapping[str, str]] = {
 
 
 def read_scenarios(path: Path) -> tuple[ScenarioDefinition, ...]:
-    """The scenarios of a file, in its order; those of files that it imports can be inherited from and are not among them.
+    """Return the scenarios of a file, in its order, without those of imported files.
 
     Raises:
         OscError: every fault in the file and those that it imports; of each file that is not in the language at all, the
@@ -96,7 +96,7 @@ def _read(text: str, file: str, folder: Path) -> tuple[ScenarioDefinition, ...]:
 def _declarations(
     text: FileText, file: str, folder: Path, read: dict[Path, Declarations], faults: list[Fault]
 ) -> Declarations:
-    """What a file and its imports declare; `read` holds the files that were met, one being read with nothing."""
+    """Return the declarations of a file and its imports; a file in `read` that is being read has none yet."""
     imported = Declarations()
     for part in text.imports:
         clashing = imported.include(_imported(part, folder, read, faults))

@@ -115,7 +115,7 @@ class KeepText:
 
 @dataclass(frozen=True, slots=True)
 class AwaitedText:
-    """What `wait` and `until` wait for: an event, perhaps under a condition, or a condition alone."""
+    """The event, the condition, or both that `wait` and `until` wait for."""
 
     event: PathText | None
     condition: ExpressionText | None
@@ -163,7 +163,7 @@ class MethodText:
 
 @dataclass(frozen=True, slots=True)
 class ActText:
-    """A call in a body or a composition: of an action or of a modifier, with its label and its `with:` block."""
+    """A call of an action or a modifier, with its label and its `with:` block."""
 
     label: Word | None
     call: CallText

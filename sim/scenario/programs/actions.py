@@ -94,7 +94,7 @@ SHUTDOWN_TIMEOUT_S: Final = 10.0
 
 
 class RunAction(Action):
-    """What the actions here have in common: the run they work on, and where and how they were called."""
+    """An action on a run of programs."""
 
     def __init__(self, run: ProcessRun, situation: ActionSituation) -> None:
         self.run = run

@@ -42,7 +42,7 @@ class RunFolders:
 
     @classmethod
     def below(cls, folder: Path) -> "RunFolders":
-        """Those below `folder`, which are not made."""
+        """Return the folders below `folder` without making them."""
         return cls(folder / "config", folder / "run", folder / "logs")
 
     @property
@@ -51,7 +51,7 @@ class RunFolders:
         return {CONFIG: self.config, OUT: self.out}
 
     def path(self, name: str) -> Path:
-        """Where this process finds the file that programs know by `name`; a relative one is seen from `out`."""
+        """Return the path of the file that programs know by `name`; relative names start at `out`."""
         plain = PurePosixPath(os.path.normpath(name))
         for place, folder in self.mounts.items():
             if plain.is_relative_to(place):
@@ -124,7 +124,7 @@ def files_matching(
 
 
 def unmatched(files: RunFiles, patterns: Sequence[str]) -> tuple[str, ...]:
-    """Those of `patterns` that none of `files` matches: slips, most likely."""
+    """Return the patterns that match no file."""
     return tuple(
         pattern for pattern in patterns if not any(_pattern(pattern).fullmatch(path) for path, _content in files)
     )
@@ -187,7 +187,7 @@ def _name(part: str) -> str:
 
 
 def handed_name(key: str, content: FileContent) -> str:
-    """What a scenario has for the file under `key`: its path below `/config`, and seen from where programs work."""
+    """Return the path of the file under `key`, relative to `/config` and to the programs' folder."""
     suffix = Path(content.path).suffix.lower()
     return f"{key}/{content.digest[:12]}{'.yaml' if suffix == '.yml' else suffix}"
 
@@ -218,7 +218,7 @@ def hand_over(handed: Mapping[str, FileContent], folder: Path) -> None:
 
 
 def _map_header(source: Path) -> dict[str, Any] | None:
-    """What the YAML file of a map holds; None for another file."""
+    """Return the content of a map's YAML file, or None for another file."""
     if source.suffix.lower() not in (".yaml", ".yml"):
         return None
     try:

@@ -1,4 +1,4 @@
-"""Processes of a run are found by a mark in their environment, wherever they went, and end with whoever started them.
+"""The guard of a run: it kills the run's processes, found by a mark in their environment.
 
 Run as a script, `guard.py MARK FOLDER` waits until its standard input is closed, kills what bears the mark and removes
 the folder. The kernel closes the pipe however the program that holds it ends, SIGKILL too. It imports nothing but the

@@ -27,7 +27,7 @@ class MountNamespace:
 
     @classmethod
     def of(cls, mounts: Mapping[str, Path]) -> "MountNamespace":
-        """Make a namespace that has each folder of `mounts` at its path, a name below `/`, and else what the machine has.
+        """Make a namespace with the machine's folders and those of `mounts`, each at its path below `/`.
 
         Its root folder is read-only, so that files written beside the folders are not lost silently.
 

@@ -27,7 +27,7 @@ _READ_BYTES: Final = 1 << 16
 
 
 class ProcessLog:
-    """Drains a pipe into a file, so that a program never waits for its reader; what is too much is read and dropped.
+    """Drains a program's pipe into a file and drops the excess, so that the program never blocks.
 
     Attributes:
         path: The file.
@@ -62,7 +62,7 @@ class ProcessLog:
             self.complete.wait()
 
     def read(self, offset: int = 0) -> bytes:
-        """What is in the file from `offset` on, at this moment."""
+        """Return the current content of the file from `offset` on."""
         with self.path.open("rb") as file:
             file.seek(offset)
             return file.read()
@@ -104,7 +104,7 @@ _KILL_S: Final = 5.0
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """How a process ended.
+    """The end of a process.
 
     Attributes:
         code: Exit code; None where a signal ended it.
@@ -121,7 +121,7 @@ class Ended:
 
 @dataclass(frozen=True, slots=True)
 class Usage:
-    """What a process used, with its children that it waited for.
+    """The resources that a process and its awaited children used.
 
     Attributes:
         cpu_s: Processor time.
@@ -198,11 +198,11 @@ class ProcessGroup:
         threading.Thread(target=self._await_end, name=f"end of {self.pid}", daemon=True).start()
 
     def poll(self) -> Ended | None:
-        """How it ended, None while it runs."""
+        """Return the end of the program, or None while it runs."""
         return self._ended
 
     def wait(self, timeout_s: float | None = None) -> Ended | None:
-        """How it ended, as soon as it has; None if it still runs after `timeout_s` (s)."""
+        """Wait for the end of the program; None if it still runs after `timeout_s` (s)."""
         self._end.wait(timeout_s)
         return self._ended
 

@@ -1,4 +1,4 @@
-"""A run of programs: its folder, its environment, what was started in it, and what is left when it is over."""
+"""A run of programs: its folder, environment, processes, and outputs."""
 
 import os
 import shlex
@@ -78,7 +78,7 @@ def sourced(
 
 
 def finished(group: ProcessGroup, timeout_s: float) -> Ended:
-    """How the program of `group` ended, by itself or because it was killed after `timeout_s`."""
+    """Wait for the program of `group`, and kill it after `timeout_s`."""
     if (ended := group.wait(timeout_s)) is not None:
         return ended
     ended = group.stop(timeout_s=0.0)
@@ -90,7 +90,7 @@ MAX_LOGS_BYTES: Final = 64 * 2**20
 
 @dataclass(frozen=True)
 class ProcessRecord:
-    """What is left of a run of programs.
+    """The outputs and logs of a run of programs.
 
     Attributes:
         resources: Once a second of host time.
@@ -194,7 +194,7 @@ class ProcessRun:
 
     @property
     def resources(self) -> tuple[Use, ...]:
-        """What its processes used so far, once a second since the first was started."""
+        """The resource samples so far, one a second since the first process."""
         return self._sampler.rows if self._sampler else ()
 
     def close(self) -> ProcessRecord:

@@ -21,7 +21,7 @@ class Clock(Protocol):
 
 
 class Monitor(Protocol):
-    """What keeps a variable up to date."""
+    """A watcher that keeps a variable up to date."""
 
     def look(self) -> None:
         """Look at the world, before a tick is made."""
@@ -29,7 +29,7 @@ class Monitor(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ActionSituation:
-    """What an action of a run is made with.
+    """The context of an action in a run.
 
     Attributes:
         actor: Members of the actor instance it is called on, evaluated, with its `name`; empty without one.
@@ -49,7 +49,7 @@ class ActionSituation:
 
 
 class Action(ABC):
-    """One call of an action, made with the tree of a run; it is entered again where a modifier repeats it.
+    """One call of an action; modifiers may enter it again.
 
     Attributes:
         goes_along: It runs until the scenario ends, whatever happens; nobody waits for it, and no timeout runs out for it.

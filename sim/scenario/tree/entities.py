@@ -21,7 +21,7 @@ ROBOT_MODEL: Final = "topic:"
 
 
 class Spawn(Action):
-    """Puts entities into the world at once. One is fixed unless its arguments give a mass: then it can be pushed."""
+    """Puts entities into the world at once; those with a mass can be pushed."""
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation

@@ -1,4 +1,4 @@
-"""What is in a message of a topic, whose members are dicts, lists and numbers."""
+"""Members of messages, which are dicts, lists, and numbers."""
 
 import ast
 import math
@@ -24,7 +24,7 @@ def member_of(found: Any, path: str) -> Any:
 
 
 def literal(text: str) -> Any:
-    """What a text of Python literals says, such as a message's members in braces.
+    """Return the value of a Python literal, such as a message's members in braces.
 
     Raises:
         ScenarioError: it is no literal.

@@ -33,12 +33,12 @@ class Modifier(decorators.Decorator, Node):
         """Begin, before the child is ticked."""
 
     def answer(self, child: Status) -> Status:
-        """What it makes of the child's status at this tick."""
+        """Return the status that follows from the child's status at this tick."""
         return child
 
 
 class Timeout(Modifier):
-    """Fails at the first tick that is more than `duration` after its first, even if the child succeeds in that tick.
+    """Fails at the first tick later than `duration` after its first, even if the child then succeeds.
 
     A child that fails in that tick has failed for its own reason.
     """

@@ -78,7 +78,7 @@ class Node(Behaviour):
 
 
 def running_leaves(node: Behaviour) -> Iterator[Behaviour]:
-    """What runs below a node and has nothing running below itself, from left to right."""
+    """Yield the running nodes below a node that have no running children, from left to right."""
     if node.status is Status.RUNNING:
         below = [leaf for child in node.children for leaf in running_leaves(child)]
         yield from below or [node]
@@ -198,7 +198,7 @@ class Leaf(Node):
         """Begin."""
 
     def answer(self) -> Status:
-        """What it comes to at this tick."""
+        """Return the status at this tick."""
         raise NotImplementedError
 
     def reason(self) -> Reason:

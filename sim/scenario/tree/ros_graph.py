@@ -1,5 +1,6 @@
 """The part of a ROS graph that the simulator stands for, and what calls of ROS actions need of it."""
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal, TypeAlias
@@ -75,7 +76,7 @@ def absolute(name: str) -> str:
 
 
 def topic_fault(name: str, type_: str = "") -> str:
-    """What is wrong with a topic that is listened to; empty where nothing is.
+    """Explain why a topic can't be listened to; empty if it can.
 
     Args:
         type_: Of its messages, as a scenario has it; not looked at where it is empty.
@@ -89,7 +90,7 @@ def topic_fault(name: str, type_: str = "") -> str:
 
 
 def content_fault(name: str, type_: str, member: str = "") -> str:
-    """What is wrong with a topic whose messages are looked at."""
+    """Explain why the messages of a topic can't be inspected; empty if they can."""
     if fault := topic_fault(name, type_):
         return fault
     if TOPICS[absolute(name)].has_content:
@@ -98,20 +99,20 @@ def content_fault(name: str, type_: str, member: str = "") -> str:
 
 
 def publication_fault(name: str, type_: str) -> str:
-    """What is wrong with a topic that a scenario publishes on."""
+    """Explain why a scenario can't publish on a topic; empty if it can."""
     if absolute(name) not in PUBLISHABLE:
         return f"nothing here does anything with what is published on {name}; there are {', '.join(PUBLISHABLE)}"
     return topic_fault(name, type_)
 
 
 def nodes_fault(names: Sequence[str]) -> str:
-    """Which of some nodes nothing here stands for."""
+    """Explain which nodes don't exist; empty if all do."""
     absent = [name for name in names if name.removeprefix("/") not in NODES]
     return f"there is no node {', '.join(absent)} here; there are {', '.join(sorted(NODES))}" if absent else ""
 
 
 def end_fault(topic: str, node: str, publishes: bool) -> str:
-    """What is wrong with a topic that a node is to publish on, or to subscribe to."""
+    """Explain why a node is not at one end of a topic; empty if it is."""
     if fault := topic_fault(topic) or nodes_fault([node]):
         return fault
     known = TOPICS[absolute(topic)]
@@ -121,7 +122,7 @@ def end_fault(topic: str, node: str, publishes: bool) -> str:
 
 
 def frames_fault(parent: str, robot: str) -> str:
-    """What is wrong with the frames of a transform."""
+    """Explain why a transform has no such frames; empty if it has."""
     if parent not in PARENT_FRAMES:
         return f"there is no frame {parent!r} to look from here; {' or '.join(PARENT_FRAMES)}"
     if robot not in ROBOT_FRAMES and not robot.endswith(TRUE_FRAME):
@@ -133,18 +134,8 @@ Requirement: TypeAlias = Callable[..., str]
 
 
 def topics_fault(topics: Sequence[str]) -> str:
-    """What is wrong with the first topic that nothing publishes."""
+    """Explain why the first missing topic is missing; empty if none is."""
     return next(filter(None, map(topic_fault, topics)), "")
-
-
-def publisher_fault(topic: str, node_name: str) -> str:
-    """What is wrong with a topic and the node that is to publish on it."""
-    return end_fault(topic, node_name, True)
-
-
-def subscriber_fault(topic: str, node_name: str) -> str:
-    """What is wrong with a topic and the node that is to subscribe to it."""
-    return end_fault(topic, node_name, False)
 
 
 REQUIREMENTS: Final[Mapping[str, tuple[Requirement, tuple[str, ...]]]] = {
@@ -154,8 +145,8 @@ REQUIREMENTS: Final[Mapping[str, tuple[Requirement, tuple[str, ...]]]] = {
     "topic_publish": (publication_fault, ("topic_name", "topic_type")),
     "wait_for_topics": (topics_fault, ("topics",)),
     "wait_for_nodes": (nodes_fault, ("nodes",)),
-    "wait_for_topic_publisher": (publisher_fault, ("topic", "node_name")),
-    "wait_for_topic_subscription": (subscriber_fault, ("topic", "node_name")),
+    "wait_for_topic_publisher": (functools.partial(end_fault, publishes=True), ("topic", "node_name")),
+    "wait_for_topic_subscription": (functools.partial(end_fault, publishes=False), ("topic", "node_name")),
     "assert_tf_moving": (frames_fault, ("parent_frame_id", "frame_id")),
     "differential_drive_robot.tf_close_to": (frames_fault, ("parent_frame_id", "robot_frame_id")),
 }
@@ -163,7 +154,7 @@ REQUIREMENTS: Final[Mapping[str, tuple[Requirement, tuple[str, ...]]]] = {
 
 
 def lacking(action: str, arguments: Mapping[str, Any]) -> str:
-    """What a call lacks here; empty where it lacks nothing."""
+    """Explain why a call can't be run; empty if it can."""
     if action not in REQUIREMENTS:
         return ""
     fault, names = REQUIREMENTS[action]

@@ -1,4 +1,4 @@
-"""What the nodes of one tree share: the clock in whole ticks, names and their values, the flags of events."""
+"""State that the nodes of one tree share: clock, names with values, and events."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
@@ -87,7 +87,7 @@ class RunState:
 
 
 class Variables(MutableMapping[str, Any]):
-    """The `var`s of a run: names that may be set, and no others; an actor's has its name before it, `robot.laps`.
+    """The `var`s of a run by name; an actor's are qualified, such as `robot.laps`.
 
     A struct is changed by setting the variable to another dict, never in place: waits would not hear of it.
     """
@@ -119,7 +119,7 @@ class Variables(MutableMapping[str, Any]):
         return sum(1 for _ in self)
 
     def _home(self, name: str) -> tuple[dict[str, Any], str]:
-        """Where the value of a variable lies: among the names, or among an actor's members."""
+        """Return the mapping and the key that hold a variable's value."""
         if name not in self._declared:
             raise KeyError(name)
         actor, _, member = name.rpartition(".")

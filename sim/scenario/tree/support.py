@@ -1,4 +1,4 @@
-"""Which of a scenario's actions nothing here can do, told before anything runs."""
+"""Actions of a scenario that can't be run, found before a run."""
 
 from collections.abc import Container, Mapping
 from typing import Final

@@ -20,7 +20,7 @@ from vastflow.sim.scenario.tree.ros_graph import TOPICS, TRUE_FRAME, absolute, l
 
 
 def pose_between(simulation: Simulation, parent: str, robot: str) -> Pose | None:
-    """Where the robot's frame is in another one; None as long as nobody knows.
+    """Return the pose of the robot's frame in another frame, or None while it is unknown.
 
     In the map's frame that is where Nav2 takes the robot to be, and for a frame of the truth where it is.
     """

@@ -93,7 +93,7 @@ class ScenarioTree:
 
     @property
     def number(self) -> int:
-        """Of the last tick made; 0 before the first."""
+        """Number of the last tick; 0 before the first."""
         return self._clock.number
 
     @property
@@ -118,7 +118,7 @@ class ScenarioTree:
 
     @property
     def cause(self) -> Cause:
-        """What kind of cause that is; empty where it did not fail."""
+        """Kind of the cause; empty unless it failed."""
         return self._reason.cause
 
     @property
@@ -235,7 +235,7 @@ def _preorder(root: Node) -> list[Node]:
 
 
 def _identities(nodes: Sequence[Node]) -> list[tuple[int | None, int]]:
-    """Of each node its parent's number and its own among the parent's children."""
+    """Return each node's parent number and its index among the parent's children."""
     identities: list[tuple[int | None, int]] = [(None, 0)] * len(nodes)
     numbers = {id(node): i for i, node in enumerate(nodes)}
     for i, node in enumerate(nodes):
