@@ -92,18 +92,6 @@ class External:
 Expression: TypeAlias = Constant | Name | ListOf | Struct | Operation | External
 
 
-def parts_of(expression: Expression) -> Iterator[Expression]:
-    """Yield an expression and all that it is made of."""
-    yield expression
-    match expression:
-        case ListOf(items=parts) | Operation(operands=parts) | External(arguments=parts):
-            for part in parts:
-                yield from parts_of(part)
-        case Struct(members=members):
-            for part in members.values():
-                yield from parts_of(part)
-
-
 def substituted(expression: Expression, values: Mapping[str, Expression]) -> Expression:
     """`expression` with the values of names in their place; other names stay."""
     match expression:

@@ -2,11 +2,11 @@
 
 import math
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Final
 
 from vastflow.sim.model.faults import ScenarioError
-from vastflow.sim.scenario.definition import Constant, Expression, External, ListOf, Name, Operation, Struct, parts_of
+from vastflow.sim.scenario.definition import Constant, Expression, External, ListOf, Name, Operation, Struct
 
 OPERATORS: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
     "+": operator.add,
@@ -80,6 +80,18 @@ def _operation(operation: Operation, names: Mapping[str, Any], functions: Mappin
     if isinstance(value, float) and not math.isfinite(value):
         raise ScenarioError(f"{operation.place}: {sign!r} gives a number that is too large")
     return value
+
+
+def parts_of(expression: Expression) -> Iterator[Expression]:
+    """Yield an expression and all that it is made of."""
+    yield expression
+    match expression:
+        case ListOf(items=parts) | Operation(operands=parts) | External(arguments=parts):
+            for part in parts:
+                yield from parts_of(part)
+        case Struct(members=members):
+            for part in members.values():
+                yield from parts_of(part)
 
 
 def names_in(expression: Expression) -> set[str]:

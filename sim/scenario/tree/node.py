@@ -20,8 +20,8 @@ from vastflow.sim.scenario.definition import (
     Happened,
     Holds,
     Wait,
-    parts_of,
 )
+from vastflow.sim.scenario.evaluation import parts_of
 from vastflow.sim.scenario.tree.action import Action
 from vastflow.sim.scenario.tree.state import RunState, microseconds
 
