@@ -1,1 +1,1 @@
-"""How kernels are compiled, and the arithmetic that many of them share."""
+"""Compilation of kernels, and arithmetic that many of them share."""

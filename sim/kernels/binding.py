@@ -44,7 +44,7 @@ class Bound(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Running(Generic[PlugIn]):
-    """A plug-in for one run. It owns what `bound` has the addresses of, and must outlive the kernels that are given those.
+    """A plug-in for one run. It owns the memory that `bound` points to and must outlive its kernels.
 
     Attributes:
         parameters: (1,) record of its parameters.
@@ -94,7 +94,7 @@ class Seam:
         return Running(plug_in, parameters, memory, Bound(np.array(entries, dtype=np.int64), table))
 
     def entries(self, kept: bool) -> tuple[Any, ...]:
-        """Return the entries to compile; not kept for types that another process may not know, and could then read no compiled forms at all."""
+        """Return the entries to compile, uncached for types that another process may not know."""
         return _entries((self.entry, *self.others.values()), kept)
 
 
@@ -135,7 +135,7 @@ _WORD: Final = ir.IntType(64)
 
 
 class Layout(types.Type):  # type: ignore[misc]  # numba has no types
-    """Address of a table of a plug-in with parameters, a memory, and a result of its main kernel of these types."""
+    """Address of a table of a plug-in, typed by its parameters, memory, and main kernel's result."""
 
     def __init__(self, parameters: Any, memory: Any, result: Any) -> None:
         self.parameters = parameters
@@ -302,7 +302,7 @@ def _compiled_for(kernel: Any, arguments: tuple[Any, ...]) -> Any:
 
 
 def _address_of(compiled: Any) -> int:
-    """Where the machine code of a compiled kernel begins."""
+    """Address of a compiled kernel's machine code."""
     found: int = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
     return found
 

@@ -1,4 +1,4 @@
-"""What the conformance suites of plug-ins in the loop share: calls that blame the author's line, and counts of what a call costs."""
+"""Shared conformance checks of plug-ins in the loop: errors at the author's line, and costs of calls."""
 
 import math
 import time
@@ -31,7 +31,7 @@ def guarded(kind: type, name: str, call: Callable[[], Any]) -> Any:
 
 
 def _raised(kind: type, name: str, error: Exception) -> str:
-    """What a plug-in's code raised, at the line that did where that is known."""
+    """Describe what a plug-in's code raised, at its line where that is known."""
     code = getattr(kind, name)
     function = getattr(code, "py_func", code)
     frames = [frame for frame in traceback.extract_tb(error.__traceback__) if "vastflow/sim" not in frame.filename]
@@ -66,7 +66,7 @@ def least_us(call: Callable[[], object]) -> float:
 
 @contextmanager
 def _counted() -> Iterator[Callable[[], int]]:
-    """How much compiled code has allocated; numba counts only when it is told to."""
+    """Count allocations of compiled code; numba counts only on request."""
     counting = _nrt_python.memsys_stats_enabled()
     _nrt_python.memsys_enable_stats()
 

@@ -60,7 +60,7 @@ AVX512: Final = "+avx2,+avx512f,+avx512bw,+avx512dq,+avx512vl"
 
 
 def processor_features() -> str:
-    """What kernels use of the processor beyond its architecture's minimum: the widest registers that are fast.
+    """Processor features beyond the architecture's minimum: the widest registers that are fast.
 
     Wider registers change no bit of a result, since nothing is reordered and nothing fused (FMA stays off). numba's own
     variable `NUMBA_CPU_FEATURES` takes precedence.
@@ -70,7 +70,7 @@ def processor_features() -> str:
 
 
 def widest(host: Mapping[str, bool]) -> str:
-    """Of a processor's features those of its widest registers.
+    """Return the features of a processor's widest registers.
 
     AVX-512 counts where bfloat16 came with it, from Sapphire Rapids and Zen 4 on: processors before them lower their clock
     for it, or load from tables slowly since they were mended against Downfall.
@@ -85,7 +85,7 @@ class _Processor(CPU):  # type: ignore[misc]  # numba has no types
 
 
 class _Library(JITCodeLibrary):  # type: ignore[misc]
-    """The code of a compiled function with all that it calls; of a part it is kept as it is, for those that call it.
+    """The code of a compiled function with all its callees; a part stays unoptimized for its callers.
 
     numba optimizes each function with all that it calls and makes machine code of it, and then does so again in each caller.
     Only what is called from without needs that.
@@ -152,7 +152,7 @@ class _Context(CPUContext):  # type: ignore[misc]
         super().load_additional_registries()
 
     def get_executable(self, library: Any, fndesc: Any, env: Any) -> Any:
-        """What Python calls: nothing of a part; what else is compiled is given the environments of its parts."""
+        """Return the Python callable, None for a part; set the environments of the parts."""
         if library.is_part:
             return _dynfunc.make_function(fndesc.lookup_module(), fndesc.qualname, "", 0, env, (library,))
         if library._final_module is not None:
@@ -184,7 +184,7 @@ class _Dispatcher(Dispatcher):
     is_own = False
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """A call by a function that is compiled: of a kernel for whole numbers, not for each number that is written in a call."""
+        """Resolve a call by a compiled function: for whole numbers in general, not for each literal."""
         if self.is_own:
             args = [unliteral(each) if isinstance(each, types.IntegerLiteral) else each for each in args]
         return super().get_call_template(args, kws)
@@ -261,7 +261,7 @@ def _log_that_nothing_is_kept(folder: str, reason: str) -> None:
 
 
 class _Kernel(CompileResultCacheImpl):  # type: ignore[misc]
-    """What numba asks of a cached function, its place given instead of looked for."""
+    """Numba's interface to a cached function with a given place."""
 
     def __init__(self, function: Callable[..., Any], folder: Path) -> None:
         file = inspect.getfile(function)
@@ -299,7 +299,7 @@ class _Files:
         self._stamp = stamp
 
     def load(self, key: Any) -> Any:
-        """What was compiled for `key`; None where there is nothing, or it is damaged or of another source."""
+        """Return what was compiled for `key`, None if there is none, or it is damaged or outdated."""
         content = _sound(self._file(key))
         if content is None:
             return None
@@ -323,7 +323,7 @@ class _Files:
 
 
 def _sound(file: Path) -> bytes | None:
-    """A file's content before its checksum; one damaged file removes all that are damaged in its folder, with a line in the log."""
+    """Return a file's content without its checksum; remove all damaged files of its folder."""
     content = _content(file)
     if content is None or _is_whole(content):
         return content and content[:-_CHECKSUM_BYTES]
@@ -341,5 +341,5 @@ def _content(file: Path) -> bytes | None:
 
 
 def _is_whole(content: bytes | None) -> bool:
-    """Whether a file's content ends with the checksum of what is before it; a file that another process removed does no harm."""
+    """True if a file's content ends with its checksum; a file removed by another process counts as sound."""
     return content is None or hashlib.sha256(content[:-_CHECKSUM_BYTES]).digest() == content[-_CHECKSUM_BYTES:]

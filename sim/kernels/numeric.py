@@ -1,4 +1,4 @@
-"""How kernels are compiled: one portable target, no fast-math, and a cache that can't serve stale code.
+"""Compilation of kernels: one portable target, no fast-math, and a cache that can't serve stale code.
 
 numba caches a compiled function by its own source alone, so an edited callee would leave its callers stale.
 The cache folder is therefore named by the content of every module that has kernels and of all that these import.
@@ -89,7 +89,7 @@ def unkept(function: Function) -> Function:
 
 
 def _cached(compiled: Any, function: Function) -> Function:
-    """A dispatcher whose compiled forms are kept, as numba's option `cache` would have it, if the kernel is from a file."""
+    """Return the dispatcher, with numba's option `cache` if the kernel is from a file."""
     if Path(function.__code__.co_filename).is_file():
         compiled._cache = KernelCache(function, _FOLDER)
     dispatcher: Function = compiled

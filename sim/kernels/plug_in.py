@@ -1,4 +1,4 @@
-"""What plug-ins of the loop share: their decorator, and what is said where one doesn't keep its contract.
+"""Decorator of plug-ins in the loop, and errors of a broken contract.
 
 It needs no numba, so that parameters can be read without it.
 """
@@ -34,7 +34,7 @@ def line_of(code: Any) -> str:
 
 
 def written_file(code: Any, file: str) -> str:
-    """Return where the author of a class or function has a file that was executed: a plug-in runs from a copy."""
+    """Return the author's path of an executed file: a plug-in runs from a copy."""
     snapshot = snapshot_behind(code)
     if snapshot is not None and Path(file).is_relative_to(snapshot.folder):
         return str(snapshot.origin / Path(file).relative_to(snapshot.folder))

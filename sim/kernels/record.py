@@ -12,7 +12,9 @@ _LISTS: Final = ("zones",)
 
 
 def record_dtype(value: Any) -> np.dtype[np.void]:
-    """The record type of a dataclass or a pydantic model: numbers float64, whole numbers and flags int64, tuples arrays, groups records.
+    """Return the record type of a dataclass or a pydantic model.
+
+    Numbers are float64, whole numbers and flags int64, tuples arrays, and groups records.
 
     Texts and lists of groups are left out: no kernel reads one.
     """
@@ -20,7 +22,7 @@ def record_dtype(value: Any) -> np.dtype[np.void]:
 
 
 def record_of(value: Any) -> NDArray[np.void]:
-    """A (1,) record array with the values of a dataclass or a pydantic model, groups of it as records inside the record."""
+    """Return a (1,) record array with the values of a dataclass or model; groups are nested records."""
     return np.array([record_row(value)], dtype=record_dtype(value))
 
 

@@ -1,4 +1,4 @@
-"""Random streams inside kernels: one xorshift64* state per subsystem, seeded by the run alone, and the normal numbers drawn from it.
+"""Random streams of kernels: an xorshift64* state per subsystem, seeded by the run, and normal numbers.
 
 A stream is a (1,) uint64 array. Subsystems have separate streams, so that a change of how much one of them
 draws leaves the others' numbers alone. Many normal numbers at once come by the ziggurat method (Marsaglia and Tsang 2000; Doornik 2005).
@@ -69,7 +69,7 @@ AREA: Final = 0.00492867323399
 
 
 def _edges() -> NDArray[np.float64]:
-    """Right edge of each layer's rectangle from the lowest up, then 0; the lowest is as wide as its area asks."""
+    """Return the right edge of each layer's rectangle from the lowest up, then 0."""
     edges = np.zeros(LAYERS + 1)
     edges[0], edges[1] = AREA * math.exp(0.5 * TAIL * TAIL), TAIL
     for k in range(2, LAYERS):
@@ -107,7 +107,7 @@ def normals(stream: Any, out: Any) -> None:
 
 @inner
 def _outside(stream: Any, x: float, layer: Any) -> float:
-    """`x` where it lies under the curve all the same, a number of the tail for the lowest layer, NaN to draw again."""
+    """Return `x` if it is under the curve, a tail number for the lowest layer, else NaN."""
     if layer == np.uint64(0):
         while True:
             beyond = -math.log(1.0 - uniform(stream)) / TAIL

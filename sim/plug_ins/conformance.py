@@ -1,4 +1,4 @@
-"""What the conformance suites of all kinds of plug-ins share."""
+"""Shared conformance checks of all kinds of plug-ins."""
 
 import pickle
 import random

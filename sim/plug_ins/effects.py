@@ -1,4 +1,4 @@
-"""Effects: code of others, entered so that whatever ends it is an error, and what it may not change outside of this process.
+"""Effects: foreign code, whose exits become errors, and which may not change anything during validation.
 
 Python tells of opened files, programs and connections as audit events. Native code that calls the system itself passes by.
 """

@@ -64,7 +64,7 @@ def open_package(snapshot: Snapshot) -> ModuleType:
 
 
 def empty_module(snapshot: Snapshot) -> ModuleType:
-    """A module under the name of a plug-in's file that is no Python, such as a notebook; made once in a process."""
+    """Return the module for a plug-in's file that is no Python, such as a notebook; one a process."""
     name = module_name(snapshot)
     if name not in sys.modules:
         open_package(snapshot)
@@ -157,7 +157,7 @@ class _Finder:
 
 
 def _dotted(place: str) -> str:
-    """A place as the name of a module; a point in the name of a folder or file is none between modules."""
+    """Return a place as a module name, with points in names of folders and files replaced."""
     *folders, last = place.split("/")
     stem, _, _ = last.rpartition(".")
     parts = [part for part in folders if part] if last == "__init__.py" else [*folders, stem]
@@ -176,13 +176,13 @@ def known_plug_ins(group: str) -> tuple[str, ...]:
 
 
 def installed_plug_in(group: str, name: str) -> Any | None:
-    """What an entry point of this name loads; None where there is none."""
+    """Load the entry point of this name; None if there is none."""
     found = next((entry for entry in _installed(group) if entry.name == name), None)
     return None if found is None else found.load()
 
 
 def plug_in_of_file(name: str, base: Path) -> Any | None:
-    """What `file.py:Class`, relative to `base`, names; None where there is no such file or class.
+    """Load `file.py:Class`, relative to `base`; None if there is no such file or class.
 
     Raises:
         PlugInError: what the file uses can't be taken; and whatever its code raises.
@@ -198,7 +198,7 @@ _Stamp: TypeAlias = tuple[str, int, int]
 
 
 def code_value(kind: type) -> Value:
-    """What tells the code of a class from any other: its files to the byte, and the versions of what they import.
+    """Identify the code of a class: its files to the byte, and the versions of their imports.
 
     None for vastflow's own, which the source digest of execution has. Of a class from a file that is its snapshot, of an
     installed one its package.

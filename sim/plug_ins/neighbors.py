@@ -58,7 +58,7 @@ class Hidden:
 
 @dataclass(slots=True)
 class Neighbors:
-    """What a plug-in's file uses.
+    """Files and modules that a plug-in's file uses.
 
     Attributes:
         modules: Python files by absolute path, with what is in them; the plug-in's own is the first.
@@ -74,7 +74,7 @@ class Neighbors:
 
 
 def neighbors_of(file: Path, code: str | None = None) -> Neighbors:
-    """Follow the imports of a plug-in's file to modules and packages beside it, and read the data files that are declared.
+    """Follow a plug-in's imports to modules beside it, and read its declared data files.
 
     Args:
         file: Absolute path.
@@ -175,7 +175,7 @@ def _executed(name: str, root: Path) -> Iterator[Path]:
 
 
 def _declared(tree: ast.Module, is_notebook: bool) -> Iterator[list[str]]:
-    """What classes that extend another declare as `files`, and the top of a notebook; what a parameter model has is a parameter."""
+    """Yield the declarations `files` of subclasses and at a notebook's top, except in parameter models."""
     bodies = [
         node.body
         for node in tree.body

@@ -1,4 +1,4 @@
-"""Registries: how plug-ins of one kind are found, by a name in an entry-point group or in a file of its own."""
+"""Registries: plug-ins of one kind, found by entry-point name or in a file."""
 
 import functools
 from collections.abc import Mapping
@@ -50,7 +50,7 @@ class Registry(Generic[PlugIn]):
 
     @property
     def own(self) -> str:
-        """How a user names a plug-in of their own."""
+        """Hint for naming a plug-in in a user's own file."""
         return f"file.py:Class for one of your own, relative to the {self.beside}"
 
     @functools.cached_property

@@ -22,7 +22,7 @@ _UNUSED_S: Final = 30 * 24 * 3600.0
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """A plug-in's file and what it uses of its neighbors, as they were at one moment. It may be sent to another process.
+    """A plug-in's file and the neighbors it uses, at one moment; it can be sent to another process.
 
     Attributes:
         entry: Place of the plug-in's file.
@@ -51,7 +51,7 @@ class Snapshot:
 
     @property
     def digest(self) -> str:
-        """Of what was copied, to the byte."""
+        """Digest of what was copied, to the byte."""
         return _digest(self.entry, self.modules, self.data)
 
     @property
@@ -61,7 +61,7 @@ class Snapshot:
 
     @property
     def contents(self) -> dict[Path, Path]:
-        """Where each file lay, to its copy."""
+        """Original path of each file, to its copy."""
         return {self.origin / place: self.folder / place for place in self.files}
 
     @property

@@ -55,7 +55,7 @@ class _Watch:
         self.fault: PlugInError | None = None
 
     def look(self, path: str) -> None:
-        """Raise what is wrong with opening a file; it is remembered, for the plug-in may take it for an error of its own."""
+        """Raise the fault of opening a file, and remember it in case the plug-in handles the error."""
         for each in _spellings(path):
             self.fault = self.fault or self._fault(each, os.path.isabs(path))
         if self.fault is not None:

@@ -27,7 +27,9 @@ def localize(p: Any, m: Any, cubed: Any, cloud: Cloud) -> None:
 
 @inner
 def update(p: Any, m: Any, ranges_m: Any, directions: Any, cubed: Any, cloud: Cloud) -> None:
-    """One scan, taken at the odometry `m.scan_odom_…`, through the filter: gated motion, weighting, resampling, and a new transform map → odom.
+    """Update the filter with one scan taken at the odometry `m.scan_odom_…`.
+
+    Motion is gated; after weighting and resampling comes a new transform map → odom.
 
     At the first scan the particles are drawn round the initial pose (`m.x`, `m.y`, `m.yaw`), with
     `p.initial_covariance` (4,) of xx, xy, yy and yaw, and weighted where they are. `m.localized` is 1 after an update

@@ -297,7 +297,7 @@ def _key(x_m: float, y_m: float, yaw_rad: float) -> Any:
 
 @inner
 def _slot(slots: Any, key: Any) -> Any:
-    """Where a bin is, or would be put, in the hash table."""
+    """Return the slot of a bin in the hash table, or the free slot for it."""
     mask = np.uint64(slots.shape[0] - 1)
     slot = (key * _HASH) >> np.uint64(40) & mask
     while slots[slot] != 0 and slots[slot] != key:

@@ -36,7 +36,9 @@ def likelihood_cubed(
     likelihood_max_dist_m: float,
     dtype: type[np.floating[Any]] = np.float32,
 ) -> NDArray[Any]:
-    """pz³ of a beam that ends in each cell, with a frame of `FRAME` cells at least for beams that end off the map.
+    """Return the table of pz³ for a beam that ends in each cell.
+
+    A frame of at least `FRAME` cells serves beams that end off the map.
 
     The table's width is an odd multiple of `WIDTH`, so that its rows do not all begin in one part of the cache.
 
@@ -118,7 +120,7 @@ def _rise(heap: Any, hole: int, entry: int) -> None:
 
 @inner
 def _sunk(heap: Any, size: int) -> int:
-    """Where the hole at the top of `size` entries and one more ends."""
+    """Sink the hole at the top of `size` entries and one more; return its place."""
     hole = 0
     while 2 * hole + 2 < size:
         child = 2 * hole + 2
@@ -190,7 +192,7 @@ def _beam_points(p: Any, ranges_m: Any, directions: Any, out: Any) -> int:
 def _frame(
     particles: Any, headings: Any, frames: Any, n: int, per_cell: float, origin_x_m: float, origin_y_m: float
 ) -> None:
-    """Where particles are in the table, and how they are turned."""
+    """Write the positions of particles in the table, and their headings."""
     for k in range(n):
         sine, cosine = sincos(particles[2, k])
         headings[0, k], headings[1, k] = cosine, sine
@@ -223,7 +225,7 @@ def _look_up(frames: Any, n: int, points: Any, beams: int, cubed: Any, indices: 
 
 @inner
 def _room(frames: Any, n: int, cubed: Any) -> float:
-    """How many cells the table goes on round all particles."""
+    """Cells between any particle and the border of the table."""
     last_x, last_y = cubed.shape[1] - 1.0, cubed.shape[0] - 1.0
     room = last_x
     for k in range(n):
@@ -235,7 +237,7 @@ def _room(frames: Any, n: int, cubed: Any) -> float:
 
 @inner
 def _locate(frames: Any, n: int, px: Any, py: Any, room: float, cubed: Any, indices: Any) -> None:
-    """Where in the table the beam to a point ends, for each of `n` particles."""
+    """Write the table index of a beam's end point for each of `n` particles."""
     x, y, c, s = frames[0, :n], frames[1, :n], frames[2, :n], frames[3, :n]
     number = cubed.dtype.type
     # The width is a multiple of 64, so that its product with a row is exact in four bytes up to 2³⁰; a product of whole

@@ -1,4 +1,4 @@
-"""What every controller must do, as checks that a controller's author can call in a test."""
+"""The controller's contract, as checks that a controller's author can call in a test."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -54,7 +54,10 @@ class PathMoment:
     unknown: bool = False
 
     def given(self, pose: tuple[float, float, float] | None = None, twist: tuple[float, float] | None = None) -> Any:
-        """What a controller is given of it, by default at its own pose and speed; the path begins at the nearest point."""
+        """Return the controller's input, by default at the moment's own pose and speed.
+
+        The path begins at the nearest point.
+        """
         pose, twist = pose or self.pose, twist or self.twist
         window = _window(self, pose)
         first = int(np.argmin(np.hypot(*(self.plan - pose[:2]).T)))
@@ -72,7 +75,10 @@ def line(length_m: float) -> NDArray[np.float64]:
 
 
 def sample_situations() -> tuple[PathMoment, ...]:
-    """Moments in which controllers err: at the goal, with it behind, off the path, closed in, a path of one point."""
+    """Situations that controllers often get wrong.
+
+    At the goal, with the goal behind, off the path, closed in, and on a path of one point.
+    """
     angles = np.linspace(0.0, math.pi / 2, 25)
     bend = np.column_stack([np.sin(angles), 1.0 - np.cos(angles)])
     box = (0.6, -1.0, 0.8, 1.0)
@@ -166,7 +172,10 @@ def check_time(controller: Controller, situations: Sequence[PathMoment], most_us
 
 
 def check_obstacles(controller: Controller, situations: Sequence[PathMoment]) -> None:
-    """Driven along a path that leads into a wall, or too close past a corner, it never commands the footprint into a lethal cell."""
+    """Check that it never commands the footprint into a lethal cell.
+
+    It is driven along a path into a wall, and along one too close past a corner.
+    """
     for scene in (
         PathMoment("a wall across the path", line(3.0), boxes=((1.2, -2.0, 1.4, 2.0),)),
         PathMoment("a corner beside the path", line(3.0), boxes=((1.0, -1.0, 1.3, -0.1),)),
@@ -248,7 +257,7 @@ def _arrays_of(given: ControllerInput) -> tuple[NDArray[Any], ...]:
 
 
 def _window(situation: PathMoment, pose: tuple[float, float, float]) -> Window:
-    """The local costmap round a pose: its cells lie on a grid of the odom frame, as they do in a run."""
+    """The local costmap round a pose, on a cell grid fixed in the odom frame as in a run."""
     corner = [math.floor(at / RESOLUTION_M) * RESOLUTION_M - CELLS / 2 * RESOLUTION_M for at in pose[:2]]
     costs = np.full((CELLS, CELLS), UNKNOWN if situation.unknown else 0, dtype=np.uint8)
     for x0, y0, x1, y1 in situation.boxes:

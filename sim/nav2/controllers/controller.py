@@ -1,4 +1,4 @@
-"""What a controller is: parameters in Nav2's style, and kernels that turn path and local costmap into a velocity command."""
+"""The base class of controllers: parameters in Nav2's style and kernels that compute a velocity command."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ PERIOD_S: Final = 0.05
 
 
 class ControllerInput(NamedTuple):
-    """What a controller is given in each cycle. Poses and points are in the odom frame, in meters and radians.
+    """A controller's input in each cycle. Poses and points are in the odom frame, in meters and radians.
 
     Attributes:
         window: The local costmap: `costs` (R, C) uint8, `place` (3,) float64, x and y of the lower left corner and the
@@ -48,7 +48,7 @@ class ControllerInput(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What a controller can prepare its memory for.
+    """The settings that a controller can prepare its memory for.
 
     Attributes:
         rows, columns, resolution_m: Of the local costmap.
@@ -77,7 +77,7 @@ class Setting:
 
 @dataclass(frozen=True, slots=True)
 class PlanCut:
-    """Which part of the path a controller gets as its `plan`; what lies before it is forgotten.
+    """The section of the path that a controller gets as its `plan`; earlier points are forgotten.
 
     Attributes:
         search_m: Length of the path's first segment, in which the part begins.
@@ -104,7 +104,7 @@ class PlanCut:
 
 @dataclass(frozen=True, slots=True)
 class SpeedLimits:
-    """How a controller takes a speed limit (nav2_core, `Controller::setSpeedLimit`).
+    """A controller's response to a speed limit (nav2_core, `Controller::setSpeedLimit`).
 
     Attributes:
         scaled: Names of the parameters that are scaled by it.
@@ -117,7 +117,7 @@ class SpeedLimits:
     only_lower: bool = False
 
     def share(self, limit: float, is_percentage: bool) -> float | None:
-        """What the parameters are scaled by, 1 where the limit is 0, which is none; None where nothing changes."""
+        """Return the scale of the parameters: 1 where the limit is 0 (no limit), None for no change."""
         if limit == 0.0:
             return 1.0
         if is_percentage:
@@ -146,14 +146,14 @@ class Controller(ParameterGroup):
         return ()
 
     def speed_limits(self) -> SpeedLimits | None:
-        """How it takes the limits of a speed filter; None where it can't."""
+        """Return its response to limits of a speed filter, None if it has none."""
         return None
 
     @property
     def plan_ahead_m(self) -> float:
-        """How much of the path `plan` holds at a time; without end, as far as the local costmap does."""
+        """Length of path in `plan` (m); infinite for all that lies in the local costmap."""
         return float("inf")
 
     def plan_cut(self, setting: Setting) -> PlanCut:
-        """What `plan` is: from the nearest point on, for `plan_ahead_m` and within the local costmap."""
+        """Return the cut of `plan`: from the nearest point, for `plan_ahead_m`, within the local costmap."""
         return PlanCut(search_m=setting.half_edge_m, ahead_m=self.plan_ahead_m, in_window=True)

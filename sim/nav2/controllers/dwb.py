@@ -72,7 +72,7 @@ class DwbMemory(NamedTuple):
 
 
 class _Setting(NamedTuple):
-    """What a call's samples have in common; positions are in cells from the window's corner.
+    """Values that all samples of a call share; positions are in cells from the window's corner.
 
     Attributes:
         v_mps, vy_mps, w_radps: Measured.
@@ -309,7 +309,7 @@ def _score_ends(q: Any, setting: _Setting, memory: DwbMemory, ground: Any, n_spe
 
 @inner
 def _sum_up(q: Any, setting: _Setting, memory: DwbMemory, ground: Any, i: int, j: int) -> bool:
-    """Put the costs of all poses of a sample in place of its end's, where they count: False where it is not legal."""
+    """Replace a sample's end costs by the sums over all its poses where they count; False if illegal."""
     legal, center, outline = _followed(q, setting, memory, ground, i, j)
     if q.BaseObstacle.sum_scores != 0:
         memory.raw[OBSTACLE] = center

@@ -1,4 +1,4 @@
-"""What DWB's critics know: distances from the local plan, changes of direction, whether the robot is at its goal.
+"""State of DWB's critics: distances from the local plan, changes of direction, and arrival at the goal.
 
 Source: dwb_critics and costmap_queue of Nav2 (Humble).
 """
@@ -41,7 +41,7 @@ class PathGrid(NamedTuple):
 
 
 class Trends(NamedTuple):
-    """What the stateful critics remember.
+    """Memory of the stateful critics.
 
     Attributes:
         signs: (3, 3) int64, for forward speed, yaw rate, and speed to the left: last sign, only positive allowed, only negative allowed.
@@ -177,7 +177,7 @@ def grow(cells: Any, bins: Any, counts: Any, at: int, stride: int) -> int:
 
 @inner
 def _push(cells: Any, bins: Any, at: int, dx: int, dy: int, cursor: int) -> int:
-    """Let a cell that has not been reached wait in its bin: that bin, or the cursor where it has been."""
+    """Queue an unreached cell in its bin and return the bin; return the cursor for a reached cell."""
     if cells[at, DISTANCE] >= 0:
         return cursor
     distance = abs(dx) + abs(dy)
@@ -189,7 +189,7 @@ def _push(cells: Any, bins: Any, at: int, dx: int, dy: int, cursor: int) -> int:
 
 @inner
 def at_goal(q: Any, latched: Any, x_m: float, y_m: float, speed_mps: float, goal: Any) -> int:
-    """What RotateToGoal asks for, latched until a reset: 0 nothing, 1 to slow down, 2 to do nothing but rotate."""
+    """Return the demand of RotateToGoal, latched until a reset: 0 none, 1 slow down, 2 only rotate."""
     dx, dy = x_m - goal[0], y_m - goal[1]
     if dx * dx + dy * dy <= q.xy_goal_tolerance * q.xy_goal_tolerance:
         latched[0] = 1

@@ -74,7 +74,10 @@ def step_count(q: Any, v_mps: float, vy_mps: float, w_radps: float) -> int:
 
 @inner
 def approach(velocity: float, target: float, acceleration: float, deceleration: float, dt_s: float) -> float:
-    """Velocity after `dt_s` on the way to a target; Nav2 takes the sign of the difference, not that of the motion."""
+    """Return the velocity after `dt_s` on the way to a target.
+
+    As in Nav2 the sign of the difference decides, not that of the motion.
+    """
     if velocity < target:
         return min(target, velocity + acceleration * dt_s)
     return max(target, velocity + deceleration * dt_s)
@@ -92,7 +95,7 @@ def roll_out(
     cells_per_m: float,
     goal_yaw_rad: float,
 ) -> None:
-    """Where every sample ends.
+    """Write the end of every sample.
 
     Headings depend on the yaw rate and the number of steps alone, so their sums serve nearly all speeds.
     """
@@ -144,7 +147,7 @@ def sum_headings(q: Any, sums: Any, yaw_rad: float, w_radps: float, target_radps
 
 @inner
 def along(q: Any, setting: Any, target: Any, steps: int, sums: Any, end: Any, ground: Any) -> Any:
-    """What a sample's roll-out meets, from the robot's own pose on.
+    """Follow a sample's roll-out from the robot's pose and sum the costs that it meets.
 
     Args:
         target: The sample's speeds, ahead and to the left.

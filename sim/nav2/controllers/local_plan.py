@@ -16,7 +16,9 @@ def renew(p: Any, m: Any, path: Any) -> None:
 
 @inner
 def local_plan(p: Any, m: Any, window: Window, path: Any, out: Any) -> Any:
-    """Write the local plan into `out` (A, 3), poses of the odom frame, as `p.plan_cut` says: (number of points, yaw of the last one).
+    """Write the local plan into `out` (A, 3) as `p.plan_cut` says; return (points, yaw of the last one).
+
+    Poses are in the odom frame.
 
     No point left is Nav2's INVALID_PATH.
 

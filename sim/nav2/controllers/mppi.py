@@ -136,7 +136,10 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
 
 @inner
 def _prices(q: Any, unlimited_mps: Any, goal_m: float) -> Prices:
-    """What speeds cost at a distance from the goal. As in Nav2, ConstraintCritic keeps the range without a speed limit."""
+    """Prices of speeds at a distance from the goal.
+
+    As in Nav2, ConstraintCritic keeps the range without a speed limit.
+    """
     vx_min_mps, vx_max_mps, vy_max_mps = unlimited_mps[0], unlimited_mps[1], unlimited_mps[2]
     lowest = math.copysign(math.hypot(vx_min_mps, vy_max_mps), vx_min_mps)
     beyond = q.ConstraintCritic.cost_weight * q.model_dt if q.ConstraintCritic.enabled != 0 else 0.0

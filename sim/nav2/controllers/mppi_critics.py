@@ -56,7 +56,7 @@ class Frame(NamedTuple):
 
 @inner
 def cost_values(q: Any, values: Any, goal_m: float) -> None:
-    """What CostCritic counts for each cost of a cell."""
+    """Write CostCritic's value of each cell cost."""
     near_goal = goal_m < q.near_goal_distance
     # What collides by its outline is found by that.
     collides_from = INSCRIBED if q.consider_footprint == 0 else UNKNOWN
@@ -69,7 +69,7 @@ def cost_values(q: Any, values: Any, goal_m: float) -> None:
 
 @inner
 def obstacle_values(q: Any, values: Any, goal_m: float, steps: int) -> None:
-    """What ObstaclesCritic adds for a point on each cost of a cell: the more, the nearer an obstacle must be."""
+    """Write ObstaclesCritic's value of each cell cost: the greater, the nearer an obstacle must be."""
     values[0] = 0.0
     for cost in range(1, 256):
         value = 0.0
@@ -83,7 +83,7 @@ def obstacle_values(q: Any, values: Any, goal_m: float, steps: int) -> None:
 
 @inner
 def lay_frame(out: Any, values: Any, window: Window, pose: Any) -> Frame:
-    """Write the value of each cell's cost and of a border into `out`; a large window is cut down round the robot."""
+    """Write the value of each cell and of a border into `out`; crop a large window round the robot."""
     left_m, bottom_m, resolution_m = window.place[0], window.place[1], window.place[2]
     rows, columns = min(window.costs.shape[0], SIDE - 2), min(window.costs.shape[1], SIDE - 2)
     row, column = int((pose[1] - bottom_m) / resolution_m), int((pose[0] - left_m) / resolution_m)
@@ -242,7 +242,10 @@ def lay_plan(out: Any, free: Any, window: Window, frame: Frame, plan: Any, n: in
 
 @inner
 def furthest_point(space: Space, samples: int, n: int) -> int:
-    """The furthest point of the plan that is the nearest one to some sample's end, sought from the furthest so far on."""
+    """Return the furthest point of the plan that is nearest to some sample's end.
+
+    The search for each sample begins at the furthest point so far.
+    """
     plan, ends = space.plan, space.ends
     furthest = 0
     for first in range(0, samples, WIDTH):

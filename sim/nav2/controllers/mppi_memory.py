@@ -1,4 +1,4 @@
-"""What the MPPI controller keeps from cycle to cycle, and the room that it works in."""
+"""State of the MPPI controller from cycle to cycle, and its working space."""
 
 import math
 from typing import Any, Final, NamedTuple

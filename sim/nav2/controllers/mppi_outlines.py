@@ -17,7 +17,7 @@ from vastflow.sim.nav2.costmaps.window import Window, line_hits
 
 
 class Room(NamedTuple):
-    """What outlines are judged by.
+    """Tables for judging outlines.
 
     Attributes:
         near: uint8, by the number of a frame's cell: whether an outline that has its center there is looked at.
@@ -73,7 +73,9 @@ def judge_outlines(
     weight: float,
     crash: float,
 ) -> None:
-    """Let those samples of a group collide whose outline does at one of `points` points of the track, `stride` steps apart.
+    """Mark samples of a group as colliding if their outline does at one of `points` points of the track.
+
+    The points are `stride` steps apart.
 
     Args:
         motion: The heading at the track's first point (rad), and the time between two (s).

@@ -82,7 +82,7 @@ class Space(NamedTuple):
 
 
 class Draw(NamedTuple):
-    """How controls are drawn.
+    """Parameters for drawing controls.
 
     Attributes:
         noise_at: Where this cycle's noise begins.
@@ -103,7 +103,7 @@ class Draw(NamedTuple):
 
 
 class Prices(NamedTuple):
-    """What speeds cost.
+    """Prices of speeds.
 
     Attributes:
         lowest, highest: Range of ConstraintCritic.
@@ -119,7 +119,7 @@ class Prices(NamedTuple):
 
 @functools.lru_cache(maxsize=4)
 def noise(cycle: int, spread_v: float, spread_w: float) -> NDArray[np.uint32]:
-    """Read-only normal numbers for v and ω, two in a word, drawn once in a process and shared by all its runs.
+    """Read-only normal numbers for v and ω, two in a word, shared by all runs of a process.
 
     A number has 16 bits: sign, exponent and seven bits behind the first of a float32 number, half of whose memory it takes. The
     word is that for v, whose lower half is noise all the same, and ω's is its lower half.
@@ -153,7 +153,7 @@ def words_of(v: NDArray[np.float32], w: NDArray[np.float32]) -> NDArray[np.uint3
 
 
 def aligned(length: int, kind: type[Any]) -> NDArray[Any]:
-    """Zeros (length,) that begin with a line of the cache: lanes that lie in two lines take twice as long to load."""
+    """Zeros (length,) aligned to a cache line: lanes that cross two lines take twice as long to load."""
     size = np.dtype(kind).itemsize
     room = np.zeros(length * size + LINE_BYTES, dtype=np.uint8)
     begin = -room.ctypes.data % LINE_BYTES
@@ -162,7 +162,9 @@ def aligned(length: int, kind: type[Any]) -> NDArray[Any]:
 
 @inner
 def next_noise(stream: Any, at: Any, length: int, used: int) -> int:
-    """Where in `length` numbers the next cycle begins that uses `used` of them; `at` (1,) is where the last one ended.
+    """Return the place in `length` numbers where the next cycle begins; it uses `used` of them.
+
+    `at` (1,) is where the last cycle ended.
 
     Cycles follow each other through the noise with random gaps, so those that meet the same numbers again are at least
     six cycles apart, and meet them in another place: at another time, for another sample.
@@ -176,7 +178,7 @@ def next_noise(stream: Any, at: Any, length: int, used: int) -> int:
 
 @inner
 def rows_of(first: int, rows: int) -> int:
-    """Where a sample is in a group's first row, if each group has so many rows."""
+    """Index of a sample in its group's first row, for groups of so many rows."""
     return first // ROW * rows * ROW + first % ROW
 
 
@@ -237,7 +239,7 @@ def follow(
 def follow_omni(
     space: Space, first: int, steps: int, draw: Draw, start: Any, scale: float, dt_s: float, prices: Prices
 ) -> None:
-    """As `follow`, of a robot that moves to its left as well; ConstraintCritic judges its whole speed."""
+    """Follow a group of samples of an omni robot, see `follow`; ConstraintCritic judges its whole speed."""
     center, lateral, turns, track, ends = space.center, space.lateral_center, space.turns, space.track, space.ends
     middle, half = splat(0.5 * (prices.highest + prices.lowest)), splat(0.5 * (prices.highest - prices.lowest))
     linear, cubic, squared = splat(dt_s), splat(dt_s * dt_s * dt_s / 6.0), splat(dt_s * dt_s / 2.0)
@@ -295,7 +297,7 @@ def add_weighted_lateral(space: Space, first: int, weight: Any, steps: int, draw
 
 @inner
 def missing_speed(space: Space, first: int, steps: int, draw: Draw, least: Any, is_omni: bool) -> Any:
-    """Draw a group of samples again, and sum up by how much they are slower than `least`: v, vy of an omni model, and ω.
+    """Draw a group of samples again and sum their shortfall from `least`: v, vy of an omni model, ω.
 
     The measured speeds count as those of the first step.
     """

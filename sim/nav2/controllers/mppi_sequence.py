@@ -27,7 +27,7 @@ def limit(q: Any, sequence: Any) -> None:
 
 @inner
 def limit_lateral(q: Any, sequence: Any) -> None:
-    """As `limit`, of an omni model's speed to the left."""
+    """Limit an omni model's speed to the left, see `limit`."""
     rise, fall = q.model_dt * q.ay_max, -q.model_dt * q.ay_min
     last = 0.0
     for t in range(sequence.shape[1]):

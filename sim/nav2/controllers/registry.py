@@ -1,4 +1,4 @@
-"""How a controller is found: by Nav2's name of its plug-in, by the short name of a campaign file, or in a file of its own."""
+"""Finding controllers: by Nav2's plug-in name, by a campaign file's short name, or in a file."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -26,11 +26,11 @@ find_controller = CONTROLLER_PLUG_INS.find
 
 
 def short_names() -> Mapping[str, str]:
-    """What the key `controller` of a campaign file calls those that are installed, `mppi`, to their names in the group."""
+    """Short names of installed controllers, as the key `controller` has them, to their names in the group."""
     return dict(sorted((entry.attr.lower(), name) for name, entry in CONTROLLER_PLUG_INS.known.items()))
 
 
 def short_name(name: str) -> str:
-    """What the key `controller` calls an installed controller; the class of one in a file."""
+    """Return the short name of an installed controller, or the class of one in a file."""
     entry = CONTROLLER_PLUG_INS.known.get(name)
     return name.rpartition(":")[2] if entry is None else entry.attr.lower()

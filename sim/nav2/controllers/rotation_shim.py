@@ -10,7 +10,10 @@ from vastflow.sim.world.motion import wrapped
 
 @inner
 def renew(p: Any, m: Any) -> None:
-    """A new path: its heading is due again, of paths to the same pose once, and its goal has not been reached."""
+    """Start with a new path: its heading is due again, and its goal is not reached.
+
+    With `rotate_to_heading_once`, only the first of several paths to one pose has its heading due.
+    """
     same = m.shim_planned != 0 and m.shim_turns == 0
     same = same and m.shim_end_x == m.goal_x and m.shim_end_y == m.goal_y and m.shim_end_yaw == m.goal_yaw
     m.heading_due, m.shim_at_goal = int(not (same and p.rotation_shim.rotate_to_heading_once != 0)), 0

@@ -84,7 +84,7 @@ def _cusp(pose: Any, plan: Any, n: int) -> float:
 
 @inner
 def _carrot(pose: Any, plan: Any, n: int, lookahead_m: float) -> Any:
-    """Where the plan crosses the lookahead circle, or else its end, in the robot's frame."""
+    """Return the point where the plan crosses the lookahead circle, else its end, in the robot's frame."""
     x, y = plan[n - 1, 0] - pose[0], plan[n - 1, 1] - pose[1]
     last_x, last_y = x, y
     for i in range(n):
@@ -103,7 +103,7 @@ def _carrot(pose: Any, plan: Any, n: int, lookahead_m: float) -> Any:
 
 @inner
 def _crossing(x: float, y: float, dx: float, dy: float, radius: float) -> float:
-    """Part of the line (dx, dy) from a point inside a circle round the origin to the circle, at most 1."""
+    """Share of the line (dx, dy) from a point in a circle round the origin up to the circle."""
     along, square = x * dx + y * dy, dx * dx + dy * dy
     root = math.sqrt(max(along * along + square * (radius * radius - x * x - y * y), 0.0))
     return min((root - along) / square, 1.0)
@@ -164,7 +164,7 @@ def _is_shorter(plan: Any, n: int, length_m: float) -> bool:
 
 @inner
 def _collides(q: Any, window: Window, outline: Any, pose: Any, v: float, w: float, carrot_m: float) -> bool:
-    """Whether the outline meets a lethal cell here or on the arc ahead, up to the carrot and the allowed time."""
+    """True if the outline meets a lethal cell here or on the arc to the carrot within the time."""
     x, y, yaw = pose
     if outline_hits(window, outline, x, y, yaw):
         return True
@@ -205,6 +205,6 @@ class Rpp(RppParameters, Controller):
         return SpeedLimits(("desired_linear_vel",), self.desired_linear_vel)
 
     def plan_cut(self, setting: Setting) -> PlanCut:
-        """As far as the local costmap reaches; Nav2 measures that half a cell shorter than it is."""
+        """Cut the path at the local costmap's edge, which Nav2 takes to be half a cell nearer."""
         reach_m = setting.half_edge_m - 0.25 * setting.resolution_m
         return PlanCut(search_m=reach_m, two_points=True, around_m=reach_m)

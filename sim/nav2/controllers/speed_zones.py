@@ -56,7 +56,7 @@ def speed_zones(
 
 
 def _places(running: RunningController, limits: SpeedLimits) -> NDArray[np.int64]:
-    """Where in the record of its parameters, in numbers of 8 bytes, a controller has those that are scaled."""
+    """Indices of the scaled parameters in the controller's record, in numbers of 8 bytes."""
     kind = type(running.plug_in)
     fields: Mapping[str, Any] = running.parameters.dtype.fields or {}
     for name in limits.scaled:
@@ -76,7 +76,7 @@ def _share_at(value: int, q: SpeedFilter, limits: SpeedLimits) -> float:
 
 @inner
 def limit_speed(zones: SpeedZones, x_m: float, y_m: float) -> None:
-    """Scale the controller's parameters by what the mask has at the robot's position; off the mask they stay as they are."""
+    """Scale the controller's parameters by the mask's value at the robot; keep them off the mask."""
     found, row, column = cell_of(zones.mask, x_m, y_m)
     if not found or zones.mask.cells[row, column] < 0:
         return

@@ -102,7 +102,7 @@ def clear_line(layer: Any, col0: int, row0: int, col1: int, row1: int, short_cel
 
 @inner
 def clear_polygon(layer: Any, place: Any, outline: Any, x_m: float, y_m: float, yaw_rad: float) -> None:
-    """Footprint clearing: nothing is marked in a cell of the robot's outline, or in one that lies between two of its column.
+    """Clear the footprint: unmark the cells of the robot's outline and those between two in a column.
 
     That is how Nav2 fills a polygon, edge and all. Where a vertex lies off the layer nothing is cleared.
 
@@ -210,7 +210,7 @@ def merge_window(
 def _stamp_within(
     static: Any, layer: Any, stamp: Any, row: int, column: int, row0: int, row1: int, col0: int, col1: int, costs: Any
 ) -> None:
-    """Raise `costs` in a window to the stamp round a marked cell, but for one that other lethal cells wall in."""
+    """Raise `costs` in a window to the stamp round a marked cell unless lethal cells enclose it."""
     rows, columns = layer.shape
     if row0 <= row < row1 and col0 <= column < col1:
         costs[row, column] = LETHAL
@@ -262,7 +262,9 @@ def remove_small_groups(q: Any, lethal: Any, scratch: Any) -> None:
 def remove_small_marks(
     q: Any, static: Any, layer: Any, lethal: Any, row0: int, row1: int, col0: int, col1: int, out: Any
 ) -> None:
-    """A window of an obstacle layer (H, W) into `out`, its marks in small groups free; walls of the static layer count with them.
+    """Copy a window of an obstacle layer into `out` with its small groups of marks freed.
+
+    Both are (H, W). Walls of the static layer count as members of groups.
 
     Args:
         lethal: (H, W) uint8, overwritten in the window.

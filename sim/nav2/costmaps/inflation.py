@@ -36,7 +36,10 @@ def cost_stamp(
 
 
 def cost_at_distance(distance_m: float, inscribed_radius_m: float, cost_scaling_factor: float) -> float:
-    """Cost of a cell at a distance from the nearest lethal one, not at it, whatever the inflation radius (Nav2's `computeCost`)."""
+    """Cost of a cell at a distance from the nearest lethal one (Nav2's `computeCost`).
+
+    It is not 254 at distance 0, and does not end at the inflation radius.
+    """
     if distance_m <= inscribed_radius_m:
         return float(INSCRIBED)
     return math.floor(252.0 * math.exp(-cost_scaling_factor * (distance_m - inscribed_radius_m)))
@@ -75,7 +78,10 @@ def with_unknown(costmap_u8: NDArray[np.uint8], costs: NDArray[np.uint8]) -> NDA
 
 @njit
 def stamp_lethal(lethal: Any, stamp: Any, out: Any) -> None:
-    """Raise `out` (H, W) uint8 to `stamp` round every lethal cell (H, W, uint8 flags); cost falls with distance, so max is exact."""
+    """Raise `out` (H, W) uint8 to `stamp` round every lethal cell (H, W, uint8 flags).
+
+    Cost falls with distance, so that the maximum is exact.
+    """
     rows, columns = lethal.shape
     reach = stamp.shape[0] // 2
     for row in range(rows):

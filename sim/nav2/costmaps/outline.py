@@ -1,4 +1,4 @@
-"""The outline of the robot's padded footprint: the polygon it has, or the one Nav2 makes of `robot_radius`, and its radii."""
+"""Outline of the robot's padded footprint, a polygon or Nav2's 16-gon for `robot_radius`, and its radii."""
 
 from typing import Final
 
@@ -47,12 +47,18 @@ def inscribed_radius_m(outline: NDArray[np.float64]) -> float:
 
 
 def circumscribed_radius_m(outline: NDArray[np.float64]) -> float:
-    """Radius of the smallest circle round the robot's center that holds the outline (0.234142 m for 0.22 m and 0.01 m)."""
+    """Radius of the smallest circle round the robot's center that holds the outline.
+
+    0.234142 m for 0.22 m and 0.01 m.
+    """
     return float(np.max(np.hypot(outline[:, 0], outline[:, 1])))
 
 
 def inscribed_radius_of(parameters: NavParameters) -> float:
-    """Radius (m) of the largest disc round the center in the body that `robot` gives, else in the local costmap's footprint."""
+    """Radius (m) of the largest disc round the center in the robot's body.
+
+    The body is what `robot` gives, else the local costmap's footprint.
+    """
     given, costmap = parameters.robot, parameters.local_costmap
     if given.radius is not None:
         return given.radius

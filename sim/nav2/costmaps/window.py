@@ -31,7 +31,7 @@ def cost_at(window: Window, x_m: float, y_m: float) -> int:
 
 @inner
 def outline_hits(window: Window, outline: Any, x_m: float, y_m: float, yaw_rad: float) -> bool:
-    """Whether the outline (V, 2) of a robot at a pose of the odom frame touches a lethal cell of the window.
+    """True if the outline (V, 2) at a pose of the odom frame touches a lethal cell.
 
     The edges are Bresenham lines between the vertices' cells (nav2_costmap_2d, `FootprintCollisionChecker`). Cells
     outside the window are no hits.
@@ -57,7 +57,9 @@ def outline_hits(window: Window, outline: Any, x_m: float, y_m: float, yaw_rad: 
 
 @inner
 def outline_cost(costs: Any, outline: Any, x: float, y: float, c: float, s: float) -> int:
-    """Greatest cost of the cells under the outline (V, 2); -1 where it leaves the grid, or one of them is lethal or unknown.
+    """Return the greatest cost under the outline (V, 2), or -1.
+
+    -1 where it leaves the grid, or one of its cells is lethal or unknown.
 
     The edges are Bresenham lines between the vertices' cells, the closing one drawn from the last vertex to the first
     (dwb_critics, `ObstacleFootprintCritic`).
@@ -85,7 +87,7 @@ def outline_cost(costs: Any, outline: Any, x: float, y: float, c: float, s: floa
 
 @inner
 def _lethal_within(costs: Any, outline: Any, x: float, y: float, c: float, s: float) -> bool:
-    """Whether there is a lethal cell in the outline's box: mostly there is none, and this takes a third of the time."""
+    """True if the outline's box holds a lethal cell, which is rare and three times faster to test."""
     left, right, low, high = x, x, y, y
     for k in range(outline.shape[0]):
         vertex_x = x + (c * outline[k, 0] - s * outline[k, 1])

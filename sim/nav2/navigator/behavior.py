@@ -1,4 +1,4 @@
-"""What the robot does next: mission, replanning, checkers and recoveries as a state machine in the tick.
+"""The robot's behavior: mission, replanning, checkers and recoveries as a state machine in the tick.
 
 After Nav2's default trees: a plan each second, one contextual clearing for a planner or controller failure, then
 the round of clear, spin, wait and back up, six times a goal at the most.

@@ -31,7 +31,7 @@ ZONE: Final = (
 
 
 def zones_reach_m(zones: Sequence[MonitorZone], fastest_mps: float, scan_period_s: float) -> float:
-    """How far from the robot at a scan a point may lie that comes into a zone before the next scan; 0 without zones."""
+    """Greatest distance (m) of a point that can enter a zone before the next scan; 0 without zones."""
     rows = [dict(zip(ZONE, row, strict=True)) for row in zone_rows(zones)[0][: len(zones)].tolist()]
     slack_s = scan_period_s + 0.1
     return max((row["reach_m"] + fastest_mps * (row["ahead_s"] + slack_s) + 0.1 for row in rows), default=0.0)
@@ -54,7 +54,10 @@ def zone_rows(zones: Sequence[MonitorZone]) -> tuple[NDArray[np.float64], NDArra
 
 @inner
 def gather_near_points(p: Any, m: Any) -> None:
-    """Keep the scan's points, in the robot's frame at the time of the scan, that a command could bring under the footprint."""
+    """Collect the points of the scan that a command could bring under the footprint.
+
+    They are in the robot's frame at the time of the scan.
+    """
     q = p.velocity_smoother
     fastest_mps = math.hypot(max(q.max_velocity[0], -q.min_velocity[0]), max(q.max_velocity[1], -q.min_velocity[1]))
     # The robot drives on for one scan period before the next scan comes; 0.1 s more is ample.
@@ -102,7 +105,10 @@ def approach(p: Any, m: Any, v_mps: float, w_radps: float, vy_mps: float) -> flo
 
 @inner
 def zoned(p: Any, m: Any, v_mps: float, w_radps: float, vy_mps: float) -> float:
-    """The factor 0..1 that the zones of the file leave of a command: the least of theirs, as each is asked for the whole command."""
+    """Return the least factor 0..1 of a command that the zones of the file leave.
+
+    Each zone is asked about the whole command.
+    """
     factor = 1.0
     for k in range(p.zone_count):
         zone = p.zones[k]
@@ -156,7 +162,7 @@ def _zone_approach(p: Any, m: Any, k: int, pose: Any, v_mps: float, w_radps: flo
 
 @inner
 def _points_in_zone(p: Any, m: Any, k: int, x_m: float, y_m: float, yaw_rad: float) -> int:
-    """How many of the near points lie in a zone of a robot at a pose (in the scan's robot frame)."""
+    """Count the near points in a zone of a robot at a pose in the scan's robot frame."""
     zone, vertices = p.zones[k], int(p.zones[k, 1])
     c, s = math.cos(yaw_rad), math.sin(yaw_rad)
     count = 0
@@ -172,7 +178,7 @@ def _points_in_zone(p: Any, m: Any, k: int, x_m: float, y_m: float, yaw_rad: flo
 
 @inner
 def _points_inside(p: Any, m: Any, x_m: float, y_m: float, yaw_rad: float) -> int:
-    """How many of the near points lie in the padded footprint of a robot at a pose (in the scan's robot frame)."""
+    """Count the near points in the padded footprint at a pose in the scan's robot frame."""
     inner_square = p.inscribed_radius * p.inscribed_radius
     outer_square = p.circumscribed_radius * p.circumscribed_radius
     count = 0
@@ -193,7 +199,7 @@ def _points_inside(p: Any, m: Any, x_m: float, y_m: float, yaw_rad: float) -> in
 
 @inner
 def _in_outline(outline: Any, vertices: int, x_m: float, y_m: float) -> bool:
-    """Whether a point lies in the outline of so many vertices, whatever its form: edges to its right are counted (Shimrat)."""
+    """True if a point lies in the outline, which may be concave: count edges to its right (Shimrat)."""
     inside = False
     before = vertices - 1
     for k in range(vertices):

@@ -1,4 +1,4 @@
-"""What comes late: odometry to the stack, and the controller's commands to the velocity smoother.
+"""Latency of odometry to the stack, and of the controller's commands to the velocity smoother.
 
 Times are counted in physics steps of 10 ms. All draws are from a stream of their own, and a stack without latency draws nothing.
 """
@@ -96,7 +96,10 @@ def receive_command(m: Any, step: int) -> None:
 
 @inner
 def cycle_begins(p: Any, m: Any) -> bool:
-    """Whether the controller begins a cycle in this tick; one that is due while it still computes begins as soon as it is done."""
+    """True if the controller begins a cycle in this tick.
+
+    A cycle that is due during computation begins right after it.
+    """
     if m.tick % p.control_ticks == 0:
         m.cycle_due = 1
     if m.cycle_due == 0 or m.tick * SUBSTEPS < m.busy_step:

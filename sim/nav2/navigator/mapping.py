@@ -64,7 +64,7 @@ def update_local(p: Any, m: Any, g: Grids, local: Local) -> None:
 
 @inner
 def publish_local(local: Local) -> None:
-    """What behaviors see from now on."""
+    """Copy the local costmap for behaviors."""
     for r in range(local.window.costs.shape[0]):
         for c in range(local.window.costs.shape[1]):
             local.published.costs[r, c] = local.window.costs[r, c]
@@ -88,7 +88,10 @@ def _mark_static(p: Any, m: Any, static: Any, local: Local) -> None:
 
 @inner
 def update_global(p: Any, m: Any, g: Grids) -> None:
-    """Clear and mark by the newest scan from where it was taken by the estimate, then merge and inflate what it can have changed."""
+    """Clear and mark by the newest scan, then merge and inflate what may have changed.
+
+    The scan lies where it was taken by the estimate.
+    """
     q = p.global_costmap
     m.global_current = 1
     if q.obstacle_layer.enabled == 0:

@@ -1,4 +1,4 @@
-"""What kernels read of the parameters: one record a run."""
+"""The parameters as kernels read them, one record a run."""
 
 import math
 from typing import Final

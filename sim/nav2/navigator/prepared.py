@@ -1,4 +1,4 @@
-"""What is computed once per map and robot, and shared by all runs on it.
+"""Tables that are computed once per map and robot and shared by all runs on it.
 
 Three parts are kept for the maps used last, each by what it depends on: a campaign that varies the robot's radius shares
 walls and likelihood field, one that varies AMCL's parameters the costs.

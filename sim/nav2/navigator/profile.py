@@ -1,4 +1,4 @@
-"""Where a run's CPU time goes: a clock that kernels stop between the stages of a tick, when it is asked for."""
+"""CPU time of a run by stages of a tick, measured by kernels on request."""
 
 from typing import Any, Final
 

@@ -1,4 +1,4 @@
-"""From the laser scanner to the stack: scans taken at once or in a sweep, and used when they have arrived."""
+"""Scans: taken at once or in a sweep, and used on arrival."""
 
 import math
 from typing import Any
@@ -43,7 +43,7 @@ def next_scan(m: Any) -> bool:
 
 @inner
 def _take(p: Any, m: Any, skips: Any, obstacles: Any, noise: Bound) -> None:
-    """What the scanner measures in this tick, and a scan on its journey where it is complete."""
+    """Take this tick's measurements, and send off a complete scan."""
     starts = m.tick % p.scan_ticks == 0
     ranges = m.late_ranges[m.scans_taken % LATE_SCANS]
     if p.sweeps != 0 and m.tick > 0:
@@ -81,7 +81,10 @@ def _sweep(p: Any, m: Any, skips: Any, obstacles: Any, ranges: Any) -> bool:
 
 @inner
 def _stamp(m: Any) -> None:
-    """The scan that begins now: its odometry, which a sweep keeps for all its beams, as ROS's drivers stamp the first one."""
+    """Stamp the scan that begins now with its odometry.
+
+    A sweep keeps it for all its beams, as ROS drivers stamp the first one.
+    """
     scan = m.late_scans[m.scans_taken % LATE_SCANS]
     row = m.odometry[(m.tick * SUBSTEPS) % ODOMETRY_STEPS]
     scan[1], scan[2], scan[3], scan[4] = m.tick * SUBSTEPS, row[0], row[1], row[2]

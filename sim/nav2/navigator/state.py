@@ -225,7 +225,9 @@ class Route(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Stack:
-    """Everything a run's ticks read and write. Poses and positions are in the frame of the map's grid; rows are in the map's.
+    """All that a run's ticks read and write.
+
+    Poses and positions are in the frame of the map's grid; rows are in the map's.
 
     Attributes:
         p, m: (1,) records of parameters and `MEMORY`.
@@ -262,7 +264,7 @@ def new_stack(
     streams: NDArray[np.uint64],
     timeout_s: float,
 ) -> Stack:
-    """A stack of a robot at rest, with no idea of where it is and no mission: see `set_pose` and `give`."""
+    """Return the stack of an unlocalized robot at rest without a mission, see `set_pose` and `give`."""
     shape = prepared.static.shape
     denoised_shape = shape if parameters.global_costmap.denoise_layer.enabled else (1, 1)
     memory = np.zeros(1, dtype=MEMORY)
@@ -324,7 +326,7 @@ def columns_of(robot: Robot) -> tuple[str, ...]:
 
 
 def set_pose(stack: Stack, pose: Pose) -> None:
-    """Tell the stack where the robot is: at the next scan AMCL begins there, and the rest of the stack with it."""
+    """Set the robot's initial pose; AMCL and the rest of the stack begin there at the next scan."""
     m = stack.m[0]
     m["x"], m["y"], m["yaw"] = pose.x_m, pose.y_m, pose.yaw_rad
     m["map_odom_yaw"] = pose.yaw_rad - m["odom_yaw"]
@@ -335,7 +337,7 @@ def set_pose(stack: Stack, pose: Pose) -> None:
 
 
 def give(stack: Stack, mission: Mission) -> Stack:
-    """The stack with a mission in place of the one it had; it begins as soon as AMCL has given a first pose."""
+    """Return the stack with another mission; it begins after AMCL's first pose."""
     p, m = stack.p[0], stack.m[0]
     p["mission"], p["loops"] = MISSION_KINDS[mission.kind], mission.loops
     m["state"], m["status"], m["error_code"] = STARTING, RUNNING, 0

@@ -210,7 +210,10 @@ def _smoothed(q: Any, axis: int, command: float, previous: float) -> float:
 
 @inner
 def _actuate(p: Any, m: Any) -> None:
-    """The command path in its step of the tick, and the actuators' limits at each; odometry counts what the wheels do, blocked or not."""
+    """Run the command path in its step of the tick and the actuators' limits in each.
+
+    Odometry counts what the wheels do, blocked or not.
+    """
     noise = p.perturbation.odometry_noise_std_deviation
     dt_s = TICK_S / SUBSTEPS
     m.odom_v, m.odom_w, m.odom_vy = 0.0, 0.0, 0.0

@@ -16,7 +16,7 @@ from vastflow.sim.nav2.parameter_files.nodes import class_name
 
 @dataclass(frozen=True, slots=True)
 class BuiltIn:
-    """What the simulator does whatever a file says.
+    """Behavior of the simulator that no file changes.
 
     Attributes:
         values: Values that mean just that; the first is what a file would say. Without any, every value does.
@@ -50,7 +50,7 @@ class BuiltIn:
 
     @property
     def value(self) -> Value:
-        """What a file would say, or the range in words."""
+        """The value that a file would have, or the range in words."""
         if self.values:
             return list(own) if isinstance(own := self.values[0], tuple) else own
         if self.includes:
@@ -71,7 +71,7 @@ def nav2_names() -> frozenset[str]:
 
 
 def built_in(kind: str, name: ParameterLocation) -> BuiltIn | None:
-    """What is built in for a parameter of a group, None for one that is not modeled.
+    """Return the built-in behavior for a parameter of a group, None for one that is not modeled.
 
     Args:
         kind: Of the group: a node's name or what a plug-in's class is called.

@@ -271,7 +271,10 @@ def with_controller(document: ParameterDocument, name: Value) -> ParameterDocume
 
 
 def _plug_in(values: Mapping[ParameterLocation, Value], place: ParameterLocation) -> str:
-    """The class of a controller, or of the one in a Rotation Shim, as the group has it; a file and class as they are written."""
+    """Return the class of a controller, or of the one in a Rotation Shim, as the group has it.
+
+    A file and class stay as they are written.
+    """
     text = str(values.get((*place, "plugin")))
     if class_name(text) == ROTATION_SHIM:
         text = str(values.get(primary_controller(values, place)))
@@ -319,7 +322,7 @@ def _targets(document: ParameterDocument, key: str) -> tuple[ParameterLocation, 
 
 
 def _own_paths(key: str) -> tuple[ParameterLocation, ...]:
-    """Where a key that stands in no Nav2 file is read; which parameters noise has, its model says."""
+    """Return the places of a key that is in no Nav2 file; a noise model defines its own parameters."""
     place = tuple(key.split("."))
     return OWN_KEYS.get(key) or ((place,) if place[: len(NOISE_PLACE)] == NOISE_PLACE else ())
 
@@ -338,7 +341,7 @@ def _own_values(own: Mapping[str, Value]) -> Mapping[ParameterLocation, Value]:
 
 
 def _named(fault: ParameterFault, touched: Mapping[str, tuple[ParameterLocation, ...]]) -> ParameterFault:
-    """A fault of what a key of the system wrote, as one of the key; the file is not to blame for it."""
+    """Return the fault of a rewritten value as one of the key that wrote it."""
     by = [key for key, paths in touched.items() if any(_within(fault.where, dotted(path)) for path in paths)]
     if not by or fault.together:
         return fault
@@ -365,8 +368,9 @@ FOOTPRINT_NAMES: Final = frozenset({"footprint", "robot_radius", "footprint_padd
 
 
 def local_outline(system: Mapping[str, Value]) -> NDArray[np.float64]:
-    """Vertices (V, 2) in the robot's frame of the area that must be free of obstacles where the robot begins: the padded
-    footprint's, and those of a body that the section `robot` gives.
+    """Vertices (V, 2) of the area that must be free where the robot begins, in its frame.
+
+    They are those of the padded footprint, and those of the body that the section `robot` gives.
 
     Raises:
         DocumentError: as of `vastflow.sim.nav2.parameter_files.chosen.parameters_of`.

@@ -87,7 +87,10 @@ def _of_nav2(
 def _handled(
     reader: Reader, node: ParameterLocation, algorithm: str, given: dict[str, Any]
 ) -> Mapping[str, ParameterLocation]:
-    """Which of a controller's parameters the node's path handler has; DWB and RPP cut the path as those of Jazzy do."""
+    """Return the places of controller parameters in the node's path handler.
+
+    DWB and RPP cut the path as those of Jazzy do.
+    """
     named = [(*node, *PATH_HANDLERS.lists), *((*node, name, "plugin") for name in PATH_HANDLERS.defaults)]
     found = reader.plugin(node, PATH_HANDLERS) if any(path in reader.document.values for path in named) else None
     if found is None:
@@ -114,7 +117,7 @@ def _check_obstacles(reader: Reader, place: ParameterLocation, critics: Parts) -
 
 
 def _motion_model(reader: Reader, place: ParameterLocation) -> Parts:
-    """What of MPPI's parameters goes with its motion model, where it is not read as the others are.
+    """Read the parameters of MPPI's motion model that need more than their own names.
 
     Since Lyrical the model is the name of a group with a `plugin` and the model's parameters.
     """
@@ -142,7 +145,10 @@ def _motion_model(reader: Reader, place: ParameterLocation) -> Parts:
 
 
 def primary_controller(values: Mapping[ParameterLocation, Value], shim: ParameterLocation) -> ParameterLocation:
-    """Where a Rotation Shim has the class of its controller: since Kilted below a group that has its parameters, too."""
+    """Path of the class of a Rotation Shim's controller.
+
+    Since Kilted it is below a group that has the controller's parameters, too.
+    """
     path = (*shim, "primary_controller")
     return path if (*path, "plugin") not in values else (*path, "plugin")
 
@@ -193,7 +199,7 @@ def _critics(reader: Reader, place: ParameterLocation, algorithm: str, default: 
 
 
 def written_controller_server(node: ParameterLocation, parameters: NavParameters) -> Values:
-    """What is read as the node's parameters, its checkers, and its controller."""
+    """Write the node's parameters, its checkers, and its controller."""
     values = written(parameters.controller_server, node)
     values |= written_plugins(node, PROGRESS_CHECKERS, {PROGRESS_CHECKERS.used: parameters.progress_checker})
     values |= written_plugins(node, GOAL_CHECKERS, {GOAL_CHECKERS.used: parameters.goal_checker})

@@ -1,4 +1,4 @@
-"""Reading the node of a costmap: its layers in the order of the file, its filters and their masks, and the laser scan."""
+"""Reading costmap nodes: layers in the order of the file, filters with their masks, and the laser scan."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ def filtered_by(key: str, parameters: NavParameters) -> Sequence[str]:
 
 
 def missing_mask(key: str, costmaps: Sequence[str]) -> tuple[str, str]:
-    """What is wrong where nothing gives a key that filters need, and what would be right."""
+    """Return the problem and the expected line where filters lack the mask of a key."""
     kind = key.removesuffix("_mask")
     return f"the {kind} filter of the {costmaps[0]} has no mask", f"'{key}: {kind}.yaml', a map_server YAML file"
 
@@ -140,7 +140,10 @@ def read_costmap(reader: Reader, node: ParameterLocation) -> Mapping[str, Costma
 
 
 def _layers(reader: Reader, node: ParameterLocation) -> Mapping[str, Instance]:
-    """Fields of `Costmap` to the layers that are read for them, in the order of the file; of several the best, then the first."""
+    """Return the fields of `Costmap` with the layers read for them, in the order of the file.
+
+    Of several layers for one field the best counts, then the first.
+    """
     layers: dict[str, list[Instance]] = {}
     listed = reader.plugins(node, LAYERS)
     for layer in listed:
@@ -183,7 +186,7 @@ def _sources(reader: Reader, place: ParameterLocation) -> list[ParameterLocation
 
 
 def _data_type(reader: Reader, source: ParameterLocation) -> object:
-    """Of a source that does not say what it is, Nav2's code takes a point cloud."""
+    """Data type of a source; Nav2's code defaults to a point cloud."""
     return reader.document.values.get((*source, "data_type"), "PointCloud2")
 
 
@@ -222,7 +225,7 @@ def _in_source(source: ParameterLocation) -> Mapping[str, ParameterLocation]:
 
 
 def written_costmap(name: str, costmap: Costmap) -> Values:
-    """What is read as a costmap, and the nodes that say what its filters do."""
+    """Write a costmap, and the nodes with its filters' information."""
     node = (name, name, PARAMETERS)
     of_the_map = OF_THE_MAP if name == "global_costmap" else ()
     values = written(costmap, node, given=(*_FIELDS.values(), *of_the_map))

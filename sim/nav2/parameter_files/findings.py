@@ -18,7 +18,7 @@ Status: TypeAlias = Literal["modeled", "built in", "no effect", "differs", "not 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What becomes of one parameter of a file.
+    """Status of one parameter of a file.
 
     Attributes:
         path: Where the file has it, `place` as line and column.

@@ -139,7 +139,7 @@ def interpretation(document: ParameterDocument) -> Interpretation:
 
 
 def _check_nodes(reader: Reader, absent: Collection[str]) -> None:
-    """A file with none of the stack's nodes says nothing of it; faults of what it has in their place come first."""
+    """Report a file without any node of the stack, unless other faults explain it."""
     if len(absent) == len(NODES) and not reader.faults:
         place = min(reader.document.places.values(), default=(1, 1))
         what, right = "none of its nodes is modeled", f"one that is, beside others: {', '.join(map('/'.join, NODES))}"
@@ -147,7 +147,7 @@ def _check_nodes(reader: Reader, absent: Collection[str]) -> None:
 
 
 def _body_of_the_other_costmap(parts: Parts) -> Parts:
-    """Where a file has one of the costmaps alone, the robot in the other has the same body."""
+    """Return a missing costmap with the body of the other one."""
     for name, other, default in (
         ("local_costmap", "global_costmap", local_costmap()),
         ("global_costmap", "local_costmap", global_costmap()),
@@ -187,7 +187,10 @@ def _distances_of_the_inflation(reader: Reader, parts: Parts) -> Parts:
 
 
 def _check_mppi(reader: Reader, parts: Parts) -> None:
-    """Nav2's MPPI does not start to look at the outline of a disc, or with a period longer than a step of its model."""
+    """Check the conditions without which Nav2's MPPI does not start.
+
+    The outline of a disc can't be considered, and a period may not exceed a step of the model.
+    """
     controller, costmap = parts.get("controller"), parts.get("local_costmap", local_costmap())
     if reader.faults or not isinstance(controller, MppiParameters):
         return

@@ -43,7 +43,7 @@ def read_monitor(reader: Reader, node: ParameterLocation) -> Mapping[str, Collis
 
 
 def _monitored_scan(reader: Reader, node: ParameterLocation) -> ParameterLocation | None:
-    """Where the laser scan stands that the monitor looks at."""
+    """Return the place of the laser scan that the monitor watches."""
     scan = None
     for name in reader.names((*node, "observation_sources"), ()):
         place = (*node, name)
@@ -121,7 +121,7 @@ def _least_points(reader: Reader, place: ParameterLocation) -> dict[str, Any]:
 
 
 def written_monitor(monitor: CollisionMonitor) -> Values:
-    """What is read as the polygon round the footprint; areas are a file's own."""
+    """Write the polygon round the footprint; areas exist in files only."""
     if not monitor.enabled:
         return {}
     node = ("collision_monitor", PARAMETERS)

@@ -1,4 +1,4 @@
-"""The table of modeled nodes and plug-in classes: the parameters of each, and the lists by which a document names them."""
+"""The table of modeled nodes and plug-in classes: their parameters, and the lists that name them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""The lidar's noise as a value of a scenario: a name, or a file as it was when the campaign was read, and a class of it."""
+"""The lidar's noise as a scenario's value: a name, or a file with its content, and a class in it."""
 
 from contextlib import suppress
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A Nav2 parameter file as a value of a scenario: its wildcards resolved, known by what it means and not by where it lies."""
+"""A Nav2 parameter file as a scenario's value: wildcards resolved, identified by its meaning, not its path."""
 
 import functools
 from collections.abc import Iterator, Mapping, Sequence
@@ -65,7 +65,7 @@ def resolved(document: ParameterDocument) -> ParameterDocument:
 def _moved(
     path: ParameterLocation, spoken_of: Mapping[ParameterLocation, Sequence[ParameterLocation]]
 ) -> Iterator[ParameterLocation]:
-    """Where a path, or a part of one, stands in the resolved document."""
+    """Places in the resolved document of a path or a part of one."""
     node = node_of(path) if PARAMETERS in path else path
     if targets := spoken_of.get(node):
         yield from ((*target, *path[len(node) :]) for target in targets)
@@ -74,7 +74,7 @@ def _moved(
 
 
 def _targets(document: ParameterDocument, wild: ParameterLocation) -> Iterator[ParameterLocation]:
-    """Paths of the nodes that a wildcard speaks of: as the file has them, or else below the wildcard's own namespace."""
+    """Paths of the nodes that a wildcard matches: those of the file, else below the wildcard's namespace."""
     pattern = wild[:-1]
     heads = {path[len(wild)] for path in document.below(wild)}
     above = pattern[: next(k for k, part in enumerate(pattern) if part in (_ANY, _ANY_NUMBER))]
@@ -122,7 +122,7 @@ def nav2_file(path: str | Path) -> FileContent:
 
 
 def frozen(document: ParameterDocument) -> ParameterDocument:
-    """The document with copies of the plug-ins that it names, which are what is run; those that can't be copied are left out."""
+    """Return the document with copies of its plug-ins, which are run; omit those that can't be copied."""
     base = Path(document.file).parent
     plug_ins: dict[str, Snapshot] = {}
     for path, name in document.values.items():

@@ -1,4 +1,4 @@
-"""Reading parameters out of a document, with account of what was asked for, used and wrong; and writing them into one."""
+"""Reading parameters from a document, with a record of what was asked for, used and wrong; and writing them."""
 
 import re
 from collections.abc import Collection, Mapping, Sequence
@@ -30,7 +30,7 @@ Values: TypeAlias = dict[ParameterLocation, Value]
 
 @dataclass(frozen=True, slots=True)
 class Instance:
-    """A plug-in that a document loads: where its parameters are, its class without the package, and what is modeled of it."""
+    """A plug-in that a document loads: its place, its class without the package, and what is modeled."""
 
     place: ParameterLocation
     kind: str
@@ -38,7 +38,7 @@ class Instance:
 
     @property
     def name(self) -> str:
-        """What the list calls it."""
+        """Its name in the list."""
         return self.place[-1]
 
 
@@ -152,7 +152,7 @@ class Reader:
     def own_group(
         self, kind: type[Group], place: ParameterLocation, others: Collection[ParameterLocation] = ()
     ) -> Group:
-        """The parameters of a plug-in, and of groups in them; one that it does not have is a fault, for nobody else would read it."""
+        """Read the parameters of a plug-in and of groups in them; report unknown ones as faults."""
         self._check_names(kind, place, others)
         return self.group(kind, place)
 
@@ -244,7 +244,10 @@ class Reader:
         return self.group(instance.modeled.model, instance.place, elsewhere, instance.modeled.fixed)
 
     def used(self, prefix: ParameterLocation, plugins: Plugins) -> tuple[str, ParameterLocation] | None:
-        """Name of the plug-in that the default behavior trees use, and where the list has it; None for an empty list, a fault."""
+        """Return name and place of the plug-in that the default behavior trees use.
+
+        An empty list is a fault, and gives None.
+        """
         path = self._list_of(prefix, plugins)
         names = self.names(path, tuple(plugins.defaults))
         if not names:
@@ -260,7 +263,7 @@ class Reader:
         return used, (*path, str(names.index(used)))
 
     def default_class(self, name: str, listed: ParameterLocation, plugins: Plugins) -> str:
-        """What `name` of a list is without a class of its own; Nav2 has one only where the list is that of its code."""
+        """Default class of a name without one; Nav2 has it only for the list of its code."""
         defaults = plugins.defaults
         return defaults.get(name, "") if self.names(listed[:-1], tuple(defaults)) == list(defaults) else ""
 
@@ -290,7 +293,7 @@ def written(
     elsewhere: Mapping[str, ParameterLocation] | None = None,
     given: Collection[str] = (),
 ) -> Values:
-    """What `Reader.group` reads as `group`, without the fields that are `given`."""
+    """Write a group as `Reader.group` reads it, without the fields that are `given`."""
     values: Values = {}
     for name, value in group:
         source = source_of(type(group).model_fields[name])

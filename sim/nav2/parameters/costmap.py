@@ -23,7 +23,7 @@ class StaticLayer(ParameterGroup):
 
 
 class ObstacleLayer(ParameterGroup):
-    """What the scan marks and clears, in meters.
+    """Marking and clearing by the scan, in meters.
 
     Attributes:
         short_clearing_cells: A beam clears to its end but for these cells: 2 in a VoxelLayer, 0 in an ObstacleLayer.
@@ -40,7 +40,10 @@ class ObstacleLayer(ParameterGroup):
 
 
 class DenoiseLayer(ParameterGroup):
-    """Groups of fewer lethal cells than `minimal_group_size` are free; cells of a group touch by edges (4), or by corners too (8)."""
+    """Groups of fewer lethal cells than `minimal_group_size` become free.
+
+    Cells of a group touch by edges (4), or by corners too (8).
+    """
 
     enabled: bool = parameter(True)
     minimal_group_size: int = parameter(2, 0, 64)

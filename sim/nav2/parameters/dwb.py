@@ -70,7 +70,7 @@ class PreferForwardCritic(DwbCritic):
 
 
 class TwirlingCritic(DwbCritic):
-    """What it turns."""
+    """Yaw rate."""
 
     scale: float = parameter(0.0, 0.0, 1e6)
 

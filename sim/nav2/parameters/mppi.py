@@ -8,7 +8,7 @@ MotionModel: TypeAlias = Literal["DiffDrive", "Ackermann", "Omni"]
 
 
 class AckermannParameters(ParameterGroup):
-    """What only the motion model Ackermann has; meters."""
+    """Parameters of the motion model Ackermann alone; meters."""
 
     min_turning_r: float = parameter(0.2, 0.001, 100.0)
 
@@ -131,8 +131,9 @@ _INVERSIONS: Final = ("enforce_path_inversion", True, "enforce_path_inversion is
 
 
 class MppiParameters(ParameterGroup):
-    """The optimiser's parameters: meters, seconds, radians. Of any motion model but Omni `vy_max` serves ConstraintCritic
-    alone, as in Jazzy, and `ay_max`, `ay_min` and `vy_std` serve nothing.
+    """Parameters of the optimizer: meters, seconds, radians.
+
+    Without the model Omni `vy_max` serves ConstraintCritic alone, as in Jazzy; `ay_max`, `ay_min` and `vy_std` have no effect.
 
     `retry_scores` is not Nav2's: whether the critics judge the samples of a retry after a batch in which all collide. As
     Nav2 is released they don't, and a retry never gives a command.

@@ -33,7 +33,9 @@ PHYSICS_HZ: Final = 100.0
 
 
 class Latency(ParameterGroup):
-    """Seconds and Hz. An age is the least; a jitter is the mean of what comes on top, drawn from an exponential distribution.
+    """Ages and times in seconds, rates in Hz.
+
+    An age is the least; a jitter is the mean of an exponentially distributed addition.
 
     Attributes:
         scan_age, scan_jitter: From the end of a scan to AMCL, costmaps, and collision monitor.

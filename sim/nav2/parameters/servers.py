@@ -114,7 +114,7 @@ class VelocitySmoother(ParameterGroup):
 
 
 class MonitorZone(ParameterGroup):
-    """An area of collision_monitor that the file draws: m/s, rad/s, seconds, and what is done with so many points in it.
+    """An area of collision_monitor that the file draws: m/s, rad/s, seconds, and a number of points.
 
     Attributes:
         vertices: (x, y) of a polygon in the robot's frame (m); none for a circle of `radius`.

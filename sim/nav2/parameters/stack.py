@@ -23,7 +23,7 @@ from vastflow.sim.world.noise_parameters import GaussianDropoutParameters
 
 
 class NavParameters(ParameterGroup):
-    """What the stack in the loop is set to; the values of Nav2 Jazzy's default file where nothing is given.
+    """Settings of the stack in the loop; Nav2 Jazzy's default file where nothing is given.
 
     Attributes:
         controller: Parameters of the controller; a plug-in is its own, see

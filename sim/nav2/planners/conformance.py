@@ -1,4 +1,4 @@
-"""What every planner must do, as checks that a planner's author can call in a test."""
+"""The planner's contract, as checks that a planner's author can call in a test."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -31,7 +31,7 @@ _ROOM: Final = 4096
 
 @dataclass(frozen=True, slots=True)
 class Errand:
-    """A start and a goal (x, y, yaw) on a floor with lethal boxes (x0, y0, x1, y1), in meters; without a path where none `is_possible`."""
+    """A start and a goal (x, y, yaw) on a floor with lethal boxes (x0, y0, x1, y1), in meters."""
 
     name: str
     start: tuple[float, float, float]
@@ -72,7 +72,7 @@ def check_planner(planner: Planner) -> None:
 
 
 def check_paths(planner: Planner) -> None:
-    """It compiles, raises nothing, and finds paths from start to goal through free cells where there are any, else an error code."""
+    """Check that it compiles, raises nothing, and finds paths through free cells or gives an error code."""
     for errand in ERRANDS:
         given = errand.given()
         n = _planned(_started(planner, given), given)

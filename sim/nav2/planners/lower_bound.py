@@ -1,4 +1,4 @@
-"""The least that a path to a goal can cost: NavFn's potential from the goal over the map with nothing marked in it.
+"""Lower bounds of path costs to a goal: NavFn's potential from it over the unmarked map.
 
 Marks of the scan and unknown cells only make paths dearer, so what is computed once for a goal holds as long as it is headed for.
 """
@@ -67,7 +67,9 @@ def bound_below(
     potential: Any,
     scratch: Any,
 ) -> int:
-    """Put the least costs to a goal into `to_goal` (H, W), on all paths of at most `reach` from a cell, and of that cell itself.
+    """Write lower bounds of the cost to a goal into `to_goal` (H, W).
+
+    They hold on all paths of at most `reach` from a cell, that cell included.
 
     Cells that are out of reach or out of the way have 0, the bound that always holds. `reach` is a wish: it is more where the
     cell would have no bound. Overwrites `potential`. Returns the number of floods.
@@ -106,7 +108,10 @@ def straight(column: int, row: int, to_column: int, to_row: int) -> float:
 
 @inner
 def _lay_straight_lines(b: Any, to_start: Any) -> None:
-    """Least costs to the leg's start, in the box of the ellipse in which straight lines from it by a cell to the goal cost `reach`."""
+    """Write straight-line costs to the leg's start into the box of an ellipse.
+
+    On the ellipse, straight lines from the start by a cell to the goal cost `reach`.
+    """
     rows, columns = to_start.shape
     half = 0.5 * b.reach / LEAST_CELL_COST
     across, along = 0.5 * (b.goal_column - b.column), 0.5 * (b.goal_row - b.row)

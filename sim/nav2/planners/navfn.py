@@ -50,7 +50,7 @@ def path(
     allow_unknown: bool = True,
     use_astar: bool = False,
 ) -> NDArray[np.float64]:
-    """Path (N, 2) of (x, y) in cell units from start to goal, down the potential; empty when there is none."""
+    """Path (N, 2) of (x, y) in cell units from start to goal; empty if there is none."""
     travel = travel_costs(costmap_u8, allow_unknown)
     values = potential(costmap_u8, start_cell, goal_cell, allow_unknown, use_astar)
     out = np.empty((4 * max(travel.shape), 2))
@@ -59,7 +59,7 @@ def path(
 
 
 def travel_costs(costmap_u8: NDArray[np.uint8], allow_unknown: bool = True) -> NDArray[np.uint8]:
-    """NavFn's own cost (H, W): 50 + 0.8 c where the robot may be, 254 where it may not, unknown 253 or 254."""
+    """NavFn's cost (H, W): 50 + 0.8 c for traversable cells, 254 for others, unknown 253 or 254."""
     out = np.empty(costmap_u8.shape, dtype=np.uint8)
     fill_travel_costs(costmap_u8, allow_unknown, 0, costmap_u8.shape[0], 0, costmap_u8.shape[1], out)
     out[0], out[-1], out[:, 0], out[:, -1] = OBSTACLE, OBSTACLE, OBSTACLE, OBSTACLE
@@ -226,7 +226,7 @@ def _propagate(
 
 @njit
 def descend(values: Any, from_x: int, from_y: int, root_x: int, root_y: int, out: Any) -> int:
-    """Walk down the gradient of `values` (H, W) from a cell to the root in half-cell steps, in NavFn's numbers of 32 bits.
+    """Walk down the gradient of `values` (H, W) to the root in half-cell steps of 32-bit numbers.
 
     Writes (x, y) in cell units into `out` (M, 2), the root cell last, and returns their number;
     0 where the walk fails (no gradient, or `out` is full: NavFn's cap on a path's length is M = 4 max(H, W)).

@@ -49,7 +49,7 @@ LEG_LENGTHS: Final = 4
 
 
 class NavFnMemory(NamedTuple):
-    """What NavFn keeps from one plan to the next.
+    """Memory of NavFn from one plan to the next.
 
     Attributes:
         travel: (H, W) uint8, its costs of the global costmap.
@@ -92,7 +92,9 @@ def inside(travel: Any, column: int, row: int) -> bool:
 def _plan_leg(
     q: Any, memory: NavFnMemory, given: PlannerInput, column: int, row: int, goal_x_m: float, goal_y_m: float
 ) -> Any:
-    """(n, x, y): path from a cell to a goal into `memory.leg`, in cell units, its last point first, and where it ends; no points when there is none.
+    """Plan a leg into `memory.leg`, last point first: (points, x, y of its end); no points if impossible.
+
+    Points are in cell units.
 
     A goal in an obstacle is replaced by the nearest point that can be reached, as `_nearest` has them.
     """
@@ -145,7 +147,10 @@ def _open(memory: NavFnMemory, given: PlannerInput, x_m: float, y_m: float, reac
 
 @inner
 def _flood(q: Any, memory: NavFnMemory, leg: int, start: Cell, end: Cell, stop: Cell) -> bool:
-    """NavFn's potential from a cell until the stop has a value; whether the end has one. If not, all that can be reached is flooded."""
+    """Flood from a cell until the stop has a value; true if the end has one.
+
+    Otherwise everything that can be reached is flooded.
+    """
     # A* does not find the best path, and which one it finds hangs on every cell it has been to.
     if q.use_astar != 0:
         memory.floods[0] += 1

@@ -1,4 +1,4 @@
-"""What a planner is: parameters in Nav2's style, and a kernel that finds a path over the global costmap."""
+"""The base class of planners: parameters in Nav2's style and a kernel that plans on the global costmap."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ NOTHING: Final = (0, 0, 0, 0)
 
 
 class PlannerInput(NamedTuple):
-    """What a planner is given. Poses and points are in the frame of the map's grid, in meters and radians.
+    """A planner's input. Poses and points are in the frame of the map's grid, in meters and radians.
 
     Attributes:
         costs: (H, W) uint8 global costmap.
@@ -41,7 +41,7 @@ class PlannerInput(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class PlannerSetting:
-    """What a planner can prepare its memory for.
+    """The settings that a planner can prepare its memory for.
 
     Attributes:
         costs: (H, W) uint8 global costmap, as it is when the memory is made; `PlannerInput.changed` counts from then.

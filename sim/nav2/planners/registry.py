@@ -1,4 +1,4 @@
-"""How a planner is found: by Nav2's name of its plug-in, or in a file of its own."""
+"""Finding planners: by Nav2's plug-in name, or in a file."""
 
 from typing import Final
 

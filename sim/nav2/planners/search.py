@@ -1,4 +1,4 @@
-"""What a search for a path is given, where the robot has room, and what is left to the goal at the least."""
+"""Shared by Smac searches: parameters, collision checks, and heuristics."""
 
 import functools
 import heapq
@@ -28,7 +28,7 @@ WHOLE: Final = 252.0
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """Parameters of a search under the names of its kernels: lengths in cells, but for the map's frame; times as iterations.
+    """Search parameters of kernels: lengths in cells except for the map's frame, times as iterations.
 
     Attributes:
         resolution, origin_x, origin_y: Of the map, in meters.
@@ -122,7 +122,7 @@ class Ground(NamedTuple):
 
 @inner
 def new_ground(q: Any, costs: Any, goal: Any) -> Ground:
-    """Nothing is known but the goal's own cell."""
+    """Return the ground with only the goal's cell known."""
     part = 2 if q.halves != 0 else 1
     rows, columns = (costs.shape[0] + part - 1) // part, (costs.shape[1] + part - 1) // part
     values = np.zeros((rows, columns), dtype=np.float32)
@@ -191,7 +191,7 @@ def _least(costs: Any, x: int, y: int, part: int) -> int:
 
 
 def new_distances(table: int, bins: int) -> NDArray[np.float32]:
-    """Lengths of the shortest curves to a goal from the cells of a window round it, NaN as long as nobody has asked.
+    """Lengths of the shortest curves to a goal from cells of a window; NaN until asked for.
 
     Nav2 computes all of them before the first plan.
     """
@@ -200,7 +200,7 @@ def new_distances(table: int, bins: int) -> NDArray[np.float32]:
 
 @inner
 def along_curve(q: Any, distances: Any, goal: Any, x: int, y: int, turn: int, over: float) -> float:
-    """Length in cells of the shortest curve from a cell and a heading to the goal, within the window round it; else 0."""
+    """Length in cells of the shortest curve to the goal; 0 outside the window round it."""
     angle = -2.0 * math.pi * goal[2] / q.bins
     c, s = math.cos(angle), math.sin(angle)
     dx, dy = x - goal[0], y - goal[1]
@@ -228,7 +228,7 @@ def _length(q: Any, x: float, y: float, heading_rad: float) -> float:
 
 
 class SearchMemory(NamedTuple):
-    """A search on a map: (1,) record of `Search`, and `new_distances`, which other runs find filled and would have computed alike."""
+    """The (1,) record of `Search`, and `new_distances`, which runs of a process share."""
 
     search: Any
     distances: Any
@@ -242,14 +242,14 @@ def search_memory(q: SmacPlanner2D | SmacPlannerHybrid, setting: PlannerSetting)
 
 @functools.lru_cache(maxsize=4)
 def _distances(table: int, bins: int, radius: float, reverses: bool) -> NDArray[np.float32]:
-    """Those of one curve, shared by the runs of a process: an empty place is filled by whoever comes first."""
+    """Distances for one curve, shared by the runs of a process and filled on demand."""
     return new_distances(table, bins)
 
 
 def search_of(
     q: SmacPlanner2D | SmacPlannerHybrid, costmap: Costmap, resolution_m: float, origin_xy_m: tuple[float, float]
 ) -> Search:
-    """What a planner's parameters are in cells of a map."""
+    """Convert a planner's parameters to cells of a map."""
     common: dict[str, Any] = {
         "resolution": resolution_m,
         "origin_x": origin_xy_m[0],

@@ -87,7 +87,7 @@ def node_of(nodes: Nodes, key: int) -> int:
 
 @inner
 def _slot(rows: Any, slots: Any, key: int) -> int:
-    """Where the key is, or where it would be."""
+    """Return the slot of a key, or the free slot for it."""
     last = slots.shape[0] - 1
     slot = ((key * _SPREAD) >> 20) & last
     while slots[slot] != 0 and rows[slots[slot] - 1, KEY] != key:
@@ -106,7 +106,9 @@ AHEAD, ASIDE, BINS, KIND, LENGTH = range(5)
 
 @inner
 def primitives_of(q: Any) -> Any:
-    """(P, 5): straight on, left and right at the least radius, the arcs between them with `q.interpolates`, and all in reverse.
+    """Return the motion primitives (P, 5).
+
+    Straight on, left and right at the least radius, arcs between them with `q.interpolates`, and all in reverse.
 
     The turn's angle is a multiple of a bin, and its chord at least √2 cells, which leaves any cell.
     """
@@ -136,7 +138,7 @@ def primitives_of(q: Any) -> Any:
 
 @inner
 def price(q: Any, primitive: Any, cost: float, last_turn: float) -> float:
-    """What a primitive costs: its length, dearer over costly ground, where it turns, turns otherwise than before, or reverses."""
+    """Price of a primitive: its length, raised for cost, turning, changes of turn, and reversing."""
     share = cost / 252.0
     share = share * share if q.quadratic != 0 else share
     value = primitive[LENGTH] * (q.travel_distance_reward + q.cost_penalty * share)
@@ -153,7 +155,9 @@ _WIDEST = 4.0
 
 @inner
 def expanded(q: Any, given: Any, nodes: Nodes, node: int, goal: Any) -> Any:
-    """(found, node, poses): the best curve to the goal, and the node it begins at, which may lie before the one asked for.
+    """Return (found, node, poses): the best curve to the goal and its first node.
+
+    That node may lie before the one asked for.
 
     Args:
         goal: (3,) x, y in cells and bin.
@@ -185,7 +189,7 @@ def expanded(q: Any, given: Any, nodes: Nodes, node: int, goal: Any) -> Any:
 
 @inner
 def _curve_to(q: Any, given: Any, nodes: Nodes, node: int, goal: Any, radius: float) -> Any:
-    """(found, poses, score): a curve of one radius; its score is its cost as the search would have it, but for turns."""
+    """Return (found, poses, score): a curve of one radius and its search cost without turn penalties."""
     x, y, heading = nodes.rows[node, X], nodes.rows[node, Y], 2.0 * math.pi * nodes.rows[node, HEADING] / q.bins
     dx, dy = (goal[0] - x) / radius, (goal[1] - y) / radius
     c, s = math.cos(heading), math.sin(heading)
@@ -334,7 +338,7 @@ def _expand(
     waiting: Any,
     nearest: _Nearest,
 ) -> None:
-    """Put the nodes that a node's primitives lead to, and that it is the best way to, into the open set."""
+    """Put the nodes that a node's primitives improve into the open set."""
     here = nodes.rows[node]
     heading = 2.0 * math.pi * here[HEADING] / q.bins
     c, s = math.cos(heading), math.sin(heading)
@@ -369,7 +373,7 @@ def _expand(
 
 @inner
 def _left(q: Any, distances: Any, given: PlannerInput, ground: Ground, ahead: Any, row: Any) -> float:
-    """What is left from a node to the goal: over the ground, or along the shortest curve, whichever is more."""
+    """Heuristic cost to the goal: over the ground, or along the shortest curve, whichever is more."""
     x, y = int(row[X]), int(row[Y])
     over = over_ground(q, ground, ahead, given.costs, x, y)
     return max(over, along_curve(q, distances, ground.goal, x, y, int(row[HEADING]), over))

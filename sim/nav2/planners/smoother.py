@@ -9,14 +9,14 @@ from vastflow.sim.nav2.planners.curves import pose_on, shortest
 from vastflow.sim.nav2.planners.search import center_cost
 
 _LONGEST: Final = 2.0
-"""Times the segment in whose place it comes: a longer curve has a loop in it."""
+"""Times the stretch in whose place it comes: a longer curve has a loop in it."""
 
 
 @inner
 def keep_ends(q: Any, costs: Any, points: Any, headings: Any) -> None:
-    """Lead a smoothed segment from its first heading and to its last one, in place.
+    """Lead a smoothed stretch from its first heading and to its last one, in place.
 
-    Each end reaches one, two, π, or 2π least radii into the segment, wherever the curve is the shortest.
+    Each end reaches one, two, π, or 2π least radii into the stretch, wherever the curve is the shortest.
 
     Args:
         q: `Search`.
@@ -45,7 +45,7 @@ def _align(points: Any, headings: Any) -> bool:
 
 @inner
 def _far_end(q: Any, costs: Any, points: Any, headings: Any, at_end: bool, heading_rad: float, reversing: bool) -> int:
-    """How many points the best curve at an end spans; 0 where none is free."""
+    """Return the number of points that the best curve at an end spans; 0 if none is free."""
     radius_m, last = q.radius * q.resolution, points.shape[0] - 1
     best, shortest_m, original_m, tried = 0, math.inf, 0.0, 0
     for k in range(1, last + 1):
@@ -106,7 +106,7 @@ def _free_length(
     far: int,
     original_m: float,
 ) -> float:
-    """Length of a curve as it is drawn (m); 0 where it has a loop, or meets what its center can't be in."""
+    """Length of a drawn curve (m); 0 if it has a loop or its center collides."""
     begin, end = _ends(points, headings, at_end, heading_rad, reversing, far)
     curve = _curve(q, begin, end)
     if curve[0] * q.radius * q.resolution > _LONGEST * original_m:
@@ -133,18 +133,18 @@ def _lay(q: Any, points: Any, headings: Any, at_end: bool, heading_rad: float, r
 
 
 FEWEST_POINTS: Final = 10
-"""A segment between two cusps of no more intervals than this stays as it is."""
+"""A stretch between two cusps of no more intervals than this stays as it is."""
 
 
 @inner
 def smooth(q: Any, costs: Any, points: Any, headings: Any) -> None:
-    """Smooth a path in place, segment by segment between the points where it reverses, and keep the headings at their ends.
+    """Smooth a path in place between its cusps, and keep the headings at the ends.
 
     Args:
         q: `Search`.
         costs: (H, W) global costmap.
         points: (N, 2) in meters.
-        headings: (N,) in radians; (0,) of a robot that turns on the spot, whose path is one segment whatever its turns are.
+        headings: (N,) in radians; (0,) of a robot that turns on the spot, whose path is one stretch whatever its turns are.
     """
     holonomic = headings.shape[0] == 0
     start = 0
@@ -152,9 +152,9 @@ def smooth(q: Any, costs: Any, points: Any, headings: Any) -> None:
         if end < points.shape[0] - 1 and (holonomic or not _is_cusp(points, end)):
             continue
         if end - start > FEWEST_POINTS:
-            segment = points[start : end + 1]
-            if _smooth_segment(q, costs, segment) and not holonomic:
-                keep_ends(q, costs, segment, headings[start : end + 1])
+            stretch = points[start : end + 1]
+            if _smooth_stretch(q, costs, stretch) and not holonomic:
+                keep_ends(q, costs, stretch, headings[start : end + 1])
         start = end
 
 
@@ -166,7 +166,7 @@ def _is_cusp(points: Any, k: int) -> bool:
 
 
 @inner
-def _smooth_segment(q: Any, costs: Any, points: Any) -> bool:
+def _smooth_stretch(q: Any, costs: Any, points: Any) -> bool:
     """Smooth, and then refine as long as that succeeds; whether the first of it did."""
     if not _relax(q, costs, points):
         return False
@@ -178,7 +178,7 @@ def _smooth_segment(q: Any, costs: Any, points: Any) -> bool:
 
 @inner
 def _relax(q: Any, costs: Any, points: Any) -> bool:
-    """Move the inner points until they rest; whether they did, and not before one was in an obstacle or the patience at its end."""
+    """Relax the inner points; true if they come to rest before a collision or the last iteration."""
     data, moved = points.copy(), points.copy()
     iterations, change = 0, q.smoother_tolerance
     while change >= q.smoother_tolerance:
