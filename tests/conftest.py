@@ -90,11 +90,11 @@ def golden(request):
     To add an input, write it there without `faults` and run its test with `--update-golden`.
     """
 
-    def compare(language, section, faults_of):
+    def compare(language, section, faults_of, key="faults"):
         file = GOLDEN / f"{language}.yaml"
         expected = yaml.safe_load(file.read_text(encoding="utf-8"))
-        found = {**expected, section: [{**case, "faults": faults_of(case["input"])} for case in expected[section]]}
-        assert [case["input"] for case in found[section] if not case["faults"]] == [], "expected faults, got none"
+        found = {**expected, section: [{**case, key: faults_of(case["input"])} for case in expected[section]]}
+        assert [case["input"] for case in found[section] if not case[key]] == [], f"expected {key}, got none"
         texts = [golden_text(sections).splitlines() for sections in (expected, found)]
         if request.config.getoption("update_golden"):
             file.write_text(golden_text(found), encoding="utf-8")

@@ -4,49 +4,11 @@ import numpy as np
 import pytest
 
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.sim.nav2.parameter_files.document import DocumentError, parse
-from vastflow.sim.nav2.parameter_files.findings import findings
-from vastflow.sim.nav2.parameter_files.interpretation import interpretation
-from vastflow.sim.nav2.parameters.servers import NO_ANGLE_RAD, NO_LIMIT, GoalChecker, ProgressChecker
-from vastflow.sim.nav2.parameters.stack import NavParameters
-
-
-def read(server, text):
-    return interpretation(parse(f"{server}: {{ros__parameters: {{{text}}}}}", "n.yaml"))
-
-
-def checked(text):
-    return read("controller_server", text).parameters
+from vastflow.sim.nav2.parameters.servers import GoalChecker, ProgressChecker
 
 
 def stack(**parts):
     return parameters_of({"controller": "rpp"}).with_values(**parts)
-
-
-def test_pose_progress_checker_has_nav2_s_angle_and_a_simple_one_none():
-    kinds = "progress_checker_plugins: [p], p: {plugin: nav2_controller::%s, required_movement_radius: 0.3}"
-    assert checked(kinds % "PoseProgressChecker").progress_checker.required_movement_angle == 0.5
-    assert checked(kinds % "SimpleProgressChecker").progress_checker.required_movement_angle == NO_ANGLE_RAD
-    assert NavParameters().progress_checker.required_movement_angle == NO_ANGLE_RAD
-
-
-def test_stopped_goal_checker_has_nav2_s_velocities_and_a_simple_one_no_limit():
-    kinds = "goal_checker_plugins: [g], g: {plugin: nav2_controller::%s, trans_stopped_velocity: 0.1}"
-    stopped = checked(kinds % "StoppedGoalChecker").goal_checker
-    simple = checked(kinds % "SimpleGoalChecker").goal_checker
-    assert (stopped.trans_stopped_velocity, stopped.rot_stopped_velocity) == (0.1, 0.25)
-    assert (simple.trans_stopped_velocity, simple.rot_stopped_velocity) == (NO_LIMIT, NO_LIMIT)
-
-
-def test_smoother_with_feedback_is_read_and_one_with_another_word_refused():
-    found = read("velocity_smoother", "feedback: CLOSED_LOOP, odom_duration: 0.2")
-    assert (found.parameters.velocity_smoother.closed_loop, found.parameters.velocity_smoother.odom_duration) == (
-        True,
-        0.2,
-    )
-    assert {finding.status for finding in findings(found)} == {"modeled"}
-    with pytest.raises(DocumentError, match="expected one of OPEN_LOOP, CLOSED_LOOP, got 'HALF'"):
-        read("velocity_smoother", "feedback: HALF")
 
 
 def test_stopped_goal_checker_is_content_only_with_a_robot_at_rest(over_a_floor):

@@ -1,7 +1,6 @@
 """The Denoise layer: which cells it takes away, and what a robot drives through with it."""
 
 import numpy as np
-import pytest
 import scipy.ndimage
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -10,20 +9,12 @@ from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.record import record_of
 from vastflow.sim.nav2.costmaps.costmap import denoised, remove_small_groups
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.sim.nav2.parameter_files.document import DocumentError, parse
-from vastflow.sim.nav2.parameter_files.interpretation import document_of, interpretation
 from vastflow.sim.nav2.parameters.costmap import DenoiseLayer
-from vastflow.sim.nav2.parameters.stack import NavParameters
 
 
 @njit
 def removed(q, lethal, scratch):
     remove_small_groups(q[0], lethal, scratch)
-
-
-def local(text):
-    text = f"local_costmap: {{local_costmap: {{ros__parameters: {{{text}}}}}}}"
-    return interpretation(parse(text, "n.yaml")).parameters.local_costmap
 
 
 def with_layer(stack, layer):
@@ -43,18 +34,6 @@ def test_groups_of_fewer_cells_go_and_all_others_stay(seed, size, connectivity):
     assert np.array_equal(cells != 0, lethal & (sizes >= size))
     static = np.where(lethal, 254, 255).astype(np.uint8)
     assert np.array_equal(denoised(static, layer), np.where(lethal & (sizes < size), 0, static))
-
-
-def test_file_s_layer_is_read_and_one_after_the_inflation_refused():
-    layers = "d: {plugin: nav2_costmap_2d::DenoiseLayer, minimal_group_size: 3}, i: {plugin: nav2_costmap_2d::InflationLayer}"
-    assert local(f"plugins: [d, i], {layers}").denoise_layer == DenoiseLayer(minimal_group_size=3)
-    with pytest.raises(DocumentError, match="d comes after the inflation; a Denoise layer before it"):
-        local(f"plugins: [i, d], {layers}")
-
-
-def test_stack_with_the_layer_is_the_same_read_from_its_document():
-    stack = with_layer(NavParameters(), DenoiseLayer(minimal_group_size=4, group_connectivity_type=4))
-    assert interpretation(document_of(stack)).parameters == stack
 
 
 def test_robot_with_the_layer_drives_ten_meters_straight_on_past_a_speck_that_the_default_keeps_away_from(

@@ -15,7 +15,6 @@ from vastflow.sim.nav2.amcl.filter import Filter
 from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.navigator.state import OMNI_COLUMNS, SUBSTEPS
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.sim.nav2.parameter_files.document import DocumentError
 from vastflow.sim.nav2.parameter_files.interpretation import document_of, interpretation
 from vastflow.sim.reading.robot import robot_facts, robot_of, robot_words
 from vastflow.sim.run import run
@@ -142,31 +141,6 @@ def test_robot_s_own_radius_counts_before_the_one_that_mppi_reckons_with():
 
 def test_robot_may_be_another_than_mppi_reckons_with():
     assert robot_of(parameters_of({**ACKERMANN, "robot.drive": "differential"})).drive == "differential"
-
-
-@each_row(
-    ("system", "fault"),
-    [
-        ({"FollowPath.motion_model": "Tracked"}, r"motion_model.*'Tracked'.*'DiffDrive'"),
-        ({"robot.drive": "tracked"}, r"robot.drive: found 'tracked'.*'differential'"),
-        (
-            {"robot_model_type": "nav2_amcl::Tracked"},
-            "robot_model_type: expected one of nav2_amcl::Differential, got .*Tracked'",
-        ),
-        ({"robot.drive": "ackermann"}, "robot.drive: found ackermann, and neither .* min_turning_radius beside it"),
-        (
-            {"robot.drive": "differential", "robot.min_turning_radius": 1.0},
-            "min_turning_radius is an ackermann drive's",
-        ),
-        (
-            {**ACKERMANN, "FollowPath.AckermannConstraints.min_turning_r": 0.0},
-            r"min_turning_r must lie in \[0.001, 100\]",
-        ),
-    ],
-)
-def test_drive_that_means_nothing_is_refused_with_its_place(system, fault):
-    with pytest.raises(DocumentError, match=fault):
-        parameters_of(system)
 
 
 # Omni.

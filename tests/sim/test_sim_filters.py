@@ -18,13 +18,11 @@ from vastflow.sim.nav2.costmaps.filters import keep_out_of_window, keepout_mask,
 from vastflow.sim.nav2.costmaps.window import Window
 from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.navigator.state import with_kernels
-from vastflow.sim.nav2.parameter_files.chosen import parameters_of, unread
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.costmaps import masks_of
 from vastflow.sim.nav2.parameter_files.document import DocumentError, parse
-from vastflow.sim.nav2.parameter_files.findings import findings
-from vastflow.sim.nav2.parameter_files.interpretation import document_of, interpretation
+from vastflow.sim.nav2.parameter_files.interpretation import interpretation
 from vastflow.sim.nav2.parameters.costmap import KeepoutFilter, SpeedFilter
-from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.reading.checked import checked_digest
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar, Robot
@@ -70,50 +68,12 @@ def mask(values, resolution_m=RESOLUTION_M, origin_xy_m=(0.0, 0.0), yaw_rad=0.0)
 # What a file says.
 
 
-def test_filters_are_read_with_what_the_filter_info_servers_say_of_them():
-    found = read(FILE)
-    assert found.parameters.global_costmap.keepout_filter == KeepoutFilter()
-    assert found.parameters.global_costmap.speed_filter == SpeedFilter(type=2, base=1.0, multiplier=-0.01)
-    assert not found.parameters.local_costmap.keepout_filter.enabled
-    assert {each.status for each in findings(found)} <= {"modeled", "no effect"}
-
-
-def filtered(plugin, enabled):
-    text = "global_costmap: {global_costmap: {ros__parameters: {filters: [k], k: {plugin: nav2_costmap_2d::%s, enabled: %s}}}}"
-    return read(text % (plugin, enabled)).parameters.global_costmap
-
-
-def test_filter_that_is_not_enabled_and_a_keepout_filter_need_no_filter_info_server():
-    assert not filtered("SpeedFilter", "false").speed_filter.enabled
-    assert filtered("KeepoutFilter", "true").keepout_filter.enabled
-
-
-def test_stack_with_filters_is_the_same_read_from_its_document():
-    stack = with_filters(NavParameters(), keepout_filter=KeepoutFilter())
-    stack = with_filters(stack, local=False, speed_filter=SpeedFilter(type=2, base=0.5, multiplier=-0.004))
-    assert interpretation(document_of(stack)).parameters == stack
-
-
-def test_speed_filter_of_no_known_type_and_one_in_each_costmap_are_faults():
-    with pytest.raises(
-        DocumentError, match=r"slow_info_server.ros__parameters.type: found 3; type must lie in \[1, 2\]"
-    ):
-        read(FILE.replace("type: 2", "type: 3"))
-    local = FILE.replace("global_costmap", "local_costmap").split("keepout_info_server")[0]
-    with pytest.raises(DocumentError, match="expected one of them, got a speed filter in both costmaps"):
-        read(FILE + local)
-
-
 def test_filter_without_a_mask_is_refused_with_the_line_that_would_be_right():
     with pytest.raises(
         ScenarioError,
         match=r"keepout_mask: the keepout filter of the global_costmap has no mask; 'keepout_mask: keepout.yaml'",
     ):
         masks_of({}, read(FILE).parameters)
-
-
-def test_mask_that_no_filter_needs_is_read_by_nothing():
-    assert unread({}, ["keepout_mask", "controller"]) == ("keepout_mask",)
 
 
 OWN = """

@@ -14,7 +14,6 @@ from vastflow.sim.model.scenario import Mission
 from vastflow.sim.nav2.costmaps.costmap import MARKED
 from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.sim.nav2.parameter_files.document import DocumentError
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar, Robot
 
@@ -235,24 +234,6 @@ def test_standing_robots_sweep_is_a_scan_taken_at_once(loop):
     for made in (sweeping, still):
         made.advance(20)
     np.testing.assert_allclose(sweeping.stack.m[0]["ranges"][:360], still.stack.m[0]["ranges"][:360], atol=1e-9)
-
-
-@each_row(
-    ("name", "value", "message"),
-    [
-        ("scan_age", -0.1, r"robot.latency.scan_age: expected scan_age must lie in \[0, 0.5\], got -0.1"),
-        ("scan_age", 0.6, r"scan_age must lie in \[0, 0.5\]"),
-        ("tf_age", 2, r"tf_age must lie in \[0, 0.5\]"),
-        ("odometry_rate", 0, r"odometry_rate must lie in \[5, 100\]"),
-        ("controller_time", "long", "controller_time must be a number"),
-        ("missed_cycles", 1.0, r"missed_cycles must lie in \[0, 0.9\]"),
-        ("smoother_in_step", 3, "smoother_in_step must be true or false"),
-        ("preset", "slow", r"robot.latency.preset: expected one of ideal, gazebo, loaded, got 'slow'"),
-    ],
-)
-def test_meaningless_latency_is_refused_by_its_key(name, value, message):
-    with pytest.raises(DocumentError, match=message):
-        parameters_of({f"robot.latency.{name}": value})
 
 
 def test_each_number_takes_the_presets_place_alone():

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.sim.model.files import MOST_LEVELS
-from vastflow.sim.nav2.parameter_files.chosen import converted
 from vastflow.sim.nav2.parameter_files.document import DocumentError, parse, read_document
 
 
@@ -76,10 +75,6 @@ def test_of_a_parameter_that_is_there_twice_the_last_counts_and_it_is_known():
     assert document.place(("a", "ros__parameters", "b")) == (3, 26)
 
 
-def test_of_several_yaml_documents_the_first_is_read():
-    assert len(values("a: {ros__parameters: {b: 1}}\n---\na: {ros__parameters: {c: 1}}")) == 1
-
-
 def test_nodes_are_known_though_they_have_no_parameters():
     document = parse("a: {ros__parameters: }\nb: {ros__parameters: {c: 1}}")
     assert set(document.nodes) == {("b", "ros__parameters"), ("a", "ros__parameters")}
@@ -94,11 +89,6 @@ def test_node_is_found_in_its_namespace_and_the_least_deep_of_two():
 
 def test_faults_of_a_parameter_document_have_place_and_message(golden):
     golden("nav2_parameters", "document", lambda text: fault(text).splitlines())
-
-
-def test_all_faults_come_at_once_in_the_order_of_the_file():
-    found = fault("a: {ros__parameters: {b: .nan}}\nb: 1\nc: {ros__parameters: 1}\n").splitlines()
-    assert [line.split(":")[1] for line in found] == ["1", "2", "3"]
 
 
 def test_aliases_that_grow_without_bound_are_a_fault():
@@ -136,22 +126,3 @@ def test_any_text_is_a_document_or_has_faults(text):
         assert error.faults
     else:
         assert document.values
-
-
-@each_row(
-    ("text", "value"),
-    [
-        ("1", 1),
-        ("-2", -2),
-        ("1.", 1.0),
-        (" .5 ", 0.5),
-        ("1e3", 1000.0),
-        ("TRUE", True),
-        ("x", "x"),
-        ("1x", "1x"),
-        ("", ""),
-    ],
-)
-def test_text_of_a_rewrite_is_converted_where_it_is_a_number_or_a_flag(text, value):
-    found = converted(text)
-    assert (found, type(found)) == (value, type(value))

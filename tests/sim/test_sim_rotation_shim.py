@@ -7,12 +7,10 @@ import pytest
 from table import each_row
 
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.sim.nav2.parameter_files.document import DocumentError, parse
-from vastflow.sim.nav2.parameter_files.findings import findings
+from vastflow.sim.nav2.parameter_files.document import parse
 from vastflow.sim.nav2.parameter_files.interpretation import document_of, interpretation
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.nav2.parameters.servers import RotationShim, SmacPlannerHybrid
-from vastflow.sim.nav2.parameters.stack import NavParameters
 
 SHIM = "nav2_rotation_shim_controller::RotationShimController"
 CLASSES = {
@@ -71,32 +69,10 @@ def first_moves(found):
     )
 
 
-def test_file_s_shim_has_its_own_parameters_and_the_controller_its_own():
-    text = f"plugin: {SHIM}, primary_controller: {CLASSES['rpp'].replace('::', '/')}, angular_dist_threshold: 0.5"
-    found = read(f"{text}, rotate_to_heading_angular_vel: 1.1, desired_linear_vel: 0.3, lookahead_time: 2.0")
-    shim, controller = found.parameters.rotation_shim, found.parameters.controller
-    assert shim == RotationShim(enabled=True, angular_dist_threshold=0.5, rotate_to_heading_angular_vel=1.1)
-    assert (controller.desired_linear_vel, controller.rotate_to_heading_angular_vel) == (0.3, 1.1)
-    assert {finding.status for finding in findings(found)} == {"modeled"}
-
-
 @each_row("name", CLASSES)
 def test_stack_with_a_shim_is_the_same_read_from_its_document(name):
     stack = shimmed(name, forward_sampling_distance=0.7, rotate_to_goal_heading=True)
     assert interpretation(document_of(stack)).parameters == stack
-
-
-@each_row(
-    ("text", "fault"),
-    [
-        (f"plugin: {SHIM}", "no 'primary_controller' below 'FollowPath'"),
-        (f"plugin: {SHIM}, primary_controller: {SHIM}", "RotationShimController is not modeled"),
-        (f"plugin: {SHIM}, primary_controller: mine::Own", "no controller 'mine::Own' is known"),
-    ],
-)
-def test_shim_without_a_controller_is_refused(text, fault):
-    with pytest.raises(DocumentError, match=fault):
-        read(text)
 
 
 def test_key_controller_keeps_a_file_s_shim_round_the_controller_that_it_names(tmp_path):
@@ -171,10 +147,6 @@ def test_robot_that_can_not_turn_in_place_leaves_the_path_to_the_controller(over
     # With a wall 0.25 m beside it the outline would meet that, and RPP's own check, which looks at the same, gives no command.
     blocked = over_a_floor(stack, 2.0, yaw_rad=math.pi, cells=cells)
     assert np.abs(blocked.columns["command_yaw_rate_mradps"][:10]).max() == 0
-
-
-def test_without_a_shim_the_stack_has_none():
-    assert not NavParameters().rotation_shim.enabled
 
 
 def test_with_use_path_orientations_the_robot_turns_to_the_headings_of_its_path_and_not_to_where_that_leads(

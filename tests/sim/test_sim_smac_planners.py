@@ -16,8 +16,6 @@ from vastflow.sim.nav2.costmaps.inflation import inflate
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, outline_of
 from vastflow.sim.nav2.navigator.state import with_kernels
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.sim.nav2.parameter_files.document import DocumentError, parse
-from vastflow.sim.nav2.parameter_files.findings import findings
 from vastflow.sim.nav2.parameter_files.interpretation import document_of, interpretation
 from vastflow.sim.nav2.parameters.costmap import Costmap, global_costmap
 from vastflow.sim.nav2.parameters.servers import SmacPlanner2D, SmacPlannerHybrid, SmootherParameters
@@ -32,12 +30,6 @@ from vastflow.sim.nav2.planners.smoother import keep_ends
 RESOLUTION_M = 0.05
 UNSMOOTHED = SmootherParameters(max_iterations=0)
 RECTANGLE = "[[0.55, 0.2], [0.55, -0.2], [-0.55, -0.2], [-0.55, 0.2]]"
-
-
-def read(text):
-    return interpretation(
-        parse(f"planner_server: {{ros__parameters: {{planner_plugins: [GridBased], GridBased: {{{text}}}}}}}", "n.yaml")
-    )
 
 
 def costs_of(lethal, costmap=None):
@@ -127,32 +119,6 @@ def raw_path(parameters, given, costmap=None):
 )
 def test_stack_with_a_smac_planner_is_the_same_read_from_its_document(planner):
     assert interpretation(document_of(NavParameters(planner=planner))).parameters == NavParameters(planner=planner)
-
-
-def test_file_s_planner_has_its_parameters_and_those_of_its_smoother():
-    found = read(
-        "plugin: nav2_smac_planner/SmacPlannerHybrid, motion_model_for_search: REEDS_SHEPP, max_planning_time: 3.5, "
-        "smoother: {w_smooth: 0.2}, downsample_costmap: false, reverse_penalty: 2.1"
-    )
-    expected = SmacPlannerHybrid(
-        motion_model_for_search="REEDS_SHEPP", reverse_penalty=2.1, smoother=SmootherParameters(w_smooth=0.2)
-    )
-    assert found.parameters.planner == expected
-    assert {finding.path[-1]: finding.status for finding in findings(found)}["max_planning_time"] == "no effect"
-
-
-@each_row(
-    ("text", "fault"),
-    [
-        ("plugin: nav2_smac_planner::SmacPlanner2D, downsample_costmap: true", "got true, which is not modeled"),
-        ("plugin: nav2_smac_planner::SmacPlannerHybrid, motion_model_for_search: MOORE", "'DUBIN' or 'REEDS_SHEPP'"),
-        ("plugin: nav2_smac_planner::SmacPlannerHybrid, minimum_turning_radius: -1.0", "must lie in"),
-        ("plugin: nav2_smac_planner::SmacPlannerLattice", "SmacPlannerLattice is not modeled"),
-    ],
-)
-def test_what_a_smac_planner_is_not_here_is_refused_with_its_place(text, fault):
-    with pytest.raises(DocumentError, match=fault):
-        read(text)
 
 
 # SmacPlanner2D.

@@ -9,14 +9,14 @@ from vastflow.sim.nav2.planners.curves import pose_on, shortest
 from vastflow.sim.nav2.planners.search import center_cost
 
 _LONGEST: Final = 2.0
-"""Times the stretch in whose place it comes: a longer curve has a loop in it."""
+"""Times the segment in whose place it comes: a longer curve has a loop in it."""
 
 
 @inner
 def keep_ends(q: Any, costs: Any, points: Any, headings: Any) -> None:
-    """Lead a smoothed stretch from its first heading and to its last one, in place.
+    """Lead a smoothed segment from its first heading and to its last one, in place.
 
-    Each end reaches one, two, π, or 2π least radii into the stretch, wherever the curve is the shortest.
+    Each end reaches one, two, π, or 2π least radii into the segment, wherever the curve is the shortest.
 
     Args:
         q: `Search`.
@@ -133,7 +133,7 @@ def _lay(q: Any, points: Any, headings: Any, at_end: bool, heading_rad: float, r
 
 
 FEWEST_POINTS: Final = 10
-"""A stretch between two cusps of no more intervals than this stays as it is."""
+"""A segment between two cusps of no more intervals than this stays as it is."""
 
 
 @inner
@@ -144,7 +144,7 @@ def smooth(q: Any, costs: Any, points: Any, headings: Any) -> None:
         q: `Search`.
         costs: (H, W) global costmap.
         points: (N, 2) in meters.
-        headings: (N,) in radians; (0,) of a robot that turns on the spot, whose path is one stretch whatever its turns are.
+        headings: (N,) in radians; (0,) of a robot that turns on the spot, whose path is one segment whatever its turns are.
     """
     holonomic = headings.shape[0] == 0
     start = 0
@@ -152,9 +152,9 @@ def smooth(q: Any, costs: Any, points: Any, headings: Any) -> None:
         if end < points.shape[0] - 1 and (holonomic or not _is_cusp(points, end)):
             continue
         if end - start > FEWEST_POINTS:
-            stretch = points[start : end + 1]
-            if _smooth_stretch(q, costs, stretch) and not holonomic:
-                keep_ends(q, costs, stretch, headings[start : end + 1])
+            segment = points[start : end + 1]
+            if _smooth_segment(q, costs, segment) and not holonomic:
+                keep_ends(q, costs, segment, headings[start : end + 1])
         start = end
 
 
@@ -166,7 +166,7 @@ def _is_cusp(points: Any, k: int) -> bool:
 
 
 @inner
-def _smooth_stretch(q: Any, costs: Any, points: Any) -> bool:
+def _smooth_segment(q: Any, costs: Any, points: Any) -> bool:
     """Smooth, and then refine as long as that succeeds; whether the first of it did."""
     if not _relax(q, costs, points):
         return False
