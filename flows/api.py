@@ -35,7 +35,7 @@ def run_campaign(
         options: Fields of `RunRequest`, such as `runs=5`; `only` may be one name. `pool` may be a `WorkPool`.
 
     Raises:
-        CampaignError: faults of the file, or a name in `only` that nothing has.
+        FileError: faults of the file, or a name in `only` that nothing has.
         StoreError: the store can't be used.
         ResultsError: the campaign directory can't be written; nothing of it is left, and everything is in the store.
         MachineError: this machine lacks something that a computation needs, such as a home that can be written.

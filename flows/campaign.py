@@ -55,7 +55,7 @@ def campaign(request: RunRequest) -> State[Any]:
         request: The campaign file, and what of it is run, how and where.
 
     Raises:
-        CampaignError: faults of the campaign file.
+        FileError: faults of the campaign file.
         StoreError: the store can't be used.
         WorkPoolError, WorkersFailed: the work pool that was asked can't compute it.
     """

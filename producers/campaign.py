@@ -4,7 +4,7 @@ import math
 import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -24,15 +24,16 @@ from vastflow.producers.campaign_file.spec import (
     unexecuted,
 )
 from vastflow.producers.catalog.path import UNPROVED, PathVariationRandom
-from vastflow.producers.instantiation.family import Family, FamilyReader
-from vastflow.producers.instantiation.growth import InstantiableFamily
+from vastflow.producers.instantiation.family import FamilyReader
+from vastflow.producers.instantiation.growth import Family
 from vastflow.producers.model.configuration import Rejection
-from vastflow.producers.model.faults import NOT_EXECUTED, CampaignError, Fault, Location, Note, path_text
+from vastflow.producers.model.faults import NOT_EXECUTED, Location
 from vastflow.producers.model.producer import evaluate
 from vastflow.producers.places.ground import MapSearch
 from vastflow.producers.search.reading import read_search
 from vastflow.producers.search.search import Search
 from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.scenario import ProcessSetup
 
 __all__ = ["Campaign", "Family", "OracleRequest", "load_campaign", "oracle_requests"]
@@ -82,7 +83,7 @@ class Campaign:
     seed: int
     timeout_s: float
     oracles: tuple[OracleRequest, ...]
-    notes: tuple[Note, ...]
+    notes: tuple[Fault, ...]
     unexecutable: tuple[Fault, ...]
     unavailable: Mapping[str, Sequence[Fault]]
     document: Document = field(repr=False)
@@ -101,13 +102,13 @@ class Campaign:
             sample: How many configurations are run at most, where not all are.
 
         Raises:
-            CampaignError: these are more than the file permits.
+            FileError: these are more than the file permits.
         """
         if runs is None:
             return self.runs
         configurations = min(sum(map(most_configurations, self.families)), sample or sys.maxsize)
         if faults := runs_faults(self.document, configurations, self.spec.execution, runs):
-            raise CampaignError(faults)
+            raise FileError(faults)
         return runs
 
     def fault(self, location: Location, what: str, right: str, at: Literal["key", "value"] = "value") -> Fault:
@@ -125,7 +126,7 @@ def load_campaign(path: str | Path, map_dir: Path | None = None, *, as_v1: bool 
         as_v1: Whether all its obstacles are placed as version 1 of RoboVAST does, whatever the file says.
 
     Raises:
-        CampaignError: every fault of the file.
+        FileError: every fault of the file.
     """
     document = read_document(path)
     path = Path(path).resolve()
@@ -161,11 +162,11 @@ def load_campaign(path: str | Path, map_dir: Path | None = None, *, as_v1: bool 
     if faults or document.faults or nav2.faults or (reader.unavailable and not families):
         faults += [fault for missing in reader.unavailable.values() for fault in missing]
         # What could not be read stands as nothing in the data, so the model complains of it a second time.
-        places = {(fault.line, fault.column) for fault in document.faults}
-        own = [fault for fault in faults if (fault.line, fault.column) not in places]
-        raise CampaignError([*document.faults, *own, *nav2.faults])
+        places = {(fault.place.line, fault.place.column) for fault in document.faults}
+        own = [fault for fault in faults if (fault.place.line, fault.place.column) not in places]
+        raise FileError([*document.faults, *own, *nav2.faults])
     if too_many := size_faults(document, families, spec.execution):
-        raise CampaignError(too_many)
+        raise FileError(too_many)
     notes += [document.note("not executed", where, NOT_EXECUTED, why) for where, why in unexecuted(spec)]
     notes += [*program_notes, *reader.notes]
     steps = steps_of(spec.results_processing.postprocessing)
@@ -183,7 +184,7 @@ def load_campaign(path: str | Path, map_dir: Path | None = None, *, as_v1: bool 
         timeout_s=spec.execution.timeout or DEFAULT_TIMEOUT_S,
         oracles=tuple(oracle_requests(spec.evaluation)),
         notes=(
-            *sorted(dict.fromkeys([*document.notes, *notes]), key=lambda note: (note.line, note.column)),
+            *sorted(dict.fromkeys([*document.notes, *notes]), key=lambda note: (note.place.line, note.place.column)),
             *nav2.notes,
         ),
         unexecutable=searching.unexecutable if searching else (),
@@ -194,12 +195,12 @@ def load_campaign(path: str | Path, map_dir: Path | None = None, *, as_v1: bool 
     )
 
 
-def _without_tolerated(document: Document) -> tuple[dict[str, Any], list[Note]]:
+def _without_tolerated(document: Document) -> tuple[dict[str, Any], list[Fault]]:
     """The file's data without the keys that version 1 read over, and a warning for each."""
     families = document.data.get("configuration")
     if not isinstance(families, list):
         return document.data, []
-    notes: list[Note] = []
+    notes: list[Fault] = []
     kept: list[Any] = []
     for i, family in enumerate(families):
         if not isinstance(family, dict):
@@ -237,18 +238,11 @@ def _family_set_faults(document: Document) -> list[Fault]:
     raw = document.data.get("configuration")
     search = document.data.get("search")
     if raw and search:
-        what, right = "got beside configuration", "search or configuration, not both"
+        what, right = "search beside configuration", "one of the two"
         return [document.fault(("search",), what, right, "key")]
     if raw is None and "configuration" not in document.data and search is None:
         return [
-            Fault(
-                document.file,
-                1,
-                1,
-                path_text(("configuration",)),
-                "an empty campaign",
-                "a list of families, '- name: ...'",
-            )
+            Fault(Place(document.file, where="configuration"), "an empty campaign", "a list of families, '- name: ...'")
         ]
     if not raw and raw in (None, [], {}) and search is None:
         return [document.fault(("configuration",), "an empty campaign", "a list of families, '- name: ...'", "key")]
@@ -306,7 +300,7 @@ def _oracle_faults(document: Document) -> list[Fault]:
 _RUNS: Final[Location] = ("execution", "runs")
 
 
-def most_configurations(family: InstantiableFamily) -> int:
+def most_configurations(family: Family) -> int:
     """Configurations that a family asks for at most, as far as its producers tell: every combination of their choices.
 
     A design takes some of the combinations, so of a family with one it is the choices of its largest producer.
@@ -315,7 +309,7 @@ def most_configurations(family: InstantiableFamily) -> int:
     return math.prod(choices) if family.design.cartesian is not None else max(choices, default=1)
 
 
-def size_faults(document: Document, families: Sequence[InstantiableFamily], execution: ExecutionSpec) -> list[Fault]:
+def size_faults(document: Document, families: Sequence[Family], execution: ExecutionSpec) -> list[Fault]:
     """More configurations or runs than the file permits, each with the number and the key that permits it."""
     asked = [most_configurations(family) for family in families]
     total, permitted = sum(asked), execution.max_configurations
@@ -341,20 +335,20 @@ def _right(permitted: int, key: str, total: int) -> str:
     return f"at most {permitted:,}, or 'execution: {{{key}: {total}}}'"
 
 
-def infeasible_lengths(campaign: Campaign) -> list[Note]:
+def infeasible_lengths(campaign: Campaign) -> list[Fault]:
     """Path lengths that the maps of a campaign's families don't have.
 
     Where a map or poses follow from other producers, nothing is proved.
 
     Raises:
-        CampaignError: no family has a path length that its map has.
+        FileError: no family has a path length that its map has.
     """
     families = campaign.families if campaign.spec.search is None else ()
     found = {family.name: list(_of_family(campaign, family)) for family in families}
     faults = [fault for family in found.values() for fault, _ in family]
     if found and all(any(is_all for _, is_all in family) for family in found.values()):
-        raise CampaignError(faults)
-    return [Note("warning", *(each.file, each.line, each.column, each.where, each.what, each.right)) for each in faults]
+        raise FileError(faults)
+    return [replace(each, kind="warning") for each in faults]
 
 
 def _of_family(campaign: Campaign, family: Family) -> Iterator[tuple[Fault, bool]]:

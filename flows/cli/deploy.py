@@ -75,14 +75,14 @@ def deploy(
         raise UserError("--pool: expected the name of a work pool, or --format, got neither")
     from vastflow.flows.pool.service import described, requested_cores
     from vastflow.flows.request.campaign_file import campaign_name, read_campaign
-    from vastflow.producers.model.faults import CampaignError
+    from vastflow.sim.model.faults import FileError
     from vastflow.tasks.execution.deployment import Deployment, ShardDeployment, description_of
     from vastflow.tasks.prefect.adapter import import_prefect
 
     map_dir = asked["map_dir"]
     campaign, _ = read_campaign(file, map_dir, as_v1=asked["as_v1"])
     if campaign.unexecutable:
-        raise CampaignError(campaign.unexecutable)
+        raise FileError(campaign.unexecutable)
     description = described(campaign, context)
     place = _place(file, kind)
     title = campaign_name(campaign)

@@ -78,9 +78,9 @@ def variations(
     """
     check_writable(out, "--out")
     from vastflow.flows.request.campaign_file import terminal_lines
-    from vastflow.producers.floorplan.faults import FloorplanError
     from vastflow.producers.floorplan.files import PlanFile, read_variation_file
     from vastflow.producers.floorplan.variation import GREATEST_SEED
+    from vastflow.sim.model.faults import FileError
 
     if seed + count - 1 > GREATEST_SEED:
         raise UserError(f"--seed {seed}: the last seed is {seed + count - 1}; at most {GREATEST_SEED}")
@@ -91,11 +91,13 @@ def variations(
         name = f"{variation.plan.token}_{number}.fpm"
         try:
             building = PlanFile(name, sample.text).building()
-        except FloorplanError as error:
+        except FileError as error:
             print(f"{file}: not written: {error.brief}", file=sys.stderr)
             continue
         _write(out, {name: sample.text.encode()})
-        for line in terminal_lines([replace(note, file=str(out / name)) for note in building.notes]):
+        for line in terminal_lines(
+            [replace(note, place=replace(note.place, file=str(out / name))) for note in building.notes]
+        ):
             print(line, file=sys.stderr)
         written += 1
     if not written:

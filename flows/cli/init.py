@@ -98,9 +98,9 @@ def init(
 def _random_paths(folder: Path, map_file: Path, nav2_params: Path | None, command: str) -> str:
     """The text of a campaign with paths as long as the map has them, at most 10 m."""
     from vastflow.producers.campaign_file.nav2_parameters import parameter_faults
-    from vastflow.producers.model.faults import CampaignError
     from vastflow.producers.places.ground import ground_of
     from vastflow.producers.places.route import farthest_m
+    from vastflow.sim.model.faults import FileError
     from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m
     from vastflow.sim.nav2.parameter_files.chosen import local_outline
     from vastflow.sim.nav2.parameter_files.document import DocumentError
@@ -112,7 +112,7 @@ def _random_paths(folder: Path, map_file: Path, nav2_params: Path | None, comman
         diameter_m = math.ceil(200 * circumscribed_radius_m(outline)) / 100
         ground = ground_of(map_content(map_file), diameter_m, diameter_m / 2)
     except DocumentError as error:
-        raise CampaignError(parameter_faults(error)) from None
+        raise FileError(parameter_faults(error)) from None
     except MapError as error:
         raise UserError(str(error)) from None
     # From any place in the largest area some place is at least half as far as the two that are farthest apart.

@@ -34,7 +34,7 @@ def params(
     Every parameter of the file, with the value that is used or with what is done in its place.
     """
     from vastflow.producers.campaign_file.nav2_parameters import parameter_faults
-    from vastflow.producers.model.faults import CampaignError
+    from vastflow.sim.model.faults import FileError
     from vastflow.sim.nav2.parameter_files.document import DocumentError
     from vastflow.sim.nav2.parameter_files.findings import findings
     from vastflow.sim.nav2.parameter_files.interpretation import interpretation
@@ -43,7 +43,7 @@ def params(
     try:
         found = interpretation(read_nav2_document(file))
     except DocumentError as error:
-        raise CampaignError(parameter_faults(error)) from None
+        raise FileError(parameter_faults(error)) from None
     rows = findings(found)
     if as_json:
         print(json.dumps(_as_json(found, rows)))

@@ -48,8 +48,10 @@ def validate(
     with looking_only():
         campaign, oracles = read_campaign(file, map_dir, as_v1=as_v1, strict=strict)
         infeasible = infeasible_lengths(campaign)
-    unexecutable = {(fault.file, fault.line, fault.column) for fault in campaign.unexecutable}
-    notes = [note for note in campaign.notes if (note.file, note.line, note.column) not in unexecutable]
+    unexecutable = {(fault.place.file, fault.place.line, fault.place.column) for fault in campaign.unexecutable}
+    notes = [
+        note for note in campaign.notes if (note.place.file, note.place.line, note.place.column) not in unexecutable
+    ]
     for line in terminal_lines(notes):
         print(line)
     for note in infeasible:

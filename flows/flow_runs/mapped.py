@@ -23,7 +23,7 @@ def instantiate(task_runs: TaskRuns, instantiator: Instantiator) -> Instantiated
     """C^i = { c ⊕ f : c ∈ C^{i-1}, f ∈ p_i(c) }: each producer is evaluated once for each of its distinct inputs.
 
     Raises:
-        CampaignError: a constraint can't be evaluated, constraints leave nothing, or a design is too large.
+        FileError: a constraint can't be evaluated, constraints leave nothing, or a design is too large.
         Lost: an evaluation is damaged.
     """
 

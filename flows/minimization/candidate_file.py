@@ -22,11 +22,10 @@ from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.minimization.candidates import Candidates, NotBuilt
 from vastflow.producers.minimization.minimize import Candidate
 from vastflow.producers.model.configuration import Configuration
-from vastflow.producers.model.faults import CampaignError
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.start_check import StartCheck
 from vastflow.sim.model.digest import FileContent
-from vastflow.sim.model.faults import complaint
+from vastflow.sim.model.faults import FileError, complaint
 from vastflow.sim.model.files import read_text, yaml_value
 from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
@@ -91,8 +90,8 @@ class CandidateFiles:
         try:
             campaign, oracles = read_campaign(file)
             made = instantiate(campaign)
-        except CampaignError as error:
-            raise NotBuilt(complaint(error.faults[0].what, error.faults[0].right)) from None
+        except FileError as error:
+            raise NotBuilt(complaint(error.faults[0].problem, error.faults[0].expected)) from None
         if not made.configurations:
             raise NotBuilt(made.rejections[0].reason if made.rejections else "nothing comes of it")
         return BuiltCandidate(campaign, oracles, made.configurations[0], text)

@@ -22,7 +22,8 @@ from vastflow.flows.terminal.table import terminal_table
 from vastflow.flows.terminal.words import count_text
 from vastflow.oracles.results.executed import KeptFiles, executed_scenario
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
-from vastflow.producers.model.faults import CampaignError, shown
+from vastflow.producers.model.faults import shown
+from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.reading.checked import checked_digest
@@ -160,8 +161,8 @@ def _today(past: Past, name: str, store: str | None) -> tuple[Plan | None, str]:
             return plan_of(request, Path(environments), past.directory), ""
     except UnusableDirectory as error:
         return None, str(error)
-    except CampaignError as error:
-        return None, f"today's producers make no such configuration of the inputs: {error.faults[0].what}"
+    except FileError as error:
+        return None, f"today's producers make no such configuration of the inputs: {error.faults[0].problem}"
 
 
 def _differences(earlier: Past, past: Past, row: Mapping[str, Any]) -> list[str]:

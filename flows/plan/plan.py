@@ -17,8 +17,8 @@ from vastflow.flows.results.past import Past, newest_past, past_of
 from vastflow.flows.results.provenance import STAGES, DueReason, ReasonKind, Stage, ingredients_row, origin_row
 from vastflow.producers.instantiation.family import robots_json
 from vastflow.producers.model.configuration import Configuration
-from vastflow.producers.model.faults import CampaignError, Fault
 from vastflow.producers.search.criteria import plan_text
+from vastflow.sim.model.faults import Fault, FileError
 from vastflow.tasks.engine.index import ConfigurationRuns, Index, missing
 from vastflow.tasks.engine.instantiation import Instantiated, Instantiator, ProducerFault
 from vastflow.tasks.engine.pool import cores
@@ -113,7 +113,7 @@ def plan_of(request: RunRequest, environments: Path, since: Path | None = None) 
         since: The campaign directory to compare with, else the newest of this campaign's name in `request.results`.
 
     Raises:
-        CampaignError: faults of the file, or an unknown name in `only`.
+        FileError: faults of the file, or an unknown name in `only`.
         UnusableDirectory: `since` is not a campaign directory.
         StoreError: the store can't be used.
     """
@@ -122,7 +122,7 @@ def plan_of(request: RunRequest, environments: Path, since: Path | None = None) 
     if campaign.search is not None:
         words = plan_text(campaign.search.spec, campaign.runs, at_most=campaign.sequential is not None)
         what = f"what a search proposes follows from its runs; it is a {words}"
-        raise CampaignError(
+        raise FileError(
             [campaign.fault(("search",), what, "vastflow run, which goes on from what the store has", "key")]
         )
     name = campaign_name(campaign)

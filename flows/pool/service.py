@@ -57,7 +57,7 @@ def described(campaign: Campaign, context: str | None) -> "RunDescription":
         context: Cluster whose resources count; the first that the file names if None.
 
     Raises:
-        CampaignError: what the file asks can't be described.
+        FileError: what the file asks can't be described.
     """
     execution = campaign.spec.execution
     if execution.image is None and not execution.secondary_containers:

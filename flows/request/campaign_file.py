@@ -12,7 +12,8 @@ from vastflow.oracles.judgement.oracle import Oracle, OracleError, oracle_of, or
 from vastflow.producers.campaign import Campaign, OracleRequest, load_campaign, oracle_requests
 from vastflow.producers.campaign_file.document import Document, read_document
 from vastflow.producers.campaign_file.spec import EvaluationSpec
-from vastflow.producers.model.faults import AS_DRAWN, CampaignError, Fault, Location, Note
+from vastflow.producers.model.faults import AS_DRAWN, Location
+from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.nav2.parameter_files.parameter_file import plug_ins_in
 from vastflow.sim.plug_ins.loading import snapshot_behind
@@ -22,12 +23,12 @@ from vastflow.tasks.store.store import Store, open_store
 MOST_OF_A_FILE: Final = 4
 
 
-def terminal_lines(notes: Sequence[Note]) -> Iterator[str]:
+def terminal_lines(notes: Sequence[Fault]) -> Iterator[str]:
     """A line for each note; of a parameter file or floor plan those beyond a few are counted, and where to see them is said."""
-    elsewhere: dict[tuple[str, str], list[Note]] = {}
+    elsewhere: dict[tuple[str, str], list[Fault]] = {}
     for note in notes:
         if rest := _rest(note):
-            elsewhere.setdefault((note.file, rest), []).append(note)
+            elsewhere.setdefault((note.place.file, rest), []).append(note)
         else:
             yield str(note)
     for (file, rest), found in elsewhere.items():
@@ -37,14 +38,14 @@ def terminal_lines(notes: Sequence[Note]) -> Iterator[str]:
             yield f"{file}: and {len(found) - len(shown)} more {rest}"
 
 
-def _rest(note: Note) -> str:
+def _rest(note: Fault) -> str:
     """What those are that are not shown, and which command shows them; empty for a note that is shown in any case."""
     if note.kind == "not modeled":
-        return f"that are not modeled; `vastflow params {note.file}` shows them all"
-    if note.file.endswith((".fpm", ".fpm2")) and note.what.startswith(AS_DRAWN):
+        return f"that are not modeled; `vastflow params {note.place.file}` shows them all"
+    if note.place.file.endswith((".fpm", ".fpm2")) and note.problem.startswith(AS_DRAWN):
         return "warnings of its variations; `vastflow floorplan variations` shows them all"
-    if note.file.endswith((".fpm", ".fpm2")):
-        return f"warnings; `vastflow floorplan geometry {note.file}` shows them all"
+    if note.place.file.endswith((".fpm", ".fpm2")):
+        return f"warnings; `vastflow floorplan geometry {note.place.file}` shows them all"
     return ""
 
 
@@ -59,27 +60,31 @@ def read_campaign(
         strict: Whether keys that nothing knows are faults.
 
     Raises:
-        CampaignError: every fault of the file.
+        FileError: every fault of the file.
     """
     try:
         campaign = load_campaign(path, map_dir, as_v1=as_v1)
-    except CampaignError as error:
-        raise CampaignError([*error.faults, *_faults_beside(path)]) from None
+    except FileError as error:
+        raise FileError([*error.faults, *_faults_beside(path)]) from None
     if faults := list(_faults(campaign.oracles, campaign.document, campaign.path.parent)):
-        raise CampaignError(faults)
+        raise FileError(faults)
     requests = [(request.name, request.parameters) for request in campaign.oracles]
     oracles = oracles_of(requests, campaign.path.parent)
     unknown = [note for note in campaign.notes if strict and note.kind == "unknown key"]
     faults = [
-        Fault(note.file, note.line, note.column, note.where, note.what, "no such key, with --strict")
+        Fault(
+            Place(note.place.file, note.place.line, note.place.column, note.place.where),
+            note.problem,
+            "no such key, with --strict",
+        )
         for note in unknown
     ]
     if faults := [*faults, *_quantity_faults(campaign, oracles)]:
-        raise CampaignError(faults)
+        raise FileError(faults)
     return replace(campaign, notes=(*campaign.notes, *_hidden(campaign, oracles))), oracles
 
 
-def _hidden(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Iterator[Note]:
+def _hidden(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Iterator[Fault]:
     """What plug-ins use that is in no key."""
     chain = [producer for family in campaign.families for producer in family.producers]
     producers = [each for producer in chain for each in (producer, *producers_in(producer.parameters))]
@@ -90,7 +95,7 @@ def _hidden(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Iterator[Note
     for hidden in dict.fromkeys(each for snapshot in snapshots if snapshot is not None for each in snapshot.hidden):
         file = base / os.path.relpath(hidden.file, base)
         what = f"{hidden.what} is in no key: an edit of it goes unnoticed"
-        yield Note("warning", str(file), hidden.line, 1, hidden.name, what, "a parameter is noticed")
+        yield Fault(Place(str(file), hidden.line, 1, hidden.name), what, "a parameter is noticed", "warning")
 
 
 def _faults_beside(path: Path) -> list[Fault]:
@@ -98,7 +103,7 @@ def _faults_beside(path: Path) -> list[Fault]:
     try:
         document = read_document(path)
         evaluation = EvaluationSpec.model_validate(document.data.get("evaluation") or {})
-    except (CampaignError, ValidationError):  # said already
+    except (FileError, ValidationError):  # said already
         return []
     return list(_faults(oracle_requests(evaluation), document, path.resolve().parent))
 
@@ -170,13 +175,13 @@ def open_campaign(
         as_v1: Whether obstacles are placed as version 1 of RoboVAST does, whatever the file says.
 
     Raises:
-        CampaignError: every fault of the file, or why this version can't run it.
+        FileError: every fault of the file, or why this version can't run it.
         StoreError: the store can't be used.
     """
     campaign, oracles = read_campaign(Path(path), as_v1=as_v1)
     if campaign.unexecutable:
-        raise CampaignError(campaign.unexecutable)
+        raise FileError(campaign.unexecutable)
     if campaign.search is not None:
         what = "a search proposes its configurations by what their runs come to"
-        raise CampaignError([campaign.fault(("search",), what, "vastflow run, which has all stages", "key")])
+        raise FileError([campaign.fault(("search",), what, "vastflow run, which has all stages", "key")])
     return OpenCampaign(campaign, oracles, open_store(store))

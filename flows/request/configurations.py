@@ -7,8 +7,8 @@ from typing import Final, TypeAlias
 
 from vastflow.producers.instantiation.instantiate import Instantiation
 from vastflow.producers.model.configuration import Configuration
-from vastflow.producers.model.faults import CampaignError, Fault
 from vastflow.sim.model.digest import digest
+from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.names import did_you_mean
 from vastflow.tasks.engine.index import ConfigurationRuns
 from vastflow.tasks.engine.instantiation import Instantiated, UnknownName, selected
@@ -79,7 +79,7 @@ def narrowed(instantiated: Instantiated, selection: Selection, file: str) -> Ins
         file: The campaign file as the user named it, for the message.
 
     Raises:
-        CampaignError: nothing is called so, or there is nothing to run.
+        FileError: nothing is called so, or there is nothing to run.
     """
     found, faults = instantiated.instantiation, instantiated.faults
     if selection.only:
@@ -88,13 +88,13 @@ def narrowed(instantiated: Instantiated, selection: Selection, file: str) -> Ins
         except UnknownName as error:
             why = next((str(fault) for fault in faults if fault.concerns(error.name)), None)
             right = "a family that can be made" if why else did_you_mean(error.name, error.known)
-            raise CampaignError([Fault(file, 1, 1, "only", why or str(error), right)]) from None
+            raise FileError([Fault(Place(file, 1, 1, "only"), why or str(error), right)]) from None
         faults = tuple(fault for fault in faults if any(map(fault.concerns, selection.only)))
     if selection.sample is not None:
         found = sampled(found, selection.sample, selection.seed)
     if not found.configurations and not faults:
-        raise CampaignError(
-            Fault(file, 1, 1, "configuration", f"nothing to run: {why}", "a requirement that can be met")
+        raise FileError(
+            Fault(Place(file, 1, 1, "configuration"), f"nothing to run: {why}", "a requirement that can be met")
             for why in requirements(found)
         )
     return Instantiated(found, faults)

@@ -18,8 +18,8 @@ from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.campaign_file.postprocessing import steps_of
 from vastflow.producers.floorplan.files import PlanFile, VariationFile
-from vastflow.producers.model.faults import CampaignError
 from vastflow.sim.model.digest import FileContent, digest
+from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.files import read_text, yaml_value
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, plug_ins_in
 from vastflow.sim.plug_ins.loading import snapshot_behind
@@ -187,7 +187,7 @@ def replica(directory: Path, asked: Asked) -> Iterator[Replica]:
         kept = {path.read_bytes() for path in (directory / "inputs").rglob("*") if path.is_file()}
         try:
             found = inputs_of(*read_campaign(laid_out.file, laid_out.map_dir, as_v1=asked.as_v1))
-        except CampaignError as error:
+        except FileError as error:
             words = str(error).replace(str(laid_out.file), str(directory / "campaign.vast")).replace(folder, "")
             raise UnusableDirectory(f"{directory}: its inputs can't be read any more: {words}") from None
         if other := sorted(name for name, content in found.files.items() if content not in kept):

@@ -30,7 +30,7 @@ from vastflow.flows.search.progress import SearchProgress, search_progress
 from vastflow.oracles.judgement.oracle import Oracle
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.model.configuration import Configuration
-from vastflow.producers.model.faults import CampaignError
+from vastflow.sim.model.faults import FileError
 from vastflow.tasks.engine import process
 from vastflow.tasks.engine.engine import Engine, RunFault, block_size
 from vastflow.tasks.engine.index import ConfigurationRuns, FoundRuns, Index
@@ -189,7 +189,7 @@ class CampaignRun:
         """Take the campaign's configurations, narrowed to what was asked, and look what the store has of them.
 
         Raises:
-            CampaignError: a name in `only` is unknown.
+            FileError: a name in `only` is unknown.
         """
         if self.search is None:
             selection = Selection(self.request.only, self.request.sample, self.campaign.seed)
@@ -277,7 +277,7 @@ def open_run(request: RunRequest, observer: Observer | None = None) -> Iterator[
         observer: Is shown the progress, from one thread.
 
     Raises:
-        CampaignError: faults of the file.
+        FileError: faults of the file.
         StoreError: the store can't be used.
         MachineError: this machine lacks something that a computation needs.
     """
@@ -286,7 +286,7 @@ def open_run(request: RunRequest, observer: Observer | None = None) -> Iterator[
         map_dir = None if request.map_dir is None else Path(request.map_dir)
         campaign, oracles = read_campaign(Path(request.campaign), map_dir, as_v1=request.as_v1, strict=request.strict)
         if campaign.unexecutable:
-            raise CampaignError(campaign.unexecutable)
+            raise FileError(campaign.unexecutable)
         inputs = inputs_of(campaign, oracles)
         store = open_store(request.store)
         delivery = delivery_to(request.results, store)

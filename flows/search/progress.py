@@ -15,13 +15,13 @@ from vastflow.flows.request.stopping import Stopping
 from vastflow.oracles.judgement.verdict import RunQuantity, Verdict, read_verdicts
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.campaign_file.search import SearchSpec
-from vastflow.producers.instantiation.family import Family
+from vastflow.producers.instantiation.growth import Family
 from vastflow.producers.instantiation.instantiate import Instantiation
-from vastflow.producers.model.faults import CampaignError
 from vastflow.producers.search.criteria import Criterion, best_of, criteria
 from vastflow.producers.search.search import Search
 from vastflow.producers.search.strategy import FAMILY, Evaluation, Proposal, Strategy, asked
 from vastflow.sim.model.digest import digest
+from vastflow.sim.model.faults import FileError
 from vastflow.tasks.engine.index import ConfigurationRuns, FoundRuns, Index
 from vastflow.tasks.engine.instantiation import Instantiated
 from vastflow.tasks.engine.progress import Tally
@@ -213,7 +213,7 @@ class SearchProgress:
         """What became of the points under way, each called as its proposal.
 
         Raises:
-            CampaignError: the template makes several configurations of a point.
+            FileError: the template makes several configurations of a point.
         """
         made: Instantiation = self.search.instantiation(self.proposals, instantiated.instantiation)
         return replace(instantiated, instantiation=made)
@@ -362,13 +362,13 @@ def search_progress(
         content: Of the campaign file.
 
     Raises:
-        CampaignError: only a part of the configurations is asked for, which nobody knows before.
-        MissingLibrary: its strategy needs a library that is not installed.
+        FileError: only a part of the configurations is asked for, which nobody knows before.
+        UserError: its strategy needs a library that is not installed.
     """
     if (search := campaign.search) is None:
         return None
     if part := next((name for name in ("only", "sample") if getattr(request, name)), None):
         what = f"got --{part}, and a search proposes its configurations one after the other"
-        raise CampaignError([campaign.fault(("search",), what, "a smaller budget", "key")])
+        raise FileError([campaign.fault(("search",), what, "a smaller budget", "key")])
     clock = clock_of(store, search.spec, hashlib.sha256(content).hexdigest(), runs)
     return SearchProgress(search, PointRuns(stopping, runs, search.spec.confirm), clock, tally)

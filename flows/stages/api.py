@@ -17,7 +17,7 @@ from vastflow.flows.stages.recordings import Recordings
 from vastflow.flows.stages.traces import ObservedBlock, Traces
 from vastflow.flows.stages.verdicts import Verdicts
 from vastflow.oracles.judgement.oracle import Oracle, OracleError, oracle_of, oracles_of
-from vastflow.producers.model.faults import CampaignError, Fault
+from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.tasks.engine.engine import RunFault, judgements
 from vastflow.tasks.engine.index import ConfigurationRuns, FoundRuns, Index, missing
 from vastflow.tasks.engine.instantiation import Instantiated, Instantiator
@@ -53,7 +53,7 @@ def instantiate(
         as_v1: As `run_campaign` has it.
 
     Raises:
-        CampaignError: faults of the file.
+        FileError: faults of the file.
         StoreError: the store can't be used.
         PrefectUnavailable: Prefect's API can't be started.
     """
@@ -98,7 +98,7 @@ def execute(
         observer: Is shown the progress, from one thread.
 
     Raises:
-        CampaignError: a name in `only` that nothing has.
+        FileError: a name in `only` that nothing has.
         StoreError: the store can't be used.
         PrefectUnavailable: Prefect's API can't be started.
     """
@@ -191,7 +191,7 @@ def judge(
         workers, observer: As `execute` has them.
 
     Raises:
-        CampaignError: there is no such oracle, or its parameters are wrong.
+        FileError: there is no such oracle, or its parameters are wrong.
         Lost: a recording or trace is no longer in the store or damaged; `execute` and `observe` compute it again.
         StoreError: the store can't be used.
         PrefectUnavailable: Prefect's API can't be started.
@@ -267,7 +267,7 @@ def _asked(opened: OpenCampaign, oracles: Sequence[OracleChoice]) -> tuple[Oracl
             except OracleError as error:
                 for fault in error.faults:
                     where = ".".join(map(str, (f"oracles[{place}]", *fault.location)))
-                    faults.append(Fault(opened.file, 1, 1, where, fault.what, fault.right))
+                    faults.append(Fault(Place(opened.file, 1, 1, where), fault.what, fault.right))
     if faults:
-        raise CampaignError(faults)
+        raise FileError(faults)
     return oracles_of(requests, base)

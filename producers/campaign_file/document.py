@@ -12,7 +12,8 @@ from pydantic_core import ErrorDetails
 from yaml.constructor import SafeConstructor
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
-from vastflow.producers.model.faults import MISSING_FILE, CampaignError, Fault, Location, Note, path_text, shown
+from vastflow.producers.model.faults import MISSING_FILE, Location, path_text, shown
+from vastflow.sim.model.faults import Fault, FaultKind, FileError, Place, parted
 from vastflow.sim.model.files import TextPlace, Unreadable, place_of, read_text, yaml_node
 from vastflow.sim.model.names import did_you_mean
 
@@ -40,7 +41,7 @@ class Document:
     keys: Mapping[Location, TextPlace]
     values: Mapping[Location, TextPlace]
     faults: tuple[Fault, ...] = ()
-    notes: tuple[Note, ...] = ()
+    notes: tuple[Fault, ...] = ()
     text: str = field(default="", repr=False)
 
     def known(self, location: Location) -> Location:
@@ -52,7 +53,7 @@ class Document:
         return found
 
     def value(self, location: Location) -> Any:
-        """What stands at a location that the file has."""
+        """Return the value at a location that the file has."""
         found: Any = self.data
         for part in location:
             found = found[part]
@@ -63,15 +64,20 @@ class Document:
         found = self.known(location)
         return (self.keys.get(found) if at == "key" else None) or self.values[found]
 
-    def fault(self, location: Location, what: str, right: str, at: Literal["key", "value"] = "value") -> Fault:
-        """A fault at a location of this file."""
-        return Fault(self.file, *self.place(location, at), path_text(location), what, right)
+    def fault(
+        self,
+        location: Location,
+        problem: str,
+        expected: str = "",
+        at: Literal["key", "value"] = "value",
+        kind: FaultKind = "error",
+    ) -> Fault:
+        """Return a fault at a location of this file."""
+        return Fault(Place(self.file, *self.place(location, at), path_text(location)), problem, expected, kind)
 
-    def note(
-        self, kind: Literal["warning", "unknown key", "not executed"], location: Location, what: str, right: str = ""
-    ) -> Note:
-        """A note on the key at a location of this file."""
-        return Note(kind, self.file, *self.place(location, "key"), path_text(location), what, right)
+    def note(self, kind: FaultKind, location: Location, problem: str, expected: str = "") -> Fault:
+        """Return a note on the key at a location of this file."""
+        return self.fault(location, problem, expected, "key", kind)
 
 
 def read_document(path: str | Path) -> Document:
@@ -80,20 +86,20 @@ def read_document(path: str | Path) -> Document:
     Numbers such as `1e3`, which YAML 1.1 takes for text, are numbers; dates stay text as they are written.
 
     Raises:
-        CampaignError: no such file, not YAML, empty, not a mapping.
+        FileError: no such file, not YAML, empty, not a mapping.
     """
     file = str(path)
     try:
         text = read_text(path, "a .vast file")
         node = yaml_node(text)
     except Unreadable as error:
-        raise CampaignError([Fault(file, *error.place, "file", error.what, error.right)]) from None
+        raise FileError([Fault(Place(file, *error.place, "file"), error.what, error.right)]) from None
     if node is None or (isinstance(node, ScalarNode) and node.tag == f"{TAG}null"):
-        raise CampaignError([Fault(file, 1, 1, "file", "empty", "a campaign, at least its configuration")])
+        raise FileError([Fault(Place(file, 1, 1, "file"), "empty", "a campaign, at least its configuration")])
     if not isinstance(node, MappingNode):
         found = "a list" if isinstance(node, SequenceNode) else shown(node.value)
         right = "a mapping with the sections of a campaign, such as configuration and execution"
-        raise CampaignError([Fault(file, *place_of(node), "file", f"got {found}", right)])
+        raise FileError([Fault(Place(file, *place_of(node), "file"), f"got {found}", right)])
     walk = _Walk(file)
     data = walk.value(node, ())
     return Document(file, data, walk.keys, walk.values, tuple(walk.faults), tuple(walk.notes), text)
@@ -106,7 +112,7 @@ class _Walk:
         self.keys: dict[Location, TextPlace] = {}
         self.values: dict[Location, TextPlace] = {}
         self.faults: list[Fault] = []
-        self.notes: list[Note] = []
+        self.notes: list[Fault] = []
         self._file = file
         self._constructor = SafeConstructor()
 
@@ -201,11 +207,13 @@ class _Walk:
         if OCTAL_OR_BASE_60.fullmatch(node.value):
             what = f"got {node.value}, which YAML 1.1 reads as {number}"
             place, where = place_of(node), path_text(location)
-            self.notes.append(Note("warning", self._file, *place, where, what, f"write {number}, or quotes for a text"))
+            self.notes.append(
+                Fault(Place(self._file, *place, where), what, f"write {number}, or quotes for a text", "warning")
+            )
         return number
 
     def _fault(self, node: Node, location: Location, what: str, right: str) -> None:
-        self.faults.append(Fault(self._file, *place_of(node), path_text(location), what, right))
+        self.faults.append(Fault(Place(self._file, *place_of(node), path_text(location)), what, right))
 
 
 def _tag(node: Node) -> str:
@@ -231,9 +239,9 @@ EXPECTED: Final[Mapping[str, str]] = {
     "model_type": "a mapping",
     "model_attributes_type": "a mapping",
     "none_required": "nothing",
-    "greater_than": "greater than {gt:g}",
+    "greater_than": "a number greater than {gt:g}",
     "greater_than_equal": "{ge:g} or more",
-    "less_than": "less than {lt:g}",
+    "less_than": "a number less than {lt:g}",
     "less_than_equal": "{le:g} or less",
     "too_short": "{min_length} or more entries",
     "too_long": "{max_length} or fewer entries",
@@ -256,11 +264,11 @@ def faults_of(document: Document, base: Location, model: type[BaseModel], error:
         ):
             continue
         fault = _fault(document, base, found, model, detail)
-        key = (found, fault.what)
+        key = (found, fault.problem)
         if key in merged and _is_branch(found, base, detail):
             fault = _either(merged[key], fault)
         elif key in merged:
-            key = (found, f"{fault.what}; {fault.right}")
+            key = (found, f"{fault.problem}; {fault.expected}")
         merged[key] = fault
     return list(merged.values())
 
@@ -270,10 +278,9 @@ def _is_branch(found: Location, base: Location, detail: ErrorDetails) -> bool:
 
 
 def _either(first: Fault, second: Fault) -> Fault:
-    if second.right in first.right.split(" or "):
+    if second.expected in first.expected.split(" or "):
         return first
-    right = f"{first.right} or {second.right}"
-    return Fault(first.file, first.line, first.column, first.where, first.what, right)
+    return replace(first, expected=f"{first.expected} or {second.expected}")
 
 
 def _fault(document: Document, base: Location, found: Location, model: type[BaseModel], detail: ErrorDetails) -> Fault:
@@ -297,26 +304,29 @@ def _fault(document: Document, base: Location, found: Location, model: type[Base
         if kind == "literal_error" and isinstance(detail["input"], str):
             right = _nearest(detail["input"], right)
         if kind == "string_type" and isinstance(detail["input"], int | float):
-            right = "text; put it in quotes"
+            right = "text in quotes"
         return document.fault(found, f"got {shown(detail['input'])}", right)
     # A mapping begins below the key that names it, and the fault is one of the whole.
     whole_mapping = "at" not in context and isinstance(detail["input"], Mapping)
     fault = document.fault(found, *_parted(detail), at="key" if whole_mapping else "value")
-    return replace(fault, missing=kind == MISSING_FILE)
+    return replace(fault, kind="missing") if kind == MISSING_FILE else fault
 
 
 def _at_key(document: Document, place: Location, where: Location, what: str, right: str) -> Fault:
-    return Fault(document.file, *document.place(place, "key"), path_text(where), what, right)
+    return Fault(Place(document.file, *document.place(place, "key"), path_text(where)), what, right)
 
 
 def _parted(detail: ErrorDetails) -> tuple[str, str]:
-    """What and right of a validator's own message, which separates the two by a semicolon."""
+    """Split a validator's own message into the problem and what would be right."""
+    got = f"got {shown(detail['input'])}"
     error = detail.get("ctx", {}).get("error")
     message = " ".join(str(error if isinstance(error, Exception) else detail["msg"]).split())
-    if re.search(r"(^|: )expected ", message):
-        return message, ""
-    what, semicolon, right = message.partition("; ")
-    return (what, right) if semicolon else (f"got {shown(detail['input'])}", message)
+    problem, expected = parted(message)
+    return (
+        (problem, expected)
+        if expected or problem.startswith("expected ") or ": expected " in problem
+        else (got, problem)
+    )
 
 
 def _nearest(found: str, expected: str) -> str:

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Final
 
 from vastflow.producers.campaign_file.document import Document
-from vastflow.producers.model.faults import Fault, Location, Note, shown
+from vastflow.producers.model.faults import Location, shown
 from vastflow.sim.model.digest import Value
+from vastflow.sim.model.faults import Fault, Place
 from vastflow.sim.model.files import is_file
 from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.nav2.parameter_files import document as parameters
@@ -22,7 +23,7 @@ WHERE: Final[Location] = ("execution", FILE_KEY)
 
 @dataclass(frozen=True, slots=True)
 class Nav2Params:
-    """What a campaign file's Nav2 parameter file comes to.
+    """The Nav2 parameter file of a campaign file.
 
     Attributes:
         system: What it adds to every family's system dimension; empty without a file that can be used.
@@ -30,7 +31,7 @@ class Nav2Params:
 
     system: Mapping[str, Value]
     faults: tuple[Fault, ...] = ()
-    notes: tuple[Note, ...] = ()
+    notes: tuple[Fault, ...] = ()
 
 
 def nav2_params_of(document: Document, base: Path) -> Nav2Params:
@@ -50,42 +51,51 @@ def nav2_params_of(document: Document, base: Path) -> Nav2Params:
 
 
 def _slip(file: str, each: Finding, near: str) -> Fault:
-    return Fault(file, *each.place, short(each.path), f"unknown key {each.path[-1]!r}", f"did you mean {near!r}?")
+    return Fault(
+        Place(file, *each.place, short(each.path)), f"unknown key {each.path[-1]!r}", f"did you mean {near!r}?"
+    )
 
 
 def parameter_faults(error: parameters.DocumentError) -> Iterator[Fault]:
     """A parameter file's faults at their places."""
     for fault in error.faults:
         line, column = fault.place
-        yield Fault(error.file, max(line, 1), max(column, 1), fault.where, fault.what, fault.right)
+        yield Fault(Place(error.file, max(line, 1), max(column, 1), fault.where), fault.what, fault.right)
 
 
-def notes_of(found: Interpretation) -> Iterator[Note]:
-    """What of a parameter file is not modeled or built in otherwise; a group that is not modeled is one note."""
+def notes_of(found: Interpretation) -> Iterator[Fault]:
+    """Yield a note for each parameter, or group of parameters, that is not modeled or is built in otherwise."""
     document = found.document
     for nodes, consequence in (
         (found.replaced, "as in Nav2 Jazzy's default file"),
         (found.left_away, "the stack does without"),
     ):
         if nodes:
-            yield Note("warning", document.file, 1, 1, "file", f"has no {', '.join(nodes)}", consequence)
+            yield Fault(Place(document.file, 1, 1, "file"), f"has no {', '.join(nodes)}", consequence, "warning")
     critics = critics_of(found.parameters.controller).values()
     if critics and not any(critic.enabled for critic in critics):
         node = document.node("controller_server") or ()
         what = "enables no critic of its controller"
-        yield Note(
-            "warning", document.file, *document.place(node), "controller_server", what, "it will not follow a path"
+        yield Fault(
+            Place(document.file, *document.place(node), "controller_server"),
+            what,
+            "it will not follow a path",
+            "warning",
         )
     for path in document.repeated:
-        yield Note("warning", document.file, *document.place(path), short(path), "a second time; this value counts")
+        yield Fault(
+            Place(document.file, *document.place(path), short(path)), "a second time", "this value counts", "warning"
+        )
     for path, why in found.reader.unused.items():
         if path[-1] == "robot_radius" and path in document.values:
             what = f"got {shown(document.values[path])}, which has no effect"
-            yield Note("warning", document.file, *document.place(path), short(path), what, why)
+            yield Fault(Place(document.file, *document.place(path), short(path)), what, why, "warning")
     for path, held in found.reader.held.items():
         if path in document.values:
             what = f"got {shown(document.values[path])}, which is no whole number of ticks of 50 ms"
-            yield Note("warning", document.file, *document.place(path), short(path), what, f"runs at {held:g} Hz")
+            yield Fault(
+                Place(document.file, *document.place(path), short(path)), what, f"runs at {held:g} Hz", "warning"
+            )
     said = [finding for finding in findings(found) if finding.status in ("not modeled", "differs")]
     sizes = Counter(finding.about for finding in said)
     for about, size in sizes.items():
@@ -93,12 +103,12 @@ def notes_of(found: Interpretation) -> Iterator[Note]:
         yield _note(document, first, size)
 
 
-def _note(document: parameters.ParameterDocument, finding: Finding, size: int) -> Note:
+def _note(document: parameters.ParameterDocument, finding: Finding, size: int) -> Fault:
     if finding.status == "differs":
         what, right = f"got {shown(finding.value)}, which is not modeled", f"{shown(finding.used)} is built in"
     else:
         what, right = "not modeled" if size == 1 else f"its {size} parameters are not modeled", finding.why
-    return Note("not modeled", document.file, *document.place(finding.about), short(finding.about), what, right)
+    return Fault(Place(document.file, *document.place(finding.about), short(finding.about)), what, right, "not modeled")
 
 
 def short(path: ParameterLocation) -> str:

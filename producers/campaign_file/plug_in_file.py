@@ -12,7 +12,7 @@ def names_file(reference: str) -> bool:
 
 
 def plug_in_complaint(reference: str, base: Path) -> str | None:
-    """What is wrong with `file.py:Class`, the file seen from `base`; None where the file has such a class.
+    """Return what is wrong with `file.py:Class`, relative to `base`; None if the file has such a class.
 
     A name that the file imports or assigns counts: what stands behind it only an import would tell.
     """

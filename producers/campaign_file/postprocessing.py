@@ -9,7 +9,8 @@ from typing import Any, Final, Literal, TypeAlias
 
 from vastflow.producers.campaign_file import plug_in_file
 from vastflow.producers.campaign_file.document import Document
-from vastflow.producers.model.faults import NOT_EXECUTED, Location, Note
+from vastflow.producers.model.faults import NOT_EXECUTED, Location
+from vastflow.sim.model.faults import Fault
 from vastflow.sim.model.names import did_you_mean
 
 COMMAND: Final = "command"
@@ -45,7 +46,7 @@ class ProcessingStep:
 
     @property
     def kind(self) -> StepKind:
-        """What is done for it."""
+        """The treatment of the step."""
         if plug_in_file.names_file(self.name):
             return "plug-in"
         if self.name == COMMAND:
@@ -54,7 +55,7 @@ class ProcessingStep:
 
     @property
     def file(self) -> str:
-        """Of a plug-in or command the file that runs, as the campaign file names it; may be empty."""
+        """The file that a plug-in or command runs, as named in the campaign file; may be empty."""
         if self.kind == "plug-in":
             return self.name.rpartition(":")[0].removeprefix(CONFIG)
         script = self.parameters.get("script")
@@ -62,7 +63,7 @@ class ProcessingStep:
 
     @property
     def instead(self) -> str:
-        """Of a step that does not run, what there is in its place."""
+        """The substitute for a step that does not run."""
         return {**RECORDED, **UNTOUCHED}.get(self.name, "")
 
     def complaint(self, base: Path) -> str | None:
@@ -83,8 +84,7 @@ class ProcessingStep:
         return None
 
     def files(self, base: Path) -> Iterator[Path]:
-        """Files that the step needs of the campaign file's folder, as far as they are there: what runs, and what it imports or is
-        given from beside it."""
+        """Yield the existing files that the step runs, imports from beside it, or takes as arguments."""
         if not self.file or not (base / self.file).is_file():
             return
         file = base / self.file
@@ -103,8 +103,8 @@ def steps_of(named: Sequence[Mapping[str, Mapping[str, Any]]]) -> tuple[Processi
     return tuple(ProcessingStep(name, parameters) for entry in named for name, parameters in entry.items())
 
 
-def step_notes(document: Document, steps: Sequence[ProcessingStep], base: Path, location: Location) -> Iterator[Note]:
-    """What a user should know of the steps before a campaign runs; one that can't be done costs no run, so it is no fault."""
+def step_notes(document: Document, steps: Sequence[ProcessingStep], base: Path, location: Location) -> Iterator[Fault]:
+    """Yield notes on the steps; one that can't be done is no fault, for it costs no run."""
     for k, step in enumerate(steps):
         where = document.known((*location, k, step.name))
         if step.instead:

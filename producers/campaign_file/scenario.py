@@ -7,11 +7,11 @@ from typing import Final
 
 from vastflow.producers.campaign_file.document import Document
 from vastflow.producers.campaign_file.spec import ExecutionSpec
-from vastflow.producers.model.faults import Fault, Location, Note
+from vastflow.producers.model.faults import Location
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.sim.model.digest import FileContent, Value, file_digest
-from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.faults import Fault, ScenarioError
 from vastflow.sim.model.files import is_file
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.scenario import ProcessSetup, RunFiles
@@ -74,7 +74,7 @@ class AbstractScenario:
         )
 
     def goal_keys(self, keys: Collection[str]) -> tuple[str, ...]:
-        """Of a configuration's keys, those whose goals the robot is sent to in turn where a file's scenario has but one."""
+        """Return the keys whose goals the robot visits in turn although the file's scenario has one goal."""
         if self.definition is None or not isinstance(self.content, FileContent):
             return ()
         return goal_keys(self.definition, keys)
@@ -90,7 +90,7 @@ class AbstractScenario:
         return frozenset(each.name for each in self.definition.parameters) if self.definition else frozenset()
 
     def complaint(self, key: str, value: Value) -> tuple[str, str] | None:
-        """What is wrong with a value for one of its parameters, and what would be right."""
+        """Return what is wrong with the value of one of its parameters, and what would be right."""
         if self.definition is None or key not in self.parameters:
             return None
         alone = replace(self.definition, parameters=tuple(p for p in self.definition.parameters if p.name == key))
@@ -123,18 +123,15 @@ def abstract_scenario_of(document: Document, base: Path) -> tuple[AbstractScenar
         content = abstract_content(file)
         definition = definition_of(content)
     except OscError as error:
-        return None, [
-            Fault(f.place.file, f.place.line, f.place.column, "scenario", f.what, f.right) for f in error.faults
-        ]
+        return None, [replace(fault, place=replace(fault.place, where="scenario")) for fault in error.faults]
     except ScenarioError as error:
         return None, [document.fault(WHERE, str(error), "")]
     lacking = [
-        Fault(str(file), u.place.line, u.place.column, "scenario", u.what, u.right)
-        for u in unsupported(definition, ACTIONS)
+        replace(u, place=replace(u.place, file=str(file), where="scenario")) for u in unsupported(definition, ACTIONS)
     ]
     drawn = [
         Fault(
-            *(str(file), p.place.line, p.place.column, "scenario"),
+            replace(p.place, file=str(file), where="scenario"),
             f"the default of parameter {p.name} is not known before a run",
             "a value, or a var in place of a parameter",
         )
@@ -150,8 +147,8 @@ KEYS: Final = ("run_files", "env", "pre_command", "post_command")
 
 def programs_of(
     document: Document, base: Path, execution: ExecutionSpec, abstract: AbstractScenario
-) -> tuple[ProcessSetup | None, list[Note], list[Fault]]:
-    """The setup of a campaign whose scenario starts programs, else None with a note on each key that then does nothing.
+) -> tuple[ProcessSetup | None, list[Fault], list[Fault]]:
+    """Return the setup of a campaign whose scenario starts programs; otherwise None and a note on each idle key.
 
     Files named by `pre_command` and `post_command` that lie below the campaign file's folder are run files too: what is in
     them counts.
@@ -182,10 +179,10 @@ def programs_of(
     return setup, notes, faults
 
 
-def _scripts(document: Document, base: Path, execution: ExecutionSpec) -> tuple[list[str], list[Note], list[Fault]]:
+def _scripts(document: Document, base: Path, execution: ExecutionSpec) -> tuple[list[str], list[Fault], list[Fault]]:
     """The files below `base` that `pre_command` and `post_command` name, and what there is to say of what they name."""
     found: list[str] = []
-    notes: list[Note] = []
+    notes: list[Fault] = []
     faults: list[Fault] = []
     for key in ("pre_command", "post_command"):
         command = getattr(execution, key) or ""

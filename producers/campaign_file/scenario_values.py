@@ -7,6 +7,7 @@ from typing import TypeAlias
 from vastflow.producers.model.faults import shown
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.sim.model.digest import Value
+from vastflow.sim.model.faults import parted
 from vastflow.sim.model.obstacle import lists_obstacles, obstacle_of
 from vastflow.sim.model.pose import written_pose_of
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
@@ -32,7 +33,7 @@ Complaint: TypeAlias = tuple[str, str]
 def complaint_of(
     key: str, value: Value, dimension: Dimension, system: Mapping[str, Value] | None = None
 ) -> Complaint | None:
-    """What is wrong with a value the simulator would read; None for a good one and for one it does not read.
+    """Return what is wrong with a value that the simulator reads; None if it is right or not read.
 
     Args:
         system: What else of the system dimension is known, such as its Nav2 parameter file.
@@ -59,7 +60,7 @@ def dimension_of(key: str, value: Value, given: Dimension | None) -> Dimension:
 
 
 def unread_keys(system: Mapping[str, Value], varied: Collection[str]) -> tuple[str, ...]:
-    """Those keys of the system dimension that nothing in the simulator reads, sorted.
+    """Return the keys of the system dimension that nothing in the simulator reads, sorted.
 
     Args:
         varied: Keys that producers write, so that their values are not known: whatever they may be.
@@ -87,7 +88,7 @@ def replaced_by(key: str, system: Mapping[str, Value], varied: Collection[str]) 
 
 
 def combined_complaint(system: Mapping[str, Value]) -> tuple[str, Complaint] | None:
-    """What is wrong with values that are each right on their own, and at which of them."""
+    """Return the first fault of values that are each right on their own, and its key."""
     try:
         parameters_of(system)
     except DocumentError as error:
@@ -111,8 +112,7 @@ def _pose_complaint(value: Value) -> Complaint | None:
     try:
         written_pose_of(value, "")
     except ValueError as error:
-        what, _, right = str(error).removeprefix(": ").partition("; ")
-        return what, right
+        return parted(str(error).removeprefix(": "))
     return None
 
 
@@ -123,14 +123,13 @@ def _obstacle_complaint(value: Value) -> Complaint | None:
         obstacle_of(value)
         written_pose_of(value["spawn_pose"], "obstacle.spawn_pose")
     except ValueError as error:
-        what, _, right = str(error).partition("; ")
-        return what, right
+        return parted(str(error))
     return None
 
 
 def _parameter_complaint(key: str, value: Value, system: Mapping[str, Value]) -> Complaint | None:
     if key == FILE_KEY:
-        return f"got {shown(value)}", f"no {FILE_KEY} here; execution.{FILE_KEY} is the file of all families"
+        return f"got {shown(value)}", f"execution.{FILE_KEY}, the file of all families"
     others = {other: given for other, given in system.items() if other != key}
     undecided = () if CONTROLLER_KEY in (key, *system) else _contexts(others, (CONTROLLER_KEY,))
     for each in (others, *undecided):

@@ -10,8 +10,9 @@ from pydantic_core import PydanticCustomError
 
 from vastflow.producers.campaign_file.document import Document
 from vastflow.producers.campaign_file.sections import NamedSteps, Section, SingleKeys
-from vastflow.producers.model.faults import Fault, Location, shown
+from vastflow.producers.model.faults import Location, shown
 from vastflow.producers.model.numbers import Amount, Count, NotNegative, Number, Positive, Seed
+from vastflow.sim.model.faults import Fault
 from vastflow.sim.model.names import did_you_mean
 
 FAILURE_RATE: Final = "failure_rate"
@@ -28,8 +29,7 @@ _KEYS: Final[Mapping[str, frozenset[str]]] = {
 
 
 class SearchDimension(Section):
-    """A parameter that is searched over: `{type: float, low, high, log}`, `{type: int, low, high, log, step}`,
-    `{type: choice, values}` or `{type: bool}`."""
+    """A searched parameter: `float` or `int` with bounds, `choice` with values, or `bool`."""
 
     type: Literal["float", "int", "choice", "bool"]
     """What the values are: a number, a whole number, one of `values`, or true and false."""
@@ -108,7 +108,7 @@ class Quantity(Section):
 
 
 class Extract(Section):
-    """What turns a point's runs into numbers: `failure_rate`, `metrics` or `file.py:Class`."""
+    """The plug-in that turns a point's runs into numbers: `failure_rate`, `metrics` or `file.py:Class`."""
 
     plugin: Annotated[str, Field(min_length=1)]
     """`failure_rate`, `metrics`, or `file.py:Class` relative to the campaign file."""
@@ -126,7 +126,7 @@ class Objective(Section):
 
 
 class Budget(Section):
-    """How much the search may spend."""
+    """The budget of the search."""
 
     batches: Count | None = None
     """Batches of points."""

@@ -20,8 +20,9 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
 
 from vastflow.producers.campaign_file.document import Document
-from vastflow.producers.model.faults import NOT_EXECUTED, Fault, Location, shown
+from vastflow.producers.model.faults import NOT_EXECUTED, Location, shown
 from vastflow.producers.model.numbers import Count, Number, Seed
+from vastflow.sim.model.faults import Fault
 from vastflow.sim.nav2.parameters.robot import NOISE_PLACE, PRESETS, robot_keys
 from vastflow.sim.world.robot_model import Drive
 
@@ -138,7 +139,7 @@ def _named_kind(value: Any) -> Any:
 
 
 class DesignSpec(Section):
-    """Which combinations become configurations: one of these."""
+    """The combinations that become configurations: one of these."""
 
     cartesian: Section | None = None
     """Every combination."""
@@ -230,7 +231,7 @@ class NoiseSpec(Section):
 
 
 class LidarSpec(Section):
-    """A laser scanner; what is not given is a TurtleBot 4's, but for the mount of one with angles of its own, which is 0."""
+    """A laser scanner; defaults are a TurtleBot 4's, but a scanner with its own angles is mounted at 0."""
 
     x: Quantity = None
     """Of its mount in the robot's frame (m); -0.04 on a TurtleBot 4."""
@@ -257,8 +258,10 @@ class LidarSpec(Section):
 
 
 class LatencySpec(Section):
-    """How late sensors and computers are; what is not given is the preset's. A jitter is the mean of what comes on top of the least, drawn from
-    an exponential distribution; what is older than 0.5 s is taken to come then."""
+    """Latencies of sensors and computers; defaults are those of the preset.
+
+    A jitter is the mean of an exponentially distributed addition to the least latency; ages are cut at 0.5 s.
+    """
 
     preset: Annotated[Any, WithJsonSchema({"enum": [*PRESETS, None]})] = None
     """`ideal` (no latency, if not given), `gazebo`, or `loaded`."""
@@ -283,7 +286,7 @@ class LatencySpec(Section):
 
 
 class RobotSpec(Section):
-    """The robot that drives; what is not given follows from the Nav2 parameters, or is a TurtleBot 4's, and the report says so."""
+    """The robot that drives; defaults follow from the Nav2 parameters or a TurtleBot 4, as the report states."""
 
     radius: Quantity = None
     """Of a body that is a disc (m); without a body the local costmap's footprint is what meets walls."""

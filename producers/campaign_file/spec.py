@@ -1,4 +1,4 @@
-"""The campaign file, version 1 of the format, as pydantic models and as JSON Schema: its sections, their keys and their rules."""
+"""The campaign file, version 1 of the format, as pydantic models and as JSON Schema."""
 
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
@@ -79,7 +79,7 @@ Constraints: TypeAlias = Annotated[
 
 
 class Resources(Section):
-    """What a container asks of its node; a list gives each cluster (kubeconfig context) its own."""
+    """Resources that a container requests of its node; a list gives each cluster (kubeconfig context) its own."""
 
     cpu: Count | PerCluster | None = None
     """Cores; a number, or a list `- cluster: number`."""
@@ -117,7 +117,7 @@ class Local(Section):
 
 
 class Nodes(Section):
-    """Which nodes of a cluster are chosen."""
+    """Selection of cluster nodes."""
 
     node_labels: FreeForm = Field(default_factory=dict)
     """Labels that a node must have, `label: value`."""
@@ -133,7 +133,7 @@ class Kubernetes(Section):
 
 
 class ExecutionSpec(Section):
-    """How often and in what each configuration is executed."""
+    """Execution of the configurations."""
 
     image: Annotated[str | None, Unexecuted("the simulator in this package runs every configuration")] = None
     """Container image of the system under test."""
@@ -212,7 +212,7 @@ class FamilySpec(Section):
 
 
 class ResultsProcessingSpec(Section):
-    """What is done with the results."""
+    """Processing of the results."""
 
     postprocessing: NamedSteps = Field(default_factory=list)
     """Steps over a copy of the results, `- file.py:Class`, `- command: {script, args}`, or a name that RoboVAST has."""
@@ -246,7 +246,7 @@ def _one_tab(entry: dict[str, Notebooks]) -> dict[str, Notebooks]:
 
 
 class EvaluationSpec(Section):
-    """How runs are judged and shown."""
+    """Judgement and display of runs."""
 
     oracles: NamedSteps = Field(default_factory=list)
     """Oracles that judge each run, `- name` or `- name: {parameters}`. Not part of version 1 elsewhere."""
@@ -281,7 +281,7 @@ class CampaignSpec(Section):
 
 
 def is_tolerated_in_family(key: str) -> bool:
-    """Whether a key of a family is read over, as version 1 did with all that it did not know; one that is near to another is a slip."""
+    """Whether an unknown key of a family is tolerated: one that resembles no known key."""
     known = FamilySpec.model_fields
     usual = {*ExecutionSpec.model_fields, "description", "title", "metadata"}
     return key not in known and (key in usual or not did_you_mean(key, known).startswith("did"))
@@ -340,7 +340,7 @@ def campaign_schema() -> dict[str, Any]:
 
 
 def _named(said: Any, schemas: dict[str, Any]) -> set[str]:
-    """Names of the definitions that are referred to, from one to the next: pydantic also lists those of values that no file has."""
+    """Return the names of all definitions that are referred to, directly or through others."""
     found: set[str] = set()
     waiting = [said]
     while waiting:

@@ -22,18 +22,18 @@ from pydantic_core import PydanticCustomError
 
 from vastflow.producers.floorplan.building import build
 from vastflow.producers.floorplan.environment import environment_of, keep
-from vastflow.producers.floorplan.faults import FloorplanError
 from vastflow.producers.floorplan.files import PlanFile, VariationFile, read_plan_file, read_variation_file
 from vastflow.producers.floorplan.grid import LASER_HEIGHT_M, RESOLUTION_M, grid_of
 from vastflow.producers.floorplan.reading import plan_of
 from vastflow.producers.floorplan.variation import GREATEST_SEED, Variation
 from vastflow.producers.model import producer
 from vastflow.producers.model.configuration import Fragment, Rejection
-from vastflow.producers.model.faults import AS_DRAWN, MISSING_FILE, Note
+from vastflow.producers.model.faults import AS_DRAWN, MISSING_FILE
 from vastflow.producers.model.numbers import Count, NotNegative, Positive, Seed
 from vastflow.producers.model.producer import Draws, Producer
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.sim.model.digest import Value
+from vastflow.sim.model.faults import Fault, FileError
 from vastflow.sim.model.scenario import Dimension
 
 MESH_KEY = "mesh_file"
@@ -65,8 +65,8 @@ def _read(read: Callable[[Path], F], kind: type[F]) -> Callable[[Any, Validation
                 found.building()
             else:
                 found.variation()
-        except FloorplanError as error:
-            code = MISSING_FILE if all(fault.missing for fault in error.faults) else "floorplan"
+        except FileError as error:
+            code = MISSING_FILE if all(fault.kind == "missing" for fault in error.faults) else "floorplan"
             raise PydanticCustomError(code, "{error}", {"error": error.brief}) from None
         return found
 
@@ -107,7 +107,7 @@ VariedPlan: TypeAlias = Annotated[
 
 
 class EnvironmentParameters(producer.Parameters):
-    """Of both producers."""
+    """Parameters of both producers."""
 
     name: Annotated[tuple[str, ...], Field(min_length=2, max_length=2)] = (MAP_KEY, MESH_KEY)
     """Keys of the map and of the mesh."""
@@ -135,14 +135,10 @@ E = TypeVar("E", bound=EnvironmentParameters)
 class EnvironmentProducer(Producer[E]):
     """Base of both: what depends on nothing and writes a map and a mesh."""
 
-    @property
-    def reads(self) -> tuple[str, ...]:
-        """Nothing: an environment is made once, whatever else varies."""
-        return ()
+    reads = ()
 
     @property
     def writes(self) -> Mapping[str, Dimension | None]:
-        """The map and the mesh."""
         return dict.fromkeys(self.parameters.keys, self.parameters.dimension or "environment")
 
     def _made(self, plan: PlanFile, requested: Mapping[str, Value]) -> Fragment | Rejection:
@@ -151,7 +147,7 @@ class EnvironmentProducer(Producer[E]):
             building = plan.building()
             grid = grid_of(building, self.parameters.resolution, self.parameters.laser_height)
             environment = environment_of(building, grid, plan.text, requested)
-        except FloorplanError as error:
+        except FileError as error:
             return Rejection(error.brief, requested)
         map_key, mesh_key = self.parameters.keys
         map_file, mesh_file = keep(environment)
@@ -159,17 +155,17 @@ class EnvironmentProducer(Producer[E]):
 
 
 @functools.lru_cache(maxsize=16)  # hundreds of families may name one plan, and each notes it
-def _plan_notes(plan: PlanFile) -> tuple[Note, ...]:
+def _plan_notes(plan: PlanFile) -> tuple[Fault, ...]:
     return tuple(plan.building().notes)
 
 
 @functools.lru_cache(maxsize=16)
-def _drawn_notes(file: VariationFile, seeds: range) -> tuple[Note, ...]:
+def _drawn_notes(file: VariationFile, seeds: range) -> tuple[Fault, ...]:
     return tuple(drawn_notes(file.variation(), seeds, _plan_notes(file.plan)))
 
 
 class FloorplanGenerationParameters(EnvironmentParameters):
-    """Of `FloorplanGeneration`."""
+    """Parameters of `FloorplanGeneration`."""
 
     floorplans: Annotated[tuple[Plan, ...], AtLeastOne]
     """FloorPlan DSL files (`.fpm`), relative to the campaign file."""
@@ -181,13 +177,11 @@ class FloorplanGeneration(EnvironmentProducer[FloorplanGenerationParameters]):
     Parameters = FloorplanGenerationParameters
 
     @property
-    def notes(self) -> tuple[Note, ...]:
-        """Of its plans."""
+    def notes(self) -> tuple[Fault, ...]:
         return tuple(note for plan in dict.fromkeys(self.parameters.floorplans) for note in _plan_notes(plan))
 
     @property
     def most_choices(self) -> int:
-        """The plans."""
         return len(self.parameters.floorplans)
 
     def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
@@ -197,7 +191,7 @@ class FloorplanGeneration(EnvironmentProducer[FloorplanGenerationParameters]):
 
 
 class FloorplanVariationParameters(EnvironmentParameters):
-    """Of `FloorplanVariation`."""
+    """Parameters of `FloorplanVariation`."""
 
     variation_files: Annotated[tuple[VariedPlan, ...], AtLeastOne]
     """Variation DSL files (`.variation`), relative to the campaign file."""
@@ -226,8 +220,8 @@ class FloorplanVariation(EnvironmentProducer[FloorplanVariationParameters]):
     Parameters = FloorplanVariationParameters
 
     @property
-    def notes(self) -> tuple[Note, ...]:
-        """Of the plans that its files vary, as these are written and as they are drawn."""
+    def notes(self) -> tuple[Fault, ...]:
+        """Notes of the varied plans, as written and as drawn."""
         seeds = range(self.parameters.seed, self.parameters.seed + self.parameters.num_variations)
         files = dict.fromkeys(self.parameters.variation_files)
         written = itertools.chain.from_iterable(
@@ -237,7 +231,6 @@ class FloorplanVariation(EnvironmentProducer[FloorplanVariationParameters]):
 
     @property
     def most_choices(self) -> int:
-        """The variations of every file."""
         return self.parameters.num_variations * len(self.parameters.variation_files)
 
     def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
@@ -256,20 +249,20 @@ MOST_LOOKED_AT: Final = 50
 _NUMBER: Final = re.compile(r"-?\d+(\.\d+)?(e[-+]\d+)?")
 
 
-def drawn_notes(variation: Variation, seeds: Collection[int], known: Collection[Note] = ()) -> Iterator[Note]:
-    """One note for each that some of the plans have, with the numbers of the first: which plans these are, and what it is.
+def drawn_notes(variation: Variation, seeds: Collection[int], known: Collection[Fault] = ()) -> Iterator[Fault]:
+    """Yield one note for each kind that some of the plans have, with the seeds and the first plan's numbers.
 
     Its place is that in the plan as it is written. Plans that can't be built have none.
 
     Args:
         known: Notes of the plan as it is written, which are not said again.
     """
-    found: dict[tuple[int, int, str, str], list[tuple[int, Note]]] = {}
+    found: dict[tuple[int, int, str, str], list[tuple[int, Fault]]] = {}
     said = {_kind(note) for note in known}
     for seed in islice(seeds, MOST_LOOKED_AT):
         try:
             notes = build(plan_of(variation.plan, variation.numbers(variation.sample(seed)))).notes
-        except FloorplanError:
+        except FileError:
             continue
         for kind, note in {_kind(note): note for note in notes if _kind(note) not in said}.items():
             found.setdefault(kind, []).append((seed, note))
@@ -277,9 +270,9 @@ def drawn_notes(variation: Variation, seeds: Collection[int], known: Collection[
     for plans in found.values():
         seed, note = plans[0]
         others = f" and in {len(plans) - 1} more of the first {looked_at} variations" if plans[1:] else ""
-        yield replace(note, what=f"{AS_DRAWN} {seed}{others}: {note.what}")
+        yield replace(note, problem=f"{AS_DRAWN} {seed}{others}: {note.problem}")
 
 
-def _kind(note: Note) -> tuple[int, int, str, str]:
+def _kind(note: Fault) -> tuple[int, int, str, str]:
     """Equal for notes that differ in numbers only."""
-    return note.line, note.column, note.where, _NUMBER.sub("#", note.what)
+    return note.place.line, note.place.column, note.place.where, _NUMBER.sub("#", note.problem)

@@ -1,10 +1,10 @@
-"""The producer of obstacles that stand along a configuration's path, placed as by this version or as by version 1 of RoboVAST."""
+"""The producer of obstacles along a configuration's path."""
 
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Annotated, Any, Final, Literal, Self, TypeAlias
+from typing import Annotated, Any, Final, Literal, Self, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,7 +102,7 @@ class ObstacleConfig(BaseModel):
 
     @property
     def n_choices(self) -> int:
-        """How many `choices` there are."""
+        """Number of `choices`."""
         return len(self.amount_per_m or (None,)) * len(self.max_distance)
 
     def choices(self) -> list["ObstacleConfig"]:
@@ -114,7 +114,7 @@ class ObstacleConfig(BaseModel):
         ]
 
     def requested(self) -> dict[str, Value]:
-        """What was asked, of a config of one value each."""
+        """Return the requested values of a config of one value each."""
         amount: dict[str, Value] = (
             {"amount": self.amount} if self.amount_per_m is None else {"amount_per_m": self.amount_per_m[0]}
         )
@@ -134,7 +134,7 @@ class ObstacleConfig(BaseModel):
 
 
 class ObstacleParameters(producer.Parameters):
-    """Of `ObstacleVariation`."""
+    """Parameters of `ObstacleVariation`."""
 
     name: KeyParameter = LIST_KEY
     """Key of the list of obstacles. What is in there already stays."""
@@ -152,15 +152,98 @@ class ObstacleParameters(producer.Parameters):
     map_file: MapParameter = None
     """A map for the places, in place of the configuration's own."""
 
+
+O = TypeVar("O", bound=ObstacleParameters)
+
+
+class ObstacleProducer(Producer[O]):
+    """Base of producers that place obstacles along the path."""
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        return self._request.reads
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        return map_needed(self.parameters.map_file)
+
+    @property
+    def writes(self) -> Mapping[str, Dimension | None]:
+        return {self.parameters.name: self.parameters.dimension or "environment"}
+
+    @property
+    def most_choices(self) -> int:
+        return self.parameters.count * math.prod(config.n_choices for config in self.parameters.obstacle_configs)
+
     @property
     def remarks(self) -> tuple[str, ...]:
-        """That the other placement would give other places, where the file does not choose one."""
-        if "placement" in self.model_fields_set or not any(config.places_any for config in self.obstacle_configs):
+        asked = self.parameters
+        if "placement" in asked.model_fields_set or not any(config.places_any for config in asked.obstacle_configs):
             return ()
-        return (DIFFERS[self.placement],)
+        return (DIFFERS[asked.placement],)
+
+    def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
+        """Yield `count` placements of each combination, earlier kinds and amounts outermost.
+
+        A placement depends on the seed, what is read, its combination and its number among equals.
+        """
+        site = self._site(inputs)
+        for given in self._given:
+            for kinds in combinations(self.parameters.obstacle_configs):
+                for number in range(1, self.parameters.count + 1):
+                    configs: list[Value] = [kind.requested() for kind in kinds]
+                    requested: dict[str, Value] = {**given, "obstacle_configs": configs, "placement": number}
+                    part = site if isinstance(site, str) else self._part(site, kinds, given)
+                    entries = part if isinstance(part, str) else self._placed(part, kinds, draws, requested)
+                    if isinstance(site, str) or isinstance(entries, str):
+                        yield Rejection(str(entries), requested)
+                    else:
+                        yield from self._fragments(inputs, site, entries, given, asked_for(kinds, number))
+
+    @property
+    def _given(self) -> Sequence[Mapping[str, Any]]:
+        """Values that are combined with the configs', outermost."""
+        return [{}]
+
+    @property
+    def _request(self) -> SiteRequest:
+        return SiteRequest(self.parameters.name, self.parameters.map_file, self.parameters.robot_diameter)
+
+    def _site(self, inputs: Mapping[str, Value]) -> Site | str:
+        return self._request.site(inputs)
+
+    def _part(self, site: Site, kinds: Sequence[ObstacleConfig], given: Mapping[str, Any]) -> Site | str:
+        """Return the part of a site where obstacles may stand, or why there is none."""
+        return site
+
+    def _placed(
+        self, site: Site, kinds: Sequence[ObstacleConfig], draws: Draws, requested: Mapping[str, Value]
+    ) -> list[dict[str, Value]] | str:
+        """Return the obstacles as entries of a list, drawn by the randomness of `requested`; or why there is no room."""
+        wanted = [kind.wanted(site.length_m) for kind in kinds]
+        if (total := sum(each.amount for each in wanted)) > MOST_OBSTACLES:
+            return f"{total} obstacles were asked for; at most {MOST_OBSTACLES}"
+        find = place if self.parameters.placement == "constructive" else place_as_v1
+        obstacles = find(site, wanted, draws(int(digest(dict(requested))[:16], 16)))
+        if isinstance(obstacles, str):
+            return obstacles
+        kind_of_each = itertools.chain.from_iterable([k] * w.amount for k, w in zip(kinds, wanted, strict=True))
+        taken = {obstacle.name for obstacle in site.standing}
+        names = (name for i in itertools.count(len(site.standing)) if (name := f"obstacle_{i}") not in taken)
+        return [_entry(name, k, o) for name, k, o in zip(names, kind_of_each, obstacles, strict=False)]
+
+    def _fragments(
+        self,
+        inputs: Mapping[str, Value],
+        site: Site,
+        entries: list[dict[str, Value]],
+        given: Mapping[str, Any],
+        asked: Mapping[str, Value],
+    ) -> Iterator[Fragment]:
+        yield Fragment(self._request.written(inputs, site, entries, asked))
 
 
-class ObstacleVariation(Producer[ObstacleParameters]):
+class ObstacleVariation(ObstacleProducer[ObstacleParameters]):
     """Boxes and cylinders near the path, on free cells, so that the robot still finds a path.
 
     They keep clear of walls, unknown space, each other, obstacles that are there already, and the robot at its start and
@@ -168,56 +251,6 @@ class ObstacleVariation(Producer[ObstacleParameters]):
     """
 
     Parameters = ObstacleParameters
-
-    @property
-    def reads(self) -> tuple[str, ...]:
-        """The map, the path, start and goals, and the lists of obstacles that are there already."""
-        return self._request.reads
-
-    @property
-    def needs(self) -> tuple[str, ...]:
-        """The map, unless the parameters name a file."""
-        return map_needed(self.parameters.map_file)
-
-    @property
-    def writes(self) -> Mapping[str, Dimension | None]:
-        """The list of obstacles."""
-        return {self.parameters.name: self.parameters.dimension or "environment"}
-
-    @property
-    def most_choices(self) -> int:
-        """A placement for each combination and each of `count`."""
-        return self.parameters.count * math.prod(config.n_choices for config in self.parameters.obstacle_configs)
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """That version 1 of RoboVAST would place the obstacles elsewhere, where the file does not say how to."""
-        return self.parameters.remarks
-
-    def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
-        """Yield `count` placements of each combination, earlier kinds and amounts outermost.
-
-        A placement depends on the seed, what is read, its combination and its number among equals.
-        """
-        site = self._request.site(inputs)
-        for kinds in combinations(self.parameters.obstacle_configs):
-            for number in range(1, self.parameters.count + 1):
-                requested: dict[str, Value] = {
-                    "obstacle_configs": [kind.requested() for kind in kinds],
-                    "placement": number,
-                }
-                entries = (
-                    site if isinstance(site, str) else placed(self.parameters.placement, site, kinds, draws, requested)
-                )
-                if isinstance(site, str) or isinstance(entries, str):
-                    yield Rejection(str(entries), requested)
-                else:
-                    yield Fragment(self._request.written(inputs, site, entries, asked_for(kinds, number)))
-
-    @property
-    def _request(self) -> SiteRequest:
-        asked = self.parameters
-        return SiteRequest(asked.name, asked.map_file, asked.robot_diameter)
 
 
 def combinations(configs: Sequence[ObstacleConfig]) -> Iterator[tuple[ObstacleConfig, ...]]:
@@ -236,26 +269,6 @@ def asked_for(kinds: Sequence[ObstacleConfig], number: int) -> dict[str, Value]:
         },
         DRAW: number,
     }
-
-
-def placed(
-    placement: Placement, site: Site, kinds: Sequence[ObstacleConfig], draws: Draws, requested: Mapping[str, Value]
-) -> list[dict[str, Value]] | str:
-    """The obstacles of configs of one value each, as entries of a list; or why there is no room.
-
-    The randomness is that of `requested`.
-    """
-    wanted = [kind.wanted(site.length_m) for kind in kinds]
-    if (total := sum(each.amount for each in wanted)) > MOST_OBSTACLES:
-        return f"{total} obstacles were asked for; at most {MOST_OBSTACLES}"
-    find = place if placement == "constructive" else place_as_v1
-    obstacles = find(site, wanted, draws(int(digest(dict(requested))[:16], 16)))
-    if isinstance(obstacles, str):
-        return obstacles
-    kind_of_each = itertools.chain.from_iterable([k] * w.amount for k, w in zip(kinds, wanted, strict=True))
-    taken = {obstacle.name for obstacle in site.standing}
-    names = (name for i in itertools.count(len(site.standing)) if (name := f"obstacle_{i}") not in taken)
-    return [_entry(name, k, o) for name, k, o in zip(names, kind_of_each, obstacles, strict=False)]
 
 
 def _entry(name: str, config: ObstacleConfig, obstacle: Obstacle) -> dict[str, Value]:

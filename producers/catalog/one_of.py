@@ -10,9 +10,9 @@ from pydantic_core.core_schema import ErrorType
 
 from vastflow.producers.model import producer
 from vastflow.producers.model.configuration import Fragment, Rejection
-from vastflow.producers.model.faults import Note
-from vastflow.producers.model.producer import Draws, Producer, UnknownProducer, evaluate, find_producer
+from vastflow.producers.model.producer import Draws, Producer, evaluate, find_producer
 from vastflow.sim.model.digest import Value
+from vastflow.sim.model.faults import Fault
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.scenario import Dimension
 from vastflow.sim.plug_ins.neighbors import PlugInError
@@ -30,11 +30,6 @@ def _child(value: Any, info: ValidationInfo) -> Producer[Any]:
     ((name, given),) = value.items()
     try:
         kind = find_producer(name, Path((info.context or {}).get("base", ".")))
-    except UnknownProducer as error:
-        right = did_you_mean(name, error.known) if error.known else "file.py:Class, a subclass of Producer"
-        raise PydanticCustomError(
-            "child", "{what}; {right}", {"what": str(error), "right": right, "at": name}
-        ) from None
     except PlugInError as error:
         raise PydanticCustomError("child", "{why}", {"why": str(error), "at": name}) from None
     except Exception as error:
@@ -50,7 +45,7 @@ def _child(value: Any, info: ValidationInfo) -> Producer[Any]:
 
 
 def _below(name: str, kind: type[Producer[Any]], detail: ErrorDetails) -> InitErrorDetails:
-    """A child's error at its place below the child's name; those about keys in words, for the keys are the child's."""
+    """Return a child's error at its place below the child's name; errors about keys become text."""
     known, key = kind.Parameters.model_fields, str(detail["loc"][-1]) if detail["loc"] else ""
     context = detail.get("ctx", {})
     what: str | PydanticCustomError = detail["type"]
@@ -78,7 +73,7 @@ Child: TypeAlias = Annotated[
 
 
 class OneOfParameters(producer.Parameters):
-    """Of `OneOfVariation`."""
+    """Parameters of `OneOfVariation`."""
 
     variations: list[Child] = Field(min_length=1)
     """The alternatives, `- Producer: {parameters}`; a producer is a known name or `file.py:Class`."""
@@ -99,17 +94,15 @@ class OneOfVariation(Producer[OneOfParameters]):
 
     @property
     def reads(self) -> tuple[str, ...]:
-        """What any child reads."""
         return tuple(dict.fromkeys(key for child in self.children for key in child.reads))
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """What any child needs."""
         return tuple(dict.fromkeys(key for child in self.children for key in child.needs))
 
     @property
     def writes(self) -> Mapping[str, Dimension | None]:
-        """What any child writes; of different dimensions for one key the first of `PRECEDENCE`."""
+        """The keys that any child writes; of different dimensions for a key, the first of `PRECEDENCE`."""
         tags: dict[str, list[Dimension | None]] = {}
         for child in self.children:
             for key, tag in child.writes.items():
@@ -117,19 +110,16 @@ class OneOfVariation(Producer[OneOfParameters]):
         return {key: self.parameters.dimension or min(found, key=PRECEDENCE.index) for key, found in tags.items()}
 
     @property
-    def notes(self) -> tuple[Note, ...]:
-        """Of the files that any child names."""
+    def notes(self) -> tuple[Fault, ...]:
         return tuple(dict.fromkeys(note for child in self.children for note in child.notes))
 
     @property
     def most_choices(self) -> int | None:
-        """Those of all children."""
         choices = [child.most_choices for child in self.children]
         return sum(n or 0 for n in choices) if None not in choices else None
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What any child has to say."""
         return tuple(remark for child in self.children for remark in child.remarks)
 
     def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:

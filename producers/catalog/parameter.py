@@ -61,7 +61,7 @@ def _value(name: str | None, value: Any, info: ValidationInfo) -> Any:
 
 
 class ListParameters(producer.Parameters):
-    """Of `ParameterVariationList`."""
+    """Parameters of `ParameterVariationList`."""
 
     name: ParameterName | Annotated[list[ParameterName], Field(min_length=1)]
     """Key to vary, or several that vary in lockstep."""
@@ -77,10 +77,7 @@ class ParameterVariationList(Producer[ListParameters]):
 
     Parameters = ListParameters
 
-    @property
-    def reads(self) -> tuple[str, ...]:
-        """Nothing."""
-        return ()
+    reads = ()
 
     @property
     def writes(self) -> Mapping[str, Dimension | None]:
@@ -91,7 +88,6 @@ class ParameterVariationList(Producer[ListParameters]):
 
     @property
     def most_choices(self) -> int:
-        """The values."""
         return len(self.parameters.values)
 
     def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
@@ -106,7 +102,7 @@ def _dimension(key: str, values: Sequence[Value] = ()) -> Dimension:
 
 
 class DistributionParameters(producer.Parameters):
-    """What the parameters of every distribution have."""
+    """Base of the parameters of every distribution."""
 
     name: ParameterName
     """Key to vary."""
@@ -120,20 +116,15 @@ D = TypeVar("D", bound=DistributionParameters)
 class DistributionProducer(Producer[D]):
     """One configuration for each value drawn from a distribution."""
 
-    @property
-    def reads(self) -> tuple[str, ...]:
-        """Nothing."""
-        return ()
+    reads = ()
 
     @property
     def writes(self) -> Mapping[str, Dimension | None]:
-        """The named key."""
         name = self.parameters.name
         return {name: self.parameters.dimension or _dimension(name)}
 
     @property
     def most_choices(self) -> int:
-        """The values that are drawn."""
         return self.parameters.num_variations
 
     def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
@@ -147,7 +138,7 @@ class DistributionProducer(Producer[D]):
 
 
 class UniformParameters(DistributionParameters):
-    """Of `ParameterVariationDistributionUniform`."""
+    """Parameters of `ParameterVariationDistributionUniform`."""
 
     min: Number
     """Lower bound, in the unit of the value; included for whole numbers."""
@@ -185,7 +176,7 @@ class ParameterVariationDistributionUniform(DistributionProducer[UniformParamete
 
 
 class GaussianParameters(DistributionParameters):
-    """Of `ParameterVariationDistributionGaussian`."""
+    """Parameters of `ParameterVariationDistributionGaussian`."""
 
     mean: Number
     """Mean of the normal distribution, in the unit of the value."""

@@ -2,9 +2,10 @@
 
 import itertools
 import math
+from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Self, TypeAlias
+from typing import Any, Final, Self, TypeAlias, TypeVar
 
 import numpy as np
 from pydantic import model_validator
@@ -71,13 +72,62 @@ UNPROVED: Final = "nor proved impossible"
 """What a rejection says that another draw may contradict."""
 
 
-class PathParameters(producer.Parameters):
-    """Of `PathVariationRandom`."""
+class LengthParameters(producer.Parameters):
+    """Base of the parameters of paths of a promised length."""
 
     path_length: Positives
     """Length of the shortest path on the map's grid, from the start through the goals (m); one value or several."""
     path_length_tolerance: NotNegative = 0.5
     """How much a length may miss `path_length` by (m)."""
+    robot_diameter: Positive = DEFAULT_ROBOT_DIAMETER_M
+    """Diameter of the disc that must fit all along the path (m)."""
+    start_pose: StartParameter = START_KEY
+    """Key of the start, or the start itself: `{x, y, yaw}` in meters and radians."""
+    map_file: MapParameter = None
+    """A map for the path, in place of the configuration's own; it becomes the configuration's map where that has none."""
+
+
+P = TypeVar("P", bound=LengthParameters)
+
+
+class PathProducer(Producer[P]):
+    """Base of producers that write a start and goals."""
+
+    @property
+    @abstractmethod
+    def goals_key(self) -> str:
+        """The key of the goals."""
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        return map_needed(self.parameters.map_file)
+
+    @property
+    def writes(self) -> Mapping[str, Dimension | None]:
+        tag = self.parameters.dimension or "task"
+        own_map: dict[str, Dimension | None] = (
+            {MAP_KEY: "environment"} if isinstance(self.parameters.map_file, FileContent) else {}
+        )
+        return {start_key(self.parameters.start_pose): tag, self.goals_key: tag, **own_map}
+
+    def _values(
+        self, inputs: Mapping[str, Value], ground: Ground, start: Pose, goals: Sequence[Pose], legs: Sequence[Leg]
+    ) -> dict[str, Value]:
+        """Return what is written for a path: the map, start and goals unless they are given, and provenance."""
+        asked, values = self.parameters, dict[str, Value]()
+        if isinstance(asked.map_file, FileContent) and MAP_KEY not in inputs:
+            values[MAP_KEY] = asked.map_file
+        if start_key(asked.start_pose) not in inputs:
+            values[start_key(asked.start_pose)] = start.value()
+        if self.goals_key not in self.reads or self.goals_key not in inputs:
+            written: list[Value] = [goal.value() for goal in goals]
+            values[self.goals_key] = written[0] if self.goals_key == GOAL_KEY else written
+        return {**values, **path_values(ground, legs)}
+
+
+class PathParameters(LengthParameters):
+    """Parameters of `PathVariationRandom`."""
+
     num_paths: Count = 1
     """Paths drawn for each length and number of goals."""
     min_distance: NotNegative = 1.0
@@ -86,16 +136,10 @@ class PathParameters(producer.Parameters):
     """Number of goals; 1 where neither this nor `num_goal_poses_per_m` is given."""
     num_goal_poses_per_m: Positives | None = None
     """Goals per meter of `path_length`, rounded, at least one; one value or several. Instead of `num_goal_poses`."""
-    robot_diameter: Positive = DEFAULT_ROBOT_DIAMETER_M
-    """Diameter of the disc that must fit all along the path (m)."""
     seed: Seed = 0
     """Seed of the draws of start and goals."""
-    start_pose: StartParameter = START_KEY
-    """Key of the start, or the start itself: `{x, y, yaw}` in meters and radians."""
     goal_poses: GoalsParameter = GOALS_KEY
     """Key of the goals, or the goals themselves, one or several. The key `goal_pose` holds one pose, any other a list."""
-    map_file: MapParameter = None
-    """A map for the path, in place of the configuration's own; it becomes the configuration's map where that has none."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -108,7 +152,7 @@ class PathParameters(producer.Parameters):
         return self
 
 
-class PathVariationRandom(Producer[PathParameters]):
+class PathVariationRandom(PathProducer[PathParameters]):
     """Start and goals, drawn uniformly from all that are the promised path length apart.
 
     The start is uniform over the cells that have such a goal, the goal over those goals; both are centers of
@@ -120,34 +164,20 @@ class PathVariationRandom(Producer[PathParameters]):
     Parameters = PathParameters
 
     @property
+    def goals_key(self) -> str:
+        return goals_key(self.parameters.goal_poses)
+
+    @property
     def reads(self) -> tuple[str, ...]:
-        """The map, and start and goals that may be given already."""
         return (
             map_key(self.parameters.map_file),
             ROOM_KEY,
             start_key(self.parameters.start_pose),
-            goals_key(self.parameters.goal_poses),
+            self.goals_key,
         )
 
     @property
-    def needs(self) -> tuple[str, ...]:
-        """The map, unless the parameters name a file."""
-        return map_needed(self.parameters.map_file)
-
-    @property
-    def writes(self) -> Mapping[str, Dimension | None]:
-        """Start and goals, and the map where the parameters name a file."""
-        tag = self.parameters.dimension
-        own_map = isinstance(self.parameters.map_file, FileContent)
-        return {
-            start_key(self.parameters.start_pose): tag or "task",
-            goals_key(self.parameters.goal_poses): tag or "task",
-            **({map_key(None): "environment"} if own_map else {}),
-        }
-
-    @property
     def most_choices(self) -> int:
-        """A path for each length, each number of goals and each of `num_paths`."""
         return (
             self.parameters.num_paths
             * len(self.parameters.path_length)
@@ -182,8 +212,7 @@ class PathVariationRandom(Producer[PathParameters]):
                     yield Rejection(legs, requested)
                 else:
                     size = {name: requested[name] for name in ("path_length", "num_goal_poses")}
-                    note = {REQUESTED + goals_key(self.parameters.goal_poses): size}
-                    yield Fragment({**self._values(inputs, task, legs, rng), **note})
+                    yield Fragment({**self._path(inputs, task, legs, rng), REQUESTED + self.goals_key: size})
 
     def _requests(self, goals: Sequence[Pose]) -> Iterator[dict[str, Value]]:
         asked = self.parameters
@@ -193,22 +222,13 @@ class PathVariationRandom(Producer[PathParameters]):
                 for path in range(1, asked.num_paths + 1):
                     yield {"path_length": length_m, "num_goal_poses": n_goals, "path": path}
 
-    def _values(
+    def _path(
         self, inputs: Mapping[str, Value], task: "_Task", legs: Sequence[Leg], rng: np.random.Generator
     ) -> dict[str, Value]:
-        ground, asked = task.ground, self.parameters
+        ground = task.ground
         start = task.start or Pose(*center_m(ground, legs[0].start), float(rng.uniform(-math.pi, math.pi)))
         goals = task.goals or tuple(Pose(*center_m(ground, leg.end), _arrival_rad(ground, leg)) for leg in legs)
-        values: dict[str, Value] = {}
-        if isinstance(asked.map_file, FileContent) and MAP_KEY not in inputs:
-            values[MAP_KEY] = asked.map_file
-        if start_key(self.parameters.start_pose) not in inputs:
-            values[start_key(self.parameters.start_pose)] = start.value()
-        if goals_key(self.parameters.goal_poses) not in inputs:
-            values[goals_key(self.parameters.goal_poses)] = (
-                goals[0].value() if goals_key(self.parameters.goal_poses) == GOAL_KEY else [g.value() for g in goals]
-            )
-        return {**values, **path_values(ground, legs)}
+        return self._values(inputs, ground, start, goals, legs)
 
 
 def path_values(ground: Ground, legs: Sequence[Leg]) -> dict[str, Value]:
@@ -228,7 +248,7 @@ Drawer: TypeAlias = Callable[[np.random.Generator], "list[Leg] | str"]
 
 @dataclass(frozen=True, slots=True)
 class _Task:
-    """Where paths are drawn, and what of them is given."""
+    """The ground on which paths are drawn, and the stops that are given."""
 
     ground: Ground
     start: Pose | None
@@ -236,7 +256,7 @@ class _Task:
     asked: PathParameters
 
     def drawer(self, length_m: float, n_goals: int) -> Drawer:
-        """How a path of this length through so many goals is drawn."""
+        """Return what draws paths of this length through so many goals."""
         asked, ground = self.asked, self.ground
         if n_goals > MOST_GOALS:
             return _always(f"a path of {length_m:g} m was to have {n_goals} goals; at most {MOST_GOALS}")
@@ -273,7 +293,7 @@ class _Task:
                 return legs
             if search.gave_up:
                 return (
-                    f"no {what} was found for {self.ground.stopping_robot_text} from {MAX_STARTS} starts, {UNPROVED}; "
+                    f"for {self.ground.stopping_robot_text} no {what} was found from {MAX_STARTS} starts, {UNPROVED}; "
                     f"the longest shortest path found is {search.longest_m:.2f} m"
                 )
             return f"this map has no {what} for {self.ground.stopping_robot_text}; the longest shortest path found is {search.longest_m:.2f} m"
@@ -326,7 +346,7 @@ def _size(requested: Mapping[str, Any]) -> tuple[float, int]:
 
 
 def legs_text(n_legs: int) -> str:
-    """What has so many legs, for a sentence that goes on with their length."""
+    """Return words for a path of so many legs; their length follows."""
     return "path" if n_legs == 1 else f"path of {n_legs} legs, each"
 
 

@@ -8,26 +8,21 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.producers.catalog.path import center_m, legs_text, length_text, path_values
-from vastflow.producers.model import producer
+from vastflow.producers.catalog.path import LengthParameters, PathProducer, center_m, legs_text, length_text
 from vastflow.producers.model.configuration import REQUESTED, Fragment, Rejection
-from vastflow.producers.model.numbers import DEFAULT_ROBOT_DIAMETER_M, Goals, NotNegative, Number, Positive, Positives
-from vastflow.producers.model.producer import ROOM_KEY, Draws, Producer
+from vastflow.producers.model.numbers import Goals, Number, Positive
+from vastflow.producers.model.producer import ROOM_KEY, Draws
 from vastflow.producers.places.ground import (
-    MAP_KEY,
     Ground,
-    MapParameter,
     ground_of,
     map_key,
-    map_needed,
     map_of,
     room_of,
 )
 from vastflow.producers.places.route import FIELD_ERROR_M, Cell, Leg, LegRequest, Reach, reach_of
-from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY, StartParameter, given_start, start_key
-from vastflow.sim.model.digest import FileContent, Value
+from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, given_start, start_key
+from vastflow.sim.model.digest import Value
 from vastflow.sim.model.pose import Pose
-from vastflow.sim.model.scenario import Dimension
 
 MAX_POINTS: Final = 5000
 """Points of a raster that is still a raster: of more, the pairs are tens of millions."""
@@ -35,30 +30,20 @@ ROUNDING_CELLS: Final = 1e-6
 """What the place of a raster point forgives, so that three times 0.1 m is the sixth cell of 0.05 m."""
 
 
-class RasterParameters(producer.Parameters):
-    """Of `PathVariationRasterized`."""
+class RasterParameters(LengthParameters):
+    """Parameters of `PathVariationRasterized`."""
 
-    start_pose: StartParameter = START_KEY
-    """Key of the start, or the start itself: `{x, y, yaw}` in meters and radians."""
     num_goal_poses: Goals = 1
     """Number of goals on the path."""
-    map_file: MapParameter = None
-    """A map for the path, in place of the configuration's own; it becomes the configuration's map where that has none."""
     raster_size: Positive
     """Spacing of the raster's points (m)."""
     raster_offset_x: Number = 0.0
     """Offset of the raster from the map's lower left corner along x (m)."""
     raster_offset_y: Number = 0.0
     """Offset of the raster from the map's lower left corner along y (m)."""
-    path_length: Positives
-    """Length of the shortest path on the map's grid, from the start through the goals (m); one value or several."""
-    path_length_tolerance: NotNegative = 0.5
-    """How much a length may miss `path_length` by (m)."""
-    robot_diameter: Positive = DEFAULT_ROBOT_DIAMETER_M
-    """Diameter of the disc that must fit all along the path (m)."""
 
 
-class PathVariationRasterized(Producer[RasterParameters]):
+class PathVariationRasterized(PathProducer[RasterParameters]):
     """Every ordered pair of raster points that are the promised path length apart, as start and goal with yaw 0.
 
     A point is the cell of the map it lies in, where the robot can stand. With several goals there is one path from each
@@ -71,25 +56,14 @@ class PathVariationRasterized(Producer[RasterParameters]):
 
     @property
     def reads(self) -> tuple[str, ...]:
-        """The map, and a start that may be given already."""
         return map_key(self.parameters.map_file), ROOM_KEY, start_key(self.parameters.start_pose)
 
     @property
-    def needs(self) -> tuple[str, ...]:
-        """The map, unless the parameters name a file."""
-        return map_needed(self.parameters.map_file)
-
-    @property
-    def writes(self) -> Mapping[str, Dimension | None]:
-        """Start and goal, or goals where there are several, and the map where the parameters name a file."""
-        tag = self.parameters.dimension or "task"
-        own_map: dict[str, Dimension | None] = (
-            {MAP_KEY: "environment"} if isinstance(self.parameters.map_file, FileContent) else {}
-        )
-        return {start_key(self.parameters.start_pose): tag, self._goal_key: tag, **own_map}
+    def goals_key(self) -> str:
+        return GOAL_KEY if self.parameters.num_goal_poses == 1 else GOALS_KEY
 
     def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
-        """Yield the paths of each length in turn, by start and then by goal in the raster's order: row by row from below.
+        """Yield the paths of each length in turn, by start and then by goal in the raster's order.
 
         One rejection for each length counts the pairs, or starts, that it leaves out. Draws nothing.
         """
@@ -117,7 +91,9 @@ class PathVariationRasterized(Producer[RasterParameters]):
             n_paths = 0
             for path in _paths(raster.starts, legs[share], n_goals):
                 n_paths += 1
-                yield Fragment({**self._values(inputs, ground, start, path), REQUESTED + self._goal_key: requested})
+                begin, *goals = (Pose(*center_m(ground, cell)) for cell in (path[0].start, *(leg.end for leg in path)))
+                values = self._values(inputs, ground, start or begin, goals, path)
+                yield Fragment({**values, REQUESTED + self.goals_key: requested})
             if reason := raster.left_out(share, n_goals, n_paths):
                 yield Rejection(reason, requested)
 
@@ -132,26 +108,9 @@ class PathVariationRasterized(Producer[RasterParameters]):
             return f"a raster of {asked.raster_size:g} m has {len(points)} points for {ground.stopping_robot_text} on this map; {bound}"
         return raster
 
-    def _values(
-        self, inputs: Mapping[str, Value], ground: Ground, start: Pose | None, legs: list[Leg]
-    ) -> dict[str, Value]:
-        asked = self.parameters
-        values: dict[str, Value] = {}
-        if isinstance(asked.map_file, FileContent) and MAP_KEY not in inputs:
-            values[MAP_KEY] = asked.map_file
-        if start_key(asked.start_pose) not in inputs:
-            values[start_key(asked.start_pose)] = (start or Pose(*center_m(ground, legs[0].start))).value()
-        goals: list[Value] = [Pose(*center_m(ground, leg.end)).value() for leg in legs]
-        values[self._goal_key] = goals[0] if self._goal_key == GOAL_KEY else goals
-        return {**values, **path_values(ground, legs)}
-
-    @property
-    def _goal_key(self) -> str:
-        return GOAL_KEY if self.parameters.num_goal_poses == 1 else GOALS_KEY
-
 
 def raster_points(ground: Ground, size_m: float, offset_x_m: float, offset_y_m: float) -> NDArray[np.int64]:
-    """Row and column (N, 2) of the cells with a raster point where the robot can stand, row by row from below."""
+    """Return row and column (N, 2) of raster points where the robot can stand, by rows from below."""
 
     def lines(n_cells: int, offset_m: float) -> NDArray[np.int64]:
         resolution_m = ground.occupancy.resolution_m
@@ -182,7 +141,7 @@ class _Raster:
 
     @property
     def n_others(self) -> int:
-        """How many points are no start themselves, seen from one."""
+        """Number of other points, seen from a start."""
         return len(self.points) - int(self.start is None or self.start in self._cells())
 
     def legs(self, requests: Sequence[LegRequest], n_goals: int) -> dict[LegRequest, dict[Cell, list[Leg]]]:
@@ -206,7 +165,7 @@ class _Raster:
         return found
 
     def left_out(self, request: LegRequest, n_goals: int, n_paths: int) -> str | None:
-        """What the request leaves out, and why; None where that is nothing."""
+        """Return what the request leaves out, and why; None if that is nothing."""
         starts, robot = self.starts, self.ground.robot_text
         n_pairs = len(starts) * self.n_others
         n_asked, of = (n_pairs, "pairs") if n_goals == 1 else (len(starts), "starts")
@@ -224,7 +183,7 @@ class _Raster:
         return [(int(row), int(column)) for row, column in self.points]
 
     def _n_connected(self, starts: Sequence[Cell]) -> int:
-        """How many pairs of a start and another point are connected."""
+        """Return the number of connected pairs of a start and another point."""
         columns = self.ground.passable.shape[1]
         order = self.ground.cells @ (columns, 1)
         of_points = self.ground.component[np.searchsorted(order, self.points @ (columns, 1))]
@@ -254,7 +213,10 @@ def _paths(starts: Sequence[Cell], legs: Mapping[Cell, list[Leg]], n_goals: int)
 
 
 def _path(legs: Mapping[Cell, list[Leg]], start: Cell, n_goals: int) -> list[Leg]:
-    """The path from a start; empty where it has no first leg. A given start off the raster has no path back to it."""
+    """Return the path from a start, or [] if it has no first leg.
+
+    A given start off the raster has no path back to it.
+    """
     path: list[Leg] = []
     passed = {start}
     for _ in range(n_goals):

@@ -30,7 +30,7 @@ STEEPEST: Final = 0.2
 
 
 class WorldParameters(producer.Parameters):
-    """Of `WorldVariation`."""
+    """Parameters of `WorldVariation`."""
 
     wall_offset: NotNegatives = (0.0,)
     """Standard deviation of what walls are offset by along x and along y (m), smoothly from place to place; one value or several. 0: as on the map."""
@@ -71,24 +71,15 @@ class WorldVariation(Producer[WorldParameters]):
 
     Parameters = WorldParameters
 
-    @property
-    def reads(self) -> tuple[str, ...]:
-        """The map, start and goals."""
-        return MAP_KEY, START_KEY, GOAL_KEY, GOALS_KEY
-
-    @property
-    def needs(self) -> tuple[str, ...]:
-        """The map."""
-        return (MAP_KEY,)
+    reads = (MAP_KEY, START_KEY, GOAL_KEY, GOALS_KEY)
+    needs = (MAP_KEY,)
 
     @property
     def writes(self) -> Mapping[str, Dimension | None]:
-        """How the world differs."""
         return {WORLD_KEY: self.parameters.dimension or "environment"}
 
     @property
     def most_choices(self) -> int:
-        """Each offset with each share, `count` times."""
         return self.parameters.count * len(self.parameters.wall_offset) * len(self.parameters.missing_furniture)
 
     def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:

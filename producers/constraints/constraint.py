@@ -7,29 +7,15 @@ from typing import Any, Final, Protocol
 from vastflow.producers.constraints.expression import ConstraintExpression, ExpressionName, NotEvaluable
 from vastflow.producers.constraints.quantities import QUANTITIES, Quantities, may_write_for
 from vastflow.producers.model.configuration import ExcludedInstance, Partial
-from vastflow.producers.model.faults import CampaignError, Fault
 from vastflow.producers.model.producer import Producer
 from vastflow.sim.model.digest import Value
+from vastflow.sim.model.faults import Fault, FileError, Place
 
 MOST_REPORTED: Final = 3
 """Instances in which a constraint can't be evaluated that are told of, for each constraint."""
 
 
-@dataclass(frozen=True, slots=True)
-class ConstraintPlace:
-    """Where a constraint stands in a file, for messages."""
-
-    file: str = "campaign"
-    line: int = 1
-    column: int = 1
-    where: str = "constraints"
-
-    def fault(self, what: str, right: str) -> Fault:
-        """A fault at this place."""
-        return Fault(self.file, self.line, self.column, self.where, what, right)
-
-
-NOWHERE: Final = ConstraintPlace()
+NOWHERE: Final = Place("campaign", where="constraints")
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +28,7 @@ class Constraint:
 
     name: str
     expression: ConstraintExpression
-    place: ConstraintPlace = NOWHERE
+    place: Place = NOWHERE
 
     def touched_by(self, producer: Producer[Any]) -> bool:
         """Whether what it looks at can depend on what a producer writes."""
@@ -86,17 +72,17 @@ class Checker:
         """Raise what could not be evaluated.
 
         Raises:
-            CampaignError: constraint, instance and reason.
+            FileError: constraint, instance and reason.
         """
         if self._faults:
-            raise CampaignError(fault for faults in self._faults.values() for fault in faults[:MOST_REPORTED])
+            raise FileError(fault for faults in self._faults.values() for fault in faults[:MOST_REPORTED])
 
     def _remember(self, constraint: Constraint, partial: Partial, reason: str) -> None:
         what = f"constraint {constraint.name!r} can't be evaluated for {partial.name}: {reason}"
         right = "an expression that is true or false of every configuration; 'defined(name) implies …' where a name is not always there"
         faults = self._faults.setdefault(constraint.name, [])
         if len(faults) < MOST_REPORTED:
-            faults.append(constraint.place.fault(what, right))
+            faults.append(Fault(constraint.place, what, right))
 
     def _look(self, partial: Partial, looked: dict[str, Value]) -> Any:
         def look(name: ExpressionName) -> Any:
@@ -128,7 +114,7 @@ def _inside(name: ExpressionName, value: Any, within: Sequence[str | int]) -> An
 
 
 class Gate(Protocol):
-    """What lets a configuration pass or not: a constraint, the start check."""
+    """A condition on configurations: a constraint or the start check."""
 
     def touched_by(self, producer: Producer[Any]) -> bool:
         """Whether what it looks at can depend on what a producer writes."""

@@ -24,10 +24,10 @@ from vastflow.producers.constraints.operations import (
     kind_of,
     spelled,
 )
-from vastflow.sim.model.faults import complaint
+from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.names import did_you_mean
 
-__all__ = ["ConstraintExpression", "ExpressionFault", "ExpressionName", "NotEvaluable", "expression_of"]
+__all__ = ["ConstraintExpression", "ExpressionName", "NotEvaluable", "expression_of"]
 
 MOST_CHARACTERS: Final = 2_000
 MOST_NESTED: Final = 60
@@ -50,20 +50,6 @@ _PART: Final = re.compile(r"[A-Za-z_]\w*|\d+")
 Look: TypeAlias = Callable[["ExpressionName"], Any]
 """Gives the value of a name; raises `NotEvaluable` where there is none."""
 Evaluate: TypeAlias = Callable[[Look], Any]
-
-
-class ExpressionFault(Exception):
-    """What is wrong with an expression's text.
-
-    Attributes:
-        offset: Where, in characters from the beginning of the text.
-    """
-
-    def __init__(self, offset: int, what: str, right: str) -> None:
-        super().__init__(complaint(what, right))
-        self.offset = offset
-        self.what = what
-        self.right = right
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,14 +96,12 @@ def expression_of(text: str) -> ConstraintExpression:
     """Parse an expression.
 
     Raises:
-        ExpressionFault: the first thing wrong with it.
+        FileError: the first thing wrong with it.
     """
     if len(text) > MOST_CHARACTERS:
-        raise ExpressionFault(
-            MOST_CHARACTERS, f"{len(text)} characters", f"at most {MOST_CHARACTERS}; several constraints"
-        )
+        raise _fault(MOST_CHARACTERS, f"{len(text)} characters", f"at most {MOST_CHARACTERS}; several constraints")
     if not text.strip():
-        raise ExpressionFault(0, "got nothing", "an expression such as 'robot_radius < 0.3'")
+        raise _fault(0, "got nothing", "an expression such as 'robot_radius < 0.3'")
     tree = _Tree(text, _UNLIKE_PYTHON.sub(_in_python, text))
     whole = tree.parsed()
     if (kind := tree.kind(whole)) not in (None, "truth"):
@@ -135,12 +119,12 @@ def _in_python(found: re.Match[str]) -> str:
     return _WORDS[found[0]] if found["word"] else ("_" if found["quoted"] or found["name"] else " ") * len(found[0])
 
 
-def _unexpected(text: str, offset: int, right: str | None = None) -> ExpressionFault:
+def _unexpected(text: str, offset: int, right: str | None = None) -> FileError:
     word = (text[offset : offset + 20].split() or [""])[0]
     if right is None:
         needs_value = word in ("and", "or", "in") or not _NAME.match(word)
         right = "a number, a name, text in quotes or '('" if needs_value else "an operator such as '<', 'and' or '*'"
-    return ExpressionFault(offset, f"got {word!r}" if word else "the expression ends too early", right)
+    return _fault(offset, f"got {word!r}" if word else "the expression ends too early", right)
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +144,7 @@ class _Tree:
         """Return the root.
 
         Raises:
-            ExpressionFault: Python can't parse it.
+            FileError: Python can't parse it.
         """
         for at, depth in enumerate(accumulate((each in "([") - (each in ")]") for each in self.python.lstrip())):
             if depth > MOST_NESTED:
@@ -179,7 +163,7 @@ class _Tree:
         """Return the kind of a node's value as far as it is known without values.
 
         Raises:
-            ExpressionFault: the node is not in the language, or has operands of the wrong kind.
+            FileError: the node is not in the language, or has operands of the wrong kind.
         """
         if depth > MOST_NESTED:
             raise _too_deep(self._place(node))
@@ -298,21 +282,19 @@ class _Tree:
             if kinds[1] not in (None, "list"):
                 raise self.fault(operands[1], f"got {spelled(kinds[1])}", f"a list after {symbol!r}")
         elif "list" in kinds:
-            raise ExpressionFault(self._place_after(operands[0]), f"{symbol!r} of a list", "'in'")
+            raise _fault(self._place_after(operands[0]), f"{symbol!r} of a list", "'in'")
         elif None not in kinds and kinds[0] != kinds[1]:
             raise self._unlike(operands[0], symbol, kinds, "values of one kind")
         elif "truth" in kinds and symbol not in ("==", "!="):
-            raise ExpressionFault(
-                self._place_after(operands[0]), f"{symbol!r} of true and false", "'==', 'and' or 'or'"
-            )
+            raise _fault(self._place_after(operands[0]), f"{symbol!r} of true and false", "'==', 'and' or 'or'")
 
-    def _unlike(self, left: ast.expr, symbol: str, kinds: Sequence[ValueKind | None], right: str) -> ExpressionFault:
+    def _unlike(self, left: ast.expr, symbol: str, kinds: Sequence[ValueKind | None], right: str) -> FileError:
         what = f"got {spelled(kinds[0])} {symbol} {spelled(kinds[1])}"
-        return ExpressionFault(self._place_after(left), what, right)
+        return _fault(self._place_after(left), what, right)
 
-    def fault(self, node: ast.expr, what: str, right: str) -> ExpressionFault:
+    def fault(self, node: ast.expr, what: str, right: str) -> FileError:
         """Return a fault at a node."""
-        return ExpressionFault(self._place(node), what, right)
+        return _fault(self._place(node), what, right)
 
     def _place(self, node: ast.expr) -> int:
         return self._offset(node.col_offset)
@@ -332,8 +314,13 @@ class _Tree:
         return at - (len(_WORDS["implies"]) - len("implies")) * self.python.count(_WORDS["implies"], 0, at)
 
 
-def _too_deep(offset: int) -> ExpressionFault:
-    return ExpressionFault(offset, f"more than {MOST_NESTED} levels deep", "fewer; several constraints")
+def _fault(offset: int, problem: str, expected: str) -> FileError:
+    """Return the error of a fault that many characters from the beginning of an expression."""
+    return FileError([Fault(Place("", 1, offset + 1), problem, expected)])
+
+
+def _too_deep(offset: int) -> FileError:
+    return _fault(offset, f"more than {MOST_NESTED} levels deep", "fewer; several constraints")
 
 
 def _truth(word: str, value: Any) -> bool:

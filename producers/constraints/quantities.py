@@ -117,7 +117,7 @@ class Quantities:
 
 
 def obstacle_count(partial: Partial) -> int:
-    """How many obstacles the environment has, under whatever keys."""
+    """Return the number of obstacles in the environment, under whatever keys."""
     return sum(
         isinstance(entry, Mapping) and "spawn_pose" in entry
         for key, value in partial.values.items()

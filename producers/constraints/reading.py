@@ -1,13 +1,15 @@
 """Constraints as they stand in a campaign file, with places inside of their text."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 from vastflow.producers.campaign_file.document import Document
-from vastflow.producers.constraints.constraint import Constraint, ConstraintPlace
-from vastflow.producers.constraints.expression import ExpressionFault, ExpressionName, expression_of
+from vastflow.producers.constraints.constraint import Constraint
+from vastflow.producers.constraints.expression import ExpressionName, expression_of
 from vastflow.producers.constraints.quantities import QUANTITIES
-from vastflow.producers.model.faults import Fault, Location, path_text, shown
+from vastflow.producers.model.faults import Location, path_text, shown
+from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.names import did_you_mean
 
 RIGHT: Final = "a list of named expressions, '- name: \"expression\"'"
@@ -32,12 +34,13 @@ def read_constraints(document: Document, location: Location) -> tuple[list[Const
             continue
         try:
             expression = expression_of(text)
-        except ExpressionFault as error:
-            line, column = place_inside(document.text, document.place(where), text, error.offset)
-            faults.append(Fault(document.file, line, column, path_text(where), error.what, error.right))
+        except FileError as error:
+            (fault,) = error.faults
+            place = place_inside(document.text, document.place(where), text, fault.place.column - 1)
+            faults.append(replace(fault, place=Place(document.file, *place, path_text(where))))
             continue
         line, column = document.place(where)
-        constraints.append(Constraint(name, expression, ConstraintPlace(document.file, line, column, path_text(where))))
+        constraints.append(Constraint(name, expression, Place(document.file, line, column, path_text(where))))
     return constraints, faults
 
 
@@ -54,8 +57,8 @@ def unknown_names(constraint: Constraint, written: set[str]) -> Iterator[tuple[E
 def fault_of(document: Document, constraint: Constraint, offset: int, what: str, right: str) -> Fault:
     """A fault at a character of a constraint's expression."""
     place = constraint.place
-    line, column = place_inside(document.text, (place.line, place.column), constraint.expression.text, offset)
-    return Fault(place.file, line, column, place.where, what, right)
+    inside = place_inside(document.text, (place.line, place.column), constraint.expression.text, offset)
+    return Fault(Place(place.file, *inside, place.where), what, right)
 
 
 def place_inside(source: str, place: tuple[int, int], text: str, offset: int) -> tuple[int, int]:

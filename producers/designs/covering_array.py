@@ -24,10 +24,6 @@ Cover: TypeAlias = dict[tuple[int, ...], NDArray[np.bool_]]
 """Factors, ascending, to a flag for each combination of their levels."""
 
 
-class IncompleteDesign(RuntimeError):
-    """An internal error: a design that does not do what it promises."""
-
-
 def covering_array(blocks: Sequence[FactorBlock], level_counts: Sequence[int], strength: int) -> NDArray[np.int64]:
     """(N, F) levels of each factor in rows that cover every admissible combination of `strength` factors.
 
@@ -126,7 +122,7 @@ class _Greedy:
         return best[1]
 
     def _weights(self) -> dict[int, NDArray[np.int64]]:
-        """How many missing tuples each level of each factor is in."""
+        """Return the number of missing tuples that each level of each factor is in."""
         weight = {f: np.zeros(self._level_counts[f], dtype=np.int64) for f in self._varied}
         for combo, flags in self._missing.items():
             if self._left[combo]:
@@ -205,14 +201,14 @@ def verify(rows: NDArray[np.int64], blocks: Sequence[FactorBlock], strength: int
     """Check an array in the plainest way, apart from what made it.
 
     Raises:
-        IncompleteDesign: a row is not admissible, or an admissible combination is in no row.
+        RuntimeError: a row is not admissible, or an admissible combination is in no row.
     """
     listed = [tuple(row) for row in rows.tolist()]
     tables = [(block.factors, set(map(tuple, block.table.tolist()))) for block in blocks]
     for row in listed:
         for factors, table in tables:
             if tuple(row[f] for f in factors) not in table:
-                raise IncompleteDesign(f"row {row} is not admissible in factors {factors}")
+                raise RuntimeError(f"row {row} is not admissible in factors {factors}")
     if any(not table for _, table in tables):
         return
     n_factors = sum(len(factors) for factors, _ in tables)
@@ -225,4 +221,4 @@ def verify(rows: NDArray[np.int64], blocks: Sequence[FactorBlock], strength: int
         for parts in itertools.product(*(part for _, part in inside)):
             flat = tuple(itertools.chain(*parts))
             if tuple(flat[place] for place in places) not in covered:
-                raise IncompleteDesign(f"levels {flat} of factors {owned} are in no row")
+                raise RuntimeError(f"levels {flat} of factors {owned} are in no row")

@@ -56,7 +56,7 @@ class FactorBlock:
 
 @dataclass(slots=True)
 class _Factor:
-    """What is known of a producer: `choices` maps levels of `depends` to what it yielded there."""
+    """A producer as a factor: `choices` maps levels of `depends` to what it yielded there."""
 
     producer: Producer[Any]
     depends: tuple[int, ...] = ()
@@ -239,7 +239,7 @@ class DesignSpace:
 
 
 def product_of(blocks: Sequence[FactorBlock]) -> int:
-    """How many configurations there are in all."""
+    """Return the number of configurations."""
     return math.prod(len(block.table) for block in blocks)
 
 

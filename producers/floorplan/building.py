@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 import shapely
 
-from vastflow.producers.floorplan.faults import FloorplanError
 from vastflow.producers.floorplan.geometry import (
     IDENTITY,
     SMALLEST_M,
@@ -31,7 +30,7 @@ from vastflow.producers.floorplan.plan import (
     PlanFrame,
     PlanSpace,
 )
-from vastflow.producers.model.faults import Fault, Note
+from vastflow.sim.model.faults import Fault, FileError, Place
 
 ROUNDING_M: Final = 1e-9
 """What sums of a user's decimal numbers may miss each other by."""
@@ -130,7 +129,7 @@ class Building:
     walls: tuple[Wall, ...]
     obstacles: tuple[SolidBlock, ...]
     holes: tuple[Hole, ...]
-    notes: tuple[Note, ...] = ()
+    notes: tuple[Fault, ...] = ()
 
     @property
     def floor_bounds(self) -> tuple[float, float, float, float]:
@@ -140,7 +139,7 @@ class Building:
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
-        """As `floor_bounds`, of everything."""
+        """Lowest x and y, highest x and y of everything."""
         parts: list[Room | Wall | SolidBlock] = [*self.rooms, *self.walls, *self.obstacles]
         xs, ys = zip(*(point for part in parts for point in part.outline), strict=True)
         return min(xs), min(ys), max(xs), max(ys)
@@ -150,7 +149,7 @@ def build(plan: FloorPlan) -> Building:
     """The building of a plan.
 
     Raises:
-        FloorplanError: spaces placed by each other in a circle, a corner too sharp for walls.
+        FileError: spaces placed by each other in a circle, a corner too sharp for walls.
     """
     return _Builder(plan).building()
 
@@ -177,15 +176,15 @@ class _Builder:
         )
 
     def _fault(self, place: tuple[int, int], where: str, what: str, right: str) -> None:
-        self._faults.append(Fault(self._plan.file, *place, where, what, right))
+        self._faults.append(Fault(Place(self._plan.file, *place, where), what, right))
 
     def _note(self, opening: Opening, what: str, right: str) -> None:
         where = f"{opening.kind} {opening.name}"
-        self._notes.append(Note("warning", self._plan.file, *opening.place, where, what, right))
+        self._notes.append(Fault(Place(self._plan.file, *opening.place, where), what, right, "warning"))
 
     def _stop_if_wrong(self) -> None:
         if self._faults:
-            raise FloorplanError(self._faults)
+            raise FileError(self._faults)
 
     # Placing
 
@@ -260,7 +259,7 @@ class _Builder:
         return self._frame(feature.wrt).then(_transform(feature.offset)).outline(feature.outline)
 
     def _hole(self, opening: Opening, walls: Mapping[str, Wall]) -> Hole | None:
-        """What an opening takes of its walls, cut to the first one; None where that is nothing."""
+        """Return what an opening takes of its walls, cut to the first one; None if that is nothing."""
         cut = [walls[wall_name(frame.space or "", frame.wall or 0)] for frame in opening.walls]
         first, half_m, height_m = opening.walls[0], cut[0].length_m / 2, max(wall.height_m for wall in cut)
         x0, x1 = _span(x for x, _ in opening.outline)

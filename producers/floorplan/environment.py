@@ -49,7 +49,7 @@ class Environment:
 
     @property
     def digest(self) -> str:
-        """Of the names and contents of the files."""
+        """Digest of the names and contents of the files."""
         return digest({name: hashlib.sha256(content).hexdigest() for name, content in self.files.items()})
 
 
@@ -90,7 +90,7 @@ def environments_in(folder: Path) -> Iterator[None]:
 
 
 def environments_folder() -> Path:
-    """Where environments are kept: see `environments_in`, else beside the store's artifacts, wherever that is."""
+    """Return the folder of environments: that of `environments_in`, or the store's."""
     if (chosen := _FOLDER.get()) is not None:
         return chosen
     root = os.environ.get(STORE, "")

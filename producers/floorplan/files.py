@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from vastflow.producers.floorplan.building import Building, build
-from vastflow.producers.floorplan.faults import FloorplanError, complain
 from vastflow.producers.floorplan.reading import plan_of, read_plan
 from vastflow.producers.floorplan.syntax import parse, read_text
 from vastflow.producers.floorplan.variation import Variation, parse_variation, variation_of
+from vastflow.sim.model.faults import Fault, FileError, Place
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,10 +22,10 @@ class PlanFile:
         return replace(self, name=name)
 
     def building(self) -> Building:
-        """What it describes.
+        """Return the building that the plan describes.
 
         Raises:
-            FloorplanError: its faults.
+            FileError: its faults.
         """
         return build(read_plan(self.text, self.name))
 
@@ -51,7 +51,7 @@ class VariationFile:
         """The variation on its plan, which is known to be one that can be built.
 
         Raises:
-            FloorplanError: faults of the plan or of the variation.
+            FileError: faults of the plan or of the variation.
         """
         plan = parse(self.plan.text, self.plan.name)
         build(plan_of(plan))
@@ -62,7 +62,7 @@ def read_plan_file(path: str | Path) -> PlanFile:
     """The file at `path`, unchecked.
 
     Raises:
-        FloorplanError: it can't be read.
+        FileError: it can't be read.
     """
     return PlanFile(str(path), read_text(path))
 
@@ -71,7 +71,7 @@ def read_variation_file(path: str | Path) -> VariationFile:
     """The variation file at `path` and the plan it imports, whose place is relative to it.
 
     Raises:
-        FloorplanError: one of the two can't be read, or the variation is not in its language.
+        FileError: one of the two can't be read, or the variation is not in its language.
     """
     path = Path(path)
     text = read_text(path)
@@ -79,9 +79,10 @@ def read_variation_file(path: str | Path) -> VariationFile:
     imported = path.parent / variation.imported
     try:
         plan = read_text(imported)
-    except FloorplanError as error:
+    except FileError as error:
         fault = error.faults[0]
-        what = f"{str(imported)!r}: {fault.what}"
+        what = f"{str(imported)!r}: {fault.problem}"
         right = "a floor plan, by its place relative to this file"
-        complain(str(path), variation.imported_at, "import", what, right, missing=fault.missing)
+        place = Place(str(path), *variation.imported_at, "import")
+        raise FileError([Fault(place, what, right, fault.kind)]) from None
     return VariationFile(str(path), text, variation.imported, PlanFile(str(imported), plan))

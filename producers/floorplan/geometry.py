@@ -42,7 +42,7 @@ def edges(outline: Outline) -> tuple[tuple[Point, Point], ...]:
 
 
 def clipped(outline: Outline, low: float, high: float) -> Outline:
-    """The part of an outline with `low` <= x <= `high`, its corners in the same order; empty where there is none."""
+    """Return the part of an outline with `low` <= x <= `high`; empty if there is none."""
     for bound, side in ((low, 1.0), (high, -1.0)):
         kept: list[Point] = []
         for (x0, y0), (x1, y1) in edges(outline) if outline else ():
@@ -56,7 +56,7 @@ def clipped(outline: Outline, low: float, high: float) -> Outline:
 
 
 def outline_fault(outline: Outline) -> tuple[str, str] | None:
-    """What is wrong with a polygon and what would be right; None where it encloses one area."""
+    """Return what is wrong with a polygon and what would be right; None if it encloses one area."""
     if len(outline) < 3:
         return f"got a Polygon with {len(outline)} corners", "three corners or more"
     for k, (start, end) in enumerate(edges(outline)):
@@ -95,7 +95,7 @@ class Transform(NamedTuple):
         return Transform(x_m, y_m, self.yaw_rad + inner.yaw_rad)
 
     def inverse(self) -> "Transform":
-        """What undoes it."""
+        """Return the inverse."""
         cos, sin = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         return Transform(-cos * self.x_m - sin * self.y_m, sin * self.x_m - cos * self.y_m, -self.yaw_rad)
 
@@ -116,7 +116,7 @@ IDENTITY: Final = Transform(0.0, 0.0, 0.0)
 
 
 def wall_frame(outline: Outline, wall: int) -> Transform:
-    """Frame of a wall in its space's: origin in the middle of the edge, x along it, y to the left."""
+    """Return a wall's frame in its space's: origin in the middle of the edge, x along it."""
     (x0, y0), (x1, y1) = outline[wall], outline[(wall + 1) % len(outline)]
     return Transform((x0 + x1) / 2, (y0 + y1) / 2, math.atan2(y1 - y0, x1 - x0))
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from vastflow.producers.floorplan.building import Building, SolidBlock, Wall
-from vastflow.producers.floorplan.faults import START, complain
 from vastflow.producers.floorplan.plan import Outline
+from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.world.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 
 RESOLUTION_M: Final = 0.05
@@ -84,7 +84,7 @@ def grid_of(
     Borders of what is drawn belong to it, so a wall is up to a cell thicker than it is, and so is an entryway wider.
 
     Raises:
-        FloorplanError: more than `MOST_CELLS` cells.
+        FileError: more than `MOST_CELLS` cells.
     """
     low_x, low_y, high_x, high_y = building.floor_bounds
     border = max(BORDER_CELLS, _needed_border(building, resolution_m))
@@ -93,7 +93,9 @@ def grid_of(
     )
     if rows * columns > MOST_CELLS:
         what = f"{high_x - low_x:g} m × {high_y - low_y:g} m at {resolution_m:g} m are {rows * columns:,} cells"
-        complain(building.file, START, f"Floor plan {building.name}", what, f"at most {MOST_CELLS:,}")
+        raise FileError(
+            [Fault(Place(building.file, where=f"Floor plan {building.name}"), what, f"at most {MOST_CELLS:,}")]
+        )
     picture = Image.new("L", (columns, rows), GRAY_UNKNOWN)
     draw = ImageDraw.Draw(picture)
 

@@ -105,7 +105,7 @@ def stl(triangles: NDArray[np.float32]) -> bytes:
 
 
 def _in_the_way(holes: Sequence[Hole], solids: Sequence[Solid], outlines: Sequence[shapely.Polygon]) -> set[int]:
-    """Which solids a cut would reach that does not name them."""
+    """Return the solids that a cut would reach without naming them."""
     if not holes:
         return set()
     reaches = [shapely.Polygon(hole.footprint(*_width(hole), MARGIN_M)) for hole in holes]
@@ -163,7 +163,7 @@ def _without(solid: Manifold, cuts: Sequence[Manifold]) -> Manifold:
 
 
 def _cut(hole: Hole) -> Manifold:
-    """What an opening takes away: its shape from the x–z plane, through its walls, in the world."""
+    """Return the solid that an opening takes away: its shape from the x–z plane, through its walls, in the world."""
     corners = hole.shape if signed_area(hole.shape) > 0.0 else hole.shape[::-1]
     # Turned by +90° about x, the extrusion's y becomes z and its z becomes -y.
     upright = Manifold.extrude(CrossSection([np.array(corners)]), hole.depth_m + 2 * MARGIN_M).rotate((90.0, 0.0, 0.0))

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
-from vastflow.producers.floorplan.faults import Place
-from vastflow.producers.model.faults import Note
+from vastflow.sim.model.faults import Fault
+from vastflow.sim.model.files import TextPlace
 
 Point: TypeAlias = tuple[float, float]
 Outline: TypeAlias = tuple[Point, ...]
@@ -25,7 +25,7 @@ class PlanFrame:
 
     space: str | None
     wall: int | None
-    place: Place = field(compare=False)
+    place: TextPlace = field(compare=False)
 
     def __str__(self) -> str:
         if self.space is None:
@@ -65,7 +65,7 @@ class PlanSpace:
     offset: Offset
     spaced: bool
     aligned: bool
-    place: Place = field(compare=False)
+    place: TextPlace = field(compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +83,7 @@ class Feature:
     height_m: float
     wrt: PlanFrame
     offset: Offset
-    place: Place = field(compare=False)
+    place: TextPlace = field(compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +98,7 @@ class Opening:
     name: str
     walls: tuple[PlanFrame, ...]
     outline: Outline
-    place: Place = field(compare=False)
+    place: TextPlace = field(compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,4 +115,4 @@ class FloorPlan:
     spaces: tuple[PlanSpace, ...]
     features: tuple[Feature, ...]
     openings: tuple[Opening, ...]
-    notes: tuple[Note, ...] = ()
+    notes: tuple[Fault, ...] = ()

@@ -7,7 +7,6 @@ from typing import Final
 
 from lark import Token
 
-from vastflow.producers.floorplan.faults import FloorplanError
 from vastflow.producers.floorplan.geometry import SMALLEST_M, circle, outline_fault, rectangle, signed_area
 from vastflow.producers.floorplan.plan import Feature, FloorPlan, Offset, Opening, Outline, PlanFrame, PlanSpace
 from vastflow.producers.floorplan.syntax import (
@@ -20,7 +19,7 @@ from vastflow.producers.floorplan.syntax import (
     ShapeText,
     parse,
 )
-from vastflow.producers.model.faults import Fault, Note
+from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.names import did_you_mean
 
 LARGEST_M: Final = 10_000.0
@@ -57,7 +56,7 @@ def read_plan(text: str, file: str) -> FloorPlan:
     """The floor plan that `text` describes.
 
     Raises:
-        FloorplanError: every fault in it, or the first where it is not in the language at all.
+        FileError: every fault in it, or the first where it is not in the language at all.
     """
     return plan_of(parse(text, file))
 
@@ -69,21 +68,24 @@ def plan_of(text: PlanText, drawn: Mapping[int, float] | None = None) -> FloorPl
         drawn: Numbers that take the place of those in the text, by where these begin.
 
     Raises:
-        FloorplanError: every fault in it.
+        FileError: every fault in it.
     """
     reader = _Reader(text, drawn or {})
     plan = reader.plan()
     if reader.faults:
-        raise FloorplanError(reader.faults)
+        raise FileError(reader.faults)
     return replace(plan, notes=tuple(reader.notes))
 
 
 class _Reader:
-    """Reads one plan. A value that is wrong is NaN or a stand-in; with a fault, no plan leaves this module."""
+    """Reader of one plan.
+
+    A value that is wrong is NaN or a stand-in; with a fault, no plan leaves this module.
+    """
 
     def __init__(self, text: PlanText, drawn: Mapping[int, float]) -> None:
         self.faults: list[Fault] = []
-        self.notes: list[Note] = []
+        self.notes: list[Fault] = []
         self._text = text
         self._drawn = drawn
         self._variables = self._read_variables()
@@ -116,10 +118,10 @@ class _Reader:
     # Faults
 
     def _fault(self, token: Token, where: str, what: str, right: str) -> None:
-        self.faults.append(Fault(self._text.file, *_place(token), where, what, right))
+        self.faults.append(Fault(Place(self._text.file, *_place(token), where), what, right))
 
     def _note(self, token: Token, where: str, what: str, right: str) -> None:
-        self.notes.append(Note("warning", self._text.file, *_place(token), where, what, right))
+        self.notes.append(Fault(Place(self._text.file, *_place(token), where), what, right, "warning"))
 
     def _distinct(self, kind: str, names: Iterable[Token]) -> None:
         first: dict[str, Token] = {}
@@ -242,7 +244,7 @@ class _Reader:
     # Locations
 
     def _location(self, section: PlanSection, given: Mapping[str, SectionPart], where: str) -> dict[str, SectionPart]:
-        """What stands in a section's location; what has to stand there and does not is a fault."""
+        """Return the parts of a section's location; a missing one is a fault."""
         if "location" not in given:
             needed = " and ".join(NEEDED_IN_A_LOCATION[section.kind])
             self._fault(section.token, where, "no 'location'", f"location: with {needed}")
@@ -281,7 +283,7 @@ class _Reader:
         """Complain of a value on another axis than the `free` ones, unless it is 0."""
         for axis, (value, token) in values.items():
             if axis not in free and token is not None and value != 0.0 and not math.isnan(value):
-                self._fault(token, where, f"got {axis}: {value:g} {unit}", f"{axis}: 0, or nothing; it {does} only")
+                self._fault(token, where, f"got {axis}: {value:g} {unit}", f"{axis}: 0 or nothing, for it {does} only")
 
     def _frame(self, text: FrameText, where: str, this: str | None) -> PlanFrame:
         """The frame that is named; the world's in place of one that does not exist."""

@@ -1,4 +1,4 @@
-"""Everything that can be made of one floor plan: its picture, its geometry as JSON, and the files of a folder."""
+"""Everything made of one floor plan: its picture, its geometry as JSON, and the files of a folder."""
 
 import hashlib
 import importlib.metadata
@@ -133,7 +133,7 @@ def _label(
 
 
 def _text_extent(room: Room) -> tuple[tuple[float, float], float]:
-    """Of a rectangle: how far a text can go along and across its direction (m), and that direction (degrees).
+    """Return the room for text along and across its direction in a rectangle (m), and that direction (degrees).
 
     Texts run along the longer side, but level where a room is nearly square.
     """
@@ -220,7 +220,7 @@ def render(building: Building, text: str, source: str, resolution_m: float, lase
         source: Where it was read from.
 
     Raises:
-        FloorplanError: the map would have too many cells.
+        FileError: the map would have too many cells.
     """
     name = building.name
     grid = grid_of(building, resolution_m, laser_height_m)

@@ -13,8 +13,8 @@ from typing import Any, Final, TypeAlias, cast
 
 from lark import Lark, Token, Transformer, UnexpectedInput
 
-from vastflow.producers.floorplan.faults import complain
 from vastflow.sim.model import files
+from vastflow.sim.model.faults import Fault, FaultKind, FileError, Place
 from vastflow.sim.model.syntax import expectation, line_and_column, misfit
 
 MOST_BYTES: Final = 1_000_000
@@ -69,24 +69,24 @@ WORD_OF_VERSION_1: Final = re.compile("|".join(word.replace(" ", r"\s+").replace
 
 
 def parsed(parser: Lark, text: str, file: str) -> Any:
-    """What `parser` makes of `text`.
+    """Parse a text.
 
     Raises:
-        FloorplanError: nothing; where and why.
+        FileError: nothing; where and why.
     """
     try:
         return parser.parse(text)
     except UnexpectedInput as error:
         wrong = misfit(error, text)
     at = wrong.start
-    place = line_and_column(text, at)
+    place = Place(file, *line_and_column(text, at), "syntax")
     if old := WORD_OF_VERSION_1.match(text, at):
         word = " ".join(old[0].removesuffix(":").split()) + ":"
         right = f"{VERSION_1[word]} in version 2, the only one that is read; this is the language's version 1"
-        complain(file, place, "syntax", f"got {word!r}", right)
+        raise FileError([Fault(place, f"got {word!r}", right)])
     found = WORD.match(text, at)
     what = f"got {found[0][:40]!r}" if found else "the file ends here"
-    complain(file, place, "syntax", what, _right(found[0] if found else "", text[:at].rstrip(), wrong.expected))
+    raise FileError([Fault(place, what, _right(found[0] if found else "", text[:at].rstrip(), wrong.expected))])
 
 
 WORD: Final = re.compile(r"\w+|\S")
@@ -94,9 +94,9 @@ WORD: Final = re.compile(r"\w+|\S")
 
 def _right(found: str, before: str, expected: Collection[str]) -> str:
     if found[:1].isalpha() and NUMBER_AT_END.search(before):
-        return "the units are m, rad and deg; 'm' for a length, 'rad' or 'deg' for an angle"
+        return "a unit, 'm' for a length, 'rad' or 'deg' for an angle"
     if found in (".", "[") and before[-1:].isalnum():
-        return "a wall is written as in hall.walls[0]"
+        return "a wall such as hall.walls[0]"
     return expectation(found, map(_spelled, expected))
 
 
@@ -117,12 +117,13 @@ def read_text(path: str | Path) -> str:
     """The text of a file.
 
     Raises:
-        FloorplanError: it can't be read.
+        FileError: it can't be read.
     """
     try:
         return files.read_text(path, "a floor plan or variation file", MOST_BYTES)
     except files.Unreadable as error:
-        complain(str(path), error.place, "file", error.what, error.right, missing=isinstance(error, files.Missing))
+        kind: FaultKind = "missing" if isinstance(error, files.Missing) else "error"
+        raise FileError([Fault(Place(str(path), *error.place, "file"), error.what, error.right, kind)]) from None
 
 
 GRAMMAR: Final = r"""
@@ -205,7 +206,7 @@ NAME: /[A-Za-z_][A-Za-z0-9_]*/
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A length or an angle as it is written: a number with or without a unit, or a variable, negated or not.
+    """A length or angle as written: a number, with or without a unit, or a variable.
 
     Attributes:
         text: The number without its unit, or the variable's name; `token` begins with it.
@@ -223,7 +224,7 @@ class Quantity:
 
     @property
     def span(self) -> tuple[int, int]:
-        """Where `text` begins and ends in the file."""
+        """Start and end of `text` in the file."""
         start = self.token.start_pos or 0
         return start, start + len(self.text)
 
@@ -381,7 +382,7 @@ def parse(text: str, file: str) -> PlanText:
     """The parts of a floor plan's text.
 
     Raises:
-        FloorplanError: it is not in the language; the first place where it is not.
+        FileError: it is not in the language; the first place where it is not.
     """
     plan = cast(_Plan, parsed(_parser(), text, file))
     by_kind: dict[str, list[Any]] = {kind: [] for kind in ("defaults", "var", "space", "feature", "opening")}

@@ -9,9 +9,8 @@ from typing import Any, Final, Literal, TypeAlias
 import numpy as np
 from lark import Lark, Token, Transformer
 
-from vastflow.producers.floorplan.faults import FloorplanError
 from vastflow.producers.floorplan.syntax import PlanSection, PlanText, Quantity, parsed
-from vastflow.producers.model.faults import Fault
+from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.names import did_you_mean
 
 GRAMMAR: Final = r"""
@@ -50,7 +49,7 @@ Path: TypeAlias = tuple[Token, ...]
 
 @dataclass(frozen=True, slots=True)
 class Distribution:
-    """What a number is drawn from.
+    """The distribution of a number.
 
     Attributes:
         values: Those to choose from; mean and standard deviation of a normal distribution.
@@ -72,7 +71,7 @@ class Distribution:
 
     @property
     def fault(self) -> tuple[str, str] | None:
-        """What is wrong with it and what would be right."""
+        """The fault of the distribution and what would be right; None if it has none."""
         if not np.isfinite([*self.values, *self.probabilities]).all():
             return "got an infinite number", "finite numbers"
         if self.kind == "normal" and self.values[1] < 0.0:
@@ -162,7 +161,7 @@ def parse_variation(text: str, file: str) -> VariationText:
     """The parts of a variation file.
 
     Raises:
-        FloorplanError: it is not in the language, or a distribution is none.
+        FileError: it is not in the language, or a distribution is none.
     """
     imported, entries = parsed(_parser(), text, file)
     faults: list[Fault] = []
@@ -170,13 +169,13 @@ def parse_variation(text: str, file: str) -> VariationText:
     for path, attributes in entries:
         if not attributes:
             right = "one attribute or more, such as shape.width: uniform([1.0, 2.0])"
-            faults.append(Fault(file, *_place(path[0]), ".".join(path), "nothing between the braces", right))
+            faults.append(Fault(Place(file, *_place(path[0]), ".".join(path)), "nothing between the braces", right))
         for attribute, drawn in attributes:
             items.append(Item(path, attribute, drawn.distribution))
             if (wrong := drawn.distribution.fault) is not None:
-                faults.append(Fault(file, *_place(drawn.token), str(items[-1]), *wrong))
+                faults.append(Fault(Place(file, *_place(drawn.token), str(items[-1])), *wrong))
     if faults:
-        raise FloorplanError(faults)
+        raise FileError(faults)
     return VariationText(file, str(imported)[1:-1], _place(imported), tuple(items))
 
 
@@ -247,7 +246,7 @@ class Variation:
         return PlanSample(seed, values, "".join([*text, self.plan.text[behind:]]))
 
     def numbers(self, sample: PlanSample) -> dict[int, float]:
-        """What a sample drew, by the place of each number in the plan's text; as `plan_of` takes them."""
+        """Return the numbers of a sample by their place in the plan's text; as `plan_of` takes them."""
         return {each.start: sample.values[each.name] for each in self.varied}
 
 
@@ -255,7 +254,7 @@ def variation_of(text: VariationText, plan: PlanText) -> Variation:
     """A variation file on the plan it names.
 
     Raises:
-        FloorplanError: it varies what the plan does not have, or one number twice.
+        FileError: it varies what the plan does not have, or one number twice.
     """
     numbers = _Numbers(plan)
     faults: list[Fault] = []
@@ -268,12 +267,12 @@ def variation_of(text: VariationText, plan: PlanText) -> Variation:
             found = _Wrong((item.attribute or item.path)[0], what, "one distribution for it")
         if isinstance(found, _Wrong):
             place = (found.token.line or 1, found.token.column or 1)
-            faults.append(Fault(text.file, *place, str(item), found.what, found.right))
+            faults.append(Fault(Place(text.file, *place, str(item)), found.what, found.right))
         else:
             taken.add(found.span[0])
             varied.append(Varied(str(item), item.distribution, *found.span))
     if faults:
-        raise FloorplanError(faults)
+        raise FileError(faults)
     return Variation(text.file, plan, tuple(varied))
 
 
@@ -328,7 +327,7 @@ class _Numbers:
 
 
 def _of_today(attribute: str, kind: str) -> str:
-    """An attribute's path as version 2 of the language has it, from the words of its drafts and of version 1."""
+    """Return an attribute's path in version 2 of the language, from its drafts' or version 1's."""
     if attribute in ("wall_thickness", "wall_height"):
         return attribute.replace("wall_", "defaults.wall.")
     words = [word for word in attribute.split(".") if word not in ("location", "pose", "transformation")]

@@ -28,7 +28,7 @@ _Contents: TypeAlias = dict[Dimension, set[frozenset[tuple[str, str]]]]
 
 @dataclass(frozen=True, slots=True)
 class FamilyCount:
-    """What is known of a family beside its configurations.
+    """Counts of a family beside its configurations.
 
     Attributes:
         levels: For each producer, the most choices that it was asked for on one input.
@@ -257,7 +257,7 @@ def _counted(family: FamilyCount, levels: NDArray[np.int64], factors: tuple[int,
 
 
 def _distinct_rows(rows: NDArray[np.int64]) -> int:
-    """How many different rows there are, (N, M) numbers >= 0; one of no columns is like any other."""
+    """Return the number of different rows of (N, M) numbers >= 0; without columns all rows are alike."""
     numbers = np.zeros(len(rows), dtype=np.int64)
     for column in rows.T:
         # Numbered anew after each column, so that no product overflows.

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,15 +23,15 @@ from vastflow.producers.campaign_file.scenario_values import (
 from vastflow.producers.campaign_file.sections import CARTESIAN, Design, DesignSpec, robot_places
 from vastflow.producers.campaign_file.spec import ExecutionSpec, FamilySpec, StartCheckKind, is_tolerated_in_family
 from vastflow.producers.catalog.parameter import ParameterVariationList
-from vastflow.producers.constraints.constraint import NOWHERE, Constraint, ConstraintPlace
+from vastflow.producers.constraints.constraint import Constraint
 from vastflow.producers.constraints.reading import fault_of, read_constraints, unknown_names
 from vastflow.producers.instantiation.family_checks import DataFlow, Link, constraint_faults
+from vastflow.producers.instantiation.growth import Family
 from vastflow.producers.model.configuration import Fragment
-from vastflow.producers.model.faults import NOT_EXECUTED, Fault, Location, Note, path_text, shown
+from vastflow.producers.model.faults import NOT_EXECUTED, Location, path_text, shown
 from vastflow.producers.model.producer import (
     ROOM_KEY,
     Producer,
-    UnknownProducer,
     check_declared,
     draws_of,
     find_producer,
@@ -41,6 +41,7 @@ from vastflow.producers.places.ground import MAP_FILE_KEYS, MAP_KEY, MapSearch
 from vastflow.producers.places.start_check import room_m
 from vastflow.producers.places.stops import GOALS_KEY
 from vastflow.sim.model.digest import FileContent, Value
+from vastflow.sim.model.faults import Fault, Place, parted
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_of
@@ -60,39 +61,6 @@ MAX_CHECKED_VALUES: Final = 10_000
 """Values of one producer that are looked at in advance."""
 
 _DESIGN: Final[TypeAdapter[DesignSpec]] = TypeAdapter(Design)
-
-
-@dataclass(frozen=True, slots=True)
-class Family:
-    """A scenario family F, ready to be instantiated.
-
-    Attributes:
-        values: K: the fixed parameters, maps as `FileContent`.
-        dimensions: Dimension of each fixed parameter that differs from the usual one of its key.
-        producers: Π, in order.
-        constraints: φ.
-        design: Which combinations of the producers' choices become configurations.
-        place: Where the design stands, for messages.
-        max_configurations: How many there may be.
-        overrides: Values that take the place of those of every configuration.
-        start_check: Whether the robot's own footprint must fit where they begin and end.
-    """
-
-    name: str
-    values: Mapping[str, Value]
-    dimensions: Mapping[str, Dimension]
-    producers: tuple[Producer[Any], ...]
-    constraints: tuple[Constraint, ...] = ()
-    design: DesignSpec = CARTESIAN
-    place: ConstraintPlace = NOWHERE
-    max_configurations: int = ExecutionSpec().max_configurations
-    overrides: Mapping[str, Value] = field(default_factory=dict)
-    start_check: StartCheckKind = "none"
-
-    @property
-    def drives(self) -> bool:
-        """Whether a robot may drive in its configurations: without a map nothing does."""
-        return any(MAP_KEY in keys for keys in (self.values, self.overrides, *(each.writes for each in self.producers)))
 
 
 class FamilyReader:
@@ -127,7 +95,7 @@ class FamilyReader:
         """
         self.faults: list[Fault] = []
         self.unavailable: dict[str, list[Fault]] = {}
-        self.notes: list[Note] = []
+        self.notes: list[Fault] = []
         self._document = document
         self._base = base
         self._abstract = abstract
@@ -169,7 +137,7 @@ class FamilyReader:
         given = {key: tag for key, tag in tags.items() if tag != DIMENSION_OF_KEY.get(key, "system")}
         producers = tuple(link.producer for link in links)
         design = (*location, "design")
-        place = ConstraintPlace(self._document.file, *self._document.place(design, "key"), path_text(design))
+        place = Place(self._document.file, *self._document.place(design, "key"), path_text(design))
         left_open = self._left_open(self._abstract, flow) if self._abstract and whole else {}
         fixed = {**self._system, **left_open, **values}
         start_check = self._start_check((*location, "start_check"))
@@ -181,7 +149,7 @@ class FamilyReader:
             start_check=start_check,
         )
         own = self.faults[known_faults:]
-        if own and all(fault.missing for fault in own):
+        if own and all(fault.kind == "missing" for fault in own):
             self.unavailable[name] = own
             del self.faults[known_faults:]
         elif not own:
@@ -237,9 +205,9 @@ class FamilyReader:
             try:
                 self._maps[value] = self._search.content(value)
             except ValueError as error:  # MapError; ValueError for a NUL in the path
-                what, _, right = str(error).partition("; ")
+                what, right = parted(str(error))
                 fault = self._document.fault(location, what, right or "a map_server YAML file and its picture")
-                self.faults.append(replace(fault, missing=isinstance(error, MissingMap)))
+                self.faults.append(replace(fault, kind="missing") if isinstance(error, MissingMap) else fault)
         return self._maps.get(value)
 
     def _check_fixed(
@@ -259,7 +227,7 @@ class FamilyReader:
                     what += ", a reference" if known else ", a reference to a parameter that nothing writes"
                     right += "; references are for producers"
                 fault = self._document.fault(flow.fixed[key], what, right)
-                self.faults.append(replace(fault, missing=key == GOALS_KEY and value == []))
+                self.faults.append(replace(fault, kind="missing") if key == GOALS_KEY and value == [] else fault)
         good = {key: value for key, value in system.items() if not complaints.get(key)}
         if found := combined_complaint(good):
             key, complaint = found
@@ -272,7 +240,7 @@ class FamilyReader:
             self._fault((*flow.location, "parameters"), *complaint, at="key")
 
     def _complaint(self, key: str, value: Value, dimension: Dimension, system: Mapping[str, Value]) -> Complaint | None:
-        """What the simulator has to say of a value, and then the scenario of which it is a parameter."""
+        """Return the simulator's complaint of a value, or else that of the scenario."""
         said = complaint_of(key, value, dimension, system)
         return said or (self._abstract.complaint(key, value) if self._abstract else None)
 
@@ -291,10 +259,6 @@ class FamilyReader:
     def _producer(self, location: Location, name: str, given: Any, system: Mapping[str, Value]) -> Producer[Any] | None:
         try:
             kind = find_producer(name, self._base)
-        except UnknownProducer as error:
-            right = did_you_mean(name, error.known) if error.known else "file.py:Class, a subclass of Producer"
-            self._fault(location, str(error), right, at="key")
-            return None
         except PlugInError as error:
             self._fault(location, error.what, error.right, at="key")
             return None
@@ -340,7 +304,7 @@ class FamilyReader:
                     self._fault(where, *complaint)
 
     def _constraints(self, location: Location) -> list[Constraint]:
-        """Those of the campaign, then those of the family."""
+        """Return the constraints of the campaign and of the family, in this order."""
         constraints, faults = read_constraints(self._document, ("constraints",))
         own, own_faults = read_constraints(self._document, (*location, "constraints"))
         self.faults += [*faults, *own_faults]
@@ -348,8 +312,10 @@ class FamilyReader:
         for constraint in own:
             if constraint.name in named:
                 self.faults.append(
-                    constraint.place.fault(
-                        f"a second constraint {constraint.name!r}", "another name; the campaign has it"
+                    Fault(
+                        constraint.place,
+                        f"a second constraint {constraint.name!r}",
+                        "another name; the campaign has it",
                     )
                 )
         return [*constraints, *own]
@@ -369,7 +335,7 @@ class FamilyReader:
             return CARTESIAN
 
     def _start_check(self, location: Location) -> StartCheckKind:
-        """As the file has it; the model has said what is wrong with another value."""
+        """Return the file's start check; the model reports other values."""
         given = self._document.value(location) if self._document.known(location) == location else None
         return "none" if given == "none" else "footprint"
 
@@ -378,7 +344,7 @@ class FamilyReader:
             self.faults += flow.mission_faults(self._abstract)
 
     def _left_open(self, abstract: AbstractScenario, flow: DataFlow) -> dict[str, Value]:
-        """What the family gets where it leaves open what its scenario needs; said once for all families."""
+        """Return defaults for what the scenario needs and the family leaves open; each is noted once."""
         written = flow.written
         values: dict[str, Value] = {}
         if abstract.launches_own_map and MAP_KEY not in written and (hall := self._map(WHERE, str(hall_file()))):
@@ -403,12 +369,12 @@ class FamilyReader:
             self.notes.append(note)
 
     def _note_remarks(self, links: Sequence[Link]) -> None:
-        """What producers have to say of themselves, once for a file."""
+        """Fault the producers' remarks, each once a file."""
         for link in links:
             for remark in link.producer.remarks:
                 if remark not in self._remarked:
                     self._remarked.add(remark)
-                    what, _, right = remark.partition("; ")
+                    what, right = parted(remark)
                     self.notes.append(self._document.note("warning", link.location, what, right))
 
     def _note_unread(self, flow: DataFlow, tags: Mapping[str, Dimension], system: Mapping[str, Value]) -> None:
@@ -441,7 +407,7 @@ class FamilyReader:
 
 
 def robots_json(families: Sequence[Family]) -> list[dict[str, Any]]:
-    """Each robot of a campaign's families, with the names of those that it drives in and a line for each source of its quantities."""
+    """Return each robot of a campaign: the names of its families and a line for each source of its quantities."""
     found: dict[tuple[str, ...], list[str]] = {}
     for family in families:
         if family.drives and (lines := tuple(_lines(family))):

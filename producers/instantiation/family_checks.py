@@ -1,4 +1,4 @@
-"""What is wrong with a family and can be known before anything is produced: its flow of keys, and its constraints."""
+"""Faults of a family that are known before anything is produced: its flow of keys, and its constraints."""
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,14 +11,15 @@ from vastflow.producers.campaign_file.scenario_values import LOOPS_KEY
 from vastflow.producers.constraints.constraint import Checker, Constraint
 from vastflow.producers.constraints.quantities import QUANTITIES
 from vastflow.producers.designs.space import DesignSpace, TooLarge
-from vastflow.producers.instantiation.growth import InstantiableFamily
+from vastflow.producers.instantiation.growth import Family
 from vastflow.producers.instantiation.instantiate import contradictions
 from vastflow.producers.model.configuration import Fragment, Rejection
-from vastflow.producers.model.faults import CampaignError, Fault, Location, shown
+from vastflow.producers.model.faults import Location, shown
 from vastflow.producers.model.producer import Producer, draws_of
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.sim.model.digest import Value
+from vastflow.sim.model.faults import Fault, FileError
 from vastflow.sim.model.names import did_you_mean
 
 MISSION_KEYS: Final = frozenset({START_KEY, GOAL_KEY, GOALS_KEY, LOOPS_KEY})
@@ -87,7 +88,7 @@ class DataFlow:
             yield self.document.fault(where, what, right, at="key" if where == self.location else "value")
 
     def _mention(self, link: Link, key: str) -> Location:
-        """Where a producer's parameters name the key, or else the producer."""
+        """Return the place where a producer's parameters name the key, or else the producer's."""
         given = self.document.value(link.location)
         for name, value in given.items() if isinstance(given, dict) else ():
             if isinstance(value, str) and value.removeprefix("@") == key:
@@ -120,7 +121,7 @@ MOST_LOOKED_AT: Final = 20_000
 """Combinations of values; more are left to instantiation."""
 
 
-def constraint_faults(family: InstantiableFamily, *, refuse_empty: bool = True) -> list[Fault]:
+def constraint_faults(family: Family, *, refuse_empty: bool = True) -> list[Fault]:
     """Constraints on plain values that can't be evaluated for some of them, or that leave nothing between them.
 
     Only producers are asked that read nothing and build nothing, and only constraints are looked at that name
@@ -143,14 +144,14 @@ def constraint_faults(family: InstantiableFamily, *, refuse_empty: bool = True) 
         checker.raise_faults()
     except TooLarge:
         return []
-    except CampaignError as error:
+    except FileError as error:
         return list(error.faults)
     nothing = not all(len(block.table) for block in blocks) or (not blocks and bool(space.excluded))
     return contradictions(constraints, family.name, space.excluded) if nothing and refuse_empty else []
 
 
 def _first(producer: Producer[Any], inputs: Mapping[str, Value]) -> list[Fragment | Rejection]:
-    """What `evaluate` gives, as far as it is looked at.
+    """Return what `evaluate` gives, as far as it is looked at.
 
     Raises:
         TooLarge: there is more.
@@ -165,7 +166,7 @@ def _is_plain(producer: Producer[Any]) -> bool:
     return not producer.reads and "environment" not in producer.writes.values()
 
 
-def _is_foreseeable(constraint: Constraint, family: InstantiableFamily) -> bool:
+def _is_foreseeable(constraint: Constraint, family: Family) -> bool:
     names = constraint.expression.names
     return not any(name.text in QUANTITIES or name.text.startswith("_") for name in names) and all(
         _is_plain(producer) for producer in family.producers if constraint.touched_by(producer)

@@ -1,94 +1,59 @@
-"""The growth of a family: what every design does between its producers, and that of a covering array or sample."""
+"""The family, and its growth by a covering array or sample."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Protocol
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.producers.campaign_file.sections import DesignSpec
-from vastflow.producers.campaign_file.spec import StartCheckKind
-from vastflow.producers.constraints.constraint import Checker, Constraint, ConstraintPlace
-from vastflow.producers.designs.covering_array import IncompleteDesign, covering_array, verify
+from vastflow.producers.campaign_file.sections import CARTESIAN, DesignSpec
+from vastflow.producers.campaign_file.spec import ExecutionSpec, StartCheckKind
+from vastflow.producers.constraints.constraint import NOWHERE, Checker, Constraint
+from vastflow.producers.designs.covering_array import covering_array, verify
 from vastflow.producers.designs.sample import sampled
 from vastflow.producers.designs.space import DesignSpace, FactorBlock, TooLarge
 from vastflow.producers.instantiation.coverage import FamilyCount
 from vastflow.producers.model.configuration import ExcludedInstance, Fragment, Partial, RejectedInstance, Rejection
-from vastflow.producers.model.faults import CampaignError
 from vastflow.producers.model.producer import Producer
+from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.start_check import StartCheck
 from vastflow.sim.model.digest import Value
+from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.scenario import Dimension
 
 
-class InstantiableFamily(Protocol):
-    """What instantiation needs of `vastflow.producers.instantiation.family.Family`."""
+@dataclass(frozen=True, slots=True)
+class Family:
+    """A scenario family F, ready to be instantiated.
+
+    Attributes:
+        values: K: the fixed parameters, maps as `FileContent`.
+        dimensions: Dimension of each fixed parameter that differs from the usual one of its key.
+        producers: Π, in order.
+        constraints: φ.
+        design: Which combinations of the producers' choices become configurations.
+        place: Where the design stands, for messages.
+        max_configurations: How many there may be.
+        overrides: Values that take the place of those of every configuration.
+        start_check: Whether the robot's own footprint must fit where they begin and end.
+    """
+
+    name: str
+    values: Mapping[str, Value]
+    dimensions: Mapping[str, Dimension]
+    producers: tuple[Producer[Any], ...]
+    constraints: tuple[Constraint, ...] = ()
+    design: DesignSpec = CARTESIAN
+    place: Place = NOWHERE
+    max_configurations: int = ExecutionSpec().max_configurations
+    overrides: Mapping[str, Value] = field(default_factory=dict)
+    start_check: StartCheckKind = "none"
 
     @property
-    def name(self) -> str:
-        """First part of every configuration's name."""
-
-    @property
-    def values(self) -> Mapping[str, Value]:
-        """The fixed parameters."""
-
-    @property
-    def dimensions(self) -> Mapping[str, Dimension]:
-        """Tags of fixed parameters."""
-
-    @property
-    def producers(self) -> Sequence[Producer[Any]]:
-        """Π, in order."""
-
-    @property
-    def constraints(self) -> Sequence[Constraint]:
-        """φ."""
-
-    @property
-    def design(self) -> DesignSpec:
-        """Which combinations become configurations."""
-
-    @property
-    def place(self) -> ConstraintPlace:
-        """Where the design stands, for messages."""
-
-    @property
-    def start_check(self) -> StartCheckKind:
-        """Whether the robot's own footprint must fit where a configuration begins and ends."""
-
-    @property
-    def max_configurations(self) -> int:
-        """How many there may be."""
-
-    @property
-    def overrides(self) -> Mapping[str, Value]:
-        """Values that take the place of those of every configuration."""
-
-
-class Growth(Protocol):
-    """A family under way through its producers: `inputs` and `join` in turn for each, then `grown`."""
-
-    def inputs(self) -> dict[str, dict[str, Value]]:
-        """Digest to restricted input of everything the next producer must be evaluated on.
-
-        Raises:
-            CampaignError: a constraint can't be evaluated, or the design is too large.
-        """
-
-    def join(self, results: Mapping[str, Sequence[Fragment | Rejection]]) -> None:
-        """Take what `evaluate` gave for each digest of `inputs`; what has no result is dropped.
-
-        Raises:
-            CampaignError: a constraint can't be evaluated.
-        """
-
-    def grown(self) -> "Grown":
-        """The family, once every producer is joined.
-
-        Raises:
-            CampaignError: a constraint can't be evaluated, or the design is too large.
-        """
+    def drives(self) -> bool:
+        """Whether a robot may drive in its configurations: without a map nothing does."""
+        return any(MAP_KEY in keys for keys in (self.values, self.overrides, *(each.writes for each in self.producers)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,13 +72,15 @@ class Grown:
 
 
 class DesignGrowth:
-    """Every producer is evaluated on all combinations of what it reads; then the design's rows are chosen.
+    """The growth by a covering array or sample.
+
+    Every producer is evaluated on all combinations of what it reads; then the design's rows are chosen.
 
     The rows are of those combinations only that can be built and are not excluded, so no row is lost. What producers
     rejected and constraints excluded on the way is told, each partial combination once.
     """
 
-    def __init__(self, family: InstantiableFamily) -> None:
+    def __init__(self, family: Family) -> None:
         self._family = family
         self._checker = Checker(family.name)
         self._space = DesignSpace(
@@ -127,7 +94,6 @@ class DesignGrowth:
         )
 
     def inputs(self) -> dict[str, dict[str, Value]]:
-        """See `vastflow.producers.instantiation.growth.Growth`."""
         try:
             found = self._space.inputs()
         except TooLarge as error:
@@ -136,11 +102,9 @@ class DesignGrowth:
         return found
 
     def join(self, results: Mapping[str, Sequence[Fragment | Rejection]]) -> None:
-        """See `vastflow.producers.instantiation.growth.Growth`."""
         self._space.join(results)
 
     def grown(self) -> Grown:
-        """See `vastflow.producers.instantiation.growth.Growth`."""
         try:
             blocks = self._space.blocks()
             self._checker.raise_faults()
@@ -150,7 +114,7 @@ class DesignGrowth:
         partials = [self._space.partial(row) for row in rows.tolist()]
         for partial in partials:
             if broken := self._checker.excluded(partial, self._family.constraints):
-                raise IncompleteDesign(f"{partial.name} breaks {broken.constraint}")
+                raise RuntimeError(f"{partial.name} breaks {broken.constraint}")
         self._checker.raise_faults()
         levels = tuple(self._space.level_counts)
         count = FamilyCount(self._family.name, self._family.producers, self._family.design, levels, blocks)
@@ -166,8 +130,8 @@ class DesignGrowth:
         verify(rows, blocks, design.t_way.strength)
         return rows
 
-    def _too_large(self, error: TooLarge) -> CampaignError:
+    def _too_large(self, error: TooLarge) -> FileError:
         what = f"the design of family {self._family.name!r} is too large: {error}"
-        return CampaignError(
-            [self._family.place.fault(what, "fewer choices, or constraints that tie fewer producers together")]
+        return FileError(
+            [Fault(self._family.place, what, "fewer choices, or constraints that tie fewer producers together")]
         )

@@ -1,4 +1,4 @@
-"""Instantiation: C^0 = {∅}; C^i = {c ⊕ f : c ∈ C^(i-1), f ∈ p_i(c restricted to what p_i reads)}, less what φ excludes.
+"""Instantiation of families: C^i = {c ⊕ f : c ∈ C^(i-1), f ∈ p_i(c)}, less what φ excludes.
 
 A producer is evaluated once per distinct restricted input and its results are joined back, so the flow can map
 tasks over those inputs: a family's `Growth` gives the inputs of the next producer and is joined with the results, and
@@ -8,11 +8,11 @@ tasks over those inputs: a family's `Growth` gives the inputs of the next produc
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 from vastflow.producers.constraints.constraint import Checker, Constraint, step_of
 from vastflow.producers.instantiation.coverage import FamilyCount, coverage_of
-from vastflow.producers.instantiation.growth import DesignGrowth, Grown, Growth, InstantiableFamily
+from vastflow.producers.instantiation.growth import DesignGrowth, Family, Grown
 from vastflow.producers.model.configuration import (
     Configuration,
     ExcludedInstance,
@@ -23,32 +23,25 @@ from vastflow.producers.model.configuration import (
     Step,
     restricted_digest,
 )
-from vastflow.producers.model.faults import CampaignError, Fault
 from vastflow.producers.model.producer import Producer, evaluate, tags_of
 from vastflow.producers.places.start_check import StartCheck
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY
 from vastflow.sim.model.digest import FileContent, Texts, Value
+from vastflow.sim.model.faults import Fault, FileError
 from vastflow.sim.model.scenario import Dimension, ProcessSetup, scenario_of
 
 
 class InstantiableCampaign(Protocol):
-    """What instantiation needs of `vastflow.producers.campaign.Campaign`."""
+    """The interface of `vastflow.producers.campaign.Campaign` that instantiation uses."""
 
     @property
-    def families(self) -> Sequence[InstantiableFamily]:
-        """The scenario families."""
-
+    def families(self) -> Sequence[Family]: ...
     @property
-    def abstract(self) -> str | FileContent:
-        """`builtin:…`, a scenario file, or empty where it follows from the goal."""
-
+    def abstract(self) -> str | FileContent: ...
     @property
-    def programs(self) -> ProcessSetup | None:
-        """What the programs of a run are given."""
-
+    def programs(self) -> ProcessSetup | None: ...
     @property
-    def timeout_s(self) -> float:
-        """Simulated time after which a run ends."""
+    def timeout_s(self) -> float: ...
 
 
 @dataclass(frozen=True)
@@ -72,7 +65,7 @@ def instantiate(campaign: InstantiableCampaign) -> Instantiation:
     """Every family of a campaign, one producer after the other, in this process.
 
     Raises:
-        CampaignError: a constraint can't be evaluated, constraints leave nothing, or a design is too large.
+        FileError: a constraint can't be evaluated, constraints leave nothing, or a design is too large.
     """
     grown = []
     for family in campaign.families:
@@ -83,18 +76,13 @@ def instantiate(campaign: InstantiableCampaign) -> Instantiation:
     return instantiation_of(campaign, grown)
 
 
-def growth_of(family: InstantiableFamily) -> Growth:
-    """The growth of a family by its design."""
-    return CartesianGrowth(family) if family.design.cartesian is not None else DesignGrowth(family)
-
-
 def instantiation_of(
     campaign: InstantiableCampaign, grown: Sequence[Grown], *, refuse_empty: bool = True
 ) -> Instantiation:
     """Configurations and coverage of all families, each grown.
 
     Raises:
-        CampaignError: constraints alone exclude everything there is, and `refuse_empty`.
+        FileError: constraints alone exclude everything there is, and `refuse_empty`.
     """
     configurations = mark_duplicates(
         configuration
@@ -104,7 +92,7 @@ def instantiation_of(
     excluded = tuple(instance for each in grown for instance in each.excluded)
     rejections = tuple(instance for each in grown for instance in each.rejections)
     if refuse_empty and not configurations and excluded and not rejections:
-        raise CampaignError(
+        raise FileError(
             fault for family in campaign.families for fault in contradictions(family.constraints, family.name, excluded)
         )
     coverage = coverage_of([each.count for each in grown], configurations, rejections, excluded)
@@ -122,13 +110,18 @@ def contradictions(constraints: Sequence[Constraint], family: str, excluded: Ite
         return []
     named = ", ".join(f"{constraint.name} excludes {counts[constraint.name]}" for constraint in guilty)
     what = f"the constraints leave nothing of family {family!r}: {named}"
-    return [guilty[0].place.fault(what, "constraints that some configuration keeps")]
+    return [Fault(guilty[0].place, what, "constraints that some configuration keeps")]
 
 
 class CartesianGrowth:
-    """Every combination: the partial configurations there are, each with every choice of the next producer."""
+    """The growth by every combination: each partial configuration with every choice of the next producer.
 
-    def __init__(self, family: InstantiableFamily) -> None:
+    `inputs` and `join` are called in turn for each producer, then `grown`; each raises a FileError where a constraint can't
+    be evaluated. `inputs` gives digest and restricted input of all that the next producer must be evaluated on; `join` takes what
+    `evaluate` gave for each digest, and drops what has no result.
+    """
+
+    def __init__(self, family: Family) -> None:
         self._family = family
         self._checker = Checker(family.name)
         self._steps = [step_of(constraint, family.producers) for constraint in family.constraints]
@@ -140,11 +133,9 @@ class CartesianGrowth:
         self._partials = self._kept(start(family))
 
     def inputs(self) -> dict[str, dict[str, Value]]:
-        """See `Growth`."""
         return distinct_inputs(self._family.producers[len(self._levels)], self._partials)
 
     def join(self, results: Mapping[str, Sequence[Fragment | Rejection]]) -> None:
-        """See `Growth`."""
         producer = self._family.producers[len(self._levels)]
         self._check_size(producer, results)
         children, rejected = join(self._family, producer, self._partials, results)
@@ -162,10 +153,9 @@ class CartesianGrowth:
         if total > most:
             what = f"{type(producer).__name__} makes {total:,} configurations of family {self._family.name!r}"
             right = f"at most {most:,}, or 'execution: {{max_configurations: {total}}}'"
-            raise CampaignError([self._family.place.fault(what, right)])
+            raise FileError([Fault(self._family.place, what, right)])
 
     def grown(self) -> Grown:
-        """See `Growth`."""
         count = FamilyCount(self._family.name, self._family.producers, self._family.design, tuple(self._levels))
         return Grown(self._partials, self._rejections, self._excluded, count)
 
@@ -189,7 +179,16 @@ class CartesianGrowth:
         return kept
 
 
-def start(family: InstantiableFamily) -> list[Partial]:
+Growth: TypeAlias = CartesianGrowth | DesignGrowth
+"""A family under way through its producers."""
+
+
+def growth_of(family: Family) -> Growth:
+    """The growth of a family by its design."""
+    return CartesianGrowth(family) if family.design.cartesian is not None else DesignGrowth(family)
+
+
+def start(family: Family) -> list[Partial]:
     """C^0: the fixed parameters alone."""
     return [Partial(family.name, dict(family.values), dict(family.dimensions))]
 
@@ -206,7 +205,7 @@ def distinct_inputs(producer: Producer[Any], partials: Iterable[Partial]) -> dic
 
 
 def join(
-    family: InstantiableFamily,
+    family: Family,
     producer: Producer[Any],
     partials: Iterable[Partial],
     results: Mapping[str, Sequence[Fragment | Rejection]],
@@ -247,7 +246,7 @@ _Offered = list[tuple[str, Mapping[str, Value], Mapping[str, Dimension], Step]]
 def _offered(
     label: str, items: Sequence[Fragment | Rejection], tags: Mapping[str, Dimension]
 ) -> tuple[_Offered, list[Rejection]]:
-    """What every parent of one input gets: end of the name, values, their tags and the step of each fragment."""
+    """Return the name's suffix, values, tags and step of each fragment of one input, and the rejections."""
     fragments: _Offered = []
     for place, item in enumerate(items, 1):
         if isinstance(item, Fragment):
@@ -274,7 +273,7 @@ class _Digests:
 
 
 def finish(
-    family: InstantiableFamily,
+    family: Family,
     partials: Iterable[Partial],
     abstract: str | FileContent,
     timeout_s: float,

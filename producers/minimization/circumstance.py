@@ -189,7 +189,7 @@ def _listed(value: Any) -> Sequence[Any]:
 
 
 def shortened(values: dict[str, Any], key: str, share: float) -> None:
-    """Leave a share of the first leg of the path, or of its last one; nothing changes where no route joins the two.
+    """Leave a share of the path's first or last leg; without a route nothing changes.
 
     Obstacles are not looked at, nor how the world differs from the map: the route is the robot's before it knows of them.
 

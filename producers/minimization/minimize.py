@@ -26,7 +26,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of a candidate.
+    """The outcome of a candidate.
 
     Attributes:
         failed, judged: Of its runs.
@@ -40,7 +40,7 @@ class Outcome:
 
     @property
     def text(self) -> str:
-        """Such as `fails, 7 of 7 runs`."""
+        """The outcome in words, such as `fails, 7 of 7 runs`."""
         if self.standing == "not tried":
             return f"not tried: {self.reason}"
         shown = {"undecided": "not shown to fail"}.get(self.standing, self.standing)
@@ -64,18 +64,18 @@ class Minimum:
 
     @property
     def cause(self) -> dict[Circumstance, Outcome]:
-        """What can't be left out, with the outcome that shows it."""
+        """Circumstances that can't be left out, with the outcome that shows it."""
         return {each: said for each, said in self.without.items() if said.standing != "not tried"}
 
     @property
     def not_tried(self) -> dict[Circumstance, Outcome]:
-        """What is still there only because nobody knows what would be without it."""
+        """Circumstances that remain because the scenario without them was not tried."""
         return {each: said for each, said in self.without.items() if said.standing == "not tried"}
 
 
 @dataclass(frozen=True)
 class Unconfirmed:
-    """Nothing fails for sure.
+    """An unconfirmed failure.
 
     Attributes:
         outcome: Of the scenario that was given; what it lacks to be called failing.
@@ -86,7 +86,7 @@ class Unconfirmed:
 
     @property
     def text(self) -> str:
-        """What is lacking, behind the name of what was given."""
+        """The failure's lack in words, to follow the name of what was given."""
         if self.confirmation is not None and self.outcome.standing == "fails":
             said = f"{self.confirmation.failed} of {self.confirmation.judged}"
             return f"failed {self.outcome.failed} of {self.outcome.judged} runs, and only {said} fresh ones"
@@ -98,7 +98,7 @@ Judge: TypeAlias = Callable[[Candidate], Outcome]
 
 @dataclass
 class _Trials:
-    """What is known of candidates: each is judged once."""
+    """Outcomes of candidates, each judged once."""
 
     judge: Judge
     refused: set[Candidate] = field(default_factory=set)

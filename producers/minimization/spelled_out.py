@@ -1,4 +1,4 @@
-"""A Nav2 parameter file spelled out: each parameter in which it differs from Nav2's defaults is a key of its own."""
+"""A Nav2 parameter file spelled out: each parameter that differs from Nav2's defaults is a key."""
 
 from collections.abc import Mapping
 from typing import Final, TypeAlias
@@ -26,7 +26,7 @@ Values: TypeAlias = Mapping[ParameterLocation, Value]
 
 
 def spelled_out(system: Mapping[str, Value]) -> Mapping[str, Value]:
-    """A system of the same parameters without a parameter file; the system as it is where keys can't say what its file says.
+    """Return the same system without a parameter file, or the given one if keys can't express the file.
 
     What the other keys rewrite of the file stands for itself, and its default is Nav2's.
     """

@@ -15,7 +15,7 @@ DRAW: Final = "draw"
 
 @dataclass(frozen=True, slots=True)
 class Fragment:
-    """What a producer adds to a partial configuration.
+    """The contribution of a producer to a partial configuration.
 
     Attributes:
         values: Key to value. Keys that begin with `_` are provenance for later producers and the report;

@@ -1,4 +1,4 @@
-"""What every producer must do, as checks that a producer's author can call in a test."""
+"""Checks of a producer's contract, which its author can call in a test."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final, get_args

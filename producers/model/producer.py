@@ -10,9 +10,10 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from vastflow.producers.model.configuration import Fragment, Rejection
-from vastflow.producers.model.faults import Note
 from vastflow.sim.model.digest import FileContent, Value, digest
+from vastflow.sim.model.faults import Fault
 from vastflow.sim.model.files import Unreadable, read_text, yaml_value
+from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.obstacle import lists_obstacles
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
 from vastflow.sim.plug_ins.effects import plug_in_code
@@ -82,7 +83,7 @@ class Producer(ABC, Generic[P]):
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """Those of `reads` that must have been written before."""
+        """Keys of `reads` that must have been written before."""
         return ()
 
     @property
@@ -94,18 +95,18 @@ class Producer(ABC, Generic[P]):
         """
 
     @property
-    def notes(self) -> tuple[Note, ...]:
-        """What is worth knowing of the files that its parameters name."""
+    def notes(self) -> tuple[Fault, ...]:
+        """Notes on the files that its parameters name."""
         return ()
 
     @property
     def most_choices(self) -> int | None:
-        """How many fragments and rejections there are for one input, at most; None where only `produce` tells."""
+        """Most fragments and rejections for one input; None if only `produce` tells."""
         return None
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What the author of a file should know of parameters that are right, `what; what follows from it` each."""
+        """Remarks to the author of a file on parameters that are right, `what; what follows from it` each."""
         return ()
 
     @abstractmethod
@@ -134,16 +135,12 @@ def check_declared(producer: Producer[Any]) -> None:
     _ = producer.most_choices
 
 
-class TooManyChoices(ValueError):
-    """A producer that yields without end, or more than anybody asked for."""
-
-
 def evaluate(producer: Producer[Any], inputs: Mapping[str, Value]) -> list[Fragment | Rejection]:
     """p_i on one restricted input: the same list whatever else varies, whoever asks, in whatever order.
 
     Raises:
-        TooManyChoices: more than the producer says, or more than `MOST_UNTOLD` where it says nothing.
-        PlugInError: a plug-in read a file, or wrote a key, that it does not declare.
+        PlugInError: more than the producer says, or than `MOST_UNTOLD` where it says nothing; or it read a file, or wrote a key,
+            that it does not declare.
     """
     most = producer.most_choices or MOST_UNTOLD
     snapshot = snapshot_behind(type(producer))
@@ -151,7 +148,8 @@ def evaluate(producer: Producer[Any], inputs: Mapping[str, Value]) -> list[Fragm
     with plug_in_code(), watched(snapshot, given):
         items = list(itertools.islice(producer.produce(inputs, draws_of(producer, inputs)), most + 1))
     if len(items) > most:
-        raise TooManyChoices(f"{type(producer).__name__} yields more than {most:,} choices for one input")
+        what = f"{type(producer).__name__} yields more than {most:,} choices for one input"
+        raise PlugInError(what, "as many as its `most_choices`")
     _check(type(producer).__name__, items, producer.writes)
     return items
 
@@ -221,14 +219,6 @@ def draws_of(producer: Producer[Any], inputs: Mapping[str, Value]) -> Draws:
     return Draws(producer.seed, digest(type(producer).__name__, sorted(producer.writes), seeding))
 
 
-class UnknownProducer(LookupError):
-    """No producer of this name; `known` lists those there are."""
-
-    def __init__(self, message: str, known: tuple[str, ...]) -> None:
-        super().__init__(message)
-        self.known = known
-
-
 def known_producers() -> tuple[str, ...]:
     """Names in the entry-point group `vastflow.producers`, sorted."""
     return known_plug_ins(GROUP)
@@ -238,18 +228,19 @@ def find_producer(name: str, base: Path) -> type[Producer[Any]]:
     """The class called `name` in the entry-point group, or `file.py:Class` relative to `base`.
 
     Raises:
-        UnknownProducer: no such entry point, file or class, or a class that is no producer.
-        PlugInError: what the file uses can't be taken; and whatever its code raises.
+        PlugInError: no such entry point, file or class, a class that is no producer, or a file that uses what can't be taken; and
+            whatever its code raises.
     """
+    own = "file.py:Class, a subclass of Producer"
     if ".py:" in name:
         found = plug_in_of_file(name, base)
         if found is None:
             file, _, class_name = name.rpartition(":")
-            raise UnknownProducer(f"no class {class_name!r} in {str(base / file)!r}", ())
+            raise PlugInError(f"no class {class_name!r} in {str(base / file)!r}", own)
     else:
         found = installed_plug_in(GROUP, name)
         if found is None:
-            raise UnknownProducer(f"no producer {name!r}", known_producers())
+            raise PlugInError(f"no producer {name!r}", did_you_mean(name, known_producers()))
     if not (isinstance(found, type) and issubclass(found, Producer)):
-        raise UnknownProducer(f"{name!r} is not a subclass of vastflow.producers.model.producer.Producer", ())
+        raise PlugInError(f"{name!r} is not a subclass of vastflow.producers.model.producer.Producer", own)
     return found

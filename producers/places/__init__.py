@@ -1,1 +1,1 @@
-"""Where things can stand and how one gets there: maps, ground, routes, placement."""
+"""Places and routes: maps, ground, routes, placement."""

@@ -25,7 +25,7 @@ def centerd_cells(occupancy: OccupancyMap, area: Polygon) -> NDArray[np.int64]:
 
 
 def _cells(occupancy: OccupancyMap, area: Polygon, half: float) -> NDArray[np.int64]:
-    """Those that a convex area touches with the square of 2 × `half` cells round their center."""
+    """Return the cells that a convex area touches with the square of 2 × `half` cells round their center."""
     outline = occupancy.frame.points_to_grid(np.array(orient(area).exterior.coords))
     occupancy = occupancy.upright
     (left, bottom), (right, top) = outline.min(axis=0).tolist(), outline.max(axis=0).tolist()

@@ -1,4 +1,4 @@
-"""What surrounds a path: how narrow it is, how near walls are at its ends, how it turns, how many obstacles stand by it."""
+"""The surroundings of a path: narrowest passage, clearance at its ends, turning, obstacles near it."""
 
 import functools
 import itertools
@@ -39,7 +39,12 @@ Cells = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Clearance:
-    """Of each cell (H, W) the distance to the nearest cell that is not free, in cells between centers, and where that is (2, H, W)."""
+    """The distance from each cell to the nearest one that is not free.
+
+    Attributes:
+        cells: (H, W) in cells between centers.
+        nearest: (2, H, W) row and column of that cell.
+    """
 
     cells: NDArray[np.float64] = field(repr=False)
     nearest: NDArray[np.int32] = field(repr=False)
@@ -90,7 +95,7 @@ def path_properties(
 
 
 def shortest_path_properties(site: Site, obstacles: Sequence[Obstacle]) -> dict[str, Value]:
-    """As `path_properties`, of the shortest path round what stands there and `obstacles`; without one nothing is known of it."""
+    """Return `path_properties` of the shortest path round all obstacles; without a path each value is None."""
     occupancy = site.ground.occupancy
     everything = (*site.standing, *obstacles)
     path = shortest_path(occupancy, around(site.ground, everything), np.array(site.stops_xy_m))
@@ -141,8 +146,10 @@ def narrowest_passage_cells(clearance: Clearance, cells: Cells) -> float | None:
 
 
 def turning_rad(cells: Cells, passable: NDArray[np.bool_]) -> float:
-    """Sum of the changes of direction along a path, given by its corners (N, 2) and pulled taut within `passable` (H, W): the grid's own
-    steps are no turns."""
+    """Return the sum of a path's changes of direction (rad) once it is pulled taut.
+
+    The path is given by its corners (N, 2) and stays within `passable` (H, W): the grid's own steps are no turns.
+    """
     kept = [cells[0]]
     for k in range(2, len(cells)):
         if not _is_seen(kept[-1], cells[k], passable):

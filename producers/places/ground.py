@@ -1,4 +1,4 @@
-"""The ground: a map, found by the name that a campaign file has for it, and where a robot of given size can stand on it."""
+"""The ground: a map, and the cells where a robot of given size can stand."""
 
 import functools
 import math
@@ -69,7 +69,7 @@ class MapSearch:
         return found
 
     def _offered(self) -> list[str]:
-        """Names of what may be maps in `map_dir`, at most two folders deep: it may be a home folder by mistake."""
+        """Return the names of possible maps in `map_dir`, at most two folders deep."""
         assert self.map_dir is not None
         patterns = ("*.yaml", "*/*.yaml", "*/*/*.yaml")
         found = [file for pattern in patterns for file in self.map_dir.glob(pattern)]
@@ -77,7 +77,7 @@ class MapSearch:
 
 
 def _ends(name: str) -> list[str]:
-    """What to look for below another folder: a relative path as it is, of an absolute one its ends, the longest first."""
+    """Return the paths to look for below another folder; of an absolute path its ends, the longest first."""
     parts = Path(name).parts
     return ["/".join(parts[k:]) for k in range(1, len(parts))] if Path(name).is_absolute() else [name]
 
@@ -190,7 +190,7 @@ def map_of(inputs: Mapping[str, Value], parameter: FileContent | str | None) -> 
 
 
 def room_of(inputs: Mapping[str, Value]) -> float:
-    """How far from walls a producer lets the robot begin or end (m); 0 where nothing says so."""
+    """Return the distance from walls at which the robot may begin or end (m); 0 by default."""
     found = inputs.get(ROOM_KEY)
     return float(found) if isinstance(found, int | float) else 0.0
 

@@ -28,7 +28,7 @@ POLYGON: Final = 0.998
 
 @dataclass(frozen=True)
 class ObstacleOutline:
-    """Where an obstacle's floor area is."""
+    """The floor area of an obstacle."""
 
     obstacle: Obstacle
 
@@ -137,7 +137,7 @@ NEIGHBORHOOD_M: Final = 5.0
 
 @dataclass(frozen=True)
 class Site:
-    """Where obstacles are placed.
+    """The place of obstacles.
 
     Attributes:
         path_xy_m: (N, 2) the polyline they are placed along.
@@ -261,7 +261,7 @@ def _joined(passable: NDArray[np.bool_], cells: NDArray[np.int64]) -> bool:
 
 
 def covered_cells(ground: Ground, footprint: Polygon) -> NDArray[np.int64] | None:
-    """(K, 2) row and column of the cells that a convex `footprint` touches; None where one is not known to be free."""
+    """Return row and column (K, 2) of cells that a convex `footprint` touches; None unless all are free."""
     occupancy = ground.occupancy
     at = np.floor(occupancy.in_cells(np.array(footprint.exterior.coords))).astype(np.int64)
     if not (occupancy.contains(*at.min(axis=0)) and occupancy.contains(*at.max(axis=0))):

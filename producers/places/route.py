@@ -54,7 +54,7 @@ class Leg:
 
 @dataclass(frozen=True, slots=True)
 class LegRequest:
-    """What each leg must be.
+    """The requirements of each leg.
 
     Attributes:
         length_m, tolerance_m: Octile length, `length_m` ± `tolerance_m`.
@@ -78,7 +78,7 @@ def leg_of(ground: Ground, cells: NDArray[np.int64]) -> Leg:
 
 
 def corners(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The cells (M, 2) of a path (N, 2) where it begins, turns and ends: the same line with fewer points."""
+    """Return the cells (M, 2) of a path (N, 2) where it begins, turns and ends."""
     steps = np.diff(cells, axis=0)
     turns = np.any(steps[1:] != steps[:-1], axis=1)
     return cells[np.concatenate(([True], turns, [True]))] if len(cells) > 1 else cells

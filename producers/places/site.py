@@ -1,4 +1,4 @@
-"""Where obstacles can be placed in a configuration: its map, its path, and what stands there already."""
+"""The site of obstacles in a configuration: its map, its path, and obstacles that stand there already."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ LISTS_KEY: Final = "_obstacles"
 
 @dataclass(frozen=True, slots=True)
 class SiteRequest:
-    """What a producer of obstacles looks at.
+    """The inputs of a producer of obstacles.
 
     Attributes:
         name: Key of the list that it writes. What is in there already stays.
@@ -56,7 +56,7 @@ class SiteRequest:
         return tuple(dict.fromkeys((map_key(self.map_file), ROOM_KEY, PATH_KEY, PATH_LENGTH_KEY, *stops, *lists)))
 
     def site(self, inputs: Mapping[str, Value]) -> Site | str:
-        """Where to place; or why there is no path or what stands there can't be read."""
+        """Return the site, or why there is no path or an obstacle can't be read."""
         map_file = map_of(inputs, self.map_file)
         if isinstance(map_file, Rejection):
             return map_file.reason
@@ -86,7 +86,7 @@ class SiteRequest:
     def written(
         self, inputs: Mapping[str, Value], site: Site, entries: Sequence[Value], requested: Mapping[str, Value]
     ) -> dict[str, Value]:
-        """The list with `entries` at its end, the notes of it and of what was `requested`, and what surrounds the path with them."""
+        """Return the list with `entries` at its end, notes on it and on `requested`, and the path's surroundings."""
         lists = self._lists(inputs)
         mine = [*lists.get(self.name, ()), *entries]
         placed = _standing({self.name: list(entries)})

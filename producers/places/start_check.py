@@ -104,7 +104,7 @@ class StartCheck:
 
 
 def room_m(values: Mapping[str, Value], producers: Iterable[Producer[Any]]) -> float:
-    """Greatest distance (m) of an outline from the robot's center in the configurations of a family, as far as it is known.
+    """Return the greatest distance (m) of a family's outlines from the robot's center, as far as known.
 
     That is so for what is fixed and for what producers write that read nothing, such as a list of radii.
     """
@@ -152,7 +152,7 @@ def _bears_on(key: str, dimension: Dimension | None) -> bool:
 
 
 def _stops(partial: Partial) -> Iterator[tuple[str, Pose]]:
-    """Key to pose of the start, the goals and whatever else of the task is a pose; what is none is the simulator's to tell.
+    """Yield key and pose of the start, the goals and other poses of the task.
 
     Goals are `goal_pose` and `goal_poses`. One of `goal_pose1` and so on counts if it is tagged as the task's: that they are goals is
     a reading of ours, and a robot that can't reach one of several shows it in the run.

@@ -1,4 +1,4 @@
-"""The strategy `boundary`: where the objective crosses a level, such as a failure rate of 50 %, in one to three dimensions.
+"""The strategy `boundary`: where the objective crosses a level, in one to three dimensions.
 
 A Gaussian process over the unit cube, whose points are chosen by the straddle (B. Bryan et al., NIPS 18 (2005) 163): where it is
 uncertain on which side of the level the objective is.
@@ -48,7 +48,6 @@ class Boundary(Strategy[BoundaryParameters]):
         self._variances: list[float] = []
 
     def ask(self, batch: int, count: int) -> Sequence[Point]:
-        """See `Strategy`. Of a batch each point is chosen as if those before it had been found as expected."""
         from scipy.stats.qmc import Sobol
 
         space, d = self.problem.space, len(self.problem.space.dimensions)
@@ -57,7 +56,7 @@ class Boundary(Strategy[BoundaryParameters]):
             return [space.decoded(unit) for unit in candidates[:count]]
         units, values, variances = list(self._units), list(self._values), list(self._variances)
         scales, chosen = self._scales(), []
-        for _ in range(count):
+        for _ in range(count):  # each as if those before it had been found as expected
             mean, deviation = predicted(np.array(units), np.array(values), np.array(variances), scales, candidates)
             best = int(np.argmax(BAND * deviation - np.abs(mean)))
             chosen.append(candidates[best])
@@ -66,7 +65,6 @@ class Boundary(Strategy[BoundaryParameters]):
         return [space.decoded(unit) for unit in chosen]
 
     def tell(self, evaluations: Sequence[Evaluation]) -> None:
-        """See `Strategy`."""
         for each in evaluations:
             if each.objective is not None:
                 self._units.append(self.problem.space.encoded(each.proposal.point))
@@ -82,7 +80,7 @@ class Boundary(Strategy[BoundaryParameters]):
         return {"undecided": float(np.mean(np.abs(mean) < BAND * deviation))}
 
     def surface(self, units: Floats) -> tuple[Floats, Floats]:
-        """What is expected of the objective less the level at (n, d) coordinates of the unit cube, and its standard deviation."""
+        """Return mean and standard deviation of the objective less the level at (n, d) coordinates of the unit cube."""
         known = np.array(self._units), np.array(self._values), np.array(self._variances)
         return predicted(*known, self._scales(), units)
 
@@ -101,7 +99,7 @@ class Boundary(Strategy[BoundaryParameters]):
 
 
 def boundary_complaint(dimensions: Mapping[str, Any]) -> str | None:
-    """What of a space `boundary` can't take; None where it can."""
+    """Return what `boundary` can't take of a space; None if it takes all."""
     if len(dimensions) > MOST_DIMENSIONS:
         return f"{len(dimensions)} dimensions; one to {MOST_DIMENSIONS} for boundary"
     unordered = [name for name, each in dimensions.items() if each.type in ("choice", "bool") or levels_of(each) == 1]

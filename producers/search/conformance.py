@@ -1,4 +1,4 @@
-"""What every strategy must do, as checks that a strategy's author can call in a test."""
+"""Checks of a strategy's contract, which its author can call in a test."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, Final
@@ -61,7 +61,10 @@ CHECKS: Final[tuple[Callable[[Kind, Parameters, Problem], None], ...]] = (
 
 
 def _asked(kind: Kind, parameters: Parameters, problem: Problem, *, feasible: bool = True) -> list[Sequence[Point]]:
-    """The points of some batches of a search; every fifth is rejected, of the others the objective is the sum of their coordinates."""
+    """Return the points of some batches of a search.
+
+    Every fifth is rejected; of the others the objective is the sum of their coordinates.
+    """
     strategy, number = kind(parameters, problem), 0
     batches: list[Sequence[Point]] = []
     for batch in range(BATCHES):

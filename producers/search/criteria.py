@@ -32,7 +32,7 @@ class Criterion:
 
 
 def plan_text(spec: SearchSpec, runs: int, *, at_most: bool = False) -> str:
-    """What a search would do, in a line.
+    """Return a line on what a search would do.
 
     Args:
         runs: Of each point.
@@ -143,7 +143,7 @@ def criteria(
 
 
 def _batches_without_improvement(batches: Sequence[Sequence[Evaluation]], direction: str, rule: NoImprovement) -> int:
-    """How many of the last batches have not improved the best there was by `min_delta`, or at all."""
+    """Return the number of last batches that have not improved the best by `min_delta`, or at all."""
     sign, reached, stood = (1 if direction == "maximize" else -1), None, 0
     for batch in batches:
         best = best_of(batch, direction)

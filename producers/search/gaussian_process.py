@@ -17,8 +17,9 @@ _NOISES: Final = (0.001, 0.01, 0.1)
 
 
 def promise(units: Floats, gains: Floats, at: Floats) -> Floats:
-    """(m,) what may be gained at (m, d) coordinates: what is expected and its standard deviation (N. Srinivas et al., ICML 2010, 1015), in
-    twice the standard deviation of `gains`.
+    """Return the promise (m,) at (m, d) coordinates: mean and standard deviation, in twice that of `gains`.
+
+    The upper confidence bound of N. Srinivas et al., ICML 2010, 1015.
 
     Args:
         units: (n, d) coordinates.
@@ -47,7 +48,7 @@ def likelihood(units: Floats, values: Floats, variances: Floats, scales: Floats)
 
 
 def predicted(units: Floats, values: Floats, variances: Floats, scales: Floats, at: Floats) -> tuple[Floats, Floats]:
-    """What is expected at (m, d) coordinates, and its standard deviation; for the other arguments see `likelihood`."""
+    """Return mean and standard deviation at (m, d) coordinates; for the other arguments see `likelihood`."""
     factor = _factor(units, variances, scales)
     cross = np.linalg.solve(factor, _kernel(units, at, scales))
     mean = cross.T @ np.linalg.solve(factor, values)

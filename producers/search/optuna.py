@@ -30,7 +30,7 @@ class OptunaParameters(Parameters):
 
 
 class Optuna(Strategy[OptunaParameters]):
-    """Points that a sampler of Optuna expects to be better than those before; at random as long as all have the same objective.
+    """Points of a sampler of Optuna; random ones as long as all objectives are equal.
 
     A batch's sampler is made anew, with a seed of the batch, so that nothing is carried from one to the next but what was told.
     """
@@ -51,18 +51,16 @@ class Optuna(Strategy[OptunaParameters]):
         self._distributions = {name: _distribution(each) for name, each in dimensions.items()}
 
     def ask(self, batch: int, count: int) -> Sequence[Point]:
-        """See `Strategy`."""
         self._study.sampler = self._sampler(int(self.problem.draws(batch).integers(_SEEDS)))
         self._trials = [self._study.ask(self._distributions) for _ in range(count)]
         return [self._point(trial.params) for trial in self._trials]
 
     def tell(self, evaluations: Sequence[Evaluation]) -> None:
-        """See `Strategy`. Optuna takes a point without an objective for one that is worse than those with one."""
         from optuna.trial import TrialState
 
         for trial, evaluation in zip(self._trials, evaluations, strict=True):
             if evaluation.objective is None:
-                self._study.tell(trial, state=TrialState.PRUNED)
+                self._study.tell(trial, state=TrialState.PRUNED)  # worse than those with an objective
             else:
                 self._study.tell(trial, evaluation.objective)
 
@@ -90,7 +88,7 @@ class Optuna(Strategy[OptunaParameters]):
 
 
 def _distribution(dimension: SearchDimension) -> "BaseDistribution":
-    """Of a choice the places of its values: Optuna takes no mapping or list for one."""
+    """Return the distribution; a choice is its values' indices, for Optuna takes no mapping or list."""
     from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 
     if dimension.type == "bool":

@@ -52,7 +52,7 @@ class Measure(Parameters):
 
 
 class Archive(Parameters):
-    """How the space of measures is cut into cells."""
+    """The division of the space of measures into cells."""
 
     type: Literal["grid", "cvt"] = "grid"
     """Equal bins along each measure, or cells round evenly spread centers, for many measures."""
@@ -77,10 +77,13 @@ class QdParameters(Parameters):
 
 
 class QualityDiversity(Strategy[QdParameters]):
-    """Steps from points of the archive, each along the line to another (V. Vassiliades and J.-B. Mouret, GECCO 2018, 149): every other step
-    from a cell drawn evenly, back and forth, so that all kinds go on; those between from the best of several to the best of others, and of
-    many such the one of most promise (A. Gaier et al., Evol. Comput. 26 (2018) 381), which leads to what is looked for. At random at first, and as
-    long as all have the same objective."""
+    """Steps from points of the archive, each along the line to another one.
+
+    The line is that of V. Vassiliades and J.-B. Mouret, GECCO 2018, 149. Every other step leads from a cell drawn evenly,
+    back and forth, so that all kinds go on; those between from the best of several to the best of others, and of many
+    such the one of most promise (A. Gaier et al., Evol. Comput. 26 (2018) 381). Random at first, and as long as all
+    objectives are equal.
+    """
 
     Parameters: ClassVar[type[Parameters]] = QdParameters
     library: ClassVar[str] = "ribs"
@@ -96,17 +99,15 @@ class QualityDiversity(Strategy[QdParameters]):
 
     @classmethod
     def measures(cls, parameters: QdParameters) -> Sequence[str]:
-        """See `Strategy`."""
         return tuple(parameters.archive.measures)
 
     @property
     def metrics(self) -> Mapping[str, float]:
-        """The share of cells that are filled, and the sum of their objectives (a least one looked for: with the other sign)."""
+        """The share of filled cells, and the sum of gains over them."""
         stats = self._archive.stats
         return {"coverage": float(stats.coverage), "qd_score": float(stats.qd_score)}
 
     def ask(self, batch: int, count: int) -> Sequence[Point]:
-        """See `Strategy`."""
         draws = self.problem.draws(batch)
         if len(self._found) < _FIRST or self._is_flat:
             units = draws.random((count, self._dimensions))
@@ -119,11 +120,10 @@ class QualityDiversity(Strategy[QdParameters]):
         return [self.problem.space.decoded(unit) for unit in units]
 
     def tell(self, evaluations: Sequence[Evaluation]) -> None:
-        """See `Strategy`. A point of which a measure is not known is in no cell."""
         known = [
             each for each in evaluations if each.objective is not None and set(self._names) <= each.measures.keys()
         ]
-        if not known:
+        if not known:  # a point without one of the measures is in no cell
             return
         places = np.arange(len(self._found), len(self._found) + len(known))
         self._found += known
@@ -136,7 +136,6 @@ class QualityDiversity(Strategy[QdParameters]):
 
     @property
     def archive(self) -> Sequence[Cell]:
-        """See `Strategy`."""
         found = self._archive.data(["index", "place"])
         indices = np.asarray(found["index"], dtype=np.int64)
         if self.parameters.archive.type == "grid" and len(indices):
@@ -147,7 +146,7 @@ class QualityDiversity(Strategy[QdParameters]):
         )
 
     def _emitted(self, first: int, count: int, seed: int) -> NDArray[np.float64]:
-        """Steps from the archive: in turn along a line of two cells drawn evenly, and from the best of several toward that of others.
+        """Return steps from the archive, in turn from cells drawn evenly and from the best of several.
 
         Args:
             first: Which of all steps the first one is.
@@ -177,7 +176,7 @@ class QualityDiversity(Strategy[QdParameters]):
 
     @property
     def _is_flat(self) -> bool:
-        """Whether nothing is better than anything else: the best of equal ones would lead to the middle of what is known."""
+        """Whether all objectives are equal: the best of equal ones would lead to the middle of the known points."""
         return len(np.unique(self._archive.data("objective"))) < 2
 
     def _shares(self, count: int) -> list[int]:

@@ -13,14 +13,16 @@ from vastflow.producers.campaign_file.document import Document, faults_of
 from vastflow.producers.campaign_file.search import FAILURE_RATE, METRICS, SEARCH, Quantity, SearchSpec, marker_faults
 from vastflow.producers.campaign_file.sections import Sequential
 from vastflow.producers.campaign_file.spec import ExecutionSpec
-from vastflow.producers.instantiation.family import Family
-from vastflow.producers.model.faults import NOT_EXECUTED, Fault, Location
+from vastflow.producers.instantiation.growth import Family
+from vastflow.producers.model.faults import NOT_EXECUTED, Location
 from vastflow.producers.model.producer import find_producer
 from vastflow.producers.search.boundary import Boundary, boundary_complaint
 from vastflow.producers.search.search import ReadsFamilies, Search, corners, family_at, several_fault
 from vastflow.producers.search.space import Space
-from vastflow.producers.search.strategy import Strategy, UnknownStrategy, find_strategy, missing_library
+from vastflow.producers.search.strategy import Strategy, find_strategy, missing_library
+from vastflow.sim.model.faults import Fault, parted
 from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.plug_ins.neighbors import PlugInError
 
 _EXTRACT: Location = (*SEARCH, "extract")
 _PARAMETERS: Location = (*SEARCH, "strategy_parameters")
@@ -29,7 +31,7 @@ _PLUG_IN = "file.py:Class, relative to this file"
 
 @dataclass(frozen=True)
 class SearchReading:
-    """What there is to say of a search.
+    """A search as read from a file.
 
     Attributes:
         search: None where it has a fault or can't be run.
@@ -141,21 +143,17 @@ class _Reading:
             return None
         try:
             kind = find_strategy(name, self._base)
-        except UnknownStrategy as error:
-            if plug_in_file.names_file(name):
-                self._not_here(where, str(error), "a subclass of vastflow.producers.search.strategy.Strategy")
-            else:
-                self._fault(where, str(error), did_you_mean(name, error.known))
+        except PlugInError as error:
+            say = self._not_here if plug_in_file.names_file(name) else self._fault
+            say(where, error.what, error.right)
             return None
         except Exception as error:  # noqa: BLE001 - whatever a user's file raises while it is imported
             self._not_here(where, f"{name!r} can't be imported: {type(error).__name__}: {error}", "a strategy that can")
             return None
         if kind is Boundary and (complaint := boundary_complaint(self._spec.search_space)):
-            what, _, right = complaint.partition("; ")
-            self._fault((*SEARCH, "search_space"), what, right, "key")
+            self._fault((*SEARCH, "search_space"), *parted(complaint), "key")
         if kind.library and importlib.util.find_spec(kind.library) is None:
-            what, _, right = str(missing_library(kind.library)).partition("; ")
-            self._fault(where, what, right)
+            self._fault(where, *parted(str(missing_library(kind.library))))
         try:
             return kind, kind.Parameters.model_validate(self._spec.strategy_parameters)
         except ValidationError as error:
@@ -171,7 +169,7 @@ class _Reading:
 
     def check_numbers(self, quantities: Mapping[str, Quantity], found: tuple[type[Strategy[Any]], Any] | None) -> None:
         """The objective, measures and metrics are numbers that there are."""
-        if any(fault.where.endswith("extract.plugin") for fault in self.unexecutable):
+        if any(fault.place.where.endswith("extract.plugin") for fault in self.unexecutable):
             return  # what it gives only RoboVAST knows
         for k, objective in enumerate(self._spec.objectives):
             self._check_name((*SEARCH, "objectives", k, "name"), "objective", objective.name, quantities)
@@ -207,5 +205,5 @@ class _Reading:
 
 
 def _places_of(document: Document, below: Location, key: str) -> Iterator[Location]:
-    """Where a key of this name stands below a location."""
+    """Yield the locations of a key below a location."""
     return (where for where in document.keys if where[: len(below)] == below and where[-1] == key)

@@ -14,7 +14,7 @@ P = TypeVar("P", bound=Parameters)
 
 
 class SamplingParameters(Parameters):
-    """There are none."""
+    """Empty parameters."""
 
 
 class Random(Strategy[SamplingParameters]):
@@ -23,12 +23,11 @@ class Random(Strategy[SamplingParameters]):
     Parameters: ClassVar[type[Parameters]] = SamplingParameters
 
     def ask(self, batch: int, count: int) -> Sequence[Point]:
-        """See `Strategy`."""
         space = self.problem.space
         return [space.decoded(unit) for unit in self.problem.draws(batch).random((count, len(space.dimensions)))]
 
     def tell(self, evaluations: Sequence[Evaluation]) -> None:
-        """See `Strategy`."""
+        pass
 
 
 class _Sequence(Strategy[P]):
@@ -43,13 +42,12 @@ class _Sequence(Strategy[P]):
         """(last - first, d) points of the unit cube."""
 
     def ask(self, batch: int, count: int) -> Sequence[Point]:
-        """See `Strategy`."""
         units = self._units(self._asked, self._asked + count)
         self._asked += count
         return [self.problem.space.decoded(unit) for unit in units]
 
     def tell(self, evaluations: Sequence[Evaluation]) -> None:
-        """See `Strategy`."""
+        pass
 
 
 class Sobol(_Sequence[SamplingParameters]):

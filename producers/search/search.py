@@ -1,4 +1,4 @@
-"""The search of a campaign file, ready to be begun: its space, its strategy, and the family that each of its points is."""
+"""The search of a campaign file: its space, its strategy, and the family of each point."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -7,13 +7,14 @@ from typing import Any, Final, Protocol
 from vastflow.producers.campaign_file.document import Document
 from vastflow.producers.campaign_file.search import SEARCH, Quantity, SearchSpec, with_point
 from vastflow.producers.instantiation.coverage import FamilyCount, coverage_of
-from vastflow.producers.instantiation.family import Family, FamilyReader
+from vastflow.producers.instantiation.family import FamilyReader
+from vastflow.producers.instantiation.growth import Family
 from vastflow.producers.instantiation.instantiate import Instantiation, mark_duplicates
 from vastflow.producers.model.configuration import Configuration
-from vastflow.producers.model.faults import CampaignError, Fault
 from vastflow.producers.search.sampling import Random, SamplingParameters
 from vastflow.producers.search.space import Point, Space
 from vastflow.producers.search.strategy import BASELINE, Problem, Proposal, Strategy
+from vastflow.sim.model.faults import Fault, FileError
 
 _BASELINE_BATCHES: Final = 10**6
 """Batches from this one on draw what no strategy draws."""
@@ -50,12 +51,12 @@ class Search:
         """The strategy at its beginning.
 
         Raises:
-            MissingLibrary: it needs a library that is not installed.
+            UserError: it needs a library that is not installed.
         """
         return self.kind(self.parameters, self._problem)
 
     def baseline(self, proposals: Sequence[Proposal]) -> list[Proposal]:
-        """As many random points as the strategy's of a batch; none where the file asks for none."""
+        """Return as many random points as the strategy's of a batch; none if the file asks for none."""
         if self.spec.baseline is None or not proposals:
             return []
         random, stream = Random(SamplingParameters(), self._problem), _BASELINE_BATCHES + proposals[0].batch
@@ -72,26 +73,26 @@ class Search:
         """The family of one configuration that a proposal is.
 
         Raises:
-            CampaignError: the template is wrong at this point; most such faults are found at the corners of the space before.
+            FileError: the template is wrong at this point; most such faults are found at the corners of the space before.
         """
         family, faults = family_at(self.document, self.spec, self.reader, proposal.point, proposal.name)
         if faults:
             at = ", ".join(f"{name} = {value}" for name, value in proposal.point.items())
-            raise CampaignError(replace(fault, what=f"{fault.what}, at {at}") for fault in faults)
+            raise FileError(replace(fault, problem=f"{fault.problem}, at {at}") for fault in faults)
         return family
 
     def instantiation(self, proposals: Sequence[Proposal], made: Instantiation) -> Instantiation:
-        """What became of proposals, of which each was a family: one configuration each, called as the proposal.
+        """Return the instantiation of proposals: one configuration each, called as the proposal.
 
         Raises:
-            CampaignError: the template makes several configurations of a point.
+            FileError: the template makes several configurations of a point.
         """
         named: list[Configuration] = []
         seen: set[str] = set()
         asked = {proposal.name: proposal for proposal in proposals}
         for each in made.configurations:
             if each.family in seen:
-                raise CampaignError([self._several(each)])
+                raise FileError([self._several(each)])
             seen.add(each.family)
             proposal = asked[each.family]
             factors = {**proposal.point, **each.factors}
@@ -128,7 +129,7 @@ def family_at(
 
 
 def several_fault(document: Document, step: int, producer: str) -> Fault:
-    """That a producer of the template makes several configurations of one point."""
+    """Return the fault that a producer of the template makes several configurations of one point."""
     where = document.known((*SEARCH, "variations", step, producer))
     what = f"{producer or 'the template'} makes several configurations of one point"
     return document.fault(where, what, "one path, one value, one obstacle configuration", "key")

@@ -18,8 +18,9 @@ Unit: TypeAlias = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Space:
-    """What is searched. Each dimension is an axis of the unit cube: a range of numbers from 0 at `low` to 1 at `high`, also on a
-    logarithmic scale; values that can be counted share it in equal parts.
+    """The space of a search; each dimension is an axis of the unit cube.
+
+    A range of numbers goes from 0 at `low` to 1 at `high`, also on a logarithmic scale; countable values share it equally.
 
     Attributes:
         dimensions: Name to domain, in the file's order.
@@ -29,7 +30,7 @@ class Space:
 
     @property
     def size(self) -> int | None:
-        """How many points there are; None where a dimension is continuous."""
+        """The number of points; None if a dimension is continuous."""
         levels = [levels_of(each) for each in self.dimensions.values()]
         return None if None in levels else math.prod(level for level in levels if level is not None)
 
@@ -50,7 +51,7 @@ class Space:
 
 
 def levels_of(dimension: SearchDimension) -> int | None:
-    """How many values there are; None where they are continuous, unless there is but one."""
+    """Return the number of values; None if they are continuous, unless there is but one."""
     if dimension.type == "bool":
         return 2
     if dimension.values is not None:

@@ -11,7 +11,9 @@ from pydantic import BaseModel, ConfigDict
 
 from vastflow.producers.search.space import Point, Space
 from vastflow.sim.model.faults import UserError
+from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.plug_ins.loading import installed_plug_in, known_plug_ins, plug_in_of_file
+from vastflow.sim.plug_ins.neighbors import PlugInError
 
 FAMILY: Final = "search"
 """Of all points of a search, in tables and in the report."""
@@ -39,13 +41,13 @@ class Proposal:
 
     @property
     def name(self) -> str:
-        """Of its configuration, such as `point-0017`."""
+        """Name of its configuration, such as `point-0017`."""
         return f"{'point' if self.family == FAMILY else self.family}-{self.number:04}"
 
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """What was found at a proposal.
+    """The evaluation of a proposal.
 
     Attributes:
         objective: None unless `judged`.
@@ -75,7 +77,7 @@ class Parameters(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """What a strategy is to search.
+    """The problem that a strategy searches.
 
     Attributes:
         direction: What is looked for: the greatest or the least value of the objective.
@@ -141,11 +143,11 @@ class Strategy(ABC, Generic[P]):
 
     @abstractmethod
     def tell(self, evaluations: Sequence[Evaluation]) -> None:
-        """What was found at the points of the last batch, in the order in which they were proposed."""
+        """Take the evaluations of the last batch's points, in the order of proposal."""
 
     @classmethod
     def measures(cls, parameters: P) -> Sequence[str]:
-        """Names of the numbers that it wants to know of each point beside the objective: of dimensions, or that `extract` gives."""
+        """Return the names of numbers it needs of each point beside the objective: dimensions, or numbers of `extract`."""
         return ()
 
     @property
@@ -159,61 +161,38 @@ class Strategy(ABC, Generic[P]):
         return ()
 
 
-class ProposalError(UserError):
-    """A strategy that proposes what it was not asked for; says what that is."""
-
-
 def asked(strategy: Strategy[Any], batch: int, count: int) -> list[Point]:
-    """What a strategy proposes, looked at: what was found outside of the space would be reported as found in it.
+    """Return a strategy's proposals, checked: one outside of the space would be reported as inside.
 
     Raises:
-        ProposalError: a point that is not in the space, or more points than asked for; and whatever the strategy's code raises.
+        UserError: a point that is not in the space, or more points than asked for; and whatever the strategy's code raises.
     """
     name = type(strategy).__name__
     points = list(strategy.ask(batch, count))
     if len(points) > count:
-        raise ProposalError(f"strategy {name} proposes {len(points)} points in batch {batch}; at most {count}")
+        raise UserError(f"strategy {name} proposes {len(points)} points in batch {batch}; at most {count}")
     for point in points:
         if not (isinstance(point, Mapping) and strategy.problem.space.contains(point)):
             what = f"strategy {name} proposes {point!r} in batch {batch}, which is not in the search space"
-            raise ProposalError(f"{what}; a value of each dimension, of its type and within its bounds")
+            raise UserError(f"{what}; a value of each dimension, of its type and within its bounds")
     return points
-
-
-class UnknownStrategy(LookupError):
-    """No strategy of this name; `known` lists those there are."""
-
-    def __init__(self, message: str, known: tuple[str, ...]) -> None:
-        super().__init__(message)
-        self.known = known
-
-
-class MissingLibrary(UserError):
-    """A strategy whose library is not installed; says what installs it."""
-
-
-def known_strategies() -> tuple[str, ...]:
-    """Names in the entry-point group `vastflow.strategies`, sorted."""
-    return known_plug_ins(GROUP)
 
 
 def find_strategy(name: str, base: Path) -> type[Strategy[Any]]:
     """The class called `name` in the entry-point group, or `file.py:Class` relative to `base`.
 
     Raises:
-        UnknownStrategy: no such entry point, file or class, or a class that is no strategy.
-        PlugInError: what the file uses can't be taken; and whatever its code raises.
+        PlugInError: no such entry point, file or class, a class that is no strategy, or a file that uses what can't be taken; and
+            whatever its code raises.
     """
     found = plug_in_of_file(name, base) if ".py:" in name else installed_plug_in(GROUP, name)
     if found is None:
-        raise UnknownStrategy(f"no strategy {name!r}", known_strategies())
+        raise PlugInError(f"no strategy {name!r}", did_you_mean(name, known_plug_ins(GROUP)))
     if not (isinstance(found, type) and issubclass(found, Strategy)):
-        raise UnknownStrategy(f"{name!r} is not a subclass of vastflow.producers.search.strategy.Strategy", ())
+        raise PlugInError(f"{name!r} is no strategy", "a subclass of vastflow.producers.search.strategy.Strategy")
     return found
 
 
-def missing_library(name: str) -> MissingLibrary:
-    """What to say where a strategy's library can't be imported."""
-    return MissingLibrary(
-        f"the library {name} is not installed; pip install -e '.[search]' in the checkout of vastflow"
-    )
+def missing_library(name: str) -> UserError:
+    """Return the error of a library that is not installed."""
+    return UserError(f"the library {name} is not installed; pip install -e '.[search]' in the checkout of vastflow")

@@ -5,8 +5,13 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeAlias
 
 from vastflow.producers.campaign import Campaign, Family
-from vastflow.producers.instantiation.growth import Growth
-from vastflow.producers.instantiation.instantiate import Instantiation, growth_of, instantiation_of, mark_duplicates
+from vastflow.producers.instantiation.instantiate import (
+    Growth,
+    Instantiation,
+    growth_of,
+    instantiation_of,
+    mark_duplicates,
+)
 from vastflow.producers.model.configuration import Fragment, Rejection
 from vastflow.producers.model.producer import Producer
 from vastflow.sim.model.digest import Value
@@ -104,7 +109,7 @@ class Instantiator:
 
         Raises:
             Lost: an evaluation is damaged.
-            CampaignError: a constraint can't be evaluated, constraints leave nothing, or a design is too large.
+            FileError: a constraint can't be evaluated, constraints leave nothing, or a design is too large.
         """
         families = [_Growing(family, growth_of(family)) for family in self.campaign.families]
         for step in range(max((len(family.producers) for family in self.campaign.families), default=0)):

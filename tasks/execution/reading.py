@@ -12,8 +12,8 @@ from vastflow.producers.campaign import Campaign
 from vastflow.producers.campaign_file.document import EXPONENT
 from vastflow.producers.campaign_file.scenario import run_files
 from vastflow.producers.campaign_file.spec import Resources
-from vastflow.producers.model.faults import CampaignError, Fault, Location, shown
-from vastflow.sim.model.faults import ScenarioError
+from vastflow.producers.model.faults import Location, shown
+from vastflow.sim.model.faults import Fault, FileError, ScenarioError
 from vastflow.sim.model.names import did_you_mean
 from vastflow.tasks.execution.description import MAIN, Container, Needs, RunDescription, label_of, memory_bytes
 
@@ -33,7 +33,7 @@ def describe(campaign: Campaign, name: str, context: str | None = None) -> RunDe
             it names.
 
     Raises:
-        CampaignError: no image, or every value that containers can't be given.
+        FileError: no image, or every value that containers can't be given.
     """
     execution = campaign.spec.execution
     reader = _Reader(campaign, context)
@@ -53,7 +53,7 @@ def describe(campaign: Campaign, name: str, context: str | None = None) -> RunDe
         node_labels=dict(reader.node_labels()),
     )
     if reader.faults:
-        raise CampaignError(reader.faults)
+        raise FileError(reader.faults)
     return found
 
 

@@ -11,7 +11,7 @@ from paper_results import Requested, requested_of
 
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
-from vastflow.producers.model.faults import CampaignError
+from vastflow.sim.model.faults import FileError
 
 pytestmark = pytest.mark.slow
 
@@ -89,7 +89,7 @@ def test_on_the_papers_maps_none_of_its_configurations_is_lost_for_want_of_room(
 
 @pytest.mark.parametrize("kind", PUBLISHED)
 def test_without_the_papers_maps_every_map_that_is_missing_is_said(kind):
-    with pytest.raises(CampaignError, match="--map-dir") as raised:
+    with pytest.raises(FileError, match="--map-dir") as raised:
         read_campaign(PAPER / "original-maps" / f"{kind}.vast")
     assert len(raised.value.faults) == (15 if kind == "performance" else 5)
 

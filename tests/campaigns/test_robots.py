@@ -22,7 +22,7 @@ def campaign(request):
 
 
 def test_campaign_has_nothing_to_complain_of_but_nodes_that_its_file_leaves_out(campaign):
-    assert [note.what for note in campaign.notes if not note.what.startswith("has no ")] == []
+    assert [note.problem for note in campaign.notes if not note.problem.startswith("has no ")] == []
     assert {family.name for family in campaign.families} == {"office", "university"}
 
 

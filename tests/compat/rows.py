@@ -19,15 +19,13 @@ from vastflow.oracles.judgement.verdict import run_judgement
 from vastflow.oracles.observation.observe import observe_block
 from vastflow.producers.campaign_file.postprocessing import steps_of
 from vastflow.producers.campaign_file.scenario import run_files
-from vastflow.producers.floorplan.faults import FloorplanError
 from vastflow.producers.floorplan.files import PlanFile, read_plan_file, read_variation_file
 from vastflow.producers.floorplan.rendering import render
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.model.configuration import Configuration
-from vastflow.producers.model.faults import CampaignError
 from vastflow.sim.model.archive import write_outputs
 from vastflow.sim.model.blocks import write_recordings
-from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.faults import FileError, ScenarioError
 from vastflow.sim.model.scenario import ProcessSetup, Scenario, scenario_of
 from vastflow.sim.nav2.parameter_files.document import DocumentError
 from vastflow.sim.nav2.parameter_files.findings import findings
@@ -182,7 +180,7 @@ def _campaign(name: str, file: Path, trial: Trial) -> Row:
         if campaign.search is not None:
             return Row(name, "campaign", "valid", "a search: what it runs follows from its runs")
         made = instantiate(campaign)
-    except CampaignError as error:
+    except FileError as error:
         return Row(name, "campaign", "refused", _first([_short(fault, file) for fault in error.faults]))
     distinct = [each for each in made.configurations if each.duplicate_of is None]
     told = _Told(_executed(_spread(distinct, trial.sample), oracles, campaign.seed, trial))
@@ -226,7 +224,7 @@ def _floor_plan(name: str, file: Path, trial: Trial) -> Row:
     try:
         plan = read_plan_file(file)
         written = render(plan.building(), plan.text, str(file), RESOLUTION_M, LASER_M)
-    except FloorplanError as error:
+    except FileError as error:
         return Row(name, "floor plan", "refused", error.brief.replace(f"{file.parent}/", ""))
     return Row(name, "floor plan", "ran", f"map of {_cells(written)} cells")
 
@@ -237,7 +235,7 @@ def _variation(name: str, file: Path, trial: Trial) -> Row:
         for seed in range(PLANS_OF_A_VARIATION):
             plan = PlanFile(f"{seed}.fpm", variation.sample(seed).text)
             render(plan.building(), plan.text, plan.name, RESOLUTION_M, LASER_M)
-    except FloorplanError as error:
+    except FileError as error:
         return Row(name, "variation", "refused", error.brief.replace(f"{file.parent}/", ""))
     return Row(name, "variation", "ran", f"{PLANS_OF_A_VARIATION} plans drawn")
 
@@ -335,8 +333,10 @@ def _cells(files: Mapping[str, bytes]) -> str:
 
 
 def _short(fault: Any, file: Path) -> str:
-    place = "" if Path(fault.file) == file else f"{Path(fault.file).name}:"
-    return f"{place}{fault.line}: {fault.where}: {fault.what}; {fault.right}".replace(f"{file.parent}/", "")
+    place = "" if Path(fault.place.file) == file else f"{Path(fault.place.file).name}:"
+    return f"{place}{fault.place.line}: {fault.place.where}: {fault.problem}; {fault.expected}".replace(
+        f"{file.parent}/", ""
+    )
 
 
 def _first(reasons: Iterable[str]) -> str:

@@ -3,14 +3,14 @@
 import pytest
 from table import each_row
 
-from vastflow.producers.model.faults import CampaignError
+from vastflow.sim.model.faults import FileError
 from vastflow.tasks.execution.description import Container, Needs, RunDescription, is_label, label_of
 
 IMAGE = "  image: ghcr.io/me/robot:1.0\n"
 
 
 def faults(described, execution, context=None):
-    with pytest.raises(CampaignError, match=r"rooms\.vast:\d+:\d+: execution") as error:
+    with pytest.raises(FileError, match=r"rooms\.vast:\d+:\d+: execution") as error:
         described(execution, context)
     return [str(fault).partition("rooms.vast:")[2] for fault in error.value.faults]
 

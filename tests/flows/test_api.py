@@ -4,7 +4,7 @@ import sys
 import pytest
 
 from vastflow.flows import run_campaign
-from vastflow.producers.model.faults import CampaignError
+from vastflow.sim.model.faults import FileError
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -34,6 +34,6 @@ def test_fewer_than_one_run_is_refused(tmp_path):
 
 def test_bad_campaign_file_writes_nothing(tmp_path):
     (tmp_path / "x.vast").write_text("version: 1\nconfiguraton: []\n")
-    with pytest.raises(CampaignError, match=r"x\.vast:2:1: .*did you mean 'configuration'"):
+    with pytest.raises(FileError, match=r"x\.vast:2:1: .*did you mean 'configuration'"):
         run_campaign(tmp_path / "x.vast", results=tmp_path / "results", store=tmp_path / "store")
     assert [file.name for file in tmp_path.iterdir()] == ["x.vast"]

@@ -15,7 +15,7 @@ import pytest
 from vastflow.flows import run_campaign
 from vastflow.flows.flow_runs import flow_call
 from vastflow.flows.run import campaign_run
-from vastflow.producers.model.faults import CampaignError
+from vastflow.sim.model.faults import FileError
 from vastflow.tasks.keys.source import installed_tree
 
 pytestmark = pytest.mark.timeout(900)
@@ -360,7 +360,7 @@ def test_only_a_named_configuration_is_run(again):
 
 
 def test_unknown_name_is_a_users_mistake(again):
-    with pytest.raises(CampaignError, match=r"no family or configuration 'rom'; did you mean 'room'\?"):
+    with pytest.raises(FileError, match=r"no family or configuration 'rom'; did you mean 'room'\?"):
         again(only=["rom"])
 
 
@@ -378,7 +378,7 @@ def test_constraints_that_leave_nothing_once_producers_have_run_are_a_users_mist
         ("tiny.vast", NAME, NAME + "    constraints: {far: straight_distance > 9}\n"),
         ("tiny.vast", "[0.0, 0.01]", "[0.0, 0.03]"),
     ]
-    with pytest.raises(CampaignError, match="the constraints leave nothing of family 'room': far excludes 2"):
+    with pytest.raises(FileError, match="the constraints leave nothing of family 'room': far excludes 2"):
         again(*edits)
 
 

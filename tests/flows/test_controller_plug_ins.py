@@ -9,7 +9,7 @@ import pytest
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.producers.instantiation.instantiate import instantiate
-from vastflow.producers.model.faults import CampaignError
+from vastflow.sim.model.faults import FileError
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.tasks.engine.index import ConfigurationRuns
 from vastflow.tasks.engine.remote_shard import Packer, unpacked
@@ -63,7 +63,7 @@ def test_key_of_the_campaign_file_chooses_it(campaign_file):
 def test_unknown_one_is_refused_with_the_nearest_name(campaign_file):
     campaign_file.write_text(campaign_file.read_text().replace("PurePursuit", "PurePursit"))
     with pytest.raises(
-        CampaignError, match=r"did you mean 'my_pursuit.py:PurePursuit'\? one of dwb, mppi, rpp, my_pursuit"
+        FileError, match=r"did you mean 'my_pursuit.py:PurePursuit'\? one of dwb, mppi, rpp, my_pursuit"
     ):
         read_campaign(campaign_file)
 

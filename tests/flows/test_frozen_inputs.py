@@ -80,7 +80,7 @@ def test_campaign_directory_is_complete_without_the_campaigns_folder(tmp_path, s
     tree = installed_tree()
     keys = campaign_keys(tree, 0, oracles)
     producer = tree.plug_in_digest(type(campaign.families[0].producers[0]))
-    (note,) = [note for note in campaign.notes if note.file.endswith(".py")]
+    (note,) = [note for note in campaign.notes if note.place.file.endswith(".py")]
     assert str(note).startswith(str(home / f"{oracle_folder}own_oracle.py") + ":13:1: warning: os.getenv: ")
     assert str(note).endswith("is in no key: an edit of it goes unnoticed; a parameter is noticed")
     (home / "lib" / "values.py").write_text("VALUES = [0.5]\n")  # while it runs

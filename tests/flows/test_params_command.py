@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 from vastflow.flows.__main__ import app
 from vastflow.flows.request.campaign_file import MOST_OF_A_FILE, read_campaign, terminal_lines
 from vastflow.flows.results.inputs import inputs_of
-from vastflow.producers.model.faults import Note
+from vastflow.sim.model.faults import Fault, Place
 
 NAV2 = """\
 controller_server:
@@ -153,7 +153,7 @@ def test_parameter_file_is_kept_with_the_inputs(campaign):
 
 
 def note(k, kind="not modeled"):
-    return Note(kind, "nav2.yaml", k, 1, f"p{k}", "not modeled")
+    return Fault(Place("nav2.yaml", k, 1, f"p{k}"), "not modeled", kind=kind)
 
 
 def test_few_unmodeled_parameters_are_all_said():
@@ -170,7 +170,7 @@ def test_of_many_the_first_are_said_and_the_rest_counted_and_warnings_never_left
 
 def test_warnings_of_a_floor_plan_are_counted_beyond_a_few_and_those_of_the_campaign_are_all_shown():
     def note(file, k):
-        return Note("warning", file, k, 1, f"Entryway d{k}", "it cuts nothing")
+        return Fault(Place(file, k, 1, f"Entryway d{k}"), "it cuts nothing", kind="warning")
 
     lines = list(terminal_lines([note(file, k) for k in range(1, 10) for file in ("a.vast", "rooms.fpm")]))
     assert [line for line in lines if line.startswith("a.vast")] == [str(note("a.vast", k)) for k in range(1, 10)]

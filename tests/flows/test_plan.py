@@ -19,8 +19,8 @@ from vastflow.flows.results.past import newest_past
 from vastflow.flows.results.provenance import STAGES
 from vastflow.flows.run import campaign_run
 from vastflow.oracles.results.unusable import UnusableDirectory
-from vastflow.producers.model.faults import CampaignError
 from vastflow.sim.model.blocks import read_rows
+from vastflow.sim.model.faults import FileError
 from vastflow.tasks.keys import source
 from vastflow.tasks.keys.source import SourceTree, installed_tree
 from vastflow.tasks.store.store import StoreError
@@ -482,7 +482,7 @@ def test_damaged_directory_to_compare_with_is_a_users_mistake(again, first, tmp_
 
 @pytest.mark.slow
 def test_plan_reports_unknown_name_as_user_error(again):
-    with pytest.raises(CampaignError, match=r"no family or configuration 'rom'; did you mean 'room'\?"):
+    with pytest.raises(FileError, match=r"no family or configuration 'rom'; did you mean 'room'\?"):
         again.dry(only=["rom"])
     assert again.dry(NOISE, only=["room-1-1"]).computed("execute") == 0
 

@@ -21,7 +21,7 @@ from vastflow.flows.run import campaign_run
 from vastflow.flows.run.campaign_run import open_run
 from vastflow.flows.run.reporting import assess, deliver, report
 from vastflow.oracles.results.unusable import UnusableDirectory
-from vastflow.producers.model.faults import CampaignError
+from vastflow.sim.model.faults import FileError
 from vastflow.tasks.engine.evaluation import packed
 from vastflow.tasks.keys.source import installed_tree
 from vastflow.tasks.store.store import open_store
@@ -331,7 +331,7 @@ def test_metric_of_an_oracle_is_an_objective(run):
 
 
 def test_only_a_part_of_a_search_is_refused(place):
-    with pytest.raises(CampaignError, match="search: found --only, and a search proposes"):
+    with pytest.raises(FileError, match="search: found --only, and a search proposes"):
         run_campaign(file_of(place), results=place / "results", store=place / "store", only="point-0001")
 
 
@@ -351,5 +351,5 @@ def test_only_a_part_of_a_search_is_refused(place):
 def test_number_that_no_oracle_gives_is_a_fault_with_its_place(place, extract, fault):
     file = file_of(place)
     file.write_text(file.read_text().replace("{oracle: own.py:Pocket, metric: badness}", extract))
-    with pytest.raises(CampaignError, match=re.escape(fault)):
+    with pytest.raises(FileError, match=re.escape(fault)):
         run_campaign(file, results=place / "results", store=place / "store")

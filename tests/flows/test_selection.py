@@ -11,7 +11,7 @@ from vastflow.flows.api import run_campaign
 from vastflow.flows.request.configurations import EVERYTHING, Selection, narrowed, sampled
 from vastflow.producers.instantiation.instantiate import Instantiation, mark_duplicates
 from vastflow.producers.model.configuration import Configuration
-from vastflow.producers.model.faults import CampaignError
+from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.scenario import scenario_of
 from vastflow.tasks.engine.instantiation import Instantiated
 
@@ -101,7 +101,7 @@ def test_without_a_selection_everything_is_there_and_is_no_sample():
 
 
 def test_unknown_name_is_refused_with_the_nearest():
-    with pytest.raises(CampaignError, match="no family or configuration 'aa'"):
+    with pytest.raises(FileError, match="no family or configuration 'aa'"):
         narrowed(Instantiated(LARGE), Selection(["aa"], 5), FILE)
 
 

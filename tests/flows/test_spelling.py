@@ -9,7 +9,7 @@ from vastflow.flows.request.campaign_file import campaign_name, read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.request.configurations import distinct_configurations
 from vastflow.producers.instantiation.instantiate import instantiate
-from vastflow.producers.model.faults import CampaignError
+from vastflow.sim.model.faults import FileError
 from vastflow.sim.run import execute
 from vastflow.tasks.keys.source import installed_tree
 
@@ -160,12 +160,12 @@ def test_upstreams_campaigns_are_the_same_by_every_spelling(name, runs, tmp_path
 def test_faults_name_the_file_as_it_was_typed(folder, monkeypatch):
     (folder / "own.vast").write_text(CAMPAIGN.replace("version: 1", "version: 2"))
     monkeypatch.chdir(folder.parent)
-    with pytest.raises(CampaignError, match=r"^campaign/own\.vast:1:10: version: expected 1, got 2$"):
+    with pytest.raises(FileError, match=r"^campaign/own\.vast:1:10: version: expected 1, got 2$"):
         read_campaign(Path("campaign/own.vast"))
 
 
 def test_links_that_lead_round_in_a_circle_are_a_fault(tmp_path):
     os.symlink("b.vast", tmp_path / "a.vast")
     os.symlink("a.vast", tmp_path / "b.vast")
-    with pytest.raises(CampaignError, match="can't be read"):
+    with pytest.raises(FileError, match="can't be read"):
         read_campaign(tmp_path / "a.vast")

@@ -15,7 +15,7 @@ from vastflow.flows.flow_runs.flow_call import FlowCall
 from vastflow.flows.stages import api as stages
 from vastflow.flows.stages.configurations import UnknownConfiguration
 from vastflow.oracles.evidence.rates import Counts
-from vastflow.producers.model.faults import CampaignError
+from vastflow.sim.model.faults import FileError
 from vastflow.tasks.keys.source import installed_tree
 from vastflow.tasks.store.store import Lost
 
@@ -229,12 +229,12 @@ def test_fault_of_ours_is_in_the_result_and_its_run_is_not_judged(odd):
     ],
 )
 def test_oracle_that_is_not_there_is_a_fault_with_its_place(traces, oracles, said):
-    with pytest.raises(CampaignError, match=said):
+    with pytest.raises(FileError, match=said):
         judge(traces, oracles=oracles)
 
 
 def test_name_in_only_that_nothing_has_is_a_fault(configurations):
-    with pytest.raises(CampaignError, match="only: no family or configuration 'rigth'; did you mean 'right'"):
+    with pytest.raises(FileError, match="only: no family or configuration 'rigth'; did you mean 'right'"):
         execute(configurations, only="rigth")
 
 

@@ -11,8 +11,8 @@ from table import each_row
 
 from vastflow.producers.campaign import Campaign, load_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
-from vastflow.producers.model.faults import CampaignError
 from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.obstacle import obstacles_of
 from vastflow.sim.world.map_file import load_map
 
@@ -107,7 +107,7 @@ def load(folder: Path) -> Load:
 @pytest.fixture
 def faults(folder: Path, load: Load) -> Faults:
     def faults_of_text(text: str) -> list[str]:
-        with pytest.raises(CampaignError) as caught:
+        with pytest.raises(FileError) as caught:
             load(text)
         return [str(fault).replace(f"{folder}/", "").removeprefix("c.vast:") for fault in caught.value.faults]
 
@@ -157,7 +157,7 @@ def test_papers_listing_is_valid_and_nothing_keeps_it_from_running(load: Load, f
     )
     campaign = load(PAPER)
     (note,) = campaign.notes
-    assert "version 1 of RoboVAST places them otherwise" in note.right
+    assert "version 1 of RoboVAST places them otherwise" in note.expected
     assert campaign.unexecutable == ()
 
 
@@ -213,7 +213,7 @@ def test_constraints_and_the_start_check_see_obstacles_of_a_plug_in_that_names_n
 
 
 def test_of_a_plug_in_that_names_no_dimension_nothing_is_said_that_its_values_may_refute(load: Load) -> None:
-    said = [note.what for note in load(FIXED + COUNTED_BOXES).notes]
+    said = [note.problem for note in load(FIXED + COUNTED_BOXES).notes]
     assert "unknown key 'boxes' is ignored, unless it lists obstacles" in said
 
 
@@ -234,7 +234,7 @@ def test_keys_that_version_1_read_over_in_a_family_are_warnings(load: Load, fold
 
 def test_key_of_a_family_that_is_near_to_no_other_is_read_over_with_a_warning(load: Load) -> None:
     campaign = load(FIXED + "  priority: high\n  tags: [a, b]\n")
-    assert [(note.kind, note.where, note.what) for note in campaign.notes] == [
+    assert [(note.kind, note.place.where, note.problem) for note in campaign.notes] == [
         ("unknown key", "configuration[0].priority", "has no effect in a family"),
         ("unknown key", "configuration[0].tags", "has no effect in a family"),
     ]
@@ -243,7 +243,7 @@ def test_key_of_a_family_that_is_near_to_no_other_is_read_over_with_a_warning(lo
 def test_whole_numbers_may_stand_in_quotes(load: Load) -> None:
     campaign = load(FIXED + "execution: {runs: '20', seed: '7', run_as_user: '1000', resources: {cpu: '2'}}\n")
     assert (campaign.runs, campaign.seed) == (20, 7)
-    with pytest.raises(CampaignError, match=r"execution\.runs: expected a whole number, got 'many'"):
+    with pytest.raises(FileError, match=r"execution\.runs: expected a whole number, got 'many'"):
         load(FIXED + "execution: {runs: many}\n")
 
 
@@ -253,7 +253,7 @@ def test_keys_without_effect_are_notes_and_never_silent(load: Load) -> None:
         "results_processing: {postprocessing: [rosbags_to_csv]}\nevaluation: {visualization: [{Tab: {run: r.ipynb}}]}\n"
     )
     assert {note.kind for note in campaign.notes} == {"not executed"}
-    assert {note.where for note in campaign.notes} == {
+    assert {note.place.where for note in campaign.notes} == {
         "execution.image",
         "execution.runs_per_job",
         "results_processing.postprocessing[0]",
@@ -264,7 +264,7 @@ def test_keys_without_effect_are_notes_and_never_silent(load: Load) -> None:
 
 def test_parameter_that_nothing_reads_is_a_warning(load: Load) -> None:
     (note,) = load(FIXED + "  - robot_color: red\n").notes
-    assert (note.kind, note.line, note.what) == (
+    assert (note.kind, note.place.line, note.problem) == (
         "unknown key",
         7,
         "unknown key 'robot_color' is ignored",
@@ -295,23 +295,23 @@ def test_scenario_file_without_a_robot_needs_what_its_parameters_need(load: Load
     campaign = load(growth.format("rate: 2"))
     assert (campaign.notes, campaign.unexecutable) == ((), ())
     assert isinstance(campaign.abstract, FileContent) and campaign.programs is not None
-    with pytest.raises(CampaignError, match=r"configuration\[0\].name: growth.osc needs rate, which nothing writes"):
+    with pytest.raises(FileError, match=r"configuration\[0\].name: growth.osc needs rate, which nothing writes"):
         load(growth.format("label: b"))
     with pytest.raises(
-        CampaignError, match=r"rate: expected a whole number, for it is a parameter of growth.osc, got .*2.5.*"
+        FileError, match=r"rate: expected a whole number, for it is a parameter of growth.osc, got .*2.5.*"
     ):
         load(growth.format("rate: 2.5"))
 
 
 def test_scenario_s_slip_is_a_fault_of_its_own_file(load: Load, folder: Path) -> None:
     (folder / "growth.osc").write_text(GROWTH.replace("run_process", "run_proces"))
-    with pytest.raises(CampaignError, match=r"growth.osc:7:9: scenario: .*run_proces.*run_process"):
+    with pytest.raises(FileError, match=r"growth.osc:7:9: scenario: .*run_proces.*run_process"):
         load("configuration:\n- name: growth\n  parameters:\n  - rate: 2\nexecution: {scenario_file: growth.osc}\n")
 
 
 def test_default_that_only_a_run_can_draw_is_a_fault(load: Load, folder: Path) -> None:
     (folder / "growth.osc").write_text(GROWTH.replace('string = "a"', "float = random.get_float(0.0, 1.0)"))
-    with pytest.raises(CampaignError, match=r"growth.osc:5:5: scenario: the default of parameter label is not known"):
+    with pytest.raises(FileError, match=r"growth.osc:5:5: scenario: the default of parameter label is not known"):
         load("configuration:\n- name: growth\n  parameters:\n  - rate: 2\nexecution: {scenario_file: growth.osc}\n")
 
 
@@ -319,7 +319,7 @@ def test_robot_that_nothing_puts_anywhere_needs_a_start(load: Load, folder: Path
     (folder / "wait.osc").write_text(
         "import osc.gazebo\n\nscenario wait_for_it:\n    do serial:\n        actor_exists('box')\n"
     )
-    with pytest.raises(CampaignError, match=r"wait.osc needs start_pose, which nothing writes"):
+    with pytest.raises(FileError, match=r"wait.osc needs start_pose, which nothing writes"):
         load(FIXED.replace("start_pose", "other_pose") + "execution: {scenario_file: wait.osc}\n")
 
 
@@ -328,9 +328,7 @@ def test_action_that_nothing_here_can_do_is_a_fault_before_anything_runs(load: L
         'run_process("true")', 'ros_run("demo_nodes_cpp", "talker")'
     )
     (folder / "growth.osc").write_text(text)
-    with pytest.raises(
-        CampaignError, match=r"growth.osc:7:9: scenario: ros_run can't be run here; it starts a ROS node"
-    ):
+    with pytest.raises(FileError, match=r"growth.osc:7:9: scenario: ros_run can't be run here; it starts a ROS node"):
         load("configuration:\n- name: growth\n  parameters:\n  - rate: 2\nexecution: {scenario_file: growth.osc}\n")
 
 
@@ -415,7 +413,7 @@ def test_fault_found_elsewhere_is_reported_at_its_place(load: Load, folder: Path
 
 
 def test_error_comes_whole_from_another_process(load: Load) -> None:
-    with pytest.raises(CampaignError) as caught:
+    with pytest.raises(FileError) as caught:
         load("version: 2\n")
     assert pickle.loads(pickle.dumps(caught.value)).faults == caught.value.faults
 
@@ -450,8 +448,8 @@ def test_mutated_file_is_a_campaign_or_a_campaign_error(
         text = text[:at] + word + text[at + length :]
     try:
         campaign = load(text)
-    except CampaignError as error:
+    except FileError as error:
         assert error.faults
-        assert all(fault.line >= 1 and fault.column >= 1 and fault.what and fault.right for fault in error.faults)
+        assert all(fault.place.line >= 1 and fault.place.column >= 1 and fault.problem for fault in error.faults)
     else:
         assert campaign.families or campaign.spec.search

@@ -1,51 +1,20 @@
 """Constraints: what they look at, what they exclude, and what is said of them."""
 
-from dataclasses import dataclass
-from pathlib import Path
-
 import pytest
+from families import Campaign, family, grown, levels, made, write_map
 from table import each_row
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.campaign_file.sections import CARTESIAN, DesignSpec, Sample, TWay
-from vastflow.producers.constraints.constraint import Constraint
-from vastflow.producers.constraints.expression import expression_of
 from vastflow.producers.constraints.reading import place_inside
-from vastflow.producers.instantiation.family import Family
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.model.configuration import Fragment
-from vastflow.producers.model.faults import CampaignError
-from vastflow.producers.model.producer import Parameters, Producer, find_producer
+from vastflow.producers.model.producer import Parameters, Producer
+from vastflow.sim.model.faults import FileError
 
 T_WAY = DesignSpec(t_way=TWay(strength=2))
 SAMPLE = DesignSpec(sample=Sample(method="random", size=1000))
 ROOM = {"goal_pose": {"x": 5.0, "y": 3.0}, "start_pose": {"x": 1.0, "y": 3.0, "yaw": 0.0}}
-
-
-def made(name, parameters):
-    kind = find_producer(name, Path())
-    return kind(kind.Parameters.model_validate(parameters))
-
-
-def levels(name, *values, **others):
-    return made("ParameterVariationList", {"name": name, "values": list(values), **others})
-
-
-def family(*producers, values=None, design=CARTESIAN, name="rooms", dimensions=None, **constraints):
-    named = tuple(Constraint(key, expression_of(text)) for key, text in constraints.items())
-    return Family(name, values or {}, dimensions or {}, producers, named, design)
-
-
-@dataclass(frozen=True)
-class Campaign:
-    families: tuple[Family, ...]
-    abstract: str = ""
-    timeout_s: float = 60.0
-    programs: None = None
-
-
-def grown(*producers, **others):
-    return instantiate(Campaign((family(*producers, **others),)))
 
 
 def factors(found, *names):
@@ -171,7 +140,7 @@ def test_constraint_on_obstacles_waits_for_their_producer(room):
 
 @each_row("design", [CARTESIAN, T_WAY])
 def test_what_can_not_be_evaluated_is_a_fault_with_constraint_instance_and_reason(design):
-    with pytest.raises(CampaignError, match="constraint 'odd' can't be evaluated for rooms-2: text < a number"):
+    with pytest.raises(FileError, match="constraint 'odd' can't be evaluated for rooms-2: text < a number"):
         grown(levels("a", 1, "two"), levels("b", 1, 2), design=design, odd="a < 3")
 
 
@@ -179,21 +148,21 @@ def test_name_that_only_some_alternatives_write_has_to_be_guarded():
     either = made(
         "OneOfVariation", {"variations": [{"ParameterVariationList": {"name": n, "values": [1, 2]}} for n in "ab"]}
     )
-    with pytest.raises(CampaignError, match="rooms-3: it has no 'a'"):
+    with pytest.raises(FileError, match="rooms-3: it has no 'a'"):
         grown(either, small="a < 2")
     assert len(grown(either, small="defined(a) implies a < 2").configurations) == 3
 
 
 def test_without_a_path_a_length_can_not_be_evaluated(room):
-    with pytest.raises(CampaignError, match="path_length: the configuration has no path"):
+    with pytest.raises(FileError, match="path_length: the configuration has no path"):
         grown(values={"map_file": room}, long="path_length > 1")
 
 
 def test_constraints_that_leave_nothing_are_one_fault_with_what_each_excluded():
-    with pytest.raises(CampaignError) as raised:
+    with pytest.raises(FileError) as raised:
         grown(levels("a", 1, 2, 3), low="a < 2", high="a > 2")
     (fault,) = raised.value.faults
-    assert fault.what == "the constraints leave nothing of family 'rooms': low excludes 2, high excludes 1"
+    assert fault.problem == "the constraints leave nothing of family 'rooms': low excludes 2, high excludes 1"
 
 
 def test_family_of_which_nothing_is_left_does_not_stop_the_others():
@@ -215,8 +184,7 @@ FILE = """version: 1
 @pytest.fixture
 def load(tmp_path):
     cells = bytes(0 if x in (0, 99) or y in (0, 99) else 254 for y in range(100) for x in range(100))
-    (tmp_path / "room.pgm").write_bytes(b"P5 100 100 255\n" + cells)
-    (tmp_path / "room.yaml").write_text("{image: room.pgm, resolution: 0.05, origin: [-1, -1, 0]}")
+    write_map(tmp_path, "room", 100, 100, (-1, -1), cells)
 
     def load_text(constraints, top=""):
         (tmp_path / "x.vast").write_text(FILE.format(constraints=constraints, top=top))
@@ -226,9 +194,9 @@ def load(tmp_path):
 
 
 def faults_of(load, constraints, top=""):
-    with pytest.raises(CampaignError) as raised:
+    with pytest.raises(FileError) as raised:
         load(constraints, top)
-    return [(f.line, f.column, f.what, f.right) for f in raised.value.faults]
+    return [(f.place.line, f.place.column, f.problem, f.expected) for f in raised.value.faults]
 
 
 def test_constraints_are_read_from_a_list_and_from_a_mapping_and_from_the_campaign(load):
@@ -287,7 +255,7 @@ def test_design_that_is_none_is_a_fault(load):
         ("{t_way: {}, sample: {method: lhs, size: 3}}", "one of cartesian, t_way and sample"),
         ("{sample: {method: lhs}}", "size"),
     ):
-        with pytest.raises(CampaignError, match=message):
+        with pytest.raises(FileError, match=message):
             load(f"    design: {design}\n")
 
 
@@ -303,7 +271,5 @@ def test_design_that_is_too_large_is_a_fault_at_its_place(load):
     )
     tied = " + ".join(f"k{i}" for i in range(7))
     campaign = load(f"{variations}    constraints: [all: {tied} > 0]\n    design: {{t_way: {{}}}}\n")
-    with pytest.raises(
-        CampaignError, match=r"15:5: configuration\[0\].design: the design of family 'rooms' is too large"
-    ):
+    with pytest.raises(FileError, match=r"15:5: configuration\[0\].design: the design of family 'rooms' is too large"):
         instantiate(campaign)

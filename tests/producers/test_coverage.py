@@ -1,23 +1,13 @@
 """What of the test space was realised."""
 
 import json
-from dataclasses import dataclass
-from pathlib import Path
 
+from families import grown, levels
 from table import each_row
 
-from vastflow.producers.constraints.constraint import Constraint
-from vastflow.producers.constraints.expression import expression_of
 from vastflow.producers.instantiation.coverage import MOST_LISTED
-from vastflow.producers.instantiation.family import Family
-from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.model.configuration import Fragment, Rejection
-from vastflow.producers.model.producer import Parameters, Producer, find_producer
-
-
-def levels(name, *values, **others):
-    kind = find_producer("ParameterVariationList", Path())
-    return kind(kind.Parameters.model_validate({"name": name, "values": list(values), **others}))
+from vastflow.producers.model.producer import Parameters, Producer
 
 
 class Wide(Producer[Parameters]):
@@ -31,17 +21,8 @@ class Wide(Producer[Parameters]):
         yield Fragment({"b": 1}) if inputs["a"] % 2 else Rejection(f"no room for {inputs['a']}")
 
 
-@dataclass(frozen=True)
-class Campaign:
-    families: tuple[Family, ...]
-    abstract: str = ""
-    timeout_s: float = 60.0
-    programs: None = None
-
-
 def coverage(*producers, **constraints):
-    named = tuple(Constraint(key, expression_of(text)) for key, text in constraints.items())
-    return instantiate(Campaign((Family("rooms", {}, {}, producers, named),))).coverage
+    return grown(*producers, **constraints).coverage
 
 
 def test_every_instance_is_counted_once_with_its_cause():

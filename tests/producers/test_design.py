@@ -3,20 +3,16 @@
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
-from pathlib import Path
 
 import pytest
+from families import Campaign, family, grown, levels
 from table import each_row
 
 from vastflow.producers.campaign_file.sections import CARTESIAN, DesignSpec, Sample, TWay
-from vastflow.producers.constraints.constraint import Constraint
-from vastflow.producers.constraints.expression import expression_of
-from vastflow.producers.instantiation.family import Family
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.model.configuration import Fragment, Rejection
-from vastflow.producers.model.faults import CampaignError
-from vastflow.producers.model.producer import Parameters, Producer, find_producer
+from vastflow.producers.model.producer import Parameters, Producer
+from vastflow.sim.model.faults import FileError
 
 
 def two_way(strength=2):
@@ -25,34 +21,6 @@ def two_way(strength=2):
 
 def sample(size, method="lhs", seed=0):
     return DesignSpec(sample=Sample(method=method, size=size, seed=seed))
-
-
-def levels(name, *values):
-    kind = find_producer("ParameterVariationList", Path())
-    return kind(kind.Parameters.model_validate({"name": name, "values": list(values)}))
-
-
-def family(*producers, design, name="rooms", **constraints):
-    return Family(
-        name,
-        {},
-        {},
-        producers,
-        tuple(Constraint(key, expression_of(text)) for key, text in constraints.items()),
-        design,
-    )
-
-
-@dataclass(frozen=True)
-class Campaign:
-    families: tuple[Family, ...]
-    abstract: str = ""
-    timeout_s: float = 60.0
-    programs: None = None
-
-
-def grown(*producers, **others):
-    return instantiate(Campaign((family(*producers, **others),)))
 
 
 class Paths(Producer[Parameters]):
@@ -149,7 +117,7 @@ def test_family_without_producers_is_its_one_configuration():
 def test_choices_that_depend_on_too_much_are_refused():
     many = [levels(f"k{i}", *range(10)) for i in range(8)]
     text = " + ".join(f"k{i}" for i in range(8)) + " < 99"
-    with pytest.raises(CampaignError, match="design of family 'rooms' is too large"):
+    with pytest.raises(FileError, match="design of family 'rooms' is too large"):
         grown(*many, design=two_way(), all=text)
 
 

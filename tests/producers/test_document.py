@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.producers.campaign_file.document import Document, read_document
-from vastflow.producers.model.faults import CampaignError
+from vastflow.sim.model.faults import FileError
 
 
 def read(folder: Path, content: str | bytes) -> Document:
@@ -21,7 +21,7 @@ def read(folder: Path, content: str | bytes) -> Document:
 
 def fatal(folder: Path, content: str | bytes) -> str:
     """What the error says, without the folder."""
-    with pytest.raises(CampaignError) as caught:
+    with pytest.raises(FileError) as caught:
         read(folder, content)
     return str(caught.value).replace(f"{folder}/", "")
 
@@ -66,8 +66,11 @@ def test_second_time_the_same_key_is_a_fault_at_the_second(tmp_path: Path) -> No
         (b"ok: 1\na: \xff\n", "c.vast:2:4: file: byte 0xff is not UTF-8; a text in UTF-8"),
         ("", "c.vast:1:1: file: empty; a campaign, at least its configuration"),
         ("# nothing\n", "c.vast:1:1: file: empty; "),
-        ("\n- a\n", "c.vast:2:1: file: expected a mapping with the sections of a campaign, got a list"),
-        ("just text\n", "c.vast:1:1: file: expected a mapping, got 'just text'"),
+        (
+            "\n- a\n",
+            "c.vast:2:1: file: expected a mapping with the sections of a campaign, such as configuration and execution, got a list",
+        ),
+        ("just text\n", "c.vast:1:1: file: expected a mapping with the sections"),
     ],
 )
 def test_what_is_no_mapping_is_one_fault_with_its_place(tmp_path: Path, content: str | bytes, message: str) -> None:
@@ -75,12 +78,12 @@ def test_what_is_no_mapping_is_one_fault_with_its_place(tmp_path: Path, content:
 
 
 def test_file_that_is_not_there_is_a_fault(tmp_path: Path) -> None:
-    with pytest.raises(CampaignError, match=r"none\.vast:1:1: file: no such file; the path of a \.vast file"):
+    with pytest.raises(FileError, match=r"none\.vast:1:1: file: no such file; the path of a \.vast file"):
         read_document(tmp_path / "none.vast")
 
 
 def test_folder_in_place_of_a_file_is_a_fault(tmp_path: Path) -> None:
-    with pytest.raises(CampaignError, match="can't be read"):
+    with pytest.raises(FileError, match="can't be read"):
         read_document(tmp_path)
 
 
@@ -96,13 +99,13 @@ def test_numbers_with_an_exponent_are_numbers_and_dates_are_text(tmp_path: Path,
 def test_numbers_that_yaml_1_1_reads_oddly_come_with_a_warning(tmp_path: Path, text: str, value: int) -> None:
     document = read(tmp_path, f"a: {text}")
     assert document.data == {"a": value}
-    assert [note.what for note in document.notes] == [f"got {text}, which YAML 1.1 reads as {value}"]
+    assert [note.problem for note in document.notes] == [f"got {text}, which YAML 1.1 reads as {value}"]
 
 
 @each_row("text", [".nan", ".inf", "0x_", "!!int x", "!!python/name:os.system x", "0x1" + "0" * 20])
 def test_values_that_no_campaign_can_hold_are_faults_at_their_place(tmp_path: Path, text: str) -> None:
     document = read(tmp_path, f"a: {text}")
-    assert [(fault.line, fault.column) for fault in document.faults] == [(1, 4)]
+    assert [(fault.place.line, fault.place.column) for fault in document.faults] == [(1, 4)]
 
 
 def test_keys_are_the_text_that_is_written(tmp_path: Path) -> None:
@@ -110,7 +113,7 @@ def test_keys_are_the_text_that_is_written(tmp_path: Path) -> None:
 
 
 def test_key_that_is_no_text_is_a_fault(tmp_path: Path) -> None:
-    assert [fault.what for fault in read(tmp_path, "a: 1\n[b]: 2\n").faults] == ["got a list or mapping as a key"]
+    assert [fault.problem for fault in read(tmp_path, "a: 1\n[b]: 2\n").faults] == ["got a list or mapping as a key"]
 
 
 def test_merged_keys_yield_to_own_keys_and_stand_where_they_are_written(tmp_path: Path) -> None:
@@ -122,7 +125,7 @@ def test_merged_keys_yield_to_own_keys_and_stand_where_they_are_written(tmp_path
 
 def test_alias_inside_of_what_it_stands_for_is_a_fault(tmp_path: Path) -> None:
     for text in ("a: &a [*a]\n", "a: &a {<<: *a}\n"):
-        assert fatal(tmp_path, text).startswith("c.vast:1:4: file: found an alias inside of what it stands for; ")
+        assert fatal(tmp_path, text).startswith("c.vast:1:4: file: expected an alias of something else, got an alias")
 
 
 def test_aliases_that_grow_exponentially_are_a_fault(tmp_path: Path) -> None:
@@ -141,7 +144,7 @@ def test_nesting_that_would_end_the_process_is_a_fault(tmp_path: Path) -> None:
 def test_whatever_stands_in_a_file_it_is_a_document_or_a_campaign_error(tmp_path: Path, content: str | bytes) -> None:
     try:
         document = read(tmp_path, content)
-    except CampaignError as error:
+    except FileError as error:
         assert error.faults
     else:
         assert all(document.place(location) for location in document.keys)

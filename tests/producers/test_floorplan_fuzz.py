@@ -7,13 +7,13 @@ from pathlib import Path
 from table import each_row
 
 from vastflow.producers.floorplan.building import build
-from vastflow.producers.floorplan.faults import FloorplanError
 from vastflow.producers.floorplan.grid import grid_of
 from vastflow.producers.floorplan.mesh import is_closed, mesh_of
 from vastflow.producers.floorplan.reading import read_plan
 from vastflow.producers.floorplan.rendering import geometry_of
 from vastflow.producers.floorplan.syntax import parse
 from vastflow.producers.floorplan.variation import parse_variation, variation_of
+from vastflow.sim.model.faults import FileError
 
 HERE = Path(__file__).parent
 FLOOR_PLANS = HERE.parents[1] / "campaigns" / "floorplans"
@@ -77,7 +77,7 @@ def mutated(text, rng):
 def check_faults(error):
     assert error.faults
     for line in str(error).splitlines():
-        assert re.match(r"mutant:\d+:\d+: .+; .+", line), line
+        assert re.match(r"mutant:\d+:\d+: .+(; |, got ).+", line), line
 
 
 @each_row("file", PLANS)
@@ -89,7 +89,7 @@ def test_mutated_plan_gives_a_building_or_clean_faults(file):
         try:
             building = build(read_plan(text, "mutant"))
             grid = grid_of(building, resolution_m=0.25)
-        except FloorplanError as error:
+        except FileError as error:
             check_faults(error)
             continue
         built += 1
@@ -112,7 +112,7 @@ def test_mutated_variation_gives_samples_or_clean_faults(file):
             sample = variation.sample(number)
             assert len(sample.values) == len(variation.varied)
             build(read_plan(sample.text, "mutant"))
-        except FloorplanError as error:
+        except FileError as error:
             check_faults(error)
             continue
         drawn += 1

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.producers.floorplan.building import build
-from vastflow.producers.floorplan.faults import FloorplanError
 from vastflow.producers.floorplan.grid import grid_of
 from vastflow.producers.floorplan.reading import read_plan
+from vastflow.sim.model.faults import FileError
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import FREE, OCCUPIED, UNKNOWN
 
@@ -134,7 +134,7 @@ def test_files_are_a_ros_map_of_the_same_content(tmp_path):
 
 def test_map_of_too_many_cells_is_a_fault():
     with pytest.raises(
-        FloorplanError,
+        FileError,
         match=r"p.fpm:1:1: Floor plan p: 4 m × 3 m at 0.0001 m are 1,496,468,036 cells; at most 50,000,000",
     ):
         grid(ROOM, resolution_m=0.0001)

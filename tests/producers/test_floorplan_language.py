@@ -7,10 +7,10 @@ import pytest
 from table import each_row
 
 from vastflow.producers.floorplan.building import build
-from vastflow.producers.floorplan.faults import FloorplanError
 from vastflow.producers.floorplan.files import read_plan_file
 from vastflow.producers.floorplan.reading import read_plan
 from vastflow.producers.floorplan.rendering import picture_of
+from vastflow.sim.model.faults import FileError
 
 EXAMPLE = Path(__file__).with_name("test_floorplan_example.fpm").read_text()
 
@@ -34,7 +34,7 @@ def room(text, name="a"):
 
 
 def complaints(text):
-    with pytest.raises(FloorplanError) as caught:
+    with pytest.raises(FileError) as caught:
         building(text)
     return str(caught.value).splitlines()
 
@@ -260,12 +260,12 @@ def test_long_chain_of_spaces_is_placed_whatever_their_order():
 
 
 def test_missing_file_is_a_fault_and_so_is_one_that_is_no_text(tmp_path):
-    with pytest.raises(FloorplanError, match=r"none.fpm:1:1: file: no such file; the path of a floor plan"):
+    with pytest.raises(FileError, match=r"none.fpm:1:1: file: no such file; the path of a floor plan"):
         read_plan_file(tmp_path / "none.fpm")
     (tmp_path / "binary.fpm").write_bytes(b"Floor plan: p\nSpace \xff")
-    with pytest.raises(FloorplanError, match=r"binary.fpm:2:7: file: byte 0xff is not UTF-8; a text in UTF-8"):
+    with pytest.raises(FileError, match=r"binary.fpm:2:7: file: byte 0xff is not UTF-8; a text in UTF-8"):
         read_plan_file(tmp_path / "binary.fpm")
-    with pytest.raises(FloorplanError, match="can't be read"):
+    with pytest.raises(FileError, match="can't be read"):
         read_plan_file(tmp_path)
 
 
@@ -276,5 +276,8 @@ def test_of_two_rooms_in_one_place_there_is_a_picture_too():
 
 def test_angle_of_many_turns_without_a_unit_is_warned_of():
     (note,) = building(changed("of: this", "of: this rotation: z: 45")).notes
-    assert (note.what, note.right) == ("got 45, which is in radians without a unit", "45 deg, or at most one turn")
+    assert (note.problem, note.expected) == (
+        "got 45, which is in radians without a unit",
+        "45 deg, or at most one turn",
+    )
     assert building(changed("of: this", "of: this rotation: z: 45 deg")).notes == ()

@@ -193,8 +193,8 @@ configuration:
     variations: *plans
 execution: {runs: 1}
 """)
-    (warning,) = [note for note in load_campaign(base / "c.vast").notes if note.file == plan.name]
-    assert warning.what.endswith("and is cut to that")
+    (warning,) = [note for note in load_campaign(base / "c.vast").notes if note.place.file == plan.name]
+    assert warning.problem.endswith("and is cut to that")
 
 
 def test_plan_is_built_twice_at_most_for_all_families_that_name_it(base, monkeypatch):

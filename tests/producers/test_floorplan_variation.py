@@ -7,12 +7,12 @@ import pytest
 from table import each_row
 
 from vastflow.producers.floorplan.building import build
-from vastflow.producers.floorplan.faults import FloorplanError
 from vastflow.producers.floorplan.files import read_variation_file
 from vastflow.producers.floorplan.reading import read_plan
 from vastflow.producers.floorplan.rendering import geometry_of
 from vastflow.producers.floorplan.syntax import parse
 from vastflow.producers.floorplan.variation import Distribution, parse_variation, variation_of
+from vastflow.sim.model.faults import FileError
 
 FILE = Path(__file__).with_name("test_floorplan_example.variation")
 PLAN = Path(__file__).with_name("test_floorplan_example.fpm").read_text()
@@ -24,7 +24,7 @@ def variation(items, plan=PLAN):
 
 
 def complaints(items, plan=PLAN):
-    with pytest.raises(FloorplanError) as caught:
+    with pytest.raises(FileError) as caught:
         variation(items, plan)
     return str(caught.value).splitlines()
 
@@ -114,24 +114,20 @@ def test_all_mistakes_are_said_at_once():
 
 def test_import_that_is_not_there_is_a_fault_of_the_variation_file(tmp_path):
     (tmp_path / "v.variation").write_text('// a comment\nimport "none.fpm"\ngap : uniform([1])\n')
-    with pytest.raises(
-        FloorplanError, match=r"v\.variation:2:8: import: '.*none\.fpm': no such file; a floor plan, by its"
-    ):
+    with pytest.raises(FileError, match=r"v\.variation:2:8: import: '.*none\.fpm': no such file; a floor plan, by its"):
         read_variation_file(tmp_path / "v.variation")
 
 
 def test_fault_of_the_imported_plan_is_said_of_the_plan(tmp_path):
     (tmp_path / "flat.fpm").write_text(PLAN.replace("width=gap", "width=gab"))
     (tmp_path / "v.variation").write_text(f"{HEAD}gap : uniform([1])")
-    with pytest.raises(
-        FloorplanError, match=r"flat\.fpm:41:32: Entryway door: no variable 'gab'; did you mean 'gap'\?"
-    ):
+    with pytest.raises(FileError, match=r"flat\.fpm:41:32: Entryway door: no variable 'gab'; did you mean 'gap'\?"):
         read_variation_file(tmp_path / "v.variation").variation()
 
 
 def test_sample_that_makes_no_building_is_drawn_all_the_same():
     sample = variation("gap : uniform([-9.0])").sample(0)
-    with pytest.raises(FloorplanError, match=r"Entryway door: the width is -9 m; at least 0.001 m"):
+    with pytest.raises(FileError, match=r"Entryway door: the width is -9 m; at least 0.001 m"):
         build(read_plan(sample.text, "flat_0.fpm"))
 
 

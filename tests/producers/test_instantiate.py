@@ -1,13 +1,12 @@
 """From families to configurations."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from pathlib import Path
 
 import pytest
+from families import Campaign, made
 from table import each_row
 
-from vastflow.producers.instantiation.family import Family
+from vastflow.producers.instantiation.growth import Family
 from vastflow.producers.instantiation.instantiate import (
     distinct_inputs,
     finish,
@@ -18,16 +17,11 @@ from vastflow.producers.instantiation.instantiate import (
 )
 from vastflow.producers.model import producer as producer_module
 from vastflow.producers.model.configuration import Fragment, Rejection
-from vastflow.producers.model.producer import Producer, check_declared, evaluate, find_producer
+from vastflow.producers.model.producer import Producer, check_declared, evaluate
 from vastflow.sim.plug_ins.neighbors import PlugInError
 
 
-def made(name, parameters):
-    kind = find_producer(name, Path())
-    return kind(kind.Parameters.model_validate(parameters))
-
-
-def family(*chain, name="rooms", values=None, dimensions=None):
+def family_of(*chain, name="rooms", values=None, dimensions=None):
     producers = tuple(made(kind, parameters) for link in chain for kind, parameters in link.items())
     return Family(name, values or {}, dimensions or {}, producers)
 
@@ -38,14 +32,6 @@ def noise(*levels):
 
 def paths(**parameters):
     return {"PathVariationRandom": {"path_length": 5, "goal_poses": "@goal_pose", **parameters}}
-
-
-@dataclass(frozen=True)
-class Campaign:
-    families: tuple[Family, ...]
-    abstract: str = ""
-    timeout_s: float = 60.0
-    programs: None = None
 
 
 def configurations(*families, **others):
@@ -87,24 +73,26 @@ def hall(drawn_map):
     return drawn_map(*["." * 20] * 20, cells=10)
 
 
-def test_family_without_producers_is_one_configuration_of_its_name():
-    (only,) = configurations(family(values={"robot_radius": 0.2}))
+def test_a_family_without_producers_is_one_configuration_of_its_name():
+    (only,) = configurations(family_of(values={"robot_radius": 0.2}))
     assert (only.name, only.family, only.factors) == ("rooms", "rooms", {"robot_radius": 0.2})
 
 
-def test_earliest_producer_is_the_outermost_and_names_count_from_one():
-    found = configurations(family(noise(0.0, 0.1), {"ParameterVariationList": {"name": "loops", "values": [1, 2, 3]}}))
+def test_the_earliest_producer_is_the_outermost_and_names_count_from_one():
+    found = configurations(
+        family_of(noise(0.0, 0.1), {"ParameterVariationList": {"name": "loops", "values": [1, 2, 3]}})
+    )
     assert [c.name for c in found] == [f"rooms-{i}-{k}" for i in (1, 2) for k in (1, 2, 3)]
     assert [(c.factors["noise"], c.factors["loops"]) for c in found] == [(n, k) for n in (0.0, 0.1) for k in (1, 2, 3)]
 
 
 def test_names_are_unique_over_alternatives():
-    found = configurations(family(noise(1, 2), {"OneOfVariation": {"variations": [noise(3, 4), noise(5)]}}))
+    found = configurations(family_of(noise(1, 2), {"OneOfVariation": {"variations": [noise(3, 4), noise(5)]}}))
     assert len({c.name for c in found}) == len(found) == 6
 
 
-def test_producer_is_evaluated_once_for_each_distinct_input(picky):
-    with_loops = family(noise(1, 3), {"ParameterVariationList": {"name": "loops", "values": [1, 2, 3]}})
+def test_a_producer_is_evaluated_once_for_each_distinct_input(picky):
+    with_loops = family_of(noise(1, 3), {"ParameterVariationList": {"name": "loops", "values": [1, 2, 3]}})
     chain = Family("rooms", {}, {}, (*with_loops.producers, picky))
     found = configurations(chain)
     assert Picky.evaluations == 2
@@ -112,7 +100,7 @@ def test_producer_is_evaluated_once_for_each_distinct_input(picky):
 
 
 def test_rejections_take_no_number_and_say_whose_child_could_not_be(picky):
-    chain = Family("rooms", {}, {}, (*family(noise(1, 2)).producers, picky))
+    chain = Family("rooms", {}, {}, (*family_of(noise(1, 2)).producers, picky))
     found = instantiate(Campaign((chain,)))
     assert [c.name for c in found.configurations] == ["rooms-1-1", "rooms-1-2"]
     assert [(r.family, r.parent, r.producer, r.reason) for r in found.rejections] == [
@@ -129,8 +117,8 @@ def test_producer_that_says_nothing_does_not_lose_a_configuration_in_silence(pic
     assert [r.reason for r in found.rejections] == ["Picky yielded nothing for this input"]
 
 
-def test_stages_one_by_one_are_the_whole():
-    chain = family(noise(1, 2), noise(3))
+def test_the_stages_one_by_one_are_the_whole():
+    chain = family_of(noise(1, 2), noise(3))
     partials = start(chain)
     for step in chain.producers:
         inputs = distinct_inputs(step, partials)
@@ -153,7 +141,7 @@ def test_provenance_and_steps_are_kept_beside_the_scenario(picky):
 
 def test_producer_and_the_file_tag_dimensions():
     tagged = {"ParameterVariationList": {"name": "a", "values": [1], "dimension": "task"}}
-    (only,) = configurations(family(tagged, values={"b": 2, "c": 3}, dimensions={"b": "environment"}))
+    (only,) = configurations(family_of(tagged, values={"b": 2, "c": 3}, dimensions={"b": "environment"}))
     assert (only.scenario.environment, only.scenario.task, only.scenario.system) == ({"b": 2}, {"a": 1}, {"c": 3})
 
 
@@ -165,13 +153,13 @@ def test_producer_and_the_file_tag_dimensions():
         ({"goal_poses": [{"x": 1, "y": 1}]}, "builtin:follow_waypoints", "builtin:follow_waypoints"),
     ],
 )
-def test_mission_follows_from_the_goal_where_the_file_names_none(values, abstract, expected):
-    (only,) = configurations(family(values=values), abstract=abstract)
+def test_the_mission_follows_from_the_goal_where_the_file_names_none(values, abstract, expected):
+    (only,) = configurations(family_of(values=values), abstract=abstract)
     assert only.scenario.abstract == expected
 
 
-def test_same_scenario_again_is_a_duplicate_of_the_first_across_families():
-    found = configurations(family(noise(1, 2, 1)), family(noise(2), name="again"))
+def test_the_same_scenario_again_is_a_duplicate_of_the_first_across_families():
+    found = configurations(family_of(noise(1, 2, 1)), family_of(noise(2), name="again"))
     assert [(c.name, c.duplicate_of) for c in found] == [
         ("rooms-1", None),
         ("rooms-2", None),
@@ -182,21 +170,21 @@ def test_same_scenario_again_is_a_duplicate_of_the_first_across_families():
 
 def test_no_obstacles_placed_three_times_are_run_once(hall):
     none = {"ObstacleVariation": {"obstacle_configs": [{"amount": 0, "max_distance": 0.3}], "count": 3}}
-    found = configurations(family(paths(), none, values={"map_file": hall}))
+    found = configurations(family_of(paths(), none, values={"map_file": hall}))
     assert [c.duplicate_of for c in found] == [None, "rooms-1-1", "rooms-1-1"]
 
 
 def test_coverage_accounts_for_all_that_was_asked(picky):
-    chain = Family("rooms", {}, {}, (*family(noise(1, 2)).producers, picky))
-    found = instantiate(Campaign((chain, family(noise(1, 1), name="flat"))))
+    chain = Family("rooms", {}, {}, (*family_of(noise(1, 2)).producers, picky))
+    found = instantiate(Campaign((chain, family_of(noise(1, 1), name="flat"))))
     names = ("requested", "excluded", "unrealisable", "duplicate", "realised", "valid")
     assert [found.coverage[name] for name in names] == [6, 0, 2, 1, 3, 5]
     assert [found.coverage["families"]["rooms"][name] for name in names] == [4, 0, 2, 0, 2, 4]
     assert [found.coverage["families"]["flat"][name] for name in names] == [2, 0, 0, 1, 1, 1]
 
 
-def test_impossible_request_is_a_rejection_and_the_rest_of_the_campaign_stays(hall):
-    found = instantiate(Campaign((family(paths(path_length=[200, 5]), noise(1, 2), values={"map_file": hall}),)))
+def test_an_impossible_request_is_a_rejection_and_the_rest_of_the_campaign_stays(hall):
+    found = instantiate(Campaign((family_of(paths(path_length=[200, 5]), noise(1, 2), values={"map_file": hall}),)))
     assert [c.name for c in found.configurations] == ["rooms-1-1", "rooms-1-2"]
     assert ["200 m" in r.reason for r in found.rejections] == [True]
 
@@ -207,23 +195,23 @@ def task_of(configuration):
 
 def test_same_seed_gives_the_same_paths_whatever_else_varies(hall):
     values = {"map_file": hall}
-    alone = configurations(family(paths(num_paths=2), values=values))
-    after = configurations(family(noise(1, 2), paths(num_paths=2), values=values))
-    before = configurations(family(paths(num_paths=2), noise(1, 2, 3), values={**values, "robot_radius": 0.2}))
+    alone = configurations(family_of(paths(num_paths=2), values=values))
+    after = configurations(family_of(noise(1, 2), paths(num_paths=2), values=values))
+    before = configurations(family_of(paths(num_paths=2), noise(1, 2, 3), values={**values, "robot_radius": 0.2}))
     assert [task_of(c) for c in after] == [task_of(c) for c in alone] * 2
     assert [task_of(c) for c in before] == [task_of(c) for c in alone for _ in range(3)]
 
 
 def test_same_seed_gives_the_same_obstacles_whatever_else_varies(hall):
     obstacles = {"ObstacleVariation": {"obstacle_configs": [{"amount": 3, "max_distance": 0.5}], "seed": 4}}
-    alone = configurations(family(paths(), obstacles, values={"map_file": hall}))
-    crossed = configurations(family(paths(), noise(1, 2), obstacles, values={"map_file": hall}))
+    alone = configurations(family_of(paths(), obstacles, values={"map_file": hall}))
+    crossed = configurations(family_of(paths(), noise(1, 2), obstacles, values={"map_file": hall}))
     assert [c.scenario.environment for c in crossed] == [alone[0].scenario.environment] * 2
 
 
 def test_drawn_configuration_is_pinned(hall):
     obstacles = {"ObstacleVariation": {"obstacle_configs": [{"amount": 2, "max_distance": 0.5}], "seed": 4}}
-    (only,) = configurations(family(paths(seed=42), obstacles, values={"map_file": hall}))
+    (only,) = configurations(family_of(paths(seed=42), obstacles, values={"map_file": hall}))
     assert only.scenario.digest == "d31ad8fdd3c288853e8416dede4b1a6b94e35915d3f36381090f2e157e2aef27"
 
 

@@ -7,8 +7,8 @@ import pytest
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
-from vastflow.producers.model.faults import CampaignError
 from vastflow.producers.places.ground import MapSearch
+from vastflow.sim.model.faults import FileError
 from vastflow.sim.world.map_file import MapError
 
 CAMPAIGN = """\
@@ -61,7 +61,7 @@ def test_map_beside_the_file_comes_before_one_in_the_folder_of_maps(places):
 
 def test_without_a_folder_of_maps_the_option_is_named(places):
     base, _ = places
-    with pytest.raises(CampaignError, match=r"4:19: .*halls/map\.yaml: no such file; .* --map-dir names"):
+    with pytest.raises(FileError, match=r"4:19: .*halls/map\.yaml: no such file; .* --map-dir names"):
         load_campaign(base / "two.vast")
 
 

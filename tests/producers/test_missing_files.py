@@ -4,7 +4,7 @@ import pytest
 from table import each_row
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.model.faults import CampaignError
+from vastflow.sim.model.faults import FileError
 
 HERE = "map_file: room.yaml"
 
@@ -54,8 +54,8 @@ def test_family_that_lacks_a_file_is_set_apart_with_its_fault(loaded, family, wh
     campaign = loaded(**family)
     assert [each.name for each in campaign.families] == ["one"]
     (fault,) = campaign.unavailable["two"]
-    assert what in fault.what
-    assert (fault.line, fault.missing) == (6 if "variations" not in family else 7, True)
+    assert what in fault.problem
+    assert (fault.place.line, fault.kind == "missing") == (6 if "variations" not in family else 7, True)
 
 
 def test_nothing_is_set_apart_where_all_files_are_there(loaded):
@@ -68,13 +68,13 @@ def test_nothing_is_set_apart_where_all_files_are_there(loaded):
     ("families", "faults"),
     [
         ({"parameters": "map_file: gone.yaml", "first": "map_file: lost.yaml"}, ["lost.yaml", "gone.yaml"]),
-        ({"parameters": "map_file: gone.yaml", "first": "map_file: no-map.yaml"}, ["got list", "gone.yaml"]),
+        ({"parameters": "map_file: gone.yaml", "first": "map_file: no-map.yaml"}, ["a map is a mapping", "gone.yaml"]),
         ({"parameters": "map_file: gone.yaml, robot_radius: -1"}, ["gone.yaml", "got -1"]),
-        ({"parameters": "map_file: no-map.yaml"}, ["got list"]),
+        ({"parameters": "map_file: no-map.yaml"}, ["a map is a mapping"]),
     ],
 )
 def test_file_with_other_faults_or_without_any_family_left_is_refused_with_all_of_them(loaded, families, faults):
-    with pytest.raises(CampaignError, match=r"x\.vast") as refused:
+    with pytest.raises(FileError, match=r"x\.vast") as refused:
         loaded(**families)
     assert len(refused.value.faults) == len(faults)
     for fault, said in zip(refused.value.faults, faults, strict=True):

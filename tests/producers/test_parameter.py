@@ -58,7 +58,7 @@ def test_listed_obstacles_are_of_the_environment_whatever_their_key():
 
 
 def test_lockstep_value_of_the_wrong_length_is_named_with_its_place():
-    with pytest.raises(ValidationError, match=r"values\.1\n.*found \[3\]; a list of 2, one for each of a, b"):
+    with pytest.raises(ValidationError, match=r"values\.1\n.*expected a list of 2, one for each of a, b, got \[3\]"):
         listed(name=["a", "b"], values=[[1, 2], [3]])
 
 

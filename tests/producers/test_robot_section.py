@@ -7,7 +7,7 @@ import pytest
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.campaign_file.sections import LatencySpec, LidarSpec, RobotSpec
 from vastflow.producers.instantiation.family import robots_json
-from vastflow.producers.model.faults import CampaignError
+from vastflow.sim.model.faults import FileError
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameters.robot import NOISE_MODEL_KEY, PRESETS, robot_keys
 from vastflow.sim.reading.robot import lidar_of, robot_of
@@ -85,7 +85,7 @@ def test_producers_vary_a_robot_as_they_vary_parameters(family):
 
 def test_faults_of_a_robot_have_place_and_message(golden, family, tmp_path):
     def faults(robot):
-        with pytest.raises(CampaignError, match="robot") as caught:
+        with pytest.raises(FileError, match="robot") as caught:
             family(robot)
         return [str(fault).removeprefix(f"{tmp_path}/") for fault in caught.value.faults]
 
@@ -93,5 +93,5 @@ def test_faults_of_a_robot_have_place_and_message(golden, family, tmp_path):
 
 
 def test_quantity_is_given_once(family):
-    with pytest.raises(CampaignError, match=r"a second 'robot.mass'; one; the first is in line 4"):
+    with pytest.raises(FileError, match=r"a second 'robot.mass'; one; the first is in line 4"):
         family("{mass: 3}", parameters=", {robot.mass: 4}")

@@ -8,7 +8,7 @@ from table import each_row
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.campaign_file.search import Budget, NoImprovement, SearchSpec, marker_of
-from vastflow.producers.model.faults import CampaignError
+from vastflow.sim.model.faults import FileError
 
 FILE = """\
 version: 1
@@ -57,7 +57,7 @@ def said(tmp_path: Path) -> Said:
         file.write_text(FILE.format(**{**GOOD, **parts}))
         try:
             found = list(load_campaign(file).unexecutable)
-        except CampaignError as error:
+        except FileError as error:
             found = list(error.faults)
         return [str(fault).removeprefix(f"{file}:") for fault in found]
 

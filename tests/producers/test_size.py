@@ -7,12 +7,12 @@ import pytest
 from table import each_row
 
 from vastflow.producers.campaign import load_campaign, most_configurations
-from vastflow.producers.instantiation.family import Family
-from vastflow.producers.instantiation.growth import Grown
+from vastflow.producers.instantiation.growth import Family, Grown
 from vastflow.producers.instantiation.instantiate import growth_of, instantiate
 from vastflow.producers.model.configuration import Fragment
-from vastflow.producers.model.faults import CampaignError
-from vastflow.producers.model.producer import TooManyChoices, evaluate
+from vastflow.producers.model.producer import evaluate
+from vastflow.sim.model.faults import FileError
+from vastflow.sim.plug_ins.neighbors import PlugInError
 
 UNIFORM = "ParameterVariationDistributionUniform: {name: %s, min: 0, max: 1, num_variations: %d}"
 
@@ -30,7 +30,7 @@ def campaign(folder: Path, *producers: str, execution: str = "", families: int =
 
 
 def refused(file: Path) -> str:
-    with pytest.raises(CampaignError, match=re.escape(str(file))) as caught:
+    with pytest.raises(FileError, match=re.escape(str(file))) as caught:
         load_campaign(file)
     return str(caught.value).removeprefix(f"{file}:")
 
@@ -86,7 +86,7 @@ def test_number_of_runs_is_refused_like_a_number_of_configurations(tmp_path):
         500_000,
         10**6,
     )
-    with pytest.raises(CampaignError, match="asks for 10,000,020 runs, 500,001 of each configuration"):
+    with pytest.raises(FileError, match="asks for 10,000,020 runs, 500,001 of each configuration"):
         found.runs_asked(500_001)
 
 
@@ -133,14 +133,12 @@ def grown(*producers: Untold, most: int) -> Grown:
     return growth.grown()
 
 
-def test_producer_that_never_ends_is_an_error():
-    with pytest.raises(TooManyChoices, match="Untold yields more than 100,000 choices for one input"):
+def test_a_producer_that_never_ends_is_an_error():
+    with pytest.raises(PlugInError, match="Untold yields more than 100,000 choices for one input"):
         evaluate(Untold(10**12), {})
 
 
 def test_what_producers_did_not_tell_is_counted_as_they_are_joined():
     assert len(grown(Untold(20), Untold(30), most=600).partials) == 600
-    with pytest.raises(
-        CampaignError, match=r"Untold makes 600 configurations of family 'a'; at most 599, or 'execution:"
-    ):
+    with pytest.raises(FileError, match=r"Untold makes 600 configurations of family 'a'; at most 599, or 'execution:"):
         grown(Untold(20), Untold(30), most=599)

@@ -13,9 +13,9 @@ from table import each_row
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.campaign_file.spec import campaign_schema
 from vastflow.producers.instantiation.instantiate import instantiate
-from vastflow.producers.model.faults import CampaignError
 from vastflow.producers.places.ground import ground_of
 from vastflow.producers.places.start_check import room_m
+from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.pose import pose_of
 from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m, padded_outline
 from vastflow.sim.world.map_file import load_map
@@ -299,7 +299,7 @@ def test_obstacles_leave_the_robots_own_room_at_its_stops(made, room):
 
 def test_anything_else_than_the_two_is_refused(made):
     with pytest.raises(
-        CampaignError, match=r"made.vast:4:16: configuration\[0\].start_check: found 'no'; did you mean 'none'\?"
+        FileError, match=r"made.vast:4:16: configuration\[0\].start_check: got 'no'; did you mean 'none'\?"
     ):
         made("  start_check: 'no'\n" + poses((4.0, 2.0)))
 

@@ -225,7 +225,7 @@ def test_of_a_path_that_is_too_short_nothing_is_left():
         ({"obstacle_configs": [BOX, BOX]}, "expected one for one trigger, got 2 obstacles"),
         ({"trigger_distance": 0}, "greater than 0"),
         ({"spawn_trigger_point": "static_objects"}, "got one key twice in static_objects, static_objects, spawn_tr"),
-        ({"spawn_trigger_point": "@"}, "expected the name of a parameter, got '@'"),
+        ({"spawn_trigger_point": "@"}, "expected the name of a parameter, .*got '@'"),
     ],
 )
 def test_trigger_out_of_range_is_refused(parameters, message):

@@ -332,9 +332,7 @@ def _directory(file: Path) -> None:
 def kinds(folder: Path) -> list[Kind]:
     """All kinds; `folder` was laid out."""
     from vastflow.oracles.judgement.oracle import OracleError
-    from vastflow.producers.floorplan.faults import FloorplanError
-    from vastflow.producers.model.faults import CampaignError
-    from vastflow.sim.model.faults import ScenarioError
+    from vastflow.sim.model.faults import FileError, ScenarioError
     from vastflow.sim.model.files import Unreadable
     from vastflow.sim.nav2.parameter_files.document import DocumentError
     from vastflow.sim.scenario.language.faults import OscError
@@ -373,13 +371,13 @@ def kinds(folder: Path) -> list[Kind]:
     recorded = [results / name for name in ("metadata.json", "coverage.json", "configurations.parquet", "verdicts.parquet",
                                             "runs.parquet", "rejections.parquet", "campaign.vast", "evidence.json")]  # fmt: skip
     return [
-        Kind("vast", found("*.vast"), (*text, words("*.vast"), yaml_tree, yaml_tree), _campaign, (CampaignError,),
+        Kind("vast", found("*.vast"), (*text, words("*.vast"), yaml_tree, yaml_tree), _campaign, (FileError,),
              lambda file, rng: ["validate", str(file)]),
         Kind("osc", found("*.osc"), (*text, words("*.osc")), _scenario, (OscError, ScenarioError),
              lambda file, rng: ["scenario", rng.choice(("check", "parameters")), str(file)]),
-        Kind("fpm", found("*.fpm"), (*text, words("*.fpm")), _plan, (FloorplanError,),
+        Kind("fpm", found("*.fpm"), (*text, words("*.fpm")), _plan, (FileError,),
              lambda file, rng: ["floorplan", "geometry", str(file)]),
-        Kind("variation", found("*.variation"), (*text, words("*.variation")), _variation, (FloorplanError,),
+        Kind("variation", found("*.variation"), (*text, words("*.variation")), _variation, (FileError,),
              lambda file, rng: ["floorplan", "variations", str(file), "--out", str(file.with_name("drawn"))]),
         Kind("map", [folder / "probes" / name for name in ("map.yaml", "scale.yaml")],
              (*text, words("map.yaml", "scale.yaml"), yaml_tree, yaml_tree), _map, (MapError,), beside(with_map)),

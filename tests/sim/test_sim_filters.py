@@ -103,7 +103,10 @@ class Misnamed(Controller):
 def test_speed_filter_beside_a_controller_that_takes_no_limits_is_a_fault(tmp_path):
     (tmp_path / "own.py").write_text(OWN)
     text = FILE + "controller_server: {ros__parameters: {controller_plugins: [F], F.plugin: 'own.py:Unlimited'}}"
-    with pytest.raises(DocumentError, match=r"filters: expected a controller with speed_limits\(\), or no speed filter, got .*Unlimited"):
+    with pytest.raises(
+        DocumentError,
+        match=r"filters: expected a controller with speed_limits\(\), or no speed filter, got .*Unlimited",
+    ):
         interpretation(parse(text, str(tmp_path / "n.yaml")))
 
 

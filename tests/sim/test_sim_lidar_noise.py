@@ -10,7 +10,7 @@ from table import each_row
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
-from vastflow.producers.model.faults import CampaignError
+from vastflow.sim.model.faults import FileError
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.plug_ins.registry import UnknownPlugIn
 from vastflow.sim.reading.checked import checked_digest
@@ -113,7 +113,7 @@ def test_edited_noise_model_changes_execute_key_and_runs_what_was_keyed(configur
     ],
 )
 def test_validation_refuses_wrong_noise_at_its_line(configurations, noise, message):
-    with pytest.raises(CampaignError, match=re.escape(message)) as caught:
+    with pytest.raises(FileError, match=re.escape(message)) as caught:
         configurations(noise)
     assert all(fault.line == 3 for fault in caught.value.faults)
 

@@ -452,7 +452,7 @@ def test_any_text_is_read_or_refused_with_a_place(text):
     try:
         read(f"import osc.helpers\nscenario a:\n    do log({text})\n")
     except OscError as error:
-        assert all(fault.place.line >= 1 and fault.place.column >= 1 and fault.right for fault in error.faults)
+        assert all(fault.place.line >= 1 and fault.place.column >= 1 and fault.expected for fault in error.faults)
 
 
 @given(st.lists(st.sampled_from(NAVIGATION.split()), max_size=30), st.randoms())
