@@ -14,6 +14,7 @@ from vastflow.flows.results.address import check_directory
 from vastflow.flows.terminal.ending import Interruptible, writing
 from vastflow.flows.terminal.options import AsJson, ResultsFolder
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
+from vastflow.sim.model.faults import UserError
 
 if TYPE_CHECKING:
     from vastflow.oracles.replay.recorded import RecordedRun
@@ -126,7 +127,7 @@ def _asked(
     video: bool,
 ) -> ShownTicks:
     from vastflow.oracles.replay.still import MOST
-    from vastflow.oracles.replay.times import TimeError, rounded, span_of, step_of, tick_at, whole_run
+    from vastflow.oracles.replay.times import rounded, span_of, step_of, tick_at, whole_run
 
     whole = whole_run(recorded.recording.run.simulated_s)
     span = span_of(from_s, to_s, whole)
@@ -135,7 +136,7 @@ def _asked(
     if every_s is not None and not video:
         strip |= {*regular}
     if len(strip) > MOST:
-        raise TimeError(
+        raise UserError(
             f"{len(strip)} pictures are too many for a strip, which has {MOST} at the most; --video makes a film"
         )
     options: dict[str, Sequence[float | None]] = {

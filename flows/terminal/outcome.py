@@ -10,10 +10,10 @@ from rich.text import Text
 from vastflow.flows.request.asked import SEARCH, SEQUENTIAL
 from vastflow.flows.terminal.table import terminal_table
 from vastflow.flows.terminal.words import count_text
+from vastflow.oracles.evidence.causes import standstills_of
 from vastflow.oracles.evidence.evidence import Evidence
 from vastflow.oracles.evidence.rates import LEVEL, Counts
 from vastflow.oracles.evidence.searched import found_text
-from vastflow.oracles.evidence.standstills import standstills_of
 from vastflow.oracles.results.tables import Tables
 
 

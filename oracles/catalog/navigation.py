@@ -135,7 +135,7 @@ _CLEARANCES = ("wall_clearance_m", "static_clearance_m", "appearing_clearance_m"
 
 
 def stops(t_s: NDArray[np.float64], stopped: NDArray[np.bool_], stop_s: float) -> list[float]:
-    """How long a robot stood each time (s), from the first of the rows (N,) to the last of them, between driving and driving."""
+    """Durations (s) of the stops between two motions, from the first to the last standing row of (N,)."""
     moving = np.flatnonzero(~stopped)
     stood_s = [float(t_s[b - 1] - t_s[a + 1]) for a, b in itertools.pairwise(moving) if b > a + 1]
     return [long_s for long_s in stood_s if round(long_s, 6) >= stop_s]

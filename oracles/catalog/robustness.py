@@ -100,7 +100,7 @@ class Robustness(Oracle[RobustnessParameters]):
 
 
 def full_meters(xy_m: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Index of the first point of a path (N, 2) at which its first, second, … meter is full; empty for less than one."""
+    """Indices of the points of a path (N, 2) at which its first, second, … meter is full."""
     along_m = np.round(arc_lengths_m(xy_m), 6)
     return np.searchsorted(along_m, np.arange(1, int(along_m[-1]) + 1))
 

@@ -22,7 +22,7 @@ _RESOLUTION_M: Final = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Braking:
-    """What braking is, and not just uneven driving: `lost_mps` or more of the speed |v| within `within_s`, or a stop.
+    """Definition of braking: a loss of `lost_mps` of the speed |v| within `within_s`, or a stop.
 
     Attributes:
         stopped_mps: Speed up to which a robot stands.
@@ -35,7 +35,7 @@ class Braking:
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """What a robot did about an obstacle that appeared while it drove towards it.
+    """The response of a robot to an obstacle that appeared while it drove towards it.
 
     Attributes:
         obstacle: Its name.
@@ -80,7 +80,7 @@ def _response(trace: Trace, track: ObstacleTrack, appears_s: float, braking: Bra
 
 
 def _begins(t_s: NDArray[np.float64], speed_mps: NDArray[np.float64], braking: Braking) -> int | None:
-    """Index of the row (N >= 1,) at which braking begins: the last at which nine tenths of what is lost was not lost yet."""
+    """Index of the last row before a tenth of the speed is lost that makes a braking; None without braking."""
     if speed_mps[0] <= braking.stopped_mps:
         return 0
     for row in range(1, len(t_s)):

@@ -1,1 +1,1 @@
-"""What verdicts add up to: rates, causes, findings, and the runs of two campaigns that belong together."""
+"""Evidence from verdicts: rates, causes, findings, and the paired runs of two campaigns."""

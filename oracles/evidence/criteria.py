@@ -1,6 +1,6 @@
-"""Criteria that separate nothing: oracles that pass every run, or fail every one, and how far their thresholds are from the runs."""
+"""Criteria that separate nothing: oracles that pass or fail every run, and their nearest scores."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -13,19 +13,19 @@ from vastflow.oracles.results.verdict_table import FAIL, PASS
 from vastflow.oracles.statistics.intervals import Floats
 
 MEASURES_ALONE: Final = frozenset({"navigation"})
-"""Oracles that pass every run whatever happens in it."""
+"""Oracles that only measure."""
 MARGIN: Final = "margin"
-"""The metric by which an oracle says how far a run is from failing: below 0 it fails."""
+"""Metric of the distance from failing: a run fails below 0."""
 THRESHOLD: Final = "threshold"
-"""The metric that says what another one is compared with: above it a run fails."""
+"""Metric of the value above which another one fails a run."""
 
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """What an oracle's verdicts follow from, over the judged runs that have it.
+    """The score behind an oracle's verdicts, over the judged runs that have it.
 
     Attributes:
-        metric: Its name; values may be at most `thresholds` (n,), or at least where `is_margin`.
+        values: (n,) of `metric`, at most `thresholds` in a passed run, or at least where `is_margin`.
     """
 
     metric: str
@@ -36,22 +36,18 @@ class Score:
 
     @property
     def threshold(self) -> float | None:
-        """The threshold; None where runs differ in it."""
+        """The threshold of all runs; None where they differ."""
         return float(self.thresholds[0]) if np.ptp(self.thresholds) == 0.0 else None
 
     @property
     def slacks(self) -> Floats:
-        """(n,) values in the unit of the score, or where runs differ in their threshold as multiples of it."""
+        """Values (n,), as multiples of the threshold where runs differ in it."""
         return self.values if self.threshold is not None else self.values / self.thresholds
 
 
 @dataclass(frozen=True, eq=False)
 class Criterion:
-    """An oracle whose runs all passed, or all failed.
-
-    Attributes:
-        score: None for an oracle that says none.
-    """
+    """An oracle whose runs all passed, or all failed, and the score behind that, if it has one."""
 
     oracle: str
     passes: bool
@@ -60,7 +56,7 @@ class Criterion:
 
     @property
     def nearest(self) -> int | None:
-        """Index of the run whose score is nearest to what would have changed its verdict."""
+        """Index of the run whose score is nearest to the other verdict."""
         if self.score is None:
             return None
         at_most = not self.score.is_margin
@@ -68,30 +64,27 @@ class Criterion:
 
 
 def criteria_of(tables: Tables) -> list[Criterion]:
-    """The oracles that separate nothing, in their order. One run says nothing of an oracle."""
-    return list(_criteria(tables))
-
-
-def criteria_json(criteria: list[Criterion]) -> dict[str, Any]:
-    """`criteria` as JSON values."""
-    return {
-        each.oracle: {
-            "passed": each.passes,
-            "runs": each.runs,
-            **({} if each.score is None or each.nearest is None else _score_json(each.score, each.nearest)),
-        }
-        for each in criteria
-    }
-
-
-def _criteria(tables: Tables) -> Iterator[Criterion]:
+    """The oracles that separate nothing among two runs or more, in their order."""
+    found = []
     for oracle in tables.oracles:
         said = tables.verdicts.of(oracle)
         passed, failed = int((said == PASS).sum()), int((said == FAIL).sum())
         if oracle not in MEASURES_ALONE and passed + failed > 1 and 0 in (passed, failed):
-            yield Criterion(
-                oracle, failed == 0, passed + failed, _score(tables, oracle, (said == PASS) | (said == FAIL))
-            )
+            score = _score(tables, oracle, (said == PASS) | (said == FAIL))
+            found.append(Criterion(oracle, failed == 0, passed + failed, score))
+    return found
+
+
+def criteria_json(criteria: list[Criterion]) -> dict[str, Any]:
+    """JSON values of `criteria`."""
+    return {
+        each.oracle: {
+            "passed": each.passes,
+            "runs": each.runs,
+            **_score_json(each.score, each.nearest),
+        }
+        for each in criteria
+    }
 
 
 def _score(tables: Tables, oracle: str, judged: NDArray[np.bool_]) -> Score | None:
@@ -108,7 +101,7 @@ def _score(tables: Tables, oracle: str, judged: NDArray[np.bool_]) -> Score | No
 
 
 def _compared(tables: Tables, oracle: str) -> str:
-    """The metric that an oracle compares with its threshold; empty where nothing says so."""
+    """The metric that an oracle compares with its threshold."""
     if oracle == "performance":
         return "rmse"
     if oracle == "robustness":
@@ -118,7 +111,9 @@ def _compared(tables: Tables, oracle: str) -> str:
     return "score"
 
 
-def _score_json(score: Score, nearest: int) -> dict[str, Any]:
+def _score_json(score: Score | None, nearest: int | None) -> dict[str, Any]:
+    if score is None or nearest is None:
+        return {}
     return {
         "metric": score.metric,
         "unit": score.unit,

@@ -1,4 +1,4 @@
-"""Evidence: what the verdicts of a campaign add up to."""
+"""Evidence: rates and intervals of a campaign, its families, and its configurations."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,7 +15,7 @@ from vastflow.oracles.results.verdict_table import MetricColumn
 from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, wilson_intervals
 
 SOUGHT: Final = "search"
-"""Family of the points that a search's strategy chose."""
+"""Family of the points that a search chose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,35 +23,35 @@ class Group:
     """The rate of several configurations together.
 
     Attributes:
-        counts_by_name: Name to the runs of each configuration.
-        tables: Where their blocks stand.
-        sought: Whether a search chose them by what others came to: then nothing follows for others of their kind.
+        by_name: Runs of each configuration.
+        tables: Tables with their blocks.
+        sought: Whether a search chose them by earlier results: then nothing follows for others of their kind.
     """
 
-    counts_by_name: Mapping[str, Counts] = field(repr=False)
+    by_name: Mapping[str, Counts] = field(repr=False)
     tables: Tables = field(repr=False)
     sought: bool = False
 
     @cached_property
     def counts(self) -> Counts:
-        """Runs of all of them; its own interval is that of these very configurations."""
-        return pooled(self.counts_by_name.values())
+        """Runs of all configurations."""
+        return pooled(self.by_name.values())
 
     @property
     def configurations(self) -> int:
-        """How many there are."""
-        return len(self.counts_by_name)
+        """Number of configurations."""
+        return len(self.by_name)
 
     @cached_property
     def clustered(self) -> Interval | None:
-        """Interval for other configurations of their kind; None for fewer than two, and where they were sought.
+        """Interval for other configurations of their kind; None for fewer than two and for sought ones.
 
-        It takes reading every scenario, which a terminal that does not show it need not wait for.
+        It reads every scenario, so it is computed on request.
         """
         if self.sought:
             return None
         blocks = self.tables.blocks
-        return clustered(list(self.counts_by_name.values()), blocks=[blocks[name] for name in self.counts_by_name])
+        return clustered(list(self.by_name.values()), blocks=[blocks[name] for name in self.by_name])
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,21 +67,15 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """One oracle's findings, or those of all oracles together.
-
-    Attributes:
-        families, configurations: By name, in the order of the campaign file.
-        distinct: Family to the names of its configurations that are no duplicates.
-    """
+    """Rates by one oracle, or by all together; families and configurations by name, in the order of the campaign file."""
 
     campaign: Group
     families: Mapping[str, Group]
     configurations: Mapping[str, Counts]
-    distinct: Mapping[str, Sequence[str]]
 
 
 def evidence_of(tables: Tables) -> dict[str | None, Evidence]:
-    """Each oracle's evidence by name, in their order; under None that of all together, first."""
+    """Evidence by oracle, in their order; under None, first, that of all together."""
     return {oracle: _evidence(tables, oracle) for oracle in (None, *tables.oracles)}
 
 
@@ -94,7 +88,7 @@ def spreads_of(tables: Tables) -> dict[str, dict[str, Spread]]:
 
 
 def configuration_intervals(evidence: Evidence) -> NDArray[np.float64]:
-    """(m, 2) Wilson intervals of the rates of its configurations."""
+    """Wilson intervals (m, 2) of the rates of its configurations."""
     found = evidence.configurations.values()
     return wilson_intervals([counts.passed for counts in found], [counts.judged for counts in found], LEVEL)
 
@@ -108,8 +102,8 @@ def evidence_json(
     """`evidence.json`: counts, rates and intervals of the campaign, its families and its configurations.
 
     Args:
-        spreads: As `spreads_of` gives them.
-        findings: What the statistics say, JSON-ready; stands under its own keys.
+        spreads: As of `spreads_of`.
+        findings: Results of the statistics as JSON values, under their own keys.
     """
     document: dict[str, Any] = {
         "campaign": tables.metadata["name"],
@@ -136,12 +130,8 @@ def _evidence(tables: Tables, oracle: str | None) -> Evidence:
     families = {family: {name: found[name] for name in names} for family, names in tables.families.items()}
     configurations = {name: counts for of_family in families.values() for name, counts in of_family.items()}
     searched = bool(tables.metadata.get("search"))
-    return Evidence(
-        Group(configurations, tables, searched),
-        {family: Group(of_family, tables, searched and family == SOUGHT) for family, of_family in families.items()},
-        configurations,
-        tables.families,
-    )
+    groups = {family: Group(each, tables, searched and family == SOUGHT) for family, each in families.items()}
+    return Evidence(Group(configurations, tables, searched), groups, configurations)
 
 
 def _spread(metric: MetricColumn) -> Spread:
@@ -190,7 +180,7 @@ def _with_intervals(of: Sequence[Counts]) -> Iterator[dict[str, Any]]:
 
 
 def _lines(value: Any, depth: int = 1) -> Iterator[str]:
-    """`value` as JSON, a line each for what is three levels deep: short, and quick to write (`indent` is not)."""
+    """JSON of `value`, one line for each value three levels deep."""
     if not isinstance(value, dict) or not value or depth > 3:
         yield json.dumps(value, ensure_ascii=False, allow_nan=False)
         return

@@ -1,9 +1,6 @@
-"""Findings: what statistics say of a campaign beyond its rates, and its rates as the paper counts them.
+"""Findings: statistics of a campaign beyond its rates, and its rates with duplicates counted, as in the paper."""
 
-Configurations of equal content are run once. Who counts each of them, as one does that ran them all, gives a configuration
-the weight 1 + its duplicates. Its runs are no more for that, and so the intervals take the weights into account.
-"""
-
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Final
@@ -22,7 +19,7 @@ from vastflow.oracles.statistics.dispersion import Dispersion, chance_of_at_leas
 from vastflow.oracles.statistics.stopping import Savings, StoppingRule, classes_by, runs_saved
 
 Weights = Mapping[str, int]
-"""Configuration to how often it was requested; what is not in it, once."""
+"""Configuration to the number of requests; 1 for those not in it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,10 +28,8 @@ class WeightedRate:
 
     Attributes:
         counts: Runs, each as often as its configuration was requested.
-        interval: Of these same configurations, as if each run were drawn anew. Wilson's at Kish's effective number of runs:
-            (Σ w n)² / Σ w² n for configurations of weight w and n judged runs.
-        clustered: For other configurations like these, whatever their weights: see `vastflow.oracles.evidence.rates.clustered`. None
-            for fewer than two.
+        interval: Wilson's at Kish's effective number of runs, (Σ w n)² / Σ w² n for weights w and n judged runs.
+        clustered: For other configurations of their kind, see `clustered`.
     """
 
     counts: Counts
@@ -48,20 +43,12 @@ class WeightedRate:
 
 
 def weights_of(configurations: Iterable[tuple[str, str | None]]) -> dict[str, int]:
-    """Each configuration that is no duplicate, to 1 and the number of its duplicates.
-
-    Args:
-        configurations: Name and `duplicate_of`, as `configurations.parquet` has them.
-    """
-    weights: dict[str, int] = {}
-    for name, duplicate_of in configurations:
-        run = name if duplicate_of is None else duplicate_of
-        weights[run] = weights.get(run, 0) + 1
-    return weights
+    """Weight of each executed configuration: 1 and the number of its duplicates, from names and `duplicate_of`."""
+    return dict(Counter(duplicate_of or name for name, duplicate_of in configurations))
 
 
 def weighted_counts(counts: Mapping[str, Counts], weights: Weights) -> dict[str, Counts]:
-    """The counts that there would be, had each configuration been run as often as it was requested, with these same runs."""
+    """Counts with each configuration as often as it was requested."""
     return {
         name: Counts(*(weights.get(name, 1) * n for n in (each.passed, each.failed, each.not_judged)))
         for name, each in counts.items()
@@ -71,11 +58,7 @@ def weighted_counts(counts: Mapping[str, Counts], weights: Weights) -> dict[str,
 def weighted_rate(
     counts: Mapping[str, Counts], weights: Weights, level: float = LEVEL, blocks: Mapping[str, int] | None = None
 ) -> WeightedRate:
-    """The rate over the configurations of `counts`, each with its weight.
-
-    Args:
-        blocks: Configuration to the number of its block; by default each is its own.
-    """
+    """The rate over configurations with weights, and with block numbers if configurations share blocks."""
     repeated = weighted_counts(counts, weights)
     whole = pooled(repeated.values())
     if whole.rate is None:
@@ -86,18 +69,16 @@ def weighted_rate(
 
 
 STOPPING: Final = "sequential"
-"""Key of `metadata.json` with the rule of a campaign whose runs were stopped one by one: `min`, `max`, and more or less `error`,
-`systematic`, `reliable`."""
+"""Key of the stopping rule in `metadata.json`: `min`, `max`, and optionally `error`, `systematic`, `reliable`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """Configurations in which the same things vary, and what matters in them.
+    """The analysis of configurations with the same varying keys.
 
     Attributes:
-        families: Those that they are of; a family can have configurations in several designs.
-        alone: Keys that these configurations have and those of some other design have not.
-        lacking: Keys that those of some other design have and these have not.
+        families: Of these configurations; a family can be in several designs.
+        alone, lacking: Keys that some other design lacks, or has in addition.
     """
 
     families: tuple[str, ...]
@@ -107,23 +88,22 @@ class Design:
 
     @property
     def matters(self) -> bool:
-        """Whether any factor, or pair of them, is shown to."""
+        """Whether an effect of any factor or pair is shown."""
         found = self.analysis
         return any(each.matters for each in found.factors) or any(each.claim.shown for each in found.interactions)
 
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """What all oracles together give cause to say.
+    """Statistics of the verdicts of all oracles together.
 
     Attributes:
-        names: The distinct configurations, of which `classes` are.
-        counts: (m, 3) their runs that passed, failed and were not judged.
+        names: The m distinct configurations.
+        counts: (m, 3) passed, failed, and unjudged runs.
         dispersion: None where nothing was judged.
-        weighted: The rate with every duplicate counted; None where there are no duplicates.
-        savings: Runs saved by stopping early; None where the number of runs was fixed.
-        reliable_chance: (m,) how likely the success rate reaches that of a reliable configuration, see
-            `vastflow.oracles.statistics.dispersion`.
+        weighted: The rate with duplicates counted; None without duplicates.
+        savings: Runs saved by stopping early; None for a fixed number of runs.
+        reliable_chance: (m,) probability of being reliable, see `chance_of_at_least`.
     """
 
     names: tuple[str, ...] = field(repr=False)
@@ -138,17 +118,13 @@ class Findings:
 
     @property
     def undecided(self) -> list[int]:
-        """Places in `names` of the configurations without a class, the likeliest to be reliable first."""
+        """Indices in `names` of the configurations without a class, the likeliest to be reliable first."""
         places = [k for k, name in enumerate(self.classes.names) if name == "undecided"]
         return sorted(places, key=lambda k: (-self.reliable_chance[k], k))
 
 
 def findings_of(tables: Tables, environments: Mapping[str, str] | None = None) -> Findings:
-    """The findings of a campaign.
-
-    Args:
-        environments: Names of maps by their digests, where they have names.
-    """
+    """The findings of a campaign; `environments` are names of maps by digest."""
     found = tables.configurations
     names = [found.names[k] for k in found.distinct]
     counts = tables.verdicts.counts(None)[found.distinct]
@@ -170,14 +146,14 @@ def findings_of(tables: Tables, environments: Mapping[str, str] | None = None) -
 
 
 def shape_of(findings: Findings) -> dict[str, int]:
-    """How many configurations passed in every judged run, failed in every one, or both ways."""
+    """Numbers of configurations that always passed, always failed, or did both."""
     passed, failed = findings.counts[:, 0], findings.counts[:, 1]
     always, never = int(((passed > 0) & (failed == 0)).sum()), int(((failed > 0) & (passed == 0)).sum())
     return {"always": always, "never": never, "mixed": int(((passed > 0) & (failed > 0)).sum())}
 
 
 def stopping_rule(metadata: Mapping[str, Any]) -> StoppingRule | None:
-    """The rule by which the runs of each configuration ended; None where their number was fixed."""
+    """The stopping rule of a campaign; None for a fixed number of runs."""
     said = metadata.get(STOPPING)
     if not said:
         return None
@@ -187,7 +163,7 @@ def stopping_rule(metadata: Mapping[str, Any]) -> StoppingRule | None:
 
 
 def findings_json(findings: Findings) -> dict[str, Any]:
-    """`findings` as JSON values."""
+    """JSON values of `findings`."""
     classes = findings.classes
     return {
         "classes": {
@@ -220,12 +196,13 @@ def _weighted(tables: Tables, names: Sequence[str], counts: NDArray[np.int64]) -
 def _designs(
     tables: Tables, passed: NDArray[np.int64], judged: NDArray[np.int64], environments: Mapping[str, str]
 ) -> Iterator[Design]:
-    """An analysis for the families that have the same keys: between others there is nothing to compare."""
+    """Analyze the configurations with the same varying keys."""
     found = tables.configurations
     by_keys: dict[frozenset[str], list[int]] = {}
     for place, k in enumerate(found.distinct):
         by_keys.setdefault(frozenset(chosen_values(found, k)), []).append(place)
-    common, known = (frozenset.intersection(*by_keys), frozenset().union(*by_keys)) if by_keys else (frozenset(),) * 2
+    known = frozenset().union(*by_keys)
+    common = known.intersection(*by_keys)
     for keys, places in by_keys.items():
         at = found.distinct[places]
         families = tuple(dict.fromkeys(found.families[k] for k in at))
@@ -234,17 +211,14 @@ def _designs(
             rows = [{"family": found.families[k], **row} for k, row in zip(at, rows, strict=True)]
         factors, dropped = factors_of(rows)
         seen, unseen = factors_of(path_property_rows(found, at))
-        blocks = [tables.blocks[found.names[k]] for k in at]
-        dropped += unseen
-        sets = {factor.name: matched_sets(found, at.tolist(), factor.name) for factor in factors}
         analysis = factor_analysis(
             factors,
             passed[places],
             judged[places],
-            blocks,
-            dropped,
+            [tables.blocks[found.names[k]] for k in at],
+            dropped + unseen,
             path_properties=seen,
-            sets=sets,
+            sets={factor.name: matched_sets(found, at.tolist(), factor.name) for factor in factors},
             first=_first(tables, at),
         )
         if analysis is not None:
@@ -252,7 +226,7 @@ def _designs(
 
 
 def _first(tables: Tables, at: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """(m,) passed and judged, of the runs that every configuration has whatever became of them."""
+    """Passed and judged (m,) of the runs that the stopping rule grants every configuration."""
     rule, verdicts = stopping_rule(tables.metadata), tables.verdicts
     counted = verdicts.run_index < rule.min_runs if rule else np.ones(len(verdicts), dtype=np.bool_)
     passed, failed = (

@@ -1,7 +1,7 @@
-"""Pairing: which runs of two campaigns belong together."""
+"""Pairing of the runs of two campaigns."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
@@ -21,7 +21,7 @@ How: TypeAlias = Literal["equal", "other system"]
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """A configuration of each campaign; `how` says whether they are equal or differ in their system."""
+    """A configuration of each campaign, equal or with another system."""
 
     before: str
     after: str
@@ -33,12 +33,12 @@ class Pairing:
     """The runs that two campaigns have in common.
 
     Attributes:
-        matches: Configurations that were paired, in the order of the later campaign.
+        matches: Paired configurations, in the order of the later campaign.
         only_before, only_after: Names of configurations without a counterpart.
-        ambiguous: Names, of the later campaign, of configurations that have several counterparts and no reason for one of them.
-        oracles: That judged both campaigns; pairs are judged by these alone.
-        lonely_before, lonely_after: Runs of paired configurations whose seed the other has not run or not recorded.
-        block: (M,) number of each match's block, see `blocks_of`.
+        ambiguous: Names in the later campaign of configurations with several possible counterparts.
+        oracles: Oracles of both campaigns, which judge the pairs.
+        lonely_before, lonely_after: Runs of paired configurations whose seed the other campaign lacks.
+        block: (M,) block number of each match, see `blocks_of`.
         configuration: (P,) index into `matches`.
         run_before, run_after: (P,) run index.
         said_before, said_after: (P, oracles) codes of judgements.
@@ -59,7 +59,7 @@ class Pairing:
     said_after: NDArray[np.int8] = field(repr=False)
 
     def judged(self, oracle: str | None) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
-        """(P,) what one oracle, or all that judged both together, said before and after."""
+        """Judgements (P,) before and after, by one oracle or by all of them together."""
         if oracle is None:
             return _together(self.said_before), _together(self.said_after)
         k = self.oracles.index(oracle)
@@ -67,7 +67,7 @@ class Pairing:
 
     @property
     def unpaired(self) -> str:
-        """How many configurations and runs have no counterpart, in words; empty where all have."""
+        """Words for configurations and runs without a counterpart; empty if there are none."""
         found = (
             (len(self.only_before), "configuration", "only in A"),
             (len(self.only_after), "configuration", "only in B"),
@@ -78,12 +78,12 @@ class Pairing:
         return ", ".join(f"{n:,} {noun}{'' if n == 1 else 's'} {where}" for n, noun, where in found if n)
 
     def no_longer_judged(self, oracle: str | None = None) -> int:
-        """Pairs that were judged before and not after."""
+        """Number of pairs judged only before."""
         before, after = self.judged(oracle)
         return int(((before < NOT_JUDGED) & (after >= NOT_JUDGED)).sum())
 
     def pairs(self, oracle: str | None = None) -> Pairs:
-        """The pairs that were judged in both campaigns."""
+        """The pairs judged in both campaigns."""
         before, after = self.judged(oracle)
         both = (before < NOT_JUDGED) & (after < NOT_JUDGED)
         chosen = self.configuration[both]
@@ -93,17 +93,12 @@ class Pairing:
 def pairing_of(before: Tables, after: Tables) -> Pairing:
     """Pair configurations, and their runs by seed.
 
-    Configurations belong together where their scenarios are equal; else, where the system alone is another: environment, task and
-    abstract scenario are equal, and the two are the only ones of that content that are left on both sides, or have one name. The
-    seed of a run depends on environment, task, run index and the campaign's `execution.seed`, so that runs of one seed meet the
-    same noise. Duplicates stand for the configuration that was run.
+    Configurations match if their scenarios are equal, or equal without their systems and of one name, or the only ones left with that
+    content. Runs of one seed meet the same noise, since it depends on environment, task, run index and `execution.seed`.
     """
     matches, ambiguous = _matches(before, after)
     oracles = tuple(name for name in after.oracles if name in before.oracles)
-    then, now = (
-        _runs(before, [match.before for match in matches]),
-        _runs(after, [match.after for match in matches]),
-    )
+    then, now = _runs(before, [match.before for match in matches]), _runs(after, [match.after for match in matches])
     common = then.merge(now, on=["match", "seed"], suffixes=("_before", "_after"))
     paired = common.dropna(subset=["row_before", "row_after"]).sort_values("match", kind="stable")
     return Pairing(
@@ -129,7 +124,7 @@ def _others(tables: Tables, names: set[str]) -> tuple[str, ...]:
 
 
 def _runs(tables: Tables, matched: Sequence[str]) -> "pd.DataFrame":
-    """The runs of matched configurations: `match`, `seed`, `run_index`, and the `row` of their verdicts, NaN where there are none."""
+    """Runs of matched configurations: `match`, `seed`, `run_index`, and `row` of their verdicts or NaN."""
     import pandas as pd  # takes a third of a second
 
     verdicts, keys = tables.verdicts, ["configuration", "run_index"]
@@ -146,7 +141,7 @@ def _runs(tables: Tables, matched: Sequence[str]) -> "pd.DataFrame":
 
 
 def _said(tables: Tables, oracles: Sequence[str]) -> NDArray[np.int8]:
-    """(R, oracles) codes of judgements."""
+    """Codes (R, oracles) of judgements."""
     return tables.verdicts.judgements[:, [tables.oracles.index(name) for name in oracles]]
 
 
@@ -158,10 +153,7 @@ def _matches(before: Tables, after: Tables) -> tuple[list[Match], list[str]]:
         if row.digest in by_digest:
             found[row.name] = Match(by_digest[row.digest], row.name, "equal")
     taken = {match.before for match in found.values()}
-    left_then, left_now = (
-        _grouped([row for row in then if row.name not in taken]),
-        _grouped([r for r in now if r.name not in found]),
-    )
+    left_then, left_now = _grouped(then, taken), _grouped(now, found)
     ambiguous = []
     for content, rows in left_now.items():
         candidates = left_then.get(content, [])
@@ -179,6 +171,8 @@ def _matches(before: Tables, after: Tables) -> tuple[list[Match], list[str]]:
 
 @dataclass(frozen=True, slots=True)
 class _Row:
+    """A configuration; `content` is its scenario without the system."""
+
     name: str
     digest: str
     content: str
@@ -187,22 +181,21 @@ class _Row:
 def _distinct(tables: Tables) -> list[_Row]:
     found = tables.configurations
     digests, abstracts = texts(found.table["scenario_digest"]), texts(found.table["abstract"])
-    return [_Row(found.names[k], digests[k], _test(abstracts[k], found.contents[k])) for k in found.distinct.tolist()]
+    rows = ((k, found.contents[k]) for k in found.distinct.tolist())
+    tested = ((k, [abstracts[k], content.get("environment"), content.get("task")]) for k, content in rows)
+    return [_Row(found.names[k], digests[k], json.dumps(each, sort_keys=True)) for k, each in tested]
 
 
-def _test(abstract: str, content: Mapping[str, object]) -> str:
-    """What is tested: a scenario without its system, be that a robot's parameters or programs."""
-    return json.dumps([abstract, content.get("environment"), content.get("task")], sort_keys=True)
-
-
-def _grouped(rows: Sequence[_Row]) -> dict[str, list[_Row]]:
+def _grouped(rows: Sequence[_Row], matched: Container[str]) -> dict[str, list[_Row]]:
+    """Unmatched rows by content."""
     groups: dict[str, list[_Row]] = {}
     for row in rows:
-        groups.setdefault(row.content, []).append(row)
+        if row.name not in matched:
+            groups.setdefault(row.content, []).append(row)
     return groups
 
 
 def _together(said: NDArray[np.int8]) -> NDArray[np.int8]:
-    """(P,) as `run_judgement` has it."""
+    """Joint judgements (P,), as of `run_judgement`."""
     passed = ((said == PASS) | (said == ABSENT)).all(axis=1) & (said == PASS).any(axis=1)
     return np.where((said == FAIL).any(axis=1), FAIL, np.where(passed, PASS, NOT_JUDGED)).astype(np.int8)

@@ -1,4 +1,4 @@
-"""Success rates and how sure they are."""
+"""Success rates and their intervals."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ __all__ = ["LEVEL", "Counts", "Interval", "clustered", "counts_of", "pooled", "w
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """How often a judgement was made. What was not judged is in no rate."""
+    """Numbers of judgements; rates exclude unjudged runs."""
 
     passed: int = 0
     failed: int = 0
@@ -19,7 +19,7 @@ class Counts:
 
     @property
     def judged(self) -> int:
-        """n of the rate."""
+        """Number of judged runs."""
         return self.passed + self.failed
 
     @property
@@ -29,7 +29,7 @@ class Counts:
 
     @property
     def interval(self) -> Interval:
-        """Wilson interval of the rate, as if each run were drawn anew from these same configurations."""
+        """Wilson interval of the rate, for runs of these same configurations."""
         return wilson(self.passed, self.judged)
 
 
@@ -40,7 +40,7 @@ def counts_of(judgements: Iterable[Judgement]) -> Counts:
 
 
 def pooled(clusters: Iterable[Counts]) -> Counts:
-    """The sum of `clusters`."""
+    """Sum of `clusters`."""
     clusters = list(clusters)
     return Counts(sum(c.passed for c in clusters), sum(c.failed for c in clusters), sum(c.not_judged for c in clusters))
 
@@ -53,5 +53,5 @@ def wilson(passed: float, n: float, level: float = LEVEL) -> Interval:
 def clustered(
     configurations: Sequence[Counts], level: float = LEVEL, blocks: Sequence[int] | None = None
 ) -> Interval | None:
-    """Interval of the rate among configurations like these, see `clustered_interval`."""
+    """Interval for other configurations like these, see `clustered_interval`."""
     return clustered_interval([c.passed for c in configurations], [c.judged for c in configurations], level, blocks)

@@ -1,4 +1,4 @@
-"""What a search found, and how sure it is: of its best point the runs that it never used."""
+"""The best point of a search, confirmed by fresh runs."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -8,10 +8,9 @@ from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, int
 
 
 def found_text(said: Mapping[str, Any]) -> str:
-    """The best of a search in a sentence, such as `found at 90 %, confirmed at 71 % [58, 82] on 60 fresh runs`.
+    """A sentence on the best point, such as `found at 90 %, confirmed at 71 % [58, 82] on 60 fresh runs`.
 
-    The interval of a rate is Clopper and Pearson's at 95 %, of the fresh runs alone. Where there is a baseline, it is said how many runs
-    either needed.
+    The interval is Clopper and Pearson's at 95 %, of the fresh runs alone. A baseline adds the number of runs that either needed.
     """
     if said["best"] is None:
         return "No point was judged."

@@ -1,4 +1,4 @@
-"""What varies: of each configuration, the values by which its outcome may be explained."""
+"""Varying values of each configuration, which may explain its outcome."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,10 +11,10 @@ from vastflow.oracles.results.tables import ConfigurationTable
 from vastflow.sim.reading.world import WORLD_KEY
 
 MEASURED: Final[Mapping[str, str]] = {"_path_length": "path length (m)"}
-"""Numbers that follow from how a configuration was drawn, and what they are called. None of them is a factor."""
+"""Provenance keys of numbers that follow from a draw, to their names; they are no factors."""
 
 WORLD: Final[Mapping[str, str]] = {"_wall_offset_m": "wall offset (m)", "_missing_furniture": "missing furniture"}
-"""Likewise how far its world was to differ from the robot's map; 0 is a level like others."""
+"""Provenance keys of differences between world and map, to the names of factors."""
 
 PATH_PROPERTIES: Final[Mapping[str, str]] = {
     "_narrowest_passage_m": "narrowest passage (m)",
@@ -23,22 +23,20 @@ PATH_PROPERTIES: Final[Mapping[str, str]] = {
     "_turning_rad": "turning (rad)",
     "_obstacles_near_path": "obstacles near the path",
 }
-"""Likewise what surrounds the path that was drawn, which nobody chose."""
+"""Provenance keys of what surrounds a drawn path, to their names."""
 
 _PLACED: Final = "_obstacles"
-"""Of a configuration whose obstacles producers placed, so that its path's properties are known with them."""
+"""Provenance key of placed obstacles, with which properties of the path are known."""
 _DIGITS: Final = 2
-"""Of both: a centimeter, which is less than a cell of a map."""
-
-
+"""Centimeters: less than a cell of a map."""
 _REQUESTED: Final = "_requested_"
-"""Before the key of a drawn value: what the campaign file requested there, by the file's names."""
+"""Prefix of the provenance key of what the campaign file requested for a drawn value."""
 _DRAW: Final = "draw"
-"""Name, in what was requested, of the number among equals, which nobody chose."""
+"""Name, among requested values, of the number of a draw, which nobody chose."""
 
 
 def chosen_values(configurations: ConfigurationTable, k: int) -> dict[str, Any]:
-    """What the campaign file requests of the configuration at index `k`: of what was drawn, the values by which it was."""
+    """Values that the campaign file requests of configuration `k`, in place of values drawn from them."""
     requested = {n: value for n, (_, value) in _requested(configurations, k).items() if n.split(".")[-1] != _DRAW}
     drawn = {key for step in configurations.steps[k] if _is_drawn(step["keys"]) for key in step["keys"]}
     drawn.discard("map_file")
@@ -51,16 +49,16 @@ def chosen_values(configurations: ConfigurationTable, k: int) -> dict[str, Any]:
 def chosen_rows(
     configurations: ConfigurationTable, chosen: Iterable[int], environments: Mapping[str, str]
 ) -> list[dict[str, Any]]:
-    """`chosen_values` of the configurations at the indices `chosen`, files by their names."""
+    """`chosen_values` of the configurations `chosen`, files by their names."""
     return [
         {key: named(value, environments) for key, value in chosen_values(configurations, k).items()} for k in chosen
     ]
 
 
 def matched_sets(configurations: ConfigurationTable, chosen: Sequence[int], factor: str) -> NDArray[np.int64]:
-    """(m,) numbers that are equal for configurations that are equal in all but `factor`, poses and obstacles included.
+    """Numbers (m,) that are equal for configurations that are equal in all but `factor`.
 
-    What follows from the factor where it was drawn, such as the places of obstacles, may differ. Poses may not.
+    Values drawn from the factor, such as places of obstacles, may differ; poses may not.
     """
     keys = [json.dumps(_all_but(configurations, k, factor), sort_keys=True) for k in chosen]
     numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
@@ -69,9 +67,9 @@ def matched_sets(configurations: ConfigurationTable, chosen: Sequence[int], fact
 
 def _all_but(configurations: ConfigurationTable, k: int, factor: str) -> list[Any]:
     requested = _requested(configurations, k)
-    source = (
-        _REQUESTED + requested[factor][0] if factor in requested else WORLD_KEY if factor in WORLD.values() else factor
-    )
+    source = WORLD_KEY if factor in WORLD.values() else factor
+    if factor in requested:
+        source = _REQUESTED + requested[factor][0]
     own = {key for step in configurations.steps[k] if source in step["keys"] for key in step["keys"]} | {source}
     content = {name: dict(part) for name, part in configurations.contents[k].items() if part}
     for name, part in content.items():
@@ -84,7 +82,7 @@ def _all_but(configurations: ConfigurationTable, k: int, factor: str) -> list[An
 
 
 def _requested(configurations: ConfigurationTable, k: int) -> dict[str, tuple[str, Any]]:
-    """Name to key and value of all that was requested of what was drawn; of two keys, the second has its name before it."""
+    """Name to key and value of all requested values behind draws; a repeated name is prefixed by its key."""
     found: dict[str, tuple[str, Any]] = {}
     for note, values in configurations.provenances[k].items():
         if note.startswith(_REQUESTED):
@@ -100,10 +98,10 @@ def _is_drawn(keys: Iterable[str]) -> bool:
 def varied_rows(
     configurations: ConfigurationTable, chosen: Iterable[int], environments: Mapping[str, str]
 ) -> list[dict[str, Any]]:
-    """All values of the configurations at the indices `chosen`: given, drawn, requested, and the numbers of `MEASURED`.
+    """All values of the configurations `chosen`: given, drawn, requested, and the numbers of `MEASURED`.
 
     Args:
-        environments: Names of maps by their digests, where they have names.
+        environments: Names of maps by digest.
     """
     return [
         {
@@ -116,10 +114,7 @@ def varied_rows(
 
 
 def path_property_rows(configurations: ConfigurationTable, chosen: Iterable[int]) -> list[dict[str, float]]:
-    """The numbers of `PATH_PROPERTIES` that the configurations at the indices `chosen` have.
-
-    Of one whose obstacles stand in the campaign file none is known, for its path was drawn without them.
-    """
+    """The numbers of `PATH_PROPERTIES` of the configurations `chosen`; none if obstacles of the file were not known to the draw."""
     return [
         _measured(configurations.provenances[k], PATH_PROPERTIES)
         if _PLACED in configurations.provenances[k] or not any(map(_has_obstacles, configurations.factors[k].values()))
@@ -138,7 +133,7 @@ def _measured(provenance: Mapping[str, Any], names: Mapping[str, str]) -> dict[s
 
 
 def named(value: Any, environments: Mapping[str, str]) -> Any:
-    """A file by the name that people know of it, or by the beginning of its digest."""
+    """A value, a file by its name or the beginning of its digest."""
     if isinstance(value, dict) and set(value) == {"file"}:
         return environments.get(value["file"], str(value["file"])[:8])
     return value

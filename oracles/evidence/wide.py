@@ -1,4 +1,4 @@
-"""One row for each run: what varied, what came of it and what was said of it, each in a column of its own."""
+"""The wide table: one row a run, with factors, outcome, and verdicts in columns."""
 
 import json
 from collections.abc import Container, Iterable, Sequence
@@ -20,11 +20,11 @@ _NUMBERS: Final = ("simulated_s", "distance_m", "recoveries", "missed_goals", "c
 
 
 def wide_table(tables: Tables) -> pd.DataFrame:
-    """One row for each run that was judged or should have been, in the order of configurations.
+    """One row for each run, judged or not, in the order of configurations.
 
-    `passed` is what all oracles say together, `passed.<oracle>` what one does: true, false, or missing where it was not judged. Metrics are
-    `<oracle>.<metric> (<unit>)`. Factors have the names of the campaign file; one that is named like another column has `factor.` before
-    it, and one whose values are not all numbers is text.
+    `passed` is the joint judgement and `passed.<oracle>` that of one oracle: true, false, or missing where unjudged. Metrics are
+    `<oracle>.<metric> (<unit>)`. Factors have the names of the campaign file, with `factor.` before names that are taken; those
+    that are not all numbers are text.
     """
     verdicts = tables.verdicts
     columns: dict[str, Any] = {
@@ -50,7 +50,7 @@ def write_wide(directory: Path, found: pd.DataFrame) -> None:
 
 
 def _of_runs(tables: Tables) -> dict[str, Any]:
-    """The columns of `runs.parquet`; a run that was not recorded has none of their values."""
+    """The columns of `runs.parquet`, missing for unrecorded runs."""
     runs, verdicts, keys = tables.runs, tables.verdicts, ["configuration", "run_index"]
     known = [name for name in (*_TEXTS, *_NUMBERS) if name in runs.column_names] if len(runs) else []
     judged = pd.DataFrame(
@@ -85,7 +85,7 @@ def _factors(tables: Tables, others: Iterable[str]) -> dict[str, Any]:
 
 
 def _free(name: str, kind: str, taken: Container[str]) -> str:
-    """`name`, with its `kind` before it as often as another column is called so."""
+    """`name`, prefixed by `kind` until it is free."""
     while name in taken:
         name = f"{kind}.{name}"
     return name

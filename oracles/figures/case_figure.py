@@ -1,4 +1,4 @@
-"""The case figure and the pair figure: one configuration's runs where they drove, in one campaign or two side by side."""
+"""Case and pair figures: the paths of one configuration's runs, in one campaign or in two."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -44,7 +44,7 @@ def case_figure(
     world: OccupancyMap | None = None,
     zones: Zones = NO_ZONES,
 ) -> Figure:
-    """Paths (N, 2) by judgement, failures on top with a cross where they ended; the robot's own estimate (N, 2) of one is dashed.
+    """Draw paths (N, 2) by judgement with crosses where failures ended; an estimated path (N, 2) is dashed.
 
     Args:
         world: The walls as they stand, where the robot's map has them elsewhere.
@@ -100,7 +100,7 @@ _JUDGEMENTS: Final[tuple[Judgement, ...]] = ("pass", "not judged", "fail")
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """What one campaign's panel shows.
+    """Content of one campaign's panel.
 
     Attributes:
         paths: (N, 2) true trajectories with their judgement; the one at `chosen` is drawn strong.

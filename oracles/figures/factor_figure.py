@@ -23,7 +23,7 @@ _ASIDE: Final = 0.09
 
 
 def factor_figure(factors: Sequence[FactorEffect]) -> Figure:
-    """A panel for each factor, the most certain first: the failure rate of each situation at each level, and the mean of all."""
+    """Draw a panel for each factor: failure rates of situations at each level, and their mean."""
     shown = factors[:MAX_FACTORS]
     columns = min(_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
@@ -36,7 +36,7 @@ def factor_figure(factors: Sequence[FactorEffect]) -> Figure:
 
 
 def interaction_figure(interactions: Sequence[InteractionEffect]) -> Figure:
-    """A panel for each pair: the failure rate in each of its cells, framed where it is not what both effects add up to."""
+    """Draw a panel for each pair: failure rates of its cells, framed where effects do not add up."""
     shown = interactions[:MAX_INTERACTIONS]
     sizes = [(len(_levels(pair, 0)), len(_levels(pair, 1))) for pair in shown]
     columns = min(2, len(shown))

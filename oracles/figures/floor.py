@@ -45,7 +45,7 @@ def map_figure(
     dpi: int = DPI,
     zones: Zones = NO_ZONES,
 ) -> tuple[Figure, Axes]:
-    """A figure that fits what is known of the map, with room for axis labels and a legend below, and `top_in` above."""
+    """A figure for the known part of a map, with room for labels, a legend below, and `top_in` above."""
     x0, x1, y0, y1 = known_extent_m(occupancy, _MARGIN_M)
     left_in, right_in, bottom_in = 0.55, 0.1, 0.5 + 0.24 * legend_rows
     scale = min((width_in - left_in - right_in) / (x1 - x0), _HEIGHT_IN * width_in / _WIDTH_IN / (y1 - y0))
@@ -88,7 +88,7 @@ def draw_zones(axes: Axes, zones: Zones) -> None:
 
 
 def zone_handles(zones: Zones) -> list[Patch]:
-    """What the tints mean; nothing without any."""
+    """Legend entries of the tints; empty without zones."""
     said = ((zones.keepout, KEEPOUT_COLOR, "kept out by a mask"), (zones.speed, SPEED_COLOR, "slower by a mask"))
     return [Patch(facecolor=color, alpha=_ZONE_ALPHA, label=label) for masks, color, label in said if masks]
 
@@ -131,7 +131,7 @@ def draw_obstacles(axes: Axes, obstacles: Sequence[Obstacle], *, alpha: float) -
 
 
 def obstacle_handle(n: int) -> list[Patch]:
-    """What the outlines of `n` obstacles mean; nothing without any."""
+    """Legend entry of `n` obstacles; empty for 0."""
     if not n:
         return []
     label = f"obstacle, not on the robot's map ({n})"
@@ -153,7 +153,7 @@ def _show(axes: Axes, occupancy: OccupancyMap, picture: NDArray[np.uint8]) -> No
 
 
 def _picture(occupancy: OccupancyMap) -> NDArray[np.uint8]:
-    """What is known of the map, with about as many pixels as a figure has at most."""
+    """The known part of the map as a picture of at most a figure's resolution."""
     row, end_row, column, end_column = known_cells(occupancy)
     cells = occupancy.cells[row:end_row, column:end_column]
     picture = np.empty((*cells.shape, 3), dtype=np.uint8)

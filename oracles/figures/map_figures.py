@@ -1,4 +1,4 @@
-"""Map figures: where failed runs ended, the trajectories of failed and of passed runs, and how often a place is failed at.
+"""Map figures: final poses of failures, trajectories, and failure rates of places.
 
 The first three are the rows of the figure that the paper has of each map.
 """
@@ -71,7 +71,7 @@ def paths_figure(scene: Scene, judgement: Judgement) -> Figure:
 
 
 def failure_rate_figure(scene: Scene) -> Figure:
-    """Failed runs over visits in each cell, the fainter the less sure; outlined where it is more than the map's mean."""
+    """Draw the failure rate of each cell, fainter if uncertain, outlined if above the map's mean."""
     figure, axes = map_figure(scene.occupancy, legend_rows=3, width_in=_WIDTH_IN, dpi=_DPI, zones=scene.zones)
     most = draw_failure_rates(axes, scene)
     _color_bar(figure, axes, most, "share of the runs that came here and failed here", percent=True)
@@ -193,7 +193,7 @@ def _aspect(occupancy: OccupancyMap) -> float:
 
 
 def _crosses(axes: Axes, scene: Scene) -> list[Line2D]:
-    """Single final poses, where they are few enough to be told apart: a cross, or a ring where the mission succeeded."""
+    """Mark final poses if there are few: crosses, or rings where the mission succeeded."""
     if len(scene.failed_xy_m) > MAX_CROSSES:
         return []
     handles = []

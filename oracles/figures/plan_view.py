@@ -29,7 +29,7 @@ _ARROW_POINTS: Final = 16.0
 
 @dataclass(frozen=True, eq=False)
 class PlanView:
-    """What a plan view shows.
+    """Content of a plan view.
 
     Attributes:
         path_xy_m: (N, 2) the path that was drawn for the robot, which it need not follow; empty where there is none.

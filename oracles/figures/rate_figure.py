@@ -67,7 +67,7 @@ def _rate_rows(evidence: Evidence, families: Sequence[str]) -> Iterator[tuple[st
         group = evidence.families[family]
         yield family, _Bars(group.counts, group.clustered, True)
         if singles:
-            for name in evidence.distinct[family]:
+            for name in group.by_name:
                 yield name, _Bars(evidence.configurations[name], None, False)
 
 

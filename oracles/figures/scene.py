@@ -105,7 +105,7 @@ def read_walks(directory: Path, configuration: str) -> Walks | None:
 
 
 def read_estimate(directory: Path, configuration: str, run_index: int) -> NDArray[np.float64]:
-    """Where the robot took itself to be (N, 2) in a recorded run, in the map frame."""
+    """Estimated positions (N, 2) of a recorded run, in the map frame."""
     file = directory / "recordings" / f"{configuration}.parquet"
     index, columns = read_columns(file, ("estimated_x_mm", "estimated_y_mm"))
     return np.column_stack([si(column[index == run_index]) for column in columns.values()])
@@ -182,7 +182,7 @@ def known_extent_m(occupancy: OccupancyMap, margin_m: float) -> tuple[float, flo
 
 
 def known_cells(occupancy: OccupancyMap) -> tuple[int, int, int, int]:
-    """First row and the one behind the last, first column and the one behind the last, of what is known of the map."""
+    """Row and column ranges (start, stop, start, stop) of the known part of the map."""
     known = occupancy.cells >= 0
     rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
     if not rows.size:
@@ -246,7 +246,7 @@ class _Visitors:
             self._sum_up()
 
     def failures(self) -> FailureMap:
-        """Of all that were added; runs that were not judged are in no count."""
+        """The failure map of all judged runs that were added."""
         self._sum_up()
         return self._found
 

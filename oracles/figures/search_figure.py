@@ -38,7 +38,7 @@ def progress_figure(
 
 
 def _grown(rows: Sequence[Mapping[str, Any]], direction: str) -> tuple[Floats, Floats, Floats]:
-    """Of each judged point the runs spent by then, its objective, and the best so far."""
+    """Runs spent, objective, and best so far, for each judged point."""
     runs = np.cumsum([row["runs"] for row in rows])
     judged = np.array([row["objective"] is not None for row in rows])
     values = np.array([row["objective"] for row in rows if row["objective"] is not None], dtype=np.float64)
@@ -81,7 +81,7 @@ def archive_figure(
 
 
 def boundary_figure(rows: Sequence[Mapping[str, Any]], names: Sequence[str], level: float, objective: str) -> Figure:
-    """Of one dimension the expected objective with its band; of two where it crosses the level, and where that is uncertain.
+    """Draw the expected objective over one dimension, or the level's contour over two, with its uncertainty.
 
     Args:
         rows: Of `boundary.parquet`, each with its decoded `point`.

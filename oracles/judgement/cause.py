@@ -1,4 +1,4 @@
-"""Causes: what stands out in a failed run as the reason for it, at most one a run."""
+"""Causes of failed runs, at most one a run."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final, Literal, TypeAlias
@@ -26,19 +26,19 @@ Cause: TypeAlias = Literal[
 ]
 
 LOST_M: Final = 0.5
-"""Localization error of a robot that is lost: twice Nav2's goal tolerance."""
+"""Localization error of a lost robot: twice Nav2's goal tolerance."""
 JUMP_M: Final = 0.5
 """Change of the localization error between two rows, 0.1 s apart, that is a jump."""
 JUMP_S: Final = 1.0
-"""How long a jump can make a path invalid: Nav2's default trees plan anew each second."""
+"""Time in which a jump can invalidate a path: Nav2's default trees replan each second."""
 AT_M: Final = 0.5
-"""A contact so near to where the robot ended was there."""
+"""Distance of a contact from the final position that counts as there."""
 BLOCKED_M: Final = 0.7
-"""From the robot's center to the outline of what blocks it: Nav2's inflation radius."""
+"""Distance of the robot's center from what blocks it: Nav2's inflation radius."""
 SEEN_M: Final = 2.5
-"""How far the costmaps see an obstacle: Nav2's `obstacle_max_range`."""
+"""Range at which costmaps see obstacles: Nav2's `obstacle_max_range`."""
 RECOVERING_S: Final = 30.0
-"""A recovery so long before the end was part of it."""
+"""Time before the end within which a recovery belongs to it."""
 LEFT_M: Final = 1.0
 """Deviation from the reference path of a robot that has left it."""
 
@@ -58,29 +58,25 @@ CAUSES: Final[Mapping[Cause, str]] = {
     "left the path": f"performance: more than {LEFT_M:g} m off the reference path",
     "unknown": "none of the causes is seen",
 }
-"""In words, in the order of precedence: of those that hold the first is the run's."""
+"""Causes in words, in order of precedence."""
 
 _SUCCESS, _SAFETY, _ROBUSTNESS, _PERFORMANCE = "success", "safety", "robustness", "performance"
 _NO_PATH: Final = 200
-"""From here on Nav2's error codes are the planner's."""
+"""First of the planner's error codes."""
 _INVALID_PATH: Final = "103"
 
 
 def cause_of(trace: Trace, verdicts: Sequence[Verdict]) -> Cause | None:
-    """The cause of a run's failure: `unknown` where none is seen, None where no verdict on it is `fail`.
+    """The cause of a run's failure: `unknown` if none is seen, None if no verdict is `fail`.
 
-    Robot and estimate come before what they met, a mission that failed before a limit that was not kept. The end is that of the
-    run, or of the first goal that was given up.
-
-    Args:
-        verdicts: All that were given on the run.
+    The end is that of the run, or of the first goal that was given up.
     """
     failed = {verdict.oracle: verdict for verdict in verdicts if verdict.judgement == "fail"}
     return next(_seen(trace, failed), "unknown") if failed else None
 
 
 def _seen(trace: Trace, failed: Mapping[str, Verdict]) -> Iterator[Cause]:
-    """The causes that hold, in the order of `CAUSES`."""
+    """Yield the causes that hold, in the order of `CAUSES`."""
     if not len(trace):
         return
     end, never = _end(trace), _SUCCESS in failed and _never_planned(trace)
@@ -120,7 +116,7 @@ def _without_path(trace: Trace) -> bool:
 
 
 def _never_planned(trace: Trace) -> bool:
-    """Whether no path was ever followed: a controller commands motion forward or to the side, a recovery neither."""
+    """Whether no path was followed: only controllers command motion forward or to the side."""
     forward, lateral = (trace.columns.get(f"command_{name}mps") for name in ("speed_", "lateral_speed_"))
     if forward is None or not _without_path(trace):
         return False
@@ -128,7 +124,7 @@ def _never_planned(trace: Trace) -> bool:
 
 
 def _end(trace: Trace) -> int:
-    """Row at which the mission had failed."""
+    """Row at which the mission failed."""
     missed = trace.events("goal_missed")
     row = int(np.searchsorted(trace["t_s"], missed[0].t_s)) if missed else len(trace) - 1
     return min(row, len(trace) - 1)
@@ -149,7 +145,7 @@ def _touched_at(trace: Trace, end: int) -> bool:
 
 
 def _fails_contact(safety: Verdict) -> bool:
-    """Whether there was a contact with an obstacle, or nothing but a contact to fail the run for."""
+    """Whether the run fails for a contact: with an obstacle, or with anything if the margin is kept."""
     measured = {name: metric.value for name, metric in safety.metrics.items()}
     margin_m = measured.get("margin")
     return bool(measured.get("obstacle_contacts")) or (bool(measured.get("contacts")) and not (margin_m or 0.0) < 0.0)

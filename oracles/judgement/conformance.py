@@ -1,4 +1,4 @@
-"""What every oracle must do, as checks that an oracle's author can call in a test, and the sample runs that they judge."""
+"""Conformance checks for oracles, to be called in an author's tests, and the sample runs they judge."""
 
 import math
 import pickle
@@ -40,7 +40,7 @@ class SampleRun:
 
 
 def sample_runs() -> tuple[SampleRun, ...]:
-    """A robot that drives 5 m along x in a corridor of 4 m at 0.5 m/s, and what may be otherwise."""
+    """Sample runs of a robot that drives 5 m along a corridor at 0.5 m/s, and variations."""
     drive = np.minimum(0.05 * np.arange(101), 5.0)
     stop = np.minimum(drive, 2.6)
     appears = Event(5.0, "spawned", 3.5, 0.0, "carton")
@@ -150,13 +150,13 @@ def check_declarations(oracle: Oracle[Any], runs: Sequence[SampleRun]) -> None:
 
 
 def check_verdicts(oracle: Oracle[Any], runs: Sequence[SampleRun]) -> None:
-    """It gives a verdict on every run: judgement, reason, every declared metric, as JSON that is read back the same."""
+    """It gives each run a verdict with reason and all metrics that survives JSON."""
     for run in runs:
         _check_verdict(oracle, run, _judged(oracle, run))
 
 
 def check_missing_signals(oracle: Oracle[Any], runs: Sequence[SampleRun]) -> None:
-    """Of a run without a signal that a run may lack (`OPTIONAL`) it gives a verdict all the same."""
+    """It judges runs that lack an `OPTIONAL` signal."""
     for run in runs:
         for missing in sorted(name for name in run.trace.columns if name.startswith(OPTIONAL)):
             columns = {name: column for name, column in run.trace.columns.items() if name != missing}
@@ -165,7 +165,7 @@ def check_missing_signals(oracle: Oracle[Any], runs: Sequence[SampleRun]) -> Non
 
 
 def check_inputs_are_kept(oracle: Oracle[Any], runs: Sequence[SampleRun]) -> None:
-    """It leaves what it is given as it is: other oracles are given the same."""
+    """It does not change its inputs, which other oracles share."""
     for run in runs:
         before = {name: column.copy() for name, column in run.trace.columns.items()}
         _judged(oracle, run)
@@ -176,7 +176,7 @@ def check_inputs_are_kept(oracle: Oracle[Any], runs: Sequence[SampleRun]) -> Non
 
 
 def check_determinism(oracle: Oracle[Any], runs: Sequence[SampleRun]) -> None:
-    """It says the same again, in any order of the runs, and so does one with the same parameters that was sent elsewhere.
+    """It repeats its verdicts, in any order of the runs and after pickling.
 
     Global generators are not to be drawn from, even where they are seeded before: another thread may use them.
     """

@@ -1,4 +1,4 @@
-"""Oracle: traces to verdicts."""
+"""Judging: verdicts and causes from blocks of recordings and traces."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,12 +19,7 @@ from vastflow.sim.plug_ins.watch import watched
 
 @dataclass(frozen=True, slots=True)
 class JudgedBlock:
-    """What is said of a block of runs.
-
-    Attributes:
-        verdicts: Run by run, oracles in their order.
-        causes: Run index to why the run failed, of those that any oracle failed.
-    """
+    """Verdicts on a block of runs, run by run, and the causes of failed runs by index."""
 
     verdicts: list[Verdict]
     causes: Mapping[int, Cause]
@@ -37,12 +32,12 @@ def judge_block(
     oracles: Sequence[Oracle[Any]],
     outputs: bytes | None = None,
 ) -> JudgedBlock:
-    """Every oracle's verdict on every run of a block, and why those failed that did.
+    """Return every oracle's verdict on every run of a block, and the causes of failures.
 
     Args:
-        recording_block: Runs of `scenario`, by `vastflow.sim.model.blocks.write_recordings`.
-        trace_block: The same runs, by `vastflow.oracles.observation.observe.observe_block`.
-        outputs: What the runs' programs wrote, by `vastflow.sim.model.archive.write_outputs`; None where there is nothing.
+        recording_block: Runs of `scenario`, by `write_recordings`.
+        trace_block: The same runs, by `observe_block`.
+        outputs: Files of the runs' programs, by `write_outputs`.
 
     Raises:
         ValueError: the blocks are not of the same runs.
@@ -70,7 +65,7 @@ def judge_block(
 
 
 def _keep_as_it_is(trace: Trace) -> None:
-    """Let an oracle that changes a column in place fail there: the next oracle reads the same one."""
+    """Make columns read-only, since all oracles share them."""
     for columns in (trace.columns, *trace.tables.values()):
         for column in columns.values():
             column.setflags(write=False)

@@ -1,4 +1,4 @@
-"""Notebooks as oracles: a Jupyter notebook that is given runs as tables and leaves verdicts."""
+"""Notebooks as oracles: a Jupyter notebook turns tables of runs into verdicts."""
 
 import contextlib
 import io
@@ -13,27 +13,19 @@ import numpy as np
 import pyarrow as pa
 from pydantic import create_model
 
-from vastflow.oracles.judgement.notebook_file import CodeCell, NotebookError, literals, read_cells
+from vastflow.oracles.judgement.notebook_file import CodeCell, literals, read_cells
 from vastflow.oracles.judgement.oracle_base import Oracle, Parameters
 from vastflow.oracles.judgement.verdict import Judgement, Verdict
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.observation.trace import Reference, Trace
 from vastflow.sim.plug_ins.effects import plug_in_code
 from vastflow.sim.plug_ins.loading import empty_module, frozen_builtins
+from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.snapshot import Snapshot
 
 SIGNALS: Final = (
-    *(
-        "t_s",
-        "x_m",
-        "y_m",
-        "yaw_rad",
-        "estimated_x_m",
-        "estimated_y_m",
-        "estimated_yaw_rad",
-        "speed_mps",
-        "yaw_rate_radps",
-    ),
+    *("t_s", "x_m", "y_m", "yaw_rad", "estimated_x_m", "estimated_y_m", "estimated_yaw_rad"),
+    *("speed_mps", "yaw_rate_radps"),
     *("localized", "localization_error_m", "stopped", "wall_clearance_m", "deviation_m"),
     *("static_clearance_m", "appearing_clearance_m"),
 )
@@ -44,8 +36,7 @@ class RunTables:
     """Runs of one configuration.
 
     Attributes:
-        traces: A row for each row of each run: `run_index` and the signals of `vastflow.oracles.observation.trace.Trace`, float64 in SI units; null
-            where a run does not have a signal. `SIGNALS` are there even where no run has them.
+        traces: Rows of all runs: `run_index` and the signals of `Trace`, null for missing ones. `SIGNALS` are always there.
         runs: A row for each run: `run_index outcome reason simulated_s distance_m recoveries missed_goals contacts
             reference_length_m` (null without a reference) and `events`, a list of structs.
     """
@@ -93,23 +84,18 @@ _RUN = pa.schema(
 )
 
 
-__all__ = ["NotebookError", "NotebookOracle", "notebook_oracle"]
-
 METRICS: Final = "metrics"
 VERDICTS: Final = "verdicts"
 _OWN: Final = ("run_index", "judgement", "reason")
 
 
 class NotebookOracle(Oracle[Parameters]):
-    """A notebook's judgement; the notebook says of what.
+    """The judgement of a notebook.
 
-    Its code cells run in order, in a namespace of their own in this process: no kernel is started, and so nothing of IPython's is there. A
-    cell tagged `skip-execution` is for looking and is left out. One tagged `parameters` has the defaults of parameters, as literals;
-    those of the campaign file replace them after it. The notebook is given `traces`, `runs` and `situation`
-    (`vastflow.oracles.judgement.notebook`), and leaves `metrics`, name to unit as a literal, and `verdicts`: a table or a list
-    of rows with `run_index`, `judgement`, `reason` where it is no pass, and the metrics.
-
-    The runs are those of one block of a configuration, any of them: what it says of a run must follow from that run alone.
+    Its code cells run in order in a namespace of their own, without a kernel or IPython. Cells tagged `skip-execution` are left out; after a
+    cell tagged `parameters`, whose literals are defaults, the values of the campaign file are set. The notebook is given `traces`, `runs` and
+    `situation` (see `RunTables`), and leaves `metrics`, name to unit as a literal, and `verdicts`: a table or list of rows with
+    `run_index`, `judgement`, `reason` unless it is a pass, and the metrics. A verdict must follow from its run alone.
     """
 
     cells: ClassVar[Sequence[CodeCell]]
@@ -119,14 +105,14 @@ class NotebookOracle(Oracle[Parameters]):
         return self.judge_all([trace], situation)[0]
 
     def judge_all(self, traces: Sequence[Trace], situation: Situation) -> list[Verdict]:
-        """The verdicts that the notebook leaves; a run without one is not judged.
+        """Return the notebook's verdicts; a run without one is not judged.
 
         Raises:
-            NotebookError: a cell failed, or what it left are no verdicts on these runs.
+            PlugInError: a cell failed, or left no valid verdicts.
         """
         left = self._executed(run_tables(traces, situation))
         if VERDICTS not in left:
-            raise NotebookError(f"{self.name}: it leaves no {VERDICTS!r}", "a table or list of rows, one for each run")
+            raise PlugInError(f"{self.name}: no variable {VERDICTS!r}", "a table or list of rows, one for each run")
         said: dict[int, Mapping[str, Any]] = {}
         for row in _rows(left[VERDICTS]):
             said[self._checked(row, said, traces)] = row
@@ -150,17 +136,11 @@ class NotebookOracle(Oracle[Parameters]):
                 with contextlib.redirect_stdout(io.StringIO()), plug_in_code():
                     exec(compile(cell.code, f"{self.name} cell {cell.number}", "exec"), namespace)  # noqa: S102 - as a plug-in is
             except Exception as error:
-                line = next(
-                    (
-                        f.lineno
-                        for f in reversed(traceback.extract_tb(error.__traceback__))
-                        if f.filename.startswith(self.name)
-                    ),
-                    None,
-                )
-                where = f"{self.name}: cell {cell.number}" + (f", line {line}" if line else "")
-                raise NotebookError(
-                    f"{where}: {type(error).__name__}: {error}", "a cell that runs on any runs"
+                frames = traceback.extract_tb(error.__traceback__)
+                lines = [frame.lineno for frame in frames if frame.filename.startswith(self.name)]
+                where = f"{self.name}: cell {cell.number}" + (f", line {lines[-1]}" if lines else "")
+                raise PlugInError(
+                    f"{where}: {type(error).__name__}: {error}", "a cell that accepts any runs"
                 ) from error
             if cell.has_parameters:
                 namespace.update(self.parameters.model_dump())
@@ -168,19 +148,17 @@ class NotebookOracle(Oracle[Parameters]):
     def _checked(self, row: Mapping[str, Any], said: Mapping[int, Any], traces: Sequence[Trace]) -> int:
         indices = [trace.run.run_index for trace in traces]
         index, judgement = row.get("run_index"), row.get("judgement")
-        wrong = f"{self.name}: verdict {len(said) + 1}: "
+        place = f"{self.name}: verdict {len(said) + 1}: "
         if index not in indices:
-            raise NotebookError(f"{wrong}found run_index {index!r}", f"one of the runs {indices}")
+            raise PlugInError(f"{place}expected one of the runs {indices}, got run_index {index!r}", "")
         if index in said:
-            raise NotebookError(f"{wrong}a second one on run {index}", "one for each run")
-        if judgement not in get_args(Judgement):
-            raise NotebookError(
-                f"{wrong}found judgement {judgement!r}", f"one of {', '.join(map(repr, get_args(Judgement)))}"
-            )
+            raise PlugInError(f"{place}duplicate verdict on run {index}", "one for each run")
+        if judgement not in (known := get_args(Judgement)):
+            raise PlugInError(f"{place}expected one of {', '.join(map(repr, known))}, got judgement {judgement!r}", "")
         if judgement != "pass" and not row.get("reason"):
-            raise NotebookError(f"{wrong}{judgement!r} without a reason", "a sentence with numbers in `reason`")
+            raise PlugInError(f"{place}{judgement!r} without a reason", "a sentence with numbers in `reason`")
         if unknown := sorted(set(row) - {*_OWN, *self.metrics}):
-            raise NotebookError(f"{wrong}found {unknown[0]!r}", f"name it with its unit in {METRICS!r}")
+            raise PlugInError(f"{place}unknown metric {unknown[0]!r}", f"name it with its unit in {METRICS!r}")
         return int(index)
 
     def _said(self, trace: Trace, row: Mapping[str, Any] | None) -> Verdict:
@@ -195,29 +173,23 @@ class NotebookOracle(Oracle[Parameters]):
 
 
 def notebook_oracle(snapshot: Snapshot) -> type[NotebookOracle]:
-    """The oracle that a notebook is, as a class of a module of its own.
+    """The oracle class of a notebook, in a module of its own.
 
     Raises:
-        NotebookError: it can't be read, or has something in it that is not Python.
+        PlugInError: it cannot be read, or is not Python.
     """
     module = empty_module(snapshot)
     if "Notebook" not in module.__dict__:
         file = snapshot.file
         cells = read_cells(file)
         metrics = _metrics(cells, file)
-        found = [literals(cell, file) for cell in cells if cell.has_parameters]
-        defaults = {name: value for each in found for name, value in each.items()}
-        fields: dict[str, Any] = {name: (_type_of(value), value) for name, value in defaults.items()}
+        defaults = [item for cell in cells if cell.has_parameters for item in literals(cell, file).items()]
+        fields: dict[str, Any] = {name: (_type_of(value), value) for name, value in defaults}
         name = module.__name__
         parameters = create_model("NotebookParameters", __base__=Parameters, __module__=name, **fields)
-        content = {
-            "Parameters": parameters,
-            "metrics": metrics,
-            "cells": cells,
-            "snapshot": snapshot,
-            "__module__": name,
-        }
-        module.__dict__.setdefault("Notebook", type("Notebook", (NotebookOracle,), {**content, "__doc__": None}))
+        content = {"Parameters": parameters, "metrics": metrics, "cells": cells, "snapshot": snapshot}
+        content |= {"__module__": name, "__doc__": None}
+        module.__dict__.setdefault("Notebook", type("Notebook", (NotebookOracle,), content))
     oracle: type[NotebookOracle] = module.__dict__["Notebook"]
     return oracle
 
@@ -233,7 +205,9 @@ def _metrics(cells: Iterable[CodeCell], file: Path) -> dict[str, str]:
         found = literals(cell, file, only=METRICS).get(METRICS)
         if found is not None:
             if not isinstance(found, dict) or not all(isinstance(part, str) for item in found.items() for part in item):
-                raise NotebookError(f"{file.name}: cell {cell.number}: found {METRICS} = {found!r}", "names and units")
+                raise PlugInError(
+                    f"{file.name}: cell {cell.number}: expected names and units, got {METRICS} = {found!r}", ""
+                )
             return found
     return {}
 
@@ -244,15 +218,12 @@ def _type_of(value: object) -> Any:
 
 def _rows(table: Any) -> Iterable[Mapping[str, Any]]:
     """Rows of a pyarrow, polars or pandas table, or of a list."""
-    if hasattr(table, "to_pylist"):
-        return list(table.to_pylist())
-    if hasattr(table, "to_dicts"):
-        return list(table.to_dicts())
     if hasattr(table, "to_dict"):
         return list(table.to_dict("records"))
-    return list(table)
+    rows = getattr(table, "to_pylist", None) or getattr(table, "to_dicts", None)
+    return list(rows() if rows else table)
 
 
 def _number(value: Any) -> float | None:
-    """A metric; what is missing in a table is not a number there."""
+    """A metric; NaN, a missing value of a table, as None."""
     return None if value is None or math.isnan(value) else float(value)

@@ -1,4 +1,4 @@
-"""Notebook files: the code cells of a Jupyter notebook, as far as a judgement follows from them."""
+"""Notebook files: the code cells of a Jupyter notebook that a judgement follows from."""
 
 import ast
 from collections.abc import Iterator, Mapping
@@ -8,26 +8,14 @@ from typing import Any, Final, Literal
 
 from pydantic import BaseModel, ValidationError
 
-from vastflow.sim.model.faults import complaint
 from vastflow.sim.model.files import Unreadable, read_json
+from vastflow.sim.plug_ins.neighbors import PlugInError
 
 SKIPPED: Final = "skip-execution"
-"""Tag of cells that are for looking alone; nbclient leaves them out, too."""
+"""Tag of cells that are not executed, as in nbclient."""
 
 PARAMETERS: Final = "parameters"
-"""Tag of the cell with the parameters' defaults, as papermill has it."""
-
-
-class NotebookError(ValueError):
-    """A notebook that can't judge: `what` was found, and what would be `right`."""
-
-    def __init__(self, what: str, right: str) -> None:
-        super().__init__(complaint(what, right))
-        self.what = what
-        self.right = right
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return NotebookError, (self.what, self.right)
+"""Tag of the cell with defaults of parameters, as in papermill."""
 
 
 class _Metadata(BaseModel):
@@ -41,7 +29,7 @@ class _Cell(BaseModel):
 
 
 class _Notebook(BaseModel):
-    """What is asked of a notebook's file."""
+    """Required content of a notebook file."""
 
     nbformat: Literal[4]
     cells: list[_Cell]
@@ -60,7 +48,7 @@ def read_cells(file: Path) -> tuple[CodeCell, ...]:
     """The code cells of a notebook that are executed.
 
     Raises:
-        NotebookError: no notebook of format 4, or a cell that is not Python.
+        PlugInError: no notebook of format 4, or a cell that is not Python.
     """
     cells = tuple(_cells(file))
     for cell in cells:
@@ -70,30 +58,30 @@ def read_cells(file: Path) -> tuple[CodeCell, ...]:
             lines, number = cell.code.splitlines(), error.lineno or 0
             text = lines[number - 1].strip() if 0 < number <= len(lines) else error.msg
             where = f"{file.name}: cell {cell.number}" + (f", line {number}" if number else "")
-            right = f"Python alone; what is IPython's belongs into a cell tagged {SKIPPED!r}"
-            raise NotebookError(f"{where}: found {text!r}", right) from None
+            tagged = f"tag cells with IPython commands {SKIPPED!r}"
+            raise PlugInError(f"{where}: expected Python, got {text!r}", tagged) from None
         except (ValueError, RecursionError, MemoryError) as error:  # a NUL, half a character; too deep for Python
-            raise NotebookError(f"{file.name}: cell {cell.number}: {error}", "a cell of Python") from None
+            raise PlugInError(f"{file.name}: cell {cell.number}: {error}", "a cell of Python") from None
     return cells
 
 
 def notebook_code(file: Path) -> str:
-    """All that is executed, as one Python text: what stands in no other cell, and no output, changes a judgement.
+    """The executed cells as one Python text, from which all judgements follow.
 
     Raises:
-        NotebookError: no notebook of format 4.
+        PlugInError: no notebook of format 4.
     """
     return "".join(f"{cell.code}\n" + "parameters = ...\n" * cell.has_parameters for cell in _cells(file))
 
 
 def literals(cell: CodeCell, file: Path, only: str | None = None) -> Mapping[str, Any]:
-    """Name to value of what a cell assigns, in its order.
+    """Name to value of the literals that a cell assigns.
 
     Args:
-        only: The one name that is looked for; other statements may be anything then.
+        only: The one wanted name; other statements are free then.
 
     Raises:
-        NotebookError: a statement that is no assignment of a literal to a name.
+        PlugInError: a statement that does not assign a literal to a name.
     """
     found: dict[str, Any] = {}
     for statement in ast.parse(cell.code).body:
@@ -106,7 +94,7 @@ def literals(cell: CodeCell, file: Path, only: str | None = None) -> Mapping[str
             found[name] = ast.literal_eval(value)
         except (ValueError, TypeError, RecursionError, MemoryError):  # TypeError: a list as a key
             where = f"{file.name}: cell {cell.number}, line {statement.lineno}"
-            raise NotebookError(f"{where}: found {ast.unparse(statement)!r}", "name = literal") from None
+            raise PlugInError(f"{where}: expected name = literal, got {ast.unparse(statement)!r}", "") from None
     return found
 
 
@@ -124,13 +112,12 @@ def _cells(file: Path) -> Iterator[CodeCell]:
     try:
         notebook = _Notebook.model_validate(read_json(file, "a notebook"))
     except Unreadable as error:
-        raise NotebookError(error.what, error.right) from None
+        raise PlugInError(error.what, error.right) from None
     except ValidationError as error:
         first = error.errors()[0]
-        where = ".".join(map(str, first["loc"])) or "the whole"
-        raise NotebookError(
-            f"{file.name}: {where}: found {str(first['input'])[:60]}", "a notebook of format 4"
-        ) from None
+        where = ".".join(map(str, first["loc"])) or "content"
+        got = str(first["input"])[:60]
+        raise PlugInError(f"{file.name}: {where}: expected a notebook of format 4, got {got}", "") from None
     for number, cell in enumerate(notebook.cells, 1):
         tags = cell.metadata.tags
         if cell.cell_type == "code" and SKIPPED not in tags:

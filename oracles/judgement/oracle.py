@@ -1,4 +1,4 @@
-"""How an oracle is found: by its name, by the class in a file, or as a notebook."""
+"""Oracles found by their entry point, by `file.py:Class`, or as a notebook."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -31,18 +31,12 @@ __all__ = [
 
 GROUP: Final = "vastflow.oracles"
 SUCCESS: Final = "success"
-"""The oracle of the mission's own outcome, which is always judged, first."""
+"""The oracle of the mission's outcome, which always judges first."""
 
 
 @dataclass(frozen=True, slots=True)
 class OracleFault:
-    """One thing wrong in the request of an oracle.
-
-    Attributes:
-        location: Keys and indices below the oracle's parameters; empty where its name is wrong.
-        what: What was found.
-        right: What would be right.
-    """
+    """A mistake in the request of an oracle, at keys and indices below its parameters, or in its name."""
 
     location: tuple[str | int, ...]
     what: str
@@ -50,7 +44,7 @@ class OracleFault:
 
 
 class OracleError(ValueError):
-    """A request no oracle can be made of; `faults` has every reason."""
+    """A request that no oracle can be made of, with all faults."""
 
     def __init__(self, name: str, faults: Sequence[OracleFault]) -> None:
         self.name = name
@@ -80,16 +74,11 @@ def oracle_of(name: str, parameters: Mapping[str, Any], base: Path = Path()) -> 
     except ValidationError as error:
         raise OracleError(name, [_fault(detail, found.Parameters) for detail in error.errors()]) from None
     except Exception as error:
-        what = f"it raised {type(error).__name__}: {error}"
-        raise OracleError(name, [OracleFault((), what, "an oracle that can be made")]) from error
+        raise _refused(name, f"it raised {type(error).__name__}: {error}", "an oracle that can be made") from error
 
 
 def oracles_of(requests: Sequence[tuple[str, Mapping[str, Any]]], base: Path = Path()) -> tuple[Oracle[Any], ...]:
-    """The oracles of a campaign in the order they judge: `success` first, asked for or not.
-
-    Args:
-        requests: Name and parameters of each.
-    """
+    """The oracles of a campaign from names and parameters, in their order of judging: `success` always, and first."""
     parameters = dict(requests)
     ordered = {SUCCESS: parameters.get(SUCCESS, {}), **parameters}
     return tuple(oracle_of(name, values, base) for name, values in ordered.items())
@@ -107,11 +96,14 @@ def oracle_class(name: str, base: Path = Path()) -> type[Oracle[Any]]:
         found = installed_plug_in(GROUP, name)
         if found is None:
             right = did_you_mean(name, known_oracles(), listed="known oracles:")
-            raise OracleError(name, [OracleFault((), f"no oracle {name!r}", right)])
+            raise _refused(name, f"no oracle {name!r}", right)
     if not (isinstance(found, type) and issubclass(found, Oracle)):
-        right = "a subclass of vastflow.oracles.judgement.oracle.Oracle"
-        raise OracleError(name, [OracleFault((), f"{name!r} is not an oracle", right)])
+        raise _refused(name, f"{name!r} is not an oracle", "a subclass of vastflow.oracles.judgement.oracle.Oracle")
     return found
+
+
+def _refused(name: str, what: str, right: str) -> OracleError:
+    return OracleError(name, [OracleFault((), what, right)])
 
 
 def _is_file(name: str) -> bool:
@@ -119,7 +111,7 @@ def _is_file(name: str) -> bool:
 
 
 def _class_of(snapshot: Snapshot, name: str) -> Any:
-    """What a plug-in's file has under the name of a class; the class that a notebook is. None where there is none."""
+    """The class of a plug-in's file or of a notebook; None without one."""
     if ".py:" in name:
         return getattr(module_of(snapshot), name.rpartition(":")[2], None)
     from vastflow.oracles.judgement.notebook import notebook_oracle  # with the reader of notebooks, if there is one
@@ -141,18 +133,16 @@ def _class_of_file(name: str, base: Path) -> Any:
     file = base / file_name
     if not is_file(file):
         what = "a Python file" if class_name else "a notebook"
-        raise OracleError(name, [OracleFault((), f"no file {str(file)!r}", f"{what} beside the campaign file")])
-    from vastflow.oracles.judgement.notebook_file import NotebookError
-
+        raise _refused(name, f"no file {str(file)!r}", f"{what} beside the campaign file")
     try:
         found = _class_of(_snapshot(name, file, base), name)
-    except (NotebookError, PlugInError) as error:
-        raise OracleError(name, [OracleFault((), error.what, error.right)]) from None
+    except PlugInError as error:
+        raise _refused(name, error.what, error.right) from None
     except Exception as error:
         what = f"{str(file)!r} can't be imported: {type(error).__name__}: {error}"
-        raise OracleError(str(file), [OracleFault((), what, "a Python module")]) from error
+        raise _refused(str(file), what, "a Python module") from error
     if found is None:
-        raise OracleError(name, [OracleFault((), f"{str(file)!r} has no class {class_name!r}", "file.py:Class")])
+        raise _refused(name, f"{str(file)!r} has no class {class_name!r}", "file.py:Class")
     return found
 
 

@@ -1,4 +1,4 @@
-"""What every oracle is: a judge of single runs, and the model of its parameters."""
+"""The base class of oracles and of their parameter models."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -15,7 +15,7 @@ from vastflow.sim.plug_ins.snapshot import Snapshot
 
 
 class Parameters(BaseModel):
-    """Base of every oracle's parameter model: unknown keys are faults, values don't change."""
+    """Base of parameter models: unknown keys are faults, values are frozen."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -29,10 +29,10 @@ class Oracle(ABC, Generic[P]):
     A subclass names its parameter model and its metrics, if it has any, and writes `judge`.
 
     Attributes:
-        Parameters: The pydantic model of what stands below the oracle's name in the campaign file.
-        metrics: Name to unit of every metric it measures; a verdict has all of them, whatever the judgement.
-        name: As the campaign file calls it.
-        base: Folder a name like `file.py:Class` is relative to.
+        Parameters: The pydantic model of its parameters in the campaign file.
+        metrics: Name to unit of every metric, all of which each verdict has.
+        name: Its name in the campaign file.
+        base: Folder of names like `file.py:Class`.
     """
 
     Parameters: ClassVar[type[Parameters]]
@@ -48,19 +48,19 @@ class Oracle(ABC, Generic[P]):
         """Judge one run with `passed`, `failed` or `not_judged`."""
 
     def judge_all(self, traces: Sequence[Trace], situation: Situation) -> list[Verdict]:
-        """Judge several runs of one configuration, in their order: what `judge` says of each, whichever others there are."""
+        """Judge several runs of one configuration, each independently of the others."""
         return [self.judge(trace, situation) for trace in traces]
 
     def passed(self, trace: Trace, **metrics: float | None) -> Verdict:
-        """The run did what this oracle asks."""
+        """Return the verdict that the run meets the oracle's criterion."""
         return self._verdict(trace, "pass", "", metrics)
 
     def failed(self, trace: Trace, reason: str, **metrics: float | None) -> Verdict:
-        """The run did not; `reason` says in what, with numbers."""
+        """Return the verdict that the run misses the criterion; `reason` says how, with numbers."""
         return self._verdict(trace, "fail", reason, metrics)
 
     def not_judged(self, trace: Trace, reason: str, **metrics: float | None) -> Verdict:
-        """What the oracle needs is missing; `reason` says what."""
+        """The oracle lacks what `reason` names."""
         return self._verdict(trace, "not judged", reason, metrics)
 
     def _verdict(self, trace: Trace, judgement: Any, reason: str, metrics: Mapping[str, float | None]) -> Verdict:
@@ -76,7 +76,7 @@ class Oracle(ABC, Generic[P]):
 
 
 def _frozen_oracle(snapshot: Snapshot, name: str, parameters: Mapping[str, Any], base: Path) -> Oracle[Any]:
-    """An oracle `file.py:Class` in another process, from the same copies of its files."""
+    """Restore an oracle `file.py:Class` in another process from copies of its files."""
     found = getattr(module_of(snapshot), name.rpartition(":")[2])
     oracle: Oracle[Any] = found(found.Parameters.model_validate(parameters), name, base)
     return oracle

@@ -1,4 +1,4 @@
-"""Verdicts: what an oracle says of one run, and the quantity that several runs of a configuration give."""
+"""Verdicts of oracles on runs, and quantities of several runs."""
 
 import json
 import math
@@ -14,14 +14,14 @@ Judgement: TypeAlias = Literal["pass", "fail", "not judged"]
 
 @dataclass(frozen=True, slots=True)
 class Metric:
-    """A number with its unit (`m`, `s`, `m/s`, `1`); None where it can't be had in this run."""
+    """A number, or None, with its unit (`m`, `s`, `m/s`, `1`)."""
 
     value: float | None
     unit: str
 
 
 class WrittenMetrics(Mapping[str, Metric]):
-    """Metrics as they stand in a file, read when one is asked for: a campaign copies millions that nobody asks for.
+    """Metrics in written form, decoded when one is read.
 
     Args:
         text: As `metrics_text` gives it.
@@ -52,9 +52,8 @@ class Verdict:
     """One oracle's judgement of one run.
 
     Attributes:
-        judgement: `not judged` is neither: what the oracle needs is missing, `reason` says what.
         reason: Why the run failed or was not judged; empty for a pass.
-        metrics: Name to number, the same names whatever the judgement.
+        metrics: The same names for any judgement.
     """
 
     oracle: str
@@ -65,7 +64,7 @@ class Verdict:
 
 
 def run_judgement(judgements: Iterable[Judgement]) -> Judgement:
-    """What all oracles together say of a run: `fail` if one does, `pass` if all do, else `not judged`."""
+    """The joint judgement of a run: `fail` if any, `pass` if all, else `not judged`."""
     said = set(judgements)
     if "fail" in said:
         return "fail"
@@ -73,10 +72,10 @@ def run_judgement(judgements: Iterable[Judgement]) -> Judgement:
 
 
 def metrics_text(metrics: Mapping[str, Metric]) -> str:
-    """`metrics` as JSON, by name: `{"time":{"value":1.5,"unit":"s"}}`; the same text for equal ones.
+    """Canonical JSON of `metrics`: `{"time":{"value":1.5,"unit":"s"}}`.
 
     Raises:
-        ValueError: a metric that is infinite or not a number; a metric that can't be had is None.
+        ValueError: a metric that is not finite.
     """
     if isinstance(metrics, WrittenMetrics):
         return metrics.text
@@ -84,32 +83,26 @@ def metrics_text(metrics: Mapping[str, Metric]) -> str:
 
 
 def write_verdicts(verdicts: Sequence[Verdict]) -> bytes:
-    """`verdicts` as canonical JSON, the metrics of each a text of its own: equal verdicts give equal bytes.
+    """Canonical JSON of `verdicts`, the metrics of each as a text.
 
     Raises:
         ValueError: as `metrics_text`.
     """
     rows = [
-        {
-            "judgement": verdict.judgement,
-            "metrics": metrics_text(verdict.metrics),
-            "oracle": verdict.oracle,
-            "reason": verdict.reason,
-            "run_index": verdict.run_index,
-        }
-        for verdict in verdicts
+        {name: getattr(each, name) for name in _FIELDS} | {"metrics": metrics_text(each.metrics)} for each in verdicts
     ]
-    return json.dumps(rows, separators=(",", ":")).encode()
+    return json.dumps(rows, separators=(",", ":"), sort_keys=True).encode()
 
 
 def read_verdicts(content: bytes) -> list[Verdict]:
-    """What `write_verdicts` wrote."""
+    """Read the output of `write_verdicts`."""
     return [
         Verdict(row["oracle"], row["run_index"], row["judgement"], row["reason"], WrittenMetrics(row["metrics"]))
         for row in json.loads(content)
     ]
 
 
+_FIELDS: Final = ("judgement", "oracle", "reason", "run_index")
 _TEXT: Final = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode
 
 
@@ -118,12 +111,12 @@ Aggregate: TypeAlias = Literal["mean", "median", "min", "max", "quantile"]
 
 @dataclass(frozen=True, slots=True)
 class RunQuantity:
-    """A number of one run, and how those of several runs become one.
+    """A number of each run, and its aggregate over runs.
 
     Attributes:
-        oracle: Whose verdicts; None for all oracles together.
-        metric: Of the oracle; None for whether the run failed.
-        q: With the aggregate `quantile`: which, from 0 to 1.
+        oracle: None for all oracles together.
+        metric: None for whether the run failed.
+        q: Of the aggregate `quantile`, 0..1.
     """
 
     oracle: str | None = None
@@ -132,7 +125,7 @@ class RunQuantity:
     q: float | None = None
 
     def samples(self, verdicts: Sequence[Verdict], runs: range) -> list[float]:
-        """The number of each of `runs` that has one, in order: a metric in its unit; 1 for a run that failed and 0 for one that passed."""
+        """The quantity of each run that has one: a metric, or 1 for a failure and 0 for a pass."""
         by_run: dict[int, list[Verdict]] = {}
         for each in verdicts:
             if each.run_index in runs and self.oracle in (None, each.oracle):
@@ -141,7 +134,7 @@ class RunQuantity:
         return [value for value in found if value is not None]
 
     def value(self, samples: Sequence[float]) -> float | None:
-        """What the samples come to; None without any."""
+        """Aggregate the samples; None without any."""
         if not samples:
             return None
         if self.metric is None or self.aggregate == "mean":

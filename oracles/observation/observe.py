@@ -141,7 +141,7 @@ ReferenceOf: TypeAlias = Callable[[tuple[Obstacle, ...]], MaybeReference]
 
 @dataclass(frozen=True)
 class ScenarioObserver:
-    """What the observation of a scenario's runs has in common; prepared once, then used for each.
+    """Observer of the runs of a scenario.
 
     Attributes:
         world: The walls as they stand; None where the scenario has no map.

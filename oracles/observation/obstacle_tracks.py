@@ -21,7 +21,7 @@ _BEFORE_MS: Final = -1
 
 @dataclass(frozen=True, eq=False)
 class ObstacleTrack:
-    """Where one obstacle is during a run, constant between the recording's events.
+    """The places of one obstacle during a run, constant between events.
 
     Attributes:
         obstacle: Its shape, and the pose at which it stands first.
@@ -48,11 +48,11 @@ class ObstacleTrack:
         return bool(np.isfinite(self.xy_m).any())
 
     def at(self, t_ms: NDArray[np.int32]) -> NDArray[np.float64]:
-        """Its center (N, 2) at the times (N,) of rows; what happens at the time of a row has happened in it."""
+        """Its center (N, 2) at the times (N,) of rows, events at these times included."""
         return np.asarray(self.xy_m[self._place(t_ms)])
 
     def clearance_m(self, t_ms: NDArray[np.int32], xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Distances (N,) of points (N, 2) to its outline at the times (N,) of rows: 0 inside, infinite where it is not there."""
+        """Distances (N,) of points (N, 2) to its outline at the times (N,): 0 inside, infinite while absent."""
         place = self._place(t_ms)
         x_m, y_m = (xy_m - self.xy_m[place]).T
         if self.obstacle.shape == "cylinder":
@@ -90,7 +90,7 @@ def obstacle_tracks_of(situation: Situation, run: Run) -> tuple[ObstacleTrack, .
 
 
 def spawned_by(run: Run) -> Iterator[Obstacle]:
-    """What the scenario itself put into the world, at its pose then."""
+    """Obstacles that the scenario spawned, at their poses then."""
     known = {entity.name for entity in run.entities}
     events = [event for event in run.events if event.kind == _SPAWNED and event.what in known]
     for entity in run.entities:

@@ -13,7 +13,7 @@ from vastflow.sim.reading.script import script_of
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """Where a mission begins, where it is to go, and what stands between.
+    """Start, goals, obstacles, and robot size of a scenario.
 
     Attributes:
         start: None where the scenario has no robot.

@@ -96,7 +96,7 @@ class Trace:
         return np.asarray(self["localization_error_m"][self["localized"] > 0])
 
     def events(self, kind: str) -> tuple[Event, ...]:
-        """What happened of one kind, such as `contact` or `recovery`, in order; see `vastflow.sim.model.recording.Event`."""
+        """Events of one kind, such as `contact`, in order."""
         return tuple(event for event in self.run.events if event.kind == kind)
 
     @property
@@ -116,7 +116,7 @@ def trace_of(recording: Recording, row: Mapping[str, Any], derived: Mapping[str,
 
 
 def levelled(runs: Sequence[Mapping[str, NDArray[np.int32]]]) -> list[Mapping[str, NDArray[np.int32]]]:
-    """Stored columns of several runs with the same names in each: a class of obstacles that a run had none of was nowhere in it."""
+    """Give the stored columns of several runs the same names, missing distances being `NOWHERE_MM`."""
     names = sorted({name for columns in runs for name in columns}, key=lambda name: ("/" in name, name))
     if all(len(columns) == len(names) for columns in runs):
         return list(runs)

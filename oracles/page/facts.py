@@ -1,35 +1,33 @@
-"""Facts that the sections of a report show: the tables of a campaign directory, and what follows from them."""
+"""Facts of a report: the tables of a campaign directory and their evidence."""
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Final
 
+import numpy as np
 import pandas as pd
 
-from vastflow.oracles.evidence.causes import CauseCount, causes_of
+from vastflow.oracles.evidence.causes import CauseCount, Standstills, causes_of, standstills_of
 from vastflow.oracles.evidence.criteria import MEASURES_ALONE, Criterion, criteria_of
 from vastflow.oracles.evidence.evidence import Evidence, Spread, evidence_of, spreads_of
 from vastflow.oracles.evidence.findings import Findings, findings_of, stopping_rule
 from vastflow.oracles.evidence.rates import Counts
-from vastflow.oracles.evidence.standstills import Standstills, standstills_of
 from vastflow.oracles.evidence.varied import named
 from vastflow.oracles.figures.scene import Scene, scenes_of
-from vastflow.oracles.page.words import short
+from vastflow.oracles.page.words import position, short
 from vastflow.oracles.results.executed import KeptFiles, environment_names
 from vastflow.oracles.results.tables import Tables
 from vastflow.oracles.statistics.classes import runs_for_a_claim
+from vastflow.oracles.statistics.intervals import thousandths
+
+_PLACES: Final = 3
+"""Places listed of a map."""
 
 
 @dataclass(frozen=True, eq=False)
 class Facts:
-    """What the sections of a report show.
-
-    Attributes:
-        names: Of maps, by digest.
-        evidence: Of each oracle; under None that of all together.
-    """
+    """Facts that the sections of a report show; `names` of maps are by digest, `evidence` by oracle or None for all."""
 
     tables: Tables
     names: Mapping[str, str]
@@ -48,17 +46,17 @@ class Facts:
 
     @property
     def everything(self) -> Evidence:
-        """All oracles together."""
+        """Evidence of all oracles together."""
         return self.evidence[None]
 
     @property
     def all(self) -> Counts:
-        """All runs."""
+        """Judgements on all runs."""
         return self.everything.campaign.counts
 
     @cached_property
     def shown_oracles(self) -> list[str | None]:
-        """All together and each oracle that can fail a run; all together alone where there is but one."""
+        """None for all together, and each oracle that can fail a run if there are several."""
         judging = [oracle for oracle in self.evidence if oracle not in MEASURES_ALONE]
         return judging if len(judging) > 2 else [None]
 
@@ -69,28 +67,28 @@ class Facts:
 
     @property
     def noun(self) -> str:
-        """What a situation is called."""
+        """Name of a situation: path or situation."""
         return "path" if any(self.tables.configurations.environments) else "situation"
 
     @property
     def maps(self) -> int:
-        """How many maps there are."""
+        """Number of maps."""
         return len({*self.tables.configurations.environments} - {None})
 
     @property
     def most_runs(self) -> int:
-        """Judged runs of the configuration that has most of them."""
+        """Largest number of judged runs of a configuration."""
         return int(self.findings.counts[:, :2].sum(axis=1).max(initial=0))
 
     @cached_property
     def least_runs(self) -> int:
-        """Runs that a class takes at least; 0 where a rule ends runs as soon as one is shown."""
+        """Smallest number of runs that can show a class; 0 with a stopping rule that can show one."""
         rule = stopping_rule(self.metadata)
         return 0 if rule is not None and rule.decidable else min(runs_for_a_claim().values())
 
     @cached_property
     def failures(self) -> pd.DataFrame:
-        """Who failed runs, and why."""
+        """Configuration, oracle, and reason of each failure."""
         return self.tables.verdicts.reasons("fail")
 
     @cached_property
@@ -100,21 +98,39 @@ class Facts:
 
     @cached_property
     def varied(self) -> dict[str, bool]:
-        """Keys whose value is not the same in every configuration, and whether all their values are numbers."""
-        values: dict[str, set[str]] = {}
-        numeric: dict[str, bool] = {}
-        present: Counter[str] = Counter()
-        for factors in self.tables.configurations.factors:
-            present.update(factors.keys())
-            for key, value in factors.items():
-                values.setdefault(key, set()).add(repr(value))
-                is_number = isinstance(value, int | float) and not isinstance(value, bool)
-                numeric[key] = numeric.get(key, True) and is_number
-        everywhere = len(self.tables.configurations)
-        return {key: numeric[key] for key, seen in values.items() if len(seen) > 1 or present[key] < everywhere}
+        """Varying keys, and whether all their values are numbers."""
+        factors = self.tables.configurations.factors
+        values: dict[str, list[Any]] = {}
+        for each in factors:
+            for key, value in each.items():
+                values.setdefault(key, []).append(value)
+        return {
+            key: all(isinstance(value, int | float) and not isinstance(value, bool) for value in seen)
+            for key, seen in values.items()
+            if len(seen) < len(factors) or len({repr(value) for value in seen}) > 1
+        }
+
+    @cached_property
+    def places(self) -> list[list[Any]]:
+        """Map, place, and rate cell of places that fail more than their map, the worst first, without neighbors."""
+        rows: list[list[Any]] = []
+        for scene in self.scenes:
+            found, name = scene.failures, self.names[scene.environment]
+            rate, intervals = found.rate(), found.intervals()
+            taken: list[tuple[int, int]] = []
+            for row, column in sorted(map(tuple, np.argwhere(found.hot()).tolist()), key=lambda at: -rate[at]):
+                if len(taken) < _PLACES and all(abs(row - r) > 4 or abs(column - c) > 4 for r, c in taken):
+                    taken.append((row, column))
+                    x, y = (
+                        low + (k + 0.5) * found.grid.cell_m
+                        for low, k in zip(found.grid.origin_xy_m, (column, row), strict=True)
+                    )
+                    n, failed = int(found.visits[row, column]), int(found.failures[row, column])
+                    rows.append([name, position(x, y), [failed, n, 0, *thousandths(intervals[row, column]).tolist()]])
+        return sorted(rows, key=lambda row: -row[2][0] / row[2][1])
 
     def factor(self, configuration: int, key: str) -> str:
-        """A value of the configuration at an index, as a cell of a table; empty where it has none."""
+        """A value of a configuration as a table cell, empty for a missing one."""
         factors = self.tables.configurations.factors[configuration]
         return short(named(factors[key], self.names)) if key in factors else ""
 

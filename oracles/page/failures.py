@@ -64,7 +64,7 @@ def failed_section(facts: Facts) -> Section | None:
 
 
 def kind_of(reason: str) -> str:
-    """What reasons have in common that differ in their numbers alone."""
+    """The kind of a reason: its text without numbers."""
     return _NUMBER.sub("#", reason)
 
 
@@ -74,7 +74,7 @@ def example(reason: str, alike: bool) -> Markup:
 
 
 def failure_kinds(failures: pd.DataFrame) -> list[Mapping[str, Any]]:
-    """A row for each oracle and kind of reason, what failed most runs first; a run that two oracles failed is in two.
+    """A row for each oracle and kind of reason, the most frequent first.
 
     Args:
         failures: As `VerdictTable.reasons` has them.
@@ -148,7 +148,7 @@ def _kinds(facts: Facts) -> Iterator[Block]:
 
 
 def cases(tables: Tables, findings: Findings) -> list[int]:
-    """Indices of the worst configurations by the lower bound of their failure rates, few of any one family while there are others."""
+    """Indices of the worst configurations by the lower bounds of their failure rates, spread over families."""
     failed, judged = findings.counts[:, 1], findings.counts[:, 0] + findings.counts[:, 1]
     low = wilson_intervals(failed, judged)[:, 0]
     worst = sorted(np.flatnonzero(failed), key=lambda k: (-low[k], k))

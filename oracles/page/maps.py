@@ -2,9 +2,8 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any
 
-import numpy as np
 from markupsafe import Markup
 
 from vastflow.oracles.figures.scene import MAX_SCENES, environment_counts
@@ -12,11 +11,7 @@ from vastflow.oracles.page.facts import Facts
 from vastflow.oracles.page.pictures import all_maps_picture, map_pictures
 from vastflow.oracles.page.section import Block, Details, Group, Section, soft
 from vastflow.oracles.page.table import Column, Table, rate_cell
-from vastflow.oracles.page.words import plural, position
-from vastflow.oracles.statistics.intervals import thousandths
-
-_PLACES: Final = 3
-"""Places listed of a map."""
+from vastflow.oracles.page.words import plural
 
 
 def maps_section(facts: Facts) -> Section | None:
@@ -27,27 +22,9 @@ def maps_section(facts: Facts) -> Section | None:
     if len(facts.scenes) > 1:
         overview = all_maps_picture(facts.scenes, [facts.names[scene.environment] for scene in facts.scenes])
         content = [overview, Details("Each map", content)]
-    if rows := places(facts):
-        content.append(_hot(rows))
+    if facts.places:
+        content.append(_hot(facts.places))
     return Section("maps", "Where", "Where it happened", content=content, folded=False)
-
-
-def places(facts: Facts) -> list[list[Any]]:
-    """The places that are shown to be failed at more than elsewhere, the worst first, neighbors of a worse one left out."""
-    rows: list[list[Any]] = []
-    for scene in facts.scenes:
-        found = scene.failures
-        rate, intervals, hot = found.rate(), found.intervals(), found.hot()
-        taken: list[tuple[int, int]] = []
-        for row, column in sorted(map(tuple, np.argwhere(hot).tolist()), key=lambda at: -rate[at]):
-            if len(taken) < _PLACES and all(abs(row - r) > 4 or abs(column - c) > 4 for r, c in taken):
-                taken.append((row, column))
-                x = found.grid.origin_xy_m[0] + (column + 0.5) * found.grid.cell_m
-                y = found.grid.origin_xy_m[1] + (row + 0.5) * found.grid.cell_m
-                n, failed = int(found.visits[row, column]), int(found.failures[row, column])
-                ends = thousandths(intervals[row, column]).tolist()
-                rows.append([facts.names[scene.environment], position(x, y), [failed, n, 0, *ends]])
-    return sorted(rows, key=lambda row: -row[2][0] / row[2][1])
 
 
 def _environments(facts: Facts) -> Iterator[Block]:

@@ -46,14 +46,14 @@ def measured_section(facts: Facts) -> Section:
 
 
 def method_section(facts: Facts) -> Section:
-    """How all of the report is computed, and with which versions."""
+    """The section on methods and versions."""
     values = {"meanings": CAUSES, "explanations": {oracle: _explanation(oracle) for oracle in facts.tables.oracles}}
     summary = "how all of this is computed, and with which versions"
     return Section("method", "Method", "Method", summary, values=values)
 
 
 def _explanation(oracle: str) -> Mapping[str, Any]:
-    """What an installed oracle says of itself; an oracle of a file beside the campaign can't be asked here."""
+    """Description and defaults of an installed oracle."""
     if oracle not in known_oracles():  # a file's name would be looked for in whatever folder this process works in
         return {"text": "An oracle of the campaign's own, see its file.", "defaults": {}}
     found = oracle_class(oracle)
@@ -66,7 +66,7 @@ def _explanation(oracle: str) -> Mapping[str, Any]:
 
 
 def _bases(tables: Tables) -> Iterator[Block]:
-    """What each basis of the robustness oracle would say beside the one that judges."""
+    """A table of all bases of the robustness oracle."""
     if ROBUSTNESS not in tables.oracles:
         return
     metrics = tables.verdicts.metrics(ROBUSTNESS)

@@ -210,7 +210,7 @@ def threshold_pictures(criteria: Sequence[Criterion]) -> Iterator[Picture]:
 
 
 def cause_picture(tables: Tables, count: CauseCount, files: KeptFiles) -> Picture | None:
-    """The run to look at for a cause, with the robot's own estimate; None where it has no map or recording."""
+    """The example run of a cause with its estimated path; None without map or recording."""
     configuration = tables.configurations.names.index(count.configuration)
     walks = (
         read_walks(tables.directory, count.configuration) if tables.configurations.environments[configuration] else None

@@ -18,7 +18,7 @@ _MOST_LISTED: Final = 200
 
 
 def factors_section(facts: Facts) -> Section | None:
-    """What varied and what of it matters; None where nothing can be compared."""
+    """The section on factors; None where nothing can be compared."""
     designs = facts.findings.designs
     drawn = factor_pictures(designs)
     values, figures = {"designs": list(zip(designs, drawn, strict=True))}, [p for found in drawn for p in found]
@@ -54,7 +54,7 @@ def rates_section(facts: Facts) -> Section:
         [
             *(name, group.configurations),
             *(rate_cell(found.families[name].counts) for found in shown.values()),
-            *([facts.stood.of(group.counts_by_name)] if facts.stood.runs else []),
+            *([facts.stood.of(group.by_name)] if facts.stood.runs else []),
         ]
         for name, group in facts.everything.families.items()
     ]
@@ -66,7 +66,7 @@ def rates_section(facts: Facts) -> Section:
 
 
 def classes_section(facts: Facts) -> Section:
-    """How many configurations are shown to be reliable, systematic, or flaky."""
+    """The section on reliable, systematic, and flaky configurations."""
     classes, most, least = facts.findings.classes, facts.most_runs, facts.least_runs
     summary = ", ".join(f"{classes.count(name):,} {name}" for name in CLASS_COLORS if classes.count(name))
     if classes.count("undecided") == len(classes.names):

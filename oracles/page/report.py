@@ -1,4 +1,4 @@
-"""The report: one HTML file that stands alone, from nothing but a campaign directory."""
+"""The report: one self-contained HTML file from a campaign directory."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
@@ -19,7 +19,7 @@ from vastflow.oracles.figures.picture import plain_style
 from vastflow.oracles.page import words
 from vastflow.oracles.page.facts import Facts, facts_of
 from vastflow.oracles.page.failures import failed_section, why_section, worst_section
-from vastflow.oracles.page.maps import maps_section, places
+from vastflow.oracles.page.maps import maps_section
 from vastflow.oracles.page.measured import measured_section, method_section
 from vastflow.oracles.page.pictures import MAX_EMBEDDED, Picture, contrast_pictures
 from vastflow.oracles.page.rates import classes_section, configurations_section, factors_section, rates_section
@@ -27,7 +27,6 @@ from vastflow.oracles.page.search_section import search_section
 from vastflow.oracles.page.section import Section
 from vastflow.oracles.page.table import bar, rate_cell, rate_html
 from vastflow.oracles.page.untested import coverage_section, left_out, untested_section
-from vastflow.oracles.page.work_section import created, work_section
 from vastflow.oracles.results.column import floats
 from vastflow.oracles.results.tables import read_tables
 from vastflow.sim.model.files import Unreadable, yaml_value
@@ -47,7 +46,7 @@ SECTIONS: Final = (
     untested_section,
     method_section,
 )
-"""Sections of a report in their order; one that has nothing to show is None."""
+"""Sections in their order; each is None if it has nothing to show."""
 
 _PAGE: Final = Path(__file__).parent
 _FILTERS: Final = {
@@ -55,8 +54,6 @@ _FILTERS: Final = {
     "rate": rate_html,
     "bar": bar,
     "cell": rate_cell,
-    "created": created,
-    "work_section": work_section,
     "kind": lambda of: type(of).__name__,
 }
 
@@ -107,7 +104,7 @@ def _html(
         distance_m=float(np.nansum(floats(runs["distance_m"]))),
         shape=shape_of(facts.findings),
         class_names=list(CLASS_COLORS),
-        places=len(places(facts)),
+        places=len(facts.places),
         left_out=left_out(facts),
         style=Markup((_PAGE / "report.css").read_text(encoding="utf-8")),
         script=Markup((_PAGE / "report.js").read_text(encoding="utf-8")),
@@ -115,7 +112,7 @@ def _html(
 
 
 def _embedded(pictures: Iterable[Picture]) -> set[str]:
-    """Names of the pictures that the page has room for."""
+    """Names of the pictures that fit into the page."""
     left = MAX_EMBEDDED
     names = set()
     for picture in sorted(pictures, key=lambda picture: picture.detail):
@@ -126,7 +123,7 @@ def _embedded(pictures: Iterable[Picture]) -> set[str]:
 
 
 def _about(campaign: str) -> Mapping[str, str]:
-    """Title and description of the campaign, empty where its file has none."""
+    """Title and description of the campaign, or empty texts."""
     try:
         said = yaml_value(campaign)["metadata"]
         return {key: str(said.get(key) or "") for key in ("title", "description")}

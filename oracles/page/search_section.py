@@ -1,4 +1,4 @@
-"""The report's section on a search: what was searched, how the best grew, what was found and how sure it is."""
+"""The section on a search: its space, progress, best point, and confirmation."""
 
 import json
 from collections.abc import Iterator, Mapping

@@ -16,7 +16,7 @@ from vastflow.oracles.results.tables import Tables
 
 
 def coverage_section(facts: Facts) -> Section | None:
-    """What became of everything that was asked for; None for a campaign directory of before there was `coverage.json`."""
+    """The section on coverage; None without `coverage.json`."""
     if not (facts.tables.directory / coverage.FILE).is_file():
         return None
     found = coverage.read_coverage(facts.tables.directory)
@@ -53,7 +53,7 @@ def untested_section(facts: Facts) -> Section:
 
 
 def left_out(facts: Facts) -> str:
-    """What was left out, in a line; empty where nothing was."""
+    """A line on everything left out; empty if nothing was."""
     unjudged = {oracle: facts.evidence[oracle].campaign.counts.not_judged for oracle in facts.tables.oracles}
     faults, notes = (facts.metadata.get(key) or () for key in ("faults", "notes"))
     rejected, duplicates = len(facts.tables.rejections), len(_duplicates(facts.tables))

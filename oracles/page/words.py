@@ -8,15 +8,16 @@ from markupsafe import Markup
 
 from vastflow.oracles.evidence.criteria import Criterion
 from vastflow.oracles.evidence.rates import Interval
+from vastflow.oracles.statistics.analysis import FactorAnalysis
 from vastflow.oracles.statistics.effects import Claim, FactorEffect, LevelEffect
 from vastflow.oracles.statistics.interactions import InteractionEffect
 
 _NARROW: Final = 50
-"""Thousandths; from there on a digit behind the point says nothing."""
+"""Width in thousandths of intervals that are shown with a decimal."""
 
 
 def percent(rate: float | None) -> str:
-    """A rate for people: whole percent, more digits where they would round away the last pass or failure."""
+    """A rate as `71 %`, with more digits rather than rounded to 0 or 100 %."""
     if rate is None:
         return "–"
     for digits in (0, 1, 2, 3):
@@ -27,12 +28,12 @@ def percent(rate: float | None) -> str:
 
 
 def span(interval: Interval) -> str:
-    """An interval for people, see `span_of`."""
+    """An interval as of `span_of`."""
     return span_of(*interval.thousandths)
 
 
 def span_of(low: int, high: int) -> str:
-    """An interval from its ends in thousandths: `52–71 %`, rounded outwards, with a digit more where it is narrow."""
+    """An interval, from ends in thousandths: `52–71 %`, rounded outwards, with a digit more if narrow."""
     ends = (low / 10, high / 10) if high - low < _NARROW else (low // 10, -(-high // 10))
     return "\N{WORD JOINER}–\N{WORD JOINER}".join(str(end) for end in ends) + "\N{NO-BREAK SPACE}%"
 
@@ -93,12 +94,12 @@ def criterion_text(criterion: Criterion) -> str:
 
 
 def position(x_m: float, y_m: float) -> str:
-    """Where something is on a map, in meters."""
+    """A place on a map in meters."""
     return f"({x_m:.2f}, {y_m:.2f}) m".replace("-", "−")
 
 
 def short(value: Any) -> str:
-    """A value in a table's cell: of a pose where it is, of a list how many there are, of a file its digest."""
+    """A value as a table cell: a pose as its place, a list as its length, a file as its digest."""
     if isinstance(value, float):
         return number(value)
     if isinstance(value, list):
@@ -113,11 +114,7 @@ def short(value: Any) -> str:
 
 
 def factor_text(factor: FactorEffect, noun: str) -> str:
-    """`robot_radius matters on these 4 paths: 0.45 fails 20 of 20 runs, 0.2 and 0.3 none of 40 (p ≤ 0.0001). For other paths: p = 0.012.`
-
-    Args:
-        noun: What a situation is, such as `path`.
-    """
+    """`radius matters on these 4 paths: 0.45 fails 20 of 20 runs, 0.2 none of 20 (p ≤ 0.0001). For other paths: p = 0.012.`"""
     if not factor.these.shown:
         told = (
             f"; on these {noun}s it is not shown ({p_text(factor.these)})" if factor.these.p_value is not None else ""
@@ -129,7 +126,7 @@ def factor_text(factor: FactorEffect, noun: str) -> str:
 
 
 def others_text(factor: FactorEffect, noun: str) -> str:
-    """Whether it is shown for other situations, and if not, what would be needed."""
+    """Whether an effect is shown for other situations, and if not, the situations needed."""
     if factor.needed is not None and not factor.others.shown:
         some = f"{factor.situations} {noun}s" if factor.situations > 1 else f"One {noun}"
         return f"{some} cannot show it for other {noun}s; {factor.needed} can."
@@ -139,18 +136,27 @@ def others_text(factor: FactorEffect, noun: str) -> str:
     return f"For other {noun}s: {p_text(factor.others)}{shown}."
 
 
+def powerless_text(found: FactorAnalysis, noun: str) -> str:
+    """`6 paths are too few to show, for other paths, an effect of a or b, however large.`; empty if they are enough."""
+    names, pairs = found.powerless
+    claims = [f"an effect of {' or '.join(names)}"] if names else []
+    claims += [f"any of {pairs} interactions" if pairs > 1 else "an interaction"] if pairs else []
+    few = f"{plural(found.blocks, noun)} {'is' if found.blocks == 1 else 'are'} too few to show, for other {noun}s, "
+    return f"{few}{', or '.join(claims)}, however large." if claims else ""
+
+
 def pair_text(pair: InteractionEffect) -> str:
     """`noise and speed act together (p = 0.012)`."""
     return f"{pair.names[0]} and {pair.names[1]} act together ({p_text(pair.claim)})"
 
 
 def p_text(claim: Claim) -> str:
-    """`p = 0.012`, adjusted for all that its table asks."""
+    """`p = 0.012`, adjusted."""
     return f"p {p_value_text(claim.adjusted)}" if claim.adjusted is not None else "p unknown"
 
 
 def p_value_text(p_value: float) -> str:
-    """`= 0.012`; of a very small one what random orders can show."""
+    """`= 0.012`, or the bound of random orders."""
     return "≤ 0.0001" if p_value <= 1.05e-4 else f"= {p_value:.2g}" if p_value < 0.995 else "= 1"
 
 
@@ -163,7 +169,7 @@ def difference_text(level: LevelEffect) -> str:
 
 
 def _levels_text(factor: FactorEffect) -> str:
-    """Failures of the levels, the worst first; levels without any failure, and those that always fail, together."""
+    """Failures of the levels, the worst first; levels that never fail, or always fail, together."""
     worst = sorted(factor.levels, key=lambda level: -level.failed / max(level.runs, 1))
     if len(worst) > 5:
         worst = [worst[0], worst[-1]]

@@ -39,7 +39,7 @@ _DASHES: Final = (0, (3, 2))
 
 @dataclass(frozen=True, eq=False)
 class DrivenPath:
-    """Where the robot has been until a moment: true and estimated positions (N, 2), and where it touched something."""
+    """True and estimated positions (N, 2) up to a moment, and places of contacts."""
 
     true_xy_m: NDArray[np.float64]
     estimated_xy_m: NDArray[np.float64]
@@ -77,7 +77,7 @@ def draw_close_up(
 
 
 def legend_handles(color: str) -> list[Any]:
-    """What the marks mean; `color` is the trajectory's."""
+    """Legend entries; `color` is the trajectory's."""
     alone: dict[str, Any] = {"linestyle": "none"}
     believed: dict[str, Any] = {"linestyle": _DASHES, "linewidth": 1, "markerfacecolor": "none", "markeredgewidth": 1.6}
     return [
@@ -98,7 +98,7 @@ def legend_handles(color: str) -> list[Any]:
 
 
 def ground(occupancy: OccupancyMap, patch: Patch) -> NDArray[np.uint8]:
-    """The map's walls over a patch of the global costs, as a picture (R, C, 3), row 0 at the lowest y."""
+    """Picture (R, C, 3) of walls over a patch of global costs, row 0 at the lowest y."""
     costs = patch.costs
     picture = np.empty((*costs.shape, 3), dtype=np.uint8)
     picture[:] = _FREE
@@ -112,7 +112,7 @@ def ground(occupancy: OccupancyMap, patch: Patch) -> NDArray[np.uint8]:
 
 
 def _walls(occupancy: OccupancyMap, patch: Patch) -> NDArray[np.bool_]:
-    """(R, C), True where a cell of the patch has a wall in it; the patch's cells are the map's, or blocks of them."""
+    """Whether each cell (R, C) of the patch, one or more cells of the map, contains a wall."""
     k = round(patch.resolution_m / occupancy.resolution_m)
     row, column = np.rint(occupancy.in_cells(np.array([(patch.corner.x_m, patch.corner.y_m)])))[0].astype(int).tolist()
     rows, columns = patch.costs.shape
@@ -218,7 +218,7 @@ def _heading(pose: Pose, length_m: float) -> list[tuple[float, float]]:
 
 
 def _draw_goals(axes: Axes, snapshot: TickSnapshot, box: Box) -> None:
-    """Goals as diamonds, those that are not the robot's now hollow; its own, where it is out of sight, as an arrow."""
+    """Draw goals as diamonds, other goals hollow; an arrow points to the current goal out of sight."""
     for index, goal in enumerate(snapshot.goals):
         now = index == snapshot.moment.goal
         if _inside(box, goal):

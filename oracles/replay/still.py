@@ -43,7 +43,7 @@ def write(figure: Figure, left_in: float, top_in: float, text: str, **style: Any
 
 
 def write_head(figure: Figure, story: Story) -> None:
-    """Which run, how it ended, and whether it is the recorded one; `HEAD_IN` high."""
+    """Write title, ending, and warning of a run, `HEAD_IN` high."""
     write(figure, 0.15, 0.12, story.title, fontsize=14, fontweight="bold")
     write(figure, figure.get_figwidth() - 0.15, 0.16, story.subtitle, fontsize=9, color=GRAY, ha="right")
     ending = textwrap.fill(story.ending, int((figure.get_figwidth() - 0.3) / _BOLD_LETTER_IN))
@@ -54,7 +54,7 @@ def write_head(figure: Figure, story: Story) -> None:
 
 
 def write_legend(figure: Figure, story: Story, columns: int, left_in: float, top_in: float) -> None:
-    """What the marks of a close-up mean."""
+    """Write the legend of a close-up."""
     page_width_in, page_height_in = figure.get_size_inches()
     figure.legend(
         handles=[*legend_handles(story.color), *zone_handles(story.zones)],
@@ -80,7 +80,7 @@ def overview_size_in(story: Story, width_in: float, height_in: float) -> tuple[f
 
 
 def draw_overview(axes: Axes, story: Story, snapshot: TickSnapshot, ticks: Sequence[int]) -> None:
-    """What is known of the map with the global costs of `snapshot`, the path until then, the plan and the goals.
+    """Draw the known part of the map with global costs, path, plan, and goals of `snapshot`.
 
     Args:
         ticks: The places of these are numbered; without any, the robot and what the close-up shows are marked.
@@ -150,7 +150,7 @@ class _Layout:
 
     @property
     def side_in(self) -> float:
-        """Where the column beside the picture begins."""
+        """Left edge of the column beside the picture."""
         return self.width_in + 0.45
 
     @property

@@ -1,4 +1,4 @@
-"""The story of one run, which all pictures of a replay share: its highlights, and what the robot is doing, in words."""
+"""The story of a replayed run: its highlights, view, and words."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -36,7 +36,7 @@ _ACTIVITIES: Final[Mapping[Activity, str]] = {
 
 
 def doing(moment: Moment, run: Run) -> str:
-    """What the robot is doing; `run` says how it ended."""
+    """Words for the robot's activity; `run` has its ending."""
     if moment.activity == "ended":
         return {"succeeded": "mission succeeded", "aborted": "mission given up"}.get(run.outcome, "mission ended")
     if moment.activity != "following":
@@ -167,7 +167,7 @@ _WIDEST, _NARROWEST = 1.6, 0.8
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """Which part of the map the pictures show, at each tick."""
+    """The part of the map shown at each tick."""
 
     boxes: Sequence[Box] = field(repr=False)
 
@@ -177,7 +177,7 @@ class View:
 
 
 def view_of(moments: Sequence[Moment], goals: Sequence[Pose]) -> View:
-    """The whole run and its goals where that is small, else a square that moves when the robot comes near its edge."""
+    """View the whole run if it is small, else a square that follows the robot."""
     points = np.array([(p.x_m, p.y_m) for p in (*(m.true for m in moments), *goals)])
     low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
     if max(high - low) <= WHOLE_M:
@@ -228,13 +228,13 @@ class Story:
 
     @property
     def ending(self) -> str:
-        """How it ended, in words, and how long and far it was."""
+        """Words for the ending, duration, and distance."""
         outcome = self.run.outcome.replace("_", " ")
         how = f"{outcome}: {self.run.reason}" if self.run.reason else outcome
         return f"{how}  ·  {self.run.simulated_s:.2f} s, {self.run.distance_m:.1f} m"
 
     def path_until(self, tick: int) -> DrivenPath:
-        """Where the robot has been."""
+        """The path driven up to `tick`."""
         contacts = [(e.x_m, e.y_m) for e in self.run.events if e.kind == "contact" and tick_of(e) <= tick]
         return DrivenPath(
             self._true_xy_m[: tick + 1],
@@ -244,13 +244,13 @@ class Story:
         )
 
     def happenings(self, after: int, until: int) -> list[str]:
-        """What happened behind tick `after` and no later than tick `until`, each thing once."""
+        """Distinct happenings after tick `after` up to tick `until`."""
         events = [e for e in self.run.events if after < tick_of(e) <= until]
         return list(dict.fromkeys(text for event in events if (text := happening(event))))
 
     @cached_property
     def known(self) -> Box:
-        """What is known of the map, with a margin."""
+        """Bounds of the known part of the map, with a margin."""
         known = self.occupancy.cells != UNKNOWN
         rows, columns = (np.flatnonzero(known.any(axis=axis)) for axis in (1, 0))
         ends = [(row, column) for row in rows[[0, -1]] for column in columns[[0, -1]]]

@@ -1,4 +1,4 @@
-"""Times: which ticks of a run shall be looked at."""
+"""Times of a replay: the ticks of a run that are shown."""
 
 import math
 from collections.abc import Iterable
@@ -9,10 +9,6 @@ from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.rates import TICK_S
 
 _EXACT_S: Final = 1e-6
-
-
-class TimeError(UserError, ValueError):
-    """A time that a run does not have; says what was asked for and what would be right."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,53 +24,54 @@ class Span:
 
 
 def whole_run(simulated_s: float) -> Span:
-    """All ticks of a run that took so long; its last one began a tick before its end."""
+    """All ticks of a run of `simulated_s`; the last begins a tick before the end."""
     return Span(0, max(round(simulated_s / TICK_S) - 1, 0))
 
 
-def tick_at(what: str, t_s: float, run: Span) -> int:
-    """The tick nearest to a time; the run's end is its last tick.
-
-    Args:
-        what: The option's name, for the message.
+def tick_at(option: str, t_s: float, run: Span) -> int:
+    """The tick nearest to a time; the end of the run is its last tick.
 
     Raises:
-        TimeError: a time before or after the run.
+        UserError: a time outside the run, given by `option`.
     """
     end_s = (run.last + 1) * TICK_S
     if not 0.0 <= t_s <= end_s + _EXACT_S:  # also catches NaN
-        raise TimeError(f"{what} {t_s:g}: outside the run, which goes from 0 to {end_s:.2f} s")
-    return min(math.floor(t_s / TICK_S + 0.5), run.last)
+        raise UserError(f"{option} {t_s:g}: outside the run, which goes from 0 to {end_s:.2f} s")
+    return min(_nearest(t_s), run.last)
 
 
 def span_of(from_s: float | None, to_s: float | None, run: Span) -> Span:
-    """The part of a run between two times, its ends where one is not given.
+    """The part of a run between two times, by default its ends.
 
     Raises:
-        TimeError: a time outside the run, or an end before the beginning.
+        UserError: a time outside the run, or an end before the start.
     """
     first = run.first if from_s is None else tick_at("--from", from_s, run)
     last = run.last if to_s is None else tick_at("--to", to_s, run)
     if last < first:
-        raise TimeError(f"--from {from_s:g} --to {to_s:g}: ends before it begins")
+        raise UserError(f"--from {from_s:g} --to {to_s:g}: ends before it begins")
     return Span(first, last)
 
 
 def step_of(every_s: float) -> int:
-    """Ticks between two pictures.
+    """Number of ticks between two pictures.
 
     Raises:
-        TimeError: no positive time.
+        UserError: `every_s` is not positive.
     """
     if not (every_s > 0.0 and math.isfinite(every_s)):
-        raise TimeError(f"--every {every_s:g}: a time greater than 0 s, {TICK_S:g} s or more")
-    return max(1, math.floor(every_s / TICK_S + 0.5))
+        raise UserError(f"--every {every_s:g}: a time greater than 0 s, {TICK_S:g} s or more")
+    return max(1, _nearest(every_s))
 
 
-def rounded(what: str, asked_s: Iterable[float]) -> list[str]:
-    """A line for each time that is no tick's."""
+def rounded(option: str, times_s: Iterable[float]) -> list[str]:
+    """A note on each time that is not a tick's."""
     return [
-        f"{what} {t_s:g}: the nearest tick of {TICK_S * 1e3:.0f} ms is {tick * TICK_S:.2f} s"
-        for t_s in asked_s
-        if abs((tick := math.floor(t_s / TICK_S + 0.5)) * TICK_S - t_s) > _EXACT_S
+        f"{option} {t_s:g}: the nearest tick of {TICK_S * 1e3:.0f} ms is {_nearest(t_s) * TICK_S:.2f} s"
+        for t_s in times_s
+        if abs(_nearest(t_s) * TICK_S - t_s) > _EXACT_S
     ]
+
+
+def _nearest(t_s: float) -> int:
+    return math.floor(t_s / TICK_S + 0.5)

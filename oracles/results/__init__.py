@@ -1,1 +1,1 @@
-"""What a campaign directory holds, read back: its tables, its scenarios, its runs, and the factors that vary in them."""
+"""Campaign directories: the schema of their tables, scenarios, runs, and factors."""

@@ -43,7 +43,7 @@ def table_rows(file: Path, *columns: str) -> list[dict[str, Any]]:
 
 
 def table_of(content: bytes, name: str) -> pa.Table:
-    """What a parquet file called `name` holds.
+    """Read the parquet content of a file called `name`.
 
     Raises:
         Unreadable: it is damaged.
@@ -75,7 +75,7 @@ class RowGroups:
 
 @contextmanager
 def _reading(name: str) -> Iterator[None]:
-    """Say in one class of errors what pyarrow says in many: of a damaged file it takes any part for any other."""
+    """Report pyarrow's errors about a damaged file as `Unreadable`."""
     try:
         yield
     except FileNotFoundError:

@@ -31,7 +31,7 @@ class Loss:
 
 @dataclass(frozen=True, slots=True)
 class Covered:
-    """How many combinations of some producers' choices are in a configuration.
+    """Coverage of the combinations of some producers' choices.
 
     Attributes:
         factors: What these producers write; empty where none varies.
@@ -81,14 +81,14 @@ def counts(part: Coverage) -> tuple[int, ...]:
 
 
 def excluded(coverage: Coverage) -> Iterator[Loss]:
-    """What each constraint excluded."""
+    """Requests excluded by each constraint."""
     for family, part in coverage["families"].items():
         for constraint, times in part["excluded_by"].items():
             yield Loss(family, constraint, "", times)
 
 
 def unrealisable(coverage: Coverage) -> Iterator[Loss]:
-    """What each producer rejected, a row for each reason; the last of a producer counts the reasons not listed."""
+    """Requests rejected by each producer, by reason; the last row counts unlisted reasons."""
     for family, part in coverage["families"].items():
         for producer, said in part["unrealisable_by"].items():
             for reason, times in said["reasons"].items():
@@ -113,7 +113,7 @@ def pairs(coverage: Coverage) -> Iterator[Covered]:
 
 
 def pairs_not_listed(coverage: Coverage) -> int:
-    """How many pairs `pairs` leaves out."""
+    """Number of pairs that `pairs` leaves out."""
     return sum(part["t_way"].get("pairs_not_listed", 0) for part in coverage["families"].values())
 
 

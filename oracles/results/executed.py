@@ -1,4 +1,4 @@
-"""Executed scenarios: those of a campaign directory, with the files that it keeps of them, and the names of their maps."""
+"""Executed scenarios of a campaign directory, their files, and the names of their maps."""
 
 import re
 from collections import Counter
@@ -30,7 +30,7 @@ class KeptFiles:
         self._known: dict[str, Path] = {}
 
     def path(self, digest: str) -> Path:
-        """Where the file with a digest lies.
+        """Path of the file with a digest.
 
         Raises:
             ValueError: there is none.
@@ -78,7 +78,7 @@ def executed_scenario(
 
 
 def _digests(file: Path) -> Iterator[str]:
-    """Those that a file can have in a scenario: as any file, as a scenario file, as a map, as parameters of Nav2."""
+    """Digests of a file as bytes, as a scenario file, as a map, and as Nav2 parameters."""
     yield file_digest(file)
     if file.suffix == ".osc":
         with suppress(ValueError):
@@ -90,7 +90,7 @@ def _digests(file: Path) -> Iterator[str]:
 
 
 def _value(value: Any, files: KeptFiles) -> Any:
-    """What `vastflow.flows.results.tables.json_text` wrote, as a value."""
+    """Read a value that `json_text` wrote."""
     if isinstance(value, dict):
         if set(value) == {"file"} and _DIGEST.fullmatch(str(value["file"])):
             return FileContent(str(files.path(value["file"])), value["file"])
@@ -99,7 +99,7 @@ def _value(value: Any, files: KeptFiles) -> Any:
 
 
 def environment_names(directory: Path, environments: Iterable[str]) -> dict[str, str]:
-    """Digest to the name of the map's file, or of the floor plan that it was made of; a number tells equal names apart."""
+    """Digest to the name of the map's file or floor plan; equal names are numbered."""
     wanted = list(environments)
     files = dict(_named_files(directory / "inputs"))
     names = {digest: _plan(directory / "environments" / digest) or files.get(digest, digest[:8]) for digest in wanted}

@@ -1,4 +1,4 @@
-"""Factors: what varies over the configurations of a campaign, as categories."""
+"""Factors: varying keys of the configurations of a campaign, as categories."""
 
 import json
 import math
@@ -17,12 +17,12 @@ Codes = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Factor:
-    """A key that varies, its values as levels.
+    """A varying key with its values as levels.
 
     Attributes:
         levels: In natural order, each of at least one configuration.
-        codes: (m,) index of each configuration's level; -1 where it has no such key.
-        values: (m,) the number behind the level, NaN where there is none; None where levels are no numbers.
+        codes: (m,) index of each configuration's level; -1 without the key.
+        values: (m,) the number behind the level, NaN without; None for levels that are not numbers.
     """
 
     name: str
@@ -33,7 +33,7 @@ class Factor:
 
 @dataclass(frozen=True, slots=True)
 class Dropped:
-    """A key that is not analyzed, and why."""
+    """A key that is not analyzed, and the reason."""
 
     name: str
     reason: str
@@ -42,14 +42,14 @@ class Dropped:
 def factors_of(
     rows: Sequence[Mapping[str, Any]], most_levels: int = MOST_LEVELS, bins: int = BINS
 ) -> tuple[list[Factor], list[Dropped]]:
-    """The factors among the values of configurations, and what varies and is none.
+    """The factors among the values of configurations, and the varying keys that are dropped.
 
-    Equal values are a level each. Numbers with more than `most_levels` values are levels where they come in heaps, as lengths that were drawn
-    within a tolerance do, and are binned at their quantiles into `bins` levels else; of lists of objects, obstacles say, their number counts. What has more kinds of values, or is a place, is dropped: it can hardly be
-    told from the configurations themselves. Of keys that divide the configurations alike the first stays.
+    Each distinct value is a level. Numbers with more than `most_levels` values are grouped by their gaps (as lengths drawn within a tolerance
+    have), or else binned at quantiles into `bins` levels. Lists of objects count by their length. Places and keys with more values
+    are dropped, and so are all but the first of keys that divide the configurations alike.
 
     Args:
-        rows: (m,) each configuration's values by key, as the column `factors` has them.
+        rows: (m,) each configuration's values by key, as in the column `factors`.
     """
     factors: list[Factor] = []
     dropped: list[Dropped] = []
@@ -74,23 +74,22 @@ def factors_of(
 
 
 def blocks_of(scenarios: Iterable[Mapping[str, Any]]) -> Codes:
-    """(m,) numbers that are equal for configurations with one map and one task, whatever obstacles and system they have.
+    """Block numbers (m,), equal for configurations with one map and one task, whatever their obstacles and system.
 
-    Producers draw paths once for each environment, and vary the rest over them: configurations on one path share how hard it is,
-    and must not count as independent where maps or lengths of paths are compared.
+    Configurations on one path share its difficulty and are not independent where maps or path lengths are compared.
 
     Args:
-        scenarios: The dimensions `environment`, `task` and `system` of each configuration, as the column `scenario` has them.
+        scenarios: The dimensions `environment`, `task` and `system` of each configuration, as in the column `scenario`.
     """
     keys = [_text([row.get("environment", {}).get("map_file"), row.get("task", {})]) for row in scenarios]
     numbers = {key: k for k, key in enumerate(dict.fromkeys(keys))}
-    # Without map and task, programs under test say, nothing is shared.
+    # Without map and task (programs under test) nothing is shared.
     alone = _text([None, {}])
     return np.array([len(keys) + k if key == alone else numbers[key] for k, key in enumerate(keys)], dtype=np.int64)
 
 
 def _comparable(key: str, values: list[Any]) -> tuple[str, list[Any]]:
-    """A key's values, or of lists of objects how many there are."""
+    """A key with its values, or with the lengths of lists of objects."""
     given = [value for value in values if value is not None]
     if given and all(isinstance(value, list) and all(isinstance(item, Mapping) for item in value) for value in given):
         return f"number of {key}", [None if value is None else len(value) for value in values]
@@ -114,10 +113,7 @@ def _numbers(values: Sequence[Any]) -> NDArray[np.float64]:
 
 
 def _heaps(known: NDArray[np.float64], most: int) -> NDArray[np.float64]:
-    """Middles of the gaps between heaps of numbers, at most `most` of them; none where there are no gaps.
-
-    Gaps are at least twice as wide as the widest heap; of several ways to see it that with the most heaps counts.
-    """
+    """Middles of gaps at least twice as wide as the widest of the (at most `most`) heaps between them."""
     at = np.unique(known)
     gaps = np.diff(at)
     widest_first = np.argsort(-gaps, kind="stable")
@@ -137,15 +133,12 @@ def _binned(name: str, values: Sequence[Any], most_levels: int, bins: int) -> Fa
         inner = np.unique(np.quantile(known, np.linspace(0, 1, bins + 1)))[1:-1]
     codes = np.where(np.isfinite(numbers), np.searchsorted(inner, numbers, side="right"), -1).astype(np.int64)
     used = np.unique(codes[codes >= 0])
-    levels = tuple(
-        f"{known[(codes[np.isfinite(numbers)] == k)].min():.4g} to {known[(codes[np.isfinite(numbers)] == k)].max():.4g}"
-        for k in used
-    )
+    levels = tuple(f"{numbers[codes == k].min():.4g} to {numbers[codes == k].max():.4g}" for k in used)
     return Factor(name, levels, np.where(codes >= 0, np.searchsorted(used, codes), -1).astype(np.int64), numbers)
 
 
 def _partition(codes: Codes) -> bytes:
-    """Equal for codes that divide alike, whatever their levels are called."""
+    """Key that is equal for codes that divide alike."""
     _, first, inverse = np.unique(codes, return_index=True, return_inverse=True)
     renamed: Codes = np.argsort(np.argsort(first))[inverse].astype(np.int64)
     return renamed.tobytes()

@@ -73,7 +73,7 @@ VERDICTS: Final = pa.schema(
 
 
 class TableWriter:
-    """Writes parquet with the columns of `schema`, some thousand rows at a time: how rows come together is not in the file."""
+    """Writer of parquet with the columns of `schema`, in row groups of one size."""
 
     def __init__(self, path: Path, schema: pa.Schema) -> None:
         self._waiting: list[pa.Table] = []
@@ -147,7 +147,7 @@ def _table_of(schema: pa.Schema, rows: Sequence[Row]) -> pa.Table:
 
 
 def json_text(value: Value) -> str:
-    """`value` as JSON, keys in order as they are; a file is `{"file": digest}`, a number that is none is null."""
+    """Write `value` as JSON: a file is `{"file": digest}`, a number that is not finite null."""
     return _PLAIN_TEXT(plain(value))
 
 

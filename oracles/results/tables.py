@@ -52,7 +52,7 @@ class ConfigurationTable:
 
     @cached_property
     def factors(self) -> list[Mapping[str, Any]]:
-        """What the producers and the file gave to each."""
+        """Values that file and producers gave to each configuration."""
         return self._decoded("factors")
 
     @cached_property
@@ -67,12 +67,12 @@ class ConfigurationTable:
 
     @cached_property
     def provenances(self) -> list[Mapping[str, Any]]:
-        """What producers noted of each one's making: the path that was drawn, its length."""
+        """Notes of the producers on each configuration, such as the length of its path."""
         return self._decoded("provenance")
 
     @cached_property
     def steps(self) -> list[list[Mapping[str, Any]]]:
-        """Of each producer in turn: its name as `producer`, and the `keys` that it wrote."""
+        """Name as `producer` and written `keys` of each producer in turn."""
         return [json.loads(text) if text else [] for text in texts(self.table["steps"])]
 
     def __len__(self) -> int:
@@ -93,7 +93,7 @@ class ConfigurationTable:
 
 @dataclass(frozen=True, eq=False)
 class Tables:
-    """What stands in a campaign directory, in columns: a campaign can have a hundred thousand runs.
+    """The tables of a campaign directory, in columns.
 
     Attributes:
         metadata: `metadata.json`.

@@ -1,4 +1,4 @@
-"""A campaign directory that can't be used: none at all, a damaged one, or one without what was asked of it."""
+"""Errors of unusable campaign directories: missing, damaged, or incomplete."""
 
 import zipfile
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ class UnusableDirectory(UserError, ValueError):
 
 
 def damaged(directory: Path | str, what: object) -> UnusableDirectory:
-    """What is wrong inside of a campaign directory, in one line."""
+    """The error of a damaged campaign directory, in one line."""
     words = " ".join(str(what).split()) or type(what).__name__
     return UnusableDirectory(f"{directory}: damaged campaign directory: {words[:_MOST_CHARACTERS]}")
 

@@ -38,7 +38,7 @@ class MetricColumn:
 
 @dataclass(frozen=True, eq=False)
 class VerdictTable:
-    """What each oracle says of each run.
+    """The verdicts of each oracle on each run.
 
     Attributes:
         table: The rows of `verdicts.parquet`.

@@ -1,4 +1,4 @@
-"""Analysis of factors: which of them, and which pairs of them, change the failure rate, and how sure that is."""
+"""Analysis of factors and of their pairs: effects on the failure rate, and whether these are shown."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -22,13 +22,13 @@ MOST_DRAWS: Final = 9999
 
 @dataclass(frozen=True, slots=True)
 class Variance:
-    """Where the outcome of a run comes from, as shares of its variance that sum to 1.
+    """Shares of the variance of a run's outcome, which sum to 1.
 
     Attributes:
-        repetition: Runs of one configuration that differ.
-        factors: Configurations that differ by the factors, effects added up.
+        repetition: Differences between runs of one configuration.
+        factors: Differences between configurations by the factors, effects added up.
         interactions: By the significant pairs beyond that.
-        unexplained: Configurations that differ otherwise.
+        unexplained: Other differences between configurations.
     """
 
     repetition: float
@@ -39,15 +39,13 @@ class Variance:
 
 @dataclass(frozen=True, eq=False)
 class FactorAnalysis:
-    """All factors and pairs.
+    """The effects of all factors and pairs, the most certain first.
 
     Attributes:
-        factors: Most certain first, of equals the largest difference.
-        interactions: Most certain first.
-        path_properties: What nobody chose, each beside all factors and adjusted among themselves; most certain first.
-        dropped: What varies and was not analyzed.
-        configurations, blocks: That were analyzed.
-        error: Probability of even one false claim, at most: on these situations, on others, and of pairs.
+        path_properties: Numbers that follow from choices, each beside all factors and adjusted among themselves.
+        dropped: Varying keys that were not analyzed.
+        configurations, blocks: Numbers of those analyzed.
+        error: Largest probability of any false claim: on these situations, on others, and of pairs.
     """
 
     factors: tuple[FactorEffect, ...]
@@ -58,6 +56,13 @@ class FactorAnalysis:
     configurations: int
     blocks: int
     error: float
+
+    @property
+    def powerless(self) -> tuple[tuple[str, ...], int]:
+        """Factors and number of pairs whose effect on other situations cannot be shown, however large it is."""
+        return tuple(each.name for each in self.factors if each.others.powerless), sum(
+            pair.claim.powerless for pair in self.interactions
+        )
 
 
 def factor_analysis(
@@ -71,29 +76,24 @@ def factor_analysis(
     sets: Mapping[str, ArrayLike] | None = None,
     first: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> FactorAnalysis | None:
-    """Analyze how factors change the failure rate; None for fewer than two configurations with judged runs.
+    """Analyze the effects of factors on the failure rate; None for fewer than two judged configurations.
 
-    The response is each configuration's share of failed runs, which counts once however many runs it has: the noise of repetition is
-    averaged there, and what a factor is measured against are the differences of configurations alike in it (analysis of cluster
-    means, Donner and Klar 2000, ch. 6). Effects are differences of failure rates, in a linear model with a column for each
-    level; unlike a logistic one it has an answer where a level always passes, and its effects are in the unit that is reported.
-    A factor has two tests: on these situations, by `Matched` sets of runs; and for others like them, by permutations within situations, or by
-    `Contrasts` beyond all other factors where these are not balanced. Each of the two, and the pairs, are a family that is adjusted by Holm
-    (Scand. J. Statist. 6 (1979) 65), which needs no independence.
+    The response is each configuration's share of failed runs, so that each counts once (analysis of cluster means, Donner and Klar 2000,
+    ch. 6). Effects are differences of failure rates in a linear model with a column for each level; effects that multiply are
+    interactions. A factor has two tests: on these situations, by `Matched` sets of runs; and for others like them, by permutations within
+    situations, or by `Contrasts` beyond all other factors where these are not balanced. Both, and the pairs, are families adjusted by
+    Holm (Scand. J. Statist. 6 (1979) 65).
 
-    Effects that multiply, say a rate doubled from 0.1 to 0.2 here and from 0.4 to 0.8 there, do not add up and are an interaction.
-
-    `path_properties` follow from the choices, as a narrow passage does from the number of obstacles. So no factor is held against them, which
-    would take away what it does through them, nor one of them against the others, which say much the same: each is tested beside all
-    factors, and Holm's adjustment is among them alone. That a factor matters is thus as hard to show as it was without them.
+    `path_properties` follow from the choices, as a narrow passage does from the number of obstacles. Factors are not held against them: each is
+    tested beside all factors, in a family of their own.
 
     Args:
         factors, path_properties: (m,) codes each, see `factors_of`.
         passed, judged: (m,) counts.
-        blocks: (m,) equal numbers for configurations that are not independent, see `blocks_of`; by default each is a block.
+        blocks: (m,) equal numbers for dependent configurations, see `blocks_of`; by default each is a block.
         sets: Factor to (m,) numbers, equal for configurations that are equal in all but the factor; by default those of a block that
             are equal in all other factors.
-        first: (m,) counts of passed and judged, of as many runs of each as a stopping rule allows; by default of all.
+        first: (m,) passed and judged counts of as many runs of each as a stopping rule allows; by default of all.
     """
     x, n = counts(passed, judged)
     some = n > 0
@@ -101,13 +101,13 @@ def factor_analysis(
         return None
     rates = 1.0 - x[some] / n[some]
     block = np.arange(len(rates)) if blocks is None else np.asarray(blocks)[some]
-    present = [found for factor in factors if (found := _present(factor, some)) is not None]
+    present, seen = ([f for each in of if (f := _present(each, some)) is not None] for of in (factors, path_properties))
     pairs = list(combinations(present, 2))
-    # The least p-value, 1 / draws, doubled for a number, must not be above the error when Holm multiplies it by all tests.
+    # The lowest p-value, 1 / draws, doubled for a number, must stay below the error when Holm multiplies it by all tests.
     draws = int(np.clip(3 * (len(present) + len(pairs)) / error, LEAST_DRAWS, MOST_DRAWS))
     contrasts = contrasts_of(rates, block, draws)
     columns = {factor.name: _columns(factor) for factor in present}
-    # Configurations without a factor are told apart from its levels, and are in no comparison of them.
+    # Configurations without a factor have a column of their own and are in no comparison of its levels.
     missing = [(factor.codes < 0).astype(np.float64) for factor in present if (factor.codes < 0).any()]
     constant = np.column_stack([np.ones(len(rates)), *missing])
     model = np.column_stack([constant, *columns.values()])
@@ -127,27 +127,20 @@ def factor_analysis(
             effect = replace(effect, needed=needed(len(factor.levels), len(present), error))
         mains.append(effect)
     effects = [interaction_effect(*pair, contrasts, model, columns, margins.fitted, between) for pair in pairs]
-    seen = _beside(
-        [found for each in path_properties if (found := _present(each, some)) is not None],
-        present,
-        contrasts,
-        n[some],
-        error,
-    )
+    around = _beside(seen, present, contrasts, n[some], error)
     these = _told([effect.these for effect in mains], error)
     for_others = _told([effect.others for effect in mains], error)
     mains = [replace(e, these=one, others=two) for e, one, two in zip(mains, these, for_others, strict=True)]
     claims = _told([effect.claim for effect in effects], error)
     effects = [replace(effect, claim=claim) for effect, claim in zip(effects, claims, strict=True)]
+    varying = {each.name for each in (*present, *seen)}
     lost = [
-        Dropped(f.name, "has one level among the judged")
-        for f in (*factors, *path_properties)
-        if _present(f, some) is None
+        Dropped(f.name, "has one level among the judged") for f in (*factors, *path_properties) if f.name not in varying
     ]
     return FactorAnalysis(
         tuple(sorted(mains, key=lambda e: (_certainty(e.these), _certainty(e.others), -e.difference))),
         tuple(sorted(effects, key=lambda effect: (_certainty(effect.claim), -abs(effect.departure)))),
-        tuple(sorted(seen, key=lambda effect: (_certainty(effect.others), -effect.difference))),
+        tuple(sorted(around, key=lambda effect: (_certainty(effect.others), -effect.difference))),
         (*dropped, *lost),
         _variance(rates, n[some], between, margins, effects),
         len(rates),
@@ -159,7 +152,7 @@ def factor_analysis(
 def _beside(
     tested: Sequence[Factor], held: Sequence[Factor], contrasts: Contrasts, runs: Floats, error: float
 ) -> list[FactorEffect]:
-    """The effect of each of some factors beside those that are held, adjusted among them."""
+    """The effect of each of `tested` beside the factors `held`, adjusted among them."""
     effects = []
     between = _between(contrasts.response, runs)
     for factor in tested:
@@ -178,22 +171,23 @@ def _beside(
 
 
 def _alike(blocks: NDArray[np.int64], factors: Sequence[Factor], factor: Factor) -> NDArray[np.int64]:
-    """(m,) equal for configurations of a block that are equal in all other factors."""
+    """Numbers (m,) that are equal for configurations of a block that are equal in all other factors."""
     rest = np.column_stack([blocks, *(other.codes for other in factors if other.name != factor.name)])
     return np.unique(rest, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 
 def _told(claims: Sequence[Claim], error: float) -> list[Claim]:
-    """Claims that are adjusted among each other."""
+    """Adjust claims by Holm; a claim whose lowest p-value, adjusted likewise, exceeds the error is powerless."""
     adjusted = holm([claim.p_value for claim in claims])
+    least = holm([None if claim.p_value is None else claim.least for claim in claims])
     return [
-        replace(claim, adjusted=p, shown=p is not None and p <= error)
-        for claim, p in zip(claims, adjusted, strict=True)
+        replace(claim, adjusted=p, shown=p is not None and p <= error, powerless=low is not None and low > error)
+        for claim, p, low in zip(claims, adjusted, least, strict=True)
     ]
 
 
 def holm(p_values: Sequence[float | None]) -> list[float | None]:
-    """p-values adjusted by Holm, over those that there are."""
+    """p-values adjusted by Holm over those that are not None."""
     order = sorted((p, k) for k, p in enumerate(p_values) if p is not None)
     adjusted: list[float | None] = [None] * len(p_values)
     least = 0.0
@@ -208,7 +202,7 @@ def _certainty(claim: Claim) -> float:
 
 
 def _present(factor: Factor, some: NDArray[np.bool_]) -> Factor | None:
-    """The factor among the judged configurations; None where it does not vary there."""
+    """The factor among the judged configurations; None if it does not vary there."""
     codes = factor.codes[some]
     used = np.unique(codes[codes >= 0])
     if len(used) < 2:
@@ -219,19 +213,19 @@ def _present(factor: Factor, some: NDArray[np.bool_]) -> Factor | None:
 
 
 def _columns(factor: Factor) -> Floats:
-    """(m, L - 1) a column for each level but the first."""
+    """A column for each level but the first, (m, L - 1)."""
     columns: Floats = (factor.codes[:, None] == np.arange(1, len(factor.levels))).astype(np.float64)
     return columns
 
 
 def _between(rates: Floats, n: Floats) -> float:
-    """Variance of the true rates of configurations, the noise of their repetitions taken out; 0 at least."""
+    """Variance, at least 0, of the true rates of configurations, without the noise of repetitions."""
     noise = _repetition(rates, n) / n
     return max(0.0, float(rates.var(ddof=1)) - float(noise.mean()))
 
 
 def _repetition(rates: Floats, n: Floats) -> Floats:
-    """Variance of one run of each configuration, unbiased; from a single run nothing is known, and all of it may be."""
+    """Unbiased variance of one run of each configuration; for a single run the largest possible."""
     unknown = float(rates.mean() * (1 - rates.mean()))
     noise: Floats = np.where(n > 1, rates * (1 - rates) * n / np.maximum(n - 1, 1), unknown)
     return noise

@@ -1,4 +1,4 @@
-"""Comparison: what has changed between two campaigns whose runs are paired."""
+"""Comparison of two campaigns whose runs are paired."""
 
 import math
 from collections.abc import Sequence
@@ -15,17 +15,17 @@ from vastflow.oracles.statistics.intervals import LEVEL, Floats, mean_interval
 Bools = NDArray[np.bool_]
 Codes = NDArray[np.int64]
 Target: TypeAlias = Literal["these", "others"]
-"""What a difference is about: these very scenarios, run again, or others of their kind."""
+"""Scope of a difference: these scenarios, run again, or others of their kind."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Runs of two campaigns, one pair an entry: the same situation and the same noise, both judged.
+    """Pairs of judged runs of two campaigns with the same situation and noise.
 
     Attributes:
         configuration: (P,) number of the pair's configuration.
         before, after: (P,) whether the run of each campaign passed.
-        block: (P,) number of its configuration's block, see `blocks_of`; None where each configuration is its own.
+        block: (P,) number of its block, see `blocks_of`; by default each configuration is one.
     """
 
     configuration: Codes = field(repr=False)
@@ -36,38 +36,38 @@ class Pairs:
     def __post_init__(self) -> None:
         if not len(self.configuration) == len(self.before) == len(self.after):
             found = len(self.configuration), len(self.before), len(self.after)
-            raise ValueError(f"a pair has a configuration and two outcomes, got {found} of them")
+            raise ValueError(f"expected a configuration and two outcomes for each pair, got {found} of them")
 
     def __len__(self) -> int:
         return len(self.configuration)
 
     def of(self, chosen: Bools) -> "Pairs":
-        """Some of the pairs."""
+        """The pairs where `chosen` (P,) is True."""
         block = None if self.block is None else self.block[chosen]
         return Pairs(self.configuration[chosen], self.before[chosen], self.after[chosen], block)
 
     @property
     def paths(self) -> Codes:
-        """(P,) the block of each pair, or its configuration where each is its own."""
+        """Block (P,) of each pair."""
         return self.configuration if self.block is None else self.block
 
     def clusters(self) -> Codes:
-        """(P,) what pairs change together by: their block, or their configuration where there is but one block."""
+        """Cluster (P,) of each pair: its block, or its configuration if there is one block."""
         return self.paths if (self.paths != self.paths[:1]).any() else self.configuration
 
 
 @dataclass(frozen=True, slots=True)
 class RateDifference:
-    """The success rate after less that before.
+    """The difference of the success rates after and before.
 
     Attributes:
-        paths: Blocks of configurations.
-        lost, gained: Pairs that passed before alone, and after alone.
+        paths: Number of blocks.
+        lost, gained: Pairs that passed only before, and only after.
         before, after: Success rates.
-        difference: After less before, of all pairs; of paths, each counting once, where it is about others.
+        difference: After less before, over pairs; over paths, each counting once, for others of their kind.
         interval: Of the difference, within -1..1.
-        mcnemar: p-value of McNemar's exact test, pairs taken as independent.
-        p_value: Of no difference, blocks as clusters; None for fewer than two configurations.
+        mcnemar: p-value of McNemar's exact test, for independent pairs.
+        p_value: For no difference, blocks as clusters; None for fewer than two configurations.
     """
 
     pairs: int
@@ -83,20 +83,19 @@ class RateDifference:
     p_value: float | None
 
     def non_inferior(self, margin: float) -> bool:
-        """Whether a loss of `margin` or more is ruled out: the lower end of the interval is above -margin."""
+        """Whether the interval rules out a loss of `margin` or more."""
         return self.interval[0] > -margin
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A configuration whose runs do not all end as before.
+    """A configuration with changed outcomes.
 
     Attributes:
-        configuration: Its number.
         before, after: Passes, of `pairs` each.
         p_value: McNemar's exact test of its pairs.
-        adjusted: The same by Benjamini and Hochberg over all configurations.
-        shown: Whether `adjusted` is at most the error asked for.
+        adjusted: By Benjamini and Hochberg over all configurations.
+        shown: Whether `adjusted` is at most the requested error.
     """
 
     configuration: int
@@ -120,8 +119,7 @@ class LevelDifference:
     """The difference at one level of a factor.
 
     Attributes:
-        adjusted: p-value by Holm over all levels of all factors: of McNemar's exact test for these scenarios, with blocks as clusters
-            for others.
+        adjusted: p-value by Holm over all levels of all factors: McNemar's for these scenarios, clustered for others.
     """
 
     factor: str
@@ -131,7 +129,7 @@ class LevelDifference:
 
 
 def mcnemar(lost: ArrayLike, gained: ArrayLike) -> Floats:
-    """Two-sided p-values of McNemar's exact test: discordant pairs fall on either side with probability 1/2; 1 without any."""
+    """Two-sided p-values of McNemar's exact test; 1 without discordant pairs."""
     from scipy.stats import binom
 
     p_values: Floats = np.minimum(1.0, 2.0 * binom.cdf(np.minimum(lost, gained), np.add(lost, gained), 0.5))
@@ -139,16 +137,14 @@ def mcnemar(lost: ArrayLike, gained: ArrayLike) -> Floats:
 
 
 def difference(pairs: Pairs, target: Target = "these", level: float = LEVEL) -> RateDifference | None:
-    """The difference of all `pairs` together; None without any.
+    """The difference of all `pairs`; None without any.
 
-    A pair that was gained is +1, one that was lost -1, any other 0. Of `these` scenarios what varies is the repetition: pairs are
-    independent, and the interval is that of their mean (`mean_interval`). That pairs of different scenarios differ in their chances makes it
-    wide rather than narrow. Of `others` each path is one draw, whose value is the mean of its pairs: a loss may hit few paths, wholly.
+    A gained pair counts +1, a lost one -1, others 0. For `these` scenarios pairs are independent, and the interval is that of their mean
+    (`mean_interval`); for `others` each path is one draw, the mean of its pairs.
 
-    The p-value has blocks as clusters, or configurations where there is one block: V = m/(m - 1) Σ (d_i - D n_i)² / N² over the m
-    clusters' sums d_i of n_i pairs (the ratio estimator, Cochran 1977, §6.3), with Student's t at m - 1 degrees of freedom. Where hardly
-    anything changed V says next to nothing, and is no less than that of Agresti and Min for independent pairs (Statistics in Medicine 24
-    (2005) 729), which adds half a pair to each of the four outcomes.
+    The p-value has blocks as clusters, or configurations for one block: V = m/(m - 1) Σ (d_i - D n_i)² / N² over the m sums d_i of n_i pairs
+    (ratio estimator, Cochran 1977, §6.3), with Student's t at m - 1 degrees of freedom. V is no less than that of Agresti and Min for
+    independent pairs (Statistics in Medicine 24 (2005) 729).
     """
     n = len(pairs)
     if n == 0:
@@ -174,7 +170,7 @@ def difference(pairs: Pairs, target: Target = "these", level: float = LEVEL) -> 
 
 
 def _p_value(pairs: Pairs, change: Floats) -> float | None:
-    """Of no difference; see `difference`."""
+    """p-value for no difference, see `difference`."""
     n, d = len(change), float(change.mean())
     _, at = np.unique(pairs.clusters(), return_inverse=True)
     sums, sizes = np.bincount(at, weights=change), np.bincount(at)
@@ -190,11 +186,10 @@ def _p_value(pairs: Pairs, change: Floats) -> float | None:
 
 
 def changes(pairs: Pairs, error: float = 0.05) -> list[Change]:
-    """The configurations with a discordant pair, the most certain first; of equals the largest change.
+    """Configurations with a discordant pair, the most certain first, then the largest change.
 
-    *Newly failing* and *newly passing* are those that are `shown`: McNemar's exact test of a configuration's own pairs, adjusted by
-    Benjamini and Hochberg over the configurations with enough discordant pairs to show anything (six at 5 %, see `classify`), so that
-    of those shown a share of `error` has not changed, at most, in expectation.
+    Those `shown` are newly failing or newly passing: McNemar's exact test of their own pairs, adjusted by Benjamini and Hochberg over the
+    configurations with enough discordant pairs to show anything (six at 5 %, see `classify`).
     """
     if not len(pairs):
         return []
@@ -228,11 +223,7 @@ def changes(pairs: Pairs, error: float = 0.05) -> list[Change]:
 def by_level(
     factors: Sequence[Factor], pairs: Pairs, target: Target = "these", level: float = LEVEL
 ) -> list[LevelDifference]:
-    """The difference at each level of each factor, in their order.
-
-    Args:
-        factors: Codes (m,) by the numbers of the configurations.
-    """
+    """The difference at each level of each factor, whose codes (m,) are by configuration number."""
     found = [
         (factor.name, name, found)
         for factor in factors

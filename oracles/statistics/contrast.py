@@ -1,5 +1,6 @@
-"""Contrasts: does a group of columns explain a response, beyond other columns and the noise of blocks."""
+"""Contrasts: tests whether columns explain a response beyond other columns and the noise of blocks."""
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from vastflow.oracles.statistics.intervals import Floats
 
 _SEED: Final = 1949
-"""Of the orders that are drawn: the same data give the same p-values."""
+"""Seed of the random orders: equal data give equal p-values."""
 _TINY: Final = 1e-9
 _CHUNK: Final = 250
 _ENOUGH: Final = 50
@@ -18,36 +19,33 @@ _ENOUGH: Final = 50
 
 @dataclass(frozen=True, slots=True)
 class Tested:
-    """What a test found.
+    """Result of a test.
 
     Attributes:
-        p_value: None where it can't be tested, `why` says why.
+        p_value: None where it cannot be tested, and `why` says why.
         degrees: Independent columns beyond the others.
-        variance: Of the response, that the columns explain beyond what as many of noise would.
+        variance: Of the response, that the columns explain beyond as many columns of noise.
+        least: The lowest p-value that so few blocks can give, however large the effect; 0 where blocks do not limit it.
     """
 
     p_value: float | None
     degrees: int = 0
     variance: float = 0.0
     why: str = ""
+    least: float = 0.0
 
 
 @dataclass(frozen=True)
 class Contrasts:
-    """Tests on one response whose values come in blocks that are not independent inside.
+    """Tests on one response whose values come in dependent blocks.
 
-    Every test is made in the stratum where its columns vary, as in the analysis of a split-plot design (Yates 1935): columns that
-    differ between blocks are tested on means of blocks, against the differences of like blocks; columns that differ within blocks are
-    tested on what is left when the blocks' means are taken out. With one value a block the two are the same.
-
-    The p-value is the larger of two, which fail in different places:
+    Each test is made in the stratum where its columns vary (split-plot analysis, Yates 1935): columns that differ between blocks on
+    means of blocks, others on what is left without these means. The p-value is the larger of two, which fail in different places:
 
     - The *permutation test* of F: residuals of the model without the columns in `draws` random orders (Freedman and Lane, J. Bus.
-      Econ. Statist. 1 (1983) 292), within the stratum. It needs no distribution, so few configurations, rare failures and levels that
-      always pass do no harm; it takes one variance for all, and is wrong where variances and sizes of groups differ together.
-    - The *robust Wald test*, Hotelling's F of the effects over their sandwich covariance, blocks as clusters (HC2 and its like for
-      clusters, Bell and McCaffrey 2002), or single values where there are too few blocks for so many columns. Every group has its own
-      variance; it is wrong where a small group happens to have none, because it always passes.
+      Econ. Statist. 1 (1983) 292) within the stratum. It needs no distribution and is wrong where variances and group sizes differ together.
+    - The *robust Wald test*, Hotelling's F of the effects over their sandwich covariance, blocks as clusters (HC2, Bell and
+      McCaffrey 2002), or single values for few blocks. It is wrong where a small group has no variance because it always passes.
 
     Attributes:
         response: (m,).
@@ -66,18 +64,18 @@ class Contrasts:
         spread_between = float((self.sizes @ left_between**2).sum())
         spread_within = float((left_within**2).sum())
         if max(spread_between, spread_within) < _TINY * max(1.0, float((columns**2).sum())):
-            return Tested(None, why="can't be told from other factors")
+            return Tested(None, why="cannot be told from other factors")
         if spread_between >= spread_within:
             return self._tested(between, columns.shape[1], np.arange(len(between)), 0)
         return self._tested(within, columns.shape[1], self.blocks, len(between))
 
     @cached_property
     def sizes(self) -> Floats:
-        """(G,) values in each block."""
+        """Number (G,) of values in each block."""
         return np.bincount(self.blocks).astype(np.float64)
 
     def _split(self, table: Floats) -> tuple[Floats, Floats]:
-        """Means of blocks (G, k), and what is left of each row (m, k)."""
+        """Means (G, k) of blocks, and residuals (m, k) of rows."""
         sizes = self.sizes
         means = np.zeros((len(sizes), table.shape[1]))
         np.add.at(means, self.blocks, table)
@@ -100,16 +98,17 @@ class Contrasts:
         permuted = _permuted(residual, tested, basis, orders)
         robust = _robust(y, residual, tested, basis, units, left)
         noise = max(total - explained, 0.0) / left
-        return Tested(max(permuted, robust), q, max(0.0, explained - q * noise) / len(y))
+        least = 0.0 if used else _least(columns, others, q)
+        return Tested(max(permuted, robust), q, max(0.0, explained - q * noise) / len(y), least=least)
 
     @cached_property
     def _orders_between(self) -> NDArray[np.int32]:
-        """(draws, G) orders of the blocks."""
+        """Orders (draws, G) of the blocks."""
         return self._orders(np.zeros(len(self.sizes)))
 
     @cached_property
     def _orders_within(self) -> NDArray[np.int32]:
-        """(draws, m) orders of the values, each within its block."""
+        """Orders (draws, m) of the values, each within its block."""
         return self._orders(self.blocks.astype(np.float64))
 
     def _orders(self, blocks: Floats) -> NDArray[np.int32]:
@@ -122,13 +121,21 @@ class Contrasts:
 
 
 def contrasts_of(response: Floats, blocks: NDArray[np.int64], draws: int) -> Contrasts:
-    """`Contrasts` of (m,) values; blocks are any numbers, equal for values of one block."""
+    """`Contrasts` of values (m,) with block numbers (m,)."""
     _, numbers = np.unique(blocks, return_inverse=True)
     return Contrasts(response, numbers.astype(np.int64), draws)
 
 
+def _least(columns: Floats, others: Floats, degrees: int) -> float:
+    """Lowest p-value of the permutation test: orders within equal rows, and equal groups exchanged, change nothing."""
+    sizes = np.unique(np.column_stack((columns, others)).round(9), axis=0, return_counts=True)[1].tolist()
+    orders = math.factorial(len(columns)) // math.prod(map(math.factorial, sizes))
+    saturated = len(_basis(others)[0]) == 1 and degrees == len(sizes) - 1
+    return (math.prod(math.factorial(sizes.count(size)) for size in set(sizes)) if saturated else 1) / orders
+
+
 def _permuted(residual: Floats, tested: Floats, basis: Floats, orders: NDArray[np.int32]) -> float:
-    """Share of the orders of `residual` with as large an F as its own, itself among them."""
+    """Share of the orders of `residual`, its own included, with at least its own F."""
     total = float(residual @ residual)
     whole = np.hstack((tested, basis)).astype(np.float32)
     q = tested.shape[1]
@@ -145,13 +152,13 @@ def _permuted(residual: Floats, tested: Floats, basis: Floats, orders: NDArray[n
     for k in range(0, len(orders), _CHUNK):
         larger += int((statistic(values[orders[k : k + _CHUNK]]) >= observed).sum())
         drawn = min(k + _CHUNK, len(orders))
-        if larger >= _ENOUGH:  # far from showing anything; more draws would tell the same (Besag and Clifford 1991)
+        if larger >= _ENOUGH:  # far from significance; more draws would not change that (Besag and Clifford 1991)
             break
     return (1 + larger) / (1 + drawn)
 
 
 def _robust(y: Floats, residual: Floats, tested: Floats, basis: Floats, units: NDArray[np.int64], left: int) -> float:
-    """Hotelling's F of the effects over their sandwich covariance; `left` degrees of freedom remain for single values."""
+    """p-value of Hotelling's F of the effects over their sandwich covariance; single values have `left` degrees of freedom."""
     from scipy.special import fdtrc
 
     q, count = tested.shape[1], int(units.max()) + 1
@@ -166,7 +173,7 @@ def _robust(y: Floats, residual: Floats, tested: Floats, basis: Floats, units: N
         np.add.at(sums, units, scores)
         scores, freedom = sums * np.sqrt(count / (count - 1)), min(freedom, count - 1)
     covariance = scores.T @ scores
-    # An effect without any variance is as sure as can be here; the permutations have the say then.
+    # An effect without variance is certain here; the permutations decide then.
     covariance += np.eye(q) * max(float(np.trace(covariance)), _TINY) * 1e-9
     found = float(effects @ np.linalg.solve(covariance, effects))
     remaining = freedom - q + 1
@@ -174,13 +181,13 @@ def _robust(y: Floats, residual: Floats, tested: Floats, basis: Floats, units: N
 
 
 def beyond(columns: Floats, others: Floats) -> tuple[Floats, Floats]:
-    """What `columns` have beyond `others`, and an orthonormal basis of the latter."""
+    """Residuals of `columns` on `others`, and an orthonormal basis of the latter."""
     basis = _basis(others)
     return columns - basis @ (basis.T @ columns), basis
 
 
 def _basis(columns: Floats) -> Floats:
-    """Orthonormal columns that span the same, fewer where some depend on others."""
+    """Orthonormal columns with the same span, fewer where columns are dependent."""
     values, vectors = np.linalg.eigh(columns.T @ columns)
     keep = values > 1e-9 * max(float(values[-1]) if len(values) else 0.0, _TINY)
     basis: Floats = columns @ (vectors[:, keep] / np.sqrt(values[keep]))

@@ -1,4 +1,4 @@
-"""Over-dispersion: how much more configurations differ than repetitions of one of them, and what that says of each."""
+"""Over-dispersion: differences between configurations beyond those between runs of one configuration."""
 
 import math
 from dataclasses import dataclass
@@ -12,24 +12,23 @@ from vastflow.oracles.statistics.intervals import LEVEL, Floats, Interval, clust
 
 _LEAST_SIZE: Final = 1e-6
 _LARGEST_SIZE: Final = 1e7
-"""Of alpha + beta in the fit; from there on it is a limit."""
+"""Bounds of alpha + beta in the fit."""
 
 
 @dataclass(frozen=True, slots=True)
 class Dispersion:
-    """How the success rates of configurations differ, as a beta distribution B(alpha, beta).
+    """The distribution B(alpha, beta) of the success rates of configurations.
 
     Attributes:
-        configurations: With judged runs.
-        mean: Success rate of all runs together.
-        alpha, beta: Of the beta-binomial fit; None where every configuration has the same rate or passes always or never,
-            which are limits of the distribution.
-        icc: Intraclass correlation 1 / (alpha + beta + 1) of that fit: 0 where runs do not depend on their configuration, 1 where
-            all runs of a configuration agree; None where no configuration has two judged runs.
-        icc_moments: The same by analysis of variance; negative where configurations differ less than chance would have them.
-        p_value: Of Tarone's test of no over-dispersion, one-sided.
-        design_effect: How much wider the variance of the mean is than with independent runs.
-        interval: Of the rate of other configurations of their kind; None for fewer than two configurations.
+        configurations: Number of those with judged runs.
+        mean: Success rate of all runs.
+        alpha, beta: Of the beta-binomial fit; None at its limits, one rate for all, or only rates 0 and 1.
+        icc: Intraclass correlation 1 / (alpha + beta + 1): 0 for independent runs, 1 where all runs of each configuration agree; None
+            where no configuration has two judged runs.
+        icc_moments: By analysis of variance; negative where configurations differ less than by chance.
+        p_value: Of Tarone's one-sided test of no over-dispersion.
+        design_effect: Variance of the mean over that of independent runs.
+        interval: Of the rate of other configurations of their kind; None for fewer than two.
     """
 
     configurations: int
@@ -48,10 +47,8 @@ def dispersion(
 ) -> Dispersion | None:
     """Fit a beta-binomial distribution to configurations; None where nothing was judged.
 
-    The fit is by maximum likelihood (Skellam, JRSS B 10 (1948) 257), started at the moments; the intraclass correlation by moments
-    is that of analysis of variance (Ridout, Demétrio and Firth, Biometrics 55 (1999) 137); the test is Tarone's
-    (Biometrika 66 (1979) 585), Z = (S - Σ n_i) / sqrt(2 Σ n_i (n_i - 1)) with S = Σ (x_i - n_i p)² / p(1 - p). The design effect is
-    1 + (n - 1) icc with n = Σ n_i² / Σ n_i (Kish 1965).
+    Maximum likelihood (Skellam, JRSS B 10 (1948) 257) started at the moments (Ridout, Demétrio and Firth, Biometrics 55 (1999) 137);
+    Tarone's test (Biometrika 66 (1979) 585); design effect 1 + (n - 1) icc with n = Σ n_i² / Σ n_i (Kish 1965).
 
     Args:
         passed, judged: (m,) counts, one entry a configuration.
@@ -103,7 +100,7 @@ def _tarone(x: Floats, n: Floats) -> float:
 
 
 def _fitted(x: Floats, n: Floats, start: float) -> tuple[float, float] | None:
-    """The most likely alpha and beta; None at the limit where configurations do not differ."""
+    """Most likely alpha and beta; None at the limit of equal configurations."""
     from scipy.optimize import minimize
 
     (x, n), times = np.unique(np.stack((x, n)), axis=1, return_counts=True)
@@ -124,7 +121,7 @@ def _fitted(x: Floats, n: Floats, start: float) -> tuple[float, float] | None:
 
 
 def _minus_log_likelihood(x: Floats, n: Floats, times: NDArray[np.intp], at: Floats) -> tuple[float, Floats]:
-    """Beta-binomial, up to a constant, and its slopes, at the logit of the mean and the logarithm of alpha + beta."""
+    """Beta-binomial loss and its gradient at the logit of the mean and the logarithm of alpha + beta."""
     from scipy.special import betaln, psi
 
     mu, size = 1 / (1 + math.exp(-at[0])), math.exp(at[1])
@@ -142,12 +139,11 @@ _JEFFREYS: Final = 0.5
 
 
 def chance_of_at_least(bound: float, passed: ArrayLike, judged: ArrayLike, fit: Dispersion | None) -> Floats:
-    """(m,) P(p >= `bound`) of success rates p, posterior to x of n runs that passed: p ~ Beta(alpha + x, beta + n - x).
+    """Posterior P(p >= `bound`) of success rates p (m,): p ~ Beta(alpha + x, beta + n - x).
 
     Args:
         passed, judged: (m,) counts, one entry a configuration.
-        fit: Has alpha and beta of the beta-binomial, which the other configurations tell (empirical Bayes). At a limit of that
-            distribution, or without a fit, both are 0.5 (Jeffreys): each configuration is taken for itself.
+        fit: Has alpha and beta (empirical Bayes); both are 0.5 (Jeffreys) at its limits and without a fit.
     """
     from scipy.special import betainc
 

@@ -1,4 +1,4 @@
-"""Effects: how much a factor changes the failure rate, level by level, and on matched sets of the same situations."""
+"""Effects of a factor on the failure rate, level by level and on matched sets of the same situations."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -12,7 +12,7 @@ from vastflow.oracles.results.factors import Factor
 from vastflow.oracles.statistics.contrast import Tested
 from vastflow.oracles.statistics.intervals import Floats, Interval, wilson_intervals
 from vastflow.oracles.statistics.margins import Margins, Trend
-from vastflow.oracles.statistics.situations import means_of, permuted, table_of
+from vastflow.oracles.statistics.situations import means_of, permuted, smallest, table_of
 
 DRAWS: Final = 9999
 _SEED: Final = 1959
@@ -22,11 +22,11 @@ _ENOUGH: Final = 100
 
 @dataclass(frozen=True, eq=False)
 class Matched:
-    """Runs of a factor's L levels in S sets that are equal in everything but the factor.
+    """Runs at a factor's L levels in S sets that are equal in everything else.
 
     Attributes:
         failed, runs: (S, L). Only sets with runs at two levels or more.
-        values: (L,) the numbers behind the levels, where they are numbers.
+        values: (L,) the numbers behind the levels; None for levels without numbers.
     """
 
     failed: Floats = field(repr=False)
@@ -35,10 +35,10 @@ class Matched:
 
     @property
     def p_value(self) -> float:
-        """Of no effect in any set: failures fall on a set's runs at random (multivariate hypergeometric), sets independent.
+        """p-value for no effect in any set: failures fall on a set's runs at random (multivariate hypergeometric).
 
-        Two levels: exact, by convolution. More: `DRAWS` draws of the generalized statistic Q (Landis, Heyman and Koch 1978) and, of
-        numbers, of their linear trend T; the smaller of the p-values of both is the statistic.
+        Exact for two levels. For more, `DRAWS` draws of the smaller p-value of the generalized statistic Q (Landis, Heyman and Koch 1978)
+        and, for numbers, of their linear trend.
         """
         some = (self.failed.sum(axis=1) % self.runs.sum(axis=1)) > 0
         if not some.any():
@@ -66,12 +66,12 @@ class Matched:
 def matched(
     failed: Floats, runs: Floats, codes: NDArray[np.int64], sets: NDArray[np.int64], values: Floats | None
 ) -> Matched | None:
-    """The matched sets among (m,) configurations; None where there are none.
+    """The matched sets among (m,) configurations; None without any.
 
     Args:
         codes: (m,) level of each, -1 for none.
         sets: (m,) equal for configurations that are equal in all but the factor.
-        values: (L,) as of `Matched`.
+        values: (L,) as in `Matched`.
     """
     some = codes >= 0
     _, at = np.unique(sets[some], return_inverse=True)
@@ -83,15 +83,15 @@ def matched(
 
 
 def _exact(failed: Floats, runs: Floats) -> float:
-    """Share of all ways for failures to fall whose count at the first level is as far from the expected one."""
+    """Probability that the count at the first level is at least as far from the expected one, by convolution."""
     from scipy.stats import hypergeom
 
     whole, total = runs.sum(axis=1), failed.sum(axis=1)
     chances = np.ones(1)
     for n, m, size in zip(runs[:, 0], total, whole, strict=True):
         chances = np.convolve(chances, hypergeom.pmf(np.arange(n + 1), size, m, n))
-    away = np.abs(np.arange(len(chances)) - float((runs[:, 0] * total / whole).sum()))
-    observed = abs(float(failed[:, 0].sum() - (runs[:, 0] * total / whole).sum()))
+    expected = float((runs[:, 0] * total / whole).sum())
+    away, observed = np.abs(np.arange(len(chances)) - expected), abs(float(failed[:, 0].sum() - expected))
     return min(1.0, float(chances[away >= observed - 1e-9].sum()))
 
 
@@ -108,7 +108,7 @@ def _drawn(failed: Floats, runs: Floats, values: Floats | None) -> float:
     steep = 0.0 if centered is None else float(centered @ variance @ centered)
 
     def statistic(sums: Floats) -> Floats:
-        """(D,) the logarithm of the smaller p-value, of (D, L) failures; by chi-squared, which need not hold."""
+        """Logarithm (D,) of the smaller chi-squared tail of (D, L) failures; a statistic, not a p-value."""
         away = sums - expected
         found = chi2.logsf(np.einsum("ij,jk,ik->i", away, inverse, away), degrees)
         if centered is not None and steep > 0.0:
@@ -119,13 +119,13 @@ def _drawn(failed: Floats, runs: Floats, values: Floats | None) -> float:
     larger = drawn = 0
     for sums in _assignments(runs.astype(np.int64), total.astype(np.int64), np.random.default_rng(_SEED)):
         larger, drawn = larger + int((statistic(sums) <= observed).sum()), drawn + len(sums)
-        if larger >= _ENOUGH:  # far from showing anything; more draws would tell the same (Besag and Clifford 1991)
+        if larger >= _ENOUGH:  # far from significance; more draws would not change that (Besag and Clifford 1991)
             break
     return (1 + larger) / (1 + drawn)
 
 
 def _assignments(runs: NDArray[np.int64], total: NDArray[np.int64], rng: np.random.Generator) -> Iterator[Floats]:
-    """(`_CHUNK`, L) failures at each level over all sets, `DRAWS` in all: level by level, hypergeometric."""
+    """Draw (`_CHUNK`, L) failures at each level over all sets, `DRAWS` in all: level by level, hypergeometric."""
     for _ in range(DRAWS // _CHUNK):
         left = np.broadcast_to(total, (_CHUNK, len(total)))
         rest = runs.sum(axis=1)
@@ -143,10 +143,10 @@ class LevelEffect:
     """The failure rate at one level of a factor; each configuration counts once.
 
     Attributes:
-        failed, runs: In matched sets, and where there are none in all configurations; with sequential stopping their first runs alone.
-        difference: Mantel and Haenszel's difference to the level with the fewest failures, over matched sets; None without any.
-        rate: Mean over the configurations that have the level.
-        adjusted: The mean that all of them would have with this level and their own levels of the other factors, effects added up.
+        failed, runs: In matched sets, else in all configurations; with sequential stopping only their first runs.
+        difference: Mantel and Haenszel's difference to the level with the fewest failures; None without matched sets.
+        rate: Mean over the configurations with this level.
+        adjusted: Mean if all configurations had this level and their own levels of the other factors, effects added up.
         interval: Of `adjusted`, blocks as clusters.
     """
 
@@ -166,33 +166,36 @@ class Claim:
     """Whether an effect is shown.
 
     Attributes:
-        p_value: Of no effect; None where it can't be tested, `note` says why.
-        adjusted: The same by Holm over all that the table asks of its kind.
+        p_value: For no effect; None where it cannot be tested, and `note` says why.
+        adjusted: By Holm over all tests of its kind.
         shown: Whether `adjusted` is at most the analysis' error.
+        least: The lowest p-value that so few situations can give.
+        powerless: Whether `least`, adjusted likewise, exceeds the error: no effect, however large, could be shown.
     """
 
     p_value: float | None
     note: str = ""
     adjusted: float | None = None
     shown: bool = False
+    least: float = 0.0
+    powerless: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class FactorEffect:
-    """What a factor does.
+    """The effect of a factor.
 
     Attributes:
         highest, lowest: Levels with the highest and the lowest adjusted failure rate.
-        difference: Between the two.
-        difference_interval: Of it, allowing for their choice among all pairs of levels (Bonferroni).
-        share: Of the variance between configurations that the factor explains beyond the others, repetition noise taken out.
+        difference: Between the two; its interval allows for their choice among all pairs of levels (Bonferroni).
+        share: Of the variance between configurations that the factor explains beyond the others, repetition noise removed.
         these: Whether it has an effect on these situations, see `Matched`.
         others: Whether it has a mean effect on other situations like these, by permutations within situations or else by `Contrasts`;
-            of a number with a trend then twice the smaller of the p-values of its levels and of its trend (Bonferroni).
-        situations: Blocks with matched sets; 0 without any.
-        needed: Situations from which `others` could be shown; None where these are enough.
-        rates: Failure rate of each situation at each level, None where it has none: what a plot draws.
-        trend: Of a number with three values or more; None for others.
+            for a number with a trend, twice the smaller p-value of levels and trend (Bonferroni).
+        situations: Blocks with matched sets.
+        needed: Situations from which `others` could be shown; None where there are enough.
+        rates: Failure rate of each situation at each level, None where it has none.
+        trend: For a number with three values or more.
     """
 
     name: str
@@ -211,19 +214,18 @@ class FactorEffect:
 
     @property
     def matters(self) -> bool:
-        """Whether it is shown to, on these situations or on others."""
+        """Whether an effect is shown, on these situations or on others."""
         return self.these.shown or self.others.shown
 
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """What a factor's tests look at beside the rates of configurations.
+    """Runs behind a factor's tests.
 
     Attributes:
         failed, runs: (m,) of each configuration, as many of all as a stopping rule allows.
         situations: (m,) numbers of the situations that matched sets join.
-        matched: None without any.
-        table: (k, L) rates of situations at levels where these are balanced; else None.
+        table: (k, L) rates of situations at levels where these are balanced.
     """
 
     failed: Floats
@@ -240,7 +242,7 @@ def runs_of(
     blocks: NDArray[np.int64],
     sets: NDArray[np.int64],
 ) -> Runs:
-    """The runs of one factor's matched `sets` (m,), and of its situations: the blocks that share sets."""
+    """Runs of a factor's matched `sets` (m,) and of its situations, the blocks that share sets."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -254,7 +256,7 @@ def runs_of(
 
 
 def _level_values(factor: Factor) -> Floats | None:
-    """(L,) the number behind each level."""
+    """The number (L,) behind each level."""
     if factor.values is None:
         return None
     return np.array([factor.values[factor.codes == k].mean() for k in range(len(factor.levels))])
@@ -271,60 +273,56 @@ def factor_effect(
     runs: Runs,
     trend: Trend | None = None,
 ) -> FactorEffect:
-    """The effect of one factor, not yet adjusted for the others that are tested.
+    """The effect of one factor, before adjustment for other tests.
 
     Args:
-        tested: By `Contrasts`; counts where situations are not balanced.
-        margins: Of the model that has `constant` (m, c) and then the `columns` (m, L - 1) of each factor, in their order.
+        tested: By `Contrasts`; used where situations are not balanced.
+        margins: Of the model of `constant` (m, c) followed by the `columns` (m, L - 1) of each factor.
         between: Variance between configurations.
     """
-    has = factor.codes >= 0
+    has, count = factor.codes >= 0, len(factor.levels)
     usual = np.concatenate([constant[has].mean(axis=0), *(found[has].mean(axis=0) for found in columns.values())])
-    points = np.tile(usual, (len(factor.levels), 1))
+    points = np.tile(usual, (count, 1))
     first = constant.shape[1] + sum(f.shape[1] for f in list(columns.values())[: list(columns).index(factor.name)])
-    points[:, first : first + len(factor.levels) - 1] = np.eye(len(factor.levels))[:, 1:]
-    groups = [factor.codes == k for k in range(len(factor.levels))]
+    points[:, first : first + count - 1] = np.eye(count)[:, 1:]
+    groups = [factor.codes == k for k in range(count)]
     found = margins.at(points, groups)
     both = runs.matched
-    counted = (
-        [(both.failed[:, k], both.runs[:, k]) for k in range(len(groups))]
-        if both
-        else [(runs.failed[g], runs.runs[g]) for g in groups]
-    )
-    failed, n = np.array([[float(part.sum()) for part in pair] for pair in counted]).T
+    if both:
+        failed, n = both.failed.sum(axis=0), both.runs.sum(axis=0)
+    else:
+        failed, n = (np.array([part[group].sum() for group in groups]) for part in (runs.failed, runs.runs))
     base = int(np.argmin(failed / np.maximum(n, 1)))
-    unknown = (None, None)
-    differences = [both.difference(k, base) or unknown if both and k != base else unknown for k in range(len(groups))]
+    differences: list[tuple[float | None, tuple[float, float] | None]]
+    differences = [(both.difference(k, base) if both and k != base else None) or (None, None) for k in range(count)]
+    intervals = found.intervals(1 - error)
     levels = tuple(
         LevelEffect(
             level,
             int(failed[k]),
             int(n[k]),
-            difference[0],
-            difference[1],
+            differences[k][0],
+            differences[k][1],
             int(groups[k].sum()),
             float(margins.response[groups[k]].mean()),
             float(found.means[k]),
-            interval,
+            intervals[k],
         )
-        for k, (level, difference, interval) in enumerate(
-            zip(factor.levels, differences, found.intervals(1 - error), strict=True)
-        )
+        for k, level in enumerate(factor.levels)
     )
     low, high = int(found.means.argmin()), int(found.means.argmax())
-    pairs = len(levels) * (len(levels) - 1) / 2
     if runs.table is not None:
-        others = Claim(permuted(runs.table, _level_values(factor)))
+        others = Claim(permuted(runs.table, _level_values(factor)), least=smallest(len(runs.table), count))
     else:
-        p_value = _of_either(tested.p_value, trend)
-        others = Claim(p_value, tested.why if p_value is None else "")
+        p_value, least = _of_either(tested, trend)
+        others = Claim(p_value, tested.why if p_value is None else "", least=least)
     return FactorEffect(
         factor.name,
         levels,
         factor.levels[high],
         factor.levels[low],
         float(found.means[high] - found.means[low]),
-        found.difference(high, low, 1 - error / pairs),
+        found.difference(high, low, 1 - error / (count * (count - 1) / 2)),
         share_of(tested, between),
         Claim(None, "no matched configurations") if both is None else Claim(both.p_value),
         others,
@@ -341,12 +339,15 @@ def _rates(factor: Factor, runs: Runs) -> tuple[tuple[float | None, ...], ...]:
     return tuple(tuple(None if math.isnan(rate) else rate for rate in row) for row in found)
 
 
-def _of_either(of_levels: float | None, trend: Trend | None) -> float | None:
-    """The p-value of a difference between levels or of a trend."""
-    found = [p for p in (of_levels, trend.p_value if trend else None) if p is not None]
-    return min(1.0, len(found) * min(found)) if found else None
+def _of_either(of_levels: Tested, trend: Trend | None) -> tuple[float | None, float]:
+    """p-value for no difference between levels and no trend (Bonferroni), and the lowest that there can be."""
+    found = [(each.p_value, each.least) for each in (of_levels, trend) if each is not None and each.p_value is not None]
+    if not found:
+        return None, 0.0
+    p_value, least = (len(found) * min(each) for each in zip(*found, strict=True))
+    return min(1.0, p_value), least
 
 
 def share_of(tested: Tested, between: float) -> float:
-    """Share of the variance between configurations that was explained, 0..1."""
+    """Share, 0..1, of the variance between configurations that the tested columns explain."""
     return min(1.0, tested.variance / between) if between > 0 else 0.0

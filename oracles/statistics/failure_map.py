@@ -1,4 +1,4 @@
-"""Failure maps: in which places runs fail, as a rate of those that came by."""
+"""Failure maps: the rate of failures of the runs that visit each place."""
 
 from dataclasses import dataclass, field
 from typing import Final
@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from vastflow.oracles.statistics.intervals import LEVEL, Floats, few_clusters, wilson_intervals
 
 MINIMUM_VISITS: Final = 5
-"""Runs that a cell takes before it has a rate."""
+"""Fewest visits for a rate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,11 +27,11 @@ class FailureGrid:
 
     def __post_init__(self) -> None:
         if not self.cell_m > 0.0 or min(self.shape) < 1:
-            raise ValueError(f"a grid has cells of more than 0 m, got {self.shape} of {self.cell_m} m")
+            raise ValueError(f"expected cells of more than 0 m, got {self.shape} of {self.cell_m} m")
 
     @property
     def extent_m(self) -> tuple[float, float, float, float]:
-        """x0, x1, y0, y1, as a picture of the cells is placed."""
+        """Bounds x0, x1, y0, y1 in the map frame."""
         (x0, y0), (rows, columns) = self.origin_xy_m, self.shape
         return x0, x0 + columns * self.cell_m, y0, y0 + rows * self.cell_m
 
@@ -47,18 +47,13 @@ class FailureGrid:
 class FailureMap:
     """Visits and failures of each cell of a grid, (H, W) each.
 
-    A run that enters a cell visits it once, however often it comes back. A failed run is one failure in each cell of its last half
-    meter: the place where it ended, and a robot that struggles to and fro there fails there once. The rate of a cell is thus the
-    share of its visitors that failed there.
-
-    Runs of one configuration take the same path and fail together, so intervals have configurations as clusters, cell by cell: with the sums
-    below, m configurations of n_i visits and x_i failures, N = Σ n_i and p = Σ x_i / N, the variance of the ratio estimator is
-    V = m/(m - 1) Σ (x_i - p n_i)² / N² (Cochran, Sampling Techniques, 1977, §6.3) and the effective number of visits p(1 - p) / V, at most N;
-    one visiting configuration counts as one observation. Maps of different configurations on one grid are added with `+`.
+    A run visits a cell once. A failed run is one failure in each cell of its last half meter. Configurations are clusters: for m of them with
+    n_i visits and x_i failures, N = Σ n_i and p = Σ x_i / N, the variance is V = m/(m - 1) Σ (x_i - p n_i)² / N² (Cochran, Sampling
+    Techniques, 1977, §6.3) and the effective number of visits p(1 - p) / V, at most N. Maps of different configurations on one grid can be added.
 
     Attributes:
-        visits, failures: Runs.
-        configurations: That visited the cell.
+        visits, failures: Numbers of runs.
+        configurations: Number that visited the cell.
         squares: (3, H, W) sums over configurations of failures², failures · visits and visits².
     """
 
@@ -69,9 +64,9 @@ class FailureMap:
     squares: NDArray[np.int64] = field(repr=False)
 
     def __add__(self, other: "FailureMap") -> "FailureMap":
-        """Both together; their runs belong to different configurations."""
+        """Add the map of other configurations."""
         if self.grid != other.grid:
-            raise ValueError(f"maps of different grids can't be added: {self.grid} and {other.grid}")
+            raise ValueError(f"expected maps of one grid, got {self.grid} and {other.grid}")
         return FailureMap(
             self.grid,
             self.visits + other.visits,
@@ -86,7 +81,7 @@ class FailureMap:
         return np.where(known, self.failures / np.maximum(self.visits, 1), np.nan)
 
     def effective_visits(self) -> Floats:
-        """Visits (H, W) that independent runs would need to tell as much; 0 where there are none."""
+        """Equivalent number (H, W) of independent visits."""
         n, m = np.maximum(self.visits, 1).astype(np.float64), self.configurations.astype(np.float64)
         p = self.failures / n
         failures2, both, visits2 = self.squares.astype(np.float64)
@@ -99,10 +94,9 @@ class FailureMap:
         return np.where(self.visits > 0, np.minimum(effective, n), 0.0)
 
     def intervals(self, level: float = LEVEL) -> Floats:
-        """Wilson intervals (H, W, 2) of the rates at the effective number of visits, which is less by (z/t)² with Student's t at m - 1
-        degrees of freedom (Korn and Graubard, Survey Methodology 24 (1998) 193); 0..1 without visits.
+        """Wilson intervals (H, W, 2) of the rates at the effective number of visits times (z/t)²; 0..1 without visits.
 
-        There are too many cells for `clustered_interval`, and these intervals are too narrow where failures are rare.
+        Student's t has m - 1 degrees of freedom (Korn and Graubard, Survey Methodology 24 (1998) 193). Too narrow where failures are rare.
         """
         n, m = self.effective_visits(), self.configurations
         mixed = (self.failures > 0) & (self.failures < self.visits) & (m > 1)
@@ -112,15 +106,13 @@ class FailureMap:
     def hot(
         self, above: float | None = None, error: float = 0.05, minimum_visits: int = MINIMUM_VISITS
     ) -> NDArray[np.bool_]:
-        """Cells (H, W) whose failure rate is shown to be above `above`.
+        """Cells (H, W) whose failure rate is shown to be above `above`, at a false discovery rate of `error`.
 
-        One-sided tests of the difference over its standard error at the effective number of visits, the larger of that at the cell's rate
-        and at `above`, with Student's t at m - 1 degrees of freedom for m visiting configurations; where every visit fails, `above` to the
-        power of m, as of independent ones. Adjusted by Benjamini and Hochberg over all cells with `minimum_visits`: of the cells that are
-        marked, a share of `error` is marked wrongly at most, in expectation.
+        One-sided t tests over the larger standard error of the cell's rate and of `above`, with m - 1 degrees of freedom for m visiting
+        configurations; where every visit fails, the p-value is `above` to the power of m.
 
         Args:
-            above: A rate; by default that of all visits of all cells.
+            above: A rate; by default that of all visits.
         """
         visits = int(self.visits.sum())
         if visits == 0 or (above is None and not self.failures.any()):
@@ -141,13 +133,13 @@ class FailureMap:
 
 
 def grid_over(x0_m: float, y0_m: float, x1_m: float, y1_m: float, cell_m: float = 0.25) -> FailureGrid:
-    """The grid with its lowest corner at (x0, y0) that covers the rectangle up to (x1, y1)."""
+    """The grid from (x0, y0) that covers the rectangle up to (x1, y1)."""
     columns, rows = (max(1, int(np.ceil((high - low) / cell_m - 1e-9))) for low, high in ((x0_m, x1_m), (y0_m, y1_m)))
     return FailureGrid((x0_m, y0_m), cell_m, (rows, columns))
 
 
 def empty_map(grid: FailureGrid) -> FailureMap:
-    """A map without runs, to which others are added."""
+    """A map without runs."""
     zeros = np.zeros(grid.shape, dtype=np.int64)
     return FailureMap(grid, zeros, zeros, zeros, np.zeros((3, *grid.shape), dtype=np.int64))
 
@@ -164,10 +156,10 @@ def failure_map(
 
     Args:
         xy_m: (N, 2) positions of all runs one after another, closer together than a cell.
-        starts: (R + 1,) where each run begins in them, and N. A run without positions visits nothing.
-        failed: (R,) whether the run failed. Runs that were not judged are to be left out.
-        configurations: (R,) number of each run's configuration; by default all are of one.
-        last_m: Distance before the end that counts as where it failed.
+        starts: (R + 1,) index of each run's first position, and N.
+        failed: (R,) whether the run failed; only judged runs.
+        configurations: (R,) number of each run's configuration; by default one.
+        last_m: Length of the end of a path where a run failed.
     """
     import pandas as pd  # takes a third of a second
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ class LevelPair:
 
     Attributes:
         rate: Mean failure rate.
-        expected: What it would be if the factors' effects added up.
+        expected: The rate if the factors' effects added up.
         interval: Of `rate`, blocks as clusters; 0..1 for a single block.
     """
 
@@ -32,10 +33,10 @@ class LevelPair:
 
 @dataclass(frozen=True, slots=True)
 class InteractionEffect:
-    """How far the effects of two factors do not add up, on the scale of rates.
+    """The interaction of two factors: how far their effects on rates do not add up.
 
     Attributes:
-        cells: Pairs of levels that there are.
+        cells: Existing pairs of levels.
         departure: `rate` - `expected` of the cell where that stands out most.
         claim: Whether they act together.
     """
@@ -56,36 +57,34 @@ def interaction_effect(
     fitted: Floats,
     between: float,
 ) -> InteractionEffect:
-    """The interaction of two factors, not yet adjusted for the others that are tested.
+    """The interaction of two factors, before adjustment for other tests.
 
     Args:
-        model, columns, fitted: All factors' effects added up: columns of the model, those of each factor, fitted rates (m,).
+        model, columns, fitted: All factors' effects added up: columns of the model and of each factor, fitted rates (m,).
         between: Variance between configurations.
     """
-    products = (columns[a.name][:, :, None] * columns[b.name][:, None, :]).reshape(len(model), -1)
+    joint = (columns[a.name][:, :, None] * columns[b.name][:, None, :]).reshape(len(model), -1)
     within, between_situations = sorted((a, b), key=lambda factor: is_between(factor, contrasts.blocks))
     if is_between(between_situations, contrasts.blocks) and not is_between(within, contrasts.blocks):
         tested = _by_situation(within, between_situations, contrasts, columns)
-    elif products.shape[1] * 3 > len(model):
+    elif joint.shape[1] * 3 > len(model):
         tested = Tested(None, why="too few configurations")
     else:
-        tested = contrasts.test(products, model)
+        tested = contrasts.test(joint, model)
         if tested.why and tested.degrees == 0:
             tested = replace(tested, why="the two do not vary together")
-    cells, departures = [], []
-    for k, first in enumerate(a.levels):
-        for j, second in enumerate(b.levels):
-            group = (a.codes == k) & (b.codes == j)
-            if group.any():
-                rate, expected = float(contrasts.response[group].mean()), float(fitted[group].mean())
-                interval = _interval_of_mean(contrasts.response[group], contrasts.blocks[group])
-                cells.append(LevelPair((first, second), int(group.sum()), rate, expected, interval))
-                departures.append((rate - expected) * np.sqrt(group.sum()))
-    most = int(np.argmax(np.abs(departures))) if cells else 0
-    departure = cells[most].rate - cells[most].expected if cells else 0.0
-    return InteractionEffect(
-        (a.name, b.name), tuple(cells), departure, share_of(tested, between), Claim(tested.p_value, tested.why)
-    )
+    cells = []
+    for (k, first), (j, second) in product(enumerate(a.levels), enumerate(b.levels)):
+        group = (a.codes == k) & (b.codes == j)
+        if group.any():
+            rate, expected = float(contrasts.response[group].mean()), float(fitted[group].mean())
+            interval = _interval_of_mean(contrasts.response[group], contrasts.blocks[group])
+            cells.append(LevelPair((first, second), int(group.sum()), rate, expected, interval))
+    departures = [(cell.rate - cell.expected) * np.sqrt(cell.configurations) for cell in cells]
+    most = cells[int(np.argmax(np.abs(departures)))] if cells else None
+    departure = most.rate - most.expected if most else 0.0
+    claim = Claim(tested.p_value, tested.why, least=tested.least)
+    return InteractionEffect((a.name, b.name), tuple(cells), departure, share_of(tested, between), claim)
 
 
 def is_between(factor: Factor, blocks: NDArray[np.int64]) -> bool:
@@ -94,11 +93,10 @@ def is_between(factor: Factor, blocks: NDArray[np.int64]) -> bool:
 
 
 def _by_situation(within: Factor, between: Factor, contrasts: Contrasts, columns: Mapping[str, Floats]) -> Tested:
-    """Whether what a factor does within blocks depends on one that differs between them.
+    """Test whether the effect of a factor within blocks depends on one that differs between them.
 
-    Each block's contrasts of the levels of `within` are regressed on all columns that differ between blocks, with blocks as units:
-    situations that respond differently are then no more than noise. Of several contrasts the smallest p-value counts, times their
-    number (Bonferroni).
+    Each block's contrasts of the levels of `within` are regressed on all columns that differ between blocks, so that situations
+    which respond differently are noise. The smallest p-value counts, times the number of contrasts (Bonferroni).
     """
     levels = len(within.levels)
     means = means_of(contrasts.response, contrasts.blocks, within.codes, levels)
@@ -119,9 +117,8 @@ def _by_situation(within: Factor, between: Factor, contrasts: Contrasts, columns
     p_values = [each.p_value for each in found if each.p_value is not None]
     if len(p_values) < len(found):
         return Tested(None, why=f"cannot be told from {int(kept.sum())} situations")
-    return Tested(
-        min(1.0, len(p_values) * min(p_values)), found[0].degrees, sum(each.variance for each in found) / levels
-    )
+    variance, least = sum(each.variance for each in found) / levels, len(found) * min(each.least for each in found)
+    return Tested(min(1.0, len(found) * min(p_values)), found[0].degrees, variance, least=least)
 
 
 def _interval_of_mean(rates: Floats, blocks: NDArray[np.int64]) -> Interval:

@@ -1,4 +1,4 @@
-"""Intervals: of success rates of many configurations at once, of clustered runs, and of the mean of a bounded quantity."""
+"""Confidence intervals of success rates, of clustered runs, and of the mean of a bounded quantity."""
 
 import math
 from dataclasses import dataclass
@@ -23,31 +23,25 @@ class Interval:
 
     @property
     def thousandths(self) -> tuple[int, int]:
-        """The ends as they are shown: outwards to the next 0.1 %, so that a further rounding outwards gives what it gives at once."""
+        """The ends rounded outwards to 0.1 %; rounding them outwards once more agrees with rounding once."""
         low, high = thousandths(np.array((self.low, self.high))).tolist()
         return low, high
 
 
 def thousandths(ends: Floats) -> NDArray[np.int64]:
-    """`Interval.thousandths` of many intervals (*S, 2); what is exact but for floating point's error stays."""
+    """`Interval.thousandths` of many intervals (*S, 2), rounding errors of floating point left out."""
     exact = np.round(1000.0 * ends, 6)
     return np.stack((np.floor(exact[..., 0]), np.ceil(exact[..., 1])), axis=-1).astype(np.int64)
 
 
 def wilson_intervals(passed: ArrayLike, judged: ArrayLike, level: float = LEVEL) -> Floats:
-    """Wilson's score interval of binomial proportions (E. B. Wilson, JASA 22 (1927) 209).
-
-    With p = passed / n and z the (1 + level) / 2 quantile of the normal distribution:
-    (p + z²/2n ± z sqrt(p(1 - p)/n + z²/4n²)) / (1 + z²/n). Nothing is known at n = 0: 0..1.
+    """Wilson's score intervals (*S, 2) of binomial proportions (E. B. Wilson, JASA 22 (1927) 209); 0..1 at n = 0.
 
     Args:
-        passed, judged: 0 <= passed <= judged, of shapes that broadcast to S; not necessarily whole, for effective sample sizes.
-
-    Returns:
-        (*S, 2), low and high.
+        passed, judged: 0 <= passed <= judged, of shapes that broadcast to S; fractions are effective sample sizes.
 
     Raises:
-        ValueError: more passes than judged runs, or fewer than none.
+        ValueError: more passes than judged runs, or negative counts.
     """
     x, n = counts(passed, judged)
     z = normal_quantile(level)
@@ -64,19 +58,13 @@ def wilson_intervals(passed: ArrayLike, judged: ArrayLike, level: float = LEVEL)
 
 
 def clopper_pearson_intervals(passed: ArrayLike, judged: ArrayLike, level: float = LEVEL) -> Floats:
-    """Clopper and Pearson's exact interval of binomial proportions (Biometrika 26 (1934) 404).
-
-    Quantiles of beta distributions: a/2 of B(x, n - x + 1) and 1 - a/2 of B(x + 1, n - x), with a = 1 - level. It covers the
-    rate with at least `level` whatever the rate, and is the wider for it. Nothing is known at n = 0: 0..1.
+    """Clopper and Pearson's exact intervals (*S, 2) of binomial proportions (Biometrika 26 (1934) 404); 0..1 at n = 0.
 
     Args:
         passed, judged: 0 <= passed <= judged, of shapes that broadcast to S.
 
-    Returns:
-        (*S, 2), low and high.
-
     Raises:
-        ValueError: more passes than judged runs, or fewer than none.
+        ValueError: more passes than judged runs, or negative counts.
     """
     from scipy.special import betaincinv
 
@@ -89,7 +77,7 @@ def clopper_pearson_intervals(passed: ArrayLike, judged: ArrayLike, level: float
 
 
 def few_clusters(clusters: ArrayLike, level: float = LEVEL) -> Floats:
-    """(z/t)² with Student's t at m - 1 degrees of freedom: what a sample size is worth whose variance is that of m `clusters`."""
+    """Return (z/t)², the worth of a sample size whose variance comes from m `clusters`; t has m - 1 degrees of freedom."""
     from scipy.special import stdtrit
 
     freedom = np.maximum(np.asarray(clusters, dtype=np.float64) - 1.0, 1.0)
@@ -105,13 +93,13 @@ def counts(passed: ArrayLike, judged: ArrayLike) -> tuple[Floats, Floats]:
     """Passes and judged runs as floats of one shape.
 
     Raises:
-        ValueError: more passes than judged runs, or fewer than none.
+        ValueError: more passes than judged runs, or negative counts.
     """
     x, n = np.broadcast_arrays(np.asarray(passed, dtype=np.float64), np.asarray(judged, dtype=np.float64))
     wrong = ~((x >= 0) & (x <= n))
     if wrong.any():
         at = int(np.argmax(wrong))
-        raise ValueError(f"passed must be in 0..n, got {_plain(x.flat[at])} of {_plain(n.flat[at])}")
+        raise ValueError(f"passed must be in 0..n, got {x.flat[at]:g} of {n.flat[at]:g}")
     return x, n
 
 
@@ -120,13 +108,9 @@ def normal_quantile(level: float) -> float:
     return NormalDist().inv_cdf((1 + level) / 2)
 
 
-def _plain(value: float) -> str:
-    return f"{value:g}" if math.isfinite(value) else str(value)
-
-
 _INDEPENDENT: Final = 0.2
 _ALIKE: Final = 0.1
-"""Prior weight of the two limits: runs do not depend on their cluster, and all runs of a cluster agree."""
+"""Prior weights of the two limits: runs independent of their cluster, and clusters whose runs all agree."""
 _NODES: Final = 14
 _FEWEST: Final = 6
 _ZOOMS: Final = 5
@@ -138,26 +122,19 @@ _FAR: Final = 24.0
 def clustered_interval(
     passed: ArrayLike, judged: ArrayLike, level: float = LEVEL, blocks: ArrayLike | None = None
 ) -> Interval | None:
-    """Interval of the rate among configurations *like* these, which are themselves a sample (clusters).
+    """Interval of the rate among configurations like these, which are themselves a sample (clusters).
 
-    Runs of one configuration resemble each other, so pooled runs tell less of other configurations than as many independent ones. How
-    much less is the intraclass correlation, of which few clusters, or few failures, say next to nothing: an estimate of it makes
-    intervals that miss high rates. So it is not estimated but averaged over: clusters are beta-binomial (Skellam, JRSS B 10 (1948) 257), and
-    the ends are quantiles of the rate's posterior, of which the prior is 1/p for the lower end and 1/(1 - p) for the upper one,
-    as that of Clopper and Pearson's is; that of a correlation c between 0 and 1 is like 1/√c. Of independent runs the interval is thus theirs of all runs, of clusters that agree in themselves
-    theirs of clusters, and between the two otherwise; it is never wider than the latter nor narrower than the former. Where all runs
-    agree each cluster counts once.
-
-    Its coverage and width are in `tests/proofs/clustered_coverage.py` and docs/statistics.md.
-
-    Configurations of one block share what makes them hard (a path under twenty settings, see `blocks_of`), so that blocks are the
-    clusters where there are several; where there is one, its configurations are, and others are others of that block.
-
-    None for fewer than two configurations with judged runs: one says nothing of others.
+    Clusters are beta-binomial (Skellam, JRSS B 10 (1948) 257). Few of them say little about the intraclass correlation, so it is averaged
+    over, with a prior like 1/√c. The ends are quantiles of the rate's posterior, with priors 1/p (lower) and 1/(1 - p) (upper). The interval
+    is never narrower than Clopper and Pearson's of all runs, nor wider than theirs of clusters. Its coverage and width are in
+    `tests/proofs/clustered_coverage.py` and docs/statistics.md.
 
     Args:
-        passed, judged: (m,), one entry a configuration; passes need not be whole numbers.
-        blocks: (m,) equal numbers for configurations of one block; by default each is its own.
+        passed, judged: (m,), one entry a configuration; passes may be fractions.
+        blocks: (m,) equal numbers for configurations of one block (see `blocks_of`), which are the clusters where there are several.
+
+    Returns:
+        None for fewer than two configurations with judged runs.
     """
     x, n = counts(passed, judged)
     of = None if blocks is None else np.asarray(blocks)[n > 0]
@@ -193,14 +170,13 @@ def _posterior(x: Floats, n: Floats, level: float) -> tuple[float, float]:
 
 
 def _likelihood(x: Floats, n: Floats, p: Floats, q: Floats) -> Floats:
-    """Of each rate `p` = 1 - `q`, averaged over correlations; the greatest is about 1."""
+    """Likelihood of each rate `p` = 1 - `q`, averaged over correlations; the greatest is about 1."""
     kinds, times = np.unique(np.stack((x, n - x)), axis=1, return_counts=True)
     log_p, log_q = np.log(p), np.log(q)
     independent = x.sum() * log_p + (n - x).sum() * log_q + np.log(_INDEPENDENT)
     agree = ((x == 0) | (x == n)).all()
     alike = (x > 0).sum() * log_p + (x == 0).sum() * log_q + np.log(_ALIKE) if agree else np.full_like(p, -np.inf)
-    # Between the limits the correlation is the squared sine of an angle. Many clusters tell it well: of a first look over all angles
-    # only a few matter, and a closer one follows there.
+    # Between the limits the correlation is the squared sine of an angle. With many clusters few angles matter, so zoom in on these.
     low, high = 0.0, np.pi / 2
     for _ in range(_ZOOMS):
         angles, step = np.linspace(low, high, _NODES, endpoint=False, retstep=True)
@@ -217,7 +193,7 @@ def _likelihood(x: Floats, n: Floats, p: Floats, q: Floats) -> Floats:
 
 
 def _beta_binomial(kinds: Floats, times: NDArray[np.int64], correlations: Floats, p: Floats, q: Floats) -> Floats:
-    """Log likelihood (correlations, rates) of clusters; `kinds` (2, K) are passes and failures, of which each stands for `times` clusters."""
+    """Log likelihood (correlations, rates); `kinds` (2, K) are passes and failures of clusters that occur `times` times."""
     from scipy.special import betaln
 
     found = np.empty((len(correlations), len(p)))
@@ -228,7 +204,7 @@ def _beta_binomial(kinds: Floats, times: NDArray[np.int64], correlations: Floats
 
 
 def _quantile(density: Floats, logit: Floats, share: float) -> float:
-    """The rate below which a `share` lies of a density given at steps of equal width."""
+    """Rate at which the cumulated density, given at steps of equal width, reaches `share`."""
     below = np.concatenate(([0.0], np.cumsum((density[1:] + density[:-1]) / 2)))
     return float(1 / (1 + np.exp(-np.interp(share, below / below[-1], logit))))
 
@@ -236,36 +212,30 @@ def _quantile(density: Floats, logit: Floats, share: float) -> float:
 _BET_STEPS: Final = 768
 _EXACT: Final = 1e-9
 _LOG_U: Final = np.linspace(-18.0, 10.0, _BET_STEPS)
-"""From where the integrand still grows to where it has died, in units of the whole's deviation."""
+"""Range of the integrand, in units of the whole deviation."""
 _U: Final = np.exp(_LOG_U)
 
 
 def mean_interval(values: ArrayLike, level: float = LEVEL) -> tuple[float, float]:
     """Interval of the mean of a quantity within -1..1, of which independent `values` were drawn.
 
-    Its lower end is Gaffke's: the (1 - level)/2 quantile of Σ w_i x_i + w_0 · (-1), where the weights w are distributed like the gaps
-    between uniform numbers (Dirichlet with all parameters 1), so that what was not seen is taken for the worst there can be (Gaffke,
-    "Three test statistics for a nonparametric one-sided hypothesis on the mean of a nonnegative variable", Mathematical Methods of
-    Statistics 14 (2005) 451; Learned-Miller and Thomas, "A new confidence interval for the mean of a bounded random variable", 2019).
-    Of values -1 and 1 alone it is Clopper and Pearson's, and of zeros alone -1 + alpha^(1/n): a loss that hits one of n, wholly,
-    is not overlooked. That it holds its level for every distribution is conjectured, and no counterexample is known. The upper end is
-    likewise.
+    The lower end is Gaffke's: the (1 - level)/2 quantile of Σ w_i x_i - w_0, where the weights w are Dirichlet with all parameters 1
+    (Gaffke, Mathematical Methods of Statistics 14 (2005) 451; Learned-Miller and Thomas, "A new confidence interval for the mean of a bounded
+    random variable", 2019); the upper end likewise. For values of -1 and 1 it is Clopper and Pearson's. That it holds its level for
+    every distribution is conjectured, and no counterexample is known.
 
     Raises:
-        ValueError: a value beyond -1..1, or none at all.
+        ValueError: a value beyond -1..1, or no value.
     """
     x = np.asarray(values, dtype=np.float64)
     if not len(x) or not (np.abs(x) <= 1.0 + 1e-12).all():
-        raise ValueError(f"a mean needs values within -1..1, got {x.tolist()[:5]}")
+        raise ValueError(f"expected values within -1..1, got {x.tolist()[:5]}")
     tail = (1 - level) / 2
     return _lower(x, tail), -_lower(-x, tail)
 
 
 def needed(margin: float, level: float = LEVEL) -> int | None:
-    """How many values rule out a mean of -`margin`, if each of them is 0; None where no number does.
-
-    One of them may be -1 with a probability of `margin`, and n of them show none with (1 - margin)^n.
-    """
+    """Number of values, all 0, that rule out a mean of -`margin`; None where no number does."""
     if margin <= 0.0:
         return None
     if margin >= 1.0:
@@ -290,10 +260,9 @@ def _lower(values: Floats, tail: float) -> float:
 
 
 def _below(mean: float, at: Floats, times: NDArray[np.int64]) -> float:
-    """Probability that the weighted mean is below `mean`.
+    """Probability that the weighted mean is below `mean`, by Imhof's inversion (Biometrika 48 (1961) 419).
 
-    Weights are exponential variables over their sum, so it is that of Σ E_i (x_i - mean) < 0, by Imhof's inversion of the characteristic
-    function (Biometrika 48 (1961) 419): 1/2 + 1/pi ∫ sin(θ)/(uρ) du, with θ = Σ arctan(a u) and ρ = Π sqrt(1 + a²u²).
+    It is that of Σ E_i (x_i - mean) < 0 with exponential E_i: 1/2 + 1/pi ∫ sin(θ)/(uρ) du, θ = Σ arctan(a u), ρ = Π sqrt(1 + a²u²).
     """
     a = at - mean
     scaled = np.multiply.outer(a / math.sqrt(float((times * a * a).sum())), _U)

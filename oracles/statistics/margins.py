@@ -1,4 +1,4 @@
-"""Margins: means of a linear model at chosen points, with intervals that allow for blocks, and the trend with a number."""
+"""Margins: means of a linear model at chosen points, with intervals that allow for blocks, and trends."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -18,8 +18,8 @@ class MarginalMeans:
     Attributes:
         means: (k,) within 0..1.
         covariance: (k, k), blocks as clusters.
-        units: (k,) blocks that a point's level has.
-        most: (k,) runs of them, which no effective number exceeds.
+        units: (k,) blocks at each point's level.
+        most: (k,) their runs, which bound the effective number.
     """
 
     means: Floats
@@ -28,10 +28,10 @@ class MarginalMeans:
     most: Floats
 
     def intervals(self, level: float) -> list[Interval]:
-        """Wilson intervals at the number of independent runs that would be as sure.
+        """Wilson intervals at the effective number of independent runs.
 
-        That is p(1 - p)/V, reduced by (z/t)² for the few blocks that V is estimated from (Korn and Graubard, Survey Methodology 24
-        (1998) 193). Where a level always or never fails V is zero and says nothing: each block counts once.
+        That is p(1 - p)/V, reduced by (z/t)² for the few blocks behind V (Korn and Graubard, Survey Methodology 24 (1998) 193). Where a
+        level always or never fails, V is zero and each block counts once.
         """
         p, variance = self.means, np.diagonal(self.covariance)
         inside = (p > 0) & (p < 1)
@@ -44,8 +44,7 @@ class MarginalMeans:
         return [interval(ends) for ends in wilson_intervals(n * p, n, level)]
 
     def difference(self, a: int, b: int, level: float) -> tuple[float, float]:
-        """Interval of means[a] - means[b], from the intervals of both and their correlation (Newcombe 1998, method 10; Zou
-        and Donner, Statistics in Medicine 27 (2008) 1693)."""
+        """Interval of means[a] - means[b] (Newcombe 1998, method 10; Zou and Donner, Stat. in Medicine 27 (2008) 1693)."""
         one, two = (self.intervals(level)[k] for k in (a, b))
         p, q = float(self.means[a]), float(self.means[b])
         scale = float(np.sqrt(self.covariance[a, a] * self.covariance[b, b]))
@@ -60,11 +59,11 @@ class MarginalMeans:
 
 @dataclass(frozen=True, eq=False)
 class Margins:
-    """A linear model that was fitted by least squares.
+    """A linear model fitted by least squares.
 
     Attributes:
         response, fitted: (m,).
-        explained: Variance of `fitted`, beyond what as many columns of noise would have.
+        explained: Variance of `fitted` beyond that of as many columns of noise.
     """
 
     response: Floats = field(repr=False)
@@ -77,9 +76,9 @@ class Margins:
     _runs: Floats = field(repr=False)
 
     def at(self, points: Floats, groups: Sequence[NDArray[np.bool_]]) -> MarginalMeans:
-        """Means at `points` (k, columns); `groups` are the rows that have each point's level.
+        """Means at `points` (k, columns); `groups` are the rows with each point's level.
 
-        A point that the model can't tell, because its level comes with those of other factors alone, has the plain mean of its group.
+        A point that the model cannot estimate, because its level is confounded, has the plain mean of its group.
         """
         combined = points @ self._inverse  # (k, columns)
         told = np.abs(combined @ (self._model.T @ self._model) - points).max(axis=1) < 1e-6
@@ -101,9 +100,7 @@ class Margins:
 
 
 def margins_of(model: Floats, response: Floats, blocks: NDArray[np.int64], runs: Floats) -> Margins:
-    """Fit `response` (m,) by the columns of `model` (m, columns), which may depend on each other.
-
-    Residuals are scaled up by what the fit took of them (HC2, MacKinnon and White 1985).
+    """Fit `response` (m,) by the columns of `model` (m, columns), which may be dependent; residuals are HC2's.
 
     Args:
         blocks: (m,) 0..G - 1.
@@ -122,7 +119,7 @@ def margins_of(model: Floats, response: Floats, blocks: NDArray[np.int64], runs:
 
 
 LEAST_VALUES: Final = 3
-"""Different values that a trend takes; of two the difference says it all."""
+"""Distinct values that a trend requires."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,10 +127,10 @@ class Trend:
     """The change of the failure rate over a number, other factors held.
 
     Attributes:
-        change: From the smallest to the greatest number, within -1..1.
-        change_interval: Of it, blocks as clusters; holds it, and stays within -1..1.
+        change: From the smallest to the greatest number, within -1..1; its interval has blocks as clusters.
         smallest, greatest: Of the number.
-        p_value: Of none; None where it can't be tested.
+        p_value: For zero slope; None where it cannot be tested.
+        least: As of `Tested`.
     """
 
     change: float
@@ -141,18 +138,17 @@ class Trend:
     smallest: float
     greatest: float
     p_value: float | None
+    least: float = 0.0
 
 
 def trend_of(contrasts: Contrasts, values: Floats, others: Floats, runs: Floats, error: float) -> Trend | None:
-    """The trend of the response over `values`; None where they have fewer than `LEAST_VALUES`, or follow from `others`.
+    """The trend of the response over `values`; None for fewer than `LEAST_VALUES`, or if they follow from `others`.
 
-    The rates at both ends are those of least squares beside `others`, as `Margins` has them, so that their difference has a width
-    where all blocks agree, too. The test is that of `Contrasts` for one column: a number's bins can't be told apart where each has
-    few blocks, and a rise over all of them still can.
+    The rates at both ends are `Margins` beside `others`; the test is that of `Contrasts` for one column.
 
     Args:
-        values: (m,), NaN where a configuration does not have the number.
-        others: (m, p) columns beside which it stands, the constant and one that tells missing values among them.
+        values: (m,), NaN where a configuration lacks the number.
+        others: (m, p) columns held, the constant and one that marks missing values among them.
         runs: (m,) behind each response.
     """
     known = np.isfinite(values)
@@ -165,10 +161,12 @@ def trend_of(contrasts: Contrasts, values: Floats, others: Floats, runs: Floats,
     usual = others[known].mean(axis=0)
     margins = margins_of(np.hstack((others, column)), contrasts.response, contrasts.blocks, runs)
     found = margins.at(np.array([[*usual, 0.0], [*usual, 1.0]]), [known, known])
+    tested = contrasts.test(column, others)
     return Trend(
         float(found.means[1] - found.means[0]),
         found.difference(1, 0, 1 - error),
         smallest,
         greatest,
-        contrasts.test(column, others).p_value,
+        tested.p_value,
+        tested.least,
     )

@@ -1,4 +1,4 @@
-"""Situations: would a factor change the outcome on other situations like these, by permutations within each."""
+"""Situations: permutation tests of a factor over situations, for other situations like these."""
 
 import math
 from collections.abc import Sequence
@@ -18,9 +18,9 @@ _SEED: Final = 1935
 def table_of(
     rates: Floats, codes: NDArray[np.int64], sets: NDArray[np.int64], blocks: NDArray[np.int64]
 ) -> Floats | None:
-    """(k, L) mean rate of each situation at each level, over the sets that have every level once.
+    """Mean rate (k, L) of each situation at each level, over the sets that have every level once.
 
-    None where fewer than half of the configurations are in such a set: too much would be left out.
+    None where these hold fewer than half of the configurations.
 
     Args:
         rates, codes, sets, blocks: (m,) of the configurations; a block is a situation, of whole sets.
@@ -36,7 +36,7 @@ def table_of(
 
 
 def means_of(rates: Floats, rows: NDArray[np.int64], codes: NDArray[np.int64], levels: int) -> Floats:
-    """(rows, L) mean rate in each row at each level, NaN where there is none."""
+    """Mean rate (rows, L) in each row at each level, NaN where there is none."""
     cells = (rows * levels + codes)[codes >= 0]
     size = (int(rows.max()) + 1) * levels
     n = np.bincount(cells, minlength=size)
@@ -45,10 +45,10 @@ def means_of(rates: Floats, rows: NDArray[np.int64], codes: NDArray[np.int64], l
 
 
 def permuted(table: Floats, values: Floats | None) -> float:
-    """p-value of equal levels, of rates (k, L) whose order within a situation would then be chance.
+    """p-value for equal levels of rates (k, L), by their orders within situations.
 
-    All orders if there are at most `MOST_ORDERS`, else 9,999 random ones. The statistic is the smaller of the p-values of the
-    spread of the levels' means and, of numbers, of their linear trend.
+    All orders if there are at most `MOST_ORDERS`, else 9,999 random ones. The statistic is the smaller p-value of the spread of
+    the levels' means and, for numbers, of their linear trend.
     """
     sums = _sums(table)
     away = sums - sums.mean(axis=1, keepdims=True)
@@ -59,17 +59,17 @@ def permuted(table: Floats, values: Floats | None) -> float:
 
 
 def smallest(situations: int, levels: int) -> float:
-    """The least p-value of a spread of levels that so many situations can show."""
+    """The lowest p-value that `situations` can give, however large the effect."""
     return float(math.factorial(levels)) ** (1 - situations)
 
 
 def needed(levels: int, tests: int, error: float) -> int:
-    """Situations from which the least p-value, times the number of tests, is at most `error`."""
+    """Number of situations from which the lowest p-value, times the number of tests, is at most `error`."""
     return math.ceil(1 + math.log(tests / error) / math.log(math.factorial(levels)) - 1e-9)
 
 
 def _sums(table: Floats) -> Floats:
-    """(orders, L) sums over situations, those of `table` itself first."""
+    """Sums (orders, L) over situations, those of `table` itself first."""
     k, levels = table.shape
     if math.factorial(levels) ** k > MOST_ORDERS:
         rng = np.random.default_rng(_SEED)
@@ -85,6 +85,6 @@ def _sums(table: Floats) -> Floats:
 
 
 def _shares(statistic: Floats) -> Floats:
-    """Share of the orders with as large a statistic as each."""
+    """Share of the orders with at least the statistic of each."""
     rounded = np.round(statistic, 9)
     return 1.0 - np.searchsorted(np.sort(rounded), rounded) / len(rounded)

@@ -1,4 +1,4 @@
-"""Sequential stopping: how many runs a configuration needs until its class is shown."""
+"""Sequential stopping: end the runs of a configuration when its class is shown."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -12,17 +12,17 @@ from vastflow.oracles.statistics.classes import CLAIMS, ClassBounds, Classes, Cl
 from vastflow.oracles.statistics.intervals import Floats, counts
 
 _OPEN: Final = -1
-"""No claim yet; others are indices in `CLAIMS`."""
+"""No claim; other values are indices in `CLAIMS`."""
 
 
 @dataclass(frozen=True, eq=False)
 class OperatingCharacteristics:
-    """What a rule does with configurations of known success rates.
+    """Operating characteristics of a rule at known success rates.
 
     Attributes:
         p: (k,) success rates.
         systematic, flaky, reliable, undecided: (k,) probability of each end.
-        wrong: (k,) probability that a class is claimed that is not the true one.
+        wrong: (k,) probability of claiming a wrong class.
         expected_runs: (k,) mean number of runs.
     """
 
@@ -37,11 +37,11 @@ class OperatingCharacteristics:
 
 @dataclass(frozen=True, slots=True)
 class Savings:
-    """Runs that a rule made unnecessary.
+    """Runs saved by a rule.
 
     Attributes:
-        runs: Runs that were done.
-        most: Runs if every configuration had its most.
+        runs: Runs done.
+        most: Runs if every configuration had the largest number.
     """
 
     runs: int
@@ -49,12 +49,12 @@ class Savings:
 
     @property
     def saved(self) -> int:
-        """Runs that were not needed."""
+        """Number of saved runs."""
         return self.most - self.runs
 
     @property
     def share(self) -> float:
-        """Share of `most` that was saved; 0 where nothing was asked."""
+        """Saved share of `most`; 0 for no runs."""
         return self.saved / self.most if self.most else 0.0
 
 
@@ -62,25 +62,21 @@ class Savings:
 class StoppingRule:
     """End the runs of a configuration when its class is decided.
 
-    Truncated sequential probability ratio tests (Wald, Sequential Analysis, 1947), two at each bound of the classes, put together to
-    three classes as by Sobel and Wald (Ann. Math. Statist. 20 (1949) 502). With x passes of n judged runs,
-    L(a, b) = x ln(b/a) + (n - x) ln((1 - b)/(1 - a)) is the evidence for the success rate b against a. Let s and r be the bounds and
-    m = (s + r) / 2. A configuration is called
+    Truncated sequential probability ratio tests (Wald 1947), two at each bound, combined to three classes (Sobel and Wald, Ann. Math.
+    Statist. 20 (1949) 502). With x passes of n judged runs, L(a, b) = x ln(b/a) + (n - x) ln((1 - b)/(1 - a)) is the evidence for the
+    rate b against a. With bounds s and r and m = (s + r) / 2, a configuration is
 
         systematic  where L(s, s/2) >= A,
         reliable    where L(r, (1 + r)/2) >= B,
         flaky       where L(s, m) >= C and L(r, m) >= C.
 
-    Wald's thresholds ln(1/error) hold for any number of runs, and with twenty of them leave nearly everything open. Here A, B and C
-    are the smallest values at which a false claim at the bound has a probability of `error` at most when looked at after every run
-    from `min_runs` to `max_runs`, found by exact dynamic programming over (n, x). Looking less often, as rounds of runs do, makes
-    fewer errors.
+    A, B and C are the smallest values at which a false claim at the bound has a probability of at most `error` when looked at after every
+    run from `min_runs` to `max_runs`, by exact dynamic programming over (n, x). Looking less often makes fewer errors.
 
     Attributes:
-        min_runs: Nothing is decided before so many judged runs.
-        max_runs: What is open then is undecided.
-        bounds: Of the classes.
-        error: The largest probability of a claim that is false, whatever the success rate.
+        min_runs: Judged runs before any decision.
+        max_runs: Runs after which an open configuration is undecided.
+        error: Largest probability of a false claim, whatever the success rate.
     """
 
     min_runs: int = 5
@@ -109,28 +105,24 @@ class StoppingRule:
 
     @cached_property
     def decidable(self) -> tuple[ClassName, ...]:
-        """Classes that can be shown with `max_runs` at all; all pass or all fail takes 14 runs at the default bounds and 5 %."""
+        """Classes that `max_runs` can show."""
         found = {claim for claims in self._lattice for claim in claims.tolist() if claim != _OPEN}
         return tuple(CLAIMS[claim] for claim in sorted(found))
 
     def operating_characteristics(self, p: ArrayLike, runs_per_look: int = 1) -> OperatingCharacteristics:
-        """Exact probabilities of each end and the mean number of runs, for success rates `p` (k,).
-
-        Args:
-            runs_per_look: Runs between two looks, the first after `min_runs`, the last after `max_runs`.
-        """
+        """Exact operating characteristics at success rates `p` (k,), with `runs_per_look` runs between two looks."""
         looks = frozenset((*range(self.min_runs, self.max_runs, runs_per_look), self.max_runs))
         rates = np.atleast_1d(np.asarray(p, dtype=np.float64))
         return _characteristics(self._lattice, looks, rates, self.bounds)
 
     @cached_property
     def worst_error(self) -> float:
-        """The largest probability of a false claim over all success rates, looked at after every run."""
+        """Largest probability of a false claim over all success rates, with a look after every run."""
         return self._worst_error(self._lattice)
 
     @cached_property
     def thresholds(self) -> Floats:
-        """(3,) A, C and B: the evidence that each of `CLAIMS` takes; infinite where `max_runs` can't show it."""
+        """Evidence A, C, B that each of `CLAIMS` requires; infinite where `max_runs` cannot show it."""
         s, r = self.bounds.systematic, self.bounds.reliable
         nominal = self.error
         while True:
@@ -152,7 +144,7 @@ class StoppingRule:
         return self._claims_by(self.thresholds)
 
     def _claims_by(self, thresholds: Floats) -> list[NDArray[np.intp]]:
-        """The claim at each (n, x), by n; entries x > n are open."""
+        """Claims at each (n, x), by n; entries x > n are open."""
         x = np.arange(self.max_runs + 1.0)
         return [
             np.where(
@@ -162,7 +154,7 @@ class StoppingRule:
         ]
 
     def _claims(self, x: Floats, n: Floats, thresholds: Floats) -> NDArray[np.intp]:
-        # Of two claims at once, which bounds close together allow, the one that exceeds its threshold more.
+        # Close bounds allow two claims at once: the one that exceeds its threshold by more counts.
         excess = self._evidence(x, n) - thresholds.reshape(-1, *[1] * x.ndim)
         return np.where(excess.max(axis=0) >= 0.0, excess.argmax(axis=0), _OPEN)
 
@@ -174,7 +166,7 @@ class StoppingRule:
         return np.stack((_evidence(x, n, s, s / 2), flaky, _evidence(x, n, r, (1 + r) / 2)))
 
     def _calibrated(self, claim: int, nulls: Sequence[float], error: float) -> float:
-        """The smallest threshold that is reached with a probability of `error` at most at each of `nulls`."""
+        """Smallest threshold reached with a probability of at most `error` at each of `nulls`."""
         x = np.arange(self.max_runs + 1.0)
         evidence = np.stack([self._evidence(np.minimum(x, n), np.full_like(x, n))[claim] for n in range(len(x))])
         evidence[x[None, :] > x[:, None]] = -np.inf
@@ -192,10 +184,7 @@ class StoppingRule:
 
 
 def classes_by(rule: StoppingRule, passed: ArrayLike, judged: ArrayLike) -> Classes:
-    """The classes of configurations whose runs were ended by `rule`; a test that knows nothing of the rule would not hold its error.
-
-    Those that were ended otherwise, before anything was shown, are undecided.
-    """
+    """Classes of configurations whose runs were ended by `rule`; those ended otherwise are undecided."""
     names = tuple(found or "undecided" for found in rule.decisions(passed, judged))
     unknown = np.full(len(names), np.nan)
     controls = (
@@ -206,7 +195,7 @@ def classes_by(rule: StoppingRule, passed: ArrayLike, judged: ArrayLike) -> Clas
 
 
 def runs_saved(rule: StoppingRule, runs: ArrayLike) -> Savings:
-    """What `rule` saved, with the (m,) numbers of runs that were done of each configuration."""
+    """Runs saved by `rule`, from the number of runs (m,) of each configuration."""
     done = np.asarray(runs)
     return Savings(int(done.sum()), int(done.size) * rule.max_runs)
 
@@ -214,7 +203,7 @@ def runs_saved(rule: StoppingRule, runs: ArrayLike) -> Savings:
 def _characteristics(
     lattice: Sequence[NDArray[np.intp]], looks: frozenset[int], rates: Floats, bounds: ClassBounds
 ) -> OperatingCharacteristics:
-    """Follow the probabilities of (n, x) through the claims `lattice`, looked at after `looks` runs."""
+    """Propagate the probabilities of (n, x) through the claims `lattice`, with looks after `looks` runs."""
     alive = np.zeros((len(rates), len(lattice)))
     alive[:, 0] = 1.0
     ends = np.zeros((len(CLAIMS), len(rates)))

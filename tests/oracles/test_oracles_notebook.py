@@ -2,7 +2,6 @@
 
 import json
 import math
-import pickle
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +10,8 @@ from table import each_row
 
 from vastflow.oracles.judgement.conformance import CHECKS, SampleRun, sample_runs
 from vastflow.oracles.judgement.notebook import SIGNALS, run_tables
-from vastflow.oracles.judgement.notebook_file import NotebookError
 from vastflow.oracles.judgement.oracle import Oracle, OracleError, oracle_of
+from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.tasks.keys.source import installed_tree
 
 EXAMPLE = Path(__file__).parents[2] / "campaigns" / "notebook"
@@ -107,7 +106,7 @@ def test_verdicts_may_be_a_table(tmp_path) -> None:
 @each_row(
     ("left", "message"),
     [
-        ("pass", "judge.ipynb: it leaves no 'verdicts'; a table or list of rows, one for each run"),
+        ("pass", "judge.ipynb: no variable 'verdicts'; a table or list of rows, one for each run"),
         ("verdicts = [{'run_index': 8}]", r"verdict 1: expected one of the runs \[3\], got run_index 8"),
         (
             "verdicts = [{'run_index': 3, 'judgement': 'ok'}]",
@@ -116,15 +115,18 @@ def test_verdicts_may_be_a_table(tmp_path) -> None:
         ("verdicts = [{'run_index': 3, 'judgement': 'fail'}]", "verdict 1: 'fail' without a reason"),
         (
             "verdicts = 2 * [{'run_index': 3, 'judgement': 'pass'}]",
-            "verdict 2: a second one on run 3; one for each run",
+            "verdict 2: duplicate verdict on run 3; one for each run",
         ),
-        ("verdicts = [{'run_index': 3, 'judgement': 'pass', 'x': 1}]", "found 'x'; name it with its unit in 'metrics'"),
+        (
+            "verdicts = [{'run_index': 3, 'judgement': 'pass', 'x': 1}]",
+            "unknown metric 'x'; name it with its unit in 'metrics'",
+        ),
         ("a = 1\nb = a / 0", "judge.ipynb: cell 2, line 2: ZeroDivisionError: division by zero"),
     ],
 )
 def test_notebook_that_gives_no_verdicts_is_broken_and_says_where(tmp_path, left: str, message: str) -> None:
     oracle = notebook(tmp_path, "first = 1", left)
-    with pytest.raises(NotebookError, match=message):
+    with pytest.raises(PlugInError, match=message):
         oracle.judge(CORRIDOR.trace, CORRIDOR.situation)
 
 
@@ -133,10 +135,10 @@ def test_notebook_that_gives_no_verdicts_is_broken_and_says_where(tmp_path, left
     [
         (
             ["%matplotlib inline"],
-            "cell 1, line 1: found '%matplotlib inline'; Python alone; .* tagged 'skip-execution'",
+            "cell 1, line 1: expected Python, got '%matplotlib inline'; tag .* 'skip-execution'",
         ),
-        ([cell("import numpy", "parameters")], "cell 1, line 1: found 'import numpy'; name = literal"),
-        ([cell("a = b", "parameters")], "cell 1, line 1: found 'a = b'; name = literal"),
+        ([cell("import numpy", "parameters")], "cell 1, line 1: expected name = literal, got 'import numpy'"),
+        ([cell("a = b", "parameters")], "cell 1, line 1: expected name = literal, got 'a = b'"),
         (["metrics = {'a': 1}"], r"cell 1: expected names and units, got metrics = \{'a': 1\}"),
     ],
 )
@@ -152,11 +154,11 @@ def test_what_is_no_notebook_is_a_fault_of_the_request(tmp_path) -> None:
     with pytest.raises(OracleError, match=r"judge\.ipynb: not JSON: Expecting value; a JSON text"):
         oracle_of("judge.ipynb", {}, tmp_path)
     for damage, message in (
-        ({"cells": [{"source": "x = 1"}], "nbformat": 4}, "cells.0.cell_type: found "),
-        ({"cells": {}, "nbformat": 4}, "cells: found {}"),
-        ({"nbformat": 4}, "cells: found "),
-        ([], r"the whole: found \[\]"),
-        ({"cells": [{"cell_type": "code", "source": "x\0"}], "nbformat": 4}, "cell 1: found .*null bytes"),
+        ({"cells": [{"source": "x = 1"}], "nbformat": 4}, "cells.0.cell_type: expected a notebook of format 4, got "),
+        ({"cells": {}, "nbformat": 4}, "cells: expected a notebook of format 4, got {}"),
+        ({"nbformat": 4}, "cells: expected a notebook of format 4, got "),
+        ([], r"content: expected a notebook of format 4, got \[\]"),
+        ({"cells": [{"cell_type": "code", "source": "x\0"}], "nbformat": 4}, "cell 1: .*null bytes"),
         ({"cells": [{"cell_type": "code", "source": "'\ud800'"}], "nbformat": 4}, "cell 1: "),
         ({"cells": [{"cell_type": "code", "source": "(" * 3000}], "nbformat": 4}, "cell 1"),
     ):
@@ -165,11 +167,6 @@ def test_what_is_no_notebook_is_a_fault_of_the_request(tmp_path) -> None:
             oracle_of("judge.ipynb", {}, tmp_path)
     with pytest.raises(OracleError, match=r"no file .*absent\.ipynb'; a notebook beside the campaign file"):
         oracle_of("absent.ipynb", {}, tmp_path)
-
-
-def test_notebook_s_error_can_be_sent_to_another_process() -> None:
-    error = pickle.loads(pickle.dumps(NotebookError("got this", "that")))
-    assert (str(error), error.what) == ("expected that, got this", "got this")
 
 
 # What a judgement follows from

@@ -76,4 +76,8 @@ def test_what_says_the_same_as_a_factor_cannot_be_told_from_it():
     seen, _ = factors_of([{"obstacles near the path": k % 3} for k in range(30)])
     passed = np.random.default_rng(6).binomial(20, 0.7, 30)
     (found,) = factor_analysis(factors, passed, np.full(30, 20), path_properties=seen).path_properties
-    assert (found.others.p_value, found.others.note, found.matters) == (None, "can't be told from other factors", False)
+    assert (found.others.p_value, found.others.note, found.matters) == (
+        None,
+        "cannot be told from other factors",
+        False,
+    )

@@ -9,7 +9,6 @@ from vastflow.oracles.figures.factor_figure import factor_figure, interaction_fi
 from vastflow.oracles.page.failures import failure_kinds, kind_of
 from vastflow.oracles.page.report import write_report
 from vastflow.oracles.page.untested import rejection_rows
-from vastflow.oracles.page.work_section import work_section
 from vastflow.oracles.results.tables import read_tables
 from vastflow.oracles.statistics.effects import Claim, FactorEffect, LevelEffect
 from vastflow.oracles.statistics.interactions import InteractionEffect, LevelPair
@@ -110,10 +109,3 @@ def test_factor_figure_has_a_panel_for_each_factor_up_to_100_percent() -> None:
     assert boxes[1].x0 > boxes[0].x1 and boxes[2].y1 < boxes[0].y0
     for axes in figure.axes[:3]:
         assert axes.get_yticklabels()[-1].get_text() == "100 %" and axes.get_ylim() == (0, 1)
-
-
-def test_memory_of_the_host_is_said_in_gigabytes() -> None:
-    metadata = {"created": "2026-11-21T06:00:00", "host": {"name": "lab", "memory_bytes": 25_276_502_016}}
-    page = work_section(metadata)
-    assert "<dt>host memory</dt><dd>25.3 GB</dd>" in page
-    assert "<dt>host name</dt><dd>lab</dd>" in page

@@ -186,11 +186,14 @@ def test_what_belongs_to_the_call_alone_stands_between_marks(directory: Path) ->
 
     first = rest()
     metadata = json.loads((directory / "metadata.json").read_text())
-    metadata |= {"created": "2027-01-01T00:00:00", "host": {"name": "lab 2"}}
+    metadata |= {"created": "2027-01-01T00:00:00", "host": {"name": "lab 2", "memory_bytes": 25_276_502_016}}
     metadata["counts"] = {"executed": 7, "reused": 8, "cpu_s": 9.0, "wall_s": 10.0, "results": "/elsewhere"}
     (directory / "metadata.json").write_text(json.dumps(metadata))
     write_report(directory)
     assert rest() == first
+    page = text_of(directory)
+    assert "<dt>host memory</dt><dd>25.3 GB</dd>" in page and "<dt>CPU time</dt><dd>9 s</dd>" in page
+    assert "<dt>runs</dt><dd>7 executed, 8 from the store</dd>" in page
 
 
 def test_rows_of_a_table_are_data_that_a_script_can_read(shown: Path) -> None:
@@ -217,7 +220,7 @@ def test_sample_and_a_selection_are_said_at_the_top(directory: Path) -> None:
     write_report(directory)
     words = " ".join(Page(text_of(directory)).text.split())
     assert "A sample: 4 of 1,234 distinct configurations of the campaign" in words
-    assert "Of the campaign only this was asked for: noisy*." in words
+    assert "Only this part of the campaign was requested: noisy*." in words
 
 
 def test_duplicates_are_counted_beside_as_the_paper_counts_them(page: Page, shown: Path) -> None:

@@ -7,9 +7,9 @@ from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
 from vastflow.flows.terminal.outcome import outcome
+from vastflow.oracles.evidence.causes import Standstills, standstills_of
 from vastflow.oracles.evidence.evidence import evidence_of
 from vastflow.oracles.evidence.findings import findings_of, shape_of
-from vastflow.oracles.evidence.standstills import Standstills, standstills_of
 from vastflow.oracles.page.report import write_report
 from vastflow.oracles.results.tables import read_tables
 from vastflow.sim.model.scenario import Scenario

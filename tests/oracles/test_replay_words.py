@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.oracles.replay.story import FEWEST, FRAMES, doing, happening, highlights, numbers, tick_of
-from vastflow.oracles.replay.times import Span, TimeError, rounded, span_of, step_of, tick_at, whole_run
+from vastflow.oracles.replay.times import Span, rounded, span_of, step_of, tick_at, whole_run
+from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Event, Run
 from vastflow.sim.replay.snapshot import Moment
@@ -138,18 +139,18 @@ def test_time_becomes_the_nearest_tick_and_the_end_the_last():
 
 @each_row("t_s", [-0.1, 30.1, float("nan"), float("inf")])
 def test_time_outside_the_run_is_refused(t_s):
-    with pytest.raises(TimeError, match=r"--at .*: outside the run, which goes from 0 to 30\.00 s"):
+    with pytest.raises(UserError, match=r"--at .*: outside the run, which goes from 0 to 30\.00 s"):
         tick_at("--at", t_s, whole_run(30.0))
 
 
 def test_span_that_ends_before_it_begins_is_refused():
-    with pytest.raises(TimeError, match="--from 9 --to 4: ends before it begins"):
+    with pytest.raises(UserError, match="--from 9 --to 4: ends before it begins"):
         span_of(9.0, 4.0, whole_run(30.0))
 
 
 @each_row("every_s", [0.0, -1.0, float("nan"), float("inf")])
 def test_step_that_is_no_positive_time_is_refused(every_s):
-    with pytest.raises(TimeError, match=r"--every .*: a time greater than 0 s"):
+    with pytest.raises(UserError, match=r"--every .*: a time greater than 0 s"):
         step_of(every_s)
 
 

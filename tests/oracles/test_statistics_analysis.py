@@ -1,9 +1,10 @@
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 import pytest
 from table import each_row
 
+from vastflow.oracles.page.words import powerless_text
 from vastflow.oracles.results.factors import factors_of
 from vastflow.oracles.statistics.analysis import FactorAnalysis, factor_analysis, holm
 from vastflow.oracles.statistics.contrast import contrasts_of
@@ -93,7 +94,7 @@ def test_level_without_judged_runs_drops_out() -> None:
 def test_factor_that_comes_with_another_alone_can_not_be_told_from_it() -> None:
     rows = [{"a": k % 3, "b": (k % 3 > 0) * 1} for k in range(12)]
     by_name = {effect.name: effect for effect in analyzed(rows, range(12)).factors}
-    assert (by_name["b"].others.p_value, by_name["b"].others.note) == (None, "can't be told from other factors")
+    assert (by_name["b"].others.p_value, by_name["b"].others.note) == (None, "cannot be told from other factors")
     assert by_name["a"].others.p_value is not None
 
 
@@ -150,3 +151,26 @@ def test_p_value_of_many_configurations_is_that_of_analysis_of_variance() -> Non
 def test_same_data_give_the_same_p_values() -> None:
     failed = np.random.default_rng(8).binomial(20, 0.3, len(GRID))
     assert analyzed(GRID, failed).factors == analyzed(GRID, failed).factors
+
+
+@each_row(("each", "powerless"), [(3, True), (5, False)])
+def test_analysis_names_effects_that_so_few_situations_cannot_show(each: int, powerless: bool) -> None:
+    # `each` short and long paths, and a factor that fails every run, on long paths alone: nothing larger can be.
+    from scipy.stats import f_oneway
+
+    rows = [{"length": s % 2, "a": a} for s in range(2 * each) for a in (0, 1)]
+    found = analyzed(rows, [20 * row["length"] * row["a"] for row in rows], blocks=np.repeat(np.arange(2 * each), 2))
+    # Every division of the paths into two groups, by the F test of clearly different values.
+    values = np.r_[np.arange(each), 100.0 + np.arange(each)]
+    divisions = [np.isin(np.arange(2 * each), group) for group in combinations(range(2 * each), each)]
+    f = np.round([f_oneway(values[short], values[~short]).statistic for short in divisions], 6)
+    between = float(np.mean(f == f.max()))
+    (pair,) = found.interactions
+    effects = {effect.name: effect.others for effect in found.factors}
+    assert pair.claim.least == pytest.approx(between)
+    assert effects["length"].least == pytest.approx(between)
+    assert effects["a"].least == pytest.approx(2.0 / 2.0 ** (2 * each))  # the signs of `2 * each` differences
+    assert (pair.claim.powerless, pair.claim.shown) == (powerless, not powerless)
+    assert {effect.powerless for effect in effects.values()} == {powerless}
+    words = "6 paths are too few to show, for other paths, an effect of length or a, or an interaction, however large."
+    assert powerless_text(found, "path").replace("a or length", "length or a") == (words if powerless else "")

@@ -168,5 +168,5 @@ def test_level_without_pairs_is_left_out() -> None:
 
 
 def test_pair_has_both_outcomes() -> None:
-    with pytest.raises(ValueError, match="a pair has a configuration and two outcomes"):
+    with pytest.raises(ValueError, match="expected a configuration and two outcomes"):
         Pairs(np.zeros(2, dtype=np.int64), np.zeros(2, dtype=bool), np.zeros(1, dtype=bool))

@@ -78,7 +78,7 @@ def test_errors_and_runs_of_drawn_configurations_are_the_computed_ones() -> None
             assert (last == name).mean() == pytest.approx(chance, abs=noise)
 
 
-def test_looking_after_waves_makes_fewer_errors_and_more_runs() -> None:
+def test_looking_after_rounds_makes_fewer_errors_and_more_runs() -> None:
     rule = StoppingRule(5, 40)
     each, rounds = (rule.operating_characteristics([0.2, 0.5, 1.0], runs_per_look) for runs_per_look in (1, 5))
     assert (rounds.wrong <= each.wrong + 1e-12).all()
