@@ -9,12 +9,11 @@ import typer
 
 from vastflow.flows.results.address import check_directory
 from vastflow.flows.terminal.ending import Interruptible, writing
-from vastflow.flows.terminal.options import AsJson
+from vastflow.flows.terminal.options import AsJson, OracleName, Out
 from vastflow.oracles.results.unusable import reading
 
 if TYPE_CHECKING:
     from vastflow.flows.comparison.campaigns import Compared
-    from vastflow.oracles.results.tables import Tables
 
 Target = Literal["these", "others"]
 
@@ -22,9 +21,7 @@ Target = Literal["these", "others"]
 def compare(
     before: Annotated[Path, typer.Argument(metavar="A", help="Baseline campaign directory.")],
     after: Annotated[Path, typer.Argument(metavar="B", help="Candidate campaign directory.")],
-    oracle: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Compare by this oracle alone, else by all that judged both.")
-    ] = None,
+    oracle: OracleName = None,
     gate: Annotated[
         bool,
         typer.Option("--gate", help="Exit code 1 unless a loss of the margin is ruled out, 4 if it can't be told."),
@@ -39,38 +36,35 @@ def compare(
         Path | None, typer.Option(metavar="FILE", help="Write a JUnit file: the gate and each configuration.")
     ] = None,
     pictures: Annotated[int, typer.Option(min=0, metavar="N", help="Configurations to draw, the most changed.")] = 8,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Where the pictures go, else B/comparisons/A.")
-    ] = None,
+    out: Out = None,
     as_json: AsJson = False,
 ) -> None:
     """Compare two campaigns, run by run.
 
     Runs are paired by scenario and seed. Shows the difference with its interval, configurations that newly fail or pass, and the
-    difference at each level of each factor.
+    difference at each level of each factor. Pictures go to B/comparisons/A.
     """
     for directory in (before, after):
         check_directory(directory)
     with Interruptible("interrupted"):
         from vastflow.flows.comparison.campaigns import compared
-        from vastflow.flows.comparison.text import compared_json, compared_text
+        from vastflow.flows.comparison.text import compared_json, compared_report, compared_text
+        from vastflow.flows.terminal.table import printed
+        from vastflow.oracles.results.tables import read_tables
 
-        tables = _tables(before), _tables(after)
+        with reading(before):
+            then = read_tables(before)
         with reading(after):
-            found = compared(*tables, oracle, margin, target)
+            found = compared(then, read_tables(after), oracle, margin, target)
         folder = out or after / "comparisons" / before.resolve().name
         with writing(folder, "--out"):
             drawn, undrawn = _drawn(found, pictures, folder)
         if junit is not None:
-            from vastflow.flows.comparison.text import compared_report
-
             with writing(junit, "--junit"):
                 junit.write_bytes(compared_report(found))
         if as_json:
             print(json.dumps(compared_json(found, drawn)))
         else:
-            from vastflow.flows.terminal.outcome import printed
-
             printed(compared_text(found, drawn))
         for why, names in undrawn.items():
             print(f"not drawn: {', '.join(names)}: {why}", file=sys.stderr)
@@ -78,23 +72,13 @@ def compare(
         raise typer.Exit(found.gate.exit_code)
 
 
-def _tables(directory: Path) -> "Tables":
-    from vastflow.oracles.results.tables import read_tables
-
-    with reading(directory):
-        return read_tables(directory)
-
-
 def _drawn(found: "Compared", most: int, folder: Path) -> tuple[dict[str, Path], dict[str, list[str]]]:
     """Pictures by the name of the later configuration; reasons why others can't be drawn, and their names."""
     drawn: dict[str, Path] = {}
     undrawn: dict[str, list[str]] = {}
-    chosen = found.changes[:most]
-    if not chosen:
-        return drawn, undrawn
     from vastflow.flows.comparison.pictures import NotDrawn, picture_of
 
-    for change in chosen:
+    for change in found.changes[:most]:
         name = found.pairing.matches[change.configuration].after
         try:
             content = picture_of(found, change)

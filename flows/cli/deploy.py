@@ -1,18 +1,19 @@
 """The command `deploy`: a campaign that Prefect runs on request or by a schedule."""
 
+import shlex
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from vastflow.flows.cli.containers import Format, describe
 from vastflow.flows.cli.run import asked_request
 from vastflow.flows.request.run_request import NAMES
 from vastflow.flows.request.work_pool import NO_API
 from vastflow.flows.terminal.ending import FAULT
-from vastflow.flows.terminal.options import CampaignFile, Context, asking
+from vastflow.flows.terminal.options import CampaignFile, Context, DryRun, asking
 from vastflow.sim.model.faults import UserError
 from vastflow.tasks.execution.job import DATA, IMAGE, NAME, PoolType
 
@@ -25,8 +26,17 @@ if TYPE_CHECKING:
 OPTIONS: Final = tuple(name for name in NAMES if name not in ("pool", "shards", "pool_wait_s"))
 """What the campaign is asked each time; its pool is `--shards-in` here, where `--pool` is that of the deployment."""
 
+MOST_IN_A_CONFIG_MAP: Final = 2**20
+
 IMAGE_FOLDER: Final = "/vastflow"
 """Working directory of vastflow's image, with what the image was built from."""
+
+
+class Format(StrEnum):
+    """Consumer of a printed description."""
+
+    compose = "compose"
+    kubernetes = "kubernetes"
 
 
 @asking(*OPTIONS, results=None)
@@ -52,9 +62,7 @@ def deploy(
             metavar="POOL", help="Work pool whose workers compute the runs; made if there is none, of the same --type."
         ),
     ] = None,
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Print deployment and pool as YAML; change nothing.")
-    ] = False,
+    dry_run: DryRun = False,
     format_: Annotated[
         Format | None,
         typer.Option(
@@ -69,7 +77,7 @@ def deploy(
     another pool, or of the same one, compute its runs.
     """
     if format_ is not None:
-        describe(file, format_, context, asked["map_dir"], as_v1=asked["as_v1"])
+        _describe(file, format_, context, asked["map_dir"], as_v1=asked["as_v1"])
         return
     if pool is None:
         raise UserError("--pool: expected the name of a work pool, or --format, got neither")
@@ -229,3 +237,48 @@ def _register(
         print(f"{made} the work pool {name}; start a worker: prefect worker start --pool {name}{room}")
     print(f"{campaign.name}/{deployment.name}: {url.removesuffix('/api')}/deployments/deployment/{found}")
     print(f"run it: prefect deployment run '{campaign.name}/{deployment.name}'")
+
+
+def _describe(file: Path, format_: Format, context: str | None, map_dir: Path | None, *, as_v1: bool) -> None:
+    """Print the containers of a run as YAML: image, resources, environment, files, and scripts."""
+    from vastflow.flows.request.campaign_file import campaign_name
+    from vastflow.producers.campaign import load_campaign
+    from vastflow.sim.plug_ins.effects import looking_only
+    from vastflow.tasks.execution.manifests import compose_file, pod_template, yaml_text
+    from vastflow.tasks.execution.reading import describe as described
+
+    with looking_only():
+        campaign = load_campaign(file, map_dir, as_v1=as_v1)
+    found = described(campaign, campaign_name(campaign), context)
+    if format_ is Format.compose:
+        print(yaml_text(compose_file(found)), end="")
+        notes = _compose_notes(found)
+    else:
+        print(yaml_text(pod_template(found)), end="")
+        notes = _kubernetes_notes(found)
+    for note in notes:
+        print(note, file=sys.stderr)
+
+
+def _compose_notes(found: "RunDescription") -> Iterator[str]:
+    from vastflow.tasks.execution.manifests import OUT_FOLDER
+
+    folder = shlex.quote(str(found.folder))
+    yield f"save it in {folder}; make a folder {OUT_FOLDER} there that user {found.user} can write to"
+    if found.deadline_s is not None:
+        yield f"execution.timeout: Docker Compose ends nothing after {found.deadline_s} s"
+    if found.node_labels:
+        yield "execution.kubernetes.jobs.node_labels: Docker Compose chooses no nodes"
+
+
+def _kubernetes_notes(found: "RunDescription") -> Iterator[str]:
+    from vastflow.tasks.execution.manifests import config_map_keys, config_map_name
+
+    if not found.files:
+        return
+    from_files = (f"--from-file={key}={found.folder / file}" for key, file in config_map_keys(found).items())
+    command = ["kubectl", "create", "configmap", config_map_name(found), *from_files]
+    yield f"the pod finds the run's files in a ConfigMap; make it by: {shlex.join(command)}"
+    size = sum((found.folder / file).stat().st_size for file in found.files)
+    if size > MOST_IN_A_CONFIG_MAP:
+        yield f"execution.run_files: found {size} bytes; a ConfigMap holds {MOST_IN_A_CONFIG_MAP}: name fewer files"

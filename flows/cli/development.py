@@ -7,7 +7,7 @@ from typing import Annotated, Final, NoReturn
 
 import typer
 
-from vastflow.flows.terminal.options import AsJson
+from vastflow.flows.terminal.options import AsJson, command_group
 from vastflow.sim.model.faults import UserError
 
 PROOFS: Final = Path(__file__).resolve().parents[2] / "tests" / "proofs"
@@ -29,10 +29,8 @@ def run_script(command: str, name: str, *arguments: object) -> NoReturn:
     os.execv(sys.executable, [sys.executable, str(script), *map(str, arguments)])
 
 
-dev = typer.Typer(
-    help="Measure and compare; these need a clone of the repository.", no_args_is_help=True, rich_markup_mode=None
-)
-bench = typer.Typer(help="Measure speed on this machine.", no_args_is_help=True, rich_markup_mode=None)
+dev = command_group("Measure and compare; these need a clone of the repository.")
+bench = command_group("Measure speed on this machine.")
 dev.add_typer(bench, name="bench")
 
 

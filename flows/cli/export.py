@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from vastflow.flows.cli.show import PLACE_HELP
 from vastflow.flows.terminal.ending import Interruptible, writing
+from vastflow.flows.terminal.options import PlaceOfResults
+from vastflow.flows.terminal.words import count_text
 from vastflow.sim.model.faults import UserError
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ PERIOD_S: Final = 5.0
 
 
 def export(
-    results: Annotated[str, typer.Argument(metavar="RESULTS", help=PLACE_HELP)],
+    results: PlaceOfResults,
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder, or an empty one.")],
     only: Annotated[
         list[str] | None,
@@ -66,8 +67,5 @@ def _said(exported: "Exported") -> str:
     counts = {"passed": runs - failed - broken - unjudged, "failed": failed, "broken": broken, "not judged": unjudged}
     named = ", ".join(f"{n} {what}" for what, n in counts.items() if n or what in ("passed", "failed"))
     alike = f", {exported.duplicates} of the content of another" if exported.duplicates else ""
-    configurations = len(exported.suites) + exported.duplicates
-    return (
-        f"{configurations} configuration{'' if configurations == 1 else 's'}{alike}; {runs} runs: {named}\n"
-        f"exported: {exported.folder}"
-    )
+    configurations = count_text(len(exported.suites) + exported.duplicates, "configuration")
+    return f"{configurations}{alike}; {runs} runs: {named}\nexported: {exported.folder}"

@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from vastflow.flows.terminal.ending import BAD_INPUT, check_writable, writing
+from vastflow.flows.terminal.options import command_group
 from vastflow.sim.model.faults import UserError
 
 if TYPE_CHECKING:
     from vastflow.producers.floorplan.building import Building
 
-floorplan = typer.Typer(
-    help="Draw floor plans (.fpm) and their variations (.variation).", no_args_is_help=True, rich_markup_mode=None
-)
+floorplan = command_group("Draw floor plans (.fpm) and their variations (.variation).")
 
 PlanArgument = Annotated[Path, typer.Argument(metavar="FILE.fpm", help="Floor plan.")]
 Out = Annotated[Path, typer.Option(help="Folder to write to; made where there is none.")]

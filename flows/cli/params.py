@@ -33,7 +33,8 @@ def params(
 
     Every parameter of the file, with the value that is used or with what is done in its place.
     """
-    from vastflow.producers.campaign_file.nav2_parameters import parameter_faults
+    from vastflow.producers.campaign_file.nav2_parameters import parameter_faults, short
+    from vastflow.producers.model.faults import shown
     from vastflow.sim.model.faults import FileError
     from vastflow.sim.nav2.parameter_files.document import DocumentError
     from vastflow.sim.nav2.parameter_files.findings import findings
@@ -48,8 +49,11 @@ def params(
     if as_json:
         print(json.dumps(_as_json(found, rows)))
         return
-    for line in (*_table(rows), "", *_summary(found, rows)):
-        print(line)
+    from vastflow.flows.terminal.table import printed, terminal_table
+
+    lines = [(str(row.place[0]), short(row.path), shown(row.value, 40), _said(row)) for row in rows]
+    printed([terminal_table((), ("line",), ("parameter", "value", "simulator"), lines), ""])
+    print(*_summary(found, rows), sep="\n")
 
 
 def _as_json(found: "Interpretation", rows: Sequence["Finding"]) -> Mapping[str, Any]:
@@ -89,16 +93,6 @@ def _finite(value: Any) -> Any:
 def _counts(rows: Sequence["Finding"]) -> Mapping[str, int]:
     counted = Counter[str](row.status for row in rows)
     return {status: counted[status] for status in MEANING}
-
-
-def _table(rows: Sequence["Finding"]) -> Iterator[str]:
-    from vastflow.producers.campaign_file.nav2_parameters import short
-    from vastflow.producers.model.faults import shown
-
-    cells = [(str(row.place[0]), short(row.path), shown(row.value, 40), _said(row)) for row in rows]
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)] if cells else [0] * 4
-    for line, name, value, said in cells:
-        yield f"{line:>{widths[0]}}  {name:<{widths[1]}}  {value:<{widths[2]}}  {said}"
 
 
 def _said(row: "Finding") -> str:

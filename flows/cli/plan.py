@@ -12,7 +12,7 @@ import typer
 from vastflow.flows.cli.run import Campaign, is_directory, requested
 from vastflow.flows.results.address import check_directory
 from vastflow.flows.terminal.ending import Interruptible, check_writable, writing
-from vastflow.flows.terminal.options import AsJson, asking
+from vastflow.flows.terminal.options import AsJson, Out, asking
 from vastflow.oracles.results.unusable import reading
 from vastflow.sim.model.faults import UserError
 
@@ -29,9 +29,7 @@ def plan(
         bool, typer.Option("--coverage", help="List how much of each dimension and pair of producers is covered.")
     ] = False,
     pictures: Annotated[int, typer.Option(min=0, metavar="N", help="Draw the first N configurations.")] = 0,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Where pictures are written; else pictures-NAME.")
-    ] = None,
+    out: Out = None,
     since: Annotated[
         Path | None, typer.Option(metavar="RESULTS", help="Compare with this campaign, else with the newest before.")
     ] = None,
@@ -40,7 +38,8 @@ def plan(
     """Show what a run would do, without running it.
 
     Configurations, what is rejected or excluded, what is in the store, and what would be computed. Of one configuration of a
-    campaign directory: its origin, its keys in the store, and its differences to an earlier campaign.
+    campaign directory: its origin, its keys in the store, and its differences to an earlier campaign. Pictures go to
+    pictures-NAME.
     """
     if since is not None:
         check_directory(since, "--since")
@@ -54,7 +53,7 @@ def plan(
         from vastflow.flows.plan.plan import plan_of
         from vastflow.flows.plan.text import plan_json, plan_text
         from vastflow.flows.results.directory import directory_name
-        from vastflow.flows.terminal.outcome import printed
+        from vastflow.flows.terminal.table import printed
         from vastflow.sim.plug_ins.effects import looking_only
 
         with requested(source, asked) as request, TemporaryDirectory(prefix="vastflow-") as environments:
@@ -81,7 +80,7 @@ def _explain(directory: Path, name: str, store: str | None, since: Path | None, 
         )
     check_directory(directory)
     from vastflow.flows.plan.explain import explained, explanation_json, explanation_text
-    from vastflow.flows.terminal.outcome import printed
+    from vastflow.flows.terminal.table import printed
 
     with reading(directory):
         found = explained(directory, name, store=store, since=since)

@@ -12,7 +12,7 @@ import typer
 
 from vastflow.flows.results.address import check_directory
 from vastflow.flows.terminal.ending import Interruptible, writing
-from vastflow.flows.terminal.options import AsJson, ResultsFolder
+from vastflow.flows.terminal.options import AsJson, Out, ResultsFolder
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.faults import UserError
 
@@ -58,9 +58,7 @@ def replay(
     since: Annotated[float | None, typer.Option("--from", metavar="S", help="Nothing before this time.")] = None,
     until: Annotated[float | None, typer.Option("--to", metavar="S", help="Nothing after this time.")] = None,
     video: Annotated[bool, typer.Option("--video", help="Make a film too, an animated GIF.")] = False,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Where the pictures go, else RESULTS/replays/.")
-    ] = None,
+    out: Out = None,
     as_json: AsJson = False,
 ) -> None:
     """Execute a recorded run once more, and look at it.

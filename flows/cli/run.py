@@ -13,12 +13,13 @@ import typer
 from vastflow.flows.request.run_request import NAMES, RunRequest, request_of
 from vastflow.flows.results.address import check_directory, meant_address
 from vastflow.flows.terminal.ending import FAULT, Interruptible, check_writable
-from vastflow.flows.terminal.options import asking
+from vastflow.flows.terminal.options import AsJson, asking
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.faults import UserError
 
 if TYPE_CHECKING:
     from vastflow.flows.results.summary import Results
+    from vastflow.flows.terminal.display import Display
 
 
 OPTIONS: Final = tuple(name for name in NAMES if name != "reports")
@@ -36,7 +37,7 @@ Campaign: TypeAlias = Annotated[
 def run(
     source: Campaign,
     asked: Mapping[str, Any],
-    as_json: Annotated[bool, typer.Option("--json", help="Print a JSON summary and nothing else.")] = False,
+    as_json: AsJson = False,
     open_report: Annotated[
         bool, typer.Option("--open", help="Open the report in the browser at the end; never where CI is set.")
     ] = False,
@@ -108,7 +109,10 @@ def run_and_show(request: RunRequest, as_json: bool, *, open_report: bool = Fals
 
     if not is_address(request.results):
         check_writable(Path(request.results), "--results")
-    found = _run(request)
+    with computing() as display:
+        from vastflow.flows import run_campaign
+
+        found = run_campaign(request, observer=display)
     for note in found.notes:
         print(note, file=sys.stderr)
     if as_json:
@@ -116,46 +120,39 @@ def run_and_show(request: RunRequest, as_json: bool, *, open_report: bool = Fals
     else:
         _show(found)
     if open_report and not os.environ.get("CI"):
-        _open(found.directory / "report.html")
+        import webbrowser
+
+        report = found.directory / "report.html"
+        if not (report.exists() and webbrowser.open(report.absolute().as_uri())):
+            print(f"--open: no browser opens {report}", file=sys.stderr)
     if found.faults:
         raise typer.Exit(FAULT)
 
 
-def _run(request: RunRequest) -> "Results":
-    going_on = f"`{command_line(sys.argv)}` again computes only what is missing"
+@contextmanager
+def computing() -> "Iterator[Display]":
+    """Show the progress of the body; an interrupt or a lost API ends it with the command that goes on."""
+    going_on = f"`{shlex.join(['vastflow', *sys.argv[1:]])}` again computes only what is missing"
     with Interruptible(f"interrupted; {going_on}") as interruptible:
         from vastflow.flows.terminal.display import Display
 
         with Display() as display:
             interruptible.last_words_by(display.close)
-            from vastflow.flows import run_campaign
             from vastflow.flows.request.work_pool import WorkersFailed
             from vastflow.tasks.prefect.server import PrefectUnavailable
 
             try:
-                return run_campaign(request, observer=display)
+                yield display
             except (PrefectUnavailable, WorkersFailed) as error:
                 display.close(f"{error}; {going_on}")
                 raise typer.Exit(FAULT) from None
 
 
-def command_line(arguments: list[str]) -> str:
-    """The command as it was typed, with `vastflow` for its first word."""
-    return shlex.join(["vastflow", *arguments[1:]])
-
-
-def _open(report: Path) -> None:
-    """Open a report in the user's browser; where there is none, its path was said."""
-    import webbrowser
-
-    if not (report.exists() and webbrowser.open(report.absolute().as_uri())):
-        print(f"--open: no browser opens {report}", file=sys.stderr)
-
-
 def _show(found: "Results") -> None:
     from vastflow.flows.cli.show import report_line
     from vastflow.flows.terminal.display import duration_text
-    from vastflow.flows.terminal.outcome import outcome, printed
+    from vastflow.flows.terminal.outcome import outcome
+    from vastflow.flows.terminal.table import printed
     from vastflow.oracles.evidence.evidence import evidence_of
     from vastflow.oracles.results.tables import read_tables
     from vastflow.tasks.store.store import is_address

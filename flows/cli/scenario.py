@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from vastflow.flows.terminal.options import command_group
+
 if TYPE_CHECKING:
     from vastflow.sim.scenario.definition import EnumValue, Field, ScenarioDefinition
 
-scenario = typer.Typer(
-    help="Look at scenario files (.osc, OpenSCENARIO DSL).", no_args_is_help=True, rich_markup_mode=None
-)
+scenario = command_group("Look at scenario files (.osc, OpenSCENARIO DSL).")
 
 ScenarioArgument = Annotated[Path, typer.Argument(metavar="FILE.osc", help="Scenario file.")]
 

@@ -11,12 +11,11 @@ import typer
 
 from vastflow.flows.results.address import check_directory
 from vastflow.flows.terminal.ending import Interruptible
-from vastflow.flows.terminal.options import AsJson
+from vastflow.flows.terminal.options import AsJson, DryRun, command_group
 from vastflow.flows.terminal.words import count_text
 from vastflow.sim.model.faults import UserError
 
 if TYPE_CHECKING:
-    from vastflow.flows.results.cleaning import Cleaning
     from vastflow.tasks.store.store import Holding, Store
 
 DAMAGED: Final = 1
@@ -24,9 +23,7 @@ DAMAGED: Final = 1
 _READERS: Final = 8
 _LOCAL: Final = ("environments", "prefect", "logs", "bundles", "results")
 
-store = typer.Typer(
-    help="Look after the store, where results are kept for the next run.", no_args_is_help=True, rich_markup_mode=None
-)
+store = command_group("Look after the store, where results are kept for the next run.")
 
 StoreOption = Annotated[
     str | None,
@@ -69,12 +66,15 @@ def verify(
 
     Exit code 1 if something damaged is left.
     """
+    from concurrent.futures import ThreadPoolExecutor
+
     from vastflow.tasks.store.store import EARLIER
 
-    with Interruptible("interrupted; nothing more is discarded"):
+    with Interruptible("interrupted; nothing more is discarded"), ThreadPoolExecutor(_READERS) as readers:
         opened = _opened(place, read_only=not repair)
         holdings = [holding for holding in opened.holdings() if holding.whole]
-        found = _faults(opened, [holding.key for holding in holdings])
+        keys = [holding.key for holding in holdings]
+        found = {key: fault for key, fault in zip(keys, readers.map(opened.fault, keys), strict=True) if fault}
         faults = {key: fault for key, fault in found.items() if fault != EARLIER}
         if repair:
             opened.remove(list(faults))
@@ -106,7 +106,7 @@ def gc(
     older_than: Annotated[
         int | None, typer.Option(metavar="DAYS", min=1, help="Delete only what was written longer ago; 1.")
     ] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be deleted, and leave it.")] = False,
+    dry_run: DryRun = False,
     place: StoreOption = None,
     as_json: AsJson = False,
 ) -> None:
@@ -131,23 +131,20 @@ def gc(
         chosen = cleaning(opened, referred, (older_than or 1) * DAY_S)
         if not dry_run:
             clean(opened, chosen)
+    removed = _counted(chosen.removed, time.time())
+    kept_bytes = sum(holding.size_bytes for holding in chosen.kept)
     if as_json:
-        print(json.dumps({"store": opened.place, "deleted": not dry_run, **_cleaned(chosen)}))
+        counts = {name: removed[name] for name in ("artifacts", "bytes")}
+        counts |= {"environments": len(chosen.environments), "environments_bytes": chosen.environments_bytes}
+        counts |= {"kept": len(chosen.kept), "kept_bytes": kept_bytes}
+        keys = [holding.key for holding in chosen.removed]
+        print(json.dumps({"store": opened.place, "deleted": not dry_run, **counts, "keys": keys}))
         return
-    _print_stages(_counted(chosen.removed, time.time()))
+    _print_stages(removed)
     if chosen.environments:
         print(f"and {len(chosen.environments)} environments of {_size_text(chosen.environments_bytes)}")
     verb = "would be deleted" if dry_run else "deleted"
-    kept = sum(holding.size_bytes for holding in chosen.kept)
-    print(f"\n{count_text(len(chosen.removed), 'artifact')} {verb}, {len(chosen.kept)} kept ({_size_text(kept)})")
-
-
-def _faults(opened: "Store", keys: Sequence[str]) -> dict[str, str]:
-    from concurrent.futures import ThreadPoolExecutor
-
-    with ThreadPoolExecutor(_READERS) as readers:
-        found = zip(keys, readers.map(opened.fault, keys), strict=True)
-        return {key: fault for key, fault in found if fault is not None}
+    print(f"\n{count_text(len(chosen.removed), 'artifact')} {verb}, {len(chosen.kept)} kept ({_size_text(kept_bytes)})")
 
 
 def _counted(holdings: "Sequence[Holding]", now_s: float) -> dict[str, Any]:
@@ -174,32 +171,24 @@ def _sums(holdings: "Sequence[Holding]", now_s: float) -> dict[str, Any]:
     }
 
 
-def _cleaned(chosen: "Cleaning") -> dict[str, Any]:
-    return {
-        "artifacts": len(chosen.removed),
-        "bytes": sum(holding.size_bytes for holding in chosen.removed),
-        "environments": len(chosen.environments),
-        "environments_bytes": chosen.environments_bytes,
-        "kept": len(chosen.kept),
-        "kept_bytes": sum(holding.size_bytes for holding in chosen.kept),
-        "keys": [holding.key for holding in chosen.removed],
-    }
-
-
 def _print_stages(found: dict[str, Any]) -> None:
-    print(f"{'stage':<10}{'artifacts':>12}{'size':>12}{'oldest':>12}{'newest':>12}")
-    for name, row in [*found["stages"].items(), ("all", found)]:
-        ages = (_age_text(row["oldest_days"]), _age_text(row["newest_days"]))
-        print(f"{name:<10}{row['artifacts']:>12,}{_size_text(row['bytes']):>12}{ages[0]:>12}{ages[1]:>12}")
+    from vastflow.flows.terminal.table import printed, terminal_table
+
+    rows = [
+        (
+            *(name, f"{row['artifacts']:,}", _size_text(row["bytes"])),
+            *(_age_text(row["oldest_days"]), _age_text(row["newest_days"])),
+        )
+        for name, row in [*found["stages"].items(), ("all", found)]
+    ]
+    printed([terminal_table(("stage",), ("artifacts", "size", "oldest", "newest"), rows=rows)])
 
 
 def _size_text(size: int) -> str:
-    value, unit = float(size), "B"
-    for unit in ("B", "kB", "MB", "GB", "TB"):
-        if value < 999.5 or unit == "TB":
-            break
-        value /= 1000
-    return f"{value:.3g} {unit}"
+    for power, unit in enumerate(("B", "kB", "MB", "GB")):
+        if size / 1000**power < 999.5:
+            return f"{size / 1000**power:.3g} {unit}"
+    return f"{size / 1e12:.3g} TB"
 
 
 def _age_text(days: float | None) -> str:

@@ -37,30 +37,17 @@ def compared_text(found: Compared, drawn: Mapping[str, Path]) -> Iterator[Render
     yield from _standstills(found)
     for title, worse in (("newly failing", True), ("newly passing", False)):
         if shown := found.shown(worse=worse):
-            yield ""
-            yield Text(
-                f"{title}: {count_text(len(shown), 'configuration')}, at most 5 % of those shown wrongly", "bold"
-            )
-            yield _changes(found, shown[:MOST_CHANGES])
-            if rest := shown[MOST_CHANGES:]:
-                yield Text(f"and {len(rest):,} more; --json lists all", "dim")
+            named = count_text(len(shown), "configuration")
+            yield from _changes(found, f"{title}: {named}, at most 5 % of those shown wrongly", shown, MOST_CHANGES)
     if others := [change for change in found.changes if not change.shown]:
-        yield ""
-        yield Text(
-            f"{count_text(len(others), 'configuration')} with runs that end otherwise, not more than chance might",
-            "bold",
-        )
-        yield _changes(found, others[:MOST_NAMES])
-        if rest := others[MOST_NAMES:]:
-            yield Text(f"and {len(rest):,} more; --json lists all", "dim")
+        title = f"{count_text(len(others), 'configuration')} with runs that end otherwise, not more than chance might"
+        yield from _changes(found, title, others, MOST_NAMES)
     if found.levels:
-        yield ""
-        yield _levels(found)
+        yield from ("", _levels(found))
     if drawn:
-        yield ""
-        yield Text(f"{count_text(len(drawn), 'picture')} of the most changed: {next(iter(drawn.values())).parent}")
-    yield ""
-    yield _gate(found)
+        folder = next(iter(drawn.values())).parent
+        yield from ("", Text(f"{count_text(len(drawn), 'picture')} of the most changed: {folder}"))
+    yield from ("", Text(found.gate.text, "green" if found.gate.holds else "red"))
 
 
 def compared_json(found: Compared, drawn: Mapping[str, Path]) -> dict[str, Any]:
@@ -86,15 +73,15 @@ def compared_json(found: Compared, drawn: Mapping[str, Path]) -> dict[str, Any]:
         },
         "differs": [asdict(one) for one in found.differences],
         "campaign_differs": list(found.campaign_differences),
-        "difference": _difference_json(found.whole),
-        "oracles": {name: _difference_json(one) for name, one in found.oracles.items()},
+        "difference": asdict(found.whole),
+        "oracles": {name: asdict(one) for name, one in found.oracles.items()},
         "changes": [_change_json(found, change, drawn) for change in found.changes],
         "stood_still": {
             "before": standstills_of(found.before).runs,
             "after": standstills_of(found.after).runs,
         },
         "levels": [
-            {"factor": one.factor, "level": one.level, **_difference_json(one.difference), "adjusted": one.adjusted}
+            {"factor": one.factor, "level": one.level, **asdict(one.difference), "adjusted": one.adjusted}
             for one in found.levels
         ],
         "gate": {
@@ -117,10 +104,6 @@ def share(rate: float) -> str:
 def points(interval: tuple[float, float]) -> str:
     """The ends of an interval of a difference, in percentage points."""
     return f"{100 * interval[0]:+.1f} to {100 * interval[1]:+.1f}"
-
-
-def _difference_json(one: RateDifference) -> dict[str, Any]:
-    return asdict(one)
 
 
 def _change_json(found: Compared, change: Change, drawn: Mapping[str, Path]) -> dict[str, Any]:
@@ -172,29 +155,22 @@ def _different(found: Compared) -> Iterator[Text]:
     lines += found.campaign_differences
     for line in lines[:MOST_DIFFERENT] or ["no parameter, version, or code"]:
         yield Text(f"differs: {line}")
-    if rest := lines[MOST_DIFFERENT:]:
-        yield Text(f"and {len(rest):,} more; --json lists all", "dim")
+    yield from _more(len(lines) - MOST_DIFFERENT)
 
 
 def _differences(found: Compared) -> Table:
-    table = terminal_table(
-        ("judged by",), ("A", "B", "difference", f"95 %, {found.gate.target}", "lost", "gained", "McNemar p")
-    )
     one = len(found.oracles) == 1
-    rows = {} if one and found.oracle is None else {found.oracle or "all oracles": found.whole}
-    rows |= {name: each for name, each in found.oracles.items() if name != found.oracle}
-    for name, each in rows.items():
-        table.add_row(
-            name,
-            share(each.before),
-            share(each.after),
-            f"{100 * each.difference:+.1f}",
-            points(each.interval),
-            f"{each.lost:,}",
-            f"{each.gained:,}",
-            _p(each.mcnemar),
-        )
-    return table
+    whole = {} if one and found.oracle is None else {found.oracle or "all oracles": found.whole}
+    judged = whole | {name: each for name, each in found.oracles.items() if name != found.oracle}
+    rows = [
+        (name, *_rates(each), f"{each.lost:,}", f"{each.gained:,}", _p(each.mcnemar)) for name, each in judged.items()
+    ]
+    numbers = ("A", "B", "difference", f"95 %, {found.gate.target}", "lost", "gained", "McNemar p")
+    return terminal_table(("judged by",), numbers, rows=rows)
+
+
+def _rates(one: RateDifference) -> tuple[str, ...]:
+    return share(one.before), share(one.after), f"{100 * one.difference:+.1f}", points(one.interval)
 
 
 def _standstills(found: Compared) -> Iterator[Text]:
@@ -203,42 +179,38 @@ def _standstills(found: Compared) -> Iterator[Text]:
             yield Text(f"{letter}  {stood.text}", "yellow")
 
 
-def _changes(found: Compared, changes: Sequence[Change]) -> Table:
-    table = terminal_table(("configuration",), ("A", "B", "adjusted p"))
-    for change in changes:
+def _changes(found: Compared, title: str, changes: Sequence[Change], most: int) -> Iterator[RenderableType]:
+    """Yield a title, a table of configurations, and how many more there are."""
+    yield from ("", Text(title, "bold"))
+    rows = []
+    for change in changes[:most]:
         match = found.pairing.matches[change.configuration]
         name = match.after if match.after == match.before else f"{match.after} (was {match.before})"
         passes = (f"{passed} of {change.pairs}" for passed in (change.before, change.after))
-        table.add_row(name, *passes, _p(change.adjusted))
-    return table
+        rows.append((name, *passes, _p(change.adjusted)))
+    yield terminal_table(("configuration",), ("A", "B", "adjusted p"), rows=rows)
+    yield from _more(len(changes) - most)
+
+
+def _more(left: int) -> Iterator[Text]:
+    if left > 0:
+        yield Text(f"and {left:,} more; --json lists all", "dim")
 
 
 def _levels(found: Compared) -> Table:
-    table = terminal_table(("factor", "level"), ("pairs", "A", "B", "difference", "95 %", "adjusted p"))
     order = sorted(found.levels, key=lambda one: 2.0 if one.adjusted is None else one.adjusted)
     chosen = {id(one) for one in order[:MOST_LEVELS]}
-    for one in found.levels:
-        if id(one) in chosen:
-            each = one.difference
-            table.add_row(
-                one.factor,
-                one.level,
-                f"{each.pairs:,}",
-                share(each.before),
-                share(each.after),
-                f"{100 * each.difference:+.1f}",
-                points(each.interval),
-                "–" if one.adjusted is None else _p(one.adjusted),
-            )
-    return table
+    rows = [
+        (one.factor, one.level, f"{one.difference.pairs:,}", *_rates(one.difference), _p(one.adjusted))
+        for one in found.levels
+        if id(one) in chosen
+    ]
+    numbers = ("pairs", "A", "B", "difference", "95 %", "adjusted p")
+    return terminal_table(("factor", "level"), numbers, rows=rows)
 
 
-def _gate(found: Compared) -> Text:
-    return Text(found.gate.text, "green" if found.gate.holds else "red")
-
-
-def _p(value: float) -> str:
-    return "< 0.001" if value < 0.001 else f"{value:.3f}"
+def _p(value: float | None) -> str:
+    return "–" if value is None else "< 0.001" if value < 0.001 else f"{value:.3f}"
 
 
 def compared_report(found: Compared) -> bytes:

@@ -3,6 +3,7 @@
 import os
 import shutil
 import zipfile
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -30,11 +31,9 @@ from vastflow.sim.reading.abstract import BUILTIN
 from vastflow.sim.reading.script import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.tasks.store.artifact import inside
 
-_NO_NAME: Final = "scenario"
-
 
 class ExportSource:
-    """What a campaign directory has for an export.
+    """Reads the data of a campaign directory that an export needs.
 
     Attributes:
         campaign: Name of the campaign.
@@ -53,10 +52,10 @@ class ExportSource:
             self._scenario_file = Path(campaign_file.get("execution", {}).get("scenario_file") or "").name
             self.configurations = tables.configurations.rows()
             self._rows = {(row["configuration"], row["run_index"]): row for row in tables.runs.to_pylist()}
-            self._verdicts: dict[str, dict[int, list[Mapping[str, Any]]]] = {}
+            self._verdicts: defaultdict[str, defaultdict[int, list[Mapping[str, Any]]]]
+            self._verdicts = defaultdict(lambda: defaultdict(list))
             for verdict in tables.verdicts.rows():
-                runs = self._verdicts.setdefault(verdict["configuration"], {})
-                runs.setdefault(verdict["run_index"], []).append(verdict)
+                self._verdicts[verdict["configuration"]][verdict["run_index"]].append(verdict)
         self._files = KeptFiles(directory)
         self._behaviors = Behaviors(directory)
         self._logs = KeptLogs(directory)
@@ -78,7 +77,9 @@ class ExportSource:
         digest = abstract["file"]
         if digest not in self._names:
             alike = (each["name"] for each in self.configurations if each["abstract"] == abstract)
-            self._names[digest] = next(filter(None, map(self._root, alike)), _NO_NAME)
+            with reading(self._directory):
+                roots = (list(self._behaviors.of(name).get("name", ())) for name in alike)
+                self._names[digest] = next((str(names[0]) for names in roots if names), "scenario")
         return self._names[digest]
 
     def values_of(self, row: Mapping[str, Any], shared: str) -> dict[str, Any]:
@@ -97,8 +98,9 @@ class ExportSource:
         name: str = row["name"]
         scenario = self.scenario_of(row)
         with reading(self._directory):
-            block = self._content(f"recordings/{name}.parquet")
-            recorded = {run["run_index"]: columns for run, columns in read_block(block)} if block else {}
+            file = self._directory / "recordings" / f"{name}.parquet"
+            block = read_block(file.read_bytes()) if file.is_file() else ()
+            recorded = {run["run_index"]: columns for run, columns in block}
             behaviors = self._behaviors.of(name)
             indices = behaviors.pop("run_index", None)
             rows = self._logs.of(name)
@@ -118,7 +120,7 @@ class ExportSource:
                 scenario=scenario,
                 scenario_file=f"{scenario}.osc" if isinstance(row["abstract"], str) else self._scenario_file,
             )
-            for run_index, verdicts in sorted(self._verdicts.get(name, {}).items())
+            for run_index, verdicts in sorted(self._verdicts[name].items())
         ]
 
     def outputs_of(self, row: Mapping[str, Any]) -> Iterator[tuple[int, str, bytes]]:
@@ -144,12 +146,6 @@ class ExportSource:
                         name = f"{own.removesuffix('.parquet')}.parquet"
                 yield int(run_index), name, content
 
-    def _root(self, configuration: str) -> str:
-        """Name of the root of a configuration's behaviors, which is the scenario's; empty where no run was recorded."""
-        with reading(self._directory):
-            behaviors = self._behaviors.of(configuration)
-            return str(behaviors["name"][0]) if behaviors and len(behaviors["name"]) else ""
-
     def _with_paths(self, value: Any, shared: str) -> Any:
         """`value` with `{"file": digest}` as the path of that file; left alone where it is not kept."""
         if isinstance(value, dict):
@@ -164,11 +160,6 @@ class ExportSource:
         """Of a file below `inputs` or `environments`."""
         inside = path.is_relative_to(self._files.inputs)
         return path.relative_to(self._files.inputs if inside else self._directory).as_posix()
-
-    def _content(self, file: str) -> bytes:
-        """A file's content; empty where there is none, as no run was recorded."""
-        path = self._directory / file
-        return path.read_bytes() if path.is_file() else b""
 
 
 def _posed(key: str, value: Any) -> Any:

@@ -1,14 +1,13 @@
 """One run of a campaign as a test case and as files of its own."""
 
-import csv
-import io
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import PurePosixPath
 from typing import Any, Final
 
+import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv
@@ -26,21 +25,39 @@ BRIEFLY: Final = ("simulated_time_s", "wall_time_s", "outcome")
 """Properties that a case keeps in a report of many."""
 
 STATUS_NUMBERS: Final = {"INVALID": 1, "RUNNING": 2, "SUCCESS": 3, "FAILURE": 4}
-"""Of a behavior, as ROS messages have them."""
+"""Numbers of ROS messages for the status of a behavior."""
+
+FRAMES: Final = {"base_link": "estimated_", "turtlebot4_base_link_gt": ""}
+"""Frames of RoboVAST's recordings to the prefix of their columns: the robot's estimate of its pose, and its true pose."""
+_POSE: Final = {"x_mm": "position.x", "y_mm": "position.y", "yaw_mrad": "orientation.yaw"}
+_POSES: Final = (
+    *("frame", "timestamp", "position.x", "position.y", "position.z"),
+    *("orientation.roll", "orientation.pitch", "orientation.yaw"),
+)
+
+_TREE: Final = ("t_s", "behavior", "parent", "child_index", "name", "class_name", "status", "message")
+_LINE_KEYS: Final = (
+    *("timestamp", "behavior_id", "parent_id", "child_index", "behavior_name", "class_name", "status"),
+    *("feedback_message", "osc_file", "osc_line", "osc_column"),
+)
+_LINE: Final = dict(zip((*_TREE, "file", "line", "column"), _LINE_KEYS, strict=True))
+"""Our columns to the keys of a line of `behaviors.jsonl`."""
+_CSV: Final = ("t_s", "name", "behavior", "number", "status", "class_name", "parent", "child_index", "message")
+_RENAMED: Final = {**{name: _LINE[name] for name in _TREE[:-1]}, "number": "status", "status": "status_name"}
 
 
 @dataclass(frozen=True)
 class ExportedRun:
-    """A run with all that a campaign directory has of it.
+    """The data of one run in a campaign directory.
 
     Attributes:
         verdicts: Its rows of `verdicts.parquet`.
-        row: Its row of `runs.parquet`; None where it was not recorded.
-        log: Its run log, None where there is none.
-        host: Where it ran and with what, as the log's file has it.
+        row: Its row of `runs.parquet`; None for a run without recording.
+        log: Its run log, if any.
+        host: The host and versions of the log.
         recorded: Columns of its recording, in thousandths; empty without a robot.
         behaviors: Its `behaviors` table, may be empty.
-        scenario, scenario_file: Name of the scenario, and of the file that it stands in.
+        scenario, scenario_file: Names of the scenario and of its file.
     """
 
     campaign: str
@@ -57,7 +74,7 @@ class ExportedRun:
 
 
 def case_of(run: ExportedRun) -> Case:
-    """The run as a test case: what all oracles together say, and in its properties what each of them does."""
+    """Return the run as a test case, judged by all oracles together, with their verdicts as properties."""
     return Case(
         name=f"{run.configuration}/{run.run_index}",
         classname=f"{run.campaign}.{run.configuration}",
@@ -69,65 +86,55 @@ def case_of(run: ExportedRun) -> Case:
 
 
 def brief(case: Case) -> Case:
-    """The case as a report of many has it: without the numbers, which would make hundreds of megabytes of it."""
+    """Return the case with few properties, since a report of many runs would take hundreds of megabytes."""
     return replace(case, properties={name: case.properties[name] for name in BRIEFLY if name in case.properties})
 
 
 def files_of(run: ExportedRun, case: Case) -> Iterator[tuple[str, bytes]]:
-    """Path below the run's folder, and content, of each file but the outputs of its programs."""
+    """Yield path below the run's folder and content of each file except its programs' outputs."""
     yield "test.xml", suite_report(Suite(run.configuration, [case]))
     if run.recorded:
         yield "recording.csv", recording_csv(run.recorded)
-        if all(f"{begin}{name}" in run.recorded for begin in FRAMES.values() for name in _POSE):
+        if all(f"{prefix}{name}" in run.recorded for prefix in FRAMES.values() for name in _POSE):
             yield "poses.csv", poses_csv(run.recorded)
     if run.behaviors:
-        yield "behaviors.csv", _csv(_BEHAVIOR_COLUMNS, _behavior_rows(run.behaviors))
-        yield "behaviors.jsonl", _behavior_lines(run)
+        rows = pd.DataFrame(run.behaviors)
+        numbered = rows.assign(number=[STATUS_NUMBERS.get(status, 0) for status in rows["status"]])
+        yield "behaviors.csv", _csv(numbered[[*_CSV, "line", "column"]].rename(columns=_RENAMED))
+        yield "behaviors.jsonl", _behavior_lines(run, rows)
     if run.log is not None:
-        yield "resources.csv", _csv(("t_s", "cpu_s", "rss_bytes", "processes"), _resources(run.log))
+        yield "resources.csv", _csv(_resources(run.log))
         for name, text in _logs(run.log):
             yield f"logs/{name}", text.encode(errors="replace")
         yield "logs/host.json", f"{json.dumps(run.host, indent=1)}\n".encode()
 
 
 def recording_csv(recorded: Recorded) -> bytes:
-    """The columns of a recording in SI units, one row a sample."""
-    columns = {signal_name(name): _si(name, column) for name, column in recorded.items()}
-    return table_csv(pa.table(columns))
-
-
-FRAMES: Final = {"base_link": "estimated_", "turtlebot4_base_link_gt": ""}
-"""Frame, as RoboVAST's recordings call it, to how the columns of its pose begin: where the robot believes to be, and where it is."""
+    """Return the columns of a recording in SI units as CSV, one row a sample."""
+    return table_csv(pa.table({signal_name(name): _si(name, column) for name, column in recorded.items()}))
 
 
 def poses_csv(recorded: Recorded) -> bytes:
-    """The robot's poses on the map, a row for each frame and sample: s, m, rad."""
-    pose = ("position.x", "position.y", "position.z", "orientation.roll", "orientation.pitch", "orientation.yaw")
-    rows = [
-        (frame, t_s, x_m, y_m, 0.0, 0.0, 0.0, yaw_rad)
-        for frame, begin in FRAMES.items()
-        for t_s, x_m, y_m, yaw_rad in zip(
-            *(_si(name, recorded[name]).tolist() for name in ("t_ms", *(f"{begin}{each}" for each in _POSE))),
-            strict=True,
-        )
-    ]
-    return _csv(("frame", "timestamp", *pose), sorted(rows, key=lambda row: row[1]))
-
-
-_POSE: Final = ("x_mm", "y_mm", "yaw_mrad")
+    """Return the robot's poses on the map as CSV, a row for each frame and sample: s, m, rad."""
+    t_s = _si("t_ms", recorded["t_ms"])
+    frames = []
+    for frame, prefix in FRAMES.items():
+        pose = {said: _si(name, recorded[f"{prefix}{name}"]) for name, said in _POSE.items()}
+        frames.append(pd.DataFrame({**dict.fromkeys(_POSES, 0.0), "frame": frame, "timestamp": t_s, **pose}))
+    return _csv(pd.concat(frames).sort_values("timestamp", kind="stable"))
 
 
 def table_csv(table: pa.Table) -> bytes:
-    """`table` as CSV; a number that is none is an empty field."""
-    out = io.BytesIO()
-    out.write(_csv(table.column_names, ()))
+    """Return `table` as CSV with an empty field for NaN, which few readers take for missing."""
     for k, name in enumerate(table.column_names):
         column = table.column(k)
-        if pa.types.is_floating(column.type):  # few readers take `nan` for missing
+        if pa.types.is_floating(column.type):
             table = table.set_column(k, name, pc.if_else(pc.is_nan(column), None, column))
+    header, rows = _csv(pd.DataFrame(columns=table.column_names)), pa.BufferOutputStream()
     if table.num_columns:
-        pyarrow.csv.write_csv(table, out, pyarrow.csv.WriteOptions(include_header=False))
-    return out.getvalue()
+        pyarrow.csv.write_csv(table, rows, pyarrow.csv.WriteOptions(include_header=False))
+    content: bytes = rows.getvalue().to_pybytes()
+    return header + content
 
 
 def _properties(run: ExportedRun) -> Iterator[tuple[str, str]]:
@@ -159,7 +166,8 @@ def _flaw(run: ExportedRun) -> Flaw | None:
         return None
     against = [verdict for verdict in run.verdicts if verdict["judgement"] == judgement]
     message = "; ".join(f"{verdict['oracle']}: {verdict['reason']}" for verdict in against)
-    text = "\n".join([*map(_told, run.verdicts), *_ended_as(run)])
+    told = [[each["oracle"], each["judgement"], *filter(None, [each["reason"]])] for each in run.verdicts]
+    text = "\n".join([*map(": ".join, told), *_final_tree(run)])
     if judgement == "fail":
         return Flaw("failure", message, text)
     if not against or any(verdict["reason"].startswith(FAULT) for verdict in against):
@@ -167,16 +175,11 @@ def _flaw(run: ExportedRun) -> Flaw | None:
     return Flaw("skipped", f"not judged by {message}", text)
 
 
-def _told(verdict: Mapping[str, Any]) -> str:
-    why = f": {verdict['reason']}" if verdict["reason"] else ""
-    return f"{verdict['oracle']}: {verdict['judgement']}{why}"
-
-
-def _ended_as(run: ExportedRun) -> Iterator[str]:
-    """The scenario's tree as it was in the end, a line for each node."""
+def _final_tree(run: ExportedRun) -> Iterator[str]:
+    """Yield a line for each node of the scenario's tree with its last status."""
     depth: dict[int, int] = {-1: -1}
     last: dict[int, Mapping[str, Any]] = {}
-    for row in _rows(run.behaviors):
+    for row in pd.DataFrame(run.behaviors).to_dict("records"):
         depth.setdefault(row["behavior"], depth.get(row["parent"], -1) + 1)
         last[row["behavior"]] = row
     if last:
@@ -186,84 +189,40 @@ def _ended_as(run: ExportedRun) -> Iterator[str]:
         yield f"{end['status']:8}{'  ' * depth[node]}{end['name']} ({run.scenario_file}:{end['line']}:{end['column']}){message}"
 
 
-_BEHAVIOR_COLUMNS: Final = (
-    *("timestamp", "behavior_name", "behavior_id", "status", "status_name", "class_name"),
-    *("parent_id", "child_index", "message", "line", "column"),
-)
-
-
-def _behavior_rows(behaviors: Columns) -> Iterator[Sequence[Any]]:
-    for row in _rows(behaviors):
-        yield (
-            *(row["t_s"], row["name"], row["behavior"], STATUS_NUMBERS.get(row["status"], 0), row["status"]),
-            *(row["class_name"], row["parent"], row["child_index"], row["message"], row["line"], row["column"]),
-        )
-
-
-def _behavior_lines(run: ExportedRun) -> bytes:
-    header = {
-        "format": "behaviors",
-        "version": 1,
-        "scenario": run.scenario,
-        "tick_period": PERIOD_S,
-        "clock": "simulated",
-    }
-    lines: list[Mapping[str, Any]] = [header]
-    lines += [
-        {
-            "timestamp": row["t_s"],
-            "behavior_id": row["behavior"],
-            "parent_id": None if row["parent"] < 0 else row["parent"],
-            "child_index": row["child_index"],
-            "behavior_name": row["name"],
-            "class_name": row["class_name"],
-            "status": row["status"],
-            "feedback_message": row["message"],
-            "osc_file": run.scenario_file,
-            "osc_line": row["line"],
-            "osc_column": row["column"],
-        }
-        for row in _rows(run.behaviors)
-    ]
+def _behavior_lines(run: ExportedRun, rows: pd.DataFrame) -> bytes:
+    shared = {"format": "behaviors", "version": 1, "scenario": run.scenario}
+    lines = [{**shared, "tick_period": PERIOD_S, "clock": "simulated"}]
+    for row in rows.assign(file=run.scenario_file)[list(_LINE)].rename(columns=_LINE).to_dict("records"):
+        lines.append({**row, "parent_id": None if row["parent_id"] < 0 else row["parent_id"]})
     return "".join(f"{json.dumps(line, ensure_ascii=False)}\n" for line in lines).encode(errors="replace")
 
 
-def _resources(log: RunLog) -> Iterator[Sequence[Any]]:
-    """The series of the run's programs, else one row for the worker that simulated it."""
-    for use in log.resources or [Use(log.wall_s, log.cpu_s, log.max_rss_bytes, 1)]:
-        yield round(use.t_s, 3), round(use.cpu_s, 3), use.rss_bytes, use.processes
+def _resources(log: RunLog) -> pd.DataFrame:
+    """Return the series of the run's programs, else one row for the worker that simulated it."""
+    series = log.resources or [Use(log.wall_s, log.cpu_s, log.max_rss_bytes, 1)]
+    rows = [(round(use.t_s, 3), round(use.cpu_s, 3), use.rss_bytes, use.processes) for use in series]
+    return pd.DataFrame(rows, columns=["t_s", "cpu_s", "rss_bytes", "processes"])
 
 
 def _logs(log: RunLog) -> Iterator[tuple[str, str]]:
-    """Name and text of each log file."""
+    """Yield name and text of each log file."""
     for name, lines in (("scenario.log", log.lines), ("notes.log", log.notes)):
         if lines:
             yield name, "".join(f"{line}\n" for line in lines)
     for number, said in enumerate(log.texts):
         called = said.label or PurePosixPath(next(iter(said.command), "")).name
+        name = re.sub(r"[^A-Za-z0-9._-]+", "-", called)[:60].strip("-.") or "program"
         end = "\n[cut here]\n" if said.cut else ""
-        yield f"{number}-{_file_name(called)}.log", f"$ {' '.join(said.command)}\n{said.text}{end}"
+        yield f"{number}-{name}.log", f"$ {' '.join(said.command)}\n{said.text}{end}"
 
 
-def _file_name(called: str) -> str:
-    return re.sub(r"[^A-Za-z0-9._-]+", "-", called)[:60].strip("-.") or "program"
-
-
-def _rows(columns: Columns) -> Iterator[dict[str, Any]]:
-    for values in zip(*(column.tolist() for column in columns.values()), strict=True):
-        yield dict(zip(columns, values, strict=True))
-
-
-def _csv(names: Iterable[str], rows: Iterable[Sequence[Any]]) -> bytes:
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(names)
-    writer.writerows(rows)
-    return out.getvalue().encode(errors="replace")
+def _csv(rows: pd.DataFrame) -> bytes:
+    text: str = rows.to_csv(index=False, lineterminator="\n")
+    return text.encode(errors="replace")
 
 
 def _si(name: str, column: Any) -> Any:
-    """A recorded column in SI units; divided, which gives the decimal that was recorded and no 0.30000000000000004."""
+    """Return a recorded column in SI units; division gives the recorded decimal and no 0.30000000000000004."""
     if signal_name(name) == name:
         return column
     return column / (1e6 if name.endswith("2") else 1e3)

@@ -15,7 +15,21 @@ CampaignFile: TypeAlias = Annotated[Path, typer.Argument(metavar="FILE", help="C
 ResultsFolder: TypeAlias = Annotated[
     Path, typer.Argument(metavar="RESULTS", help="A campaign directory, as `vastflow run` names it.")
 ]
+PlaceOfResults: TypeAlias = Annotated[
+    str,
+    typer.Argument(
+        metavar="RESULTS",
+        help="A campaign directory, as `vastflow run` names it: a folder, or an address such as s3://bucket/NAME.",
+    ),
+]
+Out: TypeAlias = Annotated[
+    Path | None, typer.Option(metavar="FOLDER", help="Folder to write to, in place of the usual.")
+]
+OracleName: TypeAlias = Annotated[
+    str | None, typer.Option(metavar="NAME", help="Count the verdicts of this oracle alone.")
+]
 AsJson: TypeAlias = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
+DryRun: TypeAlias = Annotated[bool, typer.Option("--dry-run", help="Print what would be done, and change nothing.")]
 Context: TypeAlias = Annotated[
     str | None, typer.Option(metavar="NAME", help="Cluster whose resources count; else the first that the file names.")
 ]
@@ -41,6 +55,11 @@ MapDir: TypeAlias = Annotated[
     ),
 ]
 """Folder of maps that are not beside the campaign file; one that exists."""
+
+
+def command_group(title: str) -> typer.Typer:
+    """Return an empty group of commands."""
+    return typer.Typer(help=title, no_args_is_help=True, rich_markup_mode=None)
 
 
 _TYPES: Final[Mapping[str, Any]] = {"integer": int, "number": float, "string": str, "boolean": bool, "array": list[str]}

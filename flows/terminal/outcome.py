@@ -1,9 +1,9 @@
 """The outcome of a campaign for the terminal: rates with intervals, rejections, where the report is."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
-from rich.console import Console, RenderableType
+from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
@@ -67,22 +67,11 @@ def details(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator
         yield rejection_table(tables)
 
 
-def printed(parts: Iterable[RenderableType]) -> None:
-    """Print `parts` on standard output, wide enough to stay one row a line where it is no terminal."""
-    console = Console(markup=False, highlight=False)
-    if not console.is_terminal:
-        console = Console(markup=False, highlight=False, width=200)
-    for part in parts:
-        console.print(part)
-
-
 def rejection_table(tables: Tables) -> Table:
-    """How often which producer rejected for which reason, most frequent first."""
-    table = terminal_table(("family", "producer", "reason"), ("times",))
+    """Return the table of rejections by family, producer, and reason, most frequent first."""
     reasons = Counter((row["family"], row["producer"], row["reason"]) for row in tables.rejections)
-    for (family, producer, reason), times in reasons.most_common():
-        table.add_row(family, producer, reason, str(times))
-    return table
+    rows = [(*rejected, str(times)) for rejected, times in reasons.most_common()]
+    return terminal_table(("family", "producer", "reason"), ("times",), rows=rows)
 
 
 def rate_text(counts: Counts) -> str:
@@ -97,11 +86,16 @@ def _table(first: Sequence[str], rows: Sequence[tuple[Sequence[str], Counts]]) -
     """A row each for what is named by the `first` columns; narrow enough for 80 columns where all was judged."""
     unjudged = any(counts.not_judged for _, counts in rows)
     counted = ("runs", "passed", "failed", *["not judged"][:unjudged])
-    table = terminal_table(first[:1], (*first[1:], *counted, f"success [{100 * LEVEL:.0f} % interval]"))
-    for names, counts in rows:
-        numbers = (counts.judged + counts.not_judged, counts.passed, counts.failed, *[counts.not_judged][:unjudged])
-        table.add_row(*names, *map(str, numbers), rate_text(counts))
-    return table
+    cells = [
+        (
+            *names,
+            *map(str, (each.judged + each.not_judged, each.passed, each.failed, *[each.not_judged][:unjudged])),
+            rate_text(each),
+        )
+        for names, each in rows
+    ]
+    numbers = (*first[1:], *counted, f"success [{100 * LEVEL:.0f} % interval]")
+    return terminal_table(first[:1], numbers, rows=cells)
 
 
 def _share(counts: Counts) -> str:

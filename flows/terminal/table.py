@@ -1,12 +1,18 @@
 """Tables of the terminal, all of one form."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
+from rich.console import Console, RenderableType
 from rich.table import Table
 
 
-def terminal_table(names: Sequence[str] = (), numbers: Sequence[str] = (), words: Sequence[str] = ()) -> Table:
-    """A table without lines; without any column it has no header, and rows give it columns.
+def terminal_table(
+    names: Sequence[str] = (),
+    numbers: Sequence[str] = (),
+    words: Sequence[str] = (),
+    rows: Iterable[Sequence[str]] = (),
+) -> Table:
+    """Return a table without lines; without any column it has no header, and rows give it columns.
 
     Args:
         names, words: Columns of text, before and behind those of numbers; long ones are folded.
@@ -20,4 +26,15 @@ def terminal_table(names: Sequence[str] = (), numbers: Sequence[str] = (), words
         table.add_column(name, justify="right", no_wrap=True)
     for name in words:
         table.add_column(name, overflow="fold")
+    for row in rows:
+        table.add_row(*row)
     return table
+
+
+def printed(lines: Iterable[RenderableType]) -> None:
+    """Print lines and tables on standard output, one row a line where it is no terminal."""
+    console = Console(markup=False, highlight=False)
+    if not console.is_terminal:
+        console = Console(markup=False, highlight=False, width=200)
+    for line in lines:
+        console.print(line)

@@ -9,7 +9,7 @@ import yaml
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
-from vastflow.flows.cli.containers import MOST_IN_A_CONFIG_MAP
+from vastflow.flows.cli.deploy import MOST_IN_A_CONFIG_MAP
 from vastflow.producers.campaign_file.spec import ExecutionSpec
 from vastflow.tasks.execution.manifests import compose_file, config_map_keys, pod_template
 

@@ -13,7 +13,6 @@ from typer.testing import CliRunner
 
 from vastflow.flows import api
 from vastflow.flows.__main__ import RENAMED, app
-from vastflow.flows.cli.run import command_line
 from vastflow.flows.results.summary import Summary
 from vastflow.flows.terminal.ending import check_writable
 from vastflow.oracles.evidence.rates import Counts
@@ -287,10 +286,6 @@ def test_interrupt_exits_with_130_and_says_how_to_go_on(small_room, monkeypatch,
     assert result.exit_code == 130
     assert result.stderr == "interrupted; `vastflow run 'my room.vast'` again computes only what is missing\n"
     assert signal.getsignal(number) is before
-
-
-def test_command_to_go_on_with_is_the_one_that_was_typed():
-    assert command_line(["/usr/bin/vastflow", "run", "a b.vast", "--runs", "5"]) == "vastflow run 'a b.vast' --runs 5"
 
 
 def test_show_says_what_is_wrong_with_a_folder_that_is_no_campaign_directory(tmp_path):

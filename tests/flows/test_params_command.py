@@ -41,7 +41,8 @@ def test_every_parameter_of_the_file_is_a_line_with_what_becomes_of_it(nav2):
     result = called("params", nav2)
     assert result.exit_code == 0
     lines = [" ".join(line.split()) for line in result.stdout.splitlines()]
-    assert lines[:7] == [
+    assert lines[:8] == [
+        "line parameter value simulator",
         "3 controller_server.costmap_update_timeout 0.5 differs: 0.3 is built in",
         "4 controller_server.controller_plugins ['FollowPath'] modeled",
         "6 controller_server.FollowPath.plugin 'nav2_regulated_pure_pursuit_controller… modeled",
@@ -52,8 +53,8 @@ def test_every_parameter_of_the_file_is_a_line_with_what_becomes_of_it(nav2):
     ]
 
 
-def test_counts_come_last(nav2):
-    lines = called("params", nav2).stdout.splitlines()[8:]
+def test_the_counts_come_last(nav2):
+    lines = called("params", nav2).stdout.splitlines()[9:]
     assert [line.split(":")[0].split(maxsplit=1) for line in lines[:5]] == [
         ["3", "modeled"],
         ["1", "built in"],
