@@ -281,4 +281,4 @@ def _kubernetes_notes(found: "RunDescription") -> Iterator[str]:
     yield f"the pod finds the run's files in a ConfigMap; make it by: {shlex.join(command)}"
     size = sum((found.folder / file).stat().st_size for file in found.files)
     if size > MOST_IN_A_CONFIG_MAP:
-        yield f"execution.run_files: found {size} bytes; a ConfigMap holds {MOST_IN_A_CONFIG_MAP}: name fewer files"
+        yield f"execution.run_files: expected at most {MOST_IN_A_CONFIG_MAP} bytes for a ConfigMap, got {size}"

@@ -1,10 +1,23 @@
-"""What a campaign's `execution` says of containers, read into one description."""
+"""Descriptions of a run from a campaign's `execution`, and amounts of memory in the units of Kubernetes and Docker Compose."""
+
+import re
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.sim.model.faults import FileError
-from vastflow.tasks.execution.description import Container, Needs, RunDescription, is_label, label_of
+from vastflow.tasks.execution.description import (
+    Container,
+    Needs,
+    RunDescription,
+    compose_memory,
+    is_label,
+    kubernetes_memory,
+    label_of,
+    memory_bytes,
+)
 
 IMAGE = "  image: ghcr.io/me/robot:1.0\n"
 
@@ -15,7 +28,7 @@ def faults(described, execution, context=None):
     return [str(fault).partition("rooms.vast:")[2] for fault in error.value.faults]
 
 
-def test_every_key_is_in_the_description(described, tmp_path):
+def test_description_has_every_key(described, tmp_path):
     assert described() == RunDescription(
         name="two-rooms",
         image="ghcr.io/me/robot:1.0",
@@ -30,129 +43,116 @@ def test_every_key_is_in_the_description(described, tmp_path):
         deadline_s=362,
         node_labels={"disk": "ssd", "example.org/fast": "true"},
     )
+    assert described(IMAGE) == RunDescription("two-rooms", "ghcr.io/me/robot:1.0", Container("main"), folder=tmp_path)
 
 
-def test_image_is_enough(described, tmp_path):
-    found = described(IMAGE)
-    assert found == RunDescription("two-rooms", "ghcr.io/me/robot:1.0", Container("main"), folder=tmp_path)
+LISTS = "  resources:\n    memory: [{b: 2Gi}, {a: 1Gi}]\n    cpu: [{a: 1}, {b: 2}]\n"
+CLUSTERS = f"{IMAGE}  resources:\n    cpu: [{{edge: 4}}]\n    memory: [{{edge: 8Gi}}, {{cloud: 1Gi}}]\n"
 
 
-def test_without_an_image_it_is_said_what_to_write(described):
-    assert faults(described, "  runs: 2\n") == [
-        "9:1: execution: no 'image'; image: container image of the system under test, such as ghcr.io/me/robot:1.0"
-    ]
+@each_row(
+    ("resources", "context", "needs"),
+    [
+        (
+            "  resources:\n    cpu: [{edge: 4}, {cloud: 16}]\n    memory: [{edge: 8Gi}, {cloud: 1.5G}]\n",
+            None,
+            (4, 2**33),
+        ),
+        (
+            "  resources:\n    cpu: [{edge: 4}, {cloud: 16}]\n    memory: [{edge: 8Gi}, {cloud: 1.5G}]\n",
+            "cloud",
+            (16, 1_500_000_000),
+        ),
+        (LISTS, None, (1, 2**30)),
+        ("  resources: {cpu: 3}\n", "any", (3,)),
+    ],
+)
+def test_resources_are_those_of_chosen_cluster_or_the_first(described, resources, context, needs):
+    assert described(IMAGE + resources, context).main.needs == Needs(*needs)
 
 
-@each_row("image", ["''", "'my robot'"])
-def test_image_without_a_name_is_refused(described, image):
-    (fault,) = faults(described, f"  image: {image}\n")
-    assert fault == f"10:10: execution.image: expected the name of an image, such as ghcr.io/me/robot:1.0, got {image}"
+@each_row(
+    ("execution", "context", "fault"),
+    [
+        (
+            *("  runs: 2\n", None),
+            "9:1: execution: no 'image'; image: container image of the system under test, such as ghcr.io/me/robot:1.0",
+        ),
+        *(
+            (
+                f"  image: {image}\n",
+                None,
+                f"10:10: execution.image: expected the name of an image, such as ghcr.io/me/robot:1.0, got {image}",
+            )
+            for image in ("''", "'my robot'")
+        ),
+        (CLUSTERS, "edg", "12:10: execution.resources.cpu: nothing for the context 'edg'; did you mean 'edge'?"),
+        (CLUSTERS, "edg", "13:13: execution.resources.memory: nothing for the context 'edg'; did you mean 'edge'?"),
+        (f"{IMAGE}  resources:\n    memory: [{{edge: 8GB}}]\n", None, "12:21: execution.resources.memory[0].edge: "),
+        *(
+            (f"{IMAGE}  env:\n    - {entry}\n", None, f"execution.env[0].{fault}")
+            for entry, fault in (
+                ("A-B: 1", "A-B: expected letters, digits and underscores, got 'A-B'"),
+                ("A: [1]", "A: expected text, a number, true or false, got a list or mapping"),
+                ("CONTAINER_NAME: x", "CONTAINER_NAME: CONTAINER_NAME is set for every container; another name"),
+            )
+        ),
+        *(
+            (f"{IMAGE}  secondary_containers: {names}\n", None, fault)
+            for names, fault in (
+                ("[nav, NAV]", "a second container 'nav'; another name"),
+                ("[main]", "'main' is the main container; another name"),
+                ("['???']", "expected a name of letters, digits and hyphens, got '???'"),
+            )
+        ),
+        *(
+            (f"{IMAGE}  run_files: ['{pattern}']\n", None, f"11:15: execution.run_files[0]: {fault}")
+            for pattern, fault in (
+                ("*.txt", "expected a pattern of files below "),
+                ("../x", "expected a pattern of files below the campaign file's folder, got '../x'"),
+                ("/etc/passwd", "expected a pattern of files below the campaign file's folder, got '/etc/passwd'"),
+                ("a/**b", ""),  # a pattern since Python 3.13
+                ("", "expected a pattern such as scripts/*.sh or **/*.yaml, got ''"),
+            )
+        ),
+        *(
+            (
+                f"{IMAGE}  kubernetes: {{jobs: {{node_labels: {{{label}}}}}}}\n",
+                None,
+                "execution.kubernetes.jobs.node_labels.",
+            )
+            for label in ("'a b': x", "a: 'b c'", "a: [b]", "-a: b")
+        ),
+    ],
+)
+def test_description_refuses_what_no_container_can_have(described, execution, context, fault):
+    found = faults(described, execution, context)
+    assert len(found) == (2 if context else 1)
+    assert any(fault in each for each in found), found
 
 
-@each_row(("context", "needs"), [(None, (4, 8 * 2**30)), ("cloud", (16, 1_500_000_000))])
-def test_resources_are_those_of_the_chosen_cluster(described, context, needs):
-    found = described(context=context).main.needs
-    assert (found.cpu, found.memory_bytes) == needs
-
-
-def test_every_list_follows_the_first_cluster_that_the_file_names(described):
-    needs = described(
-        f"{IMAGE}  resources:\n    memory: [{{b: 2Gi}}, {{a: 1Gi}}]\n    cpu: [{{a: 1}}, {{b: 2}}]\n"
-    ).main.needs
-    assert needs == Needs(1, 2**30)
-
-
-def test_cluster_without_resources_is_refused_at_each_list(described):
-    execution = f"{IMAGE}  resources:\n    cpu: [{{edge: 4}}]\n    memory: [{{edge: 8Gi}}, {{cloud: 1Gi}}]\n"
-    assert faults(described, execution, "edg") == [
-        "12:10: execution.resources.cpu: nothing for the context 'edg'; did you mean 'edge'?",
-        "13:13: execution.resources.memory: nothing for the context 'edg'; did you mean 'edge'?",
-    ]
-    assert len(faults(described, execution, "cloud")) == 1
-
-
-def test_cluster_means_nothing_where_the_file_has_no_lists(described):
-    assert described(f"{IMAGE}  resources: {{cpu: 3}}\n", "any").main.needs == Needs(3)
-
-
-def test_amount_of_memory_that_is_none_is_refused_where_it_stands(described):
-    assert faults(described, f"{IMAGE}  resources:\n    memory: [{{edge: 8GB}}]\n") == [
-        "12:21: execution.resources.memory[0].edge: found '8GB'; did you mean '8Gi'?"
-    ]
+def test_description_reports_all_faults_at_once(described):
+    execution = "  resources: {memory: much}\n  secondary_containers: [main]\n  env: [{1: 2}]\n  run_files: [none]\n"
+    assert [fault.partition(":")[0] for fault in faults(described, execution)] == ["9", "10", "11", "12", "13"]
 
 
 @each_row(
     ("written", "text"),
     [("1", "1"), ("1.10", "1.10"), ("yes", "yes"), ("1e3", "1e3"), ("'a b'", "a b"), ("", ""), ("010", "010")],
 )
-def test_variable_has_the_value_as_it_is_written(described, written, text):
+def test_variable_has_value_as_it_is_written(described, written, text):
     assert described(f"{IMAGE}  env:\n    - NAME: {written}\n").env == {"NAME": text}
-
-
-def test_value_that_stands_elsewhere_is_taken_as_yaml_reads_it(described):
     assert described(f"{IMAGE}  env:\n    - A: &on true\n    - B: *on\n").env == {"A": "true", "B": "true"}
 
 
-@each_row(
-    ("entry", "fault"),
-    [
-        ("A-B: 1", "env[0].A-B: expected letters, digits and underscores, got 'A-B'"),
-        ("A: [1]", "env[0].A: expected text, a number, true or false, got a list or mapping"),
-        ("CONTAINER_NAME: x", "env[0].CONTAINER_NAME: CONTAINER_NAME is set for every container; another name"),
-    ],
-)
-def test_variable_that_no_container_can_have_is_refused(described, entry, fault):
-    (found,) = faults(described, f"{IMAGE}  env:\n    - {entry}\n")
-    assert found.partition("execution.")[2] == fault
-
-
-@each_row(
-    ("names", "fault"),
-    [
-        ("[nav, NAV]", "a second container 'nav'; another name"),
-        ("[main]", "'main' is the main container; another name"),
-        ("['???']", "expected a name of letters, digits and hyphens, got '???'"),
-    ],
-)
-def test_containers_have_names_of_their_own(described, names, fault):
-    (found,) = faults(described, f"{IMAGE}  secondary_containers: {names}\n")
-    assert found.endswith(fault)
-
-
-def test_pattern_without_a_slash_matches_in_every_folder_and_each_file_is_there_once(described):
+def test_pattern_without_slash_matches_in_every_folder_and_file_is_there_once(described):
     assert described(f"{IMAGE}  run_files: ['*.sh', 'scripts/*', '**/pre.sh']\n").files == (
         "scripts/post.sh",
         "scripts/pre.sh",
     )
 
 
-@each_row(
-    ("pattern", "fault"),
-    [
-        ("*.txt", "expected a pattern of files below , got '*.txt', which no file matches"),
-        ("../x", "expected a pattern of files below the campaign file's folder, got '../x'"),
-        ("/etc/passwd", "expected a pattern of files below the campaign file's folder, got '/etc/passwd'"),
-        ("a/**b", "got 'a/**b'"),  # a pattern since Python 3.13
-        ("", "expected a pattern such as scripts/*.sh or **/*.yaml, got ''"),
-    ],
-)
-def test_pattern_that_gives_no_files_is_refused(described, pattern, fault):
-    (found,) = faults(described, f"{IMAGE}  run_files: ['{pattern}']\n")
-    assert found.startswith(f"11:15: execution.run_files[0]: {fault}")
-
-
-@each_row("label", ["'a b': x", "a: 'b c'", "a: [b]", "-a: b"])
-def test_label_that_no_node_can_have_is_refused(described, label):
-    (found,) = faults(described, f"{IMAGE}  kubernetes: {{jobs: {{node_labels: {{{label}}}}}}}\n")
-    assert "execution.kubernetes.jobs.node_labels." in found
-
-
-def test_all_faults_are_said_at_once(described):
-    execution = "  resources: {memory: much}\n  secondary_containers: [main]\n  env: [{1: 2}]\n  run_files: [none]\n"
-    assert [fault.partition(":")[0] for fault in faults(described, execution)] == ["9", "10", "11", "12", "13"]
-
-
-def test_image_is_told_the_scripts_and_a_command_is_wrapped_in_them(described):
+def test_image_gets_scripts_and_command_is_wrapped_in_them(described):
     found = described()
     assert found.command_of(found.main) == ()
     assert found.environment_of(found.main)["PRE_COMMAND"] == "/config/scripts/pre.sh"
@@ -161,7 +161,7 @@ def test_image_is_told_the_scripts_and_a_command_is_wrapped_in_them(described):
     assert "PRE_COMMAND" not in with_command.environment_of(with_command.main)
 
 
-def test_scripts_are_the_main_containers_alone(described):
+def test_scripts_are_for_main_container_alone(described):
     found = described()
     environment = found.environment_of(found.sidecars[0])
     assert "PRE_COMMAND" not in environment
@@ -170,18 +170,66 @@ def test_scripts_are_the_main_containers_alone(described):
 
 
 @each_row("name", ["", "-a", "a_b", "A", "x" * 64])
-def test_name_that_is_no_dns_label_is_refused(name):
-    with pytest.raises(ValueError, match="at most 63 lowercase letters, digits and hyphens"):
-        Container(name)
-    with pytest.raises(ValueError, match="at most 63 lowercase letters, digits and hyphens"):
-        RunDescription(name, "image", Container("main"))
+def test_container_and_description_need_dns_label(name):
+    for make in (lambda: Container(name), lambda: RunDescription(name, "image", Container("main"))):
+        with pytest.raises(ValueError, match="at most 63 lowercase letters, digits and hyphens"):
+            make()
 
 
-def test_two_containers_of_one_name_are_refused():
+def test_description_refuses_two_containers_of_one_name():
     with pytest.raises(ValueError, match="got two containers 'main'"):
         RunDescription("x", "image", Container("main"), (Container("main"),))
 
 
 @each_row("text", ["Nav Stack", "_nav_", "x" * 62 + "-y", "Ä1", "nav"])
-def test_label_is_made_of_any_name_with_a_letter_or_digit(text):
+def test_label_is_made_of_any_name_with_letter_or_digit(text):
     assert is_label(label_of(text))
+
+
+@each_row(
+    ("text", "size"),
+    [
+        ("8Gi", 8 * 2**30),
+        ("512Mi", 512 * 2**20),
+        ("64Ki", 64 * 2**10),
+        ("1.5Gi", 3 * 2**29),
+        ("1G", 10**9),
+        ("2k", 2000),
+        ("123", 123),
+        (".5Ki", 512),
+        ("0.3", 1),
+    ],
+)
+def test_memory_bytes_reads_quantity_of_kubernetes(text, size):
+    assert memory_bytes(text) == size
+
+
+@each_row(
+    ("text", "right"),
+    [
+        ("8GB", "did you mean '8Gi'?"),
+        ("8g", "did you mean '8Gi'?"),
+        ("8 Gi", "did you mean '8Gi'?"),
+        ("512m", "did you mean '512Mi'?"),
+        ("lots", "a quantity such as 8Gi or 512Mi"),
+        ("-1Gi", "a quantity such as 8Gi or 512Mi"),
+        ("", "a quantity such as 8Gi or 512Mi"),
+        ("0Gi", ""),
+    ],
+)
+def test_memory_bytes_refuses_anything_else(text, right):
+    with pytest.raises(ValueError, match=re.escape(right)) as error:
+        memory_bytes(text)
+    assert repr(text) in str(error.value)
+
+
+@given(st.integers(1, 2**50))
+def test_memory_texts_read_back_equal(size):
+    assert memory_bytes(kubernetes_memory(size)) == size
+    text = compose_memory(size)
+    assert int(text[:-1]) * {"b": 1, "k": 2**10, "m": 2**20, "g": 2**30}[text[-1]] == size
+
+
+def test_memory_texts_take_largest_unit_of_whole_number():
+    assert [kubernetes_memory(size) for size in (2**33, 3 * 2**29, 10**9, 1)] == ["8Gi", "1536Mi", "1000000000", "1"]
+    assert [compose_memory(size) for size in (2**33, 3 * 2**29, 2**16, 1)] == ["8g", "1536m", "64k", "1b"]

@@ -1,18 +1,125 @@
-"""Manifests as YAML, for readers of YAML 1.1 and 1.2."""
+"""Manifests of a run for Docker Compose and Kubernetes: golden files, valid by the platforms' own schemas, as YAML 1.1 and 1.2."""
 
+import re
+from dataclasses import replace
+from pathlib import Path
+from string import Template
+
+import jsonschema
+import kubernetes_validate
+import pytest
 import yaml
+from check_jsonschema.builtin_schemas import get_builtin_schema
 from hypothesis import example, given
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.tasks.execution.manifests import compose_file, pod_template, yaml_text
+from vastflow.tasks.execution.description import Container, Needs, RunDescription
+from vastflow.tasks.execution.manifests import compose_file, config_map_keys, pod_spec, pod_template, yaml_text
 
+COMPOSE = get_builtin_schema("vendor.compose-spec")
+SIDECARS_SINCE = "1.29"
+VERSIONS = [SIDECARS_SINCE, kubernetes_validate.latest_version()]
+ALONE = RunDescription("x", "image", Container("main"))
 TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=30)
+
+
+def validate_compose(file):
+    jsonschema.validate(file, COMPOSE, jsonschema.Draft202012Validator)
+
+
+def validate(manifest, version=VERSIONS[-1]):
+    kubernetes_validate.validate(manifest, version, strict=True)
+
+
+@each_row("made", [compose_file, pod_template])
+def test_manifest_of_every_key_is_as_in_golden_file(described, request, made):
+    file = Path(__file__).parent / f"{made.__name__}.yaml"
+    manifest = made(described())
+    written = yaml_text(manifest)
+    assert yaml.safe_load(written) == manifest and "&id" not in written
+    if request.config.getoption("update_golden"):
+        file.write_text(written)
+    assert written == file.read_text()
+
+
+@each_row("version", VERSIONS)
+def test_pod_template_and_pod_and_job_of_it_are_valid(described, version):
+    template = pod_template(described())
+    validate(template, version)
+    validate({"apiVersion": "v1", "kind": "Pod", "metadata": template["metadata"], **template["template"]}, version)
+    job = {"metadata": template["metadata"], "spec": {"template": template["template"]}}
+    validate({"apiVersion": "batch/v1", "kind": "Job", **job}, version)
+    template["template"]["spec"]["containers"][0]["comand"] = ["x"]
+    with pytest.raises(kubernetes_validate.ValidationError, match="comand"):
+        validate(template, version)
+
+
+def test_compose_file_is_valid(described):
+    file = compose_file(described())
+    validate_compose(file)
+    file["services"]["main"]["comand"] = ["x"]
+    with pytest.raises(jsonschema.ValidationError, match="comand"):
+        validate_compose(file)
+
+
+@each_row("description", [ALONE, replace(ALONE, main=Container("main", Needs(gpu=2)))])
+def test_manifests_of_single_container_are_valid(description):
+    validate(pod_template(description))
+    validate_compose(compose_file(description))
+
+
+def test_single_container_has_no_key_of_others():
+    (main,) = compose_file(ALONE)["services"].values()
+    assert {"network_mode", "depends_on", "deploy", "entrypoint"}.isdisjoint(main)
+    assert {"activeDeadlineSeconds", "nodeSelector", "initContainers"}.isdisjoint(pod_spec(ALONE))
+
+
+@each_row(("user", "restricted"), [(0, False), (1001, True)])
+def test_root_alone_keeps_its_capabilities(user, restricted):
+    spec = pod_spec(replace(ALONE, user=user))
+    assert (spec["securityContext"]["runAsUser"], spec["securityContext"]["runAsNonRoot"]) == (user, restricted)
+    assert ("securityContext" in spec["containers"][0]) == restricted
+    file = compose_file(replace(ALONE, user=user))
+    main = file["services"]["main"]
+    assert (main["user"], "cap_drop" in main, "security_opt" in main) == (str(user), restricted, restricted)
+    assert file["volumes"]["sockets"]["driver_opts"]["o"] == f"uid={user},mode=0770"
+
+
+@given(st.lists(st.text(min_size=1, max_size=20), unique=True))
+def test_keys_of_config_map_are_valid_and_distinct(files):
+    keys = config_map_keys(replace(ALONE, files=tuple(files)))
+    assert list(keys.values()) == files
+    assert all(re.fullmatch(r"[-._a-zA-Z0-9]{1,253}", key) for key in keys)
+
+
+def expanded(text):
+    """What Kubernetes makes of a text: a doubled dollar is one, and stands for nothing."""
+    assert re.search(r"(?<!\$)(\$\$)*\$(?!\$)", text) is None
+    return text.replace("$$", "$")
+
+
+@given(st.text(), st.lists(st.text(), min_size=1))
+def test_manifests_hide_dollars_from_kubernetes_and_compose(value, command):
+    description = replace(ALONE, env={"NAME": value}, main=Container("main", command=tuple(command)))
+    (main,) = pod_spec(description)["containers"]
+    assert expanded(main["env"][0]["value"]) == value
+    assert [expanded(argument) for argument in main["command"]] == command
+    main = compose_file(description)["services"]["main"]
+    assert Template(main["environment"]["NAME"]).substitute() == value
+    assert [Template(argument).substitute() for argument in main["entrypoint"]] == command
+
+
+def test_command_stands_between_scripts():
+    main = Container("main", command=("run", "a b"))
+    entrypoint = compose_file(replace(ALONE, main=main, post_command="/post.sh"))["services"]["main"]["entrypoint"]
+    assert entrypoint[:2] == ["/bin/bash", "-c"]
+    assert "run 'a b' &\nwait $$!\n" in entrypoint[2]
 
 
 @example({"\n\x85": ""})
 @given(st.dictionaries(TEXT, TEXT | st.lists(TEXT) | st.booleans() | st.integers()))
-def test_what_is_written_loads_back_equal(manifest):
+def test_yaml_loads_back_equal(manifest):
     assert yaml.safe_load(yaml_text(manifest)) == manifest
 
 
@@ -22,13 +129,6 @@ def test_text_stays_text_to_every_reader(text):
     assert yaml.safe_load(written) == {"key": text}
     # Readers of YAML 1.2 have other rules for plain text, and the same for quotes.
     assert written.partition(": ")[2][0] in "'\""
-
-
-def test_manifests_load_back_equal_and_have_no_aliases(described):
-    for manifest in (compose_file(described()), pod_template(described())):
-        written = yaml_text(manifest)
-        assert yaml.safe_load(written) == manifest
-        assert "&id" not in written
 
 
 def test_script_is_written_line_by_line():

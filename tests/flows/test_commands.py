@@ -289,7 +289,7 @@ USER_ERRORS = [
     "flows.request.work_pool.WorkPoolError",
     "flows.results.directory.ResultsError",
     "oracles.results.unusable.UnusableDirectory",
-    "producers.model.faults.CampaignError",
+    "producers.model.faults.FileError",
     "producers.floorplan.faults.FloorplanError",
     "sim.nav2.parameter_files.document.DocumentError",
     "sim.scenario.language.faults.OscError",

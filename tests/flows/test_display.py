@@ -2,27 +2,21 @@
 
 import io
 import re
+import sys
+from types import SimpleNamespace
 
+import pytest
 from rich.console import Console
 
 from vastflow.flows.terminal.display import Display, duration_text, phase_text, plain_line, view
+from vastflow.flows.terminal.notebook import NotebookDisplay, notebook_display
 from vastflow.flows.terminal.pace import Meter, Pace
 from vastflow.tasks.engine.progress import Progress
 
 
 def progress(phase="running", **changes):
-    counts = {
-        "configurations_done": 3,
-        "configurations_total": 24,
-        "runs_done": 16,
-        "runs_total": 120,
-        "executed": 12,
-        "reused": 4,
-        "passed": 9,
-        "failed": 5,
-        "not_judged": 2,
-        "simulated_s": 480.0,
-    }
+    counts = {"configurations_done": 3, "configurations_total": 24, "runs_done": 16, "runs_total": 120}
+    counts |= {"executed": 12, "reused": 4, "passed": 9, "failed": 5, "not_judged": 2, "simulated_s": 480.0}
     return Progress(phase=phase, **{**counts, **changes})
 
 
@@ -45,30 +39,18 @@ class Clock:
         return self.now_s
 
 
-def test_running_campaign_shows_counts_pace_and_verdicts():
+def test_view_shows_counts_pace_and_verdicts():
     text = shown(progress(), Pace(20.0, 12.0, 2.0, 81.6, 52.0))
-    for words in (
-        "16/120 runs",
-        "3/24 configurations",
-        "4 from the store",
-        "2 runs/s",
-        "82 × real time",
-        "about 52 s left",
-        "9 passed",
-        "5 failed",
-        "2 not judged",
-    ):
+    counts = ("16/120 runs", "3/24 configurations", "4 from the store", "9 passed", "5 failed", "2 not judged")
+    for words in (*counts, "2 runs/s", "82 × real time", "about 52 s left"):
         assert words in text
-
-
-def test_while_prefect_starts_the_display_says_so_and_how_long_it_takes():
     text = shown(progress("starting Prefect", runs_total=0), Pace(3.0, 2.0))
-    assert "starting Prefect, which takes 5–12 s  2 s" in text
-    assert "runs" not in text
+    assert "starting Prefect, which takes 5–12 s  2 s" in text and "runs" not in text
+
+
+def test_phase_text_explains_what_user_waits_for():
     assert phase_text(progress("starting Prefect"), Pace(40.0, 30.0)).endswith("5–12 s, and longer on a busy machine")
-
-
-def test_long_wait_for_the_first_run_is_explained_by_compiling():
+    assert "Prefect records" in phase_text(progress(runs_done=120), Pace(20.0, 12.0))
     waiting = progress(executed=0, runs_done=0)
     assert "compiles its kernels" in phase_text(waiting, Pace(12.0, 6.0))
     assert "compiles" not in phase_text(waiting, Pace(12.0, 1.0))
@@ -76,28 +58,22 @@ def test_long_wait_for_the_first_run_is_explained_by_compiling():
     assert "compiles" not in phase_text(progress(executed=0, reused=120, runs_done=0), Pace(12.0, 6.0))
 
 
-def test_wait_after_the_last_run_is_explained():
-    assert "Prefect records" in phase_text(progress(runs_done=120), Pace(20.0, 12.0))
-
-
-def test_no_pace_and_no_time_left_are_shown_before_the_first_run_is_done():
+def test_plain_line_has_pace_once_it_is_known():
+    assert plain_line(progress(), Pace(80.0, 12.0, 2.0, 81.6, 52.0)) == (
+        "[  1:20] running, 16/120 runs, 3/24 configurations, 4 from the store, 2 runs/s, 82 × real time, "
+        "about 52 s left, 9 passed, 5 failed, 2 not judged"
+    )
+    line = plain_line(progress(at_most=True), Pace(10.0, 9.0, 2.0, 30.0, 52.0))
+    assert "16/120 runs at most" in line and "at most 52 s left" in line
     line = plain_line(progress(executed=0, reused=0), Pace(20.0, 12.0))
     assert "runs/s" not in line and "left" not in line
 
 
-def test_plain_line_is_one_line_that_says_it_all():
-    line = plain_line(progress(), Pace(80.0, 12.0, 2.0, 81.6, 52.0))
-    assert line == (
-        "[  1:20] running, 16/120 runs, 3/24 configurations, 4 from the store, 2 runs/s, 82 × real time, "
-        "about 52 s left, 9 passed, 5 failed, 2 not judged"
-    )
-
-
-def test_durations_read_like_a_clock_from_a_minute_on():
+def test_duration_text_reads_like_a_clock_from_a_minute_on():
     assert [duration_text(s) for s in (0.2, 59.4, 59.6, 65, 3723)] == ["0 s", "59 s", "1:00", "1:05", "1:02:03"]
 
 
-def test_pace_counts_executed_runs_and_not_those_from_the_store():
+def test_pace_counts_executed_runs_after_first():
     meter = Meter(0.0)
     meter.note(progress(executed=0, reused=0, runs_done=0, simulated_s=0.0), 5.0)
     meter.note(progress(executed=10, reused=50, runs_done=60, simulated_s=300.0), 6.0)
@@ -107,24 +83,12 @@ def test_pace_counts_executed_runs_and_not_those_from_the_store():
     assert (pace.runs_per_s, pace.times_real_time, pace.left_s) == (5.0, 150.0, 8.0)
 
 
-def test_time_until_the_first_run_is_done_does_not_slow_the_pace():
-    meter = Meter(0.0)
-    meter.note(progress(executed=0, simulated_s=0.0), 0.0)
-    meter.note(progress(executed=1, simulated_s=40.0), 30.0)
-    last = progress(executed=11, simulated_s=440.0)
-    meter.note(last, 32.0)
-    assert meter.pace(last, 32.0).runs_per_s == 5.0
-
-
-def test_only_the_last_minute_counts_for_the_pace():
+def test_pace_counts_last_minute_alone_and_phase_has_its_own_clock():
     meter = Meter(0.0)
     for second in range(201):
         last = progress(executed=1 + (second if second < 100 else 100 + (second - 100) * 10), runs_total=10_000)
         meter.note(last, float(second))
     assert meter.pace(last, 200.0).runs_per_s == 10.0
-
-
-def test_new_phase_starts_its_own_clock():
     meter = Meter(0.0)
     meter.note(progress("scanning"), 0.0)
     meter.note(progress("starting Prefect"), 1.0)
@@ -132,62 +96,42 @@ def test_new_phase_starts_its_own_clock():
     assert (pace.elapsed_s, pace.phase_s) == (4.0, 3.0)
 
 
-def test_without_a_terminal_there_is_at_most_one_line_in_five_seconds():
-    stream, clock = io.StringIO(), Clock()
-    with Display(stream, clock) as display:
-        for tick in range(200):
-            clock.now_s = tick * 0.1
-            display.update(progress(executed=tick, runs_done=tick))
-    assert len(stream.getvalue().splitlines()) == 4
+@pytest.fixture
+def lines():
+    """Returns the lines that a display without a terminal writes of reports at times (s)."""
+
+    def lines(*reports):
+        stream, clock = io.StringIO(), Clock()
+        with Display(stream, clock) as display:
+            for now_s, report in reports:
+                clock.now_s = float(now_s)
+                if report is None:
+                    display._write_line_if_due()
+                else:
+                    display.update(report)
+        return stream.getvalue().splitlines()
+
+    return lines
 
 
-def test_without_a_terminal_the_same_words_come_twice_a_minute():
-    stream, clock = io.StringIO(), Clock()
-    with Display(stream, clock) as display:
-        for second in range(120):
-            clock.now_s = float(second)
-            display.update(progress(executed=0, reused=0, runs_done=0))
-    said = [line.partition("] ")[2] for line in stream.getvalue().splitlines()]
-    assert sum("compiles its kernels" in words for words in said) == 4
+def test_plain_display_writes_at_most_one_line_in_five_seconds_and_fewer_with_the_hours(lines):
+    assert len(lines(*((0.1 * k, progress(executed=k, runs_done=k)) for k in range(200)))) == 4
+    assert 80 < len(lines(*((60 * k, progress(runs_done=k)) for k in range(600)))) < 250
+    waiting = progress(executed=0, reused=0, runs_done=0)
+    said = lines(*((k, waiting) for k in range(120)))
+    assert sum("compiles its kernels" in line for line in said) == 4
 
 
-def test_without_a_terminal_a_phase_that_is_over_at_once_gets_no_line():
-    stream, clock = io.StringIO(), Clock()
-    with Display(stream, clock) as display:
-        for phase in ("scanning", "instantiating", "reporting"):
-            display.update(progress(phase))
-            clock.now_s += 0.5
-    assert stream.getvalue() == ""
+def test_plain_display_skips_short_phases_and_announces_start_of_prefect(lines):
+    assert (
+        lines(*((0.5 * k, progress(each)) for k, each in enumerate(("scanning", "instantiating", "reporting")))) == []
+    )
+    scanning, starting = (progress(phase, runs_total=0) for phase in ("scanning", "starting Prefect"))
+    assert "5–12 s" in lines((0, scanning), (0.5, starting))[-1]
+    assert "compiles its kernels" in lines((0, progress(executed=0, runs_done=0)), (30, None))[-1]
 
 
-def test_without_a_terminal_a_line_comes_while_nothing_is_reported():
-    stream, clock = io.StringIO(), Clock()
-    with Display(stream, clock) as display:
-        display.update(progress(executed=0, runs_done=0))
-        clock.now_s = 30.0
-        display._write_line_if_due()
-    assert "compiles its kernels" in stream.getvalue().splitlines()[-1]
-
-
-def test_without_a_terminal_lines_get_rarer_with_the_hours():
-    stream, clock = io.StringIO(), Clock()
-    with Display(stream, clock) as display:
-        for minute in range(600):
-            clock.now_s = minute * 60.0
-            display.update(progress(runs_done=minute))
-    assert 80 < len(stream.getvalue().splitlines()) < 250
-
-
-def test_without_a_terminal_the_start_of_prefect_is_announced_at_once():
-    stream, clock = io.StringIO(), Clock()
-    with Display(stream, clock) as display:
-        display.update(progress("scanning", runs_total=0))
-        clock.now_s = 0.5
-        display.update(progress("starting Prefect", runs_total=0))
-    assert "5–12 s" in stream.getvalue().splitlines()[-1]
-
-
-def test_on_a_terminal_the_display_is_drawn_and_the_cursor_given_back(monkeypatch):
+def test_live_display_is_drawn_and_gives_back_cursor(monkeypatch):
     monkeypatch.setenv("TERM", "xterm")
     stream = Terminal()
     with Display(stream) as display:
@@ -206,7 +150,7 @@ def test_dumb_terminal_gets_plain_lines(monkeypatch):
     assert stream.getvalue().startswith("[") and "\x1b" not in stream.getvalue()
 
 
-def test_last_words_are_written_once_and_nothing_after_them():
+def test_closed_display_writes_last_words_once():
     stream = io.StringIO()
     with Display(stream) as display:
         display.close("interrupted")
@@ -215,6 +159,30 @@ def test_last_words_are_written_once_and_nothing_after_them():
     assert stream.getvalue() == "interrupted\n"
 
 
-def test_runs_that_may_not_be_needed_are_shown_as_the_most():
-    line = plain_line(progress(at_most=True), Pace(10.0, 9.0, 2.0, 30.0, 52.0))
-    assert "16/120 runs at most" in line and "at most 52 s left" in line
+class Cell:
+    """The output of a notebook's cell, with every state that it showed."""
+
+    def __init__(self):
+        self.shown = []
+
+    def update(self, shown):
+        self.shown.append(shown)
+
+
+def test_notebook_display_renews_one_output_and_ends_with_all_runs_done():
+    cell, times = Cell(), iter([0.0, 0.1, 0.2, 0.9, 1.0])
+    display = NotebookDisplay(cell, lambda html: html, lambda: next(times))
+    for done in (1, 2, 3, 4):
+        display.update(Progress("running", runs_done=done, runs_total=4, passed=done, notices=("a <note>",)))
+    assert [re.search(r'value="(\d)"', shown)[1] for shown in cell.shown] == ["1", "3", "4"]
+    assert "4/4 runs" in cell.shown[-1] and "a &lt;note&gt;" in cell.shown[-1]
+
+
+def test_notebook_display_needs_kernel_of_notebook(monkeypatch):
+    monkeypatch.setitem(sys.modules, "IPython", None)
+    assert notebook_display() is None
+    shown = SimpleNamespace(HTML=lambda html: html, display=lambda what, display_id: Cell())
+    for shell, found in ((None, False), (SimpleNamespace(), False), (SimpleNamespace(kernel="kernel"), True)):
+        ipython = SimpleNamespace(get_ipython=lambda shell=shell: shell, display=shown)
+        monkeypatch.setitem(sys.modules, "IPython", ipython)
+        assert (notebook_display() is not None) is found

@@ -5,15 +5,21 @@ import io
 import json
 import re
 from datetime import datetime
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import yaml
+from command_line import called
+from table import each_row
 from whole_directory import write_results
 
-from vastflow.flows.export.export import export
+from vastflow.flows.cli import export as export_command
+from vastflow.flows.export import export as layout
+from vastflow.flows.export.export import Exported, export
+from vastflow.flows.export.junit import Case, Flaw, Suite
 from vastflow.flows.export.run import recording_csv
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.found import FAULT, ConfigurationResult, complete
@@ -105,7 +111,7 @@ def campaign_directory(file, root, found, oracles=("success", "safety", "perform
         campaign,
         inputs_of(campaign, own),
         instantiate(campaign),
-        found,
+        lambda configuration: found,
         runs=2,
         oracles=oracles,
         keys=KEYS,
@@ -117,7 +123,7 @@ def campaign_directory(file, root, found, oracles=("success", "safety", "perform
 
 @pytest.fixture
 def results(small_room, tmp_path):
-    return campaign_directory(small_room, tmp_path / "results", lambda configuration: whole())
+    return campaign_directory(small_room, tmp_path / "results", whole())
 
 
 @pytest.fixture
@@ -126,15 +132,7 @@ def exported(results, tmp_path):
     return tmp_path / "out"
 
 
-def judged(small_room, tmp_path, *verdicts, faults=()):
-    """The case of a run that these verdicts were given on."""
-    found = ConfigurationResult(verdicts=verdicts, faults=faults)
-    directory = campaign_directory(small_room, tmp_path / "results", lambda configuration: found, ("success", "safety"))
-    export(directory, tmp_path / "out")
-    return ElementTree.parse(tmp_path / "out/room-1/0/test.xml").getroot()
-
-
-def test_each_run_has_a_folder_with_what_there_is_of_it(exported):
+def test_export_makes_folder_of_each_run(exported):
     folder = exported / "room-1"
     assert sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()) == [
         "0/behaviors.csv",
@@ -161,30 +159,24 @@ def test_each_run_has_a_folder_with_what_there_is_of_it(exported):
     assert sorted(path.name for path in exported.iterdir()) == ["_config", "room-1", "room-2", "test.xml"]
 
 
-def test_recording_is_in_si_units_with_the_decimals_that_were_recorded(exported):
+def test_export_writes_recordings_in_si_units_with_recorded_decimals(exported):
     assert (exported / "room-1/0/recording.csv").read_text() == (
         "t_s,x_m,covariance_xx_m2\n0,0.001,0\n0.1,-2.5,0.000005\n0.3,0.007,0.000001\n"
     )
-
-
-def test_whatever_was_recorded_comes_back_from_the_csv():
     recorded = np.arange(-70_000, 70_000, 7, dtype=np.int32)
     rows = [*csv.reader(io.StringIO(recording_csv({"x_mm": recorded}).decode()))][1:]
     assert [round(float(x_m) * 1000) for (x_m,) in rows] == recorded.tolist()
     assert max(len(x_m) for (x_m,) in rows) <= len("-70.000")
 
 
-def test_behaviors_have_the_numbers_and_names_of_their_status(exported):
-    rows = [*csv.DictReader((exported / "room-1/1/behaviors.csv").open())]
-    assert [(row["timestamp"], row["behavior_name"], row["status"], row["status_name"]) for row in rows] == [
-        ("0.0", "patrol", "1", "INVALID"),
-        ("0.0", "nav_to_pose", "1", "INVALID"),
-        ("7.5", "patrol", "4", "FAILURE"),
-        ("7.5", "nav_to_pose", "4", "FAILURE"),
-    ]
-
-
-def test_behaviors_as_lines_begin_with_a_header_and_have_no_parent_above_the_root(exported):
+def test_export_writes_behaviors_as_csv_and_as_lines(exported):
+    assert (exported / "room-1/1/behaviors.csv").read_text() == (
+        "timestamp,behavior_name,behavior_id,status,status_name,class_name,parent_id,child_index,message,line,column\n"
+        "0.0,patrol,0,1,INVALID,Sequence,-1,0,,3,10\n"
+        "0.0,nav_to_pose,1,1,INVALID,Navigate,0,0,,5,9\n"
+        "7.5,patrol,0,4,FAILURE,Sequence,-1,0,,3,10\n"
+        "7.5,nav_to_pose,1,4,FAILURE,Navigate,0,0,no valid trajectory,5,9\n"
+    )
     header, root, child, *_ = map(json.loads, (exported / "room-1/1/behaviors.jsonl").read_text().splitlines())
     assert header["scenario"] == "navigate_to_pose"
     assert (header["tick_period"], header["clock"]) == (0.1, "simulated")
@@ -192,13 +184,13 @@ def test_behaviors_as_lines_begin_with_a_header_and_have_no_parent_above_the_roo
     assert (child["osc_file"], child["osc_line"], child["osc_column"]) == ("navigate_to_pose.osc", 5, 9)
 
 
-def test_resources_are_the_series_of_the_programs_or_one_row_of_the_worker(exported):
+def test_export_writes_resources_of_programs_or_one_row_of_worker(exported):
     header = "t_s,cpu_s,rss_bytes,processes\n"
     assert (exported / "room-1/0/resources.csv").read_text() == header + "0.0,0.0,1024,1\n1.0,0.75,2048,3\n"
     assert (exported / "room-1/1/resources.csv").read_text() == header + "0.125,0.1,8192,1\n"
 
 
-def test_logs_are_the_scenarios_lines_and_what_each_program_printed_under_its_command(exported):
+def test_export_writes_lines_of_scenario_and_output_of_each_program(exported):
     logs = exported / "room-1/0/logs"
     assert (logs / "scenario.log").read_text() == "0.1 s: begun\n"
     assert (logs / "0-python3.log").read_text() == "$ /usr/bin/python3 go.py\nhello\n"
@@ -207,7 +199,7 @@ def test_logs_are_the_scenarios_lines_and_what_each_program_printed_under_its_co
     assert json.loads((logs / "host.json").read_text())["host"]["name"] == "bench"
 
 
-def test_outputs_are_as_they_were_written_and_tables_are_csv_with_nothing_for_what_is_no_number(exported):
+def test_export_copies_outputs_and_writes_tables_as_csv(exported):
     outputs = exported / "room-1/0/outputs"
     assert (outputs / "notes/read.me").read_bytes() == b"\x00\xff"
     assert [*csv.reader((outputs / "positions.csv").open())] == [
@@ -217,12 +209,12 @@ def test_outputs_are_as_they_were_written_and_tables_are_csv_with_nothing_for_wh
     ]
 
 
-def test_table_beside_a_file_of_its_name_is_parquet(small_room, tmp_path):
+def test_export_leaves_table_beside_file_of_its_name_as_parquet(small_room, tmp_path):
     outputs = Outputs(
         {"a": {"n": np.array([1])}, "b.parquet": {"n": np.array([2])}, "b": {"n": np.array([3])}}, {"a.csv": b"?"}
     )
     found = ConfigurationResult(outputs=[write_outputs({1: outputs})])
-    directory = campaign_directory(small_room, tmp_path / "results", lambda configuration: found)
+    directory = campaign_directory(small_room, tmp_path / "results", found)
     export(directory, tmp_path / "out")
     folder = tmp_path / "out/room-1/1/outputs"
     assert sorted(path.name for path in folder.iterdir()) == ["a.csv", "a.parquet", "b.csv", "b.parquet"]
@@ -230,7 +222,7 @@ def test_table_beside_a_file_of_its_name_is_parquet(small_room, tmp_path):
     assert pq.read_table(folder / "b.parquet").to_pydict() == {"n": [2]}
 
 
-def test_configuration_has_its_values_under_the_scenarios_name_and_files_that_are_there(exported, small_room):
+def test_export_writes_values_and_files_that_they_name(exported, small_room):
     values = yaml.safe_load((exported / "room-2/scenario.config").read_text())
     assert list(values) == ["navigate_to_pose"]
     given = values["navigate_to_pose"]
@@ -238,15 +230,11 @@ def test_configuration_has_its_values_under_the_scenarios_name_and_files_that_ar
     assert given["laserscan_gaussian_noise_std_deviation"] == 0.02
     found = load_map(exported / "room-2" / given["map_file"])
     assert found.digest == load_map(small_room.with_name("room.yaml")).digest
+    for name, source in (("campaign.vast", small_room), ("room.yaml", small_room.with_name("room.yaml"))):
+        assert (exported / "_config" / name).read_bytes() == source.read_bytes()
 
 
-def test_campaign_file_lies_beside_what_it_names(exported, small_room):
-    shared = exported / "_config"
-    assert (shared / "campaign.vast").read_bytes() == small_room.read_bytes()
-    assert (shared / "room.yaml").read_bytes() == small_room.with_name("room.yaml").read_bytes()
-
-
-def test_run_that_passed_says_when_it_began_and_how_long_it_took_simulated_and_not(exported):
+def test_report_of_passed_run_has_its_times_and_measures(exported):
     suite = ElementTree.parse(exported / "room-1/0/test.xml").getroot()
     (case,) = suite
     stated = {p.get("name"): p.get("value") for p in case.iter("property")}
@@ -259,7 +247,7 @@ def test_run_that_passed_says_when_it_began_and_how_long_it_took_simulated_and_n
     assert "success: gap (m)" not in stated
 
 
-def test_run_that_failed_names_the_oracles_and_shows_how_its_scenario_ended(exported):
+def test_report_of_failed_run_names_oracles_and_final_tree(exported):
     (case,) = ElementTree.parse(exported / "room-1/1/test.xml").getroot()
     failure = case.find("failure")
     assert failure.get("message") == "success: mission aborted; safety: 0.1 m from a box"
@@ -273,7 +261,7 @@ def test_run_that_failed_names_the_oracles_and_shows_how_its_scenario_ended(expo
     ]
 
 
-def test_campaigns_report_has_a_suite_for_each_configuration_and_few_properties(exported):
+def test_report_of_campaign_has_suite_of_each_configuration_and_few_properties(exported):
     root = ElementTree.parse(exported / "test.xml").getroot()
     assert (root.get("name"), root.get("tests"), root.get("failures")) == ("small_room", "4", "2")
     assert [(suite.get("name"), len(suite)) for suite in root] == [("room-1", 2), ("room-2", 2)]
@@ -281,69 +269,67 @@ def test_campaigns_report_has_a_suite_for_each_configuration_and_few_properties(
     assert names == {"start_time", "simulated_time_s", "wall_time_s", "outcome"}
 
 
-def test_run_that_our_own_fault_left_without_a_verdict_is_an_error(small_room, tmp_path):
-    fault = RunFault("room-1", 0, "execute", "MemoryError: 3 GB")
-    suite = judged(small_room, tmp_path, faults=[fault])
-    assert (suite.get("errors"), suite.get("failures"), suite.get("skipped")) == ("1", "0", "0")
-    error = suite.find("testcase/error")
-    assert error.get("message") == "; ".join(
-        f"{oracle}: fault in execute: MemoryError: 3 GB" for oracle in ("success", "safety")
-    )
-    assert sorted(path.name for path in (tmp_path / "out/room-1/0").iterdir()) == ["test.xml"]
+@each_row(
+    ("verdicts", "faults", "tag", "message"),
+    [
+        (
+            (),
+            ["MemoryError: 3 GB"],
+            "error",
+            "success: fault in execute: MemoryError: 3 GB; safety: fault in execute: MemoryError: 3 GB",
+        ),
+        (
+            (Verdict("success", 0, "pass"), Verdict("safety", 0, "not judged", "there is no box")),
+            *((), "skipped", "not judged by safety: there is no box"),
+        ),
+        ((Verdict("success", 0, "fail", "late"),), (), "failure", "success: late"),
+    ],
+)
+def test_report_tells_failures_faults_and_missing_verdicts_apart(small_room, tmp_path, verdicts, faults, tag, message):
+    broken = [RunFault("room-1", 0, "execute", error) for error in faults]
+    found = ConfigurationResult(verdicts=verdicts, faults=broken)
+    export(campaign_directory(small_room, tmp_path / "results", found, ("success", "safety")), tmp_path / "out")
+    suite = ElementTree.parse(tmp_path / "out/room-1/0/test.xml").getroot()
+    counts = {kind: suite.get(kind) for kind in ("errors", "failures", "skipped")}
+    assert [kind for kind, count in counts.items() if count != "0"] == [{"skipped": "skipped"}.get(tag, f"{tag}s")]
+    assert suite.find(f"testcase/{tag}").get("message") == message
+    if faults:
+        assert [path.name for path in (tmp_path / "out/room-1/0").iterdir()] == ["test.xml"]
 
 
-def test_reason_of_a_missing_verdict_begins_as_the_export_expects():
+def test_reason_of_missing_verdict_begins_as_export_expects():
     faults = [RunFault("room", 0, "judge", "KeyError: 'x'")]
     reasons = [verdict.reason for verdict in complete(ConfigurationResult(faults=faults), 2, ["success"])]
     assert len(reasons) == 2 and all(reason.startswith(FAULT) for reason in reasons)
 
 
-def test_run_that_an_oracle_could_not_judge_is_skipped(small_room, tmp_path):
-    suite = judged(
-        small_room, tmp_path, Verdict("success", 0, "pass"), Verdict("safety", 0, "not judged", "there is no box")
-    )
-    assert (suite.get("errors"), suite.get("failures"), suite.get("skipped")) == ("0", "0", "1")
-    assert suite.find("testcase/skipped").get("message") == "not judged by safety: there is no box"
-
-
-def test_one_oracle_that_failed_a_run_makes_it_a_failure_whatever_the_others_lack(small_room, tmp_path):
-    suite = judged(small_room, tmp_path, Verdict("success", 0, "fail", "late"))
-    assert (suite.get("errors"), suite.get("failures")) == ("0", "1")
-    assert suite.find("testcase/failure").get("message") == "success: late"
-
-
-def test_duplicate_names_its_original_and_has_no_runs(small_room, tmp_path):
+def test_export_names_original_of_duplicate_and_has_no_runs_of_it(small_room, tmp_path):
     small_room.write_text(small_room.read_text().replace("[0.0, 0.02]", "[0.0, 0.0]"))
-    done = export(campaign_directory(small_room, tmp_path / "results", lambda configuration: whole()), tmp_path / "out")
+    done = export(campaign_directory(small_room, tmp_path / "results", whole()), tmp_path / "out")
     assert sorted(path.name for path in (tmp_path / "out/room-2").iterdir()) == ["duplicate_of", "scenario.config"]
     assert (tmp_path / "out/room-2/duplicate_of").read_text() == "room-1\n"
     assert (done.duplicates, [suite.name for suite in done.suites]) == (1, ["room-1"])
 
 
-@pytest.mark.parametrize(
-    ("patterns", "names"),
-    [
-        (["room"], ["room-1", "room-2"]),
-        (["*-2"], ["room-2"]),
-        (["room-1"], ["room-1"]),
-        (["*1", "*2"], ["room-1", "room-2"]),
-    ],
-)
-def test_only_is_a_pattern_of_families_and_configurations(results, tmp_path, patterns, names):
-    assert [suite.name for suite in export(results, tmp_path / "out", patterns).suites] == names
-    assert sorted(path.name for path in (tmp_path / "out").glob("room*")) == names
+def test_export_takes_patterns_of_families_and_configurations(results, tmp_path):
+    for k, (patterns, names) in enumerate(
+        [
+            (["room"], ["room-1", "room-2"]),
+            (["*-2"], ["room-2"]),
+            (["room-1"], ["room-1"]),
+            (["*1", "*2"], ["room-1", "room-2"]),
+        ]
+    ):
+        folder = tmp_path / f"out{k}"
+        assert [suite.name for suite in export(results, folder, patterns).suites] == names
+        assert sorted(path.name for path in folder.glob("room*")) == names
+    for pattern, hint in (("rom-1", "did you mean 'room-1'"), ("kitchen*", "it has room, room-1, room-2")):
+        with pytest.raises(UnusableDirectory, match=re.escape(f"no family or configuration fits {pattern!r}; {hint}")):
+            export(results, tmp_path / "none", ["room-1", pattern])
+    assert not (tmp_path / "none").exists()
 
 
-@pytest.mark.parametrize(
-    ("pattern", "hint"), [("rom-1", "did you mean 'room-1'"), ("kitchen*", "it has room, room-1, room-2")]
-)
-def test_pattern_that_fits_nothing_is_refused_with_the_nearest_name(results, tmp_path, pattern, hint):
-    with pytest.raises(UnusableDirectory, match=re.escape(f"no family or configuration fits {pattern!r}; {hint}")):
-        export(results, tmp_path / "out", ["room-1", pattern])
-    assert not (tmp_path / "out").exists()
-
-
-def test_scenario_of_a_file_is_named_as_in_the_file(small_room, tmp_path):
+def test_export_names_scenario_as_in_its_file(small_room, tmp_path):
     text = "import osc.helpers\n\nscenario patrol:\n    do serial:\n        wait elapsed(1s)\n"
     small_room.with_name("rounds.osc").write_text(text)
     edited = small_room.read_text().replace("execution:\n", "execution:\n  scenario_file: rounds.osc\n")
@@ -354,14 +340,14 @@ def test_scenario_of_a_file_is_named_as_in_the_file(small_room, tmp_path):
     ):
         edited = edited.replace(f"      - {line}\n", "")
     small_room.write_text(edited.replace("    parameters:\n", ""))
-    export(campaign_directory(small_room, tmp_path / "results", lambda configuration: whole()), tmp_path / "out")
+    export(campaign_directory(small_room, tmp_path / "results", whole()), tmp_path / "out")
     assert list(yaml.safe_load((tmp_path / "out/room-1/scenario.config").read_text())) == ["patrol"]
     header, root, *_ = map(json.loads, (tmp_path / "out/room-1/0/behaviors.jsonl").read_text().splitlines())
     assert (header["scenario"], root["osc_file"]) == ("patrol", "rounds.osc")
     assert (tmp_path / "out/_config/rounds.osc").read_text() == text
 
 
-def test_empty_folder_is_filled_and_stays_the_same(results, tmp_path):
+def test_export_fills_empty_folder_that_stays_the_same(results, tmp_path):
     (tmp_path / "there/out").mkdir(parents=True)
     before = (tmp_path / "there/out").stat().st_ino
     export(results, tmp_path / "there/out")
@@ -388,7 +374,7 @@ def test_export_that_ends_early_leaves_nothing(results, tmp_path, existing):
 
 
 @pytest.mark.parametrize("existing", [True, False])
-def test_what_appears_in_the_folder_meanwhile_is_not_overwritten(results, tmp_path, existing):
+def test_export_does_not_overwrite_what_appears_meanwhile(results, tmp_path, existing):
     if existing:
         (tmp_path / "out").mkdir()
 
@@ -401,9 +387,9 @@ def test_what_appears_in_the_folder_meanwhile_is_not_overwritten(results, tmp_pa
     assert [(path.name, path.read_text()) for path in (tmp_path / "out").iterdir()] == [("test.xml", "mine")]
 
 
-def test_output_that_would_leave_the_folder_is_refused(small_room, tmp_path):
+def test_export_refuses_output_outside_of_folder(small_room, tmp_path):
     found = ConfigurationResult(outputs=[write_outputs({0: Outputs(files={"../../../away": b"x"})})])
-    directory = campaign_directory(small_room, tmp_path / "results", lambda configuration: found)
+    directory = campaign_directory(small_room, tmp_path / "results", found)
     with pytest.raises(
         UnusableDirectory, match=r"damaged campaign directory: expected a path inside the folder, got '.*away'"
     ):
@@ -411,11 +397,50 @@ def test_output_that_would_leave_the_folder_is_refused(small_room, tmp_path):
     assert not (tmp_path / "away").exists() and not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(
-    "file", ["recordings/room-1.parquet", "behaviors.parquet", "logs/runs.jsonl", "outputs/room-1.zip"]
-)
-def test_damaged_file_is_said_so_and_nothing_is_exported(results, tmp_path, file):
+@each_row("file", ["recordings/room-1.parquet", "behaviors.parquet", "logs/runs.jsonl", "outputs/room-1.zip"])
+def test_export_refuses_damaged_file_and_writes_nothing(results, tmp_path, file):
+    content = (results / file).read_bytes()
     (results / file).write_bytes(b"[{}]" if file.endswith("jsonl") else b"damaged")
     with pytest.raises(UnusableDirectory, match="damaged campaign directory: "):
         export(results, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+    (results / file).write_bytes(content)
+
+
+def exporting(monkeypatch, *flaws, duplicates=0):
+    """Put one configuration of runs with these flaws in the export's place."""
+    asked = []
+
+    def export(results, folder, only, progress):
+        progress(7, 30)
+        asked.append((results, folder, tuple(only)))
+        return Exported(folder, duplicates, [Suite("room", [Case("r", "c", 1.0, flaw=flaw) for flaw in flaws])])
+
+    monkeypatch.setattr(layout, "export", export)
+    return asked
+
+
+def test_export_command_counts_outcomes_of_runs(tmp_path, monkeypatch):
+    (tmp_path / "metadata.json").write_text("{}")
+    asked = exporting(monkeypatch, None, None, Flaw("failure", "f"))
+    done = called("export", tmp_path, "out", "--only", "room*", "--only", "hall")
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert done.stdout == "1 configuration; 3 runs: 2 passed, 1 failed\nexported: out\n"
+    assert asked == [(tmp_path, Path("out"), ("room*", "hall"))]
+    monkeypatch.setattr(export_command, "PERIOD_S", 0.0)
+    exporting(monkeypatch, None, *(Flaw(kind, "e") for kind in ("error", "skipped", "skipped")), duplicates=2)
+    done = called("export", tmp_path, "out")
+    assert (done.exit_code, done.stderr) == (0, "7 of 30 configurations exported\n")
+    assert done.stdout.splitlines()[0] == (
+        "3 configurations, 2 of the content of another; 4 runs: 1 passed, 0 failed, 1 broken, 2 not judged"
+    )
+
+
+def test_export_command_refuses_folder_that_cannot_be_made(tmp_path, monkeypatch):
+    def export(results, folder, only, progress):
+        raise PermissionError(13, "Permission denied")
+
+    (tmp_path / "metadata.json").write_text("{}")
+    monkeypatch.setattr(layout, "export", export)
+    done = called("export", tmp_path, "out")
+    assert (done.exit_code, done.stderr) == (2, "out: can't be written (Permission denied); name another folder\n")

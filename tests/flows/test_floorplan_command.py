@@ -7,10 +7,10 @@ import shutil
 from pathlib import Path
 
 import pytest
+from command_line import called, refused
 from PIL import Image
-from typer.testing import CliRunner
+from table import each_row
 
-from vastflow.flows.__main__ import app
 from vastflow.sim.world.map_file import load_map
 
 EXAMPLE = Path(__file__).parents[1] / "producers" / "test_floorplan_example.fpm"
@@ -26,48 +26,31 @@ def plan(tmp_path):
 
 
 def run(*arguments):
-    return CliRunner().invoke(app, ["floorplan", *map(str, arguments)])
-
-
-def refused(*arguments):
-    """What is said where nothing is done: one message, no traceback, exit code 2."""
-    result = run(*arguments)
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert "Traceback" not in result.stderr
-    return result.stderr.strip()
+    return called("floorplan", *arguments)
 
 
 def test_render_writes_map_mesh_picture_plan_and_provenance(plan, tmp_path):
-    result = run("render", plan, "--out", tmp_path / "out")
-    written = {str(file.relative_to(tmp_path / "out")) for file in (tmp_path / "out").rglob("*") if file.is_file()}
-    assert written == {
-        "maps/flat.yaml",
-        "maps/flat.pgm",
-        "3d-mesh/flat.stl",
-        "flat.png",
-        "fpm/flat.fpm",
-        "flat.provenance.json",
-    }
+    out = tmp_path / "out"
+    result = run("render", plan, "--out", out)
+    written = {str(file.relative_to(out)) for file in out.rglob("*") if file.is_file()}
+    names = ("maps/flat.yaml", "maps/flat.pgm", "3d-mesh/flat.stl", "flat.png", "fpm/flat.fpm")
+    assert written == {*names, "flat.provenance.json"}
     assert (result.exit_code, result.stderr) == (0, "")
-    assert {Path(line) for line in result.stdout.splitlines()} == {tmp_path / "out" / name for name in written}
-    occupancy = load_map(tmp_path / "out" / "maps" / "flat.yaml")
+    assert {Path(line) for line in result.stdout.splitlines()} == {out / name for name in written}
+    occupancy = load_map(out / "maps" / "flat.yaml")
     assert (occupancy.shape, occupancy.origin_xy_m) == ((95, 240), (-3.25, -0.5))
-    with Image.open(tmp_path / "out" / "flat.png") as picture:
+    with Image.open(out / "flat.png") as picture:
         assert min(picture.size) > 400
-
-
-def test_provenance_says_from_what_when_and_by_what_and_what_came_of_it(plan, tmp_path):
-    run("render", plan, "--out", tmp_path / "out")
-    provenance = json.loads((tmp_path / "out" / "flat.provenance.json").read_text())
+    provenance = json.loads((out / "flat.provenance.json").read_text())
     assert provenance["derived_from"] == {"file": str(plan), "sha256": hashlib.sha256(plan.read_bytes()).hexdigest()}
     assert re.match(r"vastflow \d", provenance["attributed_to"])
     assert re.match(r"\d{4}-\d\d-\d\dT.*\+00:00", provenance["created_at"])
     assert provenance["solid_volume_m3"] == pytest.approx(16.07, abs=1e-4)
     for name, sha256 in provenance["files"].items():
-        assert hashlib.sha256((tmp_path / "out" / name).read_bytes()).hexdigest() == sha256
+        assert hashlib.sha256((out / name).read_bytes()).hexdigest() == sha256
 
 
-def test_render_takes_resolution_and_height_of_the_laser(plan, tmp_path):
+def test_render_takes_resolution_and_height_of_laser(plan, tmp_path):
     assert run("render", plan, "--out", tmp_path, "--resolution", 0.1, "--laser-height", 0.7).exit_code == 0
     header = (tmp_path / "maps" / "flat.yaml").read_text()
     assert "resolution: 0.1" in header and "laser_height: 0.7" in header
@@ -85,14 +68,14 @@ def test_geometry_prints_json_and_nothing_else(plan):
     }
 
 
-def test_what_there_is_to_note_goes_to_the_other_output(plan):
+def test_geometry_writes_notes_to_stderr(plan):
     plan.write_text(plan.read_text().replace("spaced", "translation: y: 3 m").replace("translation: x: 0.25 m", ""))
     result = run("geometry", plan)
     assert json.loads(result.stdout)
     assert "warning: Entryway door: it does not reach corridor.walls[1]" in result.stderr
 
 
-def test_variations_writes_a_plan_for_each_seed(plan, tmp_path):
+def test_variations_writes_plan_for_each_seed(plan, tmp_path):
     result = run("variations", plan.with_suffix(".variation"), "--count", 3, "--seed", 7, "--out", tmp_path / "v")
     files = [tmp_path / "v" / f"flat_{seed}.fpm" for seed in (7, 8, 9)]
     assert result.stdout.splitlines() == list(map(str, files))
@@ -100,7 +83,7 @@ def test_variations_writes_a_plan_for_each_seed(plan, tmp_path):
     assert all(run("geometry", file).exit_code == 0 for file in files)
 
 
-def test_variation_that_makes_no_building_is_reported_and_the_others_are_written(plan, tmp_path):
+def test_variations_reports_numbers_without_building_and_writes_the_others(plan, tmp_path):
     file = plan.with_suffix(".variation")
     file.write_text(file.read_text().replace("0.7, 0.9, 1.1", "0.9, -7.0"))
     result = run("variations", file, "--count", 6, "--out", tmp_path / "v")
@@ -111,7 +94,7 @@ def test_variation_that_makes_no_building_is_reported_and_the_others_are_written
     assert re.search(r"\.variation: not written: flat_\d.fpm:\d+:\d+: Entryway door: the width is -7 m", reports[0])
 
 
-def test_door_that_is_drawn_beside_its_wall_is_said_of_the_plan_that_is_written(plan, tmp_path):
+def test_variations_warns_of_door_beside_its_wall(plan, tmp_path):
     file = plan.with_suffix(".variation")
     door = "door: {\n    location.translation.x : "
     assert door in file.read_text()
@@ -121,32 +104,32 @@ def test_door_that_is_drawn_beside_its_wall_is_said_of_the_plan_that_is_written(
     assert re.match(rf"{tmp_path}/v/flat_7.fpm:\d+:\d+: warning: Entryway door: it cuts nothing: ", result.stderr)
 
 
-@pytest.mark.parametrize("command", ["render", "geometry"])
-def test_fault_of_a_plan_is_said_with_its_place(plan, tmp_path, command):
+def test_render_and_geometry_report_fault_with_its_place(plan, tmp_path):
     plan.write_text(plan.read_text().replace("width=gap", "width=gab"))
-    out = ("--out", tmp_path / "out") if command == "render" else ()
-    said = refused(command, plan, *out)
-    assert said == f"{plan}:41:32: Entryway door: no variable 'gab'; did you mean 'gap'?"
+    for command in (("render", plan, "--out", tmp_path / "out"), ("geometry", plan)):
+        assert refused("floorplan", *command) == f"{plan}:41:32: Entryway door: no variable 'gab'; did you mean 'gap'?"
 
 
-def test_other_mistakes_are_one_message_each(plan, tmp_path):
-    out = ("--out", tmp_path / "out")
-    missing = tmp_path / "none.fpm"
-    assert refused("geometry", missing).startswith(f"{missing}:1:1: file: no such file")
-    assert "--resolution: expected a number of meters, got inf" in refused("render", plan, *out, "--resolution", "inf")
+@each_row(
+    ("arguments", "words"),
+    [
+        ("render PLAN --out out --resolution inf", "--resolution: expected a number of meters, got inf"),
+        ("render WING --out out --resolution 0.001", "cells; at most"),
+        ("render PLAN --out PLAN", "is not a folder"),
+        ("render PLAN --out there", "can't be written"),
+        ("variations FILE --out out --seed 4294967295 --count 2", "--seed 4294967295: the last seed is 4294967296"),
+        ("variations PLAN --out out", "got 'Floor'"),
+    ],
+)
+def test_floorplan_refuses_wrong_arguments(plan, tmp_path, monkeypatch, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    Path("there").mkdir()
+    Path("there/maps").touch()
+    names = {"PLAN": plan, "WING": OFFICE_WING, "FILE": plan.with_suffix(".variation")}
+    assert words in refused("floorplan", *(names.get(each, each) for each in arguments.split()))
+
+
+def test_render_refuses_resolution_that_is_no_length(plan, tmp_path):
     for wrong in ("0", "nan", "fine"):
-        assert "Invalid value for '--resolution'" in refused("render", plan, *out, "--resolution", wrong)
-    assert "cells; at most" in refused("render", OFFICE_WING, *out, "--resolution", "0.001")
-    assert "is not a folder" in refused("render", plan, "--out", plan)
-    assert "--seed 4294967295: the last seed is 4294967296" in refused(
-        "variations", plan.with_suffix(".variation"), *out, "--seed", 2**32 - 1, "--count", 2
-    )
-    assert "syntax: found 'Floor'" in refused("variations", plan, *out)
-
-
-def test_folder_that_can_not_be_written_to_is_said(plan, tmp_path):
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "maps").touch()
-    result = run("render", plan, "--out", tmp_path / "out")
-    assert result.exit_code == 2
-    assert "can't be written" in result.stderr and "name another folder" in result.stderr
+        result = run("render", plan, "--out", tmp_path, "--resolution", wrong)
+        assert result.exit_code == 2 and "Invalid value for '--resolution'" in result.stderr

@@ -3,6 +3,7 @@
 import json
 
 from paper_page import main
+from table import each_row
 from typer import Typer
 from typer.testing import CliRunner
 
@@ -10,25 +11,17 @@ script = Typer()
 script.command()(main)
 
 
-def called(*arguments):
-    return CliRunner().invoke(script, [*map(str, arguments)])
-
-
-def test_what_is_no_campaign_directory_is_said(tmp_path):
-    result = called(tmp_path)
+@each_row(
+    ("metadata", "words"),
+    [
+        (None, "not a campaign directory"),
+        ({"name": "quickstart"}, "campaign 'quickstart' is none of the paper's"),
+        ({"name": "paper-safety"}, "damaged campaign directory"),
+    ],
+)
+def test_paper_refuses_other_directories(tmp_path, metadata, words):
+    if metadata:
+        (tmp_path / "metadata.json").write_text(json.dumps(metadata))
+    result = CliRunner().invoke(script, [str(tmp_path)])
     assert (result.exit_code, result.stdout) == (2, "")
-    assert "not a campaign directory" in result.stderr
-
-
-def test_another_campaign_is_refused(tmp_path):
-    (tmp_path / "metadata.json").write_text(json.dumps({"name": "quickstart"}))
-    result = called(tmp_path)
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert "campaign 'quickstart' is none of the paper's" in result.stderr
-
-
-def test_damaged_directory_is_said_in_one_line(tmp_path):
-    (tmp_path / "metadata.json").write_text(json.dumps({"name": "paper-safety"}))
-    result = called(tmp_path)
-    assert (result.exit_code, len(result.stderr.splitlines())) == (2, 1)
-    assert "damaged campaign directory" in result.stderr
+    assert words in result.stderr and len(result.stderr.splitlines()) == 1

@@ -3,9 +3,8 @@
 import json
 
 import pytest
-from typer.testing import CliRunner
+from command_line import called, refused
 
-from vastflow.flows.__main__ import app
 from vastflow.flows.request.campaign_file import MOST_OF_A_FILE, read_campaign, terminal_lines
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.sim.model.faults import Fault, Place
@@ -26,10 +25,6 @@ velocity_smoother:
 """
 
 
-def called(*arguments):
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
-
-
 @pytest.fixture
 def nav2(tmp_path):
     file = tmp_path / "nav2.yaml"
@@ -37,34 +32,28 @@ def nav2(tmp_path):
     return file
 
 
-def test_every_parameter_of_the_file_is_a_line_with_what_becomes_of_it(nav2):
+def test_params_lists_parameters_and_counts(nav2):
     result = called("params", nav2)
-    assert result.exit_code == 0
     lines = [" ".join(line.split()) for line in result.stdout.splitlines()]
-    assert lines[:8] == [
-        "line parameter value simulator",
-        "3 controller_server.costmap_update_timeout 0.5 differs: 0.3 is built in",
-        "4 controller_server.controller_plugins ['FollowPath'] modeled",
-        "6 controller_server.FollowPath.plugin 'nav2_regulated_pure_pursuit_controller… modeled",
-        "7 controller_server.FollowPath.desired_linear_vel 1 modeled",
-        "10 velocity_smoother.scale_velocities false built in",
-        "11 velocity_smoother.odom_topic 'odom' no effect",
-        "12 velocity_smoother.mystery inf not modeled",
-    ]
-
-
-def test_the_counts_come_last(nav2):
-    lines = called("params", nav2).stdout.splitlines()[9:]
-    assert [line.split(":")[0].split(maxsplit=1) for line in lines[:5]] == [
-        ["3", "modeled"],
-        ["1", "built in"],
-        ["1", "no effect"],
-        ["1", "differs"],
-        ["1", "not modeled"],
-    ]
-    assert lines[5].endswith("more are modeled, not in the file, and as in Nav2's code")
-    assert lines[6].startswith("not in the file and as in Nav2 Jazzy's default: amcl, local_costmap, ")
-    assert lines[7] == "not in the file and left away: collision_monitor"
+    assert (result.exit_code, lines[:9]) == (
+        0,
+        [
+            "line parameter value simulator",
+            "3 controller_server.costmap_update_timeout 0.5 differs: 0.3 is built in",
+            "4 controller_server.controller_plugins ['FollowPath'] modeled",
+            "6 controller_server.FollowPath.plugin 'nav2_regulated_pure_pursuit_controller… modeled",
+            "7 controller_server.FollowPath.desired_linear_vel 1 modeled",
+            "10 velocity_smoother.scale_velocities false built in",
+            "11 velocity_smoother.odom_topic 'odom' no effect",
+            "12 velocity_smoother.mystery inf not modeled",
+            "",
+        ],
+    )
+    counts = ["3 modeled", "1 built in", "1 no effect", "1 differs", "1 not modeled"]
+    assert [line.split(":")[0] for line in lines[9:14]] == counts
+    assert lines[14].endswith("more are modeled, not in the file, and as in Nav2's code")
+    assert lines[15].startswith("not in the file and as in Nav2 Jazzy's default: amcl, local_costmap, ")
+    assert lines[16] == "not in the file and left away: collision_monitor"
 
 
 def test_body_and_the_limits_that_follow_from_the_file_are_said_and_what_is_assumed(nav2):
@@ -112,11 +101,6 @@ def test_faults_of_the_file_are_said_with_their_places_and_exit_with_2(nav2):
     assert "Traceback" not in result.stderr
 
 
-def test_file_that_is_not_there_exits_with_2(tmp_path):
-    result = called("params", tmp_path / "none.yaml")
-    assert (result.exit_code, "no such file" in result.stderr) == (2, True)
-
-
 @pytest.fixture
 def campaign(small_room, nav2):
     """The small campaign with the parameter file beside it."""
@@ -125,43 +109,31 @@ def campaign(small_room, nav2):
     return small_room
 
 
-def test_validate_says_what_is_not_modeled(campaign):
-    result = called("validate", campaign)
-    assert result.exit_code == 0
-    assert f"{campaign.with_name('nav2.yaml')}:12:14: velocity_smoother.mystery: not modeled\n" in result.stdout
-    assert result.stdout.endswith("OK: 1 family, 1 producer, 1 oracle\n")
-
-
-@pytest.mark.parametrize("command", ["validate", "run"])
-def test_campaign_with_a_bad_parameter_file_exits_with_2_and_writes_nothing(campaign, monkeypatch, tmp_path, command):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "store"))
-    campaign.with_name("nav2.yaml").write_text(NAV2.replace("_vel: 1", "_vel: -1"))
-    before = sorted(tmp_path.rglob("*"))
-    result = called(command, campaign)
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert (
-        "nav2.yaml:7:27: controller_server.ros__parameters.FollowPath.desired_linear_vel: found -1; " in result.stderr
-    )
-    assert sorted(tmp_path.rglob("*")) == before
-
-
-def test_parameter_file_is_kept_with_the_inputs(campaign):
+def test_campaign_keeps_parameter_file_and_validate_reports_it(campaign, tmp_path, monkeypatch):
+    file = campaign.with_name("nav2.yaml")
     found = inputs_of(*read_campaign(campaign))
     assert found.files["nav2.yaml"] == NAV2.encode()
-    assert set(found.files) == {"nav2.yaml", "room.yaml", "room.pgm"}
-    assert len(found.maps) == 1
+    assert (set(found.files), len(found.maps)) == ({"nav2.yaml", "room.yaml", "room.pgm"}, 1)
+    result = called("validate", campaign)
+    assert result.exit_code == 0
+    assert f"{file}:12:14: velocity_smoother.mystery: not modeled\n" in result.stdout
+    assert result.stdout.endswith("OK: 1 family, 1 producer, 1 oracle\n")
+    monkeypatch.chdir(tmp_path)
+    file.write_text(NAV2.replace("_vel: 1", "_vel: -1"))
+    before = sorted(tmp_path.rglob("*"))
+    for command in ("validate", "run"):
+        said = refused(command, campaign)
+        assert "nav2.yaml:7:27: controller_server.ros__parameters.FollowPath.desired_linear_vel: " in said
+        assert "got -1" in said
+    assert sorted(tmp_path.rglob("*")) == before
 
 
 def note(k, kind="not modeled"):
     return Fault(Place("nav2.yaml", k, 1, f"p{k}"), "not modeled", kind=kind)
 
 
-def test_few_unmodeled_parameters_are_all_said():
+def test_terminal_lines_count_unmodeled_parameters_beyond_a_few_and_keep_warnings():
     assert len(list(terminal_lines([note(k) for k in range(MOST_OF_A_FILE)]))) == MOST_OF_A_FILE
-
-
-def test_of_many_the_first_are_said_and_the_rest_counted_and_warnings_never_left_out():
     notes = [note(k) for k in range(200)] + [note(300, "warning"), note(301, "not executed")]
     lines = list(terminal_lines(notes))
     assert lines[:2] == [str(note(300, "warning")), str(note(301, "not executed"))]
