@@ -171,7 +171,8 @@ def _check_schedule(deployment: "Deployment") -> None:
         raise UserError(f"--schedule: expected {right}, got {deployment.cron!r}")
     zones = sorted(available_timezones())
     if deployment.timezone not in zones:
-        raise UserError(f"--timezone: expected {did_you_mean(deployment.timezone, zones)}, got {deployment.timezone!r}")
+        hint = did_you_mean(deployment.timezone, zones)
+        raise UserError(f"--timezone: expected a time zone, got {deployment.timezone!r}; {hint}")
 
 
 def _print(deployment: "Deployment", shards: "ShardDeployment", kind: PoolType) -> None:

@@ -368,7 +368,7 @@ def search_progress(
     if (search := campaign.search) is None:
         return None
     if part := next((name for name in ("only", "sample") if getattr(request, name)), None):
-        what = f"got --{part}, and a search proposes its configurations one after the other"
-        raise FileError([campaign.fault(("search",), what, "a smaller budget", "key")])
+        right = f"no --{part}, since a search proposes its configurations one after the other"
+        raise FileError([campaign.fault(("search",), f"got --{part}", right, "key")])
     clock = clock_of(store, search.spec, hashlib.sha256(content).hexdigest(), runs)
     return SearchProgress(search, PointRuns(stopping, runs, search.spec.confirm), clock, tally)

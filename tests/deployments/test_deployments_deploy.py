@@ -1,184 +1,144 @@
-"""`vastflow deploy` without Prefect's API: what a dry run prints, and what it says of a wrong option."""
+"""`vastflow deploy` without Prefect's API: what it prints, and what it says of wrong options and lost APIs."""
 
+import re
+import shlex
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 
 import pytest
 import yaml
+from command_line import called, refused
 from prefect.cli.deploy._models import DeploymentConfig
 from prefect.settings import temporary_settings
-from typer.testing import CliRunner
+from table import each_row
 
-from vastflow.flows.__main__ import app
 from vastflow.flows.campaign import campaign as campaign_flow
 from vastflow.flows.cli import deploy as deploy_command
-from vastflow.flows.cli.deploy import NO_API
+from vastflow.flows.cli.deploy import MOST_IN_A_CONFIG_MAP, NO_API
+from vastflow.producers.campaign_file.spec import ExecutionSpec
 from vastflow.tasks.execution.job import PoolType, base_job_template
+from vastflow.tasks.execution.manifests import compose_file, config_map_keys, pod_template
 from vastflow.tasks.prefect import retry
 from vastflow.tasks.prefect.adapter import flow_schema
 
-
-def called(*arguments):
-    return CliRunner().invoke(app, ["deploy", *map(str, arguments)])
+PAGE = (Path(__file__).parents[2] / "docs" / "describe-the-execution.md").read_text()
+IMAGE = "  image: ghcr.io/me/robot:1.0\n"
+CLUSTER = ("--pool", "cluster", "--type", "kubernetes", "--image", "ghcr.io/me/vastflow:7", "--queue", "nightly")
 
 
 @pytest.fixture
-def file(campaign_file):
-    """A campaign file with resources and nothing of containers."""
-    return campaign_file("  runs: 7\n  resources: {cpu: 3, memory: 6Gi}\n")
+def file(campaign_file, tmp_path, monkeypatch):
+    """A campaign file in the working directory with resources and nothing of containers."""
+    monkeypatch.chdir(tmp_path)
+    campaign_file("  runs: 7\n  resources: {cpu: 3, memory: 6Gi}\n")
+    return Path("rooms.vast")
 
 
-def printed(result):
+def printed(*arguments):
+    result = called("deploy", *arguments, "--dry-run")
     assert result.exit_code == 0, result.output
-    written, pool = yaml.safe_load_all(result.stdout)
-    return DeploymentConfig.model_validate(written["deployments"][0]), pool
+    written, *pools = yaml.safe_load_all(result.stdout)
+    return [DeploymentConfig.model_validate(each) for each in written["deployments"]], pools
 
 
-def test_dry_run_prints_the_deployment_and_its_pool(file):
-    deployment, pool = printed(
-        called(file, "--pool", "lab", "--schedule", "0 2 * * *", "--timezone", "Asia/Tokyo", "--dry-run")
-    )
+def test_dry_run_prints_deployment_and_pool(file, tmp_path):
+    schedule = ("--schedule", "0 2 * * *", "--timezone", "Asia/Tokyo")
+    request = {"runs": 2, "only": "rooms", "workers": 1, "store": "s3://bucket", "reports": "https://lab.example"}
+    options = (word for name, value in request.items() for word in (f"--{name}", value))
+    (deployment, _), (pool,) = printed(file, "--pool", "lab", *schedule, *options)
     assert (deployment.name, deployment.work_pool.name, pool["type"]) == ("Two_rooms", "lab", "process")
     assert deployment.tags == ["vastflow", "two-rooms"]
     assert (deployment.schedules[0].cron, deployment.schedules[0].timezone) == ("0 2 * * *", "Asia/Tokyo")
-    assert "7 runs of each configuration" in deployment.description
+    places = {"campaign": str(tmp_path / "rooms.vast"), "results": str(tmp_path / "results")}
+    assert deployment.parameters["request"] == {**request, **places, "only": ["rooms"]}
+    campaign_flow.validate_parameters(deployment.parameters)
+    (deployment, _), _ = printed(file, "--pool", "lab")
+    assert deployment.schedules == [] and "7 runs of each configuration" in deployment.description
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
+def test_description_of_campaign_with_stopping_rule_has_least_and_most_runs(campaign_file):
+    file = campaign_file("  runs: {min: 5, max: 20, stop: {systematic: 0.5, reliable: 0.9}}\n")
+    for options, said in (
         ((), "5 to 20 runs of each configuration, which ends when its class is decided, and writes its report"),
         (("--runs", 1), "1 run of each configuration, and writes its report"),
-    ],
-)
-def test_of_a_campaign_that_stops_by_a_rule_the_description_says_the_least_and_the_most(campaign_file, options, said):
-    file = campaign_file("  runs: {min: 5, max: 20, stop: {systematic: 0.5, reliable: 0.9}}\n")
-    deployment, _ = printed(called(file, "--pool", "lab", *options, "--dry-run"))
-    assert said in deployment.description
+    ):
+        (deployment, _), _ = printed(file, "--pool", "lab", *options)
+        assert said in deployment.description
 
 
-def test_parameters_are_those_of_the_flow_and_the_paths_are_absolute(file, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    options = (
-        "--runs",
-        2,
-        "--only",
-        "rooms",
-        "--workers",
-        1,
-        "--store",
-        "s3://bucket",
-        "--reports",
-        "https://lab.example",
-    )
-    deployment, _ = printed(called("rooms.vast", "--pool", "lab", *options, "--dry-run"))
-    assert deployment.parameters["request"] == {
-        "campaign": str(tmp_path / "rooms.vast"),
-        "runs": 2,
-        "only": ["rooms"],
-        "results": str(tmp_path / "results"),
-        "store": "s3://bucket",
-        "workers": 1,
-        "reports": "https://lab.example",
-    }
-    campaign_flow.validate_parameters(deployment.parameters)
-
-
-def test_without_a_schedule_it_runs_on_request_only(file):
-    deployment, _ = printed(called(file, "--pool", "lab", "--dry-run"))
-    assert deployment.schedules == []
-
-
-def test_cluster_gets_the_resources_of_the_file_and_paths_of_the_image(file, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    options = ("--type", "kubernetes", "--image", "ghcr.io/me/vastflow:7", "--queue", "nightly")
-    deployment, pool = printed(called("rooms.vast", "--pool", "cluster", *options, "--dry-run"))
-    assert deployment.work_pool.job_variables == {
-        "image": "ghcr.io/me/vastflow:7",
-        "queue": "nightly",
-        "cpu": "3",
-        "memory": "6Gi",
-    }
-    assert deployment.parameters["request"] == {"campaign": "rooms.vast", "results": "/data/results", "workers": 3}
+def test_deployment_to_cluster_has_resources_of_file_and_paths_of_image(file):
+    (deployment, shards), (pool,) = printed(file, *CLUSTER, "--shards-in", "cluster")
+    own = {"image": "ghcr.io/me/vastflow:7", "queue": "nightly"}
+    assert deployment.work_pool.job_variables == {**own, "cpu": "3", "memory": "6Gi"}
+    assert shards.work_pool.job_variables == own
+    request = {"campaign": "rooms.vast", "results": "/data/results", "workers": 3, "pool": "cluster"}
+    assert deployment.parameters["request"] == request
     assert pool["base_job_template"] == base_job_template(PoolType.kubernetes)
 
 
-def test_file_that_is_in_no_image_is_a_users_mistake(file, tmp_path, monkeypatch):
-    (tmp_path / "elsewhere").mkdir()
-    monkeypatch.chdir(tmp_path / "elsewhere")
-    result = called(file, "--pool", "cluster", "--type", "kubernetes", "--dry-run")
-    assert result.exit_code == 2
-    assert "call this from the folder that the image is built from" in result.stderr
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (("--schedule", "0 2 * *"), "--schedule: expected five fields, got '0 2 * *'"),
-        (("--schedule", "0 2 * * * *"), "--schedule: expected five fields, got '0 2 * * * *'"),
-        (("--schedule", "every night"), "--schedule: expected five fields, got 'every night'"),
-        (
-            ("--schedule", "0 2 * * *", "--timezone", "Asia/Tokio"),
-            "--timezone: found 'Asia/Tokio'; did you mean 'Asia/Tokyo'?",
-        ),
-    ],
-)
-def test_schedule_that_prefect_can_not_read_is_a_users_mistake(file, options, said):
-    result = called(file, "--pool", "lab", *options, "--dry-run")
-    assert result.exit_code == 2
-    assert said in result.stderr
-
-
-def test_fault_of_the_campaign_file_is_found_before_it_is_deployed(campaign_file):
-    file = campaign_file("  runs: none\n")
-    result = called(file, "--pool", "lab", "--dry-run")
-    assert result.exit_code == 2
-    assert f"{file}:10:9" in result.stderr
-
-
-def test_sidecars_without_an_image_are_a_fault_of_the_file(campaign_file):
-    result = called(campaign_file("  secondary_containers: [nav]\n"), "--pool", "lab", "--dry-run")
-    assert result.exit_code == 2
-    assert "no 'image'" in result.stderr
-
-
-def test_without_an_api_nothing_is_deployed_and_what_to_do_is_said(file, monkeypatch):
-    monkeypatch.setattr("vastflow.tasks.prefect.server.configured_url", lambda: None)
-    result = called(file, "--pool", "lab")
-    assert (result.exit_code, result.stderr) == (2, NO_API + "\n")
-
-
-def test_api_that_does_not_answer_is_said(file, monkeypatch):
-    from prefect.settings import temporary_settings
-
-    with temporary_settings({"api.url": "http://127.0.0.1:9/api", "client.max_retries": 0}):
-        result = called(file, "--pool", "lab")
-    assert (result.exit_code, result.stdout) == (3, "")
-    assert result.stderr.startswith("Prefect's API at http://127.0.0.1:9/api does not answer: ")
-
-
-def test_command_is_cheap_to_import():
-    assert not any(name.startswith("prefect") for name in vars(deploy_command))
-
-
-def test_shards_go_to_a_pool_of_their_own_where_one_is_named(file):
-    result = called(file, "--pool", "lab", "--shards-in", "farm", "--dry-run")
-    assert result.exit_code == 0, result.output
-    written, pool, farm = yaml.safe_load_all(result.stdout)
-    campaign, shards = (DeploymentConfig.model_validate(each) for each in written["deployments"])
+def test_shards_go_to_pool_of_their_own(file):
+    (campaign, shards), (pool, farm) = printed(file, "--pool", "lab", "--shards-in", "farm")
     assert campaign.parameters["request"]["pool"] == "farm"
     assert "Workers of the work pool **farm** compute the runs." in campaign.description
     assert (shards.name, shards.work_pool.name, shards.parameters) == ("farm-shards", "farm", {})
     assert (pool["name"], farm["name"]) == ("lab", "farm")
 
 
-def test_shards_of_a_cluster_have_image_and_queue_whatever_the_campaign(file, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    options = ("--type", "kubernetes", "--image", "ghcr.io/me/vastflow:7", "--queue", "nightly", "--dry-run")
-    result = called("rooms.vast", "--pool", "cluster", "--shards-in", "cluster", *options)
-    written, _ = yaml.safe_load_all(result.stdout)
-    variables = written["deployments"][1]["work_pool"]["job_variables"]
-    assert variables == {"image": "ghcr.io/me/vastflow:7", "queue": "nightly"}
+@each_row(
+    ("execution", "options", "said"),
+    [
+        *(
+            ("  runs: 1\n", f"--pool lab --schedule {each.replace(' ', '_')}", "--schedule: expected five fields, ")
+            for each in ("0 2 * *", "0 2 * * * *", "every night")
+        ),
+        (
+            *("  runs: 1\n", "--pool lab --schedule 0_2_*_*_* --timezone Asia/Tokio"),
+            "--timezone: expected a time zone, got 'Asia/Tokio'; did you mean 'Asia/Tokyo'?",
+        ),
+        ("  runs: none\n", "--pool lab", "rooms.vast:10:9"),
+        ("  secondary_containers: [nav]\n", "--pool lab", "no 'image'"),
+        ("  runs: 1\n", "", "--pool: expected the name of a work pool, or --format, got neither"),
+        (
+            "  runs: 2\n",
+            "--format FORMAT",
+            "9:1: execution: no 'image'; image: container image of the system under test",
+        ),
+        (
+            f"{IMAGE}  resources: {{cpu: [{{a: 1}}]}}\n",
+            "--format FORMAT --context b",
+            "nothing for the context 'b'; known: a",
+        ),
+        ("  rums: 2\n", "--format FORMAT", "unknown key 'rums'; did you mean 'runs'?"),
+    ],
+)
+def test_deploy_refuses_wrong_file_or_option(campaign_file, execution, options, said):
+    file = campaign_file(execution)
+    for format_ in ("compose", "kubernetes"):
+        arguments = [each.replace("_", " ") for each in options.replace("FORMAT", format_).split()]
+        assert said in refused("deploy", file, *arguments, "--dry-run")
+
+
+def test_deploy_refuses_file_outside_of_image_and_unknown_format(file, tmp_path, monkeypatch):
+    assert called("deploy", file, "--format", "helm").exit_code == 2
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    said = refused("deploy", tmp_path / file, "--pool", "cluster", "--type", "kubernetes", "--dry-run")
+    assert "call this from the folder that the image is built from" in said
+
+
+def test_deploy_says_what_to_do_without_api(file, monkeypatch):
+    with temporary_settings({"api.url": "http://127.0.0.1:9/api", "client.max_retries": 0}):
+        result = called("deploy", file, "--pool", "lab")
+    assert (result.exit_code, result.stdout) == (3, "")
+    assert result.stderr.startswith("Prefect's API at http://127.0.0.1:9/api does not answer: ")
+    monkeypatch.setattr("vastflow.tasks.prefect.server.configured_url", lambda: None)
+    assert refused("deploy", file, "--pool", "lab") == NO_API
+
+
+def test_deploy_is_cheap_to_import_and_form_shows_no_internal_field():
+    assert not any(name.startswith("prefect") for name in vars(deploy_command))
+    assert "bundle" not in str(flow_schema(campaign_flow)["definitions"]["RunRequest"]["properties"])
 
 
 @pytest.fixture
@@ -197,20 +157,62 @@ def busy_api(monkeypatch):
 
     with ThreadingHTTPServer(("127.0.0.1", 0), Busy) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
-        monkeypatch.setattr(retry, "IN_BETWEEN_S", 4.0)
+        monkeypatch.setattr(retry, "IN_BETWEEN_S", 2.5)
         settings = {"api.url": f"http://127.0.0.1:{server.server_port}/api", "client.max_retries": 0}
         with temporary_settings(settings):
             yield
         server.shutdown()
 
 
-def test_busy_api_is_asked_again_and_said_to_be_busy(file, busy_api):
-    result = called(file, "--pool", "lab")
+def test_deploy_asks_busy_api_again(file, busy_api):
+    result = called("deploy", file, "--pool", "lab")
     assert result.exit_code == 3
-    assert "is busy; trying again for up to 4 s" in result.output
-    assert "was busy for 4 s; deploy again later" in result.output
+    assert "is busy; trying again for up to 2 s" in result.output
+    assert "was busy for 2 s; deploy again later" in result.output
     assert "503" not in result.output
 
 
-def test_form_shows_no_internal_field():
-    assert "bundle" not in str(flow_schema(campaign_flow)["definitions"]["RunRequest"]["properties"])
+def test_format_compose_prints_file_and_what_it_leaves_out(described, tmp_path):
+    description = described()
+    result = called("deploy", tmp_path / "rooms.vast", "--format", "compose")
+    assert (result.exit_code, yaml.safe_load(result.stdout)) == (0, compose_file(description))
+    assert [line.split(":")[0] for line in result.stderr.splitlines()] == [
+        f"save it in {tmp_path}; make a folder ./out there that user 1001 can write to",
+        "execution.timeout",
+        "execution.kubernetes.jobs.node_labels",
+    ]
+
+
+def test_format_kubernetes_prints_template_and_command_that_makes_its_files(described, campaign_file, tmp_path):
+    description = described()
+    file = tmp_path / "rooms.vast"
+    result = called("deploy", file, "--format", "kubernetes")
+    assert (result.exit_code, yaml.safe_load(result.stdout)) == (0, pod_template(description))
+    (note,) = result.stderr.splitlines()
+    command = shlex.split(note.partition("make it by: ")[2])
+    assert command[:4] == ["kubectl", "create", "configmap", "two-rooms-files"]
+    keys = config_map_keys(description)
+    assert command[4:] == [f"--from-file={key}={tmp_path / name}" for key, name in keys.items()]
+    result = called("deploy", file, "--format", "kubernetes", "--context", "cloud")
+    (main,) = yaml.safe_load(result.stdout)["template"]["spec"]["containers"]
+    assert main["resources"]["requests"] == {"cpu": "16", "memory": "1500000000"}
+    (tmp_path / "big.bin").write_bytes(bytes(MOST_IN_A_CONFIG_MAP + 1))
+    result = called("deploy", campaign_file(f"{IMAGE}  run_files: [big.bin]\n"), "--format", "kubernetes")
+    said = f"execution.run_files: expected at most {MOST_IN_A_CONFIG_MAP} bytes for a ConfigMap, got 1048577"
+    assert (result.exit_code, result.stderr.splitlines()[1]) == (0, said)
+
+
+@each_row("format_", ["compose", "kubernetes"])
+def test_example_of_page_can_be_described(campaign_file, format_):
+    example = PAGE.partition("```yaml\nexecution:\n")[2].partition("```")[0]
+    result = called("deploy", campaign_file(example), "--format", format_)
+    assert (result.exit_code, bool(result.stdout)) == (0, True), result.stderr
+
+
+def test_page_names_every_key_that_is_used_or_is_not():
+    table = PAGE.partition("| key of `execution` |")[2].partition("\n\n")[0]
+    cells = [row.split("|")[1] for row in table.splitlines()[2:]]
+    named = {key.partition(".")[0] for cell in cells for key in re.findall(r"`([\w.]+)`", cell)}
+    in_sentences = {"pre_command", "post_command", "runs_per_job"}
+    of_the_simulator = {"scenario_file", "nav2_params"}
+    assert named | in_sentences | of_the_simulator == set(ExecutionSpec.model_fields)

@@ -62,69 +62,49 @@ def pod(configuration):
     return configuration.job_manifest["spec"]["template"]["spec"]
 
 
-def test_job_of_the_template_alone_is_valid():
+def test_job_of_every_key_of_campaign_file_is_valid_and_has_them(described):
     valid_job(configured(PoolType.kubernetes, {}).job_manifest)
-
-
-def test_job_of_every_key_of_a_campaign_file_is_valid_and_has_them(described):
     made = configured(PoolType.kubernetes, job_variables(PoolType.kubernetes, described()))
     valid_job(made.job_manifest)
     spec = pod(made)
-    assert spec["containers"][0]["resources"] == {
-        "requests": {"cpu": "4", "memory": "8Gi"},
-        "limits": {"memory": "8Gi", "nvidia.com/gpu": "1"},
-    }
+    main, sidecars = spec["containers"][0], spec["initContainers"]
+    limits = {"memory": "8Gi", "nvidia.com/gpu": "1"}
+    assert main["resources"] == {"requests": {"cpu": "4", "memory": "8Gi"}, "limits": limits}
     assert spec["nodeSelector"] == {"disk": "ssd", "example.org/fast": "true"}
-    assert [(each["name"], each["restartPolicy"]) for each in spec["initContainers"]] == [
+    assert [(each["name"], each["restartPolicy"]) for each in sidecars] == [
         ("nav-stack", "Always"),
         ("simulation", "Always"),
     ]
     (config,) = (volume["configMap"] for volume in spec["volumes"] if volume["name"] == "config")
     assert (config["name"], len(config["items"])) == ("two-rooms-files", 3)
-
-
-def test_sidecar_has_the_users_of_the_file_and_the_campaign_that_of_its_image(described):
-    spec = pod(configured(PoolType.kubernetes, job_variables(PoolType.kubernetes, described())))
     assert spec["securityContext"]["runAsUser"] == IMAGE_USER
-    assert {each["securityContext"]["runAsUser"] for each in spec["initContainers"]} == {1001}
-
-
-def test_every_mount_has_its_volume(described):
-    spec = pod(configured(PoolType.kubernetes, job_variables(PoolType.kubernetes, described())))
+    assert {each["securityContext"]["runAsUser"] for each in sidecars} == {1001}
     volumes = {volume["name"] for volume in spec["volumes"]}
-    for container in (*spec["initContainers"], *spec["containers"]):
+    for container in (*sidecars, main):
         assert {mount["name"] for mount in container["volumeMounts"]} <= volumes
-    assert {"name": "data", "mountPath": DATA} in spec["containers"][0]["volumeMounts"]
+    assert {"name": "data", "mountPath": DATA} in main["volumeMounts"]
 
 
-def test_job_waits_in_the_queue_that_the_deployment_names():
+def test_job_has_queue_secret_and_end_of_its_variables():
+    made = configured(PoolType.kubernetes, {"secret": "s3", "queue": "nightly", "finished_job_ttl": 60})
     assert configured(PoolType.kubernetes, {}).labels[QUEUE_LABEL] == "vastflow"
-    assert configured(PoolType.kubernetes, {"queue": "nightly"}).labels[QUEUE_LABEL] == "nightly"
-
-
-def test_credentials_come_from_a_secret_and_are_in_no_template():
-    spec = pod(configured(PoolType.kubernetes, {"secret": "s3"}))
-    assert spec["containers"][0]["envFrom"] == [{"secretRef": {"name": "s3", "optional": True}}]
-    assert "AWS" not in json.dumps(base_job_template(PoolType.kubernetes))
-
-
-def test_finished_job_is_cleaned_up_and_an_evicted_one_is_prefects():
-    spec = configured(PoolType.kubernetes, {"finished_job_ttl": 60}).job_manifest["spec"]
+    assert made.labels[QUEUE_LABEL] == "nightly"
+    (main,) = pod(made)["containers"]
+    assert (main["name"], main["envFrom"]) == (LOOKED_FOR, [{"secretRef": {"name": "s3", "optional": True}}])
+    spec = made.job_manifest["spec"]
     assert (spec["ttlSecondsAfterFinished"], spec["backoffLimit"]) == (60, 0)
-    assert base_job_template(PoolType.kubernetes)["variables"]["properties"]["finished_job_ttl"]["default"] > 0
+    template = base_job_template(PoolType.kubernetes)
+    assert "AWS" not in json.dumps(template)
+    assert template["variables"]["properties"]["finished_job_ttl"]["default"] > 0
 
 
 @pytest.mark.parametrize("kind", [PoolType.docker, PoolType.kubernetes])
-def test_nothing_of_the_workers_own_settings_reaches_a_job(kind, monkeypatch):
+def test_job_has_no_setting_of_worker_but_those_of_deployment(kind, monkeypatch):
     foreign = dict.fromkeys((*OF_THE_WORKER, "PREFECT_API_URL", "PREFECT_HOME"), FOREIGN)
     made = configured(kind, {}, {**foreign, "PREFECT_LOGGING_LEVEL": "DEBUG"}, monkeypatch=monkeypatch)
     assert FOREIGN not in json.dumps(made.env)
     assert made.env["PREFECT_LOGGING_LEVEL"] == "DEBUG"
     assert made.env["VASTFLOW_STORE"].startswith(DATA)
-
-
-@pytest.mark.parametrize("kind", [PoolType.docker, PoolType.kubernetes])
-def test_deployment_can_set_what_is_taken_from_the_worker(kind, monkeypatch):
     env = {"PREFECT_API_SSL_CERT_FILE": "/etc/ca.pem", "VASTFLOW_STORE": "s3://bucket"}
     made = configured(kind, {"env": env}, {"PREFECT_API_SSL_CERT_FILE": FOREIGN}, monkeypatch=monkeypatch)
     assert {name: made.env[name] for name in env} == env
@@ -147,18 +127,11 @@ def test_every_setting_of_prefect_that_names_a_place_or_a_secret_is_taken_away()
     assert known <= names
 
 
-def test_what_a_worker_runs_is_the_container_that_prefect_looks_for():
-    assert [container["name"] for container in pod(configured(PoolType.kubernetes, {}))["containers"]] == [LOOKED_FOR]
-
-
-def test_container_of_docker_has_the_volume_and_the_memory(described):
+def test_container_of_docker_has_volume_and_memory_and_process_has_nothing_of_file(described):
     made = configured(PoolType.docker, job_variables(PoolType.docker, described()))
     assert (made.volumes, made.mem_limit, made.image) == ([f"vastflow:{DATA}"], "8g", "vastflow:latest")
-
-
-def test_process_takes_nothing_of_the_file_and_has_no_template_of_ours(described):
     assert job_variables(PoolType.process, described()) == {}
-    with pytest.raises(ValueError, match="expected Prefect has the template, got 'process'"):
+    with pytest.raises(ValueError, match="got 'process'"):
         base_job_template(PoolType.process)
 
 

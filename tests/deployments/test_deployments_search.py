@@ -11,10 +11,8 @@ import time
 
 import pyarrow.parquet as pq
 import pytest
+from command_line import called
 from prefect.states import Cancelling
-from typer.testing import CliRunner
-
-from vastflow.flows.__main__ import app
 
 pytestmark = [
     pytest.mark.timeout(580),
@@ -60,7 +58,7 @@ def nights(api, place, started_worker):
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(place)
         options = ("--pool", "lab", "--workers", "1", "--store", str(place / "store"), "--schedule", "* * * * *")
-        deployed = CliRunner().invoke(app, ["deploy", "asleep.vast", *options])
+        deployed = called("deploy", "asleep.vast", *options)
     assert deployed.exit_code == 0, deployed.output
     environment = {**os.environ, "PREFECT_HOME": str(place / "prefect")}
     subprocess.run([sys.executable, "-c", PLAN], env=environment, timeout=END_S, check=True)

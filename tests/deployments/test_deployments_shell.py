@@ -29,32 +29,20 @@ def ran(command):
     return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
 
 
-def test_without_scripts_the_command_is_left_as_it_is():
+def test_wrapped_leaves_command_without_scripts_and_refuses_that_of_image():
     assert wrapped(["run", "a b"], None, None) == ("run", "a b")
-
-
-def test_what_an_image_runs_can_not_be_wrapped():
     with pytest.raises(ValueError, match="is not known outside of it"):
         wrapped([], "/pre.sh", None)
 
 
-def test_command_sees_what_the_script_before_it_exports(scripts):
+def test_wrapped_command_sees_exports_and_keeps_its_exit_code(scripts):
     pre, post = map(str, scripts)
-    command = ["bash", "-c", 'echo "$GREETING"']
-    assert ran(wrapped(command, pre, None)).stdout == "sourced 0\n"
-    assert ran(wrapped(command, pre, post)).stdout == "sourced 0\nafter\n"
-
-
-@pytest.mark.parametrize("code", [0, 7])
-def test_exit_code_is_the_commands_own(scripts, code):
-    pre, post = map(str, scripts)
-    for around in ((pre, None), (pre, post), (None, post)):
-        done = ran(wrapped(["bash", "-c", f"exit {code}"], *around))
-        assert done.returncode == code
-        assert done.stdout == ("after\n" if around[1] else "")
-
-
-def test_script_after_the_command_that_fails_changes_no_exit_code(scripts):
+    for code in (0, 7):
+        command = ["bash", "-c", f'echo "$GREETING"; exit {code}']
+        for around in ((pre, None), (pre, post), (None, post)):
+            done = ran(wrapped(command, *around))
+            said = ("sourced 0\n" if around[0] else "\n") + ("after\n" if around[1] else "")
+            assert (done.returncode, done.stdout) == (code, said)
     assert ran(wrapped(["true"], None, "/no/such/script")).returncode == 0
 
 

@@ -10,10 +10,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from command_line import called, refused
 
 from vastflow.flows import run_campaign
-from vastflow.flows.__main__ import app
 from vastflow.flows.request.run_request import RunRequest
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
@@ -56,7 +55,7 @@ def deployed(api, place):
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(place)
         options = ("--pool", "lab", "--workers", "2", "--store", str(place / "store"), "--schedule", "0 2 * * *")
-        return CliRunner().invoke(app, ["deploy", "tiny.vast", *options])
+        return called("deploy", "tiny.vast", *options)
 
 
 @pytest.fixture(scope="module")
@@ -134,19 +133,18 @@ def test_schedule_makes_flow_runs(api, place, deployed):
 def test_deploying_again_changes_the_same_deployment(api, place, deployed, monkeypatch):
     monkeypatch.chdir(place)
     before = api.read_deployment_by_name(DEPLOYMENT)
-    result = CliRunner().invoke(app, ["deploy", "tiny.vast", "--pool", "lab", "--name", "tiny", "--runs", "9"])
+    result = called("deploy", "tiny.vast", "--pool", "lab", "--name", "tiny", "--runs", 9)
     after = api.read_deployment_by_name(DEPLOYMENT)
     assert (result.exit_code, after.id, after.parameters["request"]["runs"]) == (0, before.id, 9)
     assert (result.stdout.splitlines()[0].split()[0], after.schedules) == ("found", [])
     options = ("--workers", "2", "--store", str(place / "store"))
-    assert CliRunner().invoke(app, ["deploy", "tiny.vast", "--pool", "lab", *options]).exit_code == 0
+    assert called("deploy", "tiny.vast", "--pool", "lab", *options).exit_code == 0
 
 
 def test_pool_of_another_type_is_not_taken(api, place, deployed, monkeypatch):
     monkeypatch.chdir(place)
-    result = CliRunner().invoke(app, ["deploy", "tiny.vast", "--pool", "lab", "--type", "docker"])
-    assert result.exit_code == 2
-    assert "--pool: the work pool 'lab' is of type 'process'; name another, or give --type process" in result.stderr
+    said = refused("deploy", "tiny.vast", "--pool", "lab", "--type", "docker")
+    assert said == "--pool: the work pool 'lab' is of type 'process'; name another, or give --type process"
 
 
 def test_parameters_that_make_no_sense_are_refused_before_they_run(api, deployed):

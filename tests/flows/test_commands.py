@@ -294,7 +294,7 @@ USER_ERRORS = [
     "sim.nav2.parameter_files.document.DocumentError",
     "sim.scenario.language.faults.OscError",
     "tasks.store.artifact.StoreError",
-    "tasks.engine.machine_check.SurroundingsError",
+    "tasks.engine.machine_check.MachineError",
 ]
 
 
