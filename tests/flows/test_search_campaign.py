@@ -331,7 +331,7 @@ def test_metric_of_an_oracle_is_an_objective(run):
 
 
 def test_only_a_part_of_a_search_is_refused(place):
-    with pytest.raises(FileError, match="search: found --only, and a search proposes"):
+    with pytest.raises(FileError, match="search: expected no --only, since a search proposes"):
         run_campaign(file_of(place), results=place / "results", store=place / "store", only="point-0001")
 
 
