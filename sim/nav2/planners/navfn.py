@@ -82,15 +82,14 @@ def new_scratch(shape: tuple[int, ...]) -> tuple[NDArray[np.int64], NDArray[np.u
 @njit
 def fill_travel_costs(costmap: Any, allow_unknown: bool, row0: int, row1: int, col0: int, col1: int, out: Any) -> None:
     """Travel costs of rows row0..row1 and columns col0..col1 of `costmap` (H, W) into `out` (H, W)."""
+    travel = np.full(256, OBSTACLE, dtype=np.uint8)
+    for cost in range(INSCRIBED):
+        travel[cost] = min(INSCRIBED, int(NEUTRAL + 0.8 * cost))
+    if allow_unknown:
+        travel[UNKNOWN] = INSCRIBED
     for row in range(row0, row1):
         for column in range(col0, col1):
-            cost = costmap[row, column]
-            if cost < INSCRIBED:
-                out[row, column] = min(INSCRIBED, int(NEUTRAL + 0.8 * cost))
-            elif cost == UNKNOWN:
-                out[row, column] = INSCRIBED if allow_unknown else OBSTACLE
-            else:
-                out[row, column] = OBSTACLE
+            out[row, column] = travel[costmap[row, column]]
 
 
 @njit
