@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.kernels.streams import run_entropy
-from vastflow.sim.loop.closed_loop import ClosedLoop
 from vastflow.sim.loop.drive import Ending, recording_of, recording_without_world
 from vastflow.sim.loop.simulation import Simulation, recorded
 from vastflow.sim.model.archive import table
@@ -42,10 +41,9 @@ from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import OccupancyMap
 
 PERIOD_S: Final = 0.1
-"""Between two ticks of a scenario's tree."""
-
+"""Period of a scenario's tree."""
 TICKS: Final = round(PERIOD_S / TICK_S)
-"""Ticks of the closed loop between two of the tree's."""
+"""Ticks of the closed loop in a period of the tree."""
 
 Watch = Callable[[Stack, int], None]
 
@@ -53,23 +51,22 @@ Watch = Callable[[Stack, int], None]
 def play(
     tree: ScenarioTree,
     timeout_s: float,
-    loop: ClosedLoop | None,
+    simulation: Simulation | None,
     programs: ProcessRun | None,
     watch: Watch | None = None,
     watch_ticks: Sequence[int] = (),
 ) -> None:
     """Run a scenario to its end, or to the end of its time.
 
-    The tree is ticked ten times a simulated second, but for ticks that can change nothing: those are passed over until
-    the robot's mission ends or something in the tree is due. While a program runs no tick is passed over, and each lasts its
-    0.1 s of host time, or until the program ends: a program's time can't be simulated.
+    The tree is ticked ten times a simulated second; ticks that can change nothing are skipped. While a program runs, no tick
+    is skipped, and each lasts 0.1 s of host time or until the program ends.
 
     Args:
-        loop: The robot in its world; None for a scenario without.
-        programs: What the scenario starts programs in, if it does.
-        watch, watch_ticks: See `vastflow.sim.run.run`.
+        simulation: The robot in its world; None for a scenario without.
+        programs: Environment of the scenario's programs, if it starts any.
+        watch, watch_ticks: See `run`.
     """
-    world = _World(loop, watch, watch_ticks) if loop else None
+    world = _World(simulation, watch, watch_ticks) if simulation else None
     last = math.floor(timeout_s / PERIOD_S + 1e-9)
     number = 0
     began_s = time.monotonic()
@@ -84,16 +81,16 @@ def play(
 
 
 class _World:
-    """The closed loop, advanced by the tree's ticks, with a look after some of its own."""
+    """The closed loop, advanced by the tree's ticks and watched after some of its own."""
 
-    def __init__(self, loop: ClosedLoop, watch: Watch | None, watch_ticks: Sequence[int]) -> None:
+    def __init__(self, loop: Simulation, watch: Watch | None, watch_ticks: Sequence[int]) -> None:
         self._loop = loop
         self._watch = watch
         self._ticks: Iterator[int] = iter(watch_ticks)
         self._next = next(self._ticks, None) if watch else None
 
     def advance(self, number: int) -> int:
-        """Go on until tick `number` of the tree, or the first one after the mission's end; which it is."""
+        """Advance to tick `number` of the tree, or the first one after the mission's end, and return it."""
         self._advance(number * TICKS)
         reached = -(-self._loop.tick // TICKS)
         self._advance(reached * TICKS)
@@ -123,15 +120,15 @@ BEHAVIORS: Final[Mapping[str, type]] = {
     "line": int,
     "column": int,
 }
-"""Columns of the `behaviors` table: a row for each node at t = 0 and for each change of its status; the root's parent is -1."""
+"""Columns of the `behaviors` table: a row for each node at t = 0 and for each change of status; the root's parent is -1."""
 
 _SCENARIO_STREAM: Final = 0x5CE
-"""Sets the numbers that a scenario draws apart from those of the robot's subsystems."""
+"""Separates a scenario's random numbers from those of the robot's subsystems."""
 
 
 @dataclass(frozen=True)
 class Execution:
-    """A run that was executed: what happened in it, and what its host saw."""
+    """A run that was executed: its recording and its log."""
 
     recording: Recording
     log: RunLog
@@ -144,18 +141,18 @@ def run(
     watch: Watch | None = None,
     watch_ticks: Sequence[int] = (),
 ) -> Recording:
-    """Execute one run. Equal (scenario, run index, seed, code) give equal recordings, whatever ran before; but what a
-    run's programs do is their own.
+    """Execute one run.
+
+    Equal (scenario, run index, seed, code) give equal recordings, except for the output of programs.
 
     Args:
         seed: The campaign's `execution.seed`.
-        watch: Is shown the stack as it is after a tick, and the tick; it may look and copy, and the run is the same.
-        watch_ticks: The ticks it is called after, in increasing order; those after the run's end are left out.
+        watch: Called with the stack and a tick after that tick; it must not change the stack.
+        watch_ticks: These ticks, in increasing order; those after the run's end are left out.
 
     Raises:
-        ScenarioError: the scenario can't work: no map, a map that changed since the scenario was made, a `pre_command` that
-            failed, a program that can't be started, an expression without a value, or a robot that the scenario should have sent
-            somewhere and gave no goal.
+        ScenarioError: the scenario can't work, such as a map that changed since the scenario was made, a `pre_command` that
+            failed, an expression without a value, or a robot that was never given a goal.
         ValueError: a scenario file or a value that can't be used, see `vastflow.sim.reading.script.script_of`.
     """
     return execute(scenario, run_index, seed, watch, watch_ticks).recording
@@ -168,12 +165,11 @@ def execute(
     watch: Watch | None = None,
     watch_ticks: Sequence[int] = (),
 ) -> Execution:
-    """As `run`, with the run's log."""
+    """Execute one run as `run` does, and return its log as well."""
     started_s, wall_s, cpu_s = time.time(), time.perf_counter(), time.process_time()
     checked = checked_of(scenario)
     entropy = run_entropy(seed, checked.situation, run_index)
-    loop = _loop(checked, checked.robot, entropy) if checked.robot else None
-    simulation = Simulation(loop) if loop else None
+    simulation = _simulation(checked, checked.robot, entropy) if checked.robot else None
     lines: list[str] = []
     with ExitStack() as stack:
         setup = checked.programs or ProcessSetup()
@@ -181,38 +177,36 @@ def execute(
         programs = stack.enter_context(process_run(setup, checked.handed)) if needs_programs else None
         tree = _tree(checked, simulation, programs, entropy, lines)
         try:
-            play(tree, checked.timeout_s, loop, programs, watch, watch_ticks)
+            play(tree, checked.timeout_s, simulation, programs, watch, watch_ticks)
         finally:
             tree.shutdown()
         record = programs.close() if programs else None
     ending, behaviors = _ending(tree), behaviors_of(tree)
-    if loop and simulation:
+    if simulation:
         if simulation.sent_s is None and checked.is_sent:
             raise ScenarioError(f"the robot was never given a goal: {ending.reason or 'the scenario ended before'}")
-        recording = recording_of(loop, entropy, ending, behaviors, tuple(simulation.spawned), simulation.sent_s)
+        recording = recording_of(simulation, entropy, ending, behaviors, simulation.spawned, simulation.sent_s)
         recording = replace(recording, columns=recorded(recording.columns, checked.script.topics))
     else:
         recording = recording_without_world(tree.now_s, entropy, ending, behaviors)
     if record:
         recording = replace(recording, outputs=record.outputs)
-    cpu_s, rss_bytes = _used(cpu_s, record)
-    notes = _notes(record)
     log = RunLog(
-        *(started_s, time.perf_counter() - wall_s, cpu_s, rss_bytes, tuple(lines)),
+        *(started_s, time.perf_counter() - wall_s, *_used(cpu_s, record), tuple(lines)),
         texts=record.logs if record else (),
         resources=record.resources if record else (),
-        notes=notes,
+        notes=_notes(record),
     )
     return Execution(recording, log)
 
 
-def _loop(checked: CheckedScenario, robot: RobotSetup, entropy: Sequence[int]) -> ClosedLoop:
+def _simulation(checked: CheckedScenario, robot: RobotSetup, entropy: Sequence[int]) -> Simulation:
     occupancy, masks = _loaded(robot.map_file, MAP_KEY), robot.masks
     keepout = None if masks.keepout is None else _loaded(masks.keepout, KEEPOUT_KEY)
     speed = None if masks.speed is None else _loaded(masks.speed, SPEED_KEY)
     prepared = prepare(occupancy, robot.lidar, robot.parameters, robot.difference, keepout, speed)
     obstacles = checked.script.obstacles
-    return ClosedLoop(
+    return Simulation(
         prepared, robot.parameters, robot.lidar, robot.robot, robot.start, obstacles, entropy, checked.timeout_s
     )
 
@@ -244,7 +238,7 @@ def _tree(
 
 
 def _used(began_cpu_s: float, record: ProcessRecord | None) -> tuple[float, int]:
-    """CPU time and most memory of the run's processes, or of this one where it had none."""
+    """CPU time and peak memory of the run's processes, or of this one where it had none."""
     if record is not None:
         return record.usage.cpu_s, record.usage.max_rss_bytes
     return time.process_time() - began_cpu_s, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
@@ -266,7 +260,7 @@ def _loaded(content: FileContent, key: str) -> OccupancyMap:
 
 
 def _ending(tree: ScenarioTree) -> Ending:
-    """How a scenario ended."""
+    """Return how a scenario ended."""
     if tree.passed:
         return Ending("succeeded")
     if not tree.ended:
@@ -281,16 +275,8 @@ def behaviors_of(tree: ScenarioTree) -> dict[str, NDArray[Any]]:
     """The `behaviors` table of a scenario that has ended."""
     rows = [
         (
-            round(change.t_s, 6),
-            change.node,
-            -1 if change.parent is None else change.parent,
-            change.child_index,
-            change.name,
-            change.class_name,
-            change.status,
-            change.message,
-            change.place.line,
-            change.place.column,
+            *(round(change.t_s, 6), change.node, -1 if change.parent is None else change.parent, change.child_index),
+            *(change.name, change.class_name, change.status, change.message, change.place.line, change.place.column),
         )
         for change in tree.changes
     ]

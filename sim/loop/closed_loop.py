@@ -162,8 +162,8 @@ class ClosedLoop:
         self.body = Body(self.body.pose, self.body.radius_m, rows, triggers)
         self.stack = replace(self.stack, obstacles=rows)
 
-    def delete(self, index: int) -> None:
-        """Take an obstacle that stands in the world out of it."""
+    def remove(self, index: int) -> None:
+        """Remove an obstacle that stands in the world."""
         self._world = world = self._world or self._make_world()
         world.remove(index, self.now_s)
         self.body.obstacles[index, :2] = NOT_THERE

@@ -168,11 +168,11 @@ def test_what_a_scenario_hears_of_plan_and_pose_is_in_the_map_s_frame(rooms):
         parameters = parameters_of({"controller": "rpp"})
         prepared = prepare(load_map(rooms(angle).path), Lidar(), parameters)
         start, goal = (frame(angle).pose_to_map(Pose(ORIGIN[0] + x, ORIGIN[1] + y, a)) for x, y, a in (START, GOAL))
-        loop = ClosedLoop(prepared, parameters, Lidar(), Robot(), start, (), (0, 0, 1), 20.0)
-        loop.localize(start)
-        loop.navigate(Mission("navigate_to_pose", (goal,)))
-        loop.advance(60)
-        heard.append([message(Simulation(loop), topic) for topic in ("/plan", "/amcl_pose")])
+        simulation = Simulation(prepared, parameters, Lidar(), Robot(), start, (), (0, 0, 1), 20.0)
+        simulation.localize(start)
+        simulation.navigate(Mission("navigate_to_pose", (goal,)))
+        simulation.advance(60)
+        heard.append([message(simulation, topic) for topic in ("/plan", "/amcl_pose")])
     (plan, pose), (turned_plan, turned_pose) = heard
     there, here = (
         np.array([(p["pose"]["position"]["x"], p["pose"]["position"]["y"]) for p in found["poses"]])
