@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from vastflow.oracles.observation.observe import observer_of
-from vastflow.sim.loop.closed_loop import ClosedLoop
 from vastflow.sim.loop.simulation import Simulation
 from vastflow.sim.model.pose import GridFrame, Pose
 from vastflow.sim.model.recording import si
