@@ -34,45 +34,105 @@ def logged(body, before="", **overrides):
     return lines
 
 
-def test_default_may_name_what_is_declared_below_it():
-    body = "p: string = q + '!'\nq: string = 'x'\ndo log(p)"
-    assert logged(body) == ["x!"]
-    assert logged(body, q="y") == ["y!"]
+FH = "box:\n    f: int = 3\n    h: int = f + 1\n"
+INHERITED = "base:\n    x: int = 1\n    y: int = x\n"
+LOADS = "struct load:\n    n: int = 3\n    w: length = 2km\n"
+KEPT = """\
+n: string = 'named'
+do serial:
+    log() with:
+        keep(it.msg == 'kept')
+    log('written') with:
+        keep(it.msg == 'kept over ' + n)
+        timeout(3s)
+"""
+LAPS = """\
+one: rover
+other: rover
+do parallel:
+    serial:
+        increment(one.laps)
+        increment(one.laps)
+    serial:
+        wait one.laps == 3
+        compare(other.laps, '==', 1)
+        log(one.laps)
+"""
+RETRIED = """\
+var n: int = 0
+do serial:
+    serial:
+        increment(n)
+        compare(n, '>', 20)
+    with:
+        retry()
+    log(n)
+"""
 
 
-def test_globals_name_globals_and_parameters_name_globals():
-    before = "global greeting: string = name_ + '!'\nglobal name_: string = 'hall'\n"
-    assert logged("p: string = greeting\ndo serial:\n    log(p)\n    log(greeting)", before) == ["hall!", "hall!"]
+def log(*values):
+    return "do serial:\n" + "".join(f"    log({value})\n" for value in values)
 
 
-def test_member_of_a_global_is_a_value():
-    before = "global home: pose_3d = pose_3d(position_3d(x: 1.5m))\n"
-    body = "p: pose_3d = home\nq: length = home.position.x\ndo log(q)"
-    assert logged(body, before) == ["1.5"]
+@each_row(
+    ("before", "body", "lines"),
+    [
+        ("", f"p: string = q + '!'\nq: string = 'x'\n{log('p')}", ["x!"]),
+        (
+            "global greeting: string = name_ + '!'\nglobal name_: string = 'hall'\n",
+            f"p: string = greeting\n{log('p', 'greeting')}",
+            ["hall!", "hall!"],
+        ),
+        (
+            "global home: pose_3d = pose_3d(position_3d(x: 1.5m))\n",
+            f"p: pose_3d = home\nq: length = home.position.x\n{log('q')}",
+            ["1.5"],
+        ),
+        ("global g: string = 'everyones'\n", f"g: string = 'mine'\n{log('g')}", ["mine"]),
+        (f"global g: int = 3\nstruct {FH.replace('3', 'g')}", f"v: box = box()\n{log('v.f', 'v.h')}", ["3", "4"]),
+        (f"global g: int = 3\nactor {FH.replace('3', 'g')}", f"v: box\n{log('v.f', 'v.h')}", ["3", "4"]),
+        (f"struct {FH}", f"v: box = box(f: 7)\n{log('v.h')}", ["8"]),
+        (
+            f"struct {INHERITED}struct derived inherits base:\n    x: int = 2\n",
+            f"v: derived = derived()\nw: base = base()\n{log('v.x', 'v.y', 'w.x')}",
+            ["2", "2", "1"],
+        ),
+        (
+            f"actor {INHERITED}actor derived inherits base:\n    x: int = 2\n",
+            f"v: derived\nw: base\n{log('v.x', 'v.y', 'w.x')}",
+            ["2", "2", "1"],
+        ),
+        ("", KEPT, ["kept", "kept over named"]),
+        ("actor rover:\n    var laps: int = 1\n", LAPS, ["3"]),
+        ("", RETRIED, ["21"]),
+        ("", f"var p: pose_3d\n{log('p.position.x')}", ["0.0"]),
+        (
+            "actor rover:\n    top: int = limit\nglobal limit: int = 4\n",
+            f"var double: int = bot.top * 2\nbot: rover\n{log('double')}",
+            ["8"],
+        ),
+        (LOADS, log("load.n", "load.w"), ["3", "2000.0"]),
+        (f"{LOADS}actor truck:\n    cargo: load = load(n: 4)\n", log("truck.cargo.n"), ["4"]),
+        ("struct load:\n    n: int = 3\n", f"load: string = 'mine'\n{log('load')}", ["mine"]),
+        ("", f"how: signal = signal!sigint\n{log('how', 'signal!sigterm')}", ["signal!sigint", "signal!sigterm"]),
+        ("", "do serial:\n    emit start\n    log('x')", ["x"]),
+        (
+            "actor rover:\n    def f() -> int is external my.module.f()\nstruct mine:\n    def g() is external my.g()\n",
+            f"def h() -> string is external os.getcwd()\nr: rover\n{log(repr('x'))}",
+            ["x"],
+        ),
+        ("", log("ament.get_package_share_directory('maps') + '/hall.yaml'"), ["/opt/ros/share/maps/hall.yaml"]),
+        ("", "do serial:\n    wait elapsed(random.get_int(1, 2))\n    log('waited')", ["waited"]),
+        ("", "do log('in time') with:\n    timeout(random.get_float(0.1, 0.3))", ["in time"]),
+    ],
+)
+def test_scenario_logs_these_values(before, body, lines):
+    assert logged(body, before) == lines
 
 
-def test_parameter_hides_a_global_of_its_name():
-    assert logged("g: string = 'mine'\ndo log(g)", "global g: string = 'everyones'\n") == ["mine"]
-
-
-@each_row("kind", ["struct", "actor"])
-def test_defaults_of_members_name_globals_and_members_above(kind):
-    before = f"global g: int = 3\n{kind} box:\n    f: int = g\n    h: int = f + 1\n"
-    value = " = box()" if kind == "struct" else ""
-    assert logged(f"v: box{value}\ndo serial:\n    log(v.f)\n    log(v.h)", before) == ["3", "4"]
-
-
-def test_member_that_names_another_follows_the_value_that_is_given():
-    before = "struct box:\n    f: int = 3\n    h: int = f + 1\n"
-    assert logged("v: box = box(f: 7)\ndo log(v.h)", before) == ["8"]
-    assert logged("v: box\ndo log(v.h)", before, v={"f": 7}) == ["8"]
-
-
-@each_row("kind", ["struct", "actor"])
-def test_what_inherits_may_give_a_member_another_default(kind):
-    before = f"{kind} base:\n    x: int = 1\n    y: int = x\n{kind} derived inherits base:\n    x: int = 2\n"
-    fields = "v: derived = derived()\nw: base = base()" if kind == "struct" else "v: derived\nw: base"
-    assert logged(f"{fields}\ndo serial:\n    log(v.x)\n    log(v.y)\n    log(w.x)", before) == ["2", "2", "1"]
+def test_values_that_follow_from_others_follow_from_what_is_given():
+    assert logged(f"p: string = q + '!'\nq: string = 'x'\n{log('p')}", q="y") == ["y!"]
+    assert logged(f"v: box\n{log('v.h')}", f"struct {FH}", v={"f": 7}) == ["8"]
 
 
 def test_derived_scenario_may_give_a_parameter_another_default():
@@ -102,19 +162,6 @@ def test_action_of_ones_own_does_what_it_inherits_from_with_its_own_defaults():
     assert logged("do serial:\n    cheer()\n    cheer('again')\n    sigh()", before) == ["done", "again", "alas"]
 
 
-def test_keep_gives_arguments_of_an_action_and_takes_the_place_of_what_is_in_the_brackets():
-    body = """\
-n: string = 'named'
-do serial:
-    log() with:
-        keep(it.msg == 'kept')
-    log('written') with:
-        keep(it.msg == 'kept over ' + n)
-        timeout(3s)
-"""
-    assert logged(body) == ["kept", "kept over named"]
-
-
 def test_keep_gives_a_member_of_an_argument_and_leaves_the_others():
     body = """\
 g: pose_3d = pose_3d(position_3d(x: 1m))
@@ -129,32 +176,6 @@ do serial:
     first, second = (call.arguments["goal_pose"].members["position"].members for call in definition.root.children)
     assert (first["x"].value, first["y"].value) == (3.0, 0.0)
     assert (second["x"].path, second["y"].value) == (("g", "position", "x"), 4.0)
-
-
-def test_variables_of_an_actor_are_counted_compared_and_awaited():
-    before = "actor rover:\n    var laps: int = 1\n"
-    body = """\
-one: rover
-other: rover
-do parallel:
-    serial:
-        increment(one.laps)
-        increment(one.laps)
-    serial:
-        wait one.laps == 3
-        compare(other.laps, '==', 1)
-        log(one.laps)
-"""
-    assert logged(body, before) == ["3"]
-
-
-def test_variable_of_a_struct_without_a_value_has_that_of_its_type():
-    assert logged("var p: pose_3d\ndo log(p.position.x)") == ["0.0"]
-
-
-def test_actors_and_variables_have_their_values_in_whatever_order_they_are_written():
-    before = "actor rover:\n    top: int = limit\nglobal limit: int = 4\n"
-    assert logged("var double: int = bot.top * 2\nbot: rover\ndo log(double)", before) == ["8"]
 
 
 @each_row(
@@ -176,12 +197,6 @@ def test_in_the_brackets_of_a_call_plain_numbers_stand_for_si_units_and_for_text
         assert found.value == value and type(found.value) is type(value)
 
 
-@each_row("duration", ["random.get_int(1, 2)", "random.get_float(0.1, 0.3)"])
-def test_function_that_gives_a_number_gives_the_seconds_of_a_wait_and_of_a_timeout(duration):
-    assert logged(f"do serial:\n    wait elapsed({duration})\n    log('waited')") == ["waited"]
-    assert logged(f"do log('in time') with:\n    timeout({duration})") == ["in time"]
-
-
 def test_plain_number_that_keep_gives_is_in_si_units():
     body = """\
 g: pose_3d with:
@@ -201,62 +216,11 @@ do serial:
     assert travel.arguments["distance"].value == 3
 
 
-@each_row("kind", ["struct", "actor"])
-def test_name_of_a_type_has_the_defaults_of_its_members(kind):
-    before = f"struct load:\n    n: int = 3\n    w: length = 2km\n{kind} truck:\n    wheels: int = 6\n    cargo: load = load(n: 4)\n"
-    body = "do serial:\n    log(truck.wheels)\n    log(truck.cargo.n)\n    log(load.n)\n    log(load.w)"
-    assert logged(body, before) == ["6", "4", "3", "2000.0"]
-
-
-def test_member_of_an_enumeration_is_logged_as_it_is_written():
-    assert logged("how: signal = signal!sigint\ndo serial:\n    log(how)\n    log(signal!sigterm)") == [
-        "signal!sigint",
-        "signal!sigterm",
-    ]
-
-
-def test_parameter_hides_a_type_of_its_name():
-    assert logged("load: string = 'mine'\ndo log(load)", "struct load:\n    n: int = 3\n") == ["mine"]
-
-
 def test_list_and_a_pose_that_are_left_out_are_empty_and_at_the_origin():
     body = "bot: differential_drive_robot\ndo serial:\n    bot.init_nav2()\n    bag_record()"
     init, bag = read(body).root.children
     assert init.arguments["initial_pose"].members["position"].members["x"].value == 0.0
     assert bag.arguments["topics"].items == ()
-
-
-def test_retry_without_a_count_goes_on_until_it_succeeds():
-    body = """\
-var n: int = 0
-do serial:
-    serial:
-        increment(n)
-        compare(n, '>', 20)
-    with:
-        retry()
-    log(n)
-"""
-    assert logged(body) == ["21"]
-
-
-def test_emit_start_is_allowed_and_nothing_follows_from_it():
-    assert logged("do serial:\n    emit start\n    log('x')") == ["x"]
-
-
-def test_label_of_a_modifier_is_no_matter():
-    assert read("do serial:\n    limit: timeout(3s)\n    log('x')").root.modifier == "timeout"
-
-
-def test_function_may_be_declared_in_a_scenario_an_actor_and_a_struct():
-    before = "actor rover:\n    def f() -> int is external my.module.f()\nstruct mine:\n    def g() is external my.module.g()\n"
-    assert logged("def h() -> string is external os.getcwd()\nr: rover\ndo log('x')", before) == ["x"]
-
-
-def test_folder_of_a_ros_package_is_a_text_that_a_launch_may_have():
-    assert logged("do log(ament.get_package_share_directory('maps') + '/hall.yaml')") == [
-        "/opt/ros/share/maps/hall.yaml"
-    ]
 
 
 def test_of_a_file_with_a_scenario_that_another_inherits_from_the_other_is_run(tmp_path):
