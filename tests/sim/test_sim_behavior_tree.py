@@ -1,105 +1,34 @@
-"""A scenario's tree in simulated time: what each construct means, and when it ends."""
+"""Scenario files from their text to their verdict, in simulated time: what each construct means, and when it ends."""
 
 import math
-from typing import ClassVar
+import textwrap
+from pathlib import Path
 
+import numpy as np
 import pytest
 from py_trees.common import Status
 from table import each_row
 
-from vastflow.sim.model.faults import Place, ScenarioError
-from vastflow.sim.scenario.definition import (
-    Actor,
-    Call,
-    Composition,
-    Constant,
-    Elapsed,
-    Emit,
-    External,
-    Field,
-    Happened,
-    Holds,
-    Modified,
-    Name,
-    Operation,
-    ScenarioDefinition,
-    Type,
-    Until,
-    Wait,
-)
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.scenario.language.parameters import bound
+from vastflow.sim.scenario.language.reading import read_text
 from vastflow.sim.scenario.tree.action import Action
-from vastflow.sim.scenario.tree.helpers import HELPERS
+from vastflow.sim.scenario.tree.helpers import HELPERS, helper_functions
+from vastflow.sim.scenario.tree.stand_ins import stand_ins
+from vastflow.sim.scenario.tree.support import unsupported
 from vastflow.sim.scenario.tree.tree import ScenarioTree
 
-PLACE = Place("visit.osc", 8, 5)
-
-
-def at(line):
-    return Place("visit.osc", line, 9)
-
-
-def value(of):
-    return of if isinstance(of, Name | Operation | External) else Constant(of, PLACE)
-
-
-def name(*path):
-    return Name(path, PLACE)
-
-
-def operation(operator, *operands):
-    return Operation(operator, tuple(map(value, operands)), PLACE)
-
-
-def serial(*children, label=""):
-    return Composition("serial", children, label, PLACE)
-
-
-def parallel(*children):
-    return Composition("parallel", children, "", PLACE)
-
-
-def one_of(*children):
-    return Composition("one_of", children, "", PLACE)
-
-
-def elapsed(duration_s):
-    return Wait(Elapsed(value(duration_s), PLACE), "", PLACE)
-
-
-def event(what, condition=None):
-    return Wait(Happened(what, condition, PLACE), "", PLACE)
-
-
-def holds(condition):
-    return Wait(Holds(condition, PLACE), "", PLACE)
-
-
-def emit(what, line=8):
-    return Emit(what, "", at(line))
-
-
-def call(action, actor="", label="", line=8, **arguments):
-    return Call(action, actor, {key: value(of) for key, of in arguments.items()}, label, at(line))
-
-
-def log(message="here"):
-    return call("log", msg=message)
-
-
-def modified(modifier, child, **arguments):
-    return Modified(modifier, {key: value(of) for key, of in arguments.items()}, child, PLACE)
-
-
-def timeout(duration_s, child):
-    return modified("timeout", child, duration=duration_s)
-
-
-def repeat(count, child):
-    return modified("repeat", child, count=count)
-
-
-def until(awaited, child):
-    return Until(awaited, child, PLACE)
+HEAD = """\
+import osc.helpers
+import osc.x11
+action deed:
+    lasts: float = 0.0
+    fails: bool = false
+actor rover:
+    namespace: string = 'north'
+action rover.drive inherits deed
+scenario visit:
+"""
 
 
 class Deed(Action):
@@ -113,14 +42,14 @@ class Deed(Action):
 
     def enter(self, arguments):
         self.arguments = arguments
-        self.end_s = self.situation.clock.now_s + arguments.get("lasts_s", 0.0)
+        self.end_s = self.situation.clock.now_s + arguments["lasts"]
         self.message = ""
         self.note("enters")
 
     def update(self):
         if self.situation.clock.now_s < self.end_s - 1e-9:
             return Status.RUNNING
-        if self.arguments.get("fails", False):
+        if self.arguments["fails"]:
             self.message, self.error_code = "goal rejected", 203
             return Status.FAILURE
         return Status.SUCCESS
@@ -145,191 +74,135 @@ def journal():
 
 @pytest.fixture
 def tree(journal):
-    """Builds the tree of one behavior, with deeds that write into the journal."""
+    """Builds the tree of a scenario with a body, with deeds that write into the journal."""
 
     class Noted(Deed):
         pass
 
     Noted.journal = journal
 
-    def build(root, *, actions=(), functions=None, values=None, variables=(), actors=(), period_s=0.1, lines=None):
-        definition = ScenarioDefinition("visit", (), variables, actors, (), root, at(1), {}, {}, {})
-        known = {**HELPERS, "do": Noted, "robot.drive": Noted, **dict(actions)}
-        keep = journal.append if lines is None else lines.append
-        return ScenarioTree(definition, values or {}, known, functions or {}, period_s=period_s, log=keep)
+    def build(body, *, actions=None, functions=None, period_s=0.1, **values):
+        definition = read_text(HEAD + textwrap.indent(textwrap.dedent(body), "    "), "visit.osc", Path())[0]
+        known = {**HELPERS, **stand_ins({}), "deed": Noted, "rover.drive": Noted, **(actions or {})}
+        functions = functions or helper_functions(np.random.default_rng(0), "/config", "/out")
+        return ScenarioTree(definition, bound(definition, values), known, functions, period_s=period_s)
 
     return build
 
 
-@pytest.fixture
-def outcome(tree):
-    """Verdict and end of a behavior; None where it does not end in 200 ticks."""
-
-    def run(root, **more):
-        under_way = tree(root, **more)
-        while not under_way.ended and under_way.number < 200:
-            under_way.tick()
-        return (under_way.passed, under_way.now_s) if under_way.ended else None
-
-    return run
-
-
-def ended(under_way):
-    while not under_way.ended:
+def ended(under_way, most=2000):
+    while not under_way.ended and under_way.number < most:
         under_way.tick()
     return under_way
 
 
-def counter(initial=0):
-    return (Field("count", Type("int", "basic"), Constant(initial, PLACE), PLACE),)
+def came_to(under_way):
+    """Verdict and end; None where it does not end in 200 ticks."""
+    ended(under_way, 200)
+    return (under_way.passed, under_way.now_s) if under_way.ended else None
 
 
-def do(seconds=0.0, fails=False, **more):
-    return call("do", lasts_s=seconds, fails=fails, **more)
+ENDS = {
+    "do serial:\n  wait elapsed(1s)": (True, 1.1),
+    "timeout(2s)\ndo serial:\n  wait elapsed(5s)": (False, 2.2),
+    "timeout(2s)\ndo serial:\n  wait elapsed(2s)": (True, 2.1),
+    "do serial:\n  repeat(3)\n  wait elapsed(1s)": (True, 3.3),
+    "do log('here')": (True, 0.1),
+    "d: time = 0.5s\ndo serial:\n  wait elapsed(d)": (True, 0.6),
+    "do serial:\n  wait elapsed(1s)\n  wait elapsed(1s)\n  log('over')": (True, 2.1),
+    "do parallel:\n  wait elapsed(1s)\n  wait elapsed(2s)": (True, 2.1),
+    "do parallel:\n  wait elapsed(5s)\n  compare(1, '==', 2)": (False, 0.1),
+    "do one_of:\n  wait elapsed(1s)\n  wait elapsed(2s)": (True, 1.1),
+    "do one_of:\n  wait elapsed(1s)\n  compare(1, '==', 2)": (False, 0.1),
+    "do one_of:\n  deed(0.3)\n  deed(0.3, true)": (False, 0.4),
+    "event go\ndo parallel:\n  wait @go\n  serial:\n    wait elapsed(1s)\n    emit go": (True, 1.2),
+    "event go\ndo serial:\n  emit go\n  wait elapsed(1s)\n  wait @go\n  wait @go": (True, 1.1),
+    "var n: int = 0\ndo parallel:\n  wait n >= 3\n  serial:\n    repeat(3)\n    increment(n)": (True, 0.4),
+    "var n: int = 0\ndo parallel:\n  serial:\n    repeat(3)\n    increment(n)\n  wait n >= 3": (True, 0.3),
+    "event go\nvar n: int = 0\ndo parallel:\n  wait @go if n == 2\n  serial:\n    repeat(2)\n    emit go\n"
+    "    wait elapsed(1s)\n    increment(n)": (True, 2.3),
+    "do parallel:\n  wait elapsed(9s)\n  serial:\n    wait elapsed(1s)\n    emit end": (True, 1.1),
+    "do parallel:\n  wait elapsed(9s)\n  serial:\n    wait elapsed(1s)\n    emit fail": (False, 1.1),
+    "do parallel:\n  emit end\n  emit fail": (False, 0.1),
+    "do parallel:\n  emit end\n  deed(fails: true)": (False, 0.1),
+    "do serial:\n  log('a') with:\n    inverter()\n    inverter()": (True, 0.1),
+    "do serial:\n  capture_screen() with:\n    timeout(1s)": (False, 1.2),
+    "do serial:\n  capture_screen() with:\n    inverter()\n    timeout(1s)": (True, 1.2),
+    "do serial:\n  capture_screen() with:\n    timeout(1s)\n    inverter()": (False, 1.2),
+    "do serial:\n  capture_screen() with:\n    until elapsed(1s)": (True, 1.1),
+    "do serial:\n  capture_screen() with:\n    until elapsed(1s)\n    timeout(0.5s)": (False, 0.7),
+    "do deed(0.2) with:\n  until elapsed(0.5s)": (True, 0.3),
+    "do deed(0.2, true) with:\n  until elapsed(0.5s)": (False, 0.3),
+    "event stop\ndo parallel:\n  serial:\n    wait elapsed(0.3s)\n    emit stop\n  capture_screen() with:\n"
+    "    until @stop": (True, 0.4),
+    "do serial:\n  serial:\n    wait elapsed(1s)\n  with:\n    timeout(0.5s)": (False, 0.7),
+    "do serial:\n  repeat()\n  wait elapsed(0.2s)\n  deed(fails: true)": (False, 0.3),
+    "do serial:\n  repeat()\n  wait elapsed(1s)": None,
+}
 
 
-def test_wait_of_one_second_that_begins_at_the_first_tick_ends_at_1_1(outcome):
-    assert outcome(elapsed(1.0)) == (True, 1.1)
+@each_row("body", ENDS)
+def test_scenario_ends_as_its_words_say(tree, body):
+    assert came_to(tree(body)) == ENDS[body]
 
 
-def test_timeout_of_two_seconds_over_a_longer_wait_fails_at_2_2(outcome):
-    assert outcome(timeout(2.0, elapsed(5.0))) == (False, 2.2)
-
-
-def test_wait_as_long_as_its_timeout_passes_at_2_1(outcome):
-    assert outcome(timeout(2.0, elapsed(2.0))) == (True, 2.1)
-
-
-def test_wait_of_one_second_three_times_over_ends_at_3_3(outcome):
-    assert outcome(repeat(3, elapsed(1.0))) == (True, 3.3)
-
-
-def test_lone_log_ends_at_the_first_tick(outcome):
-    assert outcome(log()) == (True, 0.1)
-
-
-def test_no_noise_of_floats_decides_when_a_wait_ends(outcome):
+def test_noise_of_floats_does_not_decide_when_a_wait_ends(tree):
     for tenths in range(1, 150):
-        assert outcome(elapsed(tenths / 10)) == (True, (tenths + 1) / 10)
+        assert came_to(tree(f"do wait elapsed({tenths / 10}s)")) == (True, (tenths + 1) / 10)
 
 
-def test_duration_may_be_a_parameter_or_what_a_function_says(outcome):
-    assert outcome(elapsed(name("patience")), values={"patience": 0.5}) == (True, 0.6)
-    drawn = External("random.get_float", (), PLACE)
-    assert outcome(elapsed(drawn), functions={"random.get_float": lambda: 0.7}) == (True, 0.8)
+def test_duration_is_what_a_function_says(tree):
+    body = "do wait elapsed(random.get_float(0.0, 1.0))"
+    assert came_to(tree(body, functions={"random.get_float": lambda *_: 0.7})) == (True, 0.8)
 
 
-def test_serial_starts_the_next_child_in_the_tick_in_which_one_succeeds(outcome, journal):
-    assert outcome(serial(do(0.2, label="a"), do(0.0, label="b"), do(0.3, label="c"))) == (True, 0.6)
-    assert journal == [(0.1, "a", "enters"), (0.3, "b", "enters"), (0.3, "c", "enters")]
-
-
-def test_serial_fails_with_the_first_failure_and_never_begins_the_rest(outcome, journal):
-    assert outcome(serial(do(0.2, fails=True), do(label="rest"))) == (False, 0.3)
-    assert len(journal) == 1
-
-
-def test_parallel_succeeds_when_all_have_and_does_not_begin_finished_ones_again(outcome, journal):
-    assert outcome(parallel(do(0.1, label="a"), do(0.5, label="b"))) == (True, 0.6)
-    assert journal == [(0.1, "a", "enters"), (0.1, "b", "enters")]
-
-
-def test_parallel_fails_as_soon_as_one_branch_does_and_cancels_the_others(outcome, journal):
-    assert outcome(parallel(do(9.0, label="a"), do(0.3, fails=True, label="b"), do(9.0, label="c"))) == (False, 0.4)
-    assert journal[3:] == [(0.4, "a", "is cancelled"), (0.4, "c", "is cancelled")]
-
-
-def test_one_of_succeeds_with_the_first_success_and_cancels_the_others(outcome, journal):
-    assert outcome(one_of(do(9.0, label="a"), do(0.3, label="b"))) == (True, 0.4)
-    assert journal[2:] == [(0.4, "a", "is cancelled")]
-
-
-def test_one_failure_fails_one_of_even_beside_a_success_in_the_same_tick(outcome):
-    assert outcome(one_of(do(0.3), do(0.3, fails=True))) == (False, 0.4)
-
-
-def test_event_is_heard_in_the_same_tick_to_the_right_and_in_the_next_to_the_left(outcome, journal):
-    heard = [serial(event("go"), do(label=side)) for side in ("left", "right")]
-    assert outcome(parallel(heard[0], serial(elapsed(0.3), emit("go")), heard[1])) == (True, 0.5)
-    assert journal == [(0.4, "right", "enters"), (0.5, "left", "enters")]
-
-
-def test_event_stays_for_the_rest_of_the_run(outcome):
-    assert outcome(serial(emit("go"), elapsed(0.5), event("go"), event("go"))) == (True, 0.6)
-
-
-def test_event_with_a_condition_waits_for_both(outcome):
-    late = event("go", operation("==", name("count"), 2))
-    counting = serial(emit("go"), repeat(2, serial(elapsed(0.1), call("increment", target_variable="count"))))
-    assert outcome(parallel(counting, late), variables=counter()) == (True, 0.4)
-
-
-def test_condition_is_evaluated_again_at_each_tick(outcome):
-    counting = repeat(3, call("increment", target_variable="count"))
-    assert outcome(parallel(counting, holds(operation(">=", name("count"), 3))), variables=counter()) == (True, 0.3)
-
-
-def test_emit_end_ends_siblings_that_would_run_on(outcome):
-    assert outcome(parallel(do(9.0), serial(elapsed(0.5), emit("end")))) == (True, 0.6)
-
-
-def test_children_after_emit_end_are_still_entered_in_that_tick(outcome, journal):
-    assert outcome(serial(emit("end"), do(label="after"))) == (True, 0.1)
-    assert journal == [(0.1, "after", "enters")]
-
-
-def test_emit_fail_fails_the_scenario_and_wins_over_end_in_the_same_tick(outcome, tree):
-    assert outcome(serial(emit("fail"), elapsed(3.0))) == (False, 0.1)
-    assert outcome(parallel(emit("end"), emit("fail"))) == (False, 0.1)
-    failed = ended(tree(parallel(do(9.0), serial(elapsed(0.5), emit("fail", line=12)))))
-    assert (failed.cause, failed.message) == ("emit", "emit fail at visit.osc:12:9")
-
-
-def test_failed_root_wins_over_emit_end_in_the_same_tick(outcome):
-    assert outcome(parallel(emit("end"), do(fails=True))) == (False, 0.1)
-
-
-def test_timeout_fails_even_if_the_child_succeeds_in_that_very_tick(tree):
-    failed = ended(tree(timeout(0.25, do(0.3))))
-    assert (failed.now_s, failed.cause) == (0.4, "timeout")
-    assert failed.message == "timeout(0.25 s) at visit.osc:8:5 ran out in the tick in which do succeeded"
-
-
-def test_timeout_cancels_what_runs_below_it_and_says_what_that_was(tree, journal):
-    running = parallel(call("robot.drive", "bot", lasts_s=9.0), elapsed(5.0))
-    failed = ended(tree(timeout(2.0, serial(running)), actors=(Actor("bot", ("robot",), {}, (), PLACE),)))
-    assert failed.message == "timeout(2 s) at visit.osc:8:5 ran out while drive was running"
-    assert (failed.cause, failed.error_code, failed.now_s) == ("timeout", 0, 2.2)
-    assert journal[-1] == (2.2, "", "is cancelled")
-
-
-def test_innermost_of_two_timeouts_is_the_cause(tree):
-    failed = ended(tree(timeout(9.0, timeout(1.0, elapsed(5.0)))))
-    assert failed.message == "timeout(1 s) at visit.osc:8:5 ran out while wait elapsed was running"
-
-
-def test_repeat_begins_its_child_again_at_the_next_tick(outcome, journal):
-    assert outcome(repeat(3, do(label="again"))) == (True, 0.3)
-    assert [t_s for t_s, *_ in journal] == [0.1, 0.2, 0.3]
-
-
-def test_failure_ends_repeat_with_failure(outcome):
-    assert outcome(repeat(-1, serial(elapsed(0.2), do(fails=True)))) == (False, 0.3)
-
-
-def test_repeat_without_a_count_goes_on_until_something_else_ends_the_scenario(outcome):
-    watchdog = repeat(-1, serial(elapsed(1.0), log()))
-    assert outcome(watchdog) is None
-    assert outcome(parallel(watchdog, serial(elapsed(4.0), emit("end")))) == (True, 4.1)
-
-
-def test_retry_begins_again_at_the_next_tick_and_fails_with_the_last_failure(outcome, journal, tree):
-    assert outcome(modified("retry", do(0.2, fails=True), count=3)) == (False, 0.9)
-    assert [t_s for t_s, *_ in journal] == [0.1, 0.4, 0.7]
-    assert outcome(modified("retry", do(0.2), count=3)) == (True, 0.3)
-    assert (
-        ended(tree(modified("retry", do(fails=True, line=4), count=2))).message == "goal rejected; do at visit.osc:4:9"
-    )
+@each_row(
+    ("body", "end", "noted"),
+    [
+        (
+            "do serial:\n  a: deed(0.2)\n  b: deed()\n  c: deed(0.3)",
+            (True, 0.6),
+            [(0.1, "a", "enters"), (0.3, "b", "enters"), (0.3, "c", "enters")],
+        ),
+        ("do serial:\n  a: deed(0.2, true)\n  b: deed()", (False, 0.3), [(0.1, "a", "enters")]),
+        (
+            "do parallel:\n  a: deed(0.1)\n  b: deed(0.5)",
+            (True, 0.6),
+            [(0.1, "a", "enters"), (0.1, "b", "enters")],
+        ),
+        (
+            "do parallel:\n  a: deed(9.0)\n  b: deed(0.3, true)\n  c: deed(9.0)",
+            (False, 0.4),
+            [*((0.1, who, "enters") for who in "abc"), (0.4, "a", "is cancelled"), (0.4, "c", "is cancelled")],
+        ),
+        (
+            "do one_of:\n  a: deed(9.0)\n  b: deed(0.3)",
+            (True, 0.4),
+            [(0.1, "a", "enters"), (0.1, "b", "enters"), (0.4, "a", "is cancelled")],
+        ),
+        (
+            (
+                "event go\ndo parallel:\n  serial:\n    wait @go\n    left: deed()\n  serial:\n    wait elapsed(0.3s)\n"
+                "    emit go\n  serial:\n    wait @go\n    right: deed()"
+            ),
+            (True, 0.5),
+            [(0.4, "right", "enters"), (0.5, "left", "enters")],
+        ),
+        ("do serial:\n  emit end\n  a: deed()", (True, 0.1), [(0.1, "a", "enters")]),
+        ("do a: deed() with:\n  repeat(3)", (True, 0.3), [(t_s, "a", "enters") for t_s in (0.1, 0.2, 0.3)]),
+        ("do a: deed(0.2, true) with:\n  retry(3)", (False, 0.9), [(t_s, "a", "enters") for t_s in (0.1, 0.4, 0.7)]),
+        ("do a: deed(0.2) with:\n  retry(3)", (True, 0.3), [(0.1, "a", "enters")]),
+        (
+            "do a: deed(9.0) with:\n  until elapsed(0.5s)",
+            (True, 0.6),
+            [(0.1, "a", "enters"), (0.6, "a", "is cancelled")],
+        ),
+    ],
+)
+def test_actions_are_entered_and_cancelled_in_this_order(tree, journal, body, end, noted):
+    del journal[:]
+    assert came_to(tree(body)) == end
+    assert journal == noted
 
 
 @each_row(
@@ -344,80 +217,82 @@ def test_retry_begins_again_at_the_next_tick_and_fails_with_the_last_failure(out
         ("success_is_running", None, (False, 0.1), None),
     ],
 )
-def test_modifiers_read_a_status_as_another(outcome, modifier, success, failure, running):
-    assert outcome(modified(modifier, do())) == success
-    assert outcome(modified(modifier, do(fails=True))) == failure
-    assert outcome(modified(modifier, do(0.3))) == running
+def test_modifier_reads_a_status_as_another(tree, modifier, success, failure, running):
+    for deed, end in (("deed()", success), ("deed(fails: true)", failure), ("deed(0.3)", running)):
+        assert came_to(tree(f"do {deed} with:\n  {modifier}()")) == end
 
 
-def test_first_written_modifier_is_outermost(outcome):
-    assert outcome(modified("inverter", timeout(0.5, do(9.0)))) == (True, 0.7)
-    assert outcome(timeout(0.5, modified("inverter", do(9.0)))) == (False, 0.7)
+@each_row(
+    ("body", "cause", "message", "error_code", "end_s"),
+    [
+        (
+            "do parallel:\n  wait elapsed(9s)\n  serial:\n    wait elapsed(0.5s)\n    emit fail",
+            *("emit", "emit fail at visit.osc:14:9", 0, 0.6),
+        ),
+        (
+            "timeout(0.25s)\ndo deed(0.3)",
+            *("timeout", "timeout(0.25 s) at visit.osc:10:5 ran out in the tick in which deed succeeded", 0, 0.4),
+        ),
+        (
+            "bot: rover\ntimeout(2s)\ndo parallel:\n  bot.drive(9.0)\n  wait elapsed(5s)",
+            *("timeout", "timeout(2 s) at visit.osc:11:5 ran out while drive was running", 0, 2.2),
+        ),
+        (
+            "timeout(9s)\ntimeout(1s)\ndo wait elapsed(5s)",
+            *("timeout", "timeout(1 s) at visit.osc:11:5 ran out while wait elapsed was running", 0, 1.2),
+        ),
+        (
+            "do deed(fails: true) with:\n  retry(2)",
+            *("action", "goal rejected; deed at visit.osc:10:8", 203, 0.2),
+        ),
+        (
+            "do log('a') with:\n  inverter()",
+            *("behavior", "inverter at visit.osc:11:7 failed: log: success is failure", 0, 0.1),
+        ),
+        (
+            "do serial:\n  log('a')\n  first_leg: deed(0.3, true)",
+            *("action", "goal rejected; first_leg at visit.osc:12:18", 203, 0.4),
+        ),
+    ],
+)
+def test_failure_names_its_cause_and_place(tree, body, cause, message, error_code, end_s):
+    failed = ended(tree(body))
+    assert (failed.cause, failed.message, failed.error_code, failed.now_s) == (cause, message, error_code, end_s)
 
 
-def test_modifier_that_makes_a_failure_of_a_success_says_so(tree):
-    failed = ended(tree(modified("inverter", log())))
-    assert (failed.cause, failed.message) == ("behavior", "inverter at visit.osc:8:5 failed: log: success is failure")
+@each_row(
+    ("body", "message", "tick"),
+    [
+        ("var n: float = 0.0\ndo log(1 / n)", r"visit\.osc:11:14: .*zero", 1),
+        ("var n: float = 0.0\ndo wait elapsed(1s / n)", r"visit\.osc:11:24: .*zero", 1),
+        ("var n: float = 0.0\ndo wait 1 / n > 2", r"visit\.osc:11:15: .*zero", 1),
+        ("var n: float = 0.0\ndo deed() with:\n  timeout(1s / n)", r"visit\.osc:12:18: .*zero", 1),
+        ("var n: float = 0.0\ndo deed(9.0) with:\n  until (1 / n > 2)", r"visit\.osc:12:16: .*zero", 1),
+        ("do serial:\n  wait elapsed(0.5s)\n  log(random.get_int(6, 1))", "the lower bound comes first", 6),
+    ],
+)
+def test_expression_without_a_value_ends_the_run_with_its_place(tree, body, message, tick):
+    broken = tree(body)
+    with pytest.raises(ScenarioError, match=message):
+        ended(broken)
+    assert broken.number == tick
 
 
-def test_until_ends_a_branch_with_success_and_cancels_it(outcome, journal):
-    assert outcome(until(Elapsed(value(0.5), PLACE), do(9.0, label="a"))) == (True, 0.6)
-    assert journal[-1] == (0.6, "a", "is cancelled")
-    signal = serial(elapsed(0.3), emit("stop"))
-    stopped = until(Happened("stop", None, PLACE), repeat(-1, elapsed(1.0)))
-    assert outcome(parallel(signal, stopped)) == (True, 0.4)
+def test_declaration_without_a_value_is_refused_with_its_place(tree):
+    with pytest.raises(ScenarioError, match=r"visit\.osc:10:26: .*zero"):
+        tree("var share: float = 1 / 0\ndo log('x')")
 
 
-def test_child_of_until_that_ends_first_keeps_its_result(outcome):
-    assert outcome(until(Elapsed(value(0.5), PLACE), do(0.2))) == (True, 0.3)
-    assert outcome(until(Elapsed(value(0.5), PLACE), do(0.2, fails=True))) == (False, 0.3)
-
-
-def test_failed_action_is_named_with_its_place_its_reason_and_its_code(tree):
-    failed = ended(tree(serial(log(), parallel(elapsed(9.0), do(0.3, fails=True, line=30)))))
-    assert (failed.cause, failed.error_code) == ("action", 203)
-    assert failed.message == "goal rejected; do at visit.osc:30:9"
-
-
-def test_label_names_a_node(tree):
-    failed = ended(tree(serial(do(fails=True, label="first_leg", line=3))))
-    assert failed.message == "goal rejected; first_leg at visit.osc:3:9"
-
-
-def test_scenario_that_divides_by_zero_can_not_work_and_says_where(tree):
-    for root in (
-        call("log", msg=operation("/", 1.0, 0.0)),
-        elapsed(operation("/", 1.0, 0.0)),
-        holds(operation("/", 1.0, 0.0)),
-        timeout(operation("/", 1.0, 0.0), do()),
-        until(Holds(operation("/", 1.0, 0.0), PLACE), do(9.0)),
-    ):
-        broken = tree(root)
-        with pytest.raises(ScenarioError, match=r"visit\.osc:8:5: .*zero"):
-            ended(broken)
-        assert broken.now_s == 0.1
-
-
-def test_scenario_with_a_declaration_that_has_no_value_can_not_work(tree):
-    initial = operation("/", 1.0, 0.0)
-    with pytest.raises(ScenarioError, match=r"visit\.osc:8:5: .*zero"):
-        tree(log(), variables=(Field("share", Type("float", "basic"), initial, PLACE),))
-
-
-def test_action_of_an_actor_sees_the_actors_members_and_its_name(tree):
+def test_action_of_an_actor_sees_the_actors_members_and_its_name(tree, journal):
     seen = []
 
     class Look(Deed):
-        journal: ClassVar = []
-
         def enter(self, arguments):
             super().enter(arguments)
             seen.append(self.situation.actor)
 
-    bot = Actor("bot", ("robot",), {"namespace": value(name("space"))}, (), PLACE)
-    ended(
-        tree(call("robot.look", "bot"), actors=(bot,), values={"space": "north"}, actions={"robot.look": Look}.items())
-    )
+    Look.journal = journal
+    ended(tree("bot: rover\ndo bot.drive()", actions={"rover.drive": Look}))
     assert seen == [{"namespace": "north", "name": "bot"}]
 
 
@@ -427,7 +302,7 @@ def test_exception_of_an_action_is_passed_on_and_every_action_is_shut_down_once(
             raise OSError("no such simulator")
 
     Broken.journal = journal
-    under_way = tree(parallel(do(9.0, label="a"), call("break", label="b")), actions={"break": Broken}.items())
+    under_way = tree("bot: rover\ndo parallel:\n  a: deed(9.0)\n  b: bot.drive()", actions={"rover.drive": Broken})
     with pytest.raises(OSError, match="no such simulator"):
         under_way.tick()
     under_way.shutdown()
@@ -442,14 +317,14 @@ def test_exception_in_one_shutdown_keeps_no_other_from_its_own(tree, journal):
             raise OSError("does not stop")
 
     Stuck.journal = journal
-    under_way = tree(serial(call("stick", label="a"), do(label="b")), actions={"stick": Stuck}.items())
+    under_way = tree("bot: rover\ndo serial:\n  a: bot.drive()\n  b: deed()", actions={"rover.drive": Stuck})
     with pytest.raises(OSError, match="does not stop"):
         under_way.shutdown()
-    assert [who for _, who, _ in journal] == ["a", "b"]
+    assert sorted(who for _, who, _ in journal) == ["a", "b"]
 
 
 def test_status_of_every_node_is_told_at_the_start_and_then_each_change(tree):
-    under_way = ended(tree(serial(elapsed(0.2), log("over"), label="body")))
+    under_way = ended(tree("do body: serial:\n  wait elapsed(0.2s)\n  log('over')"))
     rows = [(row.t_s, row.node, row.parent, row.child_index, row.name, row.status) for row in under_way.changes]
     assert rows == [
         (0.0, 0, None, 0, "visit", "INVALID"),
@@ -468,16 +343,25 @@ def test_status_of_every_node_is_told_at_the_start_and_then_each_change(tree):
     assert [row.class_name for row in under_way.changes[:4]] == ["Sequence", "Sequence", "Waiting", "Log"]
 
 
+@each_row("modifier", ["Inverter", "FailureIsRunning", "SuccessIsFailure", "Timeout"])
+def test_modifier_is_told_by_its_class(tree, modifier):
+    name = {
+        "Inverter": "inverter()",
+        "FailureIsRunning": "failure_is_running()",
+        "SuccessIsFailure": "success_is_failure()",
+    }
+    assert tree(f"do log('x') with:\n  {name.get(modifier, 'timeout(1s)')}").changes[1].class_name == modifier
+
+
 def test_trees_side_by_side_know_nothing_of_each_other(tree):
-    one, other = (tree(serial(event("go"), emit("end"))) for _ in range(2))
-    first = tree(serial(emit("go"), elapsed(0.1)))
-    for under_way in (first, one, other):
+    one, other = (tree("event go\ndo serial:\n  wait @go\n  emit end") for _ in range(2))
+    for under_way in (tree("event go\ndo serial:\n  emit go\n  wait elapsed(0.1s)"), one, other):
         under_way.tick()
     assert not one.ended and not other.ended
 
 
-def test_no_tick_is_made_twice_or_after_the_end(tree):
-    under_way = tree(elapsed(0.3))
+def test_tick_is_not_made_twice_or_after_the_end(tree):
+    under_way = tree("do wait elapsed(0.3s)")
     under_way.tick(2)
     with pytest.raises(ValueError, match=r"tick 2 can't be made: the scenario is at tick 2"):
         under_way.tick(2)
@@ -489,10 +373,155 @@ def test_no_tick_is_made_twice_or_after_the_end(tree):
 def test_period_is_a_whole_number_of_microseconds(tree):
     for period_s in (0.0, -0.1, 1 / 3, math.nan, math.inf):
         with pytest.raises(ValueError, match="whole number of microseconds"):
-            tree(log(), period_s=period_s)
-    assert ended(tree(elapsed(1.0), period_s=0.05)).now_s == 1.05
+            tree("do log('x')", period_s=period_s)
+    assert ended(tree("do wait elapsed(1s)", period_s=0.05)).now_s == 1.05
 
 
 def test_action_that_nothing_implements_is_refused_with_its_place(tree):
-    with pytest.raises(ValueError, match=r"visit\.osc:8:9: nothing implements the action fly"):
-        tree(call("fly"))
+    with pytest.raises(ValueError, match=r"visit\.osc:10:8: nothing implements the action run_process"):
+        tree("do run_process('x')")
+
+
+class Drive(Action):
+    """The robot's mission: ends at a time that nobody knows beforehand."""
+
+    end_s = math.inf
+    status = Status.SUCCESS
+
+    def __init__(self, situation):
+        self.situation = situation
+
+    def enter(self, arguments):
+        self.arguments = arguments
+
+    def update(self):
+        if self.situation.clock.now_s < self.end_s:
+            return Status.RUNNING
+        self.message, self.error_code = ("no path to the goal", 308) if self.status is Status.FAILURE else ("", 0)
+        return self.status
+
+    def wakes_s(self):
+        return math.inf
+
+
+def with_drive(**outcome):
+    """All actions of a visit, with a mission that ends so."""
+    arrive = type("Arrive", (Drive,), {"end_s": 0.0})
+    return {
+        **HELPERS,
+        **stand_ins({}),
+        "spawn_multiple": arrive,
+        "differential_drive_robot.init_nav2": arrive,
+        "differential_drive_robot.nav_through_poses": type("Drive", (Drive,), outcome),
+    }
+
+
+def tree_of(text, actions, lines=None):
+    (definition,) = read_text(textwrap.dedent(text), "visit.osc", Path())
+    assert unsupported(definition, actions) == []
+    functions = helper_functions(np.random.default_rng(0), "/config", "/out")
+    log = (lambda line: None) if lines is None else lines.append
+    return ScenarioTree(definition, bound(definition, {}), actions, functions, log=log)
+
+
+VISIT = """\
+    import osc.helpers
+    import osc.ros
+    import osc.nav2
+    import osc.gazebo
+
+    scenario visit:
+        timeout(120s)
+        start: pose_3d = pose_3d()
+        goals: list of pose_3d = [pose_3d()]
+        boxes: list of spawn_entity = [spawn_entity('crate', model: 'box')]
+        bot: differential_drive_robot
+        do parallel:
+            serial:
+                repeat()
+                wait elapsed(1s)
+                log("alive")
+            serial:
+                spawn_multiple(boxes)
+                bot.init_nav2(start)
+                bot.nav_through_poses(goals) with:
+                    timeout(90s)
+                emit end
+    """
+
+
+TOUR = """\
+    import osc.helpers
+    import osc.ros
+    import osc.nav2
+    import osc.gazebo
+    import osc.floorplan_dsl
+    import osc.os
+    import osc.x11
+
+    scenario tour:
+        timeout(60s)
+        mesh_file: string = "hall.stl"
+        start: pose_3d = pose_3d()
+        goals: list of pose_3d = [pose_3d(position_3d(x: 2.0m)), pose_3d(position_3d(x: 4.0m))]
+        bot: differential_drive_robot
+        plan: floorplan_generator
+        do parallel:
+            capture_screen()
+            serial:
+                plan.generate_gazebo_world(sdf_template: "hall.sdf", arguments: [key_value("mesh", mesh_file)])
+                parallel:
+                    ros_launch("bringup", "sim.py", arguments: [
+                        key_value("world", plan.generated_gazebo_world_path),  # empty: there is no such file
+                        key_value("x", "at " + mesh_file)])
+                    serial:
+                        repeat()
+                        wait elapsed(2s)
+                        check_process_running("gz")
+                    serial:
+                        wait_for_sim()
+                        bot.init_nav2(start)
+                        parallel:
+                            bag_record(["/scan"])
+                            serial:
+                                bot.nav_through_poses(goals)
+                                emit end
+    """
+
+
+def test_what_only_the_ros_machine_needs_stands_in_the_way_of_nothing():
+    tree = ended(tree_of(TOUR, with_drive(end_s=20.0)))
+    assert (tree.passed, tree.now_s) == (True, 20.0)
+
+
+def test_timeout_names_what_was_waited_for_not_what_only_goes_along():
+    tree = ended(tree_of(TOUR, with_drive()))
+    assert (tree.cause, tree.now_s) == ("timeout", 60.2)
+    assert tree.message == "timeout(60 s) at visit.osc:10:5 ran out while nav_through_poses was running"
+
+
+def test_visit_ends_with_its_mission_while_the_watchdog_runs_on():
+    lines = []
+    tree = ended(tree_of(VISIT, with_drive(end_s=33.3), lines))
+    assert (tree.passed, tree.now_s, tree.message, tree.cause) == (True, 33.3, "", "")
+    assert lines == ["alive"] * 30
+
+
+def test_visit_whose_mission_fails_says_where_why_and_with_which_code():
+    tree = ended(tree_of(VISIT, with_drive(end_s=7.0, status=Status.FAILURE)))
+    assert (tree.passed, tree.now_s, tree.cause, tree.error_code) == (False, 7.0, "action", 308)
+    assert tree.message == "no path to the goal; nav_through_poses at visit.osc:20:13"
+
+
+def test_visit_whose_mission_takes_too_long_names_the_timeout_that_ran_out():
+    tree = ended(tree_of(VISIT, with_drive()))
+    assert (tree.passed, tree.now_s, tree.cause, tree.error_code) == (False, 90.2, "timeout", 0)
+    assert tree.message == "timeout(90 s) at visit.osc:21:17 ran out while nav_through_poses was running"
+
+
+def test_ticks_of_a_visit_that_matter_give_the_same_run():
+    every, leaping = ended(tree_of(VISIT, with_drive())), tree_of(VISIT, with_drive())
+    while not leaping.ended:
+        leaping.tick(int(leaping.next_tick()))
+    assert leaping.changes == every.changes
+    assert leaping.message == every.message
