@@ -70,53 +70,37 @@ def test_scripts_before_and_after_write_to_out_and_nothing_comes_to_the_machines
     assert set(os.listdir("/")) == before
 
 
-def test_program_reads_below_config_and_writes_below_out(begun):
-    code = "import shutil; shutil.copy('/config/files/given.txt', '/out/given.txt'); open('/out/x.csv', 'w').write('a\\n1\\n')"
-    with begun({"files/given.txt": "given", "files/copy.py": code}) as run:
-        printed(run, sys.executable, "/config/files/copy.py")
-        record = run.close()
-    assert record.outputs.files == {"given.txt": b"given"}
-    assert record.outputs.tables["x"]["a"].tolist() == [1]
-
-
-def test_names_in_arguments_and_in_the_environment_are_those_of_the_folders(begun):
-    with begun({"files/given.txt": "given"}, environment={"GIVEN": "/config/files/given.txt"}) as run:
+def test_programs_know_the_folders_by_their_names(begun, tmp_path):
+    (tmp_path / "secret").write_text("outside")
+    files = {
+        "files/pre.sh": "export GOT=$1-$2",
+        "files/given.txt": "given",
+        "files/copy.py": "import shutil; shutil.copy('/config/files/given.txt', '/out/copied.txt')",
+    }
+    environment = {"GIVEN": "/config/files/given.txt"}
+    with begun(files, environment=environment, pre_command="/config/files/pre.sh first 'the second'") as run:
+        assert printed(run, "printenv", "GOT") == "first-the second\n"
         assert printed(run, "cat", "/config/files/given.txt") == "given"
         assert printed(run, "sh", "-c", "cat $GIVEN > /out/copy; cat /out/copy") == "given"
-
-
-def test_config_has_the_run_files_also_after_the_programs_copies_were_changed(begun):
-    with begun({"a.txt": "first"}) as run:
-        printed(run, "sh", "-c", "echo second > a.txt")
-        assert printed(run, "cat", "/config/a.txt", "/out/a.txt") == "firstsecond\n"
-
-
-def test_out_of_config_leads_no_path_to_the_campaigns_folder(begun, tmp_path):
-    (tmp_path / "secret").write_text("outside")
-    with begun({"a.txt": "a"}) as run:
+        printed(run, "sh", "-c", "echo second > files/given.txt")
+        assert printed(run, "cat", "/config/files/given.txt", "/out/files/given.txt") == "givensecond\n"
+        printed(run, sys.executable, "/config/files/copy.py")
         for path in ("/config/../secret", "/config/files/../../secret", "/out/../secret"):
             assert printed(run, "sh", "-c", f"cat {path} 2>/dev/null || true") == ""
+        assert dict(run.close().outputs.files)["copied.txt"] == b"given"
 
 
-def test_arguments_of_the_script_before_are_its_own(begun):
-    with begun({"pre.sh": "export GOT=$1-$2"}, pre_command="/config/pre.sh first 'the second'") as run:
-        assert printed(run, "printenv", "GOT") == "first-the second\n"
-
-
-def test_script_that_is_not_among_the_run_files_is_missed_by_its_name(begun):
-    with (
-        pytest.raises(ScenarioError, match=r"pre_command: there is no file '/config/other\.sh'"),
-        begun({}, pre_command="/config/other.sh"),
-    ):
-        pass
-
-
-def test_program_that_is_not_among_the_run_files_is_said_to_be_missing_there(begun):
+def test_file_that_is_not_among_the_run_files_is_missed_by_its_name(begun):
     with begun({"a.txt": "a"}) as run:
         with pytest.raises(ScenarioError, match=r"no file that execution\.run_files matches lies there"):
             run.start(["/config/other.py"])
         with pytest.raises(ScenarioError, match="no program of this name in PATH"):
             run.start(["no-such-program", "/out"])
+    with (
+        pytest.raises(ScenarioError, match=r"pre_command: there is no file '/config/other\.sh'"),
+        begun(pre_command="/config/other.sh"),
+    ):
+        pass
 
 
 def test_file_of_bytes_is_never_rewritten(begun):

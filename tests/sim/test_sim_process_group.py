@@ -2,7 +2,6 @@
 
 import os
 import signal
-import stat
 import subprocess
 import sys
 import time
@@ -11,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from table import each_row
 
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.scenario.programs.folders import RunFolders
@@ -78,13 +78,17 @@ def until_printed(group, text=b"ready"):
         time.sleep(0.005)
 
 
-def test_program_that_exits_with_code_0_has_no_reason_to_give(started):
-    ended = started("print('hello')").wait(120)
-    assert (ended.code, ended.signal, ended.killed, ended.reason) == (0, "", False, "")
-
-
-def test_exit_code_is_a_reason(started):
-    assert started("raise SystemExit(3)").wait(120).reason == "exited with code 3"
+@each_row(
+    ("script", "end"),
+    [
+        ("print('hello')", (0, "", "")),
+        ("raise SystemExit(3)", (3, "", "exited with code 3")),
+        ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", (None, "SIGSEGV", "was ended by SIGSEGV")),
+    ],
+)
+def test_end_of_a_program_has_a_code_or_a_signal_and_a_reason(started, script, end):
+    ended = started(script).wait(120)
+    assert (ended.code, ended.signal, ended.reason, ended.killed) == (*end, False)
 
 
 def test_log_has_standard_output_and_error(started):
@@ -93,11 +97,6 @@ def test_log_has_standard_output_and_error(started):
     group.stop()
     assert group.log.read() == b"out\nerr\n"
     assert group.log.last_line() == "err"
-
-
-def test_signal_that_ended_a_program_is_named(started):
-    ended = started("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)").wait(120)
-    assert (ended.code, ended.signal, ended.reason) == (None, "SIGSEGV", "was ended by SIGSEGV")
 
 
 @pytest.fixture
@@ -172,32 +171,23 @@ def test_flood_is_cut_and_the_program_never_waits_for_its_reader(started):
     assert group.log.last_line() == "[the log was cut here: more than 1048576 bytes]"
 
 
-def test_program_that_is_not_there_is_not_started(started):
-    with pytest.raises(ScenarioError, match=r"'no-such-program' could not be started: no program of this name in PATH"):
-        started(command=["no-such-program"])
-
-
-def test_file_that_is_not_there_is_not_started(started):
-    with pytest.raises(ScenarioError, match=r"'\./gone' could not be started: there is no such file"):
-        started(command=["./gone"])
-
-
-def test_file_that_is_not_executable_is_not_started(started, tmp_path):
-    (tmp_path / "data").write_text("#!/bin/sh\n")
-    with pytest.raises(ScenarioError, match=r"'\./data' could not be started: it is not executable"):
-        started(command=["./data"])
-
-
-def test_script_without_a_first_line_is_not_started(started, tmp_path):
-    executable(tmp_path / "script", "exit 0\n")
-    with pytest.raises(ScenarioError, match="neither a binary of this machine nor a script with a #! line"):
-        started(command=["./script"])
-
-
-def test_script_whose_interpreter_is_missing_is_not_started(started, tmp_path):
-    executable(tmp_path / "script", "#!/no/such/interpreter\n")
-    with pytest.raises(ScenarioError, match="the interpreter its first line names was not found"):
-        started(command=["./script"])
+@each_row(
+    ("program", "content", "mode", "message"),
+    [
+        ("no-such-program", None, 0, "no program of this name in PATH"),
+        ("./gone", None, 0, "there is no such file, seen from the run's folder"),
+        ("./data", "#!/bin/sh\n", 0o644, "it is not executable"),
+        ("./script", "exit 0\n", 0o755, "neither a binary of this machine nor a script with a #! line"),
+        ("./lost", "#!/no/such/interpreter\n", 0o755, "the interpreter its first line names was not found"),
+    ],
+)
+def test_program_that_can_not_be_started_says_why(started, tmp_path, program, content, mode, message):
+    folder = tmp_path.parent  # of the program, beside the rows' own
+    if content is not None:
+        (folder / program).write_text(content)
+        (folder / program).chmod(mode)
+    with pytest.raises(ScenarioError, match=f"'{program}' could not be started: {message}"):
+        started(command=[program])
 
 
 def test_what_a_program_and_its_children_used_is_known_when_it_is_released(started):
@@ -238,11 +228,6 @@ with process_run(ProcessSetup()) as run:
     while list(marked(mark)) or list(tmp_path.glob("vastflow-run-*")):
         assert time.monotonic() < until_s
         time.sleep(0.01)
-
-
-def executable(path: Path, text: str) -> None:
-    path.write_text(text)
-    path.chmod(path.stat().st_mode | stat.S_IXUSR)
 
 
 def _children(pid: int) -> list[str]:

@@ -18,43 +18,36 @@ def csv(text):
     return read_table("x.csv", text.encode())
 
 
-def test_columns_of_a_csv_have_the_types_of_their_values():
-    columns, notes = csv("n,x,yes,who\n1,2.5,true,a\n2,3.5,false,bc\n")
-    assert {name: values.dtype.kind for name, values in columns.items()} == {"n": "i", "x": "f", "yes": "b", "who": "U"}
-    assert columns["n"].tolist() == [1, 2]
-    assert columns["yes"].tolist() == [True, False]
-    assert columns["who"].tolist() == ["a", "bc"]
-    assert notes == ()
+NAN = float("nan")
 
 
-def test_value_that_is_not_there_is_no_number():
-    columns, _ = csv("n,x,yes,who\n1,,true,a\n,2.5,,\n")
-    np.testing.assert_array_equal(columns["n"], [1.0, np.nan])
-    np.testing.assert_array_equal(columns["x"], [np.nan, 2.5])
-    np.testing.assert_array_equal(columns["yes"], [1.0, np.nan])
-    assert columns["who"].tolist() == ["a", ""]
-
-
-def test_moments_are_seconds():
-    columns, _ = csv("when,at\n1970-01-01T00:01:00,00:00:30\n")
-    assert (columns["when"].tolist(), columns["at"].tolist()) == ([60.0], [30.0])
+@each_row(
+    ("text", "columns", "notes"),
+    [
+        (
+            "n,x,yes,who\n1,2.5,true,a\n2,3.5,false,bc\n",
+            {"n": [1, 2], "x": [2.5, 3.5], "yes": [True, False], "who": ["a", "bc"]},
+            (),
+        ),
+        ("n,x\n1,\n,2.5\n", {"n": [1.0, NAN], "x": [NAN, 2.5]}, ()),
+        ("yes,who\ntrue,a\n,\n", {"yes": [1.0, NAN], "who": ["a", ""]}, ()),
+        ("when,at\n1970-01-01T00:01:00,00:00:30\n", {"when": [60.0], "at": [30.0]}, ()),
+        ("a,b\n", {"a": [], "b": []}, ()),
+        ("a,a\n1,2\n", {"a": [1]}, ("a second column 'a' is left out",)),
+    ],
+)
+def test_columns_of_a_csv_have_the_types_of_their_values(text, columns, notes):
+    found, said = csv(text)
+    assert (list(found), said) == (list(columns), notes)
+    for name, values in columns.items():
+        np.testing.assert_array_equal(found[name], values)
+        assert not values or found[name].dtype.kind == np.array(values).dtype.kind
 
 
 def test_type_follows_from_all_rows_of_a_long_file():
     columns, _ = csv("x\n" + "1\n" * 600_000 + "0.5\n")
     assert columns["x"].dtype == np.float64
     assert columns["x"][-1] == 0.5
-
-
-def test_header_alone_is_a_table_without_rows():
-    columns, _ = csv("a,b\n")
-    assert {name: values.shape for name, values in columns.items()} == {"a": (0,), "b": (0,)}
-
-
-def test_second_column_of_one_name_is_left_out():
-    columns, notes = csv("a,a\n1,2\n")
-    assert columns["a"].tolist() == [1]
-    assert notes == ("a second column 'a' is left out",)
 
 
 @each_row("text", ["", "a,b\n1\n", "a,b\n1,2,3\n"])
@@ -150,17 +143,12 @@ def test_links_out_of_the_folder_are_not_followed(tmp_path):
     assert [left.path for left in found.left_out] == ["broken", "file", "folder", "loop"]
 
 
-def test_pipe_is_not_read(tmp_path):
+def test_what_is_no_file_or_has_no_plain_name_is_noted(tmp_path):
     os.mkfifo(tmp_path / "pipe")
-    (left,) = read_outputs(tmp_path, {}).left_out
-    assert (left.path, left.why) == ("pipe", "not a file but a device, pipe or socket")
-
-
-def test_name_that_is_no_text_can_be_written_down(tmp_path):
     with open(os.fsencode(tmp_path) + b"/\xff", "w") as file:
         file.write("x")
-    assert list(read_outputs(tmp_path, {}).files) == ["\\xff"]
-
-
-def test_folder_that_can_not_be_listed_is_noted(tmp_path):
+    found = read_outputs(tmp_path, {})
+    assert list(found.files) == ["\\xff"]
+    (left,) = found.left_out
+    assert (left.path, left.why) == ("pipe", "not a file but a device, pipe or socket")
     assert read_outputs(tmp_path / "gone", {}).notes == (".: No such file or directory",)

@@ -6,14 +6,13 @@ from pathlib import Path
 
 import psutil
 import pytest
+from table import each_row
 
 from vastflow.sim.model.faults import ScenarioError
-from vastflow.sim.model.runlog import Use
 from vastflow.sim.model.scenario import ProcessSetup
 from vastflow.sim.scenario.programs import run as run_module
 from vastflow.sim.scenario.programs.folders import files_matching
 from vastflow.sim.scenario.programs.guard import VARIABLE
-from vastflow.sim.scenario.programs.resources import write_resources
 from vastflow.sim.scenario.programs.run import process_run
 
 pytestmark = pytest.mark.timeout(900)
@@ -57,10 +56,12 @@ def test_run_works_in_a_folder_of_its_own_with_its_files(begun, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["campaign"]
 
 
-def test_program_has_the_campaigns_environment_and_this_process_own(begun, monkeypatch):
+def test_program_has_the_environment_of_the_campaign_and_of_this_process(begun, monkeypatch):
     monkeypatch.setenv("FROM_HERE", "1")
+    monkeypatch.setenv(VARIABLE, "outer.")
     with begun(environment={"FROM_THE_CAMPAIGN": "2"}) as run:
-        assert said(run, "import os; print(os.environ['FROM_HERE'], os.environ['FROM_THE_CAMPAIGN'])") == "1 2"
+        names = ("FROM_HERE", "FROM_THE_CAMPAIGN", VARIABLE)
+        assert said(run, f"import os; print(*(os.environ[name] for name in {names}))").startswith("1 2 outer.")
 
 
 def test_what_a_run_wrote_and_printed_is_its_record(begun):
@@ -94,22 +95,19 @@ def test_what_the_pre_command_started_runs_until_the_end(begun, campaign):
         assert run.pids() == set()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "reason"),
     [
-        ("echo no licence; false", r"pre_command 'pre\.sh' exited with code 1: no licence"),
-        ("exit 0", r"pre_command 'pre\.sh' left the shell that sources it; it must not call exit"),
-        ("kill -9 $$", r"pre_command 'pre\.sh' was ended by SIGKILL"),
+        (None, r": there is no file 'pre\.sh'"),
+        ("echo no licence; false", r" 'pre\.sh' exited with code 1: no licence"),
+        ("exit 0", r" 'pre\.sh' left the shell that sources it; it must not call exit"),
+        ("kill -9 $$", r" 'pre\.sh' was ended by SIGKILL"),
     ],
 )
 def test_pre_command_that_fails_ends_the_run_with_its_reason(begun, campaign, text, reason):
-    (campaign / "pre.sh").write_text(text)
-    with pytest.raises(ScenarioError, match=reason), begun(pre_command="pre.sh"):
-        pass
-
-
-def test_pre_command_that_is_not_there_is_told(begun):
-    with pytest.raises(ScenarioError, match=r"pre_command: there is no file 'pre\.sh'"), begun(pre_command="pre.sh"):
+    if text is not None:
+        (campaign / "pre.sh").write_text(text)
+    with pytest.raises(ScenarioError, match=f"pre_command{reason}"), begun(pre_command="pre.sh"):
         pass
 
 
@@ -123,29 +121,21 @@ def test_post_command_gets_the_runs_folder_and_may_add_to_it(begun, campaign):
     assert record.logs[-1].text == "done\n"
 
 
-def test_post_command_that_takes_too_long_is_killed(begun, monkeypatch):
+def test_post_command_that_does_not_end_or_begin_is_noted(begun, monkeypatch):
     monkeypatch.setattr(run_module, "COMMAND_TIMEOUT_S", 0.2)
     with begun(post_command="sh -c 'sleep 600'") as run:
         assert run.close().post_command == "took longer than 0.2 s and was killed"
-
-
-def test_post_command_that_can_not_be_started_is_noted(begun):
     with begun(post_command="no-such-program") as run:
         assert "no program of this name in PATH" in run.close().post_command
 
 
-def test_waiting_ends_as_soon_as_a_program_does(begun):
+def test_waiting_ends_with_a_program_or_after_its_time(begun):
     with begun() as run:
-        assert not run.waiting
         run.wait(600)
         run.start(script("import time; time.sleep(0.1)"))
         assert run.waiting
         run.wait(600)
         assert not run.waiting
-
-
-def test_waiting_ends_after_its_time_while_programs_run(begun):
-    with begun() as run:
         run.start(script("import time; time.sleep(600)"))
         run.wait(0.05)
         assert run.waiting
@@ -188,22 +178,6 @@ def test_runs_side_by_side_do_not_touch_each_other(begun):
         assert survivor.pid in other.pids()
 
 
-def test_many_runs_in_threads_end_for_themselves(begun):
-    records = {}
-
-    def one(number):
-        with begun() as run:
-            run.start(script(f"print({number})")).wait(120)
-            records[number] = run.close().logs[0].text
-
-    threads = [threading.Thread(target=one, args=(number,)) for number in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert records == {number: f"{number}\n" for number in range(8)}
-
-
 def test_resources_count_all_processes_of_a_run(begun):
     busy = "import time\nwhile time.process_time() < 0.3: pass\nprint('ready', flush=True); time.sleep(600)"
     with begun() as run:
@@ -218,17 +192,6 @@ def test_resources_count_all_processes_of_a_run(begun):
     assert last.cpu_s >= 0.25
     assert last.rss_bytes > 1 << 20
     assert record.usage.cpu_s >= 0.25
-
-
-def test_resources_can_be_written_as_a_table(tmp_path):
-    write_resources([Use(0.0, 0.5, 1024, 1)], tmp_path / "use.csv")
-    assert (tmp_path / "use.csv").read_text() == "t_s,cpu_s,rss_bytes,processes\n0.000,0.50,1024,1\n"
-
-
-def test_run_inside_of_another_bears_both_marks(begun, monkeypatch):
-    monkeypatch.setenv(VARIABLE, "outer.")
-    with begun() as run:
-        assert said(run, f"import os; print(os.environ['{VARIABLE}'])").startswith("outer.")
 
 
 def test_folder_that_a_program_locked_is_removed_all_the_same(begun):
