@@ -61,11 +61,28 @@ def test_compare_succeeds_where_the_relation_holds(made, left, sign, right, hold
     assert ("does not hold" in message) == (not holds)
 
 
-def test_relation_without_meaning_does_not_merely_not_hold(made):
-    with pytest.raises(ScenarioError, match="'=>' is no operator of compare; it knows ==, !=, <, <=, >, >="):
-        made("compare", left_value=1, operator="=>", right_value=2)
-    with pytest.raises(ScenarioError, match="1 and 'a' can't be compared by <"):
-        made("compare", left_value=1, operator="<", right_value="a")
+@each_row(
+    ("action", "arguments", "message"),
+    [
+        (
+            "compare",
+            {"left_value": 1, "operator": "=>", "right_value": 2},
+            "'=>' is no operator of compare; it knows ==, !=, <, <=, >, >=",
+        ),
+        ("compare", {"left_value": 1, "operator": "<", "right_value": "a"}, "1 and 'a' can't be compared by <"),
+        ("increment", {"target_variable": "ready"}, "ready is True; only a number can be counted"),
+        ("increment", {"target_variable": "cuont"}, r"cuont is no variable with a value; did you mean 'count'\?"),
+        ("random.get_int", (6, 1), "the lower bound comes first, got 6 and 1"),
+        ("random.get_float", (1.0, 0.5), "the lower bound comes first"),
+        ("random.get_random_string", ([],), "at least one item"),
+    ],
+)
+def test_argument_without_meaning_is_refused(made, action, arguments, message):
+    with pytest.raises(ValueError, match=message):
+        if isinstance(arguments, tuple):
+            functions()[action](*arguments)
+        else:
+            made(action, {"ready": True, "count": 1}, **arguments)
 
 
 def test_increment_and_decrement_change_a_variable(made):
@@ -73,14 +90,6 @@ def test_increment_and_decrement_change_a_variable(made):
     assert made("increment", variables, target_variable="count") == (Status.SUCCESS, "count is 4")
     assert made("decrement", variables, target_variable="share")[0] is Status.SUCCESS
     assert variables == {"count": 4, "share": -0.5}
-
-
-def test_only_a_variable_that_holds_a_number_can_be_counted(made):
-    variables = {"ready": True, "count": 1}
-    with pytest.raises(ScenarioError, match="ready is True; only a number can be counted"):
-        made("increment", variables, target_variable="ready")
-    with pytest.raises(ScenarioError, match=r"cuont is no variable with a value; did you mean 'count'\?"):
-        made("increment", variables, target_variable="cuont")
 
 
 def test_random_numbers_come_from_the_runs_generator_alone():
@@ -108,16 +117,6 @@ def test_seed_in_the_file_makes_every_run_draw_the_same():
     assert one["random.get_float"](0.0, 1.0) == other["random.get_float"](0.0, 1.0)
 
 
-def test_bounds_the_wrong_way_round_and_empty_lists_are_refused():
-    with pytest.raises(ValueError, match="the lower bound comes first, got 6 and 1"):
-        functions()["random.get_int"](6, 1)
-    with pytest.raises(ValueError, match="the lower bound comes first"):
-        functions()["random.get_float"](1.0, 0.5)
-    with pytest.raises(ValueError, match="at least one item"):
-        functions()["random.get_random_string"]([])
-    assert functions()["random.get_int"](3, 3) == 3
-
-
 def test_folders_and_paths_are_those_of_the_run():
     known = functions()
     assert known["common.get_scenario_file_directory"]() == "/scenarios"
@@ -140,10 +139,11 @@ def test_stand_ins_say_in_the_log_what_stands_for_them(made, lines):
     assert lines[0].startswith("ros_launch nav2_bringup bringup.py: ")
 
 
-def test_what_runs_until_the_end_never_wakes_the_tree():
+def test_stand_ins_wake_no_tree_and_ask_others_for_programs(made):
     for action in ("ros_launch", "capture_screen"):
-        acting = stand_ins({})[action](ActionSituation({}, "", None, {}, [].append))
-        assert acting.wakes_s() == math.inf
+        assert stand_ins({})[action](ActionSituation({}, "", None, {}, [].append)).wakes_s() == math.inf
+    known = stand_ins({"check_process_running": HELPERS["log"]})
+    assert made("check_process_running", known=known, process_name="growth", msg="asked")[0] is Status.SUCCESS
 
 
 def test_simulators_programs_run_as_long_as_it_does(made):
@@ -157,12 +157,6 @@ def test_simulators_programs_run_as_long_as_it_does(made):
     )
     with pytest.raises(ScenarioError, match=r"'\(' is no regular expression"):
         made("check_process_running", known=known, process_name="(", regex=True)
-
-
-def test_other_programs_are_looked_for_among_the_runs_own(made):
-    own = {"check_process_running": HELPERS["log"]}
-    known = stand_ins(own)
-    assert made("check_process_running", known=known, process_name="growth", msg="asked")[0] is Status.SUCCESS
 
 
 def definition(root):

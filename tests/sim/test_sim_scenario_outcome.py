@@ -5,18 +5,11 @@ import pytest
 from table import each_row
 
 from vastflow.sim.model.blocks import read_recordings, write_recordings
-from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.recording import si
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nav2.navigator.state import COLUMNS
 from vastflow.sim.reading.script import script_of
 from vastflow.sim.run import BEHAVIORS, execute, run
-from vastflow.sim.scenario.language.parameters import ParameterMismatch
-
-
-def statuses(recording, name):
-    b = recording.behaviors
-    return [(float(t), s) for n, t, s in zip(b["name"], b["t_s"], b["status"], strict=True) if n == name]
 
 
 @each_row(
@@ -40,11 +33,25 @@ def test_end_of_a_scenario_has_an_outcome_and_a_reason(staged, text, outcome, re
     assert recording.run.reason.startswith(reason) and bool(reason) == bool(recording.run.reason)
 
 
-def test_timeout_of_the_whole_scenario_is_its_time(staged):
-    text = "timeout(2s)\ndo serial:\n    robot.init_nav2(start)\n    robot.nav_to_pose(beyond)"
+@each_row(
+    ("text", "outcome", "reason"),
+    [
+        (
+            "timeout(2s)\ndo parallel:\n    robot.init_nav2(start)\n    robot.nav_to_pose(beyond)",
+            "timed_out",
+            "timeout(2 s)",
+        ),
+        (
+            "parallel:\n    robot.nav_to_pose(beyond)\n    serial:\n        wait elapsed(2s)\n        emit end",
+            "succeeded",
+            "",
+        ),
+    ],
+)
+def test_scenario_ends_while_the_robot_drives(staged, text, outcome, reason):
     recording = run(staged(text), 0)
-    assert (recording.run.outcome, recording.run.simulated_s) == ("timed_out", 2.2)
-    assert recording.run.reason.endswith("ran out while nav_to_pose was running")
+    assert (recording.run.outcome, recording.run.simulated_s) == (outcome, 2.2)
+    assert recording.run.reason.startswith(reason)
 
 
 @each_row("timeout_s", [2.0, 2.05, 2.1])
@@ -55,15 +62,6 @@ def test_campaign_s_timeout_ends_a_run_at_its_last_whole_tenth_of_a_second(stage
     assert recording.run.outcome == "timed_out"
     assert recording.run.simulated_s == int(timeout_s * 10) / 10
     assert recording.columns["t_ms"][-1] == round(recording.run.simulated_s * 1000)
-
-
-def test_emit_end_ends_the_run_while_the_robot_drives(staged):
-    recording = run(
-        staged("parallel:\n    robot.nav_to_pose(beyond)\n    serial:\n        wait elapsed(2s)\n        emit end"), 0
-    )
-    assert (recording.run.outcome, recording.run.reason, recording.run.simulated_s) == ("succeeded", "", 2.2)
-    assert recording.columns["speed_mmps"][-1] > 400
-    assert statuses(recording, "nav_to_pose")[-1][1] == "RUNNING"
 
 
 def test_scenario_whose_robot_never_moves_is_a_run_too(staged):
@@ -80,23 +78,26 @@ def test_values_of_a_configuration_take_the_place_of_the_file_s(staged):
     assert given.log.lines == ("0.1 s: from outside", "0.1 s: 5")
 
 
-def test_value_that_is_none_of_its_parameter_is_refused(staged):
-    scenario = staged("count: int = 1\ndo serial:\n    robot.init_nav2(start)", count="many")
-    with pytest.raises(
-        ParameterMismatch, match="parameter count of scenario trial: expected a whole number, got 'many'"
-    ):
-        run(scenario, 0)
+SECOND = (
+    "other: differential_drive_robot\ndo serial:\n    robot.init_nav2(start)\n    other.nav_to_pose(near)\n"
+    "    robot.nav_to_pose(near)"
+)
 
 
-def test_robot_that_nothing_puts_anywhere_is_said_before_the_run(staged):
-    with pytest.raises(ScenarioError, match="start_pose: nothing says where the robot stands at first"):
-        run(staged("do serial:\n    robot.nav_to_pose(near)"), 0)
-
-
-def test_second_robot_is_refused_with_its_place(staged):
-    text = "other: differential_drive_robot\ndo serial:\n    robot.init_nav2(start)\n    other.nav_to_pose(near)\n    robot.nav_to_pose(near)"
-    with pytest.raises(ValueError, match=r"trial.osc:17:9: expected one robot, 'robot', got 'other' too"):
-        run(staged(text), 0)
+@each_row(
+    ("text", "given", "message"),
+    [
+        (
+            "count: int = 1\ndo serial:\n    robot.init_nav2(start)",
+            *({"count": "many"}, "parameter count of scenario trial: expected a whole number, got 'many'"),
+        ),
+        ("do serial:\n    robot.nav_to_pose(near)", {}, "start_pose: nothing says where the robot stands at first"),
+        (SECOND, {}, r"trial.osc:17:9: expected one robot, 'robot', got 'other' too"),
+    ],
+)
+def test_scenario_that_can_not_work_is_refused_before_the_run(staged, text, given, message):
+    with pytest.raises(ValueError, match=message):
+        run(staged(text, **given), 0)
 
 
 def test_map_that_is_only_for_a_program_makes_no_world(staged):
@@ -190,8 +191,11 @@ def test_bag_keeps_the_columns_of_its_topics_and_those_that_judge_a_run(staged, 
     assert any("recordings hold no /scan" in line for line in execution.log.lines) == ("/scan" in topics)
 
 
-def test_without_a_bag_everything_is_kept(staged):
-    assert tuple(run(staged("emit end"), 0).columns) == COLUMNS
+@each_row("text", ["emit end", "bag_record([random.get_random_string(['/tf', '/cmd_vel'])])"])
+def test_without_known_topics_everything_is_kept(staged, text):
+    scenario = staged(text, timeout_s=1.0)
+    assert script_of(scenario).topics is None
+    assert tuple(run(scenario, 0).columns) == COLUMNS
 
 
 def test_runs_that_come_to_their_bag_and_runs_that_do_not_fit_into_one_block(staged):
@@ -199,12 +203,6 @@ def test_runs_that_come_to_their_bag_and_runs_that_do_not_fit_into_one_block(sta
     recordings = [run(staged(text, timeout_s=2.0), k) for k in range(6)]
     assert {recording.run.outcome for recording in recordings} == {"failed", "succeeded"}
     assert [r.run for r in read_recordings(write_recordings(recordings))] == [r.run for r in recordings]
-
-
-def test_bag_whose_topics_only_a_run_knows_keeps_everything(staged):
-    scenario = staged("bag_record([random.get_random_string(['/tf', '/cmd_vel'])])", timeout_s=1.0)
-    assert script_of(scenario).topics is None
-    assert tuple(run(scenario, 0).columns) == COLUMNS
 
 
 def test_what_follows_a_bag_goes_on_while_it_records(staged):

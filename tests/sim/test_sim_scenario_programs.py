@@ -85,10 +85,26 @@ def test_scenario_whose_program_is_not_there_can_not_work_whatever_it_makes_of_f
         execute(staged(text), 0)
 
 
-def test_nothing_is_left_of_a_program_that_nobody_waited_for(staged):
-    code = program("import time; mark = 'left by test 7c1'; time.sleep(600)")
-    execution = execute(staged(f"run_process({code}, wait_for_shutdown: false)\nwait elapsed(0.5s)"), 0)
-    assert execution.recording.run.outcome == "succeeded"
+LEFT = program("import time; mark = 'left by test 7c1'; time.sleep(600)")
+GIVEN_UP = f"serial:\n    failure_is_success()\n    timeout(0.5s)\n    run_process({LEFT})\nrobot.nav_to_pose(near)"
+
+
+@each_row(
+    ("text", "is_alone", "outcome", "reason"),
+    [
+        (f"run_process({LEFT}, wait_for_shutdown: false)\nwait elapsed(0.5s)", False, "succeeded", ""),
+        (GIVEN_UP, False, "succeeded", ""),
+        (
+            f"do serial:\n    run_process({LEFT})",
+            *(True, "timed_out", "the scenario did not end within its time, waiting for run_process"),
+        ),
+    ],
+)
+def test_program_ends_with_its_branch_or_with_the_run(staged, text, is_alone, outcome, reason):
+    scenario = alone(staged(text, timeout_s=1.0)) if is_alone else staged(text)
+    execution = execute(scenario, 0)
+    assert (execution.recording.run.outcome, execution.recording.run.reason) == (outcome, reason)
+    assert text != GIVEN_UP or ended(execution, "run_process") == [(0.8, "INVALID", "cancelled")]
     assert running("left by test 7c1") == []
 
 
@@ -103,22 +119,6 @@ def test_nothing_is_left_of_a_program_when_the_run_breaks(staged):
     with pytest.raises(OSError, match="no room left"):
         execute(scenario, 0, watch=breaks, watch_ticks=[14])
     assert running("left by test 7c2") == []
-
-
-def test_timeout_round_a_program_ends_it_and_the_robot_goes_on(staged):
-    code = program("import time; mark = 'left by test 7c3'; time.sleep(600)")
-    text = f"""
-        serial:
-            failure_is_success()
-            timeout(0.5s)
-            run_process({code})
-        robot.nav_to_pose(near)
-    """
-    execution = execute(staged(text), 0)
-    ((t_s, _, message),) = ended(execution, "run_process")
-    assert (t_s, message) == (0.8, "cancelled")
-    assert execution.recording.run.outcome == "succeeded"
-    assert running("left by test 7c3") == []
 
 
 def test_scenario_of_programs_alone_counts_their_host_time(staged):
@@ -138,15 +138,6 @@ def test_host_time_goes_by_only_while_a_program_runs(staged):
     execution = execute(alone(staged(text, timeout_s=2000.0)), 0)
     assert execution.recording.run.simulated_s > 1000.0
     assert time.monotonic() - began_s < 250.0
-
-
-def test_scenario_of_programs_alone_ends_at_its_timeout_whatever_runs(staged):
-    code = program("import time; mark = 'left by test 7c4'; time.sleep(600)")
-    execution = execute(alone(staged(f"do serial:\n    run_process({code})", timeout_s=1.0)), 0)
-    run = execution.recording.run
-    assert (run.outcome, run.simulated_s) == ("timed_out", 1.0)
-    assert run.reason == "the scenario did not end within its time, waiting for run_process"
-    assert running("left by test 7c4") == []
 
 
 def test_what_a_program_used_is_in_the_log_and_not_in_the_recording(staged):

@@ -78,20 +78,22 @@ def test_box_in_front_of_a_robot_at_speed_is_struck_and_one_with_a_mass_gives_wa
     assert bool(happened(recording, "obstacle_moved")) == gives_way
 
 
+TAKEN = "'crate' stands there already; a name that is not in use; spawn_multiple at "
+
+
 @each_row(
-    "text",
+    ("text", "reason", "names"),
     [
-        f"spawn_multiple([{box('crate', 2, 3)}])\nspawn_multiple([{box('crate', 3, 3)}])",
-        f"spawn_multiple([{box('crate', 2, 3)}, {box('crate', 3, 3)}])",
+        (f"spawn_multiple([{box('crate', 2, 3)}])\nspawn_multiple([{box('crate', 3, 3)}])", TAKEN, ["crate"]),
+        (f"spawn_multiple([{box('crate', 2, 3)}, {box('crate', 3, 3)}])", TAKEN, ["crate"]),
+        ("delete_entity('ghost')", "nothing called 'ghost' stands in the world; delete_entity at trial.osc:", []),
     ],
 )
-def test_name_that_stands_in_the_world_is_not_given_again(staged, text):
+def test_names_are_unique_and_of_what_stands_there(staged, text, reason, names):
     recording = run(staged(text), 0)
     assert recording.run.outcome == "failed"
-    assert recording.run.reason.startswith(
-        "'crate' stands there already; a name that is not in use; spawn_multiple at "
-    )
-    assert [entity.name for entity in recording.run.entities] == ["crate"]
+    assert recording.run.reason.startswith(reason)
+    assert [entity.name for entity in recording.run.entities] == names
 
 
 def test_name_is_free_again_after_its_entity_is_deleted(staged):
@@ -126,20 +128,24 @@ def test_box_spawned_on_the_robot_puts_it_out_of_its_place_and_is_a_contact(stag
     assert np.abs(way(recording)[-1] - [1.1, 1.0]).max() > 0.3
 
 
-def test_what_is_spawned_outside_of_the_map_stands_there_and_disturbs_nobody(staged):
-    outside = f"spawn_multiple([{box('left', -3, 2)}, {box('far', 1e6, 2)}, {box('loose', 30, -2, 'mass:=3.0')}])"
-    recording = run(staged(f"{outside}\nrobot.nav_to_pose(near)"), 0)
-    assert (recording.run.outcome, recording.run.reason) == ("succeeded", "")
-    assert [event.what for event in happened(recording, "spawned")] == ["left", "far", "loose"]
+PLUGGED = box("plug", 4.2, 2.4, "width:=1.4, length:=0.3")
+OUTSIDE = f"{box('left', -3, 2)}, {box('far', 1e6, 2)}, {box('loose', 30, -2, 'mass:=3.0')}"
 
 
-def test_where_an_entity_was_deleted_the_robot_drives_through(staged):
-    plug = box("plug", 4.2, 2.4, "width:=1.4, length:=0.3")
-    text = f"spawn_multiple([{plug}])\nwait elapsed(3s)\ndelete_entity('plug')\nrobot.nav_to_pose(beyond)"
+@each_row(
+    ("text", "events"),
+    [
+        (f"spawn_multiple([{OUTSIDE}])\nrobot.nav_to_pose(near)", "spawned left, spawned far, spawned loose"),
+        (
+            f"spawn_multiple([{PLUGGED}])\nwait elapsed(3s)\ndelete_entity('plug')\nrobot.nav_to_pose(beyond)",
+            "spawned plug, deleted plug",
+        ),
+    ],
+)
+def test_what_is_elsewhere_or_deleted_disturbs_nobody(staged, text, events):
     recording = run(staged(text), 0)
     assert (recording.run.outcome, recording.run.reason) == ("succeeded", "")
-    (deleted,) = happened(recording, "deleted")
-    assert (deleted.what, deleted.x_m, deleted.y_m) == ("plug", 4.2, 2.4)
+    assert ", ".join(f"{event.kind} {event.what}" for event in happened(recording, "spawned", "deleted")) == events
 
 
 def test_obstacles_of_the_environment_stand_from_the_start_and_can_be_deleted(staged):
@@ -167,12 +173,6 @@ def test_obstacles_that_are_a_parameter_are_there_when_the_file_spawns_them(stag
     assert situation_of(scenario).obstacles == ()
     assert [event.t_s for event in happened(recording, "spawned")] == [1.2]
     assert recording.run.entities == (Entity("plug", "box", 0.3, 1.4),)
-
-
-def test_what_does_not_stand_there_can_not_be_deleted(staged):
-    recording = run(staged("delete_entity('ghost')"), 0)
-    assert recording.run.outcome == "failed"
-    assert recording.run.reason.startswith("nothing called 'ghost' stands in the world; delete_entity at trial.osc:")
 
 
 def test_actors_are_spawned_and_deleted_under_their_own_name(staged):
