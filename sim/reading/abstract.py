@@ -22,6 +22,8 @@ def plain_value(part: Any) -> Value:
     """
     if isinstance(part, FileContent):
         return part
+    if isinstance(part, Place):  # without `where`: stored digests of definitions know none
+        return {"": "Place", "file": part.file, "line": part.line, "column": part.column}
     if isinstance(part, BaseModel):
         names: list[str] = list(type(part).model_fields)
     elif is_dataclass(part) and not isinstance(part, type):

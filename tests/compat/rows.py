@@ -204,11 +204,11 @@ def _scenario(name: str, file: Path, trial: Trial) -> Row:
         content = abstract_content(file)
         definition = definition_of(content)
     except OscError as error:
-        return Row(name, "scenario", "refused", _first([f"{f.place.line}: {f.what}; {f.right}" for f in error.faults]))
+        return Row(name, "scenario", "refused", _first([f"{f.place.line}: {f.problem}; {f.expected}" for f in error.faults]))
     except (ScenarioError, UnicodeDecodeError) as error:
         return Row(name, "scenario", "refused", _line(error))
     if lacking := unsupported(definition, ACTIONS):
-        return Row(name, "scenario", "refused", _first([f"{each.what}; {each.right}" for each in lacking]))
+        return Row(name, "scenario", "refused", _first([f"{each.problem}; {each.expected}" for each in lacking]))
     with tempfile.TemporaryDirectory() as folder:
         values: dict[str, Any] = {"map_file": map_content(_room(Path(folder)))}
         for parameter in definition.parameters:

@@ -182,9 +182,9 @@ def test_every_call_that_nothing_implements_is_told_with_its_place_and_a_reason(
     )
     found = unsupported(definition(root), HELPERS)
     assert [fault.place.line for fault in found] == [4, 5, 6]
-    assert found[0].right == REASONS["ros_run"]
+    assert found[0].expected == REASONS["ros_run"]
     assert str(found[1]) == f"visit.osc:5:9: robot.dance can't be run here; {GENERIC}"
-    assert "container" in found[2].right
+    assert "container" in found[2].expected
 
 
 def test_scenario_of_known_actions_lacks_nothing():

@@ -157,7 +157,7 @@ GIVEN_UP = "no path to the goal (NO_VALID_PATH), after 15 recoveries; nav_to_pos
         (REPLACED, ("failed", 0), (0, 0), "another goal took its place; nav_to_pose at trial.osc:"),
         (
             "robot.follow_waypoints([beyond, above])",
-            *(("failed", 0), (1, 7), "1 of the waypoints could not be reached; follow_waypoints at trial.osc:"),
+            *(("failed", 0), (1, 15), "1 of the waypoints could not be reached; follow_waypoints at trial.osc:"),
         ),
         ("robot.nav_to_pose(beyond)", ("aborted", 208), (0, 15), GIVEN_UP),
         ("serial:\n    retry(2)\n    robot.nav_to_pose(beyond)", ("aborted", 208), (0, 30), GIVEN_UP),

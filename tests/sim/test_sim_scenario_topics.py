@@ -33,7 +33,7 @@ def lacks(body):
     """Why a scenario with that body can't be run, told from its file."""
     lines = "".join(f"    {line}\n" for line in body.split("\n"))
     (definition,) = read_text(f"{HEAD}scenario trial:\n{lines}", "trial.osc", Path())
-    return [f"{each.place.line}: {each.what}; {each.right}" for each in unsupported(definition, ACTIONS)]
+    return [f"{each.place.line}: {each.problem}; {each.expected}" for each in unsupported(definition, ACTIONS)]
 
 
 def test_data_is_waited_for_until_it_comes(staged):
