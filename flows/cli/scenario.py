@@ -23,14 +23,14 @@ def check(file: ScenarioArgument) -> None:
     Every fault is said at once, with its place and what would be right; in a file without any, every action that nothing
     here can do, with the reason.
     """
+    from vastflow.sim.model.faults import FileError
     from vastflow.sim.reading.vocabulary import ACTIONS
-    from vastflow.sim.scenario.language.faults import OscError
     from vastflow.sim.scenario.language.reading import read_scenarios
     from vastflow.sim.scenario.tree.support import unsupported
 
     definitions = read_scenarios(file)
     if lacking := [fault for definition in definitions for fault in unsupported(definition, ACTIONS)]:
-        raise OscError(lacking)
+        raise FileError(lacking)
     names = [definition.name for definition in definitions]
     print(f"OK: {'scenario' if len(names) == 1 else 'scenarios'} {', '.join(names)}")
 

@@ -11,7 +11,7 @@ from vastflow.producers.model.faults import Location
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.sim.model.digest import FileContent, Value, file_digest
-from vastflow.sim.model.faults import Fault, ScenarioError
+from vastflow.sim.model.faults import Fault, FileError, ScenarioError
 from vastflow.sim.model.files import is_file
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.scenario import ProcessSetup, RunFiles
@@ -19,7 +19,6 @@ from vastflow.sim.reading.abstract import BUILTIN, SHIPPED, abstract_content, de
 from vastflow.sim.reading.script import calls_of, goal_keys, is_optional_list, overrides_of
 from vastflow.sim.reading.vocabulary import ACTIONS, WORLDLY
 from vastflow.sim.scenario.definition import ScenarioDefinition
-from vastflow.sim.scenario.language.faults import OscError
 from vastflow.sim.scenario.language.parameters import ParameterMismatch, bound, default_of
 from vastflow.sim.scenario.programs.actions import PROCESSES
 from vastflow.sim.scenario.programs.folders import CONFIG, below_config, files_matching, unmatched
@@ -122,7 +121,7 @@ def abstract_scenario_of(document: Document, base: Path) -> tuple[AbstractScenar
     try:
         content = abstract_content(file)
         definition = definition_of(content)
-    except OscError as error:
+    except FileError as error:
         return None, [replace(fault, place=replace(fault.place, where="scenario")) for fault in error.faults]
     except ScenarioError as error:
         return None, [document.fault(WHERE, str(error), "")]

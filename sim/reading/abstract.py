@@ -70,7 +70,7 @@ def abstract_content(file: Path) -> FileContent:
     """Return a scenario file as a value: its definition with line numbers, independent of its folder.
 
     Raises:
-        OscError: what is wrong in the file, or in one that it imports.
+        FileError: what is wrong in the file, or in one that it imports.
         ScenarioError: not one scenario.
     """
     return FileContent(str(file), definition_digest(_by_name(_only_one(file, read_scenarios(file)))))
@@ -81,7 +81,7 @@ def definition_of(abstract: Abstract) -> ScenarioDefinition:
 
     Raises:
         ScenarioError: no such name, or a file that changed since its content was taken.
-        OscError: a file that is wrong.
+        FileError: a file that is wrong.
     """
     return _defined(abstract, abstract.path if isinstance(abstract, FileContent) else "")
 
@@ -124,7 +124,7 @@ def content_digest(abstract: Abstract) -> str:
     """Digest of what an abstract scenario defines; of a file it is the file's digest as a value.
 
     Raises:
-        ScenarioError, OscError: see `definition_of`.
+        ScenarioError, FileError: see `definition_of`.
     """
     return abstract.digest if isinstance(abstract, FileContent) else definition_digest(definition_of(abstract))
 

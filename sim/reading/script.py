@@ -132,7 +132,7 @@ def script_of(scenario: Scenario) -> Script:
     """Read what a scenario's runs are to do.
 
     Raises:
-        ValueError: an abstract scenario that can't be read (`OscError`), a value that is none of a parameter
+        ValueError: an abstract scenario that can't be read (`FileError`), a value that is none of a parameter
             (`ParameterMismatch`), a pose or an obstacle that is none, a second robot.
     """
     definition = definition_of(scenario.abstract)

@@ -17,11 +17,11 @@ from typing import Any, Final
 
 from vastflow.oracles.judgement.oracle import Oracle, oracle_of
 from vastflow.sim.model.digest import FileContent, Value, digest
+from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.files import Unreadable, read_text, yaml_value
 from vastflow.sim.model.scenario import ProcessSetup, Scenario, setup_of
 from vastflow.sim.nav2.parameter_files.parameter_file import plug_ins_in
 from vastflow.sim.plug_ins.loading import snapshot_behind
-from vastflow.sim.scenario.language.faults import OscError
 from vastflow.sim.scenario.language.reading import files_of
 from vastflow.tasks.engine.engine import Engine, RunFault
 from vastflow.tasks.engine.index import ConfigurationRuns
@@ -156,7 +156,7 @@ class Packer:
             if path not in self._needed:
                 try:
                     self._needed[path] = needed_files(path)
-                except OscError as error:
+                except FileError as error:
                     raise BundleError(
                         f"{error}; it changed since the campaign was read, run the campaign again"
                     ) from None

@@ -36,7 +36,6 @@ from vastflow.sim.reading.script import script_of
 from vastflow.sim.reading.vocabulary import ACTIONS
 from vastflow.sim.run import execute
 from vastflow.sim.scenario.definition import Field
-from vastflow.sim.scenario.language.faults import OscError
 from vastflow.sim.scenario.tree.support import unsupported
 from vastflow.sim.world.map_file import map_content
 
@@ -203,8 +202,10 @@ def _scenario(name: str, file: Path, trial: Trial) -> Row:
     try:
         content = abstract_content(file)
         definition = definition_of(content)
-    except OscError as error:
-        return Row(name, "scenario", "refused", _first([f"{f.place.line}: {f.problem}; {f.expected}" for f in error.faults]))
+    except FileError as error:
+        return Row(
+            name, "scenario", "refused", _first([f"{f.place.line}: {f.problem}; {f.expected}" for f in error.faults])
+        )
     except (ScenarioError, UnicodeDecodeError) as error:
         return Row(name, "scenario", "refused", _line(error))
     if lacking := unsupported(definition, ACTIONS):

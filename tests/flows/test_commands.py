@@ -289,10 +289,8 @@ USER_ERRORS = [
     "flows.request.work_pool.WorkPoolError",
     "flows.results.directory.ResultsError",
     "oracles.results.unusable.UnusableDirectory",
-    "producers.model.faults.FileError",
-    "producers.floorplan.faults.FloorplanError",
+    "sim.model.faults.FileError",
     "sim.nav2.parameter_files.document.DocumentError",
-    "sim.scenario.language.faults.OscError",
     "tasks.store.artifact.StoreError",
     "tasks.engine.machine_check.MachineError",
 ]

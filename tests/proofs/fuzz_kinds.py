@@ -335,7 +335,6 @@ def kinds(folder: Path) -> list[Kind]:
     from vastflow.sim.model.faults import FileError, ScenarioError
     from vastflow.sim.model.files import Unreadable
     from vastflow.sim.nav2.parameter_files.document import DocumentError
-    from vastflow.sim.scenario.language.faults import OscError
     from vastflow.sim.world.map_file import MapError
 
     def found(pattern: str) -> list[Path]:
@@ -373,7 +372,7 @@ def kinds(folder: Path) -> list[Kind]:
     return [
         Kind("vast", found("*.vast"), (*text, words("*.vast"), yaml_tree, yaml_tree), _campaign, (FileError,),
              lambda file, rng: ["validate", str(file)]),
-        Kind("osc", found("*.osc"), (*text, words("*.osc")), _scenario, (OscError, ScenarioError),
+        Kind("osc", found("*.osc"), (*text, words("*.osc")), _scenario, (FileError, ScenarioError),
              lambda file, rng: ["scenario", rng.choice(("check", "parameters")), str(file)]),
         Kind("fpm", found("*.fpm"), (*text, words("*.fpm")), _plan, (FileError,),
              lambda file, rng: ["floorplan", "geometry", str(file)]),

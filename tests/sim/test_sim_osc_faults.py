@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from table import each_row
 
+from vastflow.sim.model.faults import FileError
 from vastflow.sim.reading.abstract import abstract_content
-from vastflow.sim.scenario.language.faults import OscError
 from vastflow.sim.scenario.language.grammar import MOST_PARSED
 from vastflow.sim.scenario.language.reading import files_of, read_scenarios, read_text
 
@@ -16,7 +16,7 @@ HEAD = "import osc.helpers\nimport osc.ros\nimport osc.nav2\nimport osc.gazebo\n
 
 def refused(text, folder=Path()):
     """The faults of a text, as they are shown."""
-    with pytest.raises(OscError, match=r":\d+:\d+: .") as raised:
+    with pytest.raises(FileError, match=r":\d+:\d+: .") as raised:
         read_text(text, "f.osc", folder)
     return [str(fault) for fault in raised.value.faults]
 
@@ -70,12 +70,12 @@ def test_file_that_is_missing_or_no_text_is_refused(tmp_path):
         (read_scenarios, tmp_path / "a.osc", "a.osc:2:3: byte 0xff is not UTF-8"),
         (read_scenarios, tmp_path, "can't be read"),
     ):
-        with pytest.raises(OscError, match=message):
+        with pytest.raises(FileError, match=message):
             reading(file)
 
 
 def test_error_survives_the_path_to_another_process():
-    with pytest.raises(OscError, match="no scenario") as raised:
+    with pytest.raises(FileError, match="no scenario") as raised:
         read_text("", "f.osc", Path())
     assert str(pickle.loads(pickle.dumps(raised.value))) == str(raised.value)
 
@@ -101,5 +101,5 @@ def test_modifiers_in_one_another_have_a_limit_and_below_it_the_definition_has_a
         return abstract_content(file)
 
     assert with_timeouts(140).digest
-    with pytest.raises(OscError, match=r"a.osc.*: expected fewer, got more than 150 compositions and modifiers"):
+    with pytest.raises(FileError, match=r"a.osc.*: expected fewer, got more than 150 compositions and modifiers"):
         with_timeouts(400)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.sim.model.faults import Place
+from vastflow.sim.model.faults import FileError, Place
 from vastflow.sim.scenario.definition import (
     Call,
     Composition,
@@ -28,7 +28,6 @@ from vastflow.sim.scenario.definition import (
     Wait,
 )
 from vastflow.sim.scenario.language.declaring import library, library_names
-from vastflow.sim.scenario.language.faults import OscError
 from vastflow.sim.scenario.language.reading import files_of, read_scenarios, read_text
 
 NAVIGATION = """\
@@ -354,7 +353,7 @@ def test_files_that_import_each_other_are_read_once(tmp_path):
 def test_any_text_is_read_or_refused_with_a_place(text):
     try:
         read(f"import osc.helpers\nscenario a:\n    do log({text})\n")
-    except OscError as error:
+    except FileError as error:
         assert all(fault.place.line >= 1 and fault.place.column >= 1 and fault.expected for fault in error.faults)
 
 
@@ -362,7 +361,7 @@ def test_any_text_is_read_or_refused_with_a_place(text):
 def test_words_of_a_scenario_in_any_order_are_read_or_refused(words, random):
     try:
         read("".join(word + random.choice([" ", "\n", "\n    ", "\n        "]) for word in words))
-    except OscError as error:
+    except FileError as error:
         assert error.faults
 
 

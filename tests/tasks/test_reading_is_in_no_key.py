@@ -108,7 +108,7 @@ def test_reworded_hint_is_in_no_source_digest(copied):
     folder, digests = copied
     before = digests()
     for hint in (
-        "scenario/language/faults.py",
+        "scenario/language/members.py",
         "model/parameter.py",
         "model/names.py",
         "plug_ins/effects.py",

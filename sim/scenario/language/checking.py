@@ -20,7 +20,6 @@ from vastflow.sim.scenario.evaluation import names_in
 from vastflow.sim.scenario.language.behaviors import ENDING, BehaviorChecker
 from vastflow.sim.scenario.language.declarations import Declarations
 from vastflow.sim.scenario.language.expressions import ExpressionChecker, Visible
-from vastflow.sim.scenario.language.faults import TypeHint
 from vastflow.sim.scenario.language.members import MemberChecker
 from vastflow.sim.scenario.language.syntax import (
     ActText,
@@ -39,16 +38,10 @@ MOST_LEVELS: Final = 150
 """Compositions and modifiers in one another; digests of definitions, and trees, are made by functions that call themselves."""
 
 
-def checked(
-    text: CompoundText, declared: Declarations, faults: list[Fault], right_type: TypeHint
-) -> ScenarioDefinition | None:
-    """The definition of a scenario; None where something in it is at fault, which goes to `faults`.
-
-    Args:
-        right_type: What to write in place of an unknown type.
-    """
+def checked(text: CompoundText, declared: Declarations, faults: list[Fault]) -> ScenarioDefinition | None:
+    """The definition of a scenario; None where something in it is at fault, which goes to `faults`."""
     before = len(faults)
-    definition = _Scenario(declared, ExpressionChecker(declared, faults, right_type)).definition(text)
+    definition = _Scenario(declared, ExpressionChecker(declared, faults)).definition(text)
     return definition if len(faults) == before else None
 
 

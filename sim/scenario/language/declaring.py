@@ -6,12 +6,11 @@ from importlib.resources import files
 from threading import RLock
 from typing import Any, Final
 
-from vastflow.sim.model.faults import Fault, Place
+from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.names import did_you_mean, nearest
 from vastflow.sim.scenario.definition import Field, Type
 from vastflow.sim.scenario.language.declarations import Compound, Declarations, Function
 from vastflow.sim.scenario.language.expressions import NO_NAMES, ExpressionChecker, Visible
-from vastflow.sim.scenario.language.faults import OscError, TypeHint
 from vastflow.sim.scenario.language.members import MemberChecker
 from vastflow.sim.scenario.language.syntax import (
     ActText,
@@ -36,7 +35,7 @@ def parse(text: str, file: str) -> FileText:
     """Return the syntax of `text`; the grammar is built once in a process.
 
     Raises:
-        OscError: it is not in the language; every place where it is not that can be told from what follows.
+        FileError: it is not in the language; every place where it is not that can be told from what follows.
     """
     # 0.15 s of CPU that only a process which reads scenarios should pay
     from vastflow.sim.scenario.language.grammar import parsed
@@ -53,7 +52,6 @@ def declared(
     imported: Declarations,
     origin: str,
     faults: list[Fault],
-    right_type: TypeHint = did_you_mean,
     *,
     of_library: bool = False,
 ) -> Declarations:
@@ -61,11 +59,10 @@ def declared(
 
     Args:
         origin: Name of the library, or the file.
-        right_type: What to write in place of an unknown type.
     """
     known = Declarations()
     known.include(imported)
-    expressions = ExpressionChecker(known, faults, right_type, of_library=of_library)
+    expressions = ExpressionChecker(known, faults, of_library=of_library)
     return _Declarer(known, origin, expressions).declarations(text)
 
 
@@ -285,7 +282,7 @@ def _library(name: str) -> Declarations:
     faults: list[Fault] = []
     declarations = declared(text, imported, name, faults, of_library=True)
     if faults:
-        raise OscError(faults)
+        raise FileError(faults)
     return declarations
 
 

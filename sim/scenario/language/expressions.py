@@ -1,7 +1,7 @@
 """Checking expressions: names resolved, types agreed, units turned into SI."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final, TypeAlias, cast
 
@@ -34,7 +34,6 @@ from vastflow.sim.scenario.language.declarations import (
     is_number,
     result_of,
 )
-from vastflow.sim.scenario.language.faults import TypeHint
 from vastflow.sim.scenario.language.syntax import (
     ArgumentText,
     CallText,
@@ -76,21 +75,24 @@ class ExpressionChecker:
 
     Attributes:
         of_library: Whether what only libraries may use is known.
-        right_type: What to write in place of an unknown type.
     """
 
     def __init__(
         self,
         declarations: Declarations,
         faults: list[Fault],
-        right_type: TypeHint = did_you_mean,
         *,
         of_library: bool = False,
     ) -> None:
         self._declared = declarations
         self._faults = faults
         self.of_library: Final = of_library
-        self.right_type: Final = right_type
+
+    def right_type(self, name: str, known: Collection[str]) -> str:
+        """Return what to write in place of an unknown type."""
+        from vastflow.sim.scenario.language.declaring import right_type  # reads libraries by this checker
+
+        return right_type(name, known)
 
     def fault(self, place: Place, what: str, right: str) -> None:
         """Take down a fault."""

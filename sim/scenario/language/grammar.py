@@ -14,12 +14,11 @@ from lark import Lark, Token, UnexpectedInput
 from lark import __version__ as lark_version
 from lark.lark import PostLex
 
-from vastflow.sim.model.faults import Fault, Place
+from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.files import Unreadable
 from vastflow.sim.model.names import nearest
 from vastflow.sim.model.syntax import Misfit, expectation, line_and_column, misfit
 from vastflow.sim.scenario.language.building import Builder
-from vastflow.sim.scenario.language.faults import OscError
 from vastflow.sim.scenario.language.syntax import FileText
 
 TAB: Final = 8
@@ -158,7 +157,7 @@ def parsed(text: str, file: str) -> FileText:
     """Return the syntax of `text`.
 
     Raises:
-        OscError: it is not in the language. Behind a line that is at fault reading goes on, so that there may be more.
+        FileError: it is not in the language. Behind a line that is at fault reading goes on, so that there may be more.
     """
     faults: list[Fault] = []
     readable: str | None = text + "\n"
@@ -178,7 +177,7 @@ def parsed(text: str, file: str) -> FileText:
             if faults:
                 break
             return read
-    raise OscError(faults)
+    raise FileError(faults)
 
 
 def _read(text: str, file: str) -> FileText:

@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import Final
 
 from vastflow.sim.model import files
-from vastflow.sim.model.faults import Fault, Place
+from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.scenario.definition import ScenarioDefinition
 from vastflow.sim.scenario.language.checking import checked
 from vastflow.sim.scenario.language.declarations import Declarations
-from vastflow.sim.scenario.language.declaring import declared, library, library_names, parse, right_type
-from vastflow.sim.scenario.language.faults import OscError, too_long
+from vastflow.sim.scenario.language.declaring import declared, library, library_names, parse
 from vastflow.sim.scenario.language.syntax import CompoundText, FileText, ImportText
 
 MOST_BYTES: Final = 500_000
@@ -36,7 +35,7 @@ def read_scenarios(path: Path) -> tuple[ScenarioDefinition, ...]:
     """Return the scenarios of a file, in its order, without those of imported files.
 
     Raises:
-        OscError: every fault in the file and those that it imports; of each file that is not in the language at all, the
+        FileError: every fault in the file and those that it imports; of each file that is not in the language at all, the
             first.
     """
     start = Place(str(path), 1, 1)
@@ -51,19 +50,19 @@ def read_text(text: str, file: str, folder: Path) -> tuple[ScenarioDefinition, .
         folder: Where the files are that it imports.
 
     Raises:
-        OscError: as for `read_scenarios`.
+        FileError: as for `read_scenarios`.
     """
     try:
         return _read(text, file, folder)
     except RecursionError:
-        raise OscError([too_long(file)]) from None
+        raise FileError([Fault(Place(file), "got an expression that is too long", "several shorter ones")]) from None
 
 
 def files_of(path: Path) -> tuple[Path, ...]:
     """A file and every file it imports, itself first; libraries are none.
 
     Raises:
-        OscError: one of them can't be read, or is not in the language.
+        FileError: one of them can't be read, or is not in the language.
     """
     found: dict[Path, Path] = {}
     _find(path, Place(str(path), 1, 1), found)
@@ -87,9 +86,9 @@ def _read(text: str, file: str, folder: Path) -> tuple[ScenarioDefinition, ...]:
     scenarios = [part for part in parsed.declarations if isinstance(part, CompoundText) and part.kind == "scenario"]
     if not scenarios:
         faults.append(Fault(Place(file, 1, 1), "got no scenario", "'scenario name:' and what it does"))
-    definitions = [checked(scenario, declarations, faults, right_type) for scenario in scenarios]
+    definitions = [checked(scenario, declarations, faults) for scenario in scenarios]
     if faults:
-        raise OscError(faults)
+        raise FileError(faults)
     return tuple(definition for definition in definitions if definition is not None)
 
 
@@ -102,7 +101,7 @@ def _declarations(
         clashing = imported.include(_imported(part, folder, read, faults))
         for name in clashing:
             faults.append(Fault(part.place, f"{name!r} is declared by an import above too", "one of the imports"))
-    return declared(text, imported, file, faults, right_type)
+    return declared(text, imported, file, faults)
 
 
 def _imported(part: ImportText, folder: Path, read: dict[Path, Declarations], faults: list[Fault]) -> Declarations:
@@ -127,7 +126,7 @@ def _imported_file(part: ImportText, folder: Path, read: dict[Path, Declarations
             read[resolved] = Declarations()
             parsed = parse(_content(path, part.place), str(path))
             read[resolved] = _declarations(parsed, str(path), path.parent, read, faults)
-    except OscError as error:
+    except FileError as error:
         faults.extend(error.faults)
         return Declarations()
     return read[resolved]
@@ -138,8 +137,8 @@ def _content(path: Path, place: Place) -> str:
     try:
         return files.read_text(path, "a scenario file", MOST_BYTES)
     except files.Missing:
-        raise OscError([Fault(place, f"there is no file {path}", "the path of a scenario file")]) from None
+        raise FileError([Fault(place, f"there is no file {path}", "the path of a scenario file")]) from None
     except files.Unreadable as error:
         if error.place == files.START:
-            raise OscError([Fault(place, f"{path}: {error.what}", error.right)]) from None
-        raise OscError([Fault(Place(str(path), *error.place), error.what, error.right)]) from None
+            raise FileError([Fault(place, f"{path}: {error.what}", error.right)]) from None
+        raise FileError([Fault(Place(str(path), *error.place), error.what, error.right)]) from None
