@@ -203,7 +203,7 @@ def _story(title: str, recorded: "RecordedRun", replayed: "Replay", difference: 
 
 def _written(folder: Path, story: "Story", replayed: "Replay", ticks: list[int], asked: ShownTicks) -> dict[str, Any]:
     """Write the pictures; where they are, as `--json` says it."""
-    from vastflow.oracles.figures.picture import png
+    from vastflow.oracles.figures.style import png
     from vastflow.oracles.replay.film import write_film
     from vastflow.oracles.replay.still import still_images, strip_figure
 

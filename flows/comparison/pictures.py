@@ -7,8 +7,8 @@ import numpy as np
 
 from vastflow.flows.comparison.campaigns import Compared
 from vastflow.oracles.figures.case_figure import Side, pair_figure
-from vastflow.oracles.figures.picture import png
 from vastflow.oracles.figures.scene import read_walks, zones_of
+from vastflow.oracles.figures.style import png
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.results.executed import KeptFiles, executed_scenario
 from vastflow.oracles.results.tables import Tables

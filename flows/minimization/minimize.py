@@ -21,8 +21,8 @@ from vastflow.flows.request.campaign_file import OpenCampaign
 from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.search.progress import PointRuns
 from vastflow.flows.stages.call import StageRun, stage_run
-from vastflow.oracles.figures.picture import png
 from vastflow.oracles.figures.plan_view import plan_view_figure
+from vastflow.oracles.figures.style import png
 from vastflow.producers.minimization.candidates import NotBuilt
 from vastflow.producers.minimization.minimize import Candidate, Minimum, Unconfirmed, minimize
 from vastflow.producers.model.configuration import Configuration

@@ -40,8 +40,8 @@ def plan_view_of(configuration: Configuration) -> "PlanView":
 
 def draw(configurations: Iterable[Configuration], folder: Path) -> list[Path]:
     """Write the pictures of configurations; one that can't be drawn is named on standard error."""
-    from vastflow.oracles.figures.picture import png
     from vastflow.oracles.figures.plan_view import plan_view_figure
+    from vastflow.oracles.figures.style import png
 
     written = []
     for configuration in configurations:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,7 +12,6 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from vastflow.oracles.figures.floor import (
-    DPI,
     draw_ends,
     draw_floor,
     draw_lines,
@@ -22,12 +21,14 @@ from vastflow.oracles.figures.floor import (
     obstacle_handle,
     zone_handles,
 )
-from vastflow.oracles.figures.palette import COLORS, INK
 from vastflow.oracles.figures.scene import NO_ZONES, Zones
+from vastflow.oracles.figures.style import COLORS, DPI, INK, place
 from vastflow.oracles.judgement.verdict import Judgement
 from vastflow.oracles.observation.situation import Situation
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.world.occupancy import OccupancyMap
+
+Floats: TypeAlias = NDArray[np.float64]
 
 _WIDTH_IN: Final = 5.0
 _HEIGHT_IN: Final = 3.4
@@ -39,8 +40,8 @@ def case_figure(
     occupancy: OccupancyMap,
     situation: Situation,
     obstacles: Sequence[Obstacle],
-    paths: Sequence[tuple[Judgement, NDArray[np.float64]]],
-    estimate_xy_m: NDArray[np.float64] | None = None,
+    paths: Sequence[tuple[Judgement, Floats]],
+    estimate_xy_m: Floats | None = None,
     world: OccupancyMap | None = None,
     zones: Zones = NO_ZONES,
 ) -> Figure:
@@ -57,28 +58,20 @@ def case_figure(
     axes.set_xticks([])
     axes.set_yticks([])
     draw_obstacles(axes, obstacles, alpha=0.7)
-    judgements: tuple[Judgement, ...] = ("pass", "not judged", "fail")
-    for judgement in judgements:
+    for judgement in _JUDGEMENTS:
         lines = [line for said, line in paths if said == judgement]
         draw_lines(axes, lines, COLORS[judgement], alpha=0.55 if len(lines) > 3 else 0.8)
     if estimate_xy_m is not None:
         axes.plot(*estimate_xy_m.T, color=INK, linewidth=1.3, linestyle=(0, (3, 2)), alpha=0.8)
     ends = np.array([line[-1] for said, line in paths if said == "fail"]).reshape(-1, 2)
-    axes.plot(*ends.T, "X", ms=8, color=COLORS["fail"], mec="white", mew=0.9)
+    axes.plot(*ends.T, **_cross())
+    stops = _stops(situation)
     if situation.start is not None:
-        start = np.array([(situation.start.x_m, situation.start.y_m)])
-        goals = np.array([(goal.x_m, goal.y_m) for goal in situation.goals]).reshape(-1, 2)
-        draw_ends(axes, start, goals)
-        points = np.concatenate([start, goals, *(line for _, line in paths)])
-    else:
-        points = np.concatenate([np.zeros((0, 2)), *(line for _, line in paths)])
+        draw_ends(axes, *stops)
+    points = np.concatenate([*stops, *(line for _, line in paths)])
     if len(points):
-        (x0, y0), (x1, y1) = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
-        meters = max(x1 - x0, (y1 - y0) * _WIDTH_IN / _HEIGHT_IN, _LEAST_M)
-        x, y = (x0 + x1) / 2, (y0 + y1) / 2
-        axes.set_xlim(x - meters / 2, x + meters / 2)
-        axes.set_ylim(y - meters / 2 * _HEIGHT_IN / _WIDTH_IN, y + meters / 2 * _HEIGHT_IN / _WIDTH_IN)
-        _draw_scale(axes, meters)
+        low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
+        _draw_scale(axes, _look_at(axes, low, high, (_WIDTH_IN, _HEIGHT_IN), _LEAST_M))
     return figure
 
 
@@ -100,36 +93,30 @@ _JUDGEMENTS: Final[tuple[Judgement, ...]] = ("pass", "not judged", "fail")
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """Content of one campaign's panel.
-
-    Attributes:
-        paths: (N, 2) true trajectories with their judgement; the one at `chosen` is drawn strong.
-        zones: Where masks of costmap filters are.
-    """
+    """Content of one campaign's panel: true trajectories (N, 2), of which `chosen` is drawn strong."""
 
     title: str
     occupancy: OccupancyMap
     situation: Situation
     obstacles: Sequence[Obstacle]
-    paths: Sequence[tuple[Judgement, NDArray[np.float64]]] = field(repr=False)
+    paths: Sequence[tuple[Judgement, Floats]] = field(repr=False)
     chosen: int | None = None
     zones: Zones = NO_ZONES
 
 
 def pair_figure(title: str, sides: tuple[Side, Side]) -> Figure:
-    """Both sides on the same part of the map, the chosen pair of runs strong among the others."""
-    box = _box(sides)
-    height_in = float(np.clip(_PANEL_IN * (box[3] - box[1]) / (box[2] - box[0]), 2.5, 7.0))
+    """Draw both sides on the same part of the map, the chosen runs strong among the others."""
+    low, high = _box(sides)
+    height_in = float(np.clip(_PANEL_IN * (high[1] - low[1]) / (high[0] - low[0]), 2.5, 7.0))
     width_in, whole_in = 2 * _PANEL_IN + 3 * _GAP_IN, height_in + _LEGEND_IN + _TITLE_IN
     figure = Figure(figsize=(width_in, whole_in), dpi=DPI)
     figure.text(_GAP_IN / width_in, 1 - 0.1 / whole_in, title, fontsize=11, fontweight="bold", color=INK, va="top")
     marks: list[Line2D] = []
     for k, side in enumerate(sides):
-        left = (_GAP_IN + k * (_PANEL_IN + _GAP_IN)) / width_in
-        axes = figure.add_axes((left, _LEGEND_IN / whole_in, _PANEL_IN / width_in, height_in / whole_in))
+        axes = place(figure, _GAP_IN + k * (_PANEL_IN + _GAP_IN), _LEGEND_IN, _PANEL_IN, height_in)
         marks = _draw(axes, side)
         axes.set_title(side.title, fontsize=9, color=INK, loc="left", pad=4)
-        _look_at(axes, box, height_in / _PANEL_IN)
+        _look_at(axes, low, high, (1.0, height_in / _PANEL_IN))
     legend(figure, [*marks, *_handles(sides)])
     return figure
 
@@ -152,32 +139,30 @@ def _draw(axes: Axes, side: Side) -> list[Line2D]:
     return marks
 
 
-def _stops(situation: Situation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _stops(situation: Situation) -> tuple[Floats, Floats]:
     starts = [] if situation.start is None else [situation.start]
     points = [np.array([(pose.x_m, pose.y_m) for pose in poses]).reshape(-1, 2) for poses in (starts, situation.goals)]
     return points[0], points[1]
 
 
-def _box(sides: Sequence[Side]) -> tuple[float, float, float, float]:
-    """x0, y0, x1, y1 of all that happened on either side."""
-    points = np.concatenate(
-        [part for side in sides for part in (*_stops(side.situation), *(path for _, path in side.paths))]
-    )
+def _box(sides: Sequence[Side]) -> tuple[Floats, Floats]:
+    """Lowest and highest corner of all that happened on either side."""
+    points = np.concatenate([p for side in sides for p in (*_stops(side.situation), *(path for _, path in side.paths))])
     if not len(points):
         points = np.zeros((1, 2))
     low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
     middle, half = (low + high) / 2, np.maximum((high - low) / 2, _LEAST_M / 2)
-    (x0, y0), (x1, y1) = middle - half, middle + half
-    return float(x0), float(y0), float(x1), float(y1)
+    return middle - half, middle + half
 
 
-def _look_at(axes: Axes, box: tuple[float, float, float, float], shape: float) -> None:
-    """Show the box in a panel of height / width `shape`, a meter as long in both directions."""
-    x0, y0, x1, y1 = box
-    half_x = max(x1 - x0, (y1 - y0) / shape) / 2
-    x, y = (x0 + x1) / 2, (y0 + y1) / 2
+def _look_at(axes: Axes, low: Floats, high: Floats, shape: tuple[float, float], least_m: float = 0.0) -> float:
+    """Show a box in a panel of width : height `shape`, of equal scales, and return the shown width in meters."""
+    (x, y), (width, height) = (low + high) / 2, high - low
+    across, up = shape
+    half_x = max(width, height * across / up, least_m) / 2
     axes.set_xlim(x - half_x, x + half_x)
-    axes.set_ylim(y - half_x * shape, y + half_x * shape)
+    axes.set_ylim(y - half_x * up / across, y + half_x * up / across)
+    return float(2 * half_x)
 
 
 def _cross() -> dict[str, Any]:

@@ -1,14 +1,15 @@
-"""The factor figure: the failure rate at each level of each factor, and of pairs that act together."""
+"""Factor figures: failure rates at the levels of factors, and of pairs that act together."""
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
-from vastflow.oracles.figures.palette import COLORS, INK, LINE, RATES, SOFT_INK
+from vastflow.oracles.figures.style import COLORS, DPI, INK, RATES, SOFT_INK, place, plain_axes
 from vastflow.oracles.statistics.effects import FactorEffect
 from vastflow.oracles.statistics.interactions import InteractionEffect
 
@@ -16,10 +17,9 @@ MAX_FACTORS: Final = 12
 MAX_INTERACTIONS: Final = 4
 _COLUMNS: Final = 2
 _WIDTH_IN: Final = 10.0
-_DPI: Final = 120
 _PANEL_IN: Final = (5.0, 2.1)
 _ASIDE: Final = 0.09
-"""Of a level's place, to both sides."""
+"""Largest shift of lines beside a level."""
 
 
 def factor_figure(factors: Sequence[FactorEffect]) -> Figure:
@@ -27,7 +27,7 @@ def factor_figure(factors: Sequence[FactorEffect]) -> Figure:
     shown = factors[:MAX_FACTORS]
     columns = min(_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
-    figure = Figure(figsize=(columns * _PANEL_IN[0], rows * _PANEL_IN[1]), dpi=_DPI, layout="constrained")
+    figure = Figure(figsize=(columns * _PANEL_IN[0], rows * _PANEL_IN[1]), dpi=DPI, layout="constrained")
     for factor, axes in zip(shown, figure.subplots(rows, columns, squeeze=False).flat, strict=False):
         _draw_factor(axes, factor)
     for axes in figure.axes[len(shown) :]:
@@ -42,14 +42,11 @@ def interaction_figure(interactions: Sequence[InteractionEffect]) -> Figure:
     columns = min(2, len(shown))
     rows = -(-len(shown) // columns)
     height_in = 0.95 + 0.42 * max(rows_ for rows_, _ in sizes)
-    figure = Figure(figsize=(_WIDTH_IN, rows * height_in), dpi=_DPI)
+    figure = Figure(figsize=(_WIDTH_IN, rows * height_in), dpi=DPI)
     for k, pair in enumerate(shown):
-        left_in = 1.1 + (k % columns) * _WIDTH_IN / columns
-        bottom_in = (rows - 1 - k // columns) * height_in + 0.5
-        inner_in = height_in - 0.9
+        left_in, bottom_in = 1.1 + (k % columns) * _WIDTH_IN / columns, (rows - 1 - k // columns) * height_in + 0.5
         width_in = _WIDTH_IN / columns - 1.4
-        box = (left_in / _WIDTH_IN, bottom_in / (rows * height_in), width_in / _WIDTH_IN, inner_in / (rows * height_in))
-        _draw_interaction(figure.add_axes(box), pair, -0.9 / width_in)
+        _draw_interaction(place(figure, left_in, bottom_in, width_in, height_in - 0.9), pair, -0.9 / width_in)
     return figure
 
 
@@ -73,10 +70,7 @@ def _draw_factor(axes: Axes, factor: FactorEffect) -> None:
     axes.set_ylim(0, 1)
     axes.set_yticks([0, 0.25, 0.5, 0.75, 1], ["0 %", "", "50 %", "", "100 %"], fontsize=7.5)
     axes.set_ylabel("runs that failed", fontsize=8, color=SOFT_INK)
-    axes.grid(axis="y", color=LINE, linewidth=0.8)
-    axes.set_axisbelow(True)
-    axes.tick_params(length=0, colors=INK, pad=6)
-    axes.spines[:].set_visible(False)
+    plain_axes(axes, "y", pad=6)
 
 
 def _draw_interaction(axes: Axes, pair: InteractionEffect, title_x: float) -> None:
@@ -91,29 +85,21 @@ def _draw_interaction(axes: Axes, pair: InteractionEffect, title_x: float) -> No
         if cell.configurations:
             dark = cell.rate > 0.45
             unlike = not cell.interval.low <= cell.expected <= cell.interval.high
-            axes.text(
-                column, row, f"{100 * cell.rate:.0f} %", ha="center", va="center", fontsize=8,
-                color="white" if dark else INK, fontweight="bold" if unlike else "normal",
-            )  # fmt: skip
+            look: dict[str, Any] = {"color": "white" if dark else INK, "fontweight": "bold" if unlike else "normal"}
+            axes.text(column, row, f"{100 * cell.rate:.0f} %", ha="center", va="center", fontsize=8, **look)
             if unlike:
-                axes.add_patch(_frame(column, row))
+                frame = (column - 0.47, row - 0.46), 0.94, 0.92
+                axes.add_patch(Rectangle(*frame, fill=False, edgecolor=INK, linewidth=1.6))
     axes.set_xticks(range(len(across)), [_cut(level, 12) for level in across], fontsize=8)
     axes.set_yticks(range(len(down)), [_cut(level, 12) for level in down], fontsize=8)
     axes.set_title(
         f"{_cut(pair.names[0], 34)} ↓  ×  {_cut(pair.names[1], 34)} →", fontsize=8.5, color=INK, loc="left", x=title_x
     )
-    axes.tick_params(length=0, colors=INK)
-    axes.spines[:].set_visible(False)
-
-
-def _frame(column: int, row: int) -> matplotlib.patches.Rectangle:
-    return matplotlib.patches.Rectangle(
-        (column - 0.47, row - 0.46), 0.94, 0.92, fill=False, edgecolor=INK, linewidth=1.6
-    )
+    plain_axes(axes, None)
 
 
 def _levels(pair: InteractionEffect, side: int) -> list[str]:
-    """In the order of the analysis; numbers by their size, which cells that are missing would upset."""
+    """Levels in the order of the analysis; numbers by size, since missing cells upset it."""
     levels = list(dict.fromkeys(cell.levels[side] for cell in pair.cells))
     try:
         return sorted(levels, key=float)

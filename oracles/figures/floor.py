@@ -1,4 +1,4 @@
-"""The floor: axes with an occupancy map, and what is drawn on every map."""
+"""The floor: axes with an occupancy map and marks common to all maps."""
 
 from collections.abc import Sequence
 from typing import Any, Final
@@ -14,7 +14,9 @@ from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 from PIL import Image
 
-from vastflow.oracles.figures.palette import (
+from vastflow.oracles.figures.scene import NO_ZONES, Zones, known_cells, known_extent_m
+from vastflow.oracles.figures.style import (
+    DPI,
     GOAL_COLOR,
     INK,
     KEEPOUT_COLOR,
@@ -23,12 +25,12 @@ from vastflow.oracles.figures.palette import (
     OBSTACLE_EDGE,
     SOFT_INK,
     SPEED_COLOR,
+    axis_labels,
+    place,
 )
-from vastflow.oracles.figures.scene import NO_ZONES, Zones, known_cells, known_extent_m
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.world.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 
-DPI: Final = 120
 _WALL, _UNKNOWN, _FREE = (58, 63, 71), (226, 229, 232), (255, 255, 255)
 _WIDTH_IN: Final = 10.0
 _HEIGHT_IN: Final = 9.0
@@ -54,12 +56,9 @@ def map_figure(
     left_in += (width_in - left_in - right_in - map_width_in) / 2
     height_in = top_in + map_height_in + bottom_in
     figure = Figure(figsize=(width_in, height_in), dpi=dpi)
-    axes = figure.add_axes(
-        (left_in / width_in, bottom_in / height_in, map_width_in / width_in, map_height_in / height_in)
-    )
+    axes = place(figure, left_in, bottom_in, map_width_in, map_height_in)
     draw_floor(axes, occupancy, zones)
-    axes.set_xlabel("x (m)", fontsize=8, color=SOFT_INK, labelpad=1)
-    axes.set_ylabel("y (m)", fontsize=8, color=SOFT_INK, labelpad=1)
+    axis_labels(axes, "x (m)", "y (m)", labelpad=1)
     return figure, axes
 
 
@@ -76,7 +75,7 @@ def draw_floor(axes: Axes, occupancy: OccupancyMap, zones: Zones = NO_ZONES) -> 
 
 
 def draw_zones(axes: Axes, zones: Zones) -> None:
-    """Tint where masks keep robots out or slow them down, the stronger the greater the mask's value."""
+    """Tint keepout and speed zones by the values of their masks."""
     for masks, color in ((zones.keepout, KEEPOUT_COLOR), (zones.speed, SPEED_COLOR)):
         for mask in masks:
             row, end_row, column, end_column = known_cells(mask)
@@ -94,7 +93,7 @@ def zone_handles(zones: Zones) -> list[Patch]:
 
 
 def draw_walls(axes: Axes, world: OccupancyMap) -> None:
-    """Draw walls where they stand in the world, in the color of what is not on the robot's map."""
+    """Draw the walls of the world in the color of obstacles."""
     row, end_row, column, end_column = known_cells(world)
     picture = np.zeros((end_row - row, end_column - column, 4), dtype=np.uint8)
     picture[world.occupied[row:end_row, column:end_column]] = [round(255 * part) for part in to_rgba(OBSTACLE_COLOR)]
@@ -104,7 +103,7 @@ def draw_walls(axes: Axes, world: OccupancyMap) -> None:
 def draw_lines(
     axes: Axes, paths: Sequence[NDArray[np.float64]], color: str, *, alpha: float | None = None, width: float = 1.5
 ) -> None:
-    """Lines (N, 2) the fainter the more there are, so that what many share stands out."""
+    """Draw lines (N, 2), fainter if there are many, so that common parts stand out."""
     if alpha is None:
         alpha = float(np.clip(4 / max(len(paths), 1) ** 0.5, 0.12, 0.8))
     lines = LineCollection(paths, colors=color, linewidths=width, alpha=alpha, capstyle="round")
@@ -113,7 +112,7 @@ def draw_lines(
 
 
 def draw_ends(axes: Axes, starts_xy_m: NDArray[np.float64], goals_xy_m: NDArray[np.float64]) -> list[Line2D]:
-    """Mark starts (n, 2) and goals (m, 2); gives what the marks mean."""
+    """Mark starts (n, 2) and goals (m, 2) and return their legend entries."""
     shrink = 1.0 if len(starts_xy_m) + len(goals_xy_m) <= 60 else 0.6
     alone: dict[str, Any] = {"linestyle": "none"}
     start = {**alone, "marker": "o", "markersize": 6.5 * shrink, "color": "white", "markeredgecolor": INK}
@@ -139,7 +138,7 @@ def obstacle_handle(n: int) -> list[Patch]:
 
 
 def legend(figure: Figure, handles: Sequence[Any]) -> None:
-    """Say below the axes what the marks mean."""
+    """Draw the legend below the axes."""
     figure.legend(handles=list(handles), loc="lower center", ncols=min(len(handles), 4), frameon=False, fontsize=9,
                   labelcolor=INK, handletextpad=0.5, columnspacing=1.6, borderpad=0.2)  # fmt: skip
 

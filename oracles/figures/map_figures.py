@@ -1,7 +1,4 @@
-"""Map figures: final poses of failures, trajectories, and failure rates of places.
-
-The first three are the rows of the figure that the paper has of each map.
-"""
+"""Map figures: final poses of failures, trajectories, and failure rates of places."""
 
 from collections.abc import Sequence
 from typing import Any, Final
@@ -16,7 +13,6 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from vastflow.oracles.figures.floor import (
-    DPI,
     draw_ends,
     draw_floor,
     draw_lines,
@@ -26,8 +22,8 @@ from vastflow.oracles.figures.floor import (
     obstacle_handle,
     zone_handles,
 )
-from vastflow.oracles.figures.palette import COLORS, INK, RATES, SOFT_INK
 from vastflow.oracles.figures.scene import Scene, known_extent_m
+from vastflow.oracles.figures.style import COLORS, DPI, INK, RATES, SOFT_INK, place
 from vastflow.oracles.judgement.verdict import Judgement
 from vastflow.oracles.results.verdict_table import CODES
 from vastflow.oracles.statistics.failure_map import MINIMUM_VISITS, FailureGrid, grid_over
@@ -97,9 +93,7 @@ def all_maps_figure(scenes: Sequence[Scene], titles: Sequence[str]) -> Figure:
     for scene, width_in, k in zip(columns, widths, sorted(shown), strict=True):
         for row in range(3):
             bottom_in = size_in[1] - 0.35 - (row + 1) * row_in - 0.1 * row
-            axes = figure.add_axes(
-                (left_in / size_in[0], bottom_in / size_in[1], width_in / size_in[0], row_in / size_in[1])
-            )
+            axes = place(figure, left_in, bottom_in, width_in, row_in)
             draw_floor(axes, scene.occupancy, scene.zones)
             axes.set_xticks([])
             axes.set_yticks([])
@@ -119,7 +113,7 @@ def all_maps_figure(scenes: Sequence[Scene], titles: Sequence[str]) -> Figure:
 
 
 def draw_final_poses(axes: Axes, scene: Scene) -> float:
-    """Draw the density over the floor; gives the greatest, in failed runs per m²."""
+    """Draw the density over the floor and return its maximum in failed runs per m²."""
     x0, x1, y0, y1 = known_extent_m(scene.occupancy, 0.0)
     grid = grid_over(x0, y0, x1, y1, BLUR_M / 2)
     density = _density(grid, scene.failed_xy_m)
@@ -132,23 +126,20 @@ def draw_final_poses(axes: Axes, scene: Scene) -> float:
 
 
 def draw_paths(axes: Axes, scene: Scene, judgement: Judgement, scale: float = 1.0) -> None:
-    """Draw paths with a circle where they start and a cross where they end; `scale` of lines and marks."""
+    """Draw paths from circle to cross, with lines and marks scaled by `scale`."""
     lines = scene.lines[CODES[judgement]]
     draw_lines(axes, lines, COLORS[judgement], width=1.3 * scale)
     if lines:
         look: dict[str, Any] = {"linestyle": "none", "alpha": 0.7 if len(lines) <= MAX_CROSSES else 0.35}
-        (starts,) = axes.plot(
-            *np.array([line[0] for line in lines]).T, "o", ms=3.2 * scale, mfc="white", mec=INK, mew=0.7 * scale, **look
-        )
-        (ends,) = axes.plot(
-            *np.array([line[-1] for line in lines]).T, "x", ms=4.5 * scale, color=INK, mew=scale, **look
-        )
-        starts.set_rasterized(len(lines) > MAX_CROSSES)
-        ends.set_rasterized(len(lines) > MAX_CROSSES)
+        circle: dict[str, Any] = {"ms": 3.2 * scale, "mfc": "white", "mec": INK, "mew": 0.7 * scale}
+        cross: dict[str, Any] = {"ms": 4.5 * scale, "color": INK, "mew": scale}
+        for end, mark, size in ((0, "o", circle), (-1, "x", cross)):
+            (drawn,) = axes.plot(*np.array([line[end] for line in lines]).T, mark, **size, **look)
+            drawn.set_rasterized(len(lines) > MAX_CROSSES)
 
 
 def draw_failure_rates(axes: Axes, scene: Scene) -> float:
-    """Draw the rate in each cell that enough runs visited; gives the rate that has the darkest color."""
+    """Draw the rate of each cell with enough visits and return the rate of the darkest color."""
     found = scene.failures
     rate = found.rate()
     most = float(np.ceil(10 * max(np.nanmax(rate, initial=0.0), 0.1)) / 10)
@@ -197,10 +188,8 @@ def _crosses(axes: Axes, scene: Scene) -> list[Line2D]:
     if len(scene.failed_xy_m) > MAX_CROSSES:
         return []
     handles = []
-    for missed, marker, label in (
-        (True, "x", "mission failed"),
-        (False, "o", "mission succeeded, another oracle failed"),
-    ):
+    kinds = ((True, "x", "mission failed"), (False, "o", "mission succeeded, another oracle failed"))
+    for missed, marker, label in kinds:
         chosen = scene.failed_xy_m[scene.missed == missed]
         if len(chosen):
             look: dict[str, Any] = {"marker": marker, "ms": 5.5, "mfc": "none", "mec": INK, "mew": 1.2, "ls": "none"}
@@ -218,8 +207,7 @@ def _lines_label(scene: Scene, judgement: Judgement) -> str:
 
 def _color_bar(figure: Figure, axes: Axes, greatest: float, label: str, *, percent: bool = False) -> None:
     """A bar below the axes from 0 to `greatest`."""
-    width_in, height_in = figure.get_size_inches()
-    bar = figure.add_axes(((width_in - 3.4) / width_in, 0.42 / height_in, 3.2 / width_in, 0.11 / height_in))
+    bar = place(figure, figure.get_figwidth() - 3.4, 0.42, 3.2, 0.11)
     found = matplotlib.cm.ScalarMappable(Normalize(0, greatest or 1.0), RATES)
     drawn = figure.colorbar(found, cax=bar, orientation="horizontal")
     drawn.outline.set_visible(False)

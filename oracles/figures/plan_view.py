@@ -14,8 +14,8 @@ from matplotlib.path import Path
 from numpy.typing import NDArray
 
 from vastflow.oracles.figures.floor import draw_ends, draw_obstacles, legend, map_figure, obstacle_handle, zone_handles
-from vastflow.oracles.figures.palette import INK, OBSTACLE_COLOR, OBSTACLE_EDGE
 from vastflow.oracles.figures.scene import NO_ZONES, Zones
+from vastflow.oracles.figures.style import INK, OBSTACLE_COLOR, OBSTACLE_EDGE
 from vastflow.oracles.observation.situation import Situation
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.pose import Pose

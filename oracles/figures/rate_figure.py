@@ -1,8 +1,8 @@
-"""The rate figure: success rates with their intervals, and the share of runs that would pass at another threshold."""
+"""Rate figures: success rates with intervals, and pass rates at other thresholds."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,25 +11,23 @@ from matplotlib.figure import Figure
 from vastflow.oracles.evidence.criteria import Criterion, Score
 from vastflow.oracles.evidence.evidence import Evidence
 from vastflow.oracles.evidence.rates import Counts, Interval
-from vastflow.oracles.figures.palette import COLORS, INK, LINE, SOFT_INK
+from vastflow.oracles.figures.style import COLORS, DPI, INK, SOFT_INK, axis_labels, plain_axes
 
 MAX_RATE_ROWS: Final = 60
-"""Rows of the rate figure; with more configurations it shows families alone, and with more families the worst of them."""
-_DPI: Final = 120
+"""Rows of the rate figure; beyond, it shows only families, and of these the worst."""
 _WIDTH_IN: Final = 10.0
 
 
 def rates_figure(evidence: Mapping[str | None, Evidence]) -> Figure:
-    """Success rate and 95 % interval of the campaign, each family and, where they are few, each configuration.
+    """Draw success rates and 95 % intervals of campaign, families and, if they are few, configurations; a panel for each oracle.
 
-    One panel for each entry: all oracles together under None, and single ones. Bars are Wilson intervals of
-    these configurations, thin black lines those for other configurations of the kind.
+    Bars are Wilson intervals of these configurations, thin black lines those for others of their kind.
     """
     families = _shown_families(evidence[None])
     labels = [label for label, _ in _rate_rows(evidence[None], families)]
     panels = list(evidence)
     height_in = 0.6 + 0.21 * len(labels)
-    figure = Figure(figsize=(_WIDTH_IN, height_in), dpi=_DPI)
+    figure = Figure(figsize=(_WIDTH_IN, height_in), dpi=DPI)
     left = min(0.02 + 0.0075 * max(map(len, labels)), 0.4)
     width = (0.99 - left) / len(panels)
     for i, oracle in enumerate(panels):
@@ -46,7 +44,7 @@ def rates_figure(evidence: Mapping[str | None, Evidence]) -> Figure:
 
 @dataclass(frozen=True, slots=True)
 class _Bars:
-    """A row of the rate figure: counts, the interval for other configurations, whether it is a group."""
+    """A row of the rate figure; `others` is the interval for other configurations."""
 
     counts: Counts
     others: Interval | None
@@ -54,7 +52,7 @@ class _Bars:
 
 
 def _shown_families(evidence: Evidence) -> list[str]:
-    """All families in their order, or those of most failures."""
+    """Families in their order; only those with most failures if there are many."""
     worst = sorted(evidence.families, key=lambda family: -evidence.families[family].counts.failed)
     shown = {*worst[: MAX_RATE_ROWS - 1]}
     return [family for family in evidence.families if family in shown]
@@ -93,42 +91,33 @@ def _draw_rates(axes: Axes, rows: Sequence[_Bars]) -> None:
             axes.text(0.5, y, text, ha="center", va="center", fontsize=7.5, color=SOFT_INK)
     axes.set_xlim(-0.03, 1.03)
     axes.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "25", "50", "75", "100 %"], fontsize=8)
-    axes.grid(axis="x", color=LINE, linewidth=0.8)
-    axes.set_axisbelow(True)
-    axes.tick_params(length=0, colors=INK)
-    axes.spines[:].set_visible(False)
+    plain_axes(axes, "x")
 
 
 _SIZE_IN: Final = (5.0, 2.1)
 
 
 def threshold_figure(criterion: Criterion, score: Score) -> Figure:
-    """Pass rate over thresholds, and a line at the oracle's own; as multiples of it where runs differ in it."""
-    figure = Figure(figsize=_SIZE_IN, dpi=_DPI)
+    """Draw the pass rate over thresholds, and the oracle's own threshold; in multiples where it differs between runs."""
+    figure = Figure(figsize=_SIZE_IN, dpi=DPI)
     axes = figure.add_axes((0.12, 0.27, 0.84, 0.6))
     values = np.sort(score.slacks)
     shares = np.arange(1, len(values) + 1) / len(values)
     own = 1.0 if score.threshold is None else score.threshold
     low, high = min(values[0], own), max(values[-1], own)
     room = 0.06 * (high - low or abs(high) or 1.0)
-    if score.is_margin:
-        at, rate = np.r_[low - room, values, high + room], np.r_[1.0, 1.0 - shares + 1 / len(values), 0.0]
-        axes.step(at, rate, where="pre", color=COLORS["pass"], linewidth=1.8)
-    else:
-        at, rate = np.r_[low - room, values, high + room], np.r_[0.0, shares, 1.0]
-        axes.step(at, rate, where="post", color=COLORS["pass"], linewidth=1.8)
+    rate = np.r_[1.0, 1.0 - shares + 1 / len(values), 0.0] if score.is_margin else np.r_[0.0, shares, 1.0]
+    side: Literal["pre", "post"] = "pre" if score.is_margin else "post"
+    axes.step(np.r_[low - room, values, high + room], rate, where=side, color=COLORS["pass"], linewidth=1.8)
     axes.axvline(own, color=INK, linewidth=1)
-    side, offset = ("right", -4) if own > (low + high) / 2 else ("left", 4)
-    axes.annotate("threshold", (own, 0.5), (offset, 0), textcoords="offset points", ha=side, fontsize=8, color=INK)
+    aligned, offset = ("right", -4) if own > (low + high) / 2 else ("left", 4)
+    axes.annotate("threshold", (own, 0.5), (offset, 0), textcoords="offset points", ha=aligned, fontsize=8, color=INK)
     axes.set_title(criterion.oracle.rpartition(":")[2], fontsize=10, color=INK, loc="left", fontweight="bold")
-    axes.set_xlabel(_axis(score), fontsize=8, color=SOFT_INK)
+    axis_labels(axes, _axis(score))
     axes.set_xlim(low - room, high + room)
     axes.set_ylim(-0.04, 1.04)
     axes.set_yticks([0, 0.5, 1], ["0", "50", "100 %"])
-    axes.grid(color=LINE, linewidth=0.8)
-    axes.set_axisbelow(True)
-    axes.tick_params(length=0, colors=INK, labelsize=8)
-    axes.spines[:].set_visible(False)
+    plain_axes(axes, labelsize=8)
     return figure
 
 

@@ -1,4 +1,4 @@
-"""Figures of a search: how its best grew, the archive as a heat map, where the objective crosses its level."""
+"""Figures of a search: its progress, its archive, and the boundary that it found."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, TypeAlias
@@ -8,11 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from vastflow.oracles.figures.palette import COLORS, INK, LINE, SOFT_INK
+from vastflow.oracles.figures.style import COLORS, DPI, INK, SOFT_INK, axis_labels, plain_axes
 
 Floats: TypeAlias = NDArray[np.float64]
 
-_DPI: Final = 120
 _SIZE_IN: Final = (6.0, 3.2)
 
 
@@ -32,8 +31,7 @@ def progress_figure(
     if beside:
         runs, _, best = _grown(beside, direction)
         axes.step(runs, best, "--", where="post", color=INK, linewidth=1.2)
-    axes.set_xlabel("runs", fontsize=8, color=SOFT_INK)
-    axes.set_ylabel(objective, fontsize=8, color=SOFT_INK)
+    axis_labels(axes, "runs", objective)
     return figure
 
 
@@ -63,19 +61,12 @@ def archive_figure(
     grid = np.full((y_bins, x_bins), np.nan)
     for (x, y), value in cells.items():
         grid[y, x] = value
-    drawn = axes.imshow(
-        grid,
-        origin="lower",
-        extent=(x_low, x_high, y_low, y_high),
-        aspect="auto",
-        cmap="YlOrRd",
-        interpolation="nearest",
-    )
+    look: dict[str, Any] = {"aspect": "auto", "cmap": "YlOrRd", "interpolation": "nearest"}
+    drawn = axes.imshow(grid, origin="lower", extent=(x_low, x_high, y_low, y_high), **look)
     bar = figure.colorbar(drawn, ax=axes, fraction=0.05)
     bar.set_label(objective, fontsize=8, color=SOFT_INK)
     bar.ax.tick_params(length=0, labelsize=8)
-    axes.set_xlabel(names[0], fontsize=8, color=SOFT_INK)
-    axes.set_ylabel(names[1], fontsize=8, color=SOFT_INK)
+    axis_labels(axes, names[0], names[1])
     axes.grid(visible=False)
     return figure
 
@@ -89,34 +80,23 @@ def boundary_figure(rows: Sequence[Mapping[str, Any]], names: Sequence[str], lev
     figure, axes = _axes()
     x = np.array([row["point"][names[0]] for row in rows])
     low, expected, high = (np.array([row[key] for row in rows]) for key in ("low", "expected", "high"))
-    axes.set_xlabel(names[0], fontsize=8, color=SOFT_INK)
+    axis_labels(axes, names[0], objective if len(names) == 1 else names[1])
     if len(names) == 1:
         axes.fill_between(x, low, high, color=COLORS["fail"], alpha=0.2, linewidth=0)
         axes.plot(x, expected, color=COLORS["fail"], linewidth=1.8)
         axes.axhline(level, color=INK, linewidth=1)
-        axes.set_ylabel(objective, fontsize=8, color=SOFT_INK)
         return figure
     y = np.array([row["point"][names[1]] for row in rows])
     side = round(len(rows) ** 0.5)
-    shape = side, side
-    axes.contourf(
-        *(each.reshape(shape) for each in (x, y, ((low < level) & (high > level)).astype(float))),
-        levels=[0.5, 1.5],
-        colors=[COLORS["fail"]],
-        alpha=0.2,
-    )
-    axes.contour(
-        *(each.reshape(shape) for each in (x, y, expected)), levels=[level], colors=[COLORS["fail"]], linewidths=1.8
-    )
-    axes.set_ylabel(names[1], fontsize=8, color=SOFT_INK)
+    uncertain = ((low < level) & (high > level)).astype(float)
+    x, y, uncertain, expected = (each.reshape(side, side) for each in (x, y, uncertain, expected))
+    axes.contourf(x, y, uncertain, levels=[0.5, 1.5], colors=[COLORS["fail"]], alpha=0.2)
+    axes.contour(x, y, expected, levels=[level], colors=[COLORS["fail"]], linewidths=1.8)
     return figure
 
 
 def _axes() -> tuple[Figure, Axes]:
-    figure = Figure(figsize=_SIZE_IN, dpi=_DPI, layout="constrained")
+    figure = Figure(figsize=_SIZE_IN, dpi=DPI, layout="constrained")
     axes = figure.add_subplot()
-    axes.grid(color=LINE, linewidth=0.8)
-    axes.set_axisbelow(True)
-    axes.tick_params(length=0, colors=INK, labelsize=8)
-    axes.spines[:].set_visible(False)
+    plain_axes(axes, labelsize=8)
     return figure, axes

@@ -1,8 +1,4 @@
-"""Observation: a recording's derived signals, in whole millimeters, and the reference path, the shortest one there was.
-
-Only what follows from recording and scenario together is stored; a trace is both joined
-(`vastflow.oracles.observation.trace.trace_of`).
-"""
+"""Observation: derived signals of a recording in whole millimeters, and its reference path; `trace_of` joins both."""
 
 import functools
 import itertools
@@ -43,11 +39,8 @@ from vastflow.sim.world.octile import inflated_free, shortest_path
 def reference_path(occupancy: OccupancyMap | None, situation: Situation, radius_m: float) -> MaybeReference:
     """The A* reference of the paper: shortest octile path through start and goals, loops repeated.
 
-    Cells not known to be free and cells whose center lies in one of the situation's obstacles, at the pose where it stands
-    first, are blocked, and inflated by `radius_m`
-    (paper: "the environment is inflated by the robot radius before planning"). A start or goal on a
-    blocked cell, as drawn for a smaller robot, is taken at the nearest passable cell if that is at most `radius_m`
-    away. The path's ends are cell centers, so up to 0.71 cells from the poses.
+    Cells that are not free or whose center lies in an obstacle are blocked, and inflated by `radius_m`. A start or goal on a
+    blocked cell is moved to the nearest passable cell within `radius_m`. The path's ends are cell centers.
     """
     if occupancy is None:
         return NoReference("the scenario has no map")
@@ -79,7 +72,7 @@ def reference_path(occupancy: OccupancyMap | None, situation: Situation, radius_
 
 
 def _covered(occupancy: OccupancyMap, obstacles: tuple[Obstacle, ...]) -> NDArray[np.bool_]:
-    """(H, W), True where a cell's center lies in an obstacle."""
+    """Whether the center of each cell (H, W) lies in an obstacle."""
     covered = np.zeros(occupancy.shape, dtype=np.bool_)
     frame, occupancy = occupancy.frame, occupancy.upright
     for obstacle in obstacles:
@@ -98,7 +91,7 @@ def _covered(occupancy: OccupancyMap, obstacles: tuple[Obstacle, ...]) -> NDArra
 def _nearest_passable(
     occupancy: OccupancyMap, free: NDArray[np.bool_], x_m: float, y_m: float, within_m: float
 ) -> tuple[float, float] | None:
-    """Center of the pose's own cell if that is passable, else of the nearest passable one within `within_m`."""
+    """Center of the nearest passable cell within `within_m`, the pose's own first."""
     row, column = occupancy.cell_of(x_m, y_m)
     if occupancy.contains(row, column) and free[row, column]:
         return occupancy.center_of(row, column)
@@ -115,7 +108,7 @@ def _nearest_passable(
 
 
 def _corners(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """`points` (N, 2) without repetitions and without those on a straight segment, to the millimeter."""
+    """Corners of the polyline `points` (N, 2), to the millimeter."""
     points_mm = np.rint(points * 1000.0)
     moves = np.any(np.diff(points_mm, axis=0) != 0, axis=1)
     points, points_mm = points[np.r_[True, moves]], points_mm[np.r_[True, moves]]
@@ -128,15 +121,14 @@ def _corners(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 _CANDIDATES: Final = 9
-"""Cells looked at for the nearest wall: the nearest square is among the nine nearest centers, or at most a
-fifth of a cell nearer than the best of them."""
+"""Cells examined for the nearest wall; the error is at most a fifth of a cell."""
 
 STANDING_MPS: Final = 0.01
 STANDING_RADPS: Final = 0.01
-"""A robot that is slower than both stands."""
+"""A robot slower than both stands."""
 
 ReferenceOf: TypeAlias = Callable[[tuple[Obstacle, ...]], MaybeReference]
-"""The reference path round some obstacles, see `vastflow.oracles.observation.observe`."""
+"""Function from obstacles to the reference path around them."""
 
 
 @dataclass(frozen=True)
@@ -144,9 +136,9 @@ class ScenarioObserver:
     """Observer of the runs of a scenario.
 
     Attributes:
-        world: The walls as they stand; None where the scenario has no map.
-        wall_cells: Tree of the centers of its occupied cells at the walls' surface, in cells (row, column).
-        references: Remembers each path that it has found.
+        world: Actual walls; None for a scenario without a map.
+        wall_cells: Tree of the centers of occupied cells at the walls' surface, in cells (row, column).
+        references: Cached reference paths.
     """
 
     situation: Situation
@@ -155,17 +147,13 @@ class ScenarioObserver:
     references: ReferenceOf = field(repr=False)
 
     def observed(self, recording: Recording) -> tuple[MaybeReference, dict[str, NDArray[np.int32]]]:
-        """The reference path and the derived columns (N,) of one run.
+        """The reference path around the obstacles of one run, and its derived columns (N,).
 
-        The path goes round the obstacles that were there in this run, where they stood first.
-
-        `localization_error_mm`: distance of the estimated to the true position, at each row.
-        `wall_clearance_mm`: distance of the robot's center to the nearest occupied cell's square (unknown cells
-        are no walls), 0 inside one. `deviation_mm`: distance of the robot's center to the nearest point of
-        the reference path, `NOWHERE_MM` without one. `stopped`: 1 where the robot stands, slower than `STANDING_MPS` and `STANDING_RADPS`.
-        Of obstacles where each is at that row, and `NOWHERE_MM` where none is there: `separation_mm/<size class>` between the
-        centers of robot and nearest obstacle; `static_clearance_mm` and `appearing_clearance_mm` from the robot's center to the
-        nearest outline of those that are there from the run's start on, and of those that come later.
+        `localization_error_mm`: distance between estimated and true position. `stopped`: 1 where the robot stands.
+        `wall_clearance_mm`: distance of the robot's center to the nearest occupied cell, 0 inside one. `deviation_mm`: to the
+        reference path. `separation_mm/<size class>`: to the nearest obstacle's center. `static_clearance_mm` and
+        `appearing_clearance_mm`: to the nearest outline of obstacles that stand there from the start, and of others. All distances are
+        `NOWHERE_MM` without an object.
 
         Raises:
             ValueError: an event of an obstacle that the scenario does not have.
@@ -192,14 +180,11 @@ class ScenarioObserver:
 
 
 def observer_of(scenario: Scenario) -> ScenarioObserver:
-    """Prepare the observation of `scenario`: its map, walls, obstacles and reference path.
-
-    Walls are those of the world, which may differ from the map. The reference leads over the map, and is that of a robot of the
-    inscribed radius, by default Nav2's 0.22 m.
+    """Prepare the observation of `scenario`; the reference is that of the inscribed radius on the map, by default 0.22 m.
 
     Raises:
-        MapError: the map can't be read, or is another than when the campaign was read.
-        ValueError: the mission, an obstacle, the world or the robot's radius can't be read.
+        MapError: the map cannot be read, or has changed since the campaign was read.
+        ValueError: the mission, an obstacle, the world or the robot's radius cannot be read.
     """
     situation = situation_of(scenario)
     file = scenario.environment.get("map_file")
@@ -223,7 +208,7 @@ def _map(content: FileContent) -> OccupancyMap:
 
 
 def observe_block(scenario: Scenario, recording_block: bytes) -> bytes:
-    """Obs of a block of recordings of `scenario`: a block of the same runs with the derived columns alone."""
+    """Observe a block of recordings of `scenario` as a block of derived columns."""
     observer = observer_of(scenario)
     recordings = read_recordings(recording_block)
     observed = [observer.observed(recording) for recording in recordings]
@@ -256,7 +241,7 @@ def _wall_cells(occupancy: OccupancyMap) -> cKDTree | None:
 def _clearance_m(
     occupancy: OccupancyMap, wall_cells: cKDTree, x_m: NDArray[np.float64], y_m: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Distances (N,) to the nearest occupied cell, taken as a square rather than by its center."""
+    """Distances (N,) to the square of the nearest occupied cell."""
     at = occupancy.in_cells(np.column_stack((x_m, y_m)))
     candidates = min(_CANDIDATES, wall_cells.n)
     _, nearest = wall_cells.query(at - 0.5, k=candidates)

@@ -1,4 +1,4 @@
-"""Obstacle tracks: which obstacles a run has, and where each of them is when."""
+"""Obstacle tracks: the obstacles of a run and their places over time."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -24,9 +24,9 @@ class ObstacleTrack:
     """The places of one obstacle during a run, constant between events.
 
     Attributes:
-        obstacle: Its shape, and the pose at which it stands first.
-        since_ms: (K >= 1,) from when on it is at each place, in order; the first is before the run.
-        xy_m: (K, 2) its center; infinite where it is not there.
+        obstacle: Its shape and first pose.
+        since_ms: (K >= 1,) start of each place, in order; the first is before the run.
+        xy_m: (K, 2) its center; infinite while absent.
         yaw_rad: (K,)
     """
 
@@ -37,14 +37,14 @@ class ObstacleTrack:
 
     @property
     def appears_s(self) -> float | None:
-        """When it is there for the first time; None where it is there from the run's start on, or never."""
+        """Time of its appearance; None if it is there from the start or never."""
         there = np.flatnonzero(np.isfinite(self.xy_m[:, 0]))
         since_ms = int(self.since_ms[there[0]]) if there.size else 0
         return since_ms / 1000.0 if since_ms > 0 else None
 
     @property
     def was_there(self) -> bool:
-        """Whether it was there at any time."""
+        """Whether it was ever there."""
         return bool(np.isfinite(self.xy_m).any())
 
     def at(self, t_ms: NDArray[np.int32]) -> NDArray[np.float64]:
@@ -69,11 +69,10 @@ class ObstacleTrack:
 
 
 def obstacle_tracks_of(situation: Situation, run: Run) -> tuple[ObstacleTrack, ...]:
-    """Every obstacle that the run can have, in the order of the situation's, then those that the scenario spawned.
+    """Tracks of the situation's obstacles in order, then of those that the scenario spawned.
 
-    One without a trigger is there from the start, one with a trigger from its event `spawned` on, where that puts it. Both are
-    where `obstacle_moved` puts them then, and nowhere after `deleted`. Events name their obstacle; of several of one name it is
-    the nearest one that the event can be about.
+    Obstacles without a trigger are there from the start, others from their event `spawned` on; `obstacle_moved` moves and `deleted`
+    removes them. Among obstacles of one name an event means the nearest possible one.
 
     Raises:
         ValueError: an event of an obstacle that the scenario does not have.
@@ -101,7 +100,7 @@ def spawned_by(run: Run) -> Iterator[Obstacle]:
 
 
 class _Track:
-    """An obstacle's places, as the events tell them one by one."""
+    """An obstacle's places, collected event by event."""
 
     def __init__(self, obstacle: Obstacle, *, there: bool) -> None:
         self.obstacle = obstacle
@@ -126,8 +125,8 @@ def _meant(event: Event, named: Mapping[str, list[_Track]]) -> _Track:
     known = named.get(event.what)
     if known is None:
         raise ValueError(
-            f"the recording has {event.kind!r} of an obstacle {event.what!r} at {event.t_s:g} s; "
-            f"the scenario has {', '.join(map(repr, named)) or 'no obstacles'}"
+            f"event {event.kind!r} at {event.t_s:g} s: expected an obstacle of the scenario "
+            f"({', '.join(map(repr, named)) or 'none'}), got {event.what!r}"
         )
     possible = [track for track in known if track.there != (event.kind == _SPAWNED)] or known
     return min(possible, key=lambda track: math.dist(track.last, (event.x_m, event.y_m)))

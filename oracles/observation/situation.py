@@ -1,4 +1,4 @@
-"""The situation: what observation and oracles know of a scenario beside what happened in it."""
+"""The situation: the facts of a scenario that observation and oracles use."""
 
 from dataclasses import dataclass
 
@@ -16,11 +16,10 @@ class Situation:
     """Start, goals, obstacles, and robot size of a scenario.
 
     Attributes:
-        start: None where the scenario has no robot.
-        goals: Of the scenario's navigation actions in the order they are written, repeated by their loops; empty without one.
-        obstacles: What is not on the robot's map, as the scenario has it: those with a trigger may never appear, and may be pushed
-            (`vastflow.oracles.observation.obstacle_tracks`). What a scenario file spawns itself is in a run's `entities`.
-        inscribed_radius_m: Of the body that the section `robot` gives, else of the local costmap's footprint.
+        start: None without a robot.
+        goals: Of the navigation actions in written order, loops repeated.
+        obstacles: Objects that are not on the robot's map; those with a trigger may never appear. Spawned ones are in `Run.entities`.
+        inscribed_radius_m: Of the body in the section `robot`, else of the local costmap's footprint.
         circumscribed_radius_m: Of the robot's body.
     """
 
@@ -35,7 +34,7 @@ def situation_of(scenario: Scenario) -> Situation:
     """Read start, goals, obstacles, and the robot's size of `scenario`.
 
     Raises:
-        ValueError: a mission, an obstacle, or a robot that can't be read.
+        ValueError: a mission, an obstacle, or a robot that cannot be read.
     """
     script = script_of(scenario)
     if script.start is None:

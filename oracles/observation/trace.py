@@ -1,4 +1,4 @@
-"""Traces: a recording's observation, what oracles read."""
+"""Traces: observed recordings, which oracles read."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,20 +19,19 @@ SI_SUFFIX: Mapping[str, str] = {
     "mm2": "m2",
     "mrad2": "rad2",
 }
-"""Suffix of a stored column of thousandths, or of their squares, to that of the signal in SI units."""
+"""Suffixes of stored columns to those of signals in SI units."""
 
 NOWHERE_MM: Final = 2**31 - 1
-"""A stored distance from what is not there: from obstacles of a size class before any of them appears (infinite as a
-signal), from a reference path that the run does not have (no signal)."""
+"""Stored distance to an absent obstacle (infinite as a signal) or reference path (no signal)."""
 
 
 @dataclass(frozen=True)
 class Reference:
-    """The path a run is compared with.
+    """The path that a run is compared with, in whole millimeters.
 
     Attributes:
-        points_xy_m: (M >= 1, 2) its corners in the map frame, in order of travel, in whole millimeters.
-        length_m: Octile length on the grid (not of the rounded corners), in whole millimeters.
+        points_xy_m: (M >= 1, 2) corners in the map frame, in order of travel.
+        length_m: Octile length on the grid.
     """
 
     points_xy_m: NDArray[np.float64] = field(repr=False)
@@ -41,7 +40,7 @@ class Reference:
 
 @dataclass(frozen=True, slots=True)
 class NoReference:
-    """There is no reference path; `reason` says why in one sentence."""
+    """A missing reference path, with the reason in one sentence."""
 
     reason: str
 
@@ -54,18 +53,13 @@ class Trace:
     """One run as aligned signals in SI units.
 
     Attributes:
-        run: How the run ended.
-        columns: Name to (N,) float64. From the recording: `t_s x_m y_m yaw_rad estimated_x_m estimated_y_m
-            estimated_yaw_rad speed_mps yaw_rate_radps command_speed_mps command_yaw_rate_radps localized`.
-            Derived: `localization_error_m`, `stopped` (1 where the robot stands), `wall_clearance_m` (robot center to the nearest
-            wall; absent without walls), `deviation_m` (to the reference path; absent without one). To obstacles, where they are at
-            that time and infinite while none is there: `separation_m/<size class>` (robot center to the nearest center),
-            `static_clearance_m` and `appearing_clearance_m` (robot center to the nearest outline of those that stand there from the
-            start, and of those that come later; absent without any).
-        reference: The path the mission should take at best, past the obstacles that this run had, see
-            `vastflow.oracles.observation.observe`.
-        tables: What the run's programs wrote as CSV or parquet: path below the run's folder, without its suffix, to column to
-            (M,) float64, int64, bool or str. Rows are those of the file.
+        columns: Name to (N,) float64. Recorded: `t_s x_m y_m yaw_rad estimated_x_m estimated_y_m estimated_yaw_rad speed_mps
+            yaw_rate_radps command_speed_mps command_yaw_rate_radps localized`. Derived, distances of the robot's center:
+            `localization_error_m`, `stopped` (1 where the robot stands), `wall_clearance_m`, `deviation_m` (to the reference path),
+            `separation_m/<size class>` (to the nearest obstacle's center, infinite while there is none), `static_clearance_m` and
+            `appearing_clearance_m` (to the nearest outline of obstacles from the start, and of later ones); absent without an object.
+        reference: The best path around the obstacles of this run, see `reference_path`.
+        tables: CSV and parquet files of the run's programs: path below the run's folder, without suffix, to columns (M,).
     """
 
     run: Run
@@ -74,7 +68,7 @@ class Trace:
     tables: Mapping[str, Columns] = field(default_factory=dict, repr=False)
 
     def __getitem__(self, column: str) -> NDArray[Any]:
-        """The signal called `column`; `<table>/<column>` is a column of a table."""
+        """The signal `column`, or the column `<table>/<column>` of a table."""
         if column in self.columns:
             return self.columns[column]
         table, _, name = column.rpartition("/")
@@ -88,11 +82,7 @@ class Trace:
 
     @property
     def update_errors_m(self) -> NDArray[np.float64]:
-        """(U,) localization error at each update of AMCL, the first pose among them.
-
-        AMCL sees a scan every 0.1 s at most, and the recording has a row as often, so that a row stands for one update. The error is
-        the row's, up to 0.1 s after the update; the estimate follows odometry between updates.
-        """
+        """Localization error (U,) at each update of AMCL, the first pose included, up to 0.1 s after it."""
         return np.asarray(self["localization_error_m"][self["localized"] > 0])
 
     def events(self, kind: str) -> tuple[Event, ...]:
@@ -101,12 +91,12 @@ class Trace:
 
     @property
     def xy_m(self) -> NDArray[np.float64]:
-        """(N, 2) true positions of the robot's center."""
+        """True positions (N, 2) of the robot's center."""
         return np.column_stack((self["x_m"], self["y_m"]))
 
 
 def trace_of(recording: Recording, row: Mapping[str, Any], derived: Mapping[str, NDArray[np.int32]]) -> Trace:
-    """A recording and what `vastflow.oracles.observation.observe` stored of it, joined."""
+    """Join a recording with its stored observation."""
     stored = {**recording.columns, **derived}
     columns = {signal_name(name): _signal(name, column) for name, column in stored.items()}
     reference = reference_of_row(row)
@@ -133,7 +123,7 @@ def signal_name(stored: str) -> str:
 
 
 def reference_row(reference: MaybeReference) -> dict[str, Any]:
-    """`reference` as JSON values, to stand in a trace's row."""
+    """JSON values of `reference` for a trace's row."""
     if isinstance(reference, NoReference):
         return {"no_reference": reference.reason}
     points_mm = np.rint(reference.points_xy_m * 1000.0).astype(int)
@@ -141,7 +131,7 @@ def reference_row(reference: MaybeReference) -> dict[str, Any]:
 
 
 def reference_of_row(row: Mapping[str, Any]) -> MaybeReference:
-    """The reference that `reference_row` wrote."""
+    """Read the output of `reference_row`."""
     if "reference" not in row:
         return NoReference(row["no_reference"])
     points_mm = np.array(row["reference"]["points_mm"], dtype=np.float64)

@@ -22,9 +22,9 @@ from vastflow.oracles.figures.map_figures import (
     final_poses_figure,
     paths_figure,
 )
-from vastflow.oracles.figures.picture import png, svg
 from vastflow.oracles.figures.rate_figure import rates_figure, threshold_figure
 from vastflow.oracles.figures.scene import Scene, distinct_obstacles, read_estimate, read_walks, scenario_at, zones_of
+from vastflow.oracles.figures.style import png, svg
 from vastflow.oracles.judgement.verdict import Judgement
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.results.executed import KeptFiles

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 
 from vastflow.oracles.evidence.findings import stopping_rule
-from vastflow.oracles.figures.palette import CLASS_COLORS
+from vastflow.oracles.figures.style import CLASS_COLORS
 from vastflow.oracles.page.facts import Facts
 from vastflow.oracles.page.pictures import factor_pictures, rate_pictures
 from vastflow.oracles.page.section import Block, Section, paragraph

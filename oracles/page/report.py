@@ -14,8 +14,7 @@ from vastflow.oracles.evidence.criteria import criteria_json
 from vastflow.oracles.evidence.evidence import evidence_json
 from vastflow.oracles.evidence.findings import findings_json, shape_of
 from vastflow.oracles.evidence.wide import wide_table, write_wide
-from vastflow.oracles.figures.palette import CLASS_COLORS
-from vastflow.oracles.figures.picture import plain_style
+from vastflow.oracles.figures.style import CLASS_COLORS, plain_style
 from vastflow.oracles.page import words
 from vastflow.oracles.page.facts import Facts, facts_of
 from vastflow.oracles.page.failures import failed_section, why_section, worst_section

@@ -19,8 +19,8 @@ from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 
 from vastflow.oracles.figures.floor import draw_zones
-from vastflow.oracles.figures.palette import GOAL_COLOR, INK, OBSTACLE_COLOR
 from vastflow.oracles.figures.scene import NO_ZONES, Zones
+from vastflow.oracles.figures.style import GOAL_COLOR, INK, OBSTACLE_COLOR
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.nav2.costmaps.inflation import INSCRIBED, LETHAL, UNKNOWN
 from vastflow.sim.replay.snapshot import Box, Patch, TickSnapshot

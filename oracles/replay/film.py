@@ -9,7 +9,7 @@ from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 from PIL import Image
 
-from vastflow.oracles.figures.palette import COLORS, GOAL_COLOR, INK, OBSTACLE_COLOR
+from vastflow.oracles.figures.style import COLORS, GOAL_COLOR, INK, OBSTACLE_COLOR
 from vastflow.oracles.replay.close_up import BELIEF_COLOR, INTENT_COLOR
 from vastflow.oracles.replay.still import still_images
 from vastflow.oracles.replay.story import Story

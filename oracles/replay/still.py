@@ -13,7 +13,7 @@ from matplotlib.patches import Rectangle
 from PIL import Image
 
 from vastflow.oracles.figures.floor import draw_zones, zone_handles
-from vastflow.oracles.figures.palette import COLORS, GOAL_COLOR, INK
+from vastflow.oracles.figures.style import COLORS, GOAL_COLOR, INK
 from vastflow.oracles.replay.close_up import draw_close_up, draw_patch, ground, legend_handles
 from vastflow.oracles.replay.story import RECENT_TICKS, Story, doing, numbers
 from vastflow.oracles.replay.timeline import draw_now, draw_timeline

@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.oracles.figures.palette import COLORS
 from vastflow.oracles.figures.scene import NO_ZONES, Zones
+from vastflow.oracles.figures.style import COLORS
 from vastflow.oracles.judgement.verdict import Judgement
 from vastflow.oracles.replay.close_up import DrivenPath
 from vastflow.sim.loop.simulation import REASONS

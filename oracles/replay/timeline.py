@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 
-from vastflow.oracles.figures.palette import COLORS, INK
+from vastflow.oracles.figures.style import COLORS, INK
 from vastflow.oracles.replay.close_up import BELIEF_COLOR
 from vastflow.oracles.replay.story import SLOW_S
 from vastflow.sim.model.rates import TICK_S

@@ -88,7 +88,7 @@ def test_of_obstacles_of_one_name_an_event_is_about_the_nearest() -> None:
 
 
 def test_event_of_an_obstacle_that_the_scenario_does_not_have_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"'spawned' of an obstacle 'crate' at 2 s; the scenario has 'carton'"):
+    with pytest.raises(ValueError, match=r"'spawned' at 2 s: expected .* \('carton'\), got 'crate'"):
         found([carton()], Event(2.0, "spawned", 3.0, 0.0, "crate"))
 
 

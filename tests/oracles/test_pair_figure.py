@@ -6,7 +6,7 @@ import numpy as np
 from PIL import Image
 
 from vastflow.oracles.figures.case_figure import Side, pair_figure
-from vastflow.oracles.figures.picture import png
+from vastflow.oracles.figures.style import png
 from vastflow.oracles.observation.situation import Situation
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.world.map_file import load_map

@@ -11,8 +11,8 @@ from matplotlib.patches import Rectangle
 from PIL import Image
 from table import each_row
 
-from vastflow.oracles.figures.palette import COLORS, GOAL_COLOR, INK
 from vastflow.oracles.figures.scene import NO_ZONES, Zones
+from vastflow.oracles.figures.style import COLORS, GOAL_COLOR, INK
 from vastflow.oracles.replay.close_up import BELIEF_COLOR, draw_close_up, ground
 from vastflow.oracles.replay.film import FRAME_MS, LAST_MS, write_film
 from vastflow.oracles.replay.still import _image, ranges_text, still_images, strip_figure, write_head
