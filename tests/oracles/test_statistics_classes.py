@@ -1,4 +1,7 @@
-from collections.abc import Sequence
+"""Classes of configurations, with a fixed number of runs and with sequential stopping."""
+
+import itertools
+import math
 
 import numpy as np
 import pytest
@@ -14,124 +17,171 @@ from vastflow.oracles.statistics.classes import (
     shares,
     total_failures,
 )
+from vastflow.oracles.statistics.stopping import StoppingRule, classes_by, runs_saved
 
 
-def test_configuration_that_passes_all_of_20_runs_is_reliable_and_one_that_passes_none_systematic() -> None:
-    found = classify([20, 0, 10], [20, 20, 20])
-    assert found.names == ("reliable", "systematic", "flaky")
+@each_row(
+    ("passed", "judged", "names"),
+    [
+        ([20, 0, 10], [20, 20, 20], ("reliable", "systematic", "flaky")),
+        ([19], [20], ("undecided",)),  # does not show a rate of four in five
+        ([2, 0, 1], [2, 2, 2], ("undecided",) * 3),
+        ([], [], ()),
+        ([20, 0, 0, 2], [20, 0, 0, 2], ("reliable", "undecided", "undecided", "undecided")),
+        # Two of forty never pass; 16 to 18 of 20 show nothing.
+        ([0] * 2 + [16, 17, 18] * 12 + [17] * 2, [20] * 40, ("systematic",) * 2 + ("undecided",) * 38),
+        # 1 of 20 at 0.2 has p = 0.069, none of 20 has 0.012: one in thirty is no evidence.
+        ([0] + [4] * 29, [20] * 30, ("undecided",) * 30),
+        ([0] + [4] * 29 + [20] * 500, [20] * 530, ("undecided",) * 30 + ("reliable",) * 500),
+    ],
+)
+def test_classify_names_classes(passed, judged, names):
+    assert classify(passed, judged).names == names
 
 
-def test_p_values_are_binomial_tails_at_the_bounds() -> None:
+def test_classify_takes_binomial_tails_at_bounds():
     found = classify([19, 1, 9], [20, 20, 20])
     flaky = max(binom.sf(8, 20, 0.2), binom.cdf(9, 20, 0.8))
     assert found.p_values == pytest.approx([binom.sf(18, 20, 0.8), binom.cdf(1, 20, 0.2), flaky])
     assert found.p_values[0] == pytest.approx(0.0692, abs=5e-5)  # 0.8^20 + 20 · 0.2 · 0.8^19, by hand
 
 
-def test_19_of_20_do_not_show_a_rate_of_four_in_five() -> None:
-    assert classify([19], [20]).names == ("undecided",)
-
-
-def test_claims_are_adjusted_by_benjamini_and_hochberg() -> None:
-    # One of ten has p = 0.8^20 = 0.0115: times ten it is above 5 %; seven of ten have 0.0115 · 10 / 7. Given that 13 or more of 20
-    # pass, 0.0115 is 0.0115 / 0.9679.
+def test_classify_adjusts_candidates_by_benjamini_and_hochberg():
+    # 0.8^20 = 0.0115, given that 13 or more of 20 pass: / 0.9679. One of ten is above 5 %, seven of ten are below.
+    given = 0.8**20 / binom.sf(12, 20, 0.8)
     assert classify([20] + [17] * 9, [20] * 10).count("reliable") == 0
     found = classify([20] * 7 + [17] * 3, [20] * 10)
-    assert found.count("reliable") == 7
-    assert found.adjusted[0] == pytest.approx(0.8**20 / binom.sf(12, 20, 0.8) * 10 / 7)
-
-
-def test_without_judged_runs_a_configuration_is_undecided_and_costs_the_others_nothing() -> None:
-    found = classify([20, 0, 0, 2], [20, 0, 0, 2])
-    assert found.names == ("reliable", "undecided", "undecided", "undecided")
-    assert found.adjusted[0] == pytest.approx(0.8**20 / binom.sf(12, 20, 0.8))
-
-
-def test_total_failures_are_systematic_however_many_configurations_pass_more_often_than_not() -> None:
-    # Two of forty never pass, and the others do in 16 to 18 of 20 runs, of which nothing can be shown.
-    found = classify([0] * 2 + [16, 17, 18] * 12 + [17] * 2, [20] * 40)
-    assert found.count("systematic") == 2
-    assert found.count("undecided") == 38
-
-
-def test_clear_cases_of_one_class_do_not_pay_for_doubtful_ones_of_another() -> None:
-    # 1 of 20 at a rate of 0.2 has p = 0.069, and none of 20 has 0.012: one in thirty that may be systematic is no evidence.
-    doubtful = [0] + [4] * 29
-    assert classify(doubtful + [20] * 500, [20] * 530).names[0] == "undecided"
-    assert classify(doubtful, [20] * 30).names[0] == "undecided"
+    assert (found.count("reliable"), found.adjusted[0]) == (7, pytest.approx(given * 10 / 7))
+    assert classify([20, 0, 0, 2], [20, 0, 0, 2]).adjusted[0] == pytest.approx(given)
 
 
 @each_row(
     ("rates", "weights"),
-    [
-        ((0.2001, 0.5, 0.7999), (1, 1, 1)),
-        ((0.0, 0.2001, 0.7999, 1.0), (1, 9, 9, 1)),
-        ((0.0, 0.21, 1.0), (1, 2, 3)),
-    ],
+    [((0.2001, 0.5, 0.7999), (1, 1, 1)), ((0.0, 0.2001, 0.7999, 1.0), (1, 9, 9, 1)), ((0.0, 0.21, 1.0), (1, 2, 3))],
 )
 @each_row("runs", [20, 60])
-def test_of_each_class_few_claims_are_wrong_in_expectation(
-    rates: Sequence[float], weights: Sequence[int], runs: int
-) -> None:
+def test_classify_makes_few_wrong_claims_of_each_class(rates, weights, runs):
     rng = np.random.default_rng(2)
     campaigns, m = 200, 60
     drawn = rng.choice(len(rates), (campaigns, m), p=np.array(weights) / sum(weights))
     true = np.array([CLAIMS[k] for k in ClassBounds().of(np.array(rates))])
-    shares = {claim: 0.0 for claim in CLAIMS}
+    wrong = dict.fromkeys(CLAIMS, 0.0)
     for kinds in drawn:
         names = np.array(classify(rng.binomial(runs, np.array(rates)[kinds]), np.full(m, runs)).names)
         for claim in CLAIMS:
             called = names == claim
-            shares[claim] += float((called & (true[kinds] != claim)).sum() / max(called.sum(), 1))
-    for share in shares.values():
-        assert share / campaigns <= 0.05 + 4 * (0.05 * 0.95 / campaigns) ** 0.5
+            wrong[claim] += float((called & (true[kinds] != claim)).sum() / max(called.sum(), 1))
+    assert max(wrong.values()) / campaigns <= 0.05 + 4 * (0.05 * 0.95 / campaigns) ** 0.5
 
 
-def test_nothing_can_be_claimed_of_two_runs_each() -> None:
-    assert set(classify([2, 0, 1], [2, 2, 2]).names) == {"undecided"}
+def test_classify_rarely_errs_where_all_configurations_are_on_bounds():
+    rng, wrong = np.random.default_rng(5), 0
+    for _ in range(400):
+        names = classify(rng.binomial(30, [0.2] * 20 + [0.8] * 20), np.full(40, 30)).names
+        wrong += not (set(names[:20]) <= {"systematic", "undecided"} and set(names[20:]) <= {"reliable", "undecided"})
+    assert wrong / 400 <= 0.05 + 4 * (0.05 * 0.95 / 400) ** 0.5
 
 
-def test_no_configurations_have_no_classes() -> None:
-    assert classify([], []).names == ()
-
-
-def test_fourteen_runs_that_agree_are_the_least_for_reliable_and_systematic() -> None:
-    # 0.8^13 = 0.055, 0.8^14 = 0.044.
+def test_runs_for_a_claim_and_passes_that_show_agree_with_tails():
+    # 0.8^13 = 0.055, 0.8^14 = 0.044; 0.9^28 = 0.052, 0.9^29 = 0.047.
     assert runs_for_a_claim() == {"systematic": 14, "flaky": 10, "reliable": 14}
-    assert runs_for_a_claim(ClassBounds(0.5, 0.9), error=0.05)["reliable"] == 29  # 0.9^28 = 0.052, 0.9^29 = 0.047
-
-
-def test_of_twenty_runs_all_none_or_about_half_have_to_pass() -> None:
+    assert runs_for_a_claim(ClassBounds(0.5, 0.9), error=0.05)["reliable"] == 29
     assert passes_that_show(20) == {"systematic": (0, 0), "flaky": (8, 12), "reliable": (20, 20)}
     assert passes_that_show(10) == {"flaky": (5, 5)}
     assert passes_that_show(2) == passes_that_show(0) == {}
 
 
-def test_bounds_that_leave_no_room_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"0 < systematic < reliable < 1 must hold, got 0\.8 and 0\.2"):
-        ClassBounds(0.8, 0.2)
-
-
-def test_total_failures_are_counted_as_the_paper_counts_them() -> None:
+def test_total_failures_and_shares_count_configurations():
     found = total_failures([0, 0, 10, 20, 0], [20, 20, 20, 20, 0])
     assert (found.configurations, found.failures, found.of_failures) == (2, 40, 50)
     assert found.share == pytest.approx(0.8)
-
-
-def test_without_a_failure_there_is_no_share_of_failures() -> None:
     assert total_failures([5, 5], [5, 5]).share is None
-
-
-def test_shares_name_every_class() -> None:
     assert shares(["flaky", "flaky", "undecided"]) == {"systematic": 0, "flaky": 2, "reliable": 0, "undecided": 1}
 
 
-def test_wrong_claims_stay_rare_where_every_configuration_is_on_a_bound() -> None:
-    rng = np.random.default_rng(5)
-    wrong = 0
-    for _ in range(400):
-        names = classify(rng.binomial(30, [0.2] * 20 + [0.8] * 20), np.full(40, 30)).names
-        wrong += any(name not in ("systematic", "undecided") for name in names[:20]) or any(
-            name not in ("reliable", "undecided") for name in names[20:]
-        )
-    assert wrong / 400 <= 0.05 + 4 * (0.05 * 0.95 / 400) ** 0.5
+@each_row(
+    ("make", "message"),
+    [
+        (lambda: ClassBounds(0.8, 0.2), r"0 < systematic < reliable < 1 must hold, got 0\.8 and 0\.2"),
+        (lambda: StoppingRule(5, 3), r"1 <= min_runs <= max_runs must hold, got 5 and 3"),
+        (lambda: StoppingRule(error=0.7), r"error must be between 0 and 0\.5, got 0\.7"),
+    ],
+)
+def test_impossible_bounds_and_rules_are_refused(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+@each_row(
+    ("rule", "passed", "judged", "decision"),
+    [
+        # 0.8^14 = 0.044 is the chance of so many passes at the bound; one failure among twenty would add more than 0.05 allows.
+        (StoppingRule(), 13, 13, None),
+        (StoppingRule(), 14, 14, "reliable"),
+        (StoppingRule(), 0, 14, "systematic"),
+        (StoppingRule(), 15, 19, None),
+        (StoppingRule(), 16, 20, "undecided"),
+        (StoppingRule(min_runs=16), 15, 15, None),
+        (StoppingRule(min_runs=16), 16, 16, "reliable"),
+    ],
+)
+def test_stopping_rule_decides(rule, passed, judged, decision):
+    assert rule.decision(passed, judged) == decision
+
+
+def test_stopping_rule_thresholds_come_near_walds_and_tell_decidable_classes():
+    # ln(1/error), from below: the exact error of a truncated test is smaller than Wald's bound.
+    systematic, _, reliable = StoppingRule(1, 400).thresholds
+    assert reliable == pytest.approx(systematic)
+    assert 2.8 < reliable <= math.log(20)
+    assert (StoppingRule(2, 10).decidable, StoppingRule(2, 20).decidable) == (("flaky",), CLAIMS)
+
+
+def test_operating_characteristics_are_those_of_all_sequences_of_runs():
+    rule = StoppingRule(2, 10, ClassBounds(0.4, 0.6), error=0.2)
+    assert len(rule.decidable) >= 2
+    said = {(n, x): rule.decision(x, n) for n in range(1, 11) for x in range(n + 1)}
+    for p in (0.3, 0.5, 0.9):
+        ends, runs = dict.fromkeys((*CLAIMS, "undecided"), 0.0), 0.0
+        for outcomes in itertools.product((0, 1), repeat=10):
+            chance = math.prod(p if outcome else 1 - p for outcome in outcomes)
+            n, name = next((n, name) for n in range(1, 11) if (name := said[n, sum(outcomes[:n])]) is not None)
+            ends[name] += chance
+            runs += n * chance
+        found = rule.operating_characteristics(p)
+        ours = [found.systematic[0], found.flaky[0], found.reliable[0], found.undecided[0], found.expected_runs[0]]
+        assert ours == pytest.approx([*ends.values(), runs])
+
+
+@each_row("rule", [StoppingRule(), StoppingRule(5, 60), StoppingRule(1, 30, ClassBounds(0.45, 0.55), 0.1)])
+def test_stopping_rule_holds_its_error_at_all_success_rates(rule):
+    assert rule.operating_characteristics(np.linspace(0, 1, 997)).wrong.max() <= rule.error
+    assert 0.5 * rule.error < rule.worst_error <= rule.error
+
+
+def test_operating_characteristics_agree_with_drawn_configurations():
+    rule, configurations = StoppingRule(5, 40), 3000
+    rng = np.random.default_rng(11)
+    for p in (0.02, 0.2, 0.5):
+        passed = np.cumsum(rng.random((configurations, 40)) < p, axis=1)
+        names = np.array([rule.decisions(passed[:, n - 1], np.full(configurations, n)) for n in range(1, 41)]).T
+        ended = np.not_equal(names, None).argmax(axis=1)
+        last = names[np.arange(configurations), ended]
+        expected = rule.operating_characteristics(p)
+        assert (ended + 1).mean() == pytest.approx(expected.expected_runs[0], abs=0.5)
+        for name in CLAIMS:
+            chance = getattr(expected, name)[0]
+            noise = 4 * math.sqrt(max(chance * (1 - chance), 1e-3) / configurations)
+            assert (last == name).mean() == pytest.approx(chance, abs=noise)
+    each, rounds = (rule.operating_characteristics([0.2, 0.5, 1.0], runs_per_look) for runs_per_look in (1, 5))
+    assert (rounds.wrong <= each.wrong + 1e-12).all()
+    assert (rounds.expected_runs >= each.expected_runs).all()
+
+
+def test_classes_and_savings_of_stopped_campaign_follow_its_rule():
+    found = classes_by(StoppingRule(), [14, 0, 16, 3], [14, 14, 20, 3])
+    assert found.names == ("reliable", "systematic", "undecided", "undecided")
+    assert "at most 5 %" in found.controls
+    saved = runs_saved(StoppingRule(), [14, 14, 20, 20])
+    assert (saved.runs, saved.saved, saved.share) == (68, 12, pytest.approx(0.15))
+    assert runs_saved(StoppingRule(), []).share == 0.0
