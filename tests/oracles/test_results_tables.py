@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from collections import Counter
 
 import numpy as np
@@ -12,9 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vastflow.oracles.judgement.verdict import run_judgement
+from vastflow.oracles.results.behaviors import BEHAVIORS_FILE, Behaviors
 from vastflow.oracles.results.column import codes, floats, integers, parsed, read_columns
+from vastflow.oracles.results.executed import NAMED_FILES, KeptFiles
 from vastflow.oracles.results.tables import ConfigurationTable
 from vastflow.oracles.results.verdict_table import CODES, verdict_table
+from vastflow.sim.model.archive import write_table
+from vastflow.sim.model.digest import file_digest
 
 SCHEMA = pa.schema(
     {
@@ -54,7 +59,7 @@ said = st.dictionaries(
 
 @settings(deadline=None)
 @given(said, st.randoms(use_true_random=False))
-def test_counts_are_those_of_the_rows_in_whatever_order_they_stand(judged, random):
+def test_counts_are_those_of_rows_in_any_order(judged, random):
     keys = list(judged)
     random.shuffle(keys)
     table = table_of([verdict(*key, judged[key]) for key in keys])
@@ -70,7 +75,7 @@ def test_counts_are_those_of_the_rows_in_whatever_order_they_stand(judged, rando
     assert table.counts(None).tolist() == [[together[name, word] for word in CODES] for name in NAMES]
 
 
-def test_metric_is_aligned_with_the_runs_and_nothing_is_not_a_number():
+def test_metrics_are_aligned_with_runs():
     table = table_of(
         [
             verdict("b", 1, time=2.5),
@@ -85,35 +90,27 @@ def test_metric_is_aligned_with_the_runs_and_nothing_is_not_a_number():
     assert [NAMES[k] for k in table.configuration] == ["a", "b", "b"]
     assert table.run_index.tolist() == [7, 0, 1]
     assert list(table.metrics("safety")) == ["depth"]
-
-
-def test_metric_that_no_run_has_keeps_its_name_and_unit():
     time = table_of([verdict(time=None)]).metrics("success")["time"]
     assert time.unit == "m" and np.isnan(time.values).all()
-
-
-def test_oracle_may_measure_nothing():
     assert table_of([verdict()]).metrics("success") == {}
 
 
 def test_reasons_are_those_of_one_judgement():
     table = table_of([verdict(reason="no"), verdict("b", 3, judgement="fail", reason="too late")])
     reasons = table.reasons("fail")
-    assert reasons.configuration.tolist() == ["b"]
-    assert reasons.reason.tolist() == ["too late"]
+    assert (reasons.configuration.tolist(), reasons.reason.tolist()) == (["b"], ["too late"])
 
 
-def test_verdict_of_no_configuration_is_refused():
+def test_unknown_configurations_judgements_and_metrics_are_refused():
     with pytest.raises(ValueError, match=r"verdicts.parquet judges 'z', which is no row of configurations.parquet"):
         table_of([verdict("z")])
-
-
-def test_judgement_that_is_none_is_refused():
     with pytest.raises(ValueError, match="has the judgement 'maybe'; it can be pass, fail, not judged"):
         table_of([verdict(judgement="maybe")])
+    with pytest.raises(ValueError, match="JSON"):
+        parsed(pa.array(['{"a": 1}', "{broken"]))
 
 
-def test_table_in_many_pieces_reads_like_one(tmp_path):
+def test_table_in_row_groups_reads_as_whole(tmp_path):
     rows = [verdict(NAMES[k % 3], k, reason=f"r{k % 4}", time=float(k)) for k in range(50)]
     table = pa.Table.from_pylist(rows, SCHEMA)
     with pq.ParquetWriter(tmp_path / "v.parquet", SCHEMA) as writer:
@@ -124,17 +121,12 @@ def test_table_in_many_pieces_reads_like_one(tmp_path):
     assert read.metrics("success")["time"].values.tolist() == table_of(rows).metrics("success")["time"].values.tolist()
 
 
-def test_nothing_is_an_empty_text_and_not_a_number():
+def test_null_is_empty_text_or_nan():
     found, known = codes(pa.chunked_array([["a", None], ["a", ""]]))
     assert [known[k] for k in found] == ["a", "", "a", ""]
     assert np.isnan(floats(pa.array([None, 1.0])[0:1])).all()
     assert floats(pa.array([1.0, None, 3.0]).slice(2)).tolist() == [3.0]
     assert integers(pa.chunked_array([pa.array([1, 2, 3]).slice(1), [4]])).tolist() == [2, 3, 4]
-
-
-def test_what_is_no_json_object_is_refused():
-    with pytest.raises(ValueError, match="JSON"):
-        parsed(pa.array(['{"a": 1}', "{broken"]))
 
 
 def test_columns_of_configurations_are_decoded():
@@ -147,3 +139,52 @@ def test_columns_of_configurations_are_decoded():
     assert table.factors[1] == {"noise": 0.1}
     assert table.distinct.tolist() == [0]
     assert table.rows()[0]["scenario"] == {"task": {}}
+
+
+@pytest.fixture
+def directory(tmp_path):
+    """Three configurations in two row groups; `b` is in both."""
+    table = pa.table(
+        {
+            "configuration": ["a", "b", "b", "c"],
+            "run_index": pa.array([0, 0, 1, 0], pa.int64()),
+            "t_s": [0.5, 1.5, 2.5, 3.5],
+            "name": ["drive", "wait", "", "drive"],
+        }
+    )
+    pq.write_table(table, tmp_path / BEHAVIORS_FILE, row_group_size=2)
+    return tmp_path
+
+
+def plain(columns):
+    return {name: column.tolist() for name, column in columns.items()}
+
+
+def test_behaviors_of_configuration_are_read_from_every_row_group(directory, tmp_path):
+    behaviors = Behaviors(directory)
+    assert plain(behaviors.of("b")) == {"run_index": [0, 1], "t_s": [1.5, 2.5], "name": ["wait", ""]}
+    assert [plain(behaviors.of(name))["t_s"] for name in ("c", "a", "c")] == [[3.5], [0.5], [3.5]]
+    assert [column.dtype for column in behaviors.of("a").values()] == [np.int64, np.float64, object]
+    assert behaviors.of("d") == Behaviors(tmp_path / "elsewhere").of("a") == {}
+
+
+def test_behaviors_of_earlier_version_and_damaged_ones(tmp_path):
+    (tmp_path / "behaviors").mkdir()
+    own = write_table({"run_index": np.array([0]), "t_s": np.array([0.5])})
+    (tmp_path / "behaviors" / "a.parquet").write_bytes(own)
+    assert plain(Behaviors(tmp_path).of("a")) == {"run_index": [0], "t_s": [0.5]}
+    (tmp_path / BEHAVIORS_FILE).write_bytes(b"damaged")
+    with pytest.raises(ValueError, match="Parquet"):
+        Behaviors(tmp_path).of("b")
+
+
+def test_kept_files_are_found_by_digest(tmp_path):
+    plan, mesh = tmp_path / "inputs" / "deep" / "plan.fpm", tmp_path / "environments" / "e" / "mesh.stl"
+    for file in (plan, mesh):
+        file.parent.mkdir(parents=True)
+        file.write_text(file.name)
+    (tmp_path / "environments" / NAMED_FILES).write_text(json.dumps({"5011d": "e/mesh.stl"}))
+    files = KeptFiles(tmp_path)
+    assert (files.path(file_digest(plan)), files.path("5011d")) == (plan, mesh)
+    with pytest.raises(ValueError, match=re.escape("no file has the digest 0123456789ab… that the scenario names")):
+        files.path("0123456789abcdef")

@@ -1,0 +1,321 @@
+"""The shipped oracles on hand-computed runs."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from table import each_row
+
+from vastflow.oracles.catalog.navigation import spectral_arc_length, stops
+from vastflow.oracles.catalog.performance import path_rmse_m, resampled
+from vastflow.oracles.catalog.robustness import full_meters
+from vastflow.oracles.judgement.oracle import OracleError, oracle_of
+from vastflow.oracles.observation.situation import Situation
+from vastflow.oracles.observation.trace import NoReference, Reference, Trace
+from vastflow.sim.model.obstacle import Obstacle
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.recording import Event, Run
+
+STRAIGHT = Reference(np.array([[0.0, 0.0], [10.0, 0.0]]), 10.0)
+NO_MAP = NoReference("the scenario has no map")
+NO_ROWS = np.empty((0, 2))
+
+
+def along(y_m=0.0, to_x_m=10.0, rows=101):
+    """A straight path in x at constant y."""
+    return np.column_stack((np.linspace(0.0, to_x_m, rows), np.full(rows, y_m)))
+
+
+def judged(
+    oracle,
+    xy_m,
+    *obstacles,
+    outcome="succeeded",
+    reason="",
+    missed=0,
+    events=(),
+    reference=STRAIGHT,
+    parameters=None,
+    **columns,
+):
+    """The verdict as judgement, reason, and values of metrics."""
+    xy = np.asarray(xy_m, dtype=float).reshape(-1, 2)
+    run = Run(3, "0", outcome, 0, reason, 20.0, 10.0, 2, missed, tuple(events))
+    signals = {"t_s": np.arange(len(xy)) * 0.1, "x_m": xy[:, 0], "y_m": xy[:, 1]}
+    signals |= {name: np.asarray(values, dtype=float) for name, values in columns.items()}
+    situation = Situation(Pose(0.0, 0.0), (Pose(10.0, 0.0),), obstacles, circumscribed_radius_m=0.15)
+    verdict = oracle_of(oracle, parameters or {}).judge(Trace(run, signals, reference), situation)
+    assert verdict.run_index == 3
+    return verdict.judgement, verdict.reason, {name: metric.value for name, metric in verdict.metrics.items()}
+
+
+# success
+
+
+@each_row(
+    ("xy_m", "given", "judgement", "reason"),
+    [
+        (along(0.2), {}, "pass", ""),
+        (along(), {"outcome": "aborted", "reason": "no path"}, "fail", "mission aborted: no path"),
+        (along(), {"outcome": "timed_out", "reason": "no path"}, "fail", "mission timed out: no path"),
+        (along(), {"missed": 1}, "fail", "gave up 1 of 1 goals"),
+        (along(), {"missed": 1, "parameters": {"allow_missed": True}}, "pass", ""),
+        (NO_ROWS, {"outcome": "aborted"}, "fail", "mission aborted"),
+    ],
+)
+def test_success_judges_outcome(xy_m, given, judgement, reason):
+    found = judged("success", xy_m, **given)
+    assert found[:2] == (judgement, reason)
+    assert found[2] == {
+        "final_distance": None if len(xy_m) == 0 else pytest.approx(xy_m[-1, 1], abs=1e-12),
+        "time": 20.0,
+        "distance": 10.0,
+        "recoveries": 2,
+        "missed_goals": given.get("missed", 0),
+    }
+
+
+# performance
+
+
+@each_row(
+    ("xy_m", "given", "judgement", "metrics"),
+    [
+        (along(0.3), {}, "pass", {"rmse": 0.3, "length_ratio": 1.0, "threshold": 2.2}),
+        (along(0.3), {"parameters": {"local_robot_radius_m": 0.03}}, "pass", {"threshold": 0.3}),  # exactly the bound
+        (along(0.301), {"parameters": {"local_robot_radius_m": 0.03}}, "fail", {}),
+        # Never moved: distances to 11 points at 0, 1, .., 10 m have the mean square 385 / 11 = 35.
+        (np.zeros((5, 2)), {"outcome": "aborted", "parameters": {"samples": 11}}, "fail", {"rmse": 35**0.5, "length_ratio": 0.0}),
+        # Half the path: at fraction f the robot is at 5f m, the reference at 10f m: 5² mean of f² = 25 · 0.35.
+        (along(to_x_m=5.0), {"outcome": "timed_out", "parameters": {"samples": 11}}, "fail", {"rmse": (25 * 0.35) ** 0.5}),
+        (along(), {"reference": NO_MAP}, "not judged", dict.fromkeys(("rmse", "threshold", "reference_length", "length_ratio"))),
+        (along(), {"reference": Reference(np.zeros((1, 2)), 0.0)}, "not judged", {"reference_length": 0.0}),
+        (NO_ROWS, {}, "not judged", {"reference_length": 10.0}),
+    ],
+)  # fmt: skip
+def test_performance_compares_path_with_reference(xy_m, given, judgement, metrics):
+    found = judged("performance", xy_m, **given)
+    assert found[0] == judgement
+    assert {name: found[2][name] for name in metrics} == pytest.approx(metrics)
+
+
+def test_performance_says_how_far_path_is_from_reference():
+    said = judged("performance", along(0.3), parameters={"local_robot_radius_m": 0.029})[1]
+    assert said == "RMSE 0.30 m to the reference path, more than 0.29 m"
+    assert judged("performance", along(), reference=NO_MAP)[1] == "no reference path: the scenario has no map"
+    crowded = np.array([[0.0, 0.0], [0.1, 0.0], [0.2, 0.0], [2.0, 0.0], [2.0, 2.0]])
+    np.testing.assert_allclose(resampled(crowded, 5), [[0, 0], [1, 0], [2, 0], [2, 1], [2, 2]])
+    assert path_rmse_m(along(), along(rows=7), 100) == pytest.approx(0.0, abs=1e-12)
+
+
+# safety: separation
+
+
+def box(edge_m, x_m=5.0):
+    return Obstacle("box", "box", Pose(x_m, 0.0), edge_m, edge_m)
+
+
+DRUM = Obstacle("drum", "cylinder", Pose(0.0, 0.0), 0.6, 0.6)
+
+
+def passing(separation_m, *, events=(), obstacles=None, **parameters):
+    """The verdict on a robot with the smallest separations from obstacles."""
+    columns = {f"separation_m/{o.size_class}": [max(3.0, s), s, max(3.0, s)] for o, s in separation_m.items()}
+    present = separation_m if obstacles is None else obstacles
+    return judged("safety", along(rows=3), *present, events=events, parameters=parameters, **columns)
+
+
+NONE_THERE = {"smallest_separation": None, "margin": None}
+
+
+@each_row(
+    ("separation_m", "parameters", "judgement", "metrics"),
+    [
+        # The paper's cubes: required 0.554 and 0.766 m, or 0.633 and 0.893 m read in space.
+        ({box(0.5): 1.0}, {}, "pass", {"margin": 1.0 - 0.554}),
+        ({box(0.8): 1.0}, {}, "pass", {"margin": 1.0 - 0.766}),
+        ({box(0.5): 0.553}, {}, "fail", {}),
+        ({box(0.5): 0.554}, {}, "pass", {}),
+        ({box(0.5): 0.634}, {"obstacle_radius": "cube"}, "pass", {"margin": 0.001}),
+        ({box(0.5): 0.632}, {"obstacle_radius": "cube"}, "fail", {}),
+        ({box(0.8): 0.894}, {"obstacle_radius": "cube"}, "pass", {"margin": 0.001}),
+        ({box(0.8): 0.892}, {"obstacle_radius": "cube"}, "fail", {}),
+        ({box(0.8): 0.8}, {}, "pass", {"margin": 0.034, "footprint_margin": 0.034, "cube_margin": -0.093}),
+        ({box(0.8): 0.8}, {"obstacle_radius": "cube"}, "fail", {"margin": -0.093, "footprint_margin": 0.034}),
+        ({DRUM: 1.0}, {"obstacle_radius": "cube"}, "pass", {"cube_margin": 0.5, "footprint_margin": 0.5}),
+        # The smallest margin counts, not the nearest obstacle: 0.60 - 0.554 > 0, 0.70 - 0.766 < 0.
+        ({box(0.5): 0.60, box(0.8): 0.70}, {}, "fail", {"smallest_separation": 0.60}),
+        ({box(0.5): 1.0}, {"max_speed_mps": 1.0, "max_deceleration_mps2": 1.0}, "fail", {"margin": 1 - (2**0.5 / 4 + 0.65)}),
+        ({}, {}, "pass", NONE_THERE),
+        ({box(0.8): np.inf, box(0.5): 1.0}, {}, "pass", {"smallest_separation": 1.0, "margin": 1.0 - 0.554}),
+        ({box(0.5): np.inf}, {}, "pass", NONE_THERE),
+    ],
+)  # fmt: skip
+def test_safety_requires_separation(separation_m, parameters, judgement, metrics):
+    found = passing(separation_m, **parameters)
+    assert found[0] == judgement
+    assert {name: found[2][name] for name in metrics} == pytest.approx(metrics, abs=5e-4)
+
+
+def test_safety_says_which_obstacle_was_too_close():
+    said = passing({box(0.5): 0.60, box(0.8): 0.70})[1]
+    assert said == "0.700 m from the center of a box 0.8 x 0.8 m, less than 0.766 m"
+    assert judged("safety", NO_ROWS, box(0.5))[0] == "not judged"
+
+
+def contact(what):
+    return Event(0.1, "contact", 0.0, 0.0, what, 0.2)
+
+
+@each_row(
+    ("fails", "touched", "reason"),
+    [
+        ("none", ["box"], ""),
+        ("obstacle", ["box"], "touched 'box'"),
+        ("obstacle", ["wall"], ""),
+        ("any", ["wall"], "touched 'wall'"),
+        ("obstacle", ["wall", "box", "box"], "touched 'box' and 1 more"),
+    ],
+)
+def test_safety_fails_contacts_as_requested(fails, touched, reason):
+    events = (*map(contact, touched), Event(2.0, "recovery", 0, 0, "spin"))
+    found = passing({box(0.5): 5.0}, events=events, fail_on_contact=fails)
+    assert found[:2] == ("fail" if reason else "pass", reason)
+    assert (found[2]["contacts"], found[2]["obstacle_contacts"]) == (len(touched), touched.count("box"))
+
+
+# robustness
+
+BASES = ("update", "step", "metre", "mean", "maximum")
+
+
+def localized(error_mm, at, x_m=None, **parameters):
+    error, at = np.asarray(error_mm, dtype=float) * 1e-3, np.asarray(at, dtype=float)
+    xy = np.column_stack((np.zeros(len(error)) if x_m is None else x_m, np.zeros(len(error))))
+    return judged("robustness", xy, parameters=parameters, localization_error_m=error, localized=at)
+
+
+def test_robustness_measures_every_basis():
+    # Updates at rows 1 and 3; meters are full at rows 2 (1.2 m) and 4 (2.0 m); row 0 is before AMCL's first pose.
+    said, _, metrics = localized([900, 10, 20, 40, 80], [0, 1, 0, 1, 0], x_m=[0, 0.5, 1.7, 2.4, 2.5])
+    expected = {
+        "update": 0.05,
+        "step": 0.15,
+        "metre": 0.1,
+        "mean": 0.0375,
+        "maximum": 0.08,
+        "updates": 2,
+        "threshold": 0.3,
+    }
+    assert (said, metrics) == ("pass", pytest.approx(expected))
+    metrics = localized([50] * 40, [1] + [0] * 39)[2]
+    assert (metrics["metre"], metrics["update"]) == (0.0, 0.05)
+    xy_m = np.column_stack(([0.0, 0.6, 0.6, 0.6, 0.6], [0.0, 0.0, 0.4, 0.4, 2.6]))
+    np.testing.assert_array_equal(full_meters(xy_m), [2, 4, 4])  # lengths 0, 0.6, 1.0, 1.0, 3.2
+    assert full_meters(xy_m[:2]).size == 0
+
+
+@each_row(
+    ("basis", "reason"),
+    [
+        ("update", "summed localization error over 2 updates of AMCL 0.050 m, more than 0.01 m"),
+        ("step", "summed localization error over time steps 0.150 m, more than 0.01 m"),
+        ("metre", "summed localization error over meters driven 0.100 m, more than 0.01 m"),
+        ("mean", "mean localization error 0.037 m, more than 0.01 m"),
+        ("maximum", "greatest localization error 0.080 m, more than 0.01 m"),
+    ],
+)
+def test_robustness_judges_by_requested_basis(basis, reason):
+    found = localized([0, 10, 20, 40, 80], [0, 1, 0, 1, 0], [0, 0.5, 1.7, 2.4, 2.5], basis=basis, threshold_m=0.01)
+    assert found[:2] == ("fail", reason)
+    for error_mm, judgement in ((300, "pass"), (301, "fail")):
+        expected = "pass" if basis == "metre" else judgement  # no meter is full
+        assert localized([0, error_mm], [0, 1], basis=basis)[0] == expected
+
+
+def test_robustness_passes_exact_threshold_whatever_the_duration():
+    # As floating-point numbers 0.1 + 0.1 + 0.1 is more than 0.3.
+    assert [localized([100, 100, last], [1] * 3, basis="update")[0] for last in (100, 101)] == ["pass", "fail"]
+    for n in (10, 100, 1000):
+        assert [localized([50, last] * n, [1, 1] * n)[0] for last in (300, 301)] == ["pass", "fail"]
+
+
+def test_robustness_needs_rows_poses_and_signals():
+    unknown = {**dict.fromkeys((*BASES, "updates")), "threshold": 0.3}
+    assert localized([], []) == ("not judged", "the recording has no rows", unknown)
+    assert localized([10, 10], [0, 0]) == ("not judged", "AMCL published no pose", {**unknown, "updates": 0})
+    said = judged("robustness", along(rows=2))[1]
+    assert said == "the trace has no localization_error_m and no localized"
+    with pytest.raises(OracleError, match="'update', 'step', 'metre', 'mean' or 'maximum'"):
+        oracle_of("robustness", {"basis": "second"})
+
+
+# navigation
+
+DETOUR = [(0, 0), (0, 1.25), (10, 1.25), (10, 0)]  # 12.5 m
+FAR = [math.inf] * 4
+REACHED = [Event(t_s, "goal_reached", 0, 0, "0") for t_s in (8.0, 21.5)]
+STOPPED = [1] * 20 + [0] * 5 + [1] * 11 + [0] * 5 + [1] * 2 + [0] * 5 + [1] * 30
+
+
+@each_row(
+    ("xy_m", "given", "metrics"),
+    [
+        (DETOUR, {}, {"spl": 0.8, "path_efficiency": 0.8, "time_to_goal": 20.0, "minimum_clearance": None}),
+        *((DETOUR, failed, {"spl": 0.0, "path_efficiency": None, "time_to_goal": None})
+          for failed in ({"outcome": "aborted"}, {"outcome": "timed_out"}, {"missed": 1})),
+        ([(0, 0), (8, 0)], {}, {"spl": 1.0, "path_efficiency": 1.25}),  # shorter than the octile path
+        ([(0, 0), (0, 0)], {}, {"spl": 1.0, "path_efficiency": None, "turning": None}),
+        (DETOUR, {"reference": NO_MAP}, {"spl": None, "path_efficiency": None}),
+        (DETOUR, {"events": REACHED}, {"time_to_goal": 21.5}),
+        (DETOUR, {"wall_clearance_m": [1, 0.6, 1, 1], "appearing_clearance_m": [*FAR[:2], 0.4, 2]}, {"minimum_clearance": 0.4}),
+        (DETOUR, {"appearing_clearance_m": FAR}, {"minimum_clearance": None}),
+        ([(0, 0), (5, 0), (10, 0)], {"yaw_rad": [0, 0, 0]}, {"turning": 0.0}),
+        # Stops are between driving and driving, and last half a second.
+        (np.zeros((len(STOPPED), 2)), {"stopped": STOPPED}, {"stops": 1, "stopped_time": 1.0}),
+        (np.zeros((30, 2)), {"stopped": np.ones(30), "speed_mps": np.zeros(30)}, {"stops": 0, "smoothness": None}),
+        (NO_ROWS, {}, {"recoveries": 2, "spl": None, "stops": None, "smoothness": None, "time_to_goal": None}),
+    ],
+)  # fmt: skip
+def test_navigation_measures_run(xy_m, given, metrics):
+    said, _, found = judged("navigation", xy_m, **given)
+    assert (said, {name: found[name] for name in metrics}) == ("pass", pytest.approx(metrics))
+
+
+def test_navigation_measures_nothing_without_robot():
+    trace = Trace(Run(0, "0", "succeeded", 0, "", 1.0, 0.0, 0, 0), {}, NoReference("no robot"))
+    verdict = oracle_of("navigation", {}).judge(trace, Situation(None, (), ()))
+    assert {metric.value for metric in verdict.metrics.values()} == {None}
+    for rows, count in ((5, 0), (6, 1)):
+        stopped = np.array([0] + [1] * rows + [0]) > 0
+        assert len(stops(np.arange(len(stopped)) * 0.1, stopped, 0.5)) == count
+
+
+def test_turning_is_curvature_of_circle():
+    angle = np.linspace(0.0, 2 * math.pi, 2001)
+    circle = 2.0 * np.column_stack((np.cos(angle), np.sin(angle)))
+    for sense in (1.0, -1.0):
+        yaw_rad = (sense * angle + math.pi) % (2 * math.pi) - math.pi
+        assert judged("navigation", circle, yaw_rad=yaw_rad)[2]["turning"] == pytest.approx(1 / 2.0, rel=1e-5)
+
+
+def bell(step_s=0.01):
+    return np.exp(-5.0 * np.arange(-1.0, 1.0, step_s) ** 2)
+
+
+@given(st.floats(0.01, 100.0))
+def test_smoothness_does_not_depend_on_scale_of_speed(scale):
+    assert spectral_arc_length(scale * bell(), 0.01) == pytest.approx(spectral_arc_length(bell(), 0.01), rel=1e-9)
+
+
+def test_smoothness_is_published_value_and_falls_with_stops():
+    # The example of the authors' own implementation gives -1.41403; a tenth of its rate of samples about as much.
+    assert spectral_arc_length(bell(), 0.01) == pytest.approx(-1.41403, abs=5e-6)
+    slow = judged("navigation", np.zeros((20, 2)), speed_mps=bell(0.1))[2]["smoothness"]
+    assert slow == pytest.approx(-1.414, abs=0.01)
+    values = [spectral_arc_length(np.concatenate([bell(), np.zeros(50)] * n), 0.01) for n in (1, 2, 3)]
+    assert values == sorted(set(values), reverse=True)
+    for speed in ([], [0.5], [0.0, 0.0, 0.0]):
+        assert spectral_arc_length(np.array(speed), 0.1) is None
