@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 import matplotlib
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from PIL import Image
@@ -119,62 +119,47 @@ def page(shown: Path) -> Page:
     return Page(text_of(shown))
 
 
-def test_every_tag_of_the_report_is_closed_in_order(page: Page) -> None:
+def words_of(directory):
+    return " ".join(Page(text_of(directory)).text.split())
+
+
+def rewritten(directory, **changes):
+    """The words of the report after changes of `metadata.json`."""
+    file = directory / "metadata.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | changes))
+    write_report(directory)
+    return words_of(directory)
+
+
+def test_page_is_well_formed_and_stands_alone(page, shown):
     assert (page.misnested, page.open) == ([], [])
-
-
-def test_report_fetches_nothing(page: Page, shown: Path) -> None:
-    assert page.addresses
-    inside = ("data:image/png;base64,", "data:image/svg+xml;base64,", "#")
-    links = {address for address in page.addresses if not address.startswith(inside)}
-    assert {link for link in links if not link.startswith("figures/")} == set()
+    inside = ("data:image/png;base64,", "data:image/svg+xml;base64,", "#", "figures/")
+    assert page.addresses and [address for address in page.addresses if not address.startswith(inside)] == []
     text = text_of(shown)
     assert not re.search(r"@import|url\(|<link|<script[^>]*src|fetch\(|XMLHttp|import\(", text)
-
-
-def test_links_to_figures_lead_to_files_beside_the_report(page: Page, shown: Path) -> None:
     links = {address for address in page.addresses if address.startswith("figures/")}
     assert {Path(link).suffix for link in links} == {".png", ".svg"}
     assert all((shown / link).is_file() for link in links)
-    text = text_of(shown)
     assert text.count('href="figures/') == text.count('title="In the folder figures/ beside report.html"') > 0
-
-
-def test_links_within_the_report_lead_somewhere(page: Page) -> None:
     assert {address[1:] for address in page.addresses if address.startswith("#")} <= page.ids
-
-
-def test_pictures_say_what_they_show(page: Page) -> None:
     assert len(page.images) == 10  # rates, factors, four of the map, two configurations that failed, two causes
     assert all(image["alt"] for image in page.images)
 
 
-def test_figures_are_written_as_png_and_svg_too(page: Page, shown: Path) -> None:
+def test_figures_are_written_as_png_and_svg(shown):
     files = sorted((shown / "figures").iterdir())
     names = {re.sub(r"-[0-9a-f]{8}$", "", file.stem) for file in files}
     assert names == {
-        "rates",
-        "factors",
-        "final-poses",
-        "failure-rate",
-        "failed",
-        "passed",
-        "case-noisy-1",
-        "cause-too-close",
-        "cause-no-path",
-        "case-noisy-2",
+        *("rates", "factors", "final-poses", "failure-rate", "failed", "passed", "case-noisy-1"),
+        *("cause-too-close", "cause-no-path", "case-noisy-2"),
     }
     for file in files:
         if file.suffix == ".png":
-            with Image.open(file) as picture:
-                assert picture.width >= 600
+            with Image.open(file) as drawn:
+                assert drawn.width >= 600
         else:
             assert ElementTree.parse(file).getroot().tag == "{http://www.w3.org/2000/svg}svg"
     assert [file.suffix for file in files] == [".png", ".svg"] * len(names)
-
-
-def test_worst_configurations_are_shown_with_the_command_that_replays_them(page: Page) -> None:
-    assert page.text.index("vastflow replay . noisy-2 0") < page.text.index("vastflow replay . noisy-1 3")
 
 
 def test_what_belongs_to_the_call_alone_stands_between_marks(directory: Path) -> None:
@@ -196,197 +181,121 @@ def test_what_belongs_to_the_call_alone_stands_between_marks(directory: Path) ->
     assert "<dt>runs</dt><dd>7 executed, 8 from the store</dd>" in page
 
 
-def test_rows_of_a_table_are_data_that_a_script_can_read(shown: Path) -> None:
+def test_page_has_facts_of_campaign(page, shown):
+    text = " ".join(page.text.split())
+    said = (
+        # quiet-1: 5 of 5; noisy-1: 3 of 5; noisy-2: 0 of 5, too close to the box.
+        "of the judged runs passed every oracle: 8 of 15.",
+        # noisy-3 is noisy-1: its 3 of 5 count twice, 5 + 2 · 3 + 0 of 5 + 2 · 5 + 5.
+        "55 % 11 of 20",
+        "2 rejected requests, 1 duplicate, 5 runs not judged overall (5 by success, 5 by performance, 5 by safety), 1 fault, 1 note",
+        *(REASON, "path_length 200; path_length 201", "fault: MemoryError", "noisy-3 is noisy-1"),
+        *("execution.image: not executed by this version", "quiet, noisy", "The robot: mass 9 kg."),
+        "Assumed: speed up to 0.5 m/s.",
+    )
+    assert [words for words in said if words not in text] == []
+    assert text.index("vastflow replay . noisy-2 0") < text.index("vastflow replay . noisy-1 3")
     (data,) = re.findall(r'<script type="application/json" id="data-configurations">(.*?)</script>', text_of(shown))
     assert json.loads(data)["kinds"][:4] == ["text", "choice", "class", "rate"]
     assert [row[0] for row in json.loads(data)["rows"]] == ["noisy-2", "noisy-1", "quiet-1", "quiet-2"]
     assert json.loads(data)["rows"][1][3][:3] == [3, 5, 0]
 
 
-def test_campaign_that_was_stopped_early_says_how_many_runs_that_saved(directory: Path) -> None:
-    metadata = json.loads((directory / "metadata.json").read_text())
-    (directory / "metadata.json").write_text(json.dumps({**metadata, "sequential": {"min": 3, "max": 20}}))
-    write_report(directory)
-    page = Page(text_of(directory))
-    text = " ".join(page.text.split())
-    assert "60 of 80 runs were saved" in text
-    assert "those that took longest to decide count most" in text
+def test_page_says_how_runs_were_chosen(directory):
+    saved = rewritten(directory, sequential={"min": 3, "max": 20})
+    assert "60 of 80 runs were saved" in saved and "those that took longest to decide count most" in saved
+    asked = {"runs": 5, "sample": 4, "only": ["noisy*"]}
+    chosen = rewritten(directory, counts={"sampled_from": 1234}, asked=asked)
+    assert "A sample: 4 of 1,234 distinct configurations of the campaign" in chosen
+    assert "Only this part of the campaign was requested: noisy*." in chosen
 
 
-def test_sample_and_a_selection_are_said_at_the_top(directory: Path) -> None:
-    metadata = json.loads((directory / "metadata.json").read_text())
-    metadata |= {"counts": {"sampled_from": 1234}, "asked": {"runs": 5, "sample": 4, "only": ["noisy*"]}}
-    (directory / "metadata.json").write_text(json.dumps(metadata))
-    write_report(directory)
-    words = " ".join(Page(text_of(directory)).text.split())
-    assert "A sample: 4 of 1,234 distinct configurations of the campaign" in words
-    assert "Only this part of the campaign was requested: noisy*." in words
-
-
-def test_duplicates_are_counted_beside_as_the_paper_counts_them(page: Page, shown: Path) -> None:
-    # noisy-3 is noisy-1: its 3 of 5 count twice, 5 + 2 · 3 + 0 of 5 + 2 · 5 + 5.
-    assert "55\u00a0% 11 of 20" in page.text
-    assert json.loads((shown / "evidence.json").read_text())["weighted"]["counts"]["passed"] == 11
-
-
-def test_evidence_has_classes_total_failures_and_factors(page: Page, shown: Path) -> None:
-    evidence = json.loads((shown / "evidence.json").read_text())
-    assert evidence["classes"]["configurations"]["noisy-2"] in ("systematic", "undecided")
-    assert evidence["total_failures"] | {"share": None} == {
-        "configurations": 1, "failures": 5, "of_failures": 7, "share": None
-    }  # fmt: skip
-    assert [factor["name"] for factor in evidence["factors"][0]["factors"]] == [
-        "family"
-    ]  # which divides them as noise does
-
-
-def test_every_basis_of_robustness_is_tabulated_beside_the_one_that_judges(synthetic_campaign, tmp_path, build) -> None:
-    room = build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
-    synthetic_campaign.add(
-        "a-1", "a", room, TASK, recordings=[build.a_recording(LINE)], oracles=[("robustness", {"basis": "maximum"})]
-    )
-    synthetic_campaign.metadata = {"oracles": [{"name": "robustness", "parameters": {"basis": "maximum"}}]}
-    directory = synthetic_campaign.write()
-    write_report(directory)
-    page = Page(text_of(directory))
-    assert "maximum, judged by" in page.text
-    assert "sum over meters driven" in page.text
-
-
-def test_rejections_are_shown_with_their_reason_and_how_often(page: Page) -> None:
-    assert REASON in page.text
-    assert "path_length 200; path_length 201" in page.text
-
-
-def test_what_was_left_out_is_said_at_the_top(page: Page) -> None:
-    summary = " ".join(page.text.split())
-    unjudged = "5 runs not judged overall (5 by success, 5 by performance, 5 by safety)"
-    assert f"2 rejected requests, 1 duplicate, {unjudged}, 1 fault, 1 note" in summary
-
-
-def test_not_judged_faults_duplicates_and_notes_are_named(page: Page) -> None:
-    for what in ("fault: MemoryError", "noisy-3 is noisy-1", "execution.image: not executed by this version"):
-        assert what in page.text
-
-
-def test_method_says_what_the_robot_is_and_what_of_it_is_assumed(page: Page) -> None:
-    for what in ("quiet, noisy", "The robot: mass 9 kg.", "Assumed: speed up to 0.5 m/s."):
-        assert what in page.text
-
-
-def test_headline_counts_judged_runs_alone(page: Page) -> None:
-    # quiet-1: 5 of 5; noisy-1: 3 of 5; noisy-2: 0 of 5, too close to the box.
-    assert "of the judged runs passed every oracle: 8 of 15." in page.text
-
-
-def test_evidence_has_rates_and_intervals_for_campaign_family_and_configuration(page: Page, shown: Path) -> None:
+def test_evidence_has_rates_intervals_and_statistics(shown):
     evidence = json.loads((shown / "evidence.json").read_text())
     together = evidence["all_oracles"]
     assert list(evidence["oracles"]) == ["success", "performance", "safety"]
-    assert (together["campaign"]["passed"], together["campaign"]["failed"], together["campaign"]["not_judged"]) == (
-        8,
-        7,
-        5,
-    )
+    assert [together["campaign"][key] for key in ("passed", "failed", "not_judged")] == [8, 7, 5]
     assert together["families"]["noisy"]["rate"] == pytest.approx(0.3)
     assert together["families"]["quiet"]["clustered"] is None
-    assert together["configurations"]["quiet-1"]["interval"] == pytest.approx({"low": 0.5655, "high": 1.0}, abs=1e-4)
-    assert together["configurations"]["quiet-1"]["exact"] == pytest.approx({"low": 0.025 ** (1 / 5), "high": 1.0})
-    assert together["configurations"]["quiet-2"]["exact"] == {"low": 0.0, "high": 1.0}
-    assert together["configurations"]["quiet-2"]["rate"] is None
+    quiet, broken = (together["configurations"][f"quiet-{k}"] for k in (1, 2))
+    assert quiet["interval"] == pytest.approx({"low": 0.5655, "high": 1.0}, abs=1e-4)
+    assert quiet["exact"] == pytest.approx({"low": 0.025 ** (1 / 5), "high": 1.0})
+    assert (broken["exact"], broken["rate"]) == ({"low": 0.0, "high": 1.0}, None)
     assert evidence["oracles"]["success"]["families"]["noisy"]["passed"] == 8
     assert evidence["oracles"]["success"]["metrics"]["final_distance"]["n"] == 15
     assert (evidence["rejected"], evidence["duplicates"]) == (2, {"noisy-3": "noisy-1"})
+    assert evidence["weighted"]["counts"]["passed"] == 11
+    assert evidence["classes"]["configurations"]["noisy-2"] in ("systematic", "undecided")
+    assert [evidence["total_failures"][key] for key in ("configurations", "failures", "of_failures")] == [1, 5, 7]
+    (family,) = evidence["factors"][0]["factors"]  # which divides the configurations as noise does
+    assert family["name"] == "family"
+    found = evidence_of(read_tables(shown))[None].families["noisy"]
+    assert (found.configurations, found.counts.judged) == (2, 10)
 
 
-def test_duplicate_is_counted_once(shown: Path) -> None:
-    family = evidence_of(read_tables(shown))[None].families["noisy"]
-    assert (family.configurations, family.counts.judged) == (2, 10)
-
-
-def test_report_can_be_written_again(shown: Path, directory: Path) -> None:
+def test_every_basis_of_robustness_is_tabulated(synthetic_campaign, tmp_path, build):
+    room = build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
+    oracles = [("robustness", {"basis": "maximum"})]
+    synthetic_campaign.add("a-1", "a", room, TASK, recordings=[build.a_recording(LINE)], oracles=oracles)
+    synthetic_campaign.metadata = {"oracles": [{"name": "robustness", "parameters": {"basis": "maximum"}}]}
+    directory = synthetic_campaign.write()
     write_report(directory)
-    assert text_of(directory) == text_of(shown)
+    assert "maximum, judged by" in words_of(directory) and "sum over meters driven" in words_of(directory)
 
 
-def test_what_a_user_has_set_for_matplotlib_changes_no_picture(directory: Path) -> None:
+def test_report_depends_on_directory_alone(shown, directory):
     before = {file.name: file.read_bytes() for file in (directory / "figures").iterdir()}
     shutil.rmtree(directory / "figures")
     with matplotlib.rc_context({"font.size": 30, "axes.facecolor": "black", "savefig.bbox": "tight"}):
         write_report(directory)
         assert matplotlib.rcParams["font.size"] == 30
     assert {file.name: file.read_bytes() for file in (directory / "figures").iterdir()} == before
+    assert text_of(directory) == text_of(shown)
 
 
-def test_campaign_of_which_nothing_could_be_built_has_a_report(synthetic_campaign) -> None:
+def test_campaigns_without_judged_runs_have_reports(synthetic_campaign, tmp_path, build):
     synthetic_campaign.reject("far", REASON, {"path_length": 200.0})
     directory = synthetic_campaign.write()
     write_report(directory)
     page = Page(text_of(directory))
     assert "Nothing was run: no configuration could be built." in page.text
-    assert REASON in page.text
-    assert page.misnested == []
-
-
-def test_campaign_whose_every_run_broke_has_a_report(synthetic_campaign, tmp_path: Path, build) -> None:
+    assert REASON in page.text and page.misnested == []
     room = build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
     synthetic_campaign.add("a-1", "a", room, TASK, recordings=[build.a_recording(LINE)])
     synthetic_campaign.verdicts = [{**row, "judgement": "not judged"} for row in synthetic_campaign.verdicts]
-    directory = synthetic_campaign.write()
-    write_report(directory)
+    write_report(synthetic_campaign.write())
     assert json.loads((directory / "evidence.json").read_text())["all_oracles"]["campaign"]["rate"] is None
 
 
 @each_row(
-    ("rate", "text"),
+    ("words", "value", "text"),
     [
-        (None, "–"),
-        (0.0, "0\u00a0%"),
-        (1.0, "100\u00a0%"),
-        (0.857, "86\u00a0%"),
-        (0.9991, "99.9\u00a0%"),
-        (0.0004, "0.04\u00a0%"),
+        # A rate is never rounded to 0 or 100 %.
+        *((percent, rate, text) for rate, text in ((None, "–"), (0.0, "0 %"), (1.0, "100 %"), (0.857, "86 %"))),
+        *((percent, rate, text) for rate, text in ((0.9991, "99.9 %"), (0.0004, "0.04 %"))),
+        # An interval is rounded outwards, with a decimal if it is narrow.
+        (span, Interval(0.523, 0.704), "52–71 %"),
+        (span, Interval(0.0, 1.0), "0–100 %"),
+        (span, Interval(0.29, 0.57), "29–57 %"),
+        (span, Interval(0.7601, 0.7649), "76.0–76.5 %"),
+        *((points, value, text) for value, text in ((0.124, "+12"), (-0.5, "−50"), (-0.004, "+0"), (0.0, "+0"))),
+        *((number, value, text) for value, text in ((None, "–"), (1e-15, "0"), (-1e-15, "0"))),
+        *((number, value, text) for value, text in ((0.0582, "0.058"), (1234.5, "1,234"))),
     ],
 )
-def test_rate_is_never_rounded_to_none_or_all(rate: float | None, text: str) -> None:
-    assert percent(rate) == text
-
-
-def test_interval_is_written_with_one_sign_and_rounded_outwards() -> None:
-    assert span(Interval(0.523, 0.704)).replace("\u2060", "") == "52–71\u00a0%"
-    assert span(Interval(0.0, 1.0)).replace("\u2060", "") == "0–100\u00a0%"
-    assert span(Interval(0.29, 0.57)).replace("\u2060", "") == "29–57\u00a0%"
-
-
-@each_row(("difference", "text"), [(0.124, "+12"), (-0.5, "−50"), (-0.004, "+0"), (0.0, "+0")])
-def test_difference_has_its_sign_and_nothing_is_not_less_than_nothing(difference: float, text: str) -> None:
-    assert points(difference) == text
-
-
-def test_ninety_five_of_a_hundred_and_twenty_have_one_interval_in_headline_and_table() -> None:
-    counts = Counts(95, 25)  # 71.067 to 85.450 %: what is rounded to 85.5 first must not become 86 here and 85 there
-    assert span(counts.interval) == rate_words(rate_cell(counts))["span"]
+def test_numbers_are_written_for_people(words, value, text):
+    assert words(value).replace("\u00a0", " ").replace("\u2060", "") == text
 
 
 @given(st.integers(0, 300), st.integers(0, 300))
-def test_interval_is_the_same_in_headline_and_table_and_holds_what_was_computed(passed: int, failed: int) -> None:
+@example(95, 25)  # 71.067 to 85.450 %: what is rounded to 85.5 first must not become 86 here and 85 there
+def test_interval_is_same_in_headline_and_table_and_holds_computed_one(passed, failed):
     counts = Counts(passed, failed)
     if counts.judged:
         shown = span(counts.interval)
         assert shown == rate_words(rate_cell(counts))["span"]
         low, high = (float(end) / 100 for end in shown.replace("\u2060", "").removesuffix("\u00a0%").split("–"))
         assert low <= counts.interval.low + 1e-8 and counts.interval.high - 1e-8 <= high
-
-
-def test_narrow_interval_has_a_digit_more() -> None:
-    assert span(Interval(0.7601, 0.7649)).replace("\u2060", "") == "76.0–76.5\u00a0%"
-    assert rate_words([760, 1000, 0, 757, 762])["span"].replace("\u2060", "") == "75.7–76.2\u00a0%"
-    assert rate_words([5, 10, 0, 237, 763])["span"].replace("\u2060", "") == "23–77\u00a0%"
-
-
-@each_row(("value", "text"), [(None, "–"), (1e-15, "0"), (-1e-15, "0"), (0.0582, "0.058"), (1234.5, "1,234")])
-def test_number_is_rounded_to_the_millimeter(value: float | None, text: str) -> None:
-    assert number(value) == text
 
 
 NOISE = {"combinations": 4, "admissible": 3, "covered": 2, "share": 2 / 3}
@@ -420,46 +329,24 @@ COVERAGE = {
 }
 
 
-@pytest.fixture(scope="module")
-def covered(shown: Path, tmp_path_factory) -> Path:
-    """A directory with a table of its coverage, and its report."""
-    directory = Path(shutil.copytree(shown, tmp_path_factory.mktemp("covered") / "results"))
+def test_coverage_is_shown_by_family_dimension_and_pair(page, directory):
+    assert "coverage" not in page.ids and "#coverage" not in page.addresses  # of an earlier version
     (directory / "coverage.json").write_text(json.dumps(COVERAGE))
     write_report(directory)
-    return directory
-
-
-@pytest.fixture(scope="module")
-def coverage_text(covered: Path) -> str:
-    """The words of the section on coverage, single spaces between them."""
+    whole = Page(text_of(directory))
+    assert (whole.open, whole.misnested) == ([], [])
     sections = r'<details class="fold" id="coverage">.*?</details>\s*<details class="fold"'
-    (section,) = re.findall(sections, text_of(covered), re.DOTALL)
-    return " ".join(Page(section.replace("<t", " <t")).text.split())
-
-
-def test_coverage_of_a_family_is_in_the_report_with_its_design(coverage_text: str):
-    assert "quiet 1,234 1,100 30 4 100 130 77 % 2-way: 104 of 9,000, at least 96" in coverage_text
-
-
-def test_report_names_what_constraints_and_producers_took(coverage_text: str):
-    assert "quiet: constraint see_<enough> excludes 1,100." in coverage_text
-    assert "quiet: PathVariationRandom can't build 30;" in coverage_text
-
-
-def test_report_shows_dimensions_and_pairs(coverage_text: str):
-    assert "quiet system 2 2 of 3 67 % noise, radius" in coverage_text
-    assert "quiet noise × radius 2 3 4 67 %" in coverage_text
-    assert "Counted, not listed: 7 pairs." in coverage_text
-
-
-def test_tags_of_a_report_with_coverage_are_closed_in_order(covered: Path):
-    page = Page(text_of(covered))
-    assert (page.open, page.misnested) == ([], [])
-
-
-def test_directory_of_before_there_was_a_coverage_json_has_a_report_without_it(page: Page):
-    assert "coverage" not in page.ids
-    assert "#coverage" not in page.addresses
+    (section,) = re.findall(sections, text_of(directory), re.DOTALL)
+    text = " ".join(Page(section.replace("<t", " <t")).text.split())
+    for words in (
+        "quiet 1,234 1,100 30 4 100 130 77 % 2-way: 104 of 9,000, at least 96",
+        "quiet: constraint see_<enough> excludes 1,100.",
+        "quiet: PathVariationRandom can't build 30;",
+        "quiet system 2 2 of 3 67 % noise, radius",
+        "quiet noise × radius 2 3 4 67 %",
+        "Counted, not listed: 7 pairs.",
+    ):
+        assert words in text
 
 
 def test_report_shows_added_section_with_its_figure_and_table(directory: Path, monkeypatch: pytest.MonkeyPatch) -> None:
