@@ -1,4 +1,4 @@
-"""The command `compare`: what has changed between two campaigns, and whether that is too much."""
+"""The command `compare`: the differences between two campaigns, and a gate on the loss of success rate."""
 
 import json
 import sys
@@ -24,25 +24,30 @@ def compare(
     oracle: OracleName = None,
     gate: Annotated[
         bool,
-        typer.Option("--gate", help="Exit code 1 unless a loss of the margin is ruled out, 4 if it can't be told."),
+        typer.Option(
+            "--gate",
+            help="Exit with 1 unless a loss of the margin is ruled out, with 4 if there are too few paths to tell.",
+        ),
     ] = False,
     target: Annotated[
-        Target, typer.Option(help="Speak of these very scenarios, run again, or of others of their kind.")
+        Target, typer.Option(help="Draw conclusions about these scenarios, or about others of their kind.")
     ] = "these",
     margin: Annotated[
-        float, typer.Option(min=0.0, max=1.0, help="Loss of success rate that may be, as a share of the runs.")
+        float, typer.Option(min=0.0, max=1.0, help="Accepted loss of success rate, as a share of the runs.")
     ] = 0.02,
     junit: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write a JUnit file: the gate and each configuration.")
+        Path | None, typer.Option(metavar="FILE", help="Write a JUnit file with the gate and each configuration.")
     ] = None,
-    pictures: Annotated[int, typer.Option(min=0, metavar="N", help="Configurations to draw, the most changed.")] = 8,
+    pictures: Annotated[
+        int, typer.Option(min=0, metavar="N", help="Number of configurations to draw, most changed first.")
+    ] = 8,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
     """Compare two campaigns, run by run.
 
-    Runs are paired by scenario and seed. Shows the difference with its interval, configurations that newly fail or pass, and the
-    difference at each level of each factor. Pictures go to B/comparisons/A.
+    Runs are paired by scenario and seed. Shows the difference with its interval, configurations that newly fail or pass, and
+    the difference at each level of each factor. Pictures go to B/comparisons/A.
     """
     for directory in (before, after):
         check_directory(directory)
@@ -73,7 +78,7 @@ def compare(
 
 
 def _drawn(found: "Compared", most: int, folder: Path) -> tuple[dict[str, Path], dict[str, list[str]]]:
-    """Pictures by the name of the later configuration; reasons why others can't be drawn, and their names."""
+    """Return pictures by configuration of the candidate, and the others' names by the reason why they can't be drawn."""
     drawn: dict[str, Path] = {}
     undrawn: dict[str, list[str]] = {}
     from vastflow.flows.comparison.pictures import NotDrawn, picture_of

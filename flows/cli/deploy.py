@@ -1,4 +1,4 @@
-"""The command `deploy`: a campaign that Prefect runs on request or by a schedule."""
+"""The command `deploy`: a campaign that Prefect runs on request or on a schedule."""
 
 import shlex
 import sys
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from vastflow.tasks.execution.description import RunDescription
 
 OPTIONS: Final = tuple(name for name in NAMES if name not in ("pool", "shards", "pool_wait_s"))
-"""What the campaign is asked each time; its pool is `--shards-in` here, where `--pool` is that of the deployment."""
+"""Fields of the request; its pool is `--shards-in` here, for `--pool` is that of the deployment."""
 
 MOST_IN_A_CONFIG_MAP: Final = 2**20
 
@@ -44,13 +44,13 @@ def deploy(
     file: CampaignFile,
     asked: Mapping[str, Any],
     pool: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Work pool; made if there is none of that name.")
+        str | None, typer.Option(metavar="NAME", help="Work pool to run in; created if it does not exist.")
     ] = None,
     kind: Annotated[PoolType, typer.Option("--type", help="What the pool's workers start.")] = PoolType.process,
-    name: Annotated[str | None, typer.Option(help="Of the deployment; else the campaign's.")] = None,
+    name: Annotated[str | None, typer.Option(help="Name of the deployment; default: that of the campaign.")] = None,
     cron: Annotated[
         str | None,
-        typer.Option("--schedule", metavar="CRON", help="When to run, such as '0 2 * * *'; else on request."),
+        typer.Option("--schedule", metavar="CRON", help="Schedule such as '0 2 * * *'; default: on request."),
     ] = None,
     timezone: Annotated[str, typer.Option(help="Time zone of the schedule.")] = "UTC",
     image: Annotated[str, typer.Option(help="Image with vastflow, for docker and kubernetes.")] = IMAGE,
@@ -59,7 +59,8 @@ def deploy(
     shards_in: Annotated[
         str | None,
         typer.Option(
-            metavar="POOL", help="Work pool whose workers compute the runs; made if there is none, of the same --type."
+            metavar="POOL",
+            help="Work pool whose workers compute the runs; created with the same --type if it does not exist.",
         ),
     ] = None,
     dry_run: DryRun = False,
@@ -67,14 +68,14 @@ def deploy(
         Format | None,
         typer.Option(
             "--format",
-            help="Without --pool: print the containers of a run as a Docker Compose file or a PodTemplate; change nothing.",
+            help="Print the containers of a run as a Docker Compose file or a PodTemplate instead.",
         ),
     ] = None,
 ) -> None:
-    """Make or change a deployment of a campaign, and its work pool, at Prefect's API.
+    """Create or change a Prefect deployment of a campaign, and its work pool.
 
-    A worker of the pool then runs the whole campaign on its machine, or with --shards-in drives it, while the workers of
-    another pool, or of the same one, compute its runs.
+    A worker of the pool then runs the whole campaign on its machine. With --shards-in it drives the campaign, and the
+    workers of that pool compute the runs.
     """
     if format_ is not None:
         _describe(file, format_, context, asked["map_dir"], as_v1=asked["as_v1"])
@@ -138,20 +139,21 @@ def _job_variables(kind: PoolType, description: "RunDescription", image: str, qu
 
 
 def _own_variables(kind: PoolType, image: str, queue: str) -> dict[str, Any]:
-    """What the options set of a pool's template, whatever the campaign."""
+    """Return the variables of a pool's template that the options set."""
     own: dict[str, Any] = {} if kind is PoolType.process else {"image": image}
     return own | ({"queue": queue} if kind is PoolType.kubernetes else {})
 
 
 def _place(file: Path, kind: PoolType) -> str:
-    """The campaign file, or the folder of maps, as the worker finds it: in an image, below the folder it was built from."""
+    """Return a path as the worker finds it: in an image, below the folder that it was built from."""
     if kind is PoolType.process:
         return str(file.resolve())
     try:
         return file.resolve().relative_to(Path.cwd()).as_posix()
     except ValueError:
-        right = "call this from the folder that the image is built from, with all that it needs in it"
-        raise UserError(f"{file}: it is not below {Path.cwd()}; {right}") from None
+        raise UserError(
+            f"{file}: expected a path below {Path.cwd()}; call this from the folder that the image is built from"
+        ) from None
 
 
 def _results(kind: PoolType) -> str:
@@ -190,7 +192,10 @@ def _print(deployment: "Deployment", shards: "ShardDeployment", kind: PoolType) 
 def _register(
     deployment: "Deployment", shards_in: str, shards: "Callable[[PoolType], ShardDeployment]", kind: PoolType
 ) -> None:
-    """Make or change everything; the pool of the shards may be there already, and of another type. A busy API is asked again."""
+    """Make or change everything, and ask a busy API again.
+
+    The pool of the shards may exist, and be of another type.
+    """
     from vastflow.tasks.prefect.server import configured_url, redacted
 
     url = configured_url()

@@ -1,4 +1,4 @@
-"""The commands `dev bench` and `dev paper`: scripts of the repository, which measure or compare and which no wheel carries."""
+"""The commands `dev bench` and `dev paper`: scripts of the repository that measure and compare, which no wheel has."""
 
 import os
 import sys
@@ -14,15 +14,15 @@ PROOFS: Final = Path(__file__).resolve().parents[2] / "tests" / "proofs"
 
 
 def run_script(command: str, name: str, *arguments: object) -> NoReturn:
-    """Become a script of `tests/proofs`: it has this process's terminal, its signals and its exit code.
+    """Replace this process by a script of `tests/proofs`.
 
     Args:
-        command: The command that the user called, for the message where there is no such script.
+        command: The called command, for the message where there is no such script.
     """
     script = PROOFS / f"{name}.py"
     if not script.is_file():
         raise UserError(
-            f"vastflow {command}: it runs tests/proofs/{name}.py, which only a clone of vastflow's repository has: "
+            f"vastflow {command}: expected a clone of vastflow's repository, which has tests/proofs/{name}.py; "
             "call it there, after `pip install -e .`"
         )
     sys.stdout.flush()
@@ -37,12 +37,12 @@ dev.add_typer(bench, name="bench")
 @bench.command()
 def sim(
     controller: Annotated[str, typer.Option(help="Controller to drive with: mppi, dwb or rpp.")] = "mppi",
-    profile: Annotated[bool, typer.Option(help="Say which stage of a tick takes how long.")] = False,
+    profile: Annotated[bool, typer.Option(help="Show the duration of each stage of a tick.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Measure the simulator.
 
-    One fixed scenario on one core, in CPU time, with everything that was fixed. Needs a clone of the repository.
+    CPU time of one fixed scenario on one core. Needs a clone of the repository.
     """
     flags = ["--profile"] * profile + ["--json"] * as_json
     run_script("dev bench sim", "bench_simulator", f"--controller={controller}", *flags)
@@ -56,8 +56,8 @@ def pipeline(
 ) -> None:
     """Measure the pipeline.
 
-    A campaign whose runs do nothing: computed, run again, and run with one configuration edited. It takes minutes and
-    needs a clone of the repository.
+    A campaign whose runs do nothing: computed, run again, and run after an edit of one configuration. Takes minutes. Needs a
+    clone of the repository.
     """
     flags = ["--json"] * as_json
     run_script("dev bench pipeline", "bench_pipeline", f"--configurations={configurations}", f"--runs={runs}", *flags)
@@ -69,8 +69,8 @@ def paper(
         list[Path], typer.Argument(metavar="RESULTS...", help="Campaign directories of campaigns in campaigns/paper.")
     ],
 ) -> None:
-    """Print a page that puts results beside the paper's.
+    """Print a page that compares results with the paper's.
 
-    Markdown on standard output; the same results give the same text. Needs a clone of the repository.
+    Markdown on standard output. Needs a clone of the repository.
     """
     run_script("dev paper", "paper_page", "--", *results)

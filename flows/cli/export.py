@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _NOT_EXPORTED: Final = ("traces", "figures")
 
 PERIOD_S: Final = 5.0
-"""From one line about the progress to the next."""
+"""Time between two lines of progress."""
 
 
 def export(
@@ -26,12 +26,14 @@ def export(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder, or an empty one.")],
     only: Annotated[
         list[str] | None,
-        typer.Option(metavar="PATTERN", help="Only families and configurations of such a name; may be repeated."),
+        typer.Option(
+            metavar="PATTERN", help="Families and configurations to export, such as 'room*'; may be repeated."
+        ),
     ] = None,
 ) -> None:
-    """Lay out a campaign as a folder for each run.
+    """Export a campaign as a folder for each run.
 
-    With JUnit reports, CSV files, logs and what programs wrote.
+    With JUnit reports, CSV files, logs, and output files of programs.
     """
     with Interruptible(f"interrupted; {folder} is as it was"):
         from vastflow.flows.export.export import export as lay_out
@@ -48,7 +50,7 @@ def export(
 
 
 class _Progress:
-    """Says now and then how far an export is."""
+    """Prints the progress of an export now and then."""
 
     def __init__(self) -> None:
         self._said_s = time.monotonic()
@@ -66,6 +68,6 @@ def _said(exported: "Exported") -> str:
     )
     counts = {"passed": runs - failed - broken - unjudged, "failed": failed, "broken": broken, "not judged": unjudged}
     named = ", ".join(f"{n} {what}" for what, n in counts.items() if n or what in ("passed", "failed"))
-    alike = f", {exported.duplicates} of the content of another" if exported.duplicates else ""
+    alike = f", {exported.duplicates} equal to another" if exported.duplicates else ""
     configurations = count_text(len(exported.suites) + exported.duplicates, "configuration")
     return f"{configurations}{alike}; {runs} runs: {named}\nexported: {exported.folder}"

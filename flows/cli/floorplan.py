@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 floorplan = command_group("Draw floor plans (.fpm) and their variations (.variation).")
 
 PlanArgument = Annotated[Path, typer.Argument(metavar="FILE.fpm", help="Floor plan.")]
-Out = Annotated[Path, typer.Option(help="Folder to write to; made where there is none.")]
+Out = Annotated[Path, typer.Option(help="Folder to write to; created if it does not exist.")]
 
 SMALLEST_RESOLUTION_M: Final = 0.001
 
@@ -29,8 +29,10 @@ SMALLEST_RESOLUTION_M: Final = 0.001
 def render(
     file: PlanArgument,
     out: Out,
-    resolution: Annotated[float, typer.Option(min=SMALLEST_RESOLUTION_M, help="Edge of a cell of the map (m).")] = 0.05,
-    laser_height: Annotated[float, typer.Option(min=0.0, help="Height of the slice that is the map (m).")] = 0.193,
+    resolution: Annotated[float, typer.Option(min=SMALLEST_RESOLUTION_M, help="Cell size of the map (m).")] = 0.05,
+    laser_height: Annotated[
+        float, typer.Option(min=0.0, help="Height of the laser, where the map is cut (m).")
+    ] = 0.193,
 ) -> None:
     """Write a floor plan's map, mesh and picture.
 
@@ -53,7 +55,7 @@ def render(
 def geometry(file: PlanArgument) -> None:
     """Print all polygons of a floor plan as JSON.
 
-    In the world's frame and in meters: spaces, walls, obstacles, openings.
+    Spaces, walls, obstacles, and openings in the world frame, in meters.
     """
     from vastflow.producers.floorplan.files import read_plan_file
     from vastflow.producers.floorplan.rendering import geometry_of
@@ -67,13 +69,15 @@ def geometry(file: PlanArgument) -> None:
 def variations(
     file: Annotated[Path, typer.Argument(metavar="FILE.variation", help="Variation file.")],
     out: Out,
-    count: Annotated[int, typer.Option(min=1, help="How many are drawn.")] = 1,
-    seed: Annotated[int, typer.Option(min=0, help="Of the first; the next ones have the next numbers.")] = 0,
+    count: Annotated[int, typer.Option(min=1, help="Number of variations.")] = 1,
+    seed: Annotated[
+        int, typer.Option(min=0, help="Seed of the first variation; the others have the next numbers.")
+    ] = 0,
 ) -> None:
     """Draw variations of a floor plan.
 
-    Each is written as PLAN_SEED.fpm. One whose numbers make no building is reported and left out; what there is to note
-    of the others, such as a door that the numbers put beside its wall, is said.
+    Each is written as PLAN_SEED.fpm. Variations that make no building are reported and left out. Warnings name what is odd
+    in the others, such as a door beside its wall.
     """
     check_writable(out, "--out")
     from vastflow.flows.request.campaign_file import terminal_lines
@@ -82,7 +86,7 @@ def variations(
     from vastflow.sim.model.faults import FileError
 
     if seed + count - 1 > GREATEST_SEED:
-        raise UserError(f"--seed {seed}: the last seed is {seed + count - 1}; at most {GREATEST_SEED}")
+        raise UserError(f"--seed {seed}: expected a last seed of at most {GREATEST_SEED}, got {seed + count - 1}")
     variation = read_variation_file(file).variation()
     written = 0
     for number in range(seed, seed + count):

@@ -1,4 +1,4 @@
-"""The command `init`: a first campaign, the quickstart or one of a map and a robot of one's own."""
+"""The command `init`: a first campaign, the quickstart or one for the user's map and robot."""
 
 import json
 import math
@@ -58,7 +58,7 @@ evaluation:
 
 
 def init(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder to write it in; made where there is none.")],
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder to write to; created if it does not exist.")],
     map_file: Annotated[
         Path | None, typer.Option("--map", metavar="MAP.yaml", help="Map of map_server, for random paths on it.")
     ] = None,
@@ -68,9 +68,9 @@ def init(
 ) -> None:
     """Write a first campaign.
 
-    With a map, it is random paths on that map, for the robot of the Nav2 parameter file, or of Nav2's default file. Both files are used
-    where they are. Without, it is the quickstart: 24 configurations of a delivery robot in a small office. Existing files are never
-    overwritten.
+    With a map, it drives random paths on that map with the robot of the Nav2 parameter file, or of Nav2's default file; both
+    files stay where they are. Without a map, it is the quickstart: 24 configurations of a delivery robot in a small office.
+    Existing files are never overwritten.
     """
     if nav2_params is not None and map_file is None:
         raise UserError("--params: requires --map")
@@ -96,7 +96,7 @@ def init(
 
 
 def _random_paths(folder: Path, map_file: Path, nav2_params: Path | None, command: str) -> str:
-    """The text of a campaign with paths as long as the map has them, at most 10 m."""
+    """Return the text of a campaign with paths as long as the map allows, at most 10 m."""
     from vastflow.producers.campaign_file.nav2_parameters import parameter_faults
     from vastflow.producers.places.ground import ground_of
     from vastflow.producers.places.route import farthest_m

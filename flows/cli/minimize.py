@@ -1,4 +1,4 @@
-"""The command `minimize`: a failing configuration becomes a smallest one that still fails, and shows what its failure needs."""
+"""The command `minimize`: the smallest configuration that still fails, which shows the cause of a failure."""
 
 import json
 from collections.abc import Mapping
@@ -19,19 +19,22 @@ def minimize(
     configuration: Annotated[str, typer.Argument(metavar="CONFIGURATION", help="Name of a configuration that fails.")],
     asked: Mapping[str, Any],
     oracle: OracleName = None,
-    rate: Annotated[float, typer.Option(help="Least failure rate that is called failing, above 0 and below 1.")] = 0.5,
+    rate: Annotated[
+        float, typer.Option(help="Failure rate from which a configuration fails, above 0 and below 1.")
+    ] = 0.5,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
-    """Shrink a failing configuration to a smallest one that still fails.
+    """Reduce a failing configuration to the smallest one that still fails.
 
-    Leaves out obstacles, differences of the world, waypoints and parameters, brings what stays nearer to its default, and shortens
-    the path, while a sequential test shows that it still fails. Writes a campaign file of what is left, and says what can't be left
-    out. What is in the store already is not computed again. A robot must drive in it: a program as the system under test is refused.
+    Removes obstacles, differences of the world, waypoints, and parameters, moves the rest nearer to defaults, and shortens the
+    path, while a sequential test shows that it still fails. Writes a campaign file of what is left to
+    RESULTS/minimized/CONFIGURATION, and names what can't be removed. Cached results are not computed again. The system under
+    test must be a robot.
     """
     check_directory(results)
     if not 0.0 < rate < 1.0:
-        raise UserError(f"--rate {rate:g}: a failure rate above 0 and below 1")
+        raise UserError(f"--rate: expected a failure rate above 0 and below 1, got {rate:g}")
     folder = out or results / "minimized" / configuration
     check_writable(folder, "--out")
     with computing() as display:

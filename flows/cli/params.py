@@ -1,4 +1,4 @@
-"""The command `params`: what of a Nav2 parameter file the simulator uses."""
+"""The command `params`: which parameters of a Nav2 file the simulator uses."""
 
 import json
 import math
@@ -29,9 +29,9 @@ def params(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Nav2 parameter file.")],
     as_json: AsJson = False,
 ) -> None:
-    """Show what of a Nav2 parameter file is modeled.
+    """Show which Nav2 parameters are modeled.
 
-    Every parameter of the file, with the value that is used or with what is done in its place.
+    Each parameter of the file with the value that the simulator uses, or with what it does instead.
     """
     from vastflow.producers.campaign_file.nav2_parameters import parameter_faults, short
     from vastflow.producers.model.faults import shown

@@ -1,4 +1,4 @@
-"""The command `plan`: what a run would do, and why, with nothing executed."""
+"""The command `plan`: the work of a run and its reasons, without executing it."""
 
 import json
 import sys
@@ -22,23 +22,23 @@ def plan(
     source: Campaign,
     asked: Mapping[str, Any],
     configuration: Annotated[
-        str | None, typer.Argument(metavar="CONFIGURATION", help="One of a campaign directory, to say all about it.")
+        str | None, typer.Argument(metavar="CONFIGURATION", help="Configuration of a campaign directory to explain.")
     ] = None,
-    why: Annotated[bool, typer.Option("--why", help="Say why something would be computed.")] = False,
+    why: Annotated[bool, typer.Option("--why", help="Show why results would be computed.")] = False,
     coverage: Annotated[
-        bool, typer.Option("--coverage", help="List how much of each dimension and pair of producers is covered.")
+        bool, typer.Option("--coverage", help="Show the coverage of each dimension and pair of producers.")
     ] = False,
     pictures: Annotated[int, typer.Option(min=0, metavar="N", help="Draw the first N configurations.")] = 0,
     out: Out = None,
     since: Annotated[
-        Path | None, typer.Option(metavar="RESULTS", help="Compare with this campaign, else with the newest before.")
+        Path | None, typer.Option(metavar="RESULTS", help="Campaign to compare with; default: the newest earlier one.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Show what a run would do, without running it.
 
-    Configurations, what is rejected or excluded, what is in the store, and what would be computed. Of one configuration of a
-    campaign directory: its origin, its keys in the store, and its differences to an earlier campaign. Pictures go to
+    Configurations, rejections, exclusions, cached results, and what would be computed. For one configuration of a campaign
+    directory: its origin, its keys in the store, and its differences to an earlier campaign. Pictures go to
     pictures-NAME.
     """
     if since is not None:
@@ -60,7 +60,7 @@ def plan(
             with looking_only():
                 found = plan_of(request, Path(environments), since or (source if is_directory(source) else None))
             for fault in found.unexecutable:
-                print(f"not to be run by this version: {fault}", file=sys.stderr)
+                print(f"this version can't run the file: {fault}", file=sys.stderr)
             if not as_json:
                 printed(plan_text(found, why=why, coverage=coverage))
             folder = out or Path(f"pictures-{directory_name(found.name)}")
@@ -73,11 +73,9 @@ def plan(
 
 
 def _explain(directory: Path, name: str, store: str | None, since: Path | None, as_json: bool) -> None:
-    """Say all about one configuration of a campaign directory."""
+    """Explain one configuration of a campaign directory."""
     if directory.is_file():
-        raise UserError(
-            f"{directory}: expected a campaign directory, got a file; only with one is CONFIGURATION explained"
-        )
+        raise UserError(f"{directory}: expected a campaign directory to explain CONFIGURATION, got a file")
     check_directory(directory)
     from vastflow.flows.plan.explain import explained, explanation_json, explanation_text
     from vastflow.flows.terminal.table import printed

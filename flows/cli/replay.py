@@ -1,4 +1,4 @@
-"""The command `replay`: one recorded run executed once more, and pictures of what happened in it."""
+"""The command `replay`: a recorded run executed again, and pictures of it."""
 
 import json
 import sys
@@ -29,13 +29,13 @@ FRAMES: Final = "frames"
 
 @dataclass(frozen=True, slots=True)
 class ShownTicks:
-    """What of a run is to be shown, in ticks.
+    """Ticks of a run to draw.
 
     Attributes:
-        last: None for the run's end, which is another where another run is executed than was recorded.
-        strip: Of the picture strip; empty for a choice of ours between `first` and `last`.
-        film: Of the film; empty for none.
-        notes: How times were rounded.
+        last: None for the end of the executed run, which may differ from the recorded one.
+        strip: Ticks of the picture strip; empty for a choice between `first` and `last`.
+        film: Ticks of the film; empty for none.
+        notes: Sentences on rounded times.
     """
 
     first: int
@@ -50,22 +50,22 @@ def replay(
     configuration: Annotated[str, typer.Argument(metavar="CONFIGURATION", help="Name of a configuration.")],
     run: Annotated[int, typer.Argument(metavar="RUN", help="Index of a run, from 0.", min=0)],
     at: Annotated[
-        list[float] | None, typer.Option(metavar="S", help="A picture at this simulated time; may be repeated.")
+        list[float] | None, typer.Option(metavar="S", help="Simulated time to draw; may be repeated.")
     ] = None,
     every: Annotated[
-        float | None, typer.Option(metavar="S", help="A picture each so many seconds; with --video, of the film.")
+        float | None, typer.Option(metavar="S", help="Seconds between pictures; with --video, of the film.")
     ] = None,
-    since: Annotated[float | None, typer.Option("--from", metavar="S", help="Nothing before this time.")] = None,
-    until: Annotated[float | None, typer.Option("--to", metavar="S", help="Nothing after this time.")] = None,
-    video: Annotated[bool, typer.Option("--video", help="Make a film too, an animated GIF.")] = False,
+    since: Annotated[float | None, typer.Option("--from", metavar="S", help="First time to draw.")] = None,
+    until: Annotated[float | None, typer.Option("--to", metavar="S", help="Last time to draw.")] = None,
+    video: Annotated[bool, typer.Option("--video", help="Make an animated GIF too.")] = False,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
-    """Execute a recorded run once more, and look at it.
+    """Execute a recorded run again and draw it.
 
-    Writes a picture strip of the start, of what happened and of the end, or of the times asked for. Before, it says where
-    the simulator or the kind of machine is not the one that recorded. Exit code 1 says that the run executed here is not the
-    recorded one, bit for bit.
+    Writes a picture strip of the start, the events, and the end, or of the given times, to RESULTS/replays/. Warns if the
+    simulator or the kind of machine differs from the recording's. Exit code 1 if the executed run is not the recorded one,
+    bit for bit.
     """
     check_directory(results)
     from vastflow.flows.results.provenance import versions
@@ -86,7 +86,7 @@ def replay(
     title = f"{configuration}, run {run}"
     differs = _differences(recorded.metadata)
     for words in differs:
-        print(f"{title}: {words}; executed here it may be another run", file=sys.stderr)
+        print(f"{title}: {words}; the run executed here may differ", file=sys.stderr)
     with Interruptible("interrupted"):
         try:
             replayed, ticks = _executed(recorded, asked)
@@ -108,7 +108,7 @@ def replay(
 
 
 def _differences(metadata: Mapping[str, Any]) -> list[str]:
-    """What of the code and the machine is other than where the run was recorded."""
+    """Return differences of code and machine to where the run was recorded."""
     from vastflow.flows.results.provenance import origin_differences
     from vastflow.tasks.keys.keys import EXECUTE_SOURCE, numeric_class
     from vastflow.tasks.keys.source import installed_tree
@@ -151,9 +151,9 @@ def _asked(
 
 
 def _executed(recorded: "RecordedRun", asked: ShownTicks) -> "tuple[Replay, list[int]]":
-    """The run with the snapshots asked for, and the ticks of the strip.
+    """Return the run with its snapshots, and the ticks of the strip.
 
-    Executed twice: what happened, and where, decides what is looked at.
+    The run is executed twice, since its events decide which ticks are drawn.
     """
     from vastflow.oracles.replay.story import highlights, view_of
     from vastflow.sim.kernels.numeric import kernel_cache_dir
@@ -202,7 +202,7 @@ def _story(title: str, recorded: "RecordedRun", replayed: "Replay", difference: 
 
 
 def _written(folder: Path, story: "Story", replayed: "Replay", ticks: list[int], asked: ShownTicks) -> dict[str, Any]:
-    """Write the pictures; where they are, as `--json` says it."""
+    """Write the pictures and return their paths as `--json` prints them."""
     from vastflow.oracles.figures.style import png
     from vastflow.oracles.replay.film import write_film
     from vastflow.oracles.replay.still import still_images, strip_figure

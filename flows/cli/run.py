@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
 OPTIONS: Final = tuple(name for name in NAMES if name != "reports")
 MACHINE: Final = ("store", "workers", "pool", "shards", "pool_wait_s")
-"""Options that say where and how is computed; with a campaign directory no others are taken."""
+"""Options that choose where runs are computed, the only ones that a campaign directory takes."""
 
 
 Campaign: TypeAlias = Annotated[
     Path,
-    typer.Argument(metavar="FILE|RESULTS", help="Campaign file, or a campaign directory to take its own inputs."),
+    typer.Argument(metavar="FILE|RESULTS", help="Campaign file, or campaign directory to run again."),
 ]
 
 
@@ -39,20 +39,20 @@ def run(
     asked: Mapping[str, Any],
     as_json: AsJson = False,
     open_report: Annotated[
-        bool, typer.Option("--open", help="Open the report in the browser at the end; never where CI is set.")
+        bool, typer.Option("--open", help="Open the report in the browser at the end, unless $CI is set.")
     ] = False,
 ) -> None:
     """Run a campaign and write its report.
 
-    What is in the store already is not computed again. A campaign directory is run again from the inputs in it, with its own
-    number of runs and selection; the new directory is made beside it.
+    Cached results are not computed again. A campaign directory is run again from its own inputs, with its number of runs and
+    selection; the new directory is written beside it.
     """
     with requested(source, asked) as request:
         run_and_show(request, as_json, open_report=open_report)
 
 
 def is_directory(source: Path) -> bool:
-    """Whether a campaign directory is meant, a half written one included, and not a campaign file."""
+    """Whether `source` is a campaign directory, possibly half written, and not a campaign file."""
     if source.is_file():
         return False
     from vastflow.flows.results.directory import left_behind
@@ -62,7 +62,7 @@ def is_directory(source: Path) -> bool:
 
 @contextmanager
 def requested(source: Path, asked: Mapping[str, Any]) -> Iterator[RunRequest]:
-    """The request for a campaign file with options, or for a campaign directory as it was asked for."""
+    """Yield the request for a campaign file with options, or for a campaign directory as it was run."""
     if not is_directory(source):
         yield asked_request(source, asked)
         return
@@ -96,7 +96,11 @@ def requested(source: Path, asked: Mapping[str, Any]) -> Iterator[RunRequest]:
 
 
 def asked_request(file: Path, asked: Mapping[str, Any]) -> RunRequest:
-    """The request that options make; a wrong one ends with exit code 2."""
+    """Return the request of these options.
+
+    Raises:
+        UserError: an option is wrong.
+    """
     try:
         return request_of(file, asked)
     except ValueError as error:
@@ -104,7 +108,7 @@ def asked_request(file: Path, asked: Mapping[str, Any]) -> RunRequest:
 
 
 def run_and_show(request: RunRequest, as_json: bool, *, open_report: bool = False) -> None:
-    """Run a campaign as the command line does: with a display, the outcome in words, and an exit code."""
+    """Run a campaign with a display, print its outcome, and exit with 3 after faults."""
     from vastflow.tasks.store.store import is_address
 
     if not is_address(request.results):
@@ -166,7 +170,7 @@ def _show(found: "Results") -> None:
 
 
 def _directory(results: Path) -> Path:
-    """The campaign directory that is meant; a half written one where there is no whole one."""
+    """Return the campaign directory, or a half written one if there is no complete one."""
     from vastflow.flows.results.directory import left_behind
 
     if meant_address(results):
@@ -176,8 +180,8 @@ def _directory(results: Path) -> Path:
         return _half_written(half)
     if not results.exists():
         raise UnusableDirectory(
-            f"{results}: no such folder; a campaign that did not end has none: `vastflow run` with its campaign file goes "
-            "on where it was, and computes only what is missing"
+            f"{results}: no such folder; `vastflow run` with the campaign file of an interrupted campaign computes only "
+            "what is missing"
         )
     check_directory(results)
     return results
@@ -187,10 +191,10 @@ def _half_written(half: Path) -> Path:
     from vastflow.flows.results.directory import writer_of
 
     if writer := writer_of(half):
-        raise UnusableDirectory(f"{half}: process {writer} is writing it now; wait for it, or end it first")
+        raise UnusableDirectory(f"{half}: process {writer} is writing it; wait for it or end it first")
     if not all((half / name).is_file() for name in ("campaign.vast", "metadata.json")):
         raise UnusableDirectory(
-            f"{half}: holds too little to go on from; `vastflow run` with the campaign file computes only what is missing"
+            f"{half}: incomplete campaign directory; `vastflow run` with the campaign file computes only what is missing"
         )
-    print(f"{half} was left half written by a process that was killed", file=sys.stderr)
+    print(f"{half} was left incomplete by a killed process", file=sys.stderr)
     return half

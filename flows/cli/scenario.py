@@ -20,8 +20,8 @@ ScenarioArgument = Annotated[Path, typer.Argument(metavar="FILE.osc", help="Scen
 def check(file: ScenarioArgument) -> None:
     """Check a scenario file.
 
-    Every fault is said at once, with its place and what would be right; in a file without any, every action that nothing
-    here can do, with the reason.
+    All faults are reported at once, with their places and what was expected; in a file without faults, each action that
+    can't be run here, with the reason.
     """
     from vastflow.sim.model.faults import FileError
     from vastflow.sim.reading.vocabulary import ACTIONS
@@ -39,7 +39,7 @@ def check(file: ScenarioArgument) -> None:
 def parameters(file: ScenarioArgument) -> None:
     """Print the parameters of a file's scenarios as JSON.
 
-    With name, type, whether it is a list, and default: SI units, null where a value has to be given.
+    Name, type, whether it is a list, and default in SI units; null if a value is required.
     """
     from vastflow.sim.scenario.language.reading import read_scenarios
 

@@ -18,7 +18,7 @@ def show(
 ) -> None:
     """Show a finished campaign.
 
-    Success rates, rejections with their reasons, and where the report is; with --json the coverage.
+    Success rates, rejections with their reasons, and the path of the report; with --json, the coverage.
     """
     from vastflow.flows.plan.text import coverage_text
     from vastflow.flows.results.address import WITHOUT_RUNS, at_hand, check_directory

@@ -23,7 +23,7 @@ DAMAGED: Final = 1
 _READERS: Final = 8
 _LOCAL: Final = ("environments", "prefect", "logs", "bundles", "results")
 
-store = command_group("Look after the store, where results are kept for the next run.")
+store = command_group("Inspect, verify, and clean the store, where results are cached.")
 
 StoreOption = Annotated[
     str | None,
@@ -35,7 +35,7 @@ StoreOption = Annotated[
 
 @store.command()
 def info(place: StoreOption = None, as_json: AsJson = False) -> None:
-    """Say what is in the store: artifacts, bytes and age, by stage."""
+    """Show what is in the store: artifacts, bytes, and age by stage."""
     with Interruptible("interrupted"):
         opened = _opened(place, read_only=True)
         from vastflow.flows.results.cleaning import folder_bytes
@@ -49,7 +49,7 @@ def info(place: StoreOption = None, as_json: AsJson = False) -> None:
     print(f"store: {opened.place}\n")
     _print_stages(found)
     if found["unfinished"]:
-        print(f"\n{count_text(found['unfinished'], 'artifact')} unfinished or without a manifest")
+        print(f"\n{count_text(found['unfinished'], 'artifact')} unfinished or without manifest")
     sizes = ", ".join(f"{name} {_size_text(size)}" for name, size in local.items())
     print(f"\non this machine, in {opened.local}: {sizes}")
 
@@ -58,19 +58,19 @@ def info(place: StoreOption = None, as_json: AsJson = False) -> None:
 def verify(
     place: StoreOption = None,
     repair: Annotated[
-        bool, typer.Option("--repair", help="Discard what is damaged, so that it is computed again.")
+        bool, typer.Option("--repair", help="Delete damaged artifacts, so that they are computed again.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Read every artifact and compare it with its manifest.
+    """Compare every artifact with its manifest.
 
-    Exit code 1 if something damaged is left.
+    Exit code 1 if damaged artifacts are left.
     """
     from concurrent.futures import ThreadPoolExecutor
 
     from vastflow.tasks.store.store import EARLIER
 
-    with Interruptible("interrupted; nothing more is discarded"), ThreadPoolExecutor(_READERS) as readers:
+    with Interruptible("interrupted; the remaining artifacts are kept"), ThreadPoolExecutor(_READERS) as readers:
         opened = _opened(place, read_only=not repair)
         holdings = [holding for holding in opened.holdings() if holding.whole]
         keys = [holding.key for holding in holdings]
@@ -86,10 +86,10 @@ def verify(
     else:
         for key, fault in faults.items():
             print(f"{key}: {fault}")
-        discarded = "; discarded, to be computed again" if repair and faults else ""
+        discarded = "; deleted, to be computed again" if repair and faults else ""
         print(f"{count_text(len(holdings), 'artifact')} read, {len(faults)} damaged{discarded}")
         if earlier:
-            print(f"{earlier:,} of an earlier version, which are never used; `vastflow store gc` deletes them")
+            print(f"{earlier:,} of an earlier version, which are unused; `vastflow store gc` deletes them")
     if faults and not repair:
         raise typer.Exit(DAMAGED)
 
@@ -100,24 +100,24 @@ def gc(
         list[Path] | None,
         typer.Option(
             metavar="RESULTS",
-            help="Keep what this campaign directory was made of, or all in this folder; may be repeated.",
+            help="Campaign directory, or folder of them, whose artifacts are kept; may be repeated.",
         ),
     ] = None,
     older_than: Annotated[
-        int | None, typer.Option(metavar="DAYS", min=1, help="Delete only what was written longer ago; 1.")
+        int | None, typer.Option(metavar="DAYS", min=1, help="Delete only artifacts that are older; default: 1.")
     ] = None,
     dry_run: DryRun = False,
     place: StoreOption = None,
     as_json: AsJson = False,
 ) -> None:
-    """Delete what no kept campaign directory was made of.
+    """Delete artifacts that no kept campaign directory needs.
 
-    What is younger than a day always stays: a campaign may be writing it.
+    Artifacts younger than a day always stay: a campaign may be writing them.
     """
     if not keep and older_than is None:
-        raise UserError("give campaign directories to --keep, an age to --older-than, or both")
+        raise UserError("store gc: expected --keep, --older-than, or both, got neither")
     directories = _directories(keep or [])
-    with Interruptible("interrupted; what was deleted is gone, and computed again when it is needed"):
+    with Interruptible("interrupted; deleted artifacts are computed again when they are needed"):
         opened = _opened(place, read_only=dry_run)
         from vastflow.flows.results.cleaning import DAY_S, clean, cleaning, references
 
@@ -125,7 +125,7 @@ def gc(
         referred = references(opened, directories) if directories else None
         if referred is not None and not referred.evaluations:
             print(
-                "a kept campaign is a search or can't be read any more: what producers made is all kept",
+                "all artifacts of producers are kept: a kept campaign is a search or can't be read any more",
                 file=sys.stderr,
             )
         chosen = cleaning(opened, referred, (older_than or 1) * DAY_S)
@@ -148,7 +148,7 @@ def gc(
 
 
 def _counted(holdings: "Sequence[Holding]", now_s: float) -> dict[str, Any]:
-    """What `--json` says of artifacts: whole ones by stage; ages in days."""
+    """Return counts of whole artifacts by stage, with ages in days, as `--json` prints them."""
     from vastflow.tasks.store.store import EARLIER_STAGES, STAGES
 
     whole = [holding for holding in holdings if holding.whole]
@@ -216,6 +216,7 @@ def _opened(place: str | None, *, read_only: bool) -> "Store":
     from vastflow.tasks.store.store import open_store, store_address, store_root
 
     if store_address(place) is None and not (root := store_root(place)).is_dir():
-        right = "name one that `vastflow run` has used, with --store or VASTFLOW_STORE"
-        raise UserError(f"store: no folder {str(root)!r}; {right}")
+        raise UserError(
+            f"store: expected a folder that `vastflow run` has used, got {str(root)!r}, which does not exist"
+        )
     return open_store(place, read_only=read_only)

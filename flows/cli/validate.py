@@ -23,20 +23,20 @@ def validate(
     file: CampaignFile,
     map_dir: MapDir = None,
     as_v1: AsV1 = False,
-    strict: Annotated[bool, typer.Option("--strict", help="Refuse a file with keys that nothing knows.")] = False,
+    strict: Annotated[bool, typer.Option("--strict", help="Refuse files with unknown keys.")] = False,
     schema: Annotated[
         bool,
         typer.Option(
             "--schema",
             callback=_print_schema,
             is_eager=True,
-            help="Print the JSON Schema of campaign files, by which editors check and complete, and exit.",
+            help="Print the JSON Schema of campaign files for editors, and exit.",
         ),
     ] = False,
 ) -> None:
     """Check a campaign file.
 
-    Every fault is said at once, with its place and what would be right.
+    All faults are reported at once, with their places and what was expected.
     """
     from vastflow.flows.request.campaign_file import read_campaign, terminal_lines
     from vastflow.producers.campaign import infeasible_lengths
@@ -59,13 +59,13 @@ def validate(
     for fault in campaign.unexecutable:
         print(fault, file=sys.stderr)
     if campaign.unexecutable:
-        print("not to be run by this version", file=sys.stderr)
+        print("this version can't run the file", file=sys.stderr)
         raise typer.Exit(BAD_INPUT)
     if campaign.missing:
         for fault in campaign.missing:
             print(fault, file=sys.stderr)
         lost = count_text(len(campaign.unavailable), "family", "families")
-        print(f"{lost} left out for want of a file, {len(campaign.families)} to be run", file=sys.stderr)
+        print(f"{lost} left out because of missing files, {len(campaign.families)} left to run", file=sys.stderr)
         raise typer.Exit(BAD_INPUT)
     if campaign.spec.search is None:
         producers = sum(len(family.producers) for family in campaign.families)

@@ -2,7 +2,7 @@
 
 import io
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -12,10 +12,10 @@ from PIL import Image
 
 from vastflow.flows.flow_runs import mapped
 from vastflow.flows.flow_runs.flow_call import FlowCall
-from vastflow.flows.minimization.candidate_file import BuiltCandidate, CandidateFiles, candidate_files, placed
+from vastflow.flows.minimization.candidate_file import BuiltCandidate, candidate_files, placed
 from vastflow.flows.minimization.failing import Failing, NotMinimized, failing_configuration
 from vastflow.flows.minimization.minimized import Minimized, comment_of
-from vastflow.flows.minimization.trials import Compute, FailureTest, Trials, Uncomputed, failure_test
+from vastflow.flows.minimization.trials import Compute, FailureTest, Trials, failure_test
 from vastflow.flows.plan.pictures import plan_view_of
 from vastflow.flows.request.campaign_file import OpenCampaign
 from vastflow.flows.request.campaign_keys import campaign_keys
@@ -91,40 +91,30 @@ def minimize_configuration(
         test = failure_test(placed(failing.oracle, failing.places), rate)
         runs = PointRuns(test, test.most, CONFIRMING_RUNS)
         with stage_run(opened, "minimize", keys, before.oracles, workers, observer, runs) as run:
-            return _minimized(failing, files, before, test, run, runs)
-
-
-def _minimized(
-    failing: Failing,
-    files: CandidateFiles,
-    before: BuiltCandidate,
-    test: FailureTest,
-    run: StageRun,
-    runs: PointRuns,
-) -> Minimized:
-    """Ask until nothing is missing: of the store alone first, so that nothing starts where it has everything."""
-    candidates = before.candidates(failing)
-
-    def asked(compute: Compute | None) -> tuple[Minimum | Unconfirmed, Trials]:
-        runs.confirmed = ""
-        trials = Trials(run, candidates, test, runs, compute)
-        return minimize(failing.subject.circumstances, trials.judge, trials.confirm), trials
-
-    found, trials = _answered(run, asked, before)
-    if isinstance(found, Unconfirmed):
-        raise NotMinimized(
-            f"{failing.directory}: {failing.name} {found.text}; another configuration, or a lower --rate"
-        )
-    after = files.built(found.candidate, trials.used[found.candidate], comment_of(failing, found))
-    picture = before_and_after(before.configuration, after.configuration)
-    runs_used, executed = sum(trials.used.values()), run.tally.progress().executed
-    return Minimized(failing, test, found, after.text, after.inputs.files, picture, runs_used, executed)
+            found, trials = _answered(run, failing, before, test, runs)
+            executed = run.tally.progress().executed
+        if isinstance(found, Unconfirmed):
+            raise NotMinimized(
+                f"{failing.directory}: {failing.name} {found.text}; another configuration, or a lower --rate"
+            )
+        after = files.built(found.candidate, trials.used[found.candidate], comment_of(failing, found))
+        picture = before_and_after(before.configuration, after.configuration)
+        used = sum(trials.used.values())
+        return Minimized(failing, test, found, after.text, after.inputs.files, picture, used, executed)
 
 
 def _answered(
-    run: StageRun, asked: "Callable[[Compute | None], tuple[Minimum | Unconfirmed, Trials]]", before: BuiltCandidate
+    run: StageRun, failing: Failing, before: BuiltCandidate, test: FailureTest, runs: PointRuns
 ) -> tuple[Minimum | Unconfirmed, Trials]:
+    """Ask until nothing is missing: of the store alone first, so that nothing starts where it has everything."""
+    candidates = before.candidates(failing)
     answers: list[tuple[Minimum | Unconfirmed, Trials]] = []
+
+    def ask(compute: Compute | None) -> None:
+        runs.confirmed = ""
+        trials = Trials(run, candidates, test, runs, compute)
+        with suppress(Lost):  # what the store lost meanwhile is computed again by the next attempt
+            answers.append((minimize(failing.subject.circumstances, trials.judge, trials.confirm), trials))
 
     def body(task_runs: "TaskRuns") -> None:
         def compute(shards: Sequence[Shard]) -> None:
@@ -133,12 +123,10 @@ def _answered(
             verdicts = mapped.judge(task_runs, shards, traces)
             task_runs.wait(shards, recordings, traces, verdicts)
 
-        with suppress(Lost):  # what the store lost meanwhile is computed again by the next attempt
-            answers.append(asked(compute))
+        ask(compute)
 
     for _ in run.engine.attempts():
-        with suppress(Lost, Uncomputed):
-            answers.append(asked(None))
+        ask(None)
         if not answers:
             run.engine.warm_up([before.configuration.scenario.system])
             run.flow(FlowCall(run.engine, run.tally, run.log), body)

@@ -34,13 +34,18 @@ class FailureTest(Stopping):
     To fail is to be of the rule's class *systematic*, whose bound is the success rate `1 - rate`.
 
     Attributes:
-        oracle: Whose failures count.
+        oracle: The oracle whose failures count.
     """
 
     oracle: str
 
+    @property
+    def rate(self) -> float:
+        """Least failure rate that is called failing."""
+        return 1.0 - self.rule.bounds.systematic
+
     def judged(self, index: Index, verdicts: Artifact) -> Mapping[int, str]:
-        """Run index to what the oracle says.
+        """Return the oracle's judgement by run index.
 
         Raises:
             Lost: the verdicts are damaged.
@@ -49,13 +54,13 @@ class FailureTest(Stopping):
         return {each.run_index: each.judgement for each in found if each.oracle == self.oracle}
 
     def standing(self, failed: int, judged: int) -> Standing:
-        """What so many runs show."""
+        """Return the decision after so many runs."""
         claim = self.rule.decision(judged - failed, judged) if judged else None
         return "fails" if claim == "systematic" else "does not fail" if claim in ("reliable", "flaky") else "undecided"
 
 
 def failure_test(oracle: str, rate: float, error: float = ERROR) -> FailureTest:
-    """The test for a failure rate of `rate` or more."""
+    """Return the test for a failure rate of `rate` or more."""
     passes = 1.0 - rate
     return FailureTest(StoppingRule(LEAST_RUNS, MOST_RUNS, ClassBounds(passes, passes + _APART * rate), error), oracle)
 
@@ -64,19 +69,15 @@ Compute: TypeAlias = Callable[[Sequence[Shard]], None]
 """Takes shards through execute, observe and judge."""
 
 
-class Uncomputed(Exception):
-    """Runs that are not in the store."""
-
-
 @dataclass
 class Trials:
     """Judges the candidates of a minimization.
 
     Attributes:
         runs: How many a candidate wants; the confirmed one gets more, with indices that no trial used.
-        compute: None as long as only what the store has is looked at.
+        compute: None to look into the store alone.
         configurations: Each candidate that was built, in the order of the trials.
-        used: Runs that trials and confirmations took, of each candidate.
+        used: Number of runs that trials and confirmations took, by candidate.
     """
 
     run: StageRun
@@ -89,82 +90,74 @@ class Trials:
     _number: int = 0
 
     def judge(self, candidate: Candidate) -> Outcome:
-        """Whether a candidate fails.
+        """Return whether a candidate fails.
 
         Raises:
-            Uncomputed: its runs are not in the store, and nothing computes them.
-            Lost: what was computed is gone.
+            Lost: its runs are not in the store, and nothing computes them, or what was computed is gone.
         """
         self._number += 1
-        try:
-            scenario = self.candidates.scenario(candidate)
-        except NotBuilt as error:
-            return self._told(candidate, Outcome("not tried", reason=f"it can't be built: {error}"))
-        name = f"candidate-{self._number:03}"
-        configuration = ConfigurationRuns(name, "minimization", self._number, scenario, self.runs.wanted({}))
-        self.configurations[candidate] = configuration
-        self.run.tally.expect({each.name: each.runs for each in self.configurations.values()})
-        found = self._found(configuration)
-        self.used[candidate] = found.configuration.runs
-        if fault := next((each for each in self.run.engine.faults if each.configuration == name), None):
-            return self._told(candidate, Outcome("not tried", reason=f"its runs broke: {fault.error}"))
-        said = self._said(found, range(found.configuration.runs))
-        failed, judged = said.count("fail"), len(said) - said.count("not judged")
-        if not judged:
-            return self._told(candidate, Outcome("not tried", reason="no run of it is judged"))
-        return self._told(candidate, Outcome(self.test.standing(failed, judged), failed, judged))
-
-    def confirm(self, candidate: Candidate) -> Outcome:
-        """Whether a candidate that failed fails on fresh runs, too: at the rate, without a test.
-
-        Raises:
-            Uncomputed, Lost: as of `judge`.
-        """
-        configuration, before = self.configurations[candidate], self.used[candidate]
-        self.runs.confirmed = configuration.name
-        found = self._found(configuration)
-        self.used[candidate] = found.configuration.runs
-        said = self._said(found, range(before, found.configuration.runs))
-        failed, judged = said.count("fail"), len(said) - said.count("not judged")
-        fails = judged > 0 and failed / judged >= 1.0 - self.test.rule.bounds.systematic - 1e-9
-        outcome = Outcome("fails" if fails else "undecided", failed, judged)
-        self.run.tally.notice(f"confirmation on fresh runs: {outcome.text}")
-        return outcome
-
-    def _found(self, configuration: ConfigurationRuns) -> FoundRuns:
-        engine = self.run.engine
-        found = engine.scan([configuration])[configuration.name]
-        while not found.complete and configuration.name not in engine.broken:
-            if self.compute is None:
-                raise Uncomputed
-            self.run.tally.begin("running")
-            engine.block_runs = block_size(found.missing_runs, self.run.workers)
-            self.compute(missing_shards([found.configuration], {configuration.name}))
-            engine.check()
-            before, found = found, engine.scan([configuration])[configuration.name]
-            if (
-                found.configuration.runs == before.configuration.runs
-                and not found.complete
-                and configuration.name not in engine.broken
-            ):
-                raise Lost(f"results of {configuration.name}")
-        return found
-
-    def _said(self, found: FoundRuns, runs: range) -> list[str]:
-        known: dict[int, str] = {}
-        for each in found.stored:
-            if each.verdicts:
-                known |= self.test.judged(self.run.engine.index, each.verdicts)
-        return [known.get(run, "not judged") for run in runs]
-
-    def _told(self, candidate: Candidate, outcome: Outcome) -> Outcome:
+        outcome = self._judged(candidate)
         if self.compute is not None:
             self.run.tally.notice(f"{self._number}: {_text(self.candidates.subject, candidate)}: {outcome.text}")
         return outcome
 
+    def confirm(self, candidate: Candidate) -> Outcome:
+        """Return whether a candidate that failed fails at the rate on fresh runs, too, without a test.
+
+        Raises:
+            Lost: as in `judge`.
+        """
+        self.runs.confirmed = self.configurations[candidate].name
+        failed, judged = self._counts(candidate, self.used[candidate])
+        fails = judged > 0 and failed / judged >= self.test.rate - 1e-9
+        outcome = Outcome("fails" if fails else "undecided", failed, judged)
+        self.run.tally.notice(f"confirmation on fresh runs: {outcome.text}")
+        return outcome
+
+    def _judged(self, candidate: Candidate) -> Outcome:
+        try:
+            scenario = self.candidates.scenario(candidate)
+        except NotBuilt as error:
+            return Outcome("not tried", reason=f"it can't be built: {error}")
+        name = f"candidate-{self._number:03}"
+        runs = self.runs.wanted({})
+        self.configurations[candidate] = ConfigurationRuns(name, "minimization", self._number, scenario, runs)
+        self.run.tally.expect({each.name: each.runs for each in self.configurations.values()})
+        failed, judged = self._counts(candidate)
+        if fault := next((each for each in self.run.engine.faults if each.configuration == name), None):
+            return Outcome("not tried", reason=f"its runs broke: {fault.error}")
+        if not judged:
+            return Outcome("not tried", reason="no run of it is judged")
+        return Outcome(self.test.standing(failed, judged), failed, judged)
+
+    def _counts(self, candidate: Candidate, first: int = 0) -> tuple[int, int]:
+        """Return how many runs of a candidate failed and were judged, from the run `first`."""
+        found = self._found(self.configurations[candidate])
+        self.used[candidate] = found.configuration.runs
+        known: dict[int, str] = {}
+        for each in found.stored:
+            if each.verdicts:
+                known |= self.test.judged(self.run.engine.index, each.verdicts)
+        said = [known.get(run) for run in range(first, found.configuration.runs)]
+        return said.count("fail"), said.count("fail") + said.count("pass")
+
+    def _found(self, configuration: ConfigurationRuns) -> FoundRuns:
+        engine, name, runs = self.run.engine, configuration.name, -1
+        while True:
+            found = engine.scan([configuration])[name]
+            if found.complete or name in engine.broken:
+                return found
+            if self.compute is None or found.configuration.runs == runs:
+                raise Lost(f"results of {name}")
+            runs = found.configuration.runs
+            self.run.tally.begin("running")
+            engine.block_runs = block_size(found.missing_runs, self.run.workers)
+            self.compute(missing_shards([found.configuration], {name}))
+            engine.check()
+
 
 def _text(subject: Subject, candidate: Candidate) -> str:
-    """What a candidate is, such as `2 of 9 circumstances, the end of the path at 4/8`."""
+    """Return a candidate in words, such as `2 of 9 circumstances, the end of the path at 4/8`."""
     whole = [each for each in subject.circumstances if each.can_be_left_out]
     if len(candidate.kept) == len(whole) and not candidate.levels:
         return "all of it"
