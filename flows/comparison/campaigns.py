@@ -1,4 +1,4 @@
-"""A comparison of two campaign directories, and what differs between their parameters and their code."""
+"""A comparison of two campaign directories: verdicts, parameters, and code."""
 
 import json
 from collections import Counter
@@ -39,7 +39,7 @@ _PAIRED: Final = ("environment", "task")
 
 @dataclass(frozen=True, slots=True)
 class Given:
-    """A value and its place in a file of the campaign directory, such as `campaign.vast:14`; both are empty where it is not given."""
+    """A value and its place, such as `campaign.vast:14`; both are empty for a parameter that is not given."""
 
     value: str = ""
     place: str = ""
@@ -50,10 +50,10 @@ class Given:
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """A parameter whose value is not the same in baseline and candidate.
+    """A parameter with different values in baseline and candidate.
 
     Attributes:
-        configurations: How many pairs of configurations it concerns.
+        configurations: Number of pairs of configurations.
     """
 
     parameter: str
@@ -63,7 +63,7 @@ class Difference:
 
 
 def differences(before: Tables, after: Tables, pairing: Pairing) -> list[Difference]:
-    """The parameters that differ between paired configurations."""
+    """Return the parameters that differ between paired configurations."""
     then, now = _Side(before), _Side(after)
     counts: Counter[tuple[str, Given, Given]] = Counter()
     for match in pairing.matches:
@@ -75,7 +75,7 @@ def differences(before: Tables, after: Tables, pairing: Pairing) -> list[Differe
 
 
 class _Side:
-    """One of the campaigns, with the files that it keeps."""
+    """One of the campaigns, with its files."""
 
     def __init__(self, tables: Tables) -> None:
         self._tables = tables
@@ -87,7 +87,7 @@ class _Side:
         self._known: dict[str, dict[str, Given]] = {}
 
     def given(self, name: str) -> dict[str, Given]:
-        """What a configuration's system is given, by the names of parameters."""
+        """Return the system parameters of a configuration by name."""
         content = self._tables.configurations.contents[self._places[name]]
         parts = {key: value for key, value in content.items() if key not in _PAIRED}
         system = parts.pop("system", None) or {}
@@ -109,13 +109,13 @@ class _Side:
                 yield ".".join(location), Given(_text(value), f"{path.relative_to(self._tables.directory)}:{line}")
 
     def _placed(self, key: str, value: Any) -> Given:
-        """A value with the line at which the campaign file has it, or has its name."""
+        """Return a value with its line in the campaign file, or the line of its name."""
         lines = [] if self._file is None else list(_named(self._file, key, value))
         return Given(_text(value), f"campaign.vast:{min(lines)[1][0]}" if lines else "")
 
 
 def _named(document: Document, key: str, value: Any) -> Iterator[tuple[bool, TextPlace]]:
-    """Whether it is another value, and where, of each place at which a file has a parameter or a list of its values."""
+    """Yield whether the value differs, and the place, for each mention of a parameter in a file."""
     *_, name = key.split(".")
     for location, place in document.values.items():
         if location and (location[-1] == name or document.value(location) == name):
@@ -136,17 +136,17 @@ def _text(value: Any) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """What has changed.
+    """The result of a comparison.
 
     Attributes:
-        oracle: The one it is about; None for all that judged both campaigns.
-        whole: All pairs together, by that.
-        oracles: Each oracle by itself, where it judged a pair both times.
-        changes: Configurations whose runs do not all end as before, the most certain first.
-        levels: The difference at each level of each factor of the later campaign.
-        gate: Whether a loss is ruled out.
-        differences: Parameters of paired configurations that are not the same.
-        campaign_differences: What else is not: oracles, code, libraries, numeric class, seed, a sentence each.
+        oracle: The compared oracle; None for all that judged both campaigns.
+        whole: The difference over all pairs.
+        oracles: The difference by oracle.
+        changes: Configurations with changed outcomes, the most certain first.
+        levels: The difference at each level of each factor of the candidate.
+        gate: The gate on a loss of success rate.
+        differences: Parameters that differ between paired configurations.
+        campaign_differences: Sentences on other differences: oracles, code, libraries, numeric class, seed.
     """
 
     before: Tables = field(repr=False)
@@ -162,7 +162,7 @@ class Compared:
     campaign_differences: Sequence[str]
 
     def shown(self, *, worse: bool) -> list[Change]:
-        """Configurations that are shown to fail newly, or to pass newly."""
+        """Return the configurations that newly fail, or newly pass."""
         return [change for change in self.changes if change.shown and change.worse == worse]
 
 
@@ -172,8 +172,8 @@ def compared(
     """Compare two campaigns.
 
     Args:
-        margin: Loss that the gate allows.
-        target: What differences and the gate are about.
+        margin: Loss that the gate accepts.
+        target: The population of differences and gate.
 
     Raises:
         UnusableDirectory: an unknown oracle, or no pair of runs that was judged both times.
@@ -181,7 +181,7 @@ def compared(
     pairing = pairing_of(before, after)
     if oracle is not None and oracle not in pairing.oracles:
         hint = did_you_mean(oracle, pairing.oracles, "both have none", listed="both have")
-        raise UnusableDirectory(f"--oracle {oracle}: did not judge both campaigns; {hint}")
+        raise UnusableDirectory(f"--oracle: expected an oracle that judged both campaigns, got {oracle!r}; {hint}")
     pairs = pairing.pairs(oracle)
     whole = difference(pairs, target)
     if whole is None:
@@ -231,7 +231,7 @@ def _faulty(tables: Tables) -> Counter[str]:
 
 
 def _rows(tables: Tables, names: Sequence[str]) -> list[dict[str, Any]]:
-    """What varies over these configurations, their family among it."""
+    """Return the family and the varied parameters of these configurations."""
     found = tables.configurations
     places = {name: k for k, name in enumerate(found.names)}
     maps = environment_names(tables.directory, dict.fromkeys(filter(None, found.environments)))
@@ -242,12 +242,12 @@ def _rows(tables: Tables, names: Sequence[str]) -> list[dict[str, Any]]:
 
 def _why(pairing: Pairing) -> str:
     if not pairing.matches:
-        return "no configuration of one has the environment, the task and the scenario of one of the other"
+        return "no configuration of one has the environment, task, and scenario of one of the other"
     if not pairing.oracles:
         return "no oracle judged both"
     if not len(pairing.configuration):
         return (
-            f"{len(pairing.matches)} configurations are in both, and none of their runs have a seed in common; "
+            f"expected equal seeds, got {len(pairing.matches)} common configurations without a common seed; "
             "`execution.seed` must be the same"
         )
     return f"no run of {len(pairing.configuration)} pairs was judged both times"

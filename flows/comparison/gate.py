@@ -1,4 +1,4 @@
-"""The gate: whether a loss of success rate is ruled out, of what, and why not."""
+"""The gate on a loss of success rate."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -27,17 +27,17 @@ CANT_BE_CLAIMED: Final = 4
 
 @dataclass(frozen=True, eq=False)
 class Gate:
-    """What the gate says of a comparison.
+    """The gate of a comparison.
 
-    What says nothing about a loss comes first: faults, runs without a counterpart, and runs that were not judged could each be hiding one.
+    Faults, runs without a counterpart, and runs that were not judged are checked first, since each could hide a loss.
 
     Attributes:
         pairing: The runs of both campaigns.
-        whole: Of all judged pairs, about `target`.
-        target: What it speaks of.
-        margin: Loss that it allows, a share of the runs.
-        oracle: That judges alone; None for all together.
-        new_faults: Of the later campaign in configurations of which the earlier one has none.
+        whole: The difference over all judged pairs.
+        target: The population of its claim.
+        margin: Accepted loss, as a share of the runs.
+        oracle: The only oracle; None for all together.
+        new_faults: Faults of the candidate in configurations without a fault in the baseline.
         same_keys: Whether both campaigns were computed from equal scenarios by equal code.
     """
 
@@ -51,7 +51,7 @@ class Gate:
 
     @property
     def needed(self) -> int | None:
-        """Pairs, or paths where it is about others, without a change that rule out the margin; None where no number does."""
+        """Unchanged pairs, or paths for other scenarios, that rule out the margin; None if no number does."""
         return needed(self.margin)
 
     @property
@@ -61,12 +61,12 @@ class Gate:
 
     @property
     def exit_code(self) -> int:
-        """Of the command."""
+        """The exit code of the command."""
         return HOLDS if self.holds else CANT_BE_CLAIMED if self.status == "too few paths" else DOES_NOT_HOLD
 
     @cached_property
     def status(self) -> Status:
-        """`nothing changed` and `ruled out` hold; `too few paths` can't be claimed; anything else does not hold."""
+        """The gate holds for `nothing changed` and `ruled out`, and can't be claimed for `too few paths`."""
         if self.new_faults:
             return "new faults"
         if self.pairing.unpaired:
@@ -85,27 +85,25 @@ class Gate:
 
     @property
     def text(self) -> str:
-        """The same as a sentence."""
+        """The gate as a sentence."""
         about = "these scenarios" if self.target == "these" else "others of their kind"
         loss = f"a loss of {100 * self.margin:g} points"
         end = f"(lower end of the interval {100 * self.whole.interval[0]:+.2f})"
         match self.status:
             case "nothing changed":
-                return "gate holds: nothing changed, both campaigns have the same scenarios, code and seeds"
+                return "gate holds: nothing changed, both campaigns have the same scenarios, code, and seeds"
             case "ruled out":
                 return f"gate holds: {loss} or more in {about} is ruled out {end}"
             case "too few paths":
                 least = self.needed
                 enough = (
-                    "no number of paths is enough"
-                    if least is None
-                    else f"it takes {least:,}, even if nothing changes on any"
+                    "no number of paths is enough" if least is None else f"it takes {least:,}, even without a change"
                 )
                 return f"gate can't be claimed: {count_text(self.whole.paths, 'path')} can't rule out {loss} in {about}; {enough}"
             case "new faults":
                 why = f"{count_text(self.new_faults, 'new fault')} in B, whose runs could not be judged"
             case "unequal":
-                why = f"{self.pairing.unpaired}; it takes the same configurations and runs in both campaigns"
+                why = f"{self.pairing.unpaired}; both campaigns need the same configurations and runs"
             case "not judged":
                 pairs = count_text(len(self.pairing.configuration), "pair")
                 why = (

@@ -1,4 +1,4 @@
-"""Pictures of a comparison: a configuration's runs before and after, on the map."""
+"""Pictures of a comparison: a configuration's runs in baseline and candidate on the map."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 
 
 class NotDrawn(UserError, ValueError):
-    """A configuration that has no picture; says why."""
+    """The reason why a configuration has no picture."""
 
 
 def picture_of(found: Compared, change: Change) -> bytes:
-    """A PNG of a changed configuration, the first run that ended otherwise drawn strong.
+    """Return a PNG of a changed configuration with its first changed run highlighted.
 
     Raises:
         NotDrawn: no map, or nothing was recorded.

@@ -24,7 +24,7 @@ MOST_DIFFERENT: Final = 16
 
 
 def compared_text(found: Compared, drawn: Mapping[str, Path]) -> Iterator[RenderableType]:
-    """What is shown: the pairs, the difference, what changed, where, and the gate."""
+    """Yield pairs, differences, changed configurations, levels of factors, and the gate."""
     yield Text(f"A  {_campaign(found.before)}")
     yield Text(f"B  {_campaign(found.after)}")
     yield ""
@@ -38,9 +38,9 @@ def compared_text(found: Compared, drawn: Mapping[str, Path]) -> Iterator[Render
     for title, worse in (("newly failing", True), ("newly passing", False)):
         if shown := found.shown(worse=worse):
             named = count_text(len(shown), "configuration")
-            yield from _changes(found, f"{title}: {named}, at most 5 % of those shown wrongly", shown, MOST_CHANGES)
+            yield from _changes(found, f"{title}: {named}, at most 5 % of them falsely", shown, MOST_CHANGES)
     if others := [change for change in found.changes if not change.shown]:
-        title = f"{count_text(len(others), 'configuration')} with runs that end otherwise, not more than chance might"
+        title = f"{count_text(len(others), 'configuration')} with changed outcomes, possibly by chance"
         yield from _changes(found, title, others, MOST_NAMES)
     if found.levels:
         yield from ("", _levels(found))
@@ -51,7 +51,7 @@ def compared_text(found: Compared, drawn: Mapping[str, Path]) -> Iterator[Render
 
 
 def compared_json(found: Compared, drawn: Mapping[str, Path]) -> dict[str, Any]:
-    """The same as JSON values, complete."""
+    """Return the comparison as JSON values."""
     pairing = found.pairing
     return {
         "before": str(found.before.directory),
@@ -97,12 +97,12 @@ def compared_json(found: Compared, drawn: Mapping[str, Path]) -> dict[str, Any]:
 
 
 def share(rate: float) -> str:
-    """A success rate."""
+    """Return a success rate in percent."""
     return f"{100 * rate:.1f} %"
 
 
 def points(interval: tuple[float, float]) -> str:
-    """The ends of an interval of a difference, in percentage points."""
+    """Return the ends of an interval of a difference in percentage points."""
     return f"{100 * interval[0]:+.1f} to {100 * interval[1]:+.1f}"
 
 
@@ -144,7 +144,7 @@ def _unpaired(found: Compared) -> Iterator[str]:
             yield f"not paired: {count_text(len(names), 'configuration')} {what}: {', '.join(names[:MOST_NAMES])}{more}"
     for letter, runs in (("A", pairing.lonely_before), ("B", pairing.lonely_after)):
         if runs:
-            yield f"not paired: {count_text(runs, 'run')} of {letter} with a seed that the other has not"
+            yield f"not paired: {count_text(runs, 'run')} of {letter} with a seed that the other lacks"
 
 
 def _different(found: Compared) -> Iterator[Text]:
@@ -214,9 +214,10 @@ def _p(value: float | None) -> str:
 
 
 def compared_report(found: Compared) -> bytes:
-    """A suite with the gate alone, and one with a case for each paired configuration.
+    """Return a JUnit report of the gate and of each paired configuration.
 
-    The gate fails where it does not hold, with or without `--gate`, and is an error where it can't be claimed; a configuration where it is shown to fail newly.
+    The gate is a failure if it does not hold, and an error if it can't be claimed. A newly failing configuration is a
+    failure.
     """
     whole = found.whole
     stated = {

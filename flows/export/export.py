@@ -1,4 +1,4 @@
-"""Export: a campaign directory, one configuration at a time, laid out as a folder for each configuration and run."""
+"""The export of a campaign directory as a folder for each configuration and run."""
 
 import os
 import shutil
@@ -62,7 +62,7 @@ class ExportSource:
         self._names: dict[str, str] = {}
 
     def shared_files(self) -> Iterator[tuple[str, Path]]:
-        """What was asked for and the maps: place as it was below the campaign file, and where it lies."""
+        """Yield inputs and maps: the path below the campaign file, and the path of the copy."""
         for folder in (self._files.inputs, self._directory / "environments"):
             for path in sorted(folder.rglob("*")):
                 if path.is_file():
@@ -70,7 +70,7 @@ class ExportSource:
         yield "campaign.vast", self._directory / "campaign.vast"
 
     def scenario_of(self, row: Mapping[str, Any]) -> str:
-        """Name of a configuration's scenario."""
+        """Return the name of a configuration's scenario."""
         abstract: str | Mapping[str, str] = row["abstract"]
         if isinstance(abstract, str):
             return abstract.removeprefix(BUILTIN)
@@ -83,10 +83,10 @@ class ExportSource:
         return self._names[digest]
 
     def values_of(self, row: Mapping[str, Any], shared: str) -> dict[str, Any]:
-        """Values of all of a configuration's parameters, files as paths.
+        """Return the values of a configuration's parameters, with files as paths.
 
         Args:
-            shared: Path of the folder with the shared files, as the values are to have it.
+            shared: Path of the folder with the shared files in the values.
         """
         scenario = row["scenario"]
         with reading(self._directory):
@@ -94,7 +94,7 @@ class ExportSource:
             return {key: self._with_paths(_posed(key, value), shared) for key, value in values.items()}
 
     def runs_of(self, row: Mapping[str, Any]) -> list[ExportedRun]:
-        """The runs of a configuration that were asked for, recorded or not, in order."""
+        """Return the runs of a configuration in order, recorded or not."""
         name: str = row["name"]
         scenario = self.scenario_of(row)
         with reading(self._directory):
@@ -124,9 +124,9 @@ class ExportSource:
         ]
 
     def outputs_of(self, row: Mapping[str, Any]) -> Iterator[tuple[int, str, bytes]]:
-        """Run index, path and content of each file that the programs of a configuration's runs wrote.
+        """Yield run index, path, and content of each file that programs wrote.
 
-        A table is CSV, which it was or could have been; where the run has another file of that name, it is parquet.
+        Tables are CSV, or Parquet if the run has another file of that name.
         """
         file = self._directory / "outputs" / f"{row['name']}.zip"
         if not file.is_file():
@@ -157,13 +157,13 @@ class ExportSource:
         return [self._with_paths(item, shared) for item in value] if isinstance(value, list) else value
 
     def _place(self, path: Path) -> str:
-        """Of a file below `inputs` or `environments`."""
+        """Return the path of a file relative to `inputs`, or to the campaign directory."""
         inside = path.is_relative_to(self._files.inputs)
         return path.relative_to(self._files.inputs if inside else self._directory).as_posix()
 
 
 def _posed(key: str, value: Any) -> Any:
-    """A start or goal in the shape of OpenSCENARIO's `pose_3d`, which the shorter `{x, y, yaw}` does not have."""
+    """Return a start or goal `{x, y, yaw}` in the form of OpenSCENARIO's `pose_3d`."""
     if key == GOALS_KEY and isinstance(value, list):
         return [_posed(GOAL_KEY, each) for each in value]
     if key in (START_KEY, GOAL_KEY) and "position" not in (value or ()):
@@ -173,7 +173,7 @@ def _posed(key: str, value: Any) -> Any:
 
 
 SHARED: Final = "_config"
-"""Folder of what all configurations share; no configuration may be called so."""
+"""Folder of files that all configurations share; no configuration has this name."""
 
 REPORT: Final = "test.xml"
 VALUES: Final = "scenario.config"
@@ -182,11 +182,11 @@ DUPLICATE: Final = "duplicate_of"
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """What was exported.
+    """The result of an export.
 
     Attributes:
-        duplicates: How many configurations have the content of another, whose runs are not laid out twice.
-        suites: One for each other configuration.
+        duplicates: Number of configurations that equal another, whose runs are exported once.
+        suites: A suite for each other configuration.
     """
 
     folder: Path
@@ -201,13 +201,13 @@ def export(
     progress: Callable[[int, int], None] = lambda done, of: None,
     outputs: str = "outputs/",
 ) -> Exported:
-    """Lay out the campaign directory `results` in `folder`, which is filled when all is written, and not before.
+    """Export the campaign directory `results` to `folder`, which stays as it is until all files are written.
 
     Args:
-        folder: Must not be there, or be empty.
-        only: Patterns (`*`, `?`, `[…]`) of names of configurations and families; all of them where there is no pattern.
-        progress: Is told how many configurations are done, and of how many.
-        outputs: Where below a run's folder goes what its programs wrote, with `/`; empty: among the other files, as RoboVAST has it.
+        folder: A new or an empty folder.
+        only: Patterns (`*`, `?`, `[…]`) of names of configurations and families; all if empty.
+        progress: Called with the number of exported configurations and their total.
+        outputs: Folder of a run's output files, with `/`; empty for the run's own folder, as in RoboVAST.
 
     Raises:
         UserError: the folder is in use, a pattern fits nothing, or the campaign directory is damaged.
@@ -237,12 +237,12 @@ def export(
 
 
 def refuse(folder: Path) -> None:
-    """Raise `UserError` where a folder can't take an export."""
+    """Raise `UserError` unless a folder is new or empty."""
     if folder.is_dir():
         if any(folder.iterdir()):
-            raise UserError(f"{folder}: the folder is not empty; a new one, or an empty one")
+            raise UserError(f"{folder}: expected a new or an empty folder, got one with files")
     elif folder.exists() or folder.is_symlink():
-        raise UserError(f"{folder}: not a folder; a new one, or an empty one")
+        raise UserError(f"{folder}: expected a new or an empty folder, got a file or a broken link")
 
 
 def _chosen(rows: Sequence[Mapping[str, Any]], only: Sequence[str], results: Path) -> list[Mapping[str, Any]]:
@@ -250,7 +250,7 @@ def _chosen(rows: Sequence[Mapping[str, Any]], only: Sequence[str], results: Pat
         if not any(_fits(row, pattern) for row in rows):
             names = list(dict.fromkeys(name for row in rows for name in (row["family"], row["name"])))
             hint = did_you_mean(pattern, names, "it has none", listed="it has")
-            raise UnusableDirectory(f"{results}: no family or configuration fits {pattern!r}; {hint}")
+            raise UnusableDirectory(f"{results}: no family or configuration matches {pattern!r}; {hint}")
     return [row for row in rows if not only or any(_fits(row, pattern) for pattern in only)]
 
 
@@ -270,7 +270,7 @@ def _write(place: Path, name: str, content: bytes) -> None:
 
 
 def _below(place: Path, name: str) -> Path:
-    """Where a file called `name` goes, in a folder that is there."""
+    """Return the path of the file `name`, whose folder is created."""
     try:
         file = inside(place, name)
     except ValueError as error:
@@ -281,9 +281,9 @@ def _below(place: Path, name: str) -> Path:
 
 @contextmanager
 def _filled(folder: Path) -> Iterator[Path]:
-    """A folder whose content is in `folder` once the body ends, and gone when the body raises.
+    """Yield a folder whose content moves to `folder` at the end of the body, or vanishes if it raises.
 
-    A folder that is there already stays the same: a shell may stand in it, or a disk of its own may begin there.
+    An existing folder is kept, since it may be a mount point or the working directory of a shell.
     """
     target = folder.absolute()
     there = target.is_dir()

@@ -1,4 +1,4 @@
-"""JUnit reports: suites of test cases as the XML that CI systems read."""
+"""JUnit reports: suites of test cases as XML for CI systems."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -10,17 +10,17 @@ from xml.etree import ElementTree
 FlawKind: TypeAlias = Literal["failure", "error", "skipped"]
 
 _NO_XML: Final = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-"""Characters that no XML file may have, not even escaped."""
+"""Characters that XML does not allow, even escaped."""
 
 
 @dataclass(frozen=True, slots=True)
 class Flaw:
-    """Why a case did not pass.
+    """The reason why a case did not pass.
 
     Attributes:
-        kind: `failure` what was tested failed; `error` the test itself broke; `skipped` nobody could tell.
-        message: In one line.
-        text: The whole story, may be empty.
+        kind: `failure` of the system under test, `error` of the test, or `skipped` if it was not judged.
+        message: The reason in one line.
+        text: Details, may be empty.
     """
 
     kind: FlawKind
@@ -33,11 +33,11 @@ class Case:
     """One test.
 
     Attributes:
-        name, classname: Together unlike those of any other case of a report.
-        time_s: What it took.
-        started_s: When it began, in seconds since 1970 (UTC); None where that is not known.
-        properties: Name to value.
-        flaw: None where it passed.
+        name, classname: Names, unique together in a report.
+        time_s: Duration.
+        started_s: Start in seconds since 1970 (UTC); None if unknown.
+        properties: Values by name.
+        flaw: None for a passed case.
     """
 
     name: str
@@ -50,28 +50,28 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Suite:
-    """Tests that belong together."""
+    """A group of tests."""
 
     name: str
     cases: Sequence[Case]
 
     def count(self, kind: FlawKind) -> int:
-        """How many cases have a flaw of this kind."""
+        """Return the number of cases with a flaw of this kind."""
         return sum(case.flaw is not None and case.flaw.kind == kind for case in self.cases)
 
     @property
     def time_s(self) -> float:
-        """What all cases took together."""
+        """The sum of all durations."""
         return sum(case.time_s for case in self.cases)
 
 
 def suite_report(suite: Suite) -> bytes:
-    """A file with one suite as its root."""
+    """Return a file with one suite as its root."""
     return _file(_suite(suite))
 
 
 def campaign_report(name: str, suites: Sequence[Suite]) -> bytes:
-    """A file with several suites."""
+    """Return a file with several suites."""
     root = ElementTree.Element("testsuites", {"name": _xml(name), **_totals(suites)})
     root.extend(_suite(suite) for suite in suites)
     return _file(root)

@@ -1,1 +1,1 @@
-"""A minimization under way: the configuration it begins with, the runs of its candidates, the campaign file that is written."""
+"""Minimization: the failing configuration, the runs of its candidates, and the campaign file of the result."""

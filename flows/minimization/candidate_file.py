@@ -33,17 +33,17 @@ from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 FAMILY: Final = "minimal"
 FILE: Final = "minimal.vast"
 _MAPS: Final[Mapping[str, str]] = {MAP_KEY: "map", **{key: key for key in MASK_KEYS}}
-"""Values that are maps, to the folders in which they lie beside the campaign file."""
+"""Keys of maps to their folders beside the campaign file."""
 _OTHERS: Final = ("local", FILE_KEY)
-"""What of `execution` is among the values already."""
+"""Keys of `execution` that are among the values."""
 
 
 @dataclass(frozen=True)
 class BuiltCandidate:
-    """A candidate as its campaign file has it.
+    """A candidate, read from its campaign file.
 
     Attributes:
-        text: Of the file.
+        text: The text of the file.
     """
 
     campaign: Campaign = field(repr=False)
@@ -52,7 +52,7 @@ class BuiltCandidate:
     text: str = field(repr=False)
 
     def candidates(self, failing: Failing) -> Candidates:
-        """Return what makes scenarios of all other candidates; this is the whole."""
+        """Return the maker of scenarios of other candidates, for which this one is the whole."""
         abstract, _ = abstract_scenario_of(self.campaign.document, self.campaign.path.parent)
         assert abstract is not None  # or it could not have been read
         start_check = StartCheck(FAMILY, {}) if failing.start_check == "footprint" else None
@@ -60,13 +60,13 @@ class BuiltCandidate:
 
     @property
     def inputs(self) -> Inputs:
-        """The files that it needs."""
+        """The files that the campaign file needs."""
         return inputs_of(self.campaign, self.oracles)
 
 
 @dataclass(frozen=True)
 class CandidateFiles:
-    """The folder in which a campaign file is written and read, with the files of the campaign directory at their places."""
+    """A folder for campaign files, with the files of the campaign directory."""
 
     failing: Failing
     folder: Path
@@ -75,10 +75,10 @@ class CandidateFiles:
         """Write a candidate's campaign file and read it as `vastflow run` does.
 
         Args:
-            runs: That the file asks for.
+            runs: Number of runs in the file.
 
         Raises:
-            NotBuilt: the file has a fault, or the robot can't begin or end where it says.
+            NotBuilt: the file has a fault, or start or goal is not free.
         """
         try:
             values = self.failing.subject.reduced(candidate.kept, dict(candidate.levels))
@@ -93,7 +93,7 @@ class CandidateFiles:
         except FileError as error:
             raise NotBuilt(complaint(error.faults[0].problem, error.faults[0].expected)) from None
         if not made.configurations:
-            raise NotBuilt(made.rejections[0].reason if made.rejections else "nothing comes of it")
+            raise NotBuilt(made.rejections[0].reason if made.rejections else "it has no configuration")
         return BuiltCandidate(campaign, oracles, made.configurations[0], text)
 
     def _text(self, values: dict[str, Any], runs: int) -> str:
@@ -126,7 +126,7 @@ class CandidateFiles:
 
 @contextmanager
 def candidate_files(failing: Failing) -> Iterator[CandidateFiles]:
-    """A folder for candidates, for as long as the body takes."""
+    """Yield a temporary folder for candidates."""
     with TemporaryDirectory(prefix="vastflow-") as place:
         folder = Path(place).resolve()
         if (failing.directory / "inputs").is_dir():
@@ -141,7 +141,7 @@ def candidate_files(failing: Failing) -> Iterator[CandidateFiles]:
 
 
 def placed(value: Any, places: Mapping[str, str]) -> Any:
-    """A part of the campaign file with the files from outside of its folder where they are kept."""
+    """Return a value of the campaign file with the kept paths of files from outside of its folder."""
     if isinstance(value, dict):
         return {placed(key, places): placed(item, places) for key, item in value.items()}
     if isinstance(value, list):

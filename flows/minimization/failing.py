@@ -1,4 +1,4 @@
-"""The failing configuration of a campaign directory that a minimization begins with."""
+"""The failing configuration of a campaign directory that is minimized."""
 
 import json
 from collections.abc import Mapping
@@ -24,11 +24,11 @@ from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 
 MESH_KEY = "mesh_file"
-"""Of no meaning for a run, see `vastflow.producers.instantiation.family`."""
+"""Ignored by runs, see `vastflow.producers.instantiation.family`."""
 
 
 class NotMinimized(UserError, ValueError):
-    """A configuration that there is nothing to minimize of; says why, and what would be right."""
+    """A configuration that can't be minimized, since it does not fail."""
 
 
 @dataclass(frozen=True)
@@ -36,12 +36,12 @@ class Failing:
     """A configuration whose runs fail.
 
     Attributes:
-        name: Of the one that was run, where it duplicates another.
-        oracle: Whose failures count.
-        subject: What was run, its files in the campaign directory.
-        campaign: The campaign file's data.
-        places: As `vastflow.flows.request.asked.Asked` has them.
-        start_check: Of its family.
+        name: Its name, or that of its original if it is a duplicate.
+        oracle: The oracle whose failures count.
+        subject: The scenario, with files in the campaign directory.
+        campaign: The data of the campaign file.
+        places: See `vastflow.flows.request.asked.Asked`.
+        start_check: The start check of its family.
         assumed: Keys of the subject that neither the campaign nor its parameter file contains.
     """
 
@@ -59,11 +59,11 @@ def failing_configuration(directory: Path, name: str, oracle: str | None, rate: 
     """Read a configuration that fails.
 
     Args:
-        oracle: Whose failures count; else the one that fails it most often.
-        rate: Least failure rate that is called failing.
+        oracle: The oracle whose failures count; default: the one that fails it most often.
+        rate: Failure rate from which it fails.
 
     Raises:
-        NotMinimized: it is not there, was rejected or excluded, broke, or passes.
+        NotMinimized: it does not exist, was rejected or excluded, broke, or passes.
         UnusableDirectory: the directory is damaged.
     """
     with reading(directory):
@@ -92,21 +92,21 @@ def _missing(directory: Path, name: str, known: list[str]) -> NotMinimized:
     for row in table_rows(directory / "rejections.parquet"):
         if row["parent"] == name:
             return NotMinimized(
-                f"{directory}: {name} was rejected, so nothing of it was run: {row['reason']}; a configuration that fails"
+                f"{directory}: expected a configuration that fails, got {name}, which was rejected: {row['reason']}"
             )
     for row in table_rows(directory / "exclusions.parquet"):
         if row["name"] == name:
-            what = f"{name} is excluded by the constraint {row['constraint']}, so nothing of it was run"
-            return NotMinimized(f"{directory}: {what}; a configuration that fails")
+            what = f"{name}, which the constraint {row['constraint']} excludes"
+            return NotMinimized(f"{directory}: expected a configuration that fails, got {what}")
     hint = did_you_mean(name, known, "it has none", listed="it has")
     return NotMinimized(f"{directory}: no configuration {name!r}; {hint}")
 
 
 def _failing_oracle(directory: Path, name: str, oracle: str | None, rate: float) -> str:
-    """The oracle whose failures count.
+    """Return the oracle whose failures count.
 
     Raises:
-        NotMinimized: there is none, for it passes or was not judged.
+        NotMinimized: the configuration passes or was not judged.
     """
     table = read_columns(directory / "verdicts.parquet")
     rows = table.filter(pc.equal(table.column("configuration"), name)).to_pylist()
@@ -114,7 +114,8 @@ def _failing_oracle(directory: Path, name: str, oracle: str | None, rate: float)
     for row in rows:
         said.setdefault(row["oracle"], []).append(row["judgement"])
     if oracle is not None and oracle not in said:
-        raise NotMinimized(f"--oracle {oracle}: no such oracle judged {name}; {did_you_mean(oracle, list(said))}")
+        hint = did_you_mean(oracle, list(said))
+        raise NotMinimized(f"--oracle: expected an oracle that judged {name}, got {oracle!r}; {hint}")
     judged = {each: [what for what in of if what != "not judged"] for each, of in said.items()}
     rates = {each: of.count("fail") / len(of) for each, of in judged.items() if of and oracle in (None, each)}
     worst = max(rates, key=lambda each: rates[each], default="")
@@ -124,11 +125,11 @@ def _failing_oracle(directory: Path, name: str, oracle: str | None, rate: float)
     if not rates or any(why.startswith(FAULT) for why in lacking):
         why = next((why for why in lacking if why.startswith(FAULT)), "")
         broke = f"runs of {name} broke: {why}" if why else f"no run of {name} is judged: {(*lacking, 'it has none')[0]}"
-        raise NotMinimized(f"{directory}: {broke}; a configuration that fails")
+        raise NotMinimized(f"{directory}: expected a configuration that fails, but {broke}")
     by = f" by {worst}" if oracle or len(rates) > 1 else ""
     failed, runs = judged[worst].count("fail"), len(judged[worst])
-    what = f"{name} passes: {failed} of {runs} runs fail{by}, and failing is a rate of {rate:g} or more"
-    raise NotMinimized(f"{directory}: {what}; --rate, or another configuration")
+    what = f"expected a failure rate of {rate:g} or more, got {failed} of {runs} runs{by}"
+    raise NotMinimized(f"{directory}: {name}: {what}; give --rate or another configuration")
 
 
 def _executed(directory: Path, row: Mapping[str, Any]) -> Scenario:
@@ -142,6 +143,6 @@ def _subject(place: str, scenario: Scenario) -> Subject:
     kept = (MAP_KEY, FILE_KEY, *MASK_KEYS)
     files = [key for key, value in values.items() if isinstance(value, FileContent) and key not in kept]
     if files or MAP_KEY not in values:
-        what = f"its value of {files[0]} is a file" if files else "it has no map, so no robot drives in it"
+        what = f"its value of {files[0]} is a file" if files else "it has no map and thus no robot"
         raise UnusableDirectory(f"{place} can't be minimized: {what}")
     return Subject(values, {key: part for part, of in parts.items() for key in of})  # type: ignore[misc]

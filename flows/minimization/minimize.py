@@ -1,4 +1,4 @@
-"""`minimize_configuration`: a failing configuration of a campaign directory becomes a smallest one that still fails, with its picture."""
+"""`minimize_configuration`: the smallest configuration that still fails, with its picture."""
 
 import io
 import os
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 def before_and_after(before: Configuration, after: Configuration) -> bytes:
-    """A PNG of two plan views side by side."""
+    """Return a PNG of two plan views side by side."""
     pictures = []
     for title, configuration in (("before", before), ("minimized", after)):
         view = replace(plan_view_of(configuration), title=title)
@@ -65,16 +65,16 @@ def minimize_configuration(
     workers: int | None = None,
     observer: Observer | None = None,
 ) -> Minimized:
-    """Shrink a failing configuration of a campaign directory to a smallest one that still fails.
+    """Reduce a failing configuration of a campaign directory to the smallest one that still fails.
 
     Args:
         results: A campaign directory.
-        oracle: Whose failures count; else the one that fails the configuration most often.
-        rate: Least failure rate that is called failing.
-        store, workers, observer: As `vastflow.flows.api.run_campaign` has them. What is in the store is not executed again.
+        oracle: The oracle whose failures count; default: the one that fails the configuration most often.
+        rate: Failure rate from which a configuration fails.
+        store, workers, observer: See `vastflow.flows.api.run_campaign`. Cached runs are not executed again.
 
     Raises:
-        NotMinimized: the configuration is none that fails.
+        NotMinimized: the configuration does not fail.
         UnusableDirectory: the campaign directory can't be used.
         StoreError: the store can't be used.
         PrefectUnavailable: Prefect's API can't be started.
@@ -95,7 +95,7 @@ def minimize_configuration(
             executed = run.tally.progress().executed
         if isinstance(found, Unconfirmed):
             raise NotMinimized(
-                f"{failing.directory}: {failing.name} {found.text}; another configuration, or a lower --rate"
+                f"{failing.directory}: {failing.name} {found.text}; give another configuration or a lower --rate"
             )
         after = files.built(found.candidate, trials.used[found.candidate], comment_of(failing, found))
         picture = before_and_after(before.configuration, after.configuration)
@@ -106,7 +106,7 @@ def minimize_configuration(
 def _answered(
     run: StageRun, failing: Failing, before: BuiltCandidate, test: FailureTest, runs: PointRuns
 ) -> tuple[Minimum | Unconfirmed, Trials]:
-    """Ask until nothing is missing: of the store alone first, so that nothing starts where it has everything."""
+    """Minimize by the store alone, and start a flow only if runs are missing."""
     candidates = before.candidates(failing)
     answers: list[tuple[Minimum | Unconfirmed, Trials]] = []
 

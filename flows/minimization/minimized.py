@@ -1,4 +1,4 @@
-"""What a minimization came to: as a value, in words, as JSON, and as a comment of the file."""
+"""The result of a minimization: as text, as JSON, and as a comment of its campaign file."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -18,14 +18,14 @@ PICTURE: Final = "before-after.png"
 
 @dataclass(frozen=True)
 class Minimized:
-    """What a minimization came to.
+    """The result of a minimization.
 
     Attributes:
-        text: The campaign file with what is left.
-        files: The other files that it needs: place beside it to content.
-        picture: PNG of the scenario as it was and as it is in the end.
-        runs: That trials and confirmations took.
-        executed: Of these, by this call; the others were in the store.
+        text: The text of the minimal campaign file.
+        files: Its other files: path beside it to content.
+        picture: PNG of the scenario before and after.
+        runs: Number of runs of trials and confirmations.
+        executed: Number of these that this call executed; the others were cached.
     """
 
     failing: Failing
@@ -38,7 +38,7 @@ class Minimized:
     executed: int
 
     def write(self, folder: Path) -> list[Path]:
-        """Write the campaign file with all that it needs, and the picture; gives the campaign file and the picture."""
+        """Write the campaign file with its files, and the picture; return the paths of file and picture."""
         written = {**self.files, FILE: self.text.encode(), PICTURE: self.picture}
         for place, content in written.items():
             file = folder / place
@@ -51,7 +51,7 @@ NOTHING = "nothing but the map and the path"
 
 
 def comment_of(failing: Failing, minimum: Minimum) -> str:
-    """The first lines of the campaign file that is written."""
+    """Return the first lines of the written campaign file."""
     cause = ", ".join(f"{each.text}{_level(minimum, each)}" for each in minimum.cause) or NOTHING
     left = "".join(f"# Not tried without: {each.text}.\n" for each in minimum.not_tried)
     return (
@@ -61,21 +61,21 @@ def comment_of(failing: Failing, minimum: Minimum) -> str:
 
 
 def minimized_text(found: Minimized, written: list[str]) -> Iterator[str]:
-    """Lines for the terminal."""
+    """Yield lines for the terminal."""
     minimum, subject, gone = found.minimum, found.failing.subject, taken_away(found)
     yield f"{found.failing.name} by {found.failing.oracle}, minimized: {_confirmed(minimum)}"
     yield ""
-    yield "can't be taken away, which is the cause:"
+    yield "can't be removed, thus the cause:"
     for each, said in minimum.cause.items():
         yield f"  {each.text}{_level(minimum, each)}; without it: {said.text}"
     if not minimum.cause:
         yield f"  {NOTHING}"
     for title, lines in (
         (
-            "still there, for it could not be tried without:",
+            "kept, since it could not be tried without:",
             [f"{c.text}; {o.reason}" for c, o in minimum.not_tried.items()],
         ),
-        (f"taken away: {count_text(len(gone), 'value')}", _in_file(found, gone)),
+        (f"removed: {count_text(len(gone), 'value')}", _in_file(found, gone)),
         (
             "shorter:",
             [
@@ -89,12 +89,12 @@ def minimized_text(found: Minimized, written: list[str]) -> Iterator[str]:
             yield title
             yield from (f"  {line}" for line in lines)
     yield ""
-    yield f"{found.runs} runs of {len(minimum.tried)} candidates, {found.executed} executed; wrong in a trial at most {found.test.rule.error:.0%}"
+    yield f"{found.runs} runs of {len(minimum.tried)} candidates, {found.executed} executed; error of a trial at most {found.test.rule.error:.0%}"
     yield from written
 
 
 def minimized_json(found: Minimized, written: list[str]) -> dict[str, Any]:
-    """The same for programs."""
+    """Return the result as JSON values."""
     minimum, rule = found.minimum, found.test.rule
     confirmed = minimum.confirmation
     bounds = interval(clopper_pearson_intervals(confirmed.failed, confirmed.judged))
@@ -120,13 +120,13 @@ def minimized_json(found: Minimized, written: list[str]) -> dict[str, Any]:
 
 
 def taken_away(found: Minimized) -> list[Circumstance]:
-    """What the failure does not need."""
+    """Return the circumstances that the failure does not need."""
     kept = found.minimum.candidate.kept
     return [each for each in found.failing.subject.circumstances if each.can_be_left_out and each not in kept]
 
 
 def _in_file(found: Minimized, circumstances: list[Circumstance]) -> list[str]:
-    """The texts of those that the user's files contain."""
+    """Return the texts of the circumstances that the user's files contain."""
     return [each.text for each in circumstances if each.key not in found.failing.assumed]
 
 

@@ -1,4 +1,4 @@
-"""Trials: candidates are run until their failure is shown or not, by a sequential test at a stated error."""
+"""Trials of candidates by a sequential test of their failure rate."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,18 +20,18 @@ from vastflow.tasks.engine.work import VERDICTS
 from vastflow.tasks.store.store import Artifact, Lost
 
 ERROR: Final = 0.05
-"""Probability, at most, that a candidate is said to fail in a trial and does not, or the other way round."""
+"""Maximum probability of a wrong decision on a candidate."""
 LEAST_RUNS: Final = 5
 MOST_RUNS: Final = 30
 _APART: Final = 0.2
-"""Share of the success rates above that of a failing candidate in which neither may be shown."""
+"""Width of the success rates, as a share of the failure rate, in which a candidate may stay undecided."""
 
 
 @dataclass(frozen=True)
 class FailureTest(Stopping):
-    """Ends the runs of a candidate when it is shown to fail, or not to.
+    """Ends the runs of a candidate when it is known to fail, or not to.
 
-    To fail is to be of the rule's class *systematic*, whose bound is the success rate `1 - rate`.
+    A failing candidate has the rule's class *systematic*, whose bound is the success rate `1 - rate`.
 
     Attributes:
         oracle: The oracle whose failures count.
@@ -41,7 +41,7 @@ class FailureTest(Stopping):
 
     @property
     def rate(self) -> float:
-        """Least failure rate that is called failing."""
+        """Failure rate from which a candidate fails."""
         return 1.0 - self.rule.bounds.systematic
 
     def judged(self, index: Index, verdicts: Artifact) -> Mapping[int, str]:

@@ -1,1 +1,1 @@
-"""A search: its batches, what was found at them, and what is written of it."""
+"""Searches: batches, evaluations, and tables."""

@@ -1,4 +1,4 @@
-"""A batch of a search as a flow run of its own, whose page says how the search stands and how far the batch is. Importing it imports Prefect."""
+"""A batch of a search as a flow run with a page of its own; importing this module imports Prefect."""
 
 from collections.abc import Callable
 from typing import Any, Final
@@ -18,10 +18,10 @@ FLOW: Final = "search-batch"
 
 
 class BatchBar:
-    """Shows how far a batch is, as an observer of the campaign.
+    """Shows the progress of a batch, as an observer of the campaign.
 
     Args:
-        before: Runs that were done when it began.
+        before: Number of runs before the batch.
     """
 
     def __init__(self, bar: ProgressBar, before: int) -> None:
@@ -39,11 +39,11 @@ class BatchBar:
 def compute_batch(
     name: str, search: SearchProgress, engine: Engine, tally: Tally, compute: Callable[[TaskRuns], None]
 ) -> None:
-    """Have the points under way computed, in a child of the flow run that calls this.
+    """Compute the current points in a child of the calling flow run.
 
     Args:
-        name: The campaign's.
-        compute: Brings what is missing of the points into the store, by task runs of the child.
+        name: Name of the campaign.
+        compute: Computes missing results of the points by task runs of the child.
 
     Raises:
         Exception: what `compute` raises.
@@ -53,7 +53,7 @@ def compute_batch(
     @flow(name=FLOW, flow_run_name=lambda: title, persist_result=False)
     def batch() -> None:
         with task_runs_of(name, engine) as task_runs:
-            show_text(f"{key_of(name)}-search", standing_text(search), f"How the search of **{name}** stands")
+            show_text(f"{key_of(name)}-search", standing_text(search), f"Progress of the search of **{name}**")
             bar = BatchBar(ProgressBar(f"{key_of(name)}-batch", str(flow_run.id)), tally.progress().runs_done)
             with Reporter(tally, bar, INTERVAL_S):
                 compute(task_runs)
@@ -65,7 +65,7 @@ def compute_batch(
 
 
 def standing_text(search: SearchProgress) -> str:
-    """What was found, and how far each budget is spent, in Markdown."""
+    """Return results and spent budgets in Markdown."""
     told = search.evaluations
     rejected = sum(each.standing == "rejected" for each in told)
     points = f"{len(told)} points, {rejected} of them rejected, {sum(each.runs for each in told)} runs"

@@ -1,7 +1,6 @@
-"""The progress of a search: what was proposed and found, batch by batch, until its budget is spent; then its best is confirmed.
+"""The progress of a search: proposals and evaluations batch by batch, and the confirmation of the best.
 
-Nothing of it is kept but results: a search that is taken up again asks its strategy from the beginning, and finds in the store what the
-runs of each batch came to.
+Only results are stored: a resumed search asks its strategy from the beginning and finds the runs of each batch in the store.
 """
 
 import hashlib
@@ -32,15 +31,15 @@ from vastflow.tasks.store.store import Store
 
 @dataclass
 class PointRuns:
-    """Says how many runs a point wants, see `vastflow.tasks.engine.engine.RunsWanted`.
+    """The number of runs of a point, see `vastflow.tasks.engine.engine.RunsWanted`.
 
-    Runs that confirm come after those that the search used, so they have indices that it never looked at.
+    Confirming runs follow those of the search, so that it never used their indices.
 
     Attributes:
-        rule: Ends a point's runs when its class is decided; None where each has `runs`.
-        runs: Of each point, at most where there is a rule.
-        confirmed: Name of the point that is confirmed; empty as long as there is none.
-        confirm: Runs that confirm it.
+        rule: Ends a point's runs when its class is decided; None for `runs` each.
+        runs: Runs of each point, at most if there is a rule.
+        confirmed: Name of the confirmed point; empty before.
+        confirm: Number of confirming runs.
     """
 
     rule: Stopping | None
@@ -50,22 +49,22 @@ class PointRuns:
 
     @property
     def most(self) -> int:
-        """Runs that no point exceeds."""
+        """Maximum number of runs of a point."""
         return self.runs + (self.confirm if self.confirmed else 0)
 
     def wanted(self, judgements: Mapping[int, str]) -> int:
-        """Runs that the search wants of a point by what is known of them."""
+        """Return the number of runs of a point with these judgements."""
         return self.runs if self.rule is None else self.rule.wanted(judgements)
 
     def used(self, index: Index, configuration: ConfigurationRuns) -> tuple[ConfigurationRuns, list[Stored]]:
-        """The configuration with the runs that the search uses of it, and what the store has of these."""
+        """Return the configuration with the runs that the search uses, and their stored blocks."""
         if self.rule is not None:
             return self.rule.stored(index, configuration)
         configuration = replace(configuration, runs=self.runs)
         return configuration, index.stored(configuration)
 
     def stored(self, index: Index, configuration: ConfigurationRuns) -> tuple[ConfigurationRuns, list[Stored]]:
-        """The configuration with the runs that are wanted of it by now, and what the store has of these."""
+        """Return the configuration with the runs that it needs now, and their stored blocks."""
         configuration, stored = self.used(index, configuration)
         if configuration.name != self.confirmed or not FoundRuns(configuration, tuple(stored)).complete:
             return configuration, stored
@@ -78,13 +77,12 @@ _BATCHES: Final = "batches"
 
 @dataclass
 class BatchClock:
-    """Says how much of a budget of time is spent.
+    """Measures a budget of time.
 
-    Time alone makes no result. So the number of batches that it paid for the first time is kept in the store, and a search with the
-    same key has as many.
+    The number of batches that fit the budget is stored, so that a search with the same key has as many and the same result.
 
     Attributes:
-        key: Of this search in the store; empty where nothing of it depends on time.
+        key: Key of this search in the store; empty without a budget of time.
     """
 
     store: Store
@@ -92,7 +90,7 @@ class BatchClock:
     _began_s: float = field(default_factory=time.monotonic)
 
     def elapsed_s(self, batches: int, spec: SearchSpec) -> float:
-        """Time spent after so many batches (s); where it is known how many it pays, all or nothing of the budget."""
+        """Return the time spent (s), or none or all of the budget if its number of batches is stored."""
         if not self.key:
             return 0.0
         if (kept := self._kept()) is None:
@@ -100,7 +98,7 @@ class BatchClock:
         return max(each.time or 0.0 for each in spec.budget) if batches >= kept else 0.0
 
     def keep(self, batches: int) -> None:
-        """Keep how many batches there were, unless that is known."""
+        """Store the number of batches, unless it is stored."""
         if self.key and self._kept() is None:
             self.store.put(self.key, {}, {_BATCHES: batches})
 
@@ -110,10 +108,10 @@ class BatchClock:
 
 
 def clock_of(store: Store, spec: SearchSpec, *content: Any) -> BatchClock:
-    """The clock of a search.
+    """Return the clock of a search.
 
     Args:
-        content: What its results follow from, in values that have a digest.
+        content: Inputs of its results, as values that have a digest.
     """
     timed = any(each.time is not None for each in spec.budget)
     hashed = digest("search", *content)
@@ -125,11 +123,11 @@ BROKEN: Final = "a point broke twice"
 
 @dataclass(frozen=True, slots=True)
 class Confirmation:
-    """What runs say of the best point that the search never used.
+    """Fresh runs of the best point.
 
     Attributes:
         samples: The objective of each run that has one.
-        runs: How many there were.
+        runs: Number of runs.
     """
 
     proposal: Proposal
@@ -140,16 +138,16 @@ class Confirmation:
 
 @dataclass
 class SearchProgress:
-    """A search under way.
+    """A running search.
 
     Attributes:
-        runs: How many are wanted of a point.
-        proposals: Those of the batch under way; in the end all.
-        batches: What was found, batch by batch.
-        baseline: What was found at points of the baseline beside them.
-        ended_by: Why no more is asked; empty as long as it goes on.
-        strategy: It knows all batches that there are.
-        confirmation: None before, and where nothing could be confirmed.
+        runs: Number of runs of a point.
+        proposals: Proposals of the current batch; all of them at the end.
+        batches: Evaluations by batch.
+        baseline: Evaluations of the baseline's points.
+        ended_by: Why the search ended; empty before.
+        strategy: The strategy, which was told all batches.
+        confirmation: None before, and if nothing could be confirmed.
     """
 
     search: Search
@@ -177,7 +175,7 @@ class SearchProgress:
 
     @property
     def evaluations(self) -> list[Evaluation]:
-        """What was found so far, in the order of the proposals."""
+        """All evaluations in the order of the proposals."""
         return [each for batch in self.batches for each in batch]
 
     @property
@@ -187,7 +185,7 @@ class SearchProgress:
 
     @property
     def title(self) -> str:
-        """What is under way, such as `batch 3, point-0009 to point-0012`."""
+        """The current batch, such as `batch 3, point-0009 to point-0012`."""
         if self.ended_by:
             return f"confirmation of {self.runs.confirmed}" if self.runs.confirmed else "all points"
         names = [each.name for each in self.proposals if each.family == FAMILY]
@@ -206,11 +204,11 @@ class SearchProgress:
         return [each.text for each in self._criteria()]
 
     def campaign(self, campaign: Campaign) -> Campaign:
-        """The campaign with the points under way for its families."""
+        """Return the campaign with the current points as its families."""
         return replace(campaign, families=tuple(map(self._family, self.proposals)))
 
     def named(self, instantiated: Instantiated) -> Instantiated:
-        """What became of the points under way, each called as its proposal.
+        """Return the instantiated points, named as their proposals.
 
         Raises:
             FileError: the template makes several configurations of a point.
@@ -219,16 +217,16 @@ class SearchProgress:
         return replace(instantiated, instantiation=made)
 
     def expected(self, configurations: Mapping[str, int]) -> Mapping[str, int]:
-        """Runs of these configurations and of all points before."""
+        """Return the runs of these configurations and of all earlier points."""
         self._wanted |= configurations
         return self._wanted
 
     def take(
         self, instantiated: Instantiated, found: Mapping[str, FoundRuns], index: Index, broken: Collection[str]
     ) -> bool:
-        """Take what the points under way came to, and ask for the next; whether there is something to do.
+        """Take the results of the current points and ask for the next; return whether there are any.
 
-        A batch in which something broke is done once more; where that breaks too, no more is asked.
+        A broken batch is computed once more; if it breaks again, the search ends.
 
         Args:
             broken: Names of configurations that met a fault.
@@ -270,7 +268,7 @@ class SearchProgress:
         return bool(points) or self._end("the strategy proposes nothing more")
 
     def _end(self, why: str) -> bool:
-        """Ask for all points together, the best with the runs that confirm it; whether there is any."""
+        """Ask for all points together, the best with its confirming runs; return whether there are any."""
         self.ended_by, self._again = why, False
         self.clock.keep(len(self.batches))
         told = [each.proposal for each in (*self.evaluations, *self.baseline)]
@@ -337,7 +335,7 @@ class SearchProgress:
 
 
 def verdicts_of(found: FoundRuns, index: Index) -> list[Verdict]:
-    """All verdicts on a configuration's runs.
+    """Return all verdicts on a configuration's runs.
 
     Raises:
         Lost: they are damaged.
@@ -355,14 +353,14 @@ def search_progress(
     content: bytes,
     tally: Tally,
 ) -> SearchProgress | None:
-    """The search of a campaign at its beginning; None where the file lists its configurations.
+    """Return the search of a campaign at its beginning, or None if the file lists its configurations.
 
     Args:
-        runs: Of each point, at most where `stopping` ends them.
-        content: Of the campaign file.
+        runs: Runs of each point, at most with `stopping`.
+        content: Content of the campaign file.
 
     Raises:
-        FileError: only a part of the configurations is asked for, which nobody knows before.
+        FileError: the request selects configurations, which a search does not know before.
         UserError: its strategy needs a library that is not installed.
     """
     if (search := campaign.search) is None:

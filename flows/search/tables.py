@@ -1,4 +1,4 @@
-"""What a campaign directory has of a search: `evaluations.parquet`, `baseline.parquet`, `archive.parquet`, and its place in `metadata.json`."""
+"""The tables of a search in a campaign directory, and its record in `metadata.json`."""
 
 import json
 from collections.abc import Iterator
@@ -13,42 +13,33 @@ from vastflow.producers.search.boundary import BAND, Boundary
 from vastflow.producers.search.criteria import best_of, runs_until
 from vastflow.producers.search.strategy import Evaluation
 
-EVALUATIONS: Final = pa.schema(
-    [
-        pa.field("configuration", pa.string(), nullable=False),
-        pa.field("batch", pa.int64(), nullable=False),
-        pa.field("point", pa.string(), nullable=False),
-        pa.field("standing", pa.string(), nullable=False),
-        pa.field("objective", pa.float64()),
-        pa.field("measures", pa.string(), nullable=False),
-        pa.field("runs", pa.int64(), nullable=False),
-        pa.field("simulated_s", pa.float64(), nullable=False),
-        pa.field("reason", pa.string(), nullable=False),
-    ]
-)
-"""A row for each proposal, in order; `point` and `measures` are JSON."""
-ARCHIVE: Final = pa.schema(
-    [
-        pa.field("cell", pa.string(), nullable=False),
-        pa.field("configuration", pa.string(), nullable=False),
-        pa.field("objective", pa.float64(), nullable=False),
-        pa.field("measures", pa.string(), nullable=False),
-    ]
-)
-"""A row for each cell that is filled, by its place; `cell`, its place along each measure, and `measures` are JSON."""
-BOUNDARY: Final = pa.schema(
-    [
-        pa.field("point", pa.string(), nullable=False),
-        pa.field("low", pa.float64(), nullable=False),
-        pa.field("expected", pa.float64(), nullable=False),
-        pa.field("high", pa.float64(), nullable=False),
-    ]
-)
-"""A row for each place of a lattice over the space: what is expected of the objective, with its band of 95 %."""
+_TEXT, _NUMBER, _COUNT = pa.string(), pa.float64(), pa.int64()
+
+
+def _schema(**columns: pa.DataType) -> pa.Schema:
+    return pa.schema([pa.field(name, kind, nullable=False) for name, kind in columns.items()])
+
+
+EVALUATIONS: Final = _schema(
+    configuration=_TEXT,
+    batch=_COUNT,
+    point=_TEXT,
+    standing=_TEXT,
+    objective=_NUMBER,
+    measures=_TEXT,
+    runs=_COUNT,
+    simulated_s=_NUMBER,
+    reason=_TEXT,
+).set(4, pa.field("objective", _NUMBER))
+"""A row for each proposal in order; `point` and `measures` are JSON."""
+ARCHIVE: Final = _schema(cell=_TEXT, configuration=_TEXT, objective=_NUMBER, measures=_TEXT)
+"""A row for each filled cell in order of its index; `cell`, its index along each measure, and `measures` are JSON."""
+BOUNDARY: Final = _schema(point=_TEXT, low=_NUMBER, expected=_NUMBER, high=_NUMBER)
+"""A row for each point of a lattice over the space: the expected objective with its band of 95 %."""
 
 
 def write_search(place: Path, search: SearchProgress) -> None:
-    """Write the tables of a search into a campaign directory: the same bytes for the same verdicts."""
+    """Write the tables of a search into a campaign directory, the same bytes for the same verdicts."""
     write_table(place / "evaluations.parquet", EVALUATIONS, map(_evaluation_row, search.evaluations))
     if search.search.spec.baseline:
         write_table(place / "baseline.parquet", EVALUATIONS, map(_evaluation_row, search.baseline))
@@ -60,7 +51,7 @@ def write_search(place: Path, search: SearchProgress) -> None:
 
 
 def search_record(search: SearchProgress) -> dict[str, Any]:
-    """What `metadata.json` says of a search."""
+    """Return the record of a search in `metadata.json`."""
     spec, told, best, confirmed = search.search.spec, search.evaluations, search.best, search.confirmation
     beside = {"baseline": _baseline(search)} if spec.baseline else {}
     return {
@@ -86,7 +77,7 @@ def search_record(search: SearchProgress) -> dict[str, Any]:
 
 
 def _baseline(search: SearchProgress) -> dict[str, Any]:
-    """Of each of both searches the runs until it was as good as the best that the search found."""
+    """Return the baseline's record, with the runs of both searches until the best objective."""
     spec, told, best = search.search.spec, search.baseline, search.best
     own, beside = (
         None if best is None or best.objective is None else runs_until(each, best.objective, spec.direction)

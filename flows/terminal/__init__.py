@@ -1,1 +1,1 @@
-"""What a terminal and a notebook show, and what Ctrl-C does there."""
+"""The display in a terminal and in a notebook, options of commands, and their ends."""

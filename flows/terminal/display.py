@@ -18,28 +18,28 @@ from vastflow.tasks.engine.progress import Progress
 
 PLAIN_INTERVAL_S: Final = 5.0
 UNCHANGED_INTERVAL_S: Final = 30.0
-"""Between two lines that say the same."""
+"""Time between two equal lines."""
 PLAIN_SHARE: Final = 0.02
-"""Of the time that has passed: a campaign of hours says less often that it goes on."""
+"""Share of the elapsed time between two lines: a campaign of hours prints fewer."""
 PASSING_S: Final = 1.0
-"""A phase that is over so soon gets no line."""
+"""Shorter phases get no line."""
 COMPILING_AFTER_S: Final = 3.0
 PREFECT_STARTS_S: Final = 12.0
-"""What Prefect's start takes at most where nothing else runs."""
+"""Upper limit of Prefect's start on an idle machine."""
 
 _PHASES: Final[Mapping[str, str]] = {
-    "scanning": "looking what is in the store already",
+    "scanning": "checking the store",
     "starting Prefect": f"starting Prefect, which takes 5–{PREFECT_STARTS_S:.0f} s",
     "instantiating": "instantiating configurations",
     "running": "running",
     "reporting": "writing tables, figures and the report",
-    "postprocessing": "running the steps of postprocessing",
+    "postprocessing": "running postprocessing steps",
 }
 _SPINNER: Final = "⠋⠙⠹⠸⠼⠴⠦⠧⠇⠏"
 
 
 def view(progress: Progress, pace: Pace) -> Group:
-    """What a terminal shows: the phase, and once there are runs, a bar, the pace and the verdicts so far."""
+    """Return the live view: the phase, and once there are runs, a bar, the verdicts, and the pace."""
     frame = _SPINNER[int(pace.elapsed_s * 8) % len(_SPINNER)]
     lines: list[Text | Table] = [Text(f"{frame} {phase_text(progress, pace)}  {duration_text(pace.phase_s)}")]
     if progress.runs_total:
@@ -55,7 +55,7 @@ def view(progress: Progress, pace: Pace) -> Group:
 
 
 def plain_line(progress: Progress, pace: Pace) -> str:
-    """The same on one line, behind the time that has passed."""
+    """Return the progress on one line, after the elapsed time."""
     return f"[{duration_text(pace.elapsed_s):>6}] {_line_words(progress, pace)}"
 
 
@@ -73,7 +73,7 @@ def _line_words(progress: Progress, pace: Pace) -> str:
 
 
 def phase_text(progress: Progress, pace: Pace) -> str:
-    """What is being done now, and why the user waits for it."""
+    """Return the phase and why the user waits for it."""
     text = _PHASES.get(progress.phase, progress.phase)
     if progress.phase == "starting Prefect" and pace.phase_s > PREFECT_STARTS_S:
         return f"{text}, and longer on a busy machine"
@@ -82,12 +82,12 @@ def phase_text(progress: Progress, pace: Pace) -> str:
     if progress.runs_done == progress.runs_total:
         return "all runs are done, Prefect records its task runs"
     if not progress.executed and progress.reused < progress.runs_total and pace.phase_s > COMPILING_AFTER_S:
-        return f"{text}; a first run compiles its kernels, once for each version"
+        return f"{text}; the first run of a version compiles its kernels"
     return text
 
 
 def pace_words(progress: Progress, pace: Pace) -> list[str]:
-    """Runs taken from the store, speed and time left, as far as they are known."""
+    """Return cached runs, speed, and time left, as far as they are known."""
     words = [f"{progress.reused} from the store"] if progress.reused else []
     if pace.runs_per_s is not None and pace.times_real_time is not None:
         words += [f"{pace.runs_per_s:.3g} runs/s", f"{_rounded(pace.times_real_time)} × real time"]
@@ -156,7 +156,7 @@ class Display:
             self._write_line_if_due()
 
     def close(self, last_words: str = "") -> None:
-        """Clear the display and write `last_words`; nothing is shown afterwards, however often it is called."""
+        """Clear the display and write `last_words`; later calls do nothing."""
         with self._lock:
             if self._closed:
                 return
@@ -173,7 +173,7 @@ class Display:
             return view(self._progress, self._meter.pace(self._progress, self._clock()))
 
     def _go_on(self) -> None:
-        """Lines while nothing is reported: a user who waits for a minute wants to know what for."""
+        """Print lines while no progress is reported."""
         while not self._ended.wait(1.0):
             with self._lock:
                 self._write_line_if_due()

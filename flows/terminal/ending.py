@@ -1,4 +1,4 @@
-"""How a command ends: its exit code, Ctrl-C and SIGTERM, and a place that can't be written to."""
+"""Ends of commands: exit codes, Ctrl-C and SIGTERM, and folders that can't be written."""
 
 import errno
 import os
@@ -16,19 +16,19 @@ import typer
 from vastflow.sim.model.faults import UserError
 
 BAD_INPUT: Final = 2
-"""A mistake that the user can mend; also where the command line itself is wrong."""
+"""Exit code of a user's mistake, wrong options included."""
 FAULT: Final = 3
-"""Something broke: a run, a worker, Prefect, a plug-in."""
+"""Exit code of a broken run, worker, Prefect, or plug-in."""
 
 
 INTERRUPTED: Final = 130
 
 
 class Interruptible:
-    """A body that Ctrl-C and SIGTERM end with `last_words` on standard error and exit code 130.
+    """Ends its body with `last_words` on stderr and exit code 130 after Ctrl-C or SIGTERM.
 
-    The words are said before all else, for the process may end without coming back here. Another thread says
-    them: the main thread may hold the locks of the display or of its stream.
+    The words come first, since the process may end before it returns here. Another thread writes them, since the main
+    thread may hold the locks of the display or of its stream.
     """
 
     def __init__(self, last_words: str) -> None:
@@ -74,10 +74,10 @@ def _print(words: str) -> None:
 
 @contextmanager
 def writing(place: Path, option: str = "") -> Iterator[None]:
-    """Write to `place` in the body.
+    """Report an `OSError` of the body, which writes to `place`, as a user's mistake.
 
     Args:
-        option: That gave the place, for the message.
+        option: The option that gave the place, for the message.
 
     Raises:
         UserError: it can't be written.
@@ -92,7 +92,7 @@ def writing(place: Path, option: str = "") -> Iterator[None]:
 
 
 def check_writable(folder: Path, option: str = "") -> None:
-    """Look whether a folder can be made, or written to, before hours are spent.
+    """Check that a folder can be created or written to, before a run takes hours.
 
     Raises:
         UserError: it can't.
@@ -102,13 +102,13 @@ def check_writable(folder: Path, option: str = "") -> None:
 
 
 def _wrong(place: Path, parts: tuple[str, ...]) -> str | None:
-    right = "name a folder, or one that can be made"
+    right = "expected a folder that exists or can be created"
     try:
         while not place.exists():
             if place.is_symlink():
-                return f"{place} is a link that leads nowhere; {right}"
+                return f"{place} is a broken link; {right}"
             if place.name == "..":
-                return f"{place.parent} is not there; {right}"
+                return f"{place.parent} does not exist; {right}"
             place = place.parent
         if any(len(os.fsencode(part)) > os.pathconf(place, "PC_NAME_MAX") for part in parts):
             raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
@@ -117,5 +117,5 @@ def _wrong(place: Path, parts: tuple[str, ...]) -> str | None:
     if not place.is_dir():
         return f"{place} is not a folder; {right}"
     if not os.access(place, os.W_OK | os.X_OK):
-        return f"no permission to write in {place}; name a folder of yours"
+        return f"no write permission in {place}; {right}"
     return None

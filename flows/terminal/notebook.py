@@ -1,4 +1,4 @@
-"""The progress of a campaign in a notebook: one output of the cell, renewed in place."""
+"""The progress of a campaign in a notebook: one output of the cell, updated in place."""
 
 import sys
 import time
@@ -21,15 +21,15 @@ class Output(Protocol):
     """An output of a notebook's cell: a handle of `IPython.display.display`."""
 
     def update(self, shown: Any) -> None:
-        """Show something else in its place."""
+        """Replace the shown object."""
 
 
 class NotebookDisplay:
     """An observer of a campaign that shows its progress in a notebook.
 
     Args:
-        output: Where it is shown.
-        html: Makes of HTML what the output shows.
+        output: Output of the cell.
+        html: Makes an object to display of HTML.
     """
 
     def __init__(self, output: Output, html: Callable[[str], Any], clock: Callable[[], float] = time.monotonic) -> None:
@@ -40,7 +40,7 @@ class NotebookDisplay:
         self._shown_s = float("-inf")
 
     def update(self, progress: Progress) -> None:
-        """Show `progress`, at most twice a second and always where all runs are done."""
+        """Show `progress` at most twice a second, and always when all runs are done."""
         from vastflow.flows.terminal.display import plain_line  # with it comes rich, which draws random numbers
 
         now_s = self._clock()
@@ -53,7 +53,7 @@ class NotebookDisplay:
 
 
 def notebook_display() -> NotebookDisplay | None:
-    """The display of the notebook's cell that is executed now; None where this process is no kernel of a notebook."""
+    """Return the display of the current notebook cell, or None outside of a notebook."""
     ipython = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython is not None else None
     if ipython is None or getattr(shell, "kernel", None) is None:

@@ -1,4 +1,4 @@
-"""Arguments and options of commands, those that ask for a run among them: fields of `RunRequest` with their help, bounds, and defaults."""
+"""Arguments and options of commands; those of a run are the fields of `RunRequest`."""
 
 import functools
 from collections.abc import Callable, Mapping
@@ -23,25 +23,22 @@ PlaceOfResults: TypeAlias = Annotated[
     ),
 ]
 Out: TypeAlias = Annotated[
-    Path | None, typer.Option(metavar="FOLDER", help="Folder to write to, in place of the usual.")
+    Path | None, typer.Option(metavar="FOLDER", help="Folder to write to instead of the default.")
 ]
 OracleName: TypeAlias = Annotated[
-    str | None, typer.Option(metavar="NAME", help="Count the verdicts of this oracle alone.")
+    str | None, typer.Option(metavar="NAME", help="Use the verdicts of this oracle alone.")
 ]
 AsJson: TypeAlias = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
-DryRun: TypeAlias = Annotated[bool, typer.Option("--dry-run", help="Print what would be done, and change nothing.")]
+DryRun: TypeAlias = Annotated[bool, typer.Option("--dry-run", help="Print what would change, and change nothing.")]
 Context: TypeAlias = Annotated[
-    str | None, typer.Option(metavar="NAME", help="Cluster whose resources count; else the first that the file names.")
+    str | None, typer.Option(metavar="NAME", help="Cluster whose resources apply; default: the first in the file.")
 ]
-AsV1: TypeAlias = Annotated[
-    bool, typer.Option("--as-v1", help="Place every obstacle as version 1 of RoboVAST does, whatever the file says.")
-]
-"""Whether `placement: as_v1` holds for the whole file."""
+AsV1: TypeAlias = Annotated[bool, typer.Option("--as-v1", help="Place all obstacles as RoboVAST version 1 does.")]
 
 
 def _checked(folder: Path | None) -> Path | None:
     if folder is not None and not folder.is_dir():
-        raise UserError(f"--map-dir {folder}: no such folder; one with maps at the places that the file names")
+        raise UserError(f"--map-dir: expected a folder of maps, got {str(folder)!r}, which does not exist")
     return folder
 
 
@@ -51,10 +48,9 @@ MapDir: TypeAlias = Annotated[
         "--map-dir",
         metavar="FOLDER",
         callback=_checked,
-        help="Where maps are looked for that are not beside the campaign file, by the same relative path.",
+        help="Folder of maps that are not beside the campaign file, at the same relative paths.",
     ),
 ]
-"""Folder of maps that are not beside the campaign file; one that exists."""
 
 
 def command_group(title: str) -> typer.Typer:
@@ -64,14 +60,14 @@ def command_group(title: str) -> typer.Typer:
 
 _TYPES: Final[Mapping[str, Any]] = {"integer": int, "number": float, "string": str, "boolean": bool, "array": list[str]}
 _OWN: Final[Mapping[str, Any]] = {"map_dir": MapDir, "as_v1": AsV1}
-"""Options that other commands have too, for which nothing is run."""
+"""Options that are declared above, since commands without a run have them too."""
 
 
 def asking(*names: str, **defaults: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command the options of these fields, where its parameter `asked` stands: it gets them as a mapping by name.
+    """Add the options of these fields to a command, which gets their values as the mapping `asked`.
 
     Args:
-        defaults: Instead of those of the fields.
+        defaults: Defaults that replace those of the fields.
     """
 
     def decorated(command: Callable[..., None]) -> Callable[..., None]:
@@ -107,7 +103,7 @@ def _option(name: str, defaults: Mapping[str, Any]) -> Parameter:
 
 
 def _schema(name: str) -> Mapping[str, Any]:
-    """Type and bounds of a field, of one that may be left out those of its value."""
+    """Return type and bounds of a field, for an optional one those of its value."""
     schema: Mapping[str, Any] = _schemas()[name]
     return next((each for each in schema.get("anyOf", ()) if each["type"] != "null"), schema)
 

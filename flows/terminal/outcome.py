@@ -1,4 +1,4 @@
-"""The outcome of a campaign for the terminal: rates with intervals, rejections, where the report is."""
+"""The outcome of a campaign for the terminal: rates with intervals, rejections, and faults."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,7 +18,7 @@ from vastflow.oracles.results.tables import Tables
 
 
 def outcome(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator[RenderableType]:
-    """What is shown when a campaign ends: a row for each family, one for all, and the oracles one by one."""
+    """Yield a table of families and lines on oracles, rejections, and faults."""
     whole = evidence[None]
     rows = [(family, len(tables.families[family]), group.counts) for family, group in whole.families.items()]
     excluded: Mapping[str, Mapping[str, int]] = tables.metadata.get("counts", {}).get("excluded_by", {})
@@ -31,7 +31,7 @@ def outcome(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator
         counts = tables.metadata["counts"]
         runs, most = counts["runs"], counts["configurations"] * rule["max"]
         yield Text(
-            f"{runs:,} runs of at most {most:,}, {most - runs:,} saved: they end when a configuration's class is decided"
+            f"{runs:,} runs of at most {most:,}, {most - runs:,} saved, since runs end when a configuration's class is decided"
         )
     if searched := tables.metadata.get(SEARCH):
         yield Text(found_text(searched), "bold")
@@ -45,12 +45,10 @@ def outcome(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator
     if duplicates := sum(name is not None for name in tables.configurations.duplicate_of):
         yield Text(f"{count_text(duplicates, 'configuration')} equal to another, run once", "dim")
     if tables.rejections:
-        yield Text(
-            f"{count_text(len(tables.rejections), 'instance')} rejected; the report says which and why", "yellow"
-        )
+        yield Text(f"{count_text(len(tables.rejections), 'instance')} rejected; see the report for reasons", "yellow")
     for family, counts in excluded.items():
         named = ", ".join(f"{constraint} {n}" for constraint, n in counts.items())
-        left = "" if family in whole.families else "; nothing of it is left"
+        left = "" if family in whole.families else "; none is left"
         yield Text(
             f"{count_text(sum(counts.values()), 'instance')} of {family} excluded by constraints: {named}{left}", "dim"
         )
@@ -58,7 +56,7 @@ def outcome(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator
 
 
 def details(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator[RenderableType]:
-    """`outcome`, and a row for each configuration and for each reason of rejection."""
+    """Yield `outcome`, and tables of configurations and of reasons for rejection."""
     yield from outcome(tables, evidence)
     yield ""
     yield _table(("configuration",), [((name,), counts) for name, counts in evidence[None].configurations.items()])
@@ -75,7 +73,7 @@ def rejection_table(tables: Tables) -> Table:
 
 
 def rate_text(counts: Counts) -> str:
-    """`93.3 %  [82.1, 97.7]`; `not judged`, or a dash where there are no runs."""
+    """Return a rate such as `93.3 %  [82.1, 97.7]`, `not judged`, or a dash without runs."""
     if counts.rate is None:
         return "not judged" if counts.not_judged else "–"
     low, high = counts.interval.thousandths
@@ -83,7 +81,7 @@ def rate_text(counts: Counts) -> str:
 
 
 def _table(first: Sequence[str], rows: Sequence[tuple[Sequence[str], Counts]]) -> Table:
-    """A row each for what is named by the `first` columns; narrow enough for 80 columns where all was judged."""
+    """Return a table with a row of counts for each name, within 80 columns if all runs were judged."""
     unjudged = any(counts.not_judged for _, counts in rows)
     counted = ("runs", "passed", "failed", *["not judged"][:unjudged])
     cells = [

@@ -1,4 +1,4 @@
-"""Pace: how fast a campaign goes, measured while it runs."""
+"""The speed of a campaign, measured while it runs."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -12,14 +12,14 @@ WINDOW_S: Final = 60.0
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """The clock's side of a progress.
+    """Times and speed of a campaign.
 
     Attributes:
-        elapsed_s: Since the campaign was started.
-        phase_s: Since the phase began.
-        runs_per_s: Executed runs; None until a second report of executed runs.
-        times_real_time: Simulated seconds per second; None as long as `runs_per_s` is.
-        left_s: Until the last run is done; None while that can't be told.
+        elapsed_s: Time since the campaign was started.
+        phase_s: Time since the phase began.
+        runs_per_s: Executed runs per second; None before the second report of executed runs.
+        times_real_time: Simulated seconds per second; None if `runs_per_s` is None.
+        left_s: Time until the last run is done; None if unknown.
     """
 
     elapsed_s: float
@@ -30,7 +30,7 @@ class Pace:
 
 
 class Meter:
-    """Measures the pace from progress reports and the times they came at."""
+    """Measures the pace from reports of progress and their times."""
 
     def __init__(self, started_s: float) -> None:
         self._started_s = started_s
@@ -39,7 +39,7 @@ class Meter:
         self._reports: deque[tuple[float, int, float]] = deque()
 
     def note(self, progress: Progress, now_s: float) -> None:
-        """Take in a report."""
+        """Add a report."""
         if progress.phase != self._phase:
             self._phase, self._phase_began_s = progress.phase, now_s
             self._reports.clear()
@@ -50,7 +50,7 @@ class Meter:
             self._reports.popleft()
 
     def pace(self, progress: Progress, now_s: float) -> Pace:
-        """The pace at `now_s`, with `progress` the last report."""
+        """Return the pace at `now_s` after the last report `progress`."""
         elapsed_s, phase_s = now_s - self._started_s, now_s - self._phase_began_s
         if not self._reports:
             return Pace(elapsed_s, phase_s)

@@ -12,10 +12,10 @@ def terminal_table(
     words: Sequence[str] = (),
     rows: Iterable[Sequence[str]] = (),
 ) -> Table:
-    """Return a table without lines; without any column it has no header, and rows give it columns.
+    """Return a table without lines, and without header if no column is named.
 
     Args:
-        names, words: Columns of text, before and behind those of numbers; long ones are folded.
+        names, words: Columns of text before and after those of numbers; long texts are folded.
     """
     table = Table(
         box=None, show_header=bool(names or numbers), header_style="bold", padding=(0, 2, 0, 0), pad_edge=False
@@ -32,7 +32,7 @@ def terminal_table(
 
 
 def printed(lines: Iterable[RenderableType]) -> None:
-    """Print lines and tables on standard output, one row a line where it is no terminal."""
+    """Print lines and tables on stdout, each row on one line unless it is a terminal."""
     console = Console(markup=False, highlight=False)
     if not console.is_terminal:
         console = Console(markup=False, highlight=False, width=200)

@@ -1,6 +1,6 @@
-"""Words that sentences for people are made of."""
+"""Counts in sentences."""
 
 
 def count_text(n: int, noun: str, plural: str = "") -> str:
-    """Such as `1 run`, `1,816 runs` and `2 families`."""
+    """Return a count such as `1 run`, `1,816 runs`, or `2 families`."""
     return f"{n:,} {noun if n == 1 else plural or f'{noun}s'}"
