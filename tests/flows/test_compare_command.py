@@ -111,14 +111,14 @@ GATES = [
     (ALIKE, ALIKE, ("--margin", 0.04), 0, "12 configurations paired (all equal), 120 pairs of runs"),
     (ALIKE, ALIKE, ("--margin", 0.04), 0, "gate holds: a loss of 4 points or more in these scenarios is ruled out"),
     (ALIKE, ALIKE, OTHERS, 4, "can't be claimed: 12 paths can't rule out a loss of 2 points in others of their kind"),
-    (ALIKE, ALIKE, OTHERS, 4, "it takes 183, even if nothing changes on any"),
+    (ALIKE, ALIKE, OTHERS, 4, "it takes 183, even without a change"),
     (ALIKE, ALIKE, (*OTHERS, "--margin", 0), 4, "no number of paths is enough"),
     (PATHS, PATHS, (*OTHERS, "--margin", 0.1), 0, "gate holds"),
     (PATHS, PATHS, (*OTHERS, "--margin", 0.09), 4, "gate can't be claimed"),
-    (LONG, FEWER, WIDE, 1, "gate does not hold: 1 configuration only in A; it takes the same configurations and runs"),
-    (FEWER, LONG, WIDE, 1, "gate does not hold: 1 configuration only in B; it takes the same"),
-    (LONG, SHORTER, WIDE, 1, "gate does not hold: 1 run of A with a seed that B has not; it takes the same"),
-    (SHORTER, LONG, WIDE, 1, "gate does not hold: 1 run of B with a seed that A has not; it takes the same"),
+    (LONG, FEWER, WIDE, 1, "gate does not hold: 1 configuration only in A; both campaigns need the same configurations and runs"),
+    (FEWER, LONG, WIDE, 1, "gate does not hold: 1 configuration only in B; both campaigns need the same"),
+    (LONG, SHORTER, WIDE, 1, "gate does not hold: 1 run of A with a seed that B has not; both campaigns need the same"),
+    (SHORTER, LONG, WIDE, 1, "gate does not hold: 1 run of B with a seed that A has not; both campaigns need the same"),
     (LONG, same("n" + "p" * 39), ("--margin", 0.03), 0, "gate holds"),
     (LONG, same("nn" + "p" * 38), ("--margin", 0.03), 1, "judged both times and 24 only in A"),
     (HALF, HALF, WIDE, 1, "gate does not hold: of 480 pairs, 240 were judged both times and 0 only in A"),
@@ -245,7 +245,7 @@ def test_compare_lists_configurations_and_runs_without_counterpart(tmp_path):
     result = compared(before, after)
     assert "not paired: 1 configuration only in A: old" in result.stdout
     assert "not paired: 1 configuration only in B: new" in result.stdout
-    assert "not paired: 2 runs of A with a seed that the other has not" in result.stdout
+    assert "not paired: 2 runs of A with a seed that the other lacks" in result.stdout
 
 
 def test_compare_pairs_renamed_configuration_by_content(tmp_path):
@@ -274,9 +274,9 @@ def test_compare_counts_oracles_that_judged_both_and_takes_one_alone(tmp_path):
 @each_row(
     ("other", "parts", "options", "words"),
     [
-        (ALIKE, {}, ("--oracle", "sucess"), "--oracle sucess: did not judge both campaigns; did you mean 'success'?"),
+        (ALIKE, {}, ("--oracle", "sucess"), "--oracle: expected an oracle that judged both campaigns, got 'sucess'; did you mean 'success'?"),
         ({"x": (99, 0, "pp")}, {}, (), "nothing to compare: no configuration of one has the environment"),
-        (ALIKE, {"seed": "7-"}, (), "none of their runs have a seed in common; `execution.seed` must be the same"),
+        (ALIKE, {"seed": "7-"}, (), "common configurations without a common seed; `execution.seed` must be the same"),
         (ALIKE, {"oracles": ("safety",)}, (), "no oracle judged both"),
         (same("n" * 10), {}, (), "no run of 120 pairs was judged both times"),
         (ALIKE, {}, ("--junit", "no/compare.xml"), "can't be written"),

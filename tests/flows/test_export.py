@@ -324,7 +324,7 @@ def test_export_takes_patterns_of_families_and_configurations(results, tmp_path)
         assert [suite.name for suite in export(results, folder, patterns).suites] == names
         assert sorted(path.name for path in folder.glob("room*")) == names
     for pattern, hint in (("rom-1", "did you mean 'room-1'"), ("kitchen*", "it has room, room-1, room-2")):
-        with pytest.raises(UnusableDirectory, match=re.escape(f"no family or configuration fits {pattern!r}; {hint}")):
+        with pytest.raises(UnusableDirectory, match=re.escape(f"no family or configuration matches {pattern!r}; {hint}")):
             export(results, tmp_path / "none", ["room-1", pattern])
     assert not (tmp_path / "none").exists()
 
@@ -382,7 +382,7 @@ def test_export_does_not_overwrite_what_appears_meanwhile(results, tmp_path, exi
         (tmp_path / "out").mkdir(exist_ok=True)
         (tmp_path / "out/test.xml").write_text("mine")
 
-    with pytest.raises(UserError, match="the folder is not empty"):
+    with pytest.raises(UserError, match="expected a new or an empty folder, got one with files"):
         export(results, tmp_path / "out", progress=write)
     assert [(path.name, path.read_text()) for path in (tmp_path / "out").iterdir()] == [("test.xml", "mine")]
 
@@ -432,7 +432,7 @@ def test_export_command_counts_outcomes_of_runs(tmp_path, monkeypatch):
     done = called("export", tmp_path, "out")
     assert (done.exit_code, done.stderr) == (0, "7 of 30 configurations exported\n")
     assert done.stdout.splitlines()[0] == (
-        "3 configurations, 2 of the content of another; 4 runs: 1 passed, 0 failed, 1 broken, 2 not judged"
+        "3 configurations, 2 equal to another; 4 runs: 1 passed, 0 failed, 1 broken, 2 not judged"
     )
 
 

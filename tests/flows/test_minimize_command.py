@@ -159,13 +159,13 @@ def test_point_of_a_search_is_minimized_as_a_configuration_is(place, searched):
     assert (found.executed, found.runs) == (0, listed.runs)
     asked = called(searched, "point-0001", "--store", folder / "store")
     assert asked.exit_code == 2
-    assert "point-0001 was rejected, so nothing of it was run: " in asked.output
+    assert "got point-0001, which was rejected: " in asked.output
 
 
 def test_minimize_prints_the_count_of_removed_values(place):
     folder, directory = place
     said = called(directory, "blocked", "--store", folder / "store").output
-    assert "taken away: 3 values\n  obstacle a at (1.50, 0.60)\n" in said
+    assert "removed: 3 values\n  obstacle a at (1.50, 0.60)\n" in said
 
 
 def test_minimize_names_only_keys_that_the_parameter_file_contains():
@@ -279,8 +279,8 @@ def test_what_a_campaign_rewrites_of_its_parameter_file_is_no_parameter_of_the_f
     ("name", "said"),
     [
         ("nowhere", "no configuration 'nowhere'; it has blocked, easy, odd"),
-        ("easy", "easy passes: 0 of 3 runs fail by success, and failing is a rate of 0.5 or more"),
-        ("in-the-wall", "in-the-wall was rejected, so nothing of it was run: "),
+        ("easy", "easy: expected a failure rate of 0.5 or more, got 0 of 3 runs by success"),
+        ("in-the-wall", "got in-the-wall, which was rejected: "),
         ("odd", "runs of odd broke: fault in judge: ZeroDivisionError: odd"),
     ],
 )
@@ -304,8 +304,8 @@ def test_files_from_outside_of_the_campaigns_folder_are_named_where_they_are_kep
 @each_row(
     ("options", "said"),
     [
-        (("--oracle", "nobody"), "--oracle nobody: no such oracle judged blocked"),
-        (("--rate", "1.5"), "--rate 1.5: a failure rate above 0 and below 1"),
+        (("--oracle", "nobody"), "--oracle: expected an oracle that judged blocked, got 'nobody'"),
+        (("--rate", "1.5"), "--rate: expected a failure rate above 0 and below 1, got 1.5"),
     ],
 )
 def test_wrong_options_are_refused(place, options, said):

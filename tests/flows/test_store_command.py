@@ -144,7 +144,7 @@ def test_verify_names_what_is_damaged_and_repair_discards_it(ran, store):
     assert json.loads(again.stdout)["damaged"] == {key: "recordings.parquet is not what was written"}
     keys = {key, spoil(store, "observe")}
     result = called("store", "verify", "--repair")
-    assert (result.exit_code, "2 damaged; discarded, to be computed again" in result.stdout) == (0, True)
+    assert (result.exit_code, "2 damaged; deleted, to be computed again" in result.stdout) == (0, True)
     assert keys_in(store) == before - keys
     assert called("store", "verify").exit_code == 0
 
@@ -170,7 +170,7 @@ def test_verify_counts_what_an_earlier_version_wrote(ran, store):
     assert result.exit_code == 0
     assert result.stdout.splitlines() == [
         "7 artifacts read, 0 damaged",
-        "1 of an earlier version, which are never used; `vastflow store gc` deletes them",
+        "1 of an earlier version, which are unused; `vastflow store gc` deletes them",
     ]
     assert json.loads(called("store", "verify", "--json").stdout)["earlier"] == 1
 
@@ -227,7 +227,7 @@ def test_gc_keeps_all_evaluations_of_unreadable_campaign(ran, store):
     shutil.rmtree(first / "inputs")
     result = called("store", "gc", "--keep", first)
     assert result.exit_code == 0
-    assert "what producers made is all kept" in result.stderr
+    assert "all artifacts of producers are kept" in result.stderr
     assert len([key for key in keys_in(store) if key.startswith("evaluate")]) == 2
     assert {key for key in keys_in(store) if not key.startswith("evaluate")} <= of_first
 
