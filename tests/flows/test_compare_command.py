@@ -115,7 +115,13 @@ GATES = [
     (ALIKE, ALIKE, (*OTHERS, "--margin", 0), 4, "no number of paths is enough"),
     (PATHS, PATHS, (*OTHERS, "--margin", 0.1), 0, "gate holds"),
     (PATHS, PATHS, (*OTHERS, "--margin", 0.09), 4, "gate can't be claimed"),
-    (LONG, FEWER, WIDE, 1, "gate does not hold: 1 configuration only in A; both campaigns need the same configurations and runs"),
+    (
+        LONG,
+        FEWER,
+        WIDE,
+        1,
+        "gate does not hold: 1 configuration only in A; both campaigns need the same configurations and runs",
+    ),
     (FEWER, LONG, WIDE, 1, "gate does not hold: 1 configuration only in B; both campaigns need the same"),
     (LONG, SHORTER, WIDE, 1, "gate does not hold: 1 run of A with a seed that B has not; both campaigns need the same"),
     (SHORTER, LONG, WIDE, 1, "gate does not hold: 1 run of B with a seed that A has not; both campaigns need the same"),
@@ -274,7 +280,12 @@ def test_compare_counts_oracles_that_judged_both_and_takes_one_alone(tmp_path):
 @each_row(
     ("other", "parts", "options", "words"),
     [
-        (ALIKE, {}, ("--oracle", "sucess"), "--oracle: expected an oracle that judged both campaigns, got 'sucess'; did you mean 'success'?"),
+        (
+            ALIKE,
+            {},
+            ("--oracle", "sucess"),
+            "--oracle: expected an oracle that judged both campaigns, got 'sucess'; did you mean 'success'?",
+        ),
         ({"x": (99, 0, "pp")}, {}, (), "nothing to compare: no configuration of one has the environment"),
         (ALIKE, {"seed": "7-"}, (), "common configurations without a common seed; `execution.seed` must be the same"),
         (ALIKE, {"oracles": ("safety",)}, (), "no oracle judged both"),

@@ -324,7 +324,9 @@ def test_export_takes_patterns_of_families_and_configurations(results, tmp_path)
         assert [suite.name for suite in export(results, folder, patterns).suites] == names
         assert sorted(path.name for path in folder.glob("room*")) == names
     for pattern, hint in (("rom-1", "did you mean 'room-1'"), ("kitchen*", "it has room, room-1, room-2")):
-        with pytest.raises(UnusableDirectory, match=re.escape(f"no family or configuration matches {pattern!r}; {hint}")):
+        with pytest.raises(
+            UnusableDirectory, match=re.escape(f"no family or configuration matches {pattern!r}; {hint}")
+        ):
             export(results, tmp_path / "none", ["room-1", pattern])
     assert not (tmp_path / "none").exists()
 

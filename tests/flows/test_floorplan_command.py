@@ -117,7 +117,10 @@ def test_render_and_geometry_report_fault_with_its_place(plan, tmp_path):
         ("render WING --out out --resolution 0.001", "cells; at most"),
         ("render PLAN --out PLAN", "is not a folder"),
         ("render PLAN --out there", "can't be written"),
-        ("variations FILE --out out --seed 4294967295 --count 2", "--seed 4294967295: expected a last seed of at most 4294967295, got 4294967296"),
+        (
+            "variations FILE --out out --seed 4294967295 --count 2",
+            "--seed 4294967295: expected a last seed of at most 4294967295, got 4294967296",
+        ),
         ("variations PLAN --out out", "got 'Floor'"),
     ],
 )

@@ -8,12 +8,11 @@ from types import SimpleNamespace
 
 import pytest
 import yaml
+from command_line import called
 from PIL import Image
 from table import each_row
-from typer.testing import CliRunner
 
 from vastflow.flows import run_campaign
-from vastflow.flows.__main__ import app
 from vastflow.flows.minimization import minimize as module
 from vastflow.flows.minimization.candidate_file import candidate_files, placed
 from vastflow.flows.minimization.failing import Failing
@@ -130,14 +129,26 @@ def alone(monkeypatch):
     return rounds
 
 
-def called(*arguments):
-    return CliRunner().invoke(app, ["minimize", *map(str, arguments)])
+@pytest.fixture
+def failing(planted, tmp_path):
+    """Returns a failing configuration with these values of its system, and its whole candidate."""
+    planted.written(tmp_path, [])
+
+    def failing(system, **execution):
+        task = {"start_pose": planted.START, "goal_pose": planted.GOAL}
+        values = {"map_file": map_content(tmp_path / "rooms.yaml"), **task, **system}
+        tags = {"map_file": "environment", **dict.fromkeys(task, "task"), **dict.fromkeys(system, "system")}
+        campaign = {"execution": execution}
+        made = Failing(tmp_path, "own", "success", Subject(values, tags), campaign, {}, "footprint")
+        return made, Candidate(frozenset(each for each in made.subject.circumstances if each.can_be_left_out))
+
+    return failing
 
 
 @pytest.mark.slow
-def test_what_is_left_is_the_planted_cause_and_a_campaign_that_fails(place):
+def test_minimize_leaves_planted_cause_in_campaign_that_fails(place, monkeypatch):
     folder, directory = place
-    asked = called(directory, "blocked", "--store", folder / "store", "--json")
+    asked = called("minimize", directory, "blocked", "--store", folder / "store", "--json")
     assert asked.exit_code == 0, asked.output
     said = json.loads(asked.stdout)
     assert [each["what"] for each in said["cause"]] == ["obstacle door at (3.00, 2.50)"]
@@ -148,45 +159,30 @@ def test_what_is_left_is_the_planted_cause_and_a_campaign_that_fails(place):
         assert drawn.width > drawn.height
     again = run_campaign(file, results=folder / "again", store=folder / "store")
     assert (again.summary.executed, again.summary.failed, again.summary.passed) == (0, again.summary.runs, 0)
+    monkeypatch.setattr(module, "FlowCall", None)  # nothing is started a second time
+    second = minimize_configuration(directory, "blocked", store=folder / "store")
+    assert (second.executed, second.text, second.runs) == (0, file.read_text(), said["runs"])
 
 
 @pytest.mark.slow
-def test_point_of_a_search_is_minimized_as_a_configuration_is(place, searched):
+def test_minimize_takes_point_of_search(place, searched):
     folder, directory = place
     listed = minimize_configuration(directory, "blocked", store=folder / "store")
     found = minimize_configuration(searched, "point-0002", store=folder / "store")
     assert [each.text for each in found.minimum.cause] == ["obstacle door at (3.00, 2.50)"]
     assert (found.executed, found.runs) == (0, listed.runs)
-    asked = called(searched, "point-0001", "--store", folder / "store")
-    assert asked.exit_code == 2
-    assert "got point-0001, which was rejected: " in asked.output
+    said = refused("minimize", searched, "point-0001", "--store", folder / "store")
+    assert "got point-0001, which was rejected: " in said
 
 
-def test_minimize_prints_the_count_of_removed_values(place):
+def test_minimize_prints_count_of_removed_values(place):
     folder, directory = place
-    said = called(directory, "blocked", "--store", folder / "store").output
+    said = called("minimize", directory, "blocked", "--store", folder / "store").output
     assert "removed: 3 values\n  obstacle a at (1.50, 0.60)\n" in said
 
 
-def test_minimize_names_only_keys_that_the_parameter_file_contains():
-    path = CAMPAIGNS / "robots" / "turtlebot4.yaml"
-    system = {FILE_KEY: nav2_file(path), "batch_size": 500}
-    assumed = assumed_keys(system)
-    assert "collision_monitor.FootprintApproach.enabled" in assumed
-    assert all(f"{key.rpartition('.')[2]}:" in path.read_text() for key in spelled_out(system).keys() - assumed)
-
-
 @pytest.mark.slow
-def test_second_call_executes_nothing_and_starts_nothing(place, monkeypatch):
-    folder, directory = place
-    first = minimize_configuration(directory, "blocked", store=folder / "store")
-    monkeypatch.setattr(module, "FlowCall", None)
-    second = minimize_configuration(directory, "blocked", store=folder / "store")
-    assert (second.executed, second.text, second.runs) == (0, first.text, first.runs)
-
-
-@pytest.mark.slow
-def test_one_that_is_interrupted_and_taken_up_again_comes_to_the_same(place, alone, tmp_path):
+def test_interrupted_minimization_comes_to_same_result(place, alone, tmp_path):
     folder, directory = place
     whole = minimize_configuration(directory, "blocked", store=folder / "store")
     for rounds in (1, 4):
@@ -199,41 +195,44 @@ def test_one_that_is_interrupted_and_taken_up_again_comes_to_the_same(place, alo
     assert found.executed < found.runs
 
 
+@pytest.mark.slow
+@each_row(
+    ("arguments", "said"),
+    [
+        ("nowhere", "no configuration 'nowhere'; it has blocked, easy, odd"),
+        ("easy", "easy: expected a failure rate of 0.5 or more, got 0 of 3 runs by success"),
+        ("in-the-wall", "got in-the-wall, which was rejected: "),
+        ("odd", "runs of odd broke: fault in judge: ZeroDivisionError: odd"),
+        ("blocked --oracle nobody", "--oracle: expected an oracle that judged blocked, got 'nobody'"),
+    ],
+)
+def test_minimize_refuses_what_does_not_fail(place, arguments, said):
+    folder, directory = place
+    assert said in refused("minimize", directory, *arguments.split(), "--store", folder / "store")
+
+
 @each_row("name", ["nav2/dwb.yaml", "robots/turtlebot3_burger.yaml", "robots/turtlebot4.yaml"])
-def test_parameter_file_is_tried_parameter_by_parameter(planted, tmp_path, name):
-    planted.written(tmp_path, [])
+def test_candidates_try_parameters_of_file_one_by_one(failing, name):
     file = {FILE_KEY: nav2_file(CAMPAIGNS / name)}
-    task = {"start_pose": planted.START, "goal_pose": planted.GOAL}
-    values = {"map_file": map_content(tmp_path / "rooms.yaml"), **task, **spelled_out(file)}
-    dimensions = {key: "task" if key in task else "system" for key in values} | {"map_file": "environment"}
-    campaign = {"execution": {FILE_KEY: "own.yaml", "timeout": 20}}
-    failing = Failing(tmp_path, "own", "success", Subject(values, dimensions), campaign, {}, "footprint")
-    whole = frozenset(each for each in failing.subject.circumstances if each.can_be_left_out)
-    with candidate_files(failing) as files:
-        built = files.built(Candidate(whole))
-        assert len(whole) > 10 and FILE_KEY not in built.text
+    made, whole = failing(spelled_out(file), **{FILE_KEY: "own.yaml", "timeout": 20})
+    with candidate_files(made) as files:
+        built = files.built(whole)
+        assert len(whole.kept) > 10 and FILE_KEY not in built.text
         assert parameters_of(built.configuration.scenario.system) == parameters_of(file)
-        candidates = built.candidates(failing)
-        assert candidates.scenario(Candidate(whole)).digest == built.configuration.scenario.digest
+        candidates = built.candidates(made)
+        assert candidates.scenario(whole).digest == built.configuration.scenario.digest
         nothing = candidates.scenario(Candidate(frozenset()))
         assert nothing.system == {}
         assert nothing.digest == files.built(Candidate(frozenset())).configuration.scenario.digest
 
 
-def test_candidate_whose_file_would_have_a_fault_is_not_built(planted, tmp_path):
-    planted.written(tmp_path, [])
-    task = {"start_pose": planted.START, "goal_pose": planted.GOAL}
-    layers = "global_costmap.global_costmap.plugins"
-    values = {"map_file": map_content(tmp_path / "rooms.yaml"), **task, layers: ["static_layer", "unheard_of"]}
-    dimensions = {"map_file": "environment", **dict.fromkeys(task, "task"), layers: "system"}
-    failing = Failing(tmp_path, "own", "success", Subject(values, dimensions), {"execution": {}}, {}, "footprint")
-    whole = frozenset(each for each in failing.subject.circumstances if each.can_be_left_out)
-    with candidate_files(failing) as files, pytest.raises(NotBuilt, match="unheard_of"):
-        files.built(Candidate(whole))
+def test_candidate_whose_file_would_have_fault_is_not_built(failing):
+    made, whole = failing({"global_costmap.global_costmap.plugins": ["static_layer", "unheard_of"]})
+    with candidate_files(made) as files, pytest.raises(NotBuilt, match="unheard_of"):
+        files.built(whole)
 
 
-def test_candidate_has_the_mask_of_a_filter_beside_its_file(planted, tmp_path):
-    planted.written(tmp_path, [])
+def test_candidate_has_mask_of_filter_beside_its_file(failing, tmp_path):
     (tmp_path / "masks").mkdir()
     for file in ("rooms.yaml", yaml.safe_load((tmp_path / "rooms.yaml").read_text())["image"]):
         shutil.copyfile(tmp_path / file, tmp_path / "masks" / file)
@@ -241,75 +240,37 @@ def test_candidate_has_the_mask_of_a_filter_beside_its_file(planted, tmp_path):
     (tmp_path / "own.yaml").write_text(
         "global_costmap: {global_costmap: {ros__parameters: {plugins: [], filters: [own], own: " + keepout + "}}}"
     )
-    task = {"start_pose": planted.START, "goal_pose": planted.GOAL}
     mask = map_content(tmp_path / "masks" / "rooms.yaml")
     system = spelled_out({FILE_KEY: nav2_file(tmp_path / "own.yaml"), "keepout_mask": mask})
-    values = {"map_file": map_content(tmp_path / "rooms.yaml"), **task, **system}
-    dimensions = {key: "task" if key in task else "system" for key in values} | {"map_file": "environment"}
-    campaign = {"execution": {FILE_KEY: "own.yaml", "timeout": 20}}
-    failing = Failing(tmp_path, "own", "success", Subject(values, dimensions), campaign, {}, "footprint")
-    whole = frozenset(each for each in failing.subject.circumstances if each.can_be_left_out)
-    with candidate_files(failing) as files:
-        built = files.built(Candidate(whole))
+    made, whole = failing(system, **{FILE_KEY: "own.yaml", "timeout": 20})
+    with candidate_files(made) as files:
+        built = files.built(whole)
         assert "keepout_mask: keepout_mask/rooms.yaml" in built.text
         assert built.configuration.scenario.system["keepout_mask"].digest == mask.digest
         assert {"keepout_mask/rooms.yaml", "keepout_mask/rooms.pgm"} <= built.inputs.files.keys()
-        without = frozenset(each for each in whole if each.key != "keepout_mask")
-        with pytest.raises(NotBuilt, match="the keepout filter of the global_costmap has no mask"):
-            built.candidates(failing).scenario(Candidate(without))
-        with pytest.raises(NotBuilt, match="the keepout filter of the global_costmap has no mask"):
-            files.built(Candidate(without))
+        without = Candidate(frozenset(each for each in whole.kept if each.key != "keepout_mask"))
+        for build in (built.candidates(made).scenario, files.built):
+            with pytest.raises(NotBuilt, match="the keepout filter of the global_costmap has no mask"):
+                build(without)
 
 
-def test_parameter_file_with_what_no_key_says_stays_whole():
-    file = {FILE_KEY: nav2_file(CAMPAIGNS / "robots" / "forklift.yaml")}
-    assert spelled_out(file) == file
-
-
-def test_what_a_campaign_rewrites_of_its_parameter_file_is_no_parameter_of_the_file():
-    system = {FILE_KEY: nav2_file(CAMPAIGNS / "robots" / "turtlebot4.yaml"), "batch_size": 500, "vx_max": 0.2}
-    found = spelled_out(system)
+def test_spelled_out_keeps_keys_of_parameter_file_and_campaign_apart():
+    forklift = {FILE_KEY: nav2_file(CAMPAIGNS / "robots" / "forklift.yaml")}
+    assert spelled_out(forklift) == forklift  # it has what no key can say
+    path = CAMPAIGNS / "robots" / "turtlebot4.yaml"
+    system = {FILE_KEY: nav2_file(path), "batch_size": 500, "vx_max": 0.2}
+    found, assumed = spelled_out(system), assumed_keys(system)
     assert parameters_of(found) == parameters_of(system)
     assert (found["batch_size"], found["vx_max"]) == (500, 0.2)
     assert not [key for key in found if key.endswith((".batch_size", ".vx_max"))]
+    assert "collision_monitor.FootprintApproach.enabled" in assumed
+    assert all(f"{key.rpartition('.')[2]}:" in path.read_text() for key in found.keys() - assumed)
 
 
-@pytest.mark.slow
-@each_row(
-    ("name", "said"),
-    [
-        ("nowhere", "no configuration 'nowhere'; it has blocked, easy, odd"),
-        ("easy", "easy: expected a failure rate of 0.5 or more, got 0 of 3 runs by success"),
-        ("in-the-wall", "got in-the-wall, which was rejected: "),
-        ("odd", "runs of odd broke: fault in judge: ZeroDivisionError: odd"),
-    ],
-)
-def test_what_does_not_fail_is_refused_with_a_sentence(place, name, said):
-    folder, directory = place
-    asked = called(directory, name, "--store", folder / "store")
-    assert (asked.exit_code, asked.output.count("\n")) == (2, 1)
-    assert said in asked.output
-
-
-def test_files_from_outside_of_the_campaigns_folder_are_named_where_they_are_kept():
+def test_placed_names_kept_paths_of_files_outside_of_campaign_folder():
     places = {"../nav2/rpp.yaml": "ab12/rpp.yaml", "../own.py": "cd34/own.py"}
     given = {"nav2_params": "../nav2/rpp.yaml", "oracles": [{"../own.py:Own": {"limit": 3}}, "safety", "here.py:Own"]}
     assert placed(given, places) == {
         "nav2_params": "ab12/rpp.yaml",
         "oracles": [{"cd34/own.py:Own": {"limit": 3}}, "safety", "here.py:Own"],
     }
-
-
-@pytest.mark.slow
-@each_row(
-    ("options", "said"),
-    [
-        (("--oracle", "nobody"), "--oracle: expected an oracle that judged blocked, got 'nobody'"),
-        (("--rate", "1.5"), "--rate: expected a failure rate above 0 and below 1, got 1.5"),
-    ],
-)
-def test_wrong_options_are_refused(place, options, said):
-    _, directory = place
-    asked = called(directory, "blocked", *options)
-    assert asked.exit_code == 2
-    assert said in asked.output

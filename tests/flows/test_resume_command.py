@@ -243,7 +243,8 @@ def test_campaign_that_never_ended_has_no_directory_and_the_message_says_what_do
     result = resumed(tmp_path / "results" / "nothing")
     assert result.exit_code == 2
     assert (
-        "no such folder; `vastflow run` with the campaign end has none: `vastflow run` with its campaign file" in result.stderr
+        "no such folder; `vastflow run` with the campaign end has none: `vastflow run` with its campaign file"
+        in result.stderr
     )
 
 
