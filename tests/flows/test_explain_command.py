@@ -231,7 +231,7 @@ def test_wrong_arguments_of_explain_exit_with_2(place, tmp_path):
         ((directory, "room-3"), "no configuration 'room-3'; did you mean 'room-"),
         ((directory, "x"), "no configuration 'x'; known: room-1, room-2"),
         ((tmp_path / "nowhere", "room-1"), "no such folder"),
-        ((place.path, "room-1"), "expected a campaign directory, got a file"),
+        ((place.path, "room-1"), "expected a campaign directory to explain CONFIGURATION, got a file"),
         ((place.results, "room-1"), "holds 1 campaign directories"),
         ((directory, "room-1", "--since", tmp_path), "--since "),
         ((directory, "room-1", "--store", "nowhere://x"), "nowhere"),

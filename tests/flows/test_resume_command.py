@@ -243,7 +243,7 @@ def test_campaign_that_never_ended_has_no_directory_and_the_message_says_what_do
     result = resumed(tmp_path / "results" / "nothing")
     assert result.exit_code == 2
     assert (
-        "no such folder; `vastflow run` with the campaign end has none: `vastflow run` with its campaign file"
+        "no such folder; `vastflow run` with the campaign file"
         in result.stderr
     )
 
@@ -278,7 +278,7 @@ def gone_pid():
 def test_directory_that_was_left_half_written_is_found_by_either_name(half, directory, asked_again):
     for name in (half, directory):
         result = resumed(name)
-        assert f"{half} was left incomplete by a process that was killed" in result.stderr
+        assert f"{half} was left incomplete by a killed process" in result.stderr
     assert [call["runs"] for call in asked_again] == [3, 3]
 
 
@@ -293,7 +293,7 @@ def test_directory_that_is_being_written_is_left_alone(half, directory):
 def test_half_written_directory_without_inputs_is_said(half):
     (half / "metadata.json").unlink()
     result = resumed(half)
-    assert result.exit_code == 2 and "incomplete campaign directory to go on from; `vastflow run`" in result.stderr
+    assert result.exit_code == 2 and "incomplete campaign directory; `vastflow run`" in result.stderr
 
 
 def aged(folder, age_s):
