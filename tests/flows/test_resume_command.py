@@ -242,10 +242,7 @@ def test_of_a_directory_of_an_earlier_version_runs_are_told_from_its_counts():
 def test_campaign_that_never_ended_has_no_directory_and_the_message_says_what_does_go_on(tmp_path):
     result = resumed(tmp_path / "results" / "nothing")
     assert result.exit_code == 2
-    assert (
-        "no such folder; `vastflow run` with the campaign file"
-        in result.stderr
-    )
+    assert "no such folder; `vastflow run` with the campaign file" in result.stderr
 
 
 @each_row("content", ["{", "{}", "[]", '{"name": "x", "created": "y", "counts": {}}'])
