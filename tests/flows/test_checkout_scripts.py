@@ -4,62 +4,42 @@ import json
 import os
 import sys
 
-import pytest
 from bench_show import shown
-from typer.testing import CliRunner
+from command_line import called, refused
+from table import each_row
 
-from vastflow.flows.__main__ import app
 from vastflow.flows.cli import development
-
-COMMANDS = {
-    ("paper", "here", "-there"): ("paper_page", "--", "here", "-there"),
-    ("bench", "sim"): ("bench_simulator", "--controller=mppi"),
-    ("bench", "sim", "--controller", "dwb", "--profile", "--json"): (
-        "bench_simulator",
-        "--controller=dwb",
-        "--profile",
-        "--json",
-    ),
-    ("bench", "pipeline"): ("bench_pipeline", "--configurations=5480", "--runs=20"),
-    ("bench", "pipeline", "--configurations", "6", "--runs", "2", "--json"): (
-        "bench_pipeline",
-        "--configurations=6",
-        "--runs=2",
-        "--json",
-    ),
-}
 
 
 class Became(Exception):
-    """What this process would have become."""
+    """The program that this process would have become."""
 
 
-def called(*arguments):
-    return CliRunner().invoke(app, ["dev", *arguments])
-
-
-@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
-def test_command_becomes_its_script(command, monkeypatch):
+@each_row(
+    ("command", "script"),
+    [
+        ("paper here there", "paper_page.py here there"),
+        ("bench sim", "bench_simulator.py"),
+        ("bench sim --controller dwb --profile --json", "bench_simulator.py --controller dwb --profile --json"),
+        ("bench pipeline --configurations 6 --help", "bench_pipeline.py --configurations 6 --help"),
+    ],
+)
+def test_dev_command_becomes_its_script(command, script, monkeypatch, tmp_path):
     def execv(program, words):
         raise Became(program, words)
 
-    monkeypatch.setattr(os, "execv", execv)
-    name, *arguments = COMMANDS[command]
-    words = ["paper", "--", *command[1:]] if command[0] == "paper" else command
-    script = development.PROOFS / f"{name}.py"
-    assert called(*words).exception.args == (sys.executable, [sys.executable, str(script), *arguments])
-    assert script.is_file()
+    name, *arguments = script.split()
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "execv", execv)
+        program, words = called("dev", *command.split()).exception.args
+    assert (program, words) == (sys.executable, [sys.executable, str(development.PROOFS / name), *arguments])
+    assert (development.PROOFS / name).is_file()
+    with monkeypatch.context() as patch:
+        patch.setattr(development, "PROOFS", tmp_path)
+        assert "expected a clone of vastflow's repository" in refused("dev", *command.split())
 
 
-@pytest.mark.parametrize("command", [("paper", "results"), ("bench", "sim"), ("bench", "pipeline")], ids=" ".join)
-def test_without_the_repository_a_command_says_where_its_script_is(command, tmp_path, monkeypatch):
-    monkeypatch.setattr(development, "PROOFS", tmp_path)
-    result = called(*command)
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert "which only a clone of vastflow's repository has" in result.stderr
-
-
-def test_what_was_measured_is_json_or_a_table():
+def test_measurements_are_json_or_table():
     found = {"controller": "mppi", "x_real_time": 250.123, "map": {"seed": 20}, "profile": {"lidar": 0.3}}
     assert json.loads(shown(found, as_json=True)) == found
     assert shown(found, as_json=False) == (
