@@ -5,12 +5,12 @@ from contextlib import suppress
 from inspect import signature
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from vastflow.flows.flow_runs.flow_call import FlowCall
 from vastflow.flows.request.run_request import RunRequest, option_parameters, request_of
-from vastflow.flows.results.directory import new_directory
 from vastflow.flows.results.summary import Results
-from vastflow.flows.run.campaign_run import CampaignRun, open_run
-from vastflow.flows.run.reporting import assess, current, deliver, report
+from vastflow.flows.run.computing import Computing
+from vastflow.flows.run.judged import Judged, begin, look, through
+from vastflow.flows.run.prepared import PreparedCampaign, open_run
+from vastflow.flows.run.reporting import current, reported
 from vastflow.flows.terminal.notebook import notebook_display
 from vastflow.tasks.engine.progress import Observer
 from vastflow.tasks.store.store import Lost
@@ -44,46 +44,36 @@ def run_campaign(
         WorkersFailed: the pool's workers can't compute the campaign.
         ValueError, TypeError: an option is out of its bounds, or there is none of that name.
     """
-    with open_run(request_of(campaign, options), observer or notebook_display()) as run:
+    with open_run(request_of(campaign, options), observer or notebook_display()) as (run, computing):
+        judged = None
         with suppress(Lost):  # a damaged artifact is found when it is read; then there is something to compute
-            if run.complete():
-                return _found(run)
-        return _computed(run)
+            computing.tally.begin("scanning")
+            run.store.refresh()
+            judged = through(run, computing, look(run, computing))
+            if judged is not None and not judged.incomplete(computing.engine):
+                return current(run, computing, judged) or reported(run, computing, judged)
+        return _computed(run, computing, judged)
 
 
 _own = list(signature(run_campaign).parameters.values())[:-1]
 setattr(run_campaign, "__signature__", signature(run_campaign).replace(parameters=[*_own, *option_parameters()]))  # noqa: B010
 
 
-def _found(run: CampaignRun) -> Results:
-    """All is in the store: what the flow would do then, without Prefect, unless the directory of an earlier run is the same."""
-    if (results := current(run)) is not None:
-        return results
-    with new_directory(run.delivery.folder, run.name, run.created) as directory:
-        written = report(run, assess(run, directory))
-    return deliver(run, written)
-
-
-def _computed(run: CampaignRun) -> Results:
+def _computed(run: PreparedCampaign, computing: Computing, judged: Judged | None) -> Results:
     """Call the flow, and let the workers begin while Prefect starts."""
     if run.request.pool is not None:
         from vastflow.flows.request.work_pool import check_api
 
-        check_api(run.log)
-    call = FlowCall(run.engine, run.tally, run.log)
-    if run.request.pool is None:
-        run.begin()
+        check_api(computing.log)
+    else:
+        begin(run, computing, judged)
+    results: list[Results] = []
+    known = [judged]  # for the flow's first call: another begins with what the store has by then
 
     def flow() -> "State[Any]":
-        from vastflow.flows.campaign import campaign
+        from vastflow.flows.campaign import flow_of
 
-        return campaign(run.request, return_state=True)
+        return flow_of(run, computing, known.pop() if known else None, results.append)(run.request, return_state=True)
 
-    try:
-        call.run(flow, done=lambda: run.results is not None)
-    except Exception:
-        if run.engine.store_error is not None:  # what else broke follows from it
-            raise run.engine.store_error from None
-        raise
-    assert run.results is not None
-    return run.results
+    computing.run(flow, done=lambda: bool(results))
+    return results[-1]

@@ -7,12 +7,13 @@ maps a Prefect task over shards of what is missing in the store, and is chained 
 search each batch of points goes through the first four, as a child of the flow run, before the next is proposed.
 """
 
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from prefect import flow, get_run_logger
+from prefect import Flow, flow, get_run_logger
 from prefect.client.schemas.objects import State
 from prefect.runtime import flow_run
 from prefect.states import Cancelled, Completed, Failed
@@ -20,28 +21,31 @@ from prefect.states import Cancelled, Completed, Failed
 from vastflow.flows.flow_runs.mapped import compute, instantiate
 from vastflow.flows.flow_runs.pages import Page, outcome_text, publish
 from vastflow.flows.flow_runs.task_runs import TaskRuns, task_runs_of
-from vastflow.flows.pool.campaign import CampaignPool, pool_of
+from vastflow.flows.pool.campaign import pool_of
 from vastflow.flows.pool.shard import compute_bundle
 from vastflow.flows.request.run_request import RunRequest
-from vastflow.flows.results.directory import new_directory
-from vastflow.flows.run.campaign_run import CampaignRun, opened_run, running
-from vastflow.flows.run.reporting import assess, deliver, report
+from vastflow.flows.results.summary import Results
+from vastflow.flows.run.computing import Computing
+from vastflow.flows.run.judged import Judged, computed, look, scanned, through
+from vastflow.flows.run.prepared import PreparedCampaign, open_run
+from vastflow.flows.run.reporting import reported
 from vastflow.flows.search.batch_flow import compute_batch
+from vastflow.tasks.engine.index import FoundRuns
 from vastflow.tasks.engine.pool import PoolClosed
+from vastflow.tasks.engine.shards import Shard
 from vastflow.tasks.execution.deployment import FLOW
 from vastflow.tasks.prefect.adapter import is_generated_name
 from vastflow.tasks.store.store import Lost
 
 
 def _title() -> str:
-    """The campaign's name and when it was asked for; the file's name where the campaign is not read yet. A name that was given stays."""
+    """The file's name until the campaign is read. A name that was given stays."""
     request, name = flow_run.parameters["request"], str(flow_run.name)
-    return _own_title(request) if request.bundle is None and is_generated_name(name) else name
+    return _stem(request) if request.bundle is None and is_generated_name(name) else name
 
 
-def _own_title(request: RunRequest) -> str:
-    run = opened_run()
-    return run.title if run else Path(request.campaign).stem
+def _stem(request: RunRequest) -> str:
+    return Path(request.campaign).stem
 
 
 @flow(name=FLOW, flow_run_name=_title, persist_result=False)
@@ -61,49 +65,83 @@ def campaign(request: RunRequest) -> State[Any]:
     """
     if request.bundle is not None:
         return compute_bundle(request, request.bundle)
+    with open_run(request) as (run, computing):
+        return _ended(run, computing, None, flow_run.name == _stem(request))
+
+
+def flow_of(
+    run: PreparedCampaign, computing: Computing, judged: Judged | None, deliver: Callable[[Results], object]
+) -> Flow[[RunRequest], State[Any]]:
+    """The flow of a campaign that this process has prepared.
+
+    Args:
+        judged: What is known of the campaign; None for nothing.
+        deliver: Is given the results.
+    """
+
+    @flow(name=FLOW, flow_run_name=computing.title, persist_result=False)
+    def campaign(request: RunRequest) -> State[Any]:
+        return _ended(run, computing, judged, True, deliver)
+
+    return campaign
+
+
+def _ended(
+    run: PreparedCampaign,
+    computing: Computing,
+    judged: Judged | None,
+    renames: bool,
+    deliver: Callable[[Results], object] = lambda results: None,
+) -> State[Any]:
+    """The state in which the flow run ends.
+
+    Args:
+        renames: Whether the flow run is named after the size of the campaign.
+    """
+    size = run.asked.runs, run.stopping is not None
+    page = Page(run.name, str(flow_run.id), get_run_logger().info, size if renames else None)
     try:
-        return _ended(request)
+        with task_runs_of(run.name, computing.engine, computing.tally, page) as task_runs:
+            results = _results(run, computing, judged, task_runs)
+            deliver(results)
     except PoolClosed as error:  # by Ctrl-C
         return Cancelled(message=str(error))
+    publish(results, run.name, run.request.reports)  # after the last of what the progress tells of
+    if results.faults:
+        first = results.faults[0]
+        return Failed(message=f"{len(results.faults)} faults, the first in {first.stage}: {first.error}")
+    return Completed(message=outcome_text(results))
 
 
-def _ended(request: RunRequest) -> State[Any]:
-    """The state in which the flow run ends."""
-    renames = flow_run.name == _own_title(request)
-    with running(request) as run:
-        size = run.asked.runs, run.stopping is not None
-        page = Page(run.name, str(flow_run.id), get_run_logger().info, size if renames else None)
-        with task_runs_of(run.name, run.engine, run.tally, page) as task_runs, pool_of(run) as pool:
-            for _ in run.attempts():
-                # A damaged artifact is found when it is read, and computed again by the next attempt.
-                with suppress(Lost):
-                    for _batch in run.batches():
-                        if run.search is None:
-                            _compute(run, pool, task_runs)
-                        elif run.instantiated is None or run.incomplete:
-                            compute_batch(run.name, run.search, run.engine, run.tally, partial(_compute, run, pool))
-                    with new_directory(run.delivery.folder, run.name, run.created) as directory:
-                        written = report(run, assess(run, directory))
-                    found = deliver(run, written)
-                    break
-    publish(found, run.name, request.reports)  # after the last of what the progress tells of
-    if found.faults:
-        first = found.faults[0]
-        return Failed(message=f"{len(found.faults)} faults, the first in {first.stage}: {first.error}")
-    return Completed(message=outcome_text(found))
+def _results(run: PreparedCampaign, computing: Computing, judged: Judged | None, task_runs: TaskRuns) -> Results:
+    """The diagram: what is missing of the campaign goes through the stages, all of it is assessed and reported."""
+    with pool_of(run, computing) as pool:
+
+        def stages(task_runs: TaskRuns, judged: Judged | None) -> Judged:
+            if judged is None:
+                computing.tally.begin("instantiating")
+                judged = scanned(run, computing, instantiate(task_runs, run.instantiator))
+            return computed(judged, computing, partial(pool.compute if pool else _compute, task_runs))
+
+        def completed(judged: Judged | None) -> Judged:
+            if run.search is None:
+                return stages(task_runs, judged)
+            if judged is not None and not judged.incomplete(computing.engine):
+                return judged
+            return compute_batch(
+                run.name, run.search, computing.engine, computing.tally, partial(stages, judged=judged)
+            )
+
+        for attempt in computing.engine.attempts():
+            # A damaged artifact is found when it is read, and computed again by the next attempt.
+            with suppress(Lost):
+                known = look(run, computing) if attempt or judged is None else judged
+                found = through(run, computing, known, completed)
+                assert found is not None
+                return reported(run, computing, found)
+    raise AssertionError("attempts end with an error")
 
 
-def _compute(run: CampaignRun, pool: CampaignPool | None, task_runs: TaskRuns) -> None:
-    """Bring what is missing of the configurations under way into the store.
-
-    Raises:
-        Lost: something is missing all the same, and no fault explains it.
-    """
-    if run.instantiated is None:
-        run.tally.begin("instantiating")
-        run.know(instantiate(task_runs, run.instantiator))
-    for due in run.rounds():
-        if pool is not None:
-            pool.compute(due.configurations)
-            continue
-        compute(task_runs, due.shards)
+def _compute(task_runs: TaskRuns, due: Sequence[FoundRuns], shards: Sequence[Shard]) -> None:
+    task_runs.engine.start([each.configuration for each in due if each.missing_runs])
+    compute(task_runs, shards)

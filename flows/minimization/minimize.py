@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Final
 from PIL import Image
 
 from vastflow.flows.flow_runs import mapped
-from vastflow.flows.flow_runs.flow_call import FlowCall
 from vastflow.flows.minimization.candidate_file import BuiltCandidate, candidate_files, placed
 from vastflow.flows.minimization.failing import Failing, NotMinimized, failing_configuration
 from vastflow.flows.minimization.minimized import Minimized, comment_of
@@ -19,8 +18,8 @@ from vastflow.flows.minimization.trials import Compute, FailureTest, Trials, fai
 from vastflow.flows.plan.pictures import plan_view_of
 from vastflow.flows.request.campaign_file import OpenCampaign
 from vastflow.flows.request.campaign_keys import campaign_keys
+from vastflow.flows.run.computing import Computing, computing, told
 from vastflow.flows.search.progress import PointRuns
-from vastflow.flows.stages.call import StageRun, stage_run
 from vastflow.oracles.figures.plan_view import plan_view_figure
 from vastflow.oracles.figures.style import png
 from vastflow.producers.minimization.candidates import NotBuilt
@@ -90,7 +89,10 @@ def minimize_configuration(
         keys = campaign_keys(installed_tree(), before.campaign.seed, before.oracles)
         test = failure_test(placed(failing.oracle, failing.places), rate)
         runs = PointRuns(test, test.most, CONFIRMING_RUNS)
-        with stage_run(opened, "minimize", keys, before.oracles, workers, observer, runs) as run:
+        with (
+            told(observer) as tally,
+            computing(opened, keys, before.oracles, tally, stage="minimize", workers=workers, stopping=runs) as run,
+        ):
             found, trials = _answered(run, failing, before, test, runs)
             executed = run.tally.progress().executed
         if isinstance(found, Unconfirmed):
@@ -104,7 +106,7 @@ def minimize_configuration(
 
 
 def _answered(
-    run: StageRun, failing: Failing, before: BuiltCandidate, test: FailureTest, runs: PointRuns
+    run: Computing, failing: Failing, before: BuiltCandidate, test: FailureTest, runs: PointRuns
 ) -> tuple[Minimum | Unconfirmed, Trials]:
     """Minimize by the store alone, and start a flow only if runs are missing."""
     candidates = before.candidates(failing)
@@ -129,7 +131,7 @@ def _answered(
         ask(None)
         if not answers:
             run.engine.warm_up([before.configuration.scenario.system])
-            run.flow(FlowCall(run.engine, run.tally, run.log), body)
+            run.run_alone(body)
         if answers:
             break
     return answers[-1]

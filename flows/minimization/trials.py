@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from typing import Final, TypeAlias
 
 from vastflow.flows.request.stopping import Stopping
+from vastflow.flows.run.computing import Computing
 from vastflow.flows.search.progress import PointRuns
-from vastflow.flows.stages.call import StageRun
 from vastflow.oracles.judgement.verdict import read_verdicts
 from vastflow.oracles.statistics.classes import ClassBounds
 from vastflow.oracles.statistics.stopping import StoppingRule
@@ -80,7 +80,7 @@ class Trials:
         used: Number of runs that trials and confirmations took, by candidate.
     """
 
-    run: StageRun
+    run: Computing
     candidates: Candidates
     test: FailureTest
     runs: PointRuns

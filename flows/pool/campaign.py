@@ -7,29 +7,38 @@ from prefect.client.orchestration import get_client
 from prefect.runtime import flow_run
 
 from vastflow.flows.flow_runs.pages import ProgressBar, key_of, tolerated
+from vastflow.flows.flow_runs.task_runs import TaskRuns
 from vastflow.flows.pool.driver import TAKEN_S, Driver
 from vastflow.flows.pool.service import Asking, PoolService, asked_of_containers, pool_type
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.request.work_pool import WorkPool, WorkPoolError
-from vastflow.flows.run.campaign_run import CampaignRun
-from vastflow.tasks.engine.index import ConfigurationRuns
+from vastflow.flows.run.computing import Computing
+from vastflow.flows.run.prepared import PreparedCampaign
+from vastflow.tasks.engine.index import FoundRuns
+from vastflow.tasks.engine.progress import Tally
 from vastflow.tasks.engine.remote_shard import BundleError, Packer
+from vastflow.tasks.engine.shards import Shard
 from vastflow.tasks.execution.job import PoolType
 from vastflow.tasks.prefect.adapter import current_flow
 
 
 class CampaignPool:
-    """The work pool that computes a campaign's shards."""
+    """The work pool that computes a campaign's shards.
 
-    def __init__(self, run: CampaignRun, driver: Driver, name: str) -> None:
-        self._run = run
+    Args:
+        name: The pool's.
+        label: The campaign's, as the keys of its artifacts have it.
+    """
+
+    def __init__(self, driver: Driver, name: str, label: str, tally: Tally) -> None:
         self._driver = driver
         self._name = name
-        self._bar = ProgressBar(f"{key_of(run.name)}-shards", str(flow_run.id))
+        self._tally = tally
+        self._bar = ProgressBar(f"{label}-shards", str(flow_run.id))
         self._said = False
 
-    def compute(self, configurations: Sequence[ConfigurationRuns]) -> None:
-        """Have what is missing of configurations executed, observed and judged.
+    def compute(self, task_runs: TaskRuns, due: Sequence[FoundRuns], shards: Sequence[Shard]) -> None:
+        """Have what is missing of configurations executed, observed and judged, in shards of the pool.
 
         Raises:
             WorkPoolError, WorkersFailed, StoreError, PrefectUnavailable: see `Driver.run` and `PoolService`.
@@ -38,39 +47,37 @@ class CampaignPool:
         def show(done: int, total: int) -> None:
             if not self._said:
                 self._said = True
-                self._run.tally.notice(f"{total} shard{'s'[: total != 1]} for the work pool {self._name}")
+                self._tally.notice(f"{total} shard{'s'[: total != 1]} for the work pool {self._name}")
             with tolerated():
                 self._bar.show(done / total, f"{done} of {total} shards through")
 
         try:
-            self._driver.run(configurations, show)
+            self._driver.run([each.configuration for each in due], show)
         except BundleError as error:
             raise WorkPoolError(f"--pool: {error}") from None
 
 
 @contextmanager
-def pool_of(run: CampaignRun) -> Iterator[CampaignPool | None]:
+def pool_of(run: PreparedCampaign, computing: Computing) -> Iterator[CampaignPool | None]:
     """The work pool that was asked to compute a campaign; None where this machine does.
 
     Raises:
         WorkPoolError: there is no such pool.
     """
-    asked = run.request
+    asked, engine, tally = run.request, computing.engine, computing.tally
     if asked.pool is None:
         yield None
         return
     pool = WorkPool(asked.pool, asked.shards, asked.pool_wait_s)
     with get_client(sync_client=True) as client:
-        asking = Asking(client, run.tally.notice, lambda: run.engine.closed)
+        asking = Asking(client, tally.notice, lambda: engine.closed)
         kind = pool_type(asking, pool.name)
         job_variables, workers = asked_of_containers(kind, run.campaign, asked.workers)
-        request = RunRequest(campaign=run.name, store=run.store.place, workers=workers).model_dump(
-            exclude_defaults=True
-        )
-        label = key_of(run.name)
-        service = PoolService(asking, pool.name, str(flow_run.id), label, current_flow(), request, job_variables)
-        packer = Packer(run.store, run.name, run.keys, run.oracles, run.campaign.path.parent)
+        request = RunRequest(campaign=run.name, store=run.store.place, workers=workers)
+        given, label = request.model_dump(exclude_defaults=True), key_of(run.name)
+        service = PoolService(asking, pool.name, str(flow_run.id), label, current_flow(), given, job_variables)
+        packer = Packer(run.store, run.name, run.keys, run.opened.oracles, run.campaign.path.parent)
         # In a queue of a cluster a flow run may be pending for days.
         taken_s = TAKEN_S if kind is PoolType.process else None
-        driver = Driver(service, packer.packed, run.engine, run.tally, pool, run.tally.notice, taken_s=taken_s)
-        yield CampaignPool(run, driver, pool.name)
+        driver = Driver(service, packer.packed, engine, tally, pool, tally.notice, taken_s=taken_s)
+        yield CampaignPool(driver, pool.name, label, tally)

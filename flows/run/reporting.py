@@ -1,19 +1,24 @@
 """From judged runs to evidence: a campaign directory with its tables, its report, and where both are seen."""
 
 from dataclasses import asdict
+from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
 from vastflow.flows.request.asked import SEARCH
 from vastflow.flows.request.campaign_file import terminal_lines
 from vastflow.flows.results.current_report import KEY, newest_sealed, report_key, seal, written_by
-from vastflow.flows.results.directory import NewDirectory
+from vastflow.flows.results.directory import NewDirectory, new_directory
+from vastflow.flows.results.found import StoredResult
 from vastflow.flows.results.results import Assessed, metadata_of, write_report, write_tables
 from vastflow.flows.results.summary import Results, Summary
-from vastflow.flows.run.campaign_run import CampaignRun
+from vastflow.flows.run.computing import Computing
+from vastflow.flows.run.judged import Judged
+from vastflow.flows.run.prepared import PreparedCampaign
 from vastflow.flows.search.tables import search_record, write_search
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.producers.campaign_file.postprocessing import steps_of
+from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.files import read_json
 from vastflow.tasks.store.store import StoreError, store_address
 
@@ -21,61 +26,77 @@ _LOCAL_READERS: Final = 1
 _REMOTE_READERS: Final = 16
 
 
-def assess(run: CampaignRun, directory: NewDirectory) -> Assessed:
+def assess(run: PreparedCampaign, computing: Computing, judged: Judged, directory: NewDirectory) -> Assessed:
     """Write what all runs come to into the campaign directory: recordings, traces, verdicts and tables.
 
     Raises:
         Lost: an artifact is damaged or gone; it is computed again where it is asked for again.
     """
-    assert run.instantiated is not None
-    run.engine.rest()
-    instantiation = run.instantiated.instantiation
-    record = _record(run)
-    if not run.campaign_faults and not run.engine.faults and _is_by_its_source(run):
-        record = {**record, KEY: _key(run)}
+    engine = computing.engine
+    engine.rest()
+    record, faults = _record(run), engine.faults
+    if not judged.faults and not faults and _is_by_its_source(run):
+        record = {**record, KEY: _key(run, judged, computing.created)}
     if run.search is not None:
         write_search(directory.partial, run.search)
+
+    def found(configuration: Configuration) -> StoredResult:
+        own = judged.found[configuration.name]
+        theirs = [fault for fault in faults if fault.configuration == configuration.name]
+        return StoredResult(run.store, own.stored, own.configuration.runs, theirs)
+
     return write_tables(
         directory,
         run.campaign,
         run.inputs,
-        instantiation,
-        run.result_of,
-        runs=run.runs,
-        oracles=[oracle.name for oracle in run.oracles],
+        judged.instantiated.instantiation,
+        found,
+        runs=judged.runs,
+        oracles=[oracle.name for oracle in run.opened.oracles],
         keys=run.keys,
         record=record,
-        faults=run.campaign_faults,
-        created=run.created,
-        work=lambda: run.work,
+        faults=judged.faults,
+        created=computing.created,
+        work=lambda: run.clock.work(computing.tally),
         threads=_LOCAL_READERS if store_address(run.request.store) is None else _REMOTE_READERS,
     )
 
 
-def report(run: CampaignRun, assessed: Assessed) -> Results:
+def report(run: PreparedCampaign, computing: Computing, assessed: Assessed) -> Results:
     """Write evidence, figures and report of a campaign directory, and its log."""
-    run.tally.begin("reporting")
-    if run.log.exists():
+    computing.tally.begin("reporting")
+    if computing.log.exists():
         logs = assessed.directory.partial / "logs"
         logs.mkdir(exist_ok=True)
-        (logs / "campaign.log").write_bytes(run.log.read_bytes())
-    return write_report(assessed, _report, lambda: run.work)
+        (logs / "campaign.log").write_bytes(computing.log.read_bytes())
+    return write_report(assessed, _report, lambda: run.clock.work(computing.tally))
 
 
-def deliver(run: CampaignRun, written: Results) -> Results:
+def deliver(run: PreparedCampaign, computing: Computing, written: Results) -> Results:
     """Run the campaign file's steps of postprocessing over the finished directory, and bring it where it belongs."""
     if steps := steps_of(run.campaign.spec.results_processing.postprocessing):
         from vastflow.flows.postprocessing.postprocess import postprocessed
 
-        run.tally.begin("postprocessing")
+        computing.tally.begin("postprocessing")
         written = postprocessed(written, steps, run.campaign.path.parent)
-    run.results = run.delivery.delivered(written)
+    results = run.delivery.delivered(written)
     if run.delivery.address is None and not steps and not written.faults:
         seal(written.directory)
-    return run.results
+    return results
 
 
-def current(run: CampaignRun) -> Results | None:
+def reported(run: PreparedCampaign, computing: Computing, judged: Judged) -> Results:
+    """Assess, report, and deliver what was judged.
+
+    Raises:
+        Lost: as of `assess`.
+    """
+    with new_directory(run.delivery.folder, run.name, computing.created) as directory:
+        written = report(run, computing, assess(run, computing, judged, directory))
+    return deliver(run, computing, written)
+
+
+def current(run: PreparedCampaign, computing: Computing, judged: Judged) -> Results | None:
     """The newest directory of a campaign of which the store has everything, where it is what this run would write.
 
     A campaign with steps of postprocessing has none: what they follow from can't be told.
@@ -84,28 +105,27 @@ def current(run: CampaignRun) -> Results | None:
     if directory is None:
         return None
     metadata = read_json(directory / "metadata.json")
-    if metadata.get(KEY) != _key(run):
+    if metadata.get(KEY) != _key(run, judged, computing.created):
         return None
     counts = metadata["counts"]
     oracles = {name: Counts(**each) for name, each in counts["oracles"].items()}
-    done = {**counts, **asdict(run.work), "oracles": oracles, "results": str(directory)}
-    run.results = Results(directory, Summary(**done), (), tuple(terminal_lines(run.campaign.notes)))
-    return run.results
+    work = asdict(run.clock.work(computing.tally))
+    done = {**counts, **work, "oracles": oracles, "results": str(directory)}
+    return Results(directory, Summary(**done), (), tuple(terminal_lines(run.campaign.notes)))
 
 
-def _record(run: CampaignRun) -> dict[str, Any]:
+def _record(run: PreparedCampaign) -> dict[str, Any]:
     """What `metadata.json` says of the run beside what every campaign directory has."""
     return dict(run.record) if run.search is None else {**run.record, SEARCH: search_record(run.search)}
 
 
-def _key(run: CampaignRun) -> str:
-    assert run.instantiated is not None
-    metadata = {**metadata_of(run.campaign, run.keys, run.created), **_record(run)}
-    instantiation, contents = run.instantiated.instantiation, run.contents().values()
-    return report_key(run.keys, run.inputs, metadata, instantiation, contents, run.runs, run.oracles)
+def _key(run: PreparedCampaign, judged: Judged, created: datetime) -> str:
+    metadata = {**metadata_of(run.campaign, run.keys, created), **_record(run)}
+    instantiation = judged.instantiated.instantiation
+    return report_key(run.keys, run.inputs, metadata, instantiation, judged.contents, judged.runs, run.opened.oracles)
 
 
-def _is_by_its_source(run: CampaignRun) -> bool:
+def _is_by_its_source(run: PreparedCampaign) -> bool:
     """Whether this process imported the source whose digest is in the key: somebody may have edited it since."""
     try:
         if run.keys.sources is not None:

@@ -1,7 +1,7 @@
 """A batch of a search as a flow run with a page of its own; importing this module imports Prefect."""
 
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from prefect import flow
 from prefect.client.schemas.objects import State
@@ -15,6 +15,8 @@ from vastflow.tasks.engine.progress import Progress, Reporter, Tally
 from vastflow.tasks.prefect.orphans import tagged
 
 FLOW: Final = "search-batch"
+
+T = TypeVar("T")
 
 
 class BatchBar:
@@ -37,18 +39,18 @@ class BatchBar:
 
 
 def compute_batch(
-    name: str, search: SearchProgress, engine: Engine, tally: Tally, compute: Callable[[TaskRuns], None]
-) -> None:
+    name: str, search: SearchProgress, engine: Engine, tally: Tally, compute: Callable[[TaskRuns], T]
+) -> T:
     """Compute the current points in a child of the calling flow run.
 
     Args:
         name: Name of the campaign.
-        compute: Computes missing results of the points by task runs of the child.
+        compute: Computes missing results of the points by task runs of the child; its result is returned.
 
     Raises:
         Exception: what `compute` raises.
     """
-    title = f"{name}, {search.title}"
+    title, made = f"{name}, {search.title}", list[T]()
 
     @flow(name=FLOW, flow_run_name=lambda: title, persist_result=False)
     def batch() -> None:
@@ -56,12 +58,13 @@ def compute_batch(
             show_text(f"{key_of(name)}-search", standing_text(search), f"Progress of the search of **{name}**")
             bar = BatchBar(ProgressBar(f"{key_of(name)}-batch", str(flow_run.id)), tally.progress().runs_done)
             with Reporter(tally, bar, INTERVAL_S):
-                compute(task_runs)
+                made.append(compute(task_runs))
 
     with tagged():
         state: State[Any] = batch(return_state=True)
     if not state.is_completed():
         raise state.result(raise_on_failure=False)
+    return made[0]
 
 
 def standing_text(search: SearchProgress) -> str:

@@ -1,30 +1,31 @@
 """The Python API, stage by stage: `instantiate`, `execute`, `observe` and `judge`, each a call that blocks."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from vastflow.flows.flow_runs import mapped
-from vastflow.flows.flow_runs.flow_call import FlowCall
 from vastflow.flows.request.campaign_file import OpenCampaign, open_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.request.configurations import Selection, distinct_configurations, narrowed
-from vastflow.flows.stages.call import stage_run
+from vastflow.flows.run.computing import computing, told
 from vastflow.flows.stages.configurations import Configurations
 from vastflow.flows.stages.recordings import Recordings
-from vastflow.flows.stages.traces import ObservedBlock, Traces
+from vastflow.flows.stages.traces import Traces
 from vastflow.flows.stages.verdicts import Verdicts
 from vastflow.oracles.judgement.oracle import Oracle, OracleError, oracle_of, oracles_of
 from vastflow.sim.model.faults import Fault, FileError, Place
-from vastflow.tasks.engine.engine import RunFault, judgements
-from vastflow.tasks.engine.index import ConfigurationRuns, FoundRuns, Index, missing
+from vastflow.tasks.engine.engine import Rows, RunFault
+from vastflow.tasks.engine.index import ConfigurationRuns, FoundRuns
 from vastflow.tasks.engine.instantiation import Instantiated, Instantiator
-from vastflow.tasks.engine.progress import Observer, Tally
-from vastflow.tasks.engine.shards import Shard
+from vastflow.tasks.engine.progress import Observer
+from vastflow.tasks.engine.shards import Shard, missing_shards
+from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.keys.source import installed_tree
-from vastflow.tasks.store.artifact import Block
+from vastflow.tasks.store.artifact import Stored
 from vastflow.tasks.store.store import Lost
 
 if TYPE_CHECKING:
@@ -61,18 +62,14 @@ def instantiate(
     tree = installed_tree()
     keys = campaign_keys(tree, opened.campaign.seed, opened.oracles)
     instantiator = Instantiator(opened.campaign, opened.store, keys, tree)
-    with stage_run(opened, "instantiate", keys, opened.oracles, workers) as run:
+    with told(None) as tally, computing(opened, keys, (), tally, stage="instantiate", workers=workers) as run:
         made: list[Instantiated] = []
-
-        def body(task_runs: "TaskRuns") -> None:
-            made.append(mapped.instantiate(task_runs, instantiator))
-
         for _ in run.engine.attempts():
             if (stored := instantiator.stored()) is not None:
                 made.append(stored)
             else:
                 with suppress(Lost):
-                    run.flow(FlowCall(run.engine, run.tally, run.log), body)
+                    run.run_alone(lambda task_runs: made.append(mapped.instantiate(task_runs, instantiator)))
             if made:
                 break
     faults = (RunFault("", None, "instantiate", str(fault)) for fault in made[-1].faults)
@@ -111,24 +108,15 @@ def execute(
     wanted = opened.campaign.runs_asked(runs)
     executed = distinct_configurations(chosen.instantiation, wanted)
     keys = campaign_keys(installed_tree(), opened.campaign.seed, opened.oracles)
-    with stage_run(opened, "execute", keys, opened.oracles, workers, observer) as run:
-        index = run.engine.index
-        run.tally.expect({configuration.name: configuration.runs for configuration in executed})
 
-        def whole(configuration: ConfigurationRuns) -> bool:
-            blocks = index.blocks(configuration)
-            _reuse(run.tally, configuration, blocks)
-            return not missing(blocks, configuration.runs)
+    def recorded(found: FoundRuns) -> bool:
+        return not found.missing_runs
 
-        faults = run.completed(
-            executed,
-            whole,
-            lambda shards, task_runs: task_runs.wait(shards, mapped.execute(task_runs, shards)),
-            lambda absent: run.engine.begin(
-                (FoundRuns(each, tuple(index.stored(each))) for each in absent), run.workers
-            ),
-        )
-        blocks = {configuration.name: tuple(index.blocks(configuration)) for configuration in executed}
+    def execute(shards: Sequence[Shard], found: Found, task_runs: "TaskRuns") -> None:
+        task_runs.wait(shards, mapped.execute(task_runs, shards))
+
+    call = StageCall("execute", opened, keys, opened.oracles, workers, observer)
+    blocks, faults = call.computed(executed, recorded, execute)
     return Recordings(chosen, wanted, keys, blocks, (*configurations.faults, *faults))
 
 
@@ -144,35 +132,19 @@ def observe(recordings: Recordings, *, workers: int | None = None, observer: Obs
         PrefectUnavailable: Prefect's API can't be started.
     """
     opened = recordings.configurations.opened
-    configurations = distinct_configurations(recordings.configurations.instantiation, recordings.runs)
+    executed = distinct_configurations(recordings.configurations.instantiation, recordings.runs)
     fresh = campaign_keys(installed_tree(), opened.campaign.seed, opened.oracles)
     keys = replace(recordings.keys, observe_source=fresh.observe_source, sources=fresh.sources)
-    with stage_run(opened, "observe", keys, opened.oracles, workers, observer) as run:
-        index = run.engine.index
-        run.tally.expect({configuration.name: configuration.runs for configuration in configurations})
 
-        def whole(configuration: ConfigurationRuns) -> bool:
-            _reuse(run.tally, configuration, recordings.blocks[configuration.name])
-            absent = [
-                block
-                for block in recordings.blocks[configuration.name]
-                if not index.store.find(index.trace_key(configuration, block))
-            ]
-            _check(opened, [block.key for block in absent], f"recordings of {configuration.name}", "execute")
-            return not absent
+    def observed(found: FoundRuns) -> bool:
+        _check(opened, found, [each.block.key for each in recordings.blocks[found.configuration.name]], "execute")
+        return all(each.trace for each in found.stored)
 
-        def observed(shards: Sequence[Shard], task_runs: "TaskRuns") -> None:
-            rows = [
-                [
-                    [[block.start, block.stop, block.content] for block in recordings.blocks[m.name]]
-                    for m in shard.configurations
-                ]
-                for shard in shards
-            ]
-            task_runs.wait(shards, mapped.observe(task_runs, shards, rows))
+    def observe(shards: Sequence[Shard], found: Found, task_runs: "TaskRuns") -> None:
+        task_runs.wait(shards, mapped.observe(task_runs, shards, _rows(shards, found)))
 
-        faults = run.completed(configurations, whole, observed)
-        blocks = {configuration.name: _observed(index, configuration, recordings) for configuration in configurations}
+    call = StageCall("observe", opened, keys, opened.oracles, workers, observer)
+    blocks, faults = call.computed(executed, observed, observe)
     return Traces(recordings, keys, blocks, (*recordings.faults, *faults))
 
 
@@ -198,62 +170,102 @@ def judge(
     """
     opened = traces.configurations.opened
     asked = opened.oracles if oracles is None else _asked(opened, oracles)
-    configurations = distinct_configurations(traces.configurations.instantiation, traces.recordings.runs)
+    executed = distinct_configurations(traces.configurations.instantiation, traces.recordings.runs)
     fresh = campaign_keys(installed_tree(), opened.campaign.seed, asked)
     keys = replace(traces.keys, judge_source=fresh.judge_source, oracles=fresh.oracles, sources=fresh.sources)
-    with stage_run(opened, "judge", keys, asked, workers, observer) as run:
-        index = run.engine.index
-        run.tally.expect({configuration.name: configuration.runs for configuration in configurations})
 
-        def whole(configuration: ConfigurationRuns) -> bool:
-            _reuse(run.tally, configuration, [each.block for each in traces.blocks[configuration.name]])
-            absent = []
-            for each in traces.blocks[configuration.name]:
-                found = index.store.find(index.verdicts_key(configuration, each.block, each.content))
-                if found is None:
-                    absent += [each.block.key, each.key]
-                else:
-                    run.tally.judge(configuration.name, judgements(found))
-            _check(opened, absent, f"recordings or traces of {configuration.name}", "execute and observe")
-            return not absent
+    def judged(found: FoundRuns) -> bool:
+        known = traces.blocks[found.configuration.name]
+        keys = [key for each in known if each.trace for key in (each.block.key, each.trace.key)]
+        _check(opened, found, keys, "execute and observe")
+        return all(each.verdicts for each in found.stored if each.trace)
 
-        def judged(shards: Sequence[Shard], task_runs: "TaskRuns") -> None:
-            rows = [
-                [_rows(traces.blocks[configuration.name]) for configuration in shard.configurations] for shard in shards
-            ]
-            task_runs.wait(shards, mapped.judge(task_runs, shards, rows))
+    def judge(shards: Sequence[Shard], found: Found, task_runs: "TaskRuns") -> None:
+        task_runs.wait(shards, mapped.judge(task_runs, shards, _rows(shards, found, observed=True)))
 
-        faults = run.completed(configurations, whole, judged)
-        blocks = {configuration.name: _judged(index, configuration, traces) for configuration in configurations}
+    call = StageCall("judge", opened, keys, asked, workers, observer)
+    blocks, faults = call.computed(executed, judged, judge)
     return Verdicts(traces, tuple(oracle.name for oracle in asked), keys, blocks, (*traces.faults, *faults))
 
 
-def _reuse(tally: Tally, configuration: ConfigurationRuns, blocks: Sequence[Block]) -> None:
-    for block in blocks:
-        tally.reuse(configuration.name, range(block.start, block.stop))
+Found: TypeAlias = Mapping[str, FoundRuns]
+"""Of each configuration by name what the store has."""
 
 
-def _check(opened: OpenCampaign, keys: Sequence[str], what: str, stages: str) -> None:
+@dataclass(frozen=True, slots=True)
+class StageCall:
+    """A call of a stage whose shards are those of a campaign."""
+
+    stage: str
+    opened: OpenCampaign
+    keys: Keys
+    oracles: Sequence[Oracle[Any]]
+    workers: int | None
+    observer: Observer | None
+
+    def computed(
+        self,
+        configurations: Sequence[ConfigurationRuns],
+        complete: Callable[[FoundRuns], bool],
+        map_stage: "Callable[[Sequence[Shard], Found, TaskRuns], None]",
+    ) -> tuple[dict[str, tuple[Stored, ...]], tuple[RunFault, ...]]:
+        """Compute what is missing; gives what the store has of each configuration then, and the faults that are left.
+
+        Args:
+            complete: Whether the store has everything of a configuration.
+            map_stage: Maps the stage over shards, and waits.
+
+        Raises:
+            StoreError: the store can't be used.
+            PrefectUnavailable: Prefect's API can't be had.
+        """
+        with (
+            told(self.observer) as tally,
+            computing(self.opened, self.keys, self.oracles, tally, stage=self.stage, workers=self.workers) as run,
+        ):
+            tally.expect({each.name: each.runs for each in configurations})
+
+            def scanned() -> tuple[dict[str, FoundRuns], list[FoundRuns]]:
+                tally.begin("scanning")
+                found, broken = run.engine.scan(configurations), run.engine.broken
+                return found, [each for name, each in found.items() if not complete(each) and name not in broken]
+
+            for _ in run.engine.attempts():
+                found, missing = scanned()
+                if missing:
+                    if self.stage == "execute":
+                        run.engine.begin(missing, run.workers)
+                    shards = missing_shards(configurations, {each.configuration.name for each in missing})
+                    with suppress(Lost):
+                        run.run_alone(partial(map_stage, shards, found))
+                    found, missing = scanned()
+                if not missing:
+                    break
+            return {name: each.stored for name, each in found.items()}, run.engine.faults
+
+
+def _check(opened: OpenCampaign, found: FoundRuns, keys: Sequence[str], stages: str) -> None:
     """Raise `Lost` where one of `keys` is not in the store."""
-    if any(opened.store.find(key) is None for key in keys):
-        raise Lost(f"{what} are not in the store {opened.store.place!r} any more; {stages} again")
+    there = {artifact.key for each in found.stored for artifact in (each.recordings, each.trace) if artifact}
+    if not there.issuperset(keys):
+        what = "recordings" if stages == "execute" else "recordings or traces"
+        name, place = found.configuration.name, opened.store.place
+        raise Lost(f"{what} of {name} are not in the store {place!r} any more; {stages} again")
 
 
-def _rows(blocks: Sequence[ObservedBlock]) -> list[list[Any]]:
-    return [[each.block.start, each.block.stop, each.block.content, each.content] for each in blocks]
-
-
-def _observed(index: Index, configuration: ConfigurationRuns, recordings: Recordings) -> tuple[ObservedBlock, ...]:
-    found = [
-        (block, index.store.find(index.trace_key(configuration, block)))
-        for block in recordings.blocks[configuration.name]
+def _rows(shards: Sequence[Shard], found: Found, *, observed: bool = False) -> list[Rows]:
+    """Start, stop, and content digests of each shard's blocks, as `Engine.observe` takes them, or `Engine.judge` those observed."""
+    return [
+        [
+            [
+                [each.block.start, each.block.stop, each.block.content, *([each.trace.content] if each.trace else [])]
+                for each in found[configuration.name].stored
+                if each.trace or not observed
+            ]
+            for configuration in shard.configurations
+        ]
+        for shard in shards
     ]
-    return tuple(ObservedBlock(block, trace.key, trace.content) for block, trace in found if trace is not None)
-
-
-def _judged(index: Index, configuration: ConfigurationRuns, traces: Traces) -> tuple[str, ...]:
-    keys = [index.verdicts_key(configuration, each.block, each.content) for each in traces.blocks[configuration.name]]
-    return tuple(key for key in keys if index.store.find(key) is not None)
 
 
 def _asked(opened: OpenCampaign, oracles: Sequence[OracleChoice]) -> tuple[Oracle[Any], ...]:

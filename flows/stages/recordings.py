@@ -6,16 +6,15 @@ from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
+from vastflow.flows.results.found import StoredResult
 from vastflow.flows.results.tables import run_columns
 from vastflow.flows.stages.configurations import Configurations, faults_text
 from vastflow.flows.terminal.words import count_text
 from vastflow.oracles.results.schema import RUNS, column_table
 from vastflow.sim.model.blocks import read_rows
 from vastflow.tasks.engine.engine import RunFault
-from vastflow.tasks.engine.work import BEHAVIORS, OUTPUTS, RECORDINGS
 from vastflow.tasks.keys.keys import Keys
-from vastflow.tasks.store.artifact import Block
-from vastflow.tasks.store.store import Lost, Store
+from vastflow.tasks.store.artifact import Stored
 
 if TYPE_CHECKING:
     from vastflow.sim.model.recording import Recording
@@ -36,7 +35,7 @@ class Recordings:
     configurations: Configurations
     runs: int
     keys: Keys = field(repr=False)
-    blocks: Mapping[str, tuple[Block, ...]] = field(repr=False)
+    blocks: Mapping[str, tuple[Stored, ...]] = field(repr=False)
     faults: tuple[RunFault, ...] = ()
 
     @property
@@ -46,7 +45,7 @@ class Recordings:
 
     def __repr__(self) -> str:
         recorded = sum(
-            len({run for block in blocks for run in range(block.start, min(block.stop, self.runs))})
+            len({run for each in blocks for run in range(each.block.start, min(each.block.stop, self.runs))})
             for blocks in self.blocks.values()
         )
         size = f"{count_text(len(self.blocks), 'configuration')} × {count_text(self.runs, 'run')}"
@@ -63,12 +62,12 @@ class Recordings:
         from vastflow.sim.model.blocks import read_recordings
         from vastflow.sim.model.recording import Outputs
 
-        store = self.configurations.opened.store
+        stored = self.stored(self.configurations.executed_as(name).name)
+        written = {index: each for block in stored.outputs for index, each in read_outputs(block).items()}
         found = {}
-        for block in self.blocks[self.configurations.executed_as(name).name]:
-            behaviors = columns_of(read_behaviors(store.read(block.key, BEHAVIORS)))
-            written = read_outputs(outputs) if (outputs := outputs_of(store, block)) else {}
-            for recording in read_recordings(store.read(block.key, RECORDINGS)):
+        for block, behavior in zip(stored.recordings, stored.behaviors, strict=True):
+            behaviors = columns_of(read_behaviors(behavior))
+            for recording in read_recordings(block):
                 index = recording.run.run_index
                 own = {key: column[behaviors["run_index"] == index] for key, column in behaviors.items()}
                 del own["run_index"]
@@ -83,21 +82,11 @@ class Recordings:
         """
         return column_table(RUNS, (run_columns(self.configurations[name], self._rows(name)) for name in self.blocks))
 
+    def stored(self, name: str) -> StoredResult:
+        """What the store has of a configuration that is no duplicate; each part is read when it is asked for."""
+        return StoredResult(self.configurations.opened.store, self.blocks[name], self.runs, self.faults)
+
     def _rows(self, name: str) -> list[dict[str, Any]]:
         """Rows of a configuration's wanted runs, in order."""
-        store = self.configurations.opened.store
-        blocks = (store.read(block.key, RECORDINGS) for block in self.blocks[name])
-        found = {row["run_index"]: row for block in blocks for row in read_rows(block)}
+        found = {row["run_index"]: row for block in self.stored(name).recordings for row in read_rows(block)}
         return [found[index] for index in sorted(found) if index < self.runs]
-
-
-def outputs_of(store: Store, block: Block) -> bytes | None:
-    """What the programs of a block's runs wrote, as `vastflow.sim.model.archive` has it; None where they wrote nothing.
-
-    Raises:
-        Lost: the block is no longer in the store, or damaged.
-    """
-    artifact = store.find(block.key)
-    if artifact is None:
-        raise Lost(f"{block.key} is not in the store")
-    return store.load(artifact, OUTPUTS) if OUTPUTS in artifact.files else None

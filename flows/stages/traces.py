@@ -6,30 +6,16 @@ from typing import TYPE_CHECKING
 
 import pyarrow as pa
 
+from vastflow.flows.results.found import StoredResult
 from vastflow.flows.stages.configurations import Configurations, faults_text
-from vastflow.flows.stages.recordings import Recordings, outputs_of
+from vastflow.flows.stages.recordings import Recordings
 from vastflow.flows.terminal.words import count_text
 from vastflow.tasks.engine.engine import RunFault
-from vastflow.tasks.engine.work import RECORDINGS, TRACES
 from vastflow.tasks.keys.keys import Keys
-from vastflow.tasks.store.artifact import Block
+from vastflow.tasks.store.artifact import Stored
 
 if TYPE_CHECKING:
     from vastflow.oracles.observation.trace import Trace
-
-
-@dataclass(frozen=True, slots=True)
-class ObservedBlock:
-    """Consecutive runs of a scenario, observed.
-
-    Attributes:
-        key: Of the trace.
-        content: Content digest of the trace.
-    """
-
-    block: Block
-    key: str
-    content: str
 
 
 @dataclass(frozen=True, repr=False)
@@ -45,7 +31,7 @@ class Traces:
 
     recordings: Recordings
     keys: Keys = field(repr=False)
-    blocks: Mapping[str, tuple[ObservedBlock, ...]] = field(repr=False)
+    blocks: Mapping[str, tuple[Stored, ...]] = field(repr=False)
     faults: tuple[RunFault, ...] = ()
 
     @property
@@ -74,17 +60,20 @@ class Traces:
         from vastflow.sim.model.blocks import read_block, read_recordings
         from vastflow.sim.model.recording import Outputs
 
-        store = self.configurations.opened.store
+        stored = self.stored(self.configurations.executed_as(name).name)
+        written = {index: each for block in stored.outputs for index, each in read_outputs(block).items()}
         found = {}
-        for observed in self.blocks[self.configurations.executed_as(name).name]:
-            written = read_outputs(outputs) if (outputs := outputs_of(store, observed.block)) else {}
-            derived = read_block(store.read(observed.key, TRACES))
-            recordings = read_recordings(store.read(observed.block.key, RECORDINGS))
-            for recording, (row, columns) in zip(recordings, derived, strict=True):
+        for block, trace in zip(stored.recordings, stored.traces, strict=True):
+            for recording, (row, columns) in zip(read_recordings(block), read_block(trace), strict=True):
                 index = recording.run.run_index
                 whole = replace(recording, outputs=written.get(index, Outputs()))
                 found[index] = trace_of(whole, row, columns)
         return [found[index] for index in sorted(found) if index < self.recordings.runs]
+
+    def stored(self, name: str) -> StoredResult:
+        """What the store has of a configuration's observed blocks."""
+        observed = [each for each in self.blocks[name] if each.trace]
+        return StoredResult(self.configurations.opened.store, observed, self.recordings.runs, self.faults)
 
     def table(self, name: str) -> pa.Table:
         """The signals of a configuration's runs under each other, in SI units, behind a column `run_index`.

@@ -6,18 +6,18 @@ from typing import Final
 
 import pyarrow as pa
 
-from vastflow.flows.results.found import ConfigurationResult, complete
+from vastflow.flows.results.found import StoredResult, complete
 from vastflow.flows.results.tables import verdict_columns
 from vastflow.flows.stages.configurations import Configurations, faults_text
 from vastflow.flows.stages.traces import Traces
 from vastflow.flows.terminal.words import count_text
 from vastflow.oracles.evidence.rates import Counts, counts_of
-from vastflow.oracles.judgement.verdict import Verdict, read_verdicts, run_judgement
+from vastflow.oracles.judgement.verdict import Verdict, run_judgement
 from vastflow.oracles.results.schema import VERDICTS as COLUMNS
 from vastflow.oracles.results.schema import column_table
 from vastflow.tasks.engine.engine import RunFault
-from vastflow.tasks.engine.work import VERDICTS
 from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.store.artifact import Stored
 
 METRICS: Final = pa.schema(
     {
@@ -40,14 +40,14 @@ class Verdicts:
         traces: What was judged.
         oracles: Names of the oracles, `success` first.
         keys: Of the code that judged, and of the oracles with their parameters.
-        blocks: Name of a configuration that is no duplicate to the keys of what is in the store of it.
+        blocks: Name of a configuration that is no duplicate to what is in the store of it.
         faults: Why runs are not judged, those of recordings and traces included.
     """
 
     traces: Traces
     oracles: tuple[str, ...]
     keys: Keys = field(repr=False)
-    blocks: Mapping[str, tuple[str, ...]] = field(repr=False)
+    blocks: Mapping[str, tuple[Stored, ...]] = field(repr=False)
     faults: tuple[RunFault, ...] = ()
 
     @property
@@ -75,10 +75,10 @@ class Verdicts:
             Lost: something is no longer in the store or damaged; `judge` computes it again.
         """
         own = self.configurations.executed_as(name).name
-        store = self.configurations.opened.store
-        found = [verdict for key in self.blocks[own] for verdict in read_verdicts(store.read(key, VERDICTS))]
         faults = [fault for fault in self.faults if fault.configuration in ("", own)]
-        return complete(ConfigurationResult(verdicts=found, faults=faults), self.traces.recordings.runs, self.oracles)
+        runs = self.traces.recordings.runs
+        found = StoredResult(self.configurations.opened.store, self.blocks[own], runs, faults)
+        return complete(found, runs, self.oracles)
 
     def counts(self, oracle: str | None = None) -> dict[str, Counts]:
         """Configuration that is no duplicate to how often its runs passed and failed, with rate and interval.

@@ -14,7 +14,7 @@ import pytest
 
 from vastflow.flows import run_campaign
 from vastflow.flows.flow_runs import flow_call
-from vastflow.flows.run import campaign_run
+from vastflow.flows.run import prepared
 from vastflow.sim.model.faults import FileError
 from vastflow.tasks.keys.source import installed_tree
 
@@ -96,7 +96,7 @@ def place(tmp_path_factory, one_server):
     (folder / "own_oracle.py").write_text(ORACLE)
     with one_server(folder / "prefect"), pytest.MonkeyPatch.context() as patch:
         tree = installed_tree()  # reads each file once: an edit of the checkout while this runs is not what is tested
-        patch.setattr(campaign_run, "installed_tree", lambda: tree)
+        patch.setattr(prepared, "installed_tree", lambda: tree)
         yield folder
 
 

@@ -17,7 +17,7 @@ from vastflow.flows.minimization import minimize as module
 from vastflow.flows.minimization.candidate_file import candidate_files, placed
 from vastflow.flows.minimization.failing import Failing
 from vastflow.flows.minimization.minimize import minimize_configuration
-from vastflow.flows.stages.call import StageRun
+from vastflow.flows.run.computing import Computing
 from vastflow.producers.minimization.candidates import NotBuilt
 from vastflow.producers.minimization.circumstance import Subject
 from vastflow.producers.minimization.minimize import Candidate
@@ -105,7 +105,7 @@ def alone(monkeypatch):
     """Computes without Prefect; of the list, the first number is how many rounds come before an interrupt."""
     rounds = []
 
-    def flow(run, call, body):
+    def flow(run, body):
         def wait(shards, *stages):
             if rounds:
                 rounds[0] -= 1
@@ -123,8 +123,7 @@ def alone(monkeypatch):
             runs.engine.judge(each.configurations, rows).made for each, rows in zip(shards, made, strict=True)
         ],
     )
-    monkeypatch.setattr(StageRun, "flow", flow)
-    monkeypatch.setattr(module, "FlowCall", lambda *_: None)
+    monkeypatch.setattr(Computing, "run_alone", flow)
     monkeypatch.setattr(module, "mapped", stages)
     return rounds
 

@@ -17,7 +17,7 @@ from vastflow.flows.plan import plan as plans
 from vastflow.flows.plan.plan import whys
 from vastflow.flows.results.past import newest_past
 from vastflow.flows.results.provenance import STAGES
-from vastflow.flows.run import campaign_run
+from vastflow.flows.run import prepared
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.sim.model.blocks import read_rows
 from vastflow.sim.model.faults import FileError
@@ -106,7 +106,7 @@ def place(tmp_path_factory, one_server):
     (folder / "driven.py").write_text(ORACLE)
     with one_server(folder / "prefect"), pytest.MonkeyPatch.context() as patch:
         tree = installed_tree()  # reads each file once: an edit of the checkout while this runs is not what is tested
-        patch.setattr(campaign_run, "installed_tree", lambda: tree)
+        patch.setattr(prepared, "installed_tree", lambda: tree)
         patch.setattr(plans, "installed_tree", lambda: tree)
         yield folder
 
@@ -449,7 +449,7 @@ def test_run_computes_what_its_plan_says(again, edits):
 def test_run_executes_what_its_plan_says_of_edited_kernel_and_keeps_equal_traces(again, monkeypatch):
     tree = kernel_edited(again)
     monkeypatch.setattr(plans, "installed_tree", lambda: tree)
-    monkeypatch.setattr(campaign_run, "installed_tree", lambda: tree)
+    monkeypatch.setattr(prepared, "installed_tree", lambda: tree)
     said = computed(again.dry())
     before = again.counted()
     assert again.run().summary.executed == said["execute"] == 4

@@ -5,6 +5,7 @@ import json
 import math
 import re
 import time
+from functools import partial
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -16,10 +17,11 @@ from vastflow.flows.flow_runs import flow_call
 from vastflow.flows.minimization.failing import failing_configuration
 from vastflow.flows.request.run_request import request_of
 from vastflow.flows.results.cleaning import DAY_S, clean, cleaning, references
-from vastflow.flows.results.directory import new_directory
-from vastflow.flows.run import campaign_run
-from vastflow.flows.run.campaign_run import open_run
-from vastflow.flows.run.reporting import assess, deliver, report
+from vastflow.flows.run import judged as judging
+from vastflow.flows.run import prepared
+from vastflow.flows.run.judged import look, scanned, through
+from vastflow.flows.run.prepared import open_run
+from vastflow.flows.run.reporting import reported
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.sim.model.faults import FileError
 from vastflow.tasks.engine.evaluation import packed
@@ -93,7 +95,7 @@ def place(tmp_path_factory):
     (folder / "campaign" / "pocket.osc").write_text(SCENARIO)
     with pytest.MonkeyPatch.context() as patch:
         tree = installed_tree()  # an edit of the checkout while this runs is not what is tested
-        patch.setattr(campaign_run, "installed_tree", lambda: tree)
+        patch.setattr(prepared, "installed_tree", lambda: tree)
         yield folder
 
 
@@ -119,24 +121,27 @@ def computed(file, place, store, workers=2, calls=math.inf):
         return stage(*given).made
 
     request = request_of(file, {"results": place / "results", "store": place / store, "workers": workers})
-    with open_run(request) as run:
-        run.begin()
-        for _ in run.attempts():
-            for _ in run.batches():
-                if run.instantiated is None:
-                    run.know(run.instantiator.instantiated(lambda requests, run=run: evaluated(run, requests)))
-                for due in run.rounds():
-                    for shard in due.shards:
-                        recorded = made(run.engine.execute, shard.configurations)
-                        observed = made(run.engine.observe, shard.configurations, recorded)
-                        made(run.engine.judge, shard.configurations, observed)
-            with new_directory(run.delivery.folder, run.name, run.created) as directory:
-                written = report(run, assess(run, directory))
-            return deliver(run, written)
+    with open_run(request) as (run, computing):
+        engine = computing.engine
+
+        def stages(_, shards):
+            for shard in shards:
+                recorded = made(engine.execute, shard.configurations)
+                observed = made(engine.observe, shard.configurations, recorded)
+                made(engine.judge, shard.configurations, observed)
+
+        def completed(judged):
+            if judged is None:
+                instantiated = run.instantiator.instantiated(partial(evaluated, engine))
+                judged = scanned(run, computing, instantiated)
+            return judging.computed(judged, computing, stages)
+
+        for _ in engine.attempts():
+            return reported(run, computing, through(run, computing, look(run, computing), completed))
 
 
-def evaluated(run, requests):
-    made = [run.engine.evaluate(packed(each.producer), each.evaluations).made for each in requests]
+def evaluated(engine, requests):
+    made = [engine.evaluate(packed(each.producer), each.evaluations).made for each in requests]
     return {key: error for errors in made for key, error in errors.items()}
 
 

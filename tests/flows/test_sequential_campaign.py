@@ -17,7 +17,7 @@ from vastflow.flows import run_campaign
 from vastflow.flows.flow_runs import flow_call
 from vastflow.flows.plan.text import plan_json, plan_text
 from vastflow.flows.results.past import past_of
-from vastflow.flows.run import campaign_run
+from vastflow.flows.run import prepared
 from vastflow.tasks.keys.source import installed_tree
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
@@ -77,7 +77,7 @@ def place(tmp_path_factory, one_server):
     (folder / "campaign" / "own.py").write_text(ORACLE)
     with one_server(folder / "prefect"), pytest.MonkeyPatch.context() as patch:
         tree = installed_tree()  # an edit of the checkout while this runs is not what is tested
-        patch.setattr(campaign_run, "installed_tree", lambda: tree)
+        patch.setattr(prepared, "installed_tree", lambda: tree)
         yield folder
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from vastflow.flows import run_campaign
 from vastflow.flows.flow_runs import flow_call
-from vastflow.flows.run import campaign_run
+from vastflow.flows.run import prepared
 from vastflow.tasks.keys.source import installed_tree
 from vastflow.tasks.store.remote_files import RemoteFiles
 from vastflow.tasks.store.store import StoreError, open_store
@@ -47,7 +47,7 @@ def file(tmp_path, monkeypatch, prefect_home):
     monkeypatch.setenv("PREFECT_HOME", str(prefect_home(tmp_path / "prefect")))
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
     tree = installed_tree()
-    monkeypatch.setattr(campaign_run, "installed_tree", lambda: tree)
+    monkeypatch.setattr(prepared, "installed_tree", lambda: tree)
     return tmp_path / "remote.vast"
 
 

@@ -1,0 +1,142 @@
+"""What computes a call: an engine with its workers, the progress, and a log; Prefect's flows run on it."""
+
+import os
+import pickle
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vastflow.flows.flow_runs.flow_call import FlowCall
+from vastflow.flows.request.campaign_file import OpenCampaign
+from vastflow.flows.results.directory import directory_name
+from vastflow.flows.results.summary import Work
+from vastflow.oracles.judgement.oracle import Oracle
+from vastflow.tasks.engine import process
+from vastflow.tasks.engine.engine import Engine, RunsWanted
+from vastflow.tasks.engine.index import Index
+from vastflow.tasks.engine.machine_check import check_machine
+from vastflow.tasks.engine.pool import Pool, cores
+from vastflow.tasks.engine.progress import Observer, Reporter, Tally
+from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.prefect import campaign_log
+
+if TYPE_CHECKING:
+    from vastflow.flows.flow_runs.task_runs import TaskRuns
+
+
+class Clock:
+    """Time since it was made: on the wall, and of the CPU for this process and its children that have ended."""
+
+    def __init__(self) -> None:
+        self._began_s = time.perf_counter()
+        self._before_s = sum(os.times()[:4])
+
+    def work(self, tally: Tally) -> Work:
+        """What was done since."""
+        done, cpu_s = tally.progress(), sum(os.times()[:4]) - self._before_s
+        return Work(done.executed, done.reused, done.simulated_s, cpu_s, time.perf_counter() - self._began_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Computing:
+    """What computes a call.
+
+    Attributes:
+        name: The campaign's.
+        stage: Of the Python API; empty for the whole campaign.
+        log: File for what would be said on the terminal otherwise.
+    """
+
+    name: str
+    stage: str
+    engine: Engine = field(repr=False)
+    workers: int
+    tally: Tally = field(repr=False)
+    log: Path
+    created: datetime
+
+    @property
+    def title(self) -> str:
+        """Name of the flow run until the size of the campaign is known."""
+        return f"{self.stage} {self.name} {self.created:%Y-%m-%d %H:%M:%S}".lstrip()
+
+    def run(self, flow: Callable[[], Any], done: Callable[[], bool] = lambda: False) -> None:
+        """Call a flow, see `FlowCall.run`.
+
+        Raises:
+            StoreError: the store can't be used.
+            PrefectUnavailable: Prefect's API can't be had.
+        """
+        try:
+            FlowCall(self.engine, self.tally, self.log).run(flow, done)
+        except Exception:
+            if self.engine.store_error is not None:  # what else broke follows from it
+                raise self.engine.store_error from None
+            raise
+
+    def run_alone(self, body: "Callable[[TaskRuns], None]") -> None:
+        """Run a flow of this stage alone; `body` maps its task runs.
+
+        Raises:
+            StoreError, PrefectUnavailable: as of `run`.
+        """
+
+        def called() -> Any:
+            from prefect import flow
+
+            from vastflow.flows.flow_runs.task_runs import task_runs_of
+
+            @flow(name=self.stage, flow_run_name=self.title, persist_result=False)
+            def alone() -> None:
+                with task_runs_of(self.name, self.engine) as task_runs:
+                    body(task_runs)
+
+            self.tally.begin("instantiating" if self.stage == "instantiate" else "running")
+            return alone(return_state=True)
+
+        self.run(called)
+
+
+@contextmanager
+def told(observer: Observer | None) -> Iterator[Tally]:
+    """The progress of a call, shown to `observer` from one thread; meanwhile SIGTERM interrupts as Ctrl-C does."""
+    tally = Tally()
+    with process.terminable(), Reporter(tally, observer):
+        yield tally
+
+
+@contextmanager
+def computing(
+    opened: OpenCampaign,
+    keys: Keys,
+    oracles: Sequence[Oracle[Any]],
+    tally: Tally,
+    *,
+    stage: str = "",
+    workers: int | None = None,
+    stopping: RunsWanted | None = None,
+) -> Iterator[Computing]:
+    """Make what computes a call, and end it: what vastflow says meanwhile goes to a log below the store's local folder.
+
+    Args:
+        keys: Of what is computed.
+        oracles: Those that judge, if any do.
+        stopping: None where the number of runs of a configuration is fixed.
+
+    Raises:
+        MachineError: this machine lacks something that a computation needs.
+    """
+    created, count = datetime.now(), workers or cores()
+    label = f"{directory_name(opened.name)}-{stage}" if stage else directory_name(opened.name)
+    log = campaign_log.new_log(opened.store.local / "logs", label, created)
+    with campaign_log.own_log(log):
+        check_machine()
+        engine = Engine(Index(opened.store, keys), Pool(count, log), tally, pickle.dumps(tuple(oracles)), stopping)
+        try:
+            yield Computing(opened.name, stage, engine, count, tally, log, created)
+        finally:
+            engine.close()

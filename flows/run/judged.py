@@ -1,0 +1,140 @@
+"""From a prepared campaign to judged runs: what the store has is found, round by round what is missing is computed."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from vastflow.flows.request.configurations import Runs, Selection, distinct_configurations, narrowed
+from vastflow.flows.run.computing import Computing
+from vastflow.flows.run.prepared import PreparedCampaign
+from vastflow.tasks.engine.engine import Engine, RunFault, block_size
+from vastflow.tasks.engine.index import FoundRuns
+from vastflow.tasks.engine.instantiation import Instantiated
+from vastflow.tasks.engine.shards import Shard, missing_shards
+from vastflow.tasks.store.store import Lost
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What is run of a campaign, or of a batch of its search, and of each configuration by name what the store has."""
+
+    instantiated: Instantiated
+    found: Mapping[str, FoundRuns]
+
+    @property
+    def runs(self) -> Runs:
+        """Of each configuration."""
+        return {name: each.configuration.runs for name, each in self.found.items()}
+
+    @property
+    def faults(self) -> list[RunFault]:
+        """Faults that concern no single configuration."""
+        return [RunFault("", None, "instantiate", str(fault)) for fault in self.instantiated.faults]
+
+    @property
+    def contents(self) -> list[list[str]]:
+        """Of each configuration the keys and contents of its verdicts, in order: they determine all results of a campaign."""
+        return [
+            [text for each in found.stored if each.verdicts for text in (each.verdicts.key, each.verdicts.content)]
+            for found in self.found.values()
+        ]
+
+    def incomplete(self, engine: Engine) -> list[FoundRuns]:
+        """Configurations of which something is missing that no fault explains."""
+        broken = engine.broken
+        return [each for name, each in self.found.items() if not each.complete and name not in broken]
+
+
+Completes = Callable[[Judged | None], Judged | None]
+"""Completes what is known of a batch, or gives what it can."""
+
+
+def scanned(run: PreparedCampaign, computing: Computing, instantiated: Instantiated) -> Judged:
+    """Narrow configurations to what was asked, and look what the store has of them.
+
+    Raises:
+        FileError: a name in `only` is unknown.
+    """
+    if run.search is None:
+        selection = Selection(run.asked.only, run.asked.sample, run.campaign.seed)
+        instantiated = narrowed(instantiated, selection, run.opened.file)
+    else:
+        instantiated = run.search.named(instantiated)
+    configurations = distinct_configurations(instantiated.instantiation, run.asked.runs)
+    if run.stopping is not None:
+        first = run.stopping.wanted({})
+        configurations = [replace(configuration, runs=first) for configuration in configurations]
+    wanted = {configuration.name: configuration.runs for configuration in configurations}
+    computing.tally.expect(wanted if run.search is None else run.search.expected(wanted))
+    computing.tally.begin("scanning")
+    return Judged(instantiated, computing.engine.scan(configurations))
+
+
+def look(run: PreparedCampaign, computing: Computing) -> Judged | None:
+    """What the store has of the campaign, or of the batch under way; None where it has not all that producers make."""
+    stored = run.instantiator.stored()
+    return None if stored is None else scanned(run, computing, stored)
+
+
+def through(
+    run: PreparedCampaign, computing: Computing, judged: Judged | None, completes: Completes = lambda judged: judged
+) -> Judged | None:
+    """Complete the campaign; of a search batch by batch, and in the end all points together. Stops at what is not completed.
+
+    Args:
+        judged: Of the campaign or the batch under way, what is known.
+
+    Raises:
+        Lost: verdicts are damaged.
+    """
+    engine = computing.engine
+    while True:
+        judged = completes(judged)
+        if judged is None or judged.incomplete(engine) or run.search is None:
+            return judged
+        if not run.search.take(judged.instantiated, judged.found, engine.index, engine.broken):
+            return judged
+        engine.forget(judged.found)
+        judged = look(run, computing)
+
+
+def begin(run: PreparedCampaign, computing: Computing, judged: Judged | None) -> None:
+    """Let workers begin with what is missing; or where that is not known yet, at least with compiling kernels.
+
+    Of controllers those that the families name: one that a producer chooses is compiled when a robot first drives by it.
+    """
+    if judged is None:
+        driving = (family for family in run.campaign.families if family.drives)
+        computing.engine.warm_up({**family.values, **family.overrides} for family in driving)
+    else:
+        computing.engine.begin(judged.incomplete(computing.engine), computing.workers)
+
+
+def computed(
+    judged: Judged,
+    computing: Computing,
+    compute: Callable[[Sequence[FoundRuns], Sequence[Shard]], None],
+) -> Judged:
+    """Compute what is missing; then, where a rule says how many runs a configuration wants, what it wants next.
+
+    Args:
+        compute: Brings into the store what configurations lack; they are in these shards.
+
+    Raises:
+        Lost: something is missing all the same, and no fault explains it.
+    """
+    engine = computing.engine
+    due, cut = judged.incomplete(engine), [each.configuration for each in judged.found.values()]
+    while due:
+        computing.tally.begin("running")
+        engine.block_runs = block_size(sum(each.missing_runs for each in due), computing.workers)
+        before = {each.configuration.name: each.configuration.runs for each in due}
+        compute(due, missing_shards(cut, before))
+        engine.check()
+        judged = replace(judged, found={**judged.found, **engine.scan([each.configuration for each in due])})
+        # Incomplete configurations are not scheduled again.
+        again = [each for each in judged.incomplete(engine) if each.configuration.name in before]
+        due = [each for each in again if each.configuration.runs > before[each.configuration.name]]
+        cut = [each.configuration for each in due]
+    if lost := judged.incomplete(engine):
+        raise Lost(f"results of {lost[0].configuration.name}")
+    return judged
