@@ -149,11 +149,10 @@ def gc(
 
 def _counted(holdings: "Sequence[Holding]", now_s: float) -> dict[str, Any]:
     """Return counts of whole artifacts by stage, with ages in days, as `--json` prints them."""
-    from vastflow.tasks.store.store import EARLIER_STAGES, STAGES
+    from vastflow.tasks.store.store import STAGES
 
     whole = [holding for holding in holdings if holding.whole]
-    earlier = [stage for stage in EARLIER_STAGES if any(holding.stage == stage for holding in whole)]
-    by_stage = {stage: [holding for holding in whole if holding.stage == stage] for stage in (*STAGES, *earlier)}
+    by_stage = {stage: [holding for holding in whole if holding.stage == stage] for stage in STAGES}
     return {
         **_sums(whole, now_s),
         "unfinished": len(holdings) - len(whole),

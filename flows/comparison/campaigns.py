@@ -9,7 +9,6 @@ from typing import Any, Final
 
 from vastflow.flows.comparison.gate import Gate
 from vastflow.flows.request.campaign_keys import recorded_keys
-from vastflow.flows.results.past import recorded_as
 from vastflow.flows.results.provenance import campaign_changes
 from vastflow.oracles.evidence.pairing import Pairing, pairing_of
 from vastflow.oracles.evidence.varied import varied_rows
@@ -210,15 +209,15 @@ def compared(
 def same_keys(before: Tables, after: Tables, pairing: Pairing) -> bool:
     """Whether the runs of two campaigns have the same keys: equal scenarios, code, oracles, seed and kind of machine."""
     then, now = recorded_keys(before.metadata), recorded_keys(after.metadata)
-    if then is None or then != now:
+    if then != now:
         return False
     scenarios = [_checked(tables) for tables in (before, after)]
     return all(scenarios[0][match.before] == scenarios[1][match.after] for match in pairing.matches)
 
 
 def _checked(tables: Tables) -> dict[str, str]:
-    found = tables.configurations.table.select(["name", "checked_digest", "scenario_digest"])
-    return {row["name"]: recorded_as(row) for row in found.to_pylist()}
+    found = tables.configurations.table.select(["name", "checked_digest"])
+    return {row["name"]: row["checked_digest"] for row in found.to_pylist()}
 
 
 def _new_faults(before: Tables, after: Tables, pairing: Pairing) -> int:

@@ -16,7 +16,7 @@ from vastflow.flows.request.asked import asked_of
 from vastflow.flows.request.campaign_keys import recorded_keys
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.results.inputs import replica
-from vastflow.flows.results.past import PARTS, Past, newest_past, past_of, recorded_as, writers, written_scenario
+from vastflow.flows.results.past import PARTS, Past, newest_past, past_of, writers, written_scenario
 from vastflow.flows.results.provenance import campaign_changes, change_text, value_changes
 from vastflow.flows.terminal.table import terminal_table
 from vastflow.flows.terminal.words import count_text
@@ -51,8 +51,7 @@ class Explanation:
     Attributes:
         row: Of `configurations.parquet`.
         dimensions: Dimension, or `provenance`, to what was written in it.
-        then: Stage to the keys under which the campaign kept its artifacts and the runs that are there now; None where
-            an earlier version wrote the directory.
+        then: Stage to the keys under which the campaign kept its artifacts and the runs that are there now.
         today: The plan of it from the directory's own inputs; None where that is not possible.
         obstacle: Why it is not.
         earlier: The campaign before, if there is one.
@@ -62,7 +61,7 @@ class Explanation:
     past: Past
     row: Mapping[str, Any] = field(repr=False)
     dimensions: Mapping[str, Sequence[Written]]
-    then: Mapping[str, Mapping[str, str]] | None
+    then: Mapping[str, Mapping[str, str]]
     today: Plan | None
     obstacle: str
     earlier: Past | None
@@ -93,11 +92,9 @@ def explained(directory: Path, name: str, *, store: str | None = None, since: Pa
         past=past,
         row=row,
         dimensions=_dimensions(row),
-        then=None
-        if keys is None
-        else kept(
+        then=kept(
             Index(open_store(store, read_only=True), keys),
-            ConfigurationRuns(name, "", 1, scenario, past.runs, recorded_as(row)),
+            ConfigurationRuns(name, "", 1, scenario, past.runs, row["checked_digest"]),
         ),
         today=today,
         obstacle=obstacle,
@@ -243,11 +240,6 @@ def _scenario_text(found: Explanation) -> Iterator[RenderableType]:
 
 
 def _kept(found: Explanation) -> Iterator[RenderableType]:
-    if found.then is None:
-        yield Text(
-            "an earlier version wrote the directory: it does not say under which keys the results were kept", "dim"
-        )
-        return
     table = terminal_table()
     for stage, kept in found.then.items():
         for key, runs in (kept or {"–": ""}).items():

@@ -16,7 +16,6 @@ from vastflow.flows.results.provenance import (
     changes,
     evaluation_ingredients,
     few,
-    has_ingredients,
     short_text,
     stage_ingredients,
     value_changes,
@@ -34,7 +33,6 @@ from vastflow.tasks.engine.instantiation import Evaluation, EvaluationRequest
 from vastflow.tasks.store.store import Store
 
 NEVER: Final = DueReason("never computed", "never computed before, as far as is known")
-MADE_BEFORE: Final = DueReason("never computed", "an earlier version wrote the campaign before, which has no reasons")
 _DIMENSION_AND_KEY: Final = re.compile(rf"(?:{'|'.join(PARTS)})\.[^.\[]+")
 
 
@@ -82,8 +80,6 @@ class RunReasons:
 
     def _stage(self, stage: Stage) -> DueReason | None:
         """Why no result of the past is one of today in this stage; None where every one is."""
-        if not has_ingredients(self._past.metadata):
-            return MADE_BEFORE
         if stage not in self._of_stage:
             then, now = stage_ingredients(self._past.metadata, stage), stage_ingredients(self._today, stage)
             self._of_stage[stage] = all_of([*changes(then, now)])
@@ -227,8 +223,6 @@ class EvaluationReasons:
 
     def reason(self, family: str, producer: Producer[Any], inputs: Mapping[str, Value]) -> DueReason:
         """Why the evaluation of a producer of `family` on `inputs` is not in the store."""
-        if not has_ingredients(self._past.metadata):
-            return MADE_BEFORE
         name = type(producer).__name__
         rows = self._past.metadata["producers"].get(family)
         if rows is None:

@@ -44,21 +44,18 @@ class Asked:
 
 
 def asked_of(metadata: Mapping[str, Any]) -> Asked:
-    """What the campaign of a directory was asked; of one that an earlier version wrote, what can be told of it.
+    """What the campaign of a directory was asked.
 
     Raises:
-        KeyError, ZeroDivisionError: `metadata.json` is not what any version wrote.
+        KeyError: its `metadata.json` does not say.
     """
-    if "asked" not in metadata:
-        counts = metadata["counts"]
-        return Asked(f"{metadata['name']}.vast".replace("/", "-"), counts["runs"] // counts["configurations"])
     said = metadata["asked"]
     return Asked(
         said["file"],
         said["runs"],
         tuple(said["only"]),
         said["places"],
-        said.get("sample"),
-        bool(said.get("as_v1")),
+        said["sample"],
+        said["as_v1"],
         bool(metadata.get(SEQUENTIAL)),
     )

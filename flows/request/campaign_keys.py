@@ -29,14 +29,15 @@ def campaign_keys(tree: SourceTree, seed: int, oracles: Sequence[Oracle[Any]]) -
     )
 
 
-def recorded_keys(metadata: Mapping[str, Any]) -> Keys | None:
-    """Keys of the artifacts that a campaign directory was made of; None where an earlier version wrote it.
+def recorded_keys(metadata: Mapping[str, Any]) -> Keys:
+    """Keys of the artifacts that a campaign directory was made of.
 
     Args:
         metadata: Its `metadata.json`.
+
+    Raises:
+        KeyError: it does not say.
     """
-    if not {"numeric_class", "source", "seed", "oracles"} <= metadata.keys():
-        return None
     source = metadata["source"]
     return Keys(
         numeric=metadata["numeric_class"],

@@ -34,7 +34,6 @@ from vastflow.producers.instantiation.instantiate import Instantiation
 from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.archive import behaviors_below, read_behaviors
 from vastflow.sim.model.blocks import read_rows
-from vastflow.sim.model.files import read_json
 
 LOGS_FILE: Final = "logs/runs.jsonl"
 """A line for each block of runs: `configuration`, where and with what they were executed, and `runs`."""
@@ -188,7 +187,7 @@ def write_instantiation(place: Path, instantiation: Instantiation) -> None:
 
 
 class KeptLogs:
-    """Reads `logs/runs.jsonl`, or a file for each configuration as earlier versions wrote them.
+    """Reads `logs/runs.jsonl`.
 
     Reading raises `OSError` or `ValueError` where the file is damaged.
     """
@@ -198,10 +197,6 @@ class KeptLogs:
 
     def of(self, configuration: str) -> list[dict[str, Any]]:
         """The log of each of a configuration's runs, in order, with the block's host and versions; empty without any."""
-        own = self._directory / "logs" / f"{configuration}.json"
-        if own.is_file():
-            rows: list[dict[str, Any]] = read_json(own)
-            return rows
         found: dict[int, dict[str, Any]] = {}
         for line in self._lines.get(configuration, ()):
             block = json.loads(line)

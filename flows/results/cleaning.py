@@ -13,9 +13,8 @@ from vastflow.flows.request.asked import asked_of
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.campaign_keys import recorded_keys
 from vastflow.flows.results.inputs import replica
-from vastflow.flows.results.past import recorded_as
 from vastflow.oracles.results.column import table_rows
-from vastflow.oracles.results.unusable import UnusableDirectory, reading
+from vastflow.oracles.results.unusable import reading
 from vastflow.producers.floorplan.environment import FOLDER
 from vastflow.sim.model.files import read_json
 from vastflow.tasks.engine.evaluation import FRAGMENTS
@@ -63,12 +62,8 @@ def _recorded(directory: Path) -> tuple[Keys, Mapping[str, Any], list[str]]:
     with reading(directory):
         metadata = read_json(directory / "metadata.json")
         keys = recorded_keys(metadata)
-        rows = table_rows(directory / "configurations.parquet", "scenario_digest", "checked_digest")
-        scenarios = sorted({recorded_as(row) for row in rows})
-    if keys is None:
-        raise UnusableDirectory(
-            f"{directory}: an earlier version wrote it, without the keys of its results; run the campaign again"
-        )
+        rows = table_rows(directory / "configurations.parquet", "checked_digest")
+        scenarios = sorted({str(row["checked_digest"]) for row in rows})
     return keys, metadata, scenarios
 
 
@@ -151,9 +146,9 @@ def cleaning(store: Store, referred: References | None, older_than_s: float, now
 
 
 def clean(store: Store, chosen: Cleaning) -> None:
-    """Remove what was chosen, and the folder in which flow runs of earlier versions kept files while they ran."""
+    """Remove what was chosen."""
     store.remove(holding.key for holding in chosen.removed)
-    for folder in (*chosen.environments, store.local / "parcels"):
+    for folder in chosen.environments:
         shutil.rmtree(folder, ignore_errors=True)
 
 

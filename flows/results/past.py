@@ -36,14 +36,14 @@ class _Asked(TypedDict):
     runs: int
     only: list[str]
     places: dict[str, str]
-    sample: NotRequired[int | None]
-    map_dir: NotRequired[str | None]
-    as_v1: NotRequired[bool]
+    sample: int | None
+    as_v1: bool
 
 
-class _Counts(TypedDict):
-    runs: int
-    configurations: Annotated[int, Field(gt=0)]
+class _StageSources(TypedDict):
+    execute: str
+    observe: str
+    judge: str
 
 
 @with_config(_EXACT)
@@ -53,25 +53,10 @@ class _Metadata(TypedDict):
     asked: _Asked
     numeric_class: str
     seed: int
+    source: _StageSources
     oracles: list[_PlugIn]
     producers: dict[str, list[_PlugIn]]
     code: dict[str, _Source]
-
-
-@with_config(_EXACT)
-class _WithoutIngredients(TypedDict):
-    name: str
-    created: str
-    asked: _Asked
-    code: NotRequired[dict[str, Any]]
-
-
-@with_config(_EXACT)
-class _WithoutWhatWasAsked(TypedDict):
-    name: str
-    created: str
-    counts: _Counts
-    code: NotRequired[dict[str, Any]]
 
 
 class _Parts(TypedDict):
@@ -91,13 +76,13 @@ class _Configuration(TypedDict):
     name: str
     family: str
     scenario_digest: str
-    checked_digest: NotRequired[str | None]
+    checked_digest: str
     duplicate_of: str | None
     abstract: str
     timeout_s: float
     scenario: Json[_Parts]
     provenance: Json[dict[str, Any]]
-    steps: NotRequired[Json[list[_Step]] | None]
+    steps: Json[list[_Step]]
 
 
 @with_config(_EXACT)
@@ -115,50 +100,21 @@ def _with_sources(found: _Metadata) -> _Metadata:
 
 
 _METADATA: Final[TypeAdapter[Any]] = TypeAdapter(Annotated[_Metadata, AfterValidator(_with_sources)])
-_EARLIER: Final[TypeAdapter[Any]] = TypeAdapter(_WithoutIngredients)
-_EARLIEST: Final[TypeAdapter[Any]] = TypeAdapter(_WithoutWhatWasAsked)
 _CONFIGURATIONS: Final[TypeAdapter[Any]] = TypeAdapter(list[_Configuration])
 _RUNS: Final[TypeAdapter[Any]] = TypeAdapter(list[_Run])
 
 
-class OtherContent(ValueError):
-    """A value that no version wrote there; says where it stands."""
-
-
-def check_metadata(metadata: Any) -> None:
-    """Raises `OtherContent` where a value of `metadata.json` is of another kind than any version wrote."""
-    found = metadata if isinstance(metadata, Mapping) else {}
-    code = found.get("code")
-    with_ingredients = isinstance(code, Mapping) and "execute" in code
-    _check(_METADATA if with_ingredients else _EARLIER if "asked" in found else _EARLIEST, metadata, "metadata.json")
-
-
-def check_configurations(rows: Sequence[Mapping[str, Any]], file: str) -> None:
-    """Raises `OtherContent` where a row is none of `configurations.parquet`, or a JSON text in it is another."""
-    _check(_CONFIGURATIONS, rows, file)
-
-
-def check_runs(rows: Sequence[Mapping[str, Any]], file: str) -> None:
-    """Raises `OtherContent` where a row names no run."""
-    _check(_RUNS, rows, file)
-
-
 def _check(kind: TypeAdapter[Any], found: Any, file: str) -> None:
+    """Raise `ValueError` where a value in a file is of another kind than vastflow writes."""
     try:
         kind.validate_python(found)
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=False, include_input=False)[0]
         place = ".".join(map(str, first["loc"]))
-        raise OtherContent(f"{file}: {f'{place}: ' if place else ''}{first['msg']}") from None
+        raise ValueError(f"{file}: {f'{place}: ' if place else ''}{first['msg']}") from None
 
 
 PARTS = ("environment", "task", "system")
-
-
-def recorded_as(row: Mapping[str, Any]) -> str:
-    """The digest that stands for a configuration's scenario in keys; earlier versions had that of what was written."""
-    digest: str = row.get("checked_digest") or row["scenario_digest"]
-    return digest
 
 
 @dataclass(frozen=True)
@@ -176,7 +132,7 @@ class Past:
     def rows(self) -> list[dict[str, Any]]:
         """Rows of `configurations.parquet`, JSON columns as text."""
         rows = table_rows(self.directory / "configurations.parquet")
-        check_configurations(rows, "configurations.parquet")
+        _check(_CONFIGURATIONS, rows, "configurations.parquet")
         return rows
 
     @cached_property
@@ -192,7 +148,7 @@ class Past:
     @cached_property
     def by_key(self) -> Mapping[str, dict[str, Any]]:
         """The digest that stands for a scenario in keys to the row of the configuration that was run."""
-        return {recorded_as(row): row for row in self.rows if row["duplicate_of"] is None}
+        return {row["checked_digest"]: row for row in self.rows if row["duplicate_of"] is None}
 
     @cached_property
     def recorded(self) -> frozenset[tuple[str, int]]:
@@ -217,7 +173,7 @@ class Past:
 
     def _runs(self, file: str) -> list[dict[str, Any]]:
         rows = table_rows(self.directory / file, "configuration", "run_index")
-        check_runs(rows, file)
+        _check(_RUNS, rows, file)
         return rows
 
     def check(self) -> None:
@@ -227,7 +183,7 @@ class Past:
             UnusableDirectory: something is missing or damaged.
         """
         with reading(self.directory):
-            check_metadata(self.metadata)
+            _check(_METADATA, self.metadata, "metadata.json")
             _ = self.rows, self.recorded, self._wanted if asked_of(self.metadata).sequential else None
 
 
@@ -285,4 +241,4 @@ def values_of(row: Mapping[str, Any]) -> dict[str, Any]:
 
 def writers(row: Mapping[str, Any]) -> dict[str, str]:
     """Key to the producer that wrote it last; what the campaign file fixes is not in it."""
-    return {key: step["producer"] for step in json.loads(row.get("steps") or "[]") for key in step["keys"]}
+    return {key: step["producer"] for step in json.loads(row["steps"]) for key in step["keys"]}

@@ -88,21 +88,19 @@ def origin_row(keys: Keys) -> dict[str, Any]:
 def origin_differences(metadata: Mapping[str, Any], numeric: str, execute_source: str) -> list[str]:
     """Why a run may come out as another here than it was recorded, a sentence each; none where the bytes must be equal.
 
-    A directory written before `metadata.json` named its origin says nothing.
-
     Args:
         metadata: Of the campaign directory.
         numeric: The numeric class of this process.
         execute_source: Source digest of the simulator as it is installed here.
     """
     found = []
-    recorded_source = metadata.get("source", {}).get("execute", execute_source)
+    recorded_source = metadata["source"]["execute"]
     if recorded_source != execute_source:
         others = "".join(f"; {words}" for words in _other_versions(metadata))
         found.append(
             f"recorded with other source of the simulator ({recorded_source[:12]}, here {execute_source[:12]}){others}"
         )
-    recorded_class = metadata.get("numeric_class", numeric)
+    recorded_class = metadata["numeric_class"]
     if recorded_class != numeric:
         then, now = numeric_parts(recorded_class), numeric_parts(numeric)
         words = changes_text(then, now) if then.keys() == now.keys() else f"{recorded_class!r}, here {numeric!r}"
@@ -120,12 +118,7 @@ def versions(metadata: Mapping[str, Any], same_origin: bool) -> str:
     words = [f"recorded by vastflow {metadata['vastflow']}, executed by vastflow {here}", *_other_versions(metadata)]
     host = {key: metadata["host"][key] for key in ("machine", "system")}
     words += [f"{name} {then}, here {now}" for name, then in host.items() if (now := _version(name)) != then]
-    if "source" not in metadata or "numeric_class" not in metadata:
-        if len(words) == 1 and metadata["vastflow"] == here:
-            words.append(
-                "libraries and machine are of the same versions: the simulator's code or the processor is another"
-            )
-    elif same_origin:
+    if same_origin:
         words.append(
             "source and numeric class are those of the recording, so the file was changed or this is an internal error"
         )
@@ -141,8 +134,6 @@ def _other_versions(metadata: Mapping[str, Any]) -> Iterator[str]:
 def numeric_parts(numeric: str) -> dict[str, Any]:
     """A numeric class by its parts, of which some are lists; as a whole where another version wrote it in another form."""
     parts = numeric.split("; ")
-    if len(parts) == len(_CLASS_PARTS) - 1:  # before it had Python's minor version
-        parts.append("not recorded")
     if len(parts) != len(_CLASS_PARTS):
         return {"all of it": numeric}
     return {name: part.split() if name in _LISTS else part for name, part in zip(_CLASS_PARTS, parts, strict=True)}
@@ -249,11 +240,6 @@ def _file_name(name: str) -> str:
     return name.removeprefix("vastflow.")
 
 
-def has_ingredients(metadata: Mapping[str, Any]) -> bool:
-    """Whether a directory's `metadata.json` has them; earlier versions wrote none."""
-    return "execute" in metadata.get("code", {})
-
-
 def stage_ingredients(metadata: Mapping[str, Any], stage: Stage) -> dict[str, tuple[ReasonKind, Any]]:
     """What every key of a stage follows from, in the order in which it is told."""
     found: dict[str, tuple[ReasonKind, Any]] = {
@@ -310,8 +296,6 @@ def campaign_changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[st
     """What differs in the `metadata.json` of two campaigns beside their configurations, a sentence each."""
     versions = then.get("vastflow"), now.get("vastflow")
     found = [] if versions[0] == versions[1] else [change_text("vastflow", *versions)]
-    if not has_ingredients(then) or not has_ingredients(now):
-        return [*found, "an earlier version wrote one of both: what else they follow from is not known"]
     reasons = (changes(stage_ingredients(then, stage), stage_ingredients(now, stage)) for stage in STAGES)
     return [*found, *dict.fromkeys(str(reason) for some in reasons for reason in some)]
 

@@ -96,7 +96,6 @@ def _home(key: str) -> str:
 
 __all__ = [
     "EARLIER",
-    "EARLIER_STAGES",
     "MANIFEST",
     "STAGES",
     "WRITING_S",
@@ -116,8 +115,6 @@ LOGGER: Final = logging.getLogger("vastflow.store")
 VARIABLE: Final = "VASTFLOW_STORE"
 STAGES: Final = ("evaluate", "search", "execute", "observe", "judge", "bundle")
 """The first name of an artifact's key; a store's place may hold other things beside them."""
-EARLIER_STAGES: Final = ("parcel", "report")
-"""Those of earlier versions: nothing reads what they hold, and it is counted so that it can be seen and deleted."""
 
 _TRIES: Final = 100
 """Others who write and remove can get in between as often as this before something else must be wrong."""
@@ -299,7 +296,7 @@ class Store:
     def holdings(self) -> list[Holding]:
         """All artifacts, and what looks like one that is not finished, by key."""
         folders: dict[str, list[Listed]] = {}
-        for file in self._files.listed((*STAGES, *EARLIER_STAGES)):
+        for file in self._files.listed(STAGES):
             folders.setdefault(file.key, []).append(file)
         return [
             Holding(

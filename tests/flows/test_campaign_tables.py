@@ -102,9 +102,3 @@ def test_damaged_run_log_is_left_out(tmp_path, damaged):
     logs.add("room-1", [damaged, log(0, 1)])
     logs.close()
     assert [row["run_index"] for row in KeptLogs(tmp_path).of("room-1")] == [0]
-
-
-def test_logs_of_an_earlier_version_are_read_too(tmp_path):
-    (tmp_path / "logs").mkdir()
-    (tmp_path / "logs" / "room-1.json").write_text('[{"run_index": 0}]')
-    assert KeptLogs(tmp_path).of("room-1") == [{"run_index": 0}]

@@ -17,6 +17,7 @@ INGREDIENTS = {
     "vastflow": "0.1.0",
     "numeric_class": "x86_64; glibc",
     "seed": 1,
+    "source": {"execute": "e", "observe": "o", "judge": "j"},
     "oracles": [],
     "code": {stage: {"files": {"sim.run": "a"}, "libraries": {"numpy": "1.0"}} for stage in STAGES},
 }
@@ -37,6 +38,7 @@ def write(folder, configurations, *, oracles=("success",), seed="", created="202
             "name": name,
             "family": "f",
             "scenario_digest": f"{task} {system}",
+            "checked_digest": f"{task} {system}",
             "abstract": "builtin:navigate_to_pose",
         }
         rows.append(

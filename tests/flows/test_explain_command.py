@@ -195,17 +195,6 @@ def test_what_a_run_would_do_today_is_left_open_where_the_inputs_are_gone(place)
         explained(place, directory, "room-1")
 
 
-def test_directory_of_an_earlier_version_says_so(place):
-    directory = place.run()
-    metadata = json.loads((directory / "metadata.json").read_text())
-    for key in ("seed", "oracles", "asked", "code", "producers"):
-        del metadata[key]
-    (directory / "metadata.json").write_text(json.dumps(metadata))
-    found = explained(place, directory, "room-1")
-    assert found.then is None
-    assert "an earlier version wrote the directory" in called("plan", directory, "room-1").stdout
-
-
 def called(*arguments):
     return CliRunner().invoke(app, [str(argument) for argument in arguments])
 

@@ -360,20 +360,6 @@ def test_another_kind_of_machine_is_said(again, first, tmp_path):
 
 
 @pytest.mark.slow
-def test_directory_of_an_earlier_version_tells_what_it_can(again, first, tmp_path, monkeypatch):
-    past = Path(shutil.copytree(first, tmp_path / "past"))
-    metadata = json.loads((past / "metadata.json").read_text())
-    for key in ("code", "asked", "oracles", "producers", "seed"):
-        del metadata[key]
-    (past / "metadata.json").write_text(json.dumps(metadata))
-    found = again.dry(NOISE, LEAST, ("dry.vast", "runs: 2", "runs: 3"), since=past)
-    assert [kind for kind, _, _ in reasons(found, "execute")] == ["more runs", "scenario changed"]
-    assert [kind for kind, _, _ in reasons(found, "instantiate")] == ["never computed"]
-    made_before = "an earlier version wrote the campaign before, which has no reasons"
-    assert [words for _, words, _ in reasons(found, "instantiate")] == [made_before]
-
-
-@pytest.mark.slow
 def test_that_a_scenario_is_read_as_another_is_told_from_another_scenario(again, first, tmp_path):
     past = Path(shutil.copytree(first, tmp_path / "past"))
     table = pq.read_table(past / "configurations.parquet")

@@ -391,7 +391,7 @@ def test_there_are_as_many_shards_as_the_work_is_worth(configurations, runs, mos
 
 
 def test_pool_has_a_name_and_at_least_one_shard():
-    with pytest.raises(WorkPoolError, match="--pool: found an empty name"):
+    with pytest.raises(WorkPoolError, match="--pool: expected the name of a work pool"):
         WorkPool("")
     with pytest.raises(WorkPoolError, match="--shards: expected 1 or more, got 0"):
         WorkPool("lab", shards=0)

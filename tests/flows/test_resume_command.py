@@ -230,13 +230,6 @@ def test_keys_of_a_campaign_follow_from_its_directory(directory, small_room, tre
     keys = campaign_keys(tree, campaign.seed, oracles)
     assert recorded_keys(metadata) == keys
     assert recorded_keys(metadata).verdicts("s", "r", "t") == keys.verdicts("s", "r", "t")
-    del metadata["seed"]
-    assert recorded_keys(metadata) is None
-
-
-def test_of_a_directory_of_an_earlier_version_runs_are_told_from_its_counts():
-    asked = asked_of({"name": "a/b", "counts": {"runs": 12, "configurations": 4}})
-    assert asked == Asked("a-b.vast", 3)
 
 
 def test_campaign_that_never_ended_has_no_directory_and_the_message_says_what_does_go_on(tmp_path):

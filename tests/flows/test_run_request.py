@@ -10,10 +10,8 @@ from typer.testing import CliRunner
 from vastflow.flows import run_campaign
 from vastflow.flows.__main__ import app
 from vastflow.flows.campaign import campaign
-from vastflow.flows.pool.shard_flow import run_shard
 from vastflow.flows.request.run_request import NAMES, RunRequest, request_of
 from vastflow.flows.request.work_pool import WorkPool
-from vastflow.flows.scheduled import DeployAgain, run_scheduled
 
 
 def test_request_goes_through_json_unchanged(tmp_path):
@@ -61,24 +59,3 @@ def test_option_out_of_bounds_is_told_with_what_was_found(options, words):
 def test_option_that_there_is_not_is_told_with_those_there_are():
     with pytest.raises(TypeError, match="no option 'run'; those there are: runs, results, store"):
         request_of("x.vast", {"run": 2})
-
-
-def test_deployment_of_an_earlier_version_is_refused_and_told_to_be_deployed_again():
-    assert f"{run_scheduled.fn.__module__}.{run_scheduled.fn.__name__}" == "vastflow.flows.scheduled.run_scheduled"
-    with pytest.raises(DeployAgain, match=r"deploy again: `vastflow deploy quickstart\.vast`"):
-        run_scheduled.fn(campaign="quickstart.vast", runs=3, results="results")
-
-
-def test_shard_that_an_earlier_version_asks_for_is_refused_and_told_what_helps():
-    assert f"{run_shard.fn.__module__}.{run_shard.fn.__name__}" == "vastflow.flows.pool.shard_flow.run_shard"
-    assert run_shard.name == "vastflow-shard"
-    with pytest.raises(DeployAgain, match=r"deploy again: `vastflow deploy FILE --pool POOL`"):
-        run_shard.fn(store="s3://bucket/store", parcel="parcel/ab/abc", workers=2)
-
-
-def test_parameters_of_an_earlier_deployment_never_run_with_defaults():
-    old = {"campaign": "quickstart.vast", "runs": 3}
-    with pytest.raises(Exception, match=r"request|campaign"):
-        campaign.validate_parameters(old)
-    with pytest.raises(TypeError, match=r"unexpected keyword argument 'runs'|missing a required argument: 'request'"):
-        campaign(**old)

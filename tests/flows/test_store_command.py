@@ -239,7 +239,7 @@ def test_gc_deletes_nothing_if_a_campaign_directory_is_damaged(ran, store):
     metadata = json.loads((first / "metadata.json").read_text())
     without_seed = json.dumps({key: metadata[key] for key in metadata if key != "seed"})
     for file, content, words in (
-        ("metadata.json", without_seed, "an earlier version wrote it"),
+        ("metadata.json", without_seed, "damaged campaign directory"),
         ("configurations.parquet", "nonsense", f"{first}: damaged campaign directory"),
         ("metadata.json", "nonsense", f"{first}: damaged campaign directory"),
     ):
@@ -254,13 +254,3 @@ def test_page_of_store_describes_every_option():
     common = set.intersection(*of.values())
     own = {(option, f"`{name}`") for name, options in of.items() for option in options - common}
     assert set(rows) == own | {(option, "all") for option in common}
-
-
-def test_gc_deletes_old_parcels_of_earlier_version(store):
-    store.put("parcel/ab/abc", {"members.json": b"[]"})
-    (store.local / "parcels" / "abc").mkdir(parents=True)
-    assert reported("info")["stages"]["parcel"]["artifacts"] == 1
-    assert reported("gc", "--older-than", 1)["keys"] == []
-    grow_old(store)
-    assert reported("gc", "--older-than", 1)["keys"] == ["parcel/ab/abc"]
-    assert "parcel" not in reported("info")["stages"] and not (store.local / "parcels").exists()
