@@ -133,6 +133,21 @@ def test_places_that_the_way_through_the_code_names_are_there():
     assert files and [file for file in files if not (ROOT / file).is_file()] == []
 
 
+def test_path_of_a_noise_level_has_twelve_steps_that_are_functions():
+    page = (ROOT / "docs" / "find-your-way-in-the-code.md").read_text()
+    steps = re.findall(r"^\| (\d+) \| \[`([\w.]+)`\]\(\.\./([\w/]+\.py)\) in `\3` \|", page, re.MULTILINE)
+    assert [int(number) for number, _, _ in steps] == list(range(1, 13))
+    assert [step for step in steps if step[1] not in functions(ROOT / step[2])] == []
+
+
+def functions(file):
+    """Names of a module's functions and methods."""
+    body = ast.parse(file.read_text()).body
+    own = {each.name for each in body if isinstance(each, ast.FunctionDef)}
+    methods = ((kind.name, each) for kind in body if isinstance(kind, ast.ClassDef) for each in kind.body)
+    return own | {f"{kind}.{each.name}" for kind, each in methods if isinstance(each, ast.FunctionDef)}
+
+
 def test_top_level_holds_nothing_beyond_the_fixed_layout():
     found = {path.name for path in ROOT.iterdir() if not path.name.startswith(".")}
     assert {name for name in found - MADE_HERE if not name.endswith(".egg-info")} == LAYOUT
