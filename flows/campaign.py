@@ -61,7 +61,7 @@ def campaign(request: RunRequest) -> State[Any]:
     Raises:
         FileError: faults of the campaign file.
         StoreError: the store can't be used.
-        WorkPoolError, WorkersFailed: the work pool that was asked can't compute it.
+        UserError, WorkersFailed: the work pool that was asked can't compute it.
     """
     if request.bundle is not None:
         return compute_bundle(request, request.bundle)

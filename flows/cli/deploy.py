@@ -207,7 +207,7 @@ def _register(
     from prefect.exceptions import PrefectHTTPStatusError
 
     from vastflow.flows.campaign import campaign
-    from vastflow.flows.pool.service import OtherPool, register_flow, register_pool, type_of_pool
+    from vastflow.flows.pool.service import register_flow, register_pool, type_of_pool
     from vastflow.tasks.prefect import retry
 
     def registered() -> tuple[str, dict[str, bool]]:
@@ -232,8 +232,6 @@ def _register(
                     raise typer.Exit(FAULT)
             busy = f"is busy; trying again for up to {patience}"
             found, new = retry.retried(registered, retry.IN_BETWEEN_S, missed=lambda _: say(busy))
-    except OtherPool as error:
-        raise UserError(f"--pool: {error}") from None
     except (httpx.TransportError, PrefectHTTPStatusError) as error:
         say(f"was busy for {patience}; deploy again later" if retry.is_away(error) else f"did not take it: {error}")
         raise typer.Exit(FAULT) from None

@@ -1,4 +1,4 @@
-"""A call of a Prefect flow, with an API of its own where none is configured, while the workers compute already."""
+"""A call of a Prefect flow, with an embedded API if none is configured."""
 
 import contextvars
 import ctypes
@@ -38,7 +38,7 @@ _JOIN_S: Final = 3.0
 
 
 class FlowCall:
-    """One call of a flow. An embedded API starts with the object, beside whatever its owner does next; `run` ends it.
+    """One call of a flow; an embedded API starts with the object and ends with `run`.
 
     Args:
         engine: What the flow computes with; an interrupt ends it.

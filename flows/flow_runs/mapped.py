@@ -4,10 +4,9 @@ Where there is nothing to map, Prefect is not imported.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 from vastflow.flows.flow_runs.task_runs import TaskRuns
-from vastflow.tasks.engine.engine import Rows
 from vastflow.tasks.engine.evaluation import packed
 from vastflow.tasks.engine.instantiation import EvaluationRequest, Instantiated, Instantiator
 from vastflow.tasks.engine.shards import ProducerShard, Shard, shard_ranges
@@ -15,12 +14,11 @@ from vastflow.tasks.engine.shards import ProducerShard, Shard, shard_ranges
 if TYPE_CHECKING:
     from prefect.futures import PrefectFuture
 
-Made: TypeAlias = "Sequence[PrefectFuture[Any]] | Sequence[Rows]"
-"""Of each shard what a stage made, or will have made."""
-
 
 def instantiate(task_runs: TaskRuns, instantiator: Instantiator) -> Instantiated:
-    """C^i = { c ⊕ f : c ∈ C^{i-1}, f ∈ p_i(c) }: each producer is evaluated once for each of its distinct inputs.
+    """Evaluate each producer once per distinct input.
+
+    C^i = { c ⊕ f : c ∈ C^{i-1}, f ∈ p_i(c) }
 
     Raises:
         FileError: a constraint can't be evaluated, constraints leave nothing, or a design is too large.
@@ -34,30 +32,15 @@ def instantiate(task_runs: TaskRuns, instantiator: Instantiator) -> Instantiated
     return instantiator.instantiated(evaluated)
 
 
-def execute(task_runs: TaskRuns, shards: Sequence[Shard]) -> "list[PrefectFuture[Any]]":
-    """Execute the missing runs of shards."""
-    return task_runs.map("execute", shards)
-
-
-def observe(task_runs: TaskRuns, shards: Sequence[Shard], recordings: Made) -> "list[PrefectFuture[Any]]":
-    """Observe the recordings of shards, each as soon as it is there."""
-    return task_runs.map("observe", shards, recordings)
-
-
-def judge(task_runs: TaskRuns, shards: Sequence[Shard], traces: Made) -> "list[PrefectFuture[Any]]":
-    """Judge the traces of shards, each as soon as they are there."""
-    return task_runs.map("judge", shards, traces)
-
-
 def compute(task_runs: TaskRuns, shards: Sequence[Shard]) -> None:
-    """Execute, observe and judge shards, each through all stages as soon as it can be, and wait for all."""
+    """Execute, observe, and judge shards, each through all stages as soon as possible, and wait for all."""
     recordings: list[PrefectFuture[Any]] = []
     traces: list[PrefectFuture[Any]] = []
     verdicts: list[PrefectFuture[Any]] = []
     for shard in shards:
-        recordings += execute(task_runs, [shard])
-        traces += observe(task_runs, [shard], recordings[-1:])
-        verdicts += judge(task_runs, [shard], traces[-1:])
+        recordings += task_runs.map("execute", [shard])
+        traces += task_runs.map("observe", [shard], recordings[-1:])
+        verdicts += task_runs.map("judge", [shard], traces[-1:])
     task_runs.wait(shards, recordings, traces, verdicts)
 
 

@@ -1,4 +1,4 @@
-"""What Prefect's pages show of a campaign: progress, a table of results, a link to the report, a name one can read.
+"""A campaign on Prefect's pages: progress, results, a link to the report, a readable name.
 
 Nothing of it is needed for the campaign: where Prefect's API refuses, a line in the log says so and the campaign goes on.
 """
@@ -136,7 +136,7 @@ class Page:
 
 
 def outcome_text(found: Results) -> str:
-    """What a campaign came to, in a line."""
+    """Format the outcome of a campaign in one line."""
     summary = found.summary
     counts = f"{summary.passed} passed, {summary.failed} failed, {summary.not_judged} not judged"
     work = f"{summary.executed} runs executed, {summary.reused} from the store"
@@ -144,7 +144,7 @@ def outcome_text(found: Results) -> str:
 
 
 def publish(found: Results, name: str, reports: str | None = None) -> None:
-    """Make a table of the results and a link to the report, both of the flow run that calls this; none where nobody sees them.
+    """Publish a table of results and a link to the report on the current flow run's page.
 
     Args:
         name: The campaign's.
@@ -188,7 +188,7 @@ def progress_text(progress: Progress) -> str:
 
 
 def size_text(configurations: int, runs: int, at_most: bool = False) -> str:
-    """Such as `24 configurations × 5 runs`; `24 configurations, 341 runs` where they have different numbers of them."""
+    """Format a size, such as `24 configurations × 5 runs` or `24 configurations, 341 runs`."""
     said = f"{configurations} configuration{'s'[: configurations != 1]}"
     each, rest = divmod(runs, configurations) if configurations else (0, 0)
     most = "at most " * at_most

@@ -1,4 +1,4 @@
-"""Task runs of a flow run: mapped over shards, waited for, logged, and recorded by Prefect's server before the flow returns."""
+"""Task runs of a flow run: mapped over shards, awaited, logged, and recorded by Prefect's server."""
 
 import logging
 import threading
@@ -24,7 +24,7 @@ NEVER_BEGUN: Final = "Finished in state Pending("
 
 @contextmanager
 def quiet_task_runs(engine: Engine, flow_run_id: str) -> Iterator[None]:
-    """Send nothing below a warning of task runs to Prefect's API; a flow run's page would list some lines for each.
+    """Send only warnings and errors of task runs to Prefect's API.
 
     Once the engine is closed the task runs of the flow run say nothing at all: each would report that it was cancelled. Nor do those
     that never began, which Prefect reports as errors where a flow run is suspended.
@@ -72,7 +72,7 @@ class TaskRuns:
         self._recorded = 0
 
     def map(self, stage: str, shards: Sequence[Any], *upstream: Sequence[Any]) -> "list[PrefectFuture[Any]]":
-        """A task run for each shard. Prefect hears of no more of a stage than there are workers: others would be `Running` and only wait.
+        """Submit a task run for each shard, at most as many at a time as there are workers.
 
         Args:
             stage: Name of a task of `vastflow.tasks.prefect.stages`.
@@ -131,7 +131,7 @@ class TaskRuns:
                 future.wait()
 
     def cancel(self) -> None:
-        """Tell Prefect that task runs which were to follow on others won't begin any more: it would show them as `Pending` for ever."""
+        """Cancel pending task runs, which Prefect would show as `Pending` forever."""
         from prefect.client.orchestration import get_client
         from prefect.exceptions import ObjectNotFound
         from prefect.states import Cancelled
@@ -157,7 +157,7 @@ class TaskRuns:
 def task_runs_of(
     name: str, engine: Engine, tally: Tally | None = None, page: Observer | None = None
 ) -> Iterator[TaskRuns]:
-    """The task runs of the flow run that this is called from, which is found by the campaign's name and logs faults only.
+    """Open the task runs of the current flow run, tagged with the campaign's name.
 
     Args:
         name: The campaign's.

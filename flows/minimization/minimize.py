@@ -2,15 +2,15 @@
 
 import io
 import os
-from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from PIL import Image
 
-from vastflow.flows.flow_runs import mapped
+from vastflow.flows.flow_runs.mapped import compute
 from vastflow.flows.minimization.candidate_file import BuiltCandidate, candidate_files, placed
 from vastflow.flows.minimization.failing import Failing, NotMinimized, failing_configuration
 from vastflow.flows.minimization.minimized import Minimized, comment_of
@@ -26,7 +26,6 @@ from vastflow.producers.minimization.candidates import NotBuilt
 from vastflow.producers.minimization.minimize import Candidate, Minimum, Unconfirmed, minimize
 from vastflow.producers.model.configuration import Configuration
 from vastflow.tasks.engine.progress import Observer
-from vastflow.tasks.engine.shards import Shard
 from vastflow.tasks.keys.source import installed_tree
 from vastflow.tasks.store.store import Lost, open_store
 
@@ -119,13 +118,7 @@ def _answered(
             answers.append((minimize(failing.subject.circumstances, trials.judge, trials.confirm), trials))
 
     def body(task_runs: "TaskRuns") -> None:
-        def compute(shards: Sequence[Shard]) -> None:
-            recordings = mapped.execute(task_runs, shards)
-            traces = mapped.observe(task_runs, shards, recordings)
-            verdicts = mapped.judge(task_runs, shards, traces)
-            task_runs.wait(shards, recordings, traces, verdicts)
-
-        ask(compute)
+        ask(partial(compute, task_runs))
 
     for _ in run.engine.attempts():
         ask(None)

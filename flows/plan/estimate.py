@@ -1,4 +1,4 @@
-"""How long runs may take."""
+"""Estimates of computation time."""
 
 import itertools
 import math
@@ -35,7 +35,7 @@ class Estimate:
 
     @property
     def how(self) -> str:
-        """What was assumed, in one sentence."""
+        """The assumptions, in one sentence."""
         cores = "1 core" if self.cores == 1 else f"{self.cores} cores"
         return (
             f"each run its path at {MEAN_SPEED_MPS:g} m/s, {self.timeout_s:g} s at most, {cores} of {TIMES_REAL_TIME:g} times "

@@ -1,4 +1,4 @@
-"""An explanation: one configuration of a campaign directory, where it came from and what a run of it would do today."""
+"""Explanation of one configuration: its origin, and what a run of it would do today."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -143,7 +143,7 @@ def _dimensions(row: Mapping[str, Any]) -> dict[str, list[Written]]:
 
 
 def _today(past: Past, name: str, store: str | None) -> tuple[Plan | None, str]:
-    """What a run of one configuration would do, and why that can't be told."""
+    """Return the plan of one configuration, or None and the reason why there is none."""
     asked = asked_of(past.metadata)
     try:
         with replica(past.directory, asked) as laid_out, TemporaryDirectory(prefix="vastflow-") as environments:
@@ -163,7 +163,7 @@ def _today(past: Past, name: str, store: str | None) -> tuple[Plan | None, str]:
 
 
 def _differences(earlier: Past, past: Past, row: Mapping[str, Any]) -> list[str]:
-    """What is other in the earlier campaign's configuration of the same name, and in what it was computed with."""
+    """Describe differences from the earlier configuration of the same name and its ingredients."""
     found = []
     namesake = earlier.by_name.get(row["name"])
     if namesake is None:
@@ -209,7 +209,7 @@ def _today_json(found: Explanation) -> dict[str, Any]:
 
 
 def explanation_text(found: Explanation) -> Iterator[RenderableType]:
-    """The same in the order in which one asks: what it is, where it is, what would happen, what was before."""
+    """Format an explanation: content, stored artifacts, plan, and comparison."""
     row, metadata = found.row, found.past.metadata
     yield Text(f"{row['name']} of family {row['family']}, {metadata['name']} of {metadata['created']}", "bold")
     if row["duplicate_of"]:

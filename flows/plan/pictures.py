@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def plan_view_of(configuration: Configuration) -> "PlanView":
-    """What there is to draw of a configuration.
+    """Return the plan view of a configuration.
 
     Raises:
         ValueError: it has no map, or a mission or an obstacle that can't be read.

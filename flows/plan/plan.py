@@ -1,4 +1,4 @@
-"""The plan of a run: configurations, coverage, what is in the store, what would be computed, and why. Making it writes nothing."""
+"""The plan of a run: configurations, coverage, stored results, due work, and reasons."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -48,7 +48,7 @@ class Due:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a run would do.
+    """The plan of a run.
 
     Attributes:
         name: The campaign's.
@@ -90,11 +90,11 @@ class Plan:
         return [each for each in self.configurations if each.duplicate_of is None]
 
     def found(self, stage: Stage, family: str | None = None) -> int:
-        """What is in the store of a stage, of one family or of all."""
+        """Count stored results of a stage, for one family or all."""
         return sum(n for (of, name), n in self.reused.items() if of == stage and family in (None, name))
 
     def computed(self, stage: Stage, family: str | None = None) -> int:
-        """What a stage would compute, of one family or of all."""
+        """Count due work of a stage, for one family or all."""
         return sum(due.amount for due in self.due if due.stage == stage and family in (None, due.family))
 
     @property
@@ -171,7 +171,7 @@ def plan_of(request: RunRequest, environments: Path, since: Path | None = None) 
 
 
 def _ending(stopping: Stopping, index: Index, configuration: ConfigurationRuns) -> ConfigurationRuns:
-    """A configuration with the runs at which its class is decided, or with the most as long as it is not."""
+    """Limit a configuration to the runs that decide its class; undecided ones keep the maximum."""
     wanted, stored = stopping.stored(index, configuration)
     whole = all(each.verdicts for each in stored) and not missing([each.block for each in stored], wanted.runs)
     return wanted if whole else configuration
@@ -239,7 +239,7 @@ _FOLLOWS_OBSERVE: Final = DueReason("follows", "follows from observe")
 
 @dataclass
 class Why:
-    """What is computed of a stage and family for the same reason.
+    """Due work of a stage and family with one reason.
 
     Attributes:
         subjects: Configurations, or at `instantiate` producers, in order.
@@ -267,7 +267,7 @@ class Why:
 
 
 def whys(due: Sequence[Due]) -> list[Why]:
-    """What is due, by stage, family and reason."""
+    """Group due work by stage, family, and reason."""
     found: dict[tuple[str, str, str, str], Why] = {}
     for each in due:
         key = each.stage, each.family, each.reason.kind, each.reason.what

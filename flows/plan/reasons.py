@@ -127,7 +127,7 @@ def lost(past: Past) -> DueReason:
 
 
 def scenario_reason(then: Row, now: Row) -> DueReason:
-    """What makes the scenario of a row of `configurations.parquet` another than that of an earlier row."""
+    """Describe how the scenario of a row differs from that of an earlier row."""
     found = [*value_changes(written_scenario(then), written_scenario(now))]
     keys = list(dict.fromkeys(_key(path) for path, _, _ in found))
     who = writers(now)
@@ -140,7 +140,7 @@ def scenario_reason(then: Row, now: Row) -> DueReason:
 
 
 def _key(path: str) -> str:
-    """Of a path into a scenario the dimension and the key, or all of it where it is in no dimension."""
+    """Return dimension and key of a path into a scenario; the path itself outside of dimensions."""
     found = _DIMENSION_AND_KEY.match(path)
     return found[0] if found else path
 

@@ -59,12 +59,12 @@ def plan_json(plan: Plan, file: str) -> dict[str, Any]:
 
 
 def stages_json(plan: Plan, family: str | None = None) -> dict[Stage, dict[str, int]]:
-    """How much of each stage is in the store and how much would be computed."""
+    """Return stored and due amounts by stage."""
     return {stage: {"reused": plan.found(stage, family), "computed": plan.computed(stage, family)} for stage in STAGES}
 
 
 def why_json(plan: Plan) -> list[dict[str, Any]]:
-    """What would be computed, by stage, family, and reason."""
+    """Return due work by stage, family, and reason."""
     return [
         {
             "stage": why.stage,

@@ -11,9 +11,10 @@ from vastflow.flows.flow_runs.task_runs import TaskRuns
 from vastflow.flows.pool.driver import TAKEN_S, Driver
 from vastflow.flows.pool.service import Asking, PoolService, asked_of_containers, pool_type
 from vastflow.flows.request.run_request import RunRequest
-from vastflow.flows.request.work_pool import WorkPool, WorkPoolError
+from vastflow.flows.request.work_pool import WorkPool
 from vastflow.flows.run.computing import Computing
 from vastflow.flows.run.prepared import PreparedCampaign
+from vastflow.sim.model.faults import UserError
 from vastflow.tasks.engine.index import FoundRuns
 from vastflow.tasks.engine.progress import Tally
 from vastflow.tasks.engine.remote_shard import BundleError, Packer
@@ -41,7 +42,7 @@ class CampaignPool:
         """Have what is missing of configurations executed, observed and judged, in shards of the pool.
 
         Raises:
-            WorkPoolError, WorkersFailed, StoreError, PrefectUnavailable: see `Driver.run` and `PoolService`.
+            UserError, WorkersFailed, StoreError, PrefectUnavailable: see `Driver.run` and `PoolService`.
         """
 
         def show(done: int, total: int) -> None:
@@ -54,7 +55,7 @@ class CampaignPool:
         try:
             self._driver.run([each.configuration for each in due], show)
         except BundleError as error:
-            raise WorkPoolError(f"--pool: {error}") from None
+            raise UserError(f"--pool: {error}") from None
 
 
 @contextmanager
@@ -62,7 +63,7 @@ def pool_of(run: PreparedCampaign, computing: Computing) -> Iterator[CampaignPoo
     """The work pool that was asked to compute a campaign; None where this machine does.
 
     Raises:
-        WorkPoolError: there is no such pool.
+        UserError: there is no such pool.
     """
     asked, engine, tally = run.request, computing.engine, computing.tally
     if asked.pool is None:

@@ -44,7 +44,7 @@ _STEP_S: Final = 0.2
 
 
 class Service(Protocol):
-    """Who runs shards elsewhere; see `vastflow.flows.pool.service.PoolService`."""
+    """A service that runs shards elsewhere, see `vastflow.flows.pool.service.PoolService`."""
 
     def submit(self, bundle: str, name: str) -> str: ...
 

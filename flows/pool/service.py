@@ -35,8 +35,8 @@ from prefect.exceptions import ObjectNotFound, PrefectHTTPStatusError
 from prefect.states import Cancelled, Crashed
 
 from vastflow.flows.request.campaign_file import campaign_name
-from vastflow.flows.request.work_pool import WorkPoolError
 from vastflow.producers.campaign import Campaign
+from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.names import did_you_mean
 from vastflow.tasks.execution.deployment import BAR, TAG, ShardDeployment
 from vastflow.tasks.execution.job import CPU, IMAGE, PoolType, base_job_template, job_variables
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
 
 def described(campaign: Campaign, context: str | None) -> "RunDescription":
-    """The run description of a campaign. Its image is that of the containers beside the campaign's own, if there are any.
+    """Return the run description of a campaign, with the image of its additional containers.
 
     Args:
         context: Cluster whose resources count; the first that the file names if None.
@@ -67,14 +67,14 @@ def described(campaign: Campaign, context: str | None) -> "RunDescription":
 
 
 def requested_cores(kind: PoolType, description: "RunDescription") -> int | None:
-    """As many as a Job requests, which is shown all cores of its node that others use too; None for another kind of pool."""
+    """Return the cores that a Job requests; None for other kinds of pool."""
     return description.main.needs.cpu or CPU if kind is PoolType.kubernetes else None
 
 
 def asked_of_containers(
     kind: PoolType, campaign: Campaign, workers: int | None
 ) -> tuple[Mapping[str, Any], int | None]:
-    """What a campaign asks of the containers that compute its shards, as job variables, and the worker processes of each.
+    """Return job variables and worker processes of the containers that compute shards.
 
     Args:
         workers: Worker processes of a shard, if the caller says so; else as many as a Job requests.
@@ -83,10 +83,6 @@ def asked_of_containers(
         return {}, workers
     description = described(campaign, None)
     return job_variables(kind, description), workers or requested_cores(kind, description)
-
-
-class OtherPool(ValueError):
-    """There is a work pool of that name, but of another type."""
 
 
 def pool_template(kind: PoolType) -> dict[str, Any]:
@@ -103,7 +99,7 @@ def register_pool(client: SyncPrefectClient, name: str, kind: PoolType) -> bool:
         Whether it is new.
 
     Raises:
-        OtherPool: the pool is of another type.
+        UserError: the pool is of another type.
     """
     try:
         pool = client.read_work_pool(name)
@@ -111,7 +107,9 @@ def register_pool(client: SyncPrefectClient, name: str, kind: PoolType) -> bool:
         client.create_work_pool(WorkPoolCreate(name=name, type=kind.value, base_job_template=pool_template(kind)))
         return True
     if pool.type != kind.value:
-        raise OtherPool(f"the work pool {name!r} is of type {pool.type!r}; name another, or give --type {pool.type}")
+        raise UserError(
+            f"--pool: the work pool {name!r} is of type {pool.type!r}; name another, or give --type {pool.type}"
+        )
     if kind is not PoolType.process:
         client.update_work_pool(name, WorkPoolUpdate(base_job_template=pool_template(kind)))
     return False
@@ -121,14 +119,14 @@ def type_of_pool(client: SyncPrefectClient, name: str) -> PoolType | None:
     """The type of a pool; None where there is none of that name.
 
     Raises:
-        OtherPool: vastflow has no use for its type.
+        UserError: vastflow has no use for its type.
     """
     try:
         found = client.read_work_pool(name).type
     except ObjectNotFound:
         return None
     if found not in list(PoolType):
-        raise OtherPool(f"the work pool {name!r} is of type {found!r}; one of {', '.join(PoolType)}")
+        raise UserError(f"--pool: the work pool {name!r} is of type {found!r}; one of {', '.join(PoolType)}")
     return PoolType(found)
 
 
@@ -240,18 +238,15 @@ def pool_type(asking: Asking, pool: str) -> PoolType:
     """The type of a work pool that is to compute shards.
 
     Raises:
-        WorkPoolError: there is no such pool, or it is of a type that vastflow has no shards for.
+        UserError: there is no such pool, or it is of a type that vastflow has no shards for.
         PrefectUnavailable: the API does not answer.
     """
-    try:
-        found = asking(lambda: type_of_pool(asking.client, pool))
-    except OtherPool as error:
-        raise WorkPoolError(f"--pool: {error}") from None
+    found = asking(lambda: type_of_pool(asking.client, pool))
     if found is None:
         names = [each.name for each in asking(asking.client.read_work_pools)]
         near = f"{did_you_mean(pool, names)}, or " if names else ""
         make = f"make it: prefect work-pool create {pool} --type process"
-        raise WorkPoolError(f"--pool: no work pool {pool!r}; {near}{make}")
+        raise UserError(f"--pool: no work pool {pool!r}; {near}{make}")
     return found
 
 
@@ -337,7 +332,7 @@ class PoolService:
         self._asking(lambda: self._client.set_flow_run_state(flow_run, Crashed(message=why), force=True))
 
     def workers_online(self) -> int:
-        """How many workers of the pool have been heard of lately."""
+        """Count the pool's online workers."""
         workers = self._asking(lambda: self._client.read_workers_for_work_pool(self._pool))
         return sum(str(worker.status.value) == "ONLINE" for worker in workers if worker.status is not None)
 

@@ -1,4 +1,4 @@
-"""A bundle's part of the flow `campaign`: its configurations go through the stages on a worker of a pool. Importing it imports Prefect."""
+"""Computation of a bundle on a worker of a pool. Importing it imports Prefect."""
 
 import itertools
 import pickle
@@ -49,7 +49,7 @@ _FOLDER: Final = "bundles"
 
 
 def compute_bundle(request: RunRequest, key: str) -> State[Any]:
-    """Execute, observe and judge what is missing of a bundle, and say in the store what there is and what broke.
+    """Execute, observe, and judge a bundle's missing runs, and report to the store.
 
     A worker that can't compute it while another one might ends in a state of that name, see `OTHER_CODE` and `STORE_AWAY`.
 
@@ -115,7 +115,7 @@ def _opened(place: str) -> Store:
 
 @contextmanager
 def _folder() -> Iterator[Path]:
-    """A folder for a bundle's files that is this user's alone; those that killed flow runs left a day ago go."""
+    """Make a private folder for a bundle's files; remove folders left a day ago."""
     root = Path(platformdirs.user_cache_dir("vastflow")) / _FOLDER
     root.mkdir(parents=True, exist_ok=True)
     for old in root.iterdir():
@@ -131,7 +131,7 @@ def _folder() -> Iterator[Path]:
 
 @contextmanager
 def _beating(bundle: Bundle, tally: Tally, report: Report) -> Iterator[None]:
-    """Say every few seconds how far it is, on the flow run's page, which is also the sign that it lives, and in its report."""
+    """Publish progress every few seconds on the flow run's page, as a heartbeat, and in the report."""
     ended = threading.Event()
     bar, began_s = ProgressBar(f"{key_of(bundle.campaign)}-{BAR}", str(flow_run.id)), time.monotonic()
 

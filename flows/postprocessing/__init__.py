@@ -1,1 +1,1 @@
-"""Steps that a campaign file names for its results: run over a copy of them, each in a process of its own."""
+"""Postprocessing steps of a campaign file, each run in its own process over a copy of the results."""

@@ -1,4 +1,4 @@
-"""One Python plug-in of postprocessing, loaded and called; run as a module in a process of its own, with RoboVAST's names.
+"""Load and call one Python plug-in of postprocessing, in its own process and with RoboVAST's names.
 
 On standard input it gets a `Request` as JSON; what came of it goes to the file that this names.
 """
@@ -37,7 +37,7 @@ def is_campaign_dir(folder: str | Path) -> bool:
 
 
 def read_test_result(run: str | Path) -> dict[str, Any]:
-    """What `test.xml` of a run's folder says: `success`, `errors`, `failures`, `duration`."""
+    """Return `success`, `errors`, `failures`, and `duration` from `test.xml` of a run's folder."""
     root = ET.parse(Path(run) / "test.xml").getroot()
     suite = root if root.tag == "testsuite" else root.find("testsuite")
     values = {} if suite is None else suite.attrib
@@ -76,7 +76,7 @@ def offer() -> None:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What is to be called.
+    """A call of a plug-in.
 
     Attributes:
         file, class_name: The plug-in.

@@ -1,4 +1,4 @@
-"""Postprocessing: a campaign file's steps run over a copy of the campaign's results, and what they write is kept beside these."""
+"""Run a campaign file's postprocessing steps over a copy of the results, and keep their files."""
 
 import json
 import os
@@ -51,7 +51,7 @@ def write_processed(directory: Path, steps: list[Processed]) -> None:
 
 
 def earlier(directory: Path, key: str) -> tuple[Path, Processed] | None:
-    """A folder of another campaign directory beside this one with the files of a step of this key, the newest there is."""
+    """Return the newest neighboring folder with intact files of a step of this key."""
     for folder in sorted(directory.parent.glob(f"*/{FOLDER}"), key=lambda each: each.parent.name[-20:], reverse=True):
         for step in _steps(folder / STEPS):
             if step.key == key and step.outcome == "done" and _whole(folder, step):
@@ -78,7 +78,7 @@ _SAID: Final = 2000
 
 
 def postprocessed(written: Results, steps: Sequence[ProcessingStep], base: Path) -> Results:
-    """Run the steps of a campaign whose directory is written, and give its results with the faults of those that failed.
+    """Run the steps over a written campaign directory, and add faults for failed steps.
 
     What a step writes into its copy of the results lies in the campaign directory's folder `postprocessing`, at the same
     place; a step whose results, plug-in and parameters are those of a campaign directory beside this one is not run again.
@@ -211,7 +211,7 @@ def _run(step: ProcessingStep, copy: Path) -> tuple[bool, str]:
 
 
 def _process(command: Sequence[str], folder: Path, request: str) -> tuple[int, str]:
-    """Exit code of a process and the end of what it wrote; it and what it started do not outlive this call."""
+    """Run a process with its children to the end; return exit code and last output."""
     environment = {**os.environ, "PYTHONUNBUFFERED": "1", "PYTHONDONTWRITEBYTECODE": "1"}
     with TemporaryDirectory(prefix="vastflow-") as aside, (Path(aside) / "log").open("wb+") as log:
         try:
@@ -260,7 +260,7 @@ def _metadata(directory: Path) -> dict[str, Any]:
 
 
 def _key_of(directory: Path) -> str:
-    """Digest of what a campaign directory holds, from the key of its report; empty where it has none, as after a fault."""
+    """Return the digest of a campaign directory from its report key; empty without one."""
     report = _metadata(directory).get("report")
     return digest(STAGE, report) if isinstance(report, str) else ""
 

@@ -1,1 +1,1 @@
-"""What a call asks for: the campaign file read and checked, its keys, what of it is wanted."""
+"""Requests: the campaign file, read and checked, its keys, and the selection to run."""

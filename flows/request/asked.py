@@ -1,4 +1,4 @@
-"""What was asked of a campaign beside its file, as `metadata.json` has it: enough to ask it again."""
+"""The request in `metadata.json`, from which a campaign can be run again."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -12,7 +12,7 @@ SEARCH: Final = "search"
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """What was asked.
+    """The request of a finished campaign.
 
     Attributes:
         file: Name of the campaign file.
@@ -44,7 +44,7 @@ class Asked:
 
 
 def asked_of(metadata: Mapping[str, Any]) -> Asked:
-    """What the campaign of a directory was asked.
+    """Return the request of a campaign directory.
 
     Raises:
         KeyError: its `metadata.json` does not say.

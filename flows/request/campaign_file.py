@@ -1,4 +1,4 @@
-"""The campaign file as the flows need it: read and checked, its oracles too, its notes, and the store that keeps its results."""
+"""The campaign file for flows: read and checked with its oracles, its notes, and its store."""
 
 import os
 from collections.abc import Iterable, Iterator, Sequence
@@ -24,7 +24,7 @@ MOST_OF_A_FILE: Final = 4
 
 
 def terminal_lines(notes: Sequence[Fault]) -> Iterator[str]:
-    """A line for each note; of a parameter file or floor plan those beyond a few are counted, and where to see them is said."""
+    """Format notes, one per line; count further notes of a parameter file or floor plan."""
     elsewhere: dict[tuple[str, str], list[Fault]] = {}
     for note in notes:
         if rest := _rest(note):
@@ -39,7 +39,7 @@ def terminal_lines(notes: Sequence[Fault]) -> Iterator[str]:
 
 
 def _rest(note: Fault) -> str:
-    """What those are that are not shown, and which command shows them; empty for a note that is shown in any case."""
+    """Name the kind of hidden notes and the command that shows them; empty if always shown."""
     if note.kind == "not modeled":
         return f"that are not modeled; `vastflow params {note.place.file}` shows them all"
     if note.place.file.endswith((".fpm", ".fpm2")) and note.problem.startswith(AS_DRAWN):
@@ -85,7 +85,7 @@ def read_campaign(
 
 
 def _hidden(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Iterator[Fault]:
-    """What plug-ins use that is in no key."""
+    """Warn of inputs of plug-ins that are in no key."""
     chain = [producer for family in campaign.families for producer in family.producers]
     producers = [each for producer in chain for each in (producer, *producers_in(producer.parameters))]
     snapshots = [snapshot_behind(kind) for kind in dict.fromkeys(map(type, [*producers, *oracles]))]

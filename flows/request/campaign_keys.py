@@ -1,4 +1,4 @@
-"""A campaign's keys: from the code that is installed, or from what a campaign directory says of the code it had."""
+"""A campaign's keys, from the installed code or from a campaign directory."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -16,7 +16,7 @@ from vastflow.tasks.engine.instantiation import Instantiated, UnknownName, selec
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """What of a campaign is run.
+    """The selected part of a campaign.
 
     Attributes:
         only: Names of families or configurations; empty for all.
@@ -66,12 +66,12 @@ MOST_REASONS: Final = 3
 
 
 def runs_of(runs: Runs, name: str) -> int:
-    """Those of one configuration."""
+    """Return the number of runs of one configuration."""
     return runs if isinstance(runs, int) else runs[name]
 
 
 def narrowed(instantiated: Instantiated, selection: Selection, file: str) -> Instantiated:
-    """What remains with the families and configurations that are selected by name, and then with the sample of these.
+    """Select families and configurations by name, then sample them.
 
     Faults remain that may concern one of these.
 
@@ -101,7 +101,7 @@ def narrowed(instantiated: Instantiated, selection: Selection, file: str) -> Ins
 
 
 def requirements(found: Instantiation) -> Iterator[str]:
-    """What leaves out configurations, and how many of each family, the most first."""
+    """Describe why configurations are left out, with counts by family, largest first."""
     reasons: dict[tuple[str, str], Counter[str]] = defaultdict(Counter)
     for rejected in found.rejections:
         reasons[rejected.family, f"{rejected.producer} rejects"][rejected.reason] += 1

@@ -21,7 +21,7 @@ OneOrMore: TypeAlias = Annotated[int, Field(ge=1)]
 
 @dataclass(frozen=True, slots=True)
 class OnCommandLine:
-    """How a field of the request is called as an option, where that does not follow from its name.
+    """Option of a request's field, where it does not follow from the field's name.
 
     Attributes:
         metavar: Stands for the value in the help; None for one that follows from the type.
@@ -126,7 +126,7 @@ def request_of(campaign: "str | os.PathLike[str] | RunRequest", options: Mapping
 
 
 def option_parameters() -> list[Parameter]:
-    """What beside the campaign file may be asked, as parameters of a function."""
+    """Return the options of a request as function parameters."""
     return [
         Parameter(name, Parameter.KEYWORD_ONLY, default=about.get_default(), annotation=about.annotation)
         for name, about in RunRequest.model_fields.items()

@@ -59,7 +59,7 @@ class Stopping:
         return (*range(least, most, step), most)
 
     def wanted(self, judgements: Mapping[int, str]) -> int:
-        """How many runs a configuration wants by what is known of them: indices 0 to `wanted` - 1.
+        """Return the number of runs a configuration wants, given the known judgements.
 
         Where all of these are among `judgements` it wants no more. A look at which nothing could be decided, however the runs before
         it end, is passed over: that saves a round and changes no outcome.
@@ -81,7 +81,7 @@ class Stopping:
                 return runs
 
     def stored(self, index: Index, configuration: ConfigurationRuns) -> tuple[ConfigurationRuns, list[Stored]]:
-        """A configuration with the runs that are wanted of it by what the store has, and what the store has of these."""
+        """Return a configuration with its wanted runs by stored judgements, and its stored blocks."""
         there = index.stored(replace(configuration, runs=self.most))
         known = {
             run: said for each in there if each.verdicts for run, said in self.judged(index, each.verdicts).items()

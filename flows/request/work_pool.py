@@ -1,4 +1,4 @@
-"""A work pool of Prefect as the place where a campaign's shards are computed, and what can be wrong with it."""
+"""A work pool of Prefect that computes a campaign's shards."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,17 +17,13 @@ RUNS_A_SHARD: Final = 20
 """For fewer runs no shard is made then."""
 
 
-class WorkPoolError(UserError, ValueError):
-    """A work pool that can't be used as it was asked for; says what was found and what would be right."""
-
-
 class WorkersFailed(RuntimeError):
     """The workers of a pool can't compute the campaign; says why and what would help."""
 
 
 @dataclass(frozen=True, slots=True)
 class WorkPool:
-    """Where a campaign's shards are computed.
+    """The work pool that computes a campaign's shards.
 
     Attributes:
         name: Of the work pool at Prefect's API.
@@ -41,9 +37,9 @@ class WorkPool:
 
     def __post_init__(self) -> None:
         if not self.name:
-            raise WorkPoolError("--pool: expected the name of a work pool, got an empty name")
+            raise UserError("--pool: expected the name of a work pool, got an empty name")
         if self.shards is not None and self.shards < 1:
-            raise WorkPoolError(f"--shards: expected 1 or more, got {self.shards}")
+            raise UserError(f"--shards: expected 1 or more, got {self.shards}")
 
 
 def check_api(log: Path) -> None:
@@ -53,18 +49,18 @@ def check_api(log: Path) -> None:
         log: File for what Prefect says when it is imported.
 
     Raises:
-        WorkPoolError: none is configured.
+        UserError: none is configured.
     """
     from vastflow.tasks.prefect import campaign_log
     from vastflow.tasks.prefect.server import configured_url
 
     with campaign_log.prefect_log(log):
         if configured_url() is None:
-            raise WorkPoolError(NO_API)
+            raise UserError(NO_API)
 
 
 def shard_count(pool: WorkPool, configurations: int, runs: int) -> int:
-    """How many shards to aim at.
+    """Return the target number of shards.
 
     Args:
         configurations: With something missing.

@@ -1,4 +1,4 @@
-"""A campaign directory at an address, such as a bucket of S3: made on this machine and delivered, or copied to be read here."""
+"""A campaign directory at an address, such as a bucket of S3: uploaded, or copied for reading."""
 
 import json
 import os
@@ -28,7 +28,7 @@ _FOLDER: Final = "results"
 
 @dataclass(frozen=True, slots=True)
 class Delivery:
-    """Where a campaign directory is made, and where it is to be.
+    """The local folder of a new campaign directory, and its destination.
 
     Attributes:
         folder: On this machine.
@@ -69,7 +69,7 @@ class Delivery:
 
 
 def delivery_to(results: str | os.PathLike[str], store: Store) -> Delivery:
-    """How results get to where they are asked for.
+    """Return the delivery to a folder or an address.
 
     Raises:
         StoreError: it is an address that can't be written.
@@ -148,7 +148,7 @@ def _none_there(address: str, places: Collection[str]) -> str:
 
 
 def meant_address(path: Path) -> str | None:
-    """The address that a path was meant to be, which has lost a slash of it; None for any other path."""
+    """Return the address that lost a slash when it became a path; None for other paths."""
     scheme, colon, rest = str(path).partition(":/")
     found = f"{scheme}://{rest}"
     return found if colon and is_address(found) and not path.exists() else None

@@ -12,7 +12,7 @@ from typing import IO, Any, Final, Self
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from vastflow.flows.results.found import Found, complete
+from vastflow.flows.results.found import StoredResult, complete
 from vastflow.flows.results.summary import OutcomeTally
 from vastflow.flows.results.tables import configuration_row, exclusion_row, rejection_row, run_columns, verdict_columns
 from vastflow.oracles.evidence.rates import Counts
@@ -63,7 +63,7 @@ class CampaignTables:
 
     @property
     def tally(self) -> OutcomeTally:
-        """Of the runs that were added."""
+        """Outcomes of the added runs."""
         by_oracle = {oracle: _counts(counter) for oracle, counter in self._by_oracle.items()}
         return OutcomeTally(_counts(self._together), by_oracle, self._stood_still)
 
@@ -77,7 +77,7 @@ class CampaignTables:
             self._flush()
         self._open.__exit__(kind, error, traceback)
 
-    def add(self, configuration: Configuration, found: Found, runs: int) -> None:
+    def add(self, configuration: Configuration, found: StoredResult, runs: int) -> None:
         """Add what was found of a configuration's first `runs` runs; to be called in order."""
         rows = {row["run_index"]: row for block in found.recordings for row in read_rows(block)}
         wanted = [rows[index] for index in sorted(rows) if index < runs]

@@ -38,7 +38,7 @@ class References:
 
 
 def references(store: Store, directories: Iterable[Path]) -> References:
-    """What `directories` were made of, as far as it is in the store.
+    """Return the stored artifacts that `directories` were made of.
 
     Evaluations are told by instantiating again: of one whose code or files are others now there is nothing to keep.
 
@@ -112,7 +112,7 @@ _ENVIRONMENT: Final = re.compile(rb"[0-9a-f]{64}")
 
 @dataclass(frozen=True, slots=True)
 class Cleaning:
-    """What goes and what stays.
+    """Artifacts to remove and artifacts to keep.
 
     Attributes:
         removed, kept: Artifacts, and what was left unfinished.

@@ -1,4 +1,4 @@
-"""The current report: what a campaign directory follows from, in one digest, and whether one with that digest is there and whole."""
+"""The current report: one digest of a campaign directory's inputs, and whether it exists intact."""
 
 import hashlib
 import importlib.metadata
@@ -38,7 +38,7 @@ def written_by() -> tuple[Path, ...]:
 
 
 def _source() -> str:
-    """Digest of all of vastflow's code and templates, which is read sooner than it is told what of it makes a report."""
+    """Return the digest of vastflow's code and templates."""
     hashed = hashlib.sha256()
     for folder in written_by():
         for file in sorted(file for file in folder.rglob("*") if file.suffix in _WRITTEN_BY):
@@ -102,7 +102,7 @@ _text: Final = json.JSONEncoder(separators=(",", ":"), default=_plain).encode
 
 
 def seal(directory: Path) -> None:
-    """Note how the files of a finished campaign directory are, so that it is known to be whole as long as none changes.
+    """Record sizes and times of a finished campaign directory's files, to detect later changes.
 
     Without the note the next run writes a directory of its own.
     """
@@ -111,7 +111,7 @@ def seal(directory: Path) -> None:
 
 
 def newest_sealed(root: Path, name: str) -> Path | None:
-    """The newest directory of a campaign, where each of its files is as the run left it; others may have come."""
+    """Return the newest directory of a campaign if none of its files changed."""
     directory = max(root.glob(f"{directory_name(name)}-????-??-??-??????*"), default=None)
     try:
         return directory if directory and read_json(directory / _FILES).items() <= _states(directory).items() else None
@@ -120,7 +120,7 @@ def newest_sealed(root: Path, name: str) -> Path | None:
 
 
 def _states(directory: Path) -> dict[str, list[int]]:
-    """Of each file size and times; the time of the last change of the file itself is out of an editor's reach."""
+    """Return size, modification time, and change time by file."""
     states = {}
     for folder, _, names in os.walk(directory):  # pathlib takes three times as long, for ten thousands of files
         for name in names:

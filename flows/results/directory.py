@@ -32,10 +32,6 @@ _PARTIAL: Final = ".{}.partial"
 _OURS: Final = re.compile(r"\..+-\d{4}-\d\d-\d\d-\d{6}(-\d+)?\.partial")
 
 
-class ResultsError(UserError, OSError):
-    """The results folder can't be written any more."""
-
-
 @dataclass(frozen=True, slots=True)
 class NewDirectory:
     """A campaign directory that is being written.
@@ -57,7 +53,7 @@ def new_directory(root: Path, name: str, created: datetime) -> Iterator[NewDirec
     hidden `.<name>.partial`, never half a campaign directory; one that was left a day ago is removed first.
 
     Raises:
-        ResultsError: the disk is full or broken, or may not be written, or the folder was deleted meanwhile.
+        UserError: the disk is full or broken, or may not be written, or the folder was deleted meanwhile.
     """
     with _written_to(root):
         directory = _begun(root, f"{directory_name(name)}-{created:%Y-%m-%d-%H%M%S}")
@@ -69,7 +65,7 @@ def new_directory(root: Path, name: str, created: datetime) -> Iterator[NewDirec
             gone = isinstance(error, FileNotFoundError) and not directory.partial.exists()
             shutil.rmtree(directory.partial, ignore_errors=True)
             if gone:
-                raise ResultsError(
+                raise UserError(
                     f"results: {str(root)!r} was deleted while it was being written; what was computed is in the store, "
                     "and the same command writes it again"
                 ) from None
@@ -89,8 +85,8 @@ def _written_to(root: Path) -> Iterator[None]:
         raise _unwritable(root, error) from None
 
 
-def _unwritable(root: Path, error: OSError) -> ResultsError:
-    return ResultsError(
+def _unwritable(root: Path, error: OSError) -> UserError:
+    return UserError(
         f"results: can't write to {str(root)!r} ({error.strerror}); make room there or give another folder "
         f"with --results; what was computed is in the store"
     )
@@ -107,7 +103,7 @@ def _begun(root: Path, name: str) -> NewDirectory:
 
 
 def directory_name(name: str) -> str:
-    """`name` as a folder is called: `_` and everything that is trouble in a file name become `-`, and a long one is cut."""
+    """Return `name` as a folder name: `-` for other characters, cut to a limit."""
     return re.sub(r"[^A-Za-z0-9.-]+", "-", name)[:_LONGEST_NAME].strip("-.") or "campaign"
 
 
@@ -122,7 +118,7 @@ def sweep(root: Path) -> None:
 
 
 def left_behind(directory: Path) -> Path | None:
-    """What was to become a campaign directory, or is named itself, and is half written; None if there is nothing."""
+    """Return the half-written folder of a campaign directory; None if there is none."""
     if directory.name.startswith(".") and directory.name.endswith(".partial"):
         return directory if directory.is_dir() else None
     partial = directory.with_name(_PARTIAL.format(directory.name))
@@ -130,7 +126,7 @@ def left_behind(directory: Path) -> Path | None:
 
 
 def writer_of(partial: Path) -> int | None:
-    """The process of this host that is writing a directory; None where it is gone, or none says it is writing.
+    """Return the id of the live process on this host that is writing a directory.
 
     On a file system that hosts share, the process of another host counts as gone.
     """

@@ -1,9 +1,8 @@
-"""What was found of one configuration: blocks of its runs, verdicts, logs, and why something is missing."""
+"""Stored artifacts of one configuration: blocks of its runs, verdicts, logs, and faults."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Final, Protocol
+from typing import Final
 
 from vastflow.oracles.judgement.verdict import Verdict, read_verdicts
 from vastflow.oracles.observation.trace import levelled
@@ -17,63 +16,8 @@ FAULT: Final = "fault"
 """What the reason of a verdict that is missing begins with."""
 
 
-class Found(Protocol):
-    """What was found for one configuration."""
-
-    @property
-    def exact(self) -> bool:
-        """Whether one block has the wanted runs and no others, so that its files can be taken as they are."""
-
-    @property
-    def recordings(self) -> Sequence[bytes]:
-        """Blocks of runs in any blocking; runs that were not asked for are left out of what is written."""
-
-    @property
-    def traces(self) -> Sequence[bytes]:
-        """As `recordings`."""
-
-    @property
-    def verdicts(self) -> Sequence[Verdict]:
-        """Of any runs and oracles, in any order."""
-
-    @property
-    def causes(self) -> Mapping[int, str]:
-        """Run index to why the run failed, see `vastflow.oracles.judgement.cause`; of those that failed and were judged."""
-
-    @property
-    def faults(self) -> Sequence[RunFault]:
-        """Why runs are missing."""
-
-    @property
-    def behaviors(self) -> Sequence[bytes]:
-        """Blocks of the scenarios' behaviors, as `vastflow.sim.model.archive` has them."""
-
-    @property
-    def outputs(self) -> Sequence[bytes]:
-        """Blocks of what programs wrote, as `vastflow.sim.model.archive` has them."""
-
-    @property
-    def logs(self) -> Sequence[bytes]:
-        """Run logs, as `vastflow.tasks.engine.work` writes them."""
-
-
-@dataclass(frozen=True, slots=True)
-class ConfigurationResult:
-    """What was found for one configuration, as values; see `Found`."""
-
-    recordings: Sequence[bytes] = ()
-    traces: Sequence[bytes] = ()
-    verdicts: Sequence[Verdict] = ()
-    faults: Sequence[RunFault] = ()
-    behaviors: Sequence[bytes] = ()
-    outputs: Sequence[bytes] = ()
-    logs: Sequence[bytes] = ()
-    exact: bool = False
-    causes: Mapping[int, str] = field(default_factory=dict)
-
-
 class StoredResult:
-    """What the store has of a configuration; each part is read when it is asked for.
+    """Stored artifacts of a configuration, read on demand.
 
     Reading raises `vastflow.tasks.store.store.Lost` where something is damaged.
 
@@ -90,44 +34,40 @@ class StoredResult:
 
     @cached_property
     def recordings(self) -> Sequence[bytes]:
-        """See `Found`."""
+        """Blocks of recordings."""
         return [self._store.load(each.recordings, RECORDINGS) for each in self._stored]
 
     @property
     def traces(self) -> Sequence[bytes]:
-        """See `Found`."""
+        """Blocks of traces."""
         return [self._store.load(each.trace, TRACES) for each in self._stored if each.trace]
 
     @property
     def verdicts(self) -> Sequence[Verdict]:
-        """See `Found`."""
+        """Verdicts on any runs, in any order."""
         contents = (self._store.load(each.verdicts, VERDICTS) for each in self._stored if each.verdicts)
         return [verdict for content in contents for verdict in read_verdicts(content)]
 
     @property
     def causes(self) -> Mapping[int, str]:
-        """See `Found`."""
-        return {
-            int(run): str(cause)
-            for each in self._stored
-            if each.verdicts
-            for run, cause in each.verdicts.info["causes"]
-        }
+        """Run index to the cause of its failure, see `vastflow.oracles.judgement.cause`."""
+        judged = (each.verdicts for each in self._stored if each.verdicts)
+        return {int(run): str(cause) for verdicts in judged for run, cause in verdicts.info["causes"]}
 
     @property
     def behaviors(self) -> Sequence[bytes]:
-        """See `Found`."""
+        """Blocks of the scenarios' behaviors, as `vastflow.sim.model.archive` writes them."""
         return [self._store.load(each.recordings, BEHAVIORS) for each in self._stored]
 
     @property
     def outputs(self) -> Sequence[bytes]:
-        """See `Found`."""
+        """Blocks of the programs' outputs, as `vastflow.sim.model.archive` writes them."""
         having = (each.recordings for each in self._stored if OUTPUTS in each.recordings.files)
         return [self._store.load(recordings, OUTPUTS) for recordings in having]
 
     @property
     def logs(self) -> Sequence[bytes]:
-        """See `Found`."""
+        """Run logs, as `vastflow.tasks.engine.work` writes them."""
         found = (self._store.beside(each.recordings.key, RUN_LOG) for each in self._stored)
         return [log for log in found if log]
 
@@ -141,7 +81,7 @@ def one_block(blocks: Sequence[bytes], runs: int) -> bytes:
     return write_block([row for row, _ in wanted], levelled([columns for _, columns in wanted])) if wanted else b""
 
 
-def complete(result: Found, runs: int, oracles: Sequence[str]) -> list[Verdict]:
+def complete(result: StoredResult, runs: int, oracles: Sequence[str]) -> list[Verdict]:
     """A verdict for each run and oracle: what was missing is `not judged`, with the fault as its reason."""
     said = {(verdict.run_index, verdict.oracle): verdict for verdict in result.verdicts}
     return [

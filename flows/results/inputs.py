@@ -1,4 +1,4 @@
-"""The files a campaign was asked for with: kept as they were when it was read, and laid out again as they lay."""
+"""Input files of a campaign: captured when it is read, and laid out again later."""
 
 import os
 import shutil
@@ -97,7 +97,7 @@ def inputs_of(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Inputs:
 
 @dataclass
 class _Kept:
-    """What has been read so far, see `Inputs`.
+    """The files read so far, see `Inputs`.
 
     Attributes:
         base: The campaign file's folder.
@@ -108,7 +108,7 @@ class _Kept:
     places: dict[str, str] = field(default_factory=dict)
 
     def keep(self, *together: Path, at: Sequence[Path] | None = None) -> None:
-        """Keep files at their places below `base`, or as if they lay `at` others; those elsewhere, in a folder named by content."""
+        """Keep files by their places below `base` or `at`; others in a folder named by content."""
         contents = [path.read_bytes() for path in together]
         elsewhere, home = digest([content.hex() for content in contents])[:12], self.base.resolve()
         for path, content in zip(at or together, contents, strict=True):

@@ -34,7 +34,7 @@ def value_changes(then: Any, now: Any, path: str = "") -> Iterator[tuple[str, An
 
 
 def flat_changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[tuple[str, Any, Any]]:
-    """Name, old and new value of all that differs in two mappings, of which names may have dots; None for what is not there."""
+    """Return name, old, and new value of each difference between two mappings; None if absent."""
     names = dict.fromkeys([*now, *then])
     return [(name, then.get(name), now.get(name)) for name in names if then.get(name) != now.get(name)]
 
@@ -44,7 +44,7 @@ def _of_mappings(value: Any) -> bool:
 
 
 def changes_text(then: Any, now: Any) -> str:
-    """What differs in two plain values: the first few of it."""
+    """Describe the first few differences between two plain values."""
     return few([change_text(*change) for change in value_changes(then, now)])
 
 
@@ -80,13 +80,13 @@ _LISTS: Final = ("processor features", "variables")
 
 
 def origin_row(keys: Keys) -> dict[str, Any]:
-    """What `metadata.json` says of it: the numeric class, `execution.seed`, and a source digest for each stage."""
+    """Return numeric class, seed, and source digests for `metadata.json`."""
     source = {"execute": keys.execute_source, "observe": keys.observe_source, "judge": keys.judge_source}
     return {"numeric_class": keys.numeric, "seed": keys.seed, "source": source}
 
 
 def origin_differences(metadata: Mapping[str, Any], numeric: str, execute_source: str) -> list[str]:
-    """Why a run may come out as another here than it was recorded, a sentence each; none where the bytes must be equal.
+    """Return reasons why a replay may differ from the recording; empty if bytes must be equal.
 
     Args:
         metadata: Of the campaign directory.
@@ -109,7 +109,7 @@ def origin_differences(metadata: Mapping[str, Any], numeric: str, execute_source
 
 
 def versions(metadata: Mapping[str, Any], same_origin: bool) -> str:
-    """Who recorded and who executed, and which libraries differ.
+    """Describe the recording and the executing version, and the libraries that differ.
 
     Args:
         same_origin: Whether `origin_differences` found none.
@@ -132,7 +132,7 @@ def _other_versions(metadata: Mapping[str, Any]) -> Iterator[str]:
 
 
 def numeric_parts(numeric: str) -> dict[str, Any]:
-    """A numeric class by its parts, of which some are lists; as a whole where another version wrote it in another form."""
+    """Split a numeric class into its parts; an unknown form stays whole."""
     parts = numeric.split("; ")
     if len(parts) != len(_CLASS_PARTS):
         return {"all of it": numeric}
@@ -200,7 +200,7 @@ Ingredients: TypeAlias = Mapping[str, tuple[ReasonKind, Any]]
 
 
 def ingredients_row(tree: SourceTree, families: Sequence[Family], oracles: Sequence[Oracle[Any]]) -> dict[str, Any]:
-    """What `metadata.json` says of the ingredients: each source by the short digests of its files, and its libraries."""
+    """Return the ingredients for `metadata.json`: short digests of source files, and libraries."""
     sources: dict[str, Any] = {stage: _source(tree.code(*entries)) for stage, entries in _ENTRIES.items()}
     return {
         "oracles": [_plug_in_row(tree, each, each.name, sources) for each in oracles],
@@ -241,7 +241,7 @@ def _file_name(name: str) -> str:
 
 
 def stage_ingredients(metadata: Mapping[str, Any], stage: Stage) -> dict[str, tuple[ReasonKind, Any]]:
-    """What every key of a stage follows from, in the order in which it is told."""
+    """Return the ingredients of a stage's keys, in the order of messages."""
     found: dict[str, tuple[ReasonKind, Any]] = {
         "numeric class": ("numeric class changed", numeric_parts(metadata["numeric_class"])),
         f"source of {stage}": ("source changed", metadata["code"][stage]),
@@ -256,7 +256,7 @@ def stage_ingredients(metadata: Mapping[str, Any], stage: Stage) -> dict[str, tu
 
 
 def evaluation_ingredients(metadata: Mapping[str, Any], row: Mapping[str, Any]) -> dict[str, tuple[ReasonKind, Any]]:
-    """What every evaluation of a producer follows from; `row` is the producer's in `metadata`."""
+    """Return the ingredients of a producer's evaluations; `row` is its row in `metadata`."""
     return stage_ingredients(metadata, "instantiate") | _of_plug_in(metadata, row, row["name"], "producer changed")
 
 
@@ -293,7 +293,7 @@ def changes(then: Ingredients, now: Ingredients) -> Iterator[DueReason]:
 
 
 def campaign_changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """What differs in the `metadata.json` of two campaigns beside their configurations, a sentence each."""
+    """Describe the differences between two `metadata.json`, configurations excepted."""
     versions = then.get("vastflow"), now.get("vastflow")
     found = [] if versions[0] == versions[1] else [change_text("vastflow", *versions)]
     reasons = (changes(stage_ingredients(then, stage), stage_ingredients(now, stage)) for stage in STAGES)

@@ -24,7 +24,7 @@ from vastflow.flows.request.campaign_file import campaign_name, terminal_lines
 from vastflow.flows.request.configurations import Runs, runs_of
 from vastflow.flows.results.campaign_tables import CampaignTables, RunLogs, write_instantiation
 from vastflow.flows.results.directory import NewDirectory
-from vastflow.flows.results.found import Found, one_block
+from vastflow.flows.results.found import StoredResult, one_block
 from vastflow.flows.results.inputs import Inputs
 from vastflow.flows.results.provenance import origin_row
 from vastflow.flows.results.summary import OutcomeTally, Results, Summary, Work
@@ -96,10 +96,10 @@ _AHEAD: Final = 4
 def written(
     place: Path,
     configurations: Iterable[Configuration],
-    found: Callable[[Configuration], Found],
+    found: Callable[[Configuration], StoredResult],
     runs: Runs,
     threads: int,
-) -> Iterator[tuple[Configuration, Found]]:
+) -> Iterator[tuple[Configuration, StoredResult]]:
     """Write the files of configurations into a campaign directory; gives each, in order, once its files are there.
 
     Args:
@@ -110,7 +110,7 @@ def written(
     for folder in FOLDERS:
         (place / folder).mkdir()
 
-    def write(configuration: Configuration) -> tuple[Configuration, Found]:
+    def write(configuration: Configuration) -> tuple[Configuration, StoredResult]:
         result = found(configuration)
         _write(place, configuration.name, result, runs_of(runs, configuration.name))
         return configuration, result
@@ -118,7 +118,7 @@ def written(
     if threads == 1:
         yield from map(write, configurations)
         return
-    waiting: deque[Future[tuple[Configuration, Found]]] = deque()
+    waiting: deque[Future[tuple[Configuration, StoredResult]]] = deque()
     with ThreadPoolExecutor(threads) as pool:
         try:
             for configuration in configurations:
@@ -132,7 +132,7 @@ def written(
                 each.cancel()
 
 
-def _write(place: Path, name: str, found: Found, runs: int) -> None:
+def _write(place: Path, name: str, found: StoredResult, runs: int) -> None:
     _write_file(f"{place}/recordings/{name}.parquet", _one(found, found.recordings, one_block, runs))
     _write_file(f"{place}/traces/{name}.parquet", _one(found, found.traces, one_block, runs))
     if outputs := _one(found, found.outputs, one_archive, runs):
@@ -140,7 +140,9 @@ def _write(place: Path, name: str, found: Found, runs: int) -> None:
         _write_file(f"{place}/outputs/{name}.zip", outputs)
 
 
-def _one(found: Found, blocks: Sequence[bytes], join: Callable[[Sequence[bytes], int], bytes], runs: int) -> bytes:
+def _one(
+    found: StoredResult, blocks: Sequence[bytes], join: Callable[[Sequence[bytes], int], bytes], runs: int
+) -> bytes:
     return blocks[0] if found.exact and len(blocks) == 1 else join(blocks, runs)
 
 
@@ -152,7 +154,7 @@ def _write_file(path: str, content: bytes) -> None:
 
 def write_rows(
     place: Path,
-    files: Iterable[tuple[Configuration, Found]],
+    files: Iterable[tuple[Configuration, StoredResult]],
     runs: Runs,
     oracles: Sequence[str],
 ) -> tuple[OutcomeTally, list[RunFault]]:
@@ -195,7 +197,7 @@ def write_tables(
     campaign: Campaign,
     inputs: Inputs,
     instantiation: Instantiation,
-    found: Callable[[Configuration], Found],
+    found: Callable[[Configuration], StoredResult],
     *,
     runs: Runs,
     oracles: Sequence[str],
@@ -312,7 +314,7 @@ def _write_environments(
 
 
 def metadata_of(campaign: Campaign, keys: Keys, created: datetime) -> dict[str, Any]:
-    """What every `metadata.json` says of its call, beside outcome and work."""
+    """Return the part of `metadata.json` that every campaign has, without outcome and work."""
     return {
         "name": campaign_name(campaign),
         "created": created.isoformat(timespec="seconds"),

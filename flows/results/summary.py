@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """What one call did, as opposed to what it found in the store.
+    """The work of one call, without the results found in the store.
 
     Attributes:
         executed: Runs that were simulated.
@@ -35,7 +35,7 @@ class Work:
 
 @dataclass(frozen=True, slots=True)
 class OutcomeTally:
-    """What the runs of a campaign come to.
+    """Outcomes of a campaign's runs.
 
     Attributes:
         counts: Of runs, by what all oracles together say.

@@ -1,4 +1,4 @@
-"""What computes a call: an engine with its workers, the progress, and a log; Prefect's flows run on it."""
+"""The computation of a call: an engine with its workers, the progress, and a log."""
 
 import os
 import pickle
@@ -29,21 +29,21 @@ if TYPE_CHECKING:
 
 
 class Clock:
-    """Time since it was made: on the wall, and of the CPU for this process and its children that have ended."""
+    """Wall time since it was made, and CPU time of this process and its ended children."""
 
     def __init__(self) -> None:
         self._began_s = time.perf_counter()
         self._before_s = sum(os.times()[:4])
 
     def work(self, tally: Tally) -> Work:
-        """What was done since."""
+        """Return the work done since then."""
         done, cpu_s = tally.progress(), sum(os.times()[:4]) - self._before_s
         return Work(done.executed, done.reused, done.simulated_s, cpu_s, time.perf_counter() - self._began_s)
 
 
 @dataclass(frozen=True, slots=True)
 class Computing:
-    """What computes a call.
+    """The computation of a call.
 
     Attributes:
         name: The campaign's.
@@ -120,7 +120,7 @@ def computing(
     workers: int | None = None,
     stopping: RunsWanted | None = None,
 ) -> Iterator[Computing]:
-    """Make what computes a call, and end it: what vastflow says meanwhile goes to a log below the store's local folder.
+    """Open the computation of a call with a log in the store's local folder, and close it.
 
     Args:
         keys: Of what is computed.

@@ -1,4 +1,4 @@
-"""From a prepared campaign to judged runs: what the store has is found, round by round what is missing is computed."""
+"""From a prepared campaign to judged runs, found in the store or computed round by round."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,14 +15,14 @@ from vastflow.tasks.store.store import Lost
 
 @dataclass(frozen=True)
 class Judged:
-    """What is run of a campaign, or of a batch of its search, and of each configuration by name what the store has."""
+    """The configurations of a campaign or of a search's batch, with stored runs by name."""
 
     instantiated: Instantiated
     found: Mapping[str, FoundRuns]
 
     @property
     def runs(self) -> Runs:
-        """Of each configuration."""
+        """Number of runs by configuration."""
         return {name: each.configuration.runs for name, each in self.found.items()}
 
     @property
@@ -32,7 +32,7 @@ class Judged:
 
     @property
     def contents(self) -> list[list[str]]:
-        """Of each configuration the keys and contents of its verdicts, in order: they determine all results of a campaign."""
+        """Keys and contents of each configuration's verdicts, in order: they determine all results."""
         return [
             [text for each in found.stored if each.verdicts for text in (each.verdicts.key, each.verdicts.content)]
             for found in self.found.values()
@@ -70,7 +70,7 @@ def scanned(run: PreparedCampaign, computing: Computing, instantiated: Instantia
 
 
 def look(run: PreparedCampaign, computing: Computing) -> Judged | None:
-    """What the store has of the campaign, or of the batch under way; None where it has not all that producers make."""
+    """Scan the store for the campaign or the current batch; None if an evaluation is missing."""
     stored = run.instantiator.stored()
     return None if stored is None else scanned(run, computing, stored)
 
@@ -78,7 +78,7 @@ def look(run: PreparedCampaign, computing: Computing) -> Judged | None:
 def through(
     run: PreparedCampaign, computing: Computing, judged: Judged | None, completes: Completes = lambda judged: judged
 ) -> Judged | None:
-    """Complete the campaign; of a search batch by batch, and in the end all points together. Stops at what is not completed.
+    """Complete the campaign, a search batch by batch; stop at an incomplete batch.
 
     Args:
         judged: Of the campaign or the batch under way, what is known.

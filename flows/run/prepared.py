@@ -1,4 +1,4 @@
-"""A campaign that is ready to run: its file read and checked, its store opened, its keys made. Nothing of it is computed yet."""
+"""A campaign that is ready to run: its file is checked, its store open, its keys made."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -63,7 +63,7 @@ class PreparedCampaign:
 
     @property
     def store(self) -> Store:
-        """Where its artifacts are."""
+        """The store of its artifacts."""
         return self.opened.store
 
     @property

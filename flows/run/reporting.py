@@ -115,7 +115,7 @@ def current(run: PreparedCampaign, computing: Computing, judged: Judged) -> Resu
 
 
 def _record(run: PreparedCampaign) -> dict[str, Any]:
-    """What `metadata.json` says of the run beside what every campaign directory has."""
+    """Return what `metadata.json` holds for this run only."""
     return dict(run.record) if run.search is None else {**run.record, SEARCH: search_record(run.search)}
 
 

@@ -3,11 +3,11 @@
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from vastflow.flows.flow_runs import mapped
+from vastflow.flows.flow_runs.mapped import instantiate as instantiated
 from vastflow.flows.request.campaign_file import OpenCampaign, open_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.request.configurations import Selection, distinct_configurations, narrowed
@@ -69,7 +69,7 @@ def instantiate(
                 made.append(stored)
             else:
                 with suppress(Lost):
-                    run.run_alone(lambda task_runs: made.append(mapped.instantiate(task_runs, instantiator)))
+                    run.run_alone(lambda task_runs: made.append(instantiated(task_runs, instantiator)))
             if made:
                 break
     faults = (RunFault("", None, "instantiate", str(fault)) for fault in made[-1].faults)
@@ -112,11 +112,7 @@ def execute(
     def recorded(found: FoundRuns) -> bool:
         return not found.missing_runs
 
-    def execute(shards: Sequence[Shard], found: Found, task_runs: "TaskRuns") -> None:
-        task_runs.wait(shards, mapped.execute(task_runs, shards))
-
-    call = StageCall("execute", opened, keys, opened.oracles, workers, observer)
-    blocks, faults = call.computed(executed, recorded, execute)
+    blocks, faults = _computed("execute", opened, keys, opened.oracles, executed, recorded, workers, observer)
     return Recordings(chosen, wanted, keys, blocks, (*configurations.faults, *faults))
 
 
@@ -140,11 +136,7 @@ def observe(recordings: Recordings, *, workers: int | None = None, observer: Obs
         _check(opened, found, [each.block.key for each in recordings.blocks[found.configuration.name]], "execute")
         return all(each.trace for each in found.stored)
 
-    def observe(shards: Sequence[Shard], found: Found, task_runs: "TaskRuns") -> None:
-        task_runs.wait(shards, mapped.observe(task_runs, shards, _rows(shards, found)))
-
-    call = StageCall("observe", opened, keys, opened.oracles, workers, observer)
-    blocks, faults = call.computed(executed, observed, observe)
+    blocks, faults = _computed("observe", opened, keys, opened.oracles, executed, observed, workers, observer)
     return Traces(recordings, keys, blocks, (*recordings.faults, *faults))
 
 
@@ -180,68 +172,53 @@ def judge(
         _check(opened, found, keys, "execute and observe")
         return all(each.verdicts for each in found.stored if each.trace)
 
-    def judge(shards: Sequence[Shard], found: Found, task_runs: "TaskRuns") -> None:
-        task_runs.wait(shards, mapped.judge(task_runs, shards, _rows(shards, found, observed=True)))
-
-    call = StageCall("judge", opened, keys, asked, workers, observer)
-    blocks, faults = call.computed(executed, judged, judge)
+    blocks, faults = _computed("judge", opened, keys, asked, executed, judged, workers, observer)
     return Verdicts(traces, tuple(oracle.name for oracle in asked), keys, blocks, (*traces.faults, *faults))
 
 
-Found: TypeAlias = Mapping[str, FoundRuns]
-"""Of each configuration by name what the store has."""
+def _computed(
+    stage: str,
+    opened: OpenCampaign,
+    keys: Keys,
+    oracles: Sequence[Oracle[Any]],
+    configurations: Sequence[ConfigurationRuns],
+    complete: Callable[[FoundRuns], bool],
+    workers: int | None,
+    observer: Observer | None,
+) -> tuple[dict[str, tuple[Stored, ...]], tuple[RunFault, ...]]:
+    """Compute what a stage lacks; return the stored blocks of each configuration by name, and the faults.
 
+    Args:
+        complete: Whether the store has everything of a configuration.
 
-@dataclass(frozen=True, slots=True)
-class StageCall:
-    """A call of a stage whose shards are those of a campaign."""
+    Raises:
+        StoreError: the store can't be used.
+        PrefectUnavailable: Prefect's API can't be had.
+    """
+    with told(observer) as tally, computing(opened, keys, oracles, tally, stage=stage, workers=workers) as run:
+        tally.expect({each.name: each.runs for each in configurations})
 
-    stage: str
-    opened: OpenCampaign
-    keys: Keys
-    oracles: Sequence[Oracle[Any]]
-    workers: int | None
-    observer: Observer | None
+        def scanned() -> tuple[dict[str, FoundRuns], list[FoundRuns]]:
+            tally.begin("scanning")
+            found, broken = run.engine.scan(configurations), run.engine.broken
+            return found, [each for name, each in found.items() if not complete(each) and name not in broken]
 
-    def computed(
-        self,
-        configurations: Sequence[ConfigurationRuns],
-        complete: Callable[[FoundRuns], bool],
-        map_stage: "Callable[[Sequence[Shard], Found, TaskRuns], None]",
-    ) -> tuple[dict[str, tuple[Stored, ...]], tuple[RunFault, ...]]:
-        """Compute what is missing; gives what the store has of each configuration then, and the faults that are left.
+        def mapped(shards: Sequence[Shard], found: Mapping[str, FoundRuns], task_runs: "TaskRuns") -> None:
+            rows = [] if stage == "execute" else [_rows(shards, found, observed=stage == "judge")]
+            task_runs.wait(shards, task_runs.map(stage, shards, *rows))
 
-        Args:
-            complete: Whether the store has everything of a configuration.
-            map_stage: Maps the stage over shards, and waits.
-
-        Raises:
-            StoreError: the store can't be used.
-            PrefectUnavailable: Prefect's API can't be had.
-        """
-        with (
-            told(self.observer) as tally,
-            computing(self.opened, self.keys, self.oracles, tally, stage=self.stage, workers=self.workers) as run,
-        ):
-            tally.expect({each.name: each.runs for each in configurations})
-
-            def scanned() -> tuple[dict[str, FoundRuns], list[FoundRuns]]:
-                tally.begin("scanning")
-                found, broken = run.engine.scan(configurations), run.engine.broken
-                return found, [each for name, each in found.items() if not complete(each) and name not in broken]
-
-            for _ in run.engine.attempts():
+        for _ in run.engine.attempts():
+            found, missing = scanned()
+            if missing:
+                if stage == "execute":
+                    run.engine.begin(missing, run.workers)
+                shards = missing_shards(configurations, {each.configuration.name for each in missing})
+                with suppress(Lost):
+                    run.run_alone(partial(mapped, shards, found))
                 found, missing = scanned()
-                if missing:
-                    if self.stage == "execute":
-                        run.engine.begin(missing, run.workers)
-                    shards = missing_shards(configurations, {each.configuration.name for each in missing})
-                    with suppress(Lost):
-                        run.run_alone(partial(map_stage, shards, found))
-                    found, missing = scanned()
-                if not missing:
-                    break
-            return {name: each.stored for name, each in found.items()}, run.engine.faults
+            if not missing:
+                break
+        return {name: each.stored for name, each in found.items()}, run.engine.faults
 
 
 def _check(opened: OpenCampaign, found: FoundRuns, keys: Sequence[str], stages: str) -> None:
@@ -253,7 +230,7 @@ def _check(opened: OpenCampaign, found: FoundRuns, keys: Sequence[str], stages: 
         raise Lost(f"{what} of {name} are not in the store {place!r} any more; {stages} again")
 
 
-def _rows(shards: Sequence[Shard], found: Found, *, observed: bool = False) -> list[Rows]:
+def _rows(shards: Sequence[Shard], found: Mapping[str, FoundRuns], *, observed: bool = False) -> list[Rows]:
     """Start, stop, and content digests of each shard's blocks, as `Engine.observe` takes them, or `Engine.judge` those observed."""
     return [
         [

@@ -18,10 +18,6 @@ from vastflow.sim.model.names import did_you_mean
 from vastflow.tasks.engine.engine import RunFault
 
 
-class UnknownConfiguration(UserError, LookupError):
-    """No configuration is called so."""
-
-
 @dataclass(frozen=True, repr=False)
 class Configurations:
     """The instantiation of a campaign, in memory as a whole.
@@ -52,7 +48,7 @@ class Configurations:
 
     @property
     def coverage(self) -> Mapping[str, Any]:
-        """How much of the requested test space is there, as `coverage.json` of a campaign directory has it."""
+        """Coverage of the requested test space, in the form of `coverage.json`."""
         return self.instantiation.coverage
 
     def __repr__(self) -> str:
@@ -69,17 +65,17 @@ class Configurations:
         """The configuration called `name`.
 
         Raises:
-            UnknownConfiguration: there is none.
+            UserError: there is none.
         """
         if name not in self._named:
-            raise UnknownConfiguration(f"no configuration {name!r}; {did_you_mean(name, self._named)}")
+            raise UserError(f"no configuration {name!r}; {did_you_mean(name, self._named)}")
         return self._named[name]
 
     def executed_as(self, name: str) -> Configuration:
         """The configuration whose runs are those of `name`: an earlier one of the same content, or itself.
 
         Raises:
-            UnknownConfiguration: there is none.
+            UserError: there is none.
         """
         found = self[name]
         return found if found.duplicate_of is None else self[found.duplicate_of]
@@ -95,5 +91,5 @@ class Configurations:
 
 
 def faults_text(faults: Sequence[RunFault]) -> str:
-    """Such as `, 2 faults`; empty without any."""
+    """Format a number of faults, such as `, 2 faults`; empty for none."""
     return f", {count_text(len(faults), 'fault')}" if faults else ""

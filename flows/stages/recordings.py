@@ -55,7 +55,7 @@ class Recordings:
         """The recordings of a configuration's runs in order, read from the store.
 
         Raises:
-            UnknownConfiguration: there is none of this name.
+            UserError: there is none of this name.
             Lost: something is no longer in the store or damaged; `execute` computes it again.
         """
         from vastflow.sim.model.archive import columns_of, read_behaviors, read_outputs
@@ -75,7 +75,7 @@ class Recordings:
         return [found[index] for index in sorted(found) if index < self.runs]
 
     def table(self) -> pa.Table:
-        """A row for each run that was recorded, as `runs.parquet` of a campaign directory but for causes; reads every block's rows.
+        """Return a row for each recorded run, as in `runs.parquet` but without causes.
 
         Raises:
             Lost: as `of`.
@@ -83,7 +83,7 @@ class Recordings:
         return column_table(RUNS, (run_columns(self.configurations[name], self._rows(name)) for name in self.blocks))
 
     def stored(self, name: str) -> StoredResult:
-        """What the store has of a configuration that is no duplicate; each part is read when it is asked for."""
+        """Return the stored artifacts of a distinct configuration."""
         return StoredResult(self.configurations.opened.store, self.blocks[name], self.runs, self.faults)
 
     def _rows(self, name: str) -> list[dict[str, Any]]:

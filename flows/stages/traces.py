@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class Traces:
-    """What was observed of recordings.
+    """The traces of a campaign's runs.
 
     Attributes:
         recordings: What was observed.
@@ -36,7 +36,7 @@ class Traces:
 
     @property
     def configurations(self) -> Configurations:
-        """Those that were executed."""
+        """The executed configurations."""
         return self.recordings.configurations
 
     @property
@@ -52,7 +52,7 @@ class Traces:
         """The traces of a configuration's runs in order, read from the store.
 
         Raises:
-            UnknownConfiguration: there is none of this name.
+            UserError: there is none of this name.
             Lost: something is no longer in the store or damaged; `execute` and `observe` compute it again.
         """
         from vastflow.oracles.observation.trace import trace_of
@@ -71,7 +71,7 @@ class Traces:
         return [found[index] for index in sorted(found) if index < self.recordings.runs]
 
     def stored(self, name: str) -> StoredResult:
-        """What the store has of a configuration's observed blocks."""
+        """Return the stored artifacts of a configuration's observed blocks."""
         observed = [each for each in self.blocks[name] if each.trace]
         return StoredResult(self.configurations.opened.store, observed, self.recordings.runs, self.faults)
 
@@ -81,7 +81,7 @@ class Traces:
         A signal that some run does not have is null there.
 
         Raises:
-            UnknownConfiguration, Lost: as `of`.
+            UserError, Lost: as `of`.
         """
         parts = []
         for trace in self.of(name):

@@ -34,7 +34,7 @@ METRICS: Final = pa.schema(
 
 @dataclass(frozen=True, repr=False)
 class Verdicts:
-    """What oracles say of traces.
+    """The verdicts on a campaign's runs.
 
     Attributes:
         traces: What was judged.
@@ -52,7 +52,7 @@ class Verdicts:
 
     @property
     def configurations(self) -> Configurations:
-        """Those that were executed."""
+        """The executed configurations."""
         return self.traces.configurations
 
     @property
@@ -71,7 +71,7 @@ class Verdicts:
         What a fault kept from being judged is `not judged`, with the fault as its reason.
 
         Raises:
-            UnknownConfiguration: there is none of this name.
+            UserError: there is none of this name.
             Lost: something is no longer in the store or damaged; `judge` computes it again.
         """
         own = self.configurations.executed_as(name).name

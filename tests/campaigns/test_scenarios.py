@@ -7,10 +7,9 @@ from pathlib import Path
 
 import pytest
 from table import each_row
-from whole_directory import write_results
+from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.flows.results.found import ConfigurationResult
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.figures.scene import scenes_of

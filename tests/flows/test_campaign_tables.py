@@ -7,9 +7,9 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from table import each_row
+from whole_directory import ConfigurationResult
 
 from vastflow.flows.results.campaign_tables import LOGS_FILE, CampaignTables, KeptLogs, RunLogs
-from vastflow.flows.results.found import ConfigurationResult
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.judgement.verdict import Verdict
 from vastflow.oracles.results import schema

@@ -286,8 +286,6 @@ def test_entry_module_imports_nothing_heavy():
 
 
 USER_ERRORS = [
-    "flows.request.work_pool.WorkPoolError",
-    "flows.results.directory.ResultsError",
     "oracles.results.unusable.UnusableDirectory",
     "sim.model.faults.FileError",
     "sim.nav2.parameter_files.document.DocumentError",

@@ -17,7 +17,6 @@ INGREDIENTS = {
     "vastflow": "0.1.0",
     "numeric_class": "x86_64; glibc",
     "seed": 1,
-    "source": {"execute": "e", "observe": "o", "judge": "j"},
     "oracles": [],
     "code": {stage: {"files": {"sim.run": "a"}, "libraries": {"numpy": "1.0"}} for stage in STAGES},
 }
@@ -55,7 +54,10 @@ def write(folder, configurations, *, oracles=("success",), seed="", created="202
     for table, (content, schema) in tables.items():
         pq.write_table(pa.Table.from_pylist(content, schema), folder / f"{table}.parquet")
     (folder / "campaign.vast").write_text("version: 1\n")
-    (folder / "metadata.json").write_text(json.dumps({"name": folder.name, "created": created, **INGREDIENTS}))
+    source = dict.fromkeys(("execute", "observe", "judge"), folder.name)
+    (folder / "metadata.json").write_text(
+        json.dumps({"name": folder.name, "created": created, "source": source, **INGREDIENTS})
+    )
     return folder
 
 
@@ -308,7 +310,8 @@ def test_compare_writes_junit_file_with_gate_and_every_configuration(before, wor
     (failed,) = [case for case in configurations if case.find("failure") is not None]
     assert failed.get("name") == "c3"
     assert failed.find("failure").get("message") == "newly failing: 10 of 10 before, 0 after"
-    compared(before, before, *OTHERS, "--junit", tmp_path / "compare.xml")
+    same_again = write(tmp_path / "same", same("p" * 10))
+    compared(before, same_again, *OTHERS, "--junit", tmp_path / "compare.xml")
     ((case,), _) = ElementTree.parse(tmp_path / "compare.xml").getroot()
     stated = {one.get("name"): one.get("value") for one in case.find("properties")}
     assert (stated["target"], stated["status"], stated["needed"]) == ("others", "too few paths", "183")

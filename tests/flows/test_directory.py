@@ -8,7 +8,8 @@ from datetime import datetime
 import pytest
 from table import each_row
 
-from vastflow.flows.results.directory import ResultsError, directory_name, new_directory
+from vastflow.flows.results.directory import directory_name, new_directory
+from vastflow.sim.model.faults import UserError
 from vastflow.tasks.store.store import StoreError
 
 CREATED = datetime(2026, 11, 21, 6, 5, 4)
@@ -45,7 +46,7 @@ def test_what_is_interrupted_leaves_nothing(tmp_path, error):
 @each_row("code", [errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO])
 def test_disk_that_is_full_or_broken_is_told_with_what_helps_and_leaves_no_half_directory(tmp_path, code):
     words = rf"results: can't write to '{tmp_path}' \({os.strerror(code)}\); make room there or .*--results; what was computed"
-    with pytest.raises(ResultsError, match=words), new_directory(tmp_path, "c", CREATED) as directory:
+    with pytest.raises(UserError, match=words), new_directory(tmp_path, "c", CREATED) as directory:
         (directory.partial / "runs.parquet").write_text("x")
         raise OSError(code, os.strerror(code), str(directory.partial / "runs.parquet"))
     assert list(tmp_path.iterdir()) == []
@@ -60,7 +61,7 @@ def test_what_is_not_the_disks_fault_stays_what_it_is(tmp_path, error):
 
 def test_results_folder_deleted_while_it_is_written_is_reported(tmp_path):
     words = rf"results: '{tmp_path}' was deleted while it was being written; what was computed is in the store"
-    with pytest.raises(ResultsError, match=words), new_directory(tmp_path, "c", CREATED) as directory:
+    with pytest.raises(UserError, match=words), new_directory(tmp_path, "c", CREATED) as directory:
         shutil.rmtree(tmp_path)
         (directory.partial / "runs.parquet").write_text("x")
 
@@ -84,7 +85,7 @@ def test_place_where_no_folder_can_be_made_is_said_in_words(tmp_path, name):
     (tmp_path / "loop").symlink_to("loop")
     (tmp_path / "file").write_text("")
     with (
-        pytest.raises(ResultsError, match=r"results: can't write to .*; make room there or give another folder"),
+        pytest.raises(UserError, match=r"results: can't write to .*; make room there or give another folder"),
         new_directory(tmp_path / name, "room", CREATED),
     ):
         raise AssertionError("it was begun")

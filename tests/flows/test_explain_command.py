@@ -6,7 +6,7 @@ from datetime import datetime, timedelta
 
 import pytest
 from typer.testing import CliRunner
-from whole_directory import write_results
+from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.__main__ import app
 from vastflow.flows.plan import plan as plans
@@ -14,7 +14,6 @@ from vastflow.flows.plan.explain import explained as explained_configuration
 from vastflow.flows.request.asked import Asked
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
-from vastflow.flows.results.found import ConfigurationResult
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.provenance import ingredients_row
 from vastflow.flows.results.summary import Work

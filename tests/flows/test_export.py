@@ -14,7 +14,7 @@ import pytest
 import yaml
 from command_line import called
 from table import each_row
-from whole_directory import write_results
+from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.cli import export as export_command
 from vastflow.flows.export import export as layout
@@ -22,7 +22,7 @@ from vastflow.flows.export.export import Exported, export
 from vastflow.flows.export.junit import Case, Flaw, Suite
 from vastflow.flows.export.run import recording_csv
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.flows.results.found import FAULT, ConfigurationResult, complete
+from vastflow.flows.results.found import FAULT, complete
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.judgement.verdict import Metric, Verdict

@@ -112,19 +112,13 @@ def alone(monkeypatch):
                 if rounds[0] == 0:
                     raise KeyboardInterrupt
 
-        body(SimpleNamespace(wait=wait, engine=run.engine))
+        def made(stage, shards, *before):
+            work = getattr(run.engine, stage)
+            return [work(each.configurations, *rows).made for each, *rows in zip(shards, *before, strict=True)]
 
-    stages = SimpleNamespace(
-        execute=lambda runs, shards: [runs.engine.execute(each.configurations).made for each in shards],
-        observe=lambda runs, shards, made: [
-            runs.engine.observe(each.configurations, rows).made for each, rows in zip(shards, made, strict=True)
-        ],
-        judge=lambda runs, shards, made: [
-            runs.engine.judge(each.configurations, rows).made for each, rows in zip(shards, made, strict=True)
-        ],
-    )
+        body(SimpleNamespace(wait=wait, map=made))
+
     monkeypatch.setattr(Computing, "run_alone", flow)
-    monkeypatch.setattr(module, "mapped", stages)
     return rounds
 
 

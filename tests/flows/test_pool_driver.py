@@ -11,7 +11,8 @@ from table import each_row
 from vastflow.flows.pool import driver as pool_driver
 from vastflow.flows.pool.driver import Driver
 from vastflow.flows.pool.service import Seen
-from vastflow.flows.request.work_pool import WorkersFailed, WorkPool, WorkPoolError, shard_count
+from vastflow.flows.request.work_pool import WorkersFailed, WorkPool, shard_count
+from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.scenario import Scenario
 from vastflow.tasks.engine.engine import Engine, RunFault
 from vastflow.tasks.engine.index import ConfigurationRuns, Index
@@ -391,9 +392,9 @@ def test_there_are_as_many_shards_as_the_work_is_worth(configurations, runs, mos
 
 
 def test_pool_has_a_name_and_at_least_one_shard():
-    with pytest.raises(WorkPoolError, match="--pool: expected the name of a work pool"):
+    with pytest.raises(UserError, match="--pool: expected the name of a work pool"):
         WorkPool("")
-    with pytest.raises(WorkPoolError, match="--shards: expected 1 or more, got 0"):
+    with pytest.raises(UserError, match="--shards: expected 1 or more, got 0"):
         WorkPool("lab", shards=0)
 
 

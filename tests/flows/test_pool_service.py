@@ -13,7 +13,7 @@ from prefect.states import Cancelling, Completed, Crashed, Failed, Pending, Runn
 from vastflow.flows.campaign import campaign
 from vastflow.flows.pool import service as pool_service
 from vastflow.flows.pool.service import Asking, PoolService, Seen, pool_type
-from vastflow.flows.request.work_pool import WorkPoolError
+from vastflow.sim.model.faults import UserError
 from vastflow.tasks.execution.deployment import ShardDeployment
 from vastflow.tasks.prefect import retry
 from vastflow.tasks.prefect.server import PrefectUnavailable
@@ -185,13 +185,13 @@ def test_what_the_server_refuses_is_not_repeated(monkeypatch):
 
 def test_pool_that_is_not_there_is_said_with_the_nearest_name():
     with pytest.raises(
-        WorkPoolError, match=r"--pool: no work pool 'lap'; did you mean 'lab'.*prefect work-pool create lap"
+        UserError, match=r"--pool: no work pool 'lap'; did you mean 'lab'.*prefect work-pool create lap"
     ):
         pool_type(Asking(Client(), print), "lap")
 
 
 def test_pool_of_another_kind_is_refused():
-    with pytest.raises(WorkPoolError, match="--pool: the work pool 'lab' is of type 'ecs'; one of process, docker"):
+    with pytest.raises(UserError, match="--pool: the work pool 'lab' is of type 'ecs'; one of process, docker"):
         pool_type(Asking(Client("ecs"), print), "lab")
 
 

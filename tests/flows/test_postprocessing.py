@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from whole_directory import write_results
+from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.export.run import poses_csv
 from vastflow.flows.postprocessing.postprocess import postprocessed
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.flows.results.found import ConfigurationResult
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.judgement.verdict import Verdict

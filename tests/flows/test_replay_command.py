@@ -13,11 +13,10 @@ import pytest
 from command_line import called, refused
 from PIL import Image
 from table import each_row
-from whole_directory import write_results
+from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.cli import replay as replay_command
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.flows.results.found import ConfigurationResult
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.provenance import origin_differences, versions
 from vastflow.flows.results.summary import Work
@@ -329,7 +328,7 @@ def test_replay_warns_of_other_code_and_may_be_equal_all_the_same(results):
 
 
 def test_replay_names_difference_of_numeric_class(results):
-    rewritten(results, numeric_class="riscv64; glibc 2.36; ; ")
+    rewritten(results, numeric_class="riscv64; glibc 2.36; ; ; 3.11")
     tampered(results, add_a_millimeter)
     done, said = replayed_json(results, "room-2", 1, "--at", "1.0")
     before, _, after = done.stderr.partition("NOT THE RECORDED RUN: row 12")

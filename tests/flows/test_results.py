@@ -9,10 +9,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from table import each_row
-from whole_directory import write_results
+from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.flows.results.found import ConfigurationResult, complete, one_block
+from vastflow.flows.results.found import complete, one_block
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.evidence.rates import Counts

@@ -14,7 +14,7 @@ import psutil
 import pytest
 from table import each_row
 from typer.testing import CliRunner
-from whole_directory import write_results
+from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows import api
 from vastflow.flows.__main__ import app
@@ -22,7 +22,6 @@ from vastflow.flows.request.asked import Asked, asked_of
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys, recorded_keys
 from vastflow.flows.results.directory import ABANDONED_S, WRITER, left_behind, new_directory, sweep, writer_of
-from vastflow.flows.results.found import ConfigurationResult
 from vastflow.flows.results.inputs import inputs_of, replica
 from vastflow.flows.results.provenance import ingredients_row
 from vastflow.flows.results.summary import Summary, Work

@@ -13,9 +13,8 @@ from table import each_row
 from vastflow.flows import execute, instantiate, judge, observe, run_campaign
 from vastflow.flows.flow_runs.flow_call import FlowCall
 from vastflow.flows.stages import api as stages
-from vastflow.flows.stages.configurations import UnknownConfiguration
 from vastflow.oracles.evidence.rates import Counts
-from vastflow.sim.model.faults import FileError
+from vastflow.sim.model.faults import FileError, UserError
 from vastflow.tasks.keys.source import installed_tree
 from vastflow.tasks.store.store import Lost
 
@@ -132,7 +131,7 @@ def test_instantiating_gives_configurations_by_name_and_executes_nothing(place, 
 
 
 def test_unknown_configuration_is_answered_with_the_nearest(configurations):
-    with pytest.raises(UnknownConfiguration, match="no configuration 'left-1-3'; did you mean 'left-1-"):
+    with pytest.raises(UserError, match="no configuration 'left-1-3'; did you mean 'left-1-"):
         configurations["left-1-3"]
 
 
@@ -192,7 +191,7 @@ def test_more_runs_of_one_family_compute_the_difference(place, configurations, v
     more = execute(configurations, runs=3, only="right", workers=2)
     assert (more.names, len(more.of("right-1-1"))) == (("right-1-1",), 3)
     assert count(place, "execute") == before + 1
-    with pytest.raises(UnknownConfiguration, match="no configuration 'left-1-1'"):
+    with pytest.raises(UserError, match="no configuration 'left-1-1'"):
         more.of("left-1-1")
 
 

@@ -10,12 +10,11 @@ from datetime import datetime
 
 import pytest
 from command_line import DOCS, called, options_of, refused
-from whole_directory import write_results
+from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.request.asked import Asked
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
-from vastflow.flows.results.found import ConfigurationResult
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.provenance import ingredients_row
 from vastflow.flows.results.summary import Work

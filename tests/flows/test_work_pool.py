@@ -16,4 +16,7 @@ def test_options_of_a_pool_want_a_pool(source, option, tmp_path):
 
 def test_empty_name_is_no_pool(tmp_path):
     result = CliRunner().invoke(app, ["run", str(tmp_path / "x.vast"), "--pool", ""])
-    assert (result.exit_code, "--pool: found an empty name" in result.stderr) == (2, True)
+    assert (result.exit_code, "--pool: expected the name of a work pool, got an empty name" in result.stderr) == (
+        2,
+        True,
+    )

@@ -1,6 +1,7 @@
 """Write a whole campaign directory from artifacts, for tests."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,24 @@ from vastflow.flows.request.campaign_file import campaign_name
 from vastflow.flows.results.directory import new_directory
 from vastflow.flows.results.results import write_report, write_tables
 from vastflow.flows.results.summary import Results, Work
+from vastflow.oracles.judgement.verdict import Verdict
 from vastflow.producers.campaign import Campaign
+from vastflow.tasks.engine.engine import RunFault
+
+
+@dataclass(frozen=True, slots=True)
+class ConfigurationResult:
+    """A `vastflow.flows.results.found.StoredResult` of values."""
+
+    recordings: Sequence[bytes] = ()
+    traces: Sequence[bytes] = ()
+    verdicts: Sequence[Verdict] = ()
+    faults: Sequence[RunFault] = ()
+    behaviors: Sequence[bytes] = ()
+    outputs: Sequence[bytes] = ()
+    logs: Sequence[bytes] = ()
+    exact: bool = False
+    causes: Mapping[int, str] = field(default_factory=dict)
 
 
 def write_results(

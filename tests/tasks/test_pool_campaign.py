@@ -18,7 +18,8 @@ from typer.testing import CliRunner
 
 from vastflow.flows import run_campaign
 from vastflow.flows.__main__ import app
-from vastflow.flows.request.work_pool import WorkPool, WorkPoolError
+from vastflow.flows.request.work_pool import WorkPool
+from vastflow.sim.model.faults import UserError
 from vastflow.tasks.store.remote_files import RemoteFiles
 from vastflow.tasks.store.store import open_store
 
@@ -344,7 +345,7 @@ def test_ctrl_c_cancels_the_shards_and_says_how_to_go_on(api, worker, programs, 
 
 def test_api_and_a_pool_have_to_be_there(api, programs, tmp_path, monkeypatch):
     file = programs("well")
-    with pytest.raises(WorkPoolError, match="no work pool 'lap'; did you mean 'lab'"):
+    with pytest.raises(UserError, match="no work pool 'lap'; did you mean 'lab'"):
         run_campaign(file, results=tmp_path, store=tmp_path / "store", pool="lap")
     with temporary_settings({"api.url": None}):
         result = CliRunner().invoke(
