@@ -1,14 +1,10 @@
-import fnmatch
 import re
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.sim.model.digest import file_digest
 from vastflow.sim.model.faults import ScenarioError
-from vastflow.sim.scenario.programs.folders import _pattern as pattern_of
 from vastflow.sim.scenario.programs.folders import copy_in, files_matching, unmatched
 
 TREE = (
@@ -46,6 +42,8 @@ def campaign(tmp_path):
         ("**/[ab].*", ["files/a.py", "files/b.yaml"]),
         ("**/[!ab].py", ["files/deep/er/c.py"]),
         ("files/?.yaml", ["files/b.yaml"]),
+        ("files/**/deep/**/c.*", ["files/deep/er/c.py"]),
+        ("[z-a]", []),
         (".hidden", [".hidden"]),
         ("files/.git/*", ["files/.git/config"]),
         ("nothing/*", []),
@@ -68,21 +66,10 @@ def test_patterns_without_a_file_are_told_and_folders_are_left_out(campaign):
     assert [path for path, _ in found] == ["files/a.py", "run.py"]
 
 
-@each_row("pattern", ["/etc/passwd", "../secret", "files/../../secret", "", "[z-a]"])
-def test_pattern_that_leaves_the_folder_or_goes_down_is_refused(campaign, pattern):
+@each_row("pattern", ["/etc/passwd", "../secret", "files/../../secret", ""])
+def test_pattern_that_leaves_the_folder_is_refused(campaign, pattern):
     with pytest.raises(ScenarioError, match=rf"expected .*, got run_files pattern '{re.escape(pattern)}'"):
         files_matching(campaign, [pattern])
-
-
-@given(st.text("ab.*?[]!\\^-", min_size=1, max_size=6), st.text("ab.[]!\\^-", min_size=1, max_size=6))
-def test_part_means_what_the_standard_librarys_patterns_mean(part, name):
-    hidden = name.startswith(".") and not part.startswith(".")
-    try:
-        ours = bool(pattern_of(part).fullmatch(name))
-    except ScenarioError:
-        return
-    if part not in {".", "..", "**"}:
-        assert ours == (not hidden and fnmatch.fnmatchcase(name, part))
 
 
 def test_copies_hold_the_same_and_are_executable_where_their_originals_are(campaign, tmp_path):

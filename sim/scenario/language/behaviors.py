@@ -1,9 +1,10 @@
 """Checking what a scenario does: compositions, calls of actions, waits, and the modifiers round them."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Final
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Final, TypeVar
 
+from vastflow.sim.model.faults import Fault
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.scenario.definition import (
     Awaited,
@@ -22,7 +23,7 @@ from vastflow.sim.scenario.definition import (
 )
 from vastflow.sim.scenario.language.declarations import BOOL, Compound, Declarations
 from vastflow.sim.scenario.language.declaring import declaring, library_names
-from vastflow.sim.scenario.language.expressions import ExpressionChecker, Visible
+from vastflow.sim.scenario.language.expressions import NO_NAMES, Faulty
 from vastflow.sim.scenario.language.members import MemberChecker
 from vastflow.sim.scenario.language.syntax import (
     ActText,
@@ -59,39 +60,37 @@ MODIFIERS: Final = frozenset(
 """Those that are executed; others can be declared and not used."""
 
 
-@dataclass(frozen=True, slots=True)
-class BehaviorChecker:
-    """Checks behaviors of one scenario; what is wrong goes to the faults of `expressions`.
+Modifiable = TypeVar("Modifiable", CompositionText, ActText, WaitText, EmitText)
+
+
+class BehaviorChecker(MemberChecker):
+    """Checks behaviors of one scenario.
 
     Attributes:
         names: Parameters, variables and actors of the scenario.
         events: Declared in it.
     """
 
-    declared: Declarations
-    expressions: ExpressionChecker
-    members: MemberChecker
-    names: Visible
-    events: Sequence[str]
+    def __init__(self, declared: Declarations, faults: list[Fault]) -> None:
+        super().__init__(declared, faults)
+        self.names = NO_NAMES
+        self.events: list[str] = []
 
-    def behavior(self, text: BehaviorText) -> Behavior | None:
-        """Return the checked behavior, or None if it has a fault."""
+    def behavior(self, text: BehaviorText) -> Behavior:
+        """Return the checked behavior."""
         match text:
             case RefusedText():
-                self.expressions.refuse(text)
-                return None
+                self.refuse(text)
             case CompositionText():
                 return self._composition(text)
             case ActText():
-                return self._modified(self._call(text), text.modifiers)
+                return self._modified(self._act, text)
             case WaitText():
                 self._refuse_keep(text.modifiers)
-                awaited = self._awaited(text.awaited)
-                wait = None if awaited is None else Wait(awaited, _label(text.label), text.place)
-                return self._modified(wait, text.modifiers)
+                return self._modified(self._wait, text)
             case EmitText():
                 self._refuse_keep(text.modifiers)
-                return self._modified(self._emit(text), text.modifiers)
+                return self._modified(self._emit, text)
 
     def is_modifier(self, text: ActText) -> bool:
         """Whether a call in a body or composition is of a modifier."""
@@ -99,95 +98,87 @@ class BehaviorChecker:
         return path in self.declared.modifiers and path not in self.declared.actions
 
     def wrapped(self, child: Behavior | None, modifiers: Iterable[ActText]) -> Behavior | None:
-        """`child` with the modifiers that stand beside it, the first outermost."""
+        """Return `child` with the modifiers that stand beside it, the first outermost."""
         calls = []
         for text in modifiers:
             if text.modifiers:
-                self.expressions.fault(text.call.place, "got a modifier of a modifier", "one after the other")
+                self.fault(text.call.place, "got a modifier of a modifier", "one after the other")
             calls.append(text.call)
         return self._applied(child, calls)
 
-    def _composition(self, text: CompositionText) -> Behavior | None:
+    def _composition(self, text: CompositionText) -> Behavior:
         modifiers = [member for member in text.members if isinstance(member, ActText) and self.is_modifier(member)]
         members = [member for member in text.members if all(member is not one for one in modifiers)]
-        if not members:
-            self.expressions.fault(text.place, f"got an empty {text.kind}", "one action or more in it")
-        children = [self.behavior(member) for member in members]
-        composition: Behavior | None = None
-        if members and None not in children:
-            done = tuple(child for child in children if child is not None)
-            composition = Composition(text.kind, done, _label(text.label), text.place)
+
+        def composed(text: CompositionText) -> Behavior:
+            if not members:
+                self.fail(text.place, f"got an empty {text.kind}", "one action or more in it")
+            return Composition(text.kind, tuple(self.each(self.behavior, members)), _label(text.label), text.place)
+
         self._refuse_keep(text.modifiers)
-        return self._modified(self.wrapped(composition, modifiers), text.modifiers)
+        return self._modified(composed, text, modifiers)
 
     def _refuse_keep(self, text: WithText) -> None:
         for item in text:
             if isinstance(item, KeepText):
-                self.expressions.fault(item.place, "got 'keep' where nothing has members", "'keep' below an action")
+                self.fault(item.place, "got 'keep' where nothing has members", "'keep' below an action")
 
-    def _modified(self, child: Behavior | None, text: WithText) -> Behavior | None:
-        """`child` with what its `with:` block says: modifiers, the first outermost, and `until` outside of them."""
-        calls: list[CallText] = []
-        untils: list[UntilText] = []
-        for item in text:
-            match item:
-                case CallText():
-                    calls.append(item)
-                case UntilText():
-                    untils.append(item)
-                case KeepText():
-                    pass  # gives an argument of the action above
-                case RefusedText():
-                    self.expressions.refuse(item)
-                    child = None
-        child = self._applied(child, calls)
-        for until in reversed(untils):
-            awaited = self._awaited(until.awaited)
+    def _modified(
+        self, check: Callable[[Modifiable], Behavior], text: Modifiable, beside: Sequence[ActText] = ()
+    ) -> Behavior:
+        """Return what `check` makes of `text` with the modifiers beside it and below `with:`, the first outermost.
+
+        `until` stands outside of them.
+        """
+        child = self.wrapped(self.attempt(check, text), beside)
+        if [self.attempt(self.refuse, item) for item in text.modifiers if isinstance(item, RefusedText)]:
+            child = None
+        child = self._applied(child, [item for item in text.modifiers if isinstance(item, CallText)])
+        for until in reversed([item for item in text.modifiers if isinstance(item, UntilText)]):
+            awaited = self.attempt(self._awaited, until.awaited)
             child = None if child is None or awaited is None else Until(awaited, child, until.place)
+        if child is None:
+            raise Faulty
         return child
 
     def _applied(self, child: Behavior | None, calls: Sequence[CallText]) -> Behavior | None:
         for call in reversed(calls):
             name = str(call.path)
-            modifier = self.declared.modifiers.get(name)
-            if modifier is None:
-                known = self.declared.modifiers
-                hint = did_you_mean(name, known, "'import osc.helpers', which declares the modifiers")
-                self.expressions.fault(call.place, f"unknown modifier {name!r}", hint)
-            elif name not in MODIFIERS:
-                self.expressions.fault(call.place, f"modifier {name!r} can't be executed", "a modifier of osc.helpers")
-            arguments = None if modifier is None else self._arguments(call, modifier, name)
+            arguments = self.attempt(self._modifier_arguments, call, name)
             child = None if child is None or arguments is None else Modified(name, arguments, child, call.place)
         return child
 
+    def _modifier_arguments(self, call: CallText, name: str) -> Mapping[str, Expression]:
+        modifier = self.declared.modifiers.get(name)
+        if modifier is None:
+            hint = did_you_mean(name, self.declared.modifiers, "'import osc.helpers', which declares the modifiers")
+            self.fail(call.place, f"unknown modifier {name!r}", hint)
+        if name not in MODIFIERS:
+            self.fault(call.place, f"modifier {name!r} can't be executed", "a modifier of osc.helpers")
+        return self._arguments(call, modifier, name)
+
     def _arguments(
         self, call: CallText, declared: Compound, whose: str, keeps: Sequence[KeepText] = ()
-    ) -> Mapping[str, Expression] | None:
-        """All arguments of a call; what `keep` says takes the place of what stands in the brackets."""
-        given = self.expressions.arguments(call.arguments, declared.members, self.names, whose)
-        if given is None:
-            return None
+    ) -> Mapping[str, Expression]:
+        """Return all arguments of a call; what `keep` says takes the place of what stands in the brackets."""
+        given = self.arguments(call.arguments, declared.members, self.names, whose)
         members = {
             name: replace(member, default=given.get(name, member.default)) for name, member in declared.members.items()
         }
         for keep in keeps:
-            members = self.members.keep(keep, members, self.names)
+            members = self.keep(keep, members, self.names)
         changed = {
             name: member.default
             for name, member in members.items()
             if member.default is not None and member.default is not declared.members[name].default
         }
-        return self.expressions.complete(changed, declared.members, call.place, whose)
+        return self.complete(changed, declared.members, call.place, whose)
 
-    def _call(self, text: ActText) -> Behavior | None:
+    def _act(self, text: ActText) -> Behavior:
         words = text.call.path.words
         action = self._action(words[0]) if len(words) == 1 else self._action_of(words)
-        if action is None:
-            return None
         keeps = [item for item in text.modifiers if isinstance(item, KeepText)]
         arguments = self._arguments(text.call, action, str(text.call.path), keeps)
-        if arguments is None:
-            return None
         actor = words[0].text if len(words) == 2 else ""
         return Call(self._done_by(action), actor, arguments, _label(text.label), text.call.place)
 
@@ -196,17 +187,15 @@ class BehaviorChecker:
         chain = (action, *(self.declared.actions[base][0] for base in action.bases))
         return next((each.name for each in chain if each.origin in library_names()), action.name)
 
-    def _action(self, name: Word) -> Compound | None:
+    def _action(self, name: Word) -> Compound:
         known = self.declared.actions.get(name.text, ())
-        if len(known) == 1:
-            return known[0]
-        if known:
+        if not known:
+            self.fail(name.place, f"unknown action {name.text!r}", self._right_action(name.text))
+        if len(known) > 1:
             origins = " and ".join(action.origin for action in known)
             right = "one import of them, or an action of another name"
-            self.expressions.fault(name.place, f"{name.text!r} is declared by {origins}", right)
-            return None
-        self.expressions.fault(name.place, f"unknown action {name.text!r}", self._right_action(name.text))
-        return None
+            self.fail(name.place, f"{name.text!r} is declared by {origins}", right)
+        return known[0]
 
     def _right_action(self, name: str) -> str:
         if owners := [action for action in self.declared.actions if action.endswith(f".{name}")]:
@@ -222,16 +211,15 @@ class BehaviorChecker:
     def _is_instance(self, type_: Type, actor: str) -> bool:
         return self.declared.is_a(type_, Type(actor, "actor"))
 
-    def _action_of(self, words: Sequence[Word]) -> Compound | None:
+    def _action_of(self, words: Sequence[Word]) -> Compound:
         instance, name = words[0], words[-1]
         type_ = self.names.types.get(instance.text)
         if instance.text in self.names.faulty:
-            return None
+            raise Faulty
         if len(words) > 2 or type_ is None or type_.kind != "actor":
             actors = [key for key, of in self.names.types.items() if of.kind == "actor"]
             hint = did_you_mean(instance.text, actors, "an instance, declared as 'name: actor' in the scenario")
-            self.expressions.fault(instance.place, f"unknown actor instance {instance.text!r}", hint)
-            return None
+            self.fail(instance.place, f"unknown actor instance {instance.text!r}", hint)
         chain = (type_.name, *self.declared.actors[type_.name].bases)
         for actor in chain:
             if known := self.declared.actions.get(f"{actor}.{name.text}"):
@@ -239,52 +227,40 @@ class BehaviorChecker:
         own = [action.partition(".")[2] for action in self.declared.actions if action.partition(".")[0] in chain]
         libraries = [library for actor in chain for library in declaring(f"{actor}.{name.text}")]
         hint = f"'import {libraries[0]}', which declares it" if libraries else did_you_mean(name.text, own)
-        self.expressions.fault(name.place, f"{type_.name} has no action {name.text!r}", hint)
-        return None
+        self.fail(name.place, f"{type_.name} has no action {name.text!r}", hint)
 
-    def _emit(self, text: EmitText) -> Behavior | None:
-        if not self._is_event(text.event, (*self.events, *ENDING)):
-            return None
+    def _emit(self, text: EmitText) -> Behavior:
+        self._check_event(text.event, (*self.events, *ENDING))
         return Emit(text.event.text, _label(text.label), text.place)
 
-    def _is_event(self, name: Word, known: Sequence[str]) -> bool:
-        if name.text in known:
-            return True
-        right = did_you_mean(name.text, known, f"'event {name.text}' in the scenario")
-        self.expressions.fault(name.place, f"unknown event {name.text!r}", right)
-        return False
+    def _check_event(self, name: Word, known: Sequence[str]) -> None:
+        if name.text not in known:
+            right = did_you_mean(name.text, known, f"'event {name.text}' in the scenario")
+            self.fail(name.place, f"unknown event {name.text!r}", right)
 
-    def _awaited(self, text: AwaitedText) -> Awaited | None:
+    def _wait(self, text: WaitText) -> Behavior:
+        return Wait(self._awaited(text.awaited), _label(text.label), text.place)
+
+    def _awaited(self, text: AwaitedText) -> Awaited:
         condition = text.condition
-        if text.event is not None:
-            return self._happened(text)
-        if isinstance(condition, CallText) and str(condition.path) == "elapsed":
+        if isinstance(condition, CallText) and text.event is None and str(condition.path) == "elapsed":
             return self._elapsed(condition)
-        assert condition is not None
-        value = self.expressions.assigned(condition, BOOL, self.names, "a condition")
-        return None if value is None else Holds(value, text.place)
+        if text.event is not None:
+            if len(text.event.words) > 1:
+                self.fail(text.event.place, f"got event {text.event}", "an event of the scenario")
+            self._check_event(text.event.words[0], self.events)
+        held = None if condition is None else self.assigned(condition, BOOL, self.names, "a condition")
+        if text.event is not None:
+            return Happened(str(text.event), held, text.place)
+        assert held is not None
+        return Holds(held, text.place)
 
-    def _happened(self, text: AwaitedText) -> Awaited | None:
-        assert text.event is not None
-        if len(text.event.words) > 1:
-            self.expressions.fault(text.event.place, f"got event {text.event}", "an event of the scenario")
-            return None
-        if not self._is_event(text.event.words[0], self.events):
-            return None
-        if text.condition is None:
-            return Happened(str(text.event), None, text.place)
-        condition = self.expressions.assigned(text.condition, BOOL, self.names, "a condition")
-        return None if condition is None else Happened(str(text.event), condition, text.place)
-
-    def _elapsed(self, call: CallText) -> Awaited | None:
+    def _elapsed(self, call: CallText) -> Awaited:
         if len(call.arguments) != 1 or call.arguments[0].name is not None:
-            self.expressions.fault(call.place, "got elapsed without one duration", "elapsed(3s)")
-            return None
-        wanted = Type("time", "physical")
+            self.fail(call.place, "got elapsed without one duration", "elapsed(3s)")
         text = call.arguments[0].value
-        take = self.expressions.given if isinstance(text, CallText) else self.expressions.assigned
-        duration = take(text, wanted, self.names, "a duration")
-        return None if duration is None else Elapsed(duration, call.place)
+        take = self.given if isinstance(text, CallText) else self.assigned
+        return Elapsed(take(text, Type("time", "physical"), self.names, "a duration"), call.place)
 
 
 def _label(label: Word | None) -> str:

@@ -19,8 +19,7 @@ from vastflow.sim.scenario.definition import (
 from vastflow.sim.scenario.evaluation import names_in
 from vastflow.sim.scenario.language.behaviors import ENDING, BehaviorChecker
 from vastflow.sim.scenario.language.declarations import Declarations
-from vastflow.sim.scenario.language.expressions import ExpressionChecker, Visible
-from vastflow.sim.scenario.language.members import MemberChecker
+from vastflow.sim.scenario.language.expressions import Visible
 from vastflow.sim.scenario.language.syntax import (
     ActText,
     CompoundText,
@@ -41,48 +40,42 @@ MOST_LEVELS: Final = 150
 def checked(text: CompoundText, declared: Declarations, faults: list[Fault]) -> ScenarioDefinition | None:
     """The definition of a scenario; None where something in it is at fault, which goes to `faults`."""
     before = len(faults)
-    definition = _Scenario(declared, ExpressionChecker(declared, faults)).definition(text)
+    definition = _Scenario(declared, faults).definition(text)
     return definition if len(faults) == before else None
 
 
-class _Scenario:
+class _Scenario(BehaviorChecker):
     """Checks one scenario, with all that it inherits."""
 
-    def __init__(self, declared: Declarations, expressions: ExpressionChecker) -> None:
-        self._declared = declared
-        self._expressions = expressions
-        self._members = MemberChecker(declared, self._expressions)
+    def __init__(self, declared: Declarations, faults: list[Fault]) -> None:
+        super().__init__(declared, faults)
         self._fields: dict[str, Field] = dict(declared.globals)
         self._own: set[str] = set()
         self._types: dict[str, Type] = {}
         self._instances: dict[str, FieldText] = {}
-        self._events: list[str] = []
         self._faulty: set[str] = set()
 
     def definition(self, text: CompoundText) -> ScenarioDefinition | None:
         chain = self._chain(text)
         members = [member for part in chain for member in part.members]
-        self._types = {name: type_ for member in members for name, type_ in self._members.types(member)}
+        self._types = {name: type_ for member in members for name, type_ in self.types(member)}
         for part in chain:
             self._own.clear()
             for member in part.members:
                 self._declare(member)
         self._refuse_circles()
+        self.names = self._visible()
         done = self._done(chain)
-        visible = self._visible()
-        checker = BehaviorChecker(self._declared, self._expressions, self._members, visible, self._events)
-        root: Behavior | None = None if done is None else checker.behavior(done.behavior)
+        root = None if done is None else self.attempt(self.behavior, done.behavior)
         applied = [member for member in members if isinstance(member, ActText)]
         for member in applied:
-            if not checker.is_modifier(member):
+            if not self.is_modifier(member):
                 self._misplaced(member)
-        root = checker.wrapped(root, [member for member in applied if checker.is_modifier(member)])
+        root = self.wrapped(root, [member for member in applied if self.is_modifier(member)])
         if root is not None and (deep := _too_deep(root)) is not None:
-            self._expressions.fault(
-                deep, f"got more than {MOST_LEVELS} compositions and modifiers in one another", "fewer"
-            )
+            self.fault(deep, f"got more than {MOST_LEVELS} compositions and modifiers in one another", "fewer")
             return None
-        actors = [self._actor(name, field, visible) for name, field in self._instances.items()]
+        actors = [self._actor(name, field) for name, field in self._instances.items()]
         if root is None or None in actors:
             return None
         bases = tuple(str(part.name) for part in chain[:-1])
@@ -90,22 +83,22 @@ class _Scenario:
 
     def _misplaced(self, text: ActText) -> None:
         path = str(text.call.path)
-        known = did_you_mean(path, self._declared.modifiers, "'import osc.helpers', which declares the modifiers")
-        right = "'do' before it" if "." in path or path in self._declared.actions else known
-        self._expressions.fault(text.call.place, f"got {path}(…) in the body of a scenario", right)
+        known = did_you_mean(path, self.declared.modifiers, "'import osc.helpers', which declares the modifiers")
+        right = "'do' before it" if "." in path or path in self.declared.actions else known
+        self.fault(text.call.place, f"got {path}(…) in the body of a scenario", right)
 
     def _chain(self, text: CompoundText) -> list[CompoundText]:
         """The scenario and those that it inherits from, the farthest first."""
         chain = [text]
         while chain[0].base is not None:
             name = str(chain[0].base)
-            base = self._declared.scenarios.get(name)
+            base = self.declared.scenarios.get(name)
             if base is None:
-                right = did_you_mean(name, self._declared.scenarios)
-                self._expressions.fault(chain[0].base.place, f"unknown scenario {name!r}", right)
+                right = did_you_mean(name, self.declared.scenarios)
+                self.fault(chain[0].base.place, f"unknown scenario {name!r}", right)
                 break
             if any(base is one for one in chain):
-                self._expressions.fault(chain[0].base.place, f"scenario {name!r} inherits from itself", "another one")
+                self.fault(chain[0].base.place, f"scenario {name!r} inherits from itself", "another one")
                 break
             chain.insert(0, base)
         return chain
@@ -117,45 +110,45 @@ class _Scenario:
             case EventText():
                 self._event(member.name)
             case KeepText():
-                self._fields = self._members.keep(member, self._fields, self._visible())
+                self._fields = self.keep(member, self._fields, self._visible())
             case MethodText():
                 pass  # may be declared; a call of it is refused
             case RefusedText():
-                self._expressions.refuse(member)
+                self.attempt(self.refuse, member)
 
     def _field(self, text: FieldText) -> None:
-        members = self._members.fields(text, self._visible())
+        members = self.fields(text, self._visible())
         self._faulty |= {name.text for name in text.names} - {member.name for member in members}
         for member in members:
-            if member.name in self._own or member.name in self._events:
-                self._expressions.fault(member.place, f"{member.name!r} is declared already", "another name")
+            if member.name in self._own or member.name in self.events:
+                self.fault(member.place, f"{member.name!r} is declared already", "another name")
                 continue
             self._own.add(member.name)
             above = self._fields.get(member.name)
             if above is not None and not self._is_variable(member.name, above):
-                member = self._members.overriding(member, above)
+                member = self.overriding(member, above)
             if member.type.kind == "actor":
                 if member.type.is_list or member.is_variable:
                     what = "a list of actors" if member.type.is_list else "a variable of an actor"
-                    self._expressions.fault(member.place, f"got {what}", "'name: actor' for each instance")
+                    self.fault(member.place, f"got {what}", "'name: actor' for each instance")
                 self._instances[member.name] = text
             self._fields[member.name] = member
 
     def _event(self, name: Word) -> None:
-        if name.text in self._fields or name.text in self._events or name.text in ENDING:
-            self._expressions.fault(name.place, f"{name.text!r} is declared already", "another name")
-        elif self._members.allowed(name):
-            self._events.append(name.text)
+        if name.text in self._fields or name.text in self.events or name.text in ENDING:
+            self.fault(name.place, f"{name.text!r} is declared already", "another name")
+        elif self.allowed(name):
+            self.events.append(name.text)
 
     def _visible(self) -> Visible:
         changing = [name for name, member in self._fields.items() if self._is_variable(name, member)]
         types = self._types | {name: member.type for name, member in self._fields.items()}
         for name, type_ in types.items():
-            changing += [f"{name}.{each.name}" for each in self._declared.variables_of(type_)]
+            changing += [f"{name}.{each.name}" for each in self.declared.variables_of(type_)]
         return Visible(types, frozenset(changing), frozenset(self._faulty))
 
     def _is_variable(self, name: str, member: Field) -> bool:
-        return member.is_variable or member is self._declared.globals.get(name)
+        return member.is_variable or member is self.declared.globals.get(name)
 
     def _refuse_circles(self) -> None:
         """Take down values that need themselves."""
@@ -171,44 +164,41 @@ class _Scenario:
                 ahead = {further for each in ahead for further in needed.get(each, ())}
             if name in reached and name not in told:
                 told |= reached
-                self._expressions.fault(member.place, f"the value of {name!r} needs {name!r} itself", "a value")
+                self.fault(member.place, f"the value of {name!r} needs {name!r} itself", "a value")
 
     def _done(self, chain: Sequence[CompoundText]) -> DoText | None:
         """Return the scenario's own `do`, or that of its nearest base."""
         for part in reversed(chain):
             found = [member for member in part.members if isinstance(member, DoText)]
             for other in found[1:]:
-                self._expressions.fault(other.place, "got a second 'do'", "one 'do' with a serial or parallel")
+                self.fault(other.place, "got a second 'do'", "one 'do' with a serial or parallel")
             if found:
                 return found[0]
         name = chain[-1].name
-        self._expressions.fault(name.place, f"scenario {name} does nothing", "'do' and an action")
+        self.fault(name.place, f"scenario {name} does nothing", "'do' and an action")
         return None
 
-    def _actor(self, name: str, text: FieldText, visible: Visible) -> Actor | None:
+    def _actor(self, name: str, text: FieldText) -> Actor | None:
         type_ = self._fields[name].type
-        declared = self._declared.actors[type_.name]
+        declared = self.declared.actors[type_.name]
         members: Mapping[str, Field] = declared.members
         if text.default is not None:
-            self._expressions.fault(self._fields[name].place, "got a value for an actor", "'keep' below it")
+            self.fault(self._fields[name].place, "got a value for an actor", "'keep' below it")
         for item in text.keeps:
-            if isinstance(item, KeepText):
-                members = self._members.keep(item, members, visible)
-            else:
-                self._members.refuse_modifier(item)
+            members = self.keep(item, members, self.names)
         place = self._fields[name].place
         kept = {
             each.name: each.default
             for each in members.values()
             if each.default is not None and each is not declared.members[each.name]
         }
-        values, missing = self._declared.filled(kept, declared.members, place)
+        values, missing = self.declared.filled(kept, declared.members, place)
         for member in missing:
             if not member.is_variable:
                 right = f"'with:' and below it 'keep(it.{member.name} == …)'"
-                self._expressions.fault(place, f"{name!r} has no value for {member.name!r}", right)
+                self.fault(place, f"{name!r} has no value for {member.name!r}", right)
                 return None
-        variables = tuple(member.name for member in self._declared.variables_of(type_))
+        variables = tuple(member.name for member in self.declared.variables_of(type_))
         return Actor(name, (type_.name, *declared.bases), values, variables, place)
 
     def _made(
@@ -217,7 +207,7 @@ class _Scenario:
         parameters, variables = [], []
         for member in self._fields.values():
             if self._is_variable(member.name, member):
-                initial = member.default or self._declared.default_of(member.type, member.place)
+                initial = member.default or self.declared.default_of(member.type, member.place)
                 variables.append(replace(member, default=initial))
             elif member.type.kind != "actor":
                 parameters.append(member)
@@ -226,12 +216,12 @@ class _Scenario:
             parameters=tuple(parameters),
             variables=tuple(variables),
             actors=actors,
-            events=tuple(self._events),
+            events=tuple(self.events),
             root=root,
             place=text.name.place,
-            structs={name: struct.members for name, struct in self._declared.structs.items()},
-            units=self._declared.units,
-            enums=self._declared.enums,
+            structs={name: struct.members for name, struct in self.declared.structs.items()},
+            units=self.declared.units,
+            enums=self.declared.enums,
             bases=bases,
         )
 

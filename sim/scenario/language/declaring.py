@@ -10,7 +10,7 @@ from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.names import did_you_mean, nearest
 from vastflow.sim.scenario.definition import Field, Type
 from vastflow.sim.scenario.language.declarations import Compound, Declarations, Function
-from vastflow.sim.scenario.language.expressions import NO_NAMES, ExpressionChecker, Visible
+from vastflow.sim.scenario.language.expressions import NO_NAMES, Visible
 from vastflow.sim.scenario.language.members import MemberChecker
 from vastflow.sim.scenario.language.syntax import (
     ActText,
@@ -62,18 +62,15 @@ def declared(
     """
     known = Declarations()
     known.include(imported)
-    expressions = ExpressionChecker(known, faults, of_library=of_library)
-    return _Declarer(known, origin, expressions).declarations(text)
+    return _Declarer(known, origin, faults, of_library=of_library).declarations(text)
 
 
-class _Declarer:
+class _Declarer(MemberChecker):
     """Declares the content of a file; types are declared at their first use, which may precede them."""
 
-    def __init__(self, known: Declarations, origin: str, expressions: ExpressionChecker) -> None:
-        self._declared = known
+    def __init__(self, known: Declarations, origin: str, faults: list[Fault], *, of_library: bool) -> None:
+        super().__init__(known, faults, of_library=of_library)
         self._origin = origin
-        self._expressions = expressions
-        self._members = MemberChecker(known, expressions, ensure=self._ensure)
         self._pending: dict[str, CompoundText] = {}
         self._places: dict[tuple[str, str], Place] = {}
         self._globals: dict[str, Type] = {name: member.type for name, member in known.globals.items()}
@@ -84,11 +81,11 @@ class _Declarer:
                 case PhysicalTypeText():
                     self._physical_type(declaration)
                 case EnumTypeText():
-                    self._enum(declaration)
+                    self._enum_type(declaration)
                 case RefusedText():
-                    self._expressions.refuse(declaration)
+                    self.attempt(self.refuse, declaration)
                 case CompoundText(kind="struct" | "actor"):
-                    if self._is_new("type", declaration.name, self._declared.type_names()):
+                    if self._is_new("type", declaration.name, self.declared.type_names()):
                         self._pending[str(declaration.name)] = declaration
         for declaration in text.declarations:
             if isinstance(declaration, UnitText):
@@ -96,67 +93,67 @@ class _Declarer:
         fields = [declaration.field for declaration in text.declarations if isinstance(declaration, GlobalText)]
         # Types of this file last: the defaults of their members may name globals.
         for field in sorted(fields, key=lambda field: field.type.name.text in self._pending):
-            self._globals |= self._members.types(field)
+            self._globals |= self.types(field)
         for name in list(self._pending):
-            self._ensure(name)
+            self.ensure(name)
         for field in fields:
             self._global(field)
         for declaration in text.declarations:
             if isinstance(declaration, CompoundText):
                 self._later(declaration)
-        return self._declared
+        return self.declared
 
     def _is_new(self, kind: str, name: PathText | Word, known: Any) -> bool:
         key = str(name) if isinstance(name, PathText) else name.text
         place = self._places.setdefault((kind, key), name.place)
         if kind == "type" and key.startswith("listof"):
-            self._expressions.fault(name.place, f"got type {key!r}, which begins with 'listof'", "another name")
+            self.fault(name.place, f"got type {key!r}, which begins with 'listof'", "another name")
             return False
         if place is not name.place or key in known:
             where = f" at {place}" if place is not name.place else ""
-            self._expressions.fault(name.place, f"{key!r} is declared already{where}", "another name")
+            self.fault(name.place, f"{key!r} is declared already{where}", "another name")
             return False
         return True
 
     def _physical_type(self, text: PhysicalTypeText) -> None:
-        if self._is_new("type", text.name, self._declared.type_names()):
-            self._declared.physical[text.name.text] = {
+        if self._is_new("type", text.name, self.declared.type_names()):
+            self.declared.physical[text.name.text] = {
                 unit.text: exponent for unit, exponent in text.exponents if unit.text not in NEITHER
             }
 
     def _unit(self, text: UnitText) -> None:
-        if not self._is_new("unit", text.name, self._declared.units):
+        if not self._is_new("unit", text.name, self.declared.units):
             return
-        if text.type.text not in self._declared.physical:
-            right = did_you_mean(text.type.text, self._declared.physical)
-            self._expressions.fault(text.type.place, f"unknown physical type {text.type.text!r}", right)
+        if text.type.text not in self.declared.physical:
+            right = did_you_mean(text.type.text, self.declared.physical)
+            self.fault(text.type.place, f"unknown physical type {text.type.text!r}", right)
             return
         given = {name.text: float(value) for name, value in text.exponents}
-        self._declared.units[text.name.text] = (text.type.text, given.get("factor", 1.0), given.get("offset", 0.0))
+        self.declared.units[text.name.text] = (text.type.text, given.get("factor", 1.0), given.get("offset", 0.0))
 
-    def _enum(self, text: EnumTypeText) -> None:
-        if not (self._members.allowed(text.name) and self._is_new("type", text.name, self._declared.type_names())):
+    def _enum_type(self, text: EnumTypeText) -> None:
+        if not (self.allowed(text.name) and self._is_new("type", text.name, self.declared.type_names())):
             return
         members: dict[str, int] = {}
         number = 0
         for name, given in text.members:
             if isinstance(given, float):
-                self._expressions.fault(name.place, f"got {given} for {name.text!r}", "a whole number")
+                self.fault(name.place, f"got {given} for {name.text!r}", "a whole number")
             elif name.text in members:
-                self._expressions.fault(name.place, f"{name.text!r} is declared already", "another name")
+                self.fault(name.place, f"{name.text!r} is declared already", "another name")
             else:
                 number = number if given is None else given
                 members[name.text] = number
                 number += 1
-        self._declared.enums[text.name.text] = members
+        self.declared.enums[text.name.text] = members
 
-    def _ensure(self, name: str) -> None:
+    def ensure(self, name: str) -> None:
         text = self._pending.pop(name, None)
         if text is None:
             return
-        kinds = self._declared.structs if text.kind == "struct" else self._declared.actors
+        kinds = self.declared.structs if text.kind == "struct" else self.declared.actors
         if text.base is not None:
-            self._ensure(str(text.base))
+            self.ensure(str(text.base))
         base = None if text.base is None else self._base(text.base, kinds, text.kind)
         if self._one_word(text):
             kinds[name] = self._compound(text, base)
@@ -164,45 +161,45 @@ class _Declarer:
     def _one_word(self, text: CompoundText) -> bool:
         if len(text.name.words) > 1:
             right = "an action where it is an actor's" if text.kind == "modifier" else "one name"
-            self._expressions.fault(text.name.place, f"got {text.kind} {text.name}, with an actor", right)
+            self.fault(text.name.place, f"got {text.kind} {text.name}, with an actor", right)
             return False
-        return self._members.allowed(text.name.words[0])
+        return self.allowed(text.name.words[0])
 
     def _base(self, name: PathText, known: Mapping[str, Compound], kind: str) -> Compound | None:
         base = known.get(str(name))
         if base is None:
-            self._expressions.fault(name.place, f"unknown {kind} {str(name)!r}", did_you_mean(str(name), known))
+            self.fault(name.place, f"unknown {kind} {str(name)!r}", did_you_mean(str(name), known))
         return base
 
     def _later(self, text: CompoundText) -> None:
         name = str(text.name)
         match text.kind:
             case "modifier":
-                known = self._declared.modifiers
+                known = self.declared.modifiers
                 if self._is_new("modifier", text.name, known) and self._one_word(text):
                     base = None if text.base is None else self._base(text.base, known, "modifier")
-                    self._declared.modifiers[name] = self._compound(text, base)
+                    self.declared.modifiers[name] = self._compound(text, base)
             case "action":
                 self._action(text)
             case "scenario":
-                if self._is_new("scenario", text.name, self._declared.scenarios) and self._one_word(text):
-                    self._declared.scenarios[name] = text
+                if self._is_new("scenario", text.name, self.declared.scenarios) and self._one_word(text):
+                    self.declared.scenarios[name] = text
 
     def _action(self, text: CompoundText) -> None:
         if not self._is_new("action", text.name, ()):
             return
         actor = text.name.words[0]
         if len(text.name.words) > 2:
-            self._expressions.fault(text.name.place, f"got action {text.name}", "an actor and a name at most")
+            self.fault(text.name.place, f"got action {text.name}", "an actor and a name at most")
             return
-        if len(text.name.words) == 2 and actor.text not in self._declared.actors:
-            right = did_you_mean(actor.text, self._declared.actors)
-            self._expressions.fault(actor.place, f"unknown actor {actor.text!r}", right)
+        if len(text.name.words) == 2 and actor.text not in self.declared.actors:
+            right = did_you_mean(actor.text, self.declared.actors)
+            self.fault(actor.place, f"unknown actor {actor.text!r}", right)
             return
-        actions = {name: known[0] for name, known in self._declared.actions.items()}
+        actions = {name: known[0] for name, known in self.declared.actions.items()}
         base = None if text.base is None else self._base(text.base, actions, "action")
         name = str(text.name)
-        self._declared.actions[name] = (*self._declared.actions.get(name, ()), self._compound(text, base))
+        self.declared.actions[name] = (*self.declared.actions.get(name, ()), self._compound(text, base))
 
     def _compound(self, text: CompoundText, base: Compound | None) -> Compound:
         assert text.kind != "scenario"
@@ -213,41 +210,37 @@ class _Declarer:
             names = Visible(self._globals | {name: member.type for name, member in members.items()})
             match part:
                 case FieldText():
-                    for member in self._members.fields(part, names):
+                    for member in self.fields(part, names):
                         if member.name in own:
-                            self._expressions.fault(
-                                member.place, f"{member.name!r} is declared already", "another name"
-                            )
+                            self.fault(member.place, f"{member.name!r} is declared already", "another name")
                         inherited = members.get(member.name)
-                        members[member.name] = self._members.overriding(member, inherited) if inherited else member
+                        members[member.name] = self.overriding(member, inherited) if inherited else member
                         own.add(member.name)
                 case KeepText():
-                    members = self._members.keep(part, members, names)
+                    members = self.keep(part, members, names)
                 case MethodText():
-                    functions[part.name.text] = self._function(text, part)
+                    functions[part.name.text] = self._method(text, part)
                 case EventText():
                     pass  # an actor's own events are declared, and nothing here can emit them
                 case RefusedText():
-                    self._expressions.refuse(part)
+                    self.attempt(self.refuse, part)
                 case DoText():
-                    self._expressions.fault(part.place, f"got 'do' in {_a(text.kind)}", "'do' in a scenario")
+                    self.fault(part.place, f"got 'do' in {_a(text.kind)}", "'do' in a scenario")
                 case ActText():
                     what = f"got a modifier of {_a(text.kind)}"
-                    self._expressions.fault(part.call.place, what, "a modifier in a scenario or a composition")
+                    self.fault(part.call.place, what, "a modifier in a scenario or a composition")
         bases = (base.name, *base.bases) if base else ()
         return Compound(text.kind, str(text.name), bases, members, functions, self._origin, text.name.place)
 
-    def _function(self, owner: CompoundText, text: MethodText) -> Function:
-        parameters = {
-            member.name: member for field in text.parameters for member in self._members.fields(field, NO_NAMES)
-        }
-        returns = None if text.returns is None else self._members.type_of(text.returns)
-        return Function(f"{owner.name}.{text.name.text}", parameters, returns, self._expressions.of_library)
+    def _method(self, owner: CompoundText, text: MethodText) -> Function:
+        parameters = {member.name: member for field in text.parameters for member in self.fields(field, NO_NAMES)}
+        returns = None if text.returns is None else self.attempt(self.type_of, text.returns)
+        return Function(f"{owner.name}.{text.name.text}", parameters, returns, self.of_library)
 
     def _global(self, text: FieldText) -> None:
-        if all(self._is_new("global", name, self._declared.globals) for name in text.names):
-            for member in self._members.fields(text, Visible(self._globals)):
-                self._declared.globals[member.name] = member
+        if all(self._is_new("global", name, self.declared.globals) for name in text.names):
+            for member in self.fields(text, Visible(self._globals)):
+                self.declared.globals[member.name] = member
 
 
 def _a(kind: str) -> str:

@@ -1,9 +1,9 @@
 """Checking expressions: names resolved, types agreed, units turned into SI."""
 
 import math
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Final, TypeAlias, cast
+from typing import Final, NoReturn, ParamSpec, TypeAlias, TypeVar, cast
 
 from vastflow.sim.model.faults import Fault, Place
 from vastflow.sim.model.names import did_you_mean
@@ -48,6 +48,9 @@ from vastflow.sim.scenario.language.syntax import (
 )
 
 Typed: TypeAlias = tuple[Expression, Type]
+P = ParamSpec("P")
+S = TypeVar("S")
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,22 +73,22 @@ LITERALS: Final[Mapping[type, Type]] = {bool: BOOL, int: INT, float: FLOAT, str:
 _NO_NUMBERS: Final = (bool, str, EnumValue)
 
 
+class Faulty(Exception):
+    """Raised after a fault was taken down, so that what depends on it is left out."""
+
+
 class ExpressionChecker:
-    """Checks expressions against declarations; what is wrong goes to `faults`, and the value is None then.
+    """Checks expressions against declarations; what is wrong goes to `faults`.
+
+    Methods that return a value raise `Faulty` where it has a fault.
 
     Attributes:
         of_library: Whether what only libraries may use is known.
     """
 
-    def __init__(
-        self,
-        declarations: Declarations,
-        faults: list[Fault],
-        *,
-        of_library: bool = False,
-    ) -> None:
-        self._declared = declarations
-        self._faults = faults
+    def __init__(self, declared: Declarations, faults: list[Fault], *, of_library: bool = False) -> None:
+        self.declared: Final = declared
+        self.faults: Final = faults
         self.of_library: Final = of_library
 
     def right_type(self, name: str, known: Collection[str]) -> str:
@@ -94,16 +97,35 @@ class ExpressionChecker:
 
         return right_type(name, known)
 
-    def fault(self, place: Place, what: str, right: str) -> None:
+    def fault(self, place: Place, problem: str, expected: str) -> None:
         """Take down a fault."""
-        self._faults.append(Fault(place, what, right))
+        self.faults.append(Fault(place, problem, expected))
 
-    def refuse(self, text: RefusedText) -> None:
-        """Take down that a construct is not part of what vastflow executes."""
-        self.fault(text.place, f"got {text.construct}, which vastflow does not have", text.right)
+    def fail(self, place: Place, problem: str, expected: str) -> NoReturn:
+        """Take down a fault and give up what has it."""
+        self.fault(place, problem, expected)
+        raise Faulty
 
-    def assigned(self, text: ExpressionText, wanted: Type, names: Visible, whose: str) -> Expression | None:
-        """The value for something of type `wanted`; `whose` is the words for it in a fault.
+    def refuse(self, text: RefusedText) -> NoReturn:
+        """Fail because a construct is not part of what vastflow executes."""
+        self.fail(text.place, f"got {text.construct}, which vastflow does not have", text.right)
+
+    def each(self, check: Callable[[T], S], parts: Iterable[T]) -> list[S]:
+        """Check all parts, so that each of their faults is said, and fail if one has any."""
+        checked = [self.attempt(check, part) for part in parts]
+        if None in checked:
+            raise Faulty
+        return cast(list[S], checked)
+
+    def attempt(self, check: Callable[P, S], *arguments: P.args, **named: P.kwargs) -> S | None:
+        """Check something; None where it has a fault."""
+        try:
+            return check(*arguments, **named)
+        except Faulty:
+            return None
+
+    def assigned(self, text: ExpressionText, wanted: Type, names: Visible, whose: str) -> Expression:
+        """Return the value for something of type `wanted`; `whose` is the words for it in a fault.
 
         A name of a number or a truth value can stand for a text, and is its text then.
         """
@@ -112,18 +134,15 @@ class ExpressionChecker:
         if isinstance(text, ListText) and wanted.is_list:
             self._refuse_empty(text)
             item = Type(wanted.name, wanted.kind)
-            items = [self.assigned(part, item, names, f"an item of {whose}") for part in text.items]
-            return None if None in items else ListOf(tuple(cast(list[Expression], items)), text.place)
-        typed = self.value(text, names)
-        return None if typed is None else self._fitted(text, typed, wanted, whose)
+            items = self.each(lambda part: self.assigned(part, item, names, f"an item of {whose}"), text.items)
+            return ListOf(tuple(items), text.place)
+        return self._fitted(text, self.value(text, names), wanted, whose)
 
-    def given(self, text: ExpressionText, wanted: Type, names: Visible, whose: str) -> Expression | None:
+    def given(self, text: ExpressionText, wanted: Type, names: Visible, whose: str) -> Expression:
         """Return the value as `assigned` does; plain numbers also stand for SI values and texts."""
         if wanted == VARIABLE or isinstance(text, ListText):
             return self.assigned(text, wanted, names, whose)
         typed = self.value(text, names)
-        if typed is None:
-            return None
         takes_numbers = wanted == FLOAT or (wanted.kind == "physical" and not wanted.is_list)
         if takes_numbers and is_number(typed[1]):
             return typed[0]
@@ -131,11 +150,12 @@ class ExpressionChecker:
             return Constant(text_of(text.value), text.place)
         return self._fitted(text, typed, wanted, whose)
 
-    def value(self, text: ExpressionText, names: Visible) -> Typed | None:
+    def value(self, text: ExpressionText, names: Visible) -> Typed:
         """Return an expression with its type."""
         match text:
             case Constant():
-                return self._literal(text)
+                self._check_finite(text.value, text.place)
+                return text, LITERALS[type(text.value)]
             case PhysicalText():
                 return self._physical(text)
             case EnumText():
@@ -150,12 +170,15 @@ class ExpressionChecker:
                 return self._operation(text, names)
             case RefusedText():
                 self.refuse(text)
-                return None
 
     def arguments(
         self, texts: Iterable[ArgumentText], parameters: Mapping[str, Field], names: Visible, whose: str
-    ) -> dict[str, Expression] | None:
-        """The given arguments of a call by the names of its parameters, in their order; `whose` names what is called."""
+    ) -> dict[str, Expression]:
+        """Return the given arguments of a call by the names of its parameters, in their order.
+
+        Args:
+            whose: Names what is called.
+        """
         order = list(parameters)
         given: dict[str, Expression | None] = {}
         named = False
@@ -167,47 +190,44 @@ class ExpressionChecker:
                     given[name] = None
                     continue
             elif named:
-                self.fault(argument.value.place, "got a value after a named one", "values by position first")
-                return None
+                self.fail(argument.value.place, "got a value after a named one", "values by position first")
             elif position >= len(order):
                 count = f"{len(order)} at most" if order else "no arguments"
-                self.fault(argument.value.place, f"got one argument more than {whose} takes", count)
-                return None
+                self.fail(argument.value.place, f"got one argument more than {whose} takes", count)
             else:
                 name, place = order[position], argument.value.place
             if name in given:
                 self.fault(place, f"{name!r} of {whose} is given twice", "one value")
-            given[name] = self.given(argument.value, parameters[name].type, names, f"{name!r} of {whose}")
+            wanted, words = parameters[name].type, f"{name!r} of {whose}"
+            given[name] = self.attempt(self.given, argument.value, wanted, names, words)
         if None in given.values():
-            return None
+            raise Faulty
         return {name: cast(Expression, given[name]) for name in order if name in given}
 
     def complete(
         self, given: Mapping[str, Expression], parameters: Mapping[str, Field], place: Place, whose: str
-    ) -> dict[str, Expression] | None:
-        """`given` and the defaults of all other parameters, those that the members of structs have among them."""
-        values, missing = self._declared.filled(given, parameters, place)
+    ) -> dict[str, Expression]:
+        """Return `given` and the defaults of all other parameters, those of the members of structs among them."""
+        values, missing = self.declared.filled(given, parameters, place)
         if missing:
             words = _listed([f"{member.name}: {member.type}" for member in missing])
-            self.fault(place, f"{whose} is called without {words}", "a value for each parameter without a default")
-            return None
+            self.fail(place, f"{whose} is called without {words}", "a value for each parameter without a default")
         return values
 
-    def _fitted(self, text: ExpressionText, typed: Typed, wanted: Type, whose: str) -> Expression | None:
+    def _fitted(self, text: ExpressionText, typed: Typed, wanted: Type, whose: str) -> Expression:
         value, found = typed
         if self._fits(value, found, wanted):
             return value
         if wanted == STRING and isinstance(value, Name) and _has_text(found):
             return Operation("+", (Constant("", text.place), value), text.place)
-        self.fault(text.place, f"got {_shown(text, found)} for {whose}, {_a(wanted)}", self._such_as(wanted, text))
-        return None
+        self.fail(text.place, f"got {_shown(text, found)} for {whose}, {_a(wanted)}", self._such_as(wanted, text))
 
     def _refuse_empty(self, text: ListText) -> None:
         if not text.items and not self.of_library:
             self.fault(text.place, "got an empty list, which the language does not have", "one item or more")
 
     def _fits(self, value: Expression, found: Type, wanted: Type) -> bool:
-        if self._declared.is_a(found, wanted):
+        if self.declared.is_a(found, wanted):
             return True
         if found.is_list or wanted.is_list:
             return False
@@ -215,146 +235,116 @@ class ExpressionChecker:
             return isinstance(value, Constant) and cast(int, value.value) >= 0
         return wanted.name == "int" and found.name == "uint"
 
-    def _variable(self, text: ExpressionText, names: Visible, whose: str) -> Expression | None:
-        if isinstance(text, PathText) and str(text) in names.variables:
-            return Constant(str(text), text.place)
-        if isinstance(text, PathText) and str(text) in names.faulty:
-            return None
-        what = f"got {text}" if isinstance(text, PathText) else "got a value"
+    def _variable(self, text: ExpressionText, names: Visible, whose: str) -> Expression:
+        name = str(text) if isinstance(text, PathText) else ""
+        if name in names.variables:
+            return Constant(name, text.place)
+        if name in names.faulty:
+            raise Faulty
         right = did_you_mean(str(text), names.variables, "'var' with its name and type, declared in the scenario")
-        self.fault(text.place, f"{what} for {whose}, the name of a variable", right)
-        return None
+        self.fail(text.place, f"got {name or 'a value'} for {whose}, the name of a variable", right)
 
-    def _literal(self, text: Constant) -> Typed | None:
-        if isinstance(text.value, int | float) and not math.isfinite(text.value):
-            self.fault(text.place, "got a number that is too large", "at most 1.7e308")
-            return None
-        return text, LITERALS[type(text.value)]
+    def _check_finite(self, number: object, place: Place) -> None:
+        if isinstance(number, int | float) and not math.isfinite(number):
+            self.fail(place, "got a number that is too large", "at most 1.7e308")
 
-    def _physical(self, text: PhysicalText) -> Typed | None:
-        unit = self._declared.units.get(text.unit.text)
+    def _physical(self, text: PhysicalText) -> Typed:
+        unit = self.declared.units.get(text.unit.text)
         if unit is None:
-            near = did_you_mean(text.unit.text, self._declared.units, "'import osc.types', which declares the units")
-            self.fault(text.unit.place, f"unknown unit {text.unit.text!r}", near)
-            return None
+            near = did_you_mean(text.unit.text, self.declared.units, "'import osc.types', which declares the units")
+            self.fail(text.unit.place, f"unknown unit {text.unit.text!r}", near)
         of, factor, offset = unit
         number = float(text.number) * factor + offset
-        if not math.isfinite(number):
-            self.fault(text.place, "got a number that is too large", "at most 1.7e308")
-            return None
+        self._check_finite(number, text.place)
         return Constant(number, text.place), Type(of, "physical")
 
-    def _enum(self, text: EnumText) -> Typed | None:
-        members = self._declared.enums.get(text.type.text)
+    def _enum(self, text: EnumText) -> Typed:
+        name, member = text.type.text, text.member.text
+        members = self.declared.enums.get(name)
         if members is None:
-            self.fault(
-                text.type.place, f"unknown enum {text.type.text!r}", did_you_mean(text.type.text, self._declared.enums)
-            )
-            return None
-        if text.member.text not in members:
-            what = f"enum {text.type.text} has no member {text.member.text!r}"
-            self.fault(text.member.place, what, did_you_mean(text.member.text, members))
-            return None
-        value = EnumValue(text.type.text, text.member.text, members[text.member.text])
-        return Constant(value, text.place), Type(text.type.text, "enum")
+            self.fail(text.type.place, f"unknown enum {name!r}", did_you_mean(name, self.declared.enums))
+        if member not in members:
+            self.fail(text.member.place, f"enum {name} has no member {member!r}", did_you_mean(member, members))
+        return Constant(EnumValue(name, member, members[member]), text.place), Type(name, "enum")
 
-    def _name(self, text: PathText, names: Visible) -> Typed | None:
+    def _name(self, text: PathText, names: Visible) -> Typed:
         first, *rest = text.words
         if first.text in names.faulty:
-            return None
+            raise Faulty
         type_ = names.types.get(first.text)
         value: Expression | None = Name((first.text,), first.place)
         if type_ is None and rest:
-            type_ = self._declared.type_named(first.text)
+            type_ = self.declared.type_named(first.text)
             value = None if type_ is None else self._defaults(type_, first.place)
         if type_ is None or value is None:
             right = did_you_mean(first.text, names.types, "a value; no name can be used here")
-            self.fault(first.place, f"unknown name {first.text!r}", right)
-            return None
+            self.fail(first.place, f"unknown name {first.text!r}", right)
         for word in rest:
-            members = self._declared.members_of(type_)
+            members = self.declared.members_of(type_)
             if word.text not in members:
-                what = f"{_a(type_)} has no member {word.text!r}"
-                self.fault(word.place, what, did_you_mean(word.text, members, "the name alone"))
-                return None
+                right = did_you_mean(word.text, members, "the name alone")
+                self.fail(word.place, f"{_a(type_)} has no member {word.text!r}", right)
             type_ = members[word.text].type
         return below_of(value, [word.text for word in rest]), type_
 
     def _defaults(self, type_: Type, place: Place) -> Expression | None:
         """Return the default members of a struct or an actor as its value."""
-        members, missing = self._declared.filled({}, self._declared.members_of(type_), place)
+        members, missing = self.declared.filled({}, self.declared.members_of(type_), place)
         return Struct(type_.name, members, place) if members and not missing else None
 
-    def _call(self, text: CallText, names: Visible) -> Typed | None:
+    def _call(self, text: CallText, names: Visible) -> Typed:
         if len(text.path.words) == 1:
             return self._construction(text, text.path.words[0], names)
         function = self._function(text.path)
-        if function is None:
-            return None
         whose = f"{function.name}()"
         given = self.arguments(text.arguments, function.parameters, names, whose)
-        values = None if given is None else self.complete(given, function.parameters, text.place, whose)
-        if values is None:
-            return None
+        values = self.complete(given, function.parameters, text.place, whose)
         return External(function.name, tuple(values.values()), text.place), function.returns or ANY
 
-    def _construction(self, text: CallText, name: Word, names: Visible) -> Typed | None:
-        struct = self._declared.structs.get(name.text)
+    def _construction(self, text: CallText, name: Word, names: Visible) -> Typed:
+        struct = self.declared.structs.get(name.text)
         if struct is None:
-            if name.text in self._declared.actions:
-                self.fault(name.place, f"{name.text!r} is an action, which has no value", "a value here")
-            elif name.text == "elapsed":
-                self.fault(name.place, "got elapsed inside of an expression", "'wait elapsed(…)' alone")
-            else:
-                near = self.right_type(name.text, self._declared.structs)
-                self.fault(name.place, f"unknown struct {name.text!r}", near)
-            return None
+            if name.text in self.declared.actions:
+                self.fail(name.place, f"{name.text!r} is an action, which has no value", "a value here")
+            if name.text == "elapsed":
+                self.fail(name.place, "got elapsed inside of an expression", "'wait elapsed(…)' alone")
+            near = self.right_type(name.text, self.declared.structs)
+            self.fail(name.place, f"unknown struct {name.text!r}", near)
         whose = f"{name.text}(…)"
         given = self.arguments(text.arguments, struct.members, names, whose)
-        values = None if given is None else self.complete(given, struct.members, text.place, whose)
-        return None if values is None else (Struct(name.text, values, text.place), Type(name.text, "struct"))
+        values = self.complete(given, struct.members, text.place, whose)
+        return Struct(name.text, values, text.place), Type(name.text, "struct")
 
-    def _function(self, path: PathText) -> Function | None:
+    def _function(self, path: PathText) -> Function:
         struct, name = path.words[0], path.words[-1]
-        owner = self._declared.structs.get(struct.text)
-        libraries = [key for key, value in self._declared.structs.items() if value.functions]
+        owner = self.declared.structs.get(struct.text)
         if owner is None or not owner.functions or len(path.words) != 2:
-            self.fault(path.place, f"unknown function {str(path)!r}", did_you_mean(struct.text, libraries))
-            return None
+            libraries = [key for key, value in self.declared.structs.items() if value.functions]
+            self.fail(path.place, f"unknown function {str(path)!r}", did_you_mean(struct.text, libraries))
         function = owner.functions.get(name.text)
         if function is None:
             right = did_you_mean(name.text, owner.functions)
-            self.fault(name.place, f"{struct.text} has no function {name.text!r}", right)
-            return None
+            self.fail(name.place, f"{struct.text} has no function {name.text!r}", right)
         if not function.of_library:
-            self.fault(path.place, f"{path} is external code of your own", "a function of a library, or a parameter")
-            return None
+            self.fail(path.place, f"{path} is external code of your own", "a function of a library, or a parameter")
         return function
 
-    def _list(self, text: ListText, names: Visible) -> Typed | None:
+    def _list(self, text: ListText, names: Visible) -> Typed:
         self._refuse_empty(text)
-        typed = [self.value(item, names) for item in text.items]
-        if None in typed:
-            return None
-        items = cast(list[Typed], typed)
+        items = self.each(lambda item: self.value(item, names), text.items)
         types = {type_ for _, type_ in items}
         if len(types) > 1:
-            self.fault(text.place, f"got a list of {_listed(sorted(map(str, types)))}", "items of one type")
-            return None
+            self.fail(text.place, f"got a list of {_listed(sorted(map(str, types)))}", "items of one type")
         item = next(iter(types), ANY)
         return ListOf(tuple(value for value, _ in items), text.place), Type(item.name, item.kind, True)
 
-    def _operation(self, text: OperationText, names: Visible) -> Typed | None:
-        typed = [self.value(operand, names) for operand in text.operands]
-        if None in typed:
-            return None
-        operands = cast(list[Typed], typed)
+    def _operation(self, text: OperationText, names: Visible) -> Typed:
+        operands = self.each(lambda operand: self.value(operand, names), text.operands)
         types = tuple(type_ for _, type_ in operands)
-        result = result_of(text.operator, types, self._declared.physical)
+        result = result_of(text.operator, types, self.declared.physical)
         if result is None:
             what = f"{text.operator!r} does not go with {_listed([_a(type_) for type_ in types])}"
-            self.fault(text.place, what, OPERANDS[text.operator])
-            return None
+            self.fail(text.place, what, OPERANDS[text.operator])
         return Operation(text.operator, tuple(value for value, _ in operands), text.place), result
 
     def _such_as(self, wanted: Type, text: ExpressionText) -> str:
@@ -364,9 +354,9 @@ class ExpressionChecker:
             return f"[…], a {wanted}"
         if wanted.kind == "physical":
             shown = number if number is not None else text.number if isinstance(text, PhysicalText) else 1
-            return f"a number with a unit of {wanted.name}, such as {shown}{self._declared.unit_of(wanted.name)}"
+            return f"a number with a unit of {wanted.name}, such as {shown}{self.declared.unit_of(wanted.name)}"
         if wanted.kind == "enum":
-            return f"one of {', '.join(f'{wanted.name}!{member}' for member in self._declared.enums[wanted.name])}"
+            return f"one of {', '.join(f'{wanted.name}!{member}' for member in self.declared.enums[wanted.name])}"
         if wanted.kind == "struct":
             return f"{wanted.name}(…)"
         if wanted.kind == "actor":

@@ -130,7 +130,8 @@ class UntilText:
     place: Place
 
 
-WithText: TypeAlias = tuple[CallText | KeepText | UntilText | RefusedText, ...]
+WithItem: TypeAlias = CallText | KeepText | UntilText | RefusedText
+WithText: TypeAlias = tuple[WithItem, ...]
 """What stands in a `with:` block."""
 
 

@@ -5,6 +5,7 @@ import re
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
@@ -100,7 +101,6 @@ def _files(folder: Path) -> list[Path]:
 
 _NEVER: Final = "__pycache__"
 """Compiled modules differ from machine to machine; no run needs them."""
-_ANY_FOLDERS: Final = r"(?:(?!\.)[^/]+/)*"
 
 
 def files_matching(
@@ -118,15 +118,18 @@ def files_matching(
     Raises:
         ScenarioError: an absolute pattern, or one that leaves `folder`.
     """
-    tests = [_pattern(pattern) for pattern in patterns]
-    matching = sorted(path for path in _paths(folder, leave_out) if any(test.fullmatch(path) for test in tests))
+    tests = [_parts(pattern) for pattern in patterns]
+    paths = sorted(_paths(folder, leave_out))
+    matching = [path for path in paths if any(_matches(path.split("/"), parts) for parts in tests)]
     return tuple((path, FileContent(str(folder / path), file_digest(folder / path))) for path in matching)
 
 
 def unmatched(files: RunFiles, patterns: Sequence[str]) -> tuple[str, ...]:
     """Return the patterns that match no file."""
     return tuple(
-        pattern for pattern in patterns if not any(_pattern(pattern).fullmatch(path) for path, _content in files)
+        pattern
+        for pattern in patterns
+        if not any(_matches(path.split("/"), _parts(pattern)) for path, _content in files)
     )
 
 
@@ -157,33 +160,24 @@ def _paths(folder: Path, leave_out: Callable[[Path], bool]) -> Iterator[str]:
                 yield path.relative_to(folder).as_posix()
 
 
-def _pattern(pattern: str) -> re.Pattern[str]:
+def _parts(pattern: str) -> tuple[str, ...]:
+    """Return the parts of a pattern, the last of which is for the file's name."""
     parts = PurePosixPath(pattern).parts
     if not parts or parts[0] == "/" or ".." in parts:
         raise ScenarioError(f"expected a pattern below the campaign file's folder, got run_files pattern {pattern!r}")
-    if len(parts) == 1 and parts[0] != "**":
-        parts = ("**", *parts)
-    texts = [_ANY_FOLDERS if part == "**" else _name(part) + "/" for part in parts[:-1]]
-    texts.append(_ANY_FOLDERS + _name("*") if parts[-1] == "**" else _name(parts[-1]))
-    try:
-        return re.compile("".join(texts), re.DOTALL)
-    except re.error:
-        raise ScenarioError(f"expected a range such as [a-c] goes upwards, got run_files pattern {pattern!r}") from None
+    parts = parts if parts[-1] != "**" else (*parts, "*")
+    return parts if len(parts) > 1 else ("**", *parts)
 
 
-def _name(part: str) -> str:
-    """One part of a path as a regular expression."""
-    text, i = "" if part.startswith(".") else r"(?!\.)", 0
-    while i < len(part):
-        letter, i = part[i], i + 1
-        closing = part.find("]", i + 1 + (part[i : i + 1] == "!")) if letter == "[" else -1
-        if closing > 0:
-            members = part[i:closing].replace("\\", r"\\").replace("^", r"\^").replace("[", r"\[")
-            text += f"[^/{members[1:]}]" if members.startswith("!") else f"(?!/)[{members}]"
-            i = closing + 1
-        else:
-            text += {"*": "[^/]*", "?": "[^/]"}.get(letter, re.escape(letter))
-    return text
+def _matches(names: Sequence[str], parts: Sequence[str]) -> bool:
+    """Whether the names of a path match the parts of a pattern."""
+    if not names or not parts:
+        return not names and not parts
+    (name, *further), (part, *rest) = names, parts
+    if part == "**" and _matches(names, rest):
+        return True
+    hidden = name.startswith(".") and not part.startswith(".")
+    return not hidden and fnmatchcase(name, part) and _matches(further, parts if part == "**" else rest)
 
 
 def handed_name(key: str, content: FileContent) -> str:
