@@ -1,4 +1,4 @@
-"""A small campaign directory, laid out as design §7 says and written with pyarrow alone."""
+"""A small campaign directory with hand-built recordings."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -8,14 +8,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
 from vastflow.oracles.judgement.judge import judge_block
 from vastflow.oracles.judgement.oracle import oracles_of
 from vastflow.oracles.observation.observe import observe_block
+from vastflow.oracles.results.schema import CONFIGURATIONS, JUDGED_RUNS, REJECTIONS, VERDICTS, write_table
 from vastflow.sim.loop.standstill import STOOD_STILL
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.digest import FileContent
@@ -126,30 +125,22 @@ class SyntheticCampaign:
     ) -> None:
         """A configuration, its recordings judged by `oracles`; with `fault` its `runs` are not judged."""
         environment = load_map(map_file).digest
-        scenario = Scenario(
-            "builtin:navigate_to_pose",
-            60.0,
-            {"map_file": FileContent(str(map_file), environment), "static_objects": list(obstacles)},
-            task,
-            system or {},
-        )
+        content = {"static_objects": list(obstacles)}
+        file = {"map_file": FileContent(str(map_file), environment)}
+        scenario = Scenario("builtin:navigate_to_pose", 60.0, {**file, **content}, task, system or {})
+        written = {"environment": {"map_file": {"file": environment}, **content}, "task": task, "system": system or {}}
+        steps = [{"producer": "P", "keys": [key, *(provenance or {})]} for key in factors or {}]
         row = {
             "name": name,
             "family": family,
-            "scenario_digest": scenario.digest,
             "duplicate_of": duplicate_of,
             "environment": environment,
+            "scenario_digest": scenario.digest,
             "abstract": scenario.abstract,
-            "scenario": json.dumps(
-                {
-                    "environment": {"map_file": {"file": environment}, "static_objects": list(obstacles)},
-                    "task": task,
-                    "system": system or {},
-                }
-            ),
+            "scenario": json.dumps(written),
             "factors": json.dumps(factors or {}),
             "provenance": json.dumps(provenance or {}),
-            "steps": json.dumps([{"producer": "P", "keys": [key, *(provenance or {})]} for key in factors or {}]),
+            "steps": json.dumps(steps),
         }
         self.configurations.append(row)
         if duplicate_of is not None:
@@ -170,31 +161,16 @@ class SyntheticCampaign:
         for verdict in judged.verdicts:
             metrics = {key: {"value": m.value, "unit": m.unit} for key, m in verdict.metrics.items()}
             self._verdict(name, family, verdict.run_index, verdict.oracle, verdict.judgement, verdict.reason, metrics)
-        for recording in recordings:
-            run = recording.run
-            self.runs.append(
-                {
-                    "configuration": name,
-                    "family": family,
-                    **{key: getattr(run, key) for key in _RUN_COLUMNS},
-                    "contacts": sum(event.kind == "contact" for event in run.events),
-                    "stood_still": next((event.what for event in run.events if event.kind == STOOD_STILL), None),
-                    "cause": judged.causes.get(run.run_index),
-                }
-            )
+        for run in (recording.run for recording in recordings):
+            row = {"configuration": name, "family": family, **{key: getattr(run, key) for key in _RUN_COLUMNS}}
+            row["contacts"] = sum(event.kind == "contact" for event in run.events)
+            row["stood_still"] = next((event.what for event in run.events if event.kind == STOOD_STILL), None)
+            self.runs.append({**row, "cause": judged.causes.get(run.run_index)})
 
     def reject(self, family: str, reason: str, requested: Mapping[str, Any]) -> None:
         """A rejected instance."""
-        self.rejections.append(
-            {
-                "family": family,
-                "parent": family,
-                "producer": "PathVariationRandom",
-                "reason": reason,
-                "requested": json.dumps(requested),
-                "inputs": "{}",
-            }
-        )
+        row = {"family": family, "parent": family, "producer": "PathVariationRandom", "reason": reason}
+        self.rejections.append({**row, "requested": json.dumps(requested), "inputs": "{}"})
 
     def write(self, campaign_text: str = "version: 1\n") -> Path:
         """Lay the directory out."""
@@ -213,26 +189,17 @@ class SyntheticCampaign:
         }
         (self.directory / "metadata.json").write_text(json.dumps(metadata))
         for table, rows, schema in (
-            ("configurations", self.configurations, _CONFIGURATIONS),
-            ("rejections", self.rejections, _REJECTIONS),
-            ("runs", self.runs, _RUNS),
-            ("verdicts", self.verdicts, _VERDICTS),
+            ("configurations", self.configurations, CONFIGURATIONS),
+            ("rejections", self.rejections, REJECTIONS),
+            ("runs", self.runs, JUDGED_RUNS),
+            ("verdicts", self.verdicts, VERDICTS),
         ):
-            pq.write_table(pa.Table.from_pylist(rows, schema), self.directory / f"{table}.parquet")
+            write_table(self.directory / f"{table}.parquet", schema, rows)
         return self.directory
 
-    def _verdict(self, name: str, family: str, run_index: int, oracle: str, judgement: str, reason: str, metrics: Any):
-        self.verdicts.append(
-            {
-                "configuration": name,
-                "family": family,
-                "run_index": run_index,
-                "oracle": oracle,
-                "judgement": judgement,
-                "reason": reason,
-                "metrics": json.dumps(metrics),
-            }
-        )
+    def _verdict(self, name, family, run_index, oracle, judgement, reason, metrics):
+        row = {"configuration": name, "family": family, "run_index": run_index, "oracle": oracle}
+        self.verdicts.append({**row, "judgement": judgement, "reason": reason, "metrics": json.dumps(metrics)})
 
     def _copy_map(self, environment: str, map_file: Path) -> None:
         place = self.directory / "environments" / environment
@@ -246,34 +213,6 @@ class SyntheticCampaign:
 _RUN_COLUMNS = (
     *("run_index", "seed", "outcome", "error_code", "reason"),
     *("simulated_s", "distance_m", "recoveries", "missed_goals"),
-)
-
-
-def _text(names: str) -> list[tuple[str, pa.DataType]]:
-    return [(name, pa.string()) for name in names.split()]
-
-
-_CONFIGURATIONS = pa.schema(
-    _text("name family scenario_digest duplicate_of environment abstract scenario factors provenance steps")
-)
-_REJECTIONS = pa.schema(_text("family parent producer reason requested inputs"))
-_VERDICTS = pa.schema(
-    [*_text("configuration family"), ("run_index", pa.int32()), *_text("oracle judgement reason metrics")]
-)
-_RUNS = pa.schema(
-    [
-        *_text("configuration family"),
-        ("run_index", pa.int32()),
-        *_text("seed outcome"),
-        ("error_code", pa.int32()),
-        *_text("reason"),
-        ("simulated_s", pa.float64()),
-        ("distance_m", pa.float64()),
-        ("recoveries", pa.int32()),
-        ("missed_goals", pa.int32()),
-        ("contacts", pa.int32()),
-        *_text("stood_still cause"),
-    ]
 )
 
 

@@ -102,7 +102,7 @@ def test_path_properties_are_known_with_placed_obstacles(factors, noted, row):
 
 
 def analyzed(seed, harm, seen=True):
-    """The analysis of 60 paths with 3 numbers of boxes; passages are narrower with boxes, and fail runs by `harm` a meter."""
+    """The analysis of 60 paths with 3 numbers of boxes, where narrow passages fail runs by `harm` a meter."""
     rng, boxes = np.random.default_rng(seed), np.tile([0, 1, 2], 60)
     width_m = np.round(rng.uniform(0.6, 3.0, 180) - 0.2 * boxes, 2)
     clearance_m = np.round(rng.uniform(0.2, 1.0, 180), 2)

@@ -140,7 +140,7 @@ def test_cause_of_wrong_estimates_depends_on_time(judged, build):
 
 @pytest.fixture(scope="module")
 def driven(tmp_path_factory, build):
-    """The causes of a run that the simulator drives in a room of 10 m × 4 m, which may have a wall with a door of 0.4 m in it."""
+    """A function that simulates a run in a room of 10 m × 4 m and finds its cause."""
     free, divided = build.walled_room(10.0, 4.0), build.walled_room(10.0, 4.0)
     divided[:, 98:102] = 100
     divided[36:44, 98:102] = 0

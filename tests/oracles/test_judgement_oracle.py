@@ -66,7 +66,7 @@ def test_oracles_of_campaign_begin_with_success():
     assert (success.name, success.parameters.allow_missed, safety.name) == ("success", True, "safety")
 
 
-def test_every_wrong_parameter_is_reported_at_its_place():
+def test_wrong_parameters_are_reported_at_their_places():
     with pytest.raises(OracleError, match="max_deceleration_mps2") as caught:
         oracle_of("safety", {"robot_radius": 0.2, "max_deceleration_mps2": 0})
     faults = {fault.location: (fault.what, fault.right) for fault in caught.value.faults}

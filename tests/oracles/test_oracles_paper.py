@@ -83,7 +83,7 @@ def written(directory, name, configurations, runs, verdicts, found=None, *, aske
 
 
 def margins(footprint_m, cube_m):
-    """What `safety` measures of a run that touches nothing."""
+    """The metrics of `safety` in a run without contacts."""
     values = {"footprint_margin": footprint_m, "cube_margin": cube_m, "obstacle_contacts": 0}
     return {name: {"value": value, "unit": "m"} for name, value in values.items()}
 
@@ -148,7 +148,7 @@ def test_papers_figures_are_consistent():
     }
 
 
-def test_way_that_is_not_there_stands_for_all_that_would_have_followed():
+def test_missing_path_counts_with_all_that_follows():
     """The rooms of the paper's safety campaign: 3 of 9 paths, 24 settings, 2 radii; 6 placements find no room."""
     factors = (("start_pose, goal_pose", 9), ("static_objects", 24), (RADIUS, 2))
     rooms = family(
@@ -162,7 +162,7 @@ def test_way_that_is_not_there_stands_for_all_that_would_have_followed():
     assert requested_of(coverage(rooms)) == Requested(432, 288, 12, 30, 102)
 
 
-def test_of_a_family_that_is_a_sample_its_size_was_requested():
+def test_sampled_family_requests_its_size():
     raster = family("sample", rows=100, product=1262, realised=100, rejected={"PathVariationRasterized": 4})
     assert requested_of(coverage(raster)) == Requested(100, 0, 0, 0, 100)
 
@@ -184,13 +184,13 @@ def test_campaign_directory_is_reduced_to_its_figures(safety):
     }
 
 
-def test_runs_are_told_apart_by_the_room_at_the_start_and_by_whether_they_moved(safety):
-    """`a-4` starts in the fifth cell beside the wall's, 0.225 m from its side, and its second run does not move."""
+def test_starts_tell_near_and_unmoved_runs_apart(safety):
+    """`a-4` starts 0.225 m from the wall, and its second run does not move."""
     near, free = Begun(1, Counts(0, 2), 1), Begun(1, Counts(2, 0), 0)
     assert paper_results(safety).starts == Starts(near, free, Counts(2, 1), {POINTS_IN_FOOTPRINT: 1})
 
 
-def test_beside_the_rate_of_all_runs_the_page_has_that_of_those_that_moved_and_why_the_others_stood(safety):
+def test_page_has_rate_of_moved_runs_and_standstills(safety):
     page = paper_page([paper_results(safety)])
     assert "| **66.7 % [20.7, 93.9]** | **61.2 %** |" in page
     assert (
@@ -199,7 +199,7 @@ def test_beside_the_rate_of_all_runs_the_page_has_that_of_those_that_moved_and_w
 
 
 @each_row(("x_m", "near"), [(0.275, 1), (0.325, 0), (0.025, 1), (-9.0, 1), (2.725, 1), (2.675, 0)])
-def test_five_cells_from_a_wall_it_is_in_the_footprint_and_six_it_is_not(safety, x_m, near):
+def test_starts_within_five_cells_of_wall_are_near(safety, x_m, near):
     row = {"name": "a", "environment": "room", "start": start(x_m)["start_pose"]}
     assert starts_of(safety / "environments", [row], [], {}).near.configurations == near
 
@@ -213,7 +213,7 @@ def test_parts_are_in_the_order_of_their_levels(safety):
     ]
 
 
-def test_every_basis_of_robustness_is_tabulated(robustness):
+def test_readings_have_bases_of_robustness(robustness):
     readings = {each.name: (each.alone, each.reached) for each in paper_results(robustness).readings}
     assert readings == {
         "update": (Counts(1, 1), Counts(0, 2)),
@@ -224,7 +224,7 @@ def test_every_basis_of_robustness_is_tabulated(robustness):
     }
 
 
-def test_both_radii_of_an_obstacle_are_tabulated(safety):
+def test_readings_have_radii_of_obstacles(safety):
     assert {each.name: (each.alone, each.reached, each.median_m) for each in paper_results(safety).readings} == {
         "footprint": (Counts(4, 0), Counts(3, 1), 0.25),
         "cube": (Counts(3, 1), Counts(2, 2), pytest.approx(0.09)),
@@ -252,7 +252,7 @@ def test_same_results_give_the_same_page(safety, robustness):
     )
 
 
-def test_with_the_proof_of_delays_the_page_says_what_a_late_obstacle_does(safety):
+def test_page_shows_spawn_delays_of_proof(safety):
     row = {"delay_s": 0.4, "reading": "cube", "kept": 0.5, "reached": 11 / 12, "both": 0.5}
     delays = {"configurations": 12, "runs": 3, "rows": [row]}
     assert "| 0.4 s | cube | 50.0 % | 91.7 % | 50.0 % |" in paper_page([paper_results(safety)], delays)

@@ -1,4 +1,4 @@
-"""What recording and trace of a configuration take on disk."""
+"""Size of the recording and trace of a configuration on disk."""
 
 from pathlib import Path
 from typing import Final
@@ -20,7 +20,7 @@ LIMIT_BYTES: Final = 180_000
 
 
 def a_scenario() -> Scenario:
-    """Some 20 s under scan noise, past a box that stands and one that appears: every column has something in it."""
+    """About 20 s under scan noise, past a standing box and one that appears."""
     box = {"model": "box", "xacro_arguments": "width:=0.4, length:=0.4"}
     trigger = {"point": {"x": 5.0, "y": 5.0}, "threshold": 1.5}
     return Scenario(
@@ -38,7 +38,7 @@ def a_scenario() -> Scenario:
     )
 
 
-def test_twenty_runs_of_a_minute_take_less_than_180_kB_and_lose_nothing() -> None:
+def test_blocks_of_twenty_runs_are_small_and_lossless() -> None:
     scenario = a_scenario()
     recordings = [run(scenario, index) for index in range(RUNS)]
     recorded = write_recordings(recordings)

@@ -162,7 +162,7 @@ def test_figures_are_written_as_png_and_svg(shown):
     assert [file.suffix for file in files] == [".png", ".svg"] * len(names)
 
 
-def test_what_belongs_to_the_call_alone_stands_between_marks(directory: Path) -> None:
+def test_facts_of_call_stand_between_marks(directory: Path) -> None:
     def rest() -> str:
         marks = r"<!-- when -->(.*?)<!-- /when -->|<!-- work -->(.*?)<!-- /work -->"
         parts = re.split(marks, text_of(directory), flags=re.DOTALL)
@@ -233,7 +233,7 @@ def test_evidence_has_rates_intervals_and_statistics(shown):
     assert (found.configurations, found.counts.judged) == (2, 10)
 
 
-def test_every_basis_of_robustness_is_tabulated(synthetic_campaign, tmp_path, build):
+def test_bases_of_robustness_are_tabulated(synthetic_campaign, tmp_path, build):
     room = build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
     oracles = [("robustness", {"basis": "maximum"})]
     synthetic_campaign.add("a-1", "a", room, TASK, recordings=[build.a_recording(LINE)], oracles=oracles)

@@ -1,4 +1,4 @@
-"""Pictures of a replay: what stands where, in which color, on strips, stills and films."""
+"""Pictures of a replay: close-ups, strips, stills, and films."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from matplotlib.patches import Rectangle
 from PIL import Image
 from table import each_row
 
-from vastflow.oracles.figures.scene import NO_ZONES, Zones
+from vastflow.oracles.figures.scene import Zones
 from vastflow.oracles.figures.style import COLORS, GOAL_COLOR, INK
 from vastflow.oracles.replay.close_up import BELIEF_COLOR, draw_close_up, ground
 from vastflow.oracles.replay.film import FRAME_MS, LAST_MS, write_film
@@ -84,16 +84,16 @@ def pixels(figure):
 
 @pytest.fixture
 def close_up(occupancy):
-    """The color at a place of the map in a close-up of 4 m × 4 m."""
-    figure = Figure(figsize=(8, 8), dpi=100)
-    axes = figure.add_axes((0, 0, 1, 1))
-    draw_close_up(axes, occupancy, a_snapshot(50), a_story(occupancy).path_until(50), BOX)
-    drawn = pixels(figure)
+    """A function that draws a close-up of 4 m × 4 m: its axes, and its color at a place."""
 
-    def color_at(x_m, y_m):
-        return tuple(drawn[799 - int(y_m * 200), int(x_m * 200)].tolist())
+    def drawn(tick=50, **changes):
+        figure = Figure(figsize=(8, 8), dpi=100)
+        axes = figure.add_axes((0, 0, 1, 1))
+        draw_close_up(axes, occupancy, a_snapshot(tick, **changes), a_story(occupancy).path_until(tick), BOX)
+        picture = pixels(figure)
+        return axes, lambda x_m, y_m: tuple(picture[799 - int(y_m * 200), int(x_m * 200)].tolist())
 
-    return color_at
+    return drawn
 
 
 def rgb(color):
@@ -104,107 +104,64 @@ def near(one, other, by=3):
     return max(abs(a - b) for a, b in zip(one, other, strict=True)) <= by
 
 
-def test_true_body_is_dark_where_the_robot_is(close_up):
-    assert near(close_up(1.5, 2.0 - 0.1), rgb(INK))
-
-
-def test_body_of_a_polygon_is_drawn_as_it_lies(occupancy):
-    figure = Figure(figsize=(8, 8), dpi=100)
-    axes = figure.add_axes((0, 0, 1, 1))
-    long = Robot(0.61, vertices=((0.6, 0.1), (0.6, -0.1), (-0.6, -0.1), (-0.6, 0.1)))
-    draw_close_up(axes, occupancy, a_snapshot(50, robot=long), a_story(occupancy).path_until(50), BOX)
-    drawn = pixels(figure)
-    behind, beside = drawn[799 - 390, int(200 * (1.5 - 0.55))], drawn[799 - int(200 * (2.0 + 0.3)), 300]
-    assert near(tuple(behind.tolist()), rgb(INK))
-    assert not near(tuple(beside.tolist()), rgb(INK))
-
-
-def test_goal_is_a_green_mark(close_up):
-    assert near(close_up(GOAL.x_m, GOAL.y_m), rgb(GOAL_COLOR))
-
-
-def test_way_has_the_color_of_the_judgement(close_up):
-    red, green, blue = close_up(1.15, 2.0)
+def test_close_up_draws_truth_belief_and_map(close_up):
+    _, color_at = close_up()
+    assert near(color_at(1.5, 2.0 - 0.1), rgb(INK))  # the true body
+    assert near(color_at(GOAL.x_m, GOAL.y_m), rgb(GOAL_COLOR))
+    red, green, blue = color_at(1.15, 2.0)  # the path has the color of its judgement
     assert red > green + 50 > blue + 50
-
-
-def test_walls_free_cells_and_unknown_ones_look_as_in_the_other_figures(close_up):
-    assert close_up(2.0, 0.01) == WALL
-    assert close_up(0.5, 3.0) == FREE
-    assert close_up(0.5, 3.8) == UNKNOWN
-
-
-def test_obstacle_stands_where_it_is_and_one_that_has_not_appeared_is_nowhere(close_up):
-    red, green, blue = close_up(2.3, 2.8)
+    assert [color_at(*at) for at in ((2.0, 0.01), (0.5, 3.0), (0.5, 3.8))] == [WALL, FREE, UNKNOWN]
+    red, green, blue = color_at(2.3, 2.8)  # the obstacle that has appeared
     assert red > green + 20 and blue > green + 20
+    c, s, x, y = np.cos(0.3), np.sin(0.3), 40.5 * 0.05, 20.5 * 0.05  # a mark of the turned local costmap
+    assert near(color_at(1.0 + c * x - s * y, 0.5 + s * x + c * y), rgb(BELIEF_COLOR), by=20)
 
 
-def test_mark_of_the_local_costmap_is_where_the_turned_window_puts_it(close_up):
-    c, s, x, y = np.cos(0.3), np.sin(0.3), 40.5 * 0.05, 20.5 * 0.05
-    assert near(close_up(1.0 + c * x - s * y, 0.5 + s * x + c * y), rgb(BELIEF_COLOR), by=20)
-
-
-def test_costs_have_colors_of_their_own_and_walls_lie_over_them(occupancy):
-    picture = ground(occupancy, a_snapshot(0).global_costs)
-    assert tuple(picture[0, 5]) == WALL
-    assert tuple(picture[75, 5]) == UNKNOWN
-    assert len({tuple(picture[cell]) for cell in ((22, 22), (30, 30), (50, 50))}) == 3
-
-
-def test_inflated_costs_are_the_stronger_the_nearer_a_wall(occupancy):
-    patch = Patch(np.array([[10, 100, 200, 252]], dtype=np.uint8), Pose(1.0, 1.0), 0.05)
-    red = ground(occupancy, patch)[0, :, 0].tolist()
-    assert red == sorted(red, reverse=True) and len(set(red)) == 4
-
-
-def test_in_a_coarse_overview_a_block_with_a_wall_in_it_is_wall(occupancy):
-    picture = ground(occupancy, Patch(np.zeros((20, 20), dtype=np.uint8), Pose(0.0, 0.0), 0.2))
-    assert tuple(picture[0, 10]) == WALL and tuple(picture[10, 10]) == FREE
-
-
-def test_without_a_local_costmap_yet_there_is_a_picture_all_the_same(occupancy):
-    figure = Figure(figsize=(2, 2))
+def test_close_up_draws_polygon_missing_costmap_and_distant_goal(close_up):
+    _, color_at = close_up(robot=Robot(0.61, vertices=((0.6, 0.1), (0.6, -0.1), (-0.6, -0.1), (-0.6, 0.1))))
+    assert near(color_at(1.5 - 0.55, 1.95), rgb(INK))
+    assert not near(color_at(1.5, 2.3), rgb(INK))
     points = dict.fromkeys(("plan_xy_m", "ahead_xy_m", "intended_xy_m", "scan_xy_m"), np.empty((0, 2)))
-    snapshot = a_snapshot(0, local_costs=None, **points)
-    draw_close_up(figure.add_axes((0, 0, 1, 1)), occupancy, snapshot, a_story(occupancy).path_until(0), BOX)
-    assert pixels(figure).std() > 0
-
-
-def test_goal_out_of_sight_is_named_with_its_distance(occupancy):
-    figure = Figure(figsize=(4, 4))
-    axes = figure.add_axes((0, 0, 1, 1))
-    draw_close_up(axes, occupancy, a_snapshot(0, goals=(Pose(12.0, 2.0),)), a_story(occupancy).path_until(0), BOX)
+    axes, color_at = close_up(0, local_costs=None, goals=(Pose(12.0, 2.0),), **points)
+    assert near(color_at(1.0, 1.9), rgb(INK))
     assert "goal, 10 m" in [text.get_text() for text in axes.texts]
+
+
+def test_ground_colors_costs_under_walls(occupancy):
+    picture = ground(occupancy, a_snapshot(0).global_costs)
+    assert (tuple(picture[0, 5]), tuple(picture[75, 5])) == (WALL, UNKNOWN)
+    assert len({tuple(picture[cell]) for cell in ((22, 22), (30, 30), (50, 50))}) == 3
+    patch = Patch(np.array([[10, 100, 200, 252]], dtype=np.uint8), Pose(1.0, 1.0), 0.05)
+    red = ground(occupancy, patch)[0, :, 0].tolist()  # stronger near walls
+    assert red == sorted(red, reverse=True) and len(set(red)) == 4
+    coarse = ground(occupancy, Patch(np.zeros((20, 20), dtype=np.uint8), Pose(0.0, 0.0), 0.2))
+    assert (tuple(coarse[0, 10]), tuple(coarse[10, 10])) == (WALL, FREE)
 
 
 def texts(figure):
     return [text.get_text() for text in figure.texts]
 
 
-def test_strip_numbers_its_pictures_and_says_what_happened(occupancy):
-    figure = strip_figure(a_story(occupancy), [a_snapshot(tick) for tick in (0, 20, 31, 59)])
-    said = texts(figure)
-    assert [text for text in said if text.endswith(" s") and text[0].isdigit()] == [
-        "1   0.00 s",
-        "2   1.00 s",
-        "3   1.55 s",
-        "4   2.95 s",
-    ]
-    assert "recovery: spin" in said
-    assert "touches wall at 0.20 m/s" in said
-    assert "room-1, run 0" in said and any("aborted: no valid command" in text for text in said)
+def test_strip_numbers_pictures_and_tells_happenings(occupancy):
+    said = texts(strip_figure(a_story(occupancy), [a_snapshot(tick) for tick in (0, 20, 31, 59)]))
+    numbered = [text for text in said if text.endswith(" s") and text[0].isdigit()]
+    assert numbered == ["1   0.00 s", "2   1.00 s", "3   1.55 s", "4   2.95 s"]
+    assert {"recovery: spin", "touches wall at 0.20 m/s", "room-1, run 0"} <= {*said}
+    assert any("aborted: no valid command" in text for text in said)
     assert not any("NOT THE RECORDED RUN" in text for text in said)
+    other = strip_figure(a_story(occupancy, warning="row 3 (0.30 s), x_mm"), [a_snapshot(0)])
+    assert "NOT THE RECORDED RUN: row 3 (0.30 s), x_mm" in texts(other)
+    assert ranges_text([1, 3, 4, 5, 8]) == "1, 3–5, 8"
 
 
-def test_strip_of_another_run_than_the_recorded_one_says_so(occupancy):
-    figure = strip_figure(a_story(occupancy, warning="row 3 (0.30 s), x_mm"), [a_snapshot(0)])
-    assert "NOT THE RECORDED RUN: row 3 (0.30 s), x_mm" in texts(figure)
-
-
-def test_stills_are_of_one_size_and_differ_from_moment_to_moment(occupancy):
+def test_stills_have_one_size_and_zones_of_masks(occupancy):
     stills = [*still_images(a_story(occupancy), [a_snapshot(tick) for tick in (0, 20, 40)])]
     assert len({still.size for still in stills}) == 1
     assert len({still.tobytes() for still in stills}) == 3
+    zones = Zones((OccupancyMap(np.full((10, 10), 100, dtype=np.int8), 0.1, (0.5, 2.0)),))
+    (tinted,) = still_images(replace(a_story(occupancy), zones=zones), [a_snapshot(0)])
+    plain, tinted = (np.asarray(still, dtype=int) for still in (stills[0], tinted))
+    assert np.count_nonzero((plain != tinted).any(axis=2)) > 2000
 
 
 @pytest.fixture(scope="module")
@@ -215,14 +172,14 @@ def film(occupancy, tmp_path_factory):
 
 
 @each_row("width_in", [11.3, 11.99, 11.996, 12.004, 12.01])
-def test_page_of_any_width_has_its_rows_where_they_belong(width_in):
+def test_image_of_any_width_keeps_rows(width_in):
     figure = Figure(figsize=(width_in, 1.0), dpi=100)
     figure.add_artist(Rectangle((0.5, 0.0), 0.01, 1.0, color="black"))
     rows = np.asarray(_image(figure).convert("L"))[5:-5]
     assert (rows == rows[0]).all() and rows[0].min() == 0
 
 
-def test_headline_is_wrapped_to_the_width_of_its_page(occupancy):
+def test_headline_is_wrapped_to_page(occupancy):
     story = a_story(occupancy)
     long = replace(story, run=replace(story.run, reason="no valid command, " * 9))
     for figure in (strip_figure(long, [a_snapshot(0)]), Figure(figsize=(9.7, 6.0))):
@@ -231,32 +188,23 @@ def test_headline_is_wrapped_to_the_width_of_its_page(occupancy):
         assert ending.get_window_extent().x1 < figure.bbox.x1
 
 
-def test_film_shows_all_pictures_and_the_last_one_longest(film):
+def test_film_shows_all_pictures_in_true_colors(film):
     with Image.open(film) as picture:
+        colors = {color for _, color in picture.convert("RGB").getcolors(maxcolors=1024)}
         shown = []
         for k in range(picture.n_frames):
             picture.seek(k)
             shown.append(picture.info["duration"])
     assert shown == [FRAME_MS] * 3 + [LAST_MS]
+    assert {FREE, rgb(GOAL_COLOR), rgb(COLORS["fail"])} <= colors
 
 
-def test_film_keeps_white_white_and_the_colors_of_small_marks(film):
-    with Image.open(film) as picture:
-        colors = {color for _, color in picture.convert("RGB").getcolors(maxcolors=1024)}
-    assert FREE in colors
-    assert {rgb(GOAL_COLOR), rgb(COLORS["fail"])} <= colors
-
-
-def test_small_run_is_shown_whole_from_beginning_to_end(occupancy):
-    moments = [a_moment(tick) for tick in range(60)]
-    view = view_of(moments, [GOAL])
-    assert view.box(moments[0]) == view.box(moments[-1])
-    box = view.box(moments[0])
-    assert box.x0 < 1.0 and box.x1 > GOAL.x_m and box.y0 < GOAL.y_m and box.y1 > 2.0
-
-
-def test_view_moves_only_when_the_robot_comes_near_its_edge():
+def test_view_is_whole_for_small_runs_and_follows_others():
     moments = [a_moment(tick) for tick in range(150)]
+    view = view_of(moments[:60], [GOAL])
+    box = view.box(moments[0])
+    assert box == view.box(moments[59])
+    assert box.x0 < 1.0 and box.x1 > GOAL.x_m and box.y0 < GOAL.y_m and box.y1 > 2.0
     view = view_of(moments, [Pose(40.0, 1.0)])
     first, last = view.box(moments[0]), view.box(moments[-1])
     assert view.box(moments[60]) == first
@@ -264,26 +212,8 @@ def test_view_moves_only_when_the_robot_comes_near_its_edge():
     assert (first.x1 - first.x0, first.y1 - first.y0) == pytest.approx((FOLLOWED_M, FOLLOWED_M))
 
 
-def test_timeline_has_a_band_for_each_thing_the_robot_did():
+def test_timeline_has_bands_of_activities():
     moments = [a_moment(0), a_moment(1), a_moment(2, no_command_s=0.05), a_moment(3, stopped=True)]
     moments += [a_moment(4, activity="spin"), a_moment(5, activity="spin"), a_moment(6, no_progress_s=5.0)]
-    assert [*bands(moments)] == [
-        (0, 1, "following"),
-        (2, 2, "no command"),
-        (3, 3, "stopped"),
-        (4, 5, "spin"),
-        (6, 6, "no progress"),
-    ]
-
-
-def test_numbers_in_a_row_are_written_as_a_range():
-    assert ranges_text([1, 3, 4, 5, 8]) == "1, 3–5, 8"
-
-
-def test_stills_have_the_zones_of_masks(occupancy):
-    zones = Zones((OccupancyMap(np.full((10, 10), 100, dtype=np.int8), 0.1, (0.5, 2.0)),))
-    stories = (replace(a_story(occupancy), zones=each) for each in (NO_ZONES, zones))
-    plain, tinted = (
-        np.asarray(still, dtype=int) for story in stories for still in still_images(story, [a_snapshot(0)])
-    )
-    assert np.count_nonzero((plain != tinted).any(axis=2)) > 2000
+    kinds = ["following", "no command", "stopped", "spin", "no progress"]
+    assert [*bands(moments)] == [*zip((0, 2, 3, 4, 6), (1, 2, 3, 5, 6), kinds, strict=True)]

@@ -51,19 +51,13 @@ def a_moment(**changes):
         ({"activity": "ended"}, "mission succeeded"),
     ],
 )
-def test_what_the_robot_is_doing_is_said_in_words(changes, words):
+def test_doing_is_told_in_words(changes, words):
     assert doing(a_moment(**changes), a_run()) == words
 
 
-def test_mission_that_is_over_was_given_up_where_it_was_aborted():
+def test_doing_and_numbers_tell_ending_and_motion():
     assert doing(a_moment(activity="ended"), a_run(outcome="aborted")) == "mission given up"
-
-
-def test_numbers_are_speed_turning_localization_and_recoveries():
     assert numbers(a_moment(recoveries=1)) == "0.25 m/s, 29°/s · localization 12 cm off · 1 recovery"
-
-
-def test_robot_that_stands_has_no_negative_speed():
     assert numbers(a_moment(speed_mps=-0.001, yaw_rate_radps=0.0)).startswith("0.00 m/s ·")
 
 
@@ -82,35 +76,24 @@ def test_robot_that_stands_has_no_negative_speed():
         ("obstacle_moved", "box 3", 0.2, None),
     ],
 )
-def test_event_is_said_in_a_few_words(kind, what, value, words):
+def test_happening_is_told_in_words(kind, what, value, words):
     assert happening(Event(1.0, kind, 0.0, 0.0, what, value)) == words
 
 
-def test_tick_knows_of_events_at_its_time_and_of_contacts_before_it():
+def test_tick_of_contact_is_after_it():
     assert tick_of(Event(1.35, "recovery", 0.0, 0.0, "spin")) == 27
     assert tick_of(Event(1.36, "contact", 0.0, 0.0, "wall")) == 28
 
 
-def test_without_events_the_pictures_are_spread_over_the_run():
+def test_highlights_are_spread_and_prefer_contacts():
     chosen = highlights(a_run(), 0, 700)
-    assert len(chosen) == FEWEST
-    assert (chosen[0], chosen[-1]) == (0, 700)
+    assert (len(chosen), chosen[0], chosen[-1]) == (FEWEST, 0, 700)
     assert max(b - a for a, b in pairwise(chosen)) <= 700 // 4
-
-
-def test_contacts_are_shown_before_anything_else():
     crowd = [Event(0.5 * k, "recovery", 0.0, 0.0, "spin") for k in range(1, 100)]
     contact = Event(20.26, "contact", 0.0, 0.0, "wall")
     assert tick_of(contact) in highlights(a_run(*crowd, contact), 0, 1000)
-
-
-def test_what_happens_at_once_makes_one_picture():
-    events = [Event(10.0 + 0.05 * k, "recovery", 0.0, 0.0, "spin") for k in range(4)]
-    chosen = highlights(a_run(*events), 0, 1000)
-    assert len({*range(200, 204)} & {*chosen}) == 1
-
-
-def test_moved_obstacle_is_no_highlight():
+    at_once = [Event(10.0 + 0.05 * k, "recovery", 0.0, 0.0, "spin") for k in range(4)]
+    assert len({*range(200, 204)} & {*highlights(a_run(*at_once), 0, 1000)}) == 1
     moved = Event(20.0, "obstacle_moved", 0.0, 0.0, "box", 0.1)
     assert 400 not in highlights(a_run(moved), 0, 701)
 
@@ -120,7 +103,7 @@ def test_moved_obstacle_is_no_highlight():
     st.integers(0, 1200),
     st.lists(st.tuples(st.floats(0, 60), st.sampled_from(["contact", "recovery", "plan_failed", "other"]))),
 )
-def test_highlights_are_few_increasing_and_within_the_span(first, length, events):
+def test_highlights_increase_within_span(first, length, events):
     run = a_run(*(Event(t_s, kind, 0.0, 0.0, "wait") for t_s, kind in events))
     chosen = highlights(run, first, first + length)
     assert len(chosen) <= FRAMES
@@ -128,35 +111,31 @@ def test_highlights_are_few_increasing_and_within_the_span(first, length, events
     assert (chosen[0], chosen[-1]) == (first, first + length)
 
 
-def test_run_of_two_seconds_has_forty_ticks():
+def test_times_become_ticks():
     assert whole_run(2.0) == Span(0, 39)
-
-
-def test_time_becomes_the_nearest_tick_and_the_end_the_last():
     whole = whole_run(30.0)
     assert [tick_at("--at", t_s, whole) for t_s in (0.0, 12.35, 12.37, 29.99, 30.0)] == [0, 247, 247, 599, 599]
-
-
-@each_row("t_s", [-0.1, 30.1, float("nan"), float("inf")])
-def test_time_outside_the_run_is_refused(t_s):
-    with pytest.raises(UserError, match=r"--at .*: outside the run, which goes from 0 to 30\.00 s"):
-        tick_at("--at", t_s, whole_run(30.0))
-
-
-def test_span_that_ends_before_it_begins_is_refused():
-    with pytest.raises(UserError, match="--from 9 --to 4: ends before it begins"):
-        span_of(9.0, 4.0, whole_run(30.0))
-
-
-@each_row("every_s", [0.0, -1.0, float("nan"), float("inf")])
-def test_step_that_is_no_positive_time_is_refused(every_s):
-    with pytest.raises(UserError, match=r"--every .*: a time greater than 0 s"):
-        step_of(every_s)
-
-
-def test_pictures_at_regular_times_include_the_end():
-    assert span_of(1.0, 2.0, whole_run(30.0)).every(step_of(0.3)) == [20, 26, 32, 38, 40]
-
-
-def test_times_that_no_tick_has_are_said():
+    assert span_of(1.0, 2.0, whole).every(step_of(0.3)) == [20, 26, 32, 38, 40]
     assert rounded("--at", [12.35, 12.37]) == ["--at 12.37: the nearest tick of 50 ms is 12.35 s"]
+
+
+@each_row(
+    ("make", "message"),
+    [
+        *(
+            (
+                lambda t_s=t_s: tick_at("--at", t_s, whole_run(30.0)),
+                r"--at .*: outside the run, which goes from 0 to 30\.00 s",
+            )
+            for t_s in (-0.1, 30.1, float("nan"), float("inf"))
+        ),
+        (lambda: span_of(9.0, 4.0, whole_run(30.0)), "--from 9 --to 4: ends before it begins"),
+        *(
+            (lambda every_s=every_s: step_of(every_s), r"--every .*: a time greater than 0 s")
+            for every_s in (0.0, -1.0, float("nan"), float("inf"))
+        ),
+    ],
+)
+def test_impossible_times_are_refused(make, message):
+    with pytest.raises(UserError, match=message):
+        make()

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium o
 
 @pytest.fixture(scope="module")
 def debugged(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Where a Chromium listens."""
+    """The address of a Chromium."""
     with chromium(tmp_path_factory.mktemp("chromium")) as address:
         yield address
 
@@ -72,7 +72,7 @@ def chosen(element: str, value: str, event: str) -> str:
     return f"{{const it = document.querySelector({element!r}); it.value = {value!r}; it.dispatchEvent(new Event({event!r}))}}"
 
 
-def test_browser_has_nothing_to_complain_of(browser: Browser, report: Path) -> None:
+def test_browser_console_stays_empty(browser: Browser, report: Path) -> None:
     browser.open(report)
     pictures = "[...document.images].filter(image => { image.loading = 'eager'; return true }).length"
     assert browser.value(pictures) > 5
@@ -82,7 +82,7 @@ def test_browser_has_nothing_to_complain_of(browser: Browser, report: Path) -> N
     assert browser.complaints == []
 
 
-def test_click_on_a_head_sorts_and_a_second_one_turns_the_order_round(browser: Browser, report: Path) -> None:
+def test_click_on_head_sorts_and_second_click_reverses(browser: Browser, report: Path) -> None:
     open_table(browser, report)
     browser.value(click("Configuration"))
     names = [row[0] for row in browser.value(ROWS)]
@@ -92,10 +92,6 @@ def test_click_on_a_head_sorts_and_a_second_one_turns_the_order_round(browser: B
     assert browser.value("document.querySelector('#configurations th').ariaSort") == "descending"
     browser.value(click("noise"))
     assert [float(row[-2]) for row in browser.value(ROWS)][:11] == [0.6] * 10 + [0.5]
-
-
-def test_places_are_sorted_by_where_they_are(browser: Browser, report: Path) -> None:
-    open_table(browser, report)
     browser.value(click("stop"))
     places = [row[-3] for row in browser.value(ROWS)]
     assert list(dict.fromkeys(places)) == [f"({x}, −1.50) m" for x in ("−9.00", "−2.00", "5.00")]  # 50 of 70 rows
@@ -103,25 +99,21 @@ def test_places_are_sorted_by_where_they_are(browser: Browser, report: Path) -> 
     assert browser.value(ROWS)[0][-3] == "(12.00, −1.50) m"
 
 
-def test_words_and_choices_filter_the_rows_and_the_count_says_so(browser: Browser, report: Path) -> None:
-    open_table(browser, report)
+def test_table_shows_failures_and_filters_rows(browser: Browser, report: Path) -> None:
+    browser.open(report)
+    browser.value("document.querySelector('nav a[href=\"#all\"]').click()")
+    assert browser.value(COUNT) == "50 of 56 rows (of 70)"
+    browser.value(ONLY_FAILING)
     assert browser.value(COUNT) == "50 of 70 rows"
     browser.value(chosen("#all input", "QUIET-1 undecided", "input"))
-    assert {row[0] for row in browser.value(ROWS)} == {
-        "quiet-1",
-        "quiet-11",
-        "quiet-13",
-        "quiet-15",
-        "quiet-17",
-        "quiet-19",
-    }
+    assert {row[0] for row in browser.value(ROWS)} == {f"quiet-{k}" for k in (1, 11, 13, 15, 17, 19)}
     assert browser.value(COUNT) == "6 of 6 rows (of 70)"
     browser.value(chosen("#all input", "", "input"))
     browser.value(chosen("#all select", "noisy", "change"))
     assert {row[1] for row in browser.value(ROWS)} == {"noisy"}
 
 
-def test_more_rows_are_shown_when_they_are_asked_for(browser: Browser, report: Path) -> None:
+def test_more_rows_are_shown_on_request(browser: Browser, report: Path) -> None:
     open_table(browser, report)
     assert len(browser.value(ROWS)) == 50
     browser.value("document.querySelector('#all .more').click()")
@@ -129,15 +121,26 @@ def test_more_rows_are_shown_when_they_are_asked_for(browser: Browser, report: P
     assert browser.value("document.querySelector('#all .more').hidden") is True
 
 
-def test_heads_can_be_reached_and_pressed_by_keyboard(browser: Browser, report: Path) -> None:
-    open_table(browser, report)
-    browser.value("document.querySelector('#configurations th button').focus()")
+def press_enter(browser: Browser) -> None:
     for kind in ("rawKeyDown", "char", "keyUp"):
         browser.ask("Input.dispatchKeyEvent", type=kind, key="Enter", code="Enter", windowsVirtualKeyCode=13, text="\r")
+
+
+def test_heads_links_and_folds_work_by_keyboard_and_click(browser: Browser, report: Path) -> None:
+    open_table(browser, report)
+    browser.value("document.querySelector('#configurations th button').focus()")
+    press_enter(browser)
     assert browser.value("document.querySelector('#configurations th').ariaSort") == "ascending"
+    browser.open(report)
+    browser.value("document.querySelector('#rates summary').focus()")
+    press_enter(browser)
+    assert browser.value("document.querySelector('#rates').open") is True
+    assert browser.value("document.querySelector('#method').open") is False
+    browser.value("document.querySelector('#why a[href=\"#method\"]').click()")
+    assert browser.value("document.querySelector('#method').open") is True
 
 
-def test_worst_come_first_and_a_plain_table_has_them_without_the_script(browser: Browser, report: Path) -> None:
+def test_plain_table_without_script_has_worst_first(browser: Browser, report: Path) -> None:
     browser.ask("Emulation.setScriptExecutionDisabled", value=True)
     browser.open(report)
     browser.value("document.querySelector('#all').open = true")
@@ -148,27 +151,22 @@ def test_worst_come_first_and_a_plain_table_has_them_without_the_script(browser:
     assert browser.value("document.querySelectorAll('.tools').length") == 0
 
 
-def test_phone_shows_the_page_without_scrolling_sideways(browser: Browser, report: Path) -> None:
+def test_phone_scrolls_tables_and_not_page(browser: Browser, report: Path) -> None:
     browser.ask("Emulation.setDeviceMetricsOverride", width=390, height=800, deviceScaleFactor=2, mobile=True)
-    browser.open(report)
-    assert browser.value("document.documentElement.scrollWidth") <= 390
-
-
-def test_table_that_is_wider_than_its_frame_shows_a_shadow_there(browser: Browser, report: Path) -> None:
-    browser.ask("Emulation.setDeviceMetricsOverride", width=390, height=800, deviceScaleFactor=1, mobile=True)
     open_table(browser, report)
+    assert browser.value("document.documentElement.scrollWidth") <= 390
     frame = "document.querySelector('#all .card.scroll')"
     assert browser.value(f"{frame}.scrollWidth > {frame}.clientWidth")
-    layers = browser.value(f"getComputedStyle({frame}).backgroundAttachment").split(", ")
+    layers = browser.value(f"getComputedStyle({frame}).backgroundAttachment").split(", ")  # a shadow at the edge
     assert sorted(set(layers[:4])) == ["local", "scroll"]
 
 
-def test_what_a_run_says_ends_no_script(report: Path) -> None:
+def test_reasons_of_runs_end_no_script(report: Path) -> None:
     page = report.read_text(encoding="utf-8")
     assert len(re.findall(r"</script>", page)) == len(re.findall(r"<script", page))
 
 
-def test_reader_has_verdict_causes_and_the_worst_within_a_few_screens(browser: Browser, report: Path) -> None:
+def test_first_screens_have_verdict_causes_and_worst_configurations(browser: Browser, report: Path) -> None:
     found = measured(browser, report)
     assert beyond(found, 9000, 2000) == []
     heads = "[...document.querySelectorAll('main h2')].filter(it => it.checkVisibility()).map(it => it.innerText)"
@@ -180,30 +178,7 @@ def test_reader_has_verdict_causes_and_the_worst_within_a_few_screens(browser: B
     ]
 
 
-def test_table_shows_what_failed_and_a_click_shows_the_rest(browser: Browser, report: Path) -> None:
-    browser.open(report)
-    browser.value("document.querySelector('nav a[href=\"#all\"]').click()")
-    assert browser.value(COUNT) == "50 of 56 rows (of 70)"
-    browser.value(ONLY_FAILING)
-    assert browser.value(COUNT) == "50 of 70 rows"
-
-
-def test_link_to_what_is_folded_opens_it(browser: Browser, report: Path) -> None:
-    browser.open(report)
-    assert browser.value("document.querySelector('#method').open") is False
-    browser.value("document.querySelector('#why a[href=\"#method\"]').click()")
-    assert browser.value("document.querySelector('#method').open") is True
-
-
-def test_fold_opens_by_keyboard(browser: Browser, report: Path) -> None:
-    browser.open(report)
-    browser.value("document.querySelector('#rates summary').focus()")
-    for kind in ("rawKeyDown", "char", "keyUp"):
-        browser.ask("Input.dispatchKeyEvent", type=kind, key="Enter", code="Enter", windowsVirtualKeyCode=13, text="\r")
-    assert browser.value("document.querySelector('#rates').open") is True
-
-
-def test_paper_has_what_a_screen_folds(browser: Browser, report: Path) -> None:
+def test_printed_page_unfolds_sections(browser: Browser, report: Path) -> None:
     browser.open(report)
     browser.value("document.querySelectorAll('details').forEach(it => { it.dataset.was = it.open })")
     printed = base64.b64decode(browser.ask("Page.printToPDF")["data"])

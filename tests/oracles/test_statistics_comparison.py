@@ -101,7 +101,7 @@ def test_changes_are_adjusted_over_configurations_that_can_show_any():
     assert sum(one.shown for one in found) == 4
 
 
-def test_by_level_compares_each_level_with_pairs():
+def test_levels_are_compared_by_pairs():
     factors, _ = factors_of([{"noise": k % 2} for k in range(8)])
     quiet, loud = by_level(factors, pairs(*[(8, 0, 0, 2), (2, 6, 0, 2)] * 4))
     assert (quiet.level, quiet.difference.difference) == ("0", 0.0)

@@ -34,21 +34,21 @@ def proof():
         ("comparison", 150),
     ],
 )
-def test_what_was_planted_is_found_and_nothing_else(proof, part, campaigns):
+def test_planted_truths_are_found_alone(proof, part, campaigns):
     findings = list(getattr(proof, part)(campaigns, np.random.default_rng(12)))
     assert findings
     assert [str(finding) for finding in findings if not finding.good] == []
 
 
 @pytest.mark.parametrize(("part", "campaigns"), [("others", 60), ("these", 100)])
-def test_gate_passes_no_loss_of_its_margin_more_often_than_it_says(part, campaigns):
+def test_gate_passes_losses_as_rarely_as_stated(part, campaigns):
     import gate
 
     findings = list(getattr(gate, part)(campaigns, np.random.default_rng(18)))
     assert [str(finding) for finding in findings if not finding.good] == []
 
 
-def test_rate_beyond_what_is_stated_is_not_good(proof):
+def test_finding_beyond_stated_rate_is_not_good(proof):
     assert not proof.Finding("wrong", 20, 100, most=0.05).good
     assert not proof.Finding("found", 60, 100, least=0.9).good
     assert proof.Finding("wrong", 7, 100, most=0.05).good

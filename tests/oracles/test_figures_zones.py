@@ -1,4 +1,6 @@
-"""Zones in pictures: masks of costmap filters are tinted on every map, and the legend says what a tint means."""
+"""Zones of costmap filters in figures, and figures of a pair of campaigns."""
+
+import io
 
 import numpy as np
 import pytest
@@ -9,11 +11,12 @@ from vastflow.oracles.figures.case_figure import Side, pair_figure
 from vastflow.oracles.figures.floor import zone_handles
 from vastflow.oracles.figures.plan_view import PlanView, plan_view_figure
 from vastflow.oracles.figures.scene import NO_ZONES, Zones, zones_of
+from vastflow.oracles.figures.style import png
 from vastflow.oracles.observation.situation import Situation
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
-from vastflow.sim.world.map_file import map_content
+from vastflow.sim.world.map_file import load_map, map_content
 from vastflow.sim.world.occupancy import OccupancyMap
 
 ROOM = np.zeros((80, 80), dtype=np.int8)
@@ -52,30 +55,22 @@ def plan_view(occupancy, zones):
     return figure, figure.axes[0]
 
 
-def test_keepout_is_dark_and_speed_is_light_on_a_map_and_what_lies_beside_stays_white(occupancy):
+def test_zones_are_tinted_by_kind_and_value(occupancy):
     figure, axes = plan_view(occupancy, Zones((zone(0.5, 0.5, 100),), (zone(2.5, 2.5, 100),)))
     keepout, speed, beside = colors_at(figure, axes, (1.0, 1.0), (3.0, 3.0), (1.0, 3.0))
     assert beside == (255, 255, 255)
     assert sum(keepout) < 550 < sum(speed) < 700
     assert speed[2] < speed[0]
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["kept out by a mask", "slower by a mask"]
-
-
-def test_zone_is_the_stronger_the_greater_its_value_and_unknown_cells_have_none(occupancy):
     weak, strong, unknown = zone(0.5, 0.5, 20), zone(2.0, 0.5, 90), zone(0.5, 2.0, 0)
-    figure, axes = plan_view(occupancy, Zones((weak, strong, unknown)))
-    found = colors_at(figure, axes, (1.0, 1.0), (2.5, 1.0), (1.0, 2.5))
+    found = colors_at(*plan_view(occupancy, Zones((weak, strong, unknown))), (1.0, 1.0), (2.5, 1.0), (1.0, 2.5))
     assert sum(found[1]) < sum(found[0]) < sum(found[2]) == 765
+    inside, outside = colors_at(*plan_view(occupancy, Zones((zone(2.0, 0.5, 100, np.pi / 4),))), (2.0, 1.2), (2.9, 0.6))
+    assert sum(inside) < 550 and outside == (255, 255, 255)
+    assert zone_handles(NO_ZONES) == []
 
 
-def test_turned_mask_is_drawn_turned(occupancy):
-    figure, axes = plan_view(occupancy, Zones((zone(2.0, 0.5, 100, np.pi / 4),)))
-    inside, outside = colors_at(figure, axes, (2.0, 1.2), (2.9, 0.6))
-    assert sum(inside) < 550
-    assert outside == (255, 255, 255)
-
-
-def test_zones_of_both_campaigns_are_on_their_sides_of_a_comparison(occupancy):
+def test_pair_figure_has_zones_of_each_side(occupancy):
     situation = Situation(Pose(0.5, 2.0, 0.0), (Pose(3.5, 2.0, 0.0),), ())
     masks = Zones(keepout=(zone(0.5, 0.5, 100),)), Zones(speed=(zone(2.5, 2.5, 100),))
     before, after = (Side("", occupancy, situation, (), (), zones=zones) for zones in masks)
@@ -88,11 +83,7 @@ def test_zones_of_both_campaigns_are_on_their_sides_of_a_comparison(occupancy):
     assert words[-2:] == ["kept out by a mask", "slower by a mask"]
 
 
-def test_without_zones_there_is_nothing_to_say(occupancy):
-    assert zone_handles(NO_ZONES) == []
-
-
-def test_masks_of_scenarios_are_those_of_the_filters_that_are_on(tmp_path):
+def test_zones_of_scenarios_are_masks_of_enabled_filters(tmp_path):
     Image.fromarray(np.full((10, 10), 0, dtype=np.uint8)).save(tmp_path / "mask.pgm")
     (tmp_path / "mask.yaml").write_text(
         "{image: mask.pgm, resolution: 0.1, origin: [0, 0, 0], negate: 0, occupied_thresh: 0.65, free_thresh: 0.196}"
@@ -105,3 +96,31 @@ def test_masks_of_scenarios_are_those_of_the_filters_that_are_on(tmp_path):
     assert (len(found.keepout), found.speed) == (1, ())
     assert (found.keepout[0].cells == 100).all()
     assert zones_of([without]).keepout == ()
+
+
+def a_side(build, tmp_path, title, said, chosen=0):
+    occupancy = load_map(build.write_map(tmp_path / title, build.walled_room(8.0, 6.0)))
+    situation = Situation(Pose(1.0, 1.0, 0.0), (Pose(6.0, 4.0, 0.0),), ())
+    paths = [(judgement, np.linspace((1.0, 1.0), (6.0, 1.0 + k), 40)) for k, judgement in enumerate(said)]
+    return Side(title, occupancy, situation, (), paths, chosen)
+
+
+def drawn(*sides):
+    content = png(pair_figure("c1", sides))
+    return content, np.asarray(Image.open(io.BytesIO(content)).convert("RGB")).astype(int)
+
+
+def colored(pixels, rgb):
+    return int((np.abs(pixels - rgb).sum(axis=2) < 30).sum())
+
+
+def test_pair_figure_draws_both_sides(build, tmp_path):
+    sides = a_side(build, tmp_path, "A", ("pass", "pass")), a_side(build, tmp_path, "B", ("fail", "pass"))
+    _, pixels = drawn(*sides)
+    left, right = pixels[:, : pixels.shape[1] // 2], pixels[:, pixels.shape[1] // 2 :]
+    blue, vermilion = (0, 114, 178), (213, 94, 0)
+    assert colored(left, blue) > 200 and colored(right, vermilion) > 200
+    assert colored(right[:-90], blue) < colored(left[:-90], blue)
+    assert drawn(*sides)[0] == drawn(*sides)[0]
+    empty = a_side(build, tmp_path, "C", (), chosen=None), a_side(build, tmp_path, "D", ("not judged",), chosen=None)
+    assert drawn(*empty)[0].startswith(b"\x89PNG")

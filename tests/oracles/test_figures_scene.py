@@ -29,20 +29,17 @@ def directory(synthetic_campaign, tmp_path, build):
     return synthetic_campaign.write()
 
 
-def test_walk_is_the_true_way_of_each_run(directory):
+def test_walks_are_true_paths_of_runs(directory):
     walks = read_walks(directory, "a-1")
     assert walks.run_index.tolist() == list(range(10))
     assert walks.ends_xy_m[[0, 9]].tolist() == pytest.approx(np.array([[5.0, 2.0], [2.9, 2.0]]))
     line = walks.line(9)
     assert line[0].tolist() == [1.0, 2.0] and line[-1].tolist() == pytest.approx([2.9, 2.0])
     assert len(line) == 20
-
-
-def test_configuration_without_a_recording_has_no_walks(directory):
     assert read_walks(directory, "a-2") is None
 
 
-def test_scene_has_where_failed_runs_ended_and_how_many_there_were(directory):
+def test_scene_has_counts_and_final_poses(directory):
     (scene,) = scenes_of(read_tables(directory))
     assert (scene.runs.passed, scene.runs.failed, scene.runs.not_judged) == (7, 3, 2)
     assert scene.failed_xy_m == pytest.approx(np.array([[2.9, 2.0]] * 3))
@@ -51,8 +48,17 @@ def test_scene_has_where_failed_runs_ended_and_how_many_there_were(directory):
     assert scene.starts_xy_m.tolist() == [[1.0, 2.0]]
     assert len(scene.obstacles) == 1
 
+    def at(x_m, y_m):
+        column, row = ((np.array([x_m, y_m]) - scene.failures.grid.origin_xy_m) / scene.failures.grid.cell_m).astype(
+            int
+        )
+        return int(scene.failures.failures[row, column]), int(scene.failures.visits[row, column])
 
-def test_configuration_that_nothing_could_run_leaves_the_others_their_scene(synthetic_campaign, tmp_path, build):
+    found = [at(*place) for place in ((1.3, 2.01), (2.88, 2.01), (4.8, 2.01), (4.8, 3.5))]
+    assert found == [(0, 10), (3, 10), (0, 7), (0, 0)]
+
+
+def test_scene_leaves_out_broken_configuration(synthetic_campaign, tmp_path, build):
     room = build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
     broken = {**build.box_at(3.0, 3.0), "xacro_arguments": "size:=0.4"}
     synthetic_campaign.add("a-1", "a", room, TASK, recordings=[build.a_recording(WAY)])
@@ -63,27 +69,14 @@ def test_configuration_that_nothing_could_run_leaves_the_others_their_scene(synt
     assert (scene.runs.passed, scene.runs.not_judged, len(scene.obstacles)) == (1, 1, 0)
 
 
-def test_failures_are_counted_over_the_runs_that_came_by(directory):
-    failures = scenes_of(read_tables(directory))[0].failures
-
-    def at(x_m, y_m):
-        column, row = ((np.array([x_m, y_m]) - failures.grid.origin_xy_m) / failures.grid.cell_m).astype(int)
-        return int(failures.failures[row, column]), int(failures.visits[row, column])
-
-    assert at(1.3, 2.01) == (0, 10)
-    assert at(2.88, 2.01) == (3, 10)
-    assert at(4.8, 2.01) == (0, 7)
-    assert at(4.8, 3.5) == (0, 0)
-
-
-def test_of_many_runs_evenly_chosen_ones_are_drawn(directory, monkeypatch):
+def test_scene_draws_evenly_chosen_runs(directory, monkeypatch):
     monkeypatch.setattr(scenes, "MAX_LINES", 3)
     (scene,) = scenes_of(read_tables(directory))
     assert [len(scene.lines[code]) for code in CODES.values()] == [3, 3, 0]
     assert scene.runs.passed == 7
 
 
-def test_of_many_maps_those_with_most_failures_are_drawn(synthetic_campaign, tmp_path, build, monkeypatch):
+def test_scenes_are_maps_with_most_failures(synthetic_campaign, tmp_path, build, monkeypatch):
     for k in range(3):
         room = build.write_map(tmp_path / f"room{k}", build.walled_room(6.0 + k, 4.0))
         outcome = {"outcome": "aborted", "reason": "stuck"} if k == 1 else {}
@@ -93,7 +86,7 @@ def test_of_many_maps_those_with_most_failures_are_drawn(synthetic_campaign, tmp
     assert [scene.environment for scene in scenes_of(tables)] == [tables.configurations.environments[1]]
 
 
-def test_maps_are_called_by_the_names_of_their_files(directory, tmp_path):
+def test_environment_names_are_those_of_files(directory, tmp_path):
     environment = read_tables(directory).configurations.environments[0]
     assert environment_names(directory, [environment]) == {environment: environment[:8]}
     (directory / "inputs").mkdir()
@@ -102,7 +95,7 @@ def test_maps_are_called_by_the_names_of_their_files(directory, tmp_path):
     assert environment_names(directory, [environment])[environment].endswith("_of_mine")
 
 
-def test_maps_of_one_floor_plan_are_numbered(synthetic_campaign, tmp_path, build):
+def test_environment_names_number_maps_of_one_plan(synthetic_campaign, tmp_path, build):
     for k in range(2):
         room = build.write_map(tmp_path / f"room{k}", build.walled_room(6.0 + k, 4.0))
         synthetic_campaign.add(f"a-{k}", "a", room, TASK, recordings=[build.a_recording(WAY)])
@@ -114,7 +107,7 @@ def test_maps_of_one_floor_plan_are_numbered(synthetic_campaign, tmp_path, build
     assert list(environment_names(directory, environments).values()) == ["office_wing 1", "office_wing 2"]
 
 
-def test_turned_map_is_drawn_where_it_lies(tmp_path, build):
+def test_turned_map_is_drawn_in_its_frame(tmp_path, build):
     """Every cell of the map has its color on the figure at its place in the map's frame."""
     file = build.write_map(tmp_path / "room", build.walled_room(4.0, 3.0), origin_xy_m=(1.0, -2.0))
     file.write_text(file.read_text().replace("-2.0, 0.0]", "-2.0, 0.5]"))

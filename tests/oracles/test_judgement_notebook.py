@@ -47,11 +47,11 @@ CORRIDOR = run_called("an empty corridor")
 
 
 @each_row("check", CHECKS)
-def test_worked_example_keeps_the_contract(check) -> None:
+def test_example_notebook_keeps_contract(check):
     check(oracle_of("lost.ipynb", {"max_error_m": 0.025}, EXAMPLE), sample_runs())
 
 
-def test_worked_example_counts_the_time_that_a_robot_drives_while_lost() -> None:
+def test_example_notebook_counts_time_driven_while_lost():
     # The sample's error is 0.02 + 0.01 sin(k) m at row k, and it drives at all rows but the last.
     rows = sum(math.sin(k) > 0.5 for k in range(1, 100))
     verdict = oracle_of("lost.ipynb", {"max_error_m": 0.025}, EXAMPLE).judge(CORRIDOR.trace, CORRIDOR.situation)
@@ -59,7 +59,7 @@ def test_worked_example_counts_the_time_that_a_robot_drives_while_lost() -> None
     assert verdict.reason == "drove for 3.4 s more than 0.025 m from where it believed to be"
 
 
-def test_notebook_judges_a_block_of_runs_at_once(tmp_path) -> None:
+def test_notebook_judges_block_of_runs(tmp_path) -> None:
     oracle = notebook(tmp_path, LEAVES)
     verdicts = oracle.judge_all([CORRIDOR.trace], CORRIDOR.situation)
     assert [(v.oracle, v.run_index, v.judgement, v.metrics["distance"].value) for v in verdicts] == [
@@ -67,40 +67,31 @@ def test_notebook_judges_a_block_of_runs_at_once(tmp_path) -> None:
     ]
 
 
-def test_parameters_of_the_campaign_file_replace_those_of_the_notebook(tmp_path) -> None:
+def test_parameters_of_campaign_replace_defaults_of_notebook(tmp_path) -> None:
     parameters = cell("limit = 1.5\nword: str = 'slow'", "parameters")
     fails = "verdicts = [{'run_index': 3, 'judgement': 'fail', 'reason': f'{word} {limit}'}]"
     assert notebook(tmp_path, parameters, fails).judge(CORRIDOR.trace, CORRIDOR.situation).reason == "slow 1.5"
     said = notebook(tmp_path, parameters, fails, limit=2).judge(CORRIDOR.trace, CORRIDOR.situation)
     assert said.reason == "slow 2.0"
-
-
-def test_unknown_parameter_of_a_notebook_names_the_nearest(tmp_path) -> None:
     with pytest.raises(OracleError, match=r"judge\.ipynb\.limt: unknown key 'limt'; did you mean 'limit'"):
         notebook(tmp_path, cell("limit = 1.5", "parameters"), LEAVES, limt=2)
 
 
-def test_cells_for_looking_and_prose_are_left_out(tmp_path) -> None:
-    oracle = notebook(
-        tmp_path, cell("%matplotlib inline", "skip-execution"), cell("Some words.", kind="markdown"), LEAVES
-    )
-    assert oracle.judge(CORRIDOR.trace, CORRIDOR.situation).judgement == "pass"
+def judged(folder, *cells):
+    verdict = notebook(folder, *cells).judge(CORRIDOR.trace, CORRIDOR.situation)
+    return verdict.judgement, verdict.reason, {name: metric.value for name, metric in verdict.metrics.items()}
 
 
-def test_what_a_notebook_prints_is_not_shown(tmp_path, capsys) -> None:
-    notebook(tmp_path, "print('hello')", LEAVES).judge(CORRIDOR.trace, CORRIDOR.situation)
+def test_notebook_leaves_verdicts_as_rows_or_table(tmp_path, capsys):
+    skipped = cell("%matplotlib inline", "skip-execution"), cell("Some words.", kind="markdown")
+    assert judged(tmp_path, *skipped, "print('hello')", LEAVES) == ("pass", "", {"distance": 5.0})
     assert capsys.readouterr().out == ""
-
-
-def test_run_that_the_notebook_leaves_out_is_not_judged(tmp_path) -> None:
-    verdict = notebook(tmp_path, "verdicts = []").judge(CORRIDOR.trace, CORRIDOR.situation)
-    assert (verdict.judgement, verdict.reason) == ("not judged", "the notebook has no verdict on this run")
-
-
-def test_verdicts_may_be_a_table(tmp_path) -> None:
+    unjudged = "the notebook has no verdict on this run"
+    assert judged(tmp_path, "verdicts = []") == ("not judged", unjudged, {})
     table = "import pyarrow as pa\nverdicts = pa.table({'run_index': [3], 'judgement': ['pass'], 'd': [float('nan')]})"
-    verdict = notebook(tmp_path, "metrics = {'d': 'm'}", table).judge(CORRIDOR.trace, CORRIDOR.situation)
-    assert (verdict.judgement, verdict.metrics["d"].value) == ("pass", None)
+    frame = f"{table}.to_pandas()"
+    for leaves in (table, frame):
+        assert judged(tmp_path, "metrics = {'d': 'm'}", leaves) == ("pass", "", {"d": None})
 
 
 @each_row(
@@ -124,7 +115,7 @@ def test_verdicts_may_be_a_table(tmp_path) -> None:
         ("a = 1\nb = a / 0", "judge.ipynb: cell 2, line 2: ZeroDivisionError: division by zero"),
     ],
 )
-def test_notebook_that_gives_no_verdicts_is_broken_and_says_where(tmp_path, left: str, message: str) -> None:
+def test_notebook_without_valid_verdicts_is_broken(tmp_path, left: str, message: str) -> None:
     oracle = notebook(tmp_path, "first = 1", left)
     with pytest.raises(PlugInError, match=message):
         oracle.judge(CORRIDOR.trace, CORRIDOR.situation)
@@ -142,12 +133,12 @@ def test_notebook_that_gives_no_verdicts_is_broken_and_says_where(tmp_path, left
         (["metrics = {'a': 1}"], r"cell 1: expected names and units, got metrics = \{'a': 1\}"),
     ],
 )
-def test_notebook_that_cannot_judge_is_a_fault_of_the_request(tmp_path, cells: list[Any], message: str) -> None:
+def test_notebook_with_other_code_is_refused(tmp_path, cells: list[Any], message: str) -> None:
     with pytest.raises(OracleError, match=message):
         notebook(tmp_path, *cells)
 
 
-def test_what_is_no_notebook_is_a_fault_of_the_request(tmp_path) -> None:
+def test_file_of_other_format_is_refused(tmp_path) -> None:
     with pytest.raises(OracleError, match="nbformat: expected a notebook of format 4, got 3"):
         oracle_of("judge.ipynb", {}, written(tmp_path, LEAVES, nbformat=3))
     (tmp_path / "judge.ipynb").write_text("not JSON")
@@ -169,40 +160,27 @@ def test_what_is_no_notebook_is_a_fault_of_the_request(tmp_path) -> None:
         oracle_of("absent.ipynb", {}, tmp_path)
 
 
-# What a judgement follows from
-
-
-def source_of(folder: Path, *cells: dict[str, Any] | str) -> str:
+def source_of(folder, *cells):
     return installed_tree().plug_in_digest(type(notebook(folder, *cells)))
 
 
-def test_code_changes_the_source_digest_of_a_notebook_and_nothing_else_does(tmp_path) -> None:
+def test_source_digest_of_notebook_follows_from_executed_code(tmp_path):
     prose, look = cell("words", kind="markdown"), cell("%time 1", "skip-execution")
     before = source_of(tmp_path, LEAVES)
     assert source_of(tmp_path, prose, look, {**cell(LEAVES), "outputs": [1], "execution_count": 7}) == before
     assert source_of(tmp_path, f"# a comment\n{LEAVES}") == before
     assert source_of(tmp_path, f"x = 1\n{LEAVES}") != before
-
-
-def test_cell_of_the_parameters_is_part_of_a_notebook_s_code(tmp_path) -> None:
     assert source_of(tmp_path, "a = 1", LEAVES) != source_of(tmp_path, cell("a = 1", "parameters"), LEAVES)
 
 
-# Tables
-
-
-def test_tables_have_a_row_for_each_row_and_each_run() -> None:
+def test_run_tables_have_rows_of_all_runs():
     late = run_called("an obstacle that appears late")
     tables = run_tables([CORRIDOR.trace, late.trace], late.situation)
     assert tables.traces.num_rows == len(CORRIDOR.trace) + len(late.trace)
     assert tables.traces["appearing_clearance_m"].null_count == len(CORRIDOR.trace)
     assert tables.runs["outcome"].to_pylist() == ["succeeded", "timed_out"]
-    assert tables.runs["events"][1].as_py() == [
-        {"t_s": 5.0, "kind": "spawned", "x_m": 3.5, "y_m": 0.0, "what": "carton", "value": 0.0}
-    ]
-
-
-def test_tables_of_no_robot_and_of_no_runs_have_their_columns() -> None:
+    spawned = {"t_s": 5.0, "kind": "spawned", "x_m": 3.5, "y_m": 0.0, "what": "carton", "value": 0.0}
+    assert tables.runs["events"][1].as_py() == [spawned]
     for traces in ([run_called("no robot").trace], []):
         tables = run_tables(traces, CORRIDOR.situation)
         assert tables.traces.column_names == ["run_index", *SIGNALS]
