@@ -1,12 +1,13 @@
 """Files that others write: texts, YAML, JSON and pictures, read within limits."""
 
 import io
+import itertools
 import json
 import os
 import stat
 import warnings
 from pathlib import Path
-from typing import Any, Final, NoReturn, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import yaml
 from PIL import Image, UnidentifiedImageError
@@ -17,21 +18,19 @@ from vastflow.sim.model.faults import complaint
 
 TextPlace: TypeAlias = tuple[int, int]
 """Line and column, from 1."""
-
 START: Final[TextPlace] = (1, 1)
 
 MOST_BYTES: Final = 64 * 2**20
-"""Of any file."""
 MOST_TEXT_BYTES: Final = 16 * 2**20
-"""Of a text that is parsed as a whole."""
+"""Of a text that is parsed as a whole; other files may be larger."""
 MOST_LEVELS: Final = 100
-"""Parsers and what walks over their trees recurse; that of libyaml ends the process."""
+"""Parsers recurse; libyaml's ends the process."""
 MOST_YAML_NODES: Final = 500_000
-"""With everything that aliases stand for: aliases of aliases grow exponentially."""
+"""Including what aliases stand for: aliases of aliases grow exponentially."""
 MOST_JSON_VALUES: Final = 5_000_000
 MOST_PIXELS: Final = 25_000_000
 PICTURE_FORMATS: Final = ("PPM", "PNG", "BMP")
-"""What map_server's users have; Pillow says PPM for PGM and PBM too."""
+"""Pillow's names; PGM and PBM are PPM to it."""
 
 NOT_YAML: Final = "a YAML mapping; look for a missing colon, quote or bracket, tabs and uneven indentation"
 
@@ -48,9 +47,8 @@ class Unreadable(ValueError):
     """A file that can't be used.
 
     Attributes:
-        what: What was found.
-        right: What would be right.
-        place: Line and column, as far as there are any.
+        what: The problem.
+        right: What is expected.
     """
 
     def __init__(self, what: str, right: str, place: TextPlace = START) -> None:
@@ -69,23 +67,19 @@ class Missing(Unreadable, FileNotFoundError):
 
 
 def read_bytes(path: str | Path, kind: str = "a file", most_bytes: int = MOST_BYTES) -> bytes:
-    """What a regular file holds.
-
-    Args:
-        kind: What the file should be, for messages.
+    """Return the content of a regular file that should be `kind`.
 
     Raises:
         Missing: there is none.
-        Unreadable: no permission, no regular file (a pipe may never end, a device neither), or too large.
+        Unreadable: no permission, not a regular file (a pipe or a device may never end), or too large.
     """
     try:
         status = os.stat(path)
         if not stat.S_ISREG(status.st_mode):
             found = next((name for is_kind, name in _KINDS if is_kind(status.st_mode)), "no regular file")
             raise Unreadable(f"can't be read: it is {found}", kind)
-        if status.st_size > most_bytes:
-            _too_large(status.st_size, most_bytes)
-        # Without waiting: what is a pipe by now has no writer, perhaps.
+        _check_limit(status.st_size, most_bytes)
+        # Without waiting: the path may be a pipe without a writer by now.
         with os.fdopen(os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK), "rb") as file:
             content = file.read(most_bytes + 1)
     except Unreadable:
@@ -94,29 +88,25 @@ def read_bytes(path: str | Path, kind: str = "a file", most_bytes: int = MOST_BY
         raise Missing("no such file", f"the path of {kind}") from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
         raise Unreadable(f"can't be read: {getattr(error, 'strerror', None) or error}", kind) from None
-    if len(content) > most_bytes:
-        _too_large(len(content), most_bytes)
+    _check_limit(len(content), most_bytes)
     return content
 
 
 def is_file(path: str | Path) -> bool:
-    """Whether there is a regular file; no name is an error, however long it is."""
+    """True if the path is a regular file; False for a name that no file can have."""
     try:
         return Path(path).is_file()
     except (OSError, ValueError):
         return False
 
 
-def _too_large(found: int, most_bytes: int) -> NoReturn:
-    raise Unreadable(f"got {found:,} bytes", f"at most {most_bytes:,}")
+def _check_limit(found: int, most: int) -> None:
+    if found > most:
+        raise Unreadable(f"got {found:,} bytes", f"at most {most:,}")
 
 
 def read_text(path: str | Path, kind: str = "a text file", most_bytes: int = MOST_TEXT_BYTES) -> str:
-    """The text of a regular file in UTF-8, without a byte order mark.
-
-    Raises:
-        Missing, Unreadable: see `read_bytes`; or not UTF-8.
-    """
+    """Return the text of a regular file in UTF-8, without a byte order mark; raises as `read_bytes` does."""
     content = read_bytes(path, kind, most_bytes)
     try:
         return content.decode("utf-8-sig")
@@ -128,7 +118,7 @@ def read_text(path: str | Path, kind: str = "a text file", most_bytes: int = MOS
 
 
 def yaml_node(text: str) -> Node | None:
-    """The first document of a YAML text as nodes of PyYAML, aliases as the nodes that they stand for; None where it is empty.
+    """Compose the first document of a YAML text with aliases resolved; None where it is empty.
 
     Raises:
         Unreadable: not YAML, an alias inside of what it stands for, or beyond a limit.
@@ -141,8 +131,7 @@ def yaml_node(text: str) -> Node | None:
         finally:
             loader.dispose()
     except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        place = (mark.line + 1, mark.column + 1) if mark else START
+        place = _place_at(error.problem_mark or error.context_mark)
         if error.problem == "exceeded maximum nesting depth":  # PyYAML since 6.0.4, which scans ahead of the events
             raise Unreadable(f"more than {MOST_LEVELS} levels deep", "fewer levels", place) from None
         what = ", ".join(filter(None, (error.context, error.problem)))
@@ -156,7 +145,7 @@ def yaml_node(text: str) -> Node | None:
 
 
 def _check_size(text: str) -> None:
-    """Look at the first document's events, for which nothing recurses and nothing is kept."""
+    """Check the first document's events, which neither recurse nor take memory."""
     depth = nodes = 0
     has_ended = False
     for event in yaml.parse(text, Loader=yaml.CSafeLoader):
@@ -175,16 +164,15 @@ def _check_size(text: str) -> None:
 
 
 def _check_aliases(node: Node, sizes: dict[int, tuple[int, int]], opened: set[int], depth: int) -> tuple[int, int]:
-    """Nodes and levels of what `node` is with all that aliases in it stand for; each node is looked into once."""
+    """Count nodes and levels below `node` with its aliases resolved; each node is visited once."""
     if isinstance(node, ScalarNode):
         return 1, 0
     if id(node) in opened:
-        what = "got an alias inside of what it stands for"
-        raise Unreadable(what, "an alias of something else", place_of(node))
+        raise Unreadable("got an alias inside of what it stands for", "an alias of something else", place_of(node))
     if id(node) not in sizes:
         opened.add(id(node))
         nodes, levels = 1, 0
-        children = (part for pair in node.value for part in pair) if isinstance(node, MappingNode) else node.value
+        children = itertools.chain(*node.value) if isinstance(node, MappingNode) else node.value
         for child in children:
             more, below = _check_aliases(child, sizes, opened, depth + 1)
             nodes, levels = nodes + more, max(levels, below)
@@ -198,13 +186,16 @@ def _check_aliases(node: Node, sizes: dict[int, tuple[int, int]], opened: set[in
 
 
 def place_of(node: Node | yaml.Event) -> TextPlace:
-    """Where a node or an event begins."""
-    mark = node.start_mark
+    """Start of a node or an event."""
+    return _place_at(node.start_mark)
+
+
+def _place_at(mark: Any) -> TextPlace:
     return (mark.line + 1, mark.column + 1) if mark else START
 
 
 def yaml_value(text: str) -> Any:
-    """The first document of a YAML text as plain values, those of YAML 1.1; None where it is empty.
+    """Return the first document of a YAML 1.1 text as plain values; None where it is empty.
 
     Raises:
         Unreadable: see `yaml_node`; or a value that is not what its tag says.
@@ -213,21 +204,15 @@ def yaml_value(text: str) -> Any:
     try:
         return None if node is None else SafeConstructor().construct_document(node)
     except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        raise Unreadable(
-            f"not YAML: {error.problem}", "plain values", (mark.line + 1, mark.column + 1) if mark else START
-        ) from None
+        place = _place_at(error.problem_mark or error.context_mark)
+        raise Unreadable(f"not YAML: {error.problem}", "plain values", place) from None
     except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
         # PyYAML takes a value for a date, say, by its form, and leaves a month of 13 to `datetime`.
         raise Unreadable(f"not YAML: {error}", "plain values", place_of(node) if node else START) from None
 
 
 def json_value(content: str | bytes) -> Any:
-    """The value of a JSON text.
-
-    Raises:
-        Unreadable: not JSON, or beyond a limit.
-    """
+    """Return the value of a JSON text; raises `Unreadable` if it is not JSON or beyond a limit."""
     try:
         text = content.decode("utf-8-sig") if isinstance(content, bytes) else content
         if sum(map(text.count, "[{,")) > MOST_JSON_VALUES:
@@ -250,23 +235,15 @@ def json_value(content: str | bytes) -> Any:
 def _check_levels(value: Any) -> None:
     level = [value]
     for _ in range(MOST_LEVELS):
-        level = [
-            part
-            for each in level
-            if isinstance(each, dict | list)
-            for part in (each.values() if isinstance(each, dict) else each)
-        ]
+        nested = [each for each in level if isinstance(each, dict | list)]
+        level = [part for each in nested for part in (each.values() if isinstance(each, dict) else each)]
         if not level:
             return
     raise Unreadable(f"more than {MOST_LEVELS} levels deep", "fewer levels")
 
 
 def read_json(path: str | Path, kind: str = "a JSON file") -> Any:
-    """The value of a JSON file.
-
-    Raises:
-        Missing, Unreadable: see `read_bytes` and `json_value`; `what` begins with the file's name.
-    """
+    """Return the value of a JSON file; raises as `read_bytes` and `json_value` do, naming the file."""
     try:
         return json_value(read_bytes(path, kind))
     except Unreadable as error:
@@ -276,7 +253,7 @@ def read_json(path: str | Path, kind: str = "a JSON file") -> Any:
 
 
 def read_picture(path: str | Path) -> Image.Image:
-    """A decoded PGM, PNG or BMP picture.
+    """Decode a PGM, PNG or BMP picture.
 
     Raises:
         Missing, Unreadable: see `read_bytes`; or another format, damaged, of several frames, or too many pixels.
@@ -288,23 +265,19 @@ def read_picture(path: str | Path) -> Image.Image:
             picture = Image.open(io.BytesIO(content), formats=PICTURE_FORMATS)
             width, height = picture.size
             if width * height > MOST_PIXELS:
-                _too_many_pixels(f"{width:,} × {height:,} pixels")
+                raise Unreadable(f"got {width:,} × {height:,}", f"at most {MOST_PIXELS:,} pixels")
             if getattr(picture, "n_frames", 1) > 1:
-                raise Unreadable("got a picture that moves", "a single picture")
+                raise Unreadable("got several frames", "a single picture")
             picture.load()
     except Unreadable:
         raise
     except Image.DecompressionBombError:
-        _too_many_pixels("a picture of more pixels")
+        raise Unreadable("got more", f"at most {MOST_PIXELS:,} pixels") from None
     except UnidentifiedImageError:
-        raise Unreadable("no picture in PGM, PNG or BMP", "one of these formats") from None
-    except Exception as error:  # noqa: BLE001 - what Pillow's decoders raise on damaged data is not said anywhere
-        raise Unreadable(f"a damaged picture: {error}", "a whole one") from None
+        raise Unreadable("got another format", "a picture in PGM, PNG or BMP") from None
+    except Exception as error:  # noqa: BLE001 - what Pillow's decoders raise is documented nowhere
+        raise Unreadable(f"damaged picture: {error}", "a whole one") from None
     return picture
-
-
-def _too_many_pixels(found: str) -> NoReturn:
-    raise Unreadable(f"got {found}", f"at most {MOST_PIXELS:,}")
 
 
 def _place_behind(before: str) -> TextPlace:

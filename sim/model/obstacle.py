@@ -130,9 +130,7 @@ def obstacles_of(environment: Mapping[str, Value]) -> tuple[Obstacle, ...]:
         there = [o.trigger is None and (o.pose.x_m, o.pose.y_m) == (trigger.x_m, trigger.y_m) for o in obstacles]
         known = any(o.trigger is not None and replace(o.trigger, delay_s=0.0) == trigger for o in obstacles)
         if not known and not any(there):
-            raise ValueError(
-                f"{TRIGGER_POINT_KEY}: expected the position of an obstacle, and none stands there, got {point!r}"
-            )
+            raise ValueError(f"{TRIGGER_POINT_KEY}: expected the position of an obstacle, got {point!r}")
         obstacles = [replace(o, trigger=trigger) if meant else o for o, meant in zip(obstacles, there, strict=True)]
     return tuple(obstacles)
 
@@ -182,7 +180,7 @@ def _trigger(entry: Mapping[str, Value], where: str, environment: Mapping[str, V
     found = entry["spawn_trigger"]
     if not isinstance(found, Mapping) or set(found) - {"delay"} != {"point", "threshold"}:
         raise ValueError(
-            f"{where}.spawn_trigger: expected {{point: …, threshold: …}}, and delay: … (s) if any, got {found!r}"
+            f"{where}.spawn_trigger: expected {{point: …, threshold: …}} and perhaps delay: … (s), got {found!r}"
         )
     point, threshold, delay = (
         environment.get(value, value) if isinstance(value, str) else value
@@ -215,7 +213,7 @@ def _arguments(text: str, shape: Shape, where: str) -> dict[str, float]:
         except ValueError:
             found = ""
         if not found or not sizes[key] > 0 or not math.isfinite(sizes[key]):
-            raise ValueError(f"{where}: found argument {part!r}; a size is written like width:=0.5, greater than 0")
+            raise ValueError(f"{where}: expected a size greater than 0, such as width:=0.5, got {part!r}")
         if key not in ARGUMENTS[shape]:
             raise ValueError(f"{where}: a {shape} has no argument {key!r}; it has {', '.join(ARGUMENTS[shape])}")
     return sizes

@@ -139,6 +139,8 @@ def _demand(name: str, items: list[str], field: FieldInfo | None, error: ErrorDe
     if kind in ("greater_than_equal", "less_than_equal") and field:
         low, high = range_of(field)
         return f"{name} must lie in [{low:g}, {high:g}]"
+    if kind == "literal_error":
+        return f"{name} must be {error['msg'].removeprefix('Input should be ')}"
     return f"{name}: {error['msg']}"
 
 

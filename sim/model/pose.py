@@ -38,7 +38,7 @@ def pose_of(value: Value, where: str = "pose") -> Pose:
     """
     if isinstance(value, Mapping):
         if unknown := next(_unknown(value), None):
-            raise ValueError(f"{where}: found {unknown!r}; a pose has x, y and yaw, in meters and radians")
+            raise ValueError(f"{where}: expected x, y and yaw, in meters and radians, got {unknown!r}")
         position = value.get("position", value)
         orientation = value.get("orientation", value)
         if isinstance(position, Mapping) and isinstance(orientation, Mapping):
@@ -46,9 +46,7 @@ def pose_of(value: Value, where: str = "pose") -> Pose:
             x, y, yaw = numbers
             if x is not None and y is not None and yaw is not None:
                 return Pose(x, y, yaw)
-    raise ValueError(
-        f"{where}: found {value!r}; a pose is {{x, y, yaw}} or {{position: {{x, y}}, orientation: {{yaw}}}}"
-    )
+    raise ValueError(f"{where}: expected a pose, {{x, y, yaw}} or {{position: {{x, y}}, orientation: {{yaw}}}}, got {value!r}")
 
 
 def written_pose_of(value: Value, where: str = "pose") -> Pose:

@@ -76,13 +76,13 @@ def _header(path: Path) -> Mapping[str, Any]:
         line, column = error.place
         raise MapError(f"{path}:{line}:{column}: {error}") from None
     if not isinstance(header, dict):
-        raise MapError(f"{path}: found {type(header).__name__}; a map is a mapping with image, resolution and origin")
+        raise MapError(f"{path}: expected a mapping with image, resolution and origin, got {type(header).__name__}")
     written = [key.value for key, _ in node.value] if isinstance(node, MappingNode) else []
     if twice := [key for key in header if written.count(key) > 1]:
-        raise MapError(f"{path}: {twice[0]}: expected one, got {written.count(twice[0])} times")
+        raise MapError(f"{path}: {twice[0]}: expected one value, got {written.count(twice[0])}")
     for key in ("image", "resolution", "origin"):
         if key not in header:
-            raise MapError(f"{path}: no key {key!r}; a map has image, resolution and origin")
+            raise MapError(f"{path}: expected image, resolution and origin, got no {key!r}")
     return header
 
 
