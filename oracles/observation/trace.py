@@ -7,8 +7,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.sim.model.recording import Event, Recording, Run, si
-from vastflow.sim.model.tables import Columns
+from vastflow.sim.model.recording import Columns, Event, Recording, Run, si
 
 SI_SUFFIX: Mapping[str, str] = {
     "mmps": "mps",

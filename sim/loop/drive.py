@@ -12,9 +12,8 @@ from vastflow.sim.loop.standstill import STANDSTILL_M, standstill
 from vastflow.sim.loop.standstill import told as standstill_told
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.pose import GridFrame, Pose
-from vastflow.sim.model.recording import Entity, Event, Outcome, Recording, Run
+from vastflow.sim.model.recording import Columns, Entity, Event, Outcome, Recording, Run
 from vastflow.sim.model.scenario import Mission
-from vastflow.sim.model.tables import Columns
 from vastflow.sim.nav2.navigator.prepared import PreparedMap
 from vastflow.sim.nav2.navigator.state import (
     EVENT_KINDS,

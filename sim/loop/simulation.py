@@ -7,8 +7,8 @@ from typing import Any, Final
 from vastflow.sim.loop.closed_loop import ClosedLoop
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.recording import Columns
 from vastflow.sim.model.scenario import Mission
-from vastflow.sim.model.tables import Columns
 from vastflow.sim.nav2.navigator.state import ABORTED, RUNNING, SUCCEEDED
 
 REASONS: Final[Mapping[int, str]] = {

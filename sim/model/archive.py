@@ -1,7 +1,7 @@
-"""Tables of a block of runs beside its aligned columns, and what its programs wrote, in one file each.
+"""Tables beside the aligned columns of a block of runs: behaviors, and what its programs wrote.
 
-Behaviors are a stream of Arrow's, compressed as a whole. A campaign reads one of these small files for each of its configurations, and
-one in parquet's format takes five times as long and twice the room.
+Behaviors are a compressed Arrow stream: a campaign reads one such small file for each configuration, and Parquet takes five times as
+long and twice the room.
 """
 
 import io
@@ -11,34 +11,38 @@ from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from vastflow.sim.model.recording import Outputs
-from vastflow.sim.model.tables import Columns
+from vastflow.sim.model.recording import Columns, Outputs
 
+MAX_UNPACKED_BYTES: Final = 512 * 2**20
+RUN_INDEX: Final = "run_index"
 _LONG_AGO: Final = (1980, 1, 1, 0, 0, 0)
+_DTYPES: Final[Mapping[str, Any]] = {"double": np.float64, "int64": np.int64, "bool": np.bool_, "string": object}
 
 
 def write_table(columns: Columns) -> bytes:
-    """A table as one parquet file; equal columns give equal bytes."""
+    """Write a table as one Parquet file; equal columns give equal bytes."""
     out = io.BytesIO()
     pq.write_table(arrow_table(columns), out)
     return out.getvalue()
 
 
 def read_table(content: bytes) -> dict[str, NDArray[Any]]:
-    """What `write_table` wrote."""
+    """Read a table that `write_table` wrote."""
     return columns_of(pq.read_table(io.BytesIO(content)))
 
 
 def arrow_table(columns: Columns) -> pa.Table:
-    """A table as pyarrow has it."""
+    """Return a table of pyarrow."""
     return pa.table({name: pa.array(values.tolist(), _type(values)) for name, values in columns.items()})
 
 
 def columns_of(table: pa.Table) -> dict[str, NDArray[Any]]:
-    """The columns of what `arrow_table` made; of another table, those of numbers, truth values and texts."""
+    """Return the columns of a table that `arrow_table` made."""
     return {
         name: np.array(table.column(name).to_pylist(), _DTYPES[str(table.column(name).type)])
         for name in table.column_names
@@ -46,7 +50,7 @@ def columns_of(table: pa.Table) -> dict[str, NDArray[Any]]:
 
 
 def write_outputs(outputs: Mapping[int, Outputs]) -> bytes:
-    """The outputs of runs, by run index, as one archive; equal outputs give equal bytes."""
+    """Write the outputs of runs, by run index, as one archive; equal outputs give equal bytes."""
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
         for run_index, each in sorted(outputs.items()):
@@ -58,7 +62,7 @@ def write_outputs(outputs: Mapping[int, Outputs]) -> bytes:
 
 
 def read_outputs(content: bytes) -> dict[int, Outputs]:
-    """What `write_outputs` wrote."""
+    """Read outputs that `write_outputs` wrote."""
     tables: dict[int, dict[str, Columns]] = {}
     files: dict[int, dict[str, bytes]] = {}
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
@@ -73,13 +77,13 @@ def read_outputs(content: bytes) -> dict[int, Outputs]:
 
 
 def one_archive(blocks: Sequence[bytes], runs: int) -> bytes:
-    """Outputs of several blocks of runs together, as far as they are of runs below `runs`; empty without any."""
+    """Join the outputs of blocks for runs below `runs`; empty without any."""
     found = {run: outputs for block in blocks for run, outputs in read_outputs(block).items() if run < runs}
     return write_outputs(found) if found else b""
 
 
 def table(types: Mapping[str, type], rows: Sequence[Sequence[Any]]) -> dict[str, NDArray[Any]]:
-    """Columns of the given names and types (float, int, bool, str) from rows."""
+    """Return columns of the given names and types (float, int, bool, str) from rows."""
     columns = zip(*rows, strict=True) if rows else ([] for _ in types)
     return {
         name: np.array(column, dtype=object if kind is str else kind)
@@ -91,14 +95,8 @@ def _type(values: NDArray[Any]) -> Any:
     return {"f": pa.float64(), "i": pa.int64(), "u": pa.int64(), "b": pa.bool_()}.get(values.dtype.kind, pa.string())
 
 
-_DTYPES: Final[Mapping[str, Any]] = {"double": np.float64, "int64": np.int64, "bool": np.bool_, "string": object}
-
-
-RUN_INDEX = "run_index"
-
-
 def write_behaviors(runs: Mapping[int, Columns]) -> bytes:
-    """Tables of equal columns, by run index, as one file; equal tables give equal bytes."""
+    """Write tables of equal columns, by run index, as one file; equal tables give equal bytes."""
     table = arrow_table(_stacked(runs))
     stream = pa.BufferOutputStream()
     with pa.ipc.new_stream(stream, table.schema) as writer:
@@ -109,11 +107,7 @@ def write_behaviors(runs: Mapping[int, Columns]) -> bytes:
 
 
 def read_behaviors(block: bytes) -> pa.Table:
-    """What `write_behaviors` wrote.
-
-    Raises:
-        ValueError: it is damaged.
-    """
+    """Read behaviors that `write_behaviors` wrote; raises `ValueError` if they are damaged."""
     size, _, content = block.partition(b" ")
     if not size.isdigit():
         raise ValueError("no behaviors as vastflow writes them")
@@ -121,9 +115,9 @@ def read_behaviors(block: bytes) -> pa.Table:
 
 
 def behaviors_below(blocks: Sequence[bytes], runs: int) -> pa.Table | None:
-    """The behaviors of all runs below `runs`, run by run, each once: campaigns may have cut the same runs differently.
+    """Join the behaviors of runs below `runs`, run by run, each once; None without any.
 
-    None where no block has any of them.
+    Blocks may overlap: campaigns cut the same runs differently.
     """
     parts = []
     seen: set[int] = set()
@@ -145,11 +139,95 @@ def _stacked(runs: Mapping[int, Columns]) -> Columns:
 
 
 def _index(table: pa.Table) -> NDArray[np.int64]:
-    """The runs of rows; pyarrow's `to_numpy` would import pandas."""
+    """Run index of each row; pyarrow's `to_numpy` would import pandas."""
     return np.array(np.from_dlpack(table.column(RUN_INDEX).combine_chunks()), dtype=np.int64)
 
 
 def _numbers(rows: NDArray[np.int64]) -> pa.Array:
-    """Numbers of rows; `pyarrow.array` would import pandas."""
+    """Row numbers for pyarrow; `pyarrow.array` would import pandas."""
     numbers = np.ascontiguousarray(rows, dtype=np.int64)
     return pa.Array.from_buffers(pa.int64(), len(numbers), [None, pa.py_buffer(numbers)])
+
+
+def read_foreign_table(name: str, content: bytes) -> tuple[Columns, tuple[str, ...]]:
+    """Read the columns of a CSV or Parquet file of others, and notes on what was left out.
+
+    A missing value is NaN in a column of numbers or truth values, which then is float64, and empty in a column of text.
+    Moments are seconds since 1970, times of day seconds since midnight.
+
+    Raises:
+        ValueError: it can't be read; says why in one line.
+    """
+    try:
+        table = _parquet(content) if name.lower().endswith(".parquet") else _csv(content)
+        return _foreign_columns(table)
+    except (pa.ArrowException, UnicodeDecodeError, OSError) as error:
+        raise ValueError(f"not a table: {' '.join(str(error).split())[:300]}") from None
+
+
+def _csv(content: bytes) -> Any:
+    # One block: a column's type follows from all of its values, not from those of the first mebibyte.
+    reading = pyarrow.csv.ReadOptions(use_threads=False, block_size=len(content) + 1)
+    return pyarrow.csv.read_csv(io.BytesIO(content), reading)
+
+
+def _parquet(content: bytes) -> Any:
+    file = pq.ParquetFile(io.BytesIO(content))
+    groups = range(file.metadata.num_row_groups)
+    unpacked = sum(file.metadata.row_group(i).total_byte_size for i in groups)
+    if unpacked > MAX_UNPACKED_BYTES:
+        raise ValueError(f"not read: {unpacked} bytes when unpacked, more than {MAX_UNPACKED_BYTES}")
+    return file.read()
+
+
+def _foreign_columns(table: Any) -> tuple[Columns, tuple[str, ...]]:
+    columns: dict[str, NDArray[Any]] = {}
+    notes = []
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        if name in columns:
+            notes.append(f"a second column {name!r} is left out")
+            continue
+        values = _values(column)
+        if values is None:
+            notes.append(f"column {name!r} is left out: no numbers, truth values or text but {column.type}")
+        else:
+            columns[name] = values
+    return columns, tuple(notes)
+
+
+def _values(column: Any) -> NDArray[Any] | None:
+    kind = column.type
+    if pa.types.is_dictionary(kind):
+        column, kind = column.cast(kind.value_type), kind.value_type
+    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+        return np.array(pc.fill_null(column, "").to_pylist(), dtype=np.str_)
+    if pa.types.is_timestamp(kind) or pa.types.is_date(kind):
+        return _floats(column.cast(pa.timestamp("us", getattr(kind, "tz", None)), safe=False).cast(pa.int64()), 1e-6)
+    if pa.types.is_time(kind) or pa.types.is_duration(kind):
+        unit = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}[kind.unit]
+        return _floats(column.cast(pa.int32() if kind.bit_width == 32 else pa.int64()), unit)
+    if pa.types.is_boolean(kind):
+        if column.null_count:
+            return _floats(column.cast(pa.uint8()))
+        return _array(column.cast(pa.uint8())).astype(np.bool_)
+    if pa.types.is_integer(kind) and not column.null_count:
+        try:
+            return _array(column.cast(pa.int64()))
+        except pa.ArrowInvalid:  # beyond 2**63
+            return _floats(column)
+    if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind) or pa.types.is_null(kind):
+        return _floats(column)
+    return None
+
+
+def _floats(column: Any, factor: float = 1.0) -> NDArray[np.float64]:
+    values: NDArray[np.float64] = _array(pc.fill_null(column.cast(pa.float64(), safe=False), float("nan")))
+    return values * factor
+
+
+def _array(column: Any) -> NDArray[Any]:
+    """Return a column without nulls as an array; pyarrow's `to_numpy` would import pandas, which takes 0.35 s."""
+    chunks = column.combine_chunks()
+    if isinstance(chunks, pa.ChunkedArray):  # which it stays where there is no row
+        chunks = pa.concat_arrays(chunks.chunks) if chunks.num_chunks else pa.array([], column.type)
+    return np.array(np.from_dlpack(chunks))

@@ -46,7 +46,9 @@ def pose_of(value: Value, where: str = "pose") -> Pose:
             x, y, yaw = numbers
             if x is not None and y is not None and yaw is not None:
                 return Pose(x, y, yaw)
-    raise ValueError(f"{where}: expected a pose, {{x, y, yaw}} or {{position: {{x, y}}, orientation: {{yaw}}}}, got {value!r}")
+    raise ValueError(
+        f"{where}: expected a pose, {{x, y, yaw}} or {{position: {{x, y}}, orientation: {{yaw}}}}, got {value!r}"
+    )
 
 
 def written_pose_of(value: Value, where: str = "pose") -> Pose:

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from vastflow.sim.model.digest import digest
 from vastflow.sim.model.obstacle import Shape
-from vastflow.sim.model.tables import Columns
+
+Columns: TypeAlias = Mapping[str, NDArray[Any]]
+"""Name to (N,) float64, int64, bool or str, all of one length."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from vastflow.sim.nav2.parameters.mppi import MotionModel, MppiParameters
 from vastflow.sim.nav2.parameters.robot import IDEAL, Latency, LidarParameters
 from vastflow.sim.nav2.parameters.servers import SmacPlannerHybrid, VelocitySmoother
 from vastflow.sim.nav2.parameters.stack import NavParameters
-from vastflow.sim.world.noise_parameters import GaussianDropoutParameters
+from vastflow.sim.world.noise_registry import GaussianDropoutParameters
 from vastflow.sim.world.robot_model import Drive, Lidar, Robot
 
 TURTLEBOT_4: Final = Robot()

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from vastflow.sim.kernels.numeric import addressed, njit
 from vastflow.sim.kernels.streams import integer_below, normal_pair
 from vastflow.sim.world.noise import LidarNoise, Scan
-from vastflow.sim.world.noise_parameters import GaussianDropoutParameters
+from vastflow.sim.world.noise_registry import GaussianDropoutParameters
 
 
 class RelayMemory(NamedTuple):

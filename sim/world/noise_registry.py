@@ -1,10 +1,23 @@
-"""How lidar noise is found: by its name in the entry-point group, or in a file beside the campaign."""
+"""Lidar noise by name: in the entry-point group, or in a file beside the campaign. A campaign is read with it, without numba."""
 
 from typing import Final
 
+from vastflow.sim.model.parameter import ParameterGroup, parameter
 from vastflow.sim.plug_ins.registry import Registry
 from vastflow.sim.world.noise import LidarNoise
-from vastflow.sim.world.noise_parameters import GaussianDropoutParameters
+
+
+class GaussianDropoutParameters(ParameterGroup):
+    """Noise of the paper's relay between simulator and Nav2, under the names of its launch arguments.
+
+    Attributes:
+        laserscan_gaussian_noise_std_deviation: Of every beam, meters.
+        laserscan_random_drop_percentage: Share of beams lost, a fraction 0..1 in spite of its name.
+    """
+
+    laserscan_gaussian_noise_std_deviation: float = parameter(0.0, 0.0, 100.0)
+    laserscan_random_drop_percentage: float = parameter(0.0, 0.0, 1.0)
+
 
 NOISE_PLUG_INS: Final = Registry(
     "vastflow.lidar_noise",

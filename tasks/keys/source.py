@@ -54,7 +54,6 @@ READING: Final = (
     "vastflow.sim.scenario.language",
     "vastflow.sim.world.map_file",
     "vastflow.sim.world.noise_conformance",
-    "vastflow.sim.world.noise_parameters",
     "vastflow.sim.world.noise_registry",
 )
 """Packages that read and check, and that let plug-ins in. No result follows from their code: what they make of files is in

@@ -17,8 +17,7 @@ from vastflow.sim.reading.checked import checked_digest
 from vastflow.sim.run import run
 from vastflow.sim.world.noise import LidarNoise
 from vastflow.sim.world.noise_conformance import CHECKS, check_lidar_noise, check_time
-from vastflow.sim.world.noise_parameters import GaussianDropoutParameters
-from vastflow.sim.world.noise_registry import NOISE_PLUG_INS, find_lidar_noise
+from vastflow.sim.world.noise_registry import NOISE_PLUG_INS, GaussianDropoutParameters, find_lidar_noise
 
 PAGE = Path(__file__).parents[2] / "docs" / "write-lidar-noise.md"
 

@@ -12,7 +12,7 @@ from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.parameters.servers import Perturbation
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.world.map_file import load_map
-from vastflow.sim.world.noise_parameters import GaussianDropoutParameters
+from vastflow.sim.world.noise_registry import GaussianDropoutParameters
 from vastflow.sim.world.robot_model import Lidar, Robot
 
 ROUTES = 3

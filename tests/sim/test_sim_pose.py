@@ -36,7 +36,10 @@ def test_pose_may_be_short_without_a_yaw_or_of_numbers_in_quotes(value, pose):
 @each_row(
     ("value", "message"),
     [
-        *((value, "expected a pose, {x, y, yaw} or {position: {x, y}") for value in (None, "1, 2", [1, 2], {}, {"x": 1})),
+        *(
+            (value, "expected a pose, {x, y, yaw} or {position: {x, y}")
+            for value in (None, "1, 2", [1, 2], {}, {"x": 1})
+        ),
         *(({"x": x, "y": 1.0}, f"got {{'x': {x!r}") for x in (None, True, "east", "", "nan", [1], float("inf"))),
         ({"position": 3}, "got {'position': 3}"),
         (

@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.sim.model.tables import TableFault, read_table
+from vastflow.sim.model.archive import read_foreign_table
 from vastflow.sim.scenario.programs import outputs
 from vastflow.sim.scenario.programs.outputs import read_outputs, stamps
 
 
 def csv(text):
-    return read_table("x.csv", text.encode())
+    return read_foreign_table("x.csv", text.encode())
 
 
 NAN = float("nan")
@@ -52,7 +52,7 @@ def test_type_follows_from_all_rows_of_a_long_file():
 
 @each_row("text", ["", "a,b\n1\n", "a,b\n1,2,3\n"])
 def test_broken_csv_is_no_table(text):
-    with pytest.raises(TableFault, match="not a table: "):
+    with pytest.raises(ValueError, match="not a table: "):
         csv(text)
 
 
@@ -60,8 +60,8 @@ def test_broken_csv_is_no_table(text):
 def test_whatever_stands_in_a_file_it_is_a_table_or_a_fault(content):
     for name in ("x.csv", "x.parquet"):
         try:
-            columns, _ = read_table(name, content)
-        except TableFault:
+            columns, _ = read_foreign_table(name, content)
+        except ValueError:
             continue
         assert len({len(values) for values in columns.values()}) <= 1
 
@@ -71,7 +71,7 @@ def test_parquet_gives_the_same_columns(tmp_path):
         {"n": pa.array([1], pa.uint8()), "x": pa.array([0.5], pa.float32()), "yes": [True], "who": ["a"], "list": [[1]]}
     )
     pa.parquet.write_table(table, tmp_path / "x.parquet")
-    columns, notes = read_table("x.parquet", (tmp_path / "x.parquet").read_bytes())
+    columns, notes = read_foreign_table("x.parquet", (tmp_path / "x.parquet").read_bytes())
     assert {name: (values.dtype.kind, values.tolist()) for name, values in columns.items()} == {
         "n": ("i", [1]),
         "x": ("f", [0.5]),

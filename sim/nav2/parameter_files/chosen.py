@@ -34,7 +34,7 @@ from vastflow.sim.nav2.parameter_files.reader import plug_in_name, shown
 from vastflow.sim.nav2.parameters.robot import NOISE_PLACE, robot_keys
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.plug_ins.registry import FILE
-from vastflow.sim.world.noise_parameters import GaussianDropoutParameters
+from vastflow.sim.world.noise_registry import GaussianDropoutParameters
 
 WHOLE: Final = re.compile(r"[-+]?\d+")
 POINTED: Final = re.compile(r"[-+]?(\d+\.\d*|\.\d+)")

@@ -37,8 +37,7 @@ from vastflow.sim.nav2.parameters.servers import (
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.nav2.planners.registry import PLANNER_PLUG_INS
 from vastflow.sim.plug_ins.registry import UnknownPlugIn
-from vastflow.sim.world.noise_parameters import GaussianDropoutParameters
-from vastflow.sim.world.noise_registry import GAUSSIAN_DROPOUT
+from vastflow.sim.world.noise_registry import GAUSSIAN_DROPOUT, GaussianDropoutParameters
 
 _NODES_BEFORE_FOXY: Final[Mapping[str, str]] = {
     "dwb_controller": "controller_server",

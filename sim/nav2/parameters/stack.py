@@ -19,7 +19,7 @@ from vastflow.sim.nav2.parameters.servers import (
     VelocitySmoother,
     WaypointFollower,
 )
-from vastflow.sim.world.noise_parameters import GaussianDropoutParameters
+from vastflow.sim.world.noise_registry import GaussianDropoutParameters
 
 
 class NavParameters(ParameterGroup):

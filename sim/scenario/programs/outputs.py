@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Final, TypeAlias
 
-from vastflow.sim.model.recording import LeftOut, Outputs
-from vastflow.sim.model.tables import Columns, TableFault, read_table
+from vastflow.sim.model.archive import read_foreign_table
+from vastflow.sim.model.recording import Columns, LeftOut, Outputs
 
 MAX_FILE_BYTES: Final = 16 * 2**20
 MAX_RUN_BYTES: Final = 64 * 2**20
@@ -80,8 +80,8 @@ class _Reading:
         stem = name.rpartition(".")[0]
         called = name if stem in self._tables else stem
         try:
-            self._tables[called], notes = read_table(name, content)
-        except TableFault as fault:
+            self._tables[called], notes = read_foreign_table(name, content)
+        except ValueError as fault:
             self._notes.append(f"{name}: {fault}")
             self._take_file(name, path, size)
             return
