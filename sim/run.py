@@ -1,4 +1,4 @@
-"""One scenario, one seed → one run's recording."""
+"""Execution of a run: one scenario, one seed → one recording."""
 
 import functools
 import math

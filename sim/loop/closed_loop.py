@@ -1,4 +1,4 @@
-"""One run in progress: the navigation stack and the world in turn, 20 times a simulated second."""
+"""A run in progress: the navigation stack and the world in turn, 20 times a simulated second."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -23,25 +23,21 @@ from vastflow.sim.world.robot_model import Lidar, Robot
 
 
 class ClosedLoop:
-    """A robot in its world, from the start of a run on; it stands until it knows where it is and has a mission.
+    """A robot in its world; it rests until it is localized and has a mission.
 
-    Kernels run tick after tick by themselves while the robot moves freely; only where bodies may touch, and where an obstacle
-    appears, do they come back for the engine. A run without either never builds one.
-
-    What is given to it is in the map's frame. Inside, everything is in the frame of the map's grid, which `frame` turns: a map
-    whose origin is turned is driven in as the same map that is not.
+    Kernels run tick after tick while the robot moves freely; they return for the physics engine where bodies may touch and where an
+    obstacle appears. Arguments and events are in the map's frame, `stack`, `body`, and `obstacles` in that of its grid (`frame`).
 
     Args:
-        start_pose: Where the robot stands at first.
-        obstacles: What stands there from the start, or appears when the robot comes near.
+        obstacles: Those that stand from the start, and those that appear when the robot comes near.
         entropy: (seed, situation, run index), see `vastflow.sim.kernels.streams.run_entropy`.
-        timeout_s: Simulated time at which the run ends whatever happens.
+        timeout_s: Simulated time at which the run ends.
 
     Attributes:
-        stack: What the stack has at the end of the last tick.
+        stack: State of the stack after the last tick.
         body: The robot and the obstacles as they stand.
-        last_tick: Ticks there is time for.
-        obstacles: All that there ever were, in the order of `body.obstacles`, in the grid's frame as `stack` and `body` are.
+        last_tick: Number of ticks until the timeout.
+        obstacles: All that there ever were, in the order of `body.obstacles`.
     """
 
     def __init__(
@@ -61,98 +57,94 @@ class ClosedLoop:
         self.body = new_body(start_pose, robot.radius_m, rows, trigger_rows(every))
         self.stack = new_stack(prepared, parameters, lidar, robot, start_pose, rows, streams_of(entropy), timeout_s)
         self.last_tick = round(timeout_s / TICK_S)
-        # Without `self` in it: a circle would keep a run's grids, some 20 MB, until the collector comes by.
+        # Without `self`: a reference cycle would keep a run's grids, some 20 MB, until garbage is collected.
         self._make_world: Callable[[], World] = lambda: World(robot, prepared.walls, every)
         self._world: World | None = None
         start(self.stack.p, self.stack.m)
 
     @property
     def tick(self) -> int:
-        """Ticks that are done."""
+        """Number of completed ticks."""
         return int(self.stack.m[0]["tick"])
 
     @property
     def now_s(self) -> float:
-        """Simulated time that is over."""
+        """Simulated time."""
         return self.tick * TICK_S
 
     @property
     def status(self) -> int:
-        """RUNNING, SUCCEEDED, ABORTED or RESTING: what became of the mission."""
+        """State of the mission: RUNNING, SUCCEEDED, ABORTED or RESTING."""
         return int(self.stack.m[0]["status"])
 
     @property
     def error_code(self) -> int:
-        """Nav2's code of a mission that was given up, else 0."""
+        """Nav2's code of an aborted mission, else 0."""
         return int(self.stack.m[0]["error_code"])
 
     @property
     def placed(self) -> bool:
-        """Whether AMCL was ever given an initial pose."""
+        """True if AMCL was ever given an initial pose."""
         return bool(self.stack.m[0]["initialized"])
 
     @property
     def recoveries(self) -> int:
-        """Of all missions so far."""
+        """Number of recoveries in all missions so far."""
         return int(self.stack.m[0]["recoveries"])
 
     @property
     def missed(self) -> int:
-        """Stops that all missions so far left out because they could not be reached."""
+        """Number of stops that could not be reached in all missions so far."""
         return int(self.stack.m[0]["missed"])
 
     @property
     def localized(self) -> bool:
-        """Whether AMCL has given a pose since the last `localize`."""
+        """True if AMCL has published a pose since the last `localize`."""
         return bool(self.stack.m[0]["initialized"]) and not self.stack.m[0]["first_scan"]
 
     @property
     def true_pose(self) -> Pose:
-        """Where the robot is, in the map's frame."""
+        """True pose of the robot in the map's frame."""
         return self.frame.pose_to_map(Pose(*self.body.pose.tolist()))
 
     @property
     def estimate(self) -> Pose:
-        """Where the robot takes itself to be, in the map's frame."""
+        """Estimated pose of the robot in the map's frame."""
         m = self.stack.m[0]
         return self.frame.pose_to_map(Pose(float(m["x"]), float(m["y"]), float(m["yaw"])))
 
     @property
     def events(self) -> Sequence[Event]:
-        """What happened in the world so far, in order and in the map's frame."""
+        """Events in the world so far, in order and in the map's frame."""
         return [_in_map(event, self.frame) for event in self._world.events] if self._world else ()
 
     def localize(self, pose: Pose) -> None:
-        """Give AMCL an initial pose; from the next tick on the stack is awake."""
+        """Give AMCL an initial pose; the stack is active from the next tick on."""
         set_pose(self.stack, self.frame.pose_to_grid(pose))
 
     def navigate(self, mission: Mission) -> None:
-        """Give the robot a mission, in place of any it had."""
+        """Replace the robot's mission."""
         self.cancel()
         goals = tuple(self.frame.pose_to_grid(goal) for goal in mission.goals)
         self.stack = give(self.stack, replace(mission, goals=goals))
 
     def command(self, speed_mps: float, yaw_rate_radps: float, lateral_mps: float = 0.0) -> None:
-        """Give the velocity smoother a command, as the controller does while there is a mission."""
+        """Give the velocity smoother a command, as the controller does during a mission."""
         m = self.stack.m[0]
         m["command_v"], m["command_w"], m["command_vy"] = speed_mps, yaw_rate_radps, lateral_mps
         m["command_tick"] = m["tick"]
 
     def cancel(self) -> None:
-        """Take the robot's mission away."""
+        """Cancel the robot's mission."""
         halt(self.stack.m, self.stack.controller.bound)
 
     def standing(self, name: str) -> int | None:
-        """Number of the obstacle of this name that stands in the world now."""
-        there = [
-            index
-            for index, obstacle in enumerate(self.obstacles)
-            if obstacle.name == name and math.isfinite(self.body.obstacles[index, 0])
-        ]
-        return there[0] if there else None
+        """Return the number of the obstacle of this name that stands in the world now."""
+        named = (index for index, obstacle in enumerate(self.obstacles) if obstacle.name == name)
+        return next((index for index in named if math.isfinite(self.body.obstacles[index, 0])), None)
 
     def spawn(self, obstacle: Obstacle, pushable: bool) -> None:
-        """Put an obstacle into the world now, at its pose; one that can be pushed has its mass and friction."""
+        """Add an obstacle to the world at its pose; a pushable one has mass and friction."""
         self._world = world = self._world or self._make_world()
         obstacle = obstacle.in_grid(self.frame)
         self.obstacles.append(obstacle)
@@ -169,25 +161,13 @@ class ClosedLoop:
         self.body.obstacles[index, :2] = NOT_THERE
 
     def advance(self, until_tick: int | None = None) -> None:
-        """Go on until so many ticks of the run are done, by default all there is time for, or the mission has ended."""
+        """Advance to a tick, by default the last, or until the mission's state changes."""
         until = self.last_tick if until_tick is None else min(until_tick, self.last_tick)
         stack, status = self.stack, self.status
         while self.status == status:
             hold = self._world.hold if self._world else FREE
-            why = advance(
-                stack.p,
-                stack.m,
-                stack.grids,
-                stack.local,
-                stack.cloud,
-                stack.route,
-                stack.controller.bound,
-                stack.noise.bound,
-                stack.rows,
-                self.body,
-                hold,
-                until,
-            )
+            state = stack.p, stack.m, stack.grids, stack.local, stack.cloud, stack.route
+            why = advance(*state, stack.controller.bound, stack.noise.bound, stack.rows, self.body, hold, until)
             if why == PHYSICS:
                 self._drive()
             elif why >= APPEARS:
@@ -196,11 +176,11 @@ class ClosedLoop:
                 return
 
     def conclude(self) -> None:
-        """Write the recording's last row: where the robot is now."""
+        """Write the recording's last row."""
         conclude(self.stack.p, self.stack.m, self.body, self.stack.rows)
 
     def _drive(self) -> None:
-        """The engine's part of the tick whose commands the stack has just given."""
+        """Move the bodies through the tick that the stack has just commanded."""
         self._world = world = self._world or self._make_world()
         t_s = self.tick * TICK_S
         world.drive(self.body.pose, self.stack.m[0]["velocities"].tolist(), TICK_S / SUBSTEPS, t_s - TICK_S)
@@ -225,12 +205,12 @@ def _in_map(event: Event, frame: GridFrame) -> Event:
     x_m, y_m = frame.to_map(event.x_m, event.y_m)
     if event.kind == "contact":
         return replace(event, x_m=x_m, y_m=y_m)
-    # Of an obstacle: rounded as the world rounds it, and its value is its yaw.
+    # An obstacle is rounded as the world rounds it, and its value is its yaw.
     return replace(event, x_m=round(x_m, 4), y_m=round(y_m, 4), value=round(event.value + frame.yaw_rad, 4))
 
 
 def obstacle_rows(obstacles: Sequence[Obstacle]) -> NDArray[np.float64]:
-    """Obstacles as the rows (K, 6) that `vastflow.sim.world.lidar.scan` reads; those that are still to appear are nowhere."""
+    """Return rows (K, 6) for `vastflow.sim.world.lidar.scan`; obstacles still to appear are at `NOT_THERE`."""
     rows = [
         (
             o.pose.x_m if o.trigger is None else NOT_THERE,
@@ -246,7 +226,7 @@ def obstacle_rows(obstacles: Sequence[Obstacle]) -> NDArray[np.float64]:
 
 
 def trigger_rows(obstacles: Sequence[Obstacle]) -> NDArray[np.float64]:
-    """(K, 5) as `vastflow.sim.world.motion.Body` has them."""
+    """Return rows (K, 5) for `vastflow.sim.world.motion.Body`."""
     rows = [
         (0.0, 0.0, -1.0, 0.0, math.inf)
         if (t := o.trigger) is None

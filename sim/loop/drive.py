@@ -1,4 +1,4 @@
-"""A mission driven for itself, and the recording of what a closed loop did."""
+"""A mission without a scenario, and the recording of a closed loop."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ from vastflow.sim.world.robot_model import Lidar, Robot
 
 @dataclass(frozen=True, slots=True)
 class Ending:
-    """How a run ended; see `vastflow.sim.model.recording.Run`."""
+    """The end of a run; see `vastflow.sim.model.recording.Run`."""
 
     outcome: Outcome
     reason: str = ""
@@ -50,10 +50,10 @@ def drive(
     watch: Callable[[Stack, int], None] | None = None,
     watch_ticks: Sequence[int] = (),
 ) -> Recording:
-    """Drive one mission from its first tick to its end, with no scenario about it: the measure of benchmarks and proofs.
+    """Drive one mission to its end without a scenario, for benchmarks and proofs.
 
     Args:
-        entropy: (seed, situation, run index), see `vastflow.sim.kernels.streams.run_entropy`.
+        entropy, timeout_s: See `ClosedLoop`.
         watch, watch_ticks: See `vastflow.sim.run.run`.
     """
     loop = ClosedLoop(prepared, parameters, lidar, robot, start, obstacles, entropy, timeout_s)
@@ -79,11 +79,11 @@ def recording_of(
     spawned: Sequence[Obstacle] = (),
     sent_s: float | None = None,
 ) -> Recording:
-    """What a loop recorded until now, which is the run's end.
+    """Return the recording of a loop at the run's end.
 
     Args:
         behaviors: See `Recording`.
-        spawned: What a scenario put into the world.
+        spawned: Obstacles that a scenario put into the world.
         sent_s: Simulated time of the robot's first mission; None where it was given none.
     """
     loop.conclude()
@@ -117,7 +117,7 @@ def recording_of(
 
 
 def recording_without_world(ended_s: float, entropy: Sequence[int], ending: Ending, behaviors: Columns) -> Recording:
-    """The recording of a scenario in which no robot moves."""
+    """Return the recording of a scenario without a robot."""
     run = Run(
         run_index=entropy[-1],
         seed=_seed(entropy),

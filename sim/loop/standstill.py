@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from vastflow.sim.model.recording import Event
 
 STANDSTILL_M: Final = 0.1
-"""A robot that was sent and drove less has stood still (m)."""
+"""A robot with a mission that drove less has stood still (m)."""
 
 STOOD_STILL: Final = "stood_still"
-"""Kind of the event of a run whose robot did; `what` is one of `CAUSES`."""
+"""Kind of the event; `what` is one of `CAUSES`."""
 
 POINTS_IN_FOOTPRINT: Final = "points in footprint"
 COLLISION_MONITOR: Final = "collision monitor"
@@ -25,20 +25,19 @@ CAUSES: Final[Mapping[str, str]] = {
     NO_COMMAND: "neither controller nor recovery gave a command",
     OTHER: "for another cause",
 }
-"""In words."""
+"""Causes in words."""
 
 _MOST: Final = 0.5
 
 
 def standstill(columns: Mapping[str, NDArray[np.int32]], events: Iterable[Event], sent_s: float) -> Event:
-    """The event of a run whose robot stood still, at the time at which it was sent (s).
+    """Return the event of a run whose robot stood still, at the time of its first mission (s).
 
-    The monitor stops a robot without a command only where the scan has points inside its footprint, so a stop until then tells that
+    The monitor stops a robot without a command only where the scan has points inside its footprint, so an earlier stop tells that
     cause.
 
     Args:
-        columns: All of a recording's.
-        events: Of the run.
+        columns: All columns of a recording.
     """
     commanded, sent = (
         np.any([columns[name] != 0 for name in columns if name.startswith(f"{which}_")], axis=0)
@@ -56,5 +55,5 @@ def standstill(columns: Mapping[str, NDArray[np.int32]], events: Iterable[Event]
 
 
 def told(standstill: Event) -> str:
-    """In words."""
+    """Describe a standstill in words."""
     return f"the robot stood still at the start: {CAUSES[standstill.what]}"

@@ -1,11 +1,9 @@
-"""Blocks: aligned columns of consecutive runs in one parquet file, each run's row in the file's metadata.
+"""Blocks: aligned columns of consecutive runs in one Parquet file, each run's row in the file's metadata.
 
-Recordings and traces are both kept so. The bytes depend on the content and the pyarrow version alone.
+Recordings and traces are stored so. The bytes depend on the content and the pyarrow version alone.
 
-A column is stored as it is, under its name, or as its differences where those take less room, as they do where a signal is
-smooth: `x_mm:d1` has first, `x_mm:d2` second differences. A difference d >= 0 is written as 2 d and one below 0 as -2 d - 1, so
-that small ones have small codes of either sign. The first value is taken as it is, runs follow each other without a break, and all
-of it is arithmetic modulo 2³², which loses nothing.
+A smooth column is stored as its differences: `x_mm:d1` has first, `x_mm:d2` second differences. A difference d >= 0 is written as
+2 d and one below 0 as -2 d - 1. Runs follow each other without a break, and arithmetic is modulo 2³², so that nothing is lost.
 """
 
 import base64
@@ -24,17 +22,17 @@ from vastflow.sim.model.recording import Recording, run_of, run_row
 
 Columns = Mapping[str, NDArray[np.int32]]
 Block = bytes | Path
-"""A block's content, or the file that has it."""
+"""Content of a block, or its file."""
 
 RUN_INDEX: Final = "run_index"
 _ROWS_KEY: Final = b"vastflow.runs"
 _SUFFIXES: Final = ("", ":d1", ":d2")
 _LEVEL: Final = 9
-"""Of zstd: beyond it a percent of the room costs four times the time."""
+"""Compression level of zstd: the next saves 1 % of the size in four times the time."""
 
 
 def write_block(rows: Sequence[Mapping[str, Any]], columns: Sequence[Columns]) -> bytes:
-    """One parquet file of several runs.
+    """Write several runs as one Parquet file.
 
     Args:
         rows: A JSON-ready mapping per run, with `run_index`.
@@ -43,7 +41,7 @@ def write_block(rows: Sequence[Mapping[str, Any]], columns: Sequence[Columns]) -
     names = list(columns[0]) if columns else []
     for run in columns:
         if list(run) != names:
-            raise ValueError(f"runs of one block have the same columns, got {names} and {list(run)}")
+            raise ValueError(f"expected the same columns in all runs of a block, got {names} and {list(run)}")
     lengths = [len(next(iter(run.values()))) if run else 0 for run in columns]
     index = np.repeat(np.array([row[RUN_INDEX] for row in rows], dtype=np.int32), lengths)
     stored = {RUN_INDEX: index, **dict(_stored(name, [run[name] for run in columns]) for name in names)}
@@ -66,7 +64,7 @@ def write_block(rows: Sequence[Mapping[str, Any]], columns: Sequence[Columns]) -
 
 
 def read_block(block: Block) -> list[tuple[dict[str, Any], dict[str, NDArray[np.int32]]]]:
-    """What `write_block` wrote: each run's row and columns, in order."""
+    """Read a block: each run's row and columns, in order."""
     file = _opened(block)
     rows = _unpacked(file.metadata.metadata[_ROWS_KEY])
     index, values = _columns(file, file.schema_arrow.names)
@@ -78,28 +76,24 @@ def read_block(block: Block) -> list[tuple[dict[str, Any], dict[str, NDArray[np.
 
 
 def read_rows(block: Block) -> list[dict[str, Any]]:
-    """The rows of a block's runs, without reading a column."""
+    """Read the rows of a block's runs without a column."""
     return _unpacked(_opened(block).metadata.metadata[_ROWS_KEY])
 
 
 def read_columns(block: Block, names: Iterable[str]) -> tuple[NDArray[np.int32], dict[str, NDArray[np.int32]]]:
-    """Some columns of a block and no other: run index (N,) of each row, and name to (N,) over all runs.
-
-    Raises:
-        KeyError: the block has no column of a name.
-    """
+    """Read some columns over all runs: run index (N,), and name to (N,); raises `KeyError` for an unknown name."""
     file = _opened(block)
     there = {_name(stored): stored for stored in file.schema_arrow.names}
     return _columns(file, [there[name] for name in names])
 
 
 def write_recordings(recordings: Sequence[Recording]) -> bytes:
-    """Recordings of runs in increasing order as one block."""
+    """Write recordings of runs in increasing order as one block."""
     return write_block([run_row(r.run) for r in recordings], [r.columns for r in recordings])
 
 
 def read_recordings(block: Block) -> list[Recording]:
-    """The recordings of a block."""
+    """Read the recordings of a block."""
     return [Recording(run_of(row), columns) for row, columns in read_block(block)]
 
 
@@ -115,7 +109,7 @@ def _columns(file: Any, stored: Sequence[str]) -> tuple[NDArray[np.int32], dict[
 
 
 def _stored(name: str, runs: Sequence[NDArray[np.int32]]) -> tuple[str, NDArray[np.int32]]:
-    """A column's name and values in the form in which zstd makes the least of them."""
+    """Return a column's name and values in the form that zstd compresses best."""
     values = np.concatenate(runs)
     forms = [values, *(_zigzag(_differences(values, order)) for order in (1, 2))]
     codec = pa.Codec("zstd", compression_level=1)
@@ -155,13 +149,13 @@ def _restored(codes: NDArray[np.int32], order: int) -> NDArray[np.int32]:
 
 
 def _split(values: NDArray[np.int32]) -> bytes:
-    """All first bytes, then all second ones and so on, as parquet's BYTE_STREAM_SPLIT has them."""
+    """Return all first bytes, then all second ones, as Parquet's BYTE_STREAM_SPLIT does."""
     return values.view(np.uint8).reshape(-1, 4).T.tobytes()
 
 
 def _packed(rows: Sequence[Mapping[str, Any]]) -> bytes:
     text = json.dumps(rows, separators=(",", ":"), sort_keys=True).encode()
-    # Parquet's metadata are text, so that not every tool takes bytes there.
+    # Parquet's metadata is text: not every tool reads bytes there.
     return b"%d " % len(text) + base64.b85encode(
         pa.Codec("zstd", compression_level=_LEVEL).compress(text, asbytes=True)
     )
@@ -178,5 +172,5 @@ def _unpacked(packed: bytes) -> list[dict[str, Any]]:
 
 
 def _int32(column: Any) -> NDArray[np.int32]:
-    """A column as an array of its own; pyarrow's `to_numpy` would import pandas, which costs a worker 0.35 s."""
+    """Copy a column to an array; pyarrow's `to_numpy` would import pandas, which costs a worker 0.35 s."""
     return np.array(np.from_dlpack(column.combine_chunks()), dtype=np.int32)

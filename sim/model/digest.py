@@ -1,7 +1,6 @@
 """Content digests: SHA-256 over one canonical, tagged JSON text.
 
-Equal content has an equal digest on every machine and Python version; a file enters by what it holds,
-never by its path or time.
+Equal content has an equal digest on every machine and Python version; a file enters by its content, never by its path or time.
 """
 
 import hashlib
@@ -18,9 +17,8 @@ class FileContent:
     """A file as a value: equal to another where the content is equal, wherever the two lie.
 
     Attributes:
-        path: Where this process can read it.
-        digest: SHA-256 (hex) of what it holds. For a map that is the decoded grid and its metadata, see
-            `vastflow.sim.world.map_file.map_content`.
+        path: Path for this process.
+        digest: SHA-256 (hex) of its content; for a map of the decoded grid, see `vastflow.sim.world.map_file.map_content`.
     """
 
     path: str = field(compare=False)
@@ -31,7 +29,7 @@ Value: TypeAlias = "bool | int | float | str | FileContent | Sequence[Value] | M
 
 
 def canonical(value: Value) -> str:
-    """The one text of `value`: sorted keys, floats as hexadecimal, `1`, `1.0` and `True` kept apart.
+    """Return the canonical text of `value`: sorted keys, floats as hexadecimal, `1`, `1.0` and `True` distinct.
 
     Raises:
         TypeError: a type that has no canonical form.
@@ -41,30 +39,30 @@ def canonical(value: Value) -> str:
 
 
 def digest(*values: Value) -> str:
-    """SHA-256 (64 hexadecimal digits) of the canonical form of `values`, in order."""
+    """Return the SHA-256 (64 hexadecimal digits) of the canonical form of `values`, in order."""
     return text_digest(canonical(values))
 
 
 class Texts:
-    """Canonical texts of values, each object's once: for many values that share the objects they are made of."""
+    """Canonical texts of values that share objects, each object's made once."""
 
     def __init__(self) -> None:
         self._known: dict[int, tuple[Value, str]] = {}  # with the value, so that no other gets its id
 
     def __call__(self, value: Value) -> str:
-        """`canonical(value)`; what is inside of `value` must not be changed later."""
+        """Return `canonical(value)`; `value` must not change later."""
         found = self._known.get(id(value))
         if found is None:
             found = self._known[id(value)] = value, canonical(value)
         return found[1]
 
     def of_map(self, value: Mapping[str, Value]) -> str:
-        """`canonical(value)` from the texts of the mapping's values."""
+        """Return `canonical(value)` from the texts of the mapping's values."""
         return _map_of([f"{encode_basestring_ascii(key)}:{self(value[key])}" for key in sorted(value)])
 
 
 def text_digest(canonical_text: str) -> str:
-    """The digest of the one value that has this canonical text."""
+    """Return the digest of the value with this canonical text."""
     return hashlib.sha256(canonical_text.encode()).hexdigest()
 
 

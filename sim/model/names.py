@@ -1,18 +1,16 @@
-"""Names: which known one an unknown one was probably meant to be, and how that is said to a user."""
+"""Suggestions for unknown names."""
 
 from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import Final
 
 MOST_LISTED: Final = 40
-
-
 SLIP: Final = 0.8
-"""Likeness from which a name that would be read over counts as a slip."""
+"""Similarity from which an ignored name counts as a misspelling."""
 
 
 def nearest(found: str, known: Iterable[str], likeness: float = 0.6) -> str | None:
-    """The known name that `found` was meant to be; None if none is near."""
+    """Return the known name most similar to `found`; None if none is similar."""
     names = sorted(known)
     if near := get_close_matches(found, names, n=1, cutoff=likeness):
         return near[0]
@@ -23,11 +21,11 @@ def nearest(found: str, known: Iterable[str], likeness: float = 0.6) -> str | No
 def did_you_mean(
     found: str, known: Iterable[str], otherwise: str = "nothing of the kind is known", *, listed: str = "known:"
 ) -> str:
-    """What to write in place of an unknown name: the nearest known one, else all of them.
+    """Suggest the nearest known name, else list all of them.
 
     Args:
-        otherwise: What is said where no name is known.
-        listed: What is said before the known names.
+        otherwise: Answer where no name is known.
+        listed: Words before the known names.
     """
     names = sorted(known)
     if near := nearest(found, names):

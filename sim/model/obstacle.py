@@ -1,4 +1,4 @@
-"""Obstacles that stand in a scenario and are not on the robot's map, and how configuration values write them."""
+"""Obstacles, which are not on the robot's map, and their form in configuration values."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,12 +15,12 @@ Shape: TypeAlias = Literal["box", "cylinder"]
 
 MASS_KG: Final = 5.0
 FRICTION: Final = 0.4
-"""Of an obstacle that appears, where its arguments give none: a carton that the robot can just push."""
+"""Defaults of an obstacle that appears: a carton that the robot can just push."""
 
 
 @dataclass(frozen=True, slots=True)
 class Trigger:
-    """What makes an obstacle appear: the robot's true position within `distance_m` of a point, and `delay_s` after that."""
+    """Condition of an appearance: the robot comes within `distance_m` of a point, and `delay_s` passes."""
 
     x_m: float
     y_m: float
@@ -30,12 +30,11 @@ class Trigger:
 
 @dataclass(frozen=True, slots=True)
 class Obstacle:
-    """A box or cylinder; one without a trigger stands from the start and is fixed, one with a trigger appears and can be pushed.
+    """A box or cylinder: fixed from the start without a trigger, appearing and pushable with one.
 
     Attributes:
-        length_m: Extent along its own x (a cylinder's diameter).
-        width_m: Extent along its own y (a cylinder's diameter).
-        mass_kg, friction: Of one that appears; friction with the floor.
+        length_m, width_m: Extents along its own x and y (a cylinder's diameter).
+        mass_kg, friction: Properties of one that appears; friction with the floor.
     """
 
     name: str
@@ -49,12 +48,12 @@ class Obstacle:
 
     @property
     def circumradius_m(self) -> float:
-        """Greatest distance from the center to the outline in the plane (paper: center to corner)."""
+        """Greatest distance from the center to the outline."""
         return self.length_m / 2 if self.shape == "cylinder" else math.hypot(self.length_m, self.width_m) / 2
 
     @property
     def mean_radius_m(self) -> float:
-        """Mean distance of its floor area's points from the center: the lever of friction against turning."""
+        """Mean distance of the floor area's points from the center: the lever arm of friction."""
         if self.shape == "cylinder":
             return self.length_m / 3
         a, b = self.length_m / 2, self.width_m / 2
@@ -63,13 +62,13 @@ class Obstacle:
 
     @property
     def size_class(self) -> str:
-        """Name shared by obstacles of one shape and size, such as `box 0.5 x 0.5 m`."""
+        """Common name of obstacles of one shape and size, such as `box 0.5 x 0.5 m`."""
         if self.shape == "cylinder":
             return f"cylinder {self.length_m:g} m"
         return f"box {self.length_m:g} x {self.width_m:g} m"
 
     def in_grid(self, frame: GridFrame) -> "Obstacle":
-        """The same obstacle in the frame of a map's grid."""
+        """Return the obstacle in the frame of a map's grid."""
         if frame.yaw_rad == 0.0:
             return self
         trigger = self.trigger
@@ -79,7 +78,7 @@ class Obstacle:
         return replace(self, pose=frame.pose_to_grid(self.pose), trigger=trigger)
 
     def footprint(self) -> Polygon:
-        """Outline in the map frame (m); a cylinder is a 64-gon round its circle."""
+        """Return the outline in the map frame (m); a cylinder is a 64-gon round its circle."""
         if self.shape == "cylinder":
             return Point(self.pose.x_m, self.pose.y_m).buffer(self.length_m / 2, quad_segs=16)
         outline = box(-self.length_m / 2, -self.width_m / 2, self.length_m / 2, self.width_m / 2)
@@ -88,33 +87,31 @@ class Obstacle:
 
 
 DEFAULT_SIZE_M: Final = 0.5
-"""Edge or diameter where the model's arguments give none (the models' own default)."""
+"""Edge or diameter that the models have by default."""
 
 ARGUMENTS: Final[Mapping[Shape, tuple[str, ...]]] = {
     "box": ("width", "length", "height", "box_width", "box_length", "box_height", "mass", "friction"),
     "cylinder": ("diameter", "radius", "width", "length", "height", "mass", "friction"),
 }
-"""Sizes that a model takes; heights, and a cylinder's length, which is one, are no part of the plane."""
+"""Arguments of a model; heights, and a cylinder's length, which is one, are ignored."""
 
 TRIGGER_POINT_KEY: Final = "spawn_trigger_point"
 TRIGGER_THRESHOLD_KEY: Final = "spawn_trigger_threshold"
 
 
 def lists_obstacles(value: object) -> bool:
-    """Whether a value is a list with obstacles in it, whatever its key."""
+    """True if a value is a list with obstacles."""
     return isinstance(value, Sequence) and any(isinstance(item, Mapping) and "spawn_pose" in item for item in value)
 
 
 def obstacles_of(environment: Mapping[str, Value]) -> tuple[Obstacle, ...]:
-    """Every obstacle in the environment dimension: entries with a `spawn_pose` of any list-valued key, in key order.
+    """Return the obstacles of an environment: entries with a `spawn_pose` of any list-valued key, in key order.
 
-    An entry appears during the run when it has a trigger, a point and the distance from it (m) within which the robot sets
-    it off:
+    An entry with a trigger, a point and a distance from it (m), appears during the run:
 
-    - `spawn_trigger: {point: …, threshold: …}` in the entry, each a value or the name of the key of the environment that
-      holds it; the point is `{x, y}`. With `delay: …` (s) the obstacle appears that much later.
-    - Without it, the environment's `spawn_trigger_point` and `spawn_trigger_threshold` are the trigger of the entries that
-      stand at that point: what `ObstacleVariationWithDistanceTrigger` writes under its usual names.
+    - `spawn_trigger: {point: …, threshold: …, delay: …}` in the entry, each a value or a key of the environment; the delay (s) is optional.
+    - Otherwise `spawn_trigger_point` and `spawn_trigger_threshold` of the environment for entries at that point, as
+      `ObstacleVariationWithDistanceTrigger` writes them.
 
     Raises:
         ValueError: an entry whose pose, size or trigger can't be read.
@@ -140,8 +137,7 @@ def obstacle_of(
 ) -> Obstacle:
     """Read `{entity_name, model, spawn_pose, xacro_arguments}` (vast format) and its trigger, see `obstacles_of`.
 
-    The shape follows from the model's file name, the size from its arguments, one of `ARGUMENTS`
-    (`width:=0.5, length:=0.5`); `mass:=5.0` (kg) and `friction:=0.4` are those of one that appears.
+    The shape follows from the model's file name, size, mass (kg), and friction from its arguments, such as `width:=0.5, mass:=5.0`.
 
     Raises:
         ValueError: a pose, a size or a trigger that can't be read, or an argument that the model does not have.
@@ -170,7 +166,7 @@ def obstacle_of(
 
 
 def has_mass(entry: Mapping[str, Value]) -> bool:
-    """Whether an entry's arguments give a mass."""
+    """True if an entry's arguments give a mass."""
     return "mass:=" in str(entry.get("xacro_arguments") or "").replace(" ", "")
 
 

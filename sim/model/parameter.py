@@ -1,4 +1,4 @@
-"""Groups of Nav2's parameters as pydantic models, and what is said of values that they do not take."""
+"""Groups of Nav2's parameters as pydantic models, and complaints about their values."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -17,10 +17,9 @@ class ParameterError(ValueError):
 
 
 class ParameterGroup(BaseModel):
-    """A group of parameters under Nav2's leaf names, as one node, plug-in or critic has them.
+    """Parameters of one node, plug-in or critic under Nav2's leaf names, with Nav2 Jazzy's defaults.
 
-    A field's default is the value in Nav2 Jazzy's default parameter file; see `parameter`. Whole numbers may come with a
-    point (`30.0`) and lengths without (`1`), as YAML authors write both; text is no number.
+    Whole numbers may have a point (`30.0`) and lengths none (`1`), as YAML authors write both; text is not a number.
     """
 
     model_config = ConfigDict(
@@ -39,11 +38,7 @@ class ParameterGroup(BaseModel):
         return tuple(value) if isinstance(value, list) else value
 
     def with_values(self, **values: Any) -> Self:
-        """The same group with these values in place of its own, checked.
-
-        Raises:
-            pydantic.ValidationError: a parameter is unknown, of the wrong type or out of range.
-        """
+        """Return the group with some values replaced; raises `pydantic.ValidationError` if one is wrong."""
         return type(self)(**{**dict(self), **values})
 
 
@@ -52,13 +47,13 @@ Needs: TypeAlias = tuple[str, Any, str] | None
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """How a parameter file gives a field; the field's own name and type unless said otherwise.
+    """Source of a field in a parameter file; the field's own name and type by default.
 
     Attributes:
         code: Default in Nav2's code, where it differs from that of Jazzy's parameter file.
         needs: Another field, the value without which this one has no effect, and why.
         name: Parameter with the `texts` that stand for the field's values; Nav2's code takes the first.
-        is_derived: Whether no parameter gives the field: it follows from lists and classes.
+        is_derived: True if the field follows from lists and classes, not from a parameter.
     """
 
     code: Any = None
@@ -69,28 +64,23 @@ class Source:
 
 
 _SOURCE: Final = "source"
-"""Key of a field's `json_schema_extra`."""
+"""Key in `json_schema_extra`."""
 
 
 def parameter(
     default: Any, low: float | None = None, high: float | None = None, *, code: Any = None, needs: Needs = None
 ) -> Any:
-    """A field of a `ParameterGroup`; for `code` and `needs` see `Source`.
-
-    Args:
-        default: Value in Nav2 Jazzy's default parameter file, which is used where the user gives no file.
-        low, high: Inclusive range of numbers the stack can work with.
-    """
+    """Return a field of a `ParameterGroup` with an inclusive range; for `code` and `needs` see `Source`."""
     return _field_from(Source(code, needs), default, low, high)
 
 
 def choice(default: Any, name: str, texts: Mapping[str, Any]) -> Any:
-    """A field that a parameter gives as one of several texts, see `Source`."""
+    """Return a field that a parameter gives as one of several texts, see `Source`."""
     return _field_from(Source(name=name, texts=texts), default)
 
 
 def derived(default: Any) -> Any:
-    """A field that no parameter gives."""
+    """Return a field that no parameter gives."""
     return _field_from(Source(is_derived=True), default)
 
 
@@ -100,13 +90,13 @@ def _field_from(source: Source, default: Any, low: float | None = None, high: fl
 
 
 def source_of(field: FieldInfo) -> Source:
-    """How a parameter file gives a field."""
+    """Return a field's source in a parameter file."""
     extra: Any = field.json_schema_extra
     return extra[_SOURCE] if isinstance(extra, Mapping) and _SOURCE in extra else Source()
 
 
 def complaint(model: type[BaseModel], name: str, value: Any) -> str | None:
-    """What one parameter of a group must be, None where `value` is that."""
+    """Return a complaint about one parameter of a group; None if `value` is valid."""
     try:
         model.model_validate({name: value})
     except ValidationError as error:
@@ -115,9 +105,9 @@ def complaint(model: type[BaseModel], name: str, value: Any) -> str | None:
 
 
 def complaints(model: type[BaseModel], error: ValidationError) -> Iterator[tuple[str, str]]:
-    """For each thing wrong with a group the parameter and what would be right, `max_beams must be a whole number`.
+    """Yield each faulty parameter and what is expected, `max_beams must be a whole number`.
 
-    The parameter is empty where values are right one by one and contradict each other; then the text says how.
+    The parameter is empty where values contradict each other.
     """
     for each in error.errors(include_url=False):
         if not each["loc"]:
@@ -152,11 +142,11 @@ _KINDS: Final = {
     "float_type": "a number",
     "finite_number": "a number",
 }
-"""Type of a pydantic error to what would be right."""
+"""Type of a pydantic error to the expected value."""
 
 
 def range_of(field: FieldInfo) -> tuple[float, float]:
-    """Lowest and highest number of a field, or of each item of a list."""
+    """Return the lowest and highest number of a field, or of each item of a list."""
     items = [item for item in get_args(field.annotation) if hasattr(item, "__metadata__")]
     bounds = [bound for mark in items[0].__metadata__ for bound in mark.metadata] if items else field.metadata
     low = next((bound.ge for bound in bounds if hasattr(bound, "ge")), -float("inf"))

@@ -1,4 +1,4 @@
-"""The polygon `footprint` of a costmap: Nav2's text for it, and what is wrong with one that no robot has."""
+"""Polygons in Nav2's text, such as a costmap's `footprint`."""
 
 import ast
 from typing import Final, TypeAlias
@@ -12,7 +12,7 @@ Vertices: TypeAlias = tuple[tuple[float, float], ...]
 
 MOST_VERTICES: Final = 32
 FARTHEST_M: Final = 10.0
-"""Of a vertex, along x or y: as far as a `robot_radius` may reach."""
+"""Greatest x or y of a vertex: the greatest `robot_radius`."""
 _FORM: Final = (
     'text with the x, y of three or more vertices within 10 m, such as "[[0.35, 0.25], [0.35, -0.25], [-0.35, 0.0]]"'
 )
@@ -20,7 +20,7 @@ _LONGEST: Final = 4_000
 
 
 def vertices_of(footprint: str) -> Vertices:
-    """The vertices of Nav2's text; none for `""` and `"[]"`, which leave the robot a disc.
+    """Return the vertices of a footprint; none for `""` and `"[]"`, which leave the robot a disc.
 
     Raises:
         ValueError: says what the footprint must be.
@@ -37,11 +37,7 @@ def vertices_of(footprint: str) -> Vertices:
 
 
 def area_of(text: str) -> Vertices:
-    """The vertices of Nav2's text for an area anywhere round the robot.
-
-    Raises:
-        ValueError: says what it must be.
-    """
+    """Return the vertices of an area near the robot; raises `ValueError` that says what it must be."""
     vertices = _read(text)
     if len(vertices) > MOST_VERTICES:
         raise ValueError(f"a polygon of {MOST_VERTICES} vertices at most, and not of {len(vertices)}")
@@ -71,5 +67,5 @@ def _is_vertex(item: object) -> bool:
 
 
 def as_array(vertices: Vertices) -> NDArray[np.float64]:
-    """(N, 2)."""
+    """Return vertices as an array (N, 2)."""
     return np.array(vertices, dtype=np.float64).reshape(-1, 2)

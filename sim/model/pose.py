@@ -1,4 +1,4 @@
-"""Poses in the plane, how configuration values write them, and how the frame of a map's grid turns them."""
+"""Poses in the plane, their form in configuration values, and the frame of a map's grid."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -24,14 +24,14 @@ class Pose:
     yaw_rad: float = 0.0
 
     def value(self) -> dict[str, Value]:
-        """The pose as a configuration value, in the shape of OpenSCENARIO's `pose_3d`."""
+        """Return the pose as a configuration value, in the shape of OpenSCENARIO's `pose_3d`."""
         return {"position": {"x": self.x_m, "y": self.y_m}, "orientation": {"yaw": self.yaw_rad}}
 
 
 def pose_of(value: Value, where: str = "pose") -> Pose:
     """Read `{position: {x, y}, orientation: {yaw}}` or the short `{x, y, yaw}`; a missing yaw is 0.
 
-    `z`, `roll` and `pitch` may be there and are not read.
+    `z`, `roll` and `pitch` are ignored.
 
     Raises:
         ValueError: anything else, such as `theta` or a quaternion, naming `where`.
@@ -52,11 +52,7 @@ def pose_of(value: Value, where: str = "pose") -> Pose:
 
 
 def written_pose_of(value: Value, where: str = "pose") -> Pose:
-    """`pose_of` a value that a person wrote.
-
-    Raises:
-        ValueError: see there; or a yaw of more than one turn, which is one in degrees.
-    """
+    """Read a pose that a person wrote; a yaw of more than one turn, probably in degrees, raises `ValueError` too."""
     pose = pose_of(value, where)
     if abs(pose.yaw_rad) > MOST_YAW_RAD:
         raise ValueError(f"{where}: expected radians, one turn ({MOST_YAW_RAD:g}) at most, got yaw {pose.yaw_rad:g}")
@@ -64,7 +60,7 @@ def written_pose_of(value: Value, where: str = "pose") -> Pose:
 
 
 def _unknown(value: Mapping[str, Value]) -> Iterator[str]:
-    """What is in a pose and would be read over: `orientation: {z, w}` is a heading too."""
+    """Yield keys of a pose that would be ignored, such as those of `orientation: {z, w}`."""
     members = {"position": _POSITION, "orientation": _ORIENTATION}
     for key, inner in value.items():
         if key in members and isinstance(inner, Mapping):
@@ -74,7 +70,7 @@ def _unknown(value: Mapping[str, Value]) -> Iterator[str]:
 
 
 def _number(value: Value) -> float | None:
-    """A number, also one that is written as a text; None for anything else."""
+    """Return a finite number, also of a text; None for anything else."""
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         return None
     try:
@@ -85,7 +81,7 @@ def _number(value: Value) -> float | None:
 
 
 DECIMALS: Final = 9
-"""Of a position in a turned grid's frame: what lies on the border of two cells is not put beside it by a turn."""
+"""Decimals of a position in a turned grid's frame, so that the border of two cells stays one."""
 
 
 class Turn(NamedTuple):
@@ -99,10 +95,7 @@ class Turn(NamedTuple):
 class GridFrame:
     """A grid's frame: the map's, turned counter-clockwise about the grid's lower left corner.
 
-    A frame that is not turned gives every number back as it is.
-
-    Attributes:
-        corner_xy_m: That corner, which is at the same place in both frames.
+    A frame that is not turned returns every number unchanged.
     """
 
     corner_xy_m: tuple[float, float]
@@ -110,11 +103,11 @@ class GridFrame:
 
     @property
     def turn(self) -> Turn:
-        """From the grid to the map."""
+        """Turn from the grid to the map."""
         return Turn(math.cos(self.yaw_rad), math.sin(self.yaw_rad))
 
     def to_grid(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """A position of the map in the grid's frame, to the nanometer."""
+        """Return a position of the map in the grid's frame, to the nanometer."""
         if self.yaw_rad == 0.0:
             return x_m, y_m
         (ox, oy), (c, s) = self.corner_xy_m, self.turn
@@ -122,7 +115,7 @@ class GridFrame:
         return round(ox + c * dx + s * dy, DECIMALS), round(oy - s * dx + c * dy, DECIMALS)
 
     def to_map(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """A position of the grid in the map's frame."""
+        """Return a position of the grid in the map's frame."""
         if self.yaw_rad == 0.0:
             return x_m, y_m
         (ox, oy), (c, s) = self.corner_xy_m, self.turn
@@ -130,36 +123,36 @@ class GridFrame:
         return ox + c * dx - s * dy, oy + s * dx + c * dy
 
     def points_to_grid(self, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """As `to_grid`, of points (N, 2)."""
+        """Return points (N, 2) of the map in the grid's frame, to the nanometer."""
         if self.yaw_rad == 0.0:
             return xy_m
         return np.round(self._turned(xy_m, Turn(self.turn.cos, -self.turn.sin)), DECIMALS)
 
     def points_to_map(self, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """As `to_map`, of points (N, 2)."""
+        """Return points (N, 2) of the grid in the map's frame."""
         return xy_m if self.yaw_rad == 0.0 else self._turned(xy_m, self.turn)
 
     def pose_to_grid(self, pose: Pose) -> Pose:
-        """A pose of the map in the grid's frame."""
+        """Return a pose of the map in the grid's frame."""
         if self.yaw_rad == 0.0:
             return pose
         return Pose(*self.to_grid(pose.x_m, pose.y_m), round(pose.yaw_rad - self.yaw_rad, DECIMALS))
 
     def pose_to_map(self, pose: Pose) -> Pose:
-        """A pose of the grid in the map's frame."""
+        """Return a pose of the grid in the map's frame."""
         if self.yaw_rad == 0.0:
             return pose
         return Pose(*self.to_map(pose.x_m, pose.y_m), pose.yaw_rad + self.yaw_rad)
 
     def covariance_to_grid(self, xx_m2: float, yy_m2: float) -> tuple[float, float, float]:
-        """xx, xy and yy in the grid's frame of what spreads along the map's axes alone."""
+        """Return xx, xy and yy in the grid's frame of a covariance along the map's axes."""
         if self.yaw_rad == 0.0:
             return xx_m2, 0.0, yy_m2
         c, s = self.turn
         return c * c * xx_m2 + s * s * yy_m2, c * s * (yy_m2 - xx_m2), s * s * xx_m2 + c * c * yy_m2
 
     def covariance_to_map(self, xx_m2: float, xy_m2: float, yy_m2: float) -> tuple[float, float, float]:
-        """xx, xy and yy in the map's frame of what spreads so in the grid's."""
+        """Return xx, xy and yy in the map's frame of a covariance in the grid's."""
         if self.yaw_rad == 0.0:
             return xx_m2, xy_m2, yy_m2
         c, s = self.turn

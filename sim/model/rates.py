@@ -1,4 +1,4 @@
-"""Rates of the stack's loops: whole numbers of ticks of its clock."""
+"""Rates of the stack's loops in ticks of its clock."""
 
 from typing import Final
 
@@ -7,10 +7,10 @@ TICK_S: Final = 0.05
 
 
 def ticks_of(frequency_hz: float) -> int:
-    """Ticks between two cycles of a loop, one at the least."""
+    """Return the ticks between two cycles of a loop, at least one."""
     return max(1, round(1.0 / (frequency_hz * TICK_S)))
 
 
 def held_hz(frequency_hz: float) -> float:
-    """The rate at which a loop runs that is to run at `frequency_hz`."""
+    """Return the actual rate of a loop that should run at `frequency_hz`."""
     return 1.0 / (ticks_of(frequency_hz) * TICK_S)

@@ -1,4 +1,4 @@
-"""Recordings: what happened in a run, raw and deterministic."""
+"""Recordings of runs, raw and deterministic."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -17,11 +17,7 @@ Columns: TypeAlias = Mapping[str, NDArray[Any]]
 
 @dataclass(frozen=True, slots=True)
 class LeftOut:
-    """A file that is named only.
-
-    Attributes:
-        why: In words.
-    """
+    """A file that was not recorded, with the reason in words."""
 
     path: str
     size_bytes: int
@@ -30,13 +26,13 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class Outputs:
-    """What a run wrote.
+    """Files that a run wrote.
 
     Attributes:
-        tables: Name, which is the path without its suffix, to columns.
-        files: Path to content of what is no table, or could not be read as one.
-        left_out: What was too large, or a link that leaves the folder.
-        notes: What was wrong with a table or a file, one line each.
+        tables: Path without its suffix to columns.
+        files: Path to content of other files and unreadable tables.
+        left_out: Files that were too large, and links that leave the folder.
+        notes: Problems with tables and files, one line each.
     """
 
     tables: Mapping[str, Columns] = field(default_factory=dict, repr=False)
@@ -46,21 +42,20 @@ class Outputs:
 
 
 Outcome: TypeAlias = Literal["succeeded", "aborted", "timed_out", "failed"]
-"""How a run's scenario ended: passed; failed by a navigation action that Nav2 gave up; not ended in time; failed otherwise."""
+"""End of a run's scenario: passed; failed by an aborted navigation action; not ended in time; failed otherwise."""
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something that happened at a moment: a contact, a recovery, a goal reached or missed.
+    """An event: a contact, a recovery, a goal reached or missed.
 
     Attributes:
         kind: `contact`, `recovery`, `goal_reached`, `goal_missed`, `plan_failed`, `control_failed`, `stopped_by_monitor`;
-            `stood_still` where the robot was sent and never moved (`vastflow.sim.loop.standstill`);
-            of an obstacle `spawned`, `deleted`, and `obstacle_moved` at each row at which it stands elsewhere than before.
-        x_m, y_m: True position of the robot's center; of the obstacle's where the event is one of an obstacle.
+            `stood_still` (`vastflow.sim.loop.standstill`); of an obstacle `spawned`, `deleted`, and `obstacle_moved`.
+        x_m, y_m: True position of the robot's or the obstacle's center.
         what: The partner of a contact, the recovery's name, the number of a goal, the code of a failure, the obstacle, the cause of
             a standstill.
-        value: Closing speed of a contact (m/s), yaw of an obstacle (rad); 0 where there is nothing to measure.
+        value: Closing speed of a contact (m/s), yaw of an obstacle (rad); otherwise 0.
     """
 
     t_s: float
@@ -73,11 +68,7 @@ class Event:
 
 @dataclass(frozen=True, slots=True)
 class Entity:
-    """Something that a scenario put into the world: its shape; where it stood and when is among the events.
-
-    Attributes:
-        length_m, width_m: As `vastflow.sim.model.obstacle.Obstacle` has them.
-    """
+    """Shape of an obstacle that a scenario put into the world; events have its places."""
 
     name: str
     shape: Shape
@@ -87,17 +78,17 @@ class Entity:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """One row per run: how the mission ended. Nothing of the host is in it.
+    """A row per run: the end of its mission. It holds nothing of the host.
 
     Attributes:
         seed: Entropy of the run in hexadecimal, see `vastflow.sim.kernels.streams.run_entropy`.
-        outcome: How the scenario ended; a contact does not end it.
+        outcome: End of the scenario; a contact does not end it.
         error_code: Nav2's code of the last failure, 0 for a success.
-        reason: In words, with the contacts there were; empty for a success without any.
+        reason: Failure and contacts in words; empty for a success without contacts.
         simulated_s: Simulated time from the start of the run to the scenario's end.
-        distance_m: True path driven.
-        missed_goals: Goals of a waypoint mission that were given up.
-        entities: What the scenario itself put into the world, in order.
+        distance_m: Length of the true path.
+        missed_goals: Skipped goals of a waypoint mission.
+        entities: Obstacles that the scenario itself put into the world, in order.
     """
 
     run_index: int
@@ -115,17 +106,16 @@ class Run:
 
 @dataclass(frozen=True)
 class Recording:
-    """What happened in one run.
+    """Recording of one run.
 
     Attributes:
-        run: The run's row.
         columns: Name to (N,) int32, aligned over simulation time: `t_ms`, true pose `x_mm y_mm yaw_mrad`,
             the robot's own estimate `estimated_x_mm estimated_y_mm estimated_yaw_mrad`, true motion
             `speed_mmps yaw_rate_mradps`, command `command_speed_mmps command_yaw_rate_mradps`,
-            `localized` (1 where AMCL published an update since the row before). Fixed point, so that
-            a recording is small and the same on every host of one numeric class.
+            `localized` (1 where AMCL published an update since the previous row). Fixed point is small and equal on all
+            hosts of one numeric class.
         behaviors: Status changes of the scenario's behaviors, see `vastflow.sim.run.BEHAVIORS`.
-        outputs: What the run's programs wrote. They promise no equal bytes.
+        outputs: Files that the run's programs wrote; they need not be reproducible.
     """
 
     run: Run
@@ -135,24 +125,24 @@ class Recording:
 
     @cached_property
     def digest(self) -> str:
-        """Digest of the run's row, of every column and of the behaviors."""
+        """Digest of the run's row, the columns and the behaviors."""
         columns = {name: column.astype("<i4").tobytes().hex() for name, column in self.columns.items()}
         behaviors = {name: column.tolist() for name, column in self.behaviors.items()}
         return digest(run_row(self.run), columns, behaviors)
 
 
 def run_row(run: Run) -> dict[str, Any]:
-    """`run` as plain JSON values."""
+    """Return `run` as plain JSON values."""
     events, entities = ([asdict(each) for each in part] for part in (run.events, run.entities))
     return {**asdict(run), "events": events, "entities": entities}
 
 
 def run_of(row: Mapping[str, Any]) -> Run:
-    """The run that `run_row` wrote."""
+    """Read a run that `run_row` wrote."""
     events = tuple(Event(**event) for event in row["events"])
     return Run(**{**row, "events": events, "entities": tuple(Entity(**entity) for entity in row.get("entities", ()))})
 
 
 def si(fixed_point: NDArray[np.int32]) -> NDArray[np.float64]:
-    """A column of thousandths (mm, ms, mrad and per second) in SI units."""
+    """Convert a column of thousandths (mm, ms, mrad and per second) to SI units."""
     return fixed_point.astype(np.float64) * 1e-3

@@ -1,4 +1,4 @@
-"""The log of a run: what its host saw of it. It stands beside the recording, outside every digest."""
+"""The log of a run on its host, beside the recording and outside every digest."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -7,13 +7,13 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class Use:
-    """What the processes of a run use at a moment.
+    """Resource usage of a run's processes at a moment.
 
     Attributes:
         t_s: Host time since the first sample.
-        cpu_s: Processor time of all processes seen so far, ended ones as they were seen last.
-        rss_bytes: Resident memory of those that live; pages they share count for each.
-        processes: How many live.
+        cpu_s: CPU time of all processes seen so far.
+        rss_bytes: Resident memory of live processes; shared pages count for each.
+        processes: Number of live processes.
     """
 
     t_s: float
@@ -24,11 +24,11 @@ class Use:
 
 @dataclass(frozen=True, slots=True)
 class LogText:
-    """What one command printed.
+    """Output of one command.
 
     Attributes:
-        label: What the scenario calls it, or `pre_command`, `post_command`; may be empty.
-        cut: Whether there was more.
+        label: Name in the scenario, or `pre_command`, `post_command`; may be empty.
+        cut: True if there was more.
     """
 
     label: str
@@ -39,16 +39,16 @@ class LogText:
 
 @dataclass(frozen=True, slots=True)
 class RunLog:
-    """What is known of a run beside what happened in it.
+    """Log of a run.
 
     Attributes:
-        started_s: When it began, in seconds since 1970 (UTC).
-        wall_s, cpu_s: What it took of this process, or of the run's own processes where it had some.
-        max_rss_bytes: Most memory that this process, or the run's own, had in use.
-        lines: What the scenario logged, each with its simulated time.
-        texts: What each program printed.
-        resources: Of the run's processes, once a second of host time; a run without any has none.
-        notes: What could not be kept of its outputs, and how `post_command` ended.
+        started_s: Start in seconds since 1970 (UTC).
+        wall_s, cpu_s: Time of this process, or of the run's own processes if it had any.
+        max_rss_bytes: Peak memory of the same.
+        lines: Log of the scenario, each line with its simulated time.
+        texts: Output of each program.
+        resources: Samples of the run's processes, once a second of host time.
+        notes: Outputs that were left out, and how `post_command` ended.
     """
 
     started_s: float
@@ -58,20 +58,16 @@ class RunLog:
     lines: tuple[str, ...] = ()
     texts: tuple[LogText, ...] = ()
     resources: tuple[Use, ...] = ()
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
 
 
 def run_log_row(log: RunLog) -> dict[str, Any]:
-    """`log` as plain JSON values."""
+    """Return `log` as plain JSON values."""
     return asdict(log)
 
 
 def run_log_of(row: Mapping[str, Any]) -> RunLog:
-    """The log that `run_log_row` wrote.
-
-    Raises:
-        KeyError, TypeError: the row is none.
-    """
+    """Read a log that `run_log_row` wrote; raises `KeyError` or `TypeError` for other rows."""
     texts = tuple(LogText(**{**text, "command": tuple(text["command"])}) for text in row["texts"])
     resources = tuple(Use(**use) for use in row["resources"])
     numbers = (row["started_s"], row["wall_s"], row["cpu_s"], row["max_rss_bytes"])

@@ -1,4 +1,4 @@
-"""The scenario: everything that is executed, and nothing else: its mission, its values, its programs' setup."""
+"""The scenario: exactly what is executed."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ class Mission:
     """A Nav2 action and its arguments.
 
     Attributes:
-        goals: In the order they are visited; one for `navigate_to_pose`.
+        goals: Goals in order; one for `navigate_to_pose`.
         loops: Repetitions of `follow_waypoints` after the first round (Nav2's `number_of_loops`).
     """
 
@@ -26,20 +26,19 @@ class Mission:
 
 
 RunFiles: TypeAlias = tuple[tuple[str, FileContent], ...]
-"""Path below the run's folder, with `/`, and what lies there; in the order of the paths."""
+"""Path below the run's folder, with `/`, and content, in the order of the paths."""
 
 
 @dataclass(frozen=True, slots=True)
 class ProcessSetup:
-    """What a campaign gives the programs of each of its runs.
+    """Setup of the programs of a campaign's runs.
 
     Attributes:
-        files: Copied into the run's folders; programs know them below `/config`, and find them where they work.
+        files: Files copied into the run's folders, as `/config` to programs.
         environment: Variables beside those of this process, `execution.env`.
-        pre_command: Script, perhaps with arguments, that is sourced before, or empty. A relative path is seen from the
-            folder that programs work in; so is that of `post_command`.
-        post_command: Program, perhaps with arguments, that is started after with `/out` as its last one.
-        scenario_folder: Path below `/config` of the folder that has the scenario file; empty for `/config` itself.
+        pre_command: Script with arguments that is sourced before, or empty. Relative paths start at the programs' working folder.
+        post_command: Program with arguments that is started after, with `/out` as its last one.
+        scenario_folder: Folder of the scenario file below `/config`; empty for `/config` itself.
     """
 
     files: RunFiles = ()
@@ -50,7 +49,7 @@ class ProcessSetup:
 
     @property
     def content(self) -> Value:
-        """All of it, as a value; campaign directories of earlier versions have no `scenario_folder`."""
+        """The setup as a value; campaign directories of earlier versions have no `scenario_folder`."""
         folder = {"scenario_folder": self.scenario_folder} if self.scenario_folder else {}
         return {
             **folder,
@@ -62,7 +61,7 @@ class ProcessSetup:
 
 
 def setup_of(content: Mapping[str, Any]) -> ProcessSetup:
-    """The setup that has this `content`."""
+    """Return the setup with this `content`."""
     return ProcessSetup(**{**content, "files": tuple((path, file) for path, file in content["files"])})
 
 
@@ -79,12 +78,12 @@ DIMENSION_OF_KEY: Mapping[str, Dimension] = {
     "goal_poses": "task",
     "number_of_loops": "task",
 }
-"""Where a key belongs that nothing else tags; every other key is the system's (design: d_S is the rest)."""
+"""Dimension of a key without a tag; all other keys are the system's."""
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """A concrete scenario c: one point of the test space, in its three dimensions.
+    """A concrete scenario c: a point of the test space, in its three dimensions.
 
     Attributes:
         abstract: The abstract scenario a: `builtin:` and a name of `vastflow.sim.reading.abstract.SHIPPED`, or an OpenSCENARIO file.
@@ -92,7 +91,7 @@ class Scenario:
         environment: d_E: the map (`map_file`, a `FileContent`) and lists of obstacles, whatever their key.
         task: d_T: start, goals, loops.
         system: d_S: robot and navigation parameters, scan noise and dropout, everything else.
-        programs: What programs of a run are given; None where the scenario starts none.
+        programs: Setup of programs; None where the scenario starts none.
     """
 
     abstract: str | FileContent
@@ -104,11 +103,11 @@ class Scenario:
 
     @cached_property
     def digest(self) -> str:
-        """Digest of the whole content. Names and provenance of a configuration are not part of it."""
+        """Digest of the whole content, without names and provenance of a configuration."""
         return digest(self.abstract, self.timeout_s, self.environment, self.task, self.system, *self._programs())
 
     def digested(self, texts: Texts) -> str:
-        """`digest`, from texts that are shared with other scenarios of the same values."""
+        """Return `digest` from texts that scenarios of the same values share."""
         if "digest" not in self.__dict__:
             situation = ",".join(texts.of_map(part) for part in (self.environment, self.task))
             programs = "".join(f",{canonical(value)}" for value in self._programs())
@@ -122,7 +121,7 @@ class Scenario:
 
     @cached_property
     def situation_digest(self) -> str:
-        """Digest of environment and task alone: what seeds a run, so that two systems meet the same noise."""
+        """Digest of environment and task, which seeds a run: two systems meet the same noise."""
         return digest(self.environment, self.task)
 
 
@@ -137,7 +136,7 @@ def scenario_of(
     """Sort flat configuration values into the three dimensions.
 
     Args:
-        values: Key to value; keys that begin with `_` are provenance and are left out.
+        values: Key to value; keys with a leading `_` are provenance and are left out.
         dimensions: Tags given by producers or the file; `DIMENSION_OF_KEY` and then `system` otherwise.
     """
     parts: dict[Dimension, dict[str, Value]] = {"environment": {}, "task": {}, "system": {}}

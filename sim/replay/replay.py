@@ -1,4 +1,4 @@
-"""Replays: a recorded run executed once more, with looks at what the robot sees, knows and does."""
+"""Replays: a recorded run executed again and observed."""
 
 import itertools
 import textwrap
@@ -22,8 +22,8 @@ class Replay:
     """A run, executed again.
 
     Attributes:
-        moments: One a tick, from the run's first to its last.
-        snapshots: At the ticks asked for, in their order; a tick after the run's end has none.
+        moments: One of each tick.
+        snapshots: Those of the requested ticks up to the run's end.
     """
 
     recording: Recording
@@ -33,12 +33,12 @@ class Replay:
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Where two recordings of a run part.
+    """First difference of two recordings of a run.
 
     Attributes:
         what: Name of the column, or of a value of the run's row.
         row, t_s: Row of the columns and its time; None for a value of the run's row.
-        recorded, executed: What is found there; None where one of them has nothing.
+        recorded, executed: Values; None where there is none.
     """
 
     what: str
@@ -54,14 +54,11 @@ class Difference:
 
 
 def replay(scenario: Scenario, run_index: int, seed: int, looks: Mapping[int, Box]) -> Replay:
-    """Execute a run as `vastflow.sim.run.run` does, byte for byte, and look at it.
+    """Execute a run as `vastflow.sim.run.run` does, byte for byte, and observe it.
 
     Args:
         seed: The campaign's `execution.seed`.
-        looks: Tick to the part of the map whose costs are kept.
-
-    Raises:
-        ValueError: what `run` raises.
+        looks: Tick to the part of the map whose costs its snapshot has.
     """
     moments: list[Moment] = []
     snapshots: list[TickSnapshot] = []
@@ -76,7 +73,7 @@ def replay(scenario: Scenario, run_index: int, seed: int, looks: Mapping[int, Bo
 
 
 def first_difference(recorded: Recording, executed: Recording) -> Difference | None:
-    """The earliest row that differs and its first such column, else the first value of the run's row; None if equal."""
+    """Return the first different column of the earliest row, else value of the run's row; None if equal."""
     if recorded.digest == executed.digest:
         return None
     found = [
@@ -100,7 +97,7 @@ def first_difference(recorded: Recording, executed: Recording) -> Difference | N
 
 
 def _column_difference(name: str, recorded: Recording, executed: Recording) -> Difference | None:
-    """The first row in which a column differs, or in which one of them has ended or never began."""
+    """Return the first row in which a column differs or is missing."""
     a, b = (np.asarray(r.columns.get(name, np.empty(0)), dtype=np.int64) for r in (recorded, executed))
     common = min(len(a), len(b))
     unequal = np.flatnonzero(a[:common] != b[:common])

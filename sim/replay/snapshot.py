@@ -1,4 +1,4 @@
-"""Snapshots: what a robot sees, knows and does at one tick, copied from its stack while a run goes on."""
+"""Snapshots of a robot at one tick, copied from its stack during a run."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -40,7 +40,7 @@ _ACTIVITIES: Final[Mapping[int, Activity]] = {
 }
 
 OVERVIEW_CELLS: Final = 400
-"""Cells of the whole map's costs along its longer side at the most."""
+"""Greatest number of cells along a side of the overview."""
 
 
 class Box(NamedTuple):
@@ -57,14 +57,14 @@ class Moment:
     """The robot at one tick, in numbers.
 
     Attributes:
-        true, estimate: Where it is, and where it takes itself to be.
+        true, estimate: Its true and its estimated pose.
         speed_mps, yaw_rate_radps: True motion.
-        stopped: Whether the collision monitor lets no motion through.
-        planned: Whether there is a plan to follow.
-        no_command_s: For how long the controller has found no valid command.
-        no_progress_s: For how long the progress checker has seen none.
-        recoveries: So far.
-        goal: Index of the goal it is heading for.
+        stopped: True while the collision monitor stops it.
+        planned: True if there is a plan to follow.
+        no_command_s: Time since the controller's last valid command.
+        no_progress_s: Time since the progress checker's last progress.
+        recoveries: Number so far.
+        goal: Index of its goal.
     """
 
     tick: int
@@ -87,7 +87,7 @@ class Moment:
 
     @property
     def yaw_rate_degps(self) -> float:
-        """True rate of turning, in degrees."""
+        """True yaw rate in degrees."""
         return float(np.degrees(self.yaw_rate_radps))
 
     @property
@@ -101,8 +101,8 @@ class Patch:
     """A rectangle of a costmap, somewhere in the map frame.
 
     Attributes:
-        costs: (R, C) uint8 as Nav2 has them: 253 inscribed, 254 lethal, 255 unknown.
-        corner: Lower left corner, and how the patch is turned about it.
+        costs: (R, C) uint8 of Nav2: 253 inscribed, 254 lethal, 255 unknown.
+        corner: Pose of the lower left corner.
     """
 
     costs: NDArray[np.uint8] = field(repr=False)
@@ -112,22 +112,20 @@ class Patch:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class TickSnapshot:
-    """What a run holds at one tick. Points are (N, 2) in the map frame: for what the robot senses and plans in its own
-    odometry's frame, where it takes that to be.
+    """State of a run at one tick; points are (N, 2) in the map frame.
 
     Attributes:
-        plan_xy_m: What is left of the global plan.
+        plan_xy_m: Remaining global plan.
         ahead_xy_m: The part of it that the controller follows.
-        intended_xy_m: Where MPPI's commands would lead from here (Nav2's optimal trajectory); of other controllers nothing.
+        intended_xy_m: MPPI's optimal trajectory; empty for other controllers.
         scan_xy_m: The newest scan.
-        particles: (N, 3) x, y, yaw: AMCL's, at its last update.
-        robot: The body that drives.
+        particles: (N, 3) x, y, yaw of AMCL's last update.
         outline_m: (V, 2) padded footprint in the robot's frame.
         obstacles: (K, 6) or more columns, rows as `vastflow.sim.world.lidar.scan` reads them.
-        goals: In the order they are visited.
-        global_costs: Global costmap, as much of it as was asked for.
+        goals: Goals in order.
+        global_costs: Requested part of the global costmap.
         local_costs: Local costmap; None before its first update.
-        overview: The whole global costmap, coarser where it is large: the greatest cost of the cells that make one.
+        overview: The whole global costmap; a cell of a large one has the greatest cost of several.
     """
 
     moment: Moment
@@ -146,7 +144,7 @@ class TickSnapshot:
 
 
 def moment_of(stack: Stack, tick: int) -> Moment:
-    """The moment after tick `tick`, which the stack has just done."""
+    """Return the moment after tick `tick`, the stack's last."""
     m, frame = stack.m[0], _frame(stack)
     following = m["state"] == FOLLOWING and m["path_n"] > 0
     return Moment(
@@ -166,11 +164,7 @@ def moment_of(stack: Stack, tick: int) -> Moment:
 
 
 def snapshot_of(stack: Stack, moment: Moment, box: Box) -> TickSnapshot:
-    """Everything else of the same moment, copied.
-
-    Args:
-        box: The part of the map whose costs are kept.
-    """
+    """Copy the state at a moment, and the costs in a part of the map."""
     m, p, frame = stack.m[0], stack.p[0], _frame(stack)
     odom = Pose(float(m["map_odom_x"]), float(m["map_odom_y"]), float(m["map_odom_yaw"]))
     plan = stack.route.path[int(m["path_i"]) : int(m["path_n"]), :2].copy()
@@ -205,14 +199,14 @@ def _in_map(patch: Patch, frame: GridFrame) -> Patch:
 
 
 def _box_in_grid(box: Box, frame: GridFrame) -> Box:
-    """What of the grid's frame holds a box of the map's."""
+    """Return the box of the grid's frame round a box of the map's."""
     corners = np.array([(x, y) for x in (box.x0, box.x1) for y in (box.y0, box.y1)])
     turned = frame.points_to_grid(corners)
     return Box(*turned.min(axis=0).tolist(), *turned.max(axis=0).tolist())
 
 
 def _obstacles(rows: NDArray[np.float64], frame: GridFrame) -> NDArray[np.float64]:
-    """Rows of obstacles in the map's frame; those that are nowhere stay there."""
+    """Return rows of obstacles in the map's frame; absent ones stay at `NOT_THERE`."""
     placed = rows.copy()
     there = np.isfinite(rows[:, :2]).all(axis=1)
     placed[there, :2] = frame.points_to_map(rows[there, :2])
@@ -223,14 +217,14 @@ def _obstacles(rows: NDArray[np.float64], frame: GridFrame) -> NDArray[np.float6
 
 
 def _placed(xy_m: NDArray[np.float64], frame: Pose) -> NDArray[np.float64]:
-    """Points (N, 2) of a frame, in the frame that `frame` is a pose of."""
+    """Return points (N, 2) of a frame in the frame of its pose `frame`."""
     c, s = np.cos(frame.yaw_rad), np.sin(frame.yaw_rad)
     placed: NDArray[np.float64] = xy_m @ np.array([[c, s], [-s, c]]) + (frame.x_m, frame.y_m)
     return placed
 
 
 def _scan(stack: Stack) -> NDArray[np.float64]:
-    """End points of the newest scan in the odom frame."""
+    """Return end points of the newest scan in the odom frame."""
     m, p = stack.m[0], stack.p[0]
     ranges, directions = m["ranges"][: m["beams"]], m["directions"][: m["beams"]]
     returned = (ranges >= p["range_min"]) & (ranges < p["range_max"])
@@ -245,7 +239,7 @@ def _cut_plan(parameters: Any, memory: Any, window: Window, path: Any, out: Any)
 
 
 def _ahead(stack: Stack) -> NDArray[np.float64]:
-    """What the controller would get of the plan now, in the grid's frame."""
+    """Return the part of the plan that the controller would get now, in the grid's frame."""
     memory, path = stack.m.copy(), stack.route.path
     n = _cut_plan(stack.p, memory, stack.local.window, path, np.empty_like(stack.route.ahead))
     first = int(memory[0]["path_i"])
@@ -254,7 +248,7 @@ def _ahead(stack: Stack) -> NDArray[np.float64]:
 
 
 def _intended(stack: Stack, moment: Moment) -> NDArray[np.float64]:
-    """(T + 1, 2), from the estimate on: each step goes where the robot heads before it turns, as in MPPI's own rollout."""
+    """Return (T + 1, 2) points from the estimate on, by the steps of MPPI's own rollout."""
     if not isinstance(stack.controller.plug_in, Mppi) or moment.activity != "following" or moment.no_command_s > 0.0:
         return np.empty((0, 2))
     v_mps, w_radps = stack.controller.memory.sequence
@@ -273,7 +267,7 @@ def _local(stack: Stack, odom: Pose) -> Patch:
 
 
 def _cut(costs: NDArray[np.uint8], origin_xy_m: tuple[float, float], resolution_m: float, box: Box) -> Patch:
-    """The cells that `box` touches."""
+    """Return the cells that `box` touches."""
     columns = np.clip(_cells((box.x0, box.x1), origin_xy_m[0], resolution_m), 0, costs.shape[1]).tolist()
     rows = np.clip(_cells((box.y0, box.y1), origin_xy_m[1], resolution_m), 0, costs.shape[0]).tolist()
     corner = Pose(origin_xy_m[0] + columns[0] * resolution_m, origin_xy_m[1] + rows[0] * resolution_m)
@@ -290,6 +284,6 @@ def _coarse(costs: NDArray[np.uint8], origin_xy_m: tuple[float, float], resoluti
     rows, columns = (-(-n // k) for n in costs.shape)
     framed = np.full((rows * k, columns * k), UNKNOWN, dtype=np.uint8)
     framed[: costs.shape[0], : costs.shape[1]] = costs
-    # Unknown is the greatest number, but the least to be seen.
+    # Unknown is the greatest number, but ranks lowest.
     blocks = (framed + np.uint8(1)).reshape(rows, k, columns, k).max(axis=(1, 3)) - np.uint8(1)
     return Patch(blocks, Pose(*origin_xy_m), k * resolution_m)

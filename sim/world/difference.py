@@ -1,4 +1,4 @@
-"""How the world differs from the robot's map: walls that stand elsewhere, furniture that was taken away."""
+"""Differences of the world from the robot's map: displaced walls and missing furniture."""
 
 import math
 from dataclasses import dataclass
@@ -10,24 +10,23 @@ from numpy.typing import NDArray
 from vastflow.sim.world.occupancy import FREE, OccupancyMap
 
 FURNITURE_M: Final = 2.0
-"""Longest side of the bounding box of what counts as furniture: pieces that stand apart from all other occupied cells."""
+"""Longest side of furniture's bounding box: furniture is apart from all other occupied cells."""
 LARGEST_CELL_M: Final = 0.025
-"""Of a world whose walls are offset, so that offsets of less than a cell of the map show."""
+"""Largest cell of a world with displaced walls, which shows offsets of less than a cell of the map."""
 _WAVES: Final = 64
 _NODES: Final = 8
-"""Nodes per correlation length at which offsets are computed; between them they are linear."""
+"""Nodes per correlation length; offsets are linear between them."""
 _ROWS: Final = 256
 
 
 @dataclass(frozen=True, slots=True)
 class WorldDifference:
-    """What makes a world of a map.
+    """Random difference of a world from its map.
 
     Attributes:
-        seed: Of all draws.
-        wall_offset_m: Standard deviation of what walls are offset by along either axis.
-        correlation_length_m: Distance at which the offsets of two places have lost most of what they share.
-        missing_share: Probability of each piece of furniture on the map to be gone.
+        wall_offset_m: Standard deviation of the walls' offset along either axis.
+        correlation_length_m: Correlation length of the offsets.
+        missing_share: Probability that a piece of furniture is missing.
     """
 
     seed: int
@@ -37,11 +36,10 @@ class WorldDifference:
 
 
 def world_of(occupancy: OccupancyMap, difference: WorldDifference) -> OccupancyMap:
-    """The world in the map's frame, with its origin: its cells are the map's, or whole fractions of them where walls are offset.
+    """Return the world in the map's frame; its cells are fractions of the map's where walls are displaced.
 
-    A place of the world has what the map has at the place less its offset. Offsets are a Gaussian random field of squared
-    exponential covariance, smooth enough that walls stay whole while their standard deviation is well below the correlation
-    length; it is summed up of random waves (Rahimi and Recht, Random Features for Large-Scale Kernel Machines, 2007).
+    Offsets are a Gaussian random field of squared exponential covariance, the sum of random waves (Rahimi and Recht, Random Features
+    for Large-Scale Kernel Machines, 2007). Walls stay whole while its standard deviation is well below the correlation length.
     """
     cells = occupancy.cells
     if difference.missing_share > 0.0:
@@ -62,8 +60,8 @@ def _rng(difference: WorldDifference, stream: int) -> np.random.Generator:
 
 
 def _without_furniture(occupancy: OccupancyMap, difference: WorldDifference) -> NDArray[np.int8]:
-    """The cells, with each piece of furniture free at the stated probability; pieces are drawn for in reading order."""
-    from scipy import ndimage  # takes half a second, which a run in the world of its map does without
+    """Free each piece of furniture at the stated probability, in reading order."""
+    from scipy import ndimage  # imported in half a second
 
     labels, _ = ndimage.label(occupancy.occupied, np.ones((3, 3)))
     most = FURNITURE_M / occupancy.resolution_m + 1e-9
@@ -77,7 +75,7 @@ def _without_furniture(occupancy: OccupancyMap, difference: WorldDifference) -> 
 
 
 def _offset(cells: NDArray[np.int8], resolution_m: float, fold: int, difference: WorldDifference) -> NDArray[np.int8]:
-    """The cells (H, W) as (fold H, fold W), each place moved by its offset; beyond the map everything is as at its border."""
+    """Displace cells (H, W) into (fold H, fold W); beyond the map everything is as at its border."""
     from scipy import ndimage
 
     rows, columns = cells.shape
@@ -103,7 +101,7 @@ def _offset(cells: NDArray[np.int8], resolution_m: float, fold: int, difference:
 def _field(
     rng: np.random.Generator, y_m: NDArray[np.float64], x_m: NDArray[np.float64], difference: WorldDifference
 ) -> NDArray[np.float64]:
-    """Offsets (len(y_m), len(x_m)) in meters."""
+    """Draw offsets (len(y_m), len(x_m)) in meters."""
     wave = rng.standard_normal((2, _WAVES)) / difference.correlation_length_m
     phase = rng.uniform(0.0, 2.0 * math.pi, _WAVES)
     along_y, along_x = np.exp(1j * np.outer(y_m, wave[0])), np.exp(1j * (np.outer(x_m, wave[1]) + phase))

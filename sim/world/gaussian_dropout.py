@@ -12,7 +12,7 @@ from vastflow.sim.world.noise_registry import GaussianDropoutParameters
 
 
 class RelayMemory(NamedTuple):
-    """Random numbers, and room for an order of the beams (B,) int64."""
+    """Random numbers and scratch (B,) int64."""
 
     stream: Any
     order: Any
@@ -20,13 +20,10 @@ class RelayMemory(NamedTuple):
 
 @njit
 def perturb(ranges_m: Any, stream: Any, dropout: float, noise_m: float, order: Any) -> None:
-    """Dropout, then noise, in place, as the paper's relay between simulator and Nav2 does.
+    """Apply dropout, then noise, in place, as the paper's relay between simulator and Nav2 does.
 
-    Exactly `int(B * dropout)` distinct beams, chosen anew each scan, become `inf`; then every beam gets
-    independent Gaussian noise of standard deviation `noise_m`, not clipped to the sensor's limits.
-
-    Args:
-        order: (B,) int64 scratch.
+    Exactly `int(B * dropout)` beams, chosen anew each scan, become `inf`; then every beam gets independent Gaussian noise of standard
+    deviation `noise_m`, not clipped to the sensor's limits. `order` is scratch.
     """
     beams = ranges_m.shape[0]
     dropped = int(beams * dropout)

@@ -1,7 +1,4 @@
-"""The laser scanner: exact ranges to the map's walls and to obstacles, and the seam to its noise.
-
-Walls are met by skips over free cells (`vastflow.sim.world.skip_table`), obstacles by the few beams that can meet them.
-"""
+"""The laser scanner: exact ranges to the map's walls and to obstacles, and the seam to its noise."""
 
 import math
 from typing import Any, Final
@@ -30,12 +27,12 @@ def scan(
     range_max_m: float,
     out_m: Any,
 ) -> None:
-    """One noiseless scan into `out_m` (B,); `inf` where a beam meets nothing.
+    """Write a noiseless scan into `out_m` (B,); `inf` where a beam meets nothing.
 
     Args:
         skips: Of the map's walls.
-        obstacles: (K, 6) float64 rows x, y, cos yaw, sin yaw, half length, half width in meters; a half width
-            of 0 makes a cylinder of radius half length. An x of `inf` stands for an obstacle that is not there.
+        obstacles: (K, 6) float64 rows x, y, cos yaw, sin yaw, half length, half width in meters; a cylinder has a half width of 0
+            and its radius as half length. An absent obstacle has an x of `inf`.
         sensor_xyt: (3,) sensor position in the map and the robot's yaw.
         directions: (B, 2) beams in the robot's frame, evenly spaced counter-clockwise over one turn at the most.
     """
@@ -57,7 +54,7 @@ def scan(
 def _see_obstacle(
     obstacle: Any, x_m: float, y_m: float, directions: Any, range_min_m: float, range_max_m: float, out_m: Any
 ) -> None:
-    """Shorten the beams that meet an obstacle; only those towards the circle round it are looked at."""
+    """Shorten the beams that meet an obstacle, among those towards its circumcircle."""
     beams = directions.shape[0]
     ox, oy = obstacle[0] - x_m, obstacle[1] - y_m
     away = math.sqrt(ox * ox + oy * oy)
@@ -83,7 +80,7 @@ def _see_obstacle(
 
 @njit
 def range_to_obstacle(obstacle: Any, x_m: float, y_m: float, dx: float, dy: float, start_m: float) -> float:
-    """Distance along a beam to a box or cylinder (row as in `scan`), `inf` when it is missed or nearer than `start_m`."""
+    """Return the distance along a beam to an obstacle (row as in `scan`); `inf` if it is missed or nearer than `start_m`."""
     ox, oy = obstacle[0] - x_m, obstacle[1] - y_m
     along, across = ox * dx + oy * dy, ox * dy - oy * dx
     reach = math.sqrt(obstacle[4] * obstacle[4] + obstacle[5] * obstacle[5])

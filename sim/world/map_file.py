@@ -19,27 +19,27 @@ MOST_HEADER_BYTES: Final = 1_000_000
 LEAST_CELL_M: Final = 1e-4
 LARGEST_CELL_M: Final = 100.0
 FARTHEST_M: Final = 1e7
-"""Of the origin: farther away a millimeter gets lost in rounding, and at last cells do."""
+"""Greatest distance of the origin: beyond, rounding loses a millimeter."""
 
 MODES: Final = ("trinary", "scale", "raw")
 
 QUARTER_TURN_ROUNDING_RAD: Final = 1e-5
-"""What a yaw may miss a quarter turn by and mean it all the same, such as 1.5708."""
+"""Tolerance of a quarter turn, such as 1.5708."""
 
 
 class MapError(ValueError):
-    """A map file that can't be used; says which, what was found and what would be right."""
+    """A map file that can't be used."""
 
 
 class MissingMap(MapError):
-    """A map file, or its picture, that is not there."""
+    """A map file or picture that does not exist."""
 
 
 def load_map(path: str | Path) -> OccupancyMap:
     """Read a map as Nav2's map_server does: modes trinary, scale and raw, negate, thresholds, colors as gray.
 
-    The origin's yaw turns the grid about it. As many quarter turns as it has are done to the cells, so that a map turned by
-    90° is the map that is drawn turned; what is left of the yaw is the grid's. (Nav2's AMCL and static layer ignore it.)
+    The origin's yaw turns the grid about it (Nav2's AMCL and static layer ignore it): its quarter turns rotate the cells, so that a
+    map turned by 90° equals the map drawn turned.
 
     Raises:
         MapError: a missing or unreadable file, a missing or wrong key.
@@ -62,7 +62,7 @@ def load_map(path: str | Path) -> OccupancyMap:
 
 
 def map_content(path: str | Path) -> FileContent:
-    """The map at `path` as a value: its digest covers the decoded grid, not the files' names or bytes."""
+    """Return the map at `path` as a value with the digest of the decoded grid."""
     return FileContent(str(path), load_map(path).digest)
 
 
@@ -95,7 +95,7 @@ def _number(header: Mapping[str, Any], key: str, path: Path, default: float | No
 
 
 def _share(header: Mapping[str, Any], key: str, path: Path, default: float) -> float:
-    """A threshold; map_server takes 65 for one too, above which nothing is a wall."""
+    """Read a threshold; map_server accepts 65 as well, above which nothing is a wall."""
     number = _number(header, key, path, default)
     if not 0.0 <= number <= 1.0:
         raise MapError(f"{path}: {key}: expected a share of black, 0 to 1, got {number:g}")
@@ -103,7 +103,7 @@ def _share(header: Mapping[str, Any], key: str, path: Path, default: float) -> f
 
 
 def _finite(value: Any) -> float | None:
-    """A finite number, else None."""
+    """Return a finite number, else None."""
     if isinstance(value, str):  # YAML 1.1 reads 5e-2 as text
         with contextlib.suppress(ValueError):
             value = float(value)
@@ -140,7 +140,7 @@ def _origin(header: Mapping[str, Any], path: Path) -> tuple[float, float, float]
 def _placed(
     cells: NDArray[np.int8], resolution_m: float, origin_xy_m: tuple[float, float], yaw_rad: float
 ) -> OccupancyMap:
-    """The map of a grid that is turned by any yaw about its origin."""
+    """Return the map of a grid that is turned about its origin."""
     quarters = round(yaw_rad / (math.pi / 2))
     rest_rad = yaw_rad - quarters * (math.pi / 2)
     if abs(rest_rad) < QUARTER_TURN_ROUNDING_RAD:
@@ -157,7 +157,7 @@ def _placed(
 
 
 def _picture(path: Path, image: str) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | None]:
-    """Gray values (H, W), row 0 at the top, and whether each pixel is opaque; None where all are."""
+    """Read gray values (H, W), row 0 at the top, and opaque pixels; None where all are."""
     file = path.parent / image
     try:
         picture = read_picture(file)
@@ -176,7 +176,7 @@ def _picture(path: Path, image: str) -> tuple[NDArray[np.uint8], NDArray[np.bool
 
 
 def _luma(bands: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Gray values (H, W) of red, green and blue by Rec. 601, as GraphicsMagick has them: to 16 bits, of which 8 are kept."""
+    """Return gray values (H, W) by Rec. 601 in 16 bits, of which 8 remain, as in GraphicsMagick."""
     red, green, blue = (bands[..., k].astype(np.int32) for k in range(3))
     sixteen_bits = (257 * (299 * red + 587 * green + 114 * blue) + 500) // 1000
     return np.asarray(sixteen_bits // 257, dtype=np.uint8)
@@ -190,7 +190,7 @@ def _occupancy(
     occupied_threshold: float,
     free_threshold: float,
 ) -> NDArray[np.int8]:
-    """Cells (H, W) by map_server's arithmetic, which is in single precision."""
+    """Return cells (H, W) by map_server's arithmetic in single precision."""
     if mode == "raw":
         return np.where(gray <= OCCUPIED, gray.astype(np.int8), np.int8(UNKNOWN))
     shade = gray.astype(np.float32) / np.float32(255)

@@ -1,7 +1,7 @@
-"""The motion of the robot's body: its actuators, the arc that follows, and whether anything solid is in the way.
+"""The motion of the robot's body: actuators, arcs, and contacts.
 
-A free body moves on exact arcs. It is free for certain when no wall and no obstacle comes within a millimeter of it at the end
-of any physics step, which is when the engine would find a contact; otherwise the engine makes the step.
+A body moves on exact arcs while no wall and no obstacle comes within a millimeter of it at the end of any physics step, which is when
+the engine would find a contact; otherwise the engine makes the step.
 """
 
 import math
@@ -17,21 +17,21 @@ from vastflow.sim.world.skip_table import WALL, SkipTable, free_square
 
 @njit
 def limited(command: float, previous: float, limit: float, acceleration: float, dt_s: float) -> float:
-    """A command after the actuator's acceleration limit (relative to the last limited one) and speed limit."""
+    """Limit a command's acceleration (relative to the last limited one) and speed."""
     step = acceleration * dt_s
     return min(max(min(max(command, previous - step), previous + step), -limit), limit)
 
 
 @njit
 def steered(v_mps: float, w_radps: float, min_turning_radius_m: float) -> float:
-    """The yaw rate of an Ackermann drive, whose arcs are no tighter than its least radius: none while it stands."""
+    """Limit the yaw rate of an Ackermann drive by its least turning radius."""
     most = abs(v_mps) / min_turning_radius_m
     return min(max(w_radps, -most), most)
 
 
 @njit
 def arc(x_m: float, y_m: float, yaw_rad: float, v_mps: float, w_radps: float, dt_s: float) -> Any:
-    """Pose (x, y, yaw) after `dt_s` on a circle arc at constant speeds, exact."""
+    """Return the exact pose (x, y, yaw) after `dt_s` at constant speeds."""
     turn = w_radps * dt_s
     chord = v_mps * dt_s if abs(turn) < 1e-06 else v_mps * dt_s * math.sin(0.5 * turn) / (0.5 * turn)
     middle = yaw_rad + 0.5 * turn
@@ -40,7 +40,7 @@ def arc(x_m: float, y_m: float, yaw_rad: float, v_mps: float, w_radps: float, dt
 
 @njit
 def moved(x_m: float, y_m: float, yaw_rad: float, v_mps: float, w_radps: float, vy_mps: float, dt_s: float) -> Any:
-    """As `arc`, of a body that moves to its left as well (m/s)."""
+    """Return `arc` of a body that moves to its left as well (m/s)."""
     end_x_m, end_y_m, end_yaw_rad = arc(x_m, y_m, yaw_rad, v_mps, w_radps, dt_s)
     if vy_mps != 0.0:
         end_x_m, end_y_m, _ = arc(end_x_m, end_y_m, yaw_rad + 0.5 * math.pi, vy_mps, w_radps, dt_s)
@@ -49,13 +49,13 @@ def moved(x_m: float, y_m: float, yaw_rad: float, v_mps: float, w_radps: float, 
 
 @njit
 def wrapped(angle_rad: float) -> float:
-    """The angle in [-π, π)."""
+    """Return the angle in [-π, π)."""
     return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
 
 
 MARGIN_M: Final = 0.001
 FREE, TOUCHING, MOVING = 0, 1, 2
-"""What the engine has: nothing; a robot that touches something, and nothing moves unless the robot does; things in motion."""
+"""State of the engine: no contact; a robot in contact with things at rest; things in motion."""
 
 NOT_THERE: Final = math.inf
 """Position of an obstacle that has not appeared yet."""
@@ -80,13 +80,13 @@ class Body(NamedTuple):
 
 
 def new_body(start: Pose, radius_m: float, obstacles: NDArray[np.float64], triggers: NDArray[np.float64]) -> Body:
-    """The body at the start of a run."""
+    """Return the body at the start of a run."""
     return Body(np.array([start.x_m, start.y_m, start.yaw_rad]), radius_m, obstacles, triggers)
 
 
 @inner
 def due(body: Body, tick: int) -> int:
-    """The first obstacle that appears at this tick, -1 when there is none; the robot's position triggers those it is near."""
+    """Trigger the obstacles near the robot and return the first that appears at this tick, or -1."""
     for k in range(body.triggers.shape[0]):
         dx, dy = body.triggers[k, 0] - body.pose[0], body.triggers[k, 1] - body.pose[1]
         reach = body.triggers[k, 2]
@@ -109,13 +109,10 @@ def move_freely(
     dt_s: float,
     hold: int,
 ) -> bool:
-    """Move the body by one (speed, yaw rate, speed to the left) per step of `dt_s`, unless something could be in the way of any step.
+    """Move the body by (speed, yaw rate, speed to the left) of each step, or return False where the engine has to.
 
     Args:
-        hold: FREE, TOUCHING or MOVING. A robot that touches something moves freely only where it stands still.
-
-    Returns:
-        Whether it moved; it stays where it is when the engine has to make these steps.
+        hold: FREE, TOUCHING or MOVING. A robot in contact moves freely only while it stands still.
     """
     if hold != FREE:
         return hold == TOUCHING and not np.any(velocities)
@@ -141,7 +138,7 @@ def move_freely(
 
 @inner
 def _meets_wall(skips: SkipTable, x: float, y: float, radius: float) -> bool:
-    """Whether a disc at a point of the map, all in cells, touches an occupied cell."""
+    """True if a disc on the map, all in cells, touches an occupied cell."""
     rows, columns = skips.rows - 2, skips.columns - 2
     # Octant 0 has the cells as they lie, rows first.
     for r in range(max(math.floor(y - radius), 0), min(math.floor(y + radius) + 1, rows)):
@@ -155,7 +152,7 @@ def _meets_wall(skips: SkipTable, x: float, y: float, radius: float) -> bool:
 
 @inner
 def _meets(obstacle: Any, x_m: float, y_m: float, radius_m: float) -> bool:
-    """Whether a disc touches a box or a cylinder."""
+    """True if a disc touches a box or a cylinder."""
     dx, dy = x_m - obstacle[0], y_m - obstacle[1]
     away = obstacle[4] + obstacle[5] + radius_m
     if not (abs(dx) <= away and abs(dy) <= away):

@@ -1,4 +1,4 @@
-"""What lidar noise is: parameters, and a kernel that changes the ranges of a scan."""
+"""The interface of lidar noise: parameters, and a kernel that changes the ranges of a scan."""
 
 from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple

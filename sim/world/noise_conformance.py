@@ -1,4 +1,4 @@
-"""What lidar noise must do, as checks that an author can call in a test."""
+"""Conformance checks of lidar noise, for authors' tests."""
 
 import math
 from collections.abc import Callable
@@ -16,21 +16,17 @@ from vastflow.sim.world.noise import LidarNoise, Scan
 from vastflow.sim.world.robot_model import Lidar
 
 MOST_US: Final = 500.0
-"""CPU time of a scan that a campaign can bear: 10 scans a second, and a simulated second then takes 5 ms."""
+"""CPU time of a scan; 10 scans a simulated second then take 5 ms."""
 
 
 def check_lidar_noise(noise: LidarNoise) -> None:
-    """Perturb several scans and check that `noise` keeps its contract: all of `CHECKS`, in their order.
-
-    Raises:
-        AssertionError: where it is written, what it did and what it should do.
-    """
+    """Run all `CHECKS` on `noise`; raises `AssertionError` with its place, what it did, and what it should do."""
     for check in CHECKS:
         check(noise)
 
 
 def check_ranges(noise: LidarNoise) -> None:
-    """It compiles, raises nothing, gives ranges or none, and leaves the directions of the beams."""
+    """Check that it compiles, raises nothing, and gives ranges or `inf` for unchanged directions."""
     for name, given in _scans().items():
         directions = given.directions.copy()
         _perturb(_started(noise), given)
@@ -39,7 +35,7 @@ def check_ranges(noise: LidarNoise) -> None:
 
 
 def check_determinism(noise: LidarNoise) -> None:
-    """The same random numbers give the same ranges to the bit, whatever other scanners see."""
+    """Check that equal random numbers give equal ranges, whatever other scanners see."""
     one, other = _started(noise), _started(noise, SEED + 1)
     alone = [_perturb(one, given).tobytes() for given in _scans().values()]
     again = _started(noise)
@@ -54,7 +50,7 @@ def check_determinism(noise: LidarNoise) -> None:
 
 
 def check_allocations(noise: LidarNoise) -> None:
-    """A call allocates nothing: its memory has all the room it needs."""
+    """Check that a call allocates nothing."""
     found = _started(noise)
     for name, given in _scans().items():
         each = allocations_of(lambda times, given=given: _perturb(found, given, times))  # type: ignore[misc]
@@ -63,7 +59,7 @@ def check_allocations(noise: LidarNoise) -> None:
 
 
 def check_time(noise: LidarNoise, most_us: float = MOST_US) -> None:
-    """A scan takes at most `most_us` of CPU time, the fastest of several."""
+    """Check that the fastest of several scans takes at most `most_us` of CPU time."""
     found, given = _started(noise), _scans()["a room"]
     took_us = least_us(lambda: _perturb(found, given))
     _must(took_us <= most_us, noise, f"must take at most {most_us:g} µs a scan, took {took_us:.0f}")
@@ -75,11 +71,11 @@ CHECKS: Final[tuple[Callable[[LidarNoise], None], ...]] = (
     check_allocations,
     check_time,
 )
-"""All checks, for a test that is parametrized with them and reports each on its own."""
+"""All checks, for a parametrized test."""
 
 
 def _scans() -> dict[str, Scan]:
-    """Scans of a room, of nothing, of what stands right before the scanner, and of a single beam."""
+    """Return scans of a room, of nothing, of a near wall, and of a single beam."""
     lidar = Lidar()
     directions = lidar.directions()
     limits = lidar.range_min_m, lidar.range_max_m

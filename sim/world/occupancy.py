@@ -1,4 +1,4 @@
-"""Occupancy maps as robot and world have them, wherever they are from."""
+"""Occupancy maps of robot and world."""
 
 import math
 from dataclasses import dataclass, replace
@@ -24,7 +24,7 @@ class OccupancyMap:
         cells: (H, W) int8, row 0 at the lowest y: 0 free, 1..99 between, 100 occupied, -1 unknown.
         resolution_m: Edge of a cell.
         origin_xy_m: Map position of the lower left corner of cell (0, 0).
-        yaw_rad: How the grid is turned about that corner, counter-clockwise: at most an eighth of a turn, see `vastflow.sim.world.map_file.load_map`.
+        yaw_rad: Counter-clockwise turn of the grid about that corner: at most an eighth of a turn, see `vastflow.sim.world.map_file.load_map`.
     """
 
     cells: NDArray[np.int8]
@@ -40,26 +40,26 @@ class OccupancyMap:
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:
-        """(H, W), True where a cell is known to be free."""
+        """Mask (H, W) of cells known to be free."""
         return np.asarray(self.cells == FREE)
 
     @cached_property
     def occupied(self) -> NDArray[np.bool_]:
-        """(H, W), True where a cell is a wall."""
+        """Mask (H, W) of walls."""
         return np.asarray(self.cells == OCCUPIED)
 
     @cached_property
     def frame(self) -> GridFrame:
-        """The grid's frame, in which all arithmetic on cells is done."""
+        """The grid's frame, for all arithmetic on cells."""
         return GridFrame(self.origin_xy_m, self.yaw_rad)
 
     @cached_property
     def upright(self) -> "OccupancyMap":
-        """The grid in its own frame, where it is not turned."""
+        """The grid in its own frame, not turned."""
         return replace(self, yaw_rad=0.0)
 
     def cell_of(self, x_m: float, y_m: float) -> tuple[int, int]:
-        """(row, column) of the cell that holds a point of the map; it may lie outside the grid."""
+        """Return (row, column) of the cell at a point of the map; it may lie outside the grid."""
         x_m, y_m = self.frame.to_grid(x_m, y_m)
         return (
             math.floor((y_m - self.origin_xy_m[1]) / self.resolution_m),
@@ -67,32 +67,32 @@ class OccupancyMap:
         )
 
     def center_of(self, row: int, column: int) -> tuple[float, float]:
-        """Map position (x, y) in meters of a cell's center."""
+        """Return the map position (x, y) in meters of a cell's center."""
         return self.frame.to_map(
             self.origin_xy_m[0] + (column + 0.5) * self.resolution_m,
             self.origin_xy_m[1] + (row + 0.5) * self.resolution_m,
         )
 
     def centers_of(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Map positions (N, 2) of the centers of cells (N, 2), given as row and column."""
+        """Return map positions (N, 2) of the centers of cells (N, 2) of row and column."""
         return self.frame.points_to_map((cells[:, ::-1] + 0.5) * self.resolution_m + np.asarray(self.origin_xy_m))
 
     def corners_of(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
-        """As `centers_of`, of the cells' lower left corners."""
+        """Return map positions (N, 2) of the lower left corners of cells (N, 2)."""
         return self.frame.points_to_map(cells[:, ::-1] * self.resolution_m + np.asarray(self.origin_xy_m))
 
     def in_cells(self, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Points (N, 2) of the map in cells of the grid, row and column: the floor of both is the cell that holds one."""
+        """Return points (N, 2) of the map as fractional row and column, whose floor is the cell."""
         return (self.frame.points_to_grid(xy_m) - self.origin_xy_m)[:, ::-1] / self.resolution_m
 
     def contains(self, row: int, column: int) -> bool:
-        """Whether the grid has this cell."""
+        """True if the grid has this cell."""
         rows, columns = self.shape
         return 0 <= row < rows and 0 <= column < columns
 
     @cached_property
     def digest(self) -> str:
-        """Digest of what the robot and the world see of the map."""
+        """Digest of cells, resolution, and frame."""
         cells = np.ascontiguousarray(self.cells)
         origin = [*self.origin_xy_m, *([self.yaw_rad] if self.yaw_rad else [])]
         return digest(list(cells.shape), cells.tobytes().hex(), self.resolution_m, origin)

@@ -1,8 +1,7 @@
-"""Lengths on the grid: 8-connected octile distance for a robot of given radius.
+"""8-connected octile distance on the grid for a robot of given radius, the product's measure of path length.
 
-The one measure of path length in the product: path producers draw by it, the performance oracle refers to
-it. A step along an axis costs one cell, a diagonal step √2 cells; diagonal steps between two blocked
-cells are allowed, as in the A* of the paper's tool.
+A step along an axis costs one cell, a diagonal step √2 cells; diagonal steps between two blocked cells are allowed, as in the A* of the
+paper's tool.
 """
 
 import itertools
@@ -18,25 +17,25 @@ from vastflow.sim.world.occupancy import OccupancyMap
 
 UNREACHED: Final = np.float32(np.inf)
 ROUNDING_CELLS: Final = 1e-9
-"""What a radius in cells forgives, so that 1.1 m are 11 cells of 0.1 m."""
+"""Tolerance of a radius in cells: 1.1 m are 11 cells of 0.1 m."""
 
 
 def passable(occupancy: OccupancyMap, radius_m: float) -> NDArray[np.bool_]:
-    """(H, W), True where the center of a robot of `radius_m` may be.
+    """Return the mask (H, W) of cells where the center of a robot of `radius_m` may be.
 
-    A cell is blocked where the distance from its center to that of the nearest cell not known to be free
-    is at most `radius_m`, rounded up to whole cells; the grid's outside counts as not free.
+    A cell is blocked where its center is at most `radius_m`, rounded up to whole cells, from that of a cell not known to be free; the
+    grid's outside counts as not free.
     """
     return inflated_free(occupancy.free, whole_cells(radius_m, occupancy.resolution_m))
 
 
 def whole_cells(radius_m: float, resolution_m: float) -> int:
-    """The cells that a radius takes: part of a cell is one, so that no robot has less room than it needs."""
+    """Return a radius rounded up to whole cells."""
     return math.ceil(radius_m / resolution_m - ROUNDING_CELLS)
 
 
 def inflated_free(free: NDArray[np.bool_], radius_cells: float) -> NDArray[np.bool_]:
-    """As `passable`, on a plain (H, W) mask and in cells."""
+    """Return `passable` of a mask (H, W) and a radius in cells."""
     framed = np.pad(free, 1, constant_values=False)
     distance = ndimage.distance_transform_edt(framed)[1:-1, 1:-1]
     return np.asarray(distance > max(radius_cells, 0.0))
@@ -45,12 +44,12 @@ def inflated_free(free: NDArray[np.bool_], radius_cells: float) -> NDArray[np.bo
 def distance_field(
     free: NDArray[np.bool_], row: int, column: int, limit_cells: float = math.inf
 ) -> NDArray[np.float32]:
-    """Octile distance in cells (H, W) from one cell to every other; infinite where there is no path.
+    """Return the octile distance (H, W) in cells from one cell to all others; infinite without a path.
 
     Args:
         free: (H, W) passable cells.
-        row, column: The source; everything is unreached when it is not passable.
-        limit_cells: What is farther is left unreached, and costs nothing.
+        row, column: Source; nothing is reached if it is not passable.
+        limit_cells: Cells farther away are not searched.
     """
     out = np.full(free.shape, UNREACHED, dtype=np.float32)
     if 0 <= row < free.shape[0] and 0 <= column < free.shape[1] and free[row, column]:
@@ -59,11 +58,7 @@ def distance_field(
 
 
 def descend(field: NDArray[np.float32], row: int, column: int) -> NDArray[np.int64]:
-    """A shortest path (N, 2) of (row, column) from a cell down `field` to its source, both included.
-
-    Raises:
-        ValueError: the cell is not reached by the field.
-    """
+    """Return a shortest path (N, 2) of (row, column) from a cell down `field` to its source, both included."""
     if not np.isfinite(field[row, column]):
         raise ValueError(f"cell ({row}, {column}) is not reached by the field")
     out = np.empty((field.size, 2), dtype=np.int64)
@@ -71,17 +66,14 @@ def descend(field: NDArray[np.float32], row: int, column: int) -> NDArray[np.int
 
 
 def path_xy_m(occupancy: OccupancyMap, cells: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Map positions (N, 2) in meters of the centers of (row, column) cells."""
+    """Return map positions (N, 2) in meters of the centers of (row, column) cells."""
     return occupancy.centers_of(cells)
 
 
 def shortest_path(
     occupancy: OccupancyMap, free: NDArray[np.bool_], stops_xy_m: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], float] | None:
-    """Shortest path through `stops_xy_m` (N >= 2, 2) in order: its points (M, 2) and octile length, in meters.
-
-    None where a stop is not on a passable cell or two of them are not connected.
-    """
+    """Return points (M, 2) and length of the shortest path through stops (N >= 2, 2) in order, in meters; None without a path."""
     legs: list[NDArray[np.int64]] = []
     length_cells = 0.0
     cells = [occupancy.cell_of(float(x), float(y)) for x, y in stops_xy_m]
@@ -99,7 +91,7 @@ def shortest_path(
 
 @njit
 def _flood(free: Any, row: int, column: int, limit: float, out: Any) -> None:
-    """Dijkstra with a ring of buckets one cell wide: a step costs at least 1, so a bucket never refills itself."""
+    """Run Dijkstra with a ring of buckets one cell wide: as a step costs at least 1, no bucket refills itself."""
     rows, columns = free.shape
     passable = free.reshape(-1)
     field = out.reshape(-1)

@@ -1,7 +1,7 @@
-"""The physical world of one run where bodies touch: walls, obstacles and the robot's body in pymunk.
+"""The physical world of one run in pymunk: walls, obstacles and the robot's body.
 
-A robot that nothing solid is near needs no engine (`vastflow.sim.world.motion`); the world then stands still and is asked again
-when a contact is possible, and until what touched or moved has come to rest.
+A robot away from everything solid needs no engine (`vastflow.sim.world.motion`); the world is used while contacts are possible, and
+until bodies come to rest.
 """
 
 import math
@@ -23,25 +23,22 @@ ROBOT, WALL, OBSTACLE = 1, 2, 3
 
 GRAVITY_MPS2: Final = 9.81
 TRACTION: Final = 0.8
-"""Friction of the robot's tyres: what a contact took from the body's speed, the wheels give back no faster than this allows."""
+"""Friction of the robot's tires, which limits its acceleration after a contact."""
 
 AT_REST_MPS: Final = 1e-3
 AT_REST_RADPS: Final = 1e-3
 AT_REST_M: Final = 1e-6
-"""A box that is slower has come to rest, and a robot that a tick has moved by less."""
+"""A slower box is at rest, and so is a robot that moved less in a tick."""
 
 NOTED: Final = 5e-4
-"""Motion (m, rad) since an obstacle's last event that is worth another."""
+"""Motion (m, rad) since an obstacle's last event that makes another."""
 
 
 class World:
-    """Bodies and contacts. A fresh one for every run, so that a run in a batch is a run alone.
-
-    Walls join the space tile by tile as a body comes near them; where they are is all that decides which.
+    """Bodies and contacts of one run. Walls join the space tile by tile as a body comes near them.
 
     Args:
-        obstacles: Those that stand from the start, those that appear (`appear`), and behind them those that are added; the
-            numbers of obstacles below are places in this sequence.
+        obstacles: Those that stand from the start, that appear, and that are added later; obstacles are numbered in this sequence.
 
     Attributes:
         events: `contact` of the robot with a wall or an obstacle (value: closing speed, m/s), `spawned`, `obstacle_moved` and
@@ -51,8 +48,8 @@ class World:
     def __init__(self, robot: Robot, walls: WallIndex, obstacles: Sequence[Obstacle]) -> None:
         self._space = pymunk.Space()
         self._space.collision_slop = 0.0005
-        # A step moves the body by its commanded velocity before contacts are solved, so an overlap has to be undone
-        # within one step: at the default rate a robot that drives on stands 8 cm deep in the wall.
+        # A step moves the body before contacts are solved, so an overlap must be undone within one step: at the default rate a
+        # robot stands 8 cm deep in the wall.
         self._space.collision_bias = 0.0
         self._walls = walls
         self._present: set[int] = set()
@@ -81,16 +78,15 @@ class World:
 
     @property
     def hold(self) -> int:
-        """What the engine has of the robot and the obstacles after the last tick, see `vastflow.sim.world.motion`."""
+        """State of the engine after the last tick: FREE, TOUCHING or MOVING."""
         if self._moving or (self._touching and self._displaced):
             return MOVING
         return TOUCHING if self._touching else FREE
 
     def drive(self, pose: NDArray[Any], velocities: Sequence[Sequence[float]], dt_s: float, t_s: float) -> None:
-        """Move the robot from `pose` (3,), in place, by one (speed, yaw rate, speed to the left) per physics step from the time `t_s` on.
+        """Move the robot from `pose` (3,), in place, by (speed, yaw rate, speed to the left) of each physics step.
 
-        The velocity of a step points along the chord of the arc, so that free motion is the exact arc. Walls and
-        obstacles block what they block and the robot pushes what its tyres can.
+        The velocity of a step points along the chord of the arc, so that free motion is the exact arc.
         """
         robot, space = self._robot, self._space
         self._time_s = t_s
@@ -106,8 +102,8 @@ class World:
             glides = [(body, *_glide(body, dt_s)) for body in self._appeared.values()]
             space.step(dt_s)
             for body, position, angle in glides:
-                # The engine undoes an overlap against no friction, which would let the robot shift any box by and by:
-                # of a box that friction holds the robot is put back, and not the box.
+                # The engine undoes overlaps without friction, by which the robot would shift any box: a box that friction holds
+                # is put back.
                 if _at_rest(body):
                     body.position, body.angle = position, angle
             self._time_s += dt_s
@@ -118,7 +114,7 @@ class World:
             self._settle(index, body)
 
     def appear(self, index: int, t_s: float) -> None:
-        """Let obstacle `index` appear at its pose, whatever is there: a robot in its place is pushed out of it."""
+        """Let obstacle `index` appear at its pose; a robot in its place is pushed out."""
         obstacle = self._obstacles[index]
         body = pymunk.Body(obstacle.mass_kg, _inertia(obstacle))
         body.position, body.angle = (obstacle.pose.x_m, obstacle.pose.y_m), obstacle.pose.yaw_rad
@@ -128,15 +124,15 @@ class World:
         turn = pymunk.GearJoint(self._space.static_body, body, 0.0, 1.0)
         turn.max_force = grip_n * obstacle.mean_radius_m
         for joint in (slide, turn):
-            joint.max_bias = 0.0  # friction: it takes speed away, and pulls to no place
+            joint.max_bias = 0.0  # friction only takes speed away
         self._space.add(body, self._shape(obstacle, body), slide, turn)
         self._appeared[index] = body
-        self._displaced = True  # what stands still may stand in it
+        self._displaced = True  # a robot at rest may stand in it
         self._approach(body.position)
         self._note("spawned", index, t_s)
 
     def add(self, index: int, t_s: float, pushable: bool) -> None:
-        """Let obstacle `index`, which is new among the obstacles, stand at its pose: fixed, or one that can be pushed."""
+        """Add the new obstacle `index` at its pose, fixed or pushable."""
         if pushable:
             self.appear(index, t_s)
             return
@@ -145,7 +141,7 @@ class World:
         self._note("spawned", index, t_s)
 
     def remove(self, index: int, t_s: float) -> None:
-        """Take obstacle `index` out of the world."""
+        """Remove obstacle `index` from the world."""
         self._note("deleted", index, t_s)
         body = self._appeared.pop(index, None) or self._fixed.pop(index)
         self._moving.discard(index)
@@ -154,17 +150,17 @@ class World:
         self._space.remove(*body.constraints, *body.shapes, body)
 
     def pose_of(self, index: int) -> tuple[float, float, float]:
-        """x, y and yaw of an obstacle that stands in the world."""
+        """Return x, y and yaw of an obstacle in the world."""
         body = self._appeared.get(index) or self._fixed[index]
         return body.position.x, body.position.y, body.angle
 
     @property
     def appeared(self) -> tuple[int, ...]:
-        """Obstacles that have appeared, in order."""
+        """Numbers of obstacles that have appeared, in order."""
         return tuple(self._appeared)
 
     def note_moves(self, t_s: float) -> None:
-        """An event for each obstacle that stands elsewhere than at its last event."""
+        """Add an event for each obstacle that moved since its last event."""
         for index in self._appeared:
             if math.dist(self._noted[index], self.pose_of(index)) > NOTED:
                 self._note("obstacle_moved", index, t_s)
@@ -175,7 +171,7 @@ class World:
         return wanted if change.length <= most else self._robot.velocity + change * (most / change.length)
 
     def _turning(self, wanted_radps: float, dt_s: float) -> float:
-        """As `_with_traction`, of a body that a contact can turn: the tires act at its rim."""
+        """Limit the yaw rate of a body that a contact can turn: the tires act at its rim."""
         if math.isinf(self._robot.moment):
             return wanted_radps
         most = TRACTION * GRAVITY_MPS2 * dt_s * self._robot.mass * self._radius_m / self._robot.moment
@@ -248,12 +244,12 @@ def _at_rest(body: pymunk.Body) -> bool:
 
 
 def _glide(body: pymunk.Body, dt_s: float) -> tuple[pymunk.Vec2d, float]:
-    """Where the body is after `dt_s` at the speed it has."""
+    """Return position and angle after `dt_s` at the current speed."""
     return body.position + body.velocity * dt_s, body.angle + body.angular_velocity * dt_s
 
 
 def _robot_shapes(robot: Robot, body: pymunk.Body) -> list[pymunk.Shape]:
-    """A disc, or the convex parts of a polygon."""
+    """Return a disc, or the convex parts of a polygon."""
     if not robot.vertices:
         return [pymunk.Circle(body, robot.radius_m)]
     whole = shapely.Polygon(robot.vertices)
@@ -264,7 +260,7 @@ def _robot_shapes(robot: Robot, body: pymunk.Body) -> list[pymunk.Shape]:
 
 
 def _robot_inertia(robot: Robot) -> float:
-    """A disc is met on a line through its center, without friction, so nothing turns it."""
+    """Return the moment of inertia; frictionless contacts can't turn a disc."""
     return float(pymunk.moment_for_poly(robot.mass_kg, robot.vertices)) if robot.vertices else math.inf
 
 

@@ -1,4 +1,4 @@
-"""The robot's body, actuators, and laser scanner as values. No kernel is here: campaign files are read with it."""
+"""The robot's body, actuators, and laser scanner as values, without kernels: campaign files are read with it."""
 
 import math
 from dataclasses import dataclass
@@ -15,10 +15,10 @@ class Robot:
     """A drive with plain limiters (Gazebo's DiffDrive and SpeedLimiter).
 
     Attributes:
-        radius_m: Body with bumper, as physics sees it; of a polygon the distance of its farthest vertex.
+        radius_m: Radius of the body with bumper; of a polygon the distance of its farthest vertex.
         vertices: (x, y) of a polygon in the robot's frame (m); none for a disc.
-        drive: An omni drive moves to its sides as well, within the same limits as ahead.
-        min_turning_radius_m: Of an Ackermann drive, whose yaw rate is at most its speed divided by this; others turn on the spot.
+        drive: An omni drive moves to its sides within the same limits as ahead.
+        min_turning_radius_m: Least turning radius of an Ackermann drive; others turn on the spot.
     """
 
     radius_m: float = 0.17
@@ -41,7 +41,7 @@ class Lidar:
 
     Attributes:
         mount_xyt: Pose on the robot (m, m, rad).
-        sweeps: Whether each beam has a time of its own in a turn of one period, counter-clockwise; else a scan is taken at once.
+        sweeps: True if beams are measured one after the other in a turn of one period, counter-clockwise.
         range_min_m, range_max_m: Readings lie in [min, max); beyond there is no return (inf).
     """
 
@@ -56,10 +56,10 @@ class Lidar:
 
     @property
     def angle_max_rad(self) -> float:
-        """Of the last beam."""
+        """Angle of the last beam."""
         return self.angle_min_rad + self.angle_increment_rad * (self.beams - 1)
 
     def directions(self) -> NDArray[np.float64]:
-        """(beams, 2) unit vectors of the beams in the robot's frame."""
+        """Return unit vectors (beams, 2) of the beams in the robot's frame."""
         bearings_rad = self.mount_xyt[2] + self.angle_min_rad + self.angle_increment_rad * np.arange(self.beams)
         return np.column_stack([np.cos(bearings_rad), np.sin(bearings_rad)])

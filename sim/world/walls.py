@@ -9,10 +9,9 @@ from vastflow.sim.world.occupancy import OccupancyMap
 
 
 def wall_rectangles(occupancy: OccupancyMap) -> NDArray[np.float64]:
-    """Rectangles (N, 4) as x0, y0, x1, y1 in meters whose union borders the map's occupied cells.
+    """Return rectangles (N, 4) as x0, y0, x1, y1 in meters whose union borders the map's occupied cells.
 
-    Cells that touch nothing but occupied cells are left out, since nothing can reach them. Runs of cells in a row are
-    merged with equal runs in the rows above.
+    Cells that nothing can reach are left out. Runs of cells in a row are merged with equal runs in the rows above.
     """
     shell = _shell(occupancy.occupied)
     edges = np.diff(np.pad(shell.astype(np.int8), ((0, 0), (1, 1))), axis=1)
@@ -29,18 +28,14 @@ def wall_rectangles(occupancy: OccupancyMap) -> NDArray[np.float64]:
 
 
 def _shell(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Occupied cells with a neighbor among the eight that is not; beyond the map everything counts as occupied."""
+    """Return the mask of occupied cells with a free neighbor; beyond the map everything counts as occupied."""
     framed = np.pad(occupied, 1, constant_values=True)
     across = framed[:, :-2] & framed[:, 1:-1] & framed[:, 2:]
     return np.asarray(occupied & ~(across[:-2] & across[1:-1] & across[2:]))
 
 
 class WallIndex:
-    """A map's wall rectangles by tile, so that a run gives physics only the walls it comes near.
-
-    Attributes:
-        rectangles: (N, 4) as from `wall_rectangles`.
-    """
+    """A map's wall rectangles by tile, so that a run gives physics only the walls it comes near."""
 
     TILE_M = 2.0
 
@@ -54,11 +49,11 @@ class WallIndex:
                     self._tiles.setdefault((x, y), []).append(index)
 
     def tile_of(self, x_m: float, y_m: float) -> tuple[int, int]:
-        """The tile that holds a point."""
+        """Return the tile of a point."""
         return math.floor(x_m / self.TILE_M), math.floor(y_m / self.TILE_M)
 
     def around(self, tile: tuple[int, int]) -> list[int]:
-        """Rectangles in a tile and its eight neighbors, in increasing order."""
+        """Return rectangles in a tile and its eight neighbors, in increasing order."""
         x, y = tile
         near = {index for dx in (-1, 0, 1) for dy in (-1, 0, 1) for index in self._tiles.get((x + dx, y + dy), ())}
         return sorted(near)

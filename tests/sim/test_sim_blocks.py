@@ -97,7 +97,7 @@ def test_block_of_nothing_is_read_as_nothing():
 
 
 def test_runs_of_one_block_have_the_same_columns():
-    with pytest.raises(ValueError, match=r"runs of one block have the same columns, got \['a'\] and \['b'\]"):
+    with pytest.raises(ValueError, match=r"expected the same columns in all runs of a block, got \['a'\] and \['b'\]"):
         write_block([{"run_index": 0}, {"run_index": 1}], [{"a": np.zeros(1, np.int32)}, {"b": np.zeros(1, np.int32)}])
 
 
