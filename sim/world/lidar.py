@@ -80,7 +80,7 @@ def _see_obstacle(
 
 @njit
 def range_to_obstacle(obstacle: Any, x_m: float, y_m: float, dx: float, dy: float, start_m: float) -> float:
-    """Return the distance along a beam to an obstacle (row as in `scan`); `inf` if it is missed or nearer than `start_m`."""
+    """Return the distance along a beam to an obstacle (row as in `scan`) from `start_m` on, or `inf`."""
     ox, oy = obstacle[0] - x_m, obstacle[1] - y_m
     along, across = ox * dx + oy * dy, ox * dy - oy * dx
     reach = math.sqrt(obstacle[4] * obstacle[4] + obstacle[5] * obstacle[5])

@@ -109,7 +109,7 @@ def move_freely(
     dt_s: float,
     hold: int,
 ) -> bool:
-    """Move the body by (speed, yaw rate, speed to the left) of each step, or return False where the engine has to.
+    """Move the body by (speed, yaw rate, speed to the left) a step; False where the engine has to.
 
     Args:
         hold: FREE, TOUCHING or MOVING. A robot in contact moves freely only while it stands still.

@@ -1,4 +1,4 @@
-"""Lidar noise by name: in the entry-point group, or in a file beside the campaign. A campaign is read with it, without numba."""
+"""Lidar noise by name, from the entry-point group or a file beside the campaign; needs no numba."""
 
 from typing import Final
 

@@ -73,7 +73,7 @@ def path_xy_m(occupancy: OccupancyMap, cells: NDArray[np.int64]) -> NDArray[np.f
 def shortest_path(
     occupancy: OccupancyMap, free: NDArray[np.bool_], stops_xy_m: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], float] | None:
-    """Return points (M, 2) and length of the shortest path through stops (N >= 2, 2) in order, in meters; None without a path."""
+    """Return points (M, 2) and length of the shortest path through stops (N >= 2, 2), in meters, or None."""
     legs: list[NDArray[np.int64]] = []
     length_cells = 0.0
     cells = [occupancy.cell_of(float(x), float(y)) for x, y in stops_xy_m]
@@ -91,7 +91,7 @@ def shortest_path(
 
 @njit
 def _flood(free: Any, row: int, column: int, limit: float, out: Any) -> None:
-    """Run Dijkstra with a ring of buckets one cell wide: as a step costs at least 1, no bucket refills itself."""
+    """Run Dijkstra with a ring of buckets one cell wide; a step costs at least 1."""
     rows, columns = free.shape
     passable = free.reshape(-1)
     field = out.reshape(-1)

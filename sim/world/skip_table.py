@@ -47,7 +47,7 @@ def skip_table_of(occupied: NDArray[np.bool_]) -> SkipTable:
 
 
 def _octant(walls: NDArray[np.uint8], octant: int) -> NDArray[np.uint8]:
-    """Return the cells in the octant's axes: bit 2 flips x, bit 1 y, and bit 0 means that x leads."""
+    """Return the cells in an octant's axes: bit 2 flips x, bit 1 y, bit 0 swaps them."""
     if octant & 4:
         walls = walls[:, ::-1]
     if octant & 2:
@@ -132,7 +132,7 @@ def _begin(
     places: Any,
     beam: int,
 ) -> float:
-    """Set up a beam in its octant's axes; return GOES_ON, or its distance if it starts in a wall or misses the map.
+    """Set up a beam in its octant's axes; return GOES_ON, or its distance if that is known.
 
     Its row of `lines` gets slope and height of the beam as a line, and its origin and direction along and across; its row of `places`
     the octant's first cell in the table, the cells of a column, and the first column, row, and free columns (none).
@@ -179,7 +179,7 @@ def _met(cell: int, distance: float, start: float, end: float) -> float:
 
 @inner
 def free_square(skips: SkipTable, x_cells: float, y_cells: float) -> int:
-    """Return a lower bound of the free cells round a point, each way along x and y; 0 off the map."""
+    """Return a lower bound of the free cells round a point; 0 off the map."""
     if not (0.0 <= x_cells < skips.columns - 2 and 0.0 <= y_cells < skips.rows - 2):
         return 0
     column, row = int(x_cells) + 1, int(y_cells) + 1
