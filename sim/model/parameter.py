@@ -12,10 +12,6 @@ ParameterLocation: TypeAlias = tuple[str, ...]
 """Names from the top: nodes, `ros__parameters`, groups, the parameter."""
 
 
-class ParameterError(ValueError):
-    """A parameter whose value the stack can't use."""
-
-
 class ParameterGroup(BaseModel):
     """Parameters of one node, plug-in or critic under Nav2's leaf names, with Nav2 Jazzy's defaults.
 
@@ -105,33 +101,23 @@ def complaint(model: type[BaseModel], name: str, value: Any) -> str | None:
 
 
 def complaints(model: type[BaseModel], error: ValidationError) -> Iterator[tuple[str, str]]:
-    """Yield each faulty parameter and what is expected, `max_beams must be a whole number`.
+    """Yield each faulty parameter and what is expected, such as `a whole number`.
 
     The parameter is empty where values contradict each other.
     """
     for each in error.errors(include_url=False):
-        if not each["loc"]:
-            yield "", each["msg"].removeprefix("Value error, ")
-            continue
-        name, *items = map(str, each["loc"])
-        yield name, _demand(name, items, model.model_fields.get(name), each)
+        name, *items = map(str, each["loc"] or ("",))
+        yield name, _expected(items, model.model_fields.get(name), each)
 
 
-def _demand(name: str, items: list[str], field: FieldInfo | None, error: ErrorDetails) -> str:
-    kind = error["type"]
+def _expected(items: list[str], field: FieldInfo | None, error: ErrorDetails) -> str:
+    kind, message = error["type"], error["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     if kind in ("too_long", "tuple_type") or (kind == "missing" and items):
-        return f"{name} must be a list of {len(get_args(field.annotation)) if field else 0} numbers"
-    name += "".join(f"[{item}]" for item in items)
-    if kind == "value_error":
-        return f"{name} must be {error['msg'].removeprefix('Value error, ')}"
-    if kind in _KINDS:
-        return f"{name} must be {_KINDS[kind]}"
+        return f"a list of {len(get_args(field.annotation)) if field else 0} numbers"
     if kind in ("greater_than_equal", "less_than_equal") and field:
         low, high = range_of(field)
-        return f"{name} must lie in [{low:g}, {high:g}]"
-    if kind == "literal_error":
-        return f"{name} must be {error['msg'].removeprefix('Input should be ')}"
-    return f"{name}: {error['msg']}"
+        message = f"a number in [{low:g}, {high:g}]"
+    return _KINDS.get(kind, message) + "".join(f" at index {item}" for item in items)
 
 
 _WHOLE: Final = (int, int | None)

@@ -183,7 +183,7 @@ def test_lists_of_obstacles_among_the_parameters_belong_to_the_environment(load:
 
 def test_listed_obstacle_is_checked_as_one_among_the_parameters_is(faults: Faults) -> None:
     said = faults(varied("ParameterVariationList: {name: crates, values: [[], [{spawn_pose: {x: 1}}]]}"))
-    at_the_second = "ParameterVariationList.values[1]: obstacle.spawn_pose: found {'x': 1}; a pose is {x, y, yaw}"
+    at_the_second = "ParameterVariationList.values[1]: obstacle.spawn_pose: expected a pose, {x, y, yaw}"
     assert any(at_the_second in fault for fault in said)
 
 

@@ -323,7 +323,7 @@ def test_papers_listing_is_complete(hall):
             {"path_length": 5, "num_goal_poses": 2, "goal_poses": "@goal_pose"},
             "holds one goal; '@goal_poses' for several",
         ),
-        ({"path_length": 5, "start_pose": {"x": 1}}, "a pose is {x, y, yaw}"),
+        ({"path_length": 5, "start_pose": {"x": 1}}, "expected a pose, {x, y, yaw}"),
         ({"path_length": 5, "goal_poses": []}, r"expected a key such as '@goal_poses', or a list of poses, got \[\]"),
         ({"path_length": 5, "map_file": "nowhere.yaml"}, "no such file"),
         ({"path_length": 5, "seed": -1}, "greater than or equal to 0"),

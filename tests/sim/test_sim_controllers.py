@@ -149,7 +149,7 @@ def test_one_that_allocates_is_refused(tmp_path):
     found = own(tmp_path, "return True, np.zeros(3 + given.plan.shape[0])[2], 0.0\n")
     said = refused(found)
     assert said.startswith(line_of(tmp_path, "@kernel"))
-    assert "Own must allocate nothing in a call, found 1 allocations in 'a straight path'" in said
+    assert "Own must allocate nothing in a call, got 1 allocations in 'a straight path'" in said
 
 
 def test_one_that_raises_is_refused_at_the_line_that_does(tmp_path):
@@ -258,9 +258,9 @@ def test_parameters_of_a_plug_in_are_checked_at_their_lines(tmp_path, folder):
     at = f"{tmp_path}/nav2.yaml"
     name = "controller_server.ros__parameters.FollowPath"
     assert [line.partition(": ")[0] for line in said] == [f"{at}:6:23", f"{at}:7:17", f"{at}:8:24"]
-    assert f"{name}.lookahead_dist: expected lookahead_dist must lie in [0.1, 3], got 9.0" in said[0]
+    assert f"{name}.lookahead_dist: expected a number in [0.1, 3], got 9.0" in said[0]
     assert f"{name}.lookahed: PurePursuit has no parameter 'lookahed'; did you mean 'lookahead_dist'?" in said[1]
-    assert f"{name}.max_angular_vel: expected max_angular_vel must be a number, got 'fast'" in said[2]
+    assert f"{name}.max_angular_vel: expected a number, got 'fast'" in said[2]
 
 
 @each_row(

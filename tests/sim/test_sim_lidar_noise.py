@@ -105,16 +105,16 @@ def test_edited_noise_model_changes_execute_key_and_runs_what_was_keyed(configur
     ("noise", "message"),
     [
         ("{model: gausian_dropout}", "did you mean 'gaussian_dropout'?"),
-        ("{model: other_noise.py:RangeNoise}", "known: gaussian_dropout; file.py:Class for one of your own"),
+        ("{model: other_noise.py:RangeNoise}", "expected one of gaussian_dropout; file.py:Class for one of your own"),
         ("{model: range_noise.py:RangeNose}", "did you mean 'RangeNoise'?"),
         ("{model: range_noise.py:RangeNoise, std_per: 0.1}", "did you mean 'std_per_m'?"),
-        ("{model: range_noise.py:RangeNoise, std_per_m: 3}", "std_per_m must lie in [0, 1]"),
+        ("{model: range_noise.py:RangeNoise, std_per_m: 3}", "std_per_m: expected a number in [0, 1], got 3"),
     ],
 )
 def test_validation_refuses_wrong_noise_at_its_line(configurations, noise, message):
     with pytest.raises(FileError, match=re.escape(message)) as caught:
         configurations(noise)
-    assert all(fault.line == 3 for fault in caught.value.faults)
+    assert all(fault.place.line == 3 for fault in caught.value.faults)
 
 
 def test_unknown_noise_in_code_suggests_nearest_name():

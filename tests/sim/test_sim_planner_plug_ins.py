@@ -75,7 +75,7 @@ def test_edited_planner_changes_execute_key(folder, two_rooms):
     ("edit", "message"),
     [
         ("most_cost|most_cots", "did you mean 'most_cost'?"),
-        ("most_cost: 200|most_cost: 300", "most_cost must lie in [0, 252]"),
+        ("most_cost: 200|most_cost: 300", "expected a number in [0, 252]"),
         ("Wavefront|Wavefrunt", "did you mean 'Wavefront'?"),
         (
             "my_wavefront.py:Wavefront|nav2_navfn_planner::NavFnPlanner",

@@ -13,7 +13,6 @@ from vastflow.sim.loop.closed_loop import ClosedLoop, obstacle_rows
 from vastflow.sim.loop.drive import drive
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.obstacle import obstacle_of
-from vastflow.sim.model.parameter import ParameterError
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import si
@@ -391,7 +390,7 @@ def test_box_that_appears_on_the_robot_is_a_contact_and_the_run_ends_all_the_sam
             ScenarioError,
             "map_file: expected a map file that the campaign names, got 'map.yaml'",
         ),
-        ({"robot_radius": -1}, ParameterError, "robot_radius must lie in"),
+        ({"robot_radius": -1}, ValueError, r"robot_radius: expected a number in \["),
     ],
 )
 def test_scenario_that_can_not_be_executed_says_why(scenario, changes, error, message):

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.record import record_dtype, record_of
 from vastflow.sim.kernels.streams import SUBSYSTEMS, streams_of
-from vastflow.sim.model.parameter import ParameterError, complaints
+from vastflow.sim.model.parameter import complaints
 from vastflow.sim.nav2.amcl import localization
 from vastflow.sim.nav2.amcl.particles import Cloud, new_cloud, points_for
 from vastflow.sim.nav2.amcl.sensor import likelihood_cubed, usable_range_m, weigh
@@ -72,7 +72,7 @@ def weight(
         origin_xy_m: Map position of the lower left corner of cell (0, 0).
 
     Raises:
-        ParameterError: a parameter out of range.
+        ValueError: a parameter out of range.
         ValueError: an array of another shape.
     """
     ranges = _ranges_of(ranges_m)
@@ -109,7 +109,7 @@ class Filter:
         parameters: Under Nav2's names, see `AmclParameters`; its defaults otherwise.
 
     Raises:
-        ParameterError: a parameter that is unknown, of the wrong type or out of range.
+        ValueError: a parameter that is unknown, of the wrong type or out of range.
         ValueError: an array of another shape.
     """
 
@@ -150,7 +150,7 @@ class Filter:
             covariance: (3, 3) of x, y, yaw, or its diagonal (3,); as in AMCL, yaw is drawn independently of x and y.
 
         Raises:
-            ParameterError: it is no covariance.
+            ValueError: it is no covariance.
             ValueError: `xyt` is not three finite numbers.
         """
         pose, drawn = _pose_of(xyt, "xyt"), covariance_of(covariance, "covariance")
@@ -226,12 +226,12 @@ def _record(q: AmclParameters, resolution_m: float, origin_xy_m: Sequence[float]
 def _parameters_of(given: dict[str, Any]) -> AmclParameters:
     known = AmclParameters.model_fields.keys()
     if unknown := sorted(given.keys() - known):
-        raise ParameterError(f"AMCL has no modeled parameter {unknown[0]!r}; one of {', '.join(sorted(known))}")
+        raise ValueError(f"AMCL has no modeled parameter {unknown[0]!r}; one of {', '.join(sorted(known))}")
     try:
         return AmclParameters(**given)
     except ValidationError as error:
         name, right = next(complaints(AmclParameters, error))
-        raise ParameterError(f"{right}, got {given[name]!r}" if name else right) from None
+        raise ValueError(f"{name}: expected {right}, got {given[name]!r}" if name else right) from None
 
 
 def _table(

@@ -146,7 +146,7 @@ def parameters_of(system: Mapping[str, Value]) -> NavParameters:
 
     Raises:
         DocumentError: a value of the wrong type or out of range, an unknown plug-in, a file that has changed. The faults
-            of what the system rewrites name its keys. It is a `ParameterError`.
+            of what the system rewrites name its keys.
     """
     return _chosen(_system(system)).interpretation.parameters
 

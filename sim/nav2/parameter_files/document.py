@@ -18,7 +18,7 @@ from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.faults import UserError, complaint
 from vastflow.sim.model.files import MOST_LEVELS, TextPlace, Unreadable, place_of, read_text, yaml_node
-from vastflow.sim.model.parameter import ParameterError, ParameterLocation
+from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.plug_ins.snapshot import Snapshot
 
 PARAMETERS: Final = "ros__parameters"
@@ -50,7 +50,7 @@ class ParameterFault:
         return f"{self.where}: {complaint(self.what, self.right)}"
 
 
-class DocumentError(UserError, ParameterError):
+class DocumentError(UserError, ValueError):
     """A document the stack can't be set to; holds every fault that was found."""
 
     def __init__(self, faults: Iterable[ParameterFault], file: str = "") -> None:

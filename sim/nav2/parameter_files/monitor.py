@@ -114,7 +114,7 @@ def _least_points(reader: Reader, place: ParameterLocation) -> dict[str, Any]:
     if most is None:
         return {}
     if not isinstance(most, int) or isinstance(most, bool) or most < 0:
-        reader.fault(path, f"got {shown(most)}", "max_points must be a whole number, 0 or more")
+        reader.fault(path, f"got {shown(most)}", "a whole number, 0 or more")
         return {}
     reader.asked[path] = most
     return {"min_points": most + 1}

@@ -5,7 +5,7 @@ from typing import Any, Self
 
 from pydantic import model_validator
 
-from vastflow.sim.model.parameter import ParameterError, ParameterGroup, choice, parameter
+from vastflow.sim.model.parameter import ParameterGroup, choice, parameter
 
 
 class AmclParameters(ParameterGroup):
@@ -62,21 +62,19 @@ def covariance_of(value: Any, where: str) -> tuple[float, float, float, float]:
         where: What to call the value in an error.
 
     Raises:
-        ParameterError: neither of these, or no covariance.
+        ValueError: neither of these, or no covariance.
     """
     try:
         rows = [[float(entry) for entry in row] for row in value] if _is_nested(value) else _diagonal(value)
     except (TypeError, ValueError):
         rows = []
     if [len(row) for row in rows] != [3, 3, 3] or not all(math.isfinite(entry) for row in rows for entry in row):
-        raise ParameterError(
+        raise ValueError(
             f"{where}: expected three variances [x, y, yaw] in m², m² and rad², or three rows of three numbers, got {value!r}"
         )
     (xx, xy, _), (yx, yy, _), (_, _, yaw) = rows
     if xx < 0.0 or yy < 0.0 or yaw < 0.0 or xy != yx or xy * xy > xx * yy:
-        raise ParameterError(
-            f"{where}: expected variances >= 0 and a symmetric matrix with xy² <= xx · yy, got {value!r}"
-        )
+        raise ValueError(f"{where}: expected variances >= 0 and a symmetric matrix with xy² <= xx · yy, got {value!r}")
     return xx, xy, yy, yaw
 
 
