@@ -250,7 +250,10 @@ def test_configuration_without_a_path_is_rejected_with_the_reason(site, without_
         ({"amount_per_m": [], "max_distance": 0}, "expected at least one value, got an empty list"),
         ({"amount": 1, "max_distance": -1}, "greater than or equal to 0"),
         ({"amount": 1}, "Field required"),
-        ({"amount": 1, "max_distance": 0, "args": "width=2"}, "expected a size greater than 0, such as width:=0.5, got 'width=2'"),
+        (
+            {"amount": 1, "max_distance": 0, "args": "width=2"},
+            "expected a size greater than 0, such as width:=0.5, got 'width=2'",
+        ),
         ({"amount": 1, "max_distance": 0, "distance": 2}, "Extra inputs are not permitted"),
     ],
 )

@@ -384,7 +384,7 @@ def test_update_before_a_pose_is_refused(filters, room):
     [[0.1, 0.1], [-0.1, 0.1, 0.1], [0.1, 0.1, math.nan], [[0.1, 0.2, 0], [0.2, 0.1, 0], [0, 0, 0.1]], "wide", 0.1],
 )
 def test_what_is_no_covariance_is_refused(covariance):
-    with pytest.raises(ValueError, match="initial_pose_covariance: expected .*variances"):
+    with pytest.raises(ValueError, match=r"initial_pose_covariance: expected .*variances"):
         covariance_of(covariance, "initial_pose_covariance")
 
 
