@@ -51,11 +51,11 @@ class TriggeredObstacleParameters(ObstacleParameters):
     def _check_one(self) -> Self:
         keys = [self.name, *self.trigger_keys]
         if len(set(keys)) < len(keys):
-            raise PydanticCustomError("keys", "expected three, got one key twice in {keys}", {"keys": ", ".join(keys)})
+            raise PydanticCustomError("keys", "expected three different keys, got {keys}", {"keys": ", ".join(keys)})
         amounts = [config.amount for config in self.obstacle_configs]
         total = sum(amount or 0 for amount in amounts)
         if total > 1 or (total < 1 and None not in amounts):
-            raise PydanticCustomError("amount", "expected one for one trigger, got {total} obstacles", {"total": total})
+            raise PydanticCustomError("amount", "expected one obstacle for one trigger, got {total}", {"total": total})
         return self
 
 

@@ -153,7 +153,8 @@ class FamilyReader:
             self.unavailable[name] = own
             del self.faults[known_faults:]
         elif not own:
-            self._note_unread(flow, tags, system)
+            if self._abstract:
+                self._note_unread(flow, tags, system, self._abstract)
             self._note_remarks(links)
             self.faults += constraint_faults(family, refuse_empty=self._refuse_empty)
         return family
@@ -377,11 +378,12 @@ class FamilyReader:
                     what, right = parted(remark)
                     self.notes.append(self._document.note("warning", link.location, what, right))
 
-    def _note_unread(self, flow: DataFlow, tags: Mapping[str, Dimension], system: Mapping[str, Value]) -> None:
+    def _note_unread(
+        self, flow: DataFlow, tags: Mapping[str, Dimension], system: Mapping[str, Value], abstract: AbstractScenario
+    ) -> None:
         places, links = flow.fixed, flow.links
         read = {key for link in links for key in link.producer.reads}
-        if self._abstract:
-            read |= {*self._abstract.parameters, *self._abstract.goal_keys(flow.written)}
+        read |= {*abstract.parameters, *abstract.goal_keys(flow.written)}
         varied: dict[str, Location] = {}
         for link in links:
             for key, tag in link.producer.writes.items():

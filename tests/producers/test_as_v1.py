@@ -109,11 +109,6 @@ def test_more_centers_than_the_path_holds_are_rejected_with_how_many_it_held(wid
     assert item.reason.endswith(" of 60 obstacles found room in 10 attempts")
 
 
-def test_no_obstacles_are_no_question_of_room(narrow):
-    (item,) = evaluate(obstacles(obstacle_configs=boxes(0)), narrow)
-    assert item.values["static_objects"] == []
-
-
 def test_obstacle_may_appear_where_the_robot_is(wide):
     asked = {
         "obstacle_configs": boxes(1, max_distance=0.0, side=0.5),
@@ -125,11 +120,6 @@ def test_obstacle_may_appear_where_the_robot_is(wide):
     assert isinstance(evaluate(obstacles(kind, **asked), wide)[0], Fragment)
     (constructive,) = evaluate(obstacles(kind, placement="constructive", **asked), wide)
     assert "would appear where the robot is" in constructive.reason
-
-
-def test_another_placement_has_a_name_that_is_not_known():
-    with pytest.raises(ValueError, match="Input should be 'constructive' or 'as_v1'"):
-        obstacles(placement="v1", obstacle_configs=boxes(1))
 
 
 FILE = """\

@@ -6,7 +6,6 @@ import shutil
 from pathlib import Path
 
 import pytest
-from pydantic import ValidationError
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.catalog.floorplan import FloorplanGeneration, FloorplanVariation
@@ -18,7 +17,7 @@ from vastflow.producers.floorplan.files import PlanFile, read_variation_file
 from vastflow.producers.floorplan.reading import plan_of
 from vastflow.producers.model.configuration import Fragment, Rejection
 from vastflow.producers.model.conformance import check_producer
-from vastflow.producers.model.producer import evaluate, find_producer
+from vastflow.producers.model.producer import evaluate
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.world.map_file import load_map, map_content
 from vastflow.tasks.engine import work
@@ -51,13 +50,6 @@ def generation(base, **parameters):
 def variation(base, **parameters):
     given = {"variation_files": ["test_floorplan_example.variation"], **parameters}
     return FloorplanVariation(FloorplanVariation.Parameters.model_validate(given, context={"base": base}))
-
-
-def fault(kind, base, **parameters):
-    with pytest.raises(ValidationError) as caught:
-        kind.Parameters.model_validate(parameters, context={"base": base})
-    (error,) = caught.value.errors()
-    return error["msg"]
 
 
 def test_plan_yields_its_map_and_its_mesh(base):
@@ -233,48 +225,6 @@ def test_plan_that_is_too_large_for_the_resolution_is_a_rejection(base):
 def test_both_keep_the_contract_of_producers(base):
     check_producer(generation(base), [{}, {"map_file": 1, "noise": 0.1}])
     check_producer(variation(base, num_variations=2), [{}, {"noise": 0.1}])
-
-
-def test_both_are_found_by_their_names():
-    assert find_producer("FloorplanGeneration", Path()) is FloorplanGeneration
-    assert find_producer("FloorplanVariation", Path()) is FloorplanVariation
-
-
-def test_mistake_in_a_plan_is_said_with_its_place_when_the_campaign_is_read(base):
-    text = (base / "test_floorplan_example.fpm").read_text()
-    (base / "bad.fpm").write_text(text.replace("width=gap", "width=gab"))
-    message = fault(FloorplanGeneration, base, floorplans=["bad.fpm"])
-    assert message.endswith("bad.fpm:41:32: Entryway door: no variable 'gab'; did you mean 'gap'?")
-
-
-@pytest.mark.parametrize(
-    ("parameters", "message"),
-    [
-        ({"floorplans": ["none.fpm"]}, "none.fpm:1:1: file: no such file; the path of a floor plan or variation file"),
-        ({"floorplans": [3]}, "expected the path of a file, got 3"),
-        ({"floorplans": []}, "expected the path of at least one file, got an empty list"),
-        (
-            {"floorplans": ["test_floorplan_example.fpm"], "name": ["a", "@a"]},
-            "name: expected two names, got ['a', '@a']",
-        ),
-        ({"floorplans": ["test_floorplan_example.fpm"], "resolution": 0}, "Input should be greater than 0"),
-    ],
-)
-def test_wrong_parameters_are_refused(base, parameters, message):
-    assert fault(FloorplanGeneration, base, **parameters).endswith(message)
-
-
-def test_variation_that_names_what_is_not_there_is_refused(base):
-    (base / "bad.variation").write_text('import "test_floorplan_example.fpm"\nwidth : uniform([1])')
-    message = fault(FloorplanVariation, base, variation_files=["bad.variation"])
-    assert "bad.variation:2:1: width: the plan has no variable 'width'" in message
-
-
-def test_seed_beyond_numpys_legacy_generator_is_refused(base):
-    message = fault(
-        FloorplanVariation, base, variation_files=["test_floorplan_example.variation"], seed=2**32 - 1, num_variations=2
-    )
-    assert message == "the last seed is 4294967296; at most 4294967295"
 
 
 def test_where_the_campaign_lies_changes_nothing(base, tmp_path):

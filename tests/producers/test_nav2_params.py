@@ -1,11 +1,11 @@
 """A campaign's Nav2 parameter file: what it means for the families, its faults and notes with their places."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from table import each_row
 
 from vastflow.producers.campaign import Campaign, load_campaign
 from vastflow.producers.campaign_file.scenario_values import complaint_of, unread_keys
@@ -72,8 +72,13 @@ def faults(load: Load, *arguments: str) -> list[str]:
     ]
 
 
-def notes(campaign: Campaign) -> list[str]:
-    return [f"{Path(note.place.file).name}{str(note).removeprefix(note.place.file)}" for note in campaign.notes]
+def said(load: Load, *arguments: str) -> list[str]:
+    """The notes on a campaign and its parameter file, or the faults."""
+    try:
+        found = load(*arguments).notes
+    except FileError as error:
+        found = error.faults
+    return [re.sub(r"\S*/", "", str(each), count=1) for each in found]
 
 
 def system(campaign: Campaign) -> Any:
@@ -106,77 +111,17 @@ def test_fixed_and_varied_parameters_rewrite_the_file(load: Load) -> None:
     assert [p.controller.desired_linear_vel for p in found] == [0.2, 0.3]  # type: ignore[union-attr]
 
 
-def test_file_of_which_everything_is_modeled_is_noted_for_its_missing_nodes_alone(load: Load) -> None:
-    assert notes(load(NAV2)) == [
-        (
-            "nav2.yaml:1:1: warning: file: has no amcl, global_costmap, planner_server, behavior_server, "
-            "waypoint_follower; as in Nav2 Jazzy's default file"
-        ),
-        "nav2.yaml:1:1: warning: file: has no velocity_smoother, collision_monitor; the stack does without",
-    ]
+def test_notes_and_faults_of_a_parameter_file_have_place_and_message(golden, load: Load) -> None:
+    golden("campaign_files", "nav2_params", lambda text: said(load, text))
 
 
-def test_what_is_not_modeled_is_noted_once_with_its_place(load: Load) -> None:
-    text = NAV2.replace("controller_frequency: 20.0", "costmap_update_timeout: 0.5").replace(
-        "robot_radius: 0.3", "map_vis_z: 0.1"
-    )
-    found = notes(
-        load(f"{text}ekf:\n  ros__parameters:\n    a: 1\n    b: {{c: 2}}\n      \namcl: {{ros__parameters: {{x: 1}}}}")
-    )
-    assert found[2:] == [
-        "nav2.yaml:3:29: controller_server.costmap_update_timeout: expected 0.3 is built in, got 0.5, which is not modeled",
-        "nav2.yaml:11:18: local_costmap.local_costmap.map_vis_z: not modeled",
-        "nav2.yaml:13:3: ekf: its 2 parameters are not modeled; nothing of this node is",
-        "nav2.yaml:17:29: amcl.x: not modeled",
-    ]  # fmt: skip
+def test_notes_and_faults_of_parameters_beside_a_file_have_place_and_message(golden, load: Load) -> None:
+    def of_parameters(lines: str) -> list[str]:
+        return [
+            each for each in said(load, NAV2, "".join(f"  {line}\n" for line in lines.splitlines())) if each[0] == "c"
+        ]
 
-
-def test_rate_that_is_no_whole_number_of_ticks_is_noted_with_the_one_it_runs_at(load: Load) -> None:
-    (said,) = notes(load(NAV2.replace("20.0", "8.0")))[2:]
-    assert said == (
-        "nav2.yaml:3:27: warning: controller_server.controller_frequency: "
-        "expected runs at 10 Hz, got 8.0, which is no whole number of ticks of 50 ms"
-    )
-    assert notes(load(NAV2.replace("20.0", "10.0")))[2:] == []
-
-
-def test_value_that_a_later_one_takes_the_place_of_is_noted(load: Load) -> None:
-    assert notes(load(f"{NAV2}      robot_radius: 0.4\n"))[2] == (
-        "nav2.yaml:12:21: warning: local_costmap.local_costmap.robot_radius: a second time; this value counts"
-    )
-
-
-def test_controller_without_critics_is_noted(load: Load) -> None:
-    text = "controller_server: {ros__parameters: {controller_plugins: [F], F: {plugin: 'dwb_core::DWBLocalPlanner', critics: []}}}"
-    assert notes(load(text))[2] == (
-        "nav2.yaml:1:21: warning: controller_server: enables no critic of its controller; it will not follow a path"
-    )
-
-
-def test_faults_of_campaign_and_parameter_file_come_together_each_at_its_place(load: Load) -> None:
-    text = NAV2.replace("0.3", "-0.3").replace("RegulatedPurePursuitController", "Pursuit")
-    assert [found.split(": ")[0] for found in faults(load, text, "  - goal_poses: []\n")] == [
-        "c.vast:7:17",
-        "nav2.yaml:6:15",
-        "nav2.yaml:11:21",
-    ]
-
-
-@each_row(
-    ("text", "message"),
-    [
-        ("a: [\n", "nav2.yaml:2:1: file: not YAML: "),
-        ("- 1", "nav2.yaml:1:1: file: expected a whole Nav2 parameter file"),
-        ("a: {b: {}}", "nav2.yaml:1:1: file: no ros__parameters anywhere; "),
-        (
-            NAV2.replace("0.3", "wide"),
-            "nav2.yaml:11:21: local_costmap.local_costmap.ros__parameters.robot_radius: expected ",
-        ),
-    ],
-)
-def test_file_that_cannot_be_used_is_a_fault(load: Load, text: str, message: str) -> None:
-    (found,) = faults(load, text)
-    assert found.startswith(message)
+    golden("campaign_files", "nav2_values", of_parameters)
 
 
 def test_file_that_is_not_there_is_a_fault_of_the_campaign(load: Load, folder: Path) -> None:
@@ -197,32 +142,11 @@ def test_name_that_is_no_text_is_one_fault(load: Load, folder: Path) -> None:
     assert len(caught.value.faults) == 1
 
 
-def test_fixed_parameter_is_checked_against_the_file(load: Load) -> None:
-    (found,) = faults(load, NAV2, "  - FollowPath.plugin: 'x::Y'\n")
-    assert found.startswith(
-        "c.vast:7:24: configuration[0].parameters[3].FollowPath.plugin: expected one of dwb_core::DWB"
-    )
-
-
-def test_key_that_the_file_does_not_have_is_unread(load: Load) -> None:
-    assert notes(load(NAV2, "  - sigma_hit: 0.1\n"))[0] == (
-        "c.vast:7:5: warning: configuration[0].parameters[3].sigma_hit: unknown key 'sigma_hit' is ignored"
-    )
-
-
 KEPT_OUT = """\
 global_costmap:
   global_costmap:
     ros__parameters: {filters: [k], k.plugin: "nav2_costmap_2d::KeepoutFilter"}
 """
-
-
-def test_filter_without_a_mask_is_a_fault_with_the_line_that_would_be_right(load: Load) -> None:
-    (found,) = faults(load, KEPT_OUT)
-    assert found.startswith(
-        "c.vast:3:3: configuration[0].parameters: the keepout filter of the global_costmap has no mask; "
-    )
-    assert found.endswith("'keepout_mask: keepout.yaml', a map_server YAML file")
 
 
 def test_mask_is_read_as_a_map_is_fixed_or_produced(load: Load) -> None:
@@ -232,16 +156,6 @@ def test_mask_is_read_as_a_map_is_fixed_or_produced(load: Load) -> None:
         assert configuration.scenario.system["keepout_mask"] == configuration.scenario.environment["map_file"]
     (found,) = faults(load, KEPT_OUT, "  - keepout_mask: nowhere.yaml\n")
     assert "c.vast:7:19: configuration[0].parameters[3].keepout_mask: " in found
-
-
-def test_every_fixed_parameter_that_is_wrong_is_named(load: Load) -> None:
-    found = faults(load, NAV2, "  - robot_radius: wide\n  - desired_linear_vel: -1\n")
-    assert [line.split(": ")[0] for line in found] == ["c.vast:7:19", "c.vast:8:25"]
-
-
-def test_family_names_no_file_of_its_own(load: Load) -> None:
-    (found,) = faults(load, NAV2, "  - nav2_params: other.yaml\n")
-    assert "nav2_params: expected execution.nav2_params, the file of all families, got 'other.yaml'" in found
 
 
 def test_produced_values_are_checked_with_the_controller_they_are_for(load: Load) -> None:

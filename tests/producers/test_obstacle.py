@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from pydantic import ValidationError
 from shapely.geometry import LineString, Point, box
 from table import each_row
 
@@ -239,6 +238,7 @@ def test_configuration_without_a_path_is_rejected_with_the_reason(site, without_
     assert reason in items[0].reason
 
 
+<<<<<<< HEAD
 @each_row(
     ("config", "message"),
     [
@@ -277,6 +277,8 @@ def test_parameter_out_of_range_is_refused(parameters, message):
         obstacle_variation({"amount": 1, "max_distance": 0}, **parameters)
 
 
+=======
+>>>>>>> 8eebb93 (Hold faults of producers, constraints, documents, and Nav2 parameters in the golden files)
 def test_second_producer_leaves_the_obstacles_of_the_first_their_place(site):
     first, second = (
         obstacle_variation({"amount": 3, "max_distance": 1.0, "args": "width:=0.4"}, name=name, seed=8)

@@ -1,9 +1,5 @@
 """Alternatives."""
 
-import pytest
-from pydantic import ValidationError
-from table import each_row
-
 from vastflow.producers.catalog.one_of import OneOfVariation
 from vastflow.producers.catalog.parameter import ParameterVariationDistributionUniform
 from vastflow.producers.model.configuration import Fragment, Rejection
@@ -65,27 +61,6 @@ def test_child_may_be_a_class_of_a_file_beside_the_campaign(tmp_path):
         {"variations": [{"mine.py:Mine": {"name": "c", "values": [1]}}]}, context={"base": tmp_path}
     )
     assert evaluate(OneOfVariation(parameters), {}) == [Fragment({"c": 1})]
-
-
-@each_row(
-    ("child", "message"),
-    [
-        ({"ParameterVariationList": {"name": "a", "values": []}}, r"variations\.0\.ParameterVariationList\.values\n"),
-        ({"ParameterVariationList": {"nam": "a", "values": [1]}}, r"unknown key 'nam'; did you mean 'name'\?"),
-        ({"ParameterVariationList": {"values": [1]}}, "no 'name'"),
-        ({"ParameterList": {}}, "no producer 'ParameterList'; did you mean 'ParameterVariationList'"),
-        ({"nowhere.py:Mine": {}}, "no class 'Mine'"),
-        ({**LIST, **UNIFORM}, "one 'Producer: {parameters}'"),
-    ],
-)
-def test_childs_fault_is_reported_at_its_place(child, message):
-    with pytest.raises(ValidationError, match=message):
-        one_of(child)
-
-
-def test_no_alternatives_are_refused():
-    with pytest.raises(ValidationError, match="at least 1 item"):
-        one_of()
 
 
 def test_alternatives_keep_the_contract():

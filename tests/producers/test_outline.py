@@ -2,14 +2,13 @@
 
 import math
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from shapely.geometry import Point
 
 from vastflow.producers.places.ground import ground_of
-from vastflow.producers.places.placement import Line, ObstacleOutline, covered_cells
+from vastflow.producers.places.placement import ObstacleOutline, covered_cells
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.pose import Pose
 
@@ -52,8 +51,3 @@ def test_what_it_says_leaves_the_free_cells_does(ground, obstacle):
     )
     if ObstacleOutline(moved).leaves(ground.occupancy):
         assert covered_cells(ground, moved.footprint()) is None
-
-
-def test_line_of_one_point_is_drawn_round_it():
-    pose = Line.along(np.array([[1.0, 2.0]])).draw(0.5, np.random.default_rng(0))
-    assert math.dist((pose.x_m, pose.y_m), (1.0, 2.0)) <= 0.5

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from pydantic import ValidationError
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 from table import each_row
@@ -305,6 +304,7 @@ def test_papers_listing_is_complete(hall):
     assert len(item.values["goal_poses"]) == 2
 
 
+<<<<<<< HEAD
 @each_row(
     ("parameters", "message"),
     [
@@ -334,6 +334,8 @@ def test_parameter_out_of_range_is_refused(parameters, message):
         path_variation(**parameters)
 
 
+=======
+>>>>>>> 8eebb93 (Hold faults of producers, constraints, documents, and Nav2 parameters in the golden files)
 def test_path_producers_keep_the_contract(hall, drawn_map):
     small = drawn_map("....", "....", cells=10)
     producer = path_variation(path_length=[3, 200], num_paths=2)

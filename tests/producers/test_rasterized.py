@@ -8,7 +8,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from pydantic import ValidationError
 from skimage.graph import MCP_Geometric
 from table import each_row
 
@@ -201,21 +200,6 @@ def test_map_of_its_own_becomes_the_configurations_map(hall):
     producer = rasterized(path_length=3, raster_size=1, map_file=hall.path)
     assert evaluate(producer, {})[0].values["map_file"] == hall
     assert (producer.needs, producer.writes["map_file"]) == ((), "environment")
-
-
-@each_row(
-    ("parameters", "message"),
-    [
-        ({"path_length": 3}, "raster_size\n.*Field required"),
-        ({"path_length": 3, "raster_size": 0}, "greater than 0"),
-        ({"path_length": 3, "raster_size": 1, "num_goal_poses": 0}, "greater than or equal to 1"),
-        ({"path_length": [], "raster_size": 1}, "expected at least one value, got an empty list"),
-        ({"path_length": 3, "raster_size": 1, "raster_offset_x": "far"}, "valid number"),
-    ],
-)
-def test_raster_out_of_range_is_refused(parameters, message):
-    with pytest.raises(ValidationError, match=message):
-        rasterized(**parameters)
 
 
 def test_raster_producers_keep_the_contract(hall, drawn_map):

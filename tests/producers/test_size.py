@@ -90,17 +90,6 @@ def test_number_of_runs_is_refused_like_a_number_of_configurations(tmp_path):
         found.runs_asked(500_001)
 
 
-@each_row(
-    ("producer", "message"),
-    [
-        (f"ObstacleVariation: {{{PLACED % '{amount: 1000000000, max_distance: 0}'}}}", "expected 1000 or less, got 1000000000"),
-        (f"PathVariationRandom: {{path_length: 5, num_goal_poses: 1000000000, {PATH}}}", "expected 1000 or less, got 1000000000"),
-    ],
-)  # fmt: skip
-def test_more_in_one_configuration_than_anybody_drives_by_is_refused(tmp_path, producer, message):
-    assert message in refused(campaign(tmp_path, producer))
-
-
 def test_amounts_per_meter_that_come_to_too_many_are_rejections(tmp_path):
     path = "PathVariationRandom: {path_length: 1.0, num_goal_poses_per_m: 1000000000}"
     (rejection,) = instantiate(load_campaign(campaign(tmp_path, path))).rejections

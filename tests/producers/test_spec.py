@@ -114,13 +114,6 @@ def test_family_may_be_called(name: str) -> None:
     assert spec_of(f"configuration: [{{name: {name}}}]").configuration[0].name == name
 
 
-@each_row("name", ["Rooms", "a_b", "a b", "a.b", "a/b", "-a", "", "a" * 101])
-def test_family_may_not_be_called(tmp_path: Path, name: str) -> None:
-    (complaint,) = complaints(tmp_path, f"configuration:\n- name: '{name}'\n")
-    assert complaint.startswith("2:9: configuration[0].name: expected lowercase")
-    assert complaint.endswith(f"at most 100, got {name[:100]!r}")
-
-
 def test_faults_of_keys_have_place_and_message(golden, tmp_path: Path) -> None:
     golden("campaign_files", "keys", lambda text: complaints(tmp_path, text))
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from pydantic import ValidationError
 from shapely.geometry import LineString, Point
 from table import each_row
 
@@ -215,22 +214,6 @@ def test_rest_of_a_path_is_as_long_as_what_is_cut_off_leaves(distance):
 
 def test_of_a_path_that_is_too_short_nothing_is_left():
     assert len(beyond(np.array([[0.0, 0.0], [3.0, 0.0]]), 3.1)) == 0
-
-
-@each_row(
-    ("parameters", "message"),
-    [
-        ({"obstacle_configs": [{"amount": 2, "max_distance": 0}]}, "expected one for one trigger, got 2 obstacles"),
-        ({"obstacle_configs": [{"amount": 0, "max_distance": 0}]}, "expected one for one trigger, got 0 obstacles"),
-        ({"obstacle_configs": [BOX, BOX]}, "expected one for one trigger, got 2 obstacles"),
-        ({"trigger_distance": 0}, "greater than 0"),
-        ({"spawn_trigger_point": "static_objects"}, "got one key twice in static_objects, static_objects, spawn_tr"),
-        ({"spawn_trigger_point": "@"}, "expected the name of a parameter, .*got '@'"),
-    ],
-)
-def test_trigger_out_of_range_is_refused(parameters, message):
-    with pytest.raises(ValidationError, match=message):
-        triggered(**parameters)
 
 
 def test_trigger_producers_keep_the_contract(site):

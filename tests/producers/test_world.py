@@ -1,8 +1,6 @@
 """Worlds that are not as the robot's map has them."""
 
 import pytest
-from pydantic import ValidationError
-from table import each_row
 
 from vastflow.producers.catalog.world import WorldVariation
 from vastflow.producers.model.configuration import Fragment, Rejection
@@ -94,22 +92,3 @@ def test_parted_rooms_are_rejected_with_their_reason(drawn_map):
 def test_without_stops_any_world_will_do(inputs):
     (item,) = evaluate(world_variation(wall_offset=0.1), {"map_file": inputs["map_file"]})
     assert isinstance(item, Fragment)
-
-
-@each_row(
-    ("parameters", "message"),
-    [
-        ({"wall_offset": -0.1}, "greater than or equal to 0"),
-        (
-            {"wall_offset": 0.5},
-            r"wall_offset: expected at most 0.4 at a correlation_length of 2 m, got 0.5, at which walls tear",
-        ),
-        ({"wall_offset": 0.2, "correlation_length": 0.5}, r"at most 0.1 at a correlation_length of 0.5 m"),
-        ({"missing_furniture": [0.5, 1.2]}, r"missing_furniture: expected a probability from 0 to 1, got 1.2"),
-        ({"correlation_length": 0.3}, "greater than or equal to 0.5"),
-        ({"offset": 1}, "Extra inputs"),
-    ],
-)
-def test_parameters_out_of_their_bounds_are_refused(parameters, message):
-    with pytest.raises(ValidationError, match=message):
-        world_variation(**parameters)
