@@ -94,7 +94,7 @@ def family_of(variations: str, oracles: str = "") -> str:
 
 @pytest.fixture
 def folder(tmp_path):
-    """A folder with the office's map where the examples look for it, with the pages' files and those of the program."""
+    """A folder with the office's map, the pages' files, and those of the program."""
     for place in ("maps", "campaigns/quickstart/maps"):
         shutil.copytree(OFFICE, tmp_path / place)
     for program in (ROOT / "campaigns" / "growth").glob("*.py"):
@@ -110,7 +110,7 @@ def read(folder, text):
 
 
 def section(page: str, title: str) -> str:
-    """What stands below a heading, up to the next."""
+    """The text below a heading, up to the next."""
     text = (ROOT / "docs" / f"{page}.md").read_text()
     (found,) = re.findall(rf"^#+ {re.escape(title)}\n((?:(?!#).*\n)*)", text, re.MULTILINE)
     return found
@@ -153,18 +153,18 @@ def test_tables_of_actions_have_every_action_of_the_libraries_where_it_belongs()
     assert sorted(first_column(refused)) == sorted(declared - ACTIONS)
 
 
-def test_every_topic_of_the_robot_is_described():
+def test_topics_of_the_robot_are_described():
     assert sorted(first_column(section("write-a-scenario", "Topics"))) == sorted(TOPICS)
 
 
-def test_every_modifier_and_every_shipped_scenario_is_described():
+def test_modifiers_and_shipped_scenarios_are_described():
     text = (ROOT / "docs" / "write-a-scenario.md").read_text()
     assert [name for name in MODIFIERS if f"`{name}(" not in text] == []
     (table, _) = text.split("## Send the robot")
     assert first_column(table)[1:] == [BUILTIN + name for name in SHIPPED]
 
 
-def test_every_outcome_of_a_run_is_described():
+def test_outcomes_of_a_run_are_described():
     described = first_column(section("write-a-scenario", "How a run ends, and what is kept"))
     assert sorted(described) == sorted(get_args(Outcome))
 
@@ -304,11 +304,11 @@ def places(page: Path) -> list[str]:
 
 
 @each_row("page", PAGES)
-def test_every_link_of_a_page_leads_somewhere(page):
+def test_links_of_pages_lead_somewhere(page):
     assert [link for link in places(page) if not (page.parent / link).exists()] == []
 
 
-def test_every_page_can_be_reached_from_the_readme():
+def test_pages_are_reachable_from_the_readme():
     reached, todo = set(), [ROOT / "README.md"]
     while todo:
         page = todo.pop()

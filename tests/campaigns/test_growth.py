@@ -94,7 +94,7 @@ def test_table_without_numbers_is_not_judged(column):
 
 
 def driven(scenario, run, overrides):
-    """A run of a scenario file's tree, a tick of 0.1 s lasting as long on the host while a program runs."""
+    """Run a scenario file's tree, a tick of 0.1 s as long on the host while a program runs."""
     tree = ScenarioTree(scenario, bound(scenario, overrides), process_actions(run))
     try:
         while not tree.ended:
@@ -143,7 +143,7 @@ def test_run_of_the_campaign_is_a_recording_without_rows_and_a_table(fastest):
     assert len(trace) == 0
 
 
-def test_oracles_of_the_campaign_judge_its_recordings_and_what_was_kept_of_the_programs(fastest):
+def test_oracles_judge_recordings_and_outputs_of_programs(fastest):
     configuration, oracles = fastest
     recording = execute(configuration.scenario, 0).recording
     recorded, kept = write_recordings([recording]), write_outputs({0: recording.outputs})

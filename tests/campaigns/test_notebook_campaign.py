@@ -21,7 +21,7 @@ def campaign():
     return read_campaign(LOST)
 
 
-def test_it_has_nothing_to_complain_of_and_can_be_built_in_full(campaign):
+def test_campaign_has_no_notes_and_is_built_in_full(campaign):
     found = instantiate(campaign[0])
     assert (campaign[0].notes, campaign[0].unexecutable, found.rejections) == ((), (), ())
     assert len(found.configurations) == 2

@@ -23,14 +23,14 @@ originals = pytest.mark.skipif(not MAPS.is_dir(), reason="the paper's maps are n
 
 
 def of_plan(file, plan, maps=None):
-    """What a campaign's families of one floor plan become; of all plans it is `tests/proofs/paper_configurations.py`."""
+    """The instantiation of one floor plan's families; of all plans see `tests/proofs/paper_configurations.py`."""
     campaign, _ = read_campaign(PAPER / file, maps)
     families = tuple(family for family in campaign.families if family.name.startswith(plan))
     return instantiate(replace(campaign, families=families))
 
 
 @pytest.mark.parametrize("kind", PUBLISHED)
-def test_it_has_nothing_to_complain_of(kind):
+def test_campaign_has_no_notes(kind):
     campaign, oracles = read_campaign(PAPER / f"{kind}.vast")
     assert (campaign.notes, campaign.unexecutable, campaign.runs) == ((), (), 20)
     assert kind in {oracle.name for oracle in oracles}
@@ -47,7 +47,7 @@ def test_levels_of_noise_are_as_many_as_the_papers_and_all_distinct():
     assert requested_of(of_plan("robustness.vast", "").coverage) == Requested(n, 0, 0, 0, n)
 
 
-def test_both_radii_have_the_same_paths_and_nothing_else_differs():
+def test_radii_share_paths_and_all_else():
     tasks = {}
     for each in of_plan("performance.vast", "corridors").configurations:
         assert set(each.scenario.system) == {"global_costmap.robot_radius"}
@@ -59,7 +59,7 @@ def test_both_radii_have_the_same_paths_and_nothing_else_differs():
     assert len(wide) == 200
 
 
-def test_of_the_settings_of_obstacles_six_are_the_same_and_some_boxes_find_no_room():
+def test_settings_of_obstacles_have_duplicates_and_rejections():
     found = requested_of(of_plan("safety.vast", "nested-rooms").coverage)
     assert (found.all, found.no_way, found.duplicates) == (3 * 2 * 24, 0, 3 * 2 * 5)
     assert found.distinct + found.no_room == 3 * 2 * 19
@@ -67,7 +67,7 @@ def test_of_the_settings_of_obstacles_six_are_the_same_and_some_boxes_find_no_ro
 
 
 @originals
-def test_on_the_papers_maps_the_cells_that_its_counts_lack_are_proved_to_be_impossible():
+def test_papers_missing_cells_are_proved_impossible():
     found = of_plan("original-maps/performance.vast", "rooms", MAPS)
     assert requested_of(found.coverage) == Requested(266, 50, 0, 0, 216)
     reasons = {each.reason for each in found.rejections if each.family == "rooms-random"}
@@ -83,19 +83,19 @@ def test_on_the_papers_maps_the_cells_that_its_counts_lack_are_proved_to_be_impo
         ("safety", "hallways", Requested(432, 0, 0, 90, 342)),
     ],
 )
-def test_on_the_papers_maps_none_of_its_configurations_is_lost_for_want_of_room(kind, plan, counts):
+def test_papers_maps_have_room_for_its_configurations(kind, plan, counts):
     assert requested_of(of_plan(f"original-maps/{kind}.vast", plan, MAPS).coverage) == counts
 
 
 @pytest.mark.parametrize("kind", PUBLISHED)
-def test_without_the_papers_maps_every_map_that_is_missing_is_said(kind):
+def test_missing_maps_of_the_paper_are_all_reported(kind):
     with pytest.raises(FileError, match="--map-dir") as raised:
         read_campaign(PAPER / "original-maps" / f"{kind}.vast")
     assert len(raised.value.faults) == (15 if kind == "performance" else 5)
 
 
 @pytest.mark.parametrize("kind", PUBLISHED)
-def test_on_both_sets_of_maps_the_oracles_and_the_execution_are_the_same(kind):
+def test_oracles_and_execution_agree_on_both_sets_of_maps(kind):
     own, original = (yaml.safe_load((PAPER / folder / f"{kind}.vast").read_text()) for folder in (".", "original-maps"))
     assert [own[key] for key in ("version", "execution", "evaluation")] == [
         original[key] for key in ("version", "execution", "evaluation")

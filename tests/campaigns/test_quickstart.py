@@ -36,11 +36,11 @@ def paths(instantiation, family):
     return list(dict.fromkeys((str(task["start_pose"]), str(task["goal_pose"])) for task in tasks))
 
 
-def test_it_has_nothing_to_complain_of(campaign):
+def test_campaign_has_no_notes(campaign):
     assert (campaign.notes, campaign.unexecutable) == ((), ())
 
 
-def test_it_is_two_families_of_twelve_configurations_with_runs_until_a_class_is_shown(campaign, instantiation):
+def test_campaign_has_two_families_of_twelve_and_sequential_runs(campaign, instantiation):
     sizes = {f.name: sum(c.family == f.name for c in instantiation.configurations) for f in campaign.families}
     assert sizes == {"sensor-noise": 12, "clutter": 12}
     assert (campaign.sequential.min, campaign.sequential.max) == (5, 12)
@@ -63,7 +63,7 @@ def test_its_map_is_what_its_drawing_says():
         np.testing.assert_array_equal(np.asarray(shipped), drawing["office"]())
 
 
-def test_every_room_of_its_map_can_be_reached():
+def test_rooms_of_the_map_can_be_reached():
     office = load_map(OFFICE)
     rooms, _ = ndimage.label(passable(office, 0.25), np.ones((3, 3)))
     sizes = np.bincount(rooms.ravel())[1:]

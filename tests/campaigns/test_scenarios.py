@@ -39,7 +39,7 @@ def configurations_of(name):
     return instantiate(campaign_of(name)[0]).configurations
 
 
-def test_every_shipped_name_has_a_file_and_a_campaign():
+def test_shipped_names_have_a_file_and_a_campaign():
     assert {file.stem for file in SCENARIOS.glob("*.osc")} == set(SHIPPED)
     assert {file.stem for file in SCENARIOS.glob("*.vast")} == set(SHIPPED)
 

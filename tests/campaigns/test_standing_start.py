@@ -1,4 +1,4 @@
-"""What the start check rejects stands still when it is run all the same, and what it lets pass drives."""
+"""The start check agrees with the simulator."""
 
 import numpy as np
 import pytest

@@ -17,7 +17,7 @@ SHARED_MAPS = Path(__file__).parents[3] / "shared" / "maps"
 
 @pytest.fixture(scope="session")
 def drawn_map(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., FileContent]:
-    """Write a map of rows of text, the top row first: `.` free, `#` wall, `?` unknown, `cells` each way a letter."""
+    """Write a map drawn in rows of text: `.` free, `#` wall, `?` unknown, `cells` each way a letter."""
 
     def write(*rows: str, cells: int = 1, resolution_m: float = 0.05) -> FileContent:
         folder = tmp_path_factory.mktemp("map")

@@ -59,9 +59,7 @@ def narrow(drawn_map):
     seed=st.integers(0, 99),
 )
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_centers_are_apart_near_the_path_and_off_the_stops_and_a_path_remains(
-    wide, amount, max_distance, side, shape, seed
-):
+def test_centers_keep_their_distances_and_leave_a_path(wide, amount, max_distance, side, shape, seed):
     size = f"width:={side}, length:={side}" if shape == "box" else f"radius:={side / 2}"
     config = {"amount": amount, "max_distance": max_distance, "model": shape, "xacro_arguments": size}
     (item,) = evaluate(obstacles(obstacle_configs=[config], seed=seed), wide)
@@ -87,7 +85,7 @@ def test_centers_are_apart_near_the_path_and_off_the_stops_and_a_path_remains(
 
 
 def test_box_stands_in_the_wall_where_none_would_find_room(narrow):
-    """A box of 0.8 m beside the middle of a corridor 1 m wide leaves a path only by standing in the wall."""
+    """A box of 0.8 m in a corridor 1 m wide leaves a path only inside the wall."""
     asked = {"obstacle_configs": boxes(1, max_distance=0.5), "seed": 1}
     (constructive,) = evaluate(obstacles(placement="constructive", **asked), narrow)
     (item,) = evaluate(obstacles(**asked), narrow)

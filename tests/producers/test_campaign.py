@@ -208,14 +208,14 @@ COUNTED_BOXES = """\
 
 
 @each_row("design", ["", "  design: {t_way: {strength: 2}}\n"])
-def test_obstacles_of_a_plug_in_that_names_no_dimension_stand_on_the_floor(load: Load, design: str) -> None:
+def test_obstacles_of_an_untagged_plug_in_are_environment(load: Load, design: str) -> None:
     found = instantiate(load(FIXED.replace("x: 0.5", "x: 0.1") + COUNTED_BOXES + design)).configurations
     assert [len(obstacles_of(each.scenario.environment)) for each in found] == [0, 2, 3]
     assert ["boxes" in each.scenario.environment for each in found] == [True, True, True]
     assert not any("boxes" in each.scenario.system for each in found)
 
 
-def test_constraints_and_the_start_check_see_obstacles_of_a_plug_in_that_names_no_dimension(load: Load) -> None:
+def test_constraints_and_start_check_see_obstacles_of_an_untagged_plug_in(load: Load) -> None:
     few = instantiate(
         load(FIXED.replace("x: 0.5", "x: 0.1") + COUNTED_BOXES + "  constraints: [few: number_of_obstacles < 3]\n")
     )
@@ -225,7 +225,7 @@ def test_constraints_and_the_start_check_see_obstacles_of_a_plug_in_that_names_n
     assert [each.reason.rpartition(", ")[2] for each in on_the_start.rejections] == ["into boxes[0]", "into boxes[0]"]
 
 
-def test_of_a_plug_in_that_names_no_dimension_nothing_is_said_that_its_values_may_refute(load: Load) -> None:
+def test_note_on_an_untagged_plug_in_allows_for_obstacles(load: Load) -> None:
     said = [note.problem for note in load(FIXED + COUNTED_BOXES).notes]
     assert "unknown key 'boxes' is ignored, unless it lists obstacles" in said
 
@@ -245,7 +245,7 @@ def test_keys_that_version_1_read_over_in_a_family_are_warnings(load: Load, fold
     ]
 
 
-def test_key_of_a_family_that_is_near_to_no_other_is_read_over_with_a_warning(load: Load) -> None:
+def test_unknown_key_of_a_family_is_ignored_with_a_warning(load: Load) -> None:
     campaign = load(FIXED + "  priority: high\n  tags: [a, b]\n")
     assert [(note.kind, note.place.where, note.problem) for note in campaign.notes] == [
         ("unknown key", "configuration[0].priority", "has no effect in a family"),
@@ -303,7 +303,7 @@ def test_names_that_only_look_alike_are_good(load: Load, second: str) -> None:
     assert len(load(FIXED + other).families) == 2
 
 
-def test_all_mistakes_of_a_file_are_reported_at_once_in_the_order_of_the_file(faults: Faults) -> None:
+def test_faults_of_a_file_are_reported_together_in_order(faults: Faults) -> None:
     found = faults(
         "version: 3\n"
         "execution: {runs: 0, runs: 2, timout: 5}\n"

@@ -39,7 +39,7 @@ def test_producer_that_keeps_the_contract_passes():
 
 
 @each_row("check", CHECKS)
-def test_each_check_stands_alone(check):
+def test_checks_stand_alone(check):
     check(producer(fragment_of_a), INPUTS)
 
 
@@ -77,7 +77,7 @@ def test_changed_input_is_found():
         check_producer(producer(produce), [{"a": [0]}])
 
 
-def test_what_depends_on_how_many_keys_a_configuration_has_is_found():
+def test_dependence_on_undeclared_keys_is_found():
     class Curious(Producer):
         Parameters = Parameters
         reads = ("a",)

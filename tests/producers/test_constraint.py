@@ -23,19 +23,19 @@ def factors(found, *names):
 
 @pytest.fixture(scope="module")
 def room(drawn_map):
-    """6 m × 6 m of free ground in walls of 0.5 m; its lower left corner is at (-1, -2), with a wall in between."""
+    """A room of 6 m × 6 m from (-1, -2) on, with a wall in between."""
     return drawn_map(
         "#" * 14, *["#" + "." * 12 + "#"] * 5, "####...#######", *["#" + "." * 12 + "#"] * 6, "#" * 14, cells=10
     )
 
 
 @each_row("design", [CARTESIAN, T_WAY, SAMPLE])
-def test_only_configurations_that_keep_all_constraints_are_left(design):
+def test_constraints_filter_configurations(design):
     found = grown(levels("a", 1, 2, 3), levels("b", 1, 2, 3), design=design, ordered="a < b", small="a + b < 5")
     assert factors(found, "a", "b") == [(1, 2), (1, 3)]
 
 
-def test_what_is_excluded_is_told_with_the_constraint_and_what_it_looked_at():
+def test_exclusions_name_the_constraint_and_its_values():
     found = grown(levels("a", 1, 2), levels("b", 5, 6), other="a != 1 or b != 6", small="a < 2")
     assert [(e.family, e.name, e.constraint, e.values) for e in found.excluded] == [
         ("rooms", "rooms-2", "small", {"a": 2}),
@@ -139,7 +139,7 @@ def test_constraint_on_obstacles_waits_for_their_producer(room):
 
 
 @each_row("design", [CARTESIAN, T_WAY])
-def test_what_can_not_be_evaluated_is_a_fault_with_constraint_instance_and_reason(design):
+def test_constraint_that_can_not_be_evaluated_is_a_fault(design):
     with pytest.raises(FileError, match="constraint 'odd' can't be evaluated for rooms-2: text < a number"):
         grown(levels("a", 1, "two"), levels("b", 1, 2), design=design, odd="a < 3")
 
@@ -153,7 +153,7 @@ def test_name_that_only_some_alternatives_write_has_to_be_guarded():
     assert len(grown(either, small="defined(a) implies a < 2").configurations) == 3
 
 
-def test_without_a_path_a_length_can_not_be_evaluated(room):
+def test_path_length_needs_a_path(room):
     with pytest.raises(FileError, match="path_length: the configuration has no path"):
         grown(values={"map_file": room}, long="path_length > 1")
 
@@ -199,7 +199,7 @@ def faults_of(load, constraints):
     return list(map(str, raised.value.faults))
 
 
-def test_constraints_are_read_from_a_list_and_from_a_mapping_and_from_the_campaign(load):
+def test_constraints_are_read_from_lists_mappings_and_the_campaign(load):
     listed = load(
         "    constraints:\n      - small: gain < 3\n      - narrow: robot_radius < 0.3\n",
         "constraints: {all: gain > 0}\n",

@@ -1,4 +1,4 @@
-"""What of the test space was realised."""
+"""Coverage of the test space."""
 
 import json
 
@@ -11,7 +11,7 @@ from vastflow.producers.model.producer import Parameters, Producer
 
 
 class Wide(Producer[Parameters]):
-    """What can't be built for even `a`, with a reason of its own each."""
+    """Rejects even `a`, each with its own reason."""
 
     Parameters = Parameters
     reads = ("a",)
@@ -25,7 +25,7 @@ def coverage(*producers, **constraints):
     return grown(*producers, **constraints).coverage
 
 
-def test_every_instance_is_counted_once_with_its_cause():
+def test_instances_are_counted_once_with_their_cause():
     found = coverage(levels("a", 1, 1, 2, 3, 4, 5), Wide(Parameters()), small="a < 5")
     names = ("requested", "excluded", "unrealisable", "duplicate", "realised", "valid", "share")
     assert [found[name] for name in names] == [6, 1, 2, 1, 2, 4, 0.5]
@@ -33,7 +33,7 @@ def test_every_instance_is_counted_once_with_its_cause():
     assert found["unrealisable_by"]["Wide"]["reasons"] == {"no room for 2": 1, "no room for 4": 1}
 
 
-def test_each_dimension_has_its_distinct_contents_and_choices():
+def test_dimensions_count_distinct_contents_and_choices():
     part = coverage(levels("a", 1, 2, 3), Wide(Parameters()), levels("loops", 1, 2, dimension="task"))["families"][
         "rooms"
     ]
@@ -49,7 +49,7 @@ def test_each_dimension_has_its_distinct_contents_and_choices():
     }
 
 
-def test_each_pair_of_choices_is_counted():
+def test_pairs_of_choices_are_counted():
     part = coverage(levels("a", 1, 2, 3), levels("b", 1, 2), levels("c", 1), other="a != 1 or b != 1")["families"][
         "rooms"
     ]
@@ -63,7 +63,7 @@ def test_family_of_nothing_is_still_told_of():
     assert (found["realised"], found["share"], found["unrealisable"]) == (0, 0.0, 2)
 
 
-def test_it_stays_readable_however_much_there_is():
+def test_coverage_stays_readable_with_many_choices():
     found = coverage(
         *(levels(f"k{i}", *range(1, 2 + (i < 3))) for i in range(30)), levels("a", *range(2, 600)), Wide(Parameters())
     )

@@ -24,7 +24,7 @@ def sample(size, method="lhs", seed=0):
 
 
 class Paths(Producer[Parameters]):
-    """Three paths on map 1, the second of which can't be built on map 2, and one path on map 3."""
+    """Three paths on map 1, two of them on map 2, and one path on map 3."""
 
     Parameters = Parameters
     reads = ("map",)
@@ -50,7 +50,7 @@ def test_design_is_a_part_of_the_full_product_under_the_same_names():
         assert found.items() <= whole.items()
 
 
-def test_every_pair_that_can_be_built_is_covered_where_producers_depend_on_each_other():
+def test_t_way_covers_all_pairs_of_dependent_producers():
     def pairs(design):
         found = grown(*chain(), design=design).configurations
         choices = [tuple(step.choice for step in c.steps) for c in found]
@@ -59,7 +59,7 @@ def test_every_pair_that_can_be_built_is_covered_where_producers_depend_on_each_
     assert pairs(two_way()) == pairs(CARTESIAN)
 
 
-def test_what_can_not_be_built_is_told_once_and_replaced():
+def test_unrealizable_choice_is_reported_once_and_replaced():
     found = grown(*chain(), design=two_way())
     assert [(r.parent, r.reason) for r in found.rejections] == [("rooms-2-*", "no such path")]
     counted = found.coverage["families"]["rooms"]

@@ -49,7 +49,7 @@ def spaces(draw):
 
 @settings(deadline=None, max_examples=60)
 @given(spaces(), st.integers(1, 4))
-def test_every_row_is_admissible_and_every_admissible_tuple_is_in_a_row(space, strength):
+def test_covering_array_is_admissible_and_complete(space, strength):
     blocks, counts = space
     rows = list(map(tuple, covering_array(blocks, counts, strength).tolist()))
     every = rows_of(blocks)

@@ -47,7 +47,7 @@ def test_latin_hypercube_takes_every_level_equally_often():
 
 
 @each_row("method", METHODS)
-def test_every_row_of_a_sample_is_admissible(method):
+def test_rows_of_a_sample_are_admissible(method):
     table = np.array([(i, j) for i in range(10) for j in range(10) if i < j])
     blocks = [FactorBlock((0, 2), table), FactorBlock((1,), np.arange(4).reshape(-1, 1))]
     found = rows(blocks, 3, method=method, size=60)

@@ -20,7 +20,7 @@ def read(folder: Path, content: str | bytes) -> Document:
 
 
 def fatal(folder: Path, content: str | bytes) -> str:
-    """What the error says, without the folder."""
+    """The error's message, without the folder."""
     with pytest.raises(FileError) as caught:
         read(folder, content)
     return str(caught.value).replace(f"{folder}/", "")
@@ -43,7 +43,7 @@ def test_location_with_elements_that_are_not_in_the_file_finds_the_nearest_place
     assert document.place(("a", "b", "missing"), "key") == (2, 3)
 
 
-def test_only_the_first_document_is_read(tmp_path: Path) -> None:
+def test_first_document_is_read(tmp_path: Path) -> None:
     assert read(tmp_path, "a: 1\n---\nb: [\n").data == {"a": 1}
 
 

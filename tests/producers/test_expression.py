@@ -178,7 +178,7 @@ def test_any_text_is_an_expression_or_a_fault_and_takes_no_time(loops):
     assert outcomes == {bool, FileError, NotEvaluable}
 
 
-def test_no_expression_grows_without_end(loops):
+def test_expression_does_not_grow_without_end(loops):
     text = "9" + " ** 9" * 50 + " > " + " * ".join(["9" * 250] * 6)
 
     def refused():

@@ -105,7 +105,7 @@ def test_space_is_placed_by_its_frame_in_the_other_frame(location, first_corner)
     assert geometry(HEAD + ROOM + second)["spaces"]["b"][0] == pytest.approx(first_corner)
 
 
-def test_room_may_be_placed_by_a_wall_in_the_world_or_in_a_space():
+def test_room_is_placed_by_its_wall():
     # Upstream inverts the wrong transforms here; the rule is W · T · O⁻¹.
     second = (
         "Space b: shape: Rectangle width=2.0 m, length=4.0 m location: wrt: world of: this.walls[1] translation: x: 1 m"
@@ -173,7 +173,7 @@ def polygons(draw, convex=False):
 
 
 def mitres(outline, thickness):
-    """How far from each corner the outer faces of its two walls meet, along a wall."""
+    """Distance from each corner to where the outer faces of its walls meet, along a wall."""
     return thickness / np.tan(np.radians(turns_deg(outline)) / 2)
 
 
@@ -204,7 +204,7 @@ def test_walls_round_a_convex_room_fill_its_mitred_offset(outline, thickness):
 
 @given(polygons(), st.floats(0.05, 0.4))
 @settings(max_examples=60)
-def test_walls_leave_no_gap_round_a_room_of_any_shape_whose_walls_are_longer_than_thick(outline, thickness):
+def test_walls_leave_no_gap_round_a_room(outline, thickness):
     """Beside a notch of shorter walls a sliver of up to a hundred square centimeters can stay open.
 
     Long enough is a wall that is two thicknesses longer than what the mitres at its ends take of it.
@@ -220,7 +220,7 @@ def test_walls_leave_no_gap_round_a_room_of_any_shape_whose_walls_are_longer_tha
 
 
 @given(polygons(), st.floats(0.01, 2.0))
-def test_every_wall_is_a_simple_polygon_with_its_inner_face_on_the_floors_edge(outline, thickness):
+def test_walls_are_simple_polygons_along_the_floor(outline, thickness):
     assume(sharpest_deg(outline) > 1.5)
     for k, wall in enumerate(wall_outlines(outline, thickness)):
         assert shapely.Polygon(wall).is_valid
@@ -240,7 +240,7 @@ def test_walls_of_a_counter_clockwise_room_eat_into_it():
     assert shapely.Polygon(rectangle(4, 3)).contains(shapely.Polygon(wall).centroid)
 
 
-def test_wall_between_two_corners_that_turn_away_ends_square_where_its_mitres_would_cross():
+def test_wall_ends_square_where_its_mitres_would_cross():
     notch = ((-3, 2), (-0.05, 2), (-0.05, 1), (0.05, 1), (0.05, 2), (3, 2), (3, -2), (-3, -2))
     bottom = wall_outlines(notch, 0.3)[2]
     assert bottom == (pytest.approx((-0.05, 1.3)), pytest.approx((0.05, 1.3)), (0.05, 1), (-0.05, 1))
@@ -308,7 +308,7 @@ def test_turn_about_y_takes_z_towards_x():
     assert max(x for x, _ in door.shape) == pytest.approx(1.0)
 
 
-def test_circle_and_a_polygon_are_open_as_wide_as_they_are_at_that_height():
+def test_circle_and_polygon_are_open_as_wide_as_at_that_height():
     round_one = hole("Circle radius=1.0 m")
     assert round_one.section(1.0)[0] == pytest.approx((-1, 1))
     assert round_one.section(1.6)[0] == pytest.approx((-0.8, 0.8), abs=0.01)

@@ -29,7 +29,7 @@ def grid(text, **options):
 
 
 def at(found, x, y):
-    """What the map says of a point."""
+    """The map's value at a point."""
     occupancy = found.occupancy
     return int(occupancy.cells[occupancy.cell_of(x, y)])
 
@@ -41,7 +41,7 @@ def test_example_has_the_documented_size_and_origin():
     assert (found.resolution_m, found.laser_height_m) == (0.05, 0.193)
 
 
-def test_rooms_of_the_example_are_free_its_walls_and_obstacles_occupied_and_the_outside_unknown():
+def test_example_has_free_rooms_occupied_walls_and_unknown_outside():
     found = grid(EXAMPLE)
     places = {
         (1, 2): FREE,
@@ -70,12 +70,12 @@ def test_laser_sees_what_is_as_high_as_itself(height, rail, post):
     assert (at(found, 5.7, 1.76), at(found, 6.5, 2.15)) == (rail, post)
 
 
-def test_laser_above_the_door_sees_its_lintel_and_one_above_the_walls_sees_none():
+def test_laser_height_selects_lintel_or_nothing():
     assert at(grid(EXAMPLE, laser_height_m=2.2), 4.1, 1.65) == OCCUPIED
     assert at(grid(EXAMPLE, laser_height_m=3.0), 7.6, 2.0) == UNKNOWN
 
 
-def test_slice_of_a_round_door_is_as_wide_as_the_door_at_that_height():
+def test_round_door_is_as_wide_as_at_laser_height():
     text = ROOM + "Entryway d: shape: Circle radius=1.0 m location: in: a.walls[0] translation: z: 1.0 m"
     assert at(grid(text, laser_height_m=1.0), 0.8, 1.6) == FREE
     assert at(grid(text, laser_height_m=0.193), 0.8, 1.6) == OCCUPIED
@@ -96,7 +96,7 @@ def test_plan_away_from_the_origin_has_its_origin_where_it_is():
     assert np.array_equal(here.gray, there.gray)
 
 
-def test_every_wall_fits_into_the_picture_however_thick():
+def test_thick_walls_fit_into_the_picture():
     found = grid(ROOM.replace("0.2 m", "2.0 m"))
     assert at(found, 0, 3.4) == at(found, -3.9, 0) == OCCUPIED
     assert (found.gray[[0, -1]] == 200).all()
@@ -142,7 +142,7 @@ def test_map_of_too_many_cells_is_a_fault():
 
 @settings(max_examples=25, deadline=None)
 @given(st.floats(-3.2, 3.2), st.floats(0.6, 1.4), st.floats(-1.0, 1.0))
-def test_two_rooms_are_one_with_a_door_and_two_without_however_they_are_turned(turn, width, x):
+def test_door_joins_two_rooms_at_any_angle(turn, width, x):
     from scipy import ndimage
 
     text = ROOM.strip() + f" rotation: z: {turn!r}\nSpace b: shape: Rectangle width=4 m, length=3 m "

@@ -1,4 +1,4 @@
-"""The kinds of plans that are published: whatever one of them does, a plan that does the same is read and built."""
+"""Plans that do what published ones do are read and built."""
 
 import re
 from pathlib import Path
@@ -174,12 +174,12 @@ def clinic(tmp_path):
 
 
 @each_row("name", sorted(DIGESTS))
-def test_what_was_read_before_has_the_geometry_and_the_map_that_it_had(name):
+def test_shipped_plans_keep_their_digests(name):
     building = read_plan_file(FOLDER / f"{name}.fpm").building()
     assert (solid_digest(building), grid_of(building).occupancy.digest) == DIGESTS[name]
 
 
-def test_plan_with_every_kind_of_thing_is_built_and_warns_of_what_is_cut(clinic):
+def test_plan_with_every_kind_of_part_is_built_with_notes(clinic):
     building = read_plan_file(clinic).building()
     assert len(building.rooms) == 4
     assert [obstacle.name for obstacle in building.obstacles] == ["left", "round", "counter", "buttress", "bench"]
@@ -199,7 +199,7 @@ def test_plan_with_every_kind_of_thing_is_built_and_warns_of_what_is_cut(clinic)
     ]
 
 
-def test_no_opening_takes_anything_of_a_wall_that_it_does_not_name(clinic):
+def test_opening_leaves_unnamed_walls_whole(clinic):
     whole, cut = (
         PlanFile("p", text).building() for text in (CLINIC.partition("    Entryway main")[0] + DEFAULTS, CLINIC)
     )
@@ -216,7 +216,7 @@ def test_no_opening_takes_anything_of_a_wall_that_it_does_not_name(clinic):
 DEFAULTS = CLINIC[CLINIC.index("    Defaults:") :]
 
 
-def test_its_mesh_is_closed_and_its_map_has_the_doors_as_wide_as_their_walls(clinic):
+def test_mesh_is_closed_and_doors_are_as_wide_as_their_walls(clinic):
     building = read_plan_file(clinic).building()
     assert is_closed(mesh_of(building))
     occupancy = grid_of(building).occupancy
@@ -225,7 +225,7 @@ def test_its_mesh_is_closed_and_its_map_has_the_doors_as_wide_as_their_walls(cli
         assert occupancy.cells[occupancy.cell_of(*door.frame.apply((x, 0.25)))] == cell, x
 
 
-def test_variation_may_stand_elsewhere_and_speak_of_a_draft_in_the_draft_s_words(clinic, tmp_path):
+def test_variation_reads_words_of_a_draft_from_another_folder(clinic, tmp_path):
     folder = tmp_path / "variations"
     folder.mkdir()
     (folder / "wards.variation").write_text("""\

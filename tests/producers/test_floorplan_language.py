@@ -90,7 +90,7 @@ def test_world_is_the_world_even_where_a_space_has_that_name():
     assert room(text, "world")[0] == (3, 1.5)
 
 
-def test_variable_is_a_length_or_an_angle_wherever_one_can_stand_and_may_be_negated():
+def test_variable_stands_for_a_length_or_an_angle():
     text = changed("width=4.0 m", "width=w").replace("0.2 m", "t") + "var w = 5 m var t = 0.1 m var turn = 90 deg"
     text = text.replace("of: this", "of: this translation: x: -w rotation: z: -turn")
     assert room(text)[0] == (-3.5, 2.5)
@@ -143,7 +143,7 @@ def test_notes_on_a_floor_plan_have_place_and_message(golden):
     golden("floor_plans", "notes", lambda text: list(map(str, building(text).notes)))
 
 
-def test_what_has_the_name_of_a_word_of_version_1_may_have_it():
+def test_space_may_have_the_name_of_a_word_of_version_1():
     assert room(ROOM.replace("Space a", "Space from"), "from")[0] == (-2, 1.5)
 
 
@@ -155,14 +155,14 @@ def test_what_has_the_name_of_a_word_of_version_1_may_have_it():
         "translation: x: 0.5 m, y: -none, z: 1.0 m",
     ],
 )
-def test_opening_may_say_that_it_is_0_off_along_and_about_the_other_axes(location):
+def test_opening_accepts_zero_on_other_axes(location):
     plain = building(ROOM + DOOR.replace("z: 1.0 m", "x: 0.5 m, z: 1.0 m"))
     said = building(ROOM + DOOR.replace("translation: z: 1.0 m", location) + "var none = 0.0 m")
     assert said.holes == plain.holes
     assert said.notes == ()
 
 
-def test_space_and_a_feature_may_say_that_they_are_0_off_along_and_about_the_other_axes():
+def test_space_and_feature_accept_zero_on_other_axes():
     moved = "translation: x: 1.0 m, y: 2.0 m, z: 0.0 m rotation: x: 0.0 deg, y: 0.0 deg, z: 30.0 deg"
     text = changed("of: this", f"of: this {moved}") + POST.format(location=f"wrt: a {moved}")
     said = building(text)
@@ -212,6 +212,6 @@ def test_missing_file_is_a_fault_and_so_is_one_that_is_no_text(tmp_path):
         read_plan_file(tmp_path)
 
 
-def test_of_two_rooms_in_one_place_there_is_a_picture_too():
+def test_picture_shows_two_rooms_in_one_place():
     plan = building(ROOM + ROOM.partition("\n")[2].partition("\n")[2].replace("Space a", "Space b"))
     assert picture_of(plan).startswith(b"\x89PNG")

@@ -34,7 +34,7 @@ def stands_in(occupancy, reached, floor):
     return bool(shapely.contains_xy(floor, x, y).any())
 
 
-def test_there_are_five_plans_each_with_a_variation():
+def test_five_plans_have_a_variation_each():
     assert sorted(file.stem for file in FOLDER.glob("*.fpm")) == NAMES
     assert sorted(file.stem for file in FOLDER.glob("*.variation")) == NAMES
 
@@ -52,14 +52,14 @@ def test_robot_half_a_meter_across_can_go_into_every_room(name):
 
 
 @each_row("name", NAMES)
-def test_no_two_rooms_overlap_unless_one_lies_in_the_other(name):
+def test_rooms_overlap_only_when_nested(name):
     rooms = [shapely.Polygon(room.outline) for room in read_plan_file(FOLDER / f"{name}.fpm").building().rooms]
     first, second = shapely.STRtree(rooms).query(rooms, predicate="overlaps")
     assert all(rooms[i].intersection(rooms[j]).area < 1e-6 for i, j in zip(first, second, strict=True))
 
 
 @each_row("name", NAMES)
-def test_every_sample_of_a_variation_is_a_building_in_which_the_robot_can_go_everywhere(name):
+def test_samples_of_variations_can_be_driven_everywhere(name):
     variation = read_variation_file(FOLDER / f"{name}.variation").variation()
     for seed in range(1 if name == "university" else 5):
         building = PlanFile(f"{name} {seed}", variation.sample(seed).text).building()
@@ -72,7 +72,7 @@ def test_university_is_as_large_as_the_real_one():
 
 
 @each_row("name", NAMES)
-def test_plan_is_geometry_and_grid_in_a_tenth_of_a_second_and_with_its_mesh_in_half(name, loops):
+def test_plan_is_rendered_within_its_time(name, loops):
     plan = read_plan_file(FOLDER / f"{name}.fpm")
     plan.building()
     assert loops(lambda: grid_of(plan.building())) < 20

@@ -76,7 +76,7 @@ def test_resolution_and_height_of_the_laser_are_the_users(base):
     assert low.digest != high.digest
 
 
-def test_one_environment_for_each_plan_in_their_order(base):
+def test_plans_yield_environments_in_order(base):
     other = (base / "test_floorplan_example.fpm").read_text().replace("plan: flat", "plan: other")
     (base / "other.fpm").write_text(other)
     names = ["other.fpm", "test_floorplan_example.fpm"]
@@ -115,7 +115,7 @@ def test_environment_has_everything_and_says_where_it_came_from(base, store):
     assert json.loads((folder / "provenance.json").read_text())["seed"] == 8
 
 
-def test_numbers_that_make_no_building_are_a_rejection_with_the_seed_and_the_numbers(base):
+def test_unbuildable_numbers_are_rejected_with_their_seed(base):
     text = (base / "test_floorplan_example.variation").read_text().replace("[0.7, 0.9, 1.1]", "[0.9, -5.0]")
     (base / "wide.variation").write_text(text)
     found = evaluate(variation(base, variation_files=["wide.variation"], num_variations=6), {})
@@ -126,7 +126,7 @@ def test_numbers_that_make_no_building_are_a_rejection_with_the_seed_and_the_num
     assert f"with seed {rejected[0].requested['seed']}:" in rejected[0].reason
 
 
-def test_what_is_worth_knowing_of_a_plan_is_noted_by_both(base):
+def test_plan_notes_are_given_by_both_producers(base):
     plan = base / "test_floorplan_example.fpm"
     plan.write_text(plan.read_text().replace("width=gap", "width=9.0 m"))
     for made, name in ((generation(base), plan.name), (variation(base), plan.name)):
@@ -136,7 +136,7 @@ def test_what_is_worth_knowing_of_a_plan_is_noted_by_both(base):
         )
 
 
-def test_what_is_worth_knowing_of_a_plan_as_it_is_drawn_is_noted_with_its_seeds(base):
+def test_notes_on_drawn_plans_name_their_seeds(base):
     file = base / "test_floorplan_example.variation"
     door = "door: {\n    location.translation.x : "
     assert door in file.read_text()
@@ -222,12 +222,12 @@ def test_plan_that_is_too_large_for_the_resolution_is_a_rejection(base):
     assert isinstance(item, Rejection) and "cells; at most" in item.reason
 
 
-def test_both_keep_the_contract_of_producers(base):
+def test_floor_plan_producers_keep_the_contract(base):
     check_producer(generation(base), [{}, {"map_file": 1, "noise": 0.1}])
     check_producer(variation(base, num_variations=2), [{}, {"noise": 0.1}])
 
 
-def test_where_the_campaign_lies_changes_nothing(base, tmp_path):
+def test_folder_of_the_campaign_changes_nothing(base, tmp_path):
     moved = tmp_path / "elsewhere"
     moved.mkdir()
     for file in base.glob("test_floorplan_example.*"):
@@ -254,7 +254,7 @@ def test_parameters_name_no_files_so_that_what_was_read_is_what_is_built(base):
 # Keeping
 
 
-def test_what_a_worker_made_another_process_can_read(base, tmp_path, monkeypatch):
+def test_environment_of_a_worker_is_readable_elsewhere(base, tmp_path, monkeypatch):
     monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "store"))
     kept = open_store()
     worker = multiprocessing.get_context("spawn").Process(

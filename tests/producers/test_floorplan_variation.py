@@ -42,7 +42,7 @@ def test_documented_seeds_give_the_documented_numbers(seed, numbers):
     )  # fmt: skip
 
 
-def test_what_is_written_says_plan_and_seed_and_has_the_drawn_numbers_in_place_of_the_old_ones():
+def test_sample_text_has_plan_seed_and_drawn_numbers():
     sample = read_variation_file(FILE).variation().sample(7)
     first, second, *rest = sample.text.splitlines()
     assert first.startswith("// ") and "flat" in first
@@ -56,7 +56,7 @@ def test_what_is_written_says_plan_and_seed_and_has_the_drawn_numbers_in_place_o
     }
 
 
-def test_variation_of_a_plan_with_features_and_walls_of_its_own_can_be_built():
+def test_varied_plan_with_features_is_built():
     # Upstream's writer loses `of: this.walls[0]` and writes features that its parser refuses.
     geometry = geometry_of(build(read_plan(read_variation_file(FILE).variation().sample(9).text, "flat_9.fpm")))
     assert geometry["obstacles"]["post"]["height"] == 0.6
@@ -75,7 +75,7 @@ def test_angle_written_in_degrees_is_drawn_in_degrees():
     assert "var tilt = 45.0 deg" in variation("tilt : uniform([45])").sample(0).text
 
 
-def test_every_documented_attribute_can_be_varied():
+def test_documented_attributes_can_be_varied():
     items = """
         corridor: { shape.width : uniform([5.5]) shape.length : uniform([2.5]) location.translation.y : uniform([1]) }
         study.rail: { shape.length : uniform([0.2]) height : uniform([0.4]) }
@@ -87,7 +87,7 @@ def test_every_documented_attribute_can_be_varied():
     assert building.holes[0].top_m == pytest.approx(2.1)
 
 
-def test_generator_is_numpys_legacy_one_and_a_normal_draw_is_rounded_to_two_decimals():
+def test_normal_draw_of_legacy_generator_is_rounded():
     rng = np.random.RandomState(3)
     expected = [float(np.around(rng.normal(1.0, 0.5), 2)) for _ in range(2)]
     items = "gap : normal(mean=1.0, std=0.5)\nstudy.post: { height : normal(mean=1.0, std=0.5) }"

@@ -73,12 +73,12 @@ def hall(drawn_map):
     return drawn_map(*["." * 20] * 20, cells=10)
 
 
-def test_a_family_without_producers_is_one_configuration_of_its_name():
+def test_family_without_producers_is_one_configuration():
     (only,) = configurations(family_of(values={"robot_radius": 0.2}))
     assert (only.name, only.family, only.factors) == ("rooms", "rooms", {"robot_radius": 0.2})
 
 
-def test_the_earliest_producer_is_the_outermost_and_names_count_from_one():
+def test_earliest_producer_is_outermost():
     found = configurations(
         family_of(noise(0.0, 0.1), {"ParameterVariationList": {"name": "loops", "values": [1, 2, 3]}})
     )
@@ -91,7 +91,7 @@ def test_names_are_unique_over_alternatives():
     assert len({c.name for c in found}) == len(found) == 6
 
 
-def test_a_producer_is_evaluated_once_for_each_distinct_input(picky):
+def test_producer_is_evaluated_once_per_distinct_input(picky):
     with_loops = family_of(noise(1, 3), {"ParameterVariationList": {"name": "loops", "values": [1, 2, 3]}})
     chain = Family("rooms", {}, {}, (*with_loops.producers, picky))
     found = configurations(chain)
@@ -117,7 +117,7 @@ def test_producer_that_says_nothing_does_not_lose_a_configuration_in_silence(pic
     assert [r.reason for r in found.rejections] == ["Picky yielded nothing for this input"]
 
 
-def test_the_stages_one_by_one_are_the_whole():
+def test_steps_give_the_same_as_instantiate():
     chain = family_of(noise(1, 2), noise(3))
     partials = start(chain)
     for step in chain.producers:
@@ -153,12 +153,12 @@ def test_producer_and_the_file_tag_dimensions():
         ({"goal_poses": [{"x": 1, "y": 1}]}, "builtin:follow_waypoints", "builtin:follow_waypoints"),
     ],
 )
-def test_the_mission_follows_from_the_goal_where_the_file_names_none(values, abstract, expected):
+def test_mission_follows_from_the_goal(values, abstract, expected):
     (only,) = configurations(family_of(values=values), abstract=abstract)
     assert only.scenario.abstract == expected
 
 
-def test_the_same_scenario_again_is_a_duplicate_of_the_first_across_families():
+def test_duplicates_are_found_across_families():
     found = configurations(family_of(noise(1, 2, 1)), family_of(noise(2), name="again"))
     assert [(c.name, c.duplicate_of) for c in found] == [
         ("rooms-1", None),
@@ -168,7 +168,7 @@ def test_the_same_scenario_again_is_a_duplicate_of_the_first_across_families():
     ]
 
 
-def test_no_obstacles_placed_three_times_are_run_once(hall):
+def test_empty_placements_are_duplicates(hall):
     none = {"ObstacleVariation": {"obstacle_configs": [{"amount": 0, "max_distance": 0.3}], "count": 3}}
     found = configurations(family_of(paths(), none, values={"map_file": hall}))
     assert [c.duplicate_of for c in found] == [None, "rooms-1-1", "rooms-1-1"]
@@ -183,7 +183,7 @@ def test_coverage_accounts_for_all_that_was_asked(picky):
     assert [found.coverage["families"]["flat"][name] for name in names] == [2, 0, 0, 1, 1, 1]
 
 
-def test_an_impossible_request_is_a_rejection_and_the_rest_of_the_campaign_stays(hall):
+def test_impossible_request_leaves_the_rest_of_the_campaign(hall):
     found = instantiate(Campaign((family_of(paths(path_length=[200, 5]), noise(1, 2), values={"map_file": hall}),)))
     assert [c.name for c in found.configurations] == ["rooms-1-1", "rooms-1-2"]
     assert ["200 m" in r.reason for r in found.rejections] == [True]
@@ -227,7 +227,7 @@ def test_drawn_configuration_is_pinned(hall):
         ),
     ],
 )
-def test_what_instantiation_would_drop_or_mistake_is_a_fault_of_its_producer(item, tag, message):
+def test_items_of_a_producer_are_checked(item, tag, message):
     class Loose(Picky):
         @property
         def writes(self):
@@ -247,7 +247,7 @@ def test_what_instantiation_would_drop_or_mistake_is_a_fault_of_its_producer(ite
         ({"reads": "noise"}, r"Odd reads the text 'noise'; a tuple of keys, \('noise',\)"),
     ],
 )
-def test_what_a_producer_says_of_itself_must_make_sense(declared, message):
+def test_declarations_of_a_producer_are_checked(declared, message):
     odd = type("Odd", (Picky,), declared)(producer_module.Parameters())
     with pytest.raises(PlugInError, match=message):
         check_declared(odd)

@@ -1,4 +1,4 @@
-"""What a scenario file needs and a family leaves open: how it is read, and that this is said."""
+"""Needs of a scenario file that a family leaves open, and the notes on them."""
 
 import re
 from collections.abc import Callable
@@ -61,9 +61,7 @@ def load(tmp_path: Path) -> Load:
         ("- speed: 1.0\n    - speed: 2.0", r"a second 'speed'; one"),
     ],
 )
-def test_override_that_the_scenario_can_not_take_is_a_fault_with_its_place(
-    load: Load, overrides: str, words: str
-) -> None:
+def test_unsuitable_override_is_a_fault(load: Load, overrides: str, words: str) -> None:
     local = f"  local:\n    parameter_overrides:\n    {overrides}\n"
     with pytest.raises(FileError, match=r"execution\.local\.parameter_overrides") as raised:
         load(f"{GOAL}{MAP}", "    speed: speed = 0.5mps\n", local)
@@ -86,7 +84,7 @@ def said(campaign: Campaign) -> list[str]:
     ]
 
 
-def test_launched_simulation_with_its_own_map_becomes_a_hall_in_which_a_robot_finds_its_place(load: Load) -> None:
+def test_simulation_with_its_own_map_is_replaced_by_a_hall(load: Load) -> None:
     campaign = load(GOAL)
     found = campaign.families[0].values["map_file"]
     assert isinstance(found, FileContent)
@@ -96,7 +94,7 @@ def test_launched_simulation_with_its_own_map_becomes_a_hall_in_which_a_robot_fi
     assert note.startswith("launches a simulation with a map of its own, which is not here; the robot drives in a hall")
 
 
-def test_in_the_hall_a_robot_stands_at_every_whole_meter(load: Load) -> None:
+def test_hall_has_room_at_every_whole_meter(load: Load) -> None:
     found = load(GOAL).families[0].values["map_file"]
     assert isinstance(found, FileContent)
     hall = load_map(found.path)
@@ -123,7 +121,7 @@ def test_scenario_that_takes_its_map_from_the_family_needs_one(load: Load) -> No
         ("  - goal_pose1: {x: 2.0, y: 1.0}\n  - goal_pose2: {x: 1.0, y: 1.0}\n", "goal_pose1 to goal_pose2"),
     ],
 )
-def test_several_goals_for_a_scenario_with_one_are_sent_for_in_turn(load: Load, goals: str, given: str) -> None:
+def test_several_goals_are_visited_in_turn(load: Load, goals: str, given: str) -> None:
     campaign = load(goals + MAP)
     assert said(campaign) == [f"takes one goal_pose, and there are {given}; the robot is sent to each of them in turn"]
     assert not [note for note in campaign.notes if note.kind == "unknown key"]
@@ -139,7 +137,7 @@ def test_another_parameter_without_a_value_is_a_fault_as_before(load: Load) -> N
         load(GOAL + MAP, own="    speed: float\n")
 
 
-def test_family_whose_list_of_goals_is_empty_is_lost_and_the_others_are_not(load: Load) -> None:
+def test_family_without_goals_is_unavailable(load: Load) -> None:
     campaign = load(GOAL + MAP + "- name: b\n  parameters:\n  - goal_poses: []\n" + MAP)
     assert [family.name for family in campaign.families] == ["a"]
     (fault,) = campaign.unavailable["b"]

@@ -43,7 +43,7 @@ def places(tmp_path, drawn_map):
     return base, maps
 
 
-def test_map_that_is_not_beside_the_file_is_found_in_the_folder_of_maps(places):
+def test_map_is_found_in_the_folder_of_maps(places):
     base, maps = places
     search = MapSearch(base, maps)
     found = search.content("halls/map.yaml")
@@ -59,7 +59,7 @@ def test_map_beside_the_file_comes_before_one_in_the_folder_of_maps(places):
     assert search.borrowed == {}
 
 
-def test_without_a_folder_of_maps_the_option_is_named(places):
+def test_missing_map_names_the_option(places):
     base, _ = places
     with pytest.raises(FileError, match=r"4:19: .*halls/map\.yaml: no such file; .* --map-dir names"):
         load_campaign(base / "two.vast")
@@ -94,7 +94,7 @@ def test_folder_without_maps_says_so(places, tmp_path):
         MapSearch(base, tmp_path / "empty").content("map.yaml")
 
 
-def test_where_maps_were_found_is_in_no_digest(places):
+def test_folder_of_maps_is_in_no_digest(places):
     base, maps = places
     apart = instantiate(load_campaign(base / "two.vast", maps))
     shutil.copytree(maps / "halls", base / "halls")

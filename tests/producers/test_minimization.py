@@ -39,7 +39,7 @@ def test_things_that_fail_only_together_are_what_is_left(drawn):
 
 
 @given(st.lists(st.sets(st.integers(0, 9), min_size=1), min_size=1, max_size=4))
-def test_of_what_is_left_nothing_can_be_left_out(reasons):
+def test_result_of_ddmin_is_minimal(reasons):
     def fails(kept):
         return any(reason <= set(kept) for reason in reasons)
 
@@ -48,7 +48,7 @@ def test_of_what_is_left_nothing_can_be_left_out(reasons):
     assert not any(fails([other for other in left if other != each]) for each in left)
 
 
-def test_where_nothing_is_needed_one_question_is_asked():
+def test_ddmin_asks_once_if_nothing_is_needed():
     asked = []
     assert ddmin(range(30), lambda kept: asked.append(kept) or True) == ()
     assert asked == [()]
@@ -70,7 +70,7 @@ def test_value_that_stays_comes_as_near_to_its_default_as_fails():
     assert (list(found.cause), found.not_tried) == ([noise], {})
 
 
-def test_what_could_not_be_tried_is_still_there_and_no_cause():
+def test_untried_circumstance_remains_and_is_no_cause():
     a, b = thing("a"), thing("b")
     untried = Outcome("not tried", reason="it can't be built")
 
@@ -92,13 +92,13 @@ def test_minimum_that_fresh_runs_do_not_confirm_is_passed_over():
     assert found.candidate.kept == {things[0], things[1]}
 
 
-def test_what_is_never_confirmed_is_no_failure():
+def test_unconfirmed_failure_is_reported():
     found = minimize((thing("a"),), lambda candidate: FAILS, lambda candidate: Outcome("undecided", 3, 20))
     assert isinstance(found, Unconfirmed)
     assert found.text == "failed 7 of 7 runs, and only 3 of 20 fresh ones"
 
 
-def test_each_candidate_is_judged_once():
+def test_candidates_are_judged_once():
     asked = []
 
     def judge(candidate):

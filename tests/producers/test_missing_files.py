@@ -58,7 +58,7 @@ def test_family_that_lacks_a_file_is_set_apart_with_its_fault(loaded, family, wh
     assert (fault.place.line, fault.kind == "missing") == (6 if "variations" not in family else 7, True)
 
 
-def test_nothing_is_set_apart_where_all_files_are_there(loaded):
+def test_families_are_complete_when_files_exist(loaded):
     campaign = loaded()
     assert [each.name for each in campaign.families] == ["one", "two"]
     assert campaign.missing == ()
@@ -73,7 +73,7 @@ def test_nothing_is_set_apart_where_all_files_are_there(loaded):
         ({"parameters": "map_file: no-map.yaml"}, ["a map is a mapping"]),
     ],
 )
-def test_file_with_other_faults_or_without_any_family_left_is_refused_with_all_of_them(loaded, families, faults):
+def test_file_without_a_family_left_is_refused_with_all_faults(loaded, families, faults):
     with pytest.raises(FileError, match=r"x\.vast") as refused:
         loaded(**families)
     assert len(refused.value.faults) == len(faults)

@@ -63,7 +63,7 @@ def placed(item, key="static_objects"):
     seed=st.integers(0, 99),
 )
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_every_obstacle_stands_free_near_the_path_and_a_way_remains(
+def test_obstacles_stand_free_near_the_path_and_leave_a_path(
     site, amount, max_distance, size, model, robot_diameter, seed
 ):
     config = {"amount": amount, "max_distance": max_distance, "model": model, "xacro_arguments": size}
@@ -162,7 +162,7 @@ def test_listed_amounts_and_distances_are_combined_and_each_placed_count_times(s
     assert [len(placed(item)) for item in items] == [1] * 8 + [1 + per_m] * 8
 
 
-def test_no_obstacles_placed_three_times_are_three_equal_fragments(site):
+def test_empty_placements_are_equal_fragments(site):
     items = evaluate(obstacle_variation({"amount_per_m": 0, "max_distance": 0.3}, count=3), site)
     requested = {"amount_per_m": 0.0, "max_distance": 0.3, "model": "box", "xacro_arguments": ""}
     assert items == [
@@ -182,7 +182,7 @@ def test_placements_of_one_combination_differ(site):
     assert len({str(item.values) for item in items}) == 3
 
 
-def test_one_more_amount_leaves_the_other_placements_as_they_are(site):
+def test_another_amount_leaves_other_placements(site):
     few = evaluate(obstacle_variation({"amount_per_m": 0.2, "max_distance": 1}, count=2), site)
     more = evaluate(obstacle_variation({"amount_per_m": [0.1, 0.2], "max_distance": 1}, count=3), site)
     assert more[3:5] == few
@@ -198,7 +198,7 @@ def test_entries_are_written_as_the_scenario_reads_them(site):
     assert producer.writes == {"things": "environment"}
 
 
-def test_without_a_drawn_path_the_shortest_one_from_start_to_goal_counts(drawn_map):
+def test_shortest_path_counts_without_a_drawn_one(drawn_map):
     inputs = {
         "map_file": drawn_map("." * 30, "." * 30, "." * 30, cells=10),
         "start_pose": {"x": 0.0, "y": -1.28},
@@ -295,7 +295,7 @@ def test_second_producer_leaves_the_obstacles_of_the_first_their_place(site):
     assert names == [f"obstacle_{i}" for i in range(6)]
 
 
-def test_what_is_in_the_list_already_stays(site):
+def test_listed_obstacles_stay(site):
     given_box = {"entity_name": "obstacle_1", "spawn_pose": {"x": 1.0, "y": 0.0}}
     (item,) = evaluate(obstacle_variation({"amount": 2, "max_distance": 1}), {**site, "static_objects": [given_box]})
     assert item.values["static_objects"][0] == given_box

@@ -30,7 +30,7 @@ def test_child_yields_what_it_yields_alone():
     assert evaluate(one_of(LIST, UNIFORM), {})[2:] == evaluate(alone, {})
 
 
-def test_it_reads_needs_and_writes_what_its_children_do():
+def test_union_declares_what_its_children_do():
     producer = one_of(LIST, OBSTACLES)
     assert set(producer.writes) == {"a", "static_objects"}
     assert producer.needs == ("map_file",)

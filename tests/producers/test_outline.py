@@ -22,13 +22,13 @@ distances = st.sampled_from([0.05, 0.225, 0.4])
 
 
 @given(obstacles, near, near, distances)
-def test_it_is_nearer_to_a_point_where_its_polygon_is(obstacle, x, y, distance):
+def test_outline_is_as_near_to_a_point_as_its_polygon(obstacle, x, y, distance):
     found = ObstacleOutline(obstacle).nearer_to((x, y), distance)
     assert found == (obstacle.footprint().distance(Point(x, y)) < distance)
 
 
 @given(obstacles, obstacles, distances)
-def test_two_are_nearer_to_each_other_where_their_polygons_are(one, other, distance):
+def test_outlines_are_as_near_as_their_polygons(one, other, distance):
     found = ObstacleOutline(one).nearer_than(distance, ObstacleOutline(other))
     assert found == (one.footprint().distance(other.footprint()) < distance)
 
@@ -41,7 +41,7 @@ def ground(drawn_map):
 
 
 @given(obstacles)
-def test_what_it_says_leaves_the_free_cells_does(ground, obstacle):
+def test_outline_leaves_free_cells_only_if_its_polygon_does(ground, obstacle):
     moved = Obstacle(
         "o",
         obstacle.shape,

@@ -38,7 +38,7 @@ def lengths(path):
 
 
 def passable_by_hand(occupancy, robot_diameter):
-    """Cells whose center is farther than the radius, in whole cells, from every center of a cell that is not free, one by one."""
+    """Cells farther than the radius, in whole cells, from each cell that is not free, one by one."""
     rows, columns = occupancy.shape
     blocked = [
         (r, c)
@@ -136,7 +136,7 @@ def test_several_goals_share_the_length_equally(hall, n_goals, length, seed):
     assert abs(item.values["_path_length"] - length) <= 0.6 + 1e-6
 
 
-def test_path_of_200_m_in_a_map_of_15_m_is_rejected_with_the_longest_there_is(hall):
+def test_impossible_path_is_rejected_with_the_longest(hall):
     items = evaluate(path_variation(path_length=200, num_paths=2), {"map_file": hall})
     assert [type(item) for item in items] == [Rejection, Rejection]
     assert items[0].reason == items[1].reason
@@ -226,7 +226,7 @@ def test_goals_per_meter_are_rounded_and_at_least_one(hall):
     assert counts == [1, 1, 1, 4]
 
 
-def test_one_more_length_leaves_the_other_paths_as_they_are(hall):
+def test_another_length_leaves_other_paths(hall):
     few = evaluate(path_variation(path_length=[5, 10], num_paths=2, seed=3), {"map_file": hall})
     more = evaluate(path_variation(path_length=[300, 8, 5, 10], num_paths=3, seed=3), {"map_file": hall})
     assert [item.values for item in few] == [more[i].values for i in (6, 7, 9, 10)]
@@ -278,7 +278,7 @@ def test_given_poses_may_miss_the_length_by_the_tolerance_and_no_more(hall, goal
         ({"map_file": "m.yaml"}, "map_file is 'm.yaml', not a map file"),
     ],
 )
-def test_what_is_given_and_does_not_fit_is_a_rejection_with_its_reason(hall, inputs, reason):
+def test_unsuitable_given_values_are_rejected(hall, inputs, reason):
     (item,) = evaluate(path_variation(path_length=4), {"map_file": hall, **inputs})
     assert isinstance(item, Rejection)
     assert re.search(reason, item.reason)

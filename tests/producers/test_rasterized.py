@@ -110,7 +110,7 @@ def test_exactly_the_pairs_of_the_promised_length_are_there_in_order(
         assert [r.reason.rpartition("; ")[2] for r in rejections] == ["too few for a path"] * len(lengths)
 
 
-def test_points_go_row_by_row_from_below_at_the_offset_within_a_raster_step(hall):
+def test_points_go_by_rows_from_below_at_the_offset(hall):
     points = raster_points(ground_of(hall, 0.35), 2.0, 5.0, -1.0)  # 1 m and 1 m
     assert points.tolist() == [[20, 20], [20, 60], [20, 100], [60, 20], [60, 60], [60, 100]]
 
@@ -134,7 +134,7 @@ def test_way_back_is_the_same_way(hall):
     assert all(ways[ends[::-1]] == way[::-1] for ends, way in ways.items())
 
 
-def test_with_several_goals_there_is_one_path_from_each_start_through_new_points(hall):
+def test_several_goals_give_one_path_from_each_start(hall):
     producer = rasterized(path_length=6, num_goal_poses=3, raster_size=2, raster_offset_x=1, raster_offset_y=1)
     items, rejections = split(evaluate(producer, {"map_file": hall}))
     assert [places(item)[0] for item in items] == [(x, y) for y in (-0.975, 1.025) for x in (0.025, 2.025, 4.025)]
@@ -144,7 +144,7 @@ def test_with_several_goals_there_is_one_path_from_each_start_through_new_points
     assert rejections == []
 
 
-def test_one_rejection_for_each_length_counts_what_it_leaves_out_and_says_what_is_the_longest(drawn_map):
+def test_rejection_counts_pairs_and_names_the_longest(drawn_map):
     rooms = drawn_map(*["......#......"] * 4, cells=10)
     items = evaluate(rasterized(path_length=[2, 50], raster_size=1, raster_offset_x=0.5), {"map_file": rooms})
     _, rejections = split(items)
@@ -189,7 +189,7 @@ def test_start_among_the_parameters_is_written(hall):
         ),
     ],
 )
-def test_what_gives_no_raster_is_a_rejection_for_each_length(hall, parameters, inputs, reason):
+def test_impossible_raster_is_rejected_for_each_length(hall, parameters, inputs, reason):
     producer = rasterized(**{"path_length": [3, 4], "raster_size": 1, **parameters})
     items = evaluate(producer, {"map_file": hall, **inputs})
     assert [type(item) for item in items] == [Rejection, Rejection]
@@ -207,7 +207,7 @@ def test_raster_producers_keep_the_contract(hall, drawn_map):
     check_producer(producer, [{"map_file": hall, "noise": 0.1}, {"map_file": drawn_map("..", cells=10)}])
 
 
-def test_all_pairs_of_a_large_building_take_a_second_or_two(shared_map, loops):
+def test_pairs_of_a_large_building_take_seconds(shared_map, loops):
     inputs = {"map_file": shared_map("university")}
     producer = rasterized(path_length=20, path_length_tolerance=1, raster_size=4)
     evaluate(rasterized(path_length=3, raster_size=30), inputs)  # the map is read and inflated once

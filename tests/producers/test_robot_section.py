@@ -32,7 +32,7 @@ def of_robot(family):
     return {key: value for key, value in family.values.items() if key.startswith("robot.")}
 
 
-def test_what_a_robot_is_given_takes_the_place_of_the_turtlebot_4s(family):
+def test_given_quantities_replace_the_turtlebot_4s(family):
     given = family(
         "{polygon: [[0.5, 0.3], [0.5, -0.3], [-0.2, 0.0]], mass: 40, max_speed: 0.22, max_yaw_rate: 1, lidar: {x: 0.1, yaw: 0, "
         "beams: 181, angle_min: -1.5708, angle_max: 1.5708, range_min: 0.05, range_max: 12, rate: 5}}"

@@ -1,4 +1,4 @@
-"""The search section: what is right, what is wrong with it and where, and what of it can't be run here."""
+"""The search section: right forms, faults with their places, and plug-ins that can't be run here."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -48,7 +48,7 @@ Said = Callable[..., list[str]]
 
 @pytest.fixture
 def said(tmp_path: Path) -> Said:
-    """What is said of a search with some parts replaced, without the file's name; why it can't be run if it has no fault."""
+    """The faults of a search with some parts replaced, or why it can't be run."""
 
     def faults(**parts: str) -> list[str]:
         (tmp_path / "scenario.osc").write_text(SCENARIO)
@@ -130,5 +130,5 @@ def test_criterion_that_is_a_number_is_short_for_its_main_field() -> None:
         (3, None),
     ],
 )
-def test_only_a_whole_text_is_a_marker(text: object, name: str | None) -> None:
+def test_marker_is_a_whole_text(text: object, name: str | None) -> None:
     assert marker_of(text) == name

@@ -37,7 +37,7 @@ def place(proof, tmp_path_factory):
     return proof.Place(folder, folder / "store", workers=1)
 
 
-def test_where_nothing_blocks_the_door_all_runs_are_spent(proof, place, monkeypatch):
+def test_free_door_takes_all_runs(proof, place, monkeypatch):
     monkeypatch.setitem(proof.SPACES, "door", ({"x": (1.5, 1.6), "y": (0.6, 0.7)}, proof.SPACES["door"][1]))
     assert proof.runs_to_confirmed(place, "door", "random", 0, batches=1) == 2
 
@@ -47,7 +47,7 @@ def test_box_that_blocks_the_door_is_found_at_once_and_confirmed(proof, place, m
     assert proof.runs_to_confirmed(place, "door", "random", 0, batches=2) == 1 + 1
 
 
-def test_grid_and_a_search_say_that_a_wide_passage_is_better_than_a_narrow_one(proof, place):
+def test_grid_and_search_prefer_a_wide_passage(proof, place):
     rates = proof.grid_rates(place)
     assert rates.shape == (3, 3) and rates[:, 0].mean() > rates[:, -1].mean()
     expected = proof.searched_rates(place, 0, runs=2)

@@ -116,7 +116,7 @@ def test_halton_without_scrambling_is_the_textbooks_sequence_across_batches():
     ]
 
 
-def test_search_by_optuna_comes_nearer_than_one_at_random():
+def test_optuna_beats_random():
     def objective(point):
         return -((point["x"] - 1) ** 2) - (point["y"] + 1) ** 2
 
@@ -131,14 +131,14 @@ PLACES = {"archive": {"bins": 5, "measures": {name: {"low": -2, "high": 2} for n
 
 
 @each_row(("name", "given"), [("optuna", {}), ("qd", PLACES)])
-def test_where_nothing_is_better_points_come_from_the_whole_space(name, given):
+def test_equal_objectives_give_points_from_the_whole_space(name, given):
     kind, parameters, problem = strategy(name, given, PLANE)
     _, told = searched(kind, parameters, problem, lambda point: 0.0, 40)
     inner = [max(map(abs, each.proposal.point.values())) < 1 for each in told]
     assert np.mean(inner) == pytest.approx(0.25, abs=0.08)
 
 
-def test_search_by_qd_comes_nearer_than_one_at_random_and_finds_most_kinds():
+def test_qd_beats_random_and_fills_its_archive():
     kind, parameters, problem = strategy("qd", PLACES, PLANE)
     found, told = searched(kind, parameters, problem, lambda point: -((point["x"] - 1) ** 2) - point["y"] ** 2, 20)
     _, drawn = searched(*strategy("random", {}, PLANE), lambda point: -((point["x"] - 1) ** 2) - point["y"] ** 2, 20)
@@ -146,7 +146,7 @@ def test_search_by_qd_comes_nearer_than_one_at_random_and_finds_most_kinds():
     assert len(found.archive) >= 18
 
 
-def test_qd_that_is_asked_for_one_point_at_a_time_comes_nearer_than_random_too():
+def test_qd_beats_random_with_single_points():
     def objective(point):
         return -((point["x"] - 1) ** 2) - point["y"] ** 2
 
@@ -159,13 +159,13 @@ def test_qd_that_is_asked_for_one_point_at_a_time_comes_nearer_than_random_too()
     assert best["qd"] > best["random"] / 4
 
 
-def test_what_was_found_promises_most_beside_the_best_and_little_beside_the_worst():
+def test_promise_is_greatest_beside_the_best():
     units = np.array([[0.1], [0.3], [0.5], [0.7], [0.9]])
     least, most = promise(units, -units[:, 0], np.array([[0.85], [0.15]]))
     assert least < most
 
 
-def test_what_is_promised_depends_on_no_unit_and_where_all_is_equal_on_distance_alone():
+def test_promise_is_independent_of_the_unit():
     units, at = np.array([[0.1], [0.3], [0.9]]), np.array([[0.2], [0.6]])
     gains = np.array([3.0, 1.0, 2.0])
     assert promise(units, 1e-9 * gains + 5e-9, at) == pytest.approx(promise(units, gains, at))
@@ -187,7 +187,7 @@ def test_boundary_is_found_where_the_objective_crosses_its_level():
     assert abs(units[np.argmin(np.abs(mean)), 0] - 0.5) <= 0.05
 
 
-def test_an_unknown_strategy_is_said_with_those_there_are():
+def test_unknown_strategy_is_refused_with_the_nearest():
     with pytest.raises(PlugInError, match="no strategy 'randm'; did you mean 'random'"):
         find_strategy("randm", Path())
 
@@ -268,7 +268,7 @@ def test_plan_names_each_end_with_its_unit():
         ([{"x": 0.0, "y": 0.0}] * 3, "strategy Odd proposes 3 points in batch 1; at most 2"),
     ],
 )
-def test_what_a_strategy_was_not_asked_for_is_not_run(points, message):
+def test_unsuitable_proposals_are_refused(points, message):
     odd = type("Odd", (Random,), {"ask": lambda self, batch, count: points})
     with pytest.raises(UserError, match=message):
         asked(odd(SamplingParameters(), Problem(Space(PLANE))), 1, 2)

@@ -52,7 +52,7 @@ PLACED = "obstacle_configs: [%s]"
         (f"OneOfVariation: {{variations: [{UNIFORM % ('a', 99_999)}, {UNIFORM % ('a', 2)}]}}".replace("[P", "[{P").replace("}, P", "}}, {P").replace("}]", "}}]"), "100,001"),
     ],
 )  # fmt: skip
-def test_producer_of_too_many_is_refused_with_the_number_and_the_key_that_permits_it(tmp_path, producer, asked):
+def test_too_many_choices_are_refused_with_the_permitting_key(tmp_path, producer, asked):
     said = refused(campaign(tmp_path, producer))
     number = asked.replace(",", "")
     right = f"at most 100,000, or 'execution: {{max_configurations: {number}}}'"
@@ -67,7 +67,7 @@ def test_product_of_producers_and_the_sum_of_families_count(tmp_path):
     assert "asks for 150,000 configurations, 50,000 of them here;" in said
 
 
-def test_what_the_file_permits_is_read(tmp_path):
+def test_limit_of_the_file_is_read(tmp_path):
     producer = UNIFORM % ("a", 100_001)
     assert "asks for 100,001" in refused(campaign(tmp_path, producer))
     found = load_campaign(campaign(tmp_path, producer, execution="max_configurations: 100001"))
@@ -122,12 +122,12 @@ def grown(*producers: Untold, most: int) -> Grown:
     return growth.grown()
 
 
-def test_a_producer_that_never_ends_is_an_error():
+def test_endless_producer_is_an_error():
     with pytest.raises(PlugInError, match="Untold yields more than 100,000 choices for one input"):
         evaluate(Untold(10**12), {})
 
 
-def test_what_producers_did_not_tell_is_counted_as_they_are_joined():
+def test_undeclared_choices_are_counted_when_joined():
     assert len(grown(Untold(20), Untold(30), most=600).partials) == 600
     with pytest.raises(FileError, match=r"Untold makes 600 configurations of family 'a'; at most 599, or 'execution:"):
         grown(Untold(20), Untold(30), most=599)

@@ -86,20 +86,20 @@ def complaints(folder: Path, text: str) -> list[str]:
     return [str(fault).removeprefix(f"{file}:") for fault in faults_of(document, (), CampaignSpec, caught.value)]
 
 
-def test_every_key_of_version_1_and_of_ours_is_known() -> None:
+def test_keys_of_a_campaign_are_known() -> None:
     spec = spec_of(EVERY_KEY)
     assert spec.execution.runs == 20
     assert [container.name for container in spec.execution.secondary_containers] == ["nav", "sim", "third"]
     assert spec.evaluation.oracles == [{"safety": {}}, {"performance": {"threshold": 0.22}}]
 
 
-def test_every_key_of_a_search_is_known() -> None:
+def test_keys_of_a_search_are_known() -> None:
     search = spec_of(SEARCH).search
     assert search is not None
     assert sorted(search.search_space) == ["flag", "kind", "size", "speed"]
 
 
-def test_what_is_left_out_has_the_documented_default() -> None:
+def test_defaults_are_documented_ones() -> None:
     spec = spec_of("configuration: [{name: a}]")
     assert (spec.version, spec.execution.runs, spec.execution.seed, spec.execution.timeout) == (1, 1, 0, None)
 
@@ -148,7 +148,7 @@ def test_schema_offers_the_parameters_of_known_producers() -> None:
     assert "path_length" in parameters["properties"]
 
 
-def test_every_reference_in_the_schema_leads_somewhere() -> None:
+def test_references_of_the_schema_resolve() -> None:
     schema = campaign_schema()
 
     def references(value: Any) -> list[str]:
@@ -160,7 +160,7 @@ def test_every_reference_in_the_schema_leads_somewhere() -> None:
     assert {reference.removeprefix("#/$defs/") for reference in references(schema)} <= set(schema["$defs"])
 
 
-def test_every_property_in_the_schema_is_described() -> None:
+def test_properties_of_the_schema_are_described() -> None:
     found: list[str] = []
     bare: list[str] = []
 

@@ -85,7 +85,7 @@ def test_given_start_is_realised_exactly_where_the_padded_footprint_fits(made, x
         ("goal_poses: [{x: 4.0, y: 2.0}, {x: 1.0, y: -0.9}]", False),
     ],
 )
-def test_every_goal_counts_as_the_start_does(made, goals, free):
+def test_goals_are_checked_as_the_start_is(made, goals, free):
     found = made(f"  parameters:\n  - map_file: MAP\n  - start_pose: {{x: 4.0, y: 2.0}}\n  - {goals}\n")
     assert fits(found) is free
     assert free or found.rejections[0].reason.split(" at ")[1].startswith(
@@ -105,7 +105,7 @@ def test_rejection_says_who_where_and_into_what(made):
     }
 
 
-def test_without_the_check_a_robot_may_begin_in_a_wall(made):
+def test_disabled_check_accepts_a_start_in_a_wall(made):
     assert fits(made("  start_check: none\n" + poses((0.1, 2.0))))
 
 
@@ -119,7 +119,7 @@ def test_without_the_check_a_robot_may_begin_in_a_wall(made):
         ("  - robot_radius: '0.3'\n", False),
     ],
 )
-def test_it_is_the_local_costmaps_footprint_that_counts(made, more, free):
+def test_local_costmaps_footprint_counts(made, more, free):
     assert fits(made(poses((0.27, 2.0), more=more))) is free
 
 
@@ -176,7 +176,7 @@ def test_obstacle_is_in_the_way_at_the_start_and_not_at_the_goal(made, box, free
     assert free or found.rejections[0].reason.endswith("into crate")
 
 
-def test_without_a_map_or_a_start_there_is_nothing_to_check(tmp_path):
+def test_configuration_without_a_map_passes(tmp_path):
     (tmp_path / "p.osc").write_text("import osc.helpers\nscenario p:\n    do serial:\n        run_process('true')\n")
     file = tmp_path / "p.vast"
     file.write_text("version: 1\nconfiguration:\n- name: a\nexecution:\n  scenario_file: p.osc\n")
@@ -211,7 +211,7 @@ def gap_m(pose):
 
 
 @each_row("lines", [PATHS.format(seed=3), RASTER])
-def test_what_is_drawn_fits_and_is_not_rejected_afterwards(made, lines):
+def test_drawn_stops_pass_the_start_check(made, lines):
     loose, checked = made("  start_check: none\n" + lines), made(lines)
     assert [r.reason for r in checked.rejections if r.producer == "start_check"] == []
     gaps = {
@@ -221,13 +221,13 @@ def test_what_is_drawn_fits_and_is_not_rejected_afterwards(made, lines):
     assert min(gaps["loose"]) < DISC_M < min(gaps["checked"])
 
 
-def test_what_is_drawn_fits_the_largest_robot_of_the_family(made):
+def test_drawn_stops_fit_the_largest_robot(made):
     found = made(PATHS.format(seed=3) + RADII)
     assert found.rejections == ()
     assert min(gap_m(pose) for c in found.configurations for pose in stops(c)) >= 0.46
 
 
-def test_where_a_larger_robot_fits_too_the_same_is_drawn_for_it(made):
+def test_larger_robot_gets_the_same_stops(made):
     """The footprint narrows what is drawn and seeds nothing: two systems can be compared path by path."""
     one = made(PATHS.format(seed=3)).configurations
     other = made(
@@ -261,8 +261,8 @@ def test_stop_is_as_far_from_every_wall_as_was_asked(drawn_map, walls, room_m):
             assert ground.stops[row, column] == (nearest > room_m or not room_m)
 
 
-def test_on_the_papers_maps_one_start_in_22_leaves_no_room_for_nav2s_footprint(shared_map):
-    """Of the cells where a robot 0.35 m across stands; with its radius rounded down to 3.5 cells it was one in 15."""
+def test_papers_maps_have_one_start_in_22_without_room(shared_map):
+    """The share of cells for a robot 0.35 m across; with its radius rounded down it was one in 15."""
     cells, tight, rounded_down, tight_then = 0, 0, 0, 0
     for name in ("hallways", "rooms", "hospital", "office", "university"):
         map_file = shared_map(name)

@@ -1,4 +1,4 @@
-"""What surrounds a path, on maps that are drawn here."""
+"""Surroundings of a path, on maps that are drawn here."""
 
 import math
 
@@ -21,7 +21,7 @@ def straight(one, other):
 
 
 def corridor(width, angle_rad, length=LENGTH):
-    """Free cells whose centers lie less than half a width from a line through the middle, and cells along that line."""
+    """Free cells within half a width of a line through the middle, and cells along that line."""
     rows, columns = np.mgrid[0:length, 0:length] - (length - 1) / 2
     off = np.abs(rows * math.cos(angle_rad) - columns * math.sin(angle_rad))
     middle = (length - 1) / 2
@@ -76,7 +76,7 @@ def test_corner_of_a_room_is_no_passage():
 
 @given(seed=st.integers(0, 10_000))
 @settings(max_examples=25, deadline=None)
-def test_no_passage_is_narrower_than_the_medial_axis_says(seed):
+def test_medial_axis_bounds_passages_from_below(seed):
     """scikit-image's medial axis: twice its least distance to a wall bounds every passage from below."""
     rng = np.random.default_rng(seed)
     free = np.zeros((80, LENGTH), dtype=bool)
@@ -99,7 +99,7 @@ def test_straight_path_turns_nowhere_whatever_steps_the_grid_makes_of_it():
 
 @given(around=st.integers(1, 3))
 @settings(max_examples=3, deadline=None)
-def test_each_right_angle_of_a_winding_corridor_is_a_quarter_turn(around):
+def test_right_angles_are_quarter_turns(around):
     free = np.zeros((60 + 60 * around, 90), dtype=bool)
     legs, at = [], (10, 10)
     for k in range(2 * around + 1):

@@ -33,7 +33,7 @@ def triggered(*configs, **parameters):
 
 @pytest.fixture(scope="module")
 def site(drawn_map):
-    """A drawn path of 9 m through two goals in a hall with a pillar: the map and what the path producer wrote."""
+    """A drawn path of 9 m through two goals in a hall with a pillar."""
     rows = ["#" * 26, *["#" + "." * 24 + "#"] * 5, "#" + "." * 11 + "##" + "." * 11 + "#", *["#" + "." * 24 + "#"] * 5]
     content = drawn_map(*rows, "#" * 26, cells=10)
     asked = PathVariationRandom.Parameters(path_length=9, num_goal_poses=2, seed=5)
@@ -42,7 +42,7 @@ def site(drawn_map):
 
 
 def environment(item, before=()):
-    """What the simulator is given: without the notes for other producers."""
+    """The simulator's values, without notes for other producers."""
     return {key: value for key, value in {**dict(before), **item.values}.items() if not key.startswith("_")}
 
 
@@ -54,7 +54,7 @@ def environment(item, before=()):
     seed=st.integers(0, 99),
 )
 @settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_it_appears_off_the_stops_and_beyond_the_triggers_distance_and_leaves_a_way(
+def test_triggered_obstacle_keeps_its_distances_and_leaves_a_path(
     site, distance, max_distance, model, amount_static, seed
 ):
     boxes = {"amount": amount_static, "max_distance": 1.5, "args": "width:=0.3"}
@@ -107,7 +107,7 @@ def test_usual_keys_are_written_as_the_scenario_reads_them(site):
     )
 
 
-def test_each_placement_has_every_delay_and_the_key_that_varies_says_which(site):
+def test_placements_come_with_every_delay(site):
     soon, late, *_ = found = evaluate(triggered(count=2, spawn_delay_s=[0.0, 0.8]), site)
     assert len(found) == 4 == triggered(count=2, spawn_delay_s=[0.0, 0.8]).most_choices
     places = [item.values["static_objects"][0]["spawn_pose"] for item in found]
@@ -116,12 +116,12 @@ def test_each_placement_has_every_delay_and_the_key_that_varies_says_which(site)
     assert [o.trigger.delay_s for item in (soon, late) for o in obstacles_of(environment(item))] == [0.0, 0.8]
 
 
-def test_without_a_delay_no_key_of_it_is_written(site):
+def test_delay_key_needs_a_delay(site):
     (item,) = evaluate(triggered(), site)
     assert not [key for key in item.values if "delay" in key]
 
 
-def test_two_of_them_with_keys_of_their_own_each_have_their_trigger(site):
+def test_triggers_with_own_keys_are_separate(site):
     (one,) = evaluate(triggered(trigger_distance=1.0, name="first"), site)
     second = triggered(
         trigger_distance=2.0, name="second", spawn_trigger_point="point_2", spawn_trigger_threshold="threshold_2"
@@ -156,11 +156,11 @@ def test_distances_are_outermost_and_each_is_placed_count_times(site):
     assert len({str(item.values) for item in items}) == 12
 
 
-def test_one_more_distance_leaves_the_other_placements_as_they_are(site):
+def test_another_distance_leaves_other_placements(site):
     assert evaluate(triggered(trigger_distance=[1.5, 1.0]), site)[1:] == evaluate(triggered(), site)
 
 
-def test_every_goal_of_the_path_stays(site):
+def test_goals_of_the_path_stay(site):
     (item,) = evaluate(triggered(), site)
     assert "goal_poses" not in item.values
 
@@ -188,7 +188,7 @@ def test_amount_per_meter_that_comes_to_one_is_one(site):
         ),
     ],
 )
-def test_what_cannot_be_triggered_is_a_rejection_with_its_reason(site, parameters, reason):
+def test_impossible_trigger_is_rejected(site, parameters, reason):
     (item,) = evaluate(triggered(**parameters), site)
     assert isinstance(item, Rejection)
     assert reason in item.reason
@@ -212,7 +212,7 @@ def test_rest_of_a_path_is_as_long_as_what_is_cut_off_leaves(distance):
     np.testing.assert_array_equal(rest[-1], path[-1])
 
 
-def test_of_a_path_that_is_too_short_nothing_is_left():
+def test_rest_of_a_short_path_is_empty():
     assert len(beyond(np.array([[0.0, 0.0], [3.0, 0.0]]), 3.1)) == 0
 
 

@@ -1,4 +1,4 @@
-"""Producers on a map whose origin is turned: what they draw is what they draw on the map that is not, turned."""
+"""Producers on a map whose origin is turned draw the same, turned."""
 
 import math
 from pathlib import Path
@@ -62,7 +62,7 @@ def test_raster_is_turned(maps):
         assert_turned(pose_of(one["goal_pose"]), pose_of(other["goal_pose"]), yaw=False)
 
 
-def test_obstacles_are_placed_on_free_cells_of_the_turned_map_and_leave_a_way(maps):
+def test_obstacles_stand_on_free_cells_of_a_turned_map(maps):
     _, turned = maps
     (path,) = produced(PathVariationRandom, {"map_file": turned}, path_length=4.0, robot_diameter=0.4)
     config = {"amount": 3, "max_distance": 0.6, "args": "width:=0.3, length:=0.3"}

@@ -32,7 +32,7 @@ def inputs(drawn_map):
     return {"map_file": drawn_map(*ROOMS, cells=8), **STOPS}
 
 
-def test_it_keeps_the_contract_of_producers(inputs, drawn_map):
+def test_world_variation_keeps_the_contract(inputs, drawn_map):
     check_producer(
         world_variation(wall_offset=[0.0, 0.05], missing_furniture=[0, 0.5], count=2),
         [inputs, {**inputs, "start_pose": {"x": -0.9, "y": -1.9}}],
@@ -48,7 +48,7 @@ def test_world_is_drawn_for_each_combination_and_each_of_count(inputs):
     assert len({w["seed"] for w in worlds}) == 12
 
 
-def test_where_nothing_differs_nothing_is_written_but_what_was_asked_for(inputs):
+def test_equal_world_writes_only_provenance(inputs):
     (item,) = evaluate(world_variation(count=5), inputs)
     assert item == Fragment({"_wall_offset_m": 0.0, "_missing_furniture": 0.0})
 
@@ -89,6 +89,6 @@ def test_parted_rooms_are_rejected_with_their_reason(drawn_map):
     assert item.reason.endswith("in the last one walls part the start from a goal")
 
 
-def test_without_stops_any_world_will_do(inputs):
+def test_world_without_stops_is_accepted(inputs):
     (item,) = evaluate(world_variation(wall_offset=0.1), {"map_file": inputs["map_file"]})
     assert isinstance(item, Fragment)
