@@ -78,7 +78,7 @@ def said(load: Load, *arguments: str) -> list[str]:
         found = load(*arguments).notes
     except FileError as error:
         found = error.faults
-    return [re.sub(r"\S*/", "", str(each), count=1) for each in found]
+    return [re.sub(r"/\S*/", "", str(each)) for each in found]
 
 
 def system(campaign: Campaign) -> Any:

@@ -238,47 +238,6 @@ def test_configuration_without_a_path_is_rejected_with_the_reason(site, without_
     assert reason in items[0].reason
 
 
-<<<<<<< HEAD
-@each_row(
-    ("config", "message"),
-    [
-        ({"max_distance": 0}, "neither amount nor amount_per_m is given; one of them"),
-        ({"amount": 1, "amount_per_m": 1, "max_distance": 0}, "amount and amount_per_m are both given; one of them"),
-        ({"amount": -1, "max_distance": 0}, "greater than or equal to 0"),
-        ({"amount": 1.5, "max_distance": 0}, "valid integer"),
-        ({"amount_per_m": [0.1, -0.1], "max_distance": 0}, r"amount_per_m\.1\n.*greater than or equal to 0"),
-        ({"amount_per_m": [], "max_distance": 0}, "expected at least one value, got an empty list"),
-        ({"amount": 1, "max_distance": -1}, "greater than or equal to 0"),
-        ({"amount": 1}, "Field required"),
-        (
-            {"amount": 1, "max_distance": 0, "args": "width=2"},
-            "expected a size greater than 0, such as width:=0.5, got 'width=2'",
-        ),
-        ({"amount": 1, "max_distance": 0, "distance": 2}, "Extra inputs are not permitted"),
-    ],
-)
-def test_kind_of_obstacle_out_of_range_is_refused(config, message):
-    with pytest.raises(ValidationError, match=message):
-        obstacle_variation(config)
-
-
-@each_row(
-    ("parameters", "message"),
-    [
-        ({"count": 0}, "greater than or equal to 1"),
-        ({"robot_diameter": 0}, "greater than 0"),
-        ({"obstacle_configs": []}, "at least 1 item"),
-        ({"name": ""}, "at least 1 character"),
-        ({"seed": -1}, "greater than or equal to 0"),
-    ],
-)
-def test_parameter_out_of_range_is_refused(parameters, message):
-    with pytest.raises(ValidationError, match=message):
-        obstacle_variation({"amount": 1, "max_distance": 0}, **parameters)
-
-
-=======
->>>>>>> 8eebb93 (Hold faults of producers, constraints, documents, and Nav2 parameters in the golden files)
 def test_second_producer_leaves_the_obstacles_of_the_first_their_place(site):
     first, second = (
         obstacle_variation({"amount": 3, "max_distance": 1.0, "args": "width:=0.4"}, name=name, seed=8)

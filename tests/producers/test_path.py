@@ -304,38 +304,6 @@ def test_papers_listing_is_complete(hall):
     assert len(item.values["goal_poses"]) == 2
 
 
-<<<<<<< HEAD
-@each_row(
-    ("parameters", "message"),
-    [
-        ({}, "Field required"),
-        ({"path_length": 0}, "greater than 0"),
-        ({"path_length": [5, -1]}, r"path_length\.1\n.*greater than 0"),
-        ({"path_length": []}, "expected at least one value, got an empty list"),
-        ({"path_length": 5, "path_length_tolerance": -0.1}, "greater than or equal to 0"),
-        ({"path_length": 5, "num_paths": 0}, "greater than or equal to 1"),
-        ({"path_length": 5, "num_paths": 1.5}, "valid integer"),
-        ({"path_length": 5, "min_distance": -1}, "greater than or equal to 0"),
-        ({"path_length": 5, "robot_diameter": 0}, "greater than 0"),
-        ({"path_length": 5, "num_goal_poses": 0}, "greater than or equal to 1"),
-        ({"path_length": 5, "num_goal_poses": 2, "num_goal_poses_per_m": 1}, "both given; one of them"),
-        (
-            {"path_length": 5, "num_goal_poses": 2, "goal_poses": "@goal_pose"},
-            "holds one goal; '@goal_poses' for several",
-        ),
-        ({"path_length": 5, "start_pose": {"x": 1}}, "expected a pose, {x, y, yaw}"),
-        ({"path_length": 5, "goal_poses": []}, r"expected a key such as '@goal_poses', or a list of poses, got \[\]"),
-        ({"path_length": 5, "map_file": "nowhere.yaml"}, "no such file"),
-        ({"path_length": 5, "seed": -1}, "greater than or equal to 0"),
-    ],
-)
-def test_parameter_out_of_range_is_refused(parameters, message):
-    with pytest.raises(ValidationError, match=message):
-        path_variation(**parameters)
-
-
-=======
->>>>>>> 8eebb93 (Hold faults of producers, constraints, documents, and Nav2 parameters in the golden files)
 def test_path_producers_keep_the_contract(hall, drawn_map):
     small = drawn_map("....", "....", cells=10)
     producer = path_variation(path_length=[3, 200], num_paths=2)
