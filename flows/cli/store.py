@@ -68,28 +68,22 @@ def verify(
     """
     from concurrent.futures import ThreadPoolExecutor
 
-    from vastflow.tasks.store.store import EARLIER
-
-    with Interruptible("interrupted; the remaining artifacts are kept"), ThreadPoolExecutor(_READERS) as readers:
+    with Interruptible("interrupted; nothing more is discarded"), ThreadPoolExecutor(_READERS) as readers:
         opened = _opened(place, read_only=not repair)
         holdings = [holding for holding in opened.holdings() if holding.whole]
         keys = [holding.key for holding in holdings]
-        found = {key: fault for key, fault in zip(keys, readers.map(opened.fault, keys), strict=True) if fault}
-        faults = {key: fault for key, fault in found.items() if fault != EARLIER}
+        faults = {key: fault for key, fault in zip(keys, readers.map(opened.fault, keys), strict=True) if fault}
         if repair:
             opened.remove(list(faults))
-    earlier = len(found) - len(faults)
     if as_json:
         size = sum(holding.size_bytes for holding in holdings)
-        said = {"artifacts": len(holdings), "bytes": size, "damaged": faults, "repaired": repair, "earlier": earlier}
+        said = {"artifacts": len(holdings), "bytes": size, "damaged": faults, "repaired": repair}
         print(json.dumps({"store": opened.place, **said}))
     else:
         for key, fault in faults.items():
             print(f"{key}: {fault}")
         discarded = "; deleted, to be computed again" if repair and faults else ""
         print(f"{count_text(len(holdings), 'artifact')} read, {len(faults)} damaged{discarded}")
-        if earlier:
-            print(f"{earlier:,} of an earlier version, which are unused; `vastflow store gc` deletes them")
     if faults and not repair:
         raise typer.Exit(DAMAGED)
 

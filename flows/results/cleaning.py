@@ -18,7 +18,7 @@ from vastflow.oracles.results.unusable import reading
 from vastflow.producers.floorplan.environment import FOLDER
 from vastflow.sim.model.files import read_json
 from vastflow.tasks.engine.evaluation import FRAGMENTS
-from vastflow.tasks.engine.instantiation import EvaluationRequest, Instantiator, NotEvaluated
+from vastflow.tasks.engine.instantiation import EvaluationRequest, Instantiator
 from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.keys.source import SourceTree, installed_tree
 from vastflow.tasks.store.store import WRITING_S, Holding, Lost, Store, StoreError
@@ -86,7 +86,7 @@ def _evaluations(
     def stored(requests: Sequence[EvaluationRequest]) -> Mapping[str, str]:
         keys_asked.update(each.key for request in requests for each in request.evaluations)
         if any(store.find(each.key) is None for request in requests for each in request.evaluations):
-            raise NotEvaluated
+            raise Lost
         return {}
 
     try:
@@ -98,7 +98,7 @@ def _evaluations(
             Instantiator(campaign, store, keys, tree).instantiated(stored)
     except StoreError:
         raise
-    except (NotEvaluated, Lost):
+    except Lost:
         pass  # what follows from it is not in the store either
     except Exception:  # noqa: BLE001 - inputs that are others now, or a plug-in that raises anything
         return None
@@ -146,7 +146,7 @@ def cleaning(store: Store, referred: References | None, older_than_s: float, now
 
 
 def clean(store: Store, chosen: Cleaning) -> None:
-    """Remove what was chosen."""
+    """Remove the chosen artifacts and environments."""
     store.remove(holding.key for holding in chosen.removed)
     for folder in chosen.environments:
         shutil.rmtree(folder, ignore_errors=True)

@@ -224,11 +224,11 @@ def _content(files: tuple[_Stamp, ...]) -> str:
 
 
 def _versions(imported: tuple[str, ...]) -> dict[str, str]:
-    names = (name for top in imported for name in _distributions().get(top, ()))
+    names = (name for top in imported for name in distributions().get(top, ()))
     return {name: importlib.metadata.version(name) for name in names}
 
 
 @functools.cache
-def _distributions() -> Mapping[str, list[str]]:
-    """Import name to the distributions that are installed under it; takes a tenth of a second."""
+def distributions() -> Mapping[str, list[str]]:
+    """Return import name to the distributions that are installed under it; takes a tenth of a second."""
     return importlib.metadata.packages_distributions()

@@ -92,7 +92,8 @@ def neighbors_of(file: Path, code: str | None = None) -> Neighbors:
         found.modules[module] = _content(module)
         tree = _tree(module, code.encode() if code is not None and module == file else found.modules[module])
         nodes = list(ast.walk(tree))
-        for name in dict.fromkeys(_imports(nodes, module, file.parent)):
+        inside = module.parent.relative_to(file.parent).parts if module.is_relative_to(file.parent) else ()
+        for name in dict.fromkeys(imports_of(nodes, ".".join(inside))):
             top = name.partition(".")[0]
             if is_beside(top, file.parent):
                 waiting += _executed(name, file.parent)
@@ -125,22 +126,23 @@ def _content(file: Path) -> bytes:
         raise PlugInError(f"{str(file)!r}: {error.what}", error.right) from None
 
 
-def _imports(nodes: list[ast.AST], module: Path, root: Path) -> Iterator[str]:
-    """Names of every import as seen from `root`, also inside functions and in calls with a literal."""
-    inside = module.parent.relative_to(root).parts if module.is_relative_to(root) else ()
+def imports_of(nodes: list[ast.AST], package: str) -> Iterator[str]:
+    """Yield the names of all imports in a module of `package`, also inside functions and in calls with a literal.
+
+    Of `from a import b` both `a` and `a.b`.
+    """
+    inside = package.split(".") if package else []
     for node in nodes:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            base = [*inside[: len(inside) - node.level + 1]] if node.level else []
+            base = inside[: len(inside) - node.level + 1] if node.level else []
             base += [node.module] if node.module else []
             if base:
                 yield ".".join(base)
             yield from (".".join([*base, alias.name]) for alias in node.names if alias.name != "*" or base)
-        elif isinstance(node, ast.Call) and node.args and ast.unparse(node.func) in _IMPORTING:
-            first = node.args[0]
-            if isinstance(first, ast.Constant) and isinstance(first.value, str):
-                yield first.value
+        elif isinstance(node, ast.Call) and node.args and isinstance(first := node.args[0], ast.Constant):
+            yield from [first.value] if isinstance(first.value, str) and ast.unparse(node.func) in _IMPORTING else []
 
 
 def is_beside(top: str, root: Path) -> bool:

@@ -51,10 +51,6 @@ class Evaluator(Protocol):
         """Return when all of them are there, but for those at which the producer raised: key to the error."""
 
 
-class NotEvaluated(Exception):
-    """An evaluation is not in the store, and nobody may compute it now."""
-
-
 @dataclass(frozen=True, slots=True)
 class ProducerFault:
     """A producer raised, or a file of a family is not there: what some partial configurations would have been is not known.
@@ -101,7 +97,7 @@ class Instantiator:
         """The instantiation, if every evaluation is in the store."""
         try:
             return self.instantiated(self._all_there)
-        except (NotEvaluated, Lost):
+        except Lost:
             return None
 
     def instantiated(self, evaluator: Evaluator) -> Instantiated:
@@ -127,7 +123,7 @@ class Instantiator:
     def _all_there(self, requests: Sequence[EvaluationRequest]) -> Mapping[str, str]:
         for request in requests:
             if any(self.store.find(each.key) is None for each in request.evaluations):
-                raise NotEvaluated(f"{type(request.producer).__name__} of {request.family}")
+                raise Lost(f"an evaluation of {type(request.producer).__name__} of {request.family}")
         return {}
 
     def _step(self, families: Sequence["_Growing"], step: int, evaluator: Evaluator) -> None:

@@ -1,7 +1,4 @@
-"""Code digests: equal ones mean the same program, whatever it looks like and whatever its docstrings say.
-
-What was read of source files is kept from one process to the next: a file of the same content is not parsed again.
-"""
+"""Code digests: equal for equal programs, whatever their layout and docstrings; and a cache of parsed source files."""
 
 import ast
 import hashlib
@@ -21,11 +18,9 @@ _UNSEEN = frozenset({"kind", "type_comment", "type_ignores"})
 
 
 def code_digest(text: str) -> str:
-    """SHA-256 of the syntax tree of Python source, without docstrings and positions.
+    """SHA-256 of the syntax tree of Python source, without positions and statements that are only a string.
 
-    Two texts with equal digests have equal trees but for statements that are a string and nothing else, as docstrings are.
-    A tree is digested in a form of its own, not as `ast.dump` writes it, so that a text has the same digest on every minor
-    version of Python that parses it to the same nodes.
+    The tree's own form, unlike `ast.dump`, is the same on every minor version of Python that parses the same nodes.
 
     Raises:
         SyntaxError: it is no Python.
@@ -34,7 +29,7 @@ def code_digest(text: str) -> str:
 
 
 def tree_digest(tree: ast.AST) -> str:
-    """As `code_digest`, of a text that was parsed."""
+    """SHA-256 of a syntax tree, see `code_digest`."""
     hashed = hashlib.sha256()
     for token in _tokens(tree):
         hashed.update(token)
@@ -42,7 +37,7 @@ def tree_digest(tree: ast.AST) -> str:
 
 
 def _tokens(tree: ast.AST) -> Iterator[bytes]:
-    """The tree as text from which it could be built again; without recursion, for a sum of 1,000 terms is as many levels deep."""
+    """Yield text from which the tree could be rebuilt, without recursion, as trees may be 1,000 levels deep."""
     waiting: list[Any] = [tree]
     while waiting:
         part = waiting.pop()
@@ -57,7 +52,7 @@ def _tokens(tree: ast.AST) -> Iterator[bytes]:
 
 
 def _node(node: ast.AST) -> Iterator[Any]:
-    """A node's parts; an absent field and an empty list are left out, for newer versions of Python have fields that older have not."""
+    """Yield a node's parts without absent fields and empty lists, which depend on the version of Python."""
     yield f"({type(node).__name__}".encode()
     for name, value in ast.iter_fields(node):
         is_absent = (value is None and not isinstance(node, ast.Constant)) or value == []
@@ -68,7 +63,7 @@ def _node(node: ast.AST) -> Iterator[Any]:
 
 
 def _constant(value: object) -> bytes:
-    """A value that stands in a tree: what it is and how long, so that no two are written alike."""
+    """Return a value of a tree with its type and length, so that no two are written alike."""
     if isinstance(value, str):
         text = value.encode("utf-8", "surrogatepass")
     elif isinstance(value, bytes):
@@ -89,16 +84,12 @@ def _is_docstring(node: object) -> bool:
 
 
 CACHED_FILES: Final = 4000
-"""Files; those that were not asked for go first when there are more."""
+"""Maximum number of files in the cache; the unused ones go first."""
 
 
 @dataclass(frozen=True, slots=True)
 class Module:
-    """What is read of one file: the digest of its code, and the names of every module it may import.
-
-    Attributes:
-        data: Packages whose data it reads, by `importlib.resources.files("name")` or `importlib.util.find_spec("name")`.
-    """
+    """Code digest of one file, the modules it may import, and the packages whose data it reads."""
 
     code: str
     imports: frozenset[str]
@@ -109,8 +100,8 @@ class SourceCache:
     """Modules by the content of their files.
 
     Args:
-        file: Where they are kept; None for this process alone.
-        reader: The source files of what reads modules: they decide what is read of one.
+        file: Cache file; None for this process alone.
+        reader: Source files of the code that reads modules, which are part of every key.
     """
 
     def __init__(self, file: Path | None, reader: Iterable[Path]) -> None:
@@ -123,7 +114,7 @@ class SourceCache:
         self._new = False
 
     def find(self, content: bytes, package: str) -> Module | None:
-        """The module of a file with this content in this package, if it was read before."""
+        """Return the module of a file with this content in this package, if it was read before."""
         key = self._key(content, package)
         if key not in self._asked and key in self._known:
             code, imports, data = self._known[key]
@@ -131,12 +122,12 @@ class SourceCache:
         return self._asked.get(key)
 
     def add(self, content: bytes, package: str, module: Module) -> None:
-        """Remember what was read."""
+        """Add a module."""
         self._asked[self._key(content, package)] = module
         self._new = True
 
     def keep(self) -> None:
-        """Write down what is new; where that is not possible it is read again the next time."""
+        """Write the cache file if anything is new; a failure costs time, nothing else."""
         if self._file is None or not self._new:
             return
         self._new = False
@@ -160,14 +151,14 @@ class SourceCache:
 
 @cache
 def source_cache_file() -> Path:
-    """Where the modules of this installation are kept: in the user's cache folder."""
+    """Return the cache file of this installation, in the user's cache folder."""
     import platformdirs
 
     return Path(platformdirs.user_cache_dir("vastflow")) / "source" / "modules"
 
 
 def _read(file: Path) -> dict[str, Any]:
-    """What `keep` wrote; nothing where it is missing or damaged."""
+    """Return the content of a cache file; empty where it is missing or damaged."""
     try:
         hashed, _, body = file.read_bytes().partition(b"\n")
         if hashlib.sha256(body).hexdigest().encode() == hashed:

@@ -1,4 +1,4 @@
-"""Keys: what the content of every artifact follows from, as one digest each."""
+"""Keys: a digest of all that the content of an artifact follows from."""
 
 import os
 import platform
@@ -11,7 +11,7 @@ from vastflow.sim.model.digest import Value, digest, file_digest
 from vastflow.tasks.store.source_files import SourceFiles
 
 LAYOUT: Final = 1
-"""Number of the form in which `vastflow.tasks.engine.work` writes artifacts: a new one makes all of them anew."""
+"""Version of the form in which `vastflow.tasks.engine.work` writes artifacts."""
 
 EXECUTE_SOURCE: Final = (
     "vastflow.sim.run",
@@ -47,11 +47,11 @@ class Keys:
     """Makes the keys of one campaign's artifacts: `<stage>/<two digits>/<digest>`.
 
     Attributes:
-        numeric: See `numeric_class`; part of every key.
+        numeric: See `numeric_class`.
         execute_source, observe_source, judge_source: Source digests of the stages.
         seed: `execution.seed`.
-        oracles: The oracles as they judge: name and parameters of each, in order.
-        sources: The files of which the source digests are; None where nothing is computed under these keys.
+        oracles: Name and parameters of each oracle, in order.
+        sources: Files behind the source digests; None where nothing is computed under these keys.
     """
 
     numeric: str
@@ -64,36 +64,30 @@ class Keys:
 
     @property
     def identity(self) -> str:
-        """Digest of all that keys of recordings, traces and verdicts follow from beside scenarios and contents."""
+        """Digest of all in the keys of recordings, traces, and verdicts but scenarios and contents."""
         return digest(
             *(LAYOUT, self.numeric, self.execute_source, self.observe_source, self.judge_source, self.seed),
             list(self.oracles),
         )
 
     def recordings(self, scenario: str) -> str:
-        """Where the blocks of a scenario's runs lie. The number of runs is no part of it: 5 + 3 more are 8.
+        """Key below which the blocks of a scenario's runs lie, whatever their number.
 
         Args:
-            scenario: Digest of all that runs are computed from, see `vastflow.sim.reading.checked.checked_digest`; so below.
+            scenario: `vastflow.sim.reading.checked.checked_digest` of the scenario, here and below.
         """
         return self._key("execute", self.execute_source, scenario, self.seed)
 
     def trace(self, scenario: str, recording: str) -> str:
-        """The trace of one block; `recording` is the content digest of the block."""
+        """Key of the trace of one block; `recording` is the content digest of the block."""
         return self._key("observe", self.observe_source, scenario, recording)
 
     def verdicts(self, scenario: str, recording: str, trace: str) -> str:
-        """The verdicts on one block; `recording` and `trace` are content digests."""
+        """Key of the verdicts on one block; `recording` and `trace` are content digests."""
         return self._key("judge", self.judge_source, scenario, recording, trace, self.oracles)
 
     def evaluation(self, source: str, producer: str, parameters: Value, inputs: str) -> str:
-        """What a producer makes of one restricted input.
-
-        Args:
-            source: Source digest of the producer.
-            producer: Its name.
-            inputs: Digest of the restricted input.
-        """
+        """Key of a producer's evaluation, by its source digest, name, and parameters, and the input's digest."""
         return self._key("evaluate", source, producer, parameters, inputs)
 
     def _key(self, stage: str, *content: Value) -> str:
@@ -108,12 +102,10 @@ def numeric_class(
     environment: Mapping[str, str] | None = None,
     python: str | None = None,
 ) -> str:
-    """What hosts must have in common to compute the same bits.
+    """Return the properties that hosts share if they compute the same bits; arguments default to this host's.
 
-    That is the architecture, the C library, the CPU features that matter, variables that choose between variants of functions
-    or of compiled code, and Python's minor version: from 3.12 on `sum` of floats has other last bits.
-
-    Args default to this host's.
+    They are the architecture, the C library, CPU features and variables that choose between variants of functions or of
+    compiled code, and Python's minor version: from 3.12 on `sum` of floats has other last bits.
     """
     machine = platform.machine() if machine is None else machine
     library = _c_library() if library is None else library
@@ -130,7 +122,7 @@ def numeric_class(
 
 
 def _changes_kernels(variable: str) -> bool:
-    """Whether a variable may change what Numba compiles."""
+    """True if a variable may change the code that Numba compiles."""
     return variable.startswith(_NUMBA) and not variable.removeprefix(_NUMBA).startswith(_NUMBA_THAT_ONLY_SAYS)
 
 
@@ -139,7 +131,7 @@ def _c_library() -> str:
 
 
 def _cpu_features() -> frozenset[str]:
-    """Feature names as Linux gives them; elsewhere none, where architecture and system version decide."""
+    """Return feature names as Linux gives them; elsewhere architecture and system version decide."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:

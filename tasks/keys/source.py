@@ -1,20 +1,19 @@
-"""Source digests: which code a result follows from, found by reading it, without running it."""
+"""Source digests: the code that a result follows from, found by reading it, without running it."""
 
 import ast
 import copy
 import functools
 import importlib.metadata
 import importlib.util
-import io
 import sys
-import tokenize
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from vastflow.sim.model.digest import digest, file_digest
-from vastflow.sim.plug_ins.loading import snapshot_behind
+from vastflow.sim.plug_ins.loading import distributions, snapshot_behind
+from vastflow.sim.plug_ins.neighbors import imports_of
 from vastflow.sim.plug_ins.snapshot import Snapshot
 from vastflow.tasks.keys import code_digest
 from vastflow.tasks.keys.code_digest import Module, SourceCache, source_cache_file, tree_digest
@@ -56,23 +55,23 @@ READING: Final = (
     "vastflow.sim.world.noise_conformance",
     "vastflow.sim.world.noise_registry",
 )
-"""Packages that read and check, and that let plug-ins in. No result follows from their code: what they make of files is in
-keys as a value, and a plug-in as its snapshot."""
+"""Packages that read and check, and load plug-ins. No result follows from their code: keys hold the values they read, and
+the snapshots of plug-ins."""
 
 PLUG_IN: Final = "plug-in"
-"""Name under which a plug-in's file enters a digest: where it lies doesn't matter. What it uses begins with this and a slash."""
+"""Name of a plug-in's file in a digest, wherever it lies. Files that it uses begin with this and a slash."""
 
 _CODE: Final = (".py", ".pyc", ".typed")
 
 
 @dataclass(frozen=True, slots=True)
 class Code:
-    """What a result follows from.
+    """Code that a result follows from.
 
     Attributes:
         modules: Name of each module to the digest of its code.
-        data: Package to the digest of the data in it, of those whose data is read.
-        libraries: Distribution to its version, of those that can change a number or a stored byte.
+        data: Package to the digest of its data, for packages whose data is read.
+        libraries: Distribution to its version, where it can change a number or a stored byte.
     """
 
     modules: Mapping[str, str]
@@ -81,7 +80,7 @@ class Code:
 
     @property
     def digest(self) -> str:
-        """Of all three."""
+        """Digest of all three."""
         data = [dict(self.data)] if self.data else []
         return digest([list(module) for module in self.modules.items()], *data, dict(self.libraries))
 
@@ -106,10 +105,9 @@ class SourceTree:
         self._codes: dict[tuple[str, ...], Code] = {}
 
     def digest(self, *entries: str) -> str:
-        """Digest of the code of `entries`, modules or `package.*`, and all they import, of the data they read, and the versions of the libraries in use.
+        """Digest of the code of `entries`, modules or `package.*`, with all that they import and read.
 
-        What vastflow's own modules import of the packages that read and check is left out, see `READING`.
-        Comments, docstrings, blank lines and the folder's place are in no digest.
+        Left out are the packages that read and check (see `READING`), comments, docstrings, and the folder's place.
 
         Raises:
             ModuleNotFoundError: an entry is not in the tree.
@@ -117,7 +115,7 @@ class SourceTree:
         return self.code(*entries).digest
 
     def code(self, *entries: str) -> Code:
-        """All that `digest` is a digest of.
+        """Return all that `digest` is a digest of.
 
         Raises:
             ModuleNotFoundError: an entry is not in the tree.
@@ -145,22 +143,18 @@ class SourceTree:
         """The source files of all packages of the tree, as they are now."""
         return source_files(self._packages.values())
 
-    def closure(self, *entries: str) -> tuple[str, ...]:
-        """Names of `entries` and of all they import within the tree, sorted."""
-        return tuple(sorted(self._closure(self._named(entries))))
-
     def plug_in_digest(self, plug_in: type) -> str:
-        """Digest of the code behind a class, wherever it is from.
+        """Digest of the code behind a class.
 
-        A class of the tree has its module's digest. One from a package elsewhere is followed inside that
-        package and into the tree, one from a file beside a campaign is all of its snapshot and what that uses of the tree.
+        A class of the tree has its module's digest. One from another package is followed inside that package and into the
+        tree; one from a file beside a campaign is its snapshot with what that uses of the tree.
         """
         top = plug_in.__module__.partition(".")[0]
         code = self.plug_in_code(plug_in)
         return digest(code.digest, _version(top)) if self._is_elsewhere(plug_in) else code.digest
 
     def plug_in_code(self, plug_in: type) -> Code:
-        """The code behind a class. Of a plug-in beside a campaign the file is called `PLUG_IN`, what it uses below that."""
+        """Return the code behind a class; a plug-in's file beside a campaign is called `PLUG_IN`."""
         name = plug_in.__module__
         if self._file(name) is not None:
             return self.code(name)
@@ -175,7 +169,7 @@ class SourceTree:
         return self._with({}, {PLUG_IN: Path(single)}).code(PLUG_IN)
 
     def _frozen_code(self, snapshot: Snapshot) -> Code:
-        """The code of a snapshot, its data by content, and the versions of all that it imports from elsewhere."""
+        """Return the code and data of a snapshot, and the versions of all that it imports from elsewhere."""
         own = {snapshot.local_name(place): snapshot.folder / place for place in snapshot.modules}
         own = {PLUG_IN if file == snapshot.file else f"{PLUG_IN}/{name}": file for name, file in own.items()}
         live = {top: place for top in snapshot.outside if (place := live_source(top)) is not None}
@@ -184,18 +178,18 @@ class SourceTree:
         code = self._with(packages, {**own, **single}).code(*own)
         data = {f"{PLUG_IN}/{snapshot.local_name(place)}": sha256 for place, sha256 in snapshot.data.items()}
         others = [top for top in snapshot.outside if top not in live and top not in NUMERIC_LIBRARIES]
-        versions = {name: _version(name) for top in others for name in _distributions().get(top, [top])}
+        versions = {name: _version(name) for top in others for name in distributions().get(top, [top])}
         return Code(code.modules, {**code.data, **data}, {**code.libraries, **versions})
 
     def _is_elsewhere(self, plug_in: type) -> bool:
-        """Whether a class is from a package that is not in the tree."""
+        """True if a class is from a package that is not in the tree."""
         name = plug_in.__module__
         if snapshot_behind(plug_in) is not None:
             return False
         return self._file(name) is None and getattr(sys.modules[name.partition(".")[0]], "__path__", None) is not None
 
     def _with(self, packages: Mapping[str, Path], files: Mapping[str, Path]) -> "SourceTree":
-        """A wider tree that has read what this one has."""
+        """Return a wider tree that has read what this one has."""
         wider = copy.copy(self)  # with the same cache, and the modules that were read
         wider._packages = {**self._packages, **packages}
         wider._files = {**self._files, **files}
@@ -221,7 +215,7 @@ class SourceTree:
         return found
 
     def _named(self, entries: tuple[str, ...]) -> tuple[str, ...]:
-        """Entries by name; `package.*` is every module of a package but those that only read."""
+        """Return entries by name; `package.*` is every module of a package but those that only read."""
         found: list[str] = []
         for entry in entries:
             package, star, _ = entry.partition(".*")
@@ -241,7 +235,7 @@ class SourceTree:
         return self._read[file]
 
     def data_digest(self, package: str) -> str:
-        """Digest of what is no code in a package of the tree and in its folders, by name and content."""
+        """Digest of the data files of a package of the tree and its folders, by name and content."""
         folder = self._folder(package)
         if folder is None:
             return ""
@@ -270,12 +264,12 @@ class SourceTree:
 
 
 def installed_tree() -> SourceTree:
-    """The packages of vastflow that results follow from, as this process would import them."""
+    """Return the packages of vastflow that results follow from, as this process would import them."""
     return SourceTree(folders_of(PACKAGES), cache=source_cache_file())
 
 
 def folders_of(packages: Iterable[str]) -> dict[str, Path]:
-    """The folder of each package, as this process would import it.
+    """Return the folder of each package, as this process would import it.
 
     Raises:
         ModuleNotFoundError: one is not installed as a package.
@@ -290,27 +284,13 @@ def folders_of(packages: Iterable[str]) -> dict[str, Path]:
 
 
 def _module_of(content: bytes, package: str) -> Module:
-    tree = ast.parse(_text(content))
+    tree = ast.parse(content)
     nodes = list(ast.walk(tree))
-    return Module(tree_digest(tree), frozenset(_imports(nodes, package)), frozenset(_data_packages(nodes)))
-
-
-def _imports(nodes: Iterable[ast.AST], package: str) -> Iterator[str]:
-    """Names of every import, also inside functions; of `from a import b` both `a` and `a.b`."""
-    for node in nodes:
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            base = node.module or ""
-            if node.level:
-                above = package.split(".")[: len(package.split(".")) - node.level + 1]
-                base = ".".join([*above, *filter(None, [base])])
-            yield base
-            yield from (f"{base}.{alias.name}" for alias in node.names)
+    return Module(tree_digest(tree), frozenset(imports_of(nodes, package)), frozenset(_data_packages(nodes)))
 
 
 def _data_packages(nodes: Iterable[ast.AST]) -> Iterator[str]:
-    """Packages named in calls of `importlib.resources.files` and `importlib.util.find_spec`."""
+    """Yield packages named in calls of `importlib.resources.files` and `importlib.util.find_spec`."""
     for node in nodes:
         if isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant):
             called = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
@@ -319,7 +299,7 @@ def _data_packages(nodes: Iterable[ast.AST]) -> Iterator[str]:
 
 
 def _only_reads(importer: str, imported: str) -> bool:
-    """Whether an import leads from code of vastflow that computes to code that reads and checks; a plug-in may compute with it."""
+    """True if an import leads from code of vastflow that computes to code that reads and checks."""
     return _is_below(importer, ("vastflow",)) and _is_below(imported, READING) and not _is_below(importer, READING)
 
 
@@ -334,7 +314,7 @@ def _with_parents(name: str) -> list[str]:
 
 
 def _python(file: Path) -> bytes:
-    """A module as it is written; of a notebook, the code cells."""
+    """Return a module as it is written; of a notebook, the code cells."""
     if file.suffix == ".ipynb":
         from vastflow.oracles.judgement.notebook_file import notebook_code
 
@@ -342,13 +322,8 @@ def _python(file: Path) -> bytes:
     return file.read_bytes()
 
 
-def _text(content: bytes) -> str:
-    encoding, _ = tokenize.detect_encoding(io.BytesIO(content).readline)  # by a coding cookie, if there is one
-    return content.decode(encoding).replace("\r\n", "\n").replace("\r", "\n")
-
-
 def live_source(top: str) -> Path | None:
-    """Folder or file of a module that is found and is part of no installed distribution, whose version would tell of an edit."""
+    """Return the folder or file of a module that belongs to no installed distribution, whose version would show an edit."""
     try:
         spec = importlib.util.find_spec(top)
     except (ImportError, ValueError):
@@ -360,12 +335,6 @@ def live_source(top: str) -> Path | None:
     if not origin or not (place.is_dir() or place.suffix == ".py"):
         return None
     return None if {"site-packages", "dist-packages"} & {*place.parts} else place
-
-
-@functools.cache
-def _distributions() -> Mapping[str, list[str]]:
-    """Import name to the distributions that are installed under it; takes a tenth of a second."""
-    return importlib.metadata.packages_distributions()
 
 
 def _version(distribution: str) -> str:

@@ -1,7 +1,7 @@
-"""All that vastflow uses of Prefect beyond what Prefect documents: private names, settings and routes of its API.
+"""Undocumented parts of Prefect that vastflow uses: private names, settings, and routes of its API.
 
-No other module has any, so a new release of Prefect can break this one alone. `python tests/proofs/prefect_versions.py` runs its tests
-with the oldest and the newest release that are allowed. Prefect is imported inside the functions: it takes most of a second.
+No other module has any. `python tests/proofs/prefect_versions.py` tests the oldest and the newest release that are allowed.
+Prefect is imported inside the functions, as that takes most of a second.
 """
 
 import contextlib
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
 ANALYTICS: Final = "PREFECT_SERVER_ANALYTICS_ENABLED"
 DO_NOT_TRACK: Final = "DO_NOT_TRACK"
-"""Without it Prefect says at its first import in a terminal that it collects data, gives the user an identity, and sends it."""
+"""Without it Prefect announces at its first import in a terminal that it collects data, and sends some."""
 
 SERVER_APPLICATION: Final = "prefect.server.api.server:create_app"
-"""Makes the application of Prefect's API, as `uvicorn` takes it."""
+"""Factory of the application of Prefect's API, for `uvicorn`."""
 
 SERVER_SETTINGS: Final[Mapping[str, str]] = {
     ANALYTICS: "false",
@@ -38,18 +38,14 @@ SERVER_SETTINGS: Final[Mapping[str, str]] = {
     "PREFECT__SERVER_EPHEMERAL": "1",
     "PREFECT__SERVER_FINAL": "1",
 }
-"""Of an embedded server; what the user has set in the environment goes before."""
+"""Settings of an embedded server; the user's environment has precedence."""
 
 ApiRoute: TypeAlias = Literal["/flow_runs/bulk_set_state", "/flow_runs/count", "/task_runs/count"]
-"""Routes for which Prefect's client has no method, or none that takes all that the route does."""
+"""Routes for which Prefect's client has no complete method."""
 
 
 def import_prefect() -> bool:
-    """Import Prefect, which tells nobody of that unless the user has set `DO_NOT_TRACK` to 0.
-
-    Returns:
-        Whether somebody had imported it before.
-    """
+    """Import Prefect without telemetry, unless the user has set `DO_NOT_TRACK` to 0; True if it was imported before."""
     imported_before = "prefect.main" in sys.modules
     os.environ.setdefault(DO_NOT_TRACK, "1")
     if "PREFECT_API_URL" not in os.environ:
@@ -60,7 +56,7 @@ def import_prefect() -> bool:
 
 
 def post(client: "SyncPrefectClient", route: ApiRoute, content: Mapping[str, Any]) -> Any:
-    """What a route answers.
+    """Return the answer of a route.
 
     Raises:
         httpx.TransportError, PrefectHTTPStatusError: the API is away, or refused the request.
@@ -70,7 +66,7 @@ def post(client: "SyncPrefectClient", route: ApiRoute, content: Mapping[str, Any
 
 
 def database_url() -> str | None:
-    """Of the database of this machine's own API; None where none is configured and Prefect chooses."""
+    """Return the address of the database of this machine's own API; None where Prefect chooses."""
     from prefect.settings import get_current_settings
 
     url = get_current_settings().server.database.connection_url
@@ -78,10 +74,10 @@ def database_url() -> str | None:
 
 
 def current_flow() -> Any:
-    """The flow whose run this code is in.
+    """Return the flow whose run this code is in.
 
     Raises:
-        RuntimeError: it is in none.
+        RuntimeError: there is none.
     """
     from prefect.context import FlowRunContext
 
@@ -92,7 +88,7 @@ def current_flow() -> Any:
 
 
 def current_tags() -> frozenset[str]:
-    """Tags that flow runs and task runs get which begin here."""
+    """Return the tags of flow runs and task runs that begin here."""
     from prefect.context import TagsContext
 
     return frozenset(TagsContext.get().current_tags)
@@ -106,7 +102,7 @@ def exact_tags(tags: frozenset[str]) -> AbstractContextManager[Any]:
 
 
 def console_handlers(logger: logging.Logger) -> list[logging.Handler]:
-    """Handlers of a logger by which Prefect writes to the terminal."""
+    """Return the handlers of a logger by which Prefect writes to the terminal."""
     from prefect.logging.handlers import PrefectConsoleHandler, _SafeStreamHandler
 
     return [each for each in logger.handlers if isinstance(each, PrefectConsoleHandler | _SafeStreamHandler)]
@@ -114,7 +110,7 @@ def console_handlers(logger: logging.Logger) -> list[logging.Handler]:
 
 @contextlib.contextmanager
 def sent_only(logger: str, worth_sending: Callable[[logging.LogRecord], bool]) -> Iterator[None]:
-    """Send of what a logger of Prefect's says to Prefect's API in this context only what is worth it."""
+    """Send only those records of a logger of Prefect's to Prefect's API that are worth it."""
     from prefect.logging.handlers import APILogHandler
 
     handlers = [each for each in logging.getLogger(logger).handlers if isinstance(each, APILogHandler)]
@@ -128,10 +124,9 @@ def sent_only(logger: str, worth_sending: Callable[[logging.LogRecord], bool]) -
 
 
 def end_services(timeout_s: float) -> None:
-    """Let Prefect's background threads of this process send what they have and end, before the server does.
+    """Let Prefect's background threads send their queues and end, before the server does.
 
-    What they can't send within `timeout_s` is forgotten: to a server that is gone they would try 7 s for each event,
-    and no process ends before they do.
+    What they can't send within `timeout_s` is dropped: for a server that is gone they would try 7 s per event.
     """
     from prefect.events.worker import EventsWorker
     from prefect.logging.handlers import APILogWorker
@@ -145,7 +140,7 @@ def end_services(timeout_s: float) -> None:
 
 
 def is_generated_name(name: str) -> bool:
-    """Whether Prefect may have made up the name of a flow run, such as `amber-otter`, and nobody has given it."""
+    """True if Prefect may have made up the name of a flow run, such as `amber-otter`."""
     from coolname.data import config
 
     rules: Mapping[str, Any] = config
@@ -155,14 +150,14 @@ def is_generated_name(name: str) -> bool:
 
 
 def flow_schema(flow: "Flow[..., Any]") -> dict[str, Any]:
-    """Schema of a flow's parameters, from which Prefect's pages make a form."""
+    """Return the schema of a flow's parameters, from which Prefect's pages make a form."""
     from prefect.utilities.callables import parameter_schema
 
     return parameter_schema(flow).model_dump()
 
 
 def process_pool_template() -> dict[str, Any]:
-    """Base job template of a work pool of processes."""
+    """Return the base job template of a work pool of processes."""
     from prefect.workers.process import ProcessWorker
 
     return dict(ProcessWorker.get_default_base_job_template())

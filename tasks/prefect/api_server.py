@@ -1,7 +1,7 @@
 """Prefect's API, as a process of its own: `python -m vastflow.tasks.prefect.api_server [PORT]`.
 
-On standard output it says what a user should hear, a line each, and then its port. It ends when its standard input does: with
-the process that started it, however that one died. Prefect's own temporary server outlives a killed flow, and dies of the flow's Ctrl-C.
+It prints lines for the user and then its port. It ends with its standard input, and so with the process that started it;
+Prefect's own temporary server outlives a killed flow, and dies of the flow's Ctrl-C.
 """
 
 import contextlib
@@ -22,12 +22,10 @@ _SQLITE: Final = "sqlite+aiosqlite:///"
 
 
 def set_aside_if_damaged(connection_url: str, now: datetime) -> str | None:
-    """Rename the database behind `connection_url` if SQLite can't read it; Prefect makes a new one where none is.
-
-    Prefect's account of earlier flow runs is in it, and no result.
+    """Rename the database behind `connection_url` if SQLite can't read it, so that Prefect makes a new one.
 
     Returns:
-        What was found and done, in a sentence; None for a sound one, and for a database that is no file.
+        A sentence about it; None for a sound database, and for one that is no file.
     """
     place = connection_url.removeprefix(_SQLITE).partition("?")[0]
     database = Path(unquote(place))
@@ -43,7 +41,7 @@ def set_aside_if_damaged(connection_url: str, now: datetime) -> str | None:
 
 
 def _damage(database: Path) -> str | None:
-    """What SQLite says is wrong; a database that another process has locked is no damage."""
+    """Return SQLite's description of the damage; a locked database has none."""
     try:
         with contextlib.closing(sqlite3.connect(database, timeout=1.0)) as connection:
             (found,) = connection.execute("pragma quick_check(1)").fetchone()

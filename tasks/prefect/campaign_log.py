@@ -1,6 +1,6 @@
-"""Logs of a campaign: what vastflow, Prefect and its services say goes to one file, not to the user's terminal.
+"""Logs of a campaign: vastflow, Prefect, and its services write to one file, not to the user's terminal.
 
-Of several campaigns at once in one process each takes its own file away when it ends, and the one that began first all else.
+Several campaigns may run at once in one process: each removes its own file handler, the first one restores the loggers.
 """
 
 import logging
@@ -25,7 +25,7 @@ _CHATTY: Final = ("APILogWorker", "EventsWorker", "asyncio", "httpcore", "httpx"
 
 
 def new_log(folder: Path, name: str, created: datetime) -> Path:
-    """A path for a campaign's log in `folder`; old logs there are removed."""
+    """Return a path for a campaign's log in `folder`, and remove old logs there."""
     folder.mkdir(parents=True, exist_ok=True)
     for old in sorted(folder.glob("*.log"), key=lambda file: file.stat().st_mtime)[: -MOST_LOGS + 1]:
         old.unlink(missing_ok=True)
@@ -34,7 +34,7 @@ def new_log(folder: Path, name: str, created: datetime) -> Path:
 
 @contextmanager
 def own_log(log: Path) -> Iterator[None]:
-    """Send what vastflow says to `log`; the file is made with the first line."""
+    """Send vastflow's records to `log`; the file is made with the first line."""
     handler = _handler(log)
     logger = logging.getLogger("vastflow")
     before, is_first = logger.propagate, _is_first(logger)
@@ -51,11 +51,10 @@ def own_log(log: Path) -> Iterator[None]:
 
 @contextmanager
 def prefect_log(log: Path) -> Iterator[None]:
-    """Import Prefect and send what it and its services say to `log`.
+    """Import Prefect and send its records and those of its services to `log`.
 
-    Where the user had imported Prefect, all is as before afterwards. Otherwise Prefect has just put its console
-    handler on the root logger, of which the user knows nothing: it goes, and what Prefect says goes to `log` to the end
-    of the process, or until the next log begins.
+    Afterwards all is as before if the user had imported Prefect. Otherwise Prefect's new console handler on the root logger
+    goes, and Prefect writes to `log` until the process ends or the next log begins.
     """
     imported_before = import_prefect()
     handler = _handler(log)
@@ -105,7 +104,7 @@ def _is_first(logger: logging.Logger) -> bool:
 
 
 def _end_earlier(logger: logging.Logger) -> None:
-    """End a log that an earlier campaign of this process left to Prefect; nothing takes its place, not even the terminal."""
+    """Close a log that an earlier campaign of this process left to Prefect, without a fallback to the terminal."""
     for handler in [each for each in logger.handlers if isinstance(each, _LogFile) and each.is_left]:
         logger.removeHandler(handler)
         logger.addHandler(logging.NullHandler())
@@ -113,7 +112,7 @@ def _end_earlier(logger: logging.Logger) -> None:
 
 
 def hush() -> None:
-    """End Prefect's log: of an interrupted campaign every task would report its own failure at length."""
+    """Silence Prefect: each task of an interrupted campaign would report its own failure at length."""
     logging.getLogger("prefect").setLevel(logging.CRITICAL + 1)
 
 
@@ -129,16 +128,12 @@ def _logged_warning(
 
 
 class _LogFile(logging.FileHandler):
-    """Writes a campaign's log.
-
-    Attributes:
-        is_left: Whether the campaign has ended, and only Prefect may have something to say yet.
-    """
+    """A campaign's log file; `is_left` once the campaign has ended, and only Prefect may still write."""
 
     is_left = False
 
     def format(self, record: logging.LogRecord) -> str:
-        """Leave out passwords in addresses: campaign directories have copies of the log."""
+        """Leave out passwords in addresses, as campaign directories have copies of the log."""
         return redacted(super().format(record))
 
     def _open(self) -> TextIOWrapper:

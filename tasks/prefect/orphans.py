@@ -1,7 +1,7 @@
-"""Orphans: flow runs whose process was killed before it could tell Prefect how they end. Importing it imports Prefect.
+"""Orphans: flow runs whose process was killed, which Prefect would show as `Running` forever.
 
-Prefect hears nothing of a kill -9, and would show such a flow run as `Running` forever. Tags name the host and the process of
-each flow run, so that the next flow run on that host finds those whose process is gone.
+Tags name the host and the process of each flow run, so that the next flow run on that host finds those whose process is
+gone. Importing this module imports Prefect.
 """
 
 import os
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 MESSAGE: Final = "Its process was killed or ran out of memory. What was finished is in the store."
 
 CALLED_OFF_S: Final = 30.0
-"""Longest wait for workers to end what a killed campaign asked of them; they look every 10 s."""
+"""Maximum wait for workers to end a killed campaign's shards; they look every 10 s."""
 
 _ENDED: Final = ("COMPLETED", "FAILED", "CRASHED", "CANCELLED")
 _AT_A_TIME: Final = 50
@@ -53,7 +53,7 @@ def tagged() -> AbstractContextManager[Any]:
 
 
 def untagged() -> AbstractContextManager[Any]:
-    """Give task runs that begin in this context no tags of this process: Prefect asks its API about each tag of a task run."""
+    """Remove the tags of this process from task runs, as Prefect asks its API about each tag of a task run."""
     return exact_tags(current_tags() - {*process_tags()})
 
 
@@ -84,7 +84,7 @@ def mark_orphans() -> None:
 
 
 def _call_off(client: "SyncPrefectClient", flow_run_id: str) -> None:
-    """Cancel shards that a flow run asked of a work pool, and wait until workers have ended them: they would compute twice."""
+    """Cancel shards that a flow run asked of a work pool, and wait until workers have ended them."""
 
     def shards(*others: str) -> dict[str, Any]:
         of_parent = {"parent_flow_run_id": {"any_": [flow_run_id]}, "deployment_id": {"is_null_": False}}
@@ -108,7 +108,7 @@ def _is_gone(pid: int, began_s: float) -> bool:
 
 
 def _host_tag() -> str:
-    """The host's name, and on Linux its process namespace: containers may share a name, and none sees another's processes."""
+    """Return the host's name with its process namespace on Linux, as containers may share a name."""
     try:
         return f"host:{platform.node()}/{os.readlink('/proc/self/ns/pid').strip('pid:[]')}"
     except OSError:

@@ -18,17 +18,17 @@ from typing import Final
 from vastflow.tasks.prefect.adapter import SERVER_SETTINGS, post
 
 STARTUP_S: Final = 120.0
-"""A fresh database has to be made: 12 s on an idle machine, 35 s on a busy one."""
+"""A new database takes 12 s on an idle machine, 35 s on a busy one."""
 
 STARTS: Final = 4
-"""Of an embedded API that is killed again and again, the first one included."""
+"""Maximum number of starts of an embedded API that is killed again and again."""
 
 DRAIN_S: Final = 60.0
 QUIET_S: Final = 20.0
-"""Nothing recorded for so long: what is missing then went down with a server that was killed."""
+"""Time without a new record after which the missing ones are taken as lost with a killed server."""
 
 SENDING_S: Final = 5.0
-"""What Prefect's services may take to send what they have when a flow has ended."""
+"""Maximum time for Prefect's services to send their queues when a flow has ended."""
 
 _POLL_S: Final = 0.1
 _FINAL_STATES: Final = ("COMPLETED", "FAILED", "CRASHED", "CANCELLED")
@@ -40,22 +40,21 @@ _EMBEDDED: Final = contextvars.ContextVar[bool]("vastflow_embedded", default=Fal
 
 
 class PrefectUnavailable(RuntimeError):
-    """Prefect's API can't be had."""
+    """Prefect's API does not start or answer."""
 
 
 class ApiServer:
-    """An embedded API server. It starts with the object, beside whatever its owner does next.
+    """An embedded API server, started with the object.
 
-    One that is killed is started again on its port, so that what a flow asks meanwhile only waits: Prefect's clients try for
-    a minute. One that ends by itself has a reason to, and stays away.
+    A killed one is restarted on its port, and Prefect's clients retry for a minute. One that ends by itself stays away.
 
     Args:
-        log: File that takes what it prints.
+        log: File for its output.
 
     Attributes:
-        answers: Whether it has ever answered.
-        lost: Whether it has ended and nobody starts it again.
-        notices: What it said that a user should hear.
+        answers: True once it has answered.
+        lost: True once it has ended for good.
+        notices: Lines for the user.
     """
 
     def __init__(self, log: Path) -> None:
@@ -72,18 +71,16 @@ class ApiServer:
         threading.Thread(target=self._watch, name="vastflow server", daemon=True).start()
 
     def url(self, timeout_s: float = STARTUP_S) -> str:
-        """The API's address, once it answers.
+        """Wait until it answers and return its address.
 
         Raises:
             PrefectUnavailable: it ended or was too slow.
         """
         deadline = time.monotonic() + timeout_s
         while not (self.lost or self._stopping):
-            if self._port:
-                address = f"http://127.0.0.1:{self._port}/api"
-                if answers(address):
-                    self.answers = True
-                    return address
+            if self._port and answers(address := f"http://127.0.0.1:{self._port}/api"):
+                self.answers = True
+                return address
             if time.monotonic() > deadline:
                 raise PrefectUnavailable(f"Prefect's API did not start within {timeout_s:.0f} s; see {self._log}")
             time.sleep(_POLL_S)
@@ -112,44 +109,42 @@ class ApiServer:
             )
 
     def _watch(self) -> None:
-        for start in range(STARTS):
-            if start:
-                with self._lock:
-                    if self._stopping:
-                        return
-                    LOGGER.warning("Prefect's API was killed; it is started again")
-                    self._process = self._started()
+        for restarts_left in reversed(range(STARTS)):
             assert self._process.stdout is not None
-            for said in map(bytes.strip, self._process.stdout):
-                if said.isdigit():
-                    self._port = int(said)
+            for line in map(bytes.strip, self._process.stdout):
+                if line.isdigit():
+                    self._port = int(line)
                     break
-                self.notices.append(said.decode(errors="replace"))
-            if self._process.wait() >= 0:  # by itself: a second one would fare no better
-                break
+                self.notices.append(line.decode(errors="replace"))
+            is_killed = self._process.wait() < 0
+            with self._lock:
+                if self._stopping or not is_killed or not restarts_left:
+                    break
+                LOGGER.warning("Prefect's API was killed; it is started again")
+                self._process = self._started()
         self.lost = True
 
 
 def _environment() -> dict[str, str]:
-    """The environment of a server of the user's database: it asks for a random password and serves no foreign origin."""
+    """Return the environment of a server with a random password that serves no foreign origin."""
     private = {AUTH: f"vastflow:{secrets.token_urlsafe(32)}", "PREFECT_SERVER_API_CORS_ALLOWED_ORIGINS": ""}
     return {**SERVER_SETTINGS, **os.environ, **private}
 
 
 def redacted(text: str) -> str:
-    """A text without the user and password of the addresses in it."""
+    """Return a text without the users and passwords of addresses in it."""
     return re.sub(r"(?<=://)[^/\s]*@", "…@", text)
 
 
 def answers(address: str) -> bool:
-    """Whether an API of Prefect answers at an address."""
+    """True if an API of Prefect answers at an address."""
     with contextlib.suppress(OSError), urllib.request.urlopen(f"{address}/health", timeout=5) as response:
         return bool(response.status == 200)
     return False
 
 
 def configured_url() -> str | None:
-    """The API that the user has configured: environment, profile or settings file."""
+    """Return the API in the user's environment, profile, or settings file."""
     from prefect.settings import get_current_settings
 
     url = get_current_settings().api.url
@@ -158,7 +153,7 @@ def configured_url() -> str | None:
 
 @contextlib.contextmanager
 def embedded(url: str, auth: str) -> Iterator[None]:
-    """Make Prefect use the embedded API at `url` in this context and in the threads it starts."""
+    """Use the embedded API at `url` in this context and the threads it starts."""
     from prefect.settings import temporary_settings
 
     token = _EMBEDDED.set(True)
@@ -171,19 +166,12 @@ def embedded(url: str, auth: str) -> Iterator[None]:
 
 
 def is_embedded() -> bool:
-    """Whether Prefect uses an embedded API here, of which nobody sees the pages."""
+    """True if Prefect uses an embedded API here, whose pages nobody sees."""
     return _EMBEDDED.get()
 
 
 def drain(flow_run_id: str, task_runs: int, timeout_s: float = DRAIN_S) -> bool:
-    """Wait until the server has recorded a flow run's task runs in a final state.
-
-    Args:
-        task_runs: How many of them ended.
-
-    Returns:
-        Whether it has; if not, a line in the log says how many are missing.
-    """
+    """Wait until the server has recorded `task_runs` of a flow run in a final state; False, with a line in the log, if not."""
     try:
         return _drained(flow_run_id, task_runs, timeout_s)
     except Exception as error:  # noqa: BLE001 - the work is done, whatever becomes of Prefect's account of it

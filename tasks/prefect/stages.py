@@ -1,7 +1,7 @@
-"""Prefect's side of the stages: one task run a shard and stage.
+"""The stages as Prefect tasks: one task run for each shard and stage.
 
-The store alone says what is computed already, so Prefect's own caching is off. A task whose shard was complete in the store ends
-as `Cached`, which is what Prefect's pages show of it. One that an interrupt ends is `Cancelled`.
+Prefect's own caching is off, as the store decides. A task run ends as `Cached` where the store had all of its shard, and as
+`Cancelled` after an interrupt.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from vastflow.tasks.engine.pool import PoolClosed
 from vastflow.tasks.engine.shards import ProducerShard, Shard
 
 CACHED: Final = "Cached"
-"""Name of the state of a task run that had nothing to compute."""
+"""State of a task run that had nothing to compute."""
 
 
 @task(name="instantiate", task_run_name="instantiate {shard}", cache_policy=NO_CACHE, persist_result=False)
@@ -45,7 +45,7 @@ def judge(shard: Shard, observed: Rows, engine: Engine) -> State[Any]:
 
 
 def _ended(stage: Callable[[], StageOutcome[Any]]) -> State[Any]:
-    """The state in which a task run ends."""
+    """Run a stage and return the state in which its task run ends."""
     try:
         outcome = stage()
     except PoolClosed as error:

@@ -13,9 +13,6 @@ from vastflow.sim.model.faults import UserError
 
 MANIFEST: Final = "manifest"
 
-EARLIER: Final = "an earlier version of vastflow wrote it, without its key; it is never used"
-"""What `Store.fault` says of an artifact whose manifest has no key: nothing tells whether it is in its place."""
-
 
 class StoreError(UserError, OSError):
     """The store's place can't be used."""
@@ -35,10 +32,10 @@ class FileEntry:
 
 @dataclass(frozen=True, slots=True)
 class Artifact:
-    """What a manifest promises.
+    """Files under a key, as a manifest promises them.
 
     Attributes:
-        info: Small facts of the content, there without reading it. `places` are those where files belong in a campaign directory.
+        info: Small facts of the content, there without reading it. `places` says where files belong in a campaign directory.
     """
 
     key: str
@@ -53,12 +50,12 @@ class Artifact:
 
 @dataclass(frozen=True, slots=True)
 class Holding:
-    """What lies under a key, by a look from outside.
+    """Everything that lies under a key.
 
     Attributes:
-        size_bytes: Of all its files, manifest and sidecars too.
-        written_s: When the youngest of them was written (s since 1970).
-        whole: Whether it has a manifest; else it is what a writer has not finished.
+        size_bytes: Size of all its files, with manifest and sidecars.
+        written_s: When the youngest file was written (s since 1970).
+        whole: True if there is a manifest; without one a writer has not finished.
     """
 
     key: str
@@ -73,7 +70,7 @@ class Holding:
 
 
 def inside(folder: Path, name: str) -> Path:
-    """The path of `name` in `folder`. Names from a store, a bundle, or a campaign directory are not trusted.
+    """Return the path of `name` in `folder`; names from a store or a campaign directory are not trusted.
 
     Raises:
         ValueError: it leads out, or to the folder itself.
@@ -85,19 +82,19 @@ def inside(folder: Path, name: str) -> Path:
 
 
 def entry_of(content: bytes) -> FileEntry:
-    """What a manifest says of a file."""
+    """Return the manifest's entry for a file."""
     return FileEntry(hashlib.sha256(content).hexdigest(), len(content))
 
 
 def manifest_of(artifact: Artifact) -> bytes:
-    """Two lines: SHA-256 of the second, and what is promised as JSON, under which key."""
+    """Return two lines: the SHA-256 of the second, and files, info, and key as JSON."""
     files = {name: asdict(entry) for name, entry in artifact.files.items()}
     promise = json.dumps({"files": files, "info": artifact.info, "key": artifact.key}, sort_keys=True).encode()
     return hashlib.sha256(promise).hexdigest().encode() + b"\n" + promise
 
 
 def artifact_of(key: str, manifest: bytes) -> Artifact:
-    """The artifact that a manifest promises.
+    """Return the artifact that a manifest promises.
 
     Raises:
         ValueError, KeyError, TypeError: it is not what was written, or not under this key.
@@ -106,10 +103,8 @@ def artifact_of(key: str, manifest: bytes) -> Artifact:
     if hashlib.sha256(promise).hexdigest().encode() != hashed:
         raise ValueError(f"{MANIFEST} is not what was written")
     body = json.loads(promise)
-    if "key" not in body:
-        raise ValueError(EARLIER)
-    if body["key"] != key:
-        raise ValueError(f"it is a copy of {body['key']}")
+    if body.get("key") != key:
+        raise ValueError(f"it is a copy of {body.get('key')}")
     files, info = dict(body["files"]), dict(body["info"])
     for name in (*files, *dict(info.get("places", {})).values()):
         inside(Path(), str(name))
@@ -117,14 +112,14 @@ def artifact_of(key: str, manifest: bytes) -> Artifact:
 
 
 def present(key: str, manifest: bytes, size_bytes: Callable[[str, FileEntry], int]) -> Artifact:
-    """The artifact that a manifest promises, if its files have the promised sizes.
+    """Return the artifact that a manifest promises, if its files have the promised sizes.
 
     Args:
-        size_bytes: Size of a file; raises FileNotFoundError where there is none.
+        size_bytes: Returns the size of a file, or raises FileNotFoundError.
 
     Raises:
         FileNotFoundError: a file is missing.
-        ValueError, KeyError, TypeError: a file has another size, or as `artifact_of`.
+        ValueError, KeyError, TypeError: a file has another size, or the manifest is damaged.
     """
     artifact = artifact_of(key, manifest)
     for name, entry in artifact.files.items():

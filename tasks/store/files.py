@@ -1,4 +1,4 @@
-"""What a store asks of a file system: files by the key of their artifact, taken, given and listed."""
+"""The file system below a store: files by the key of their artifact, read, written, and listed."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -7,15 +7,11 @@ from typing import Final, NamedTuple, Protocol
 from vastflow.tasks.store.artifact import Artifact, FileEntry, StoreError
 
 WRITING_S: Final = 24 * 3600.0
-"""What is younger may be half of what a campaign is just writing."""
+"""Age below which a file may belong to a running campaign."""
 
 
 class Listed(NamedTuple):
-    """A file as its file system lists it.
-
-    Attributes:
-        written_s: When it was written (s since 1970).
-    """
+    """A file as its file system lists it; `written_s` counts from 1970."""
 
     key: str
     name: str
@@ -24,10 +20,7 @@ class Listed(NamedTuple):
 
 
 class StoreFiles(Protocol):
-    """How a file system takes, gives and lists the files of artifacts; what they promise is the store's affair.
-
-    What can't be read raises an `OSError`, `FileNotFoundError` where it is not there.
-    """
+    """File system of a store. What can't be read raises an `OSError`, `FileNotFoundError` where it is not there."""
 
     @property
     def place(self) -> str:
@@ -41,35 +34,35 @@ class StoreFiles(Protocol):
         """Make the place ready; raises `StoreError` where nothing can be written."""
 
     def look(self, key: str) -> Artifact | None:
-        """The artifact of a key by its manifest and the sizes of its files.
+        """Return the artifact of a key by its manifest and the sizes of its files.
 
         Raises:
             FileNotFoundError, ValueError, KeyError, TypeError: something lies there that is no whole artifact.
         """
 
     def everything(self) -> Iterator[tuple[str, Artifact | None]] | None:
-        """Every key with a manifest, and its artifact if it seems whole; None where a single look is as cheap."""
+        """Return every key with a manifest, and its artifact if it seems whole; None where single looks are as cheap."""
 
     def names(self, key: str) -> Iterable[str]:
-        """Names of the artifacts directly below a key."""
+        """Return the names of the artifacts directly below a key."""
 
     def read(self, key: str, name: str, entry: FileEntry | None = None) -> bytes:
-        """A file of an artifact; without an entry the manifest or a sidecar."""
+        """Return a file of an artifact; without an entry the manifest or a sidecar."""
 
     def measured(self, key: str, name: str, entry: FileEntry) -> FileEntry:
-        """What a file is in fact, whose manifest says `entry`; without a digest where it has another size."""
+        """Return the true entry of a file whose manifest says `entry`; without a digest where the size differs."""
 
     def write(
         self, artifact: Artifact, files: Mapping[str, bytes], sidecar: Mapping[str, bytes], manifest: bytes
     ) -> StoreError | None:
-        """Let an artifact be there, all of it at one moment. The error, if something was in its place.
+        """Let an artifact appear at one moment; return the error if something was in its place.
 
         Raises:
             StoreError: there is no room, or no right to write.
         """
 
     def delete(self, keys: list[str]) -> None:
-        """Delete what lies under each key; an artifact ceases to be there before its files go."""
+        """Delete what lies under each key; an artifact ceases to exist before its files go."""
 
     def listed(self, stages: Iterable[str]) -> Iterator[Listed]:
-        """All files of some stages."""
+        """List all files of some stages."""

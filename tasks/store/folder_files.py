@@ -1,6 +1,6 @@
 """The files of a store in a folder: an artifact is a directory that is moved into place whole.
 
-This is the fast path round fsspec: a look takes microseconds, and a campaign takes several for each configuration.
+This is the fast path round fsspec: a look takes microseconds, and each configuration needs several.
 """
 
 import contextlib
@@ -32,7 +32,7 @@ class FolderFiles:
         return str(self.local)
 
     def prepare(self) -> None:
-        """Make the folder, write something and delete it, and remove what killed writers left a day ago or longer."""
+        """Make the folder, check that it can be written, and remove what killed writers left a day ago."""
         probe = self._temporary()
         try:
             probe.parent.mkdir(parents=True, exist_ok=True)
@@ -72,7 +72,7 @@ class FolderFiles:
         return _content(f"{self.local}/{key}/{name}")
 
     def measured(self, key: str, name: str, entry: FileEntry) -> FileEntry:
-        """See `StoreFiles.measured`; piece by piece, for what was damaged may be larger than memory."""
+        """See `StoreFiles.measured`; a damaged file may be larger than memory."""
         with open(f"{self.local}/{key}/{name}", "rb") as file:
             size = os.fstat(file.fileno()).st_size
             return FileEntry(hashlib.file_digest(file, "sha256").hexdigest() if size == entry.size else "", size)
@@ -98,7 +98,7 @@ class FolderFiles:
         return None
 
     def delete(self, keys: list[str]) -> None:
-        """Move each artifact aside whole, then delete it, and the folders above that are empty now."""
+        """Move each artifact aside whole, then delete it and the empty folders above."""
         for key in keys:
             aside = self._temporary()
             with contextlib.suppress(OSError):  # another process was first
@@ -130,6 +130,6 @@ class FolderFiles:
 
 
 def _content(path: str) -> bytes:
-    """A file's content; pathlib and a buffer would take as long as the file system, several times a configuration."""
+    """Return a file's content; pathlib and a buffer would double the time."""
     with open(path, "rb", buffering=0) as file:
         return file.read()

@@ -1,4 +1,4 @@
-"""The files of a store at an address, which is S3 or whatever else fsspec reads and writes, and copies of its manifests here.
+"""The files of a store at an address, such as S3 or whatever else fsspec reads and writes.
 
 Nothing can be moved into place there. The files of an artifact are written first and its manifest last, which makes it
 exist. A file's name has its digest in it: two writers of one key never mix what they wrote.
@@ -18,68 +18,8 @@ import fsspec
 import platformdirs
 
 from vastflow.sim.model.digest import digest
-from vastflow.tasks.store.artifact import MANIFEST, Artifact, FileEntry, StoreError, artifact_of, entry_of, present
+from vastflow.tasks.store.artifact import MANIFEST, Artifact, FileEntry, StoreError, entry_of, present
 from vastflow.tasks.store.files import Listed
-
-
-class ManifestCopies:
-    """Copies by key and ETag: an object whose ETag is the same has the same content.
-
-    A file system without ETags has no copies. A copy that can't be written costs time, nothing else.
-
-    Args:
-        file: Where they are kept.
-    """
-
-    def __init__(self, file: Path) -> None:
-        self._file = file
-        try:
-            self._copies: dict[str, str] = dict(json.loads(file.read_bytes()))
-        except (OSError, ValueError, TypeError):
-            self._copies = {}
-        self._kept = frozenset(self._copies)
-
-    def find(self, key: str, entry: Mapping[str, Any]) -> bytes | None:
-        """The manifest of `key`, if there is an undamaged copy.
-
-        Args:
-            entry: How the manifest is listed by its file system.
-        """
-        copy = self._copies.get(_tag(key, entry), "").encode()
-        try:
-            artifact_of(key, copy)
-        except (ValueError, KeyError, TypeError):
-            return None
-        return copy
-
-    def add(self, key: str, entry: Mapping[str, Any], manifest: bytes) -> None:
-        """Copy a manifest that has been read."""
-        if tag := _tag(key, entry):
-            with contextlib.suppress(UnicodeDecodeError):  # a damaged one
-                self._copies[tag] = manifest.decode()
-
-    def keep(self, present: Iterable[tuple[str, Mapping[str, Any]]]) -> None:
-        """Write the copies of manifests that are present, and forget the others.
-
-        Args:
-            present: Keys, and how their manifests are listed.
-        """
-        tags = [tag for key, entry in present if (tag := _tag(key, entry)) in self._copies]
-        self._copies = {tag: self._copies[tag] for tag in tags}
-        if self._kept == self._copies.keys():
-            return
-        self._kept = frozenset(self._copies)
-        prepared = self._file.with_name(uuid.uuid4().hex)
-        with contextlib.suppress(OSError):
-            self._file.parent.mkdir(parents=True, exist_ok=True)
-            prepared.write_text(json.dumps(self._copies), encoding="utf-8")
-            os.replace(prepared, self._file)
-
-
-def _tag(key: str, entry: Mapping[str, Any]) -> str:
-    tag = entry.get("ETag")
-    return f"{key} {tag}" if tag else ""
-
 
 _NAMED_DIGITS: Final = 16
 _MANIFESTS_AT_A_TIME: Final = 2000
@@ -89,11 +29,10 @@ _S3: Final = ("s3:", "s3a:")
 _ANSWER_S: Final = 60
 _REQUESTS: Final = 3
 _READS: Final = 2
-"""s3fs repeats what breaks off while it is read, each time with all of botocore's requests: six in all, and six minutes
-until a server that doesn't answer is named."""
+"""s3fs repeats a broken read with all of botocore's requests: six in all, and six minutes until a silent server is named."""
 
 _Entry: TypeAlias = Mapping[str, Any]
-"""What a file system says of a file."""
+"""A file as its file system lists it."""
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -108,7 +47,6 @@ class RemoteFiles:
 
     def __init__(self, address: str) -> None:
         self._address = address.rstrip("/")
-        self._copies: ManifestCopies | None = None
         self._opened: tuple[Any, str] | None = None
 
     @property
@@ -136,8 +74,6 @@ class RemoteFiles:
             manifest = self.read(key, MANIFEST)
         except FileNotFoundError:  # just removed
             return None
-        if self._copies is not None:
-            self._copies.add(key, files[MANIFEST], manifest)
         return _present(key, manifest, files)
 
     def everything(self) -> Iterator[tuple[str, Artifact | None]]:
@@ -161,7 +97,7 @@ class RemoteFiles:
         return content
 
     def measured(self, key: str, name: str, entry: FileEntry) -> FileEntry:
-        """See `StoreFiles.measured`; an object's name has its digest and its size is listed, so it is read whole."""
+        """See `StoreFiles.measured`; the object is read whole."""
         return entry_of(self.read(key, name, entry))
 
     def write(
@@ -193,26 +129,33 @@ class RemoteFiles:
                 yield Listed(key, name, int(file["size"]), _written_s(file))
 
     def _manifests(self, files: Mapping[str, _Entry]) -> dict[str, bytes]:
-        """Key to manifest, those this machine has read before from its own copies."""
-        if self._copies is None:
-            self._copies = ManifestCopies(self.local / "manifests.json")
-        copies = self._copies
-        found = {key: copy for key, entry in files.items() if (copy := copies.find(key, entry)) is not None}
+        """Read the manifests of keys; one whose ETag is unchanged comes from a copy on this machine."""
+        place = self.local / "manifests.json"
+        try:
+            copies: dict[str, str] = dict(json.loads(place.read_bytes()))
+        except (OSError, ValueError, TypeError):
+            copies = {}
+        tags = {key: f"{key} {entry['ETag']}" for key, entry in files.items() if "ETag" in entry}
+        found = {key: str(copies[tag]).encode() for key, tag in tags.items() if tag in copies}
         unread = [key for key in files if key not in found]
         for begin in range(0, len(unread), _MANIFESTS_AT_A_TIME):
             paths = {self._path(f"{key}/{MANIFEST}"): key for key in unread[begin : begin + _MANIFESTS_AT_A_TIME]}
-            contents = self._asked(self._files.cat, list(paths), on_error="return")
-            for path, content in contents.items():
+            for path, content in self._asked(self._files.cat, list(paths), on_error="return").items():
                 if isinstance(content, bytes):
                     found[paths[path]] = content
-                    copies.add(paths[path], files[paths[path]], content)
                 elif not isinstance(content, FileNotFoundError):
                     raise self._unusable(content)
-        copies.keep(files.items())
+        if unread or len(copies) > len(found):
+            kept = {tag: found[key].decode(errors="replace") for key, tag in tags.items() if key in found}
+            prepared = place.with_name(uuid.uuid4().hex)
+            with contextlib.suppress(OSError):
+                place.parent.mkdir(parents=True, exist_ok=True)
+                prepared.write_text(json.dumps(kept), encoding="utf-8")
+                os.replace(prepared, place)
         return found
 
     def _listed(self, key: str) -> dict[str, _Entry]:
-        """What lies below `key`, by path from there."""
+        """Return the files below `key`, by path from there."""
         below = self._path(key).rstrip("/") + "/"
         try:
             found = self._asked(self._files.find, below, detail=True)
@@ -242,7 +185,7 @@ class RemoteFiles:
         return self._opened
 
     def _asked(self, call: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T:
-        """Call the file system; what it raises is a `StoreError`, but for a file that is not there."""
+        """Call the file system, and raise a `StoreError` for anything but a missing file."""
         try:
             return call(*arguments, **named)
         except FileNotFoundError:
@@ -255,7 +198,7 @@ class RemoteFiles:
 
 
 def file_system(address: str) -> tuple[Any, str]:
-    """fsspec's file system of an address, and the address as that names it; raises whatever a file system raises."""
+    """Return fsspec's file system of an address, and its name for the address; raises what the file system raises."""
     files, root = fsspec.core.url_to_fs(address, **_options(address))
     if address.startswith(_S3):
         files.retries = _READS
@@ -263,10 +206,10 @@ def file_system(address: str) -> tuple[Any, str]:
 
 
 def unusable(what: str, address: str, error: Exception) -> StoreError:
-    """What a file system raised, in a sentence.
+    """Return a file system's error as a sentence.
 
     Args:
-        what: What is kept at the address, such as `store`.
+        what: Kind of content at the address, such as `store`.
     """
     found = f"{type(error).__name__}: {' '.join(str(error).split())}"[:300]
     if isinstance(error, FileNotFoundError):
@@ -308,7 +251,7 @@ def _expect_nothing(request: Any, **_: Any) -> None:
 
 
 def _present(key: str, manifest: bytes, files: Mapping[str, _Entry]) -> Artifact:
-    """See `vastflow.tasks.store.artifact.present`; `files` are those that are listed."""
+    """See `vastflow.tasks.store.artifact.present`."""
 
     def size_bytes(name: str, entry: FileEntry) -> int:
         if (file := files.get(_object(name, entry))) is None:
@@ -319,7 +262,7 @@ def _present(key: str, manifest: bytes, files: Mapping[str, _Entry]) -> Artifact
 
 
 def _object(name: str, entry: FileEntry) -> str:
-    """What a file of an artifact is called in its folder."""
+    """Return the object's name of an artifact's file."""
     return f"{entry.sha256[:_NAMED_DIGITS]}-{name}"
 
 
@@ -333,7 +276,7 @@ def _folders(listed: Mapping[str, _Entry]) -> dict[str, dict[str, _Entry]]:
 
 
 def _written_s(file: _Entry) -> float:
-    """When a file was written, under whatever name its file system has that; now where it doesn't say."""
+    """Return when a file was written (s since 1970); now where the file system doesn't say."""
     written = next((file[name] for name in ("LastModified", "mtime", "updated", "created") if name in file), None)
     if isinstance(written, str):
         written = datetime.fromisoformat(written)

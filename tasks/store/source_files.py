@@ -1,4 +1,4 @@
-"""Source files as they were when keys were made of them: what was imported from others is not stored under these keys."""
+"""Source files as they were when keys were made: nothing is stored by a process that imported others."""
 
 import functools
 import hashlib
@@ -22,10 +22,6 @@ _TOP: Final = "vastflow"
 _WRITTEN_BY: Final = frozenset({".css", ".j2", ".js", ".py"})
 
 
-class SourceChanged(StoreError):
-    """A source file is another than when the keys were made."""
-
-
 @dataclass(frozen=True, slots=True)
 class SourceFiles:
     """All Python files of some packages at one moment, small enough to go with every job.
@@ -37,31 +33,35 @@ class SourceFiles:
     record: bytes
 
     def check(self) -> None:
-        """Look at the files of the modules that this process has imported, each once: what is imported stays as it is.
+        """Compare the files of the modules that this process has imported, each once.
 
         Raises:
-            SourceChanged: one of them is another file now, so this process may have imported either.
+            StoreError: one of them is another file now, so this process may have imported either.
         """
         _watched(self.record).check()
 
     def check_since_start(self, writers: Iterable[Path] = ()) -> None:
-        """As `check`, in a process that may have imported modules long before the keys were made.
+        """Check in a process that may have imported modules long before the keys were made.
 
         Args:
-            writers: Folders with more of the code and the templates that made what is to be kept.
+            writers: Folders with more of the code and the templates that made what is to be stored.
 
         Raises:
-            SourceChanged: see there; or a file is younger than this process.
+            StoreError: an imported file is another now, or any file is younger than this process.
         """
-        _watched(self.record).check_since_start()
-        began_ns = _began_ns()
+        watched = _watched(self.record)
+        watched.check()
+        changed_ns = {file: stamp[1] for file, stamp in watched.stamps.items()}
         for file in (file for folder in writers for file in folder.rglob("*") if file.suffix in _WRITTEN_BY):
-            if file.stat().st_mtime_ns > began_ns:
-                raise _changed(str(file))
+            changed_ns[str(file)] = file.stat().st_mtime_ns
+        began_ns = 1e9 * psutil.Process().create_time()
+        for name, time_ns in changed_ns.items():
+            if time_ns > began_ns:
+                raise _changed(name)
 
 
 def source_files(folders: Iterable[Path]) -> SourceFiles:
-    """The Python files in these folders and below, as they are now."""
+    """Return the Python files in these folders and below, as they are now."""
     found = {
         str(folder): {str(file.relative_to(folder)): _stamp(str(file)) for file in sorted(folder.rglob("*.py"))}
         for folder in sorted(folders)
@@ -74,10 +74,8 @@ class _Watched:
 
     def __init__(self, record: Mapping[str, Mapping[str, _Stamp]]) -> None:
         self._folders = tuple(folder + os.sep for folder in record)
-        self._stamps: dict[str, _Stamp] = {
-            os.path.join(folder, name): (size, changed_ns, sha256)
-            for folder, files in record.items()
-            for name, (size, changed_ns, sha256) in files.items()
+        self.stamps: dict[str, _Stamp] = {
+            os.path.join(folder, name): stamp for folder, files in record.items() for name, stamp in files.items()
         }
         self._sound: set[str] = set()
         self._modules = 0
@@ -94,31 +92,19 @@ class _Watched:
                 self._sound.add(name)
         self._modules = count
 
-    def check_since_start(self) -> None:
-        self.check()
-        began_ns = _began_ns()
-        for file, (_, changed_ns, _) in self._stamps.items():
-            if changed_ns > began_ns:
-                raise _changed(file)
-
     def _compare(self, file: str) -> None:
-        stamp = self._stamps.get(file)
+        size, changed_ns, sha256 = self.stamps.get(file, (-1, -1, ""))
         try:
             status = os.stat(file)
-            now = status.st_size, status.st_mtime_ns
-            is_same = stamp is not None and (now == stamp[:2] or _sha256(file) == stamp[2])
+            is_same = (status.st_size, status.st_mtime_ns) == (size, changed_ns) or _sha256(file) == sha256
         except OSError:
             is_same = False
         if not is_same:
             raise _changed(file)
 
 
-def _began_ns() -> float:
-    return 1e9 * float(psutil.Process().create_time())
-
-
-def _changed(file: str) -> SourceChanged:
-    return SourceChanged(
+def _changed(file: str) -> StoreError:
+    return StoreError(
         f"store: {file} changed while the campaign ran, so nothing more of it is kept; what was finished before is: "
         "give the same command again"
     )

@@ -6,12 +6,11 @@ import logging
 import os
 import re
 import threading
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final, Self
 
 from vastflow.tasks.store.artifact import (
-    EARLIER,
     MANIFEST,
     Artifact,
     Holding,
@@ -25,90 +24,8 @@ from vastflow.tasks.store.files import WRITING_S, Listed, StoreFiles
 from vastflow.tasks.store.folder_files import FolderFiles
 from vastflow.tasks.store.source_files import SourceFiles
 
-
-class Listing:
-    """Artifacts by key. What is known to be there stays known until somebody says otherwise.
-
-    Args:
-        artifacts: All that were there.
-    """
-
-    def __init__(self, artifacts: Iterable[Artifact]) -> None:
-        self._lock = threading.Lock()
-        self._artifacts: dict[str, Artifact] = {}
-        self._below: dict[str, set[str]] = {}
-        self._changed: set[str] = set()
-        for artifact in artifacts:
-            self._add(artifact)
-
-    def knows(self, key: str) -> bool:
-        """Whether `find` is to be believed of this key."""
-        with self._lock:
-            return key in self._artifacts or self._changed.isdisjoint((key, _home(key)))
-
-    def knows_under(self, key: str) -> bool:
-        """Whether `under` is to be believed of this key."""
-        with self._lock:
-            return key not in self._changed
-
-    def find(self, key: str) -> Artifact | None:
-        """The artifact of this key, if it is there."""
-        with self._lock:
-            return self._artifacts.get(key)
-
-    def under(self, key: str) -> tuple[str, ...]:
-        """Names of the artifacts directly below `key`, sorted."""
-        with self._lock:
-            return tuple(sorted(self._below.get(key, ())))
-
-    def add(self, artifact: Artifact) -> None:
-        """An artifact is there."""
-        with self._lock:
-            self._add(artifact)
-
-    def drop(self, key: str) -> None:
-        """An artifact is gone."""
-        with self._lock:
-            self._drop(key)
-
-    def changed(self, key: str) -> None:
-        """Nothing is known any more of `key` and of what is directly below."""
-        with self._lock:
-            for name in list(self._below.get(key, ())):
-                self._drop(f"{key}/{name}")
-            self._drop(key)
-            self._changed.add(key)
-
-    def _add(self, artifact: Artifact) -> None:
-        home = _home(artifact.key)
-        self._artifacts[artifact.key] = artifact
-        self._below.setdefault(home, set()).add(artifact.key[len(home) + 1 :])
-
-    def _drop(self, key: str) -> None:
-        home = _home(key)
-        if self._artifacts.pop(key, None) is not None:
-            self._below[home].discard(key[len(home) + 1 :])
-
-
-def _home(key: str) -> str:
-    return key.rpartition("/")[0]
-
-
-__all__ = [
-    "EARLIER",
-    "MANIFEST",
-    "STAGES",
-    "WRITING_S",
-    "Artifact",
-    "Holding",
-    "Lost",
-    "Store",
-    "StoreError",
-    "is_address",
-    "open_store",
-    "store_address",
-    "store_root",
-]
+__all__ = ["MANIFEST", "STAGES", "WRITING_S", "Artifact", "Holding", "Lost", "Store", "StoreError", "open_store"]
+__all__ += ["is_address", "store_address", "store_root"]
 
 LOGGER: Final = logging.getLogger("vastflow.store")
 
@@ -117,19 +34,67 @@ STAGES: Final = ("evaluate", "search", "execute", "observe", "judge", "bundle")
 """The first name of an artifact's key; a store's place may hold other things beside them."""
 
 _TRIES: Final = 100
-"""Others who write and remove can get in between as often as this before something else must be wrong."""
+"""Retries before concurrent changes count as an error."""
+
+
+class Listing:
+    """Artifacts that one listing of the whole store found, kept up to date by what this process does and hears."""
+
+    def __init__(self, artifacts: Iterable[Artifact]) -> None:
+        self._lock = threading.Lock()
+        self._folders: dict[str, dict[str, Artifact]] = {}
+        self._changed: set[str] = set()
+        for artifact in artifacts:
+            self.add(artifact)
+
+    def find(self, key: str, look: Callable[[str], Artifact | None]) -> Artifact | None:
+        """Return the artifact of a key; `look` is asked where another process may have changed it."""
+        folder, _, name = key.rpartition("/")
+        with self._lock:
+            artifact = self._folders.get(folder, {}).get(name)
+            if artifact is not None or self._changed.isdisjoint((key, folder)):
+                return artifact
+        if (artifact := look(key)) is not None:
+            self.add(artifact)
+        return artifact
+
+    def under(self, key: str, look: Callable[[str], Iterable[str]]) -> Iterable[str]:
+        """Return the names of the artifacts directly below a key; `look` is asked as in `find`."""
+        with self._lock:
+            if key not in self._changed:
+                return tuple(self._folders.get(key, ()))
+        return look(key)
+
+    def add(self, artifact: Artifact) -> None:
+        """Add an artifact."""
+        folder, _, name = artifact.key.rpartition("/")
+        with self._lock:
+            self._folders.setdefault(folder, {})[name] = artifact
+
+    def drop(self, key: str) -> None:
+        """Remove an artifact."""
+        folder, _, name = key.rpartition("/")
+        with self._lock:
+            self._folders.get(folder, {}).pop(name, None)
+
+    def changed(self, key: str) -> None:
+        """Forget a key and what is directly below it."""
+        self.drop(key)
+        with self._lock:
+            self._folders.pop(key, None)
+            self._changed.add(key)
 
 
 class Store:
     """Content-addressed artifacts in a folder or at an address that fsspec knows, such as `s3://bucket/prefix`.
 
-    A key is a path of names joined by `/`. Every method may be called from any thread or process at any time, and raises
-    `StoreError` if the place can't be used. A store may be sent to another process, without its listing.
+    A key is a path of names joined by `/`. Every method is safe in any thread or process, and raises `StoreError` if the
+    place can't be used. A store can be pickled; its listing stays behind.
 
     Args:
         place: See `open_store`, which also checks that it can be written.
-        read_only: Nothing is written or deleted: what is put stays in this object, what is damaged seems gone.
-        sources: Where given, a process that imported other source than this finds and keeps nothing (`SourceChanged`).
+        read_only: Write and delete nothing: what is put stays in this object, what is damaged seems gone.
+        sources: Source files of the keys; a process that imported others finds and keeps nothing.
     """
 
     def __init__(
@@ -150,7 +115,7 @@ class Store:
         return functools.partial(Store, read_only=self._read_only, sources=self._sources), (self.place,)
 
     def for_sources(self, sources: SourceFiles | None) -> Self:
-        """This store for computations by these sources only."""
+        """Return this store for computations by these sources only."""
         store = copy.copy(self)
         store._sources = sources
         return store
@@ -162,57 +127,47 @@ class Store:
 
     @property
     def local(self) -> Path:
-        """Folder on this machine for what belongs to the store and is no artifact: environments, logs.
-
-        A store in a folder has that folder itself, so that all is deleted together.
-        """
+        """Folder on this machine for environments and logs: the store's own folder where it has one."""
         return self._files.local
 
     def refresh(self) -> None:
-        """Where looking is slow, look once: `find` and `under` may answer from what is there now, until the next refresh."""
+        """List a remote store once, so that `find` and `under` need no requests until the next refresh."""
         if (found := self._files.everything()) is not None:
             # A long listing may have the manifest of what another process writes meanwhile, and not its files.
             looked = (artifact or self._look(key) for key, artifact in found)
             self._listing = Listing(artifact for artifact in looked if artifact is not None)
 
     def changed(self, key: str) -> None:
-        """Another process may have put or discarded `key`, or what is directly below: look there anew."""
+        """Look anew at `key` and directly below it: another process may have changed it."""
         if self._listing is not None:
             self._listing.changed(key)
 
     def learn(self, artifacts: Iterable[Artifact]) -> None:
-        """Another process has put these and says so: where looking is slow, `find` and `under` may believe it."""
+        """Add artifacts to the listing that another process reports as stored."""
         if self._listing is not None:
             for artifact in artifacts:
                 self._listing.add(artifact)
 
     def find(self, key: str) -> Artifact | None:
-        """The artifact of this key, if its manifest and all files are there in their sizes."""
+        """Return the artifact of this key, if its manifest and all files are there in their sizes."""
         if self._sources is not None:
             self._sources.check()  # nothing is begun that could not be put
         if key in self._held:
             return self._held[key][0]
         if key in self._gone:
             return None
-        if self._listing is None:
-            return self._look(key)
-        if self._listing.knows(key):
-            return self._listing.find(key)
-        if (artifact := self._look(key)) is not None:
-            self._listing.add(artifact)
-        return artifact
+        return self._look(key) if self._listing is None else self._listing.find(key, self._look)
 
     def under(self, key: str) -> tuple[str, ...]:
-        """Names of the artifacts directly below `key`, sorted."""
-        if self._listing is not None and self._listing.knows_under(key):
-            return self._listing.under(key)
+        """Return the names of the artifacts directly below `key`, sorted."""
+        names = self._files.names
         try:
-            return tuple(sorted(self._files.names(key)))
+            return tuple(sorted(names(key) if self._listing is None else self._listing.under(key, names)))
         except OSError as error:
             raise _unreadable(error) from None
 
     def load(self, artifact: Artifact, name: str) -> bytes:
-        """A file of an artifact that was found, checked against its manifest.
+        """Return a file of an artifact, checked against its manifest.
 
         Raises:
             Lost: it is missing or damaged; a damaged artifact is gone afterwards.
@@ -244,7 +199,7 @@ class Store:
         return self.load(artifact, name)
 
     def beside(self, key: str, name: str) -> bytes | None:
-        """A sidecar of an artifact, if it is there; nothing vouches for it."""
+        """Return a sidecar of an artifact, unchecked, if it is there."""
         try:
             return self._files.read(key, name)
         except StoreError:
@@ -259,14 +214,14 @@ class Store:
         info: Mapping[str, Any] | None = None,
         sidecar: Mapping[str, bytes] | None = None,
     ) -> Artifact:
-        """Keep an artifact and give what is kept: an undamaged one that is already there stays.
+        """Store an artifact and return what is stored: an undamaged one that is already there stays.
 
         Args:
             info: See `Artifact`; JSON values.
             sidecar: Files beside it that are outside every digest, such as a run log.
 
         Raises:
-            SourceChanged: this process imported other source than the store is for.
+            StoreError: this process imported other source than the store is for.
         """
         if self._sources is not None:
             self._sources.check()
@@ -288,13 +243,13 @@ class Store:
         return kept
 
     def discard(self, key: str, why: str) -> None:
-        """Forget a damaged artifact, with a line in the log, so that it is computed again."""
+        """Remove a damaged artifact, with a line in the log, so that it is computed again."""
         if not self._read_only:
             LOGGER.warning("%s is damaged and will be computed again: %s", key, why)
         self.remove([key])
 
     def holdings(self) -> list[Holding]:
-        """All artifacts, and what looks like one that is not finished, by key."""
+        """Return all artifacts and unfinished ones, by key."""
         folders: dict[str, list[Listed]] = {}
         for file in self._files.listed(STAGES):
             folders.setdefault(file.key, []).append(file)
@@ -309,7 +264,7 @@ class Store:
         ]
 
     def fault(self, key: str) -> str | None:
-        """What is wrong with an artifact, every file read; None if nothing. It stays as it is."""
+        """Read every file of an artifact and return what is wrong with it, or None; nothing is changed."""
         name = MANIFEST
         try:
             artifact = artifact_of(key, self._files.read(key, MANIFEST))
@@ -338,7 +293,7 @@ class Store:
                 self._listing.drop(key)
 
     def _look(self, key: str) -> Artifact | None:
-        """The artifact of this key by what lies there now; what is damaged is discarded."""
+        """Return the artifact that lies there now; discard a damaged one."""
         for last in (False, True):
             try:
                 return self._files.look(key)
@@ -353,7 +308,7 @@ class Store:
         return None
 
     def _sound(self, key: str) -> Artifact | None:
-        """The artifact of this key if every byte of it is there."""
+        """Return the artifact of this key if every byte of it is there."""
         if (artifact := self._look(key)) is None:
             return None
         try:
@@ -365,7 +320,7 @@ class Store:
 
 
 def store_address(place: str | os.PathLike[str] | None = None) -> str | None:
-    """The address of a store that is no local folder: `place`, else the variable `VASTFLOW_STORE`; None for a folder."""
+    """Return the address of a remote store: `place`, else the variable `VASTFLOW_STORE`; None for a folder."""
     chosen = os.fspath(place or os.environ.get(VARIABLE) or "")
     return chosen if is_address(chosen) else None
 
@@ -376,7 +331,7 @@ def is_address(place: str) -> bool:
 
 
 def store_root(place: str | os.PathLike[str] | None = None) -> Path:
-    """A local store's folder: `place`, else the variable `VASTFLOW_STORE`, else the user's cache folder.
+    """Return a local store's folder: `place`, else the variable `VASTFLOW_STORE`, else the user's cache folder.
 
     Raises:
         StoreError: the place is an address and no local folder.
@@ -391,10 +346,9 @@ def store_root(place: str | os.PathLike[str] | None = None) -> Path:
 
 
 def open_store(place: str | os.PathLike[str] | None = None, *, read_only: bool = False) -> Store:
-    """The store at `place`, else at the variable `VASTFLOW_STORE`, else in the user's cache folder.
+    """Open the store at `place`, else at the variable `VASTFLOW_STORE`, else in the user's cache folder.
 
-    A folder is made where there is none, unless it is only read. An address such as `s3://bucket/prefix` is any that
-    fsspec knows.
+    A missing folder is made, unless it is only read. An address is any that fsspec knows, such as `s3://bucket/prefix`.
 
     Raises:
         StoreError: it can't be written.

@@ -69,7 +69,7 @@ def functions_of_reading(module):
 
 def test_what_computes_takes_values_from_what_reads_and_calls_nothing_else_there():
     entries = {entry for stage in STAGES.values() for entry in stage} | plug_ins()
-    computing = installed_tree().closure(*sorted(entries))
+    computing = installed_tree().code(*sorted(entries)).modules
     called = {name for module in computing for name in functions_of_reading(module)}
     others = {name for name in called if not name.startswith("vastflow.sim.plug_ins.")}
     assert others <= RESULTS_OF_READING | WORDS_ONLY

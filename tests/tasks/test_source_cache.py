@@ -58,7 +58,7 @@ def test_file_that_is_moved_has_what_its_new_place_makes_of_it(tree, tmp_path):
     (tmp_path / "pkg/deep/__init__.py").write_text("")
     (tmp_path / "pkg/deep/run.py").write_text("from . import kernel\n")
     (tmp_path / "pkg/deep/kernel.py").write_text("k = 3\n")
-    assert tree().closure("pkg.deep.run") == ("pkg", "pkg.deep", "pkg.deep.kernel", "pkg.deep.run")
+    assert tuple(tree().code("pkg.deep.run").modules) == ("pkg", "pkg.deep", "pkg.deep.kernel", "pkg.deep.run")
 
 
 @pytest.mark.parametrize("damage", [b"", b"damaged", b"0" * 64 + b"\n{}"])

@@ -10,8 +10,8 @@ import pytest
 
 from vastflow.flows.results.current_report import written_by
 from vastflow.tasks.keys.source import SourceTree
-from vastflow.tasks.store.source_files import SourceChanged, source_files
-from vastflow.tasks.store.store import open_store
+from vastflow.tasks.store.source_files import source_files
+from vastflow.tasks.store.store import StoreError, open_store
 
 CODE = """
 import importlib, pickle, sys, time
@@ -101,7 +101,7 @@ def last_year(*files):
 
 def test_process_that_is_older_than_its_source_keeps_no_report(tmp_path, package):
     source_files([package]).check()
-    with pytest.raises(SourceChanged, match="changed while the campaign ran"):
+    with pytest.raises(StoreError, match="changed while the campaign ran"):
         source_files([package]).check_since_start()
     last_year(*package.glob("*.py"))
     source_files([package]).check_since_start()
@@ -113,7 +113,7 @@ def test_process_that_is_older_than_what_writes_tables_and_pages_keeps_no_report
     (tmp_path / "page").mkdir()
     (tmp_path / "page" / name).write_text("edited")
     (tmp_path / "page" / "tables.pyc").write_text("compiled meanwhile")
-    with pytest.raises(SourceChanged, match=f"{name} changed while the campaign ran"):
+    with pytest.raises(StoreError, match=f"{name} changed while the campaign ran"):
         source_files([package]).check_since_start([tmp_path])
     last_year(tmp_path / "page" / name)
     source_files([package]).check_since_start([tmp_path])

@@ -1,6 +1,7 @@
-"""Where a store is, and what is said when it can't be used."""
+"""Places of stores, and errors of unusable ones."""
 
 import errno
+import itertools
 import os
 import socket
 import subprocess
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import fsspec
 import pytest
+from table import each_row
 
 from vastflow.producers.floorplan.environment import environments_folder
 from vastflow.tasks.store.remote_files import RemoteFiles
@@ -18,7 +20,7 @@ from vastflow.tasks.store.store import Store, StoreError, open_store, store_root
 KEY = "execute/ab/abcd/0-5"
 
 
-def test_what_killed_writers_left_is_swept_after_a_day(tmp_path):
+def test_remains_of_killed_writers_are_removed_after_a_day(tmp_path):
     store = open_store(tmp_path / "store")
     old, young = store.local / "temporary" / "old", store.local / "temporary" / "young"
     old.mkdir()
@@ -37,18 +39,18 @@ def test_place_is_the_argument_else_the_variable_else_the_users_cache(tmp_path, 
     monkeypatch.delenv("VASTFLOW_STORE")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     assert store_root() == tmp_path / "cache" / "vastflow" / "store"
-
-
-def test_file_address_is_a_folder(tmp_path):
     assert open_store(f"file://{tmp_path}/store").local == tmp_path / "store"
+    places = {Store(f"s3://bucket/{name}").local for name in ("a", "b")}
+    assert len(places) == 2 and all(place.is_relative_to(tmp_path / "cache") for place in places)
 
 
-def test_variable_may_be_an_address(s3, monkeypatch):
+def test_store_variable_may_be_an_address(s3, tmp_path, monkeypatch):
     monkeypatch.setenv("VASTFLOW_STORE", s3)
     assert open_store().place == s3
+    assert environments_folder().is_relative_to(tmp_path / "cache" / "vastflow")
 
 
-def test_place_that_cannot_be_written_is_named(tmp_path):
+def test_unwritable_place_is_named(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(StoreError, match=r"store: can't write to .*file.*--store"):
         open_store(tmp_path / "file")
@@ -58,11 +60,11 @@ def test_place_that_cannot_be_written_is_named(tmp_path):
     ("address", "words"),
     [
         ("nonsense://bucket/store", r"'nonsense://bucket/store' .*Protocol not known.*s3://bucket/prefix"),
-        ("memory://store", "which no other process sees; a folder, or s3://bucket/prefix"),
+        ("memory://store", "expected a folder, or s3://bucket/prefix, got 'memory://store', which no other"),
         ("abfs://container/store", r"ImportError.*; install what it names"),
     ],
 )
-def test_address_that_cannot_be_is_refused_and_not_made_into_a_folder(tmp_path, monkeypatch, address, words):
+def test_impossible_address_is_refused_and_not_made_into_a_folder(tmp_path, monkeypatch, address, words):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(StoreError, match=words):
         open_store(address)
@@ -70,7 +72,7 @@ def test_address_that_cannot_be_is_refused_and_not_made_into_a_folder(tmp_path, 
 
 
 @pytest.mark.slow
-def test_server_that_does_not_answer_is_asked_six_times_and_named(monkeypatch):
+def test_silent_server_is_asked_six_times_and_named(monkeypatch):
     monkeypatch.setattr("vastflow.tasks.store.remote_files._ANSWER_S", 0.2)
     asked = []
     with socket.create_server(("127.0.0.1", 0)) as server:
@@ -85,37 +87,31 @@ def test_server_that_does_not_answer_is_asked_six_times_and_named(monkeypatch):
         assert len(asked) == 6
 
 
-def test_what_is_no_artifact_lies_on_this_machine_one_folder_for_each_address(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    places = {Store(f"s3://bucket/{name}").local for name in ("a", "b")}
-    assert len(places) == 2
-    assert all(place.is_relative_to(tmp_path) for place in places)
-
-
-def test_bucket_that_is_not_there_is_named(s3):
-    with pytest.raises(StoreError, match=r"'s3://nowhere/x' .*bucket does not exist.*make the bucket"):
-        open_store("s3://nowhere/x")
-
-
-@pytest.mark.parametrize(("key_id", "secret"), [("TESTKEYID", "wrong"), ("nobody", "TESTSECRET")])
-def test_wrong_credentials_are_refused_with_what_to_check(shared_s3, s3_variables, key_id, secret):
-    s3_variables(shared_s3, key_id, secret)
-    with pytest.raises(
-        StoreError, match=r"'s3://bucket/x' \(PermissionError: .*; check the credentials \(AWS_ACCESS_KEY_ID"
-    ):
-        open_store("s3://bucket/x")
-
-
-def test_no_credentials_are_no_riddle(shared_s3, s3_variables, monkeypatch):
-    s3_variables(shared_s3)
-    monkeypatch.delenv("AWS_ACCESS_KEY_ID")
-    monkeypatch.delenv("AWS_SECRET_ACCESS_KEY")
-    with pytest.raises(StoreError, match=r"NoCredentialsError.*; check the credentials"):
-        open_store("s3://bucket/x")
+@pytest.mark.parametrize(
+    ("key_id", "secret", "address", "words"),
+    [
+        ("TESTKEYID", "TESTSECRET", "s3://nowhere/x", r"'s3://nowhere/x' .*bucket does not exist.*make the bucket"),
+        (
+            "TESTKEYID",
+            "wrong",
+            "s3://bucket/x",
+            r"'s3://bucket/x' \(PermissionError: .*; check the credentials \(AWS_ACC",
+        ),
+        ("nobody", "TESTSECRET", "s3://bucket/x", r"PermissionError: .*; check the credentials"),
+        (None, None, "s3://bucket/x", r"NoCredentialsError.*; check the credentials"),
+    ],
+)
+def test_refused_store_error_has_cause_and_remedy(shared_s3, s3_variables, monkeypatch, key_id, secret, address, words):
+    s3_variables(shared_s3, key_id or "", secret or "")
+    if key_id is None:
+        monkeypatch.delenv("AWS_ACCESS_KEY_ID")
+        monkeypatch.delenv("AWS_SECRET_ACCESS_KEY")
+    with pytest.raises(StoreError, match=words):
+        open_store(address)
 
 
 @pytest.mark.slow
-def test_server_that_does_not_answer_is_named(start_s3, s3_variables):
+def test_server_that_is_gone_is_named(start_s3, s3_variables):
     server = start_s3()
     s3_variables(server)
     store = open_store("s3://bucket/x")
@@ -127,7 +123,7 @@ def test_server_that_does_not_answer_is_named(start_s3, s3_variables):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [1, 2])
-def test_server_that_dies_during_a_put_leaves_no_artifact_and_all_goes_on_when_it_is_back(
+def test_server_killed_during_a_put_leaves_no_artifact_and_works_when_restarted(
     start_s3, s3_variables, monkeypatch, number
 ):
     server = start_s3()
@@ -154,9 +150,8 @@ def test_server_that_dies_during_a_put_leaves_no_artifact_and_all_goes_on_when_i
 FILES = {"a.bin": b"one" * 1000, "b.bin": b"two" * 1000}
 
 
-@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EROFS, errno.EIO])
-@pytest.mark.parametrize("number", range(4))
-def test_folder_that_takes_no_more_has_whole_artifacts_or_none(tmp_path, monkeypatch, number, code):
+@each_row("number, code", itertools.product(range(4), [errno.ENOSPC, errno.EROFS, errno.EIO]))
+def test_full_folder_has_whole_artifacts_or_none(tmp_path, monkeypatch, number, code):
     store = open_store(tmp_path / "store")
     left = [number]
     write = Path.write_bytes
@@ -178,9 +173,9 @@ def test_folder_that_takes_no_more_has_whole_artifacts_or_none(tmp_path, monkeyp
     assert store.read(KEY, "b.bin") == FILES["b.bin"]
 
 
-@pytest.mark.parametrize("number", range(4))
-def test_service_that_takes_no_more_has_whole_artifacts_or_none(memory, monkeypatch, number):
-    store = Store(memory)
+@each_row("number", range(4))
+def test_full_service_has_whole_artifacts_or_none(memory, monkeypatch, number):
+    store = Store(f"{memory}/{number}")
     left = [number]
     kind = fsspec.get_filesystem_class("memory")
     write = kind.pipe_file
@@ -221,7 +216,7 @@ def small_disk(tmp_path):
     subprocess.run(["umount", str(disk)], check=False)
 
 
-def test_disk_that_is_full_is_said_and_works_again_when_there_is_room(small_disk):
+def test_full_disk_is_named_and_works_again_when_there_is_room(small_disk):
     disk, _ = small_disk
     store = open_store(disk / "store")
     kept = 0
@@ -234,7 +229,7 @@ def test_disk_that_is_full_is_said_and_works_again_when_there_is_room(small_disk
     store.put("execute/ab/more/0-1", {"a.bin": bytes(10_000)})
 
 
-def test_disk_that_is_read_only_is_said(small_disk):
+def test_read_only_disk_is_named(small_disk):
     disk, mount = small_disk
     store = open_store(disk / "store")
     store.put(KEY, FILES)
@@ -244,9 +239,3 @@ def test_disk_that_is_read_only_is_said(small_disk):
     with pytest.raises(StoreError, match="Read-only file system"):
         store.put("execute/ab/other/0-5", FILES)
     assert store.read(KEY, "a.bin") == FILES["a.bin"]
-
-
-def test_command_that_makes_environments_takes_no_address_for_a_folder(tmp_path, monkeypatch):
-    monkeypatch.setenv("VASTFLOW_STORE", "s3://bucket/store")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert environments_folder().is_relative_to(tmp_path / "vastflow")
