@@ -68,9 +68,12 @@ def test_families_are_complete_when_files_exist(loaded):
     ("families", "faults"),
     [
         ({"parameters": "map_file: gone.yaml", "first": "map_file: lost.yaml"}, ["lost.yaml", "gone.yaml"]),
-        ({"parameters": "map_file: gone.yaml", "first": "map_file: no-map.yaml"}, ["a map is a mapping", "gone.yaml"]),
+        (
+            {"parameters": "map_file: gone.yaml", "first": "map_file: no-map.yaml"},
+            ["expected a mapping with image", "gone.yaml"],
+        ),
         ({"parameters": "map_file: gone.yaml, robot_radius: -1"}, ["gone.yaml", "got -1"]),
-        ({"parameters": "map_file: no-map.yaml"}, ["a map is a mapping"]),
+        ({"parameters": "map_file: no-map.yaml"}, ["expected a mapping with image"]),
     ],
 )
 def test_file_without_a_family_left_is_refused_with_all_faults(loaded, families, faults):
