@@ -7,13 +7,10 @@ import pytest
 from py_trees.common import Status
 from table import each_row
 
-from vastflow.sim.model.faults import Place, ScenarioError
-from vastflow.sim.scenario.definition import Call, Composition, Constant, Emit, Modified, ScenarioDefinition, Until
-from vastflow.sim.scenario.definition import Elapsed as ElapsedTime
+from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.scenario.tree.action import ActionSituation
 from vastflow.sim.scenario.tree.helpers import HELPERS, helper_functions
 from vastflow.sim.scenario.tree.stand_ins import SIMULATOR_PROCESSES, stand_ins
-from vastflow.sim.scenario.tree.support import GENERIC, REASONS, unsupported
 
 
 @pytest.fixture
@@ -157,35 +154,3 @@ def test_simulators_programs_run_as_long_as_it_does(made):
     )
     with pytest.raises(ScenarioError, match=r"'\(' is no regular expression"):
         made("check_process_running", known=known, process_name="(", regex=True)
-
-
-def definition(root):
-    return ScenarioDefinition("visit", (), (), (), (), root, Place("visit.osc", 1, 1), {}, {}, {})
-
-
-def test_every_call_that_nothing_implements_is_told_with_its_place_and_a_reason():
-    def call(action, line):
-        return Call(action, "", {}, "", Place("visit.osc", line, 9))
-
-    place = Place("visit.osc", 2, 5)
-    root = Composition(
-        "serial",
-        (
-            call("log", 3),
-            Modified("timeout", {}, call("ros_run", 4), place),
-            Until(ElapsedTime(Constant(1.0, place), place), call("robot.dance", 5), place),
-            call("docker_run", 6),
-            Emit("end", "", place),
-        ),
-        "",
-        place,
-    )
-    found = unsupported(definition(root), HELPERS)
-    assert [fault.place.line for fault in found] == [4, 5, 6]
-    assert found[0].expected == REASONS["ros_run"]
-    assert str(found[1]) == f"visit.osc:5:9: robot.dance can't be run here; {GENERIC}"
-    assert "container" in found[2].expected
-
-
-def test_scenario_of_known_actions_lacks_nothing():
-    assert unsupported(definition(Call("log", "", {}, "", Place("visit.osc", 3, 9))), HELPERS) == []

@@ -8,8 +8,10 @@ from table import each_row
 
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.reading.abstract import abstract_content
+from vastflow.sim.reading.vocabulary import ACTIONS
 from vastflow.sim.scenario.language.grammar import MOST_PARSED
 from vastflow.sim.scenario.language.reading import files_of, read_scenarios, read_text
+from vastflow.sim.scenario.tree.support import unsupported
 
 HEAD = "import osc.helpers\nimport osc.ros\nimport osc.nav2\nimport osc.gazebo\n"
 
@@ -48,6 +50,15 @@ def test_faults_of_imports_have_place_and_message(golden, tmp_path):
         return [fault.replace(f"{tmp_path}/", "") for fault in refused(main, tmp_path)]
 
     golden("scenarios", "imports", faults)
+
+
+def test_actions_that_can_not_be_run_have_place_and_reason(golden):
+    def faults(text):
+        lines = text.replace("\n", "\n    ")
+        (definition,) = read_text(f"{HEAD}import osc.network\nscenario visit:\n    {lines}\n", "f.osc", Path())
+        return list(map(str, unsupported(definition, ACTIONS)))
+
+    golden("scenarios", "unsupported", faults)
 
 
 def test_action_that_two_imports_declare_can_be_imported(tmp_path):

@@ -1,7 +1,6 @@
 """Scenario files that listen to the simulated robot's topics, publish on them, and read its stack's log."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,13 +8,9 @@ from table import each_row
 
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.recording import si
-from vastflow.sim.reading.vocabulary import ACTIONS
 from vastflow.sim.run import run
-from vastflow.sim.scenario.language.reading import read_text
-from vastflow.sim.scenario.tree.support import unsupported
 
 ODOMETRY = "topic_name: '/odom', topic_type: 'nav_msgs.msg.Odometry'"
-HEAD = "import osc.helpers\nimport osc.nav2\nimport osc.ros\n"
 
 
 def ended(recording, name):
@@ -27,13 +22,6 @@ def ended(recording, name):
 
 def final(recording):
     return si(recording.columns["x_mm"])[-1], si(recording.columns["y_mm"])[-1]
-
-
-def lacks(body):
-    """Why a scenario with that body can't be run, told from its file."""
-    lines = "".join(f"    {line}\n" for line in body.split("\n"))
-    (definition,) = read_text(f"{HEAD}scenario trial:\n{lines}", "trial.osc", Path())
-    return [f"{each.place.line}: {each.problem}; {each.expected}" for each in unsupported(definition, ACTIONS)]
 
 
 def test_data_is_waited_for_until_it_comes(staged):
@@ -199,35 +187,6 @@ def test_nodes_and_topics_that_are_here_are_here_at_once(staged):
         wait_for_topic_subscription('/goal_pose', '/bt_navigator')
     """
     assert run(staged(text), 0).run.simulated_s < 0.4
-
-
-@each_row(
-    ("call", "reason"),
-    [
-        ("wait_for_data('/camera', 'sensor_msgs.msg.Image')", "nothing publishes /camera here; there are /amcl_pose,"),
-        ("wait_for_data('/odom', 'std_msgs.msg.String')", "the messages of /odom are nav_msgs.msg.Odometry"),
-        ("check_data('/map', 'nav_msgs.msg.OccupancyGrid', '1')", "what is in the messages of /map is not simulated"),
-        (
-            "topic_publish('/robot2/cmd_vel', 'geometry_msgs.msg.Twist', '{}')",
-            "nothing here does anything with what is",
-        ),
-        ("wait_for_topics(['/scan', '/camera'])", "nothing publishes /camera here"),
-        ("wait_for_nodes(['/rviz'])", "there is no node /rviz here; there are amcl,"),
-        ("wait_for_topic_publisher('/scan', 'amcl')", "amcl does not publish on /scan here"),
-        ("robot.tf_close_to(1m, position_3d(), parent_frame_id: 'world')", "there is no frame 'world' to look from"),
-        ("assert_tf_moving('gripper', timeout: 1s)", "there is no frame 'gripper' of the robot here"),
-        ("service_call('/reset', 'std_srvs.srv.Empty')", "nothing offers one"),
-        ("wait_for_services(['/reset'])", "nothing offers one"),
-    ],
-)
-def test_what_is_not_here_is_said_before_anything_runs(call, reason):
-    (said,) = lacks(f"robot: differential_drive_robot\ndo {call}")
-    assert said.startswith("6: ") and reason in said
-
-
-def test_log_of_nodes_of_ones_own_is_not_here():
-    (said,) = lacks("do log_check(values: ['ready'])")
-    assert "process_log_check" in said
 
 
 def test_topic_that_only_a_run_knows_and_nobody_publishes_is_a_fault_of_the_run(staged):
