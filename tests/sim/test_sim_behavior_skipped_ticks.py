@@ -165,7 +165,7 @@ def test_scenario_that_waits_for_the_mission_alone_is_woken_by_nothing():
     assert tree.next_tick() == math.inf
 
 
-def test_variable_that_a_running_action_changes_is_seen_to_its_left_at_the_next_tick():
+def test_variable_that_a_running_action_changes_is_seen_at_the_next_tick():
     tree = tree_of("one_of:\n    wait n >= 1.0\n    lingering(3.0)")
     while not tree.ended:
         tree.tick(int(tree.next_tick()))

@@ -296,7 +296,7 @@ def test_action_of_an_actor_sees_the_actors_members_and_its_name(tree, journal):
     assert seen == [{"namespace": "north", "name": "bot"}]
 
 
-def test_exception_of_an_action_is_passed_on_and_every_action_is_shut_down_once(tree, journal):
+def test_exception_of_an_action_is_passed_on_after_each_shutdown(tree, journal):
     class Broken(Deed):
         def update(self):
             raise OSError("no such simulator")
@@ -489,7 +489,7 @@ TOUR = """\
     """
 
 
-def test_what_only_the_ros_machine_needs_stands_in_the_way_of_nothing():
+def test_actions_of_a_ros_machine_do_not_stop_a_tour():
     tree = ended(tree_of(TOUR, with_drive(end_s=20.0)))
     assert (tree.passed, tree.now_s) == (True, 20.0)
 

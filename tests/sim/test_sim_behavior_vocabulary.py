@@ -12,11 +12,11 @@ from vastflow.sim.scenario.tree.stand_ins import stand_ins
 from vastflow.sim.scenario.tree.topics import ROS
 
 
-def test_worldly_actions_are_those_of_the_robot_and_of_entities_but_no_stand_in():
+def test_worldly_actions_are_those_of_robot_and_entities():
     assert {*ENTITIES, *NAVIGATION, *ROS} - stand_ins({}).keys() == WORLDLY
 
 
-def test_all_that_is_implemented_may_be_used():
+def test_implemented_actions_are_the_known_ones():
     assert {*HELPERS, *ENTITIES, *NAVIGATION, *ROS, *PROCESSES, *stand_ins({})} == ACTIONS
 
 

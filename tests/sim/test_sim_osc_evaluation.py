@@ -13,7 +13,7 @@ from vastflow.sim.scenario.language.reading import read_text
 
 
 def expression(text):
-    """What stands as the argument of a log."""
+    """The argument of a log."""
     body = "    p: pose_3d\n    var n: int = 0\n    f: float = 0.5\n    texts: list of string = ['a']\n"
     source = f"import osc.helpers\nimport osc.os\nscenario a:\n{body}    do log({text})\n"
     return read_text(source, "a.osc", Path())[0].root.arguments["msg"]
@@ -82,7 +82,7 @@ def test_functions_get_the_values_of_their_arguments():
         ("random.get_int(5, 1)", r"a.osc:8:12: random.get_int\(\) can't be done: empty range"),
     ],
 )
-def test_what_has_no_value_says_where_and_why(text, words):
+def test_expression_without_a_value_says_where_and_why(text, words):
     def empty(a, b):
         raise ValueError("empty range")
 

@@ -97,13 +97,13 @@ def test_long_word_before_a_fault_costs_no_time_that_grows_with_its_square(loops
     )
 
 
-def test_faults_of_a_large_file_are_looked_for_no_longer_than_a_few_parses_take():
+def test_search_for_faults_of_a_large_file_is_bounded():
     waits = "        wait elapsed(1s)\n" * 1_500
     text = f"scenario a:\n    do serial:\n{waits}" + "        wait = elapsed\n" * 20
     assert 1 < len(refused(text)) <= MOST_PARSED // len(text) + 1
 
 
-def test_modifiers_in_one_another_have_a_limit_and_below_it_the_definition_has_a_digest(tmp_path):
+def test_nested_modifiers_have_a_limit(tmp_path):
     file = tmp_path / "a.osc"
 
     def with_timeouts(n):

@@ -22,12 +22,12 @@ def scenario(*parameters):
 
 
 def value(parameter, **overrides):
-    """What the one parameter of a scenario becomes."""
+    """The value of a scenario's only parameter."""
     (found,) = bound(scenario(parameter), overrides).values()
     return found
 
 
-def test_without_overrides_all_parameters_have_their_defaults_in_order():
+def test_parameters_have_their_defaults_in_order():
     values = bound(scenario("b: speed = 3.6kmph", "a: pose_3d = pose_3d()", "c: list of int = [1, 2]"), {})
     assert list(values) == ["b", "a", "c"]
     assert values["b"] == pytest.approx(1.0)
@@ -72,7 +72,7 @@ def test_override_takes_the_place_of_the_default(parameter, given, value_):
 
 
 def test_faults_of_values_have_place_and_message(golden):
-    """Of an input the first line declares a parameter and the rest is its value in YAML, or empty for none."""
+    """An input declares a parameter in its first line and gives a value in YAML below it."""
 
     def faults(text):
         parameter, _, given = text.partition("\n")

@@ -69,7 +69,7 @@ def scenario(body, *imports, before=""):
 
 
 def value(text, type_, before=""):
-    """What `text` becomes as the default of a parameter of that type."""
+    """The default of a parameter of that type which is written as `text`."""
     (parameter,) = scenario(f"p: {type_} = {text}\ndo log('x')", before=before).parameters
     return parameter.default
 

@@ -1,4 +1,4 @@
-"""What values name and what gives them: globals, members, defaults above and below, `keep`, actors' variables."""
+"""Values of names: globals, members, defaults, `keep`, and variables of actors."""
 
 from pathlib import Path
 
@@ -141,7 +141,7 @@ def test_derived_scenario_may_give_a_parameter_another_default():
     assert bound(derived, {}) == {"p": "b", "v": 1.0}
 
 
-def test_actor_of_ones_own_presets_what_it_inherits_and_acts_as_what_it_inherits_from():
+def test_actor_of_ones_own_acts_as_its_base_with_its_own_defaults():
     before = "actor courier inherits differential_drive_robot:\n    namespace: string = 'courier'\n"
     definition = read("bot: courier\ndo bot.nav_to_pose(pose_3d())", before)
     assert definition.actors[0].members["namespace"].value == "courier"
@@ -190,7 +190,7 @@ do serial:
         ("log(random.get_float(1, 2))", "msg", None),
     ],
 )
-def test_in_the_brackets_of_a_call_plain_numbers_stand_for_si_units_and_for_texts(call, name, value):
+def test_plain_numbers_of_a_call_stand_for_si_units_and_texts(call, name, value):
     argument = read(f"bot: differential_drive_robot\ndo {call}", "").root.arguments[name]
     if value is not None:
         found = argument.members["value"] if name == "msg" else argument
@@ -216,14 +216,14 @@ do serial:
     assert travel.arguments["distance"].value == 3
 
 
-def test_list_and_a_pose_that_are_left_out_are_empty_and_at_the_origin():
+def test_omitted_list_is_empty_and_omitted_pose_at_the_origin():
     body = "bot: differential_drive_robot\ndo serial:\n    bot.init_nav2()\n    bag_record()"
     init, bag = read(body).root.children
     assert init.arguments["initial_pose"].members["position"].members["x"].value == 0.0
     assert bag.arguments["topics"].items == ()
 
 
-def test_of_a_file_with_a_scenario_that_another_inherits_from_the_other_is_run(tmp_path):
+def test_scenario_that_no_other_inherits_from_is_run(tmp_path):
     file = tmp_path / "trial.osc"
     base = f"{HEAD}scenario base:\n    p: string = 'a'\n    do log(p)\n"
     file.write_text(f"{base}scenario derived inherits base:\n    p: string = 'b'\n")

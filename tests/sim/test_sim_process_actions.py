@@ -49,7 +49,7 @@ def python(text):
 
 
 def outcome(action):
-    """What an action says once it has ended."""
+    """Status and message of an action at its end."""
     while (status := action.update()) is Status.RUNNING:
         time.sleep(0.005)
     return status, action.message

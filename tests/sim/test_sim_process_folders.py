@@ -56,7 +56,7 @@ def printed(run, *command):
     return group.log.read().decode()
 
 
-def test_scripts_before_and_after_write_to_out_and_nothing_comes_to_the_machines_own(begun):
+def test_commands_before_and_after_write_to_out_alone(begun):
     before = set(os.listdir("/"))
     files = {
         "files/pre.sh": "#!/bin/sh\n\ntouch /out/before",
@@ -119,7 +119,7 @@ def test_run_keeps_no_namespace_after_its_end(begun):
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").is_file(), reason="signals are read from /proc")
-def test_program_that_names_a_folder_has_the_arguments_environment_and_signals_of_any_other(begun):
+def test_program_that_names_a_folder_is_started_like_any_other(begun):
     show = (
         "printf '%s|' \"$@\"; env | grep -e ^LC_ -e ^GIVEN; grep -e SigIgn -e SigBlk /proc/self/status; pwd; ulimit -a"
     )
@@ -170,7 +170,7 @@ PROBE = "from vastflow.sim.scenario.programs.mounts import can_mount; print(can_
 
 
 def probed(*prefix):
-    """What `can_mount` says in a process that is started so; skips where it can't be."""
+    """The answer of `can_mount` in a process that is started so."""
     if not shutil.which(prefix[0]) or subprocess.run([*prefix, "true"], check=False, capture_output=True).returncode:
         pytest.skip(f"{prefix[0]} can't do this here")
     return subprocess.run(
@@ -189,12 +189,12 @@ def test_machine_that_forbids_mounts_is_known():
 
 
 @pytest.mark.skipif(not mounts.can_mount(), reason="bubblewrap is missing, or this machine forbids namespaces")
-def test_user_who_may_not_mount_does_so_as_the_root_of_a_user_namespace():
+def test_user_without_rights_mounts_in_a_user_namespace():
     dropped = ("setpriv", "--bounding-set=-sys_admin", "--inh-caps=-all")
     assert probed(*dropped) == probed(*dropped, "unshare", "--user", "--map-current-user")
 
 
-def test_map_is_handed_to_programs_with_its_picture_and_one_that_changed_is_told(tmp_path):
+def test_map_is_handed_to_programs_with_its_picture_unless_it_changed(tmp_path):
     folder = tmp_path / "maps"
     folder.mkdir()
     (folder / "hall.yml").write_text("{image: hall.pgm, resolution: 0.05, origin: [0, 0, 0]}")

@@ -149,7 +149,7 @@ def test_child_without_a_mark_is_found_by_its_parents(started, tmp_path):
     assert not _alive(child)
 
 
-def test_children_in_the_group_have_the_rest_of_the_time_to_end_in_order(started, tmp_path):
+def test_children_in_the_group_have_time_to_end_in_order(started, tmp_path):
     child = (
         "import pathlib, signal, sys, time\n"
         "def end(*_):\n    time.sleep(0.2); pathlib.Path('saved').touch(); sys.exit()\n"
@@ -190,7 +190,7 @@ def test_program_that_can_not_be_started_says_why(started, tmp_path, program, co
         started(command=[program])
 
 
-def test_what_a_program_and_its_children_used_is_known_when_it_is_released(started):
+def test_usage_of_a_program_and_its_children_is_known_at_release(started):
     busy = "import time\nwhile time.process_time() < 0.2: pass"
     group = started(f"import subprocess, sys; subprocess.run([sys.executable, '-c', {busy!r}])")
     group.wait(120)

@@ -81,7 +81,7 @@ def test_parquet_gives_the_same_columns(tmp_path):
     assert notes == ("column 'list' is left out: no numbers, truth values or text but list<element: int64>",)
 
 
-def test_only_what_is_new_or_changed_was_written_by_the_run(tmp_path):
+def test_outputs_are_new_or_changed_files(tmp_path):
     for name in ("same.txt", "changed.txt", "gone.txt"):
         (tmp_path / name).write_text("before")
     before = stamps(tmp_path)
@@ -104,14 +104,14 @@ def test_broken_table_is_noted_and_kept_as_a_file(tmp_path):
     assert re.fullmatch(r"bad\.csv: not a table: .*Expected 2 columns, got 1.*", note)
 
 
-def test_two_tables_of_one_stem_are_both_there(tmp_path):
+def test_tables_of_one_stem_are_both_kept(tmp_path):
     (tmp_path / "x.csv").write_text("a\n1\n")
     pa.parquet.write_table(pa.table({"a": [2]}), tmp_path / "x.parquet")
     found = read_outputs(tmp_path, {})
     assert {name: columns["a"].tolist() for name, columns in found.tables.items()} == {"x": [1], "x.parquet": [2]}
 
 
-def test_what_is_too_large_is_listed(tmp_path, monkeypatch):
+def test_file_that_is_too_large_is_listed(tmp_path, monkeypatch):
     monkeypatch.setattr(outputs, "MAX_FILE_BYTES", 3 << 20)
     monkeypatch.setattr(outputs, "MAX_RUN_BYTES", 4 << 20)
     for name, size in (("a", 3 << 20), ("b", (3 << 20) + 1), ("c", 2 << 20), ("d", 1)):
@@ -143,7 +143,7 @@ def test_links_out_of_the_folder_are_not_followed(tmp_path):
     assert [left.path for left in found.left_out] == ["broken", "file", "folder", "loop"]
 
 
-def test_what_is_no_file_or_has_no_plain_name_is_noted(tmp_path):
+def test_pipe_or_name_without_text_is_noted(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     with open(os.fsencode(tmp_path) + b"/\xff", "w") as file:
         file.write("x")

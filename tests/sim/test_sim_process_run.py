@@ -41,7 +41,7 @@ def script(text):
 
 
 def said(run, text):
-    """What a script of this run prints."""
+    """The output of a script of this run."""
     group = run.start(script(text))
     group.wait(120)
     group.stop()
@@ -64,7 +64,7 @@ def test_program_has_the_environment_of_the_campaign_and_of_this_process(begun, 
         assert said(run, f"import os; print(*(os.environ[name] for name in {names}))").startswith("1 2 outer.")
 
 
-def test_what_a_run_wrote_and_printed_is_its_record(begun):
+def test_record_has_files_and_prints_of_a_run(begun):
     with begun() as run:
         run.start(script("print('hello'); open('x.csv', 'w').write('a\\n1\\n')"), "writer").wait(120)
         record = run.close()
@@ -85,7 +85,7 @@ def test_exports_of_the_pre_command_reach_the_programs(begun, campaign):
     assert (record.logs[0].label, record.logs[0].text) == ("pre_command", "sourcing here\n")
 
 
-def test_what_the_pre_command_started_runs_until_the_end(begun, campaign):
+def test_background_process_of_the_pre_command_runs_until_the_end(begun, campaign):
     (campaign / "pre.sh").write_text("sleep 600 &\n")
     with begun(pre_command="pre.sh") as run:
         while not run.pids():  # a process that is just executing `sleep` has no environment for a moment
@@ -141,7 +141,7 @@ def test_waiting_ends_with_a_program_or_after_its_time(begun):
         assert run.waiting
 
 
-def test_nothing_is_left_when_a_run_is_given_up(begun):
+def test_run_that_is_given_up_leaves_no_process(begun):
     with pytest.raises(KeyError), begun() as run:
         run.start(script("import time; time.sleep(600)"))
         run.start(script("import subprocess; subprocess.Popen(['sleep', '600'], start_new_session=True)")).wait(120)

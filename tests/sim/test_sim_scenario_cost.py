@@ -1,4 +1,4 @@
-"""What a scenario file costs beside the simulation: reading it once, a tree a run, and ticks."""
+"""Costs of a scenario file beside the simulation: reading, trees, and ticks."""
 
 from pathlib import Path
 
@@ -32,7 +32,7 @@ def test_reading_a_file_and_making_its_script_are_small_beside_a_run(staged, loo
     assert loops(lambda: script_of(scenario), 10) < 0.2
 
 
-def test_only_the_ticks_in_which_something_is_looked_at_are_made(staged, monkeypatch):
+def test_ticks_are_made_where_something_is_looked_at(staged, monkeypatch):
     made = []
     tick = ScenarioTree.tick
     monkeypatch.setattr(ScenarioTree, "tick", lambda self, number=None: (made.append(number), tick(self, number))[1])

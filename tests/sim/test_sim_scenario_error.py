@@ -1,4 +1,4 @@
-"""What a scenario can't work with, as opposed to what its robot or its program fails at."""
+"""Scenarios that can't work, unlike those whose robot or program fails."""
 
 import pytest
 from table import each_row
@@ -58,7 +58,7 @@ def test_mission_that_is_taken_back_at_once_was_given(staged):
     assert run(staged(text), 0).run.outcome == "failed"
 
 
-def test_mission_that_was_given_before_an_expression_has_no_value_is_not_judged_either(staged):
+def test_mission_before_an_expression_without_a_value_is_not_judged(staged):
     text = "parallel:\n    robot.nav_to_pose(near)\n    serial:\n        wait elapsed(1s)\n        log(1 / 0)"
     with pytest.raises(ScenarioError, match=r"trial\.osc:.*zero"):
         run(staged(text), 0)

@@ -1,4 +1,4 @@
-"""How a scenario file's run ends, what it counts and draws meanwhile, and what is kept of it."""
+"""Ends of a scenario file's runs, its variables and draws, and what is recorded."""
 
 import numpy as np
 import pytest
@@ -55,7 +55,7 @@ def test_scenario_ends_while_the_robot_drives(staged, text, outcome, reason):
 
 
 @each_row("timeout_s", [2.0, 2.05, 2.1])
-def test_campaign_s_timeout_ends_a_run_at_its_last_whole_tenth_of_a_second(staged, timeout_s):
+def test_campaign_timeout_ends_a_run_at_a_whole_tenth_of_a_second(staged, timeout_s):
     recording = run(
         staged("robot.nav_to_pose(beyond)", timeout_s=timeout_s), 0, watch=lambda *_: None, watch_ticks=range(99)
     )
@@ -135,7 +135,7 @@ def test_variables_are_counted_and_waited_for_while_the_robot_drives(staged):
     assert twice.endswith("twice") and 1.0 <= float(twice.split()[0]) <= 1.5
 
 
-def test_numbers_are_drawn_anew_in_each_run_and_the_same_in_the_same_run(staged):
+def test_numbers_drawn_in_a_run_follow_from_seed_and_index(staged):
     text = "var x: float = random.get_float(0.0, 1.0)\ndo serial:\n    robot.init_nav2(start)\n    log(x)\n    log(random.get_int(0, 1000000))"
     scenario = staged(text)
     lines = {
@@ -192,20 +192,20 @@ def test_bag_keeps_the_columns_of_its_topics_and_those_that_judge_a_run(staged, 
 
 
 @each_row("text", ["emit end", "bag_record([random.get_random_string(['/tf', '/cmd_vel'])])"])
-def test_without_known_topics_everything_is_kept(staged, text):
+def test_recording_is_whole_if_its_topics_are_unknown(staged, text):
     scenario = staged(text, timeout_s=1.0)
     assert script_of(scenario).topics is None
     assert tuple(run(scenario, 0).columns) == COLUMNS
 
 
-def test_runs_that_come_to_their_bag_and_runs_that_do_not_fit_into_one_block(staged):
+def test_runs_with_and_without_their_bag_fit_into_one_block(staged):
     text = "compare(random.get_int(0, 1), '==', 1)\nbag_record(['/tf'])"
     recordings = [run(staged(text, timeout_s=2.0), k) for k in range(6)]
     assert {recording.run.outcome for recording in recordings} == {"failed", "succeeded"}
     assert [r.run for r in read_recordings(write_recordings(recordings))] == [r.run for r in recordings]
 
 
-def test_what_follows_a_bag_goes_on_while_it_records(staged):
+def test_scenario_goes_on_while_a_bag_records(staged):
     """A recorder that began to record has succeeded, and records on: the robot is sent under way behind it."""
     recording = run(staged("bag_record(['/tf', '/local_costmap/costmap'])\nrobot.nav_to_pose(near)\nemit end"), 0)
     assert recording.run.outcome == "succeeded"

@@ -1,4 +1,4 @@
-"""Programs that a scenario file starts beside the robot, or without one: their time, their end, what is left of them."""
+"""Programs that a scenario file starts with or without a robot: time, end, and remains."""
 
 import shlex
 import sys
@@ -77,7 +77,7 @@ def test_program_that_dies_fails_the_scenario_with_its_last_words(staged):
 
 
 @each_row("modifier", ["", "failure_is_success()\n", "inverter()\n"])
-def test_scenario_whose_program_is_not_there_can_not_work_whatever_it_makes_of_failures(staged, modifier):
+def test_scenario_whose_program_is_missing_can_not_work(staged, modifier):
     text = f"serial:\n    {modifier}{'    ' if modifier else ''}run_process('no-such-program-here')"
     with pytest.raises(
         ScenarioError, match=r"'no-such-program-here' could not be started: .*; run_process at trial\.osc:"
@@ -108,7 +108,7 @@ def test_program_ends_with_its_branch_or_with_the_run(staged, text, is_alone, ou
     assert running("left by test 7c1") == []
 
 
-def test_nothing_is_left_of_a_program_when_the_run_breaks(staged):
+def test_program_ends_when_the_run_breaks(staged):
     code = program("import time; mark = 'left by test 7c2'; time.sleep(600)")
     scenario = staged(f"run_process({code}, wait_for_shutdown: false)\nrobot.nav_to_pose(near)")
 
@@ -140,7 +140,7 @@ def test_host_time_goes_by_only_while_a_program_runs(staged):
     assert time.monotonic() - began_s < 250.0
 
 
-def test_what_a_program_used_is_in_the_log_and_not_in_the_recording(staged):
+def test_usage_of_a_program_is_in_the_log_and_not_in_the_recording(staged):
     code = program("sum(k * k for k in range(2_000_000))")
     scenario = alone(staged(f"do serial:\n    run_process({code})"))
     execution = execute(scenario, 0)

@@ -153,7 +153,7 @@ GIVEN = {
 
 
 def driven(file, two_rooms, **given):
-    """What became of a run of a scenario file in the two rooms."""
+    """The run of a scenario file in the two rooms."""
     (definition,) = read_scenarios(file)
     assert unsupported(definition, ACTIONS) == []
     known = {parameter.name for parameter in definition.parameters}

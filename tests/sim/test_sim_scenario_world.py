@@ -63,7 +63,7 @@ def test_box_without_mass_is_fixed_and_driven_round(staged):
 
 
 @each_row(("arguments", "gives_way"), [("width:=0.3", False), ("width:=0.3, mass:=2.0", True)])
-def test_box_in_front_of_a_robot_at_speed_is_struck_and_one_with_a_mass_gives_way(staged, arguments, gives_way):
+def test_box_in_front_of_a_robot_is_struck(staged, arguments, gives_way):
     text = f"""
         parallel:
             robot.nav_to_pose(near)
@@ -120,7 +120,7 @@ def test_scenario_with_an_entity_that_can_not_be_read_can_not_work(staged):
         run(scenario, 0)
 
 
-def test_box_spawned_on_the_robot_puts_it_out_of_its_place_and_is_a_contact(staged):
+def test_box_spawned_on_the_robot_displaces_it_by_a_contact(staged):
     recording = run(staged(f"spawn_multiple([{box('crate', 1.1, 1)}])\nwait elapsed(1s)"), 0)
     assert recording.run.outcome == "succeeded"
     (contact,) = happened(recording, "contact")
@@ -142,7 +142,7 @@ OUTSIDE = f"{box('left', -3, 2)}, {box('far', 1e6, 2)}, {box('loose', 30, -2, 'm
         ),
     ],
 )
-def test_what_is_elsewhere_or_deleted_disturbs_nobody(staged, text, events):
+def test_entity_that_is_elsewhere_or_deleted_disturbs_nobody(staged, text, events):
     recording = run(staged(text), 0)
     assert (recording.run.outcome, recording.run.reason) == ("succeeded", "")
     assert ", ".join(f"{event.kind} {event.what}" for event in happened(recording, "spawned", "deleted")) == events
@@ -194,7 +194,15 @@ def test_actors_are_spawned_and_deleted_under_their_own_name(staged):
     assert recording.run.entities == (Entity("crate", "cylinder", 0.4, 0.4), Entity("crate", "box", 0.5, 0.5))
 
 
-def test_what_is_spawned_relative_to_the_robot_lies_ahead_of_it_and_is_turned_like_it(staged):
+def test_entity_is_renamed_where_its_name_is_taken(staged):
+    pose = "initial_pose: pose_3d(position_3d({}m, 3.0m))"
+    spawned = [f"spawn_entity('', 'crate.sdf', {pose.format(x)}, allow_renaming: true)" for x in (1.5, 3.0)]
+    recording = run(staged("\n".join([*spawned, "delete_entity('crate')"])), 0)
+    assert [entity.name for entity in recording.run.entities] == ["crate", "crate_1"]
+    assert [event.what for event in happened(recording, "deleted")] == ["crate"]
+
+
+def test_relative_spawn_is_ahead_of_the_robot_and_turned_like_it(staged):
     text = "crate: osc_actor\ndo serial:\n    crate.relative_spawn(distance: 1m, model: 'box')"
     recording = run(staged(text, start_pose={"x": 2.0, "y": 2.0, "yaw": 2.0}), 0)
     (spawned,) = happened(recording, "spawned")
@@ -237,7 +245,7 @@ def test_lidar_sees_what_was_spawned_and_no_longer_what_was_deleted(staged):
     assert ahead_m[12] == pytest.approx(0.8, abs=0.15)
 
 
-def test_what_a_scenario_spawned_is_measured_where_it_stands_and_where_it_was_pushed_to(staged):
+def test_track_of_a_pushed_box_begins_with_its_spawn(staged):
     text = f"""
         parallel:
             robot.nav_to_pose(near)
@@ -255,7 +263,7 @@ def test_what_a_scenario_spawned_is_measured_where_it_stands_and_where_it_was_pu
     assert places[-1].tolist() == [moved[-1].x_m, moved[-1].y_m]
 
 
-def test_separation_from_what_was_spawned_is_observed_from_then_on_and_until_it_is_deleted(staged):
+def test_separation_is_observed_between_spawn_and_deletion(staged):
     text = f"wait elapsed(1s)\nspawn_multiple([{box('crate', 2, 2)}])\nwait elapsed(1s)\ndelete_entity('crate')\nwait elapsed(1s)"
     scenario = staged(text)
     recording = run(scenario, 0)

@@ -17,7 +17,7 @@ def a_script(kind, environment=None, **task):
     return script_of(Scenario(f"builtin:{kind}", 60.0, environment or {}, {"start_pose": HERE, **task}, {}))
 
 
-def test_to_a_pose_there_is_one_goal():
+def test_mission_to_a_pose_has_one_goal():
     script = a_script("navigate_to_pose", goal_pose=THERE)
     assert (script.start, script.goals, script.rounds) == (Pose(1, 2), (Pose(3, 4, 1),), 1)
 
@@ -41,7 +41,7 @@ def test_obstacles_stand_there_unless_the_scenario_spawns_them():
     assert [obstacle.name for obstacle in a_script("navigate_to_pose", {"boxes": [BOX]}, goal_pose=THERE).obstacles]
 
 
-def test_without_a_start_pose_the_robot_starts_where_init_nav2_puts_it(tmp_path):
+def test_robot_without_start_pose_starts_where_init_nav2_puts_it(tmp_path):
     file = tmp_path / "go.osc"
     file.write_text(
         "import osc.nav2\nimport osc.ros\n\nscenario go:\n    robot: differential_drive_robot\n    do serial:\n"
