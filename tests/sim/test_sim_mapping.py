@@ -44,41 +44,27 @@ def after_a_tick(prepared, scenario):
         stack.local.layer[:] = before
         stack.grids.layer[:] = before
         body = new_body(here, Robot().radius_m, rows, trigger_rows(standing))
-        advance(
-            stack.p,
-            stack.m,
-            stack.grids,
-            stack.local,
-            stack.cloud,
-            stack.route,
-            stack.controller.bound,
-            stack.noise.bound,
-            stack.rows,
-            body,
-            FREE,
-            1,
-        )
+        state = stack.p, stack.m, stack.grids, stack.local, stack.cloud, stack.route
+        advance(*state, stack.controller.bound, stack.noise.bound, stack.rows, body, FREE, 1)
         return stack
 
     return tick
 
 
-def test_window_s_marks_stay_two_cells_before_what_is_seen(after_a_tick):
-    ahead = after_a_tick(MARKED).local.layer[30]
-    assert (ahead[29:47] == SEEN_FREE).all()
-    assert (ahead[47:49] == MARKED).all()
+def test_marks_are_cleared_up_to_what_is_seen_and_in_the_window_two_cells_before(after_a_tick):
+    stack = after_a_tick(MARKED)
+    window, everywhere = stack.local.layer[30], stack.grids.layer[48]
+    assert (window[29:47] == SEEN_FREE).all() and (window[47:49] == MARKED).all()
+    assert (everywhere[58:78] == SEEN_FREE).all() and everywhere[78] == MARKED
 
 
-def test_global_map_is_cleared_up_to_what_is_seen(after_a_tick):
-    ahead = after_a_tick(MARKED).grids.layer[48]
-    assert (ahead[58:78] == SEEN_FREE).all()
-    assert ahead[78] == MARKED
-
-
-def test_window_lies_in_the_odometry_s_frame_with_the_robot_in_its_middle(after_a_tick):
+def test_window_lies_in_the_odometry_s_frame_with_the_size_and_cells_of_its_parameters(after_a_tick):
     local = after_a_tick(yaw=1.0).local
     np.testing.assert_allclose(local.window.place, (-1.5, -1.5, 0.05))
     assert local.layer[30, 30] == SEEN_FREE
+    wide = after_a_tick(parameters=NavParameters(local_costmap=Costmap(width=4, height=5, resolution=0.1))).local.window
+    assert wide.costs.shape == (50, 40)
+    np.testing.assert_allclose(wide.place, (-2.0, -2.5, 0.1))
 
 
 def test_what_is_ahead_lies_ahead_in_the_window_wherever_the_robot_faces(after_a_tick):
@@ -89,44 +75,29 @@ def test_what_is_ahead_lies_ahead_in_the_window_wherever_the_robot_faces(after_a
     assert stack.grids.layer[67, 59] == MARKED
 
 
-def test_window_holds_only_what_is_seen_and_no_wall_of_the_map(after_a_tick, prepared):
-    hidden = after_a_tick().local.layer[30, 52:55]  # the wall's place behind the crate
-    assert (hidden == UNSEEN).all()
-
-
 def test_with_a_static_layer_the_window_has_the_map_s_walls_where_localization_puts_them(after_a_tick):
     """TurtleBot 4's own file has one: its error then makes phantom walls (here there is none)."""
     with_walls = NavParameters(local_costmap=Costmap(static_layer=StaticLayer(enabled=True)))
     costs = after_a_tick(parameters=with_walls).local.window.costs
     # The wall's near face is at x 4.1 m, 1.12 m ahead of the robot; beside the door (y 1.8..3.0 m) it is seen nowhere.
     assert costs[50, 53] == 254
-    assert after_a_tick().local.window.costs[50, 53] < 254
+    plain = after_a_tick().local
+    assert plain.window.costs[50, 53] < 254
+    assert (plain.layer[30, 52:55] == UNSEEN).all()  # the wall's place behind the crate
 
 
-def test_window_has_the_size_and_the_cells_of_its_parameters(after_a_tick):
-    wide = NavParameters(local_costmap=Costmap(width=4, height=5, resolution=0.1))
-    local = after_a_tick(parameters=wide).local
-    assert local.window.costs.shape == (50, 40)
-    np.testing.assert_allclose(local.window.place, (-2.0, -2.5, 0.1))
-
-
-def test_map_that_the_global_costmap_does_not_use_leaves_it_free(two_rooms):
+def test_global_costs_join_the_map_s_walls_and_the_obstacle_without_changing_the_prepared_map(
+    after_a_tick, prepared, two_rooms
+):
     unused = NavParameters(global_costmap=global_costmap().with_values(static_layer=StaticLayer(enabled=False)))
     assert not prepare(load_map(two_rooms.path), Lidar(), unused).costs.any()
-
-
-def test_global_costs_join_the_map_s_walls_and_the_obstacle(after_a_tick, prepared):
-    m_costs = after_a_tick().grids.costs
+    before = prepared.costs.copy(), prepared.free_costs.copy(), prepared.static.copy()
+    m_costs = after_a_tick(MARKED).grids.costs
+    for one, other in zip(before, (prepared.costs, prepared.free_costs, prepared.static), strict=True):
+        np.testing.assert_array_equal(one, other)
     assert m_costs[48, 78] == 254  # the crate
     assert prepared.costs[48, 78] < 253
     assert m_costs[70, 83] == 254  # the wall beside the door
-
-
-def test_run_s_marks_leave_the_prepared_map_as_it_was(after_a_tick, prepared):
-    before = prepared.costs.copy(), prepared.free_costs.copy(), prepared.static.copy()
-    after_a_tick(MARKED)
-    for one, other in zip(before, (prepared.costs, prepared.free_costs, prepared.static), strict=True):
-        np.testing.assert_array_equal(one, other)
 
 
 @njit

@@ -17,7 +17,6 @@ from vastflow.sim.world.octile import (
     distance_field,
     inflated_free,
     passable,
-    path_xy_m,
     shortest_path,
     whole_cells,
 )
@@ -106,11 +105,6 @@ def test_cell_at_the_radius_itself_is_blocked():
     assert not inflated_free(np.ones((5, 5), dtype=np.bool_), 3.0).any()
 
 
-def test_without_a_radius_exactly_the_free_cells_are_passable():
-    free = np.array([[True, False, True]])
-    assert inflated_free(free, 0.0).tolist() == free.tolist()
-
-
 def test_unknown_cells_are_not_passable(drawn):
     assert passable(drawn("..?", "...", "..."), 0.0).tolist() == [[True] * 3, [True] * 3, [True, True, False]]
 
@@ -170,8 +164,3 @@ def test_path_from_a_stop_to_itself_has_no_length(drawn):
 def test_there_is_no_path_to_what_is_walled_off_blocked_or_outside(drawn, stops):
     occupancy = drawn("..#.")
     assert shortest_path(occupancy, occupancy.free, np.array(stops)) is None
-
-
-def test_cells_are_written_as_their_centers_in_meters():
-    occupancy = OccupancyMap(np.zeros((4, 4), dtype=np.int8), 0.5, (-1.0, 2.0))
-    np.testing.assert_allclose(path_xy_m(occupancy, np.array([[0, 3], [1, 0]])), [(0.75, 2.25), (-0.75, 2.75)])

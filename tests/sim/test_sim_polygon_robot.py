@@ -1,4 +1,4 @@
-"""Robots with a polygon for a footprint: what is read, what their costmaps hold, and what their bodies meet."""
+"""Robots with a polygon for a footprint: what is read, and what their costmaps hold."""
 
 import math
 
@@ -12,22 +12,15 @@ from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.model.polygon import vertices_of
-from vastflow.sim.model.pose import Pose
 from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m, inscribed_radius_m, outline_of
 from vastflow.sim.nav2.navigator.collision_monitor import _in_outline
 from vastflow.sim.nav2.parameters.costmap import Costmap
 from vastflow.sim.nav2.parameters.servers import VelocitySmoother
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.reading.robot import robot_of
-from vastflow.sim.world.motion import arc
-from vastflow.sim.world.occupancy import OccupancyMap
-from vastflow.sim.world.physics import World
-from vastflow.sim.world.walls import WallIndex
 
 RECTANGLE = "[[0.35, 0.25], [0.35, -0.25], [-0.35, -0.25], [-0.35, 0.25]]"
 NOTCHED = "[[0.4, 0.3], [0.4, -0.3], [-0.4, -0.3], [-0.4, 0.3], [0.1, 0.1]]"
-STEP_M = 0.006
-"""How far a body may stand in a wall: what it drives in one step at 0.5 m/s, and the engine's slop."""
 
 
 def of_polygon(text, **values):
@@ -91,15 +84,12 @@ def test_point_is_inside_whatever_form_and_direction_the_outline_has(x, y, text,
         )
 
 
-def test_body_is_the_polygon_without_its_padding():
+def test_body_is_the_polygon_without_its_padding_or_a_disc_of_the_radius():
     robot = robot_of(of_polygon(RECTANGLE))
     assert robot.vertices == ((0.35, 0.25), (0.35, -0.25), (-0.35, -0.25), (-0.35, 0.25))
     assert robot.radius_m == pytest.approx(math.hypot(0.35, 0.25))
-
-
-def test_body_is_a_disc_of_the_radius_and_that_of_nav2s_default_file_is_the_turtlebot_4():
     assert robot_of(NavParameters(local_costmap=Costmap(robot_radius=0.4))).radius_m == 0.4
-    assert robot_of(NavParameters()).radius_m == 0.17
+    assert robot_of(NavParameters()).radius_m == 0.17  # a TurtleBot 4
 
 
 def test_actuators_reach_what_the_smoother_allows_and_never_less_than_a_turtlebot_4():
@@ -112,81 +102,3 @@ def test_actuators_reach_what_the_smoother_allows_and_never_less_than_a_turtlebo
         NavParameters(velocity_smoother=VelocitySmoother(max_velocity=(0.2, 0.0, 1.0), min_velocity=(-0.2, 0.0, -1.0)))
     )
     assert (slow.max_speed_mps, slow.max_acceleration_mps2) == (0.5, 2.0)
-
-
-def hall(length_m=6.0, width_m=4.0):
-    """A hall with walls 0.1 m thick, its free space from 0 to `length_m` and from 0 to `width_m`."""
-    cells = np.zeros((round(width_m / 0.05) + 4, round(length_m / 0.05) + 4), dtype=np.int8)
-    cells[:2], cells[-2:], cells[:, :2], cells[:, -2:] = 100, 100, 100, 100
-    return WallIndex(OccupancyMap(cells, 0.05, (-0.1, -0.1)))
-
-
-class Driven:
-    """A polygon in a hall, driven by the engine alone."""
-
-    def __init__(self, start, text=RECTANGLE):
-        self.robot = robot_of(of_polygon(text))
-        self.world = World(self.robot, hall(), ())
-        self.pose = np.array([start.x_m, start.y_m, start.yaw_rad])
-        self.t_s = 0.0
-
-    def drive(self, v_mps, w_radps, seconds):
-        for _ in range(round(seconds / 0.05)):
-            self.world.drive(self.pose, [(v_mps, w_radps, 0.0)] * 5, 0.01, self.t_s)
-            self.t_s += 0.05
-
-    @property
-    def body(self):
-        polygon = shapely.affinity.rotate(
-            shapely.Polygon(self.robot.vertices), self.pose[2], (0.0, 0.0), use_radians=True
-        )
-        return shapely.affinity.translate(polygon, *self.pose[:2])
-
-    @property
-    def depth_m(self):
-        """How far the body reaches out of the hall."""
-        return max(-self.body.bounds[0], -self.body.bounds[1], self.body.bounds[2] - 6.0, self.body.bounds[3] - 4.0)
-
-
-@pytest.mark.parametrize("text", [RECTANGLE, NOTCHED])
-@given(yaw=st.floats(-4, 4), v=st.floats(-0.5, 0.5), w=st.floats(-2, 2))
-def test_free_motion_is_the_exact_arc(text, yaw, v, w):
-    driven = Driven(Pose(3.0, 2.0, yaw), text)
-    driven.drive(v, w, 1.0)
-    assert driven.pose == pytest.approx(arc(3.0, 2.0, yaw, v, w, 1.0), abs=1e-9)
-    assert driven.world.events == []
-
-
-@each_row(("yaw", "reach_m"), [(0.0, 0.35), (math.pi, 0.35)])
-def test_it_stops_with_its_front_or_its_back_at_the_wall(yaw, reach_m):
-    driven = Driven(Pose(4.5, 2.0, yaw))
-    driven.drive(0.5 if yaw == 0.0 else -0.5, 0.0, 5.0)
-    assert driven.pose[0] == pytest.approx(6.0 - reach_m, abs=STEP_M)
-    assert {event.what for event in driven.world.events} == {"wall"}
-
-
-@pytest.mark.parametrize("text", [RECTANGLE, NOTCHED])
-@given(yaw=st.floats(-3, 3), v=st.floats(-0.5, 0.5), w=st.floats(-2, 2))
-def test_no_wall_is_entered_however_it_drives_and_turns_and_no_wall_is_met_without_a_contact(text, yaw, v, w):
-    driven = Driven(Pose(5.4, 3.4, yaw), text)
-    for _ in range(40):
-        driven.drive(v, w, 0.05)
-        assert driven.depth_m < 3 * STEP_M
-        if driven.depth_m > 2e-3:
-            assert driven.world.events
-
-
-def test_contact_of_a_notched_body_is_one_however_many_convex_parts_it_is_made_of():
-    driven = Driven(Pose(4.5, 2.0), NOTCHED)
-    driven.drive(0.5, 0.0, 5.0)
-    partners = [(event.x_m, event.y_m, event.t_s) for event in driven.world.events]
-    whole = Driven(Pose(4.5, 2.0), "[[0.4, 0.3], [0.4, -0.3], [-0.4, -0.3], [-0.4, 0.3]]")
-    whole.drive(0.5, 0.0, 5.0)
-    assert len(partners) == len(whole.world.events)
-
-
-def test_turn_beside_a_wall_is_blocked_or_pushes_the_body_away_and_is_a_contact():
-    driven = Driven(Pose(3.0, 0.27))
-    driven.drive(0.0, 1.0, 1.5)
-    assert driven.world.events
-    assert driven.depth_m < STEP_M

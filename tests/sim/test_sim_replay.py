@@ -9,7 +9,7 @@ from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Recording, Run
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nav2.costmaps.inflation import LETHAL, UNKNOWN
-from vastflow.sim.replay.replay import Difference, first_difference, replay
+from vastflow.sim.replay.replay import first_difference, replay
 from vastflow.sim.replay.snapshot import Box
 from vastflow.sim.run import run
 
@@ -37,11 +37,8 @@ def replayed(short):
 
 
 def test_looking_at_a_run_changes_none_of_its_bytes(short, replayed):
-    assert replayed.recording.digest == run(short, 3, 7).digest
-
-
-def test_looking_everywhere_changes_nothing_either(short, replayed):
-    assert replay(short, 3, 7, {tick: ROOM for tick in range(100)}).recording.digest == replayed.recording.digest
+    everywhere = replay(short, 3, 7, {tick: ROOM for tick in range(100)}).recording
+    assert replayed.recording.digest == run(short, 3, 7).digest == everywhere.digest
 
 
 def test_there_is_a_moment_for_every_tick_and_it_is_what_was_recorded(replayed):
@@ -51,25 +48,19 @@ def test_there_is_a_moment_for_every_tick_and_it_is_what_was_recorded(replayed):
     assert [round(m.true.x_m * 1e3) for m in replayed.moments[::2]] == columns["x_mm"].tolist()[:-1]
     assert [round(m.estimate.y_m * 1e3) for m in replayed.moments[::2]] == columns["estimated_y_mm"].tolist()[:-1]
 
-
-def test_before_the_mission_is_given_the_robot_rests(replayed):
     activities = [moment.activity for moment in replayed.moments]
     assert list(dict.fromkeys(activities)) == ["resting", "following"]
 
 
-def test_snapshots_are_of_the_ticks_asked_for_as_far_as_the_run_has_them(replayed):
+def test_snapshots_are_of_the_ticks_asked_for_and_have_the_part_of_the_costs_asked_for(short, replayed):
     assert [snapshot.moment.tick for snapshot in replayed.snapshots] == [2, 5, 50, 99]
-
-
-def test_of_the_global_costs_the_part_asked_for_is_kept(replayed):
-    patch = replayed.snapshots[2].global_costs
+    first, patch, later = replayed.snapshots[0], replayed.snapshots[2].global_costs, replayed.snapshots[2]
     assert (patch.corner.x_m, patch.corner.y_m) == pytest.approx((ROOM.x0, ROOM.y0))
     assert patch.costs.shape == (30, 60)
-
-
-def test_part_outside_the_map_is_empty(short):
-    (snapshot,) = replay(short, 3, 7, {0: Box(20.0, 20.0, 21.0, 21.0)}).snapshots
-    assert snapshot.global_costs.costs.size == 0
+    assert not np.array_equal(first.scan_xy_m, later.scan_xy_m)
+    assert (first.moment.recoveries, first.moment.error_m < 0.01) == (0, True)
+    (outside,) = replay(short, 3, 7, {0: Box(20.0, 20.0, 21.0, 21.0)}).snapshots
+    assert outside.global_costs.costs.size == 0
 
 
 def test_scan_lies_where_the_walls_and_the_box_are(replayed):
@@ -100,6 +91,8 @@ def test_plan_leads_to_the_goal_and_the_controller_has_its_beginning(replayed):
     assert 0 < len(ahead) < len(snapshot.plan_xy_m)
     np.testing.assert_array_equal(ahead, snapshot.plan_xy_m[: len(ahead)])
     assert np.abs(ahead[-1] - (1.5, 2.0)).max() <= 1.6  # the local costmap is 3 m wide
+    assert [(goal.x_m, goal.y_m, goal.yaw_rad) for goal in snapshot.goals] == [(7.0, 4.0, 0.5)]
+    np.testing.assert_allclose(snapshot.obstacles[:, :2], [[3.0, 3.6]])
 
 
 def test_what_mppi_intends_begins_at_the_estimate_and_goes_on_for_its_horizon(replayed):
@@ -118,12 +111,6 @@ def test_particles_are_round_the_robot(replayed):
     assert np.hypot(*(particles[:, :2].mean(axis=0) - (moment.true.x_m, moment.true.y_m))) < 0.5
 
 
-def test_goals_and_obstacles_are_those_of_the_scenario(replayed):
-    snapshot = replayed.snapshots[1]
-    assert [(goal.x_m, goal.y_m, goal.yaw_rad) for goal in snapshot.goals] == [(7.0, 4.0, 0.5)]
-    np.testing.assert_allclose(snapshot.obstacles[:, :2], [[3.0, 3.6]])
-
-
 def test_behaviors_alone_may_differ(replayed):
     recording = replayed.recording
     told = recording.behaviors["message"].copy()
@@ -131,13 +118,6 @@ def test_behaviors_alone_may_differ(replayed):
     changed = replace(recording, behaviors={**recording.behaviors, "message": told})
     difference = first_difference(changed, recording)
     assert difference.what == "behaviors" and "else" in str(difference.recorded)
-
-
-def test_snapshot_stays_as_it_is_while_the_run_goes_on(replayed):
-    first, later = replayed.snapshots[0], replayed.snapshots[2]
-    assert first.moment.tick == 2 and first.moment.recoveries == 0
-    assert not np.array_equal(first.scan_xy_m, later.scan_xy_m)
-    assert first.moment.error_m < 0.01
 
 
 def test_overview_of_a_large_map_keeps_walls_and_gives_way_to_what_is_known(drawn, saved):
@@ -165,43 +145,30 @@ def a_recording(**changes):
     return Recording(replace(run, **changes), columns)
 
 
-def tampered(column, row):
-    recording = a_recording()
-    values = recording.columns[column].copy()
-    values[row] += 1
-    return Recording(recording.run, {**recording.columns, column: values})
+def changed(**columns):
+    """The recording with other columns; None leaves one out, and a row number changes its value by one."""
+    recording, made = a_recording(), {}
+    for name, column in recording.columns.items():
+        row = columns.get(name, -1)
+        if row is not None:
+            made[name] = column + (np.arange(len(column)) == row).astype(np.int32)
+    return Recording(recording.run, made)
 
 
-def test_equal_recordings_do_not_differ():
-    assert first_difference(a_recording(), a_recording()) is None
+SHORTER = Recording(a_recording().run, {name: column[:15] for name, column in a_recording().columns.items()})
 
 
-def test_difference_names_the_row_the_time_and_both_values():
-    found = first_difference(a_recording(), tampered("x_mm", 12))
-    assert found == Difference("x_mm", 12, 1.2, 84, 85)
-    assert str(found) == "row 12 (1.20 s), x_mm: recorded 84, executed 85"
-
-
-def test_earliest_row_counts_and_not_the_first_column():
-    late, early = tampered("x_mm", 12).columns, tampered("y_mm", 5).columns
-    both = Recording(a_recording().run, {**a_recording().columns, "x_mm": late["x_mm"], "y_mm": early["y_mm"]})
-    assert first_difference(a_recording(), both) == Difference("y_mm", 5, 0.5, 15, 16)
-
-
-def test_run_that_is_longer_differs_where_the_other_has_ended():
-    recording = a_recording()
-    shorter = Recording(recording.run, {name: column[:15] for name, column in recording.columns.items()})
-    found = first_difference(recording, shorter)
-    assert str(found) == "row 15 (1.50 s), t_ms: recorded 1500, executed nothing"
-    assert str(first_difference(shorter, recording)) == "row 15 (1.50 s), t_ms: recorded nothing, executed 1500"
-
-
-def test_column_that_one_lacks_differs_from_its_beginning():
-    recording = a_recording()
-    fewer = Recording(recording.run, {name: c for name, c in recording.columns.items() if name != "y_mm"})
-    assert first_difference(fewer, recording) == Difference("y_mm", 0, 0.0, None, 0)
-
-
-def test_where_all_columns_are_equal_the_run_s_row_tells():
-    found = first_difference(a_recording(), a_recording(recoveries=2))
-    assert str(found) == "recoveries of the run: recorded 0, executed 2"
+@pytest.mark.parametrize(
+    ("recorded", "executed", "told"),
+    [
+        (a_recording(), a_recording(), "None"),
+        (a_recording(), changed(x_mm=12), "row 12 (1.20 s), x_mm: recorded 84, executed 85"),
+        (a_recording(), changed(x_mm=12, y_mm=5), "row 5 (0.50 s), y_mm: recorded 15, executed 16"),
+        (a_recording(), SHORTER, "row 15 (1.50 s), t_ms: recorded 1500, executed nothing"),
+        (SHORTER, a_recording(), "row 15 (1.50 s), t_ms: recorded nothing, executed 1500"),
+        (changed(y_mm=None), a_recording(), "row 0 (0.00 s), y_mm: recorded nothing, executed 0"),
+        (a_recording(), a_recording(recoveries=2), "recoveries of the run: recorded 0, executed 2"),
+    ],
+)
+def test_first_difference_is_the_earliest_row_then_the_run_s_row(recorded, executed, told):
+    assert str(first_difference(recorded, executed)) == told

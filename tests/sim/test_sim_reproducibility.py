@@ -72,29 +72,28 @@ def content(*recordings):
     return write_recordings(recordings)
 
 
-def test_what_is_repeated_below_meets_the_physics_engine(noisy):
-    kinds = {event.kind for event in run(noisy, 1, 5).run.events}
-    assert {"spawned", "contact", "obstacle_moved"} <= kinds
+@pytest.fixture(scope="module")
+def first(noisy):
+    """Its first run; all that is repeated meets the physics engine."""
+    recording = run(noisy, 1, 5)
+    assert {"spawned", "contact", "obstacle_moved"} <= {event.kind for event in recording.run.events}
+    assert recording.run.seed == f"5:{int(noisy.situation_digest, 16):x}:1"
+    return recording
 
 
-def test_run_repeated_is_the_same_bytes(noisy):
-    assert content(run(noisy, 1, 5)) == content(run(noisy, 1, 5))
-
-
-def test_run_in_a_batch_is_the_run_alone_and_the_order_does_not_matter(noisy):
+def test_run_in_a_batch_is_the_run_alone_and_the_order_does_not_matter(noisy, first):
     batch = [run(noisy, index, 5) for index in (2, 0, 1)]
-    assert content(batch[2]) == content(run(noisy, 1, 5))
-    assert content(run(noisy, 0, 5), run(noisy, 1, 5), run(noisy, 2, 5)) == content(batch[1], batch[2], batch[0])
+    assert content(batch[2]) == content(first)
+    assert content(run(noisy, 0, 5), first, run(noisy, 2, 5)) == content(batch[1], batch[2], batch[0])
 
 
-def test_run_after_another_map_mission_and_system_is_the_same_bytes(noisy, scenario, saved):
-    alone = content(run(noisy, 1, 5))
+def test_run_after_another_map_mission_and_system_is_the_same_bytes(noisy, first, scenario, saved):
     other = np.zeros((70, 90), dtype=np.int8)
     other[[0, -1]], other[:, [0, -1]] = 100, 100
     goals = [{"x": 3.0, "y": 2.0}, {"x": 1.0, "y": 2.5}]
     run(scenario("follow_waypoints", map_file=saved(OccupancyMap(other, 0.05, (0.0, 0.0))), goal_poses=goals), 3)
     run(scenario(obstacles=[CRATE], robot_radius=0.3, max_particles=700, **NOISE), 1, 5)
-    assert content(run(noisy, 1, 5)) == alone
+    assert content(run(noisy, 1, 5)) == content(first)
 
 
 @pytest.mark.slow
@@ -123,12 +122,8 @@ def test_run_in_a_new_process_is_the_same_bytes(scenario, controller, before):
 
 
 @each_row(("run_index", "seed"), [(2, 5), (1, 6)])
-def test_another_run_or_another_seed_is_another_recording(noisy, run_index, seed):
-    assert run(noisy, run_index, seed).digest != run(noisy, 1, 5).digest
-
-
-def test_seed_of_a_run_is_in_its_recording(noisy):
-    assert run(noisy, 1, 5).run.seed == f"5:{int(noisy.situation_digest, 16):x}:1"
+def test_another_run_or_another_seed_is_another_recording(noisy, first, run_index, seed):
+    assert run(noisy, run_index, seed).digest != first.digest
 
 
 def first_scan(scenario):
@@ -144,26 +139,19 @@ def first_scan(scenario):
     return loop.stack.m[0]["ranges"][:360].copy(), streams
 
 
-def test_two_systems_in_one_situation_meet_the_same_noise(scenario):
+def test_two_systems_in_one_situation_meet_the_same_noise_and_another_situation_other_noise(scenario):
     one, other = scenario(**NOISE), scenario(robot_radius=0.3, inflation_radius=0.5, max_particles=700, **NOISE)
+    elsewhere = scenario(goal_pose={"x": 6.0, "y": 4.0}, **NOISE)
     assert one.digest != other.digest
     np.testing.assert_array_equal(first_scan(one)[0], first_scan(other)[0])
+    assert (first_scan(one)[0] != first_scan(elsewhere)[0]).any()
 
 
-def test_scan_is_perturbed_from_the_lidar_s_own_stream(scenario):
+def test_lidar_and_amcl_draw_from_streams_of_their_own(scenario):
     noisy = scenario(**NOISE)
     before = streams_of(run_entropy(0, noisy.situation_digest, 1))
-    after = first_scan(noisy)[1]
+    after, fewer_particles = first_scan(noisy)[1], first_scan(scenario(max_particles=700, **NOISE))[1]
     assert (after[LIDAR] != before[LIDAR]).all()
     assert (first_scan(scenario())[1][LIDAR] == before[LIDAR]).all()
-
-
-def test_how_much_amcl_draws_leaves_the_lidar_s_stream_alone(scenario):
-    (_, one), (_, other) = first_scan(scenario(**NOISE)), first_scan(scenario(max_particles=700, **NOISE))
-    assert (one[0] == other[0]).all()
-    assert (one[1] != other[1]).all()
-
-
-def test_another_situation_meets_other_noise(scenario):
-    one, other = scenario(**NOISE), scenario(goal_pose={"x": 6.0, "y": 4.0}, **NOISE)
-    assert (first_scan(one)[0] != first_scan(other)[0]).any()
+    assert (after[0] == fewer_particles[0]).all()
+    assert (after[1] != fewer_particles[1]).all()

@@ -5,7 +5,6 @@ import pytest
 
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.run import run
-from vastflow.sim.world.occupancy import OccupancyMap
 
 FRONT = {
     "robot.lidar.x": 0.1,
@@ -71,37 +70,3 @@ def test_controller_commands_at_the_files_rate(scenario, tmp_path):
         watch_ticks=range(20, 60),
     )
     assert set(np.diff(sorted(set(ordered)))) == {2}
-
-
-CARRIER = "[[0.55, 0.45], [0.55, -0.45], [-0.55, -0.45], [-0.55, 0.45]]"
-
-
-@pytest.fixture
-def through_a_door(saved, scenario):
-    """A run of a carrier of 1.1 m x 0.9 m from one room to the other through a door of so many cells of 5 cm."""
-
-    def drive(cells):
-        rooms = np.zeros((120, 200), dtype=np.int8)
-        rooms[:4], rooms[-4:], rooms[:, :4], rooms[:, -4:] = 100, 100, 100, 100
-        rooms[:, 98:102] = 100
-        first = 60 - cells // 2
-        rooms[first : first + cells, 98:102] = 0
-        stops = {"start_pose": {"x": 2.0, "y": 3.0}, "goal_pose": {"x": 8.0, "y": 3.0}}
-        robot = {"footprint": CARRIER, "robot.max_speed": 0.5, "robot.mass": 100.0}
-        return run(
-            scenario(map_file=saved(OccupancyMap(rooms, 0.05, (0.0, 0.0))), controller="rpp", **stops, **robot), 0
-        )
-
-    return drive
-
-
-def test_rectangle_passes_a_door_that_it_fits_lengthwise(through_a_door):
-    """Its 0.9 m pass 1.05 m, its 1.1 m would not."""
-    recording = through_a_door(21)
-    assert (recording.run.outcome, recording.run.reason) == ("succeeded", "")
-
-
-def test_rectangle_does_not_pass_a_door_narrower_than_itself(through_a_door):
-    recording = through_a_door(17)
-    assert recording.run.outcome == "aborted"
-    assert recording.columns["x_mm"].max() < 4900

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shapely.geometry import Point
+from shapely.affinity import rotate, translate
+from shapely.geometry import Point, Polygon
 from table import each_row
 
 from vastflow.sim.model.obstacle import Obstacle, Trigger
@@ -23,6 +24,11 @@ ROBOT = Robot()
 STEP_M = 0.006
 """How far a body may stand in a wall: what it drives in one step at 0.5 m/s, and the engine's slop."""
 HERE = Trigger(0.0, 0.0, 1.0)
+RECTANGLE = Robot(
+    vertices=((0.35, 0.25), (0.35, -0.25), (-0.35, -0.25), (-0.35, 0.25)), radius_m=math.hypot(0.35, 0.25)
+)
+NOTCHED = Robot(vertices=((0.4, 0.3), (0.4, -0.3), (-0.4, -0.3), (-0.4, 0.3), (0.1, 0.1)), radius_m=0.5)
+ROBOTS = [ROBOT, RECTANGLE, NOTCHED]
 
 
 def hall(length_m=6.0, width_m=4.0):
@@ -35,8 +41,9 @@ def hall(length_m=6.0, width_m=4.0):
 class Driven:
     """A robot in a world, driven by the engine alone."""
 
-    def __init__(self, start, obstacles=(), walls=None):
-        self.world = World(ROBOT, walls or hall(), obstacles)
+    def __init__(self, start, obstacles=(), walls=None, robot=ROBOT):
+        self.robot = robot
+        self.world = World(robot, walls or hall(), obstacles)
         self.pose = np.array([start.x_m, start.y_m, start.yaw_rad])
         self.t_s = 0.0
 
@@ -52,33 +59,68 @@ class Driven:
     def contacts(self):
         return [event for event in self.world.events if event.kind == "contact"]
 
+    @property
+    def depth_m(self):
+        """How far a polygon reaches out of the hall."""
+        turned = rotate(Polygon(self.robot.vertices), self.pose[2], (0.0, 0.0), use_radians=True)
+        x0, y0, x1, y1 = translate(turned, *self.pose[:2]).bounds
+        return max(-x0, -y0, x1 - 6.0, y1 - 4.0)
 
-@given(st.floats(-4, 4), st.floats(-0.5, 0.5), st.floats(-2, 2))
-@settings(max_examples=50, deadline=None)
-def test_free_motion_is_the_exact_arc(yaw, v, w):
-    driven = Driven(Pose(3.0, 2.0, yaw))
+
+@given(st.sampled_from(ROBOTS), st.floats(-4, 4), st.floats(-0.5, 0.5), st.floats(-2, 2))
+@settings(max_examples=100, deadline=None)
+def test_free_motion_is_the_exact_arc(robot, yaw, v, w):
+    driven = Driven(Pose(3.0, 2.0, yaw), robot=robot)
     driven.drive(v, w, 1.0)
     assert driven.pose == pytest.approx(arc(3.0, 2.0, yaw, v, w, 1.0), abs=1e-9)
-    assert driven.world.events == []
-    assert driven.world.hold == FREE
+    assert (driven.world.events, driven.world.hold) == ([], FREE)
 
 
-def test_robot_that_drives_against_a_wall_stops_with_its_body_at_the_wall():
+def test_robot_stops_at_a_wall_with_a_contact_that_says_when_where_with_what_and_how_fast():
     driven = Driven(Pose(4.0, 2.0))
     driven.drive(0.5, 0.0, 8.0)
     assert driven.pose[0] == pytest.approx(6.0 - ROBOT.radius_m, abs=STEP_M)
     assert driven.pose[1:] == pytest.approx((2.0, 0.0))
     assert driven.world.hold != FREE
-
-
-def test_contact_says_when_where_with_what_and_how_fast():
-    driven = Driven(Pose(4.0, 2.0))
-    driven.drive(0.5, 0.0, 8.0)
     (contact,) = driven.contacts
-    assert contact.what == "wall"
-    assert contact.value == pytest.approx(0.5)
+    assert (contact.what, contact.value) == ("wall", pytest.approx(0.5))
     assert contact.t_s == pytest.approx((2.0 - ROBOT.radius_m) / 0.5, abs=0.03)
     assert (contact.x_m, contact.y_m) == pytest.approx((6.0 - ROBOT.radius_m, 2.0), abs=0.01)
+
+
+@each_row(("yaw", "v"), [(0.0, 0.5), (math.pi, -0.5)])
+def test_polygon_stops_with_its_front_or_its_back_at_the_wall(yaw, v):
+    driven = Driven(Pose(4.5, 2.0, yaw), robot=RECTANGLE)
+    driven.drive(v, 0.0, 5.0)
+    assert driven.pose[0] == pytest.approx(6.0 - 0.35, abs=STEP_M)
+    assert {event.what for event in driven.world.events} == {"wall"}
+
+
+@given(robot=st.sampled_from(ROBOTS[1:]), yaw=st.floats(-3, 3), v=st.floats(-0.5, 0.5), w=st.floats(-2, 2))
+@settings(max_examples=60, deadline=None)
+def test_polygon_enters_no_wall_and_meets_none_without_a_contact(robot, yaw, v, w):
+    driven = Driven(Pose(5.4, 3.4, yaw), robot=robot)
+    for _ in range(40):
+        driven.drive(v, w, 0.05)
+        assert driven.depth_m < 3 * STEP_M
+        if driven.depth_m > 2e-3:
+            assert driven.world.events
+
+
+def test_contact_of_a_notched_body_is_one_however_many_convex_parts_it_is_made_of():
+    contacts = []
+    for robot in (NOTCHED, Robot(vertices=NOTCHED.vertices[:4], radius_m=0.5)):
+        driven = Driven(Pose(4.5, 2.0), robot=robot)
+        driven.drive(0.5, 0.0, 5.0)
+        contacts.append(len(driven.world.events))
+    assert contacts[0] == contacts[1] > 0
+
+
+def test_polygon_s_turn_beside_a_wall_is_blocked_or_pushes_it_away_and_is_a_contact():
+    driven = Driven(Pose(3.0, 0.27), robot=RECTANGLE)
+    driven.drive(0.0, 1.0, 1.5)
+    assert driven.world.events
+    assert driven.depth_m < STEP_M
 
 
 def test_glancing_contact_closes_with_the_part_of_the_speed_towards_the_wall():
@@ -96,20 +138,13 @@ def test_robot_slides_along_a_wall_that_blocks_one_part_of_its_motion():
     assert driven.pose[0] == pytest.approx(1.0 + 4.0 * 0.5 * math.cos(yaw), abs=0.02)
 
 
-def test_robot_that_leaves_a_wall_and_comes_back_touches_it_twice():
-    driven = Driven(Pose(5.5, 2.0))
+def test_robot_that_leaves_a_wall_and_comes_back_touches_it_twice_and_is_free_between():
+    driven, held = Driven(Pose(5.5, 2.0)), []
     for v in (0.5, -0.5, 0.5):
         driven.drive(v, 0.0, 1.0)
+        held.append(driven.world.hold != FREE)
     assert [contact.what for contact in driven.contacts] == ["wall", "wall"]
-
-
-def test_engine_holds_a_robot_while_it_touches_and_no_longer():
-    driven = Driven(Pose(5.5, 2.0))
-    found = []
-    for v in (0.5, -0.5, 0.5):
-        driven.drive(v, 0.0, 1.0)
-        found.append(driven.world.hold != FREE)
-    assert found == [True, False, True]
+    assert held == [True, False, True]
 
 
 @each_row(("shape", "length_m", "width_m", "face_m"), [("box", 0.4, 1.0, 0.2), ("cylinder", 0.6, 0.6, 0.3)])
@@ -174,27 +209,16 @@ def carton(x_m=3.0, y_m=2.0, yaw_rad=0.0, mass_kg=5.0, friction=0.4, shape="box"
     return Obstacle("carton", shape, Pose(x_m, y_m, yaw_rad), 0.5, 0.5, HERE, mass_kg, friction)
 
 
-def test_what_has_a_trigger_is_not_there_until_it_appears():
-    driven = Driven(Pose(1.0, 2.0), [carton()])
+def test_obstacle_with_a_trigger_is_not_there_until_it_appears_and_stays_where_it_does():
+    driven = Driven(Pose(1.0, 2.0), [carton(yaw_rad=0.3)])
     driven.drive(0.5, 0.0, 5.0)
-    assert driven.pose[0] == pytest.approx(3.5)
-    assert driven.world.events == []
-
-
-def test_what_appears_says_when_where_and_how_it_is_turned():
-    driven = Driven(Pose(1.0, 2.0), [carton(yaw_rad=0.3)])
-    driven.drive(0.0, 0.0, 1.0)
-    driven.appear()
-    (event,) = driven.world.events
-    assert (event.kind, event.what, event.t_s) == ("spawned", "carton", 1.0)
-    assert (event.x_m, event.y_m, event.value) == (3.0, 2.0, 0.3)
-
-
-def test_box_that_nothing_touches_stays_where_it_appeared():
-    driven = Driven(Pose(1.0, 2.0), [carton(yaw_rad=0.3)])
+    assert (driven.pose[0], driven.world.events) == (pytest.approx(3.5), [])
+    driven.drive(-0.5, 0.0, 5.0)
     driven.appear()
     driven.drive(0.0, 0.5, 2.0)
-    assert driven.world.pose_of(0) == (3.0, 2.0, 0.3)
+    (event,) = driven.world.events
+    assert (event.kind, event.what, event.t_s) == ("spawned", "carton", 10.0)
+    assert (event.x_m, event.y_m, event.value) == driven.world.pose_of(0) == (3.0, 2.0, 0.3)
     assert driven.world.hold == FREE
 
 
