@@ -1,6 +1,7 @@
-"""Blocks of recordings: what is written is read back, and the same content is the same bytes."""
+"""Blocks of recordings and logs of runs: what is written is read back, and the same content is the same bytes."""
 
 import io
+import json
 
 import numpy as np
 import pyarrow as pa
@@ -9,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from table import each_row
 
 from vastflow.sim.model.blocks import (
     read_block,
@@ -19,6 +21,7 @@ from vastflow.sim.model.blocks import (
     write_recordings,
 )
 from vastflow.sim.model.recording import Event, Recording, Run, run_of, run_row, si
+from vastflow.sim.model.runlog import LogText, RunLog, Use, run_log_of, run_log_row
 
 TEXT = st.text(max_size=8)
 NUMBERS = st.floats(-1e6, 1e6)
@@ -158,3 +161,21 @@ def test_smooth_column_takes_little_room():
 
 def test_column_of_thousandths_is_read_in_si_units():
     np.testing.assert_allclose(si(np.array([1500, -1], dtype=np.int32)), [1.5, -0.001])
+
+
+LOG = RunLog(
+    *(1_700_000_000.25, 2.5, 1.25, 4096, ("0.1 s: begun",)),
+    texts=(LogText("map", ("map_server", "-v"), "ready\n", False),),
+    resources=(Use(0.0, 0.0, 1024, 1), Use(1.0, 0.5, 2048, 2)),
+    notes=("big.bin is not kept",),
+)
+
+
+@each_row("log", [LOG, RunLog(0.0, 0.5, 0.25, 1000)])
+def test_log_comes_back_from_json_as_it_was(log):
+    assert run_log_of(json.loads(json.dumps(run_log_row(log)))) == log
+
+
+def test_row_with_other_keys_is_no_log():
+    with pytest.raises(KeyError, match="wall_s"):
+        run_log_of({key: value for key, value in run_log_row(LOG).items() if key != "wall_s"})

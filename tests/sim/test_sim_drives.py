@@ -73,19 +73,11 @@ def tightest(rows):
         return np.abs(moving[:, 1] / moving[:, 0]).max()
 
 
-# Ackermann.
-
-
-def test_ackermann_robot_drives_ten_meters_and_never_turns_tighter_than_its_radius():
-    recording, rows = driven(ACKERMANN)
-    assert (recording.run.outcome, recording.run.recoveries) == ("succeeded", 0)
-    assert tightest(rows) <= 2.0 + 1e-9
-
-
-def test_same_path_by_a_differential_drive_has_turns_that_no_ackermann_robot_makes():
-    recording, rows = driven({})
-    assert recording.run.outcome == "succeeded"
-    assert tightest(rows) > 4.0
+def test_ackermann_robot_never_turns_tighter_than_its_radius_as_a_differential_one_does():
+    for system, curvatures in ((ACKERMANN, (0.0, 2.0 + 1e-9)), ({}, (4.0, math.inf))):
+        recording, rows = driven(system)
+        assert recording.run.outcome == "succeeded"
+        assert curvatures[0] < tightest(rows) <= curvatures[1]
 
 
 @settings(max_examples=8, deadline=None)
@@ -115,35 +107,24 @@ def test_ackermann_robot_does_not_spin():
     assert np.ptp(np.unwrap(rows[:, 0])) < 0.01
 
 
-# What a user says.
-
-
-def test_robot_of_a_motion_model_ackermann_is_an_ackermann_robot_with_its_radius():
-    parameters = parameters_of(ACKERMANN)
+@each_row(
+    ("system", "drive", "radius_m"),
+    [
+        (ACKERMANN, "ackermann", 0.5),
+        ({**ACKERMANN, "robot.min_turning_radius": 0.7}, "ackermann", 0.7),
+        ({**ACKERMANN, "robot.drive": "differential"}, "differential", 0.0),
+        (OMNI, "omni", 0.0),
+    ],
+)
+def test_drive_follows_the_motion_model_unless_it_is_given(system, drive, radius_m):
+    parameters = parameters_of(system)
     robot = robot_of(parameters)
-    assert (robot.drive, robot.min_turning_radius_m) == ("ackermann", 0.5)
-    told = next(line for line in robot_words(robot_facts(parameters)) if "Nav2 parameters" in line)
-    assert told == "the robot, from the Nav2 parameters: drive ackermann, turning radius at least 0.5 m"
-    assert interpretation(document_of(parameters)).parameters == parameters
-
-
-def test_robot_of_a_motion_model_omni_is_an_omni_robot():
-    parameters = parameters_of(OMNI)
-    assert robot_of(parameters).drive == "omni"
-    assert (parameters.amcl.omni, parameters.velocity_smoother.max_velocity) == (True, (0.5, 0.5, 2.0))
-    assert interpretation(document_of(parameters)).parameters == parameters
-
-
-def test_robot_s_own_radius_counts_before_the_one_that_mppi_reckons_with():
-    robot = robot_of(parameters_of({**ACKERMANN, "robot.min_turning_radius": 0.7}))
-    assert (robot.drive, robot.min_turning_radius_m) == ("ackermann", 0.7)
-
-
-def test_robot_may_be_another_than_mppi_reckons_with():
-    assert robot_of(parameters_of({**ACKERMANN, "robot.drive": "differential"})).drive == "differential"
-
-
-# Omni.
+    assert (robot.drive, robot.min_turning_radius_m if drive == "ackermann" else 0.0) == (drive, radius_m)
+    if not any(key.startswith("robot.") for key in system):
+        assert interpretation(document_of(parameters)).parameters == parameters
+    told = [line for line in robot_words(robot_facts(parameters)) if "Nav2 parameters" in line]
+    if system is ACKERMANN:
+        assert told == ["the robot, from the Nav2 parameters: drive ackermann, turning radius at least 0.5 m"]
 
 
 def test_omni_robot_drives_ten_meters_and_to_its_side(tmp_path):
@@ -153,12 +134,6 @@ def test_omni_robot_drives_ten_meters_and_to_its_side(tmp_path):
     assert tuple(recording.columns)[-3:] == OMNI_COLUMNS
     assert np.abs(recording.columns["lateral_speed_mmps"]).max() > 300
     assert np.abs(velocities_of(rows)[:, 2]).max() <= 0.5
-
-
-def test_same_path_by_a_differential_drive_has_no_speed_to_the_side():
-    recording, rows = driven({}, Pose(1.0, 2.0, LEFT_RAD), Pose(11.0, 2.0, LEFT_RAD))
-    assert not set(OMNI_COLUMNS) & set(recording.columns)
-    assert not velocities_of(rows)[:, 2].any()
 
 
 def test_omni_robot_is_where_its_speeds_lead():
@@ -172,15 +147,14 @@ def test_omni_robot_is_where_its_speeds_lead():
     assert np.hypot(x_m - columns["x_mm"], y_m - columns["y_mm"]).max() < 0.06
 
 
-def test_robot_that_is_no_omni_one_drops_the_speed_to_its_side():
-    _, rows = driven({**OMNI, "robot.drive": "differential"}, Pose(1.0, 2.0, LEFT_RAD), timeout_s=5.0)
+@each_row(
+    "system",
+    [{}, {**OMNI, "robot.drive": "differential"}, {**OMNI, "max_velocity.1": 0.0, "min_velocity.1": 0.0}],
+)
+def test_only_an_omni_drive_whose_smoother_allows_it_moves_to_its_side(system):
+    recording, rows = driven(system, Pose(1.0, 2.0, LEFT_RAD), timeout_s=5.0)
     assert not velocities_of(rows)[:, 2].any()
-
-
-def test_smoother_without_a_speed_to_the_side_allows_none():
-    """As of Nav2's default file: the robot could, and isn't told."""
-    _, rows = driven({**OMNI, "max_velocity.1": 0.0, "min_velocity.1": 0.0}, Pose(1.0, 2.0, LEFT_RAD), timeout_s=5.0)
-    assert not velocities_of(rows)[:, 2].any()
+    assert set(OMNI_COLUMNS) <= set(recording.columns) or robot_of(parameters_of(system)).drive != "omni"
 
 
 def test_without_noise_to_the_side_omni_samples_are_those_of_a_differential_drive():
@@ -229,29 +203,21 @@ def test_engine_moves_an_omni_robot_as_it_moves_freely():
     assert pose == pytest.approx(expected, abs=1e-9)
 
 
+def particles_after(steps, **given):
+    """AMCL's particles after odometry's poses, by a motion model without noise but for `given`."""
+    alphas = dict.fromkeys(("alpha1", "alpha2", "alpha3", "alpha4", "alpha5"), 0.0)
+    place = {"resolution_m": 0.05, "origin_xy_m": (0.0, 0.0), "laser_xyt": (0.0, 0.0, 0.0), "seed": 1}
+    found = Filter(occupied=np.zeros((80, 80), dtype=bool), **place, **{**alphas, **given})
+    found.set_pose((1.0, 2.0, steps[0][2]), (0.0, 0.0, 0.0))
+    for step in steps:
+        found.update(step, np.full(60, np.inf), 0.0, 0.1, 0.1, 10.0)
+    return found.particles
+
+
 def test_particles_of_the_omni_motion_model_go_along_the_step_s_bearing_whatever_their_heading():
-    """A step to the left of 0.4 m: no turn of the heading by noise of a rotation that is none, as the differential model has it."""
-    walls = np.zeros((80, 80), dtype=bool)
-    spread = {}
-    for omni in (False, True):
-        still = dict.fromkeys(("alpha1", "alpha2", "alpha3", "alpha4", "alpha5"), 0.0)
-        found = Filter(
-            occupied=walls,
-            resolution_m=0.05,
-            origin_xy_m=(0.0, 0.0),
-            laser_xyt=(0.0, 0.0, 0.0),
-            seed=1,
-            omni=omni,
-            **still,
-        )
-        found.set_pose((2.0, 2.0, 0.1), (0.0, 0.0, 0.0))
-        scan = (np.full(60, np.inf), 0.0, 0.1, 0.1, 10.0)
-        found.update((0.0, 0.0, 0.1), *scan)
-        found.update((-0.4 * math.sin(0.1), 0.4 * math.cos(0.1), 0.1), *scan)
-        spread[omni] = found.particles
-    expected = (2.0 - 0.4 * math.sin(0.1), 2.0 + 0.4 * math.cos(0.1))
-    assert spread[True][:, :2] == pytest.approx(np.broadcast_to(expected, spread[True][:, :2].shape), abs=1e-5)
-    assert spread[True][:, 2] == pytest.approx(0.1)
+    left = -0.4 * math.sin(0.1), 0.4 * math.cos(0.1)
+    particles = particles_after([(0.0, 0.0, 0.1), (*left, 0.1)], omni=True)
+    assert particles == pytest.approx(np.broadcast_to((1.0 + left[0], 2.0 + left[1], 0.1), particles.shape), abs=1e-5)
 
 
 @each_row(
@@ -260,19 +226,5 @@ def test_particles_of_the_omni_motion_model_go_along_the_step_s_bearing_whatever
 )
 def test_noise_of_the_omni_motion_model_is_nav2_s(noisy, along_m, across_m, turn_rad):
     """A step of 1 m along x; variances are alpha times its square."""
-    alphas = dict.fromkeys(("alpha1", "alpha2", "alpha3", "alpha4", "alpha5"), 0.0) | {noisy: 0.04}
-    found = Filter(
-        occupied=np.zeros((80, 80), dtype=bool),
-        resolution_m=0.05,
-        origin_xy_m=(0.0, 0.0),
-        laser_xyt=(0.0, 0.0, 0.0),
-        seed=1,
-        omni=True,
-        min_particles=2000,
-        **alphas,
-    )
-    found.set_pose((1.0, 2.0, 0.0), (0.0, 0.0, 0.0))
-    scan = (np.full(60, np.inf), 0.0, 0.1, 0.1, 10.0)
-    found.update((0.0, 0.0, 0.0), *scan)
-    found.update((1.0, 0.0, 0.0), *scan)
-    assert found.particles.std(axis=0) == pytest.approx([along_m, across_m, turn_rad], rel=0.1, abs=1e-6)
+    particles = particles_after([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], omni=True, min_particles=2000, **{noisy: 0.04})
+    assert particles.std(axis=0) == pytest.approx([along_m, across_m, turn_rad], rel=0.1, abs=1e-6)

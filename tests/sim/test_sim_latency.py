@@ -57,45 +57,28 @@ def cruising(loop, ticks=80):
     return m
 
 
-def test_without_latency_nothing_is_drawn(loop):
-    ideal = loop()
-    ideal.advance(40)
-    assert ideal.stack.m[0]["streams"][LATENCY] == streams_of((1, 2, 3))[LATENCY]
-    assert ideal.stack.p[0]["late"] == 0
-
-
-def test_latency_of_nothing_is_the_run_without_latency(loop):
-    late = loop()
+def test_run_without_latency_draws_nothing_and_is_that_of_latency_of_nothing(loop):
+    ideal, late = loop(), loop()
     late.stack.p["late"] = 1
-    assert recorded(late) == recorded(loop())
-
-
-def test_preset_ideal_is_the_run_without_latency(loop):
-    assert recorded(loop(preset="ideal")) == recorded(loop())
+    assert ideal.stack.p[0]["late"] == 0
+    assert recorded(late) == recorded(ideal) == recorded(loop(preset="ideal"))
+    assert ideal.stack.m[0]["streams"][LATENCY] == streams_of((1, 2, 3))[LATENCY]
 
 
 @each_row("preset", ["gazebo", "loaded"])
 def test_latency_is_drawn_from_the_runs_seed(loop, preset):
-    once, again, other = (
-        recorded(loop(preset=preset)),
-        recorded(loop(preset=preset)),
-        recorded(loop(preset=preset, seed=4)),
+    once, again, other, ideal = (
+        recorded(loop(**given)) for given in ({"preset": preset}, {"preset": preset}, {"preset": preset, "seed": 4}, {})
     )
     assert once == again
-    assert once[0] != other[0]
-    assert once[0] != recorded(loop())[0]
+    assert once[0] not in (other[0], ideal[0])
 
 
-def test_stack_uses_a_scan_from_where_the_robot_was_at_its_age(loop):
+def test_late_scan_has_the_place_and_the_ranges_of_its_time(loop):
     m = cruising(loop(scan_age=0.3), 81)
     assert m["odom_x"] - m["scan_odom_x"] == pytest.approx(0.5 * 0.3 + 0.5 * 0.05, abs=0.005)  # a tick has passed since
-
-
-def test_scan_that_is_late_has_the_ranges_of_its_time(loop):
-    m = cruising(loop(scan_age=0.3), 81)
     ahead = np.argmax(m["directions"][:360, 0])
-    taken_at_m = 1.0 + m["scan_odom_x"]
-    assert m["ranges"][ahead] == pytest.approx(WALL_X_M - (taken_at_m - 0.04), abs=0.03)
+    assert m["ranges"][ahead] == pytest.approx(WALL_X_M - (1.0 + m["scan_odom_x"] - 0.04), abs=0.03)
 
 
 def test_costmap_marks_what_appears_later_by_the_scans_age(loop):
@@ -129,15 +112,10 @@ def test_late_scan_corrects_odometry_where_the_scan_was_taken(loop):
     assert abs(np.mean(errors_m)) < 0.1  # 0.2 m behind, if it did
 
 
-def test_stacks_odometry_is_as_old_as_it_is_late(loop):
-    m = cruising(loop(tf_age=0.2))
-    assert m["counted_x"] - m["odom_x"] == pytest.approx(0.5 * 0.2, abs=0.002)
-
-
-def test_scan_waits_for_the_odometry_of_its_stamp(loop):
+def test_stack_s_odometry_is_as_old_as_it_is_late_and_scans_wait_for_it(loop):
     m = cruising(loop(tf_age=0.2), 81)
+    assert m["counted_x"] - m["odom_x"] == pytest.approx(0.5 * 0.2, abs=0.002)
     assert m["scan_odom_x"] <= m["odom_x"] + 1e-9
-    assert m["counted_x"] - m["scan_odom_x"] >= 0.5 * 0.2 - 0.002
 
 
 def test_odometry_at_30_hz_is_up_to_a_period_old(loop):
@@ -158,17 +136,18 @@ def test_odometry_never_goes_back_however_late_it_is(loop):
     assert max(np.diff(seen_m)) > 2 * 0.5 * 0.05  # and catches up
 
 
+def first_sent(loop):
+    """The first tick with a command, and the smoother's step then."""
+    for tick in range(1, 60):
+        loop.advance(tick)
+        if loop.stack.m[0]["sent_v"] > 0.0:
+            return tick, int(loop.stack.m[0]["smoother_step"])
+    return None
+
+
 @each_row(("controller_time", "ticks"), [(0.0, 0), (0.05, 1), (0.12, 3), (0.4, 8)])
 def test_command_takes_effect_when_the_controller_has_computed_it(loop, controller_time, ticks):
-    def first_sent(**latency):
-        made = loop(**latency)
-        for tick in range(1, 60):
-            made.advance(tick)
-            if made.stack.m[0]["sent_v"] > 0.0:
-                return tick
-        return None
-
-    assert first_sent(controller_time=controller_time) - first_sent() == ticks
+    assert first_sent(loop(controller_time=controller_time))[0] - first_sent(loop())[0] == ticks
 
 
 def test_controller_that_computes_longer_than_its_period_commands_as_often_as_it_can(loop):
@@ -191,17 +170,8 @@ def test_in_missed_cycles_the_last_command_stands(loop):
 
 def test_smoother_out_of_step_sends_a_command_within_the_tick(loop):
     """Commands of 20 ms reach the wheels in the same tick from a smoother that runs later in it, else in the next."""
-
-    def first_moved(seed, **latency):
-        made = loop(controller_time=0.02, seed=seed, **latency)
-        for tick in range(1, 60):
-            made.advance(tick)
-            if made.stack.m[0]["sent_v"] > 0.0:
-                return tick, int(made.stack.m[0]["smoother_step"])
-        return None
-
-    in_step, _ = first_moved(3)
-    free = [first_moved(seed, smoother_in_step=False) for seed in range(8)]
+    in_step, _ = first_sent(loop(controller_time=0.02))
+    free = [first_sent(loop(controller_time=0.02, seed=seed, smoother_in_step=False)) for seed in range(8)]
     assert {step for _, step in free} > {0}
     assert all(in_step - tick == (1 if step >= 2 else 0) for tick, step in free)
 
