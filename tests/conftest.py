@@ -1,4 +1,4 @@
-"""What all tests share: examples that are the same at every run and may take long, servers and workers of Prefect."""
+"""Options and fixtures of all tests: quick and slow ones, golden files, servers and workers of Prefect."""
 
 import contextlib
 import difflib
@@ -29,7 +29,7 @@ GOLDEN = Path(__file__).with_name("golden")
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection():
-    """Collect tests without collecting garbage: what they make stays, and looking for cycles takes a sixth of the time."""
+    """Collect tests without garbage collection, which takes a sixth of the time."""
     gc.disable()
     try:
         return (yield)
@@ -107,7 +107,7 @@ def golden(request):
 
 @pytest.fixture(scope="session")
 def loops():
-    """Measures the CPU time of a call in empty loops of a million rounds: the least of some tries, each beside its loop.
+    """Measure the CPU time of a call in empty loops of a million rounds, the least of some tries.
 
     A slow or busy machine is slow for both. A bound leaves a factor of four all the same.
     """
@@ -129,7 +129,7 @@ def loops():
 
 @pytest.fixture(scope="session")
 def prefect_home(tmp_path_factory):
-    """Makes a folder a home of Prefect's with an empty database, which a server would take 6 CPU-s to make anew."""
+    """Make a folder a home of Prefect with an empty database, which takes a server 6 CPU-s."""
     from vastflow.tasks.prefect.server import ApiServer, PrefectUnavailable
 
     template = tmp_path_factory.mktemp("prefect") / "prefect.db"
@@ -155,7 +155,7 @@ def prefect_home(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def one_server(prefect_home):
-    """Gives campaigns of this process one embedded API over the database in a folder, in place of one each.
+    """Give campaigns of this process one embedded API over the database in a folder.
 
     The first campaign starts it, as it would without; later ones find it started, and none ends it.
     """
@@ -174,7 +174,7 @@ def one_server(prefect_home):
                 return getattr(servers[0], name)
 
             def stop(self, grace_s=3.0):
-                """Others come after this one."""
+                """Keep the server for later campaigns."""
 
         flow_call_server = flow_call.ApiServer
         with pytest.MonkeyPatch.context() as patch:
@@ -190,7 +190,7 @@ def one_server(prefect_home):
 
 @pytest.fixture(scope="session")
 def started_api(prefect_home):
-    """Starts an API with a port of its own, over the database in a folder; in that context it is the configured one.
+    """Start an API over the database in a folder, and configure it in that context.
 
     Gives a client of it. Where it does not start within `API_S` the test is skipped.
     """
@@ -222,7 +222,7 @@ def started_api(prefect_home):
 
 @pytest.fixture(scope="session")
 def started_worker():
-    """Starts a worker of a work pool in a folder of its own; it and all it started are gone afterwards."""
+    """Start a worker of a work pool in a folder of its own, and end all its processes afterwards."""
 
     @contextlib.contextmanager
     def started(api, folder, pool="lab", limit=2, **variables):

@@ -30,7 +30,7 @@ SHARED_MAPS = Path(__file__).parents[3] / "shared" / "maps"
 
 @pytest.fixture(scope="session")
 def drawn() -> Callable[..., OccupancyMap]:
-    """An occupancy map of rows of text, the top row first: `.` free, `#` wall, `?` unknown, `cells` each way a letter."""
+    """An occupancy map of rows of text, the top row first; each letter makes `cells` × `cells` cells."""
 
     def draw(*rows: str, cells: int = 1, resolution_m: float = RESOLUTION_M) -> OccupancyMap:
         letters = np.array([[CELLS[letter] for letter in row] for row in rows[::-1]], dtype=np.int8)
@@ -65,7 +65,7 @@ def two_rooms_map() -> OccupancyMap:
 
 @pytest.fixture(scope="session")
 def two_rooms(saved: Callable[[OccupancyMap], FileContent], two_rooms_map: OccupancyMap) -> FileContent:
-    """Two rooms of 4 m × 5 m side by side, a door of 1.2 m between them; the walls are 0.2 m thick, origin (0, 0).
+    """Two rooms of 4 m × 5 m side by side with a door of 1.2 m.
 
     The door is at x 4.1..4.3 m, y 1.8..3.0 m; the rooms' free space is x 0.2..4.1 and 4.3..8.2, y 0.2..5.2.
     """
@@ -95,7 +95,7 @@ def scenario(two_rooms: FileContent) -> Callable[..., Scenario]:
 
 @pytest.fixture(scope="session")
 def over_a_floor() -> Callable[..., Recording]:
-    """A run over an empty floor of 14 m × 4 m from (1, 2) along x, by a stack with these parameters.
+    """A run over an empty floor of 14 m × 4 m from (1, 2) along x.
 
     The robot begins with its heading at `yaw_rad`; `cells` says which of the floor's (80, 280) are walls beside its edges.
     """

@@ -26,7 +26,7 @@ def test_map_is_pinned(floor, shape, digest):
 
 @pytest.mark.slow
 @each_row("floor", [LARGE, SMALL])
-def test_every_route_has_the_length_of_its_floor(floor):
+def test_routes_have_the_length_of_their_floor(floor):
     occupancy = benchmark_map(floor)
     free = passable(occupancy, 0.4)
     routes = benchmark_routes(occupancy, floor.route_m)
@@ -49,7 +49,7 @@ def measured():
 
 
 @pytest.mark.slow
-def test_what_was_measured_says_what_it_was_measured_with(measured):
+def test_result_names_its_controller_parameters_and_rates(measured):
     assert measured["controller"] == "rpp"
     assert measured["parameters"]["controller"]["desired_linear_vel"] == 0.5
     assert measured["lidar"] == {"beams": 360, "rate_hz": 10.0, "range_max_m": 20.0}

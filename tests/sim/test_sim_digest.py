@@ -124,12 +124,12 @@ def test_digests_of_a_scenario_and_its_situation_are_pinned():
         ({"system": {}}, False),
     ],
 )
-def test_every_part_is_in_the_digest_and_environment_and_task_in_the_situation_s(change, is_of_the_situation):
+def test_parts_of_a_scenario_are_in_its_digests(change, is_of_the_situation):
     assert a_scenario(**change).digest != a_scenario().digest
     assert (a_scenario(**change).situation_digest != a_scenario().situation_digest) == is_of_the_situation
 
 
-def test_values_are_sorted_into_dimensions_by_tag_then_by_key_then_into_the_system():
+def test_values_are_sorted_into_dimensions_by_tag_and_key():
     values = {"map_file": "m", "goal_pose": "g", "noise": 0.1, "crates": [], "start_pose": "s", "_path": []}
     scenario = scenario_of(
         values, {"crates": "environment", "start_pose": "system"}, abstract="builtin:navigate_to_pose", timeout_s=1.0

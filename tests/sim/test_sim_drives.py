@@ -42,7 +42,7 @@ START, GOAL = Pose(1.0, 2.0, 0.7), Pose(11.0, 2.0)
 
 
 def driven(system, start=START, goal=GOAL, timeout_s=90.0):
-    """A run over an empty floor of 14 m × 6 m, and of each tick the yaw (rad), the distance so far (m), and the velocities of its steps."""
+    """A run over an empty floor of 14 m × 6 m, and yaw (rad), distance (m), and velocities of each tick."""
     floor = np.zeros((120, 280), dtype=np.int8)
     floor[[0, -1]], floor[:, [0, -1]] = 100, 100
     parameters = parameters_of(system)
@@ -100,7 +100,7 @@ def test_driven_curvature_never_exceeds_that_of_the_least_radius(radius_m, yaw_r
 
 
 def test_ackermann_robot_does_not_spin():
-    """Behind the goal of a path that it can't turn into it stands until the behavior's allowance of 10 s is over."""
+    """The goal is behind it: it stands until the behavior's allowance of 10 s is over."""
     robot = {"robot.drive": "ackermann", "robot.min_turning_radius": 1.0, "controller": "rpp"}
     recording, rows = driven(robot, Pose(5.0, 2.0, math.pi), Pose(9.0, 2.0), timeout_s=40.0)
     assert recording.run.outcome == "timed_out"
@@ -151,13 +151,13 @@ def test_omni_robot_is_where_its_speeds_lead():
     "system",
     [{}, {**OMNI, "robot.drive": "differential"}, {**OMNI, "max_velocity.1": 0.0, "min_velocity.1": 0.0}],
 )
-def test_only_an_omni_drive_whose_smoother_allows_it_moves_to_its_side(system):
+def test_sideways_motion_needs_an_omni_drive_and_its_smoother(system):
     recording, rows = driven(system, Pose(1.0, 2.0, LEFT_RAD), timeout_s=5.0)
     assert not velocities_of(rows)[:, 2].any()
     assert set(OMNI_COLUMNS) <= set(recording.columns) or robot_of(parameters_of(system)).drive != "omni"
 
 
-def test_without_noise_to_the_side_omni_samples_are_those_of_a_differential_drive():
+def test_omni_samples_without_lateral_noise_equal_differential_ones():
     """For the first second, the commands are the same but for what little noise is left."""
     still = {**OMNI, "FollowPath.vy_std": 0.001, "FollowPath.gamma": 0.0}
     omni, _ = driven(still, timeout_s=3.0)
@@ -214,7 +214,7 @@ def particles_after(steps, **given):
     return found.particles
 
 
-def test_particles_of_the_omni_motion_model_go_along_the_step_s_bearing_whatever_their_heading():
+def test_omni_particles_follow_the_bearing_of_a_step():
     left = -0.4 * math.sin(0.1), 0.4 * math.cos(0.1)
     particles = particles_after([(0.0, 0.0, 0.1), (*left, 0.1)], omni=True)
     assert particles == pytest.approx(np.broadcast_to((1.0 + left[0], 2.0 + left[1], 0.1), particles.shape), abs=1e-5)

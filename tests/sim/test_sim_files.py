@@ -125,7 +125,7 @@ def test_yaml_without_a_plain_value_is_refused(text):
         yaml_value(text)
 
 
-def test_only_the_first_document_of_a_text_is_looked_at():
+def test_yaml_is_read_up_to_its_first_document():
     assert yaml_value("a: 1\n---\n[") == {"a": 1}
     assert yaml_value("") is None
 
@@ -140,7 +140,7 @@ def test_whatever_the_text_a_value_comes_or_a_refusal(value):
 
 
 @each_row(("content", "message"), [(None, "no such file; "), (b"a: [", "not YAML: "), (b"\xff", "not UTF-8")])
-def test_yaml_file_in_which_a_value_is_to_be_set_is_read_with_the_same_limits(tmp_path, content, message):
+def test_set_yaml_value_has_the_same_limits(tmp_path, content, message):
     if content is not None:
         put(tmp_path, content)
     with pytest.raises(ValueError, match=f"file': .*{message}"):
@@ -167,7 +167,7 @@ def test_json_as_deep_as_may_be_is_read():
     assert json_value("[" * 100 + "]" * 100) == eval("[" * 100 + "]" * 100)
 
 
-def test_what_is_wrong_with_a_json_file_has_its_name_and_place(tmp_path):
+def test_fault_of_a_json_file_has_its_name_and_place(tmp_path):
     with pytest.raises(Unreadable, match=r"metadata\.json:2:1: not JSON: Expecting value; a JSON text"):
         read_json(put(tmp_path, b"[\n,", "metadata.json"))
     with pytest.raises(Missing, match=r"gone\.json: no such file"):
@@ -204,7 +204,7 @@ BOMB = encoded("PNG", Image.new("1", (14_000, 14_000)))
         ),
     ],
 )
-def test_other_formats_and_many_pixels_are_refused_whatever_the_file_is_called(tmp_path, content, message):
+def test_picture_of_another_format_or_size_is_refused(tmp_path, content, message):
     assert len(BOMB) < 100_000
     with pytest.raises(Unreadable, match=message):
         read_picture(put(tmp_path, content, "map.png"))

@@ -23,7 +23,7 @@ GOAL = Pose(11.0, 2.0, 0.0)
 
 @pytest.fixture(scope="module")
 def loop():
-    """A loop of a robot at (1, 2) with RPP and these values of its latency, sent 10 m along x over an empty floor; a wall ends the floor."""
+    """A loop of a robot with RPP at (1, 2), sent 10 m along x over an empty floor that a wall ends."""
     floor = np.zeros((80, 280), dtype=np.int8)
     floor[[0, -1]], floor[:, [0, -1]] = 100, 100
     floor[:, int(WALL_X_M / 0.05) :] = 100
@@ -112,7 +112,7 @@ def test_late_scan_corrects_odometry_where_the_scan_was_taken(loop):
     assert abs(np.mean(errors_m)) < 0.1  # 0.2 m behind, if it did
 
 
-def test_stack_s_odometry_is_as_old_as_it_is_late_and_scans_wait_for_it(loop):
+def test_odometry_is_late_and_scans_wait_for_it(loop):
     m = cruising(loop(tf_age=0.2), 81)
     assert m["counted_x"] - m["odom_x"] == pytest.approx(0.5 * 0.2, abs=0.002)
     assert m["scan_odom_x"] <= m["odom_x"] + 1e-9
@@ -158,7 +158,7 @@ def test_controller_that_computes_longer_than_its_period_commands_as_often_as_it
     assert set(np.diff(sorted(ordered))) == {3}
 
 
-def test_in_missed_cycles_the_last_command_stands(loop):
+def test_last_command_stands_in_missed_cycles(loop):
     made, ordered, sent = loop(missed_cycles=0.5), [], []
     for tick in range(60, 160):
         m = cruising(made, tick)
@@ -169,7 +169,7 @@ def test_in_missed_cycles_the_last_command_stands(loop):
 
 
 def test_smoother_out_of_step_sends_a_command_within_the_tick(loop):
-    """Commands of 20 ms reach the wheels in the same tick from a smoother that runs later in it, else in the next."""
+    """A command of 20 ms reaches a later smoother in the same tick, else in the next."""
     in_step, _ = first_sent(loop(controller_time=0.02))
     free = [first_sent(loop(controller_time=0.02, seed=seed, smoother_in_step=False)) for seed in range(8)]
     assert {step for _, step in free} > {0}
@@ -177,7 +177,7 @@ def test_smoother_out_of_step_sends_a_command_within_the_tick(loop):
 
 
 def test_spinning_robots_sweep_is_turned_by_what_the_robot_turned_since_the_beam(loop):
-    """At 1 rad/s a sweep of 0.1 s is distorted by 0.1 rad from its first beam to its last; each beam is where its own time has it."""
+    """At 1 rad/s a sweep of 0.1 s is distorted by 0.1 rad from its first beam to its last."""
     made = loop(goal=None, lidar=Lidar(sweeps=True))
     for tick in range(1, 62):
         made.command(0.0, 1.0)
@@ -193,7 +193,7 @@ def test_spinning_robots_sweep_is_turned_by_what_the_robot_turned_since_the_beam
 
 
 def _to_walls(yaw_rad, bearings_rad):
-    """Ranges from the scanner of a robot that turned on the spot at (1, 2) to the inner sides of the floor's walls."""
+    """Ranges to the walls from a robot that turned on the spot at (1, 2)."""
     x_m, y_m = 1.0 - 0.04 * np.cos(yaw_rad), 2.0 - 0.04 * np.sin(yaw_rad)
     c, s = np.cos(yaw_rad + bearings_rad), np.sin(yaw_rad + bearings_rad)
     return np.minimum(np.where(c > 0, WALL_X_M - x_m, 0.05 - x_m) / c, np.where(s > 0, 3.95 - y_m, 0.05 - y_m) / s)
@@ -206,7 +206,7 @@ def test_standing_robots_sweep_is_a_scan_taken_at_once(loop):
     np.testing.assert_allclose(sweeping.stack.m[0]["ranges"][:360], still.stack.m[0]["ranges"][:360], atol=1e-9)
 
 
-def test_each_number_takes_the_presets_place_alone():
+def test_number_overrides_the_preset_alone():
     one = parameters_of({"robot.latency.preset": "loaded", "robot.latency.scan_age": 0.01}).latency
     whole = parameters_of({"robot.latency.preset": "loaded"}).latency
     assert one == whole.with_values(scan_age=0.01)

@@ -53,7 +53,7 @@ def nearest_cell(occupied, x, y, dx, dy, margin, start=0.0):
 
 @given(GRIDS, COORDINATES, COORDINATES, ANGLES, st.just(0.0) | st.floats(0.1, 10.0))
 @settings(max_examples=150, deadline=None)
-def test_range_is_that_to_the_first_cell_the_beam_meets_from_the_start_on(occupied, x, y, angle, start):
+def test_range_is_that_to_the_first_cell_beyond_the_start(occupied, x, y, angle, start):
     exact = {0.0: (1.0, 0.0), math.pi / 2: (0.0, 1.0), -math.pi / 2: (0.0, -1.0), math.pi: (-1.0, 0.0)}
     dx, dy = exact.get(angle, (math.cos(angle), math.sin(angle)))
     found = range_to_wall(skip_table_of(occupied), x, y, dx, dy, start, 1e3)
@@ -144,7 +144,7 @@ def test_range_to_a_cylinder_is_where_the_beam_enters_the_circle(cx, cy, radius,
 
 @pytest.fixture
 def room():
-    """10 m × 8 m between walls one cell thick, 0.1 m a cell; the inner faces are at 0.1 and 9.9, 0.1 and 7.9 m."""
+    """10 m × 8 m between walls one cell of 0.1 m thick."""
     occupied = np.zeros((80, 100), dtype=np.bool_)
     occupied[[0, -1]], occupied[:, [0, -1]] = True, True
     return skip_table_of(occupied)
@@ -252,7 +252,7 @@ def test_dropout_takes_exactly_the_whole_part_of_its_share_of_beams(dropout, cou
     assert np.isinf(perturbed(np.ones(360), dropout)[0]).sum() == count
 
 
-def test_every_beam_is_dropped_as_often_as_any_other():
+def test_beams_are_dropped_equally_often():
     stream, dropped, order = streams_of([3])[0], np.zeros(60), np.zeros(60, dtype=np.int64)
     for _ in range(4000):
         ranges = np.ones(60)
@@ -287,7 +287,7 @@ def test_noise_reaches_every_beam_with_a_return_beyond_the_scanner_s_limits():
     assert perturbed(np.full(360, 19.99), noise_m=0.3)[0].max() > 20.0
 
 
-def test_without_perturbation_nothing_is_drawn_and_nothing_changes():
+def test_noise_of_zero_draws_nothing_and_changes_nothing():
     ranges, stream = perturbed(np.ones(360))
     assert (ranges == 1.0).all()
     assert stream == streams_of([1])[0]

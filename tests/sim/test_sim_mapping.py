@@ -1,4 +1,4 @@
-"""One tick of the stack at rest: what the window and the global map make of the scan, each in its own frame."""
+"""Window and global map after one tick of the stack at rest."""
 
 import numpy as np
 import pytest
@@ -51,14 +51,14 @@ def after_a_tick(prepared, scenario):
     return tick
 
 
-def test_marks_are_cleared_up_to_what_is_seen_and_in_the_window_two_cells_before(after_a_tick):
+def test_marks_are_cleared_up_to_the_scan(after_a_tick):
     stack = after_a_tick(MARKED)
     window, everywhere = stack.local.layer[30], stack.grids.layer[48]
     assert (window[29:47] == SEEN_FREE).all() and (window[47:49] == MARKED).all()
     assert (everywhere[58:78] == SEEN_FREE).all() and everywhere[78] == MARKED
 
 
-def test_window_lies_in_the_odometry_s_frame_with_the_size_and_cells_of_its_parameters(after_a_tick):
+def test_window_has_the_frame_of_odometry_and_the_size_of_its_parameters(after_a_tick):
     local = after_a_tick(yaw=1.0).local
     np.testing.assert_allclose(local.window.place, (-1.5, -1.5, 0.05))
     assert local.layer[30, 30] == SEEN_FREE
@@ -67,7 +67,7 @@ def test_window_lies_in_the_odometry_s_frame_with_the_size_and_cells_of_its_para
     np.testing.assert_allclose(wide.place, (-2.0, -2.5, 0.1))
 
 
-def test_what_is_ahead_lies_ahead_in_the_window_wherever_the_robot_faces(after_a_tick):
+def test_obstacle_ahead_lies_ahead_in_the_window_at_any_heading(after_a_tick):
     """Odometry begins at zero; the global map keeps the directions of the map."""
     ahead = {**CRATE, "spawn_pose": {"x": 2.98, "y": 3.44, "yaw": np.pi / 2}}
     stack = after_a_tick(obstacles=(ahead,), yaw=np.pi / 2)
@@ -75,7 +75,7 @@ def test_what_is_ahead_lies_ahead_in_the_window_wherever_the_robot_faces(after_a
     assert stack.grids.layer[67, 59] == MARKED
 
 
-def test_with_a_static_layer_the_window_has_the_map_s_walls_where_localization_puts_them(after_a_tick):
+def test_static_layer_puts_the_map_s_walls_into_the_window(after_a_tick):
     """TurtleBot 4's own file has one: its error then makes phantom walls (here there is none)."""
     with_walls = NavParameters(local_costmap=Costmap(static_layer=StaticLayer(enabled=True)))
     costs = after_a_tick(parameters=with_walls).local.window.costs
@@ -86,9 +86,7 @@ def test_with_a_static_layer_the_window_has_the_map_s_walls_where_localization_p
     assert (plain.layer[30, 52:55] == UNSEEN).all()  # the wall's place behind the crate
 
 
-def test_global_costs_join_the_map_s_walls_and_the_obstacle_without_changing_the_prepared_map(
-    after_a_tick, prepared, two_rooms
-):
+def test_global_costs_join_walls_and_obstacle_in_a_copy(after_a_tick, prepared, two_rooms):
     unused = NavParameters(global_costmap=global_costmap().with_values(static_layer=StaticLayer(enabled=False)))
     assert not prepare(load_map(two_rooms.path), Lidar(), unused).costs.any()
     before = prepared.costs.copy(), prepared.free_costs.copy(), prepared.static.copy()
@@ -107,7 +105,7 @@ def updated(parameters, memory, grids, local):
 
 
 def test_scan_is_put_where_it_was_taken_although_the_robot_has_turned_since(after_a_tick):
-    """A costmap updates between two scans: with the turn of 0.05 s the marks would lie 10 cm off, a meter ahead."""
+    """A costmap updates between two scans: with the turn the marks would lie 10 cm off."""
     stack = after_a_tick()
     once = (stack.local.layer == MARKED).copy(), (stack.grids.layer == MARKED).copy()
     stack.local.layer[:], stack.grids.layer[:] = UNSEEN, UNSEEN
@@ -119,7 +117,7 @@ def test_scan_is_put_where_it_was_taken_although_the_robot_has_turned_since(afte
     np.testing.assert_array_equal(stack.grids.layer == MARKED, once[1])
 
 
-def test_where_the_robot_stands_nothing_is_marked(after_a_tick):
+def test_cells_under_the_robot_are_not_marked(after_a_tick):
     """The outline of the footprint reaches 4.6 cells; a crate is put over the robot itself."""
     over = {**CRATE, "xacro_arguments": "width:=0.3, length:=0.3", "spawn_pose": {"x": 2.98, "y": 2.42}}
     stack = after_a_tick(obstacles=(over,))
@@ -136,7 +134,7 @@ def test_particles_begin_at_the_start_without_spread(after_a_tick):
     np.testing.assert_allclose(stack.cloud.particles[:, :2000].T, np.tile([2.98, 2.42, 0.0], (2000, 1)))
 
 
-def test_path_lies_on_navfn_s_points_half_a_cell_off_the_costmap_s_centers(after_a_tick):
+def test_path_lies_half_a_cell_off_the_costmap_s_centers(after_a_tick):
     """Nav2's planner rounds where the costmap truncates: x 2.98 is column 60, whose point is 3.00."""
     stack = after_a_tick(obstacles=())
     assert stack.m[0]["path_n"] > 100

@@ -57,7 +57,7 @@ def test_cell_s_corner_lies_at_the_origin(write):
 
 
 @each_row(("free_thresh", "cell"), [(0.196, -1), (0.25, 0)])
-def test_gray_205_is_unknown_to_the_old_threshold_and_free_to_the_new_one(write, free_thresh, cell):
+def test_gray_205_is_unknown_or_free_by_the_threshold(write, free_thresh, cell):
     assert cells(write([[205]], free_thresh=free_thresh)) == [[cell]]
 
 
@@ -91,7 +91,7 @@ def by_map_server(gray, mode, negate, free_thresh, occupied_thresh):
 @example(25, 40, False, "scale")  # 37.5 % at gray 153, which is rounded up
 @example(10, 80, False, "scale")
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_every_gray_value_is_read_by_the_formula_of_map_server(write, free, span, negate, mode):
+def test_gray_values_are_read_by_the_formula_of_map_server(write, free, span, negate, mode):
     thresholds = {"free_thresh": free / 100, "occupied_thresh": min(free + span, 99) / 100}
     path = write([list(range(256))], mode=mode, negate=int(negate), **thresholds)
     assert cells(path) == [[by_map_server(gray, mode, negate, **thresholds) for gray in range(256)]]
@@ -297,7 +297,7 @@ def test_map_turned_by_a_quarter_is_the_map_drawn_turned(write, yaw, turned, cor
 
 @given(st.floats(-6.28, 6.28), st.integers(0, 2), st.integers(0, 1))
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_whatever_the_yaw_a_place_on_the_picture_is_where_the_turned_picture_has_it(write, yaw, row, column):
+def test_places_turn_with_the_picture(write, yaw, row, column):
     plain = load_map(write(TALL, origin="[0.5, -1.5, 0]"))
     turned = load_map(write(None, origin=f"[0.5, -1.5, {yaw!r}]"))
     x, y = (column + 0.5) * 0.05, (row + 0.5) * 0.05
@@ -307,7 +307,7 @@ def test_whatever_the_yaw_a_place_on_the_picture_is_where_the_turned_picture_has
     assert abs(turned.yaw_rad) <= math.pi / 4 + 1e-12
 
 
-def test_many_places_are_the_same_as_one_by_one(write):
+def test_places_at_once_equal_places_one_by_one(write):
     occupancy = load_map(write(TALL, origin="[1.0, 2.0, -0.4]"))
     some = np.array([(0, 0), (2, 1), (-3, 5)])
     assert [tuple(center) for center in occupancy.centers_of(some)] == [occupancy.center_of(*cell) for cell in some]

@@ -1,4 +1,4 @@
-"""Actuators, arcs, and free motion, which is the engine's where it finds no contact and handed to it where it may find one."""
+"""Actuators, arcs, and free motion."""
 
 import math
 
@@ -66,7 +66,7 @@ def away_from_walls(occupancy, pose, velocities):
 
 @given(GRIDS, POSES, STEPS)
 @settings(max_examples=60, deadline=None)
-def test_body_moves_freely_just_when_no_step_ends_within_a_millimeter_of_a_wall(grid, pose, velocities):
+def test_body_moves_freely_beyond_a_millimeter_from_walls(grid, pose, velocities):
     occupancy = OccupancyMap(grid, RESOLUTION_M, ORIGIN)
     free, after = free_motion(occupancy, pose, velocities)
     away = away_from_walls(occupancy, pose, velocities)
@@ -78,7 +78,7 @@ def test_body_moves_freely_just_when_no_step_ends_within_a_millimeter_of_a_wall(
 
 @given(GRIDS, POSES, STEPS)
 @settings(max_examples=60, deadline=None)
-def test_where_it_moves_freely_the_engine_moves_it_alike_and_finds_no_contact(grid, pose, velocities):
+def test_engine_agrees_with_free_motion(grid, pose, velocities):
     occupancy = OccupancyMap(grid, RESOLUTION_M, ORIGIN)
     free, after = free_motion(occupancy, pose, velocities)
     if free:
@@ -95,7 +95,7 @@ OBSTACLES = st.tuples(st.sampled_from(["box", "cylinder"]), POSES, st.floats(0.0
 
 @given(OBSTACLES, POSES, STEPS)
 @settings(max_examples=60, deadline=None)
-def test_body_moves_freely_just_when_no_step_ends_within_a_millimeter_of_an_obstacle(obstacle, pose, velocities):
+def test_body_moves_freely_beyond_a_millimeter_from_obstacles(obstacle, pose, velocities):
     empty = OccupancyMap(np.zeros((40, 44), dtype=np.int8), RESOLUTION_M, ORIGIN)
     free, _ = free_motion(empty, pose, velocities, (obstacle,))
     away = min(obstacle.footprint().distance(Point(*at)) for at in ends(pose, velocities))
@@ -110,7 +110,7 @@ def test_body_deep_in_a_wall_is_not_free(at):
     assert not free_motion(solid, (*at, 0.0), np.zeros((5, 3)))[0]
 
 
-def test_what_has_not_appeared_is_in_nobody_s_way():
+def test_obstacle_that_has_not_appeared_is_ignored():
     empty = OccupancyMap(np.zeros((40, 44), dtype=np.int8), RESOLUTION_M, ORIGIN)
     waiting = Obstacle("it", "box", Pose(0.0, 3.0), 0.5, 0.5, Trigger(0.0, 3.0, 1.0))
     assert free_motion(empty, (0.0, 3.0, 0.0), np.full((5, 3), 0.1), (waiting,))[0]
@@ -120,7 +120,7 @@ def test_what_has_not_appeared_is_in_nobody_s_way():
     ("hold", "v_mps", "free"),
     [(FREE, 0.1, True), (FREE, 0.0, True), (TOUCHING, 0.1, False), (TOUCHING, 0.0, True), (MOVING, 0.0, False)],
 )
-def test_what_the_engine_holds_moves_freely_only_where_it_touches_and_stands(hold, v_mps, free):
+def test_held_body_is_free_only_at_rest_in_contact(hold, v_mps, free):
     empty = OccupancyMap(np.zeros((40, 44), dtype=np.int8), RESOLUTION_M, ORIGIN)
     assert free_motion(empty, (0.0, 3.0, 0.0), np.full((5, 3), v_mps), hold=hold)[0] == free
 
@@ -130,9 +130,7 @@ SPEEDS = st.floats(-3.0, 3.0)
 
 @given(SPEEDS, SPEEDS, st.floats(0.1, 2.0), st.floats(0.1, 5.0), st.floats(0.001, 0.1))
 @settings(deadline=None)
-def test_limited_command_keeps_both_limits_and_is_as_near_to_the_command_as_they_allow(
-    command, previous, limit, acceleration, dt_s
-):
+def test_limited_command_is_the_nearest_within_both_limits(command, previous, limit, acceleration, dt_s):
     previous = min(max(previous, -limit), limit)
     found = limited(command, previous, limit, acceleration, dt_s)
     assert abs(found) <= limit
@@ -154,14 +152,14 @@ def test_arc_is_the_formula_of_the_circle(x, y, yaw, v, w, dt_s):
 
 @given(st.floats(-4, 4), SPEEDS, SPEEDS)
 @settings(deadline=None)
-def test_many_short_arcs_are_one_long_arc(yaw, v, w):
+def test_short_arcs_add_up_to_a_long_arc(yaw, v, w):
     pose = (0.0, 0.0, yaw)
     for _ in range(20):
         pose = arc(*pose, v, w, 0.05)
     assert pose == pytest.approx(arc(0.0, 0.0, yaw, v, w, 1.0), abs=1e-9)
 
 
-def test_without_turning_the_arc_is_a_straight_line():
+def test_arc_without_a_turn_is_a_straight_line():
     assert arc(1.0, 2.0, math.pi / 2, 0.5, 0.0, 2.0) == pytest.approx((1.0, 3.0, math.pi / 2))
 
 

@@ -46,7 +46,7 @@ def test_model_has_the_shape_of_its_file_and_the_size_of_its_arguments(model, ar
     assert (box(Pose(1, 2), 0.5, 0.5).mass_kg, read().friction) == (MASS_KG, FRICTION)
 
 
-def test_obstacles_are_the_entries_with_a_spawn_pose_of_any_list_in_order_of_keys():
+def test_obstacles_are_entries_with_a_spawn_pose_in_order_of_keys():
     environment = {
         "z": [HERE],
         "a": [HERE, {**HERE, "entity_name": "red"}, {"pose": 1}, 3],
@@ -118,7 +118,7 @@ def test_trigger_of_the_usual_keys_is_that_of_the_obstacle_at_its_point():
         ({"point": "where", "threshold": 1, "delay": "late"}, 0.8),
     ],
 )
-def test_entry_s_own_trigger_is_written_as_values_or_as_keys_of_the_environment(spawn_trigger, delay_s):
+def test_trigger_of_an_entry_has_values_or_keys(spawn_trigger, delay_s):
     keys = {"where": {"x": 4, "y": 5, "z": 0}, "near": 1, "late": 0.8}
     (obstacle,) = obstacles_of({"crates": [{**ENTRY, "spawn_trigger": spawn_trigger}], **keys})
     assert obstacle.trigger == Trigger(4.0, 5.0, 1.0, delay_s)

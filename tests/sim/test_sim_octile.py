@@ -38,7 +38,7 @@ def test_field_is_that_of_a_minimum_cost_path(free, data):
     np.testing.assert_allclose(field, expected, rtol=1e-6)
 
 
-def test_field_of_a_wide_open_map_is_that_of_a_minimum_cost_path_too():
+def test_field_of_a_wide_map_is_that_of_a_minimum_cost_path():
     free = np.random.default_rng(3).random((240, 300)) > 0.02
     free[120, 150] = True
     expected, _ = MCP_Geometric(np.where(free, 1.0, -1.0), fully_connected=True).find_costs([(120, 150)])
@@ -55,7 +55,7 @@ def test_limit_leaves_what_is_nearer_and_nothing_else(free, data, limit):
 
 @given(GRIDS, st.data())
 @settings(max_examples=60, deadline=None)
-def test_way_down_the_field_is_connected_free_and_as_long_as_the_field_says(free, data):
+def test_descent_is_connected_free_and_as_long_as_the_field(free, data):
     source = tuple(data.draw(st.integers(0, n - 1)) for n in free.shape)
     field = distance_field(free, *source)
     reached = np.argwhere(np.isfinite(field))
@@ -76,11 +76,11 @@ def test_diagonal_step_passes_between_two_blocked_cells():
 
 
 @each_row("source", [(-1, 0), (0, 3), (2, 0)])
-def test_from_outside_the_grid_nothing_is_reached(source):
+def test_source_outside_the_grid_reaches_nothing(source):
     assert not np.isfinite(distance_field(np.ones((2, 3), dtype=np.bool_), *source)).any()
 
 
-def test_there_is_no_way_from_a_cell_that_is_not_reached():
+def test_descent_from_an_unreached_cell_is_refused():
     field = distance_field(np.array([[True, False, True]]), 0, 0)
     with pytest.raises(ValueError, match=r"cell \(0, 2\) is not reached by the field"):
         descend(field, 0, 2)
@@ -117,7 +117,7 @@ def test_radius_is_taken_in_meters(drawn):
 
 @given(GRIDS, st.floats(0.0, 0.3), st.sampled_from([0.02, 0.05, 0.1]))
 @settings(max_examples=60, deadline=None)
-def test_robot_stands_where_every_cell_of_its_disc_is_free_and_part_of_a_cell_is_one(free, radius_m, resolution_m):
+def test_robot_stands_where_all_cells_of_its_disc_are_free(free, radius_m, resolution_m):
     """Version 1's test of a start or goal, read plainly: all cells of a disc of ceil(radius / resolution) cells."""
     cells = np.where(free, 0, 100).astype(np.int8)
     found = passable(OccupancyMap(cells, resolution_m, (0.0, 0.0)), radius_m)
@@ -161,6 +161,6 @@ def test_path_from_a_stop_to_itself_has_no_length(drawn):
         [(-0.01, 0.02), (0.02, 0.02)],
     ],
 )
-def test_there_is_no_path_to_what_is_walled_off_blocked_or_outside(drawn, stops):
+def test_shortest_path_is_none_to_an_unreachable_stop(drawn, stops):
     occupancy = drawn("..#.")
     assert shortest_path(occupancy, occupancy.free, np.array(stops)) is None

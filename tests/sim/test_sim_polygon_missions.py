@@ -32,13 +32,13 @@ def mission(saved, scenario):
 
 
 @pytest.mark.parametrize("controller", ["mppi", "rpp"])
-def test_it_passes_a_door_that_it_fits_through_lengthwise(mission, controller):
+def test_robot_passes_a_door_lengthwise(mission, controller):
     recording = run(mission(controller, 0.8), 0)
     assert recording.run.outcome == "succeeded"
 
 
 @pytest.mark.parametrize("controller", ["mppi", "rpp"])
-def test_it_does_not_pass_a_door_that_is_narrower_than_itself(mission, controller):
+def test_robot_does_not_pass_a_narrower_door(mission, controller):
     recording = run(mission(controller, 0.45), 0)
     assert recording.run.outcome == "aborted"
     assert recording.columns["x_mm"].max() < 4100
@@ -52,7 +52,7 @@ def test_its_outline_is_heeded_where_the_controller_is_told_to(mission):
 
 
 @pytest.mark.parametrize("door_m", [0.65, 0.8])
-def test_no_wall_is_met_without_a_contact(mission, door_m):
+def test_robot_meets_walls_with_contacts(mission, door_m):
     """RPP is the least careful at the door's edges."""
     walls = shapely.union_all(
         [

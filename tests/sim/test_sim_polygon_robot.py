@@ -35,7 +35,7 @@ def test_polygon_counts_in_place_of_the_radius():
 
 
 @each_row("text", ["", "[]", " [] "])
-def test_without_a_polygon_the_robot_is_the_disc_of_its_radius(text):
+def test_robot_without_a_polygon_is_a_disc(text):
     assert np.array_equal(outline_of(Costmap(footprint=text)), outline_of(Costmap()))
 
 
@@ -63,7 +63,7 @@ def test_polygon_that_no_robot_has_is_refused(text, right):
         vertices_of(text)
 
 
-def test_radii_of_a_notched_outline_are_those_of_its_edges_and_not_of_their_lines():
+def test_radii_of_a_notched_outline_are_those_of_its_edges():
     vertices = np.array(vertices_of(NOTCHED))
     ring = shapely.Polygon(vertices).exterior
     assert inscribed_radius_m(vertices) == pytest.approx(ring.distance(shapely.Point(0.0, 0.0)))

@@ -58,7 +58,7 @@ def test_value_that_is_no_pose_is_refused_with_its_place(value, message):
 
 
 @given(FRAMES, METERS, METERS, st.floats(-3, 3))
-def test_pose_in_the_grid_s_frame_and_back_is_the_pose_to_the_nanometer(frame, x, y, yaw):
+def test_pose_returns_from_the_grid_s_frame_to_the_nanometer(frame, x, y, yaw):
     back = frame.pose_to_map(frame.pose_to_grid(Pose(x, y, yaw)))
     assert (back.x_m, back.y_m, back.yaw_rad) == pytest.approx((x, y, yaw), abs=2e-9)
 
@@ -78,7 +78,7 @@ def test_points_go_where_they_go_one_by_one(frame, points):
 
 
 @given(FRAMES, st.floats(0, 1), st.floats(0, 1))
-def test_covariance_keeps_its_extent_and_lies_along_the_map_s_axes_when_turned_back(frame, xx, yy):
+def test_covariance_returns_from_the_grid_s_frame(frame, xx, yy):
     a, b, d = frame.covariance_to_grid(xx, yy)
     c, s = math.cos(frame.yaw_rad), math.sin(frame.yaw_rad)
     turn = np.array([[c, -s], [s, c]])

@@ -41,7 +41,7 @@ def test_looking_at_a_run_changes_none_of_its_bytes(short, replayed):
     assert replayed.recording.digest == run(short, 3, 7).digest == everywhere.digest
 
 
-def test_there_is_a_moment_for_every_tick_and_it_is_what_was_recorded(replayed):
+def test_moments_of_all_ticks_agree_with_the_recording(replayed):
     assert [moment.tick for moment in replayed.moments] == list(range(round(TIMEOUT_S / TICK_S)))
     columns = replayed.recording.columns
     assert [round(m.t_s * 1e3) for m in replayed.moments[::2]] == columns["t_ms"].tolist()[:-1]
@@ -52,7 +52,7 @@ def test_there_is_a_moment_for_every_tick_and_it_is_what_was_recorded(replayed):
     assert list(dict.fromkeys(activities)) == ["resting", "following"]
 
 
-def test_snapshots_are_of_the_ticks_asked_for_and_have_the_part_of_the_costs_asked_for(short, replayed):
+def test_snapshots_have_the_requested_ticks_and_costs(short, replayed):
     assert [snapshot.moment.tick for snapshot in replayed.snapshots] == [2, 5, 50, 99]
     first, patch, later = replayed.snapshots[0], replayed.snapshots[2].global_costs, replayed.snapshots[2]
     assert (patch.corner.x_m, patch.corner.y_m) == pytest.approx((ROOM.x0, ROOM.y0))
@@ -95,7 +95,7 @@ def test_plan_leads_to_the_goal_and_the_controller_has_its_beginning(replayed):
     np.testing.assert_allclose(snapshot.obstacles[:, :2], [[3.0, 3.6]])
 
 
-def test_what_mppi_intends_begins_at_the_estimate_and_goes_on_for_its_horizon(replayed):
+def test_trajectory_of_mppi_begins_at_the_estimate(replayed):
     snapshot = replayed.snapshots[2]
     estimate = snapshot.moment.estimate
     assert snapshot.moment.activity == "following" and snapshot.moment.no_command_s == 0.0
@@ -120,7 +120,7 @@ def test_behaviors_alone_may_differ(replayed):
     assert difference.what == "behaviors" and "else" in str(difference.recorded)
 
 
-def test_overview_of_a_large_map_keeps_walls_and_gives_way_to_what_is_known(drawn, saved):
+def test_overview_of_a_large_map_keeps_walls(drawn, saved):
     rows = ["#" * 90, "#" + "." * 44 + "?" * 45, "#" + "." * 44 + "?" * 45, "#" + "." * 44 + "?" * 45, "#" * 90]
     scenario = Scenario(
         "builtin:navigate_to_pose",

@@ -1,4 +1,4 @@
-"""Equal scenario, run and seed give equal bytes: repeated, in a batch or alone, in a new process, whatever ran before."""
+"""Equal scenario, run and seed give equal bytes, whatever ran before."""
 
 import hashlib
 import json
@@ -64,7 +64,7 @@ def scenario(scenario):
 
 @pytest.fixture(scope="module")
 def noisy(scenario):
-    """A fixed crate, and a light box that appears so late that it is struck: everything but a wall is met."""
+    """A fixed crate, and a light box that appears so late that it is struck."""
     return scenario(obstacles=[CRATE, LATE], **NOISE)
 
 
@@ -81,7 +81,7 @@ def first(noisy):
     return recording
 
 
-def test_run_in_a_batch_is_the_run_alone_and_the_order_does_not_matter(noisy, first):
+def test_run_is_the_same_alone_and_in_any_order(noisy, first):
     batch = [run(noisy, index, 5) for index in (2, 0, 1)]
     assert content(batch[2]) == content(first)
     assert content(run(noisy, 0, 5), first, run(noisy, 2, 5)) == content(batch[1], batch[2], batch[0])
@@ -99,7 +99,7 @@ def test_run_after_another_map_mission_and_system_is_the_same_bytes(noisy, first
 @pytest.mark.slow
 @pytest.mark.parametrize(("controller", "before"), [("rpp", ""), ("mppi", ""), ("rpp", THE_USER_S_OWN)])
 def test_run_in_a_new_process_is_the_same_bytes(scenario, controller, before):
-    """Where this process had to compile its kernels, the new one loads them: cold and warm give the same bytes too."""
+    """Cold and warm kernel caches give the same bytes too: the new process loads kernels compiled here."""
     noisy = scenario(obstacles=[CRATE, LATE], controller=controller, **NOISE)
     map_file = noisy.environment["map_file"]
     task = {
@@ -139,7 +139,7 @@ def first_scan(scenario):
     return loop.stack.m[0]["ranges"][:360].copy(), streams
 
 
-def test_two_systems_in_one_situation_meet_the_same_noise_and_another_situation_other_noise(scenario):
+def test_noise_depends_on_the_situation_and_not_on_the_system(scenario):
     one, other = scenario(**NOISE), scenario(robot_radius=0.3, inflation_radius=0.5, max_particles=700, **NOISE)
     elsewhere = scenario(goal_pose={"x": 6.0, "y": 4.0}, **NOISE)
     assert one.digest != other.digest

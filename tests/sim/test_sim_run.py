@@ -157,7 +157,7 @@ def test_goal_behind_a_wall_is_given_up_after_the_round_of_recoveries(scenario, 
         ("navigate_through_poses", [GOALS[0], GOALS[2]], "aborted", 308, [], []),
     ],
 )
-def test_one_goal_behind_a_wall_is_missed_by_waypoints_alone(
+def test_unreachable_goal_is_missed_by_waypoints_alone(
     scenario, walled_off, mission, goals, outcome, error_code, missed, reached
 ):
     recording = run(scenario(mission, map_file=walled_off, goal_poses=goals), 0)
@@ -173,7 +173,7 @@ def test_goal_in_a_wall_is_replaced_by_the_nearest_one_within_the_tolerance(scen
 
 
 @each_row("start_pose", [{"x": 4.2, "y": 4.5}, {"x": 0.1, "y": 0.1}, {"x": -5.0, "y": 2.0}, {"x": 0.25, "y": 3.0}])
-def test_robot_that_starts_in_a_wall_or_outside_the_map_ends_with_an_outcome_and_a_reason(scenario, start_pose):
+def test_start_in_a_wall_or_off_the_map_ends_with_a_reason(scenario, start_pose):
     recording = run(scenario(start_pose=start_pose), 0)
     assert recording.run.outcome == "succeeded" or recording.run.reason
     assert np.isfinite(recording.run.distance_m)
@@ -212,7 +212,7 @@ def test_obstacles_reach_the_lidar_with_their_place_direction_and_both_sizes():
 
 @pytest.fixture
 def wide(two_rooms, scenario):
-    """A robot whose way is planned for 0.22 m and whose body is 0.65 m: it sticks in the door of 1.2 m."""
+    """A robot that plans for 0.22 m, with a body of 0.65 m: it sticks in the door of 1.2 m."""
 
     def make(timeout_s=60.0):
         parameters = NavParameters(controller=Rpp())
@@ -286,7 +286,7 @@ def test_run_tick_by_tick_is_the_run_in_one_go(wide):
 
 
 def appearing(distance_m, x=3.0, y=2.4, **trigger):
-    """A carton that appears when the robot, which starts at (1, 1), comes that near; by default under way to the door."""
+    """A carton that appears when the robot comes that near, by default on the way to the door."""
     entry = {"entity_name": "carton", "model": "box", "xacro_arguments": "width:=0.4", "spawn_pose": {"x": x, "y": y}}
     return {**entry, "spawn_trigger": {"point": {"x": x, "y": y}, "threshold": distance_m, **trigger}}
 
@@ -309,7 +309,7 @@ def test_obstacle_appears_when_the_robot_comes_within_its_distance(scenario):
 
 
 @each_row("delay_s", [0.4, 0.8])
-def test_obstacle_with_a_delay_appears_that_much_after_its_trigger_and_is_driven_round(scenario, delay_s):
+def test_delayed_obstacle_appears_later_and_is_driven_round(scenario, delay_s):
     (at_once,) = happened(run(scenario(obstacles=[appearing(1.9)]), 0), "spawned")
     recording = run(scenario(obstacles=[appearing(1.9, delay=delay_s)]), 0)
     (spawned,) = happened(recording, "spawned")
@@ -319,7 +319,7 @@ def test_obstacle_with_a_delay_appears_that_much_after_its_trigger_and_is_driven
 
 
 @each_row(("obstacle", "times_s"), [(appearing(0.5, x=1.0, y=4.5), []), (appearing(5.0), [0.0])])
-def test_obstacle_appears_never_if_far_and_at_the_first_scan_if_near_the_start(scenario, obstacle, times_s):
+def test_obstacle_appears_at_once_if_near_and_never_if_far(scenario, obstacle, times_s):
     recording = run(scenario(obstacles=[obstacle]), 0)
     assert [event.t_s for event in happened(recording, "spawned")] == times_s
     assert recording.run.outcome == "succeeded"

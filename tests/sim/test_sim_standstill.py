@@ -18,7 +18,7 @@ def stood(recording):
 
 
 def columns(commanded, sent):
-    """Of rows whose commands, and what the monitor let through of them, are these (mm/s, mrad/s)."""
+    """Columns with these commands before and after the monitor (mm/s, mrad/s)."""
     names = ("command_speed_mmps", "command_yaw_rate_mradps", "sent_speed_mmps", "sent_yaw_rate_mradps")
     rows = np.array([[*one, *other] for one, other in zip(commanded, sent, strict=True)], dtype=np.int32)
     return {**dict(zip(names, rows.T, strict=True)), "x_mm": np.array([1500]), "y_mm": np.array([2500])}
@@ -40,12 +40,12 @@ NONE, AHEAD, TURN = (0, 0), (200, 0), (0, -400)
         ([NONE, NONE], [NONE, NONE], AT_REST, "no command"),
     ],
 )
-def test_what_held_a_robot_follows_from_its_commands_and_what_became_of_them(commanded, sent, events, cause):
+def test_cause_follows_from_commanded_and_sent_velocities(commanded, sent, events, cause):
     assert standstill(columns(commanded, sent), events, 0.2) == Event(0.2, STOOD_STILL, 1.5, 2.5, cause)
 
 
 @pytest.mark.parametrize("controller", ["mppi", "rpp"])
-def test_robot_that_starts_against_a_wall_fails_and_says_that_the_monitor_stopped_every_command(scenario, controller):
+def test_start_against_a_wall_is_blamed_on_the_collision_monitor(scenario, controller):
     against = scenario(start_pose=AGAINST_THE_WALL, goal_pose=NEAR, controller=controller, timeout_s=30.0)
     recording = run(against, 0)
     assert stood(recording) == ["points in footprint"]
@@ -77,5 +77,5 @@ def test_robot_that_is_refused_its_goal_was_sent_and_stood_still(scenario):
         "parallel:\n    robot.nav_to_pose(beyond)\n    serial:\n        wait elapsed(3s)\n        emit fail",
     ],
 )
-def test_other_robots_have_not_stood_still(staged, text):
+def test_robots_without_a_goal_or_in_motion_have_not_stood_still(staged, text):
     assert stood(run(staged(text), 0)) == []

@@ -107,7 +107,7 @@ def test_run_on_a_turned_map_is_the_run_on_the_map_turned(trip, yaw_rad):
     assert (turned.run.distance_m, turned.run.simulated_s) == (plain.run.distance_m, plain.run.simulated_s)
 
 
-def test_every_moment_and_what_the_robot_sees_is_turned_to_a_billionth(trip):
+def test_moments_and_snapshots_turn_with_the_map(trip):
     yaw_rad, look = 0.6, {60: Box(-50.0, -50.0, 50.0, 50.0)}
     plain, turned = (replay(trip(angle, controller="mppi", timeout_s=4.0), 2, 0, look) for angle in (0.0, yaw_rad))
     turn = frame(yaw_rad)
@@ -129,7 +129,7 @@ def test_every_moment_and_what_the_robot_sees_is_turned_to_a_billionth(trip):
         assert (other.corner.x_m, other.corner.y_m) == pytest.approx(turn.to_map(patch.corner.x_m, patch.corner.y_m))
 
 
-def test_what_is_observed_of_a_run_is_the_same_on_the_turned_map(trip):
+def test_observation_is_the_same_on_the_turned_map(trip):
     yaw_rad = -0.4
     (reference, plain), (turned_reference, turned) = (
         observer_of(made).observed(run(made, 1)) for made in (trip(0.0), trip(yaw_rad))
@@ -141,9 +141,7 @@ def test_what_is_observed_of_a_run_is_the_same_on_the_turned_map(trip):
 
 
 @pytest.mark.parametrize("quarters", [1, 2, 3])
-def test_run_on_a_map_turned_by_a_quarter_is_byte_for_byte_that_on_the_map_drawn_turned(
-    trip, rooms, scenario, tmp_path, quarters
-):
+def test_quarter_turn_equals_the_map_drawn_turned(trip, rooms, scenario, tmp_path, quarters):
     yaw_rad = quarters * math.pi / 2
     by_yaw = trip(yaw_rad)
     occupancy = load_map(by_yaw.environment["map_file"].path)
@@ -161,7 +159,7 @@ def test_run_on_a_map_turned_by_a_quarter_is_byte_for_byte_that_on_the_map_drawn
     )
 
 
-def test_what_a_scenario_hears_of_plan_and_pose_is_in_the_map_s_frame(rooms):
+def test_messages_of_plan_and_pose_are_in_the_map_s_frame(rooms):
     heard, yaw_rad = [], 0.5
     for angle in (0.0, yaw_rad):
         parameters = parameters_of({"controller": "rpp"})

@@ -14,7 +14,7 @@ GRIDS = st.tuples(st.integers(1, 16), st.integers(1, 16)).flatmap(
 
 
 def covered(rectangles, shape):
-    """How many rectangles lie on each cell, of rectangles in whole cells."""
+    """The number of rectangles on each cell."""
     count = np.zeros(shape, dtype=int)
     for x0, y0, x1, y1 in np.rint(rectangles).astype(int).tolist():
         count[y0:y1, x0:x1] += 1
@@ -46,7 +46,7 @@ def test_map_without_walls_has_no_rectangle():
 
 @given(GRIDS, st.floats(-3, 19), st.floats(-3, 19))
 @settings(max_examples=60, deadline=None)
-def test_every_wall_within_a_tile_of_a_place_is_among_those_around_it(cells, x, y):
+def test_walls_within_a_tile_are_among_those_around(cells, x, y):
     index = WallIndex(OccupancyMap(cells, 1.0, (0.0, 0.0)))
     around = index.around(index.tile_of(x, y))
     x0, y0, x1, y1 = index.rectangles.T

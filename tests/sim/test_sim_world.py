@@ -61,7 +61,7 @@ class Driven:
 
     @property
     def depth_m(self):
-        """How far a polygon reaches out of the hall."""
+        """Distance by which a polygon reaches out of the hall."""
         turned = rotate(Polygon(self.robot.vertices), self.pose[2], (0.0, 0.0), use_radians=True)
         x0, y0, x1, y1 = translate(turned, *self.pose[:2]).bounds
         return max(-x0, -y0, x1 - 6.0, y1 - 4.0)
@@ -76,7 +76,7 @@ def test_free_motion_is_the_exact_arc(robot, yaw, v, w):
     assert (driven.world.events, driven.world.hold) == ([], FREE)
 
 
-def test_robot_stops_at_a_wall_with_a_contact_that_says_when_where_with_what_and_how_fast():
+def test_robot_stops_at_a_wall_with_a_contact():
     driven = Driven(Pose(4.0, 2.0))
     driven.drive(0.5, 0.0, 8.0)
     assert driven.pose[0] == pytest.approx(6.0 - ROBOT.radius_m, abs=STEP_M)
@@ -107,7 +107,7 @@ def test_polygon_enters_no_wall_and_meets_none_without_a_contact(robot, yaw, v, 
             assert driven.world.events
 
 
-def test_contact_of_a_notched_body_is_one_however_many_convex_parts_it_is_made_of():
+def test_contact_of_a_notched_body_is_counted_once():
     contacts = []
     for robot in (NOTCHED, Robot(vertices=NOTCHED.vertices[:4], radius_m=0.5)):
         driven = Driven(Pose(4.5, 2.0), robot=robot)
@@ -116,7 +116,7 @@ def test_contact_of_a_notched_body_is_one_however_many_convex_parts_it_is_made_o
     assert contacts[0] == contacts[1] > 0
 
 
-def test_polygon_s_turn_beside_a_wall_is_blocked_or_pushes_it_away_and_is_a_contact():
+def test_polygon_that_turns_beside_a_wall_has_a_contact():
     driven = Driven(Pose(3.0, 0.27), robot=RECTANGLE)
     driven.drive(0.0, 1.0, 1.5)
     assert driven.world.events
@@ -138,7 +138,7 @@ def test_robot_slides_along_a_wall_that_blocks_one_part_of_its_motion():
     assert driven.pose[0] == pytest.approx(1.0 + 4.0 * 0.5 * math.cos(yaw), abs=0.02)
 
 
-def test_robot_that_leaves_a_wall_and_comes_back_touches_it_twice_and_is_free_between():
+def test_robot_that_returns_to_a_wall_touches_it_twice():
     driven, held = Driven(Pose(5.5, 2.0)), []
     for v in (0.5, -0.5, 0.5):
         driven.drive(v, 0.0, 1.0)
@@ -164,7 +164,7 @@ def test_robot_slides_off_the_corner_of_an_obstacle_and_never_enters_it():
     assert driven.pose[0] > 3.5
 
 
-def test_walls_join_as_the_robot_comes_near_them_and_stop_it_all_the_same():
+def test_walls_join_as_the_robot_comes_near():
     driven = Driven(Pose(1.0, 2.0), walls=hall(length_m=24.0))
     driven.drive(0.5, 0.0, 0.1)
     world = driven.world
@@ -186,7 +186,7 @@ def test_body_never_enters_a_wall(x, y, yaw, w):
         assert reach <= driven.pose[1] <= 4.0 - reach
 
 
-def test_robot_that_has_come_to_a_stand_at_a_wall_is_held_as_touching_and_stays():
+def test_robot_at_rest_at_a_wall_is_touching_and_stays():
     driven = Driven(Pose(5.5, 2.0))
     driven.drive(0.5, 0.0, 1.0)
     driven.drive(0.0, 0.0, 0.1)
@@ -197,7 +197,7 @@ def test_robot_that_has_come_to_a_stand_at_a_wall_is_held_as_touching_and_stays(
     assert len(driven.contacts) == 1
 
 
-def test_box_in_motion_is_held_as_moving_even_when_the_robot_has_left_it():
+def test_sliding_box_is_moving_after_the_robot_has_left():
     driven = Driven(Pose(2.55, 2.0), [carton(mass_kg=0.5, friction=0.05)])
     driven.appear()
     driven.drive(0.5, 0.0, 0.2)
@@ -209,7 +209,7 @@ def carton(x_m=3.0, y_m=2.0, yaw_rad=0.0, mass_kg=5.0, friction=0.4, shape="box"
     return Obstacle("carton", shape, Pose(x_m, y_m, yaw_rad), 0.5, 0.5, HERE, mass_kg, friction)
 
 
-def test_obstacle_with_a_trigger_is_not_there_until_it_appears_and_stays_where_it_does():
+def test_triggered_obstacle_stays_where_it_appears():
     driven = Driven(Pose(1.0, 2.0), [carton(yaw_rad=0.3)])
     driven.drive(0.5, 0.0, 5.0)
     assert (driven.pose[0], driven.world.events) == (pytest.approx(3.5), [])
@@ -292,7 +292,7 @@ def test_moves_of_a_box_are_events_and_its_rest_is_none():
     assert len(driven.world.events) == events
 
 
-def test_box_that_appears_on_the_robot_puts_it_out_of_its_place_and_is_a_contact():
+def test_box_that_appears_on_the_robot_pushes_it_out():
     driven = Driven(Pose(3.1, 2.0), [carton()])
     driven.appear()
     driven.drive(0.0, 0.0, 1.0)

@@ -18,7 +18,7 @@ RESOLUTION_M = 0.05
 
 
 def offsets_of_a_wall(seed: int, **given: float) -> np.ndarray:
-    """How far a straight wall's face stands from its place on the map, in meters, along the wall."""
+    """Offsets (m) of a straight wall's face from its place on the map, along the wall."""
     cells = np.full((400, 40), FREE, dtype=np.int8)
     cells[:, 20:24] = OCCUPIED
     world = world_of(OccupancyMap(cells, RESOLUTION_M, (0.0, 0.0)), WorldDifference(seed, **given))
@@ -40,7 +40,7 @@ def test_offsets_of_less_than_a_cell_show():
 
 @each_row(("correlation_m", "shared"), [(0.5, 0.14), (2.0, 0.88)])
 def test_places_share_their_offset_as_far_as_the_correlation_length_says(correlation_m, shared):
-    """A squared exponential: at 1 m exp(-1 / (2 · 0.5²)) = 0.14, and exp(-1 / (2 · 2²)) = 0.88."""
+    """The squared exponential at 1 m: exp(-1 / (2 · 0.5²)) = 0.14, exp(-1 / (2 · 2²)) = 0.88."""
     walls = np.array([offsets_of_a_wall(s, wall_offset_m=0.1, correlation_length_m=correlation_m) for s in range(60)])
     a, b = walls[:, :-40].ravel(), walls[:, 40:].ravel()  # 40 cells of 0.025 m apart
     assert np.mean(a * b) / np.mean(a * a) == pytest.approx(shared, abs=0.12)
@@ -84,7 +84,7 @@ def test_furniture_goes_at_its_probability_and_walls_stay():
     assert 1 - np.mean(kept) / n_pieces == pytest.approx(0.3, abs=0.05)
 
 
-def test_what_is_longer_than_2_meters_is_no_furniture():
+def test_furniture_is_at_most_2_meters_long():
     cells = np.zeros((100, 100), dtype=np.int8)
     cells[10, 10:50], cells[20, 10:51] = OCCUPIED, OCCUPIED
     world = world_of(OccupancyMap(cells, RESOLUTION_M, (0.0, 0.0)), WorldDifference(0, missing_share=1.0))
@@ -102,7 +102,7 @@ def test_world_changes_the_checked_scenario(scenario):
     assert len({checked_digest(each) for each in (scenario(), *worlds)}) == 3
 
 
-def test_where_all_walls_moved_alike_the_estimate_moves_back(scenario, two_rooms_map):
+def test_estimate_follows_a_shift_of_all_walls(scenario, two_rooms_map):
     """The scan fits the map only where the robot takes itself to be offset as much the other way."""
     given = {"seed": 6, "wall_offset": 0.2, "correlation_length": 1000.0}
     world = world_of(two_rooms_map, difference_of(given))
