@@ -42,7 +42,7 @@ START, GOAL = Pose(1.0, 2.0, 0.7), Pose(11.0, 2.0)
 
 
 def driven(system, start=START, goal=GOAL, timeout_s=90.0):
-    """A run over an empty floor of 14 m × 6 m, and yaw (rad), distance (m), and velocities of each tick."""
+    """A run over an empty floor, and yaw (rad), distance (m), and velocities of each tick."""
     floor = np.zeros((120, 280), dtype=np.int8)
     floor[[0, -1]], floor[:, [0, -1]] = 100, 100
     parameters = parameters_of(system)

@@ -212,7 +212,7 @@ def test_obstacles_reach_the_lidar_with_their_place_direction_and_both_sizes():
 
 @pytest.fixture
 def wide(two_rooms, scenario):
-    """A robot that plans for 0.22 m, with a body of 0.65 m: it sticks in the door of 1.2 m."""
+    """A robot with a body of 0.65 m that plans for 0.22 m: it sticks in the door."""
 
     def make(timeout_s=60.0):
         parameters = NavParameters(controller=Rpp())
