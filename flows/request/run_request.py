@@ -54,7 +54,7 @@ class RunRequest(BaseModel):
     )
     map_dir: Annotated[Text | None, OnCommandLine("FOLDER")] = Field(
         None,
-        description="Where maps are looked for that are not beside the campaign file, by the same relative path.",
+        description="Folder of maps that are not beside the campaign file, at the same relative paths.",
     )
     as_v1: bool = Field(
         False, description="Place every obstacle as version 1 of RoboVAST does, whatever the file says."

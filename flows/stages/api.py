@@ -13,9 +13,7 @@ from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.request.configurations import Selection, distinct_configurations, narrowed
 from vastflow.flows.run.computing import computing, told
 from vastflow.flows.stages.configurations import Configurations
-from vastflow.flows.stages.recordings import Recordings
-from vastflow.flows.stages.traces import Traces
-from vastflow.flows.stages.verdicts import Verdicts
+from vastflow.flows.stages.values import Recordings, Traces, Verdicts
 from vastflow.oracles.judgement.oracle import Oracle, OracleError, oracle_of, oracles_of
 from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.tasks.engine.engine import Rows, RunFault
@@ -137,7 +135,7 @@ def observe(recordings: Recordings, *, workers: int | None = None, observer: Obs
         return all(each.trace for each in found.stored)
 
     blocks, faults = _computed("observe", opened, keys, opened.oracles, executed, observed, workers, observer)
-    return Traces(recordings, keys, blocks, (*recordings.faults, *faults))
+    return Traces(recordings.configurations, recordings.runs, keys, blocks, (*recordings.faults, *faults))
 
 
 def judge(
@@ -162,7 +160,7 @@ def judge(
     """
     opened = traces.configurations.opened
     asked = opened.oracles if oracles is None else _asked(opened, oracles)
-    executed = distinct_configurations(traces.configurations.instantiation, traces.recordings.runs)
+    executed = distinct_configurations(traces.configurations.instantiation, traces.runs)
     fresh = campaign_keys(installed_tree(), opened.campaign.seed, asked)
     keys = replace(traces.keys, judge_source=fresh.judge_source, oracles=fresh.oracles, sources=fresh.sources)
 
@@ -173,7 +171,8 @@ def judge(
         return all(each.verdicts for each in found.stored if each.trace)
 
     blocks, faults = _computed("judge", opened, keys, asked, executed, judged, workers, observer)
-    return Verdicts(traces, tuple(oracle.name for oracle in asked), keys, blocks, (*traces.faults, *faults))
+    names = tuple(oracle.name for oracle in asked)
+    return Verdicts(traces.configurations, traces.runs, keys, blocks, (*traces.faults, *faults), names)
 
 
 def _computed(

@@ -39,7 +39,7 @@ def test_folder_that_is_not_there_is_refused(command, apart):
     pool = ["--pool", "p"] if command == "deploy" else []
     result = called(command, file, "--map-dir", maps / "none", *pool)
     assert (result.exit_code, result.stdout) == (2, "")
-    assert f"--map-dir {maps / 'none'}: no such folder" in result.stderr
+    assert f"--map-dir: expected a folder of maps, got '{maps / 'none'}'" in result.stderr
 
 
 def test_plan_finds_the_maps_and_says_of_how_many_the_sample_is(apart, tmp_path):

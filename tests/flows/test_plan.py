@@ -23,7 +23,6 @@ from vastflow.sim.model.blocks import read_rows
 from vastflow.sim.model.faults import FileError
 from vastflow.tasks.keys import source
 from vastflow.tasks.keys.source import SourceTree, installed_tree
-from vastflow.tasks.store.store import StoreError
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -197,118 +196,76 @@ RUNS = ("dry.vast", "runs: 2", "runs: 5")
 LEAST = ("dry.vast", "least_m: 0.1", "least_m: 0.2")
 FRONT = ("dry.vast", "configuration:\n", "configuration:\n" + FAMILY)
 
+NOTHING = (0, 0, 0, 0)
 CASES = {
     "a noise level": (
         [NOISE],
-        {"instantiate": 1, "execute": 2, "observe": 2, "judge": 2},
-        "execute",
-        "scenario changed",
-        "system.laserscan_gaussian_noise_std_deviation changed (written by ParameterVariationList): from 0.01 to 0.02",
-    ),
-    "a producer's parameter": (
-        [NOISE],
-        {"instantiate": 1, "execute": 2, "observe": 2, "judge": 2},
-        "instantiate",
-        "producer changed",
-        "parameters of ParameterVariationList changed: values gained 0.02, lost 0.01",
+        (1, 2, 2, 2),
+        {
+            "execute": "scenario changed: system.laserscan_gaussian_noise_std_deviation changed "
+            "(written by ParameterVariationList): from 0.01 to 0.02",
+            "instantiate": "producer changed: parameters of ParameterVariationList changed: values gained 0.02, lost 0.01",
+        },
     ),
     "a level in front": (
         [LEVEL],
-        {"instantiate": 1, "execute": 2, "observe": 2, "judge": 2},
-        "execute",
-        "new configuration",
-        "new configuration: first with laserscan_gaussian_noise_std_deviation = 0.005",
+        (1, 2, 2, 2),
+        {"execute": "new configuration: new configuration: first with laserscan_gaussian_noise_std_deviation = 0.005"},
     ),
-    "more runs": (
-        [RUNS],
-        {"instantiate": 0, "execute": 6, "observe": 6, "judge": 6},
-        "execute",
-        "more runs",
-        "more runs are asked: 2 before, now 5",
-    ),
-    "fewer runs": ([("dry.vast", "runs: 2", "runs: 1")], dict.fromkeys(STAGES, 0), None, None, None),
-    "a family in front": (
-        [FRONT],
-        {"instantiate": 0, "execute": 2, "observe": 2, "judge": 2},
-        "execute",
-        "new configuration",
-        "family hall is new",
-    ),
-    "another name": ([("dry.vast", "name: room\n", "name: chamber\n")], dict.fromkeys(STAGES, 0), None, None, None),
+    "more runs": ([RUNS], (0, 6, 6, 6), {"execute": "more runs: more runs are asked: 2 before, now 5"}),
+    "fewer runs": ([("dry.vast", "runs: 2", "runs: 1")], NOTHING, {}),
+    "a family in front": ([FRONT], (0, 2, 2, 2), {"execute": "new configuration: family hall is new"}),
+    "another name": ([("dry.vast", "name: room\n", "name: chamber\n")], NOTHING, {}),
     "an oracle's parameter": (
         [LEAST],
-        {"instantiate": 0, "execute": 0, "observe": 0, "judge": 4},
-        "judge",
-        "oracle changed",
-        "parameters of oracle driven.py:Driven changed: least_m from 0.1 to 0.2",
+        (0, 0, 0, 4),
+        {"judge": "oracle changed: parameters of oracle driven.py:Driven changed: least_m from 0.1 to 0.2"},
     ),
     "an oracle": (
         [("dry.vast", "    - driven", "    - safety: {}\n    - driven")],
-        {"instantiate": 0, "execute": 0, "observe": 0, "judge": 4},
-        "judge",
-        "oracle changed",
-        "oracle safety is new",
+        (0, 0, 0, 4),
+        {"judge": "oracle changed: oracle safety is new"},
     ),
     "an oracle's code": (
         [("driven.py", "distance=trace.run.distance_m", "distance=2 * trace.run.distance_m")],
-        {"instantiate": 0, "execute": 0, "observe": 0, "judge": 4},
-        "judge",
-        "source changed",
-        "source of oracle driven.py:Driven changed: its file",
+        (0, 0, 0, 4),
+        {"judge": "source changed: source of oracle driven.py:Driven changed: its file"},
     ),
     "a producer's code": (
         [("ahead.py", "1.0 + distance_m", "1.1 + distance_m")],
-        {"instantiate": 1, "execute": 4, "observe": 4, "judge": 4},
-        "instantiate",
-        "source changed",
-        "source of Ahead changed: its file",
+        (1, 4, 4, 4),
+        {
+            "instantiate": "source changed: source of Ahead changed: its file",
+            "execute": "scenario changed: task.goal_pose changed (written by Ahead): position.x from 1.6 to 1.7",
+        },
     ),
-    "what a producer makes": (
-        [("ahead.py", "1.0 + distance_m", "1.1 + distance_m")],
-        {"instantiate": 1, "execute": 4, "observe": 4, "judge": 4},
-        "execute",
-        "scenario changed",
-        "task.goal_pose changed (written by Ahead): position.x from 1.6 to 1.7",
-    ),
-    "a comment": (
-        [("ahead.py", "        for", "        # one after the other\n        for")],
-        dict.fromkeys(STAGES, 0),
-        None,
-        None,
-        None,
-    ),
+    "a comment": ([("ahead.py", "        for", "        # one after the other\n        for")], NOTHING, {}),
     "the seed": (
         [("dry.vast", "timeout: 30", "timeout: 30, seed: 7")],
-        {"instantiate": 0, "execute": 4, "observe": 4, "judge": 4},
-        "execute",
-        "seed changed",
-        "execution.seed changed: from 0 to 7",
+        (0, 4, 4, 4),
+        {"execute": "seed changed: execution.seed changed: from 0 to 7"},
     ),
     "the timeout": (
         [("dry.vast", "timeout: 30", "timeout: 40")],
-        {"instantiate": 0, "execute": 4, "observe": 4, "judge": 4},
-        "execute",
-        "scenario changed",
-        "execution.timeout changed: from 30.0 to 40.0",
+        (0, 4, 4, 4),
+        {"execute": "scenario changed: execution.timeout changed: from 30.0 to 40.0"},
     ),
     "the map": (
         [("room.yaml", "origin: [0, 0, 0]", "origin: [0.1, 0, 0]")],
-        {"instantiate": 1, "execute": 4, "observe": 4, "judge": 4},
-        "instantiate",
-        "input changed",
-        "what Ahead reads changed: map_file",
+        (1, 4, 4, 4),
+        {"instantiate": "input changed: what Ahead reads changed: map_file"},
     ),
 }
+"""Edits, what they cost in each stage, and why."""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("edits", "counts", "stage", "kind", "words"), CASES.values(), ids=CASES)
-def test_it_says_what_an_edit_costs_and_why(again, edits, counts, stage, kind, words):
+@pytest.mark.parametrize(("edits", "counts", "why"), CASES.values(), ids=CASES)
+def test_plan_tells_cost_and_reason_of_edit(again, edits, counts, why):
     found = again.dry(*edits)
-    assert computed(found) == counts
-    if stage:
-        ((found_kind, found_words, amount),) = reasons(found, stage)
-        assert (found_kind, found_words, amount) == (kind, words, counts[stage])
+    assert tuple(computed(found).values()) == counts
+    for stage, words in why.items():
+        assert [(f"{kind}: {said}", n) for kind, said, n in reasons(found, stage)] == [(words, found.computed(stage))]
 
 
 def kernel_edited(again):
@@ -348,28 +305,40 @@ def test_another_library_is_named_with_both_versions(again, first, monkeypatch):
     assert (kind, words) == ("source changed", f"source of execute changed: pymunk {recorded} is now 0.1.2")
 
 
+def numeric_class(past, metadata):
+    metadata["numeric_class"] = "riscv64; " + metadata["numeric_class"].partition("; ")[2]
+
+
+def selection(past, metadata):
+    metadata["asked"]["only"] = ["room-1-1"]
+
+
+def checked(past, metadata):
+    """As if another version had read the same scenarios."""
+    table = pq.read_table(past / "configurations.parquet")
+    then = pa.array([f"{k:064}" for k in range(table.num_rows)])
+    column = table.column_names.index("checked_digest")
+    pq.write_table(table.set_column(column, "checked_digest", then), past / "configurations.parquet")
+
+
 @pytest.mark.slow
-def test_another_kind_of_machine_is_said(again, first, tmp_path):
+@pytest.mark.parametrize(
+    ("change", "edits", "kind", "words"),
+    [
+        (numeric_class, [], "numeric class changed", "architecture from 'riscv64' to"),
+        (checked, [], "scenario changed", "what vastflow or a plug-in makes of the same scenario changed"),
+        (selection, [FRONT], "new configuration", "the campaign before was only a selection: room-1-1"),
+    ],
+)
+def test_plan_tells_what_differed_in_the_campaign_before(again, first, tmp_path, change, edits, kind, words):
     past = Path(shutil.copytree(first, tmp_path / "past"))
     metadata = json.loads((past / "metadata.json").read_text())
-    metadata["numeric_class"] = "riscv64; " + metadata["numeric_class"].partition("; ")[2]
+    change(past, metadata)
     (past / "metadata.json").write_text(json.dumps(metadata))
-    shutil.rmtree(again.store / "execute")
-    ((kind, words, _),) = reasons(again.dry(since=past), "execute")
-    assert kind == "numeric class changed" and "architecture from 'riscv64' to" in words
-
-
-@pytest.mark.slow
-def test_that_a_scenario_is_read_as_another_is_told_from_another_scenario(again, first, tmp_path):
-    past = Path(shutil.copytree(first, tmp_path / "past"))
-    table = pq.read_table(past / "configurations.parquet")
-    column = table.column_names.index("checked_digest")
-    then = pa.array([f"{k:064}" for k in range(table.num_rows)])  # as if another version had read the same scenarios
-    pq.write_table(table.set_column(column, "checked_digest", then), past / "configurations.parquet")
-    shutil.rmtree(again.store / "execute")
-    ((kind, words, amount),) = reasons(again.dry(since=past), "execute")
-    assert (kind, amount) == ("scenario changed", 4)
-    assert words == "what vastflow or a plug-in makes of the same scenario changed"
+    if not edits:
+        shutil.rmtree(again.store / "execute")
+    ((found, said, _),) = reasons(again.dry(*edits, since=past), "execute")
+    assert found == kind and words in said
 
 
 @pytest.mark.slow
@@ -383,16 +352,6 @@ def test_what_the_store_lost_is_named_and_stays_as_it_is(again, first):
     ((kind, words, amount),) = reasons(found, "execute")
     assert (kind, words) == expected and 3 <= amount <= 4
     assert manifest.read_text() == "damaged"
-
-
-@pytest.mark.slow
-def test_what_an_earlier_selection_left_out_is_told_from_what_is_new(again, first, tmp_path):
-    past = Path(shutil.copytree(first, tmp_path / "past"))
-    metadata = json.loads((past / "metadata.json").read_text())
-    metadata["asked"]["only"] = ["room-1-1"]
-    (past / "metadata.json").write_text(json.dumps(metadata))
-    ((kind, words, amount),) = reasons(again.dry(FRONT, since=past), "execute")
-    assert (kind, words, amount) == ("new configuration", "the campaign before was only a selection: room-1-1", 2)
 
 
 @pytest.mark.slow
@@ -471,12 +430,6 @@ def test_plan_reports_unknown_name_as_user_error(again):
     with pytest.raises(FileError, match=r"no family or configuration 'rom'; did you mean 'room'\?"):
         again.dry(only=["rom"])
     assert again.dry(NOISE, only=["room-1-1"]).computed("execute") == 0
-
-
-@pytest.mark.slow
-def test_store_at_an_address_that_is_none_is_a_users_mistake(again):
-    with pytest.raises(StoreError, match="nowhere"):
-        again.dry(store="nowhere://x")
 
 
 def called(*arguments):

@@ -98,33 +98,53 @@ def dies_of(poison):
     return act
 
 
-@pytest.fixture
-def drive(tmp_path):
-    """Drives configurations over workers; gives the tally, the faults, what was said, and the workers."""
-    store = open_store(tmp_path / "store")
-    pools = []
+def once(state, first=lambda workers, flow_run, some: None):
+    """The first shard comes to `state`, after `first`; every other is computed."""
+    states = iter([state])
 
-    def run(act, configurations, pool=WorkPool("lab", shards=1), online=1, **times):  # noqa: B008
+    def act(workers, flow_run, some):
+        if (found := next(states, None)) is None:
+            return done(workers, flow_run, some)
+        first(workers, flow_run, some)
+        return found
+
+    return act
+
+
+@pytest.fixture
+def driver_of(tmp_path):
+    """Makes a driver over workers, with its engine, tally and what it said."""
+    store, pools = open_store(tmp_path / "store"), []
+
+    def made(act, configurations, pool=WorkPool("lab", shards=1), online=1, **times):  # noqa: B008
         pools.append(Pool(1))
         tally = Tally()
         tally.expect({each.name: RUNS for each in configurations})
+        workers = Workers(store, act, online)
+        workers.tally, workers.pool, workers.said = tally, pools[-1], []
         engine = Engine(Index(store, KEYS), pools[-1], tally, b"")
-        workers, said = Workers(store, act, online), []
-        workers.tally = tally
-        driver = Driver(
-            workers, workers.packed, engine, tally, pool, said.append, **{"poll_s": 0.0, "silent_s": 9.0, **times}
-        )
-        workers.pool, workers.said = pools[-1], said
+        times = {"poll_s": 0.0, "silent_s": 9.0, **times}
+        return Driver(workers, workers.packed, engine, tally, pool, workers.said.append, **times), engine, workers
+
+    yield made
+    for pool in pools:
+        pool.close()
+
+
+@pytest.fixture
+def drive(driver_of):
+    """Drives configurations over workers; gives progress, faults, workers, and the error."""
+
+    def run(act, configurations, *pool, **options):
+        driver, engine, workers = driver_of(act, configurations, *pool, **options)
         error = None
         try:
             driver.run(configurations)
         except Exception as raised:  # noqa: BLE001
             error = raised
-        return tally.progress(), engine.faults, workers, error
+        return workers.tally.progress(), engine.faults, workers, error
 
-    yield run
-    for pool in pools:
-        pool.close()
+    return run
 
 
 @pytest.fixture
@@ -133,62 +153,35 @@ def configurations():
 
 
 def test_configurations_are_counted_as_executed_and_judged(drive, configurations):
-    progress, faults, workers, error = drive(done, configurations)
-    assert (progress.executed, progress.passed, progress.simulated_s, faults, error) == (16, 16, 32.0, (), None)
-    assert sum(len(names) for _, names in workers.tried) == 8
+    progress, faults, workers, error = drive(done, configurations[:7], WorkPool("lab"))
+    assert (progress.executed, progress.passed, progress.simulated_s, faults, error) == (14, 14, 28.0, (), None)
+    assert [name for name, _ in workers.tried] == ["1–7 of hall"]
+    progress, _, workers, _ = drive(done, configurations)  # what the store has is not asked for
+    assert [names for _, names in workers.tried] == [["hall-8"]] and progress.executed == RUNS
 
 
-def test_what_the_store_has_is_not_asked_for(drive, configurations):
-    drive(done, configurations[:7])
-    progress, _, workers, _ = drive(done, configurations)
-    assert [names for _, names in workers.tried] == [["hall-8"]]
-    assert progress.executed == RUNS
-
-
-def test_configurations_that_want_more_runs_go_to_the_workers_again_for_these_alone(tmp_path, configurations):
-    store = open_store(tmp_path / "store")
-    tally, pool = Tally(), Pool(1)
-    tally.expect({each.name: RUNS for each in configurations})
-    engine = Engine(Index(store, KEYS), pool, tally, b"")
-    workers, shown = Workers(store, done), []
-    driver = Driver(workers, workers.packed, engine, tally, WorkPool("lab", shards=1), print, poll_s=0.0)
+def test_configurations_that_want_more_runs_go_to_the_workers_again_for_these_alone(driver_of, configurations):
+    driver, engine, workers = driver_of(done, configurations)
+    store, tally, shown = engine.index.store, workers.tally, []
     compute(store, configurations[0], 2, 4)  # of an earlier campaign: the first two runs of it are missing
-    try:
-        for each in configurations:
-            tally.want(each.name, RUNS, 5)
-        driver.run(configurations, lambda *shards: shown.append(shards))
-        more = [replace(each, runs=5) for each in configurations[:3]]
-        for each in configurations:
-            tally.want(each.name, 5 if each in configurations[:3] else RUNS, 5 if each in configurations[:3] else RUNS)
-        tally.reuse("hall-1", range(2, 4))
-        workers.act = lambda workers, flow_run, some: [compute(store, each, RUNS, 5) for each in some] and FINISHED
-        driver.run(more, lambda *shards: shown.append(shards))
-    finally:
-        pool.close()
-    progress = tally.progress()
-    assert [names for _, names in workers.tried] == [
-        [each.name for each in configurations],
-        ["hall-1", "hall-2", "hall-3"],
-    ]
+    for each in configurations:
+        tally.want(each.name, RUNS, 5)
+    driver.run(configurations, lambda *shards: shown.append(shards))
+    for each in configurations:
+        runs = 5 if each in configurations[:3] else RUNS
+        tally.want(each.name, runs, runs)
+    tally.reuse("hall-1", range(2, 4))
+    workers.act = lambda workers, flow_run, some: [compute(store, each, RUNS, 5) for each in some] and FINISHED
+    driver.run([replace(each, runs=5) for each in configurations[:3]], lambda *shards: shown.append(shards))
+    progress, asked = tally.progress(), [names for _, names in workers.tried]
+    assert asked == [[each.name for each in configurations], ["hall-1", "hall-2", "hall-3"]]
     assert (progress.runs_done, progress.runs_total, progress.at_most) == (16 + 9, 16 + 9, False)
-    assert (progress.executed, progress.reused) == (16 + 9 - 2, 2)
-    assert shown[-1] == (2, 2)
-
-
-def test_shard_is_called_by_its_places(drive, configurations):
-    _, _, workers, _ = drive(done, configurations, WorkPool("lab"))
-    assert [name for name, _ in workers.tried] == ["1–8 of hall"]
+    assert (progress.executed, progress.reused, shown[-1]) == (16 + 9 - 2, 2, (2, 2))
 
 
 def test_shard_that_fails_once_is_given_to_another_worker_with_what_is_missing(drive, configurations):
-    failures = iter([True])
-
-    def act(workers, flow_run, some):
-        if next(failures, False):
-            compute(workers.store, some[0])
-            return Seen("ended", "Failed", "its disk was full", "")
-        return done(workers, flow_run, some)
-
+    failed = Seen("ended", "Failed", "its disk was full", "")
+    act = once(failed, lambda workers, flow_run, some: compute(workers.store, some[0]))
     progress, faults, workers, _ = drive(act, configurations[:3])
     assert [names for _, names in workers.tried] == [["hall-1", "hall-2", "hall-3"], ["hall-2", "hall-3"]]
     assert workers.tried[1][0] == "2–3 of hall, try 2"
@@ -207,28 +200,48 @@ def test_configuration_that_kills_its_worker_ends_alone_and_the_others_are_compu
     assert tried["hall-4"] <= 3 + 3  # three whole, then halves
 
 
-def test_two_poisons_are_both_found(drive, configurations):
-    progress, faults, _, _ = drive(dies_of({"hall-2", "hall-7"}), configurations)
-    assert {fault.configuration for fault in faults} == {"hall-2", "hall-7"}
-    assert (progress.passed, progress.not_judged) == (12, 4)
+@each_row(
+    ("poison", "count", "pool"),
+    [
+        ({"hall-2", "hall-7"}, 8, WorkPool("lab", shards=1)),
+        ({"hall-1", "hall-12", "hall-20", "hall-32"}, 32, WorkPool("lab", shards=4)),
+    ],
+)
+def test_every_poison_is_found(drive, poison, count, pool):
+    many = [replace(configuration(k), name=f"hall-{k}", scenario=salted(k, count)) for k in range(1, count + 1)]
+    progress, faults, _, error = drive(dies_of(poison), many, pool)
+    assert error is None and {fault.configuration for fault in faults} == poison
+    assert (progress.passed, progress.not_judged) == (RUNS * (count - len(poison)), RUNS * len(poison))
 
 
-def test_poison_in_every_shard_is_found(drive):
-    many = [configuration(k) for k in range(1, 33)]
-    progress, faults, _, error = drive(dies_of({"hall-1", "hall-12", "hall-20", "hall-32"}), many, WorkPool("lab", 4))
-    assert error is None
-    assert {fault.configuration for fault in faults} == {"hall-1", "hall-12", "hall-20", "hall-32"}
-    assert progress.passed == 2 * 28
+def salted(k, salt):
+    """A scenario of its own for each row: all rows share a store."""
+    return Scenario("builtin:navigate_to_pose", 1.0, {}, {"k": k, "salt": salt}, {})
 
 
-def test_workers_that_fail_whatever_they_are_given_end_the_campaign_before_every_configuration_was_tried(drive):
-    crashed = Seen("ended", "Crashed", "the image can't be pulled", "")
-    _, _, workers, error = drive(lambda *_: crashed, [configuration(k) for k in range(1, 65)])
-    assert isinstance(error, WorkersFailed)
-    assert str(error) == (
-        "workers of the work pool 'lab' fail whatever they are given, at last with Crashed: the image can't be pulled"
-    )
-    assert len(workers.tried) < 16
+OTHER = "farm7 differs in the numeric class; give all workers the campaign's own version of vastflow"
+LACKING = "farm7 finds no bundle in the store '/x'"
+
+
+@each_row(
+    ("state", "message", "kind", "words", "tries"),
+    [
+        (
+            "Crashed",
+            "the image can't be pulled",
+            WorkersFailed,
+            "workers of the work pool 'lab' fail whatever they are given, at last with Crashed: the image can't be pulled",
+            range(4, 16),
+        ),
+        (OTHER_CODE, OTHER, WorkersFailed, f"workers of the work pool 'lab': {OTHER}", [3]),
+        (STORE_AWAY, LACKING, StoreError, f"store: a worker of the work pool 'lab' can't use it: {LACKING}", [3]),
+    ],
+)
+def test_workers_that_compute_nothing_end_the_campaign(drive, state, message, kind, words, tries):
+    seen = Seen("ended", state, message, "")
+    _, _, workers, error = drive(lambda *_: seen, [configuration(k) for k in range(1, 65)])
+    assert (type(error), str(error)) == (kind, words)
+    assert len(workers.tried) in tries
 
 
 def test_fault_that_the_worker_reports_is_the_configurations_and_nothing_is_tried_again(drive, configurations):
@@ -244,28 +257,17 @@ def test_fault_that_the_worker_reports_is_the_configurations_and_nothing_is_trie
     assert len(workers.tried) == 1
 
 
-def test_configuration_whose_fault_was_forgotten_and_that_breaks_again_has_a_fault_again(tmp_path, configurations):
-    store, tally, pool = open_store(tmp_path / "store"), Tally(), Pool(1)
-    tally.expect({"hall-1": RUNS})
-    engine = Engine(Index(store, KEYS), pool, tally, b"")
-    workers = Workers(store, dies_of({"hall-1"}))
-    driver = Driver(workers, workers.packed, engine, tally, WorkPool("lab"), lambda line: None, poll_s=0.0)
-    try:
-        driver.run(configurations[:1])
-        assert engine.broken == {"hall-1"}
-        engine.forget(engine.broken)
-        driver.run(configurations[:1])
-    finally:
-        pool.close()
+def test_configuration_whose_fault_was_forgotten_and_that_breaks_again_has_a_fault_again(driver_of, configurations):
+    driver, engine, _ = driver_of(dies_of({"hall-1"}), configurations[:1])
+    driver.run(configurations[:1])
+    assert engine.broken == {"hall-1"}
+    engine.forget(engine.broken)
+    driver.run(configurations[:1])
     assert engine.broken == {"hall-1"}
 
 
 def test_flow_run_without_a_sign_of_life_is_given_up_and_its_shard_tried_again(drive, configurations):
-    silent = iter([True])
-
-    def act(workers, flow_run, some):
-        return Seen("running", "Running", "", "") if next(silent, False) else done(workers, flow_run, some)
-
+    act = once(Seen("running", "Running", "", ""))
     progress, faults, workers, _ = drive(act, configurations, silent_s=0.05, poll_s=0.01)
     assert [why for _, why in workers.given_up] == ["no sign of life for 0 s: its worker is gone"]
     assert (progress.passed, faults) == (16, ())
@@ -273,9 +275,6 @@ def test_flow_run_without_a_sign_of_life_is_given_up_and_its_shard_tried_again(d
 
 def test_signs_of_life_keep_a_slow_shard(drive, configurations):
     beats = itertools.count()
-
-    class Slow(Workers):
-        pass
 
     def act(workers, flow_run, some):
         beat = next(beats)
@@ -303,22 +302,6 @@ def test_cancelled_shard_is_not_judged_and_the_others_are(drive, configurations)
     assert {fault.error for fault in faults} == {"its flow run was cancelled"}
     assert progress.not_judged == RUNS * len(faults) > 0
     assert progress.passed == RUNS * (60 - len(faults)) > 0
-
-
-def test_workers_with_other_code_end_the_campaign_after_three_tries(drive, configurations):
-    what = "farm7 differs in the numeric class; give all workers the campaign's own version of vastflow"
-    _, _, workers, error = drive(lambda *_: Seen("ended", OTHER_CODE, what, ""), configurations)
-    assert isinstance(error, WorkersFailed)
-    assert str(error) == f"workers of the work pool 'lab': {what}"
-    assert len(workers.tried) == 3
-
-
-def test_workers_that_do_not_reach_the_store_are_a_fault_of_the_store(drive, configurations):
-    _, _, _, error = drive(
-        lambda *_: Seen("ended", STORE_AWAY, "farm7 finds no bundle in the store '/x'", ""), configurations
-    )
-    assert isinstance(error, StoreError)
-    assert str(error).startswith("store: a worker of the work pool 'lab' can't use it: farm7 finds no bundle")
 
 
 def test_nothing_taken_is_said_once_with_the_command_that_starts_a_worker(drive, configurations):
@@ -362,15 +345,10 @@ def test_ended_campaign_cancels_what_is_on_its_way(drive, configurations):
 
 
 def test_flow_run_that_somebody_deleted_is_tried_again(drive, configurations):
-    deleted = iter([True])
+    def deleted(workers, flow_run, some):
+        workers.seen = lambda ids: {each: workers.ended[each] for each in ids if each != flow_run}
 
-    def act(workers, flow_run, some):
-        if next(deleted, False):
-            workers.seen = lambda ids: {each: workers.ended[each] for each in ids if each != flow_run}
-            return Seen("running", "Running", "", "")
-        return done(workers, flow_run, some)
-
-    progress, _, workers, _ = drive(act, configurations)
+    progress, _, workers, _ = drive(once(Seen("running", "Running", "", ""), deleted), configurations)
     assert (progress.passed, len(workers.tried)) == (16, 2)
 
 
@@ -398,29 +376,20 @@ def test_pool_has_a_name_and_at_least_one_shard():
         WorkPool("lab", shards=0)
 
 
-def test_report_tells_each_configuration_once_and_its_end(tmp_path, configurations):
-    store = open_store(tmp_path / "store")
-    pool = Pool(1)
-    engine = Engine(Index(store, KEYS), pool, Tally(), b"")
+def test_report_tells_each_configuration_once_and_its_end(driver_of, configurations):
+    _, engine, _ = driver_of(done, configurations)
+    store, fault = engine.index.store, RunFault("hall-2", None, "execute", "ValueError: ×")
     compute(store, configurations[0])
-    fault = RunFault("hall-2", None, "execute", "ValueError: ×")
     engine.add_faults([fault])
     report = Report(engine, "an-id")
     report.add(configurations[:1])
     report.add(configurations[:1])
     report.add(configurations[:2], last=True)
-    pool.close()
-    parts = [read_part(store, "an-id", number) for number in range(3)]
-    assert [[each.key for each in part.artifacts] for part in parts[:2]] == [
-        [
-            artifact.key
-            for each in engine.index.stored(configurations[0])
-            for artifact in (each.recordings, each.trace, each.verdicts)
-        ],
-        [],
-    ]
-    assert [(part.faults, part.last) for part in parts[:2]] == [((), False), ((fault,), True)]
-    assert parts[2] is None
+    first, last, none = (read_part(store, "an-id", number) for number in range(3))
+    (each,) = engine.index.stored(configurations[0])
+    assert [one.key for one in first.artifacts] == [one.key for one in (each.recordings, each.trace, each.verdicts)]
+    assert (last.artifacts, last.faults, none) == ((), (fault,), None)
+    assert [(part.faults, part.last) for part in (first, last)] == [((), False), ((fault,), True)]
 
 
 def test_what_a_flow_run_told_to_its_end_is_believed_and_the_store_is_not_listed(drive, configurations, monkeypatch):
@@ -461,14 +430,10 @@ def test_configurations_are_counted_while_their_shard_is_under_way(drive, config
 
 
 def test_flow_run_that_was_taken_and_never_begun_is_given_up_only_where_nothing_queues(drive, configurations):
-    taken = iter([True])
-
-    def act(workers, flow_run, some):
-        return Seen("taken", "Pending", "", "") if next(taken, False) else done(workers, flow_run, some)
-
+    pending = Seen("taken", "Pending", "", "")
+    act = once(pending)
     progress, _, workers, _ = drive(act, configurations, taken_s=0.05, poll_s=0.01)
     assert (len(workers.given_up), progress.passed) == (1, 16)
-    pending = Seen("taken", "Pending", "", "")
 
     def wait(workers, flow_run, some):
         threading.Timer(0.3, workers.pool.close).start()

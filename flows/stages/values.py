@@ -1,0 +1,244 @@
+"""Values of the stages of the Python API. Keys and digests are in memory, everything else is in the store."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Final
+
+import pyarrow as pa
+
+from vastflow.flows.results.found import StoredResult, complete
+from vastflow.flows.results.tables import run_columns, verdict_columns
+from vastflow.flows.stages.configurations import Configurations, faults_text
+from vastflow.flows.terminal.words import count_text
+from vastflow.oracles.evidence.rates import Counts, counts_of
+from vastflow.oracles.judgement.verdict import Verdict, run_judgement
+from vastflow.oracles.results.schema import RUNS, VERDICTS, column_table
+from vastflow.sim.model.blocks import read_rows
+from vastflow.tasks.engine.engine import RunFault
+from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.store.artifact import Stored
+
+if TYPE_CHECKING:
+    from vastflow.oracles.observation.trace import Trace
+    from vastflow.sim.model.recording import Recording
+
+METRICS: Final = pa.schema(
+    {
+        "configuration": pa.string(),
+        "family": pa.string(),
+        "run_index": pa.int32(),
+        "oracle": pa.string(),
+        "metric": pa.string(),
+        "value": pa.float64(),
+        "unit": pa.string(),
+    }
+)
+
+
+@dataclass(frozen=True, repr=False)
+class StageResult:
+    """The result of a stage for a campaign's runs.
+
+    Attributes:
+        configurations: The executed configurations.
+        runs: Runs of each: run indices 0 to runs - 1.
+        keys: Keys of the code of this stage and those before.
+        blocks: Name of a distinct configuration to its stored blocks.
+        faults: Faults of this stage and those before.
+    """
+
+    configurations: Configurations
+    runs: int
+    keys: Keys = field(repr=False)
+    blocks: Mapping[str, tuple[Stored, ...]] = field(repr=False)
+    faults: tuple[RunFault, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the configurations, duplicates included."""
+        return self.configurations.names
+
+    @property
+    def said(self) -> str:
+        """The state of the runs, for `repr`."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        size = f"{count_text(len(self.blocks), 'configuration')} × {count_text(self.runs, 'run')}"
+        return f"<{self.configurations.opened.name}: {size}, {self.said}{faults_text(self.faults)}>"
+
+    def stored(self, name: str, observed: bool = False) -> StoredResult:
+        """Return the stored artifacts of a distinct configuration; only observed blocks on request."""
+        blocks = [each for each in self.blocks[name] if each.trace or not observed]
+        faults = [fault for fault in self.faults if fault.configuration in ("", name)]
+        return StoredResult(self.configurations.opened.store, blocks, self.runs, faults)
+
+
+class Recordings(StageResult):
+    """The recordings of a campaign's runs."""
+
+    @property
+    def said(self) -> str:
+        """The number of recorded runs."""
+        spans = [(name, each.block) for name, blocks in self.blocks.items() for each in blocks]
+        runs = {(name, run) for name, block in spans for run in range(block.start, min(block.stop, self.runs))}
+        return f"{len(runs)} recorded"
+
+    def of(self, name: str) -> "list[Recording]":
+        """The recordings of a configuration's runs in order, read from the store.
+
+        Raises:
+            UserError: there is none of this name.
+            Lost: something is no longer in the store or damaged; `execute` computes it again.
+        """
+        from vastflow.sim.model.archive import columns_of, read_behaviors, read_outputs
+        from vastflow.sim.model.blocks import read_recordings
+        from vastflow.sim.model.recording import Outputs
+
+        stored = self.stored(self.configurations.executed_as(name).name)
+        written = {index: each for block in stored.outputs for index, each in read_outputs(block).items()}
+        found = {}
+        for block, behavior in zip(stored.recordings, stored.behaviors, strict=True):
+            behaviors = columns_of(read_behaviors(behavior))
+            for recording in read_recordings(block):
+                index = recording.run.run_index
+                own = {key: column[behaviors["run_index"] == index] for key, column in behaviors.items()}
+                del own["run_index"]
+                found[index] = replace(recording, behaviors=own, outputs=written.get(index, Outputs()))
+        return [found[index] for index in sorted(found) if index < self.runs]
+
+    def table(self) -> pa.Table:
+        """Return a row for each recorded run, as in `runs.parquet` but without causes.
+
+        Raises:
+            Lost: as `of`.
+        """
+        return column_table(RUNS, (run_columns(self.configurations[name], self._rows(name)) for name in self.blocks))
+
+    def _rows(self, name: str) -> list[dict[str, Any]]:
+        """Rows of a configuration's wanted runs, in order."""
+        found = {row["run_index"]: row for block in self.stored(name).recordings for row in read_rows(block)}
+        return [found[index] for index in sorted(found) if index < self.runs]
+
+
+class Traces(StageResult):
+    """The traces of a campaign's runs."""
+
+    said = "observed"
+
+    def of(self, name: str) -> "list[Trace]":
+        """The traces of a configuration's runs in order, read from the store.
+
+        Raises:
+            UserError: there is none of this name.
+            Lost: something is no longer in the store or damaged; `execute` and `observe` compute it again.
+        """
+        from vastflow.oracles.observation.trace import trace_of
+        from vastflow.sim.model.archive import read_outputs
+        from vastflow.sim.model.blocks import read_block, read_recordings
+        from vastflow.sim.model.recording import Outputs
+
+        stored = self.stored(self.configurations.executed_as(name).name, observed=True)
+        written = {index: each for block in stored.outputs for index, each in read_outputs(block).items()}
+        found = {}
+        for block, trace in zip(stored.recordings, stored.traces, strict=True):
+            for recording, (row, columns) in zip(read_recordings(block), read_block(trace), strict=True):
+                index = recording.run.run_index
+                whole = replace(recording, outputs=written.get(index, Outputs()))
+                found[index] = trace_of(whole, row, columns)
+        return [found[index] for index in sorted(found) if index < self.runs]
+
+    def table(self, name: str) -> pa.Table:
+        """The signals of a configuration's runs under each other, in SI units, behind a column `run_index`.
+
+        A signal that some run does not have is null there.
+
+        Raises:
+            UserError, Lost: as `of`.
+        """
+        parts = []
+        for trace in self.of(name):
+            index = pa.array([trace.run.run_index] * len(trace), pa.int32())
+            parts.append(pa.table({"run_index": index, **{key: pa.array(trace[key]) for key in trace.columns}}))
+        return pa.concat_tables(parts, promote_options="default") if parts else pa.table({})
+
+
+@dataclass(frozen=True, repr=False)
+class Verdicts(StageResult):
+    """The verdicts on a campaign's runs.
+
+    Attributes:
+        oracles: Names of the oracles, `success` first.
+    """
+
+    oracles: tuple[str, ...] = ()
+
+    @property
+    def said(self) -> str:
+        """The oracles that judged."""
+        return f"judged by {', '.join(self.oracles)}"
+
+    def of(self, name: str) -> list[Verdict]:
+        """A verdict for each run that was asked for and each oracle: run by run, oracles in their order.
+
+        What a fault kept from being judged is `not judged`, with the fault as its reason.
+
+        Raises:
+            UserError: there is none of this name.
+            Lost: something is no longer in the store or damaged; `judge` computes it again.
+        """
+        found = self.stored(self.configurations.executed_as(name).name)
+        return complete(found, self.runs, self.oracles)
+
+    def counts(self, oracle: str | None = None) -> dict[str, Counts]:
+        """Configuration that is no duplicate to how often its runs passed and failed, with rate and interval.
+
+        Args:
+            oracle: One of `oracles`; None for what all of them together say of a run.
+
+        Raises:
+            ValueError: no such oracle judged.
+            Lost: as `of`.
+        """
+        if oracle is not None and oracle not in self.oracles:
+            raise ValueError(f"no oracle {oracle!r}; those that judged: {', '.join(self.oracles)}")
+        counts = {}
+        for name in self.blocks:
+            said: dict[int, list[Verdict]] = {}
+            for verdict in self.of(name):
+                if oracle in (None, verdict.oracle):
+                    said.setdefault(verdict.run_index, []).append(verdict)
+            counts[name] = counts_of(run_judgement(each.judgement for each in run) for run in said.values())
+        return counts
+
+    def table(self) -> pa.Table:
+        """A row for each run and oracle, as `verdicts.parquet` of a campaign directory.
+
+        Raises:
+            Lost: as `of`.
+        """
+        return column_table(
+            VERDICTS, (verdict_columns(self.configurations[name], self.of(name)) for name in self.blocks)
+        )
+
+    def metrics(self) -> pa.Table:
+        """A row for each run, oracle and metric; a value that could not be had is null.
+
+        Raises:
+            Lost: as `of`.
+        """
+        rows = [
+            {
+                "configuration": name,
+                "family": self.configurations[name].family,
+                "run_index": verdict.run_index,
+                "oracle": verdict.oracle,
+                "metric": key,
+                "value": metric.value,
+                "unit": metric.unit,
+            }
+            for name in self.blocks
+            for verdict in self.of(name)
+            for key, metric in verdict.metrics.items()
+        ]
+        return pa.Table.from_pylist(rows, schema=METRICS)
