@@ -38,42 +38,40 @@ class RunRequest(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     campaign: Annotated[Text, OnCommandLine("FILE")] = Field(description="Campaign file.")
-    runs: OneOrMore | None = Field(None, description="Runs of each configuration, instead of the file's.")
+    runs: OneOrMore | None = Field(None, description="Runs per configuration; default: as in the file.")
     results: Text = Field(
-        "results", description="Folder or address such as s3://bucket/prefix the campaign directory is made in."
+        "results", description="Folder or address, such as s3://bucket/prefix, for campaign directories."
     )
     store: Text | None = Field(
-        None, description="Store: a folder or an address; else $VASTFLOW_STORE, else a user cache folder."
+        None, description="Store: a folder or an address; default: $VASTFLOW_STORE or the user's cache."
     )
-    workers: OneOrMore | None = Field(None, description="Worker processes; else one a core.")
+    workers: OneOrMore | None = Field(None, description="Worker processes; default: one per core.")
     only: Annotated[tuple[Text, ...], OnCommandLine("NAME")] = Field(
-        (), description="Only this family or configuration; may be repeated."
+        (), description="Run only this family or configuration; may be repeated."
     )
     sample: Annotated[OneOrMore | None, OnCommandLine("N")] = Field(
-        None, description="Only N distinct configurations of these, the same ones each time."
+        None, description="Run a reproducible sample of N distinct configurations."
     )
     map_dir: Annotated[Text | None, OnCommandLine("FOLDER")] = Field(
         None,
         description="Folder of maps that are not beside the campaign file, at the same relative paths.",
     )
-    as_v1: bool = Field(
-        False, description="Place every obstacle as version 1 of RoboVAST does, whatever the file says."
-    )
-    strict: bool = Field(False, description="Refuse a file with keys that nothing knows.")
+    as_v1: bool = Field(False, description="Place all obstacles as RoboVAST version 1 does.")
+    strict: bool = Field(False, description="Treat unknown keys in the file as errors.")
     pool: Annotated[str | None, OnCommandLine("NAME")] = Field(
-        None, description="Work pool of Prefect whose workers compute what is missing; else this machine does."
+        None, description="Prefect work pool that computes missing results; default: this machine."
     )
     shards: Annotated[OneOrMore | None, OnCommandLine("N")] = Field(
-        None, description="With --pool: about how many shards; else one for 20 runs, at most 50."
+        None, description="With --pool: approximate number of shards; default: one per 20 runs, at most 50."
     )
     pool_wait_s: Annotated[Annotated[float, Field(ge=1)] | None, OnCommandLine("SECONDS", "--pool-wait")] = Field(
-        None, description="With --pool: end if no worker takes anything for so long; else wait."
+        None, description="With --pool: end if no worker takes work for this long; default: wait."
     )
     reports: Annotated[Text | None, OnCommandLine("URL")] = Field(
-        None, description="Where the results folder is served, for links to reports."
+        None, description="Web address of the results folder, for links to reports."
     )
     bundle: SkipJsonSchema[Text | None] = Field(
-        None, description="Key of configurations in the store that are computed for another run; nobody has to give it."
+        None, description="Key of stored configurations to compute for another run; set by vastflow only."
     )
 
     @field_validator("campaign", "results", "store", "map_dir", mode="before")
