@@ -25,7 +25,7 @@ from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.archive import write_outputs
 from vastflow.sim.model.blocks import write_recordings
-from vastflow.sim.model.faults import FileError, ScenarioError
+from vastflow.sim.model.faults import Fault, FileError, complaint
 from vastflow.sim.model.scenario import ProcessSetup, Scenario, scenario_of
 from vastflow.sim.nav2.parameter_files.document import DocumentError
 from vastflow.sim.nav2.parameter_files.findings import findings
@@ -175,7 +175,7 @@ def _campaign(name: str, file: Path, trial: Trial) -> Row:
     try:
         campaign, oracles = read_campaign(file, as_v1=True)
         if campaign.unexecutable:
-            return Row(name, "campaign", "valid", campaign.unexecutable[0].what)
+            return Row(name, "campaign", "valid", campaign.unexecutable[0].problem)
         if campaign.search is not None:
             return Row(name, "campaign", "valid", "a search: what it runs follows from its runs")
         made = instantiate(campaign)
@@ -204,12 +204,15 @@ def _scenario(name: str, file: Path, trial: Trial) -> Row:
         definition = definition_of(content)
     except FileError as error:
         return Row(
-            name, "scenario", "refused", _first([f"{f.place.line}: {f.problem}; {f.expected}" for f in error.faults])
+            name,
+            "scenario",
+            "refused",
+            _first([f"{f.place.line}: {complaint(f.problem, f.expected)}" for f in error.faults]),
         )
     except (ScenarioError, UnicodeDecodeError) as error:
         return Row(name, "scenario", "refused", _line(error))
     if lacking := unsupported(definition, ACTIONS):
-        return Row(name, "scenario", "refused", _first([f"{each.problem}; {each.expected}" for each in lacking]))
+        return Row(name, "scenario", "refused", _first([complaint(each.problem, each.expected) for each in lacking]))
     with tempfile.TemporaryDirectory() as folder:
         values: dict[str, Any] = {"map_file": map_content(_room(Path(folder)))}
         for parameter in definition.parameters:
@@ -333,11 +336,10 @@ def _cells(files: Mapping[str, bytes]) -> str:
     return f"{int(width)} x {int(height)}"
 
 
-def _short(fault: Any, file: Path) -> str:
+def _short(fault: Fault, file: Path) -> str:
     place = "" if Path(fault.place.file) == file else f"{Path(fault.place.file).name}:"
-    return f"{place}{fault.place.line}: {fault.place.where}: {fault.problem}; {fault.expected}".replace(
-        f"{file.parent}/", ""
-    )
+    said = f"{place}{fault.place.line}: {fault.place.where}: {complaint(fault.problem, fault.expected)}"
+    return said.replace(f"{file.parent}/", "")
 
 
 def _first(reasons: Iterable[str]) -> str:
