@@ -1,4 +1,4 @@
-"""What becomes of a file that somebody else wrote: read, executed in this process, and told in a row."""
+"""Read and execute files that others wrote, and describe each in a row."""
 
 import math
 import shutil
@@ -25,7 +25,7 @@ from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.archive import write_outputs
 from vastflow.sim.model.blocks import write_recordings
-from vastflow.sim.model.faults import Fault, FileError, complaint
+from vastflow.sim.model.faults import Fault, FileError, ScenarioError, complaint
 from vastflow.sim.model.scenario import ProcessSetup, Scenario, scenario_of
 from vastflow.sim.nav2.parameter_files.document import DocumentError
 from vastflow.sim.nav2.parameter_files.findings import findings
@@ -93,7 +93,7 @@ class Ran:
 
 @dataclass(frozen=True)
 class Trial:
-    """How much of a campaign is tried.
+    """The tried part of a campaign.
 
     Attributes:
         runs: Of each configuration.
@@ -108,7 +108,7 @@ class Trial:
 
 @dataclass
 class _Told:
-    """What runs came to."""
+    """The results of runs."""
 
     runs: list[Ran] = field(default_factory=list)
 

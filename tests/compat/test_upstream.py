@@ -1,4 +1,4 @@
-"""RoboVAST's own configurations, which lie beside the repository where they are: what runs of them, and that it stays so.
+"""RoboVAST's own configurations, where they lie beside the repository, still run.
 
 `expected.json` has for each file what `table.py` said of it with two configurations of a campaign and one run of each. A row that
 is better than that fails nothing; one that got worse does.
@@ -46,7 +46,7 @@ def rows(tmp_path_factory):
     return {row.file: row for row in rows_of(folder, Trial(sample=2))}
 
 
-def test_every_file_has_an_expectation(rows):
+def test_expectations_cover_all_files(rows):
     assert sorted(rows) == sorted(EXPECTED)
 
 
@@ -73,7 +73,7 @@ def test_campaign_of_a_program_runs_it(rows, file):
     assert row.outcome == "ran" and row.passed + row.failed == row.runs > 0, row
 
 
-def test_of_the_scenarios_only_one_of_ros_nodes_is_refused_and_the_others_do_what_they_are_for(rows):
+def test_scenarios_run_except_one_of_ros_nodes(rows):
     scenarios = {file: row for file, row in rows.items() if row.kind == "scenario"}
     assert len(scenarios) == 8
     assert [file for file, row in scenarios.items() if row.outcome == "refused"] == ["examples/ros2_basic/scenario.osc"]

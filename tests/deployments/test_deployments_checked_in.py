@@ -132,7 +132,7 @@ def test_deployments_are_what_the_command_makes_of_the_same_campaign():
             assert each == made.as_yaml()
 
 
-def test_each_pool_has_a_deployment_by_which_it_computes_shards():
+def test_pools_have_deployments_for_shards():
     shards = [each for each in entries() if not each["parameters"]]
     assert [(each["name"], each["work_pool"]["name"]) for each in shards] == [
         ("lab-shards", "lab"),

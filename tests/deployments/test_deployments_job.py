@@ -1,4 +1,4 @@
-"""Base job templates of work pools: what Prefect makes of them, valid by Kubernetes' schemas, and nothing of the worker in it."""
+"""Base job templates of work pools: valid jobs without settings of the worker."""
 
 import asyncio
 import json
@@ -33,7 +33,7 @@ FOREIGN = "http://of-the-worker.example"
 
 
 class Configuration(BaseJobConfiguration):
-    """What every kind of worker does with a template, without the worker's own package."""
+    """The use of a template by any worker, without the worker's own package."""
 
     job_manifest: dict[str, Any] = Field(default_factory=dict)
     volumes: list[str] = Field(default_factory=list)
@@ -120,7 +120,7 @@ def environment_names(settings):
 
 
 @pytest.mark.skipif(not prefect.__version__.startswith("3.8."), reason="the list was made for Prefect 3.8")
-def test_every_setting_of_prefect_that_names_a_place_or_a_secret_is_taken_away():
+def test_template_removes_settings_of_places_and_secrets():
     known = {*OF_THE_WORKER, "PREFECT_API_URL", "PREFECT_HOME"}
     names = set(environment_names(Settings()))
     assert {name for name in names if PLACES.fullmatch(name)} - known <= {"PREFECT_SERVER_API_CORS_ALLOWED_HEADERS"}

@@ -1,4 +1,4 @@
-"""Manifests of a run for Docker Compose and Kubernetes: golden files, valid by the platforms' own schemas, as YAML 1.1 and 1.2."""
+"""Manifests for Docker Compose and Kubernetes: golden files, valid by the platforms' own schemas."""
 
 import re
 from dataclasses import replace
@@ -94,7 +94,7 @@ def test_keys_of_config_map_are_valid_and_distinct(files):
 
 
 def expanded(text):
-    """What Kubernetes makes of a text: a doubled dollar is one, and stands for nothing."""
+    """Expand a text as Kubernetes does: a doubled dollar is one dollar."""
     assert re.search(r"(?<!\$)(\$\$)*\$(?!\$)", text) is None
     return text.replace("$$", "$")
 

@@ -1,4 +1,4 @@
-"""A search on a schedule, and one that is canceled on its page: a real API, a real worker in a process pool.
+"""A search on a schedule that is canceled, with a real API and a real worker.
 
 `VASTFLOW_DEPLOYMENTS=all` runs them: the schedule has a flow run each minute.
 """
@@ -54,7 +54,7 @@ def place(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def nights(api, place, started_worker):
-    """Flow runs of the schedule: one that was canceled in its second batch, and the next, which came to an end."""
+    """Flow runs of the schedule: one canceled in its second batch, and the next, which completed."""
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(place)
         options = ("--pool", "lab", "--workers", "1", "--store", str(place / "store"), "--schedule", "* * * * *")
@@ -99,7 +99,7 @@ def test_next_flow_run_of_the_schedule_takes_up_a_search_that_was_canceled(night
     assert completed.state.message.endswith("from the store")
 
 
-def test_no_batch_of_a_search_that_was_canceled_stays_open(nights, api):
+def test_canceled_search_leaves_no_batch_open(nights, api):
     _, completed = nights
     of_both = [each for each in batches(api) if each.start_time and each.start_time <= completed.end_time]
     assert {each.name for each in of_both} == {

@@ -47,7 +47,7 @@ def test_wrapped_command_sees_exports_and_keeps_its_exit_code(scripts):
 
 
 @pytest.mark.parametrize("content", ["return 3", None])
-def test_where_the_script_before_it_fails_the_command_does_not_run(scripts, content):
+def test_command_does_not_run_after_failed_script(scripts, content):
     pre, post = scripts
     pre.unlink() if content is None else pre.write_text(content)
     done = ran(wrapped(["echo", "run"], str(pre), str(post)))

@@ -1,4 +1,4 @@
-"""A deployment from end to end: a real API, a real worker in a process pool, and what a person then finds in Prefect.
+"""A deployment from end to end: a real API, a real worker, and pages of Prefect.
 
 One flow run in the ordinary course of the tests. `VASTFLOW_DEPLOYMENTS=all` adds those of a second night and of a broken file.
 """
@@ -51,7 +51,7 @@ def place(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def deployed(api, place):
-    """What the command said of the deployment."""
+    """The result of the command."""
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(place)
         options = ("--pool", "lab", "--workers", "2", "--store", str(place / "store"), "--schedule", "0 2 * * *")
@@ -153,20 +153,15 @@ def test_parameters_that_make_no_sense_are_refused_before_they_run(api, deployed
         api.create_flow_run_from_deployment(deployment.id, parameters={"request": {"campaign": "tiny.vast", "runs": 0}})
 
 
-def test_worker_runs_the_campaign_and_the_flow_run_is_completed_under_a_readable_name(first):
+def test_worker_runs_campaign_in_one_flow_run_with_log_and_artifacts(api, place, first):
     assert first.state.name == "Completed", first.state.message
     assert first.name == "tiny, 2 configurations × 2 runs"
     assert first.state.message.startswith("2 configurations × 2 runs: ")
     assert first.state.message.endswith("; 4 runs executed, 0 from the store")
-
-
-def test_campaign_directory_is_where_the_deployment_says(place, first):
     (directory,) = (place / "results").glob("tiny-*")
-    assert (directory / "report.html").is_file()
+    report = directory / "report.html"
+    assert report.is_file()
     assert json.loads((directory / "metadata.json").read_text())["counts"]["executed"] == 4
-
-
-def test_progress_results_and_the_link_to_the_report_are_on_the_flow_runs_page(api, place, first):
     found = artifacts(api, first)
     assert {key: each["type"] for key, each in found.items()} == {
         "tiny-progress": "progress",
@@ -176,20 +171,15 @@ def test_progress_results_and_the_link_to_the_report_are_on_the_flow_runs_page(a
     assert found["tiny-progress"]["data"] == 100
     (row,) = json.loads(found["tiny-results"]["data"])
     assert (row["family"], row["configurations"], row["runs"]) == ("room", 2, 4)
-    (directory,) = (place / "results").glob("tiny-*")
-    assert found["tiny-report"]["data"] == f"[report.html]({(directory / 'report.html').as_uri()})"
-
-
-def test_log_on_the_flow_runs_page_is_short_and_tells_begin_stages_and_summary(api, first):
+    assert found["tiny-report"]["data"] == f"[report.html]({report.as_uri()})"
     lines = logged(api, first)
     assert len(lines) < 20
     own = [line for line in lines if line.startswith(("2 configurations", "executing", "writing"))]
     assert own[0] == "2 configurations × 2 runs; 0 runs are in the store"
-    assert own[-1].startswith("2 configurations × 2 runs: ")
-    assert "report: " in own[-1]
+    assert own[-1].startswith("2 configurations × 2 runs: ") and "report: " in own[-1]
 
 
-def test_stages_are_task_runs_of_the_one_flow_run(api, first):
+def test_stages_are_task_runs_of_one_flow_run(api, first):
     assert [run.id for run in api.read_flow_runs() if run.state.name == "Completed"] == [first.id]
     assert {"vastflow", "tiny"} <= set(first.tags)
     asked = {"flow_runs": {"id": {"any_": [str(first.id)]}}}
@@ -198,7 +188,7 @@ def test_stages_are_task_runs_of_the_one_flow_run(api, first):
     assert sorted(names) == sorted(stages | {"instantiate room by ParameterVariationList"})
 
 
-def test_campaign_run_by_hand_has_a_page_of_its_own_with_progress_results_and_report(api, place, first):
+def test_campaign_run_by_hand_has_page_of_its_own(api, place, first):
     def run():
         return run_campaign(place / "tiny.vast", runs=4, results=place / "by-hand", store=place / "store", workers=2)
 

@@ -299,7 +299,7 @@ def error_class(name):
     return getattr(importlib.import_module(module), error)
 
 
-def test_errors_with_exit_code_2_are_user_errors_and_absence_of_prefect_is_none():
+def test_errors_with_exit_code_2_are_user_errors():
     assert [name for name in USER_ERRORS if not issubclass(error_class(name), UserError)] == []
     others = ("tasks.prefect.server.PrefectUnavailable", "flows.request.work_pool.WorkersFailed")
     assert not any(issubclass(error_class(name), UserError) for name in others)

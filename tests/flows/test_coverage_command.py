@@ -50,7 +50,7 @@ def expected(campaign_file):
 
 @pytest.fixture
 def directory(expected, tmp_path):
-    """As much of a campaign directory as the command looks at."""
+    """The part of a campaign directory that the command reads."""
     folder = tmp_path / "results" / "small-room-2026-11-21-120000"
     folder.mkdir(parents=True)
     (folder / "metadata.json").write_text("{}")
@@ -92,7 +92,7 @@ def test_requested_is_shown_as_the_sum_of_its_parts(campaign_file):
     assert row_of(printed, "all")[1:6] == ["12", "2", "4", "2", "4"]
 
 
-def test_what_constraints_and_producers_took_is_named(campaign_file):
+def test_coverage_names_what_constraints_and_producers_removed(campaign_file):
     printed = called(campaign_file).stdout
     assert row_of(printed, "2", "×", "room") == ["2", "×", "room", "see_enough"]
     assert row_of(printed, "4", "×", "room")[3] == "PathVariationRandom"

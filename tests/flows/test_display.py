@@ -1,4 +1,4 @@
-"""What a user sees while a campaign runs."""
+"""The display of a running campaign in a terminal, in a log, and in a notebook."""
 
 import io
 import re
@@ -114,7 +114,7 @@ def lines():
     return lines
 
 
-def test_plain_display_writes_at_most_one_line_in_five_seconds_and_fewer_with_the_hours(lines):
+def test_plain_display_writes_fewer_lines_with_the_hours(lines):
     assert len(lines(*((0.1 * k, progress(executed=k, runs_done=k)) for k in range(200)))) == 4
     assert 80 < len(lines(*((60 * k, progress(runs_done=k)) for k in range(600)))) < 250
     waiting = progress(executed=0, reused=0, runs_done=0)

@@ -60,7 +60,7 @@ def planted():
 
 @pytest.fixture(scope="module")
 def place(planted, tmp_path_factory):
-    """A folder with a store and a campaign directory: a plant that fails, one that passes, one that can't be built, one that breaks."""
+    """A folder with a store and a campaign directory of plants that fail, pass, can't be built, and break."""
     folder = tmp_path_factory.mktemp("minimize")
     near = {"start_pose": planted.START, "goal_pose": {"x": 1.8, "y": 2.5, "yaw": 0.0}}
     boxes = [planted.box("door", 3.0, 2.5, 1.0), planted.box("a", 1.5, 0.6), planted.box("b", 4.4, 4.4)]
@@ -81,7 +81,7 @@ def place(planted, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def searched(planted, place):
-    """The directory of a search among two starts, one of them in the wall, behind the door that a box blocks."""
+    """The directory of a search among two starts behind a blocked door, one of them in the wall."""
     folder, _ = place
     text = (folder / "planted.vast").read_text()
     blocked = yaml.safe_load(text)["configuration"][0]["parameters"]

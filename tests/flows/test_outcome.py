@@ -1,4 +1,4 @@
-"""What a campaign came to, in the terminal."""
+"""The outcome of a campaign in the terminal."""
 
 import io
 

@@ -56,7 +56,7 @@ def test_params_lists_parameters_and_counts(nav2):
     assert lines[16] == "not in the file and left away: collision_monitor"
 
 
-def test_body_and_the_limits_that_follow_from_the_file_are_said_and_what_is_assumed(nav2):
+def test_params_prints_body_and_limits_and_assumptions(nav2):
     polygon = "[[0.35, 0.25], [0.35, -0.25], [-0.35, -0.25], [-0.35, 0.25]]"
     costmap = f"local_costmap: {{local_costmap: {{ros__parameters: {{footprint: '{polygon}'}}}}}}\n"
     nav2.write_text(costmap + NAV2.replace("scale_velocities: false", "max_velocity: [1.5, 0.0, 2.0]"))
@@ -74,7 +74,7 @@ def test_body_and_the_limits_that_follow_from_the_file_are_said_and_what_is_assu
     assert json.loads(called("params", nav2, "--json").stdout)["robot"]["vertices"][0] == [0.35, 0.25]
 
 
-def test_json_has_the_same_and_what_is_left_out(nav2):
+def test_params_prints_json(nav2):
     found = json.loads(called("params", nav2, "--json").stdout, parse_constant=pytest.fail)
     assert found["counts"] == {"modeled": 3, "built in": 1, "no effect": 1, "differs": 1, "not modeled": 1}
     assert found["parameters"][3] == {
@@ -141,7 +141,7 @@ def test_terminal_lines_count_unmodeled_parameters_beyond_a_few_and_keep_warning
     assert lines[-1] == "nav2.yaml: and 197 more that are not modeled; `vastflow params nav2.yaml` shows them all"
 
 
-def test_warnings_of_a_floor_plan_are_counted_beyond_a_few_and_those_of_the_campaign_are_all_shown():
+def test_terminal_lines_count_warnings_of_floor_plan_beyond_a_few():
     def note(file, k):
         return Fault(Place(file, k, 1, f"Entryway d{k}"), "it cuts nothing", kind="warning")
 

@@ -124,7 +124,7 @@ def test_pictures_go_to_a_folder_with_the_campaigns_name_and_are_printed(small_r
     assert (tmp_path / printed[-1]).is_file()
 
 
-def test_without_pictures_no_folder_is_made(small_room, tmp_path):
+def test_plan_makes_no_folder_without_pictures(small_room, tmp_path):
     assert as_json(small_room)["pictures"] == []
     assert not list(tmp_path.glob("pictures-*"))
 
@@ -151,7 +151,7 @@ def test_estimate_of_a_run_does_not_exceed_the_timeout(small_room):
     assert estimate_of(configurations, three, timeout_s=1.5, cores=1).simulated_s == 2 * 3 * 1.5
 
 
-def test_without_a_path_the_way_is_straight_from_stop_to_stop(small_room):
+def test_way_without_path_is_straight_from_stop_to_stop(small_room):
     assert [route_m(configuration) for configuration in configurations_of(small_room)] == [2.0, 2.0]
 
 
@@ -164,7 +164,7 @@ def test_estimate_says_what_it_supposes(small_room):
     )
 
 
-def test_fault_of_the_file_ends_with_2_and_is_said_as_validate_says_it(small_room):
+def test_plan_reports_faults_as_validate_does(small_room):
     small_room.write_text(small_room.read_text().replace("  runs: 2", "  rums: 2"))
     result = called(small_room)
     assert (result.exit_code, result.stdout) == (2, "")
@@ -191,7 +191,7 @@ def test_generated_floor_plan_is_drawn(tmp_path):
     assert len(as_json(tmp_path / "rooms.vast", "--pictures", 1)["pictures"]) == 1
 
 
-def test_it_never_imports_prefect(small_room):
+def test_plan_never_imports_prefect(small_room):
     code = (
         "import sys\nfrom typer.testing import CliRunner\nfrom vastflow.flows.__main__ import app\n"
         f"result = CliRunner().invoke(app, ['plan', {str(small_room)!r}])\n"

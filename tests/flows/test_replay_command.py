@@ -61,7 +61,7 @@ def executed(scenario):
 
 
 def campaign_directory(folder, text, recordings_of):
-    """What `vastflow run` would write for a campaign in a room of 6 m."""
+    """Write the campaign directory of a campaign in a room of 6 m."""
     cells = np.full((120, 120), 254, dtype=np.uint8)
     cells[[0, -1], :] = cells[:, [0, -1]] = 0
     Image.fromarray(cells).save(folder / "room.pgm")

@@ -41,7 +41,7 @@ def test_check_and_parameters_report_all_faults_with_their_places(file):
         assert "did you mean 'speed'?" in result.stderr and "did you mean 'log'?" in result.stderr
 
 
-def test_check_names_actions_that_cannot_be_run_and_parameters_lists_them_all_the_same(file):
+def test_check_names_actions_that_cannot_be_run(file):
     body = "do serial:\n        bag_play('drive')\n        log('x')\n        load_world('flat.sdf')\n"
     file.write_text(PATROL.replace("osc.ros", "osc.ros\nimport osc.sim").replace('do log("x")\n', body))
     result = called("scenario", "check", file)

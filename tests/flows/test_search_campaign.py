@@ -1,4 +1,4 @@
-"""Campaigns that search: what is proposed, what is run, what is written, and that all of it is the same again."""
+"""Campaigns that search: proposals, runs, tables, and that a search is repeated exactly."""
 
 import itertools
 import json
@@ -185,7 +185,7 @@ def test_search_runs_batches_until_budget_is_spent_and_confirms_best_by_fresh_ru
 
 
 @pytest.mark.slow
-def test_flow_of_prefect_finds_the_same_and_again_executes_nothing(place, first, prefect_home, monkeypatch):
+def test_flow_finds_same_and_repeats_nothing(place, first, prefect_home, monkeypatch):
     monkeypatch.setenv("PREFECT_HOME", str(prefect_home(place / "prefect")))
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
 
@@ -202,11 +202,11 @@ def test_flow_of_prefect_finds_the_same_and_again_executes_nothing(place, first,
     assert again.summary.executed == 0 and content(again) == content(first)
 
 
-def test_one_worker_finds_what_two_find(run, first):
+def test_search_finds_same_with_one_worker(run, first):
     assert content(run(store="other", workers=1)) == content(first)
 
 
-def test_greater_budget_goes_on_where_the_smaller_one_ended(run, first):
+def test_greater_budget_continues_smaller_one(run, first):
     more = run(more="  budget: [{batches: 4}]")
     assert rows(more)[:12] == rows(first)
     new = [row["configuration"] for row in rows(more)[12:]]
@@ -224,7 +224,7 @@ def test_greater_budget_goes_on_where_the_smaller_one_ended(run, first):
         ("ribs", "qd", "{archive: {measures: {x: {low: 1, high: 11, bins: 5}, n: {low: -0.5, high: 3.5, bins: 4}}}}"),
     ],
 )
-def test_search_that_is_interrupted_at_five_points_finds_what_one_in_one_go_finds(run, library, strategy, parameters):
+def test_interrupted_search_finds_same(run, library, strategy, parameters):
     pytest.importorskip(library)
     more = f"{BATCHES}\n  strategy_parameters: {parameters}"
     file = {"more": more, "strategy": strategy, "objective": "badness"}
@@ -239,18 +239,21 @@ def test_search_that_is_interrupted_at_five_points_finds_what_one_in_one_go_find
         assert content(again, "archive") == content(whole, "archive")
 
 
-def test_point_in_which_no_robot_drives_can_not_be_minimized(first):
+def test_point_without_robot_cannot_be_minimized(first):
     best = found(first)["best"]
     with pytest.raises(UnusableDirectory, match=f"{best['configuration']} can't be minimized: it has no map"):
         failing_configuration(first.directory, best["configuration"], None, 0.1)
 
 
-def test_points_that_can_not_be_built_cost_no_runs_and_count(run):
+def test_points_that_cannot_be_built_cost_no_runs_and_count(run):
     result = run(limit=6)
     excluded = [row for row in rows(result) if row["standing"] == "rejected"]
     assert {row["reason"] for row in excluded} == {"the constraint short excludes it"}
     assert all(row["runs"] == 0 and row["objective"] is None for row in excluded)
     assert all(json.loads(row["point"])["x"] >= 6 for row in excluded)
+    result = run(limit=-1, more="  budget: [{runs: 100}]\n  max_proposals: 10")
+    assert found(result)["ended_by"] == "proposals 10 of 10" and found(result)["best"] is None
+    assert result.summary.runs == 0
 
 
 def test_baseline_has_as_many_points_and_changes_nothing_of_search(run, first):
@@ -271,14 +274,8 @@ def test_baseline_has_as_many_points_and_changes_nothing_of_search(run, first):
     assert judged["families"]["random"]["clustered"] is not None
 
 
-def test_space_in_which_nothing_can_be_built_ends(run):
-    result = run(limit=-1, more="  budget: [{runs: 100}]\n  max_proposals: 10")
-    assert found(result)["ended_by"] == "proposals 10 of 10" and found(result)["best"] is None
-    assert result.summary.runs == 0
-
-
 @pytest.mark.slow
-def test_search_whose_points_break_ends_with_faults_after_a_second_try(run):
+def test_search_ends_with_faults_after_second_try(run):
     result = run(broken="True", store="broken")
     assert found(result)["ended_by"] == "a point broke twice"
     assert {fault.configuration for fault in result.faults} == {f"point-{k:04}" for k in range(1, 5)}
@@ -300,7 +297,8 @@ def test_batches_that_fit_time_are_repeated_and_survive_gc(place, run):
     assert store.holdings() == []
 
 
-def test_archive_has_the_worst_point_of_each_kind(run):
+@pytest.mark.slow
+def test_archive_has_worst_point_of_each_cell(run):
     pytest.importorskip("ribs")
     archive = "{archive: {measures: {x: {low: 1, high: 11, bins: 5}, n: {low: -0.5, high: 3.5, bins: 4}}}}"
     result = run(strategy="qd", more=f"{BATCHES}\n  strategy_parameters: {archive}")
@@ -312,7 +310,7 @@ def test_archive_has_the_worst_point_of_each_kind(run):
         assert json.loads(cell["cell"]) == [int((point["x"] - 1) / 2), point["n"]]
 
 
-def test_metric_of_an_oracle_is_an_objective(run):
+def test_metric_of_oracle_is_objective(run):
     result = run(objective="badness")
     assert all(
         row["objective"] == pytest.approx(1 - abs(json.loads(row["point"])["x"] - 7) / 10, abs=0.03)
@@ -320,26 +318,28 @@ def test_metric_of_an_oracle_is_an_objective(run):
     )
 
 
-def test_only_a_part_of_a_search_is_refused(place):
-    with pytest.raises(FileError, match="search: expected no --only, since a search proposes"):
-        run_campaign(file_of(place), results=place / "results", store=place / "store", only="point-0001")
-
-
 @each_row(
-    ("extract", "fault"),
+    ("extract", "only", "fault"),
     [
         (
+            "{oracle: own.py:Pocket, metric: badness}",
+            "point-0001",
+            "search: expected no --only, since a search proposes",
+        ),
+        (
             "{oracle: safety, metric: x}",
+            None,
             "search.extract.params.badness.oracle: no oracle 'safety' judges this campaign",
         ),
         (
             "{oracle: own.py:Pocket, metric: bad}",
+            None,
             "badness.metric: no metric 'bad' of oracle own.py:Pocket; did you mean",
         ),
     ],
 )
-def test_number_that_no_oracle_gives_is_a_fault_with_its_place(place, extract, fault):
+def test_search_refuses_selection_and_unknown_numbers(place, extract, only, fault):
     file = file_of(place)
     file.write_text(file.read_text().replace("{oracle: own.py:Pocket, metric: badness}", extract))
     with pytest.raises(FileError, match=re.escape(fault)):
-        run_campaign(file, results=place / "results", store=place / "store")
+        run_campaign(file, results=place / "results", store=place / "store", only=only)
