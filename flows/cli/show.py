@@ -35,7 +35,7 @@ def show(
             if as_json:
                 print(json.dumps(read_coverage(directory), ensure_ascii=False))
             elif coverage:
-                printed(coverage_text(read_coverage(directory)))
+                printed([*coverage_text(read_coverage(directory))])
             else:
                 tables = read_tables(directory)
                 shown = list(details(tables, evidence_of(tables)))

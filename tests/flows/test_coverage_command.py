@@ -3,10 +3,9 @@
 import json
 
 import pytest
+from command_line import called, refused
 from table import each_row
-from typer.testing import CliRunner
 
-from vastflow.flows.__main__ import app
 from vastflow.flows.plan.text import share_text
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
@@ -58,10 +57,9 @@ def directory(expected, tmp_path):
     return folder
 
 
-def called(path, *options):
-    """The coverage of a campaign file, planned, or of a directory, shown."""
-    command = "plan" if path.is_file() else "show"
-    return CliRunner().invoke(app, [command, str(path), "--coverage", *options], terminal_width=200)
+def covered(path, *options):
+    """Return the result of `plan` for a campaign file, or of `show` for a directory."""
+    return called("plan" if path.is_file() else "show", path, "--coverage", *options)
 
 
 def row_of(text, *begin):
@@ -69,38 +67,21 @@ def row_of(text, *begin):
     return next(words for words in map(str.split, text.splitlines()) if tuple(words[: len(begin)]) == begin)
 
 
-def test_json_of_a_campaign_file_is_what_instantiation_counts(campaign_file, expected):
-    assert json.loads(called(campaign_file, "--json").stdout)["coverage"] == expected
+def test_plan_and_show_print_equal_coverage(campaign_file, directory, expected):
+    printed = covered(campaign_file, "--json").stdout
+    assert json.loads(printed)["coverage"] == expected and len(printed.splitlines()) == 1
+    assert json.loads(covered(directory, "--json").stdout) == expected
+    assert covered(campaign_file).stdout.startswith(covered(directory).stdout)
 
 
-def test_json_is_one_line(campaign_file):
-    assert len(called(campaign_file, "--json").stdout.splitlines()) == 1
-
-
-def test_json_of_a_campaign_directory_is_its_coverage_json(directory, expected):
-    assert json.loads(called(directory, "--json").stdout) == expected
-
-
-def test_file_and_directory_print_the_same(campaign_file, directory):
-    assert called(campaign_file).stdout.startswith(called(directory).stdout)
-
-
-def test_requested_is_shown_as_the_sum_of_its_parts(campaign_file):
-    printed = called(campaign_file).stdout
+def test_coverage_counts_parts_of_what_was_requested(directory):
+    printed = covered(directory).stdout
     assert row_of(printed, "room")[1:6] == ["6", "2", "4", "0", "0"]
     assert row_of(printed, "still")[1:6] == ["6", "0", "0", "2", "4"]
     assert row_of(printed, "all")[1:6] == ["12", "2", "4", "2", "4"]
-
-
-def test_coverage_names_what_constraints_and_producers_removed(campaign_file):
-    printed = called(campaign_file).stdout
     assert row_of(printed, "2", "×", "room") == ["2", "×", "room", "see_enough"]
     assert row_of(printed, "4", "×", "room")[3] == "PathVariationRandom"
     assert "200 m" in printed
-
-
-def test_dimensions_and_pairs_of_producers_have_their_counts(campaign_file):
-    printed = called(campaign_file).stdout
     assert row_of(printed, "still", "system")[2:] == [
         *("4", "6", "6", "6", "100.0", "%"),
         *("laserscan_gaussian_noise_std_deviation,", "laserscan_random_drop_percentage"),
@@ -116,47 +97,24 @@ def test_share_is_rounded_down(share, text):
     assert share_text(share) == text
 
 
-def no_such_path(folder):
-    return folder / "nowhere"
-
-
-def folder_of_something_else(folder):
-    return folder
-
-
-def picture(folder):
-    (folder / "picture.png").write_bytes(b"\x89PNG\r\n\x1a\n\x00")
-    return folder / "picture.png"
-
-
-def older_directory(folder):
-    (folder / "metadata.json").write_text("{}")
-    return folder
-
-
-def damaged_directory(folder):
-    (folder / "coverage.json").write_text('{"families": {"a": 3}}')
-    return older_directory(folder)
-
-
-def cut_off_directory(folder):
-    (folder / "coverage.json").write_text('{"families": {')
-    return older_directory(folder)
+@each_row(
+    ("file", "content"),
+    [
+        ("picture.png", b"\x89PNG\r\n\x1a\n\x00"),
+        ("metadata.json", b"{}"),
+        ("coverage.json", b'{"families": {"a": 3}}'),
+        ("coverage.json", b'{"families": {'),
+    ],
+)
+def test_coverage_refuses_other_files_and_damaged_directory(file, content, tmp_path):
+    (tmp_path / file).write_bytes(content)
+    if file == "coverage.json":
+        (tmp_path / "metadata.json").write_text("{}")
+    path = tmp_path / file if file == "picture.png" else tmp_path
+    assert refused("plan" if path.is_file() else "show", path, "--coverage").startswith(str(path))
 
 
 @each_row(
-    "make",
-    [no_such_path, folder_of_something_else, picture, older_directory, damaged_directory, cut_off_directory],
-)
-def test_path_that_is_neither_is_said_in_one_line(make, tmp_path):
-    path = make(tmp_path)
-    result = called(path)
-    assert (result.exit_code, result.stdout) == (2, "")
-    (line,) = result.stderr.splitlines()
-    assert line.startswith(str(path))
-
-
-@pytest.mark.parametrize(
     ("place", "value"),
     [
         (("dimensions", "environment", "combinations"), "many"),
@@ -173,5 +131,4 @@ def test_show_coverage_reports_damaged_values(directory, expected, place, value)
     assert last in part or last == "pairs_not_listed"
     part[last] = value
     (directory / "coverage.json").write_text(json.dumps(damaged))
-    result = called(directory)
-    assert (result.exit_code, "damaged campaign directory" in result.stderr) == (2, True)
+    assert "damaged campaign directory" in refused("show", directory, "--coverage")

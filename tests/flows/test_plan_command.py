@@ -7,10 +7,9 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from command_line import called, refused
 from PIL import Image
-from typer.testing import CliRunner
 
-from vastflow.flows.__main__ import app
 from vastflow.flows.plan.estimate import MEAN_SPEED_MPS, TIMES_REAL_TIME, Estimate, estimate_of, route_m
 from vastflow.flows.plan.pictures import plan_view_of
 from vastflow.producers.campaign import load_campaign
@@ -64,12 +63,12 @@ def _elsewhere(tmp_path, monkeypatch):
     monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "store"))
 
 
-def called(*arguments):
-    return CliRunner().invoke(app, ["plan", *map(str, arguments)])
+def planned(*arguments):
+    return called("plan", *arguments)
 
 
 def as_json(*arguments):
-    result = called(*arguments, "--json")
+    result = planned(*arguments, "--json")
     assert result.exit_code == 0, result.stderr
     (line,) = result.stdout.splitlines()
     return json.loads(line)
@@ -79,64 +78,45 @@ def configurations_of(campaign_file):
     return instantiate(load_campaign(campaign_file)).configurations
 
 
-def test_json_counts_what_would_run_and_what_would_not(rich_room):
+def test_plan_counts_configurations_and_their_losses(rich_room):
     found = as_json(rich_room)
     counts = {name: found["coverage"][name] for name in ("realised", "unrealisable", "excluded", "duplicate")}
     assert counts == {"realised": 2, "unrealisable": 1, "excluded": 1, "duplicate": 1}
     assert (found["configurations"], found["stages"]["execute"]) == (2, {"reused": 0, "computed": 4})
-
-
-def test_json_says_design_and_reasons_of_each_family(rich_room):
-    room = as_json(rich_room)["coverage"]["families"]["room"]
-    assert room["design"]["kind"] == "cartesian"
-    assert room["excluded_by"] == {"see_enough": 1}
+    room = found["coverage"]["families"]["room"]
+    assert (room["design"]["kind"], room["excluded_by"]) == ("cartesian", {"see_enough": 1})
     assert room["unrealisable_by"]["PathVariationRandom"]["count"] == 1
-
-
-def test_coverage_lists_dimensions_and_pairs(rich_room):
-    assert "dimension" not in called(rich_room).stdout
-    printed = called(rich_room, "--coverage").stdout
+    printed = planned(rich_room).stdout
+    assert "200 m" in printed and "1 ×  room  see_enough" in printed and "dimension" not in printed
+    printed = planned(rich_room, "--coverage").stdout
     assert "dimension" in printed and "pair of producers" in printed
 
 
-def test_reasons_of_rejections_and_exclusions_are_printed(rich_room):
-    printed = called(rich_room).stdout
-    assert "200 m" in printed
-    assert "1 ×  room  see_enough" in printed
-
-
-def test_first_configurations_are_drawn_and_named(rich_room, tmp_path):
+def test_plan_draws_first_distinct_configurations(rich_room, tmp_path):
+    assert as_json(rich_room)["pictures"] == [] and not list(tmp_path.glob("pictures-*"))
     found = as_json(rich_room, "--pictures", 1, "--out", tmp_path / "pictures")
     assert found["pictures"] == [str(tmp_path / "pictures" / "room-1-1-1.png")]
     with Image.open(found["pictures"][0]) as picture:
-        assert picture.format == "PNG"
-        assert min(picture.size) > 400
-
-
-def test_duplicate_is_not_drawn(rich_room):
-    names = [name.rpartition("/")[2] for name in as_json(rich_room, "--pictures", 4)["pictures"]]
-    assert names == ["room-1-1-1.png", "room-1-1-2.png"]
-
-
-def test_pictures_go_to_a_folder_with_the_campaigns_name_and_are_printed(small_room, tmp_path):
-    printed = called(small_room, "--pictures", 1).stdout.splitlines()
-    assert printed[-1] == "pictures-small-room/room-1.png"
+        assert (picture.format, min(picture.size) > 400) == ("PNG", True)
+    printed = planned(rich_room, "--pictures", 4).stdout.splitlines()
+    assert printed[-2:] == [f"pictures-small-room/room-1-1-{k}.png" for k in (1, 2)]
     assert (tmp_path / printed[-1]).is_file()
 
 
-def test_plan_makes_no_folder_without_pictures(small_room, tmp_path):
-    assert as_json(small_room)["pictures"] == []
-    assert not list(tmp_path.glob("pictures-*"))
+def test_plan_draws_generated_floor_plan(tmp_path):
+    plan = Path(__file__).parents[2] / "campaigns/floorplans/nested_rooms.fpm"
+    (tmp_path / "rooms.vast").write_text(FLOOR_PLAN.format(plan=plan))
+    assert len(as_json(tmp_path / "rooms.vast", "--pictures", 1)["pictures"]) == 1
 
 
-def test_picture_has_path_stops_and_the_obstacle_with_its_trigger(rich_room):
+def test_picture_has_path_stops_and_obstacle_with_its_trigger(rich_room):
     view = plan_view_of(configurations_of(rich_room)[0])
     start, goal = view.situation.start, view.situation.goals[0]
     assert [tuple(view.path_xy_m[k]) for k in (0, -1)] == [(start.x_m, start.y_m), (goal.x_m, goal.y_m)]
     assert [obstacle.trigger.distance_m for obstacle in view.situation.obstacles] == [0.8]
 
 
-def test_estimate_is_of_distinct_runs_at_the_mean_speed(rich_room):
+def test_estimate_is_of_distinct_runs_at_mean_speed(rich_room):
     configurations = configurations_of(rich_room)
     five = Counter({each.name: 5 for each in configurations if each.duplicate_of is None})
     length_m = configurations[0].provenance["_path_length"]
@@ -145,50 +125,26 @@ def test_estimate_is_of_distinct_runs_at_the_mean_speed(rich_room):
     assert found.wall_s == pytest.approx(found.simulated_s / (2 * TIMES_REAL_TIME))
 
 
-def test_estimate_of_a_run_does_not_exceed_the_timeout(small_room):
+def test_estimate_takes_straight_way_without_path_and_ends_at_timeout(small_room):
     configurations = configurations_of(small_room)
+    assert [route_m(configuration) for configuration in configurations] == [2.0, 2.0]
     three = Counter({each.name: 3 for each in configurations})
     assert estimate_of(configurations, three, timeout_s=1.5, cores=1).simulated_s == 2 * 3 * 1.5
-
-
-def test_way_without_path_is_straight_from_stop_to_stop(small_room):
-    assert [route_m(configuration) for configuration in configurations_of(small_room)] == [2.0, 2.0]
-
-
-def test_estimate_says_what_it_supposes(small_room):
-    printed = " ".join(called(small_room).stdout.split())
-    assert "estimate: about" in printed
+    assert "estimate: about" in " ".join(planned(small_room).stdout.split())
     assert Estimate(10.0, 300.0, 1).how == (
         "each run its path at 0.3 m/s, 300 s at most, 1 core of 200 times real time each; "
         "without Prefect's start and compilation"
     )
 
 
-def test_plan_reports_faults_as_validate_does(small_room):
-    small_room.write_text(small_room.read_text().replace("  runs: 2", "  rums: 2"))
-    result = called(small_room)
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert result.stderr == CliRunner().invoke(app, ["validate", str(small_room)]).stderr
-
-
-def test_constraints_that_leave_nothing_end_with_2(rich_room):
-    rich_room.write_text(rich_room.read_text().replace("percentage < 0.8", "percentage > 2"))
-    result = called(rich_room)
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert "the constraints leave nothing of family 'room'" in result.stderr
-
-
-def test_out_folder_that_is_a_file_is_said_before_anything_is_built(small_room, tmp_path):
+def test_plan_reports_faults_as_validate_does(small_room, rich_room, tmp_path):
     (tmp_path / "taken").write_text("")
-    result = called(small_room, "--out", tmp_path / "taken")
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert result.stderr.startswith("--out ")
-
-
-def test_generated_floor_plan_is_drawn(tmp_path):
-    plan = Path(__file__).parents[2] / "campaigns/floorplans/nested_rooms.fpm"
-    (tmp_path / "rooms.vast").write_text(FLOOR_PLAN.format(plan=plan))
-    assert len(as_json(tmp_path / "rooms.vast", "--pictures", 1)["pictures"]) == 1
+    assert refused("plan", small_room, "--out", tmp_path / "taken").startswith("--out ")
+    text = rich_room.read_text()
+    rich_room.write_text(text.replace("percentage < 0.8", "percentage > 2"))
+    assert "the constraints leave nothing of family 'room'" in refused("plan", rich_room)
+    small_room.write_text(text.replace("  runs: 2", "  rums: 2"))
+    assert refused("plan", small_room) == refused("validate", small_room)
 
 
 def test_plan_never_imports_prefect(small_room):
