@@ -34,7 +34,6 @@ class ShownTicks:
     Attributes:
         last: None for the end of the executed run, which may differ from the recorded one.
         strip: Ticks of the picture strip; empty for a choice between `first` and `last`.
-        film: Ticks of the film; empty for none.
         notes: Sentences on rounded times.
     """
 

@@ -96,11 +96,7 @@ def requested(source: Path, asked: Mapping[str, Any]) -> Iterator[RunRequest]:
 
 
 def asked_request(file: Path, asked: Mapping[str, Any]) -> RunRequest:
-    """Return the request of these options.
-
-    Raises:
-        UserError: an option is wrong.
-    """
+    """Return the request of these options, or raise `UserError` for a wrong one."""
     try:
         return request_of(file, asked)
     except ValueError as error:

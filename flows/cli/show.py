@@ -45,10 +45,6 @@ def show(
 
 
 def report_line(results: Path, place: str | None = None) -> str:
-    """Return the path of the report, or the sentence that there is none.
-
-    Args:
-        place: Path or address of the campaign directory, where `results` is a copy of it.
-    """
+    """Return the path of the report, if any, at the `place` that `results` is a copy of."""
     where = place or str(results)
     return f"report: {where}/report.html" if (results / "report.html").exists() else f"no report; tables: {where}"

@@ -139,13 +139,9 @@ class Compared:
 
     Attributes:
         oracle: The compared oracle; None for all that judged both campaigns.
-        whole: The difference over all pairs.
-        oracles: The difference by oracle.
+        whole: The difference over all pairs; `oracles` has it by oracle, `levels` by levels of the candidate's factors.
         changes: Configurations with changed outcomes, the most certain first.
-        levels: The difference at each level of each factor of the candidate.
-        gate: The gate on a loss of success rate.
-        differences: Parameters that differ between paired configurations.
-        campaign_differences: Sentences on other differences: oracles, code, libraries, numeric class, seed.
+        differences: Parameters that differ between paired configurations; `campaign_differences` are sentences on the rest.
     """
 
     before: Tables = field(repr=False)
@@ -168,11 +164,7 @@ class Compared:
 def compared(
     before: Tables, after: Tables, oracle: str | None = None, margin: float = 0.02, target: Target = "these"
 ) -> Compared:
-    """Compare two campaigns.
-
-    Args:
-        margin: Loss that the gate accepts.
-        target: The population of differences and gate.
+    """Compare two campaigns, see `Gate` for `margin` and `target`.
 
     Raises:
         UnusableDirectory: an unknown oracle, or no pair of runs that was judged both times.

@@ -32,11 +32,9 @@ class Gate:
     Faults, runs without a counterpart, and runs that were not judged are checked first, since each could hide a loss.
 
     Attributes:
-        pairing: The runs of both campaigns.
         whole: The difference over all judged pairs.
         target: The population of its claim.
         margin: Accepted loss, as a share of the runs.
-        oracle: The only oracle; None for all together.
         new_faults: Faults of the candidate in configurations without a fault in the baseline.
         same_keys: Whether both campaigns were computed from equal scenarios by equal code.
     """

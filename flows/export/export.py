@@ -35,12 +35,7 @@ from vastflow.tasks.store.artifact import inside
 class ExportSource:
     """Reads the data of a campaign directory that an export needs.
 
-    Attributes:
-        campaign: Name of the campaign.
-        configurations: Rows of `configurations.parquet`.
-
-    Raises (every method, too):
-        UnusableDirectory: a file is missing or damaged.
+    Every method raises `UnusableDirectory` if a file is missing or damaged.
     """
 
     def __init__(self, directory: Path) -> None:
@@ -201,16 +196,15 @@ def export(
     progress: Callable[[int, int], None] = lambda done, of: None,
     outputs: str = "outputs/",
 ) -> Exported:
-    """Export the campaign directory `results` to `folder`, which stays as it is until all files are written.
+    """Export the campaign directory `results` to the new or empty `folder` at once.
 
     Args:
-        folder: A new or an empty folder.
         only: Patterns (`*`, `?`, `[…]`) of names of configurations and families; all if empty.
         progress: Called with the number of exported configurations and their total.
         outputs: Folder of a run's output files, with `/`; empty for the run's own folder, as in RoboVAST.
 
     Raises:
-        UserError: the folder is in use, a pattern fits nothing, or the campaign directory is damaged.
+        UserError: the folder is in use, a pattern matches nothing, or the campaign directory is damaged.
         OSError: the folder can't be written.
     """
     refuse(folder)

@@ -19,8 +19,7 @@ class Flaw:
 
     Attributes:
         kind: `failure` of the system under test, `error` of the test, or `skipped` if it was not judged.
-        message: The reason in one line.
-        text: Details, may be empty.
+        message, text: The reason in one line, and its details.
     """
 
     kind: FlawKind
@@ -30,15 +29,7 @@ class Flaw:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One test.
-
-    Attributes:
-        name, classname: Names, unique together in a report.
-        time_s: Duration.
-        started_s: Start in seconds since 1970 (UTC); None if unknown.
-        properties: Values by name.
-        flaw: None for a passed case.
-    """
+    """One test, which started at `started_s` since 1970 (UTC) if that is known, and has a flaw unless it passed."""
 
     name: str
     classname: str

@@ -51,13 +51,10 @@ class ExportedRun:
     """The data of one run in a campaign directory.
 
     Attributes:
-        verdicts: Its rows of `verdicts.parquet`.
-        row: Its row of `runs.parquet`; None for a run without recording.
-        log: Its run log, if any.
-        host: The host and versions of the log.
+        verdicts, row: Its rows of `verdicts.parquet` and of `runs.parquet`, the latter None without a recording.
+        log, host: Its run log, if any, with host and versions.
         recorded: Columns of its recording, in thousandths; empty without a robot.
         behaviors: Its `behaviors` table, may be empty.
-        scenario, scenario_file: Names of the scenario and of its file.
     """
 
     campaign: str

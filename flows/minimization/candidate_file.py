@@ -40,11 +40,7 @@ _OTHERS: Final = ("local", FILE_KEY)
 
 @dataclass(frozen=True)
 class BuiltCandidate:
-    """A candidate, read from its campaign file.
-
-    Attributes:
-        text: The text of the file.
-    """
+    """A candidate, read from its campaign file with this text."""
 
     campaign: Campaign = field(repr=False)
     oracles: tuple[Oracle[Any], ...] = field(repr=False)
@@ -72,10 +68,7 @@ class CandidateFiles:
     folder: Path
 
     def built(self, candidate: Candidate, runs: int = 1, comment: str = "") -> BuiltCandidate:
-        """Write a candidate's campaign file and read it as `vastflow run` does.
-
-        Args:
-            runs: Number of runs in the file.
+        """Write a candidate's campaign file for `runs` runs and read it as `vastflow run` does.
 
         Raises:
             NotBuilt: the file has a fault, or start or goal is not free.

@@ -41,7 +41,6 @@ class Failing:
         subject: The scenario, with files in the campaign directory.
         campaign: The data of the campaign file.
         places: See `vastflow.flows.request.asked.Asked`.
-        start_check: The start check of its family.
         assumed: Keys of the subject that neither the campaign nor its parameter file contains.
     """
 
@@ -56,11 +55,7 @@ class Failing:
 
 
 def failing_configuration(directory: Path, name: str, oracle: str | None, rate: float) -> Failing:
-    """Read a configuration that fails.
-
-    Args:
-        oracle: The oracle whose failures count; default: the one that fails it most often.
-        rate: Failure rate from which it fails.
+    """Read a configuration that fails by `oracle`, or by the one that fails it most often, at `rate` or more.
 
     Raises:
         NotMinimized: it does not exist, was rejected or excluded, broke, or passes.

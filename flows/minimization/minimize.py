@@ -66,9 +66,7 @@ def minimize_configuration(
     """Reduce a failing configuration of a campaign directory to the smallest one that still fails.
 
     Args:
-        results: A campaign directory.
-        oracle: The oracle whose failures count; default: the one that fails the configuration most often.
-        rate: Failure rate from which a configuration fails.
+        oracle, rate: See `failing_configuration`.
         store, workers, observer: See `vastflow.flows.api.run_campaign`. Cached runs are not executed again.
 
     Raises:

@@ -21,11 +21,9 @@ class Minimized:
     """The result of a minimization.
 
     Attributes:
-        text: The text of the minimal campaign file.
-        files: Its other files: path beside it to content.
+        text, files: The minimal campaign file, and its other files by their path beside it.
         picture: PNG of the scenario before and after.
-        runs: Number of runs of trials and confirmations.
-        executed: Number of these that this call executed; the others were cached.
+        runs, executed: Number of runs of trials and confirmations, and of those that were not cached.
     """
 
     failing: Failing

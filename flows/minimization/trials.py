@@ -76,8 +76,7 @@ class Trials:
     Attributes:
         runs: How many a candidate wants; the confirmed one gets more, with indices that no trial used.
         compute: None to look into the store alone.
-        configurations: Each candidate that was built, in the order of the trials.
-        used: Number of runs that trials and confirmations took, by candidate.
+        configurations, used: Each built candidate in order, and how many runs its trial and confirmation took.
     """
 
     run: Computing

@@ -20,11 +20,7 @@ T = TypeVar("T")
 
 
 class BatchBar:
-    """Shows the progress of a batch, as an observer of the campaign.
-
-    Args:
-        before: Number of runs before the batch.
-    """
+    """Shows the progress of a batch that follows `before` runs, as an observer of the campaign."""
 
     def __init__(self, bar: ProgressBar, before: int) -> None:
         self._bar = bar
@@ -41,15 +37,7 @@ class BatchBar:
 def compute_batch(
     name: str, search: SearchProgress, engine: Engine, tally: Tally, compute: Callable[[TaskRuns], T]
 ) -> T:
-    """Compute the current points in a child of the calling flow run.
-
-    Args:
-        name: Name of the campaign.
-        compute: Computes missing results of the points by task runs of the child; its result is returned.
-
-    Raises:
-        Exception: what `compute` raises.
-    """
+    """Compute the current points in a child of the calling flow run; return what `compute` returns, or raise its error."""
     title, made = f"{name}, {search.title}", list[T]()
 
     @flow(name=FLOW, flow_run_name=lambda: title, persist_result=False)

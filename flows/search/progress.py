@@ -37,9 +37,7 @@ class PointRuns:
 
     Attributes:
         rule: Ends a point's runs when its class is decided; None for `runs` each.
-        runs: Runs of each point, at most if there is a rule.
-        confirmed: Name of the confirmed point; empty before.
-        confirm: Number of confirming runs.
+        confirmed: Name of the confirmed point, which has `confirm` more runs; empty before.
     """
 
     rule: Stopping | None
@@ -108,11 +106,7 @@ class BatchClock:
 
 
 def clock_of(store: Store, spec: SearchSpec, *content: Any) -> BatchClock:
-    """Return the clock of a search.
-
-    Args:
-        content: Inputs of its results, as values that have a digest.
-    """
+    """Return the clock of a search, whose results follow from `content`, values that have a digest."""
     timed = any(each.time is not None for each in spec.budget)
     hashed = digest("search", *content)
     return BatchClock(store, f"search/{hashed[:2]}/{hashed}" if timed else "")
@@ -123,12 +117,7 @@ BROKEN: Final = "a point broke twice"
 
 @dataclass(frozen=True, slots=True)
 class Confirmation:
-    """Fresh runs of the best point.
-
-    Attributes:
-        samples: The objective of each run that has one.
-        runs: Number of runs.
-    """
+    """Fresh runs of the best point, with the objective of each run that has one."""
 
     proposal: Proposal
     found: float
@@ -141,13 +130,10 @@ class SearchProgress:
     """A running search.
 
     Attributes:
-        runs: Number of runs of a point.
         proposals: Proposals of the current batch; all of them at the end.
-        batches: Evaluations by batch.
-        baseline: Evaluations of the baseline's points.
+        batches: Evaluations by batch; `baseline` has those of the baseline.
         ended_by: Why the search ended; empty before.
         strategy: The strategy, which was told all batches.
-        confirmation: None before, and if nothing could be confirmed.
     """
 
     search: Search
@@ -226,10 +212,7 @@ class SearchProgress:
     ) -> bool:
         """Take the results of the current points and ask for the next; return whether there are any.
 
-        A broken batch is computed once more; if it breaks again, the search ends.
-
-        Args:
-            broken: Names of configurations that met a fault.
+        A broken batch is computed once more; if it breaks again, the search ends. `broken` are names of configurations with a fault.
 
         Raises:
             Lost: verdicts are damaged.

@@ -74,14 +74,7 @@ def _print(words: str) -> None:
 
 @contextmanager
 def writing(place: Path, option: str = "") -> Iterator[None]:
-    """Report an `OSError` of the body, which writes to `place`, as a user's mistake.
-
-    Args:
-        option: The option that gave the place, for the message.
-
-    Raises:
-        UserError: it can't be written.
-    """
+    """Report an `OSError` of the body, which writes to the `place` of an `option`, as a `UserError`."""
     try:
         yield
     except UserError:  # some are OSErrors too

@@ -25,12 +25,7 @@ class Output(Protocol):
 
 
 class NotebookDisplay:
-    """An observer of a campaign that shows its progress in a notebook.
-
-    Args:
-        output: Output of the cell.
-        html: Makes an object to display of HTML.
-    """
+    """An observer of a campaign that shows its progress, as `html`, in the `output` of a notebook's cell."""
 
     def __init__(self, output: Output, html: Callable[[str], Any], clock: Callable[[], float] = time.monotonic) -> None:
         self._output = output

@@ -64,11 +64,7 @@ _OWN: Final[Mapping[str, Any]] = {"map_dir": MapDir, "as_v1": AsV1}
 
 
 def asking(*names: str, **defaults: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Add the options of these fields to a command, which gets their values as the mapping `asked`.
-
-    Args:
-        defaults: Defaults that replace those of the fields.
-    """
+    """Add the options of these fields, with other defaults, to a command, which gets their values as the mapping `asked`."""
 
     def decorated(command: Callable[..., None]) -> Callable[..., None]:
         parameters: list[Parameter] = []

@@ -15,8 +15,7 @@ class Pace:
     """Times and speed of a campaign.
 
     Attributes:
-        elapsed_s: Time since the campaign was started.
-        phase_s: Time since the phase began.
+        elapsed_s, phase_s: Time since the campaign and since the phase began.
         runs_per_s: Executed runs per second; None before the second report of executed runs.
         times_real_time: Simulated seconds per second; None if `runs_per_s` is None.
         left_s: Time until the last run is done; None if unknown.

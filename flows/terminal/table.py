@@ -12,11 +12,7 @@ def terminal_table(
     words: Sequence[str] = (),
     rows: Iterable[Sequence[str]] = (),
 ) -> Table:
-    """Return a table without lines, and without header if no column is named.
-
-    Args:
-        names, words: Columns of text before and after those of numbers; long texts are folded.
-    """
+    """Return a table without lines, and without header if no column is named; `names` and `words` are columns of text."""
     table = Table(
         box=None, show_header=bool(names or numbers), header_style="bold", padding=(0, 2, 0, 0), pad_edge=False
     )
