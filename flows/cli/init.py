@@ -18,43 +18,7 @@ _CAMPAIGN: Final = "quickstart.vast"
 _MAP: Final = ("maps/office.yaml", "maps/office.pgm")
 _LONGEST_PATH_M: Final = 10.0
 _SHORTEST_PATH_M: Final = 1.0
-
-_TEMPLATE: Final = """\
-# Does this robot reach its goals on this map? 10 random paths, 5 runs each.
-#
-#     vastflow run {command}
-#
-# Paths stay where the robot can turn in place.
-
-version: 1
-
-metadata:
-  name: {name}              # begins the name of the campaign directory
-
-configuration:
-  - name: random-paths
-    parameters:             # the same in every configuration; files are named relative to this file
-      - map_file: {map_file}
-    variations:
-      - PathVariationRandom:
-          path_length: {length_m:g}               # m, along the shortest path
-          path_length_tolerance: {tolerance_m:g}
-          num_paths: 10
-          robot_diameter: {diameter_m:g}           # m, of the disc that must fit all along the path
-          seed: 1
-          start_pose: "@start_pose"
-          goal_poses: "@goal_pose"
-      # Vary a parameter of Nav2, under Nav2's name:
-      # - ParameterVariationList: {{name: inflation_radius, values: [0.4, 0.7]}}
-
-execution:
-  {nav2_params}runs: 5                   # of each configuration
-  timeout: 180              # simulated seconds
-
-evaluation:
-  oracles:                  # `success`, the scenario's own outcome, is always judged
-    - performance           # how far the path driven is from the shortest one
-"""
+_TEMPLATE: Final = Path(__file__).with_name("random_paths.vast.j2")
 
 
 def init(
@@ -97,6 +61,8 @@ def init(
 
 def _random_paths(folder: Path, map_file: Path, nav2_params: Path | None, command: str) -> str:
     """Return the text of a campaign with paths as long as the map allows, at most 10 m."""
+    from jinja2 import Template
+
     from vastflow.producers.campaign_file.nav2_parameters import parameter_faults
     from vastflow.producers.places.ground import ground_of
     from vastflow.producers.places.route import farthest_m
@@ -128,12 +94,12 @@ def _random_paths(folder: Path, map_file: Path, nav2_params: Path | None, comman
     def named(file: Path) -> str:
         return json.dumps(Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix(), ensure_ascii=False)
 
-    return _TEMPLATE.format(
+    return Template(_TEMPLATE.read_text(encoding="utf-8"), keep_trailing_newline=True).render(
         command=command,
         name=json.dumps(map_file.stem, ensure_ascii=False),
         map_file=named(map_file),
-        length_m=length_m,
-        tolerance_m=round(length_m / 10, 2),
-        diameter_m=diameter_m,
+        length_m=f"{length_m:g}",
+        tolerance_m=f"{length_m / 10:.2g}",
+        diameter_m=f"{diameter_m:g}",
         nav2_params="" if nav2_params is None else f"nav2_params: {named(nav2_params)}\n  ",
     )
