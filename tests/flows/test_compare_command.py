@@ -1,4 +1,4 @@
-"""The command `compare`: pairs, changes, the gate, JUnit and what can't be compared."""
+"""The command `compare`: pairs, changes, the gate, and JUnit."""
 
 import hashlib
 import json
@@ -20,7 +20,7 @@ INGREDIENTS = {
     "oracles": [],
     "code": {stage: {"files": {"sim.run": "a"}, "libraries": {"numpy": "1.0"}} for stage in STAGES},
 }
-"""Of `metadata.json`: what the results follow from."""
+"""Ingredients of the results in `metadata.json`."""
 
 
 def write(folder, configurations, *, oracles=("success",), seed="", created="2026-11-22T06:00:00", system_key="noise"):
@@ -33,16 +33,9 @@ def write(folder, configurations, *, oracles=("success",), seed="", created="202
     rows, runs, verdicts = [], [], []
     for name, (task, system, said) in configurations.items():
         content = {"environment": {}, "task": {"goal": task}, "system": {system_key: system}}
-        row = {
-            "name": name,
-            "family": "f",
-            "scenario_digest": f"{task} {system}",
-            "checked_digest": f"{task} {system}",
-            "abstract": "builtin:navigate_to_pose",
-        }
-        rows.append(
-            {**row, "scenario": json.dumps(content), "factors": json.dumps({"noise": system}), "provenance": "{}"}
-        )
+        row = {"name": name, "family": "f", "scenario_digest": f"{task} {system}", "provenance": "{}"}
+        row |= {"abstract": "builtin:navigate_to_pose", "scenario": json.dumps(content)}
+        rows.append({**row, "factors": json.dumps({"noise": system})})
         for k, letter in enumerate(said):
             runs.append({"configuration": name, "run_index": k, "seed": f"{seed}{task}-{k}"})
             for oracle in oracles:
@@ -54,10 +47,7 @@ def write(folder, configurations, *, oracles=("success",), seed="", created="202
     for table, (content, schema) in tables.items():
         pq.write_table(pa.Table.from_pylist(content, schema), folder / f"{table}.parquet")
     (folder / "campaign.vast").write_text("version: 1\n")
-    source = dict.fromkeys(("execute", "observe", "judge"), folder.name)
-    (folder / "metadata.json").write_text(
-        json.dumps({"name": folder.name, "created": created, "source": source, **INGREDIENTS})
-    )
+    (folder / "metadata.json").write_text(json.dumps({"name": folder.name, "created": created, **INGREDIENTS}))
     return folder
 
 
@@ -84,20 +74,22 @@ def worse(tmp_path):
     return write(tmp_path / "worse", {**same("p" * 10, system=1), "c3": (3, 1, "f" * 10)})
 
 
+def noted(directory, **content):
+    """The directory with this content of `metadata.json`."""
+    metadata = json.loads((directory / "metadata.json").read_text())
+    (directory / "metadata.json").write_text(json.dumps({**metadata, **content}))
+    return directory
+
+
 def of_one_code(directory, **other):
     """The directory, as computed by some code."""
-    metadata = json.loads((directory / "metadata.json").read_text())
-    source = dict.fromkeys(("execute", "observe", "judge"), "5ca1ab1e")
-    (directory / "metadata.json").write_text(json.dumps({**metadata, "source": source, **other}))
-    return directory
+    return noted(directory, source=dict.fromkeys(("execute", "observe", "judge"), "5ca1ab1e"), **other)
 
 
 def faulty(directory, *names):
     """The directory with a fault of the first run of each of these configurations."""
-    metadata = json.loads((directory / "metadata.json").read_text())
-    faults = [{"configuration": name, "run_index": 0, "stage": "execute", "error": "no goal"} for name in names]
-    (directory / "metadata.json").write_text(json.dumps({**metadata, "faults": faults}))
-    return directory
+    fault = {"run_index": 0, "stage": "execute", "error": "no goal"}
+    return noted(directory, faults=[{**fault, "configuration": name} for name in names])
 
 
 ALIKE = same("p" * 10)
@@ -235,43 +227,43 @@ def test_compare_names_parameters_that_differ_between_nav2_files(tmp_path):
     assert words in said and "nav2_params" not in said
 
 
-def test_compare_has_row_for_each_level_of_factor(tmp_path):
-    systems = {f"c{k}-{s}": (k, s, "p" * 8) for k in range(6) for s in (0, 1)}
-    lost = {name: (k, s, "f" * 8 if s else "p" * 8) for name, (k, s, _) in systems.items()}
-    found = as_json(write(tmp_path / "a", systems), write(tmp_path / "b", lost))
-    levels = {one["level"]: one["difference"] for one in found["levels"]}
-    assert levels == {"0": 0.0, "1": -1.0}
+SYSTEMS = {f"c{k}-{s}": (k, s, "p" * 8) for k in range(6) for s in (0, 1)}
+LOST = {name: (k, s, "f" * 8 if s else "p" * 8) for name, (k, s, _) in SYSTEMS.items()}
 
 
-def test_compare_leaves_runs_without_two_verdicts_out_of_rates(before, tmp_path):
-    found = as_json(before, write(tmp_path / "after", same("pppnnppppf")))
-    assert (found["paired"]["runs"], found["paired"]["judged_both_times"]) == (120, 96)
-    assert found["difference"]["lost"] == 12
-
-
-def test_compare_lists_configurations_and_runs_without_counterpart(tmp_path):
-    before = write(tmp_path / "a", {"old": (90, 0, "pp"), "both": (1, 0, "pppp")})
-    after = write(tmp_path / "b", {"both": (1, 1, "pp"), "new": (91, 0, "pp")})
-    result = compared(before, after)
-    assert "not paired: 1 configuration only in A: old" in result.stdout
-    assert "not paired: 1 configuration only in B: new" in result.stdout
-    assert "not paired: 2 runs of A with a seed that the other lacks" in result.stdout
-
-
-def test_compare_pairs_renamed_configuration_by_content(tmp_path):
-    before = write(tmp_path / "a", {"old": (1, 0, "pppp"), "same": (2, 0, "pppp")})
-    after = write(tmp_path / "b", {"new": (1, 7, "ffff"), "same": (2, 0, "pppp")})
-    found = as_json(before, after)
-    assert [(one["configuration"], one["was"]) for one in found["changes"]] == [("new", "old")]
-
-
-def test_compare_pairs_several_systems_of_one_task_by_name_or_not_at_all(tmp_path):
-    before = write(tmp_path / "a", {"slow": (1, 1, "pp"), "fast": (1, 2, "pp"), "third": (1, 3, "pp")})
-    after = write(tmp_path / "b", {"slow": (1, 4, "pp"), "quick": (1, 5, "pp"), "fourth": (1, 6, "pp")})
-    found = as_json(before, after)
-    assert found["paired"]["configurations"] == 1
-    assert found["unpaired"]["ambiguous"] == ["quick", "fourth"]
-    assert found["unpaired"]["only_before"] == ["fast", "third"]
+@each_row(
+    ("then", "now", "expected"),
+    [
+        (SYSTEMS, LOST, {"levels.0.level": "0", "levels.0.difference": 0.0, "levels.1.difference": -1.0}),
+        (ALIKE, same("pppnnppppf"), {"paired.runs": 120, "paired.judged_both_times": 96, "difference.lost": 12}),
+        (
+            {"old": (1, 0, "pppp"), "same": (2, 0, "pppp")},
+            {"new": (1, 7, "ffff"), "same": (2, 0, "pppp")},
+            {"changes.0.configuration": "new", "changes.0.was": "old"},
+        ),
+        (
+            {"slow": (1, 1, "pp"), "fast": (1, 2, "pp"), "third": (1, 3, "pp")},
+            {"slow": (1, 4, "pp"), "quick": (1, 5, "pp"), "fourth": (1, 6, "pp")},
+            {
+                "paired.configurations": 1,
+                "unpaired.ambiguous": ["quick", "fourth"],
+                "unpaired.only_before": ["fast", "third"],
+            },
+        ),
+        (
+            {"old": (90, 0, "pp"), "both": (1, 0, "pppp")},
+            {"both": (1, 1, "pp"), "new": (91, 0, "pp")},
+            {"unpaired.only_before": ["old"], "unpaired.only_after": ["new"], "unpaired.runs_before": 2},
+        ),
+    ],
+)
+def test_compare_pairs_configurations_by_name_or_content_and_runs_by_seed(tmp_path, then, now, expected):
+    found = as_json(write(tmp_path / "then", then), write(tmp_path / "now", now))
+    for path, value in expected.items():
+        part = found
+        for key in path.split("."):
+            part = part[int(key) if key.isdigit() else key]
+        assert part == value, path
 
 
 def test_compare_counts_oracles_that_judged_both_and_takes_one_alone(tmp_path):
@@ -310,8 +302,7 @@ def test_compare_writes_junit_file_with_gate_and_every_configuration(before, wor
     (failed,) = [case for case in configurations if case.find("failure") is not None]
     assert failed.get("name") == "c3"
     assert failed.find("failure").get("message") == "newly failing: 10 of 10 before, 0 after"
-    same_again = write(tmp_path / "same", same("p" * 10))
-    compared(before, same_again, *OTHERS, "--junit", tmp_path / "compare.xml")
+    compared(before, before, *OTHERS, "--junit", tmp_path / "compare.xml")
     ((case,), _) = ElementTree.parse(tmp_path / "compare.xml").getroot()
     stated = {one.get("name"): one.get("value") for one in case.find("properties")}
     assert (stated["target"], stated["status"], stated["needed"]) == ("others", "too few paths", "183")
