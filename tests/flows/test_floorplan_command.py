@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 from command_line import called, refused
 from PIL import Image
-from table import each_row
 
 from vastflow.sim.world.map_file import load_map
 
@@ -110,26 +109,17 @@ def test_render_and_geometry_report_fault_with_its_place(plan, tmp_path):
         assert refused("floorplan", *command) == f"{plan}:41:32: Entryway door: no variable 'gab'; did you mean 'gap'?"
 
 
-@each_row(
-    ("arguments", "words"),
-    [
-        ("render PLAN --out out --resolution inf", "--resolution: expected a number of meters, got inf"),
-        ("render WING --out out --resolution 0.001", "cells; at most"),
-        ("render PLAN --out PLAN", "is not a folder"),
-        ("render PLAN --out there", "can't be written"),
-        (
-            "variations FILE --out out --seed 4294967295 --count 2",
-            "--seed 4294967295: expected a last seed of at most 4294967295, got 4294967296",
-        ),
-        ("variations PLAN --out out", "got 'Floor'"),
-    ],
-)
-def test_floorplan_refuses_wrong_arguments(plan, tmp_path, monkeypatch, arguments, words):
+def test_floorplan_refuses_wrong_arguments(plan, tmp_path, monkeypatch, golden):
     monkeypatch.chdir(tmp_path)
     Path("there").mkdir()
     Path("there/maps").touch()
-    names = {"PLAN": plan, "WING": OFFICE_WING, "FILE": plan.with_suffix(".variation")}
-    assert words in refused("floorplan", *(names.get(each, each) for each in arguments.split()))
+    names = {"PLAN": plan.name, "WING": OFFICE_WING, "FILE": plan.with_suffix(".variation").name}
+
+    def faults_of(arguments):
+        said = refused("floorplan", *(names.get(each, each) for each in arguments.split()))
+        return [said.replace(str(tmp_path), "HERE").replace(str(OFFICE_WING), "WING")]
+
+    golden("command_line", "floorplan", faults_of)
 
 
 def test_render_refuses_resolution_that_is_no_length(plan, tmp_path):
