@@ -94,7 +94,7 @@ def _random_paths(folder: Path, map_file: Path, nav2_params: Path | None, comman
     def named(file: Path) -> str:
         return json.dumps(Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix(), ensure_ascii=False)
 
-    return Template(_TEMPLATE.read_text(encoding="utf-8"), keep_trailing_newline=True).render(
+    text: str = Template(_TEMPLATE.read_text(encoding="utf-8"), keep_trailing_newline=True).render(
         command=command,
         name=json.dumps(map_file.stem, ensure_ascii=False),
         map_file=named(map_file),
@@ -103,3 +103,4 @@ def _random_paths(folder: Path, map_file: Path, nav2_params: Path | None, comman
         diameter_m=f"{diameter_m:g}",
         nav2_params="" if nav2_params is None else f"nav2_params: {named(nav2_params)}\n  ",
     )
+    return text
