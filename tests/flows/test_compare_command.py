@@ -33,7 +33,8 @@ def write(folder, configurations, *, oracles=("success",), seed="", created="202
     rows, runs, verdicts = [], [], []
     for name, (task, system, said) in configurations.items():
         content = {"environment": {}, "task": {"goal": task}, "system": {system_key: system}}
-        row = {"name": name, "family": "f", "scenario_digest": f"{task} {system}", "provenance": "{}"}
+        row = {"name": name, "family": "f", "provenance": "{}"}
+        row |= dict.fromkeys(("scenario_digest", "checked_digest"), f"{task} {system}")
         row |= {"abstract": "builtin:navigate_to_pose", "scenario": json.dumps(content)}
         rows.append({**row, "factors": json.dumps({"noise": system})})
         for k, letter in enumerate(said):
@@ -47,7 +48,9 @@ def write(folder, configurations, *, oracles=("success",), seed="", created="202
     for table, (content, schema) in tables.items():
         pq.write_table(pa.Table.from_pylist(content, schema), folder / f"{table}.parquet")
     (folder / "campaign.vast").write_text("version: 1\n")
-    (folder / "metadata.json").write_text(json.dumps({"name": folder.name, "created": created, **INGREDIENTS}))
+    source = dict.fromkeys(("execute", "observe", "judge"), folder.name)
+    metadata = {"name": folder.name, "created": created, "source": source, **INGREDIENTS}
+    (folder / "metadata.json").write_text(json.dumps(metadata))
     return folder
 
 
@@ -302,7 +305,7 @@ def test_compare_writes_junit_file_with_gate_and_every_configuration(before, wor
     (failed,) = [case for case in configurations if case.find("failure") is not None]
     assert failed.get("name") == "c3"
     assert failed.find("failure").get("message") == "newly failing: 10 of 10 before, 0 after"
-    compared(before, before, *OTHERS, "--junit", tmp_path / "compare.xml")
+    compared(before, write(tmp_path / "after", ALIKE), *OTHERS, "--junit", tmp_path / "compare.xml")
     ((case,), _) = ElementTree.parse(tmp_path / "compare.xml").getroot()
     stated = {one.get("name"): one.get("value") for one in case.find("properties")}
     assert (stated["target"], stated["status"], stated["needed"]) == ("others", "too few paths", "183")
