@@ -1,10 +1,11 @@
 """Declarations of a scenario file, and the types of operators."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal, TypeAlias
 
 from vastflow.sim.model.faults import Place
+from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.scenario.definition import Expression, Field, Struct, Type, substituted
 from vastflow.sim.scenario.language.syntax import CompoundText
 
@@ -60,6 +61,7 @@ class Declarations:
         units: Unit to (physical type, factor, offset).
         actions: More than one where libraries declare the same name.
         scenarios: As written; they are checked one by one.
+        right_type: Suggests what to write in place of an unknown type, of those known.
     """
 
     physical: dict[str, Mapping[str, int | float]] = field(default_factory=dict)
@@ -71,6 +73,7 @@ class Declarations:
     modifiers: dict[str, Compound] = field(default_factory=dict)
     globals: dict[str, Field] = field(default_factory=dict)
     scenarios: dict[str, CompoundText] = field(default_factory=dict)
+    right_type: Callable[[str, Collection[str]], str] = did_you_mean
 
     def include(self, other: "Declarations") -> tuple[str, ...]:
         """Take in what an imported file or library declares; gives the names that mean something else already."""

@@ -60,7 +60,7 @@ def declared(
     Args:
         origin: Name of the library, or the file.
     """
-    known = Declarations()
+    known = Declarations(right_type=right_type)
     known.include(imported)
     return _Declarer(known, origin, faults, of_library=of_library).declarations(text)
 

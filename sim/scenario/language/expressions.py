@@ -1,7 +1,7 @@
 """Checking expressions: names resolved, types agreed, units turned into SI."""
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final, NoReturn, ParamSpec, TypeAlias, TypeVar, cast
 
@@ -90,12 +90,6 @@ class ExpressionChecker:
         self.declared: Final = declared
         self.faults: Final = faults
         self.of_library: Final = of_library
-
-    def right_type(self, name: str, known: Collection[str]) -> str:
-        """Return what to write in place of an unknown type."""
-        from vastflow.sim.scenario.language.declaring import right_type  # reads libraries by this checker
-
-        return right_type(name, known)
 
     def fault(self, place: Place, problem: str, expected: str) -> None:
         """Take down a fault."""
@@ -308,7 +302,7 @@ class ExpressionChecker:
                 self.fail(name.place, f"{name.text!r} is an action, which has no value", "a value here")
             if name.text == "elapsed":
                 self.fail(name.place, "got elapsed inside of an expression", "'wait elapsed(…)' alone")
-            near = self.right_type(name.text, self.declared.structs)
+            near = self.declared.right_type(name.text, self.declared.structs)
             self.fail(name.place, f"unknown struct {name.text!r}", near)
         whose = f"{name.text}(…)"
         given = self.arguments(text.arguments, struct.members, names, whose)

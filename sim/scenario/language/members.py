@@ -45,7 +45,9 @@ class MemberChecker(ExpressionChecker):
             return Type(name, "basic", text.is_list)
         type_ = self.declared.type_named(name, text.is_list)
         if type_ is None:
-            self.fail(text.name.place, f"unknown type {name!r}", self.right_type(name, self.declared.type_names()))
+            self.fail(
+                text.name.place, f"unknown type {name!r}", self.declared.right_type(name, self.declared.type_names())
+            )
         return type_
 
     def allowed(self, name: Word) -> bool:
