@@ -80,6 +80,7 @@ def test_package_links_to_every_folder_of_it():
     links = {path: path.resolve() for path in PACKAGE.rglob("*") if path.is_symlink()}
     folders = {PACKAGE / layer: ROOT / layer for layer in LAYERS}
     assert links == folders | {PACKAGE / "campaigns" / name: ROOT / "campaigns" / name for name in SHIPPED_DATA}
+    assert [folder for folder in package_folders() if not (folder / "py.typed").is_file()] == []
 
 
 def test_editable_install_is_a_folder_on_the_path():
@@ -95,12 +96,9 @@ def test_package_names_what_a_script_calls_and_its_version():
     done = run(sys.executable, "-c", code)
     assert done.stdout.split() == [
         PYPROJECT["project"]["version"],
-        "execute",
-        "instantiate",
-        "judge",
-        "observe",
-        "run_campaign",
+        *("execute", "instantiate", "judge", "observe", "run_campaign"),
     ]
+    assert distribution("vastflow").version == PYPROJECT["project"]["version"]
 
 
 def test_importing_the_package_imports_nothing_else_of_it():
@@ -116,36 +114,13 @@ def test_folder_is_imported_by_the_package_s_name_and_by_no_other(folder):
     assert f"ImportError: import vastflow.{folder}, not {folder}: one module has one name" in done.stderr
 
 
-def test_packages_are_marked_as_typed():
-    assert [folder for folder in package_folders() if not (folder / "py.typed").is_file()] == []
-
-
 def test_way_through_the_code_names_every_package_with_its_own_words():
     page = (ROOT / "docs" / "find-your-way-in-the-code.md").read_text()
     named = re.findall(r"^\| `([a-z0-9_/]+)/` \| (.*) \|$", page, re.MULTILINE)
     said = {folder: ast.get_docstring(ast.parse((folder / "__init__.py").read_text())) for folder in package_folders()}
     assert sorted(named) == sorted((str(folder.relative_to(ROOT)), words) for folder, words in said.items())
-
-
-def test_places_that_the_way_through_the_code_names_are_there():
-    page = (ROOT / "docs" / "find-your-way-in-the-code.md").read_text()
     files = re.findall(r"`([a-z0-9_/]+\.py)`", page)
     assert files and [file for file in files if not (ROOT / file).is_file()] == []
-
-
-def test_path_of_a_noise_level_has_twelve_steps_that_are_functions():
-    page = (ROOT / "docs" / "find-your-way-in-the-code.md").read_text()
-    steps = re.findall(r"^\| (\d+) \| \[`([\w.]+)`\]\(\.\./([\w/]+\.py)\) in `\3` \|", page, re.MULTILINE)
-    assert [int(number) for number, _, _ in steps] == list(range(1, 13))
-    assert [step for step in steps if step[1] not in functions(ROOT / step[2])] == []
-
-
-def functions(file):
-    """Names of a module's functions and methods."""
-    body = ast.parse(file.read_text()).body
-    own = {each.name for each in body if isinstance(each, ast.FunctionDef)}
-    methods = ((kind.name, each) for kind in body if isinstance(kind, ast.ClassDef) for each in kind.body)
-    return own | {f"{kind}.{each.name}" for kind, each in methods if isinstance(each, ast.FunctionDef)}
 
 
 def test_top_level_holds_nothing_beyond_the_fixed_layout():
@@ -212,13 +187,10 @@ def test_bounds_make_pip_download_nothing_in_vain():
     assert {name: need.extras for name, need in bounded.items() if need.extras != asked[name].extras} == {}
 
 
-def test_fastapi_is_bounded_because_prefects_server_does_not_start_with_newer_ones():
-    # Prefect 3.8.8 allows fastapi<1, but with 0.155 and later its server dies while it is imported: Body() got an
-    # unexpected keyword argument 'min_items'. Prefect 3.9 says <0.151 itself; the bound may go with Prefect 3.8.
+def test_fastapi_is_bounded_to_versions_with_which_prefect_s_server_starts():
+    # With 0.155 and later Prefect 3.8.8's server dies while it is imported. Prefect 3.9 says <0.151 itself.
     bound = declared()["fastapi"].specifier
-    assert "0.150.0" in bound
-    assert "0.151.0" not in bound
-    assert version("fastapi") in bound
+    assert ("0.150.0" in bound, "0.151.0" in bound, version("fastapi") in bound) == (True, False, True)
     assert "3.8.8" in declared()["prefect"].specifier
 
 
@@ -230,10 +202,6 @@ def test_prefects_server_can_be_imported():
 def test_importing_the_flows_imports_neither_prefect_nor_numba():
     code = "import sys, vastflow.flows; print(sorted({'prefect', 'numba', 'fastapi', 'scipy'} & set(sys.modules)))"
     assert run(sys.executable, "-c", code).stdout.strip() == "[]"
-
-
-def test_version_that_is_installed_is_the_one_in_pyproject():
-    assert distribution("vastflow").version == PYPROJECT["project"]["version"]
 
 
 def test_wheel_is_tried_with_allowed_pythons():
@@ -296,46 +264,50 @@ def checkout(tmp_path):
     return ci_run
 
 
-def said(done) -> list[str]:
-    """The lines that its steps printed, without their commands."""
-    return [line for line in done.stdout.splitlines() if not line.startswith("+ ")]
-
-
 TEST_LINE = "python3 -m venv --without-pip .venv && echo tested with .venv/bin/pytest"
-
-
-def test_ci_runs_the_readmes_line_then_checks_then_the_slow_tests(checkout):
-    done = checkout(f"# Title\n\n```sh\n{TEST_LINE} -n 2\n```\n")
-    line = "tested with .venv/bin/pytest -n 2"
-    assert (done.returncode, said(done)) == (0, [line, "checked", f"{line} --slow"]), done.stderr
-
-
-def test_ci_drops_the_tested_versions_when_asked_for_the_newest(checkout):
-    line = "python3 -m venv --without-pip .venv && echo -c deployments/constraints.txt .venv/bin/pytest"
-    done = checkout(f"```sh\n{line}\n```\n", "--newest")
-    assert (done.returncode, said(done)[0]) == (0, ".venv/bin/pytest"), done.stderr
+TESTED = "tested with .venv/bin/pytest"
 
 
 @pytest.mark.parametrize(
-    ("line", "check", "passed"),
+    ("readme", "options", "check", "code", "passed", "message"),
     [
-        (TEST_LINE.replace("echo", "false"), "echo checked", []),
-        (TEST_LINE, "false", ["tested with .venv/bin/pytest"]),
-        (TEST_LINE.replace("echo tested with", "test -n"), "echo checked", ["checked"]),  # which takes no --slow
+        (
+            f"# Title\n\n{TEST_LINE} -n 2\n",
+            [],
+            "echo checked",
+            0,
+            [f"{TESTED} -n 2", "checked", f"{TESTED} -n 2 --slow"],
+            "",
+        ),
+        (
+            TEST_LINE.replace("tested with", "-c deployments/constraints.txt"),
+            ["--newest"],
+            "true",
+            0,
+            [".venv/bin/pytest", ".venv/bin/pytest --slow"],
+            "",
+        ),
+        (TEST_LINE.replace("echo", "false"), [], "echo checked", 1, [], ""),
+        (TEST_LINE, [], "false", 1, [TESTED], ""),
+        (
+            TEST_LINE.replace("echo tested with", "test -n"),
+            [],
+            "echo checked",
+            2,
+            ["checked"],
+            "",
+        ),  # which takes no --slow
+        ("# No command\n", [], "true", 1, [], "exactly one"),
+        (f"{TEST_LINE}\n{TEST_LINE}\n", [], "true", 1, [], "exactly one"),
     ],
-    ids=["quick tests", "checks", "slow tests"],
+    ids=["all", "newest", "quick tests", "checks", "slow tests", "no command", "two commands"],
 )
-def test_ci_fails_at_the_first_step_that_fails(checkout, line, check, passed):
-    done = checkout(line, check=check)
-    assert done.returncode != 0
-    assert said(done) == passed
-
-
-@pytest.mark.parametrize("readme", ["# No command\n", f"{TEST_LINE}\n{TEST_LINE}\n"])
-def test_ci_fails_where_the_readme_has_not_exactly_one_such_line(checkout, readme):
-    done = checkout(readme)
-    assert done.returncode == 1
-    assert "exactly one" in done.stderr
+def test_ci_runs_the_readme_s_line_then_checks_then_slow_tests_up_to_a_failure(
+    checkout, readme, options, check, code, passed, message
+):
+    done = checkout(readme, *options, check=check)
+    assert (done.returncode, [line for line in done.stdout.splitlines() if not line.startswith("+ ")]) == (code, passed)
+    assert message in done.stderr
 
 
 def test_ci_checks_lint_format_types_layers_and_the_wheel():
