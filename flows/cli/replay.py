@@ -19,7 +19,7 @@ from vastflow.sim.model.faults import UserError
 if TYPE_CHECKING:
     from vastflow.oracles.replay.recorded import RecordedRun
     from vastflow.oracles.replay.story import Story
-    from vastflow.sim.replay.replay import Difference, Replay
+    from vastflow.sim.replay import Difference, Replay
 
 FILM_EVERY_S: Final = 0.5
 STRIP: Final = "strip.png"
@@ -69,7 +69,7 @@ def replay(
     check_directory(results)
     from vastflow.flows.results.provenance import versions
     from vastflow.oracles.replay.recorded import recorded_run
-    from vastflow.sim.replay.replay import first_difference
+    from vastflow.sim.replay import first_difference
 
     folder = out or results / "replays" / f"{configuration}-{run}"
     with reading(results):
@@ -157,7 +157,7 @@ def _executed(recorded: "RecordedRun", asked: ShownTicks) -> "tuple[Replay, list
     from vastflow.oracles.replay.story import highlights, view_of
     from vastflow.sim.kernels.numeric import kernel_cache_dir
     from vastflow.sim.reading.script import script_of
-    from vastflow.sim.replay.replay import replay as execute
+    from vastflow.sim.replay import replay as execute
 
     if not kernel_cache_dir().exists():
         print("compiling the simulator's kernels, once for each version", file=sys.stderr)

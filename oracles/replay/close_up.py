@@ -23,7 +23,7 @@ from vastflow.oracles.figures.scene import NO_ZONES, Zones
 from vastflow.oracles.figures.style import GOAL_COLOR, INK, OBSTACLE_COLOR
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.nav2.costmaps.inflation import INSCRIBED, LETHAL, UNKNOWN
-from vastflow.sim.replay.snapshot import Box, Patch, TickSnapshot
+from vastflow.sim.replay import Box, Patch, TickSnapshot
 from vastflow.sim.world.occupancy import OccupancyMap
 
 BELIEF_COLOR: Final = "#E69F00"

@@ -13,7 +13,7 @@ from vastflow.oracles.figures.style import COLORS, GOAL_COLOR, INK, OBSTACLE_COL
 from vastflow.oracles.replay.close_up import BELIEF_COLOR, INTENT_COLOR
 from vastflow.oracles.replay.still import still_images
 from vastflow.oracles.replay.story import Story
-from vastflow.sim.replay.snapshot import TickSnapshot
+from vastflow.sim.replay import TickSnapshot
 
 FRAME_MS: Final = 250
 """How long a picture is shown."""

@@ -17,7 +17,7 @@ from vastflow.oracles.figures.style import COLORS, GOAL_COLOR, INK
 from vastflow.oracles.replay.close_up import draw_close_up, draw_patch, ground, legend_handles
 from vastflow.oracles.replay.story import RECENT_TICKS, Story, doing, numbers
 from vastflow.oracles.replay.timeline import draw_now, draw_timeline
-from vastflow.sim.replay.snapshot import TickSnapshot
+from vastflow.sim.replay import TickSnapshot
 
 DPI: Final = 110
 HEAD_IN: Final = 1.15

@@ -19,7 +19,7 @@ from vastflow.sim.loop.standstill import told
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Event, Run
-from vastflow.sim.replay.snapshot import Activity, Box, Moment
+from vastflow.sim.replay import Activity, Box, Moment
 from vastflow.sim.world.occupancy import UNKNOWN, OccupancyMap
 
 SLOW_S: Final = 3.0

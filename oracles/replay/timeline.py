@@ -12,7 +12,7 @@ from vastflow.oracles.figures.style import COLORS, INK
 from vastflow.oracles.replay.close_up import BELIEF_COLOR
 from vastflow.oracles.replay.story import SLOW_S
 from vastflow.sim.model.rates import TICK_S
-from vastflow.sim.replay.snapshot import Moment
+from vastflow.sim.replay import Moment
 
 _GRAY: Final = "#6B7280"
 _BANDS: Final[Mapping[str, tuple[str, float]]] = {

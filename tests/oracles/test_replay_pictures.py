@@ -20,7 +20,7 @@ from vastflow.oracles.replay.story import FOLLOWED_M, Story, view_of
 from vastflow.oracles.replay.timeline import bands
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Event, Run
-from vastflow.sim.replay.snapshot import Box, Moment, Patch, TickSnapshot
+from vastflow.sim.replay import Box, Moment, Patch, TickSnapshot
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Robot
 

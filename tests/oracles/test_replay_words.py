@@ -12,7 +12,7 @@ from vastflow.oracles.replay.times import Span, rounded, span_of, step_of, tick_
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Event, Run
-from vastflow.sim.replay.snapshot import Moment
+from vastflow.sim.replay import Moment
 
 
 def a_run(*events, outcome="succeeded"):

@@ -9,8 +9,7 @@ from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Recording, Run
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nav2.costmaps.inflation import LETHAL, UNKNOWN
-from vastflow.sim.replay.replay import first_difference, replay
-from vastflow.sim.replay.snapshot import Box
+from vastflow.sim.replay import Box, first_difference, replay
 from vastflow.sim.run import run
 
 TIMEOUT_S = 5.0

@@ -14,7 +14,7 @@ from table import each_row
 
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.rates import TICK_S
-from vastflow.sim.replay.replay import replay
+from vastflow.sim.replay import replay
 from vastflow.sim.run import run
 from vastflow.sim.scenario.tree.tree import ScenarioTree
 

@@ -15,8 +15,7 @@ from vastflow.sim.model.recording import si
 from vastflow.sim.model.scenario import Mission
 from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.sim.replay.replay import replay
-from vastflow.sim.replay.snapshot import Box
+from vastflow.sim.replay import Box, replay
 from vastflow.sim.run import run
 from vastflow.sim.scenario.tree.messages import message
 from vastflow.sim.world.map_file import load_map, map_content

@@ -1,1 +1,0 @@
-"""Replays: a recorded run executed once more, and looked at."""
