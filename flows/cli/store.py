@@ -66,13 +66,10 @@ def verify(
 
     Exit code 1 if damaged artifacts are left.
     """
-    from concurrent.futures import ThreadPoolExecutor
-
-    with Interruptible("interrupted; nothing more is discarded"), ThreadPoolExecutor(_READERS) as readers:
+    with Interruptible("interrupted; nothing more is discarded"):
         opened = _opened(place, read_only=not repair)
         holdings = [holding for holding in opened.holdings() if holding.whole]
-        keys = [holding.key for holding in holdings]
-        faults = {key: fault for key, fault in zip(keys, readers.map(opened.fault, keys), strict=True) if fault}
+        faults = _faults(opened, [holding.key for holding in holdings])
         if repair:
             opened.remove(list(faults))
     if as_json:
@@ -142,7 +139,7 @@ def gc(
 
 
 def _counted(holdings: "Sequence[Holding]", now_s: float) -> dict[str, Any]:
-    """Return counts of whole artifacts by stage, with ages in days, as `--json` prints them."""
+    """What `--json` says of artifacts: whole ones by stage; ages in days."""
     from vastflow.tasks.store.store import STAGES
 
     whole = [holding for holding in holdings if holding.whole]
