@@ -83,7 +83,7 @@ def _is_docstring(node: object) -> bool:
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
 
 
-MOST_KEPT: Final = 4000
+CACHED_FILES: Final = 4000
 """Maximum number of files in the cache; the unused ones go first."""
 
 

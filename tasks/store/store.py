@@ -37,7 +37,7 @@ _TRIES: Final = 100
 """Retries before concurrent changes count as an error."""
 
 
-class Survey:
+class Listing:
     """Artifacts that one listing of the whole store found, kept up to date by what this process does and hears."""
 
     def __init__(self, artifacts: Iterable[Artifact]) -> None:
@@ -89,7 +89,7 @@ class Store:
     """Content-addressed artifacts in a folder or at an address that fsspec knows, such as `s3://bucket/prefix`.
 
     A key is a path of names joined by `/`. Every method is safe in any thread or process, and raises `StoreError` if the
-    place can't be used. A store can be pickled; its survey stays behind.
+    place can't be used. A store can be pickled; its listing stays behind.
 
     Args:
         place: See `open_store`, which also checks that it can be written.
@@ -130,8 +130,8 @@ class Store:
         """Folder on this machine for environments and logs: the store's own folder where it has one."""
         return self._files.local
 
-    def survey(self) -> None:
-        """List a remote store once, so that `find` and `under` need no requests until the next survey."""
+    def refresh(self) -> None:
+        """List a remote store once, so that `find` and `under` need no requests until the next refresh."""
         if (found := self._files.everything()) is not None:
             # A long listing may have the manifest of what another process writes meanwhile, and not its files.
             looked = (artifact or self._look(key) for key, artifact in found)
@@ -139,12 +139,12 @@ class Store:
 
     def changed(self, key: str) -> None:
         """Look anew at `key` and directly below it: another process may have changed it."""
-        if self._survey is not None:
-            self._survey.changed(key)
+        if self._listing is not None:
+            self._listing.changed(key)
 
     def learn(self, artifacts: Iterable[Artifact]) -> None:
-        """Add artifacts to the survey that another process reports as stored."""
-        if self._survey is not None:
+        """Add artifacts to the listing that another process reports as stored."""
+        if self._listing is not None:
             for artifact in artifacts:
                 self._listing.add(artifact)
 
@@ -156,13 +156,13 @@ class Store:
             return self._held[key][0]
         if key in self._gone:
             return None
-        return self._look(key) if self._survey is None else self._survey.find(key, self._look)
+        return self._look(key) if self._listing is None else self._listing.find(key, self._look)
 
     def under(self, key: str) -> tuple[str, ...]:
         """Return the names of the artifacts directly below `key`, sorted."""
         names = self._files.names
         try:
-            return tuple(sorted(names(key) if self._survey is None else self._survey.under(key, names)))
+            return tuple(sorted(names(key) if self._listing is None else self._listing.under(key, names)))
         except OSError as error:
             raise _unreadable(error) from None
 

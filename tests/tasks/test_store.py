@@ -108,15 +108,15 @@ def test_file_that_goes_away_after_it_was_found_is_lost(store, files):
     assert store.find(KEY) is None
 
 
-@pytest.mark.parametrize("surveyed", [False, True])
+@pytest.mark.parametrize("refreshed", [False, True])
 @pytest.mark.parametrize("other", ["execute/ab/other/0-5", "execute/ab/abcd/5-10"])
-def test_copy_of_another_artifact_is_found_in_its_place(store, files, other, surveyed, caplog):
+def test_copy_of_another_artifact_is_found_in_its_place(store, files, other, refreshed, caplog):
     store.put(other, {"a.bin": b"other"}, info={"runs": []})
     for path in files.paths(other):
         files.write(path.replace(other, KEY), files.read(path))
     assert store.fault(KEY) == f"it is a copy of {other}"
-    if surveyed:
-        store.survey()
+    if refreshed:
+        store.refresh()
     assert store.find(KEY) is None
     assert f"{KEY} is damaged and will be computed again: it is a copy of {other}" in caplog.text
     store.put(KEY, {"a.bin": b"one"})
@@ -181,7 +181,7 @@ def test_writers_go_on_while_another_removes_everything(kind, tmp_path, request)
     assert store.put(KEY, {"a.bin": b"one"}) == store.find(KEY)
 
 
-def test_survey_answers_as_the_store_and_learns_what_others_put_and_discard(store):
+def test_listing_answers_as_the_store_and_learns_what_others_put_and_discard(store):
     store.put(KEY, {"a.bin": b"one"})
     store.refresh()
     sent = pickle.loads(pickle.dumps(store))
@@ -196,12 +196,12 @@ def test_survey_answers_as_the_store_and_learns_what_others_put_and_discard(stor
     assert store.under(HOME) == ("0-5", "5-8", "8-9")
     assert store.find(f"{HOME}/8-9").content == store.find("observe/ab/abcd").content == CONTENT
     sent.discard(KEY, "why not")
-    store.survey()
+    store.refresh()
     assert (store.find(KEY), store.under(HOME)) == (None, ("5-8", "8-9"))
 
 
 @pytest.mark.parametrize("name", ["a.bin", "manifest"])
-def test_survey_notices_damage(store, files, name, caplog):
+def test_listing_notices_damage(store, files, name, caplog):
     store.put(KEY, {"a.bin": b"one"})
     change(files, name, b"on")
     store.refresh()
@@ -230,7 +230,7 @@ def test_removal_leaves_nothing_of_an_artifact_and_all_of_others(store, files, n
     assert len(files.paths()) == 3
 
 
-def test_survey_reads_unchanged_manifests_from_copies_unless_these_are_damaged(s3, monkeypatch):
+def test_refresh_reads_unchanged_manifests_from_copies_unless_these_are_damaged(s3, monkeypatch):
     store = open_store(s3)
     store.put(KEY, {"a.bin": b"one"})
     store.refresh()
@@ -244,7 +244,7 @@ def test_survey_reads_unchanged_manifests_from_copies_unless_these_are_damaged(s
     copies.write_bytes(whole)
     again = open_store(s3)
     monkeypatch.setattr(again._files._files, "cat", None)
-    again.survey()
+    again.refresh()
     assert again.find(KEY).content == CONTENT
 
 
@@ -258,7 +258,7 @@ def test_listing_that_was_too_early_for_some_files_costs_nothing(memory, monkeyp
         return {name: file for name, file in listed(self, key).items() if key or name.endswith("manifest")}
 
     monkeypatch.setattr(RemoteFiles, "_listed", manifests)
-    store.survey()
+    store.refresh()
     assert store.read(KEY, "a.bin") == b"content"
     assert caplog.records == []
 
