@@ -66,10 +66,13 @@ def verify(
 
     Exit code 1 if damaged artifacts are left.
     """
-    with Interruptible("interrupted; nothing more is discarded"):
+    from concurrent.futures import ThreadPoolExecutor
+
+    with Interruptible("interrupted; nothing more is discarded"), ThreadPoolExecutor(_READERS) as readers:
         opened = _opened(place, read_only=not repair)
         holdings = [holding for holding in opened.holdings() if holding.whole]
-        faults = _faults(opened, [holding.key for holding in holdings])
+        keys = [holding.key for holding in holdings]
+        faults = {key: fault for key, fault in zip(keys, readers.map(opened.fault, keys), strict=True) if fault}
         if repair:
             opened.remove(list(faults))
     if as_json:

@@ -157,17 +157,7 @@ def test_verify_finds_copy_of_another_artifact(ran, store):
     assert result.stdout == f"{one}: it is a copy of {other}\n7 artifacts read, 1 damaged\n"
 
 
-def test_repair_discards_what_is_damaged_and_nothing_else(ran, store):
-    ran("one")
-    before, keys = keys_in(store), {spoil(store, "execute"), spoil(store, "observe")}
-    result = called("verify", "--repair")
-    assert result.exit_code == 0
-    assert "2 damaged; discarded, to be computed again" in result.stdout
-    assert keys_in(store) == before - keys
-    assert called("verify").exit_code == 0
-
-
-def test_gc_keeps_what_a_campaign_was_made_of_and_deletes_the_rest(ran, store):
+def test_gc_keeps_what_campaign_was_made_of_and_deletes_the_rest(ran, store):
     first = ran("one")
     of_first = keys_in(store)
     grow_old(store)
@@ -245,4 +235,4 @@ def test_page_of_store_describes_every_option():
     of = {name: options_of("store", name) for name in ("info", "verify", "gc")}
     common = set.intersection(*of.values())
     own = {(option, f"`{name}`") for name, options in of.items() for option in options - common}
-    assert described == own | {(option, "all") for option in common}
+    assert set(rows) == own | {(option, "all") for option in common}
