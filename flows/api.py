@@ -37,8 +37,8 @@ def run_campaign(
     Raises:
         FileError: faults of the file, or a name in `only` that nothing has.
         StoreError: the store can't be used.
-        UserError: the campaign directory can't be written; nothing of it is left, and everything is in the store.
-        MachineError: this machine lacks something that a computation needs, such as a home that can be written.
+        ResultsError: the campaign directory can't be written; nothing of it is left, and everything is in the store.
+        StoreError: this machine lacks something that a computation needs, such as a home that can be written.
         PrefectUnavailable: Prefect's API can't be started, or stayed away.
         UserError: there is no such pool, or no API of Prefect is configured.
         WorkersFailed: the pool's workers can't compute the campaign.

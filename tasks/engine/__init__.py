@@ -1,1 +1,1 @@
-"""The engine: finds in the store what a campaign has, and computes what is missing in a pool of worker processes."""
+"""The engine: computes the missing artifacts of a campaign in a pool of worker processes."""

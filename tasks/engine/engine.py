@@ -1,4 +1,4 @@
-"""The engine: of any stage and configurations, what the store has is found, what is missing is computed, what broke is told.
+"""The engine: computes the artifacts of a campaign that the store lacks, in a pool of worker processes.
 
 Prefect is not needed here: `vastflow.tasks.prefect.stages` puts its tasks round these methods.
 """
@@ -26,10 +26,7 @@ from vastflow.tasks.store.store import Artifact, StoreError
 
 
 def controllers_in(systems: Iterable[Mapping[str, Value]]) -> list[dict[str, Value]]:
-    """Of system dimensions the part that chooses a controller, one for each controller, in the order in which they come.
-
-    One whose parameters can't be read is left out: its runs say why.
-    """
+    """Return the part of system dimensions that chooses a controller, once for each controller that can be read."""
     found: dict[type, dict[str, Value]] = {}
     for system in systems:
         choice = {key: system[key] for key in (FILE_KEY, CONTROLLER_KEY) if key in system}
@@ -41,24 +38,24 @@ def controllers_in(systems: Iterable[Mapping[str, Value]]) -> list[dict[str, Val
 
 
 ATTEMPTS: Final = 3
-"""As often what the store lost meanwhile is computed again before it is given up."""
+"""Maximum number of attempts at artifacts that the store loses."""
 
 MOST_RUNS_A_BLOCK: Final = 20
 _BLOCKS_A_WORKER: Final = 4
 
 Rows: TypeAlias = list[list[list[Any]]]
-"""Of each configuration, of each block: start, stop and content digests."""
+"""Start, stop, and content digests of each block of each configuration."""
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
 class StageOutcome(Generic[T]):
-    """What a stage came to on some configurations.
+    """The outcome of a stage.
 
     Attributes:
-        made: What it gives; what broke is missing in it.
-        there: How many of its `wanted` artifacts were in the store before.
+        made: Its results, without those that broke.
+        there: Number of its `wanted` artifacts that the store had before.
     """
 
     made: T
@@ -67,21 +64,14 @@ class StageOutcome(Generic[T]):
 
 
 @dataclass(frozen=True, slots=True)
-class Died(Broken):
-    """The worker died."""
-
-
-@dataclass(frozen=True, slots=True)
 class RunFault:
-    """Something that broke: the run is not judged, and never counted as a failure of the robot.
-
-    Either its scenario can't work, such as one whose program can't be started, or an error is ours.
+    """A fault: the run is not judged, and never counted as a failure of the robot.
 
     Attributes:
-        configuration: Its name; empty where the fault concerns the whole campaign.
+        configuration: Its name; empty for the whole campaign.
         run_index: None for all runs of the configuration.
         stage: A stage of the campaign, `report` or `postprocessing`.
-        error: Why, in one line.
+        error: The cause in one line: a scenario that can't work, or an error of ours.
     """
 
     configuration: str
@@ -91,14 +81,14 @@ class RunFault:
 
 
 class RunsWanted(Protocol):
-    """Says how many runs a configuration wants by the verdicts on those it has."""
+    """A stopping rule: the number of runs that a configuration wants by the verdicts it has."""
 
     @property
     def most(self) -> int:
-        """Runs that no configuration exceeds."""
+        """Maximum number of runs of a configuration."""
 
     def stored(self, index: Index, configuration: ConfigurationRuns) -> tuple[ConfigurationRuns, list[Stored]]:
-        """The configuration with the runs that are wanted of it by now, and what the store has of these."""
+        """Return the configuration with the runs that are wanted by now, and what the store has of these."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,16 +103,16 @@ class _Job:
 class Engine:
     """Brings one campaign's artifacts into the store, stage by stage, by a pool of worker processes.
 
-    A stage that is asked twice computes once: what is there is found. What broke is kept as a fault of its configuration.
+    A stage computes only what the store lacks, and keeps faults.
 
     Args:
         oracles: The pickled oracles.
         stopping: None where the number of runs of a configuration is fixed.
 
     Attributes:
-        index: What of the campaign the store has.
-        block_runs: Most runs of a new block, see `block_size`.
-        store_error: Why the store can't be used any more; everything has ended then.
+        index: The campaign's artifacts in the store.
+        block_runs: Maximum number of runs of a new block, see `block_size`.
+        store_error: The error that made the store unusable and ended everything.
     """
 
     def __init__(
@@ -143,39 +133,39 @@ class Engine:
 
     @property
     def faults(self) -> tuple[RunFault, ...]:
-        """What went wrong so far."""
+        """All faults so far."""
         with self._lock:
             return tuple(dict.fromkeys(self._faults))  # a flow that is begun again meets them again
 
     @property
     def broken(self) -> frozenset[str]:
-        """Names of the configurations that met a fault."""
+        """Names of the configurations with a fault."""
         return frozenset(fault.configuration for fault in self.faults)
 
     @property
     def workers(self) -> int:
-        """Worker processes at most."""
+        """Maximum number of worker processes."""
         return self._pool.workers
 
     @property
     def closed(self) -> bool:
-        """Whether it computes nothing any more: somebody ended the campaign, or its store can't be used."""
+        """True once the campaign was ended or its store is unusable."""
         return self._pool.closed
 
     def close(self) -> None:
-        """End the workers and all that is being computed. May be called twice."""
+        """End the workers and all jobs. May be called twice."""
         self._pool.close()
 
     def rest(self) -> None:
-        """Let the workers go while nothing is computed; what is computed later starts new ones."""
+        """Let idle workers go; the next job starts new ones."""
         self._pool.rest()
 
     def check(self) -> None:
-        """Raise where nothing is computed any more.
+        """Raise an error if the engine is closed.
 
         Raises:
             StoreError: the store can't be used.
-            PoolClosed: somebody ended the campaign.
+            PoolClosed: the campaign was ended.
         """
         if self.store_error is not None:
             raise self.store_error
@@ -183,10 +173,10 @@ class Engine:
             raise PoolClosed
 
     def attempts(self) -> Iterator[int]:
-        """Count attempts at the same artifacts: what the store lost during one is computed again by the next.
+        """Count attempts at the same artifacts; each computes what the store lost during the one before.
 
         Raises:
-            StoreError: all were in vain.
+            StoreError: all failed.
         """
         for attempt in range(ATTEMPTS):
             if attempt:
@@ -198,7 +188,7 @@ class Engine:
         raise StoreError(f"store: {place!r} loses what is written to it; is the disk full or broken?")
 
     def scan(self, configurations: Iterable[ConfigurationRuns]) -> dict[str, FoundRuns]:
-        """What the store has of configurations, by name; it is counted."""
+        """Return what the store has of configurations, by name, and count it."""
         broken, scanned = self.broken, {}
         for each in configurations:
             stopping = self._stopping
@@ -214,12 +204,10 @@ class Engine:
         return scanned
 
     def begin(self, found: Iterable[FoundRuns], workers: int) -> None:
-        """Hand what is not recorded to the workers, which takes them longer than this call.
-
-        Where a robot drives, kernels are compiled first.
+        """Hand the missing runs to the workers, after the compilation of kernels where a robot drives.
 
         Args:
-            workers: How many there are: each gets several blocks.
+            workers: Number of workers, each of which gets several blocks.
         """
         absent = [each for each in found if each.missing_runs]
         self.warm_up(each.configuration.scenario.system for each in absent if each.configuration.drives)
@@ -227,7 +215,7 @@ class Engine:
         self.start([each.configuration for each in absent])
 
     def start(self, configurations: Sequence[ConfigurationRuns]) -> None:
-        """Hand the missing runs of configurations to the workers, in their order and in a thread of its own."""
+        """Hand the missing runs of configurations to the workers, in order, from a thread."""
 
         def start() -> None:
             with suppress(PoolClosed, StoreError):  # who waits for it meets the same
@@ -237,18 +225,18 @@ class Engine:
         threading.Thread(target=start, daemon=True).start()
 
     def forget(self, configurations: Collection[str]) -> None:
-        """Let configurations be as if nothing of them had been asked: what broke of them is computed again where it is asked again."""
+        """Forget faults and jobs of configurations, so that they are computed again when asked for."""
         with self._lock:
             self._faults = [fault for fault in self._faults if fault.configuration not in configurations]
             self._executing = {key: jobs for key, jobs in self._executing.items() if key[0] not in configurations}
 
     def add_faults(self, faults: Sequence[RunFault]) -> None:
-        """Faults that configurations met elsewhere."""
+        """Add faults from elsewhere."""
         with self._lock:
             self._faults += faults
 
     def evaluate(self, producer: PackedProducer, evaluations: Sequence[Evaluation]) -> StageOutcome[dict[str, str]]:
-        """Evaluate a producer where that is missing; gives key to error of each evaluation at which it raised."""
+        """Evaluate a producer where the store lacks it; return the errors by key."""
         store = self.index.store
         jobs = {
             each.key: self._submit(Priority.EVALUATE, work.evaluate, self._store, each.key, producer, each.inputs)
@@ -262,16 +250,16 @@ class Engine:
         return StageOutcome(errors, len(evaluations) - len(jobs), len(evaluations))
 
     def warm_up(self, systems: Iterable[Mapping[str, Value]]) -> None:
-        """Have one worker compile the kernels that robots need before any drives: two at the same time would both compile.
+        """Compile the kernels for some systems in one worker, as two at once would compile the same.
 
         Args:
-            systems: System dimensions of scenarios in which a robot drives; without any there is nothing to compile.
+            systems: System dimensions of scenarios in which a robot drives.
         """
         if needed := controllers_in(systems):
             self._warm = self._submit(Priority.EVALUATE, work.compile_kernels, needed)
 
     def start_executing(self, configuration: ConfigurationRuns) -> list["_Job"]:
-        """Hand the missing runs of a configuration to the pool, once for each number of runs that is wanted of it."""
+        """Hand the missing runs of a configuration to the pool, once per wanted number of runs."""
         if self._warm is not None and configuration.drives:
             self._answer(self._warm)
         with self._lock:
@@ -297,13 +285,13 @@ class Engine:
             self._tally.execute(configuration.name, answer.simulated_s)
 
     def execute(self, configurations: Sequence[ConfigurationRuns]) -> StageOutcome[Rows]:
-        """Execute what is missing; gives start, stop and content of each configuration's blocks."""
+        """Execute missing runs; return start, stop, and content digest of each configuration's blocks."""
         started = [(configuration, list(self.start_executing(configuration))) for configuration in configurations]
         there = sum(not jobs for _, jobs in started)
         for configuration, jobs in started:
             for job in jobs:
                 answer = self._answer(job.future)
-                if isinstance(answer, Died) and job.stop - job.start > 1:
+                if isinstance(answer, Broken) and answer.died and job.stop - job.start > 1:
                     # One run may have killed the workers of all: each gets a block of its own.
                     jobs += [self._start(configuration, run, run + 1) for run in range(job.start, job.stop)]
                 elif isinstance(answer, Broken):
@@ -318,73 +306,54 @@ class Engine:
         return StageOutcome(rows, there, len(configurations))
 
     def observe(self, configurations: Sequence[ConfigurationRuns], recorded: Rows) -> StageOutcome[Rows]:
-        """Observe recorded blocks; rows gain the trace's content."""
-        blocks = self._blocks(configurations, recorded)
-        keys = [self.index.trace_key(configuration, block) for configuration, block in blocks]
-        found, there = self._complete(
-            "observe",
-            blocks,
-            keys,
-            lambda configuration, block, key: self._submit(
-                Priority.OBSERVE, work.observe, self._store, block.key, key, configuration.scenario
-            ),
-        )
-        rows: dict[str, list[list[Any]]] = {configuration.name: [] for configuration in configurations}
-        for (configuration, block), trace in zip(blocks, found, strict=True):
-            if trace is not None:
-                rows[configuration.name].append([block.start, block.stop, block.content, trace.content])
-        return StageOutcome(list(rows.values()), there, len(blocks))
+        """Observe recorded blocks; rows gain the content digest of the trace."""
+
+        def submit(configuration: ConfigurationRuns, block: Block, key: str) -> "Future[Any]":
+            arguments = (self._store, block.key, key, configuration.scenario)
+            return self._submit(Priority.OBSERVE, work.observe, *arguments)
+
+        keys = [self.index.trace_key(*each) for each in self._blocks(configurations, recorded)]
+        return self._derived("observe", configurations, recorded, keys, submit)
 
     def judge(self, configurations: Sequence[ConfigurationRuns], observed: Rows) -> StageOutcome[Rows]:
-        """Judge observed blocks; gives start, stop and the verdicts' content."""
-        blocks = self._blocks(configurations, observed)
-        traces = [str(row[3]) for of_configuration in observed for row in of_configuration]
-        keys = [
-            self.index.verdicts_key(configuration, block, trace)
-            for (configuration, block), trace in zip(blocks, traces, strict=True)
-        ]
-        found, there = self._complete(
-            "judge",
-            blocks,
-            keys,
-            lambda configuration, block, key: self._submit(
-                Priority.JUDGE,
-                work.judge,
-                self._store,
-                block.key,
-                self.index.trace_key(configuration, block),
-                key,
-                configuration.scenario,
-                self._oracles,
-            ),
-        )
-        rows: dict[str, list[list[Any]]] = {configuration.name: [] for configuration in configurations}
-        for (configuration, block), verdicts in zip(blocks, found, strict=True):
-            if verdicts is not None:
-                self._tally.judge(configuration.name, judgements(verdicts))
-                rows[configuration.name].append([block.start, block.stop, verdicts.content])
-        return StageOutcome(list(rows.values()), there, len(blocks))
+        """Judge observed blocks; rows gain the content digest of the verdicts."""
 
-    def _complete(
+        def submit(configuration: ConfigurationRuns, block: Block, key: str) -> "Future[Any]":
+            trace = self.index.trace_key(configuration, block)
+            arguments = (self._store, block.key, trace, key, configuration.scenario, self._oracles)
+            return self._submit(Priority.JUDGE, work.judge, *arguments)
+
+        traces = [str(row[3]) for of_configuration in observed for row in of_configuration]
+        blocks = self._blocks(configurations, observed)
+        keys = [self.index.verdicts_key(*each, trace) for each, trace in zip(blocks, traces, strict=True)]
+        return self._derived("judge", configurations, observed, keys, submit)
+
+    def _derived(
         self,
         stage: WorkStage,
-        blocks: Sequence[tuple[ConfigurationRuns, Block]],
+        configurations: Sequence[ConfigurationRuns],
+        rows: Rows,
         keys: Sequence[str],
         submit: Callable[[ConfigurationRuns, Block, str], "Future[Any]"],
-    ) -> tuple[list[Artifact | None], int]:
-        """Compute what is missing of `keys`, one for each block; give what there is then, and how many there were before."""
-        store = self.index.store
-        jobs = [
-            submit(configuration, block, key) if store.find(key) is None else None
-            for (configuration, block), key in zip(blocks, keys, strict=True)
-        ]
+    ) -> StageOutcome[Rows]:
+        """Compute the missing artifacts of `keys`, one for each row; rows gain their content digests."""
+        store, blocks = self.index.store, self._blocks(configurations, rows)
+        jobs = [submit(*each, key) if store.find(key) is None else None for each, key in zip(blocks, keys, strict=True)]
         for (configuration, block), job in zip(blocks, jobs, strict=True):
             if job is not None and isinstance(answer := self._answer(job), Broken):
                 self._fault(configuration, range(block.start, block.stop), stage, answer)
         for key, job in zip(keys, jobs, strict=True):
             if job is not None:
                 store.changed(key)
-        return [store.find(key) for key in keys], jobs.count(None)
+        following = iter(keys)
+        made: Rows = []
+        for configuration, of_configuration in zip(configurations, rows, strict=True):
+            found = [(row, store.find(next(following))) for row in of_configuration]
+            made.append([[*row, artifact.content] for row, artifact in found if artifact is not None])
+            if stage == "judge":
+                for _, verdicts in found:
+                    self._tally.judge(configuration.name, judgements(verdicts) if verdicts is not None else {})
+        return StageOutcome(made, jobs.count(None), len(blocks))
 
     def _blocks(self, configurations: Sequence[ConfigurationRuns], rows: Rows) -> list[tuple[ConfigurationRuns, Block]]:
         return [
@@ -404,7 +373,7 @@ class Engine:
         return self._pool.submit(priority, work.answered, function, *arguments)
 
     def _answer(self, job: "Future[Any]") -> Any:
-        """What a job came to; a worker's death is an error like others."""
+        """Return the answer of a job; the death of a worker is `Broken` like other errors."""
         try:
             return job.result()
         except PoolClosed:
@@ -414,16 +383,16 @@ class Engine:
             self._pool.close()  # the other jobs would find out one by one
             raise
         except WorkerDied as error:
-            return Died(str(error))
+            return Broken(str(error), died=True)
         except Exception as error:  # noqa: BLE001 - what can't be pickled, say: one configuration's fault
             return work.broken(error)
 
 
 def block_size(runs: int, workers: int) -> int:
-    """Most runs of a block, so that every worker gets several; how runs are cut is in no key."""
+    """Return the maximum number of runs of a block, so that every worker gets several blocks."""
     return max(1, min(MOST_RUNS_A_BLOCK, -(-runs // (_BLOCKS_A_WORKER * workers))))
 
 
 def judgements(verdicts: Artifact) -> dict[int, str]:
-    """Run index to what all oracles together say, as `vastflow.tasks.engine.work.judge` left it with the verdicts."""
+    """Return run index to the judgement of all oracles together."""
     return {int(run_index): str(judgement) for run_index, judgement in verdicts.info["runs"]}

@@ -1,4 +1,4 @@
-"""A producer's evaluations as artifacts: what they follow from, and fragments and rejections as bytes."""
+"""Evaluations of producers as artifacts: their keys, and fragments and rejections as bytes."""
 
 import dataclasses
 import json
@@ -25,13 +25,13 @@ FRAGMENTS: Final = "fragments.json"
 
 @dataclass(frozen=True, slots=True)
 class PackedProducer:
-    """A producer under way to a worker, where the snapshots of plug-ins have to be opened first."""
+    """A producer on its way to a worker, where the snapshots of plug-ins are opened first."""
 
     plug_ins: tuple[Snapshot, ...]
     pickled: bytes
 
     def unpacked(self) -> Producer[Any]:
-        """The producer, in any process."""
+        """Return the producer, in any process."""
         for snapshot in self.plug_ins:
             module_of(snapshot)
         producer: Producer[Any] = pickle.loads(self.pickled)
@@ -39,7 +39,7 @@ class PackedProducer:
 
 
 def packed(producer: Producer[Any]) -> PackedProducer:
-    """`producer` ready to be sent."""
+    """Pack a producer for a worker."""
     snapshots = (snapshot_behind(type(each)) for each in (producer, *producers_in(producer.parameters)))
     plug_ins = {snapshot.digest: snapshot for snapshot in filter(None, snapshots)}
     return PackedProducer(tuple(plug_ins.values()), pickle.dumps(producer))
@@ -48,7 +48,7 @@ def packed(producer: Producer[Any]) -> PackedProducer:
 def evaluation_keys(
     keys: Keys, tree: SourceTree, producer: Producer[Any], inputs: Mapping[str, Mapping[str, Value]]
 ) -> dict[str, str]:
-    """Digest of each restricted input to the key of its evaluation."""
+    """Return the key of the evaluation for each digest of a restricted input."""
     kind = type(producer)
     kinds = dict.fromkeys(type(each) for each in (producer, *producers_in(producer.parameters)))
     source = "".join([tree.digest(*EVALUATE_SOURCE), *map(tree.plug_in_digest, kinds)])
@@ -57,7 +57,7 @@ def evaluation_keys(
 
 
 def content_of(value: object) -> Value:
-    """A parameter model or any value in it as what it says, files by content, producers by name and parameters."""
+    """Return a parameter model or any value in it by content: files by digest, producers by name and parameters."""
     if value is None or isinstance(value, bool | int | float | str | FileContent):
         return value
     if isinstance(value, Producer):
@@ -74,7 +74,7 @@ def content_of(value: object) -> Value:
 
 
 def producers_in(value: object) -> Iterator[Producer[Any]]:
-    """Every producer in a parameter model, at any depth: the alternatives that another one offers."""
+    """Yield every producer in a parameter model, at any depth."""
     if isinstance(value, Producer):
         yield value
         yield from producers_in(value.parameters)
@@ -90,7 +90,7 @@ def producers_in(value: object) -> Iterator[Producer[Any]]:
 
 
 def write_evaluation(results: Sequence[Fragment | Rejection]) -> bytes:
-    """Fragments and rejections in order; numbers come back as they were, bit for bit."""
+    """Write fragments and rejections in order; numbers come back bit for bit."""
     rows = [
         {"values": _written(result.values)}
         if isinstance(result, Fragment)
@@ -101,14 +101,13 @@ def write_evaluation(results: Sequence[Fragment | Rejection]) -> bytes:
 
 
 def read_evaluation(content: bytes, files: Mapping[str, str]) -> list[Fragment | Rejection]:
-    """What `write_evaluation` wrote.
+    """Read fragments and rejections.
 
     Args:
-        files: Digest to the path at which this campaign has the file. The evaluation may be of another
-            campaign, whose files may be gone.
+        files: Digest to the path of this campaign's file, as the evaluation may be another campaign's.
 
     Raises:
-        Lost: a file is neither in `files` nor where it was.
+        Lost: a file is neither in `files` nor in its old place.
     """
     return [
         Fragment(_read(row["values"], files))
@@ -119,7 +118,7 @@ def read_evaluation(content: bytes, files: Mapping[str, str]) -> list[Fragment |
 
 
 def files_in(*values: object) -> dict[str, str]:
-    """Digest to path of every file in values or parameter models."""
+    """Return digest to path of every file in values or parameter models."""
     return {file.digest: file.path for value in values for file in _files(content_of(value))}
 
 

@@ -1,4 +1,4 @@
-"""The index: which of a campaign's artifacts are in the store, and what is missing."""
+"""The index: the artifacts of a campaign that are in the store, and the missing ones."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -12,13 +12,13 @@ from vastflow.tasks.store.store import Artifact, Store
 
 @dataclass(frozen=True)
 class ConfigurationRuns:
-    """A distinct scenario of a campaign, and how many runs of it are asked.
+    """A distinct scenario of a campaign with its wanted runs.
 
     Attributes:
         name: Its configuration's name.
         place: Its number among the configurations of its family, from 1.
         runs: Run indices 0 to runs - 1 are wanted.
-        recorded_as: `checked` as it was when an earlier campaign recorded it; None for that of today.
+        recorded_as: `checked` of an earlier campaign's recording; None for that of today.
     """
 
     name: str
@@ -30,42 +30,42 @@ class ConfigurationRuns:
 
     @property
     def checked(self) -> str:
-        """Digest of all that its runs are computed from: its part of every key."""
+        """Digest of all that its runs are computed from, which is part of every key."""
         return self.recorded_as or checked_digest(self.scenario)
 
     @property
     def drives(self) -> bool:
-        """Whether a robot drives in it, which takes compiled kernels: without a map nothing does."""
+        """True if a robot drives in it, which takes compiled kernels: without a map nothing does."""
         return "map_file" in self.scenario.environment
 
 
 @dataclass(frozen=True, slots=True)
 class FoundRuns:
-    """A configuration with the runs that are wanted of it by now, and what the store has of these."""
+    """A configuration with the runs that are wanted by now, and what the store has of these."""
 
     configuration: ConfigurationRuns
     stored: tuple[Stored, ...] = ()
 
     @property
     def missing_runs(self) -> int:
-        """How many of the wanted runs are not recorded."""
+        """Number of wanted runs that are not recorded."""
         return len(missing([each.block for each in self.stored], self.configuration.runs))
 
     @property
     def complete(self) -> bool:
-        """Whether every wanted run is recorded, and every recorded block judged."""
+        """True if every wanted run is recorded, and every recorded block judged."""
         return all(each.verdicts for each in self.stored) and not self.missing_runs
 
 
 @dataclass(frozen=True, slots=True)
 class Index:
-    """Where a campaign's artifacts are. Each question looks into the store."""
+    """Places of a campaign's artifacts; each question looks into the store."""
 
     store: Store
     keys: Keys
 
     def stored(self, configuration: ConfigurationRuns) -> list[Stored]:
-        """Everything there is of a configuration's wanted runs."""
+        """Return all artifacts of a configuration's wanted runs."""
         found = []
         for artifact, block in self._recorded(configuration):
             trace = self.store.find(self.trace_key(configuration, block))
@@ -74,7 +74,7 @@ class Index:
         return found
 
     def blocks(self, configuration: ConfigurationRuns) -> list[Block]:
-        """Recorded blocks that together have as many of the wanted runs as there are."""
+        """Return recorded blocks that together have as many of the wanted runs as there are."""
         return [block for _, block in self._recorded(configuration)]
 
     def _recorded(self, configuration: ConfigurationRuns) -> list[tuple[Artifact, Block]]:
@@ -86,24 +86,20 @@ class Index:
         return found
 
     def block(self, configuration: ConfigurationRuns, start: int, stop: int, content: str) -> Block:
-        """The block of these runs, found before."""
+        """Return the block of these runs, found before."""
         return Block(f"{self.keys.recordings(configuration.checked)}/{start}-{stop}", start, stop, content)
 
-    def recorded(self, configuration: ConfigurationRuns) -> bool:
-        """Whether every wanted run is recorded."""
-        return not missing(self.blocks(configuration), configuration.runs)
-
     def trace_key(self, configuration: ConfigurationRuns, block: Block) -> str:
-        """Key of the trace of a block."""
+        """Return the key of the trace of a block."""
         return self.keys.trace(configuration.checked, block.content)
 
     def verdicts_key(self, configuration: ConfigurationRuns, block: Block, trace: str) -> str:
-        """Key of the verdicts on a block; `trace` is the content digest of its trace."""
+        """Return the key of the verdicts on a block; `trace` is the content digest of its trace."""
         return self.keys.verdicts(configuration.checked, block.content, trace)
 
 
 def missing(blocks: Iterable[Block], runs: int) -> list[int]:
-    """Wanted run indices that no block has, in order."""
+    """Return the wanted run indices that no block has, in order."""
     there = {run for block in blocks for run in range(block.start, block.stop)}
     return [run for run in range(runs) if run not in there]
 
@@ -127,7 +123,7 @@ def _spans(names: Iterable[str]) -> Iterator[tuple[int, int]]:
 
 
 def _covering(spans: Iterable[tuple[int, int]], runs: int) -> list[tuple[int, int]]:
-    """Those of `spans` that add something, from the left: campaigns may have cut the same runs differently."""
+    """Return the spans that add runs, from the left, as campaigns may cut the same runs differently."""
     chosen: list[tuple[int, int]] = []
     reached = 0
     for start, stop in sorted(spans, key=lambda span: (span[0], -span[1])):

@@ -1,4 +1,4 @@
-"""Instantiation over the store: each producer's evaluations are looked up, those missing are asked for together."""
+"""Instantiation over the store: evaluations of producers are looked up, and the missing ones requested together."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,11 +25,7 @@ EvaluationResults: TypeAlias = Mapping[str, Sequence[Fragment | Rejection]]
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """A producer on one restricted input.
-
-    Attributes:
-        key: Of the artifact.
-    """
+    """A producer's evaluation on one restricted input, with the key of its artifact."""
 
     key: str
     inputs: Mapping[str, Value]
@@ -37,7 +33,7 @@ class Evaluation:
 
 @dataclass(frozen=True, slots=True)
 class EvaluationRequest:
-    """What a family needs of one of its producers."""
+    """Evaluations of a producer that a family needs."""
 
     family: str
     producer: Producer[Any]
@@ -45,18 +41,18 @@ class EvaluationRequest:
 
 
 class Evaluator(Protocol):
-    """Sees to it that evaluations are in the store."""
+    """Brings evaluations into the store."""
 
     def __call__(self, requests: Sequence[EvaluationRequest]) -> Mapping[str, str]:
-        """Return when all of them are there, but for those at which the producer raised: key to the error."""
+        """Return when all are stored, with key to error of those at which the producer raised."""
 
 
 @dataclass(frozen=True, slots=True)
 class ProducerFault:
-    """A producer raised, or a file of a family is not there: what some partial configurations would have been is not known.
+    """A fault of a producer or file, which leaves some configurations of a family unknown.
 
     Attributes:
-        producer: Empty where nothing of the family could be had.
+        producer: Empty if nothing of the family is known.
     """
 
     family: str
@@ -64,7 +60,7 @@ class ProducerFault:
     error: str
 
     def concerns(self, name: str) -> bool:
-        """Whether a family or configuration of this name may be different without it."""
+        """True if a family or configuration of this name may differ without the fault."""
         return name == self.family or name.startswith(f"{self.family}-")
 
     def __str__(self) -> str:
@@ -81,10 +77,10 @@ class Instantiated:
 
 @dataclass(frozen=True, slots=True)
 class Instantiator:
-    """Instantiates a campaign from what is in the store.
+    """Instantiates a campaign from evaluations in the store.
 
     Attributes:
-        refuse_empty: Whether constraints that leave nothing are a fault of the file.
+        refuse_empty: True if constraints that leave nothing are a fault of the file.
     """
 
     campaign: Campaign
@@ -94,18 +90,18 @@ class Instantiator:
     refuse_empty: bool = True
 
     def stored(self) -> Instantiated | None:
-        """The instantiation, if every evaluation is in the store."""
+        """Return the instantiation, if every evaluation is in the store."""
         try:
             return self.instantiated(self._all_there)
         except Lost:
             return None
 
     def instantiated(self, evaluator: Evaluator) -> Instantiated:
-        """The instantiation. `evaluator` is asked once for the i-th producers of all families, stored or not.
+        """Return the instantiation; `evaluator` is called once for the i-th producers of all families.
 
         Raises:
             Lost: an evaluation is damaged.
-            FileError: a constraint can't be evaluated, constraints leave nothing, or a design is too large.
+            CampaignError: a constraint can't be evaluated, constraints leave nothing, or a design is too large.
         """
         families = [_Growing(family, growth_of(family)) for family in self.campaign.families]
         for step in range(max((len(family.producers) for family in self.campaign.families), default=0)):
@@ -127,7 +123,7 @@ class Instantiator:
         return {}
 
     def _step(self, families: Sequence["_Growing"], step: int, evaluator: Evaluator) -> None:
-        """C^step to C^(step + 1) of each family."""
+        """Grow each family from C^step to C^(step + 1)."""
         asked: set[str] = set()
         requests: list[EvaluationRequest] = []
         inputs, keys = [], []
@@ -155,7 +151,7 @@ class Instantiator:
 
 
 class _Growing:
-    """A family under way through its producers."""
+    """A family on its way through its producers."""
 
     def __init__(self, family: Family, growth: Growth) -> None:
         self.family = family
@@ -169,12 +165,12 @@ class _Growing:
 
 
 def selected(instantiation: Instantiation, only: Sequence[str]) -> Instantiation:
-    """What remains with the families and configurations called `only`.
+    """Return the instantiation of the families and configurations called `only`.
 
     A configuration that stood for duplicates outside of `only` is run under the first remaining one's name.
 
     Raises:
-        UnknownName: nothing is called so.
+        UnknownName: there is no such family or configuration.
     """
     families = {
         *(each.family for each in instantiation.configurations),
@@ -196,7 +192,7 @@ def selected(instantiation: Instantiation, only: Sequence[str]) -> Instantiation
 
 
 class UnknownName(LookupError):
-    """No family or configuration is called so; `known` lists those there are."""
+    """No family or configuration has this name; `known` lists the names."""
 
     def __init__(self, name: str, known: tuple[str, ...]) -> None:
         super().__init__(f"no family or configuration {name!r}")

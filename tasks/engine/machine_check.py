@@ -1,4 +1,4 @@
-"""The machine of a computation: what this machine must give before a process of it is started."""
+"""The machine: checks before any process of a computation is started."""
 
 import errno
 import importlib.metadata
@@ -17,17 +17,11 @@ _SHARED_MEMORY: Final = Path("/dev/shm")
 """Where Linux keeps semaphores, with which worker processes wait for each other."""
 
 
-class MachineError(StoreError):
-    """This machine lacks something, so that no result of it can be kept; says what, and what would help."""
-
-
 def check_machine() -> None:
-    """Look whether everything can be written that a computation writes beside its store and its results.
-
-    Without it workers and Prefect's API would fail one by one, each in its own words and after its own time.
+    """Check that everything a computation needs beside its store and results can be written.
 
     Raises:
-        MachineError: something can't.
+        StoreError: something can't; workers and Prefect's API would fail later, each in its own words.
     """
     check_numba()
     _check_written(Path(platformdirs.user_cache_dir("vastflow")), "set XDG_CACHE_HOME to a folder of yours")
@@ -38,7 +32,7 @@ def check_machine() -> None:
     try:
         temporary = Path(tempfile.gettempdir())
     except FileNotFoundError:  # it has tried them
-        raise MachineError("no folder for temporary files can be written; set TMPDIR to one of yours") from None
+        raise StoreError("no folder for temporary files can be written; set TMPDIR to one of yours") from None
     _check_written(temporary, _TMPDIR)
     if sys.platform == "linux":
         if not _SHARED_MEMORY.is_dir():
@@ -47,23 +41,23 @@ def check_machine() -> None:
 
 
 def check_numba() -> None:
-    """Compare numba with the versions that kernels are tested with: another may break every run, minutes later.
+    """Compare numba with the tested versions, as another may break every run minutes later.
 
     Raises:
-        MachineError: it is none of them.
+        StoreError: it is not one of them.
     """
     asked = map(Requirement, importlib.metadata.requires("vastflow") or ())
     tested = next(each.specifier for each in asked if each.name == "numba")
     found = importlib.metadata.version("numba")
     if not tested.contains(found, prereleases=True):
-        raise MachineError(f"numba: expected a tested version ({tested}), got {found}; pip install 'numba{tested}'")
+        raise StoreError(f"numba: expected a tested version ({tested}), got {found}; pip install 'numba{tested}'")
 
 
 def check_temporary(error: OSError) -> None:
-    """Look whether an error while something was computed is that of a full folder for temporary files.
+    """Check whether an error comes from a full folder for temporary files.
 
     Raises:
-        MachineError: it is.
+        StoreError: it does.
     """
     if error.errno not in (errno.ENOSPC, errno.EDQUOT):
         return
@@ -86,5 +80,5 @@ def _check_written(folder: Path, right: str) -> None:
         raise _error(folder, error.strerror or str(error), right) from None
 
 
-def _error(folder: Path, reason: str, right: str) -> MachineError:
-    return MachineError(f"can't write to {str(folder)!r} ({reason}); {right}, or make room")
+def _error(folder: Path, reason: str, right: str) -> StoreError:
+    return StoreError(f"can't write to {str(folder)!r} ({reason}); {right}, or make room")

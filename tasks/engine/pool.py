@@ -1,9 +1,8 @@
 """The worker pool: long-lived processes below one priority queue, for a whole campaign.
 
-One thread owns all state; everything reaches it through a queue. Workers know nothing of Prefect and need no
-`__main__` guard in a user's script (loky). No more than two jobs a worker are handed on at a time, so that a
-job of higher priority overtakes all others that wait. One worker starts with the first job, the others once they pay: few short
-jobs are done before a second process has imported what it needs.
+One thread owns all state; everything reaches it through a queue. Workers know nothing of Prefect and need no `__main__` guard
+in a user's script (loky). At most two jobs a worker are handed on at a time, so that a job of higher priority overtakes those
+that wait. One worker starts with the first job, the others once they pay.
 """
 
 import heapq
@@ -27,20 +26,20 @@ import loky
 
 
 def cores() -> int:
-    """Processors this process may use: worker processes where nobody says how many."""
+    """Return the number of processors this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 TRIES: Final = 3
-"""A job that was in flight when a worker died is tried again, the last time alone in a process of its own."""
+"""Attempts at a job whose worker died, the last one alone in a process of its own."""
 
 MANY: Final = 4
-"""Jobs that wait for each worker: so many begin with all workers."""
+"""Waiting jobs per worker with which all workers start at once."""
 
 FIRST_ANSWER_S: Final = 20.0
-"""Where the first worker has answered nothing for so long, the others start."""
+"""Time without an answer of the first worker after which the others start."""
 
 _IN_FLIGHT_PER_WORKER: Final = 2
 _WATCH_S: Final = 0.5
@@ -54,7 +53,7 @@ WORKER_ENVIRONMENT: Final = {
 
 
 class Priority(IntEnum):
-    """Who goes first: what is nearest to a verdict."""
+    """Priorities of jobs: the nearest to a verdict goes first."""
 
     EVALUATE = 0
     JUDGE = 1
@@ -63,7 +62,7 @@ class Priority(IntEnum):
 
 
 class WorkerDied(RuntimeError):
-    """The process that worked on a job died each time, at last alone: out of memory, or a crash in native code."""
+    """The process of a job died each time, at last with this job alone."""
 
 
 class PoolClosed(RuntimeError):
@@ -92,13 +91,13 @@ class Pool:
 
     @property
     def closed(self) -> bool:
-        """Whether it takes no more jobs."""
+        """True if it takes no more jobs."""
         return self._closed.is_set()
 
     def submit(self, priority: Priority, function: Callable[..., Any], /, *arguments: Any) -> "Future[Any]":
         """Queue a call of a module-level function.
 
-        The future ends with its result, with what it raised, with `WorkerDied`, or with `PoolClosed`.
+        The future ends with its result, its exception, `WorkerDied`, or `PoolClosed`.
         """
         job = _Job(priority, next(self._numbers), function, arguments)
         self._inbox.put(job)
@@ -107,11 +106,11 @@ class Pool:
         return job.outcome
 
     def rest(self) -> None:
-        """Let idle workers go; the next job starts new ones. Where jobs are open nothing happens."""
+        """Let idle workers go, if no job is open; the next job starts new ones."""
         self._inbox.put(_Rest())
 
     def close(self, timeout_s: float = 3.0) -> None:
-        """Kill the workers and end everything that isn't done with `PoolClosed`. May be called twice."""
+        """Kill the workers and end all open jobs with `PoolClosed`. May be called twice."""
         self._closed.set()
         self._inbox.put(None)
         self._thread.join(timeout_s)
@@ -136,7 +135,7 @@ class _Job:
 
 
 class _Lane:
-    """An executor, and how many jobs are on it."""
+    """An executor with its number of jobs."""
 
     def __init__(self, workers: int, log: Path | None) -> None:
         self._workers = workers
@@ -146,12 +145,12 @@ class _Lane:
 
     @property
     def idle(self) -> bool:
-        """Whether a worker has nothing to do."""
+        """True if a worker has nothing to do."""
         return self._in_flight < self._workers
 
     @property
     def free(self) -> bool:
-        """Whether one more may wait for a worker."""
+        """True if one more job may wait for a worker."""
         return self._in_flight < _IN_FLIGHT_PER_WORKER * self._workers
 
     def start(self, job: _Job, inbox: "queue.SimpleQueue[_Message]") -> None:
@@ -165,7 +164,7 @@ class _Lane:
         future.add_done_callback(lambda done: inbox.put(_Done(job, self, executor, done)))
 
     def landed(self, broken: Any) -> None:
-        """A job came back; `broken` is the executor that broke under it, if one did."""
+        """Count a job that came back; `broken` is the executor that broke under it, if one did."""
         self._in_flight -= 1
         if self._executor is broken:
             self._executor = self._new()
@@ -188,18 +187,18 @@ class _Done:
 
 
 class _Rest:
-    """Workers may go: nothing is to be computed for a while."""
+    """A request to let workers go."""
 
 
 class _Late:
-    """Jobs have waited."""
+    """A signal that jobs have waited long."""
 
 
 _Message: TypeAlias = "_Job | _Done | _Rest | _Late | None"
 
 
 class _Pace:
-    """How long the first worker took to start, its first job included, and how long its jobs take since."""
+    """Time of the first worker's start with its first job, and of its jobs since."""
 
     def __init__(self) -> None:
         self._start_s: float | None = None
@@ -207,7 +206,7 @@ class _Pace:
         self._answers = 0
 
     def answered(self, took_s: float) -> None:
-        """A job took so long."""
+        """Count a job."""
         if self._start_s is None:
             self._start_s = took_s
             return
@@ -215,7 +214,7 @@ class _Pace:
         self._answers += 1
 
     def pays(self, waiting: int) -> bool:
-        """Whether so many jobs would take one worker longer than another one takes to start."""
+        """True if one worker would take longer for these jobs than another one to start."""
         if self._start_s is None or not self._answers:
             return False
         return waiting * self._busy_s / self._answers > self._start_s
@@ -253,7 +252,7 @@ class _Owner:
         self._end()
 
     def _next(self) -> "_Message":
-        """The next message; `_Late` where jobs have waited long enough for more workers to start."""
+        """Return the next message, or `_Late` where jobs have waited long enough for more workers to start."""
         running = [job.began_s for job in self._open.values() if job.began_s]
         late_s = min(running) + FIRST_ANSWER_S if running and self._waiting and not self._grown else None
         try:
@@ -263,7 +262,7 @@ class _Owner:
 
     @property
     def _grown(self) -> bool:
-        """Whether all workers were started."""
+        """True if all workers were started."""
         return len(self._lanes) == min(self._workers, 2)
 
     def _hand_on(self) -> None:

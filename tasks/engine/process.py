@@ -1,4 +1,4 @@
-"""This process: how it ends before its time, within seconds and without orphans, and how its garbage is collected."""
+"""This process: its end within seconds and without orphans, and its garbage collection."""
 
 import gc
 import os
@@ -44,9 +44,9 @@ def bound(kill: Callable[[], None]) -> threading.Timer:
 
 
 def owns_process() -> bool:
-    """Whether an interrupt is meant for the whole process: in the main thread, unless an event loop runs there.
+    """True if an interrupt is meant for the whole process: in the main thread, unless an event loop runs there.
 
-    A notebook's kernel runs one, and has to survive the interruption of a cell.
+    A notebook's kernel runs one, and must survive the interruption of a cell.
     """
     import asyncio
 
@@ -68,8 +68,10 @@ _THRESHOLDS: Final = (50_000, 20, 100)
 
 @contextmanager
 def few_collections() -> Iterator[None]:
-    """Let Python look for cycles seldom: what is imported stays, and the hundred thousands of values of a campaign live to its
-    end. They would be looked at again and again, for a third of the time that a call takes in which nothing is missing."""
+    """Collect garbage seldom: modules and the values of a campaign live to its end.
+
+    Looking at them again and again takes a third of a call in which nothing is missing.
+    """
     before = gc.get_threshold()
     if not 0 < before[0] < _THRESHOLDS[0]:  # by a campaign that runs in another thread, which takes it back
         yield

@@ -1,4 +1,4 @@
-"""Progress of a campaign: counted as results come in, shown by an observer."""
+"""Progress of a campaign, counted as results come in, and shown by an observer."""
 
 import contextvars
 import functools
@@ -15,16 +15,16 @@ INTERVAL_S: Final = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far a campaign is.
+    """The progress of a campaign.
 
     Attributes:
         configurations_total, runs_total: 0 until they are known.
-        at_most: Whether there may be fewer runs than `runs_total`, for configurations end when their class is decided.
-        configurations_done, runs_done: Judged, or found to be broken.
+        at_most: True if there may be fewer runs than `runs_total`, as configurations end when their class is decided.
+        configurations_done, runs_done: Judged or broken.
         executed, reused: Runs simulated now, and runs whose recordings were in the store.
-        passed, failed, not_judged: Of the runs that are done.
+        passed, failed, not_judged: Parts of the done runs.
         simulated_s: Simulated time of the executed runs.
-        notices: What else the user should know, line by line.
+        notices: Lines for the user.
     """
 
     phase: Phase = "scanning"
@@ -43,14 +43,14 @@ class Progress:
 
 
 class Observer(Protocol):
-    """Whoever shows progress."""
+    """A display of progress."""
 
     def update(self, progress: Progress) -> None:
         """Called from one thread, at most ten times a second, and at the end."""
 
 
 class Tally:
-    """Counts as results come in from any thread; a run that is told of twice counts once."""
+    """Counts of results from any thread; a run that is reported twice counts once."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -63,7 +63,7 @@ class Tally:
         self._notices: tuple[str, ...] = ()
 
     def notice(self, line: str) -> None:
-        """Tell the user something that is no number."""
+        """Add a line for the user."""
         with self._lock:
             self._notices = (*self._notices, line)
 
@@ -73,7 +73,7 @@ class Tally:
             self._phase = phase
 
     def expect(self, wanted: Mapping[str, int]) -> None:
-        """Set what there is to do, before anything of it is told: configuration to number of runs."""
+        """Set the number of runs of each configuration, before any is counted."""
         with self._lock:
             known = self._configurations
             self._configurations = {
@@ -82,7 +82,7 @@ class Tally:
             }
 
     def want(self, configuration: str, runs: int, most: int) -> None:
-        """Let a configuration want `runs` by now and `most` at the most; it is done with that many."""
+        """Let a configuration want `runs` by now and at most `most`; it is done with that many."""
         with self._lock:
             if (of := self._configurations.get(configuration)) is not None:
                 was_done = of.done == of.most
@@ -90,7 +90,7 @@ class Tally:
                 self._configurations_done += (of.done == most) - was_done
 
     def reuse(self, configuration: str, runs: Iterable[int]) -> None:
-        """Runs whose recordings were found; those executed by this call stay executed."""
+        """Count runs whose recordings were found; those executed by this call stay executed."""
         with self._lock:
             if (of := self._configurations.get(configuration)) is not None:
                 new = of.bits(runs) & ~(of.executed | of.reused)
@@ -98,7 +98,7 @@ class Tally:
                 self._reused += new.bit_count()
 
     def execute(self, configuration: str, simulated_s: Mapping[int, float]) -> None:
-        """Runs that were simulated."""
+        """Count runs that were simulated."""
         with self._lock:
             if (of := self._configurations.get(configuration)) is None:
                 return
@@ -113,7 +113,7 @@ class Tally:
                     of.simulated_s[run] = time_s
 
     def judge(self, configuration: str, judgements: Mapping[int, str]) -> None:
-        """Runs that are done, each with what all oracles together say of it."""
+        """Count runs that are done, each with the judgement of all oracles together."""
         with self._lock:
             if (of := self._configurations.get(configuration)) is None:
                 return
@@ -131,12 +131,12 @@ class Tally:
             of.done = done
 
     def through(self) -> frozenset[str]:
-        """Configurations of which every run that may be wanted is done."""
+        """Return the configurations of which every run that may be wanted is done."""
         with self._lock:
             return frozenset(name for name, of in self._configurations.items() if of.done == of.most)
 
     def progress(self) -> Progress:
-        """The state now."""
+        """Return the current progress."""
         with self._lock:
             return Progress(
                 phase=self._phase,
@@ -157,14 +157,14 @@ class Tally:
 
 @dataclass(slots=True)
 class _ConfigurationProgress:
-    """What is known of a configuration's runs, sets of them as numbers with a bit for each: a campaign has 100,000 runs.
+    """Runs of a configuration, sets of them as integers with a bit for each: a campaign has 100,000 runs.
 
     Attributes:
-        runs: Wanted; a block may hold runs that nobody asked for this time.
-        most: Wanted at the most.
-        simulated_s: Of the runs that were executed.
-        judged: Judgement to the runs of which it was said.
-        done: How many were judged.
+        runs: Number of wanted runs; a block may hold more.
+        most: Maximum number of wanted runs.
+        simulated_s: Simulated time of the executed runs.
+        judged: Judgement to its runs.
+        done: Number of judged runs.
     """
 
     runs: int
@@ -176,7 +176,7 @@ class _ConfigurationProgress:
     done: int = 0
 
     def bits(self, runs: Iterable[int]) -> int:
-        """Those of `runs` that are wanted."""
+        """Return the wanted ones of `runs`."""
         if isinstance(runs, range) and runs.step == 1:
             stop = max(min(runs.stop, self.runs), 0)
             return (1 << stop) - (1 << max(runs.start, 0)) if runs.start < stop else 0
@@ -192,7 +192,7 @@ class Reporter:
 
     Args:
         observer: None shows nothing.
-        interval_s: Between two looks at the tally.
+        interval_s: Time between two updates.
     """
 
     def __init__(self, tally: Tally, observer: Observer | None, interval_s: float = INTERVAL_S) -> None:

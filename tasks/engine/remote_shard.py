@@ -1,8 +1,7 @@
-"""A shard for a worker elsewhere: what the worker needs to compute it, and what the worker made of it, both in the store.
+"""A shard for a worker elsewhere: a bundle of its inputs and a report of its results in the store.
 
-Configurations, oracles and keys are one artifact; every file they name is another, by its content. A bundle is no result: it is
-made anew when it is needed, so a store may lose it. Programs and plug-ins find their files where they lay relative to each
-other; the folder above all of them is the worker's own.
+Configurations, oracles, and keys are one artifact; every file they name is another, by its content. Files keep their places
+relative to each other; the folder above all of them is the worker's own.
 """
 
 import hashlib
@@ -75,13 +74,13 @@ class BundleError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Bundle:
-    """What a worker is given.
+    """The inputs of a worker.
 
     Attributes:
         campaign: The campaign's name.
-        promise: See `promise_of`: of the code that is to make the artifacts.
+        promise: See `promise_of`.
         seed: `execution.seed`.
-        oracles: They judge every configuration.
+        oracles: Oracles of every configuration.
     """
 
     campaign: str
@@ -170,7 +169,7 @@ class Packer:
         return found
 
     def _copy(self, path: Path) -> Path:
-        """Where the content of a file is: of a plug-in's, its copy."""
+        """Return the place of a file's content, which for a plug-in is its copy."""
         return self._copies.get(path, path)
 
     def _put(self, files: Iterable[Path]) -> None:
@@ -240,7 +239,7 @@ def unpacked(store: Store, key: str, folder: Path) -> Bundle:
 
 
 def promise_of(keys: Keys) -> dict[str, str]:
-    """All in keys that is not the same wherever a bundle is unpacked, by what it is called in a message."""
+    """Return all in keys that depends on the machine, by its name in messages."""
     return {
         "the numeric class": keys.numeric,
         "the code that executes runs": keys.execute_source,
@@ -262,7 +261,7 @@ def oracle_base(oracle: Oracle[Any]) -> Path:
 
 
 def _plug_ins(oracles: Sequence[Oracle[Any]]) -> dict[Path, Path]:
-    """Where each file of oracles' plug-ins lay, to its copy; a name from the root of the file system means the worker's own file."""
+    """Return the place of each file of oracles' plug-ins to its copy, without those named by absolute paths."""
     snapshots = [snapshot_behind(type(oracle)) for oracle in oracles if not Path(oracle.name).is_absolute()]
     return {path: copy for each in snapshots if each is not None for path, copy in each.contents.items()}
 
@@ -362,7 +361,7 @@ def _inside(root: Path, path: Path) -> str:
 
 
 def _absolute(path: str | Path) -> Path:
-    """As it is named, links left alone: files name each other relative to where they seem to lie."""
+    """Return an absolute path with links left alone, as files name each other by these."""
     return Path(os.path.abspath(path))
 
 

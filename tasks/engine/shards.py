@@ -1,4 +1,4 @@
-"""Shards: what one Prefect task run takes together. Prefect itself is not needed here."""
+"""Shards: configurations or evaluations that one Prefect task run computes. Prefect itself is not needed here."""
 
 from collections.abc import Container, Sequence
 from typing import Final
@@ -25,7 +25,7 @@ class Shard:
         return frozenset(configuration.family for configuration in self.configurations)
 
     def __str__(self) -> str:
-        """Such as `12–15 of hall`; in a shard of several families `hall 12 – depot 3`."""
+        """`12–15 of hall`, or `hall 12 – depot 3` for several families."""
         first, last = self.configurations[0], self.configurations[-1]
         if first.family != last.family:
             return f"{first.family} {first.place} – {last.family} {last.place}"
@@ -82,11 +82,11 @@ def shard_ranges(digests: Sequence[str], most: int = MOST_TASK_RUNS) -> list[ran
 def missing_shards(
     configurations: Sequence[ConfigurationRuns], incomplete: Container[str], most: int = MOST_TASK_RUNS
 ) -> list[Shard]:
-    """Shards in which something is missing; where they are cut depends on all configurations, so that an edit moves one cut.
+    """Return the shards with something missing; an edit of one configuration moves one cut.
 
     Args:
         incomplete: Names of configurations of which something is missing.
-        most: Shards that are aimed at.
+        most: Number of shards that is aimed at.
     """
     parts = shard_ranges([configuration.scenario.digest for configuration in configurations], most)
     return [

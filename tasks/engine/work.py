@@ -1,7 +1,7 @@
-"""What worker processes do: one stage of one block of runs, from the store and into it.
+"""Jobs of worker processes: one stage of one block of runs, from the store and into it.
 
-Simulator, oracles and producers are imported when they are needed, so that a worker starts fast. Nothing raises but
-`StoreError`: why one run or block has no result comes back as a value, and nothing is stored.
+Simulator, oracles, and producers are imported when they are needed, so that a worker starts fast. Nothing raises but
+`StoreError`: errors are answers, and nothing is stored then.
 """
 
 import importlib.metadata
@@ -38,31 +38,31 @@ TRACES: Final = "traces.parquet"
 VERDICTS: Final = "verdicts.json"
 RUN_LOG: Final = "runlog.json"
 
+LOGGER: Final = logging.getLogger("vastflow.work")
+
 P = ParamSpec("P")
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
 class Broken:
-    """Why a run or a block has no result, in one line: a scenario that can't work, or an error of ours."""
+    """The cause why a run or block has no result, in one line.
+
+    Attributes:
+        died: True if its worker process died.
+    """
 
     error: str
-
-
-@dataclass(frozen=True, slots=True)
-class Gone:
-    """An artifact that was needed is no longer in the store; computing it again helps."""
-
-    what: str
+    died: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Executed:
-    """What came of a block.
+    """The outcome of a block.
 
     Attributes:
-        simulated_s: Run index to simulated time, of the runs that are in the store now.
-        broken: Run index to the reason, of the others.
+        simulated_s: Run index to simulated time of the stored runs.
+        broken: Run index to the cause of the others.
     """
 
     simulated_s: Mapping[int, float]
@@ -70,7 +70,7 @@ class Executed:
 
 
 def broken(error: BaseException) -> Broken:
-    """`error` as a value. A scenario that can't work says why in words for its author; of any other error the traceback is logged."""
+    """Return an error as a value, and print the traceback unless a scenario's author can mend it."""
     words = " ".join(str(error).split())
     if isinstance(error, ScenarioError):
         return Broken(words[:500])
@@ -78,17 +78,21 @@ def broken(error: BaseException) -> Broken:
     return Broken(f"{type(error).__name__}: {words}"[:500])
 
 
-def answered(function: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T | Broken | Gone:
-    """Call `function`; an error is an answer too. Its class may be one the caller's process can't import.
+def answered(function: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T | Broken | None:
+    """Call `function` and return errors as answers, as their classes may be unknown to the caller.
+
+    Returns:
+        Its result; None if an input is lost.
 
     Raises:
-        StoreError: without its store, or room for temporary files, no job can be done, whatever it is.
+        StoreError: the store, or the folder for temporary files, can't be used by any job.
     """
     try:
         with plug_in_code():
             return function(*arguments, **named)
     except Lost as error:
-        return Gone(str(error))
+        LOGGER.warning("%s", error)
+        return None
     except StoreError:
         raise
     except Exception as error:  # noqa: BLE001 - a plug-in may raise anything, and the campaign goes on
@@ -101,7 +105,7 @@ def compile_kernels(systems: Sequence[Mapping[str, Value]] = ({},)) -> None:
     """Drive a meter through an empty room, so that the compiled kernels are in their cache for the other workers.
 
     Args:
-        systems: System dimensions, one for each controller that is driven by.
+        systems: System dimensions, one for each controller.
     """
     _log_plainly()
     from vastflow.sim.run import run
@@ -123,7 +127,7 @@ def compile_kernels(systems: Sequence[Mapping[str, Value]] = ({},)) -> None:
 def execute(store: Store, key: str, scenario: Scenario, start: int, stop: int, seed: int) -> Executed | Broken:
     """Execute runs `start` to `stop` - 1 of a scenario and store those that end, in blocks without a gap.
 
-    If the store has that very block by now nothing is executed: another worker died before this one's answer was heard.
+    A stored block is not executed again: another worker may have died before its answer arrived.
     """
     _log_plainly()
     if (stored := store.find(f"{key}/{start}-{stop}")) is not None:
@@ -151,11 +155,11 @@ def execute(store: Store, key: str, scenario: Scenario, start: int, stop: int, s
 
     for run_index in range(start, stop):
         executed = answered(run.execute, scenario, run_index, seed)
-        if isinstance(executed, Broken | Gone):
-            errors[run_index] = executed if isinstance(executed, Broken) else Broken(executed.what)
+        if isinstance(executed, Execution):
+            whole.append(executed)
+        else:
+            errors[run_index] = executed or Broken("an artifact that it needs is lost")
             keep()
-            continue
-        whole.append(executed)
     keep()
     return Executed(simulated_s, errors)
 
@@ -169,7 +173,7 @@ def observe(store: Store, recording_key: str, key: str, scenario: Scenario) -> N
 
 
 def judge(store: Store, recording_key: str, trace_key: str, key: str, scenario: Scenario, oracles: bytes) -> None:
-    """Judge one block and store the verdicts, with what all oracles together say of each run, and why it failed if it did.
+    """Judge one block and store the verdicts, with the judgement of each run and the causes of failures.
 
     Args:
         oracles: Pickled, so that a plug-in that can't be imported is an error of this job alone.
@@ -191,7 +195,7 @@ def judge(store: Store, recording_key: str, trace_key: str, key: str, scenario: 
 
 
 def evaluate(store: Store, key: str, producer: PackedProducer, inputs: Mapping[str, Value]) -> None:
-    """Evaluate a producer on one restricted input and store what it yields."""
+    """Evaluate a producer on one restricted input and store the result."""
     _log_plainly()
     from vastflow.producers.floorplan.environment import FOLDER, environments_in
     from vastflow.producers.model import producer as producers
@@ -202,7 +206,7 @@ def evaluate(store: Store, key: str, producer: PackedProducer, inputs: Mapping[s
 
 
 def _files(recordings: "Sequence[Recording]") -> dict[str, bytes]:
-    """A block's recordings, the behaviors of their scenarios, and what their programs wrote, if anything."""
+    """Return a block's recordings, behaviors, and outputs of programs as files."""
     from vastflow.sim.model.archive import write_behaviors, write_outputs
     from vastflow.sim.model.blocks import write_recordings
 
@@ -213,7 +217,7 @@ def _files(recordings: "Sequence[Recording]") -> dict[str, bytes]:
 
 
 def _run_log(runs: Mapping[int, Mapping[str, Any]]) -> bytes:
-    """What is known of a block's runs beside what happened in them, where they ran and with what: in no digest."""
+    """Return host, versions, and costs of a block's runs, which are in no digest."""
     versions = {name: importlib.metadata.version(name) for name in ("vastflow", "numpy", "numba", "pymunk")}
     host = {"name": platform.node(), "machine": platform.machine(), "python": platform.python_version()}
     content = {

@@ -255,7 +255,6 @@ USER_ERRORS = [
     "sim.model.faults.FileError",
     "sim.nav2.parameter_files.document.DocumentError",
     "tasks.store.artifact.StoreError",
-    "tasks.engine.machine_check.MachineError",
 ]
 
 

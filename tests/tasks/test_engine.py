@@ -12,7 +12,7 @@ from vastflow.tasks.engine.index import ConfigurationRuns, Index
 from vastflow.tasks.engine.pool import PoolClosed, WorkerDied
 from vastflow.tasks.engine.progress import Tally
 from vastflow.tasks.engine.shards import Shard
-from vastflow.tasks.engine.work import Broken, Executed, Gone
+from vastflow.tasks.engine.work import Broken, Executed
 from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.store.store import StoreError, open_store
 
@@ -47,7 +47,7 @@ class Pool:
         if isinstance(answer, Exception):
             raise answer
         if answer is not None:
-            return answer
+            return None if answer == "lost" else answer
         store = arguments[0] if arguments else None
         if stage is work.execute:
             _, home, _, start, stop, _ = arguments
@@ -148,7 +148,7 @@ def test_one_broken_run_is_one_fault(engine, pool):
 
 
 def test_lost_artifact_is_no_fault_but_what_follows_from_it_stays_missing(engine, pool):
-    pool.answers["observe", "a"] = Gone("recordings")
+    pool.answers["observe", "a"] = "lost"
     assert [outcome.made == [[]] for outcome in through(engine, [configuration("a")])] == [False, True, True]
     assert engine.faults == ()
 

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from vastflow.tasks.engine import machine_check
-from vastflow.tasks.engine.machine_check import MachineError, check_machine
+from vastflow.tasks.engine.machine_check import check_machine
 from vastflow.tasks.engine.work import Broken, answered
+from vastflow.tasks.store.store import StoreError
 
 
 @pytest.fixture
@@ -41,7 +42,7 @@ def test_machine_that_gives_everything_passes_and_nothing_is_left(machine, tmp_p
 @pytest.mark.parametrize(("name", "variable"), [("cache", "XDG_CACHE_HOME"), ("prefect", "PREFECT_HOME")])
 def test_folder_that_can_not_be_written_is_named_with_the_variable_that_moves_it(machine, name, variable):
     folder = machine(name)
-    with pytest.raises(MachineError, match=rf"can't write to '{folder}.* \(.+\); set {variable} to a folder of yours"):
+    with pytest.raises(StoreError, match=rf"can't write to '{folder}.* \(.+\); set {variable} to a folder of yours"):
         check_machine()
 
 
@@ -66,7 +67,7 @@ def refuse_prefect(check):
 
 def test_no_shared_memory_is_said_with_what_mounts_it(machine, tmp_path):
     (tmp_path / "shm").rmdir()
-    with pytest.raises(MachineError, match=r"shm' \(No such file or directory\); mount a tmpfs there; a container"):
+    with pytest.raises(StoreError, match=r"shm' \(No such file or directory\); mount a tmpfs there; a container"):
         check_machine()
 
 
@@ -75,7 +76,7 @@ def test_no_temporary_folder_is_said(machine, monkeypatch):
         raise FileNotFoundError("No usable temporary directory found")
 
     monkeypatch.setattr(tempfile, "gettempdir", none)
-    with pytest.raises(MachineError, match="no folder for temporary files can be written; set TMPDIR"):
+    with pytest.raises(StoreError, match="no folder for temporary files can be written; set TMPDIR"):
         check_machine()
 
 
@@ -87,16 +88,16 @@ TMPDIR_IS_FULL = r"can't write to '.*tmp' \(.+\); set TMPDIR to a folder of your
 
 
 def test_no_room_below_the_folder_for_temporary_files_ends_a_campaign_and_is_no_fault_of_a_run(machine, tmp_path):
-    with pytest.raises(MachineError, match=TMPDIR_IS_FULL) as found:
+    with pytest.raises(StoreError, match=TMPDIR_IS_FULL) as found:
         answered(no_room, str(tmp_path / "tmp" / "vastflow-run-x"))
     sent = pickle.loads(pickle.dumps(found.value))  # from a worker's process
-    assert (type(sent), str(sent)) == (MachineError, str(found.value))
+    assert (type(sent), str(sent)) == (StoreError, str(found.value))
 
 
 def test_no_room_in_a_file_without_a_name_is_looked_for_in_the_folder_for_temporary_files(machine):
     tempfile.gettempdir()  # while it can be written
     machine("tmp")
-    with pytest.raises(MachineError, match=r"can't write to '.+' \(.+\); set TMPDIR to a folder of yours"):
+    with pytest.raises(StoreError, match=r"can't write to '.+' \(.+\); set TMPDIR to a folder of yours"):
         answered(no_room)
 
 
@@ -108,5 +109,5 @@ def test_no_room_in_a_folder_of_a_plug_in_s_own_stays_its_fault(machine, tmp_pat
 
 def test_untested_numba_is_reported_before_anything_is_computed(machine, monkeypatch):
     monkeypatch.setattr(machine_check.importlib.metadata, "version", lambda _: "9.0.0")
-    with pytest.raises(MachineError, match=r"numba: expected a tested version \(.*>=0.62.*\), got 9.0.0; pip install"):
+    with pytest.raises(StoreError, match=r"numba: expected a tested version \(.*>=0.62.*\), got 9.0.0; pip install"):
         check_machine()
