@@ -128,7 +128,7 @@ def computing(
         stopping: None where the number of runs of a configuration is fixed.
 
     Raises:
-        MachineError: this machine lacks something that a computation needs.
+        StoreError: this machine lacks something that a computation needs.
     """
     created, count = datetime.now(), workers or cores()
     label = f"{directory_name(opened.name)}-{stage}" if stage else directory_name(opened.name)

@@ -128,7 +128,7 @@ def open_run(request: RunRequest, observer: Observer | None = None) -> Iterator[
 
     Raises:
         FileError, StoreError: as of `prepared`.
-        MachineError: this machine lacks something that a computation needs.
+        StoreError: this machine lacks something that a computation needs.
     """
     clock = Clock()
     with told(observer) as tally, few_collections():
