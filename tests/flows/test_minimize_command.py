@@ -152,7 +152,7 @@ def test_minimize_leaves_planted_cause_in_campaign_that_fails(place, monkeypatch
         assert drawn.width > drawn.height
     again = run_campaign(file, results=folder / "again", store=folder / "store")
     assert (again.summary.executed, again.summary.failed, again.summary.passed) == (0, again.summary.runs, 0)
-    monkeypatch.setattr(module, "FlowCall", None)  # nothing is started a second time
+    monkeypatch.setattr(Computing, "run_alone", None)  # nothing is started a second time
     second = minimize_configuration(directory, "blocked", store=folder / "store")
     assert (second.executed, second.text, second.runs) == (0, file.read_text(), said["runs"])
 
