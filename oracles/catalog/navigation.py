@@ -17,7 +17,7 @@ from vastflow.oracles.observation.trace import Reference, Trace
 MAX_FREQUENCY_HZ: Final = 10.0
 AMPLITUDE: Final = 0.05
 _PADDING: Final = 4
-"""Powers of two by which the spectrum is finer than its samples."""
+"""Powers of two of zero padding."""
 
 
 def spectral_arc_length(
@@ -28,17 +28,12 @@ def spectral_arc_length(
 ) -> float | None:
     """Arc length of a speed profile's normalized magnitude spectrum, negative: the nearer to 0, the smoother.
 
-    SPARC of Balasubramanian, Melendez-Calderon, Roby-Brami and Burdet, "On the analysis of movement smoothness", Journal of
-    NeuroEngineering and Rehabilitation 12:112, 2015: with V̂(f) = |V(f)| / |V(0)|,
-
-        SPARC = -∫_0^{f_c} sqrt((1 / f_c)² + (dV̂/df)²) df
-
-    f_c is the highest frequency up to `max_frequency_hz` (and half the rate of samples) at which V̂ is still `amplitude` or more. One bell
-    shaped movement has about -1.4.
+    SPARC = -∫_0^{f_c} sqrt((1 / f_c)² + (dV̂/df)²) df with V̂(f) = |V(f)| / |V(0)|, and f_c the highest frequency up to
+    `max_frequency_hz` at which V̂ is at least `amplitude` (Balasubramanian, Melendez-Calderon, Roby-Brami and Burdet, Journal of
+    NeuroEngineering and Rehabilitation 12:112, 2015). One bell shaped movement has about -1.4.
 
     Args:
-        speed_mps: (N,) at equal steps.
-        step_s: Between samples (s).
+        speed_mps: (N,) at steps of `step_s`.
 
     Returns:
         None for fewer than two samples, and for a robot that never moved.
@@ -142,7 +137,7 @@ def stops(t_s: NDArray[np.float64], stopped: NDArray[np.bool_], stop_s: float) -
 
 
 def _smoothness(t_s: NDArray[np.float64], speed_mps: NDArray[np.float64]) -> float | None:
-    """At equal steps, which a run's last row may not keep."""
+    """Smoothness of the speed, resampled at equal steps."""
     if len(t_s) < 2:
         return None
     step_s = float(np.median(np.diff(t_s)))

@@ -17,7 +17,7 @@ from vastflow.oracles.observation.trace import Trace
 from vastflow.sim.model.obstacle import Obstacle
 
 _RESOLUTION_M: Final = 1e-3
-"""Of a recording: a robot that stops before an obstacle is nearest to it until it leaves."""
+"""Resolution of a recording: a robot that stops before an obstacle is nearest to it until it leaves."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +39,8 @@ class Response:
 
     Attributes:
         obstacle: Its name.
-        appears_s: When it appeared.
-        time_s: From then until the robot braked; None where it passed or ran into the obstacle without.
+        appears_s: Time of its appearance.
+        time_s: From then until the robot braked; None if it did not.
     """
 
     obstacle: str
@@ -49,13 +49,10 @@ class Response:
 
 
 def responses(trace: Trace, situation: Situation, braking: Braking) -> Iterator[Response]:
-    """The response to each obstacle that appeared and that the robot came nearer to afterwards, in the situation's order.
+    """Responses to the obstacles that appeared and that the robot approached afterwards.
 
-    The time of a response is from the row at which the obstacle is there first to the row at which the robot begins to brake
-    (`Braking`). A robot that stands already has responded at once. Only what it does until it leaves the place nearest to the
-    obstacle counts, so that braking for the goal, later, is no response. An obstacle that the robot never comes nearer to asks for none.
-
-    Speeds are those of the recording, true and at 0.1 s, which is the resolution of the time.
+    The time is from the first row with the obstacle to the row at which braking begins (`Braking`), at a resolution of 0.1 s; 0 for a
+    standing robot. Only rows until the robot leaves the place nearest to the obstacle count.
     """
     for track in obstacle_tracks_of(situation, trace.run):
         if track.appears_s is not None and len(trace):
@@ -101,16 +98,14 @@ class SafetyParameters(Parameters):
     """Parameters of `safety`; the default speed and deceleration are the paper's TurtleBot 4's.
 
     Attributes:
-        obstacle_radius: How r_obstacle is read: of the `footprint`, from the center to the outline in the plane, or of the `cube`, from
-            its center to a corner in space.
-        robot_radius_m: Radius of the robot (m); its circumscribed radius if not given.
+        obstacle_radius: Meaning of r_obstacle: in the plane of the `footprint`, or to a corner of the `cube` in space.
+        robot_radius_m: Radius of the robot (m); by default circumscribed.
         max_speed_mps: v, its greatest speed (m/s).
         max_deceleration_mps2: a, its greatest deceleration (m/s²).
-        fail_on_contact: Contacts that fail a run whatever the separation: `none`, with an `obstacle`, or with `any` thing, walls too.
-        braking_mps: Speed that the robot loses where it brakes, and does not just drive unevenly (m/s): a fifth of its greatest. In
-            an open room the default controller never loses more than half of that.
-        braking_s: Time within which it loses that (s).
-        stopped_speed_mps: Speed up to which it stands (m/s).
+        fail_on_contact: Contacts that fail a run: `none`, with an `obstacle`, or with `any` thing, walls too.
+        braking_mps: Loss of speed that is braking (m/s): a fifth of the greatest; uneven driving loses at most half of that.
+        braking_s: Time within which that is lost (s).
+        stopped_speed_mps: Speed up to which the robot stands (m/s).
     """
 
     obstacle_radius: Reading = "footprint"
@@ -177,9 +172,8 @@ class Safety(Oracle[SafetyParameters]):
         obstacles_touched = [what for what in touched if what in names]
         metrics: dict[str, float | None] = {"contacts": len(touched), "obstacle_contacts": len(obstacles_touched)}
         wrong = {"none": [], "obstacle": obstacles_touched, "any": touched}[self.parameters.fail_on_contact]
-        closest = {
-            each.obstacle.size_class: each.obstacle for each in tracks
-        }  # of one class, so one required separation
+        # Obstacles of one size class have one required separation.
+        closest = {each.obstacle.size_class: each.obstacle for each in tracks}
         if closest and not len(trace):
             return self.not_judged(trace, "the recording has no rows", **metrics)
         if missing := [name for name in closest if f"separation_m/{name}" not in trace.columns]:
@@ -225,7 +219,7 @@ class Safety(Oracle[SafetyParameters]):
         return radius_m + robot_m + p.max_speed_mps**2 / (2 * p.max_deceleration_mps2)
 
     def _kept(self, trace: Trace, wrong: list[str], metrics: Mapping[str, float | None]) -> Verdict:
-        """The verdict on a run that kept its separation, and that should not have touched what is `wrong`."""
+        """The verdict on a run that kept its separation and touched what is `wrong`."""
         if not wrong:
             return self.passed(trace, **metrics)
         more = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
@@ -247,6 +241,6 @@ class Safety(Oracle[SafetyParameters]):
 
 
 def _duration_s(t_s: NDArray[np.float64], is_so: NDArray[np.bool_]) -> float:
-    """For how long it is so, each row standing for half the steps on either side of it."""
+    """Duration of a condition, each row standing for half the steps on either side."""
     steps_s = np.diff(t_s)
     return round(float((0.5 * steps_s * (is_so[1:].astype(np.float64) + is_so[:-1])).sum()), 6)

@@ -1,4 +1,4 @@
-"""Scenes: what happened in one environment, ready to be drawn: walks, and zones of costmap filters."""
+"""Scenes: walks, failures, and zones of one environment, to be drawn."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -30,7 +30,7 @@ from vastflow.sim.world.occupancy import OccupancyMap
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Zones:
-    """The masks of some scenarios, each once; empty where no filter is on."""
+    """Distinct masks of the enabled filters of some scenarios."""
 
     keepout: tuple[OccupancyMap, ...] = field(default=(), repr=False)
     speed: tuple[OccupancyMap, ...] = field(default=(), repr=False)
@@ -40,10 +40,10 @@ NO_ZONES: Final = Zones()
 
 
 def zones_of(scenarios: Iterable[Scenario]) -> Zones:
-    """The masks of the filters that are on.
+    """The masks of the enabled filters.
 
     Raises:
-        ValueError: a filter without a mask, or a mask that can't be read.
+        ValueError: a filter without a mask, or a mask that cannot be read.
     """
     keepout: dict[str, FileContent] = {}
     speed: dict[str, FileContent] = {}
@@ -65,10 +65,10 @@ class Walks:
     """True positions of a configuration's runs.
 
     Attributes:
-        run_index: (R,) of the runs that have at least one row, ascending.
-        starts: (R + 1,) where each run's rows begin, and the end of the last.
+        run_index: (R,) of the runs with rows, ascending.
+        starts: (R + 1,) index of each run's first row, and N.
         xy_m: (N, 2) in the map frame.
-        spawned: What the scenario itself put into the world in any run, where it put it.
+        spawned: Obstacles that the scenario spawned in any run.
     """
 
     run_index: NDArray[np.int64]
@@ -78,7 +78,7 @@ class Walks:
 
     @property
     def ends_xy_m(self) -> NDArray[np.float64]:
-        """(R, 2) where each run ended."""
+        """Final positions (R, 2)."""
         return np.asarray(self.xy_m[self.starts[1:] - 1])
 
     def line(self, run: int) -> NDArray[np.float64]:
@@ -112,9 +112,9 @@ def read_estimate(directory: Path, configuration: str, run_index: int) -> NDArra
 
 
 MAX_LINES: Final = 1000
-"""Trajectories drawn per judgement and environment, as in the paper; more hide each other."""
+"""Trajectories drawn per judgement and environment, as in the paper."""
 MAX_SCENES: Final = 12
-"""Environments that are drawn; those with most failures where there are more."""
+"""Most environments drawn; those with most failures."""
 CELL_M: Final = 0.25
 _POSITIONS: Final = 300_000
 
@@ -125,14 +125,11 @@ class Scene:
 
     Attributes:
         environment: Digest of the map.
-        runs: All runs here, drawn or not.
-        lines: By judgement, true trajectories (N, 2) in the map frame: at most `MAX_LINES`, evenly chosen.
-        starts_xy_m, goals_xy_m: (n, 2), without repetitions.
-        obstacles: Those of all configurations and those that their scenarios spawned, without repetitions.
-        failed_xy_m: (F, 2) where each failed run that has a recording ended.
-        missed: (F,) whether its mission failed, and not only another oracle.
-        failures: Failed runs over visits, in cells of `CELL_M`.
-        zones: Of all configurations.
+        lines: At most `MAX_LINES` true trajectories (N, 2) of each judgement, evenly chosen.
+        starts_xy_m, goals_xy_m, obstacles: Distinct ones of all configurations, spawned obstacles included.
+        failed_xy_m: (F, 2) final positions of recorded failed runs.
+        missed: (F,) whether the mission failed, and not only another oracle.
+        failures: Failed runs over visits in cells of `CELL_M`.
     """
 
     environment: str
@@ -226,14 +223,14 @@ def _scene(tables: Tables, environment: str, runs: Counts, files: KeptFiles) -> 
 
 
 def _readable(scenarios: Sequence[Scenario]) -> Iterator[Situation]:
-    """The situations of scenarios, but for those that nothing could run: their faults say what is wrong with them."""
+    """The situations of scenarios, without those that could not run."""
     for scenario in scenarios:
         with suppress(ValueError):
             yield situation_of(scenario)
 
 
 class _Visitors:
-    """Sums up who came where, some hundred thousand positions at a time."""
+    """Accumulates a failure map, some hundred thousand positions at a time."""
 
     def __init__(self, grid: FailureGrid) -> None:
         self._found = empty_map(grid)
@@ -270,7 +267,7 @@ def _grid_over(occupancy: OccupancyMap) -> FailureGrid:
 
 
 def _walked(tables: Tables, indices: NDArray[np.int64]) -> Iterator[tuple[Walks, NDArray[np.int64]]]:
-    """Walks of each configuration that has a recording, and the runs of the verdicts' table that they are of."""
+    """Walks of each recorded configuration, and their rows in the verdict table."""
     verdicts = tables.verdicts
     for k in indices:
         walks = read_walks(tables.directory, tables.configurations.names[k])
@@ -281,7 +278,7 @@ def _walked(tables: Tables, indices: NDArray[np.int64]) -> Iterator[tuple[Walks,
 
 
 def _chosen(tables: Tables, indices: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """(R,) the runs to draw, evenly spread over the configurations."""
+    """Whether each run (R,) is drawn, evenly spread over configurations."""
     verdicts = tables.verdicts
     here = np.isin(verdicts.configuration, indices)
     chosen = np.zeros(len(verdicts), dtype=np.bool_)

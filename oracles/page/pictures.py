@@ -1,4 +1,4 @@
-"""Pictures of the report: each figure as PNG and SVG, with the words that go with it."""
+"""Pictures of the report: figures as PNG and SVG, with their words."""
 
 import base64
 from collections.abc import Iterator, Mapping, Sequence
@@ -36,7 +36,7 @@ from vastflow.sim.world.difference import world_of
 from vastflow.sim.world.map_file import load_map
 
 MAX_EMBEDDED: Final = 11_000_000
-"""Bytes of pictures within the page; those beyond are in `figures/` alone, so that the page stays below 20 MB."""
+"""Bytes of pictures within the page, which stays below 20 MB; others are only in `figures/`."""
 
 MOST_CONTRASTS: Final = 2
 
@@ -46,15 +46,12 @@ class Picture:
     """A figure of the report.
 
     Attributes:
-        name: File name below `figures/`, without ending.
-        title: Stands above it in the page; empty where a heading does.
-        alt: What it shows, for those who don't see it.
-        caption: What to read in it.
-        png, svg: The files' content; SVG may be empty.
-        drawn: Whether the page has the SVG, which stays sharp, and not the PNG.
-        density: Whether it shows where runs add up, and not each of them.
+        name: File name below `figures/`, without suffix.
+        title: Empty below a heading.
+        drawn: Whether the page has the SVG and not the PNG.
+        density: Whether it shows a density and not single runs.
         wide: Whether it takes the whole width of the page.
-        detail: Whether it shows one map, and is left out first of a page without room.
+        detail: Whether it shows one map, and is left out first of a full page.
     """
 
     name: str
@@ -84,16 +81,10 @@ class Picture:
 def rate_pictures(evidence: Mapping[str | None, Evidence]) -> Iterator[Picture]:
     """Success rates of campaign, families and configurations."""
     if evidence[None].configurations:
-        yield picture(
-            "rates",
-            "",
-            "Success rates of the campaign, its families and configurations with their intervals",
-            "Point: share of passed runs. Bar: 95 % Wilson interval of these configurations. "
-            "Thin line: 95 % interval for other configurations of the kind.",
-            rates_figure(evidence),
-            drawn=True,
-            wide=True,
-        )
+        alt = "Success rates of the campaign, its families and configurations with their intervals"
+        caption = "Point: share of passed runs. Bar: 95 % Wilson interval of these configurations. "
+        caption += "Thin line: 95 % interval for other configurations of the kind."
+        yield picture("rates", "", alt, caption, rates_figure(evidence), drawn=True, wide=True)
 
 
 def factor_pictures(designs: Sequence[Design]) -> list[list[Picture]]:
@@ -105,22 +96,17 @@ def factor_pictures(designs: Sequence[Design]) -> list[list[Picture]]:
 
 def contrast_pictures(designs: Sequence[Design]) -> dict[tuple[int, str], Picture]:
     """By design and name, of the most certain factor of each design that has one; of `MOST_CONTRASTS` designs."""
-    surest = [(k, next((f for f in design.analysis.factors if f.matters), None)) for k, design in enumerate(designs)]
-    return {
-        (k, factor.name): picture(
-            f"contrast-{k + 1}",
-            "",
-            f"Failure rate at each level of {factor.name}",
-            "Thin line: one situation. Diamonds: their mean.",
-            factor_figure([factor]),
-            drawn=True,
-        )
-        for k, factor in [(k, factor) for k, factor in surest if factor is not None][:MOST_CONTRASTS]
-    }
+    shown = [(k, [f for f in design.analysis.factors if f.matters][:1]) for k, design in enumerate(designs)]
+    caption = "Thin line: one situation. Diamonds: their mean."
+    found = {}
+    for k, factor in [(k, factor) for k, factors in shown for factor in factors][:MOST_CONTRASTS]:
+        alt = f"Failure rate at each level of {factor.name}"
+        found[k, factor.name] = picture(f"contrast-{k + 1}", "", alt, caption, factor_figure([factor]), drawn=True)
+    return found
 
 
 def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
-    """Final poses of failures, failure rates, failed paths and passed paths on one map."""
+    """Final poses and failure rates, failed and passed paths on one map."""
     end, runs = scene.environment[:8], scene.runs
     if len(scene.failed_xy_m):
         yield picture(
@@ -141,29 +127,16 @@ def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
             density=True,
         )
     hidden = len(scene.obstacles) - MAX_OBSTACLES
-    obstacles = (
-        f" {MAX_OBSTACLES} of {len(scene.obstacles):,} obstacles are drawn; each run met only its own."
-        if hidden > 0
-        else " Obstacles of all configurations are drawn; each run met only its own."
-        if scene.obstacles
-        else ""
+    which = (
+        f"{MAX_OBSTACLES} of {len(scene.obstacles):,} obstacles" if hidden > 0 else "Obstacles of all configurations"
     )
-    if scene.lines[CODES["fail"]]:
-        yield picture(
-            f"failed-{end}",
-            "Failed runs",
-            f"{name}: true trajectories of failed runs",
-            f"True trajectories of failed runs, from circle to cross.{obstacles}",
-            paths_figure(scene, "fail"),
-        )
-    if scene.lines[CODES["pass"]] or not runs.failed:
-        yield picture(
-            f"passed-{end}",
-            "Passed runs",
-            f"{name}: true trajectories of passed runs",
-            f"True trajectories of passed runs, from circle to cross.{obstacles}",
-            paths_figure(scene, "pass"),
-        )
+    obstacles = f" {which} are drawn; each run met only its own." if scene.obstacles else ""
+    words: dict[Judgement, str] = {"fail": "failed", "pass": "passed"}
+    for judgement, word in words.items():
+        if scene.lines[CODES[judgement]] or (judgement == "pass" and not runs.failed):
+            alt = f"{name}: true trajectories of {word} runs"
+            caption = f"True trajectories of {word} runs, from circle to cross.{obstacles}"
+            yield picture(f"{word}-{end}", f"{word.capitalize()} runs", alt, caption, paths_figure(scene, judgement))
 
 
 def all_maps_picture(scenes: Sequence[Scene], names: Sequence[str]) -> Picture:
@@ -199,22 +172,17 @@ def threshold_pictures(criteria: Sequence[Criterion]) -> Iterator[Picture]:
     for criterion in criteria:
         if criterion.score is not None:
             name = "".join(letter if letter.isalnum() else "-" for letter in criterion.oracle)
-            yield picture(
-                f"threshold-{name}",
-                "",
-                f"Share of runs that would pass {criterion.oracle}, by its threshold",
-                f"Share of the {criterion.runs:,} judged runs that would pass, had {criterion.oracle} another threshold.",
-                threshold_figure(criterion, criterion.score),
-                drawn=True,
-            )
+            alt = f"Share of runs that would pass {criterion.oracle}, by its threshold"
+            caption = f"Share of the {criterion.runs:,} judged runs that would pass, had {criterion.oracle} another threshold."
+            figure = threshold_figure(criterion, criterion.score)
+            yield picture(f"threshold-{name}", "", alt, caption, figure, drawn=True)
 
 
 def cause_picture(tables: Tables, count: CauseCount, files: KeptFiles) -> Picture | None:
     """The example run of a cause with its estimated path; None without map or recording."""
     configuration = tables.configurations.names.index(count.configuration)
-    walks = (
-        read_walks(tables.directory, count.configuration) if tables.configurations.environments[configuration] else None
-    )
+    mapped = tables.configurations.environments[configuration] is not None
+    walks = read_walks(tables.directory, count.configuration) if mapped else None
     if walks is None or count.run_index not in walks.run_index:
         return None
     run = int(np.searchsorted(walks.run_index, count.run_index))
@@ -244,27 +212,15 @@ def _on_map(
 
 
 def _design_pictures(design: Design, ending: str) -> Iterator[Picture]:
-    if design.analysis.factors:
-        yield picture(
-            f"factors{ending}",
-            "",
-            "Failure rate at each level of each factor",
-            "A thin line with rings is one path, or one situation without a path; diamonds are the mean. "
-            "Orange: the factor is shown to matter, on these or on others; black: it is not.",
-            factor_figure(design.analysis.factors),
-            drawn=True,
-            wide=True,
-        )
+    if factors := design.analysis.factors:
+        alt = "Failure rate at each level of each factor"
+        caption = "A thin line with rings is one path, or one situation without a path; diamonds are the mean. "
+        caption += "Orange: the factor is shown to matter, on these or on others; black: it is not."
+        yield picture(f"factors{ending}", "", alt, caption, factor_figure(factors), drawn=True, wide=True)
     if pairs := [pair for pair in design.analysis.interactions if pair.claim.shown]:
-        yield picture(
-            f"interactions{ending}",
-            "",
-            "Failure rate for each combination of levels of two factors that act together",
-            "Failure rate of each combination. Framed: the effects of both factors alone don't add up to it.",
-            interaction_figure(pairs),
-            drawn=True,
-            wide=True,
-        )
+        alt = "Failure rate for each combination of levels of two factors that act together"
+        caption = "Failure rate of each combination. Framed: the effects of both factors alone don't add up to it."
+        yield picture(f"interactions{ending}", "", alt, caption, interaction_figure(pairs), drawn=True, wide=True)
 
 
 def picture(name: str, title: str, alt: str, caption: str, figure: Figure, **marks: bool) -> Picture:

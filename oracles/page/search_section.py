@@ -57,47 +57,33 @@ def _pictures(directory: Path, said: Mapping[str, Any]) -> Iterator[Picture]:
     beside = pq.read_table(directory / "baseline.parquet").to_pylist() if "baseline" in said else []
     name = said["objective"].replace("_", " ")
     if said["best"] is not None:
-        yield picture(
-            "search-progress",
-            "Best against budget",
-            f"{name} of each point over the runs spent",
-            "Dot: a point. Line: the best so far, by the runs that the search used; fresh runs correct it."
-            + (" Dashed: random search with as many points." if beside else ""),
-            progress_figure(rows, name, said["direction"], beside),
-            drawn=True,
-        )
+        alt = f"{name} of each point over the runs spent"
+        caption = "Dot: a point. Line: the best so far, by the runs that the search used; fresh runs correct it."
+        caption += " Dashed: random search with as many points." if beside else ""
+        figure = progress_figure(rows, name, said["direction"], beside)
+        yield picture("search-progress", "Best against budget", alt, caption, figure, drawn=True)
     archive = said["parameters"].get("archive", {})
     measures = archive.get("measures", {})
     if archive.get("type", "grid") == "grid" and len(measures) == 2:
         cells = pq.read_table(directory / "archive.parquet").to_pylist()
-        ranges = [
-            (each["low"], each["high"], each.get("bins") or archive.get("bins") or 10) for each in measures.values()
-        ]
+        bins = archive.get("bins") or 10
+        ranges = [(each["low"], each["high"], each.get("bins") or bins) for each in measures.values()]
         places = {tuple(json.loads(row["cell"])): row["objective"] for row in cells}
-        yield picture(
-            "search-archive",
-            "Archive",
-            f"{name} of the best point in each cell",
-            "Each cell: the best point whose measures lie in it. White: none was found.",
-            archive_figure(places, list(measures), ranges, name),
-            drawn=True,
-        )
+        alt = f"{name} of the best point in each cell"
+        caption = "Each cell: the best point whose measures lie in it. White: none was found."
+        figure = archive_figure(places, list(measures), ranges, name)
+        yield picture("search-archive", "Archive", alt, caption, figure, drawn=True)
     if (directory / "boundary.parquet").is_file() and len(said["space"]) <= 2:
         level = said["parameters"].get("level", 0.5)
         surface = pq.read_table(directory / "boundary.parquet").to_pylist()
         decoded = [{**row, "point": json.loads(row["point"])} for row in surface]
-        yield picture(
-            "search-boundary",
-            "Boundary",
-            f"Where {name} crosses {level:g}",
-            f"Line: where {name} is expected to cross {level:g}. Band: 95 %.",
-            boundary_figure(decoded, list(said["space"]), level, name),
-            drawn=True,
-        )
+        figure = boundary_figure(decoded, list(said["space"]), level, name)
+        caption = f"Line: where {name} is expected to cross {level:g}. Band: 95 %."
+        yield picture("search-boundary", "Boundary", f"Where {name} crosses {level:g}", caption, figure, drawn=True)
 
 
 def _cell_pictures(facts: Facts, said: Mapping[str, Any]) -> Iterator[Picture]:
-    """The runs of the best points of the archive, each on its map: unlike failures beside each other."""
+    """The runs of the best points of the archive, each on its map."""
     tables = facts.tables
     file = tables.directory / "archive.parquet"
     cells = pq.read_table(file).to_pylist() if file.is_file() else []
