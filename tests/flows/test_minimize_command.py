@@ -13,7 +13,6 @@ from PIL import Image
 from table import each_row
 
 from vastflow.flows import run_campaign
-from vastflow.flows.minimization import minimize as module
 from vastflow.flows.minimization.candidate_file import candidate_files, placed
 from vastflow.flows.minimization.failing import Failing
 from vastflow.flows.minimization.minimize import minimize_configuration
