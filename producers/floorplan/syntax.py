@@ -15,7 +15,7 @@ from lark import Lark, Token, Transformer, UnexpectedInput
 
 from vastflow.sim.model import files
 from vastflow.sim.model.faults import Fault, FaultKind, FileError, Place
-from vastflow.sim.model.syntax import expectation, line_and_column, misfit
+from vastflow.sim.model.syntax import expectation, line_and_column, misfit, spelling
 
 MOST_BYTES: Final = 1_000_000
 
@@ -25,37 +25,8 @@ SPELLED: Final[Mapping[str, str]] = {
     "WALL_OF": "a wall such as hall.walls[0]",
     "STRING": "a file name in quotes",
     "$END": "the end of the file",
-    "FLOOR_PLAN": "'Floor plan:'",
-    "NOT_ALIGNED": "'not aligned'",
-    "COLON": "':'",
-    "COMMA": "','",
-    "DOT": "'.'",
-    "EQUAL": "'='",
-    "MINUS": "'-'",
-    "LPAR": "'('",
-    "RPAR": "')'",
-    "LSQB": "'['",
-    "RSQB": "']'",
-    "LBRACE": "'{'",
-    "RBRACE": "'}'",
 }
-"""Terminals whose name does not say how they are written."""
-
-CAPITALS: Final = frozenset(
-    {"DEFAULTS", "SPACE", "COLUMN", "DIVIDER", "ENTRYWAY", "WINDOW", "RECTANGLE", "POLYGON", "CIRCLE"}
-)
-BARE: Final = (CAPITALS - {"DEFAULTS"}) | {
-    "VAR",
-    "SPACED",
-    "_AND",
-    "IMPORT",
-    "UNIFORM",
-    "DISCRETE",
-    "NORMAL",
-    "_MEAN",
-    "_STD",
-}
-"""Keywords without a colon."""
+"""Terminals that are more than a keyword or a sign."""
 
 VERSION_1: Final[Mapping[str, str]] = {
     "from:": "'wrt:'",
@@ -86,31 +57,22 @@ def parsed(parser: Lark, text: str, file: str) -> Any:
         raise FileError([Fault(place, f"got {word!r}", right)])
     found = WORD.match(text, at)
     what = f"got {found[0][:40]!r}" if found else "the file ends here"
-    raise FileError([Fault(place, what, _right(found[0] if found else "", text[:at].rstrip(), wrong.expected))])
+    spelled = [spelling(parser, terminal, SPELLED) for terminal in wrong.expected]
+    raise FileError([Fault(place, what, _right(found[0] if found else "", text[:at].rstrip(), spelled))])
 
 
 WORD: Final = re.compile(r"\w+|\S")
 
 
-def _right(found: str, before: str, expected: Collection[str]) -> str:
+def _right(found: str, before: str, spelled: Collection[str]) -> str:
     if found[:1].isalpha() and NUMBER_AT_END.search(before):
         return "a unit, 'm' for a length, 'rad' or 'deg' for an angle"
     if found in (".", "[") and before[-1:].isalnum():
         return "a wall such as hall.walls[0]"
-    return expectation(found, map(_spelled, expected))
+    return expectation(found, spelled)
 
 
 NUMBER_AT_END: Final = re.compile(r"(?<![\w.])[0-9][0-9.eE+-]*$")
-
-
-def _spelled(terminal: str) -> str:
-    if terminal in SPELLED:
-        return SPELLED[terminal]
-    word = terminal.strip("_").lower()
-    if word.endswith("_is"):
-        return f"'{word[:-3]} ='"
-    word = word.capitalize() if terminal in CAPITALS else word
-    return f"'{word}'" if terminal in BARE else f"'{word}:'"
 
 
 def read_text(path: str | Path) -> str:

@@ -1,14 +1,18 @@
 """Translation of Lark's errors: where a text leaves its grammar, and what could stand there."""
 
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from lark import UnexpectedInput, UnexpectedToken
+from lark import Lark, UnexpectedInput, UnexpectedToken
 
 from vastflow.sim.model.names import nearest
 
 MOST_EXPECTED: Final = 6
+
+BLANKS: Final = re.compile(r"\\s\*|\\b")
+"""In the pattern of a keyword: where blanks may stand, and where it ends."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +46,14 @@ def misfit(error: UnexpectedInput, text: str) -> Misfit:
 def line_and_column(text: str, at: int) -> tuple[int, int]:
     """Return line and column of an index, both from 1."""
     return text.count("\n", 0, at) + 1, at - text.rfind("\n", 0, at)
+
+
+def spelling(parser: Lark, terminal: str, words: Mapping[str, str]) -> str:
+    """Return a terminal as a text has it, in quotes, or the words for it."""
+    if terminal in words:
+        return words[terminal]
+    blanks = re.sub(r"\\s\+|\\s\*(?==)", " ", str(parser.get_terminal(terminal).pattern.value))
+    return f"'{re.sub(BLANKS, '', blanks)}'"
 
 
 def expectation(got: str, listed: Iterable[str], suggested: Iterable[str] | None = None) -> str:

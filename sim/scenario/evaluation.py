@@ -94,9 +94,9 @@ def parts_of(expression: Expression) -> Iterator[Expression]:
                 yield from parts_of(part)
 
 
-def names_in(expression: Expression) -> set[str]:
-    """Return the names of all parameters, variables, globals, and actors in an expression."""
-    return {part.path[0] for part in parts_of(expression) if isinstance(part, Name)}
+def names_in(expression: Expression) -> tuple[str, ...]:
+    """Return the names of all parameters, variables, globals, and actors in an expression, in its order."""
+    return tuple(dict.fromkeys(part.path[0] for part in parts_of(expression) if isinstance(part, Name)))
 
 
 def text_of(value: Any) -> str:

@@ -153,7 +153,7 @@ class _Scenario(BehaviorChecker):
     def _refuse_circles(self) -> None:
         """Take down values that need themselves."""
         needed = {
-            name: names_in(member.default) if member.default is not None else set()
+            name: set(names_in(member.default)) if member.default is not None else set()
             for name, member in self._fields.items()
         }
         told: set[str] = set()

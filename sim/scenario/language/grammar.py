@@ -17,7 +17,7 @@ from lark.lark import PostLex
 from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.files import Unreadable
 from vastflow.sim.model.names import nearest
-from vastflow.sim.model.syntax import Misfit, expectation, line_and_column, misfit
+from vastflow.sim.model.syntax import Misfit, expectation, line_and_column, misfit, spelling
 from vastflow.sim.scenario.language.building import Builder
 from vastflow.sim.scenario.language.syntax import FileText
 
@@ -108,29 +108,13 @@ SPELLED: Final[Mapping[str, str]] = {
     "_INDENT": "a block, indented deeper than this line",
     "_DEDENT": "the end of the block",
     "$END": "the end of the file",
-    "LPAR": "'('",
-    "RPAR": "')'",
-    "LSQB": "'['",
-    "RSQB": "']'",
-    "COLON": "':'",
-    "COMMA": "','",
-    "DOT": "'.'",
-    "EQUAL": "'='",
-    "BANG": "'!'",
-    "AT": "'@'",
-    "PLUS": "'+'",
-    "MINUS": "'-'",
-    "TIMES": "'*'",
-    "DIVIDED": "'/'",
-    "MODULO": "'%'",
-    "SI": "'SI'",
 }
-"""Terminals whose name does not say how they are written."""
+"""Terminals that are more than a word or a sign."""
 
 UNSAID: Final = frozenset({"PLUS", "MINUS", "TIMES", "DIVIDED", "MODULO", "COMPARED", "IN", "AND", "OR", "QUESTION"})
 """Operators, which could stand after any value: they are said where nothing else could."""
 
-ENDS: Final = {"_NL": "the end of the line", "_DEDENT": "the end of the block", "$END": "the end of the file"}
+ENDS: Final = ("_NL", "_DEDENT", "$END")
 
 MOST_FAULTS: Final = 20
 
@@ -254,13 +238,14 @@ def _told(wrong: Misfit, text: str) -> tuple[int, str, str]:
         what = "got a line that is indented deeper than the one before"
         return wrong.end, what, "the same indentation, or ':' on that line"
     word = "" if terminal in ENDS else text[at : wrong.end]
-    what = f"got {ENDS.get(terminal) or repr(word[:40])}"
+    what = f"got {SPELLED[terminal] if terminal in ENDS else repr(word[:40])}"
     at = wrong.end if terminal == "_DEDENT" else at
     if terminal == "DOT" and text[at - 1 : at].isdigit():
         return at, what, "a number with digits after the point, such as 3.0"
     if expected == {"_INDENT"}:
         return at, what, "a block, indented deeper than the line before"
-    spelled = {each: SPELLED.get(each, f"'{each.lower()}'") for each in expected if each != "STAND_IN"}
+    parser, _ = _parser()
+    spelled = {each: spelling(parser, each, SPELLED) for each in expected if each != "STAND_IN"}
     said = expected - UNSAID or expected
     return at, what, expectation(word, [spelled[each] for each in spelled if each in said], spelled.values())
 

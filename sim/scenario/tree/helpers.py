@@ -12,7 +12,7 @@ from py_trees.common import Status
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.scenario.tree.action import Action, ActionFactory, ActionSituation
-from vastflow.sim.scenario.tree.message_members import member_of, pose_3d_in
+from vastflow.sim.scenario.tree.messages import member_of, pose_3d_in
 
 OPERATORS: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
     "==": operator.eq,

@@ -14,8 +14,15 @@ from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Mission
 from vastflow.sim.nav2.navigator.state import ABORTED, EVENT_KINDS, RECOVERIES, RUNNING, SUCCEEDED
 from vastflow.sim.scenario.tree.action import Action, ActionSituation, WorldAction
-from vastflow.sim.scenario.tree.message_members import literal, member_of, pose_in, velocity_in, with_members
-from vastflow.sim.scenario.tree.messages import count, message
+from vastflow.sim.scenario.tree.messages import (
+    count,
+    literal,
+    member_of,
+    message,
+    pose_in,
+    velocity_in,
+    with_members,
+)
 from vastflow.sim.scenario.tree.ros_graph import TOPICS, TRUE_FRAME, absolute, lacking
 
 
