@@ -135,7 +135,7 @@ def _checked_digest(scenario: Scenario) -> str:
 
 def _robot(scenario: Scenario, script: Script) -> RobotSetup:
     if script.start is None:
-        raise ScenarioError("start_pose: nothing says where the robot stands at first; a start_pose, or init_nav2")
+        raise ScenarioError("start_pose: expected a start_pose or init_nav2, got neither")
     content = scenario.environment.get(MAP_KEY)
     if not isinstance(content, FileContent):
         raise ScenarioError(f"{MAP_KEY}: expected a map file that the campaign names, got {content!r}")

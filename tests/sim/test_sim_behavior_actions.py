@@ -64,10 +64,10 @@ def test_compare_succeeds_where_the_relation_holds(made, left, sign, right, hold
         (
             "compare",
             {"left_value": 1, "operator": "=>", "right_value": 2},
-            "'=>' is no operator of compare; it knows ==, !=, <, <=, >, >=",
+            "compare: expected one of ==, !=, <, <=, >, >=, got '=>'",
         ),
         ("compare", {"left_value": 1, "operator": "<", "right_value": "a"}, "1 and 'a' can't be compared by <"),
-        ("increment", {"target_variable": "ready"}, "ready is True; only a number can be counted"),
+        ("increment", {"target_variable": "ready"}, "ready: expected a number to count, got True"),
         ("increment", {"target_variable": "cuont"}, r"cuont is no variable with a value; did you mean 'count'\?"),
         ("random.get_int", (6, 1), "the lower bound comes first, got 6 and 1"),
         ("random.get_float", (1.0, 0.5), "the lower bound comes first"),

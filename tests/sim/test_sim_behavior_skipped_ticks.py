@@ -8,6 +8,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from py_trees.common import Status
+from recorded import bodies
 
 from vastflow.sim.scenario.language.reading import read_text
 from vastflow.sim.scenario.tree.action import Action
@@ -99,31 +100,7 @@ leaves = st.one_of(
     awaited.map("wait {}".format),
     st.sampled_from(["emit red", "emit green", "emit red", "emit green", "emit end", "emit fail", "increment(n)"]),
 )
-modifiers = st.one_of(
-    seconds.map("timeout({}s)".format),
-    st.sampled_from([-1, 1, 2, 3]).map("repeat({})".format),
-    st.sampled_from([1, 2, 3]).map("retry({})".format),
-    st.sampled_from(["inverter()", "failure_is_running()", "failure_is_success()", "running_is_failure()"]),
-    st.sampled_from(["running_is_success()", "success_is_failure()", "success_is_running()"]),
-    awaited.map("until {}".format),
-)
-
-
-def composed(kind, children, around):
-    below = textwrap.indent("\n".join(children), "    ")
-    return f"{kind}:\n{below}" + (f"\nwith:\n    {around}" if around else "")
-
-
-bodies = st.recursive(
-    leaves,
-    lambda below: st.builds(
-        composed,
-        st.sampled_from(["serial", "serial", "parallel", "one_of"]),
-        st.lists(below, min_size=1, max_size=4),
-        st.none() | modifiers,
-    ),
-    max_leaves=12,
-)
+BODIES = bodies(leaves, seconds, awaited, max_leaves=12)
 
 
 def tree_of(body, mission_end_s=9.0):
@@ -133,7 +110,7 @@ def tree_of(body, mission_end_s=9.0):
 
 
 @settings(max_examples=60, deadline=None)
-@given(bodies, st.integers(1, TICKS))
+@given(BODIES, st.integers(1, TICKS))
 def test_leaving_out_ticks_that_change_nothing_changes_no_outcome(body, mission_end):
     every, leaping = tree_of(body, mission_end / 10), tree_of(body, mission_end / 10)
     while not every.ended and every.number < TICKS:

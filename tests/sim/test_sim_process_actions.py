@@ -78,7 +78,7 @@ def test_program_succeeds_with_code_0_and_fails_with_its_last_words(entered, com
     [
         ("no-such-program --fast", "'no-such-program' could not be started: no program of this name in PATH"),
         ("./data.txt", r"'\./data\.txt' could not be started: it is not executable"),
-        ("", "the command is empty"),
+        ("", "expected a command, got nothing"),
         ("echo 'a", 'command "echo \'a": no closing quotation'),
     ],
 )
@@ -165,8 +165,12 @@ OUTSIDE = {"file_path": "x.yaml", "key_path": "a", "value": "2", "output_file": 
     ("action", "arguments", "message"),
     [
         ("check_process_running", {"process_name": "(", "regex": True}, r"'\(' is no regular expression"),
-        ("monitor_resources", {"file_name": "../use.csv"}, r"'\.\./use\.csv' lies outside of the run's folder"),
-        ("set_yaml_value", OUTSIDE, "what set_yaml_value writes has to lie in the run's folder"),
+        (
+            "monitor_resources",
+            {"file_name": "../use.csv"},
+            r"expected a file below the run's folder, got '\.\./use\.csv'",
+        ),
+        ("set_yaml_value", OUTSIDE, "set_yaml_value: expected an output_file in the run's folder"),
     ],
 )
 def test_argument_that_no_run_can_have_is_the_scenarios_error(entered, action, arguments, message):

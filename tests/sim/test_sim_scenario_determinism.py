@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from recorded import bodies
 from table import each_row
 
 from vastflow.sim.model.faults import ScenarioError
@@ -144,33 +145,14 @@ LEAVES = st.one_of(
         ]
     ),
 )
-MODIFIERS = st.one_of(
-    st.builds("timeout({:.2f}s)".format, st.floats(0.1, 4.0)),
-    st.sampled_from(["repeat(2)", "retry(2)", "inverter()", "failure_is_success()", "running_is_failure()"]),
-    st.sampled_from(["success_is_running()", "failure_is_running()", "running_is_success()"]),
-)
-
-
-def composed(kind, modifiers, children):
-    return f"{kind}:\n" + textwrap.indent("\n".join([*modifiers, *children]), "    ")
-
-
-BEHAVIORS = st.recursive(
-    LEAVES,
-    lambda below: st.builds(
-        composed,
-        st.sampled_from(["serial", "parallel", "one_of"]),
-        st.lists(MODIFIERS, max_size=2),
-        st.lists(below, min_size=1, max_size=3),
-    ),
-    max_leaves=8,
-)
+DURATIONS = st.integers(1, 40).map(lambda n: n / 10)
+BODIES = bodies(LEAVES, DURATIONS, st.sampled_from(["@half", "(turns >= 2)", "elapsed(1s)"]), max_leaves=8)
 
 
 @pytest.mark.slow
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(behavior=BEHAVIORS, run_index=st.integers(0, 3))
-def test_whatever_a_scenario_does_ticks_passed_over_change_nothing(staged, behavior, run_index):
+@given(behavior=BODIES, run_index=st.integers(0, 3))
+def test_ticks_passed_over_change_nothing_of_random_scenarios(staged, behavior, run_index):
     head = "event half\nvar turns: int = 0\ndo serial:\n    robot.init_nav2(start)\n"
     scenario = staged(head + textwrap.indent(behavior, "    "), timeout_s=12.0)
     passed_over = came_to(scenario, run_index)

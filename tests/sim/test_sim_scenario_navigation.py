@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from recorded import ends, final, happened
 from table import each_row
 
 from vastflow.sim.model.faults import ScenarioError
@@ -19,21 +20,6 @@ def walled_off(saved, two_rooms):
     cells = load_map(two_rooms.path).cells.copy()
     cells[:, 82:86] = 100
     return saved(OccupancyMap(cells, 0.05, (0.0, 0.0)))
-
-
-def kinds(recording, kind):
-    return [event.what for event in recording.run.events if event.kind == kind]
-
-
-def ends(recording, name):
-    """(time, status, message) of every end of the behaviors of a name, in order."""
-    b = recording.behaviors
-    rows = zip(b["name"], b["t_s"], b["status"], b["message"], strict=True)
-    return [(float(t), s, m) for n, t, s, m in rows if n == name and (s in ("SUCCESS", "FAILURE") or m == "cancelled")]
-
-
-def final(recording):
-    return si(recording.columns["x_mm"])[-1], si(recording.columns["y_mm"])[-1]
 
 
 def at(recording, t_s, name):
@@ -102,7 +88,7 @@ def test_robot_reaches_its_goals(staged, two_rooms, walled_off, text, start_xy, 
     start = {"x": float(start_xy[0]), "y": float(start_xy[1])}
     recording = run(staged(text, start_pose=start, map_file=walled_off if walled else two_rooms), 0)
     assert (recording.run.outcome, recording.run.error_code, recording.run.reason) == ("succeeded", 0, "")
-    assert "".join(kinds(recording, "goal_reached")) == reached
+    assert "".join(event.what for event in happened(recording, "goal_reached")) == reached
     assert final_xy is None or math.dist(final(recording), final_xy) < 0.4
 
 
@@ -141,7 +127,7 @@ def test_success_on_acceptance_leaves_the_robot_on_its_way(staged):
     recording = run(staged("robot.nav_to_pose(near, success_on_acceptance: true)\nwait elapsed(5s)"), 0)
     assert recording.run.outcome == "succeeded"
     assert ends(recording, "nav_to_pose")[0][:2] == (0.2, "SUCCESS")
-    assert kinds(recording, "goal_reached") == ["0"]
+    assert [e.what for e in happened(recording, "goal_reached")] == ["0"]
     assert recording.run.simulated_s == 5.2
 
 
@@ -172,7 +158,7 @@ def test_mission_that_is_not_completed_says_why(staged, walled_off, text, end, c
 
 @each_row("action", ["nav_through_poses", "follow_waypoints"])
 def test_mission_without_goals_can_not_work(staged, action):
-    with pytest.raises(ScenarioError, match=rf"no goals; one or more; {action} at trial\.osc:"):
+    with pytest.raises(ScenarioError, match=rf"expected one goal or more, got none; {action} at trial\.osc:"):
         run(
             staged(f"none: list of pose_3d\ndo serial:\n    robot.init_nav2(start)\n    robot.{action}(none)", none=[]),
             0,

@@ -91,7 +91,7 @@ SECOND = (
             "count: int = 1\ndo serial:\n    robot.init_nav2(start)",
             *({"count": "many"}, "parameter count of scenario trial: expected a whole number, got 'many'"),
         ),
-        ("do serial:\n    robot.nav_to_pose(near)", {}, "start_pose: nothing says where the robot stands at first"),
+        ("do serial:\n    robot.nav_to_pose(near)", {}, "start_pose: expected a start_pose or init_nav2, got neither"),
         (SECOND, {}, r"trial.osc:17:9: expected one robot, 'robot', got 'other' too"),
     ],
 )

@@ -6,6 +6,7 @@ import time
 
 import psutil
 import pytest
+from recorded import ends
 from table import each_row
 
 from vastflow.sim.model.faults import ScenarioError
@@ -23,12 +24,6 @@ def program(code):
 def alone(scenario):
     """The same without a map: no robot."""
     return Scenario(scenario.abstract, scenario.timeout_s, {}, {}, {})
-
-
-def ended(execution, name):
-    b = execution.recording.behaviors
-    rows = zip(b["name"], b["t_s"], b["status"], b["message"], strict=True)
-    return [(float(t), s, m) for n, t, s, m in rows if n == name and (s in ("SUCCESS", "FAILURE") or m == "cancelled")]
 
 
 def texts(execution):
@@ -52,7 +47,7 @@ def test_program_runs_in_host_time_while_the_robot_drives(staged):
     began_s = time.monotonic()
     execution = execute(staged(text), 0)
     assert time.monotonic() - began_s >= 0.6
-    ((t_s, status, message),) = ended(execution, "waited")
+    ((t_s, status, message),) = ends(execution.recording, "waited")
     assert (status, message.endswith("exited with code 0")) == ("SUCCESS", True)
     assert 0.3 <= t_s <= 0.2 + time.monotonic() - began_s + PERIOD_S
     assert texts(execution) == {"waited": "done"}
@@ -73,7 +68,7 @@ def test_program_that_dies_fails_the_scenario_with_its_last_words(staged):
     run = execution.recording.run
     assert (run.outcome, run.error_code) == ("failed", 0)
     assert "exited with code 3: lost the map; run_process at trial.osc:" in run.reason
-    assert ended(execution, "nav_to_pose")[0][2] == "cancelled"
+    assert ends(execution.recording, "nav_to_pose")[0][2] == "cancelled"
 
 
 @each_row("modifier", ["", "failure_is_success()\n", "inverter()\n"])
@@ -104,7 +99,7 @@ def test_program_ends_with_its_branch_or_with_the_run(staged, text, is_alone, ou
     scenario = alone(staged(text, timeout_s=1.0)) if is_alone else staged(text)
     execution = execute(scenario, 0)
     assert (execution.recording.run.outcome, execution.recording.run.reason) == (outcome, reason)
-    assert text != GIVEN_UP or ended(execution, "run_process") == [(0.8, "INVALID", "cancelled")]
+    assert text != GIVEN_UP or ends(execution.recording, "run_process") == [(0.8, "INVALID", "cancelled")]
     assert running("left by test 7c1") == []
 
 

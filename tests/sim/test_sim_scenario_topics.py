@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from recorded import ends, final
 from table import each_row
 
 from vastflow.sim.model.faults import ScenarioError
@@ -11,17 +12,6 @@ from vastflow.sim.model.recording import si
 from vastflow.sim.run import run
 
 ODOMETRY = "topic_name: '/odom', topic_type: 'nav_msgs.msg.Odometry'"
-
-
-def ended(recording, name):
-    """When the behavior of a name ended, and how."""
-    b = recording.behaviors
-    rows = zip(b["name"], b["t_s"], b["status"], strict=True)
-    return next((float(t), status) for n, t, status in rows if n == name and status in ("SUCCESS", "FAILURE"))
-
-
-def final(recording):
-    return si(recording.columns["x_mm"])[-1], si(recording.columns["y_mm"])[-1]
 
 
 def test_data_is_waited_for_until_it_comes(staged):
@@ -39,10 +29,10 @@ def test_data_is_waited_for_until_it_comes(staged):
     """
     recording = run(staged(text, timeout_s=30.0), 0)
     assert recording.run.outcome == "succeeded"
-    assert ended(recording, "map") == (0.1, "SUCCESS")
-    assert ended(recording, "scan")[0] <= 0.4
-    assert 1.1 < ended(recording, "pose")[0] < 1.6
-    assert ended(recording, "pose")[0] < ended(recording, "plan")[0] <= ended(recording, "twist")[0] < 3.0
+    assert ends(recording, "map")[0][:2] == (0.1, "SUCCESS")
+    assert ends(recording, "scan")[0][0] <= 0.4
+    assert 1.1 < ends(recording, "pose")[0][0] < 1.6
+    assert ends(recording, "pose")[0][0] < ends(recording, "plan")[0][0] <= ends(recording, "twist")[0][0] < 3.0
 
 
 def test_member_of_a_message_is_compared_until_the_relation_holds(staged):
@@ -53,7 +43,7 @@ def test_member_of_a_message_is_compared_until_the_relation_holds(staged):
     """
     recording = run(staged(text), 0)
     assert recording.run.outcome == "succeeded"
-    t_s, status = ended(recording, "far")
+    ((t_s, status, _),) = ends(recording, "far")
     driven = si(recording.columns["x_mm"])[np.searchsorted(recording.columns["t_ms"], round(t_s * 1000))] - 1.0
     assert status == "SUCCESS" and 0.9 < driven < 1.2
 
@@ -79,7 +69,7 @@ def test_monitored_member_is_a_variable_that_goes_on_changing(staged):
     """
     recording = run(staged(text), 0)
     assert recording.run.outcome == "succeeded"
-    assert 0.5 < ended(recording, "half")[0] < recording.run.simulated_s
+    assert 0.5 < ends(recording, "half")[0][0] < recording.run.simulated_s
 
 
 def test_pose_that_was_heard_is_a_goal(staged):
@@ -130,7 +120,7 @@ def test_initial_pose_that_is_published_is_what_init_nav2_waits_for(staged):
     """
     recording = run(staged(text, timeout_s=10.0, start_pose={"x": 1.0, "y": 1.0}), 0)
     assert recording.run.outcome == "succeeded"
-    assert 1.0 < ended(recording, "init")[0] < 1.6
+    assert 1.0 < ends(recording, "init")[0][0] < 1.6
 
 
 def test_log_of_the_stack_is_read_from_here_on_and_by_node(staged):
@@ -146,8 +136,8 @@ def test_log_of_the_stack_is_read_from_here_on_and_by_node(staged):
     """
     recording = run(staged(text), 0)
     assert recording.run.outcome == "succeeded"
-    assert ended(recording, "begun") == (1.3, "SUCCESS")
-    assert ended(recording, "there")[1] == "SUCCESS"
+    assert ends(recording, "begun")[0][:2] == (1.3, "SUCCESS")
+    assert ends(recording, "there")[0][1] == "SUCCESS"
     assert "SUCCESS" not in recording.behaviors["status"][recording.behaviors["name"] == "other"]
 
 
@@ -180,7 +170,7 @@ def test_frames_of_truth_and_odometry_follow_the_robot(staged):
     """
     recording = run(staged(text), 0)
     assert recording.run.outcome == "succeeded"
-    assert abs(ended(recording, "true")[0] - ended(recording, "counted")[0]) <= 0.3
+    assert abs(ends(recording, "true")[0][0] - ends(recording, "counted")[0][0]) <= 0.3
 
 
 def test_nodes_and_topics_that_are_here_are_here_at_once(staged):

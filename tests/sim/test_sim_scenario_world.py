@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from recorded import ends, happened
 from table import each_row
 
 from vastflow.oracles.observation.observe import observer_of
@@ -36,21 +37,12 @@ def box(name, x, y, arguments="width:=0.4"):
     return BOX.format(name=name, x=float(x), y=float(y), arguments=arguments)
 
 
-def happened(recording, *kinds):
-    return [event for event in recording.run.events if event.kind in kinds]
-
-
 def way(recording):
     return np.column_stack([si(recording.columns["x_mm"]), si(recording.columns["y_mm"])])
 
 
 def place_at(recording, t_s):
     return way(recording)[np.searchsorted(recording.columns["t_ms"], round(t_s * 1000))]
-
-
-def ended_s(recording, name):
-    b = recording.behaviors
-    return float(b["t_s"][(b["name"] == name) & (b["status"] == "SUCCESS")][0])
 
 
 def test_box_without_mass_is_fixed_and_driven_round(staged):
@@ -228,7 +220,7 @@ def test_actor_exists_waits_for_what_another_branch_spawns(staged):
     """
     recording = run(staged(text), 0)
     assert recording.run.outcome == "succeeded"
-    assert ended_s(recording, "there") - 1.2 == pytest.approx(0.1)
+    assert ends(recording, "there")[0][0] - 1.2 == pytest.approx(0.1)
 
 
 def test_lidar_sees_what_was_spawned_and_no_longer_what_was_deleted(staged):
@@ -298,7 +290,7 @@ def test_tf_close_to_is_set_off_where_it_says(staged):
             close: robot.tf_close_to(0.7m, reference_point: position_3d(2.5m, 1.0m))
     """
     recording = run(staged(text), 0)
-    row = round(ended_s(recording, "close") * 10)
+    row = round(ends(recording, "close")[0][0] * 10)
     estimate = si(recording.columns["estimated_x_mm"])[row], si(recording.columns["estimated_y_mm"])[row]
     # Ten looks a second at 0.5 m/s are 5 cm apart.
     assert 0.65 - 0.01 < math.dist(estimate, (2.5, 1.0)) < 0.7 + 0.06
@@ -313,7 +305,7 @@ def test_way_of_the_wheels_is_counted_from_where_the_action_begins(staged):
                 driven: robot.odometry_distance_traveled(1m)
     """
     recording = run(staged(text), 0)
-    began, ended = place_at(recording, 1.2), place_at(recording, ended_s(recording, "driven"))
+    began, ended = place_at(recording, 1.2), place_at(recording, ends(recording, "driven")[0][0])
     assert math.dist(began, ended) == pytest.approx(1.0, abs=0.06)
 
 

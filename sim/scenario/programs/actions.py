@@ -127,7 +127,7 @@ class RunProcess(RunAction):
         except ValueError as error:  # a quote that is not closed
             raise ScenarioError(f"command {arguments['command']!r}: {str(error).lower()}") from None
         if not command:
-            raise ScenarioError("the command is empty")
+            raise ScenarioError("expected a command, got nothing")
         self._group = self.run.start(command, self.situation.label)
         self.message = f"running {shlex.join(command)}"
         self._begun.append(self._group)
@@ -247,7 +247,7 @@ class MonitorResources(RunAction):
     def enter(self, arguments: Mapping[str, Any]) -> None:
         self._file = _written_to(self.run.folders, arguments["file_name"])
         if self._file is None:
-            raise ScenarioError(f"{arguments['file_name']!r} lies outside of the run's folder; a file below it")
+            raise ScenarioError(f"expected a file below the run's folder, got {arguments['file_name']!r}")
         self.message = f"resources go to {arguments['file_name']!r}"
 
     def update(self) -> Status:
@@ -271,11 +271,10 @@ class SetYamlValue(RunAction, Immediate):
 
     def act(self, arguments: Mapping[str, Any]) -> bool:
         source = self.run.folders.path(arguments["file_path"])
-        target = _written_to(self.run.folders, arguments.get("output_file") or arguments["file_path"])
+        name = arguments.get("output_file") or arguments["file_path"]
+        target = _written_to(self.run.folders, name)
         if target is None:
-            raise ScenarioError(
-                "what set_yaml_value writes has to lie in the run's folder; give it an output_file there"
-            )
+            raise ScenarioError(f"set_yaml_value: expected an output_file in the run's folder, got {name!r}")
         try:
             set_yaml_value(
                 source,

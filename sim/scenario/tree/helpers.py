@@ -67,7 +67,7 @@ class Compare(Helper):
     def act(self, arguments: Mapping[str, Any]) -> bool:
         left, sign, right = arguments["left_value"], str(arguments["operator"]), arguments["right_value"]
         if sign not in OPERATORS:
-            raise ScenarioError(f"{sign!r} is no operator of compare; it knows {', '.join(OPERATORS)}")
+            raise ScenarioError(f"compare: expected one of {', '.join(OPERATORS)}, got {sign!r}")
         try:
             holds = bool(OPERATORS[sign](left, right))
         except TypeError:
@@ -88,7 +88,7 @@ class Increment(Helper):
             raise ScenarioError(f"{name} is no variable with a value; {right}")
         value = variables[name]
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ScenarioError(f"{name} is {value!r}; only a number can be counted")
+            raise ScenarioError(f"{name}: expected a number to count, got {value!r}")
         variables[name] = value + self.step
         self.message = f"{name} is {variables[name]}"
         return True

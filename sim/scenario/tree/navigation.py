@@ -56,7 +56,7 @@ class Navigate(Action):
         self.error_code = 0
         stops = tuple(pose_of(goal, f"goal {k}") for k, goal in enumerate(goals, 1))
         if not stops:
-            raise ScenarioError("no goals; one or more")
+            raise ScenarioError("expected one goal or more, got none")
         self._refusal = ""
         if not self._simulation.placed:
             self._refusal = "Nav2 takes no goal before the robot was told where it is; init_nav2 first"
