@@ -29,48 +29,7 @@ DOCKERFILE = (FOLDER / "Dockerfile").read_text()
 IMAGE_USER = 1000
 CAMPAIGN = "campaigns/quickstart/quickstart.vast"
 
-NAME = {"type": "string", "pattern": r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?$", "maxLength": 253}
-QUANTITY = {"type": "string", "pattern": r"^[0-9]+(\.[0-9]+)?([KMGTPE]i|[mkMGTPE])?$"}
-POLICY = {"enum": ["Never", "LowerPriority", "LowerOrNewerEqualPriority"]}
-
-
-def closed(required, **properties):
-    return {"type": "object", "required": required, "properties": properties, "additionalProperties": False}
-
-
-def listed(items):
-    return {"type": "array", "items": items, "minItems": 1, "maxItems": 16}
-
-
-KUEUE = {
-    "ResourceFlavor": closed(
-        [], nodeLabels={"type": "object"}, nodeTaints={"type": "array"}, tolerations={"type": "array"}
-    ),
-    "ClusterQueue": closed(
-        ["resourceGroups"],
-        namespaceSelector=closed([], matchLabels={"type": "object"}, matchExpressions={"type": "array"}),
-        queueingStrategy={"enum": ["StrictFIFO", "BestEffortFIFO"]},
-        stopPolicy={"enum": ["None", "Hold", "HoldAndDrain"]},
-        preemption=closed([], withinClusterQueue=POLICY),
-        resourceGroups=listed(
-            closed(
-                ["coveredResources", "flavors"],
-                coveredResources=listed({"type": "string"}),
-                flavors=listed(
-                    closed(
-                        ["name", "resources"],
-                        name=NAME,
-                        resources=listed(
-                            closed(["name", "nominalQuota"], name={"type": "string"}, nominalQuota=QUANTITY)
-                        ),
-                    )
-                ),
-            )
-        ),
-    ),
-    "LocalQueue": closed(["clusterQueue"], clusterQueue=NAME, stopPolicy={"enum": ["None", "Hold", "HoldAndDrain"]}),
-}
-"""Fields of `spec` in kueue.x-k8s.io/v1beta2, as Kueue documents them. No registry has its schemas."""
+SCHEMAS = yaml.safe_load(Path(__file__).with_name("schemas.yaml").read_text())
 
 
 def documents(name):
@@ -167,8 +126,8 @@ def test_queues_have_kueues_fields_and_belong_together():
     flavor, cluster, local = documents("kueue/queues.yaml")
     for manifest in (flavor, cluster, local):
         assert manifest["apiVersion"] == "kueue.x-k8s.io/v1beta2"
-        jsonschema.validate(manifest["metadata"], closed(["name"], name=NAME, namespace=NAME))
-        jsonschema.validate(manifest.get("spec", {}), KUEUE[manifest["kind"]])
+        jsonschema.validate(manifest["metadata"], SCHEMAS["metadata"])
+        jsonschema.validate(manifest.get("spec", {}), SCHEMAS[manifest["kind"]])
     assert local["spec"]["clusterQueue"] == cluster["metadata"]["name"]
     (group,) = cluster["spec"]["resourceGroups"]
     assert [each["name"] for each in group["flavors"]] == [flavor["metadata"]["name"]]
@@ -186,35 +145,10 @@ def test_quota_admits_a_campaign_whose_file_says_nothing():
     assert memory_bytes(quota["memory"]) >= memory_bytes(variables("kubernetes")["memory"]["default"])
 
 
-SERVER = closed(
-    [],
-    **{
-        "global": {"type": "object"},
-        "server": closed(
-            [], uiConfig={"type": "object"}, env=listed(closed(["name", "value"], name={}, value={})), resources={}
-        ),
-        "postgresql": closed(["enabled"], enabled={"const": False}),
-        "secret": closed(["create", "name"], create={"const": False}, name=NAME),
-    },
-)
-WORKER = closed(
-    ["worker"],
-    worker=closed(
-        ["config", "apiConfig", "selfHostedServerApiConfig"],
-        image=closed([], repository={}, prefectTag={"type": "string"}, pullPolicy={}),
-        config=closed(["workPool"], workPool=NAME, type={"const": "kubernetes"}, workQueues={}, limit={}),
-        apiConfig={"const": "selfHostedServer"},
-        selfHostedServerApiConfig=closed(["apiUrl"], apiUrl={"type": "string", "pattern": "^https?://.*/api$"}),
-        resources={"type": "object"},
-    ),
-)
-"""Of the charts' values those that are used here, as the charts document them."""
-
-
 def test_values_are_keys_of_the_charts():
     (server,), (worker,) = documents("values/server.yaml"), documents("values/worker.yaml")
-    jsonschema.validate(server, SERVER)
-    jsonschema.validate(worker, WORKER)
+    jsonschema.validate(server, SCHEMAS["server"])
+    jsonschema.validate(worker, SCHEMAS["worker"])
     assert worker["worker"]["selfHostedServerApiConfig"]["apiUrl"] == variables("kubernetes")["api_url"]["default"]
 
 

@@ -85,38 +85,13 @@ def test_shards_go_to_pool_of_their_own(file):
     assert (pool["name"], farm["name"]) == ("lab", "farm")
 
 
-@each_row(
-    ("execution", "options", "said"),
-    [
-        *(
-            ("  runs: 1\n", f"--pool lab --schedule {each.replace(' ', '_')}", "--schedule: expected five fields, ")
-            for each in ("0 2 * *", "0 2 * * * *", "every night")
-        ),
-        (
-            *("  runs: 1\n", "--pool lab --schedule 0_2_*_*_* --timezone Asia/Tokio"),
-            "--timezone: expected a time zone, got 'Asia/Tokio'; did you mean 'Asia/Tokyo'?",
-        ),
-        ("  runs: none\n", "--pool lab", "rooms.vast:10:9"),
-        ("  secondary_containers: [nav]\n", "--pool lab", "no 'image'"),
-        ("  runs: 1\n", "", "--pool: expected the name of a work pool, or --format, got neither"),
-        (
-            "  runs: 2\n",
-            "--format FORMAT",
-            "9:1: execution: no 'image'; image: container image of the system under test",
-        ),
-        (
-            f"{IMAGE}  resources: {{cpu: [{{a: 1}}]}}\n",
-            "--format FORMAT --context b",
-            "nothing for the context 'b'; known: a",
-        ),
-        ("  rums: 2\n", "--format FORMAT", "unknown key 'rums'; did you mean 'runs'?"),
-    ],
-)
-def test_deploy_refuses_wrong_file_or_option(campaign_file, execution, options, said):
-    file = campaign_file(execution)
-    for format_ in ("compose", "kubernetes"):
-        arguments = [each.replace("_", " ") for each in options.replace("FORMAT", format_).split()]
-        assert said in refused("deploy", file, *arguments, "--dry-run")
+def test_deploy_refuses_wrong_options_and_files(campaign_file, golden, tmp_path):
+    def faults_of(case):
+        options, execution = case.split("\n", 1)
+        said = refused("deploy", campaign_file(execution), *shlex.split(options), "--dry-run")
+        return [said.replace(str(tmp_path), "HERE")]
+
+    golden("execution", "deploy", faults_of)
 
 
 def test_deploy_refuses_file_outside_of_image_and_unknown_format(file, tmp_path, monkeypatch):
