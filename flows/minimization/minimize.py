@@ -2,11 +2,12 @@
 
 import io
 import os
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 from PIL import Image
 
@@ -14,23 +15,178 @@ from vastflow.flows.flow_runs.mapped import compute
 from vastflow.flows.minimization.candidate_file import BuiltCandidate, candidate_files, placed
 from vastflow.flows.minimization.failing import Failing, NotMinimized, failing_configuration
 from vastflow.flows.minimization.minimized import Minimized, comment_of
-from vastflow.flows.minimization.trials import Compute, FailureTest, Trials, failure_test
 from vastflow.flows.plan.pictures import plan_view_of
 from vastflow.flows.request.campaign_file import OpenCampaign
 from vastflow.flows.request.campaign_keys import campaign_keys
+from vastflow.flows.request.stopping import Stopping
 from vastflow.flows.run.computing import Computing, computing, told
 from vastflow.flows.search.progress import PointRuns
 from vastflow.oracles.figures.plan_view import plan_view_figure
 from vastflow.oracles.figures.style import png
-from vastflow.producers.minimization.candidates import NotBuilt
-from vastflow.producers.minimization.minimize import Candidate, Minimum, Unconfirmed, minimize
+from vastflow.oracles.judgement.verdict import read_verdicts
+from vastflow.oracles.statistics.classes import ClassBounds
+from vastflow.oracles.statistics.stopping import StoppingRule
+from vastflow.producers.minimization.candidates import Candidates, NotBuilt
+from vastflow.producers.minimization.circumstance import Subject
+from vastflow.producers.minimization.minimize import Candidate, Minimum, Outcome, Standing, Unconfirmed, minimize
 from vastflow.producers.model.configuration import Configuration
+from vastflow.tasks.engine.engine import block_size
+from vastflow.tasks.engine.index import ConfigurationRuns, FoundRuns, Index
 from vastflow.tasks.engine.progress import Observer
+from vastflow.tasks.engine.shards import Shard, missing_shards
+from vastflow.tasks.engine.work import VERDICTS
 from vastflow.tasks.keys.source import installed_tree
-from vastflow.tasks.store.store import Lost, open_store
+from vastflow.tasks.store.store import Artifact, Lost, open_store
 
 if TYPE_CHECKING:
     from vastflow.flows.flow_runs.task_runs import TaskRuns
+
+ERROR: Final = 0.05
+"""Maximum probability of a wrong decision on a candidate."""
+LEAST_RUNS: Final = 5
+MOST_RUNS: Final = 30
+_APART: Final = 0.2
+"""Width of the success rates, as a share of the failure rate, in which a candidate may stay undecided."""
+
+
+@dataclass(frozen=True)
+class FailureTest(Stopping):
+    """Ends the runs of a candidate when it is known to fail, or not to.
+
+    A failing candidate has the rule's class *systematic*, whose bound is the success rate `1 - rate`.
+
+    Attributes:
+        oracle: The oracle whose failures count.
+    """
+
+    oracle: str
+
+    @property
+    def rate(self) -> float:
+        """Failure rate from which a candidate fails."""
+        return 1.0 - self.rule.bounds.systematic
+
+    def judged(self, index: Index, verdicts: Artifact) -> Mapping[int, str]:
+        """Return the oracle's judgement by run index.
+
+        Raises:
+            Lost: the verdicts are damaged.
+        """
+        found = read_verdicts(index.store.load(verdicts, VERDICTS))
+        return {each.run_index: each.judgement for each in found if each.oracle == self.oracle}
+
+    def standing(self, failed: int, judged: int) -> Standing:
+        """Return the decision after so many runs."""
+        claim = self.rule.decision(judged - failed, judged) if judged else None
+        return "fails" if claim == "systematic" else "does not fail" if claim in ("reliable", "flaky") else "undecided"
+
+
+def failure_test(oracle: str, rate: float, error: float = ERROR) -> FailureTest:
+    """Return the test for a failure rate of `rate` or more."""
+    passes = 1.0 - rate
+    return FailureTest(StoppingRule(LEAST_RUNS, MOST_RUNS, ClassBounds(passes, passes + _APART * rate), error), oracle)
+
+
+Compute: TypeAlias = Callable[[Sequence[Shard]], None]
+"""Takes shards through execute, observe and judge."""
+
+
+@dataclass
+class Trials:
+    """Judges the candidates of a minimization.
+
+    Attributes:
+        runs: How many a candidate wants; the confirmed one gets more, with indices that no trial used.
+        compute: None to look into the store alone.
+        configurations, used: Each built candidate in order, and how many runs its trial and confirmation took.
+    """
+
+    run: Computing
+    candidates: Candidates
+    test: FailureTest
+    runs: PointRuns
+    compute: Compute | None = None
+    configurations: dict[Candidate, ConfigurationRuns] = field(default_factory=dict)
+    used: dict[Candidate, int] = field(default_factory=dict)
+    _number: int = 0
+
+    def judge(self, candidate: Candidate) -> Outcome:
+        """Return whether a candidate fails.
+
+        Raises:
+            Lost: its runs are not in the store, and nothing computes them, or what was computed is gone.
+        """
+        self._number += 1
+        outcome = self._judged(candidate)
+        if self.compute is not None:
+            self.run.tally.notice(f"{self._number}: {_text(self.candidates.subject, candidate)}: {outcome.text}")
+        return outcome
+
+    def confirm(self, candidate: Candidate) -> Outcome:
+        """Return whether a candidate that failed fails at the rate on fresh runs, too, without a test.
+
+        Raises:
+            Lost: as in `judge`.
+        """
+        self.runs.confirmed = self.configurations[candidate].name
+        failed, judged = self._counts(candidate, self.used[candidate])
+        fails = judged > 0 and failed / judged >= self.test.rate - 1e-9
+        outcome = Outcome("fails" if fails else "undecided", failed, judged)
+        self.run.tally.notice(f"confirmation on fresh runs: {outcome.text}")
+        return outcome
+
+    def _judged(self, candidate: Candidate) -> Outcome:
+        try:
+            scenario = self.candidates.scenario(candidate)
+        except NotBuilt as error:
+            return Outcome("not tried", reason=f"it can't be built: {error}")
+        name = f"candidate-{self._number:03}"
+        runs = self.runs.wanted({})
+        self.configurations[candidate] = ConfigurationRuns(name, "minimization", self._number, scenario, runs)
+        self.run.tally.expect({each.name: each.runs for each in self.configurations.values()})
+        failed, judged = self._counts(candidate)
+        if fault := next((each for each in self.run.engine.faults if each.configuration == name), None):
+            return Outcome("not tried", reason=f"its runs broke: {fault.error}")
+        if not judged:
+            return Outcome("not tried", reason="no run of it is judged")
+        return Outcome(self.test.standing(failed, judged), failed, judged)
+
+    def _counts(self, candidate: Candidate, first: int = 0) -> tuple[int, int]:
+        """Return how many runs of a candidate failed and were judged, from the run `first`."""
+        found = self._found(self.configurations[candidate])
+        self.used[candidate] = found.configuration.runs
+        known: dict[int, str] = {}
+        for each in found.stored:
+            if each.verdicts:
+                known |= self.test.judged(self.run.engine.index, each.verdicts)
+        said = [known.get(run) for run in range(first, found.configuration.runs)]
+        return said.count("fail"), said.count("fail") + said.count("pass")
+
+    def _found(self, configuration: ConfigurationRuns) -> FoundRuns:
+        engine, name, runs = self.run.engine, configuration.name, -1
+        while True:
+            found = engine.scan([configuration])[name]
+            if found.complete or name in engine.broken:
+                return found
+            if self.compute is None or found.configuration.runs == runs:
+                raise Lost(f"results of {name}")
+            runs = found.configuration.runs
+            self.run.tally.begin("running")
+            engine.block_runs = block_size(found.missing_runs, self.run.workers)
+            self.compute(missing_shards([found.configuration], {name}))
+            engine.check()
+
+
+def _text(subject: Subject, candidate: Candidate) -> str:
+    """Return a candidate in words, such as `2 of 9 circumstances, the end of the path at 4/8`."""
+    whole = [each for each in subject.circumstances if each.can_be_left_out]
+    if len(candidate.kept) == len(whole) and not candidate.levels:
+        return "all of it"
+    kept = [each.text for each in whole if each in candidate.kept]
+    named = ", ".join(kept) if 0 < len(kept) <= 2 else f"{len(kept)} of {len(whole)} circumstances"
+    order = {each: k for k, each in enumerate(subject.circumstances)}
+    nearer = sorted(candidate.levels, key=lambda pair: order[pair[0]])
+    return ", ".join([f"with {named}", *(f"{each.text} at {level}/8" for each, level in nearer)])
 
 
 def before_and_after(before: Configuration, after: Configuration) -> bytes:
@@ -99,7 +255,7 @@ def minimize_configuration(
         after = files.built(found.candidate, trials.used[found.candidate], comment_of(failing, found))
         picture = before_and_after(before.configuration, after.configuration)
         used = sum(trials.used.values())
-        return Minimized(failing, test, found, after.text, after.inputs.files, picture, used, executed)
+        return Minimized(failing, test.rule, found, after.text, after.inputs.files, picture, used, executed)
 
 
 def _answered(

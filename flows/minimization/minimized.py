@@ -7,9 +7,9 @@ from typing import Any, Final
 
 from vastflow.flows.minimization.candidate_file import FILE
 from vastflow.flows.minimization.failing import Failing
-from vastflow.flows.minimization.trials import FailureTest
 from vastflow.flows.terminal.words import count_text
 from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, interval
+from vastflow.oracles.statistics.stopping import StoppingRule
 from vastflow.producers.minimization.circumstance import LEVELS, Circumstance
 from vastflow.producers.minimization.minimize import Minimum
 
@@ -27,7 +27,7 @@ class Minimized:
     """
 
     failing: Failing
-    test: FailureTest
+    rule: StoppingRule
     minimum: Minimum
     text: str = field(repr=False)
     files: Mapping[str, bytes] = field(repr=False)
@@ -87,13 +87,13 @@ def minimized_text(found: Minimized, written: list[str]) -> Iterator[str]:
             yield title
             yield from (f"  {line}" for line in lines)
     yield ""
-    yield f"{found.runs} runs of {len(minimum.tried)} candidates, {found.executed} executed; error of a trial at most {found.test.rule.error:.0%}"
+    yield f"{found.runs} runs of {len(minimum.tried)} candidates, {found.executed} executed; error of a trial at most {found.rule.error:.0%}"
     yield from written
 
 
 def minimized_json(found: Minimized, written: list[str]) -> dict[str, Any]:
     """Return the result as JSON values."""
-    minimum, rule = found.minimum, found.test.rule
+    minimum, rule = found.minimum, found.rule
     confirmed = minimum.confirmation
     bounds = interval(clopper_pearson_intervals(confirmed.failed, confirmed.judged))
     levels = {each.text: level / LEVELS for each, level in minimum.candidate.levels}
