@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import Final, TypeAlias
 
 from PIL import Image
 
@@ -37,9 +37,6 @@ from vastflow.tasks.engine.shards import Shard, missing_shards
 from vastflow.tasks.engine.work import VERDICTS
 from vastflow.tasks.keys.source import installed_tree
 from vastflow.tasks.store.store import Artifact, Lost, open_store
-
-if TYPE_CHECKING:
-    from vastflow.flows.flow_runs.task_runs import TaskRuns
 
 ERROR: Final = 0.05
 """Maximum probability of a wrong decision on a candidate."""
@@ -271,14 +268,11 @@ def _answered(
         with suppress(Lost):  # what the store lost meanwhile is computed again by the next attempt
             answers.append((minimize(failing.subject.circumstances, trials.judge, trials.confirm), trials))
 
-    def body(task_runs: "TaskRuns") -> None:
-        ask(partial(compute, task_runs))
-
     for _ in run.engine.attempts():
         ask(None)
         if not answers:
             run.engine.warm_up([before.configuration.scenario.system])
-            run.run_alone(body)
+            run.run_alone(lambda task_runs: ask(partial(compute, task_runs)))
         if answers:
             break
     return answers[-1]
