@@ -27,9 +27,7 @@ store = command_group("Inspect, verify, and clean the store, where results are c
 
 StoreOption = Annotated[
     str | None,
-    typer.Option(
-        "--store", help="Folder or address such as s3://bucket/prefix; else $VASTFLOW_STORE, else a user cache folder."
-    ),
+    typer.Option("--store", help="Store: a folder or an address; default: $VASTFLOW_STORE or the user's cache."),
 ]
 
 
