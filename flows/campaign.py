@@ -33,8 +33,8 @@ from vastflow.flows.search.batch_flow import compute_batch
 from vastflow.tasks.engine.index import FoundRuns
 from vastflow.tasks.engine.pool import PoolClosed
 from vastflow.tasks.engine.shards import Shard
-from vastflow.tasks.execution.deployment import FLOW
 from vastflow.tasks.prefect.adapter import is_generated_name
+from vastflow.tasks.prefect.deployment import FLOW
 from vastflow.tasks.store.store import Lost
 
 

@@ -15,13 +15,13 @@ from vastflow.flows.request.work_pool import NO_API
 from vastflow.flows.terminal.ending import FAULT
 from vastflow.flows.terminal.options import CampaignFile, Context, DryRun, asking
 from vastflow.sim.model.faults import UserError
-from vastflow.tasks.execution.job import DATA, IMAGE, NAME, PoolType
+from vastflow.tasks.prefect.deployment import DATA, IMAGE, NAME, PoolType
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from vastflow.tasks.execution.deployment import Deployment, ShardDeployment
-    from vastflow.tasks.execution.description import RunDescription
+    from vastflow.tasks.prefect.containers import RunDescription
+    from vastflow.tasks.prefect.deployment import Deployment, ShardDeployment
 
 OPTIONS: Final = tuple(name for name in NAMES if name not in ("pool", "shards", "pool_wait_s"))
 """Fields of the request; its pool is `--shards-in` here, for `--pool` is that of the deployment."""
@@ -85,8 +85,8 @@ def deploy(
     from vastflow.flows.pool.service import described, requested_cores
     from vastflow.flows.request.campaign_file import campaign_name, read_campaign
     from vastflow.sim.model.faults import FileError
-    from vastflow.tasks.execution.deployment import Deployment, ShardDeployment, description_of
     from vastflow.tasks.prefect.adapter import import_prefect
+    from vastflow.tasks.prefect.deployment import Deployment, ShardDeployment, description_of
 
     map_dir = asked["map_dir"]
     campaign, _ = read_campaign(file, map_dir, as_v1=asked["as_v1"])
@@ -133,7 +133,7 @@ def deploy(
 
 
 def _job_variables(kind: PoolType, description: "RunDescription", image: str, queue: str) -> dict[str, Any]:
-    from vastflow.tasks.execution.job import job_variables
+    from vastflow.tasks.prefect.deployment import job_variables
 
     return _own_variables(kind, image, queue) | job_variables(kind, description)
 
@@ -179,7 +179,7 @@ def _check_schedule(deployment: "Deployment") -> None:
 
 def _print(deployment: "Deployment", shards: "ShardDeployment", kind: PoolType) -> None:
     from vastflow.flows.pool.service import pool_template
-    from vastflow.tasks.execution.manifests import yaml_text
+    from vastflow.tasks.prefect.manifests import yaml_text
 
     print("# prefect.yaml")
     print(yaml_text({"deployments": [deployment.as_yaml(), shards.as_yaml()]}), end="")
@@ -248,8 +248,8 @@ def _describe(file: Path, format_: Format, context: str | None, map_dir: Path | 
     from vastflow.flows.request.campaign_file import campaign_name
     from vastflow.producers.campaign import load_campaign
     from vastflow.sim.plug_ins.effects import looking_only
-    from vastflow.tasks.execution.manifests import compose_file, pod_template, yaml_text
-    from vastflow.tasks.execution.reading import describe as described
+    from vastflow.tasks.prefect.container_keys import describe as described
+    from vastflow.tasks.prefect.manifests import compose_file, pod_template, yaml_text
 
     with looking_only():
         campaign = load_campaign(file, map_dir, as_v1=as_v1)
@@ -265,7 +265,7 @@ def _describe(file: Path, format_: Format, context: str | None, map_dir: Path | 
 
 
 def _compose_notes(found: "RunDescription") -> Iterator[str]:
-    from vastflow.tasks.execution.manifests import OUT_FOLDER
+    from vastflow.tasks.prefect.manifests import OUT_FOLDER
 
     folder = shlex.quote(str(found.folder))
     yield f"save it in {folder}; make a folder {OUT_FOLDER} there that user {found.user} can write to"
@@ -276,7 +276,7 @@ def _compose_notes(found: "RunDescription") -> Iterator[str]:
 
 
 def _kubernetes_notes(found: "RunDescription") -> Iterator[str]:
-    from vastflow.tasks.execution.manifests import config_map_keys, config_map_name
+    from vastflow.tasks.prefect.manifests import config_map_keys, config_map_name
 
     if not found.files:
         return

@@ -21,8 +21,8 @@ from vastflow.oracles.evidence.evidence import Group, evidence_of
 from vastflow.oracles.evidence.rates import LEVEL
 from vastflow.oracles.results.tables import read_tables
 from vastflow.tasks.engine.progress import Phase, Progress
-from vastflow.tasks.execution.deployment import TAG
-from vastflow.tasks.execution.description import label_of
+from vastflow.tasks.prefect.containers import label_of
+from vastflow.tasks.prefect.deployment import TAG
 from vastflow.tasks.prefect.orphans import process_tags
 from vastflow.tasks.prefect.server import is_embedded
 

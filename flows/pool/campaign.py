@@ -19,8 +19,8 @@ from vastflow.tasks.engine.index import FoundRuns
 from vastflow.tasks.engine.progress import Tally
 from vastflow.tasks.engine.remote_shard import BundleError, Packer
 from vastflow.tasks.engine.shards import Shard
-from vastflow.tasks.execution.job import PoolType
 from vastflow.tasks.prefect.adapter import current_flow
+from vastflow.tasks.prefect.deployment import PoolType
 
 
 class CampaignPool:

@@ -19,7 +19,7 @@ from vastflow.tasks.engine.pool import PoolClosed
 from vastflow.tasks.engine.progress import Tally
 from vastflow.tasks.engine.remote_shard import read_part
 from vastflow.tasks.engine.shards import Shard, shard_ranges
-from vastflow.tasks.execution.deployment import OTHER_CODE, STORE_AWAY
+from vastflow.tasks.prefect.deployment import OTHER_CODE, STORE_AWAY
 from vastflow.tasks.store.store import StoreError
 
 TRIES: Final = 3

@@ -38,16 +38,24 @@ from vastflow.flows.request.campaign_file import campaign_name
 from vastflow.producers.campaign import Campaign
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.names import did_you_mean
-from vastflow.tasks.execution.deployment import BAR, TAG, ShardDeployment
-from vastflow.tasks.execution.job import CPU, IMAGE, PoolType, base_job_template, job_variables
-from vastflow.tasks.execution.reading import describe
 from vastflow.tasks.prefect.adapter import flow_schema, post, process_pool_template
+from vastflow.tasks.prefect.container_keys import describe
+from vastflow.tasks.prefect.deployment import (
+    BAR,
+    CPU,
+    IMAGE,
+    TAG,
+    PoolType,
+    ShardDeployment,
+    base_job_template,
+    job_variables,
+)
 from vastflow.tasks.prefect.orphans import CALLED_OFF_S
 from vastflow.tasks.prefect.retry import IN_BETWEEN_S, is_away, retried
 from vastflow.tasks.prefect.server import PrefectUnavailable, redacted
 
 if TYPE_CHECKING:
-    from vastflow.tasks.execution.description import RunDescription
+    from vastflow.tasks.prefect.containers import RunDescription
 
 
 def described(campaign: Campaign, context: str | None) -> "RunDescription":

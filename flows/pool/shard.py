@@ -31,9 +31,9 @@ from vastflow.tasks.engine.pool import Pool, cores
 from vastflow.tasks.engine.progress import Tally
 from vastflow.tasks.engine.remote_shard import Bundle, BundleError, Report, differences, unpacked
 from vastflow.tasks.engine.shards import missing_shards
-from vastflow.tasks.execution.deployment import BAR, OTHER_CODE, STORE_AWAY
 from vastflow.tasks.keys.source import installed_tree
 from vastflow.tasks.prefect import campaign_log
+from vastflow.tasks.prefect.deployment import BAR, OTHER_CODE, STORE_AWAY
 from vastflow.tasks.store.store import WRITING_S, Lost, Store, StoreError, open_store, store_address
 
 BEAT_S: Final = 5.0

@@ -1,1 +1,1 @@
-"""Prefect: its API, its logs, its flow runs, and the stages as its tasks."""
+"""Prefect: its API, logs, flow runs, deployments, and the stages as its tasks."""

@@ -53,7 +53,7 @@ def tagged() -> AbstractContextManager[Any]:
 
 
 def untagged() -> AbstractContextManager[Any]:
-    """Remove the tags of this process from task runs, as Prefect asks its API about each tag of a task run."""
+    """Remove the tags of this process from task runs: Prefect asks its API about each tag."""
     return exact_tags(current_tags() - {*process_tags()})
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.tasks.execution.description import RunDescription
-from vastflow.tasks.execution.reading import describe
+from vastflow.tasks.prefect.container_keys import describe
+from vastflow.tasks.prefect.containers import RunDescription
 
 MAPS = Path(__file__).parents[2] / "campaigns" / "quickstart" / "maps"
 HEAD = """\

@@ -18,10 +18,10 @@ from vastflow.flows.campaign import campaign
 from vastflow.flows.cli.deploy import IMAGE_FOLDER
 from vastflow.producers.campaign import load_campaign
 from vastflow.tasks.engine import work
-from vastflow.tasks.execution import deployment, job
-from vastflow.tasks.execution.deployment import Deployment, ShardDeployment, description_of
-from vastflow.tasks.execution.description import memory_bytes
-from vastflow.tasks.execution.manifests import filled, template
+from vastflow.tasks.prefect import deployment
+from vastflow.tasks.prefect.containers import memory_bytes
+from vastflow.tasks.prefect.deployment import Deployment, ShardDeployment, description_of
+from vastflow.tasks.prefect.manifests import filled, template
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "deployments"
@@ -107,14 +107,18 @@ def test_templates_of_pools_agree_with_deployments_options_and_each_other():
         if kind is not None:
             schema = {**template(f"pools/{kind}.json")["variables"], "additionalProperties": False}
             jsonschema.validate(each["work_pool"]["job_variables"], schema)
-    configurations = {kind: template(f"pools/{kind}.json")["job_configuration"] for kind in job.CONTAINER_POOLS}
+    configurations = {kind: template(f"pools/{kind}.json")["job_configuration"] for kind in deployment.CONTAINER_POOLS}
     for kind, configuration in configurations.items():
         used = set(re.findall(r"\{\{ (\w+) \}\}", json.dumps(configuration)))
         assert used | {"env"} == set(variables(kind))
-        assert variables(kind)["image"]["default"] == job.IMAGE
+        assert variables(kind)["image"]["default"] == deployment.IMAGE
     assert len({json.dumps(each["env"]) for each in configurations.values()}) == 1
     defaults = {name: about.get("default") for name, about in variables("kubernetes").items()}
-    assert (defaults["queue"], defaults["namespace"], defaults["cpu"]) == (job.NAME, job.NAME, str(job.CPU))
+    assert (defaults["queue"], defaults["namespace"], defaults["cpu"]) == (
+        deployment.NAME,
+        deployment.NAME,
+        str(deployment.CPU),
+    )
 
 
 def test_kubernetes_knows_namespace_and_volume():
@@ -141,7 +145,7 @@ def test_queues_have_kueues_fields_and_belong_together():
 def test_quota_admits_a_campaign_whose_file_says_nothing():
     resources = documents("kueue/queues.yaml")[1]["spec"]["resourceGroups"][0]["flavors"][0]["resources"]
     quota = {each["name"]: each["nominalQuota"] for each in resources}
-    assert int(quota["cpu"]) >= job.CPU
+    assert int(quota["cpu"]) >= deployment.CPU
     assert memory_bytes(quota["memory"]) >= memory_bytes(variables("kubernetes")["memory"]["default"])
 
 
@@ -175,7 +179,7 @@ def test_image_runs_as_the_user_and_in_the_folder_that_the_jobs_have():
     pod = template("pools/kubernetes.json")["job_configuration"]["job_manifest"]["spec"]["template"]["spec"]
     assert int(user) == pod["securityContext"]["runAsUser"] == pod["securityContext"]["fsGroup"] == IMAGE_USER
     assert re.findall(r"^WORKDIR (.*)$", DOCKERFILE, re.MULTILINE) == [IMAGE_FOLDER]
-    assert f"{job.DATA}/store" in DOCKERFILE
+    assert f"{deployment.DATA}/store" in DOCKERFILE
 
 
 def test_linter_of_dockerfiles_has_nothing_to_say():

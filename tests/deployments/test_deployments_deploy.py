@@ -17,10 +17,10 @@ from vastflow.flows.campaign import campaign as campaign_flow
 from vastflow.flows.cli import deploy as deploy_command
 from vastflow.flows.cli.deploy import MOST_IN_A_CONFIG_MAP, NO_API
 from vastflow.producers.campaign_file.spec import ExecutionSpec
-from vastflow.tasks.execution.job import PoolType, base_job_template
-from vastflow.tasks.execution.manifests import compose_file, config_map_keys, pod_template
 from vastflow.tasks.prefect import retry
 from vastflow.tasks.prefect.adapter import flow_schema
+from vastflow.tasks.prefect.deployment import PoolType, base_job_template
+from vastflow.tasks.prefect.manifests import compose_file, config_map_keys, pod_template
 
 PAGE = (Path(__file__).parents[2] / "docs" / "describe-the-execution.md").read_text()
 IMAGE = "  image: ghcr.io/me/robot:1.0\n"

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.sim.model.faults import FileError
-from vastflow.tasks.execution.description import (
+from vastflow.tasks.prefect.containers import (
     Container,
     Needs,
     RunDescription,

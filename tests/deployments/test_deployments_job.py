@@ -14,7 +14,7 @@ from prefect.settings import Settings
 from prefect.workers.base import BaseJobConfiguration
 from pydantic import Field
 
-from vastflow.tasks.execution.job import DATA, PoolType, base_job_template, job_variables
+from vastflow.tasks.prefect.deployment import DATA, PoolType, base_job_template, job_variables
 
 QUEUE_LABEL = "kueue.x-k8s.io/queue-name"
 IMAGE_USER = 1000

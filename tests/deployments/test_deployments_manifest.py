@@ -14,8 +14,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.tasks.execution.description import Container, Needs, RunDescription
-from vastflow.tasks.execution.manifests import compose_file, config_map_keys, pod_spec, pod_template, yaml_text
+from vastflow.tasks.prefect.containers import Container, Needs, RunDescription
+from vastflow.tasks.prefect.manifests import compose_file, config_map_keys, pod_spec, pod_template, yaml_text
 
 COMPOSE = get_builtin_schema("vendor.compose-spec")
 SIDECARS_SINCE = "1.29"

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vastflow.tasks.execution.description import wrapped
+from vastflow.tasks.prefect.containers import wrapped
 
 ARGUMENT = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=12)
 

@@ -20,8 +20,8 @@ from vastflow.tasks.engine.pool import Pool, PoolClosed
 from vastflow.tasks.engine.progress import Tally
 from vastflow.tasks.engine.remote_shard import Report, ReportPart, read_part, write_part
 from vastflow.tasks.engine.work import RECORDINGS, TRACES, VERDICTS
-from vastflow.tasks.execution.deployment import OTHER_CODE, STORE_AWAY
 from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.prefect.deployment import OTHER_CODE, STORE_AWAY
 from vastflow.tasks.store.store import Store, StoreError, open_store
 
 KEYS = Keys("numeric", "a", "b", "c", 0, [])

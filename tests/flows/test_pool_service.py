@@ -14,8 +14,8 @@ from vastflow.flows.campaign import campaign
 from vastflow.flows.pool import service as pool_service
 from vastflow.flows.pool.service import Asking, PoolService, Seen, pool_type
 from vastflow.sim.model.faults import UserError
-from vastflow.tasks.execution.deployment import ShardDeployment
 from vastflow.tasks.prefect import retry
+from vastflow.tasks.prefect.deployment import ShardDeployment
 from vastflow.tasks.prefect.server import PrefectUnavailable
 
 PARENT = "the-campaign"

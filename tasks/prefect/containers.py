@@ -1,4 +1,4 @@
-"""The description of a run in containers: its commands, its memory, and what else each container engine is given in its own form."""
+"""Containers of a run: their commands, their memory, and their variables, whatever the container engine."""
 
 import math
 import re
@@ -14,13 +14,9 @@ BASH = "/bin/bash"
 
 
 def wrapped(command: Sequence[str], pre_command: str | None, post_command: str | None) -> tuple[str, ...]:
-    """`command`, after `pre_command` has been sourced and before `post_command` runs.
+    """Return `command` with `pre_command` sourced before and `post_command` run after it; paths in the container.
 
-    Exit code: the command's own, whatever the script after it does. Where the script before it fails, the command does not
-    run and the code is the script's. SIGTERM reaches the command, and the script after it still runs.
-
-    Args:
-        pre_command, post_command: Paths in the container; None where there is none.
+    The exit code is the command's, or that of a failed `pre_command`. SIGTERM reaches the command.
     """
     if not command:
         raise ValueError("the command of an image is not known outside of it and can't be wrapped")
@@ -61,10 +57,10 @@ QUANTITY: Final = re.compile(r"(\d+(?:\.\d*)?|\.\d+)\s*([A-Za-z]*)", re.ASCII)
 
 
 def memory_bytes(text: str) -> int:
-    """Bytes of a quantity such as `8Gi` or `1.5G`, rounded up.
+    """Return the bytes of a quantity such as `8Gi` or `1.5G`, rounded up.
 
     Raises:
-        ValueError: not such a quantity, or nothing. The message says what was found and what would be right.
+        ValueError: no such quantity.
     """
     match = QUANTITY.fullmatch(text.strip())
     if match and match[2] in SUFFIXES and text == match[1] + match[2]:
@@ -77,12 +73,12 @@ def memory_bytes(text: str) -> int:
 
 
 def kubernetes_memory(size: int) -> str:
-    """`size` bytes as a quantity of Kubernetes, in the largest unit in which they are a whole number."""
+    """Return bytes as a quantity of Kubernetes, in the largest unit that gives a whole number."""
     return _in_units(size, {"Gi": 2**30, "Mi": 2**20, "Ki": 2**10}, "")
 
 
 def compose_memory(size: int) -> str:
-    """`size` bytes as Docker Compose reads them, whose k, m and g are powers of 1024."""
+    """Return bytes as Docker Compose reads them, whose k, m, and g are powers of 1024."""
     return _in_units(size, {"g": 2**30, "m": 2**20, "k": 2**10}, "b")
 
 
@@ -100,22 +96,22 @@ LABEL: Final = re.compile(r"[a-z0-9]([a-z0-9-]*[a-z0-9])?")
 
 
 def is_label(text: str) -> bool:
-    """Whether `text` is a DNS label of RFC 1123, as names of containers have to be."""
+    """True if `text` is a DNS label of RFC 1123, as names of containers have to be."""
     return len(text) <= MAX_LABEL and LABEL.fullmatch(text) is not None
 
 
 def label_of(text: str) -> str:
-    """The DNS label nearest to `text`; empty where it has neither letters nor digits."""
+    """Return the nearest DNS label; empty without letters and digits."""
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:MAX_LABEL].rstrip("-")
 
 
 @dataclass(frozen=True, slots=True)
 class Needs:
-    """What a container needs of its node.
+    """Resources of a container.
 
     Attributes:
         cpu: Cores.
-        memory_bytes: Memory (bytes); a container that takes more is ended.
+        memory_bytes: Maximum memory (bytes).
         gpu: NVIDIA GPUs.
     """
 
@@ -144,21 +140,19 @@ class Container:
 
 @dataclass(frozen=True, slots=True)
 class RunDescription:
-    """One run, or one job of several, in containers of one image that share files, sockets, memory and network.
+    """One run, or one job of several, in containers of one image that share files, sockets, memory, and network.
 
     Attributes:
-        name: Of the campaign, as a DNS label.
-        image: Of all containers.
+        name: Campaign as a DNS label.
         main: The container whose end is the run's.
-        sidecars: The others. They run before the main one begins and are stopped when it ends.
-        env: Variables of all containers, the campaign file's own.
-        folder: What `files` are relative to.
-        files: Files that the containers find below `/config`, at their places below `folder`.
-        pre_command, post_command: Paths in the main container of a script to be sourced before and of one to run after
-            its command.
+        sidecars: Containers that start before the main one and stop when it ends.
+        env: Variables of all containers.
+        folder: Base of the paths in `files`.
+        files: Files that the containers find below `/config`.
+        pre_command, post_command: Scripts in the main container, sourced before and run after its command.
         user: User id in the containers.
         deadline_s: Seconds of the host after which everything is stopped; None for never.
-        node_labels: Labels a node of a cluster must have.
+        node_labels: Labels that a cluster's node must have.
     """
 
     name: str
@@ -182,16 +176,13 @@ class RunDescription:
             raise ValueError(f"expected a name of its own for each, got two containers {twice[0]!r}")
 
     def command_of(self, container: Container) -> tuple[str, ...]:
-        """The container's command, the main one's with the scripts before and after it; empty for the image's."""
+        """Return the container's command with scripts before and after it; empty for the image's own."""
         if container.name != self.main.name or not container.command:
             return container.command
         return wrapped(container.command, self.pre_command, self.post_command)
 
     def environment_of(self, container: Container) -> dict[str, str]:
-        """The container's variables: those that are set for every run, and the campaign file's.
-
-        Only the image knows its own command, so it is told which scripts belong before and after it.
-        """
+        """Return the container's variables; a command of the image's is told its scripts by variables."""
         own = {
             "CAMPAIGN_ID": self.name,
             "CONTAINER_NAME": container.name,

@@ -1,4 +1,4 @@
-"""A campaign's run description, from the keys of its `execution` that are about containers."""
+"""The keys of a campaign's `execution` about containers, read into a run description."""
 
 import math
 import re
@@ -15,7 +15,7 @@ from vastflow.producers.campaign_file.spec import Resources
 from vastflow.producers.model.faults import Location, shown
 from vastflow.sim.model.faults import Fault, FileError, ScenarioError
 from vastflow.sim.model.names import did_you_mean
-from vastflow.tasks.execution.description import MAIN, Container, Needs, RunDescription, label_of, memory_bytes
+from vastflow.tasks.prefect.containers import MAIN, Container, Needs, RunDescription, label_of, memory_bytes
 
 T = TypeVar("T")
 
@@ -26,14 +26,13 @@ PLAIN_SCALAR: Final = re.compile(r"[^\s,\[\]{}#]+")
 
 
 def describe(campaign: Campaign, name: str, context: str | None = None) -> RunDescription:
-    """The run description of `campaign`, which is called `name`.
+    """Return the run description of `campaign`, which is called `name`.
 
     Args:
-        context: Cluster (kubeconfig context) whose resources count where the file has a list of them; else the first that
-            it names.
+        context: Cluster (kubeconfig context) whose resources count; by default the first one in the file.
 
     Raises:
-        FileError: no image, or every value that containers can't be given.
+        CampaignError: no image, or values that containers can't have.
     """
     execution = campaign.spec.execution
     reader = _Reader(campaign, context)
@@ -58,7 +57,7 @@ def describe(campaign: Campaign, name: str, context: str | None = None) -> RunDe
 
 
 class _Reader:
-    """One reading of a campaign's `execution`; collects its faults."""
+    """One reading of a campaign's `execution`, with its faults."""
 
     def __init__(self, campaign: Campaign, context: str | None) -> None:
         self.faults: list[Fault] = []
@@ -106,7 +105,7 @@ class _Reader:
                 yield Container(name, needs)
 
     def environment(self) -> Iterator[tuple[str, str]]:
-        """The variables in the order of the file; of two with one name the later counts."""
+        """Yield the variables in the order of the file; of two with one name the later counts."""
         for i, entry in enumerate(self._execution.env):
             for name, value in entry.items():
                 location = ("execution", "env", i, name)
@@ -120,7 +119,7 @@ class _Reader:
                     yield name, self._as_written(location, value)
 
     def files(self) -> Iterator[str]:
-        """The files that the patterns match, each once; a pattern without a slash matches in every folder."""
+        """Yield the files that the patterns match, each once; a pattern without a slash matches in every folder."""
         folder = self._campaign.path.parent
         seen: set[str] = set()
         for i, pattern in enumerate(self._execution.run_files):
@@ -151,7 +150,7 @@ class _Reader:
                 yield name, text
 
     def _contexts(self) -> Iterator[str]:
-        """Every cluster that the file names, in its order."""
+        """Yield every cluster that the file names, in order."""
         needs = [self._execution.resources, *(each.resources for each in self._execution.secondary_containers)]
         for resources in needs:
             for amounts in (resources.cpu, resources.memory) if resources else ():
@@ -159,7 +158,7 @@ class _Reader:
                     yield from entry
 
     def _chosen(self, amounts: T | list[dict[str, T]] | None, location: Location) -> tuple[T, Location] | None:
-        """The amount for the chosen cluster and where it stands; None where there is none."""
+        """Return the amount for the chosen cluster and its place, if there is one."""
         if amounts is None or not isinstance(amounts, list):
             return None if amounts is None else (amounts, location)
         places: dict[str, tuple[T, Location]] = {
@@ -174,7 +173,7 @@ class _Reader:
         return places.get(self._context)
 
     def _as_written(self, location: Location, value: Any) -> str:
-        """A value of YAML as text: `1.10` and `yes` are 1.1 and true to YAML, and mean themselves to a program."""
+        """Return a value of YAML as text: `1.10` and `yes` are 1.1 and true to YAML."""
         if value is None or isinstance(value, str):
             return value or ""
         line, column = self._campaign.document.place(location)

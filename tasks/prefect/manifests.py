@@ -1,4 +1,4 @@
-"""A run description as what container engines are given: a file of Docker Compose, a pod of Kubernetes."""
+"""A run description as a file of Docker Compose or a pod of Kubernetes."""
 
 import json
 import re
@@ -8,25 +8,23 @@ from typing import Any, Final
 
 import yaml
 
-from vastflow.tasks.execution.description import Container, RunDescription, compose_memory, kubernetes_memory
+from vastflow.tasks.prefect.containers import Container, RunDescription, compose_memory, kubernetes_memory
 
 _SHIPPED: Final = "vastflow.deployments"
 _PLACEHOLDER: Final = re.compile(r"\{\{ (\w+) \}\}")
 
 
 def template(name: str) -> Any:
-    """The content of a file of `deployments/`, YAML or JSON, as new plain data."""
+    """Return the content of a YAML or JSON file of `deployments/`."""
     text = files(_SHIPPED).joinpath(name).read_text(encoding="utf-8")
     return json.loads(text) if name.endswith(".json") else yaml.safe_load(text)
 
 
 def filled(content: Any, values: Mapping[str, Any]) -> Any:
-    """`content` with the value of `name` for each placeholder `{{ name }}`.
+    """Fill `content` with the value of `name` for each placeholder `{{ name }}`.
 
-    A string that is one placeholder becomes the value, whatever its type; in a longer string the value is text. Values go into
-    parsed data, never into the text of YAML, and are not searched for placeholders themselves.
-
-    A value of None takes its key or item away, and with it what is empty then.
+    A string that is one placeholder becomes the value of any type. Values are inserted into parsed data and not searched again.
+    None removes its key or item, and containers that are empty then.
 
     Raises:
         KeyError: there is no such value.
@@ -53,10 +51,10 @@ _OTHER_BREAKS: Final = frozenset("\r\x85\u2028\u2029")
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writes text for readers of YAML 1.1 and 1.2, to which `1e3`, `0o17` or `y` may be numbers and truth values."""
+    """Dumper for readers of YAML 1.1 and 1.2, to which `1e3`, `0o17`, or `y` may not be text."""
 
     def ignore_aliases(self, data: Any) -> bool:
-        """Whether `data` is written again where it stands again: always."""
+        """True: repeated data are written again."""
         return True
 
 
@@ -70,7 +68,7 @@ _Dumper.add_representer(str, _text)
 
 
 def yaml_text(manifest: dict[str, Any]) -> str:
-    """`manifest` in its own order, in YAML that loads back equal."""
+    """Return `manifest` in its own order, in YAML that loads back equal."""
     return str(yaml.dump(manifest, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120))
 
 
@@ -78,9 +76,9 @@ OUT_FOLDER: Final = "./out"
 
 
 def compose_file(description: RunDescription) -> dict[str, Any]:
-    """The file as plain data. Its paths are relative to the campaign file's folder.
+    """Return the file of Docker Compose, with paths relative to the campaign file's folder.
 
-    As in a pod, the containers share network, `/dev/shm` and two folders, and the main one starts last.
+    As in a pod, the containers share network, `/dev/shm`, and two folders, and the main one starts last.
     """
     parts = template("templates/compose.yaml")
     containers = (*description.sidecars, description.main)
@@ -114,7 +112,7 @@ def _service(
 
 
 def _compose_literal(value: Any) -> Any:
-    """`value` with its dollars doubled: Compose takes a single one for a variable of its own."""
+    """Return `value` with doubled dollars, as Compose takes a single one for a variable."""
     if isinstance(value, dict):
         return {key: _compose_literal(inner) for key, inner in value.items()}
     if isinstance(value, list):
@@ -123,14 +121,14 @@ def _compose_literal(value: Any) -> Any:
 
 
 def pod_template(description: RunDescription) -> dict[str, Any]:
-    """A `PodTemplate`, whose `template` is what a Job takes, as plain data. Requests are what the file asks for."""
+    """Return a `PodTemplate`, whose `template` is for a Job."""
     values = {"name": description.name, "spec": pod_spec(description)}
     made: dict[str, Any] = filled(template("templates/pod.yaml")["pod_template"], values)
     return made
 
 
 def pod_spec(description: RunDescription) -> dict[str, Any]:
-    """The `PodSpec` of `pod_template`."""
+    """Return the `PodSpec` of `pod_template`."""
     parts = template("templates/pod.yaml")
     items = [{"key": key, "path": file} for key, file in config_map_keys(description).items()]
     config = {"config_map": config_map_name(description), "items": items}
@@ -148,12 +146,12 @@ def pod_spec(description: RunDescription) -> dict[str, Any]:
 
 
 def config_map_name(description: RunDescription) -> str:
-    """Name of the ConfigMap in which the pod looks for the run's files."""
+    """Return the name of the ConfigMap with the run's files."""
     return f"{description.name}-files"
 
 
 def config_map_keys(description: RunDescription) -> dict[str, str]:
-    """Key in the ConfigMap to file, as the campaign names it. Keys can't hold every character of a path."""
+    """Return key in the ConfigMap to file, as keys can't hold every character of a path."""
     names = [re.sub(r"[^-.\w]", "_", file.rpartition("/")[2], flags=re.ASCII) for file in description.files]
     return {f"{k}-{name}": file for k, (name, file) in enumerate(zip(names, description.files, strict=True))}
 
@@ -179,5 +177,5 @@ def _container(
 
 
 def _literal(text: str) -> str:
-    """`text` with its dollars doubled: Kubernetes replaces `$(NAME)` in commands and values, and `$$` by `$`."""
+    """Return `text` with doubled dollars, as Kubernetes replaces `$(NAME)` in commands and values."""
     return text.replace("$", "$$")

@@ -1,10 +1,16 @@
-"""Deployments of the flows that run a campaign and a shard of one, in the form of Prefect's `prefect.yaml`."""
+"""Deployments and work pools of Prefect: entries of `prefect.yaml`, base job templates, and a campaign's values for them.
+
+A flow run that a worker starts runs the whole campaign in one container of vastflow's own image. Containers that the campaign
+file asks for are its sidecars.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Any, Final
 
-from vastflow.tasks.execution.description import label_of
+from vastflow.tasks.prefect.containers import RunDescription, compose_memory, kubernetes_memory, label_of
+from vastflow.tasks.prefect.manifests import config_map_keys, config_map_name, pod_spec, template
 
 FLOW: Final = "campaign"
 ENTRYPOINT: Final = "vastflow.flows.campaign.campaign"
@@ -25,15 +31,13 @@ class Deployment:
     """A campaign that Prefect runs on request or by a schedule.
 
     Attributes:
-        name: Of the deployment.
-        campaign: The campaign's own name.
-        request: What is asked of the flow, as fields of `RunRequest`; what is left out has its defaults.
+        request: Fields of `RunRequest`; others have their defaults.
         pool: Name of the work pool.
         folder: Working directory on the worker's machine or in the image; relative parameters are below it.
         description: Markdown.
-        job_variables: What it sets of the pool's template.
+        job_variables: Values for the pool's template.
         cron: Five fields; None runs on request only.
-        timezone: IANA name in which `cron` counts.
+        timezone: IANA name for `cron`.
     """
 
     name: str
@@ -47,10 +51,7 @@ class Deployment:
     timezone: str = "UTC"
 
     def as_yaml(self) -> dict[str, Any]:
-        """An entry of `deployments` in a `prefect.yaml`, as plain data.
-
-        Of one deployment one flow run runs at a time and the others wait: two at once would compute the same.
-        """
+        """An entry of `deployments` in a `prefect.yaml`; its flow runs run one at a time."""
         schedules = [] if self.cron is None else [{"cron": self.cron, "timezone": self.timezone}]
         return {
             "name": self.name,
@@ -68,28 +69,23 @@ class Deployment:
 
 @dataclass(frozen=True, slots=True)
 class ShardDeployment:
-    """What makes the workers of a pool compute shards; a pool needs one, whatever the campaigns.
-
-    Attributes:
-        pool: Name of the work pool.
-        job_variables: What it sets of the pool's template; a campaign adds its own for each shard.
-    """
+    """The deployment by which workers of a pool compute shards of any campaign."""
 
     pool: str
     job_variables: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def path(self) -> str:
-        """Flow and deployment, as Prefect names them together."""
+        """Names of flow and deployment, as Prefect joins them."""
         return f"{FLOW}/{self.name}"
 
     @property
     def name(self) -> str:
-        """Of the deployment."""
+        """Name of the deployment."""
         return f"{self.pool}-shards"
 
     def as_yaml(self) -> dict[str, Any]:
-        """An entry of `deployments` in a `prefect.yaml`, as plain data. Workers need no folder: all is in the store."""
+        """An entry of `deployments` in a `prefect.yaml`; workers need no folder, as all is in the store."""
         return {
             "name": self.name,
             "description": "Computes shards of the campaigns that are run with this work pool. Nobody else has to run it.\n",
@@ -111,14 +107,14 @@ def description_of(
     shards_in: str | None = None,
     least: int | None = None,
 ) -> str:
-    """What a deployment's page says, in Markdown.
+    """Return a deployment's page in Markdown.
 
     Args:
         file: The campaign file, as the worker finds it.
-        runs: Of each configuration.
+        runs: Runs of each configuration, the maximum if `least` is given.
         about: The campaign file's own description.
         shards_in: Work pool whose workers compute the runs.
-        least: Runs after which a configuration may end, where they end by a rule; `runs` is the most then.
+        least: Runs after which a configuration may end by a rule.
     """
     each = f"{runs} run{'s'[: runs != 1]} of each configuration"
     if least is not None:
@@ -135,3 +131,61 @@ def description_of(
         "failed are in the report."
     )
     return "\n\n".join(filter(None, (about.strip(), does, where))) + "\n"
+
+
+class PoolType(StrEnum):
+    """Kinds of work pools, under Prefect's own names."""
+
+    process = "process"
+    docker = "docker"
+    kubernetes = "kubernetes"
+
+
+CONTAINER_POOLS: Final = (PoolType.docker, PoolType.kubernetes)
+"""Those whose base job template is ours."""
+
+NAME: Final = "vastflow"
+"""Of namespace, queue, secret and volume, where nobody says otherwise."""
+IMAGE: Final = "vastflow:latest"
+DATA: Final = "/data"
+"""Where containers keep results and store."""
+CPU: Final = 2
+"""Cores that are requested for a campaign whose file says nothing."""
+
+
+def base_job_template(kind: PoolType) -> dict[str, Any]:
+    """Return a pool's template: variables, which a deployment may set, and the job they go into.
+
+    Raises:
+        ValueError: a process pool; Prefect's own template is right for it.
+    """
+    if kind not in CONTAINER_POOLS:
+        raise ValueError(f"expected Prefect has the template of a process pool, got {kind.value!r}")
+    shipped: dict[str, Any] = template(f"pools/{kind.value}.json")
+    return shipped
+
+
+def job_variables(kind: PoolType, description: RunDescription) -> dict[str, Any]:
+    """Return a campaign's values for its pool's template; the image is only for sidecars."""
+    needs = description.main.needs
+    if kind is PoolType.docker:
+        return {} if needs.memory_bytes is None else {"mem_limit": compose_memory(needs.memory_bytes)}
+    if kind is PoolType.process:
+        return {}
+    items = [{"key": key, "path": file} for key, file in config_map_keys(description).items()]
+    sidecars = pod_spec(description).get("initContainers", [])
+    found = {
+        "cpu": None if needs.cpu is None else str(needs.cpu),
+        "memory": None if needs.memory_bytes is None else kubernetes_memory(needs.memory_bytes),
+        "gpu": str(needs.gpu) if needs.gpu else None,
+        "node_selector": dict(description.node_labels) or None,
+        "files": config_map_name(description) if items else None,
+        "file_items": items or None,
+        "sidecars": [_sidecar(container, description.user) for container in sidecars] or None,
+    }
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def _sidecar(container: dict[str, Any], user: int) -> dict[str, Any]:
+    own = {"runAsUser": user, "runAsNonRoot": user != 0}
+    return {**container, "securityContext": {**container.get("securityContext", {}), **own}}
