@@ -9,6 +9,7 @@ from uuid import uuid4
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.flows.flow_runs import pages
 from vastflow.flows.flow_runs.pages import (
@@ -74,21 +75,19 @@ def clock(monkeypatch):
     return clock
 
 
-def test_progress_is_one_artifact_that_is_updated_now_and_then(client, clock):
+def test_progress_is_one_artifact_updated_now_and_then_and_at_its_end(client, clock):
     bar = ProgressBar("x-progress", str(uuid4()))
     bar.show(0.0, "0 of 4")
     bar.show(0.25, "1 of 4")
     clock.now_s += 3.0
     bar.show(0.5, "2 of 4")
-    assert client.sent == [("create", "x-progress", 0.0, "0 of 4"), ("update", 50.0, "2 of 4")]
-
-
-def test_end_is_always_shown_and_only_once(client, clock):
-    bar = ProgressBar("x-progress", str(uuid4()))
-    bar.show(0.0, "0 of 4")
     bar.show(1.0, "4 of 4")
     bar.show(1.0, "4 of 4")
-    assert [sent[0] for sent in client.sent] == ["create", "update"]
+    assert client.sent == [
+        ("create", "x-progress", 0.0, "0 of 4"),
+        ("update", 50.0, "2 of 4"),
+        ("update", 100.0, "4 of 4"),
+    ]
 
 
 def told(client, *states, asked=(5, False)):
@@ -99,76 +98,60 @@ def told(client, *states, asked=(5, False)):
     return lines
 
 
-def test_flow_run_is_named_once_the_campaigns_size_is_known(client, clock):
-    lines = told(
-        client,
-        Progress("scanning"),
-        Progress("running", configurations_total=24, runs_total=120, reused=20, runs_done=20, passed=20),
-        Progress("running", configurations_total=24, runs_total=120, reused=20, runs_done=60, passed=60),
+def running(configurations, runs, done=0, **more):
+    return Progress(
+        "running", configurations_total=configurations, runs_total=runs, runs_done=done, passed=done, **more
     )
-    assert [sent for sent in client.sent if sent[0] == "rename"] == [
-        ("rename", "Two rooms, 24 configurations × 5 runs")
-    ]
-    assert lines[0] == "24 configurations × 5 runs; 20 runs are in the store"
-    assert client.sent[1][1] == "two-rooms-progress"
 
 
-def test_flow_run_is_named_anew_when_a_search_has_come_to_more_configurations(client, clock):
-    lines = told(
-        client,
-        Progress("running", configurations_total=4, runs_total=12, runs_done=3, passed=3),
-        Progress("running", configurations_total=4, runs_total=12, runs_done=12, passed=12),
-        Progress("running", configurations_total=8, runs_total=24, runs_done=12, passed=12),
-        asked=(3, False),
-    )
-    names = [sent[1] for sent in client.sent if sent[0] == "rename"]
-    assert names == ["Two rooms, 4 configurations × 3 runs", "Two rooms, 8 configurations × 3 runs"]
+@each_row(
+    ("states", "asked", "names"),
+    [
+        (
+            [Progress("scanning"), running(24, 120, 20), running(24, 120, 60)],
+            (5, False),
+            ["Two rooms, 24 configurations × 5 runs"],
+        ),
+        (
+            [running(4, 12, 3), running(4, 12, 12), running(8, 24, 12)],  # a search
+            (3, False),
+            ["Two rooms, 4 configurations × 3 runs", "Two rooms, 8 configurations × 3 runs"],
+        ),
+        ([running(24, 222, 222)], (20, True), ["Two rooms, 24 configurations, at most 480 runs"]),
+        ([running(24, 120)], None, []),
+    ],
+)
+def test_flow_run_is_named_by_size_unless_a_name_was_given(client, clock, states, asked, names):
+    client.sent.clear()
+    lines = told(client, *states, asked=asked)
+    assert [sent[1] for sent in client.sent if sent[0] == "rename"] == names
     assert sum("configurations" in line for line in lines) == 1
 
 
-def test_flow_run_is_named_after_the_runs_asked_for_and_not_those_that_were_done(client, clock):
-    told(client, Progress("running", configurations_total=24, runs_total=222, runs_done=222), asked=(20, True))
-    assert client.sent[0] == ("rename", "Two rooms, 24 configurations, at most 480 runs")
-
-
-def test_name_that_was_given_is_kept(client, clock):
-    told(client, Progress("running", configurations_total=24, runs_total=120), asked=None)
-    assert "rename" not in [sent[0] for sent in client.sent]
-
-
 def test_log_has_a_line_for_a_phase_and_none_for_a_run(client, clock):
-    running = [
-        Progress("running", configurations_total=1000, runs_total=100_000, runs_done=done, passed=done)
-        for done in range(0, 100_001, 100)
-    ]
-    lines = told(client, Progress("instantiating"), *running, Progress("reporting", runs_total=100_000))
+    states = [running(1000, 100_000, done) for done in range(0, 100_001, 100)]
+    lines = told(client, Progress("instantiating"), *states, Progress("reporting", runs_total=100_000))
     assert len(lines) == 4
     assert lines[-1] == "writing the report"
 
 
-def test_api_that_refuses_is_said_once_and_left_alone_for_half_a_minute(client, clock, caplog):
-    client.error = RuntimeError("gone")
-    with caplog.at_level(logging.WARNING, "vastflow.artifacts"):
-        lines = told(
-            client, *(Progress("running", runs_total=4, configurations_total=2, runs_done=k) for k in range(5))
-        )
-    assert len(client.sent) == 1
-    assert [record.getMessage() for record in caplog.records] == [
-        "Prefect does not show the campaign's progress or results: gone"
-    ]
-    assert lines[0] == "2 configurations × 2 runs; 0 runs are in the store"
-
-
-def test_page_is_shown_again_when_its_server_is_back(client, clock):
+def test_api_that_refuses_is_left_alone_for_a_while_and_then_asked_again(client, clock, caplog):
     lines = []
     page = Page("Two rooms", str(uuid4()), lines.append, (2, False))
     client.error = RuntimeError("gone")
-    page.update(Progress("running", runs_total=4, configurations_total=2))
+    with caplog.at_level(logging.WARNING, "vastflow.artifacts"):
+        for done in range(4):
+            page.update(running(2, 4, done, reused=1))
+    refusal = "Prefect does not show the campaign's progress or results: gone"
+    assert [record.getMessage() for record in caplog.records] == [refusal]
     client.error = None
     clock.now_s += QUIET_S
-    page.update(Progress("running", runs_total=4, configurations_total=2, runs_done=3, passed=3))
+    page.update(running(2, 4, 3, reused=1))
     assert [sent[0] for sent in client.sent] == ["rename", "rename", "create"]
-    assert sum("2 configurations × 2 runs" in line for line in lines) == 1
+    assert client.sent[-1][1] == "two-rooms-progress"
+    assert [line for line in lines if "configurations" in line] == [
+        "2 configurations × 2 runs; 1 runs are in the store"
+    ]
 
 
 @pytest.fixture
@@ -190,9 +173,7 @@ def test_results_and_report_are_shown_on_the_page(client, finished):
     assert about == f"**Two rooms**, {outcome}"
     assert (link, text) == ("two-rooms-report", f"[report.html]({Path('results/x-1/report.html').resolve().as_uri()})")
     assert {str(flow_run_id) for flow_run_id in client.flow_runs} == {FLOW_RUN}
-
-
-def test_link_to_the_report_goes_to_where_results_are_served(client, finished):
+    client.sent.clear()
     publish(finished, "x", "https://lab.example/results/")
     assert client.sent[1][2] == "[report.html](https://lab.example/results/x-1/report.html)"
 
@@ -208,24 +189,26 @@ def test_interruption_is_not_tolerated():
         raise KeyboardInterrupt("now")
 
 
-def test_one_is_not_many():
-    assert (size_text(1, 1), size_text(2, 10), size_text(0, 0)) == (
-        "1 configuration × 1 run",
-        "2 configurations × 5 runs",
-        "0 configurations × 0 runs",
-    )
-
-
-def test_different_numbers_of_runs_are_counted_together():
-    assert size_text(4, 58) == "4 configurations, 58 runs"
-    assert size_text(4, 80, at_most=True) == "4 configurations, at most 80 runs"
-    progress = Progress("running", runs_total=80, runs_done=6, passed=6, at_most=True)
-    assert progress_text(progress).startswith("6 of at most 80 runs done")
-
-
-def test_progress_in_words():
-    progress = Progress("running", runs_total=8, runs_done=6, passed=3, failed=2, not_judged=1)
-    assert progress_text(progress) == "6 of 8 runs done; 3 passed, 2 failed, 1 not judged"
+@each_row(
+    ("said", "text"),
+    [
+        (size_text(1, 1), "1 configuration × 1 run"),
+        (size_text(2, 10), "2 configurations × 5 runs"),
+        (size_text(0, 0), "0 configurations × 0 runs"),
+        (size_text(4, 58), "4 configurations, 58 runs"),
+        (size_text(4, 80, at_most=True), "4 configurations, at most 80 runs"),
+        (
+            progress_text(Progress("running", runs_total=80, runs_done=6, passed=6, at_most=True)),
+            "6 of at most 80 runs done; 6 passed, 0 failed, 0 not judged",
+        ),
+        (
+            progress_text(Progress("running", runs_total=8, runs_done=6, passed=3, failed=2, not_judged=1)),
+            "6 of 8 runs done; 3 passed, 2 failed, 1 not judged",
+        ),
+    ],
+)
+def test_size_and_progress_in_words(said, text):
+    assert said == text
 
 
 @given(st.text())

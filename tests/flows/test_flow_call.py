@@ -1,9 +1,9 @@
 """A flow whose API of Prefect's fails it: begun again where the API is embedded, told where it is the user's."""
 
 import pickle
-import re
 
 import pytest
+from table import each_row
 
 from vastflow.flows.flow_runs import flow_call
 from vastflow.flows.flow_runs.flow_call import FLOWS, FlowCall
@@ -64,28 +64,26 @@ class Flow:
         return Completed()
 
 
-def test_flow_that_its_embedded_api_fails_is_begun_again(made):
-    flow = Flow(FLOWS - 1)
-    made.run(flow)
-    assert flow.begun == FLOWS
+EMBEDDED = "Prefect's embedded API failed (Failed to reach API); see {log}"
+CONFIGURED = "Prefect's API at http://lab:4200/api failed (Failed to reach API); start it (`prefect server start`), "
 
 
-def test_embedded_api_that_fails_again_and_again_is_told_with_the_log(made, tmp_path):
-    flow = Flow(FLOWS)
-    words = f"Prefect's embedded API failed (Failed to reach API); see {tmp_path / 'log'}"
-    with pytest.raises(PrefectUnavailable, match=f"^{re.escape(words)}$"):
+@each_row(
+    ("failures", "configured", "begun", "words"),
+    [
+        (FLOWS - 1, None, FLOWS, None),
+        (FLOWS, None, FLOWS, EMBEDDED),
+        (1, "http://lab:4200/api", 1, f"{CONFIGURED}or unset PREFECT_API_URL"),
+    ],
+)
+def test_flow_is_begun_again_at_an_embedded_api_only(made, monkeypatch, failures, configured, begun, words):
+    monkeypatch.setattr(flow_call, "configured_url", lambda: configured)
+    flow, said = Flow(failures), None
+    try:
         made.run(flow)
-    assert flow.begun == FLOWS
-
-
-def test_api_of_the_users_that_fails_is_told_with_its_address_at_once(made, monkeypatch):
-    monkeypatch.setattr(flow_call, "configured_url", lambda: "http://lab:4200/api")
-    flow = Flow(1)
-    with pytest.raises(
-        PrefectUnavailable, match=r"^Prefect's API at http://lab:4200/api failed \(Failed to reach API\); start it"
-    ):
-        made.run(flow)
-    assert flow.begun == 1
+    except PrefectUnavailable as error:
+        said = str(error)
+    assert (said, flow.begun) == (words and words.format(log=made._log), begun)
 
 
 def test_with_a_server_configured_none_is_started_beside_it(tmp_path, monkeypatch):

@@ -9,6 +9,7 @@ import pytest
 from prefect.client.schemas.objects import FlowRun
 from prefect.exceptions import ObjectNotFound, PrefectHTTPStatusError
 from prefect.states import Cancelling, Completed, Crashed, Failed, Pending, Running, Scheduled
+from table import each_row
 
 from vastflow.flows.campaign import campaign
 from vastflow.flows.pool import service as pool_service
@@ -165,34 +166,32 @@ def test_server_that_stays_away_is_said_at_once_and_then_given_up_and_named(monk
     ]
 
 
-def test_nobody_waits_for_a_server_when_the_campaign_was_ended(monkeypatch):
+@each_row(
+    ("ended", "error", "kind", "words"),
+    [
+        (True, httpx.ConnectError("refused"), PrefectUnavailable, "http://lab:4200/api"),
+        (False, refused(409), PrefectHTTPStatusError, "no"),
+    ],
+)
+def test_request_is_not_repeated_when_campaign_ended_or_server_refuses(monkeypatch, ended, error, kind, words):
     client = Client()
-    found = service(client, monkeypatch, ended=lambda: True)
-    client.away = [httpx.ConnectError("refused")] * 2
-    with pytest.raises(PrefectUnavailable):
+    found = service(client, monkeypatch, ended=lambda: ended)
+    client.away = [error] * 2
+    with pytest.raises(kind, match=words):
         found.seen({str(RUNS["a"])})
     assert len(client.away) == 1
 
 
-def test_what_the_server_refuses_is_not_repeated(monkeypatch):
-    client = Client()
-    found = service(client, monkeypatch)
-    client.away = [refused(409)] * 2
-    with pytest.raises(PrefectHTTPStatusError, match="no"):
-        found.seen({str(RUNS["a"])})
-    assert len(client.away) == 1
-
-
-def test_pool_that_is_not_there_is_said_with_the_nearest_name():
-    with pytest.raises(
-        UserError, match=r"--pool: no work pool 'lap'; did you mean 'lab'.*prefect work-pool create lap"
-    ):
-        pool_type(Asking(Client(), print), "lap")
-
-
-def test_pool_of_another_kind_is_refused():
-    with pytest.raises(UserError, match="--pool: the work pool 'lab' is of type 'ecs'; one of process, docker"):
-        pool_type(Asking(Client("ecs"), print), "lab")
+@each_row(
+    ("kind", "name", "words"),
+    [
+        ("process", "lap", r"--pool: no work pool 'lap'; did you mean 'lab'.*prefect work-pool create lap"),
+        ("ecs", "lab", "--pool: the work pool 'lab' is of type 'ecs'; one of process, docker"),
+    ],
+)
+def test_pool_that_is_missing_or_of_another_kind_is_refused(kind, name, words):
+    with pytest.raises(UserError, match=words):
+        pool_type(Asking(Client(kind), print), name)
 
 
 def test_what_was_cancelled_as_it_ended_by_itself_is_ended_by_the_next_campaign(monkeypatch):

@@ -21,7 +21,7 @@ from vastflow.oracles.observation.trace import NOWHERE_MM
 from vastflow.oracles.page.report import write_report
 from vastflow.oracles.results.tables import read_tables
 from vastflow.producers.instantiation.instantiate import instantiate
-from vastflow.sim.model.blocks import read_block, read_recordings, read_rows, write_block, write_recordings
+from vastflow.sim.model.blocks import read_block, read_recordings, write_block, write_recordings
 from vastflow.sim.model.recording import Event, Recording, Run
 from vastflow.sim.world.map_file import load_map
 from vastflow.tasks.engine.engine import RunFault
@@ -79,9 +79,8 @@ def test_file_has_the_same_bytes_however_the_runs_were_blocked(blocking):
     assert one_block(blocks_of(*blocking), 5) == write_recordings([recording(k) for k in range(5)])
 
 
-def test_block_without_a_run_that_was_asked_for_gives_no_file():
-    assert one_block(blocks_of(range(5, 8)), 5) == b""
-    assert one_block([], 5) == b""
+def test_block_without_wanted_runs_gives_no_file():
+    assert (one_block(blocks_of(range(5, 8)), 5), one_block([], 5)) == (b"", b"")
 
 
 def test_traces_of_runs_that_met_other_classes_of_obstacles_become_one_block():
@@ -91,11 +90,6 @@ def test_traces_of_runs_that_met_other_classes_of_obstacles_become_one_block():
     (_, first), (_, second) = read_block(one_block([without, having], 2))
     assert first["separation_mm/box"].tolist() == far.tolist()
     assert second["separation_mm/box"].tolist() == near.tolist()
-
-
-def test_rows_of_a_block_are_read_without_its_columns():
-    (block,) = blocks_of(range(2))
-    assert [row["run_index"] for row in read_rows(block)] == [0, 1]
 
 
 def test_every_run_has_a_verdict_of_every_oracle_and_what_broke_says_why():
@@ -113,45 +107,29 @@ def test_every_run_has_a_verdict_of_every_oracle_and_what_broke_says_why():
     ]
 
 
-def test_directory_holds_what_was_asked_and_what_was_found(small_room, tmp_path):
-    results = written(small_room, tmp_path / "results", lambda configuration: found_of(range(2)))
-    directory = results.directory
-    assert directory == tmp_path / "results/small-room-2026-11-21-060504"
-    assert sorted(p.relative_to(directory).as_posix() for p in directory.rglob("*.*")) == [
-        "campaign.vast",
-        "configurations.parquet",
-        "coverage.json",
-        f"environments/{load_map(small_room.with_name('room.yaml')).digest}/map.pgm",
-        f"environments/{load_map(small_room.with_name('room.yaml')).digest}/map.yaml",
-        "exclusions.parquet",
-        "inputs/room.pgm",
-        "inputs/room.yaml",
-        "metadata.json",
-        "recordings/room-1.parquet",
-        "recordings/room-2.parquet",
-        "rejections.parquet",
-        "runs.parquet",
-        "traces/room-1.parquet",
-        "traces/room-2.parquet",
-        "verdicts.parquet",
-    ]
-    assert (directory / "campaign.vast").read_bytes() == small_room.read_bytes()
+def whole(configuration):
+    return found_of(range(2))
 
 
 def test_directory_is_complete_when_the_campaigns_files_are_gone(small_room, tmp_path):
-    digest = load_map(small_room.with_name("room.yaml")).digest
-    directory = written(small_room, tmp_path / "results", lambda configuration: found_of(range(2))).directory
+    digest, campaign = load_map(small_room.with_name("room.yaml")).digest, small_room.read_bytes()
+    directory = written(small_room, tmp_path / "results", whole).directory
     shutil.rmtree(small_room.parent)
-    tables = read_tables(directory)
-    assert tables.configurations.environments == [digest, digest]
+    assert directory == tmp_path / "results/small-room-2026-11-21-060504"
+    tables = ["configurations", "exclusions", "rejections", "runs", "verdicts"]
+    runs = [f"{folder}/room-{k}.parquet" for folder in ("recordings", "traces") for k in (1, 2)]
+    maps = [f"environments/{digest}/map.{kind}" for kind in ("pgm", "yaml")]
+    files = ["campaign.vast", "coverage.json", "inputs/room.pgm", "inputs/room.yaml", "metadata.json"]
+    assert sorted(p.relative_to(directory).as_posix() for p in directory.rglob("*.*")) == sorted(
+        [*files, *maps, *runs, *(f"{name}.parquet" for name in tables)]
+    )
+    assert (directory / "campaign.vast").read_bytes() == campaign
+    found = read_tables(directory)
+    assert found.configurations.environments == [digest, digest]
     assert load_map(directory / "environments" / digest / "map.yaml").digest == digest
     assert len(read_recordings((directory / "recordings/room-1.parquet").read_bytes())) == 2
-    assert [(row["configuration"], row["run_index"], row["contacts"]) for row in tables.runs.to_pylist()] == [
-        ("room-1", 0, 1),
-        ("room-1", 1, 1),
-        ("room-2", 0, 1),
-        ("room-2", 1, 1),
-    ]
+    rows = [(row["configuration"], row["run_index"], row["contacts"]) for row in found.runs.to_pylist()]
+    assert rows == [(name, k, 1) for name in ("room-1", "room-2") for k in (0, 1)]
 
 
 def test_what_was_asked_is_kept_as_it_was_when_the_campaign_was_read(small_room, tmp_path):
@@ -198,10 +176,10 @@ def test_metadata_has_the_summary_and_our_own_faults(small_room, tmp_path):
     fault = RunFault("room-1", 1, "execute", "MemoryError: 3 GB")
 
     def found(configuration):
-        whole = found_of(range(2))
+        both = found_of(range(2))
         if configuration.name == "room-2":
-            return whole
-        return ConfigurationResult(blocks_of([0]), blocks_of([0]), whole.verdicts[:1], [fault])
+            return both
+        return ConfigurationResult(blocks_of([0]), blocks_of([0]), both.verdicts[:1], [fault])
 
     results = written(small_room, tmp_path, found)
     metadata = json.loads((results.directory / "metadata.json").read_text())
@@ -237,18 +215,10 @@ def test_report_is_made_before_the_directory_appears(small_room, tmp_path):
     def report(directory):
         assert read_tables(directory).metadata["counts"]["runs"] == 4
         seen.extend(p.name for p in tmp_path.glob("results/[!.]*"))
-        (directory / "report.html").write_text("r")
-
-    results = written(small_room, tmp_path / "results", lambda configuration: found_of(range(2)), report)
-    assert seen == [] and (results.directory / "report.html").exists()
-
-
-def test_report_that_breaks_costs_the_report_and_is_said(small_room, tmp_path):
-    def report(directory):
         raise RuntimeError("no font")
 
-    results = written(small_room, tmp_path, lambda configuration: found_of(range(2)), report)
-    assert results.faults == (RunFault("", None, "report", "RuntimeError: no font"),)
+    results = written(small_room, tmp_path / "results", whole, report)
+    assert seen == [] and results.faults == (RunFault("", None, "report", "RuntimeError: no font"),)
     assert json.loads((results.directory / "metadata.json").read_text())["faults"][0]["stage"] == "report"
 
 
@@ -262,7 +232,7 @@ def test_interrupt_leaves_no_directory(small_room, tmp_path):
 
 
 def test_two_directories_of_the_same_runs_hold_the_same_bytes(small_room, tmp_path):
-    one = written(small_room, tmp_path / "one", lambda configuration: found_of(range(2))).directory
+    one = written(small_room, tmp_path / "one", whole).directory
     other = written(
         small_room,
         tmp_path / "other",
@@ -281,7 +251,7 @@ def test_producer_beside_the_campaign_file_is_kept(small_room, tmp_path):
         "from vastflow.producers.catalog.parameter import ParameterVariationList\n\n\nclass Own(ParameterVariationList):\n    pass\n"
     )
     small_room.write_text(small_room.read_text().replace("ParameterVariationList", "own.py:Own"))
-    directory = written(small_room, tmp_path, lambda configuration: found_of(range(2))).directory
+    directory = written(small_room, tmp_path, whole).directory
     assert (directory / "inputs/own.py").read_text().startswith("from vastflow")
 
 
@@ -290,6 +260,6 @@ def test_map_from_elsewhere_is_kept_with_its_picture(small_room, tmp_path):
     path = tmp_path / "c" / "room.vast"
     path.parent.mkdir()
     path.write_text((tmp_path / "maps/room.vast").read_text().replace("room.yaml", "../maps/room.yaml"))
-    directory = written(path, tmp_path / "results", lambda configuration: found_of(range(2))).directory
+    directory = written(path, tmp_path / "results", whole).directory
     (kept,) = (directory / "inputs").glob("*/room.yaml")
     assert load_map(kept).digest == load_map(tmp_path / "maps/room.yaml").digest
