@@ -81,7 +81,9 @@ def explained(directory: Path, name: str, *, store: str | None = None, since: Pa
     past = past_of(directory)
     if name not in past.by_name:
         names = tuple(past.by_name)
-        raise UnusableDirectory(f"{directory}: no configuration {name!r}; {did_you_mean(name, names)}")
+        raise UnusableDirectory(
+            f"{directory}: expected the name of a configuration, got {name!r}; {did_you_mean(name, names)}"
+        )
     row = past.by_name[name]
     metadata = past.metadata
     earlier = newest_past(directory.parent, metadata["name"], metadata["created"]) if since is None else past_of(since)

@@ -58,7 +58,7 @@ class Service(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class Attempt:
     """Configurations that go to a worker together.
 
     Attributes:
@@ -73,15 +73,15 @@ class Part:
 
 @dataclass(slots=True)
 class _Run:
-    """A part that is somewhere under way.
+    """An attempt under way.
 
     Attributes:
         sign: Its last sign of life, at `beaten_s`.
-        told: How many parts of its report were read, at `listened_s`.
+        told: How many messages of its report were read, at `listened_s`.
         whole: Whether these are all.
     """
 
-    part: Part
+    attempt: Attempt
     name: str
     sign: tuple[str, str] = ("", "")
     beaten_s: float = field(default_factory=time.monotonic)
@@ -126,7 +126,7 @@ class Driver:
         self._idle_s = idle_s
         self._silent_s = silent_s
         self._taken_s = taken_s
-        self._waiting: deque[Part] = deque()
+        self._waiting: deque[Attempt] = deque()
         self._open: dict[str, _Run] = {}
         self._known: dict[str, frozenset[int]] = {}
         self._wanted: dict[str, int] = {}
@@ -155,7 +155,7 @@ class Driver:
             known, before = self._known.get(configuration.name, frozenset()), self._wanted.get(configuration.name, 0)
             self._known[configuration.name] = known | frozenset(range(before, configuration.runs)) - absent
             self._wanted[configuration.name] = configuration.runs
-        self._waiting.extend(self._parts(self._incomplete(configurations)))
+        self._waiting.extend(self._attempts(self._incomplete(configurations)))
         self._shards += len(self._waiting)
         try:
             self._drive(show)
@@ -163,17 +163,13 @@ class Driver:
             with suppress(Exception):  # whatever ended the campaign is what the user has to hear of
                 self._service.cancel(self._open)
 
-    def _parts(self, configurations: Sequence[ConfigurationRuns]) -> list[Part]:
-        runs = sum(
-            len(missing(self._index.blocks(configuration), configuration.runs)) for configuration in configurations
-        )
+    def _attempts(self, configurations: Sequence[ConfigurationRuns]) -> list[Attempt]:
+        if not configurations:
+            return []
+        runs = sum(len(missing(self._index.blocks(each), each.runs)) for each in configurations)
         count = shard_count(self._pool, len(configurations), max(runs, len(configurations)))
-        parts = (
-            shard_ranges([configuration.scenario.digest for configuration in configurations], count)
-            if configurations
-            else []
-        )
-        return [Part(tuple(configurations[i] for i in part)) for part in parts]
+        ranges = shard_ranges([each.scenario.digest for each in configurations], count)
+        return [Attempt(tuple(configurations[i] for i in chosen)) for chosen in ranges]
 
     def _drive(self, show: Callable[[int, int], None]) -> None:
         lively_s, told = time.monotonic(), False
@@ -193,9 +189,9 @@ class Driver:
             self._land(seen)
             show(self._shards - len(self._open) - len(self._waiting), self._shards)
 
-    def _submit(self, part: Part) -> None:
-        name = str(Shard(part.configurations)) + (f", try {part.failed + 1}" if part.failed else "")
-        self._open[self._service.submit(self._packed(part.configurations), name)] = _Run(part, name)
+    def _submit(self, attempt: Attempt) -> None:
+        name = str(Shard(attempt.configurations)) + (f", try {attempt.failed + 1}" if attempt.failed else "")
+        self._open[self._service.submit(self._packed(attempt.configurations), name)] = _Run(attempt, name)
 
     def _pause(self) -> None:
         until_s = time.monotonic() + self._poll_s
@@ -243,19 +239,15 @@ class Driver:
 
     def _take(self, run: _Run, found: Seen) -> None:
         broken = self._engine.broken
-        incomplete = [
-            configuration
-            for configuration in self._incomplete(run.part.configurations)
-            if configuration.name not in broken
-        ]
-        if len(incomplete) < len(run.part.configurations):
+        incomplete = [each for each in self._incomplete(run.attempt.configurations) if each.name not in broken]
+        if len(incomplete) < len(run.attempt.configurations):
             self._in_vain = 0
         if not incomplete:
             return
         if found.state == "Cancelled":
             self._give_up(incomplete, "its flow run was cancelled")
             return
-        failed = run.part.failed + 1
+        failed = run.attempt.failed + 1
         if failed >= TRIES and found.state in (OTHER_CODE, STORE_AWAY):
             if found.state == STORE_AWAY:
                 raise StoreError(f"store: a worker of the work pool {self._pool.name!r} can't use it: {found.message}")
@@ -263,33 +255,30 @@ class Driver:
         ended = f"{found.state}: {found.message}" if found.message else found.state
         if failed < TRIES:
             self._say(f"{run.name} will be tried again: {ended}")
-            self._again(Part(tuple(incomplete), failed))
+            self._again(Attempt(tuple(incomplete), failed))
         elif len(incomplete) > 1:
-            self._in_vain += run.part.cut
+            self._in_vain += run.attempt.cut
             if self._in_vain == MOST_IN_VAIN:
                 raise WorkersFailed(
                     f"workers of the work pool {self._pool.name!r} fail whatever they are given, at last with {ended}"
                 )
             self._say(f"{run.name} failed {failed} times and is cut in two: {ended}")
             half = len(incomplete) // 2
-            for part in (incomplete[:half], incomplete[half:]):
-                self._again(Part(tuple(part), TRIES - 1, cut=True))
+            for some in (incomplete[:half], incomplete[half:]):
+                self._again(Attempt(tuple(some), TRIES - 1, cut=True))
         else:
             self._give_up(incomplete, f"its worker's process ended each time, at last with it alone; {ended}")
 
-    def _again(self, part: Part) -> None:
-        self._waiting.append(part)
+    def _again(self, attempt: Attempt) -> None:
+        self._waiting.append(attempt)
         self._shards += 1
 
     def _give_up(self, configurations: Sequence[ConfigurationRuns], why: str) -> None:
-        self._engine.add_faults(
-            [RunFault(configuration.name, None, "execute", why) for configuration in configurations]
-        )
-        for configuration in configurations:
-            judged = {
-                run for each in self._index.stored(configuration) if each.verdicts for run in judgements(each.verdicts)
-            }
-            self._tally.judge(configuration.name, dict.fromkeys(set(range(configuration.runs)) - judged, "not judged"))
+        self._engine.add_faults([RunFault(each.name, None, "execute", why) for each in configurations])
+        for each in configurations:
+            verdicts = [stored.verdicts for stored in self._index.stored(each) if stored.verdicts]
+            judged = {run for artifact in verdicts for run in judgements(artifact)}
+            self._tally.judge(each.name, dict.fromkeys(set(range(each.runs)) - judged, "not judged"))
 
     def _listen(self, flow_run: str, run: _Run) -> None:
         """Count what a flow run has told of since."""
@@ -300,7 +289,7 @@ class Driver:
             self._index.store.learn(news.artifacts)
             self._engine.add_faults(news.faults)
         if heard:
-            self._incomplete(run.part.configurations)
+            self._incomplete(run.attempt.configurations)
 
     def _incomplete(self, configurations: Sequence[ConfigurationRuns]) -> list[ConfigurationRuns]:
         """Configurations of which something is missing in the store; what is there is counted."""

@@ -116,7 +116,7 @@ def register_pool(client: SyncPrefectClient, name: str, kind: PoolType) -> bool:
         return True
     if pool.type != kind.value:
         raise UserError(
-            f"--pool: the work pool {name!r} is of type {pool.type!r}; name another, or give --type {pool.type}"
+            f"--pool: expected a work pool of type {kind.value!r}, got {name!r} of type {pool.type!r}; give --type {pool.type}"
         )
     if kind is not PoolType.process:
         client.update_work_pool(name, WorkPoolUpdate(base_job_template=pool_template(kind)))
@@ -134,7 +134,7 @@ def type_of_pool(client: SyncPrefectClient, name: str) -> PoolType | None:
     except ObjectNotFound:
         return None
     if found not in list(PoolType):
-        raise UserError(f"--pool: the work pool {name!r} is of type {found!r}; one of {', '.join(PoolType)}")
+        raise UserError(f"--pool: expected a work pool of type {', '.join(PoolType)}, got {name!r} of type {found!r}")
     return PoolType(found)
 
 
@@ -254,7 +254,7 @@ def pool_type(asking: Asking, pool: str) -> PoolType:
         names = [each.name for each in asking(asking.client.read_work_pools)]
         near = f"{did_you_mean(pool, names)}, or " if names else ""
         make = f"make it: prefect work-pool create {pool} --type process"
-        raise UserError(f"--pool: no work pool {pool!r}; {near}{make}")
+        raise UserError(f"--pool: expected an existing work pool, got {pool!r}; {near}{make}")
     return found
 
 

@@ -114,7 +114,7 @@ def called(request: Request) -> tuple[bool, str]:
     match found:
         case (bool() as done, message):
             return done, str(message)
-    raise TypeError(f"it returned {found!r:.80}; (done, message), such as (True, 'wrote 3 files')")
+    raise TypeError(f"expected (done, message), such as (True, 'wrote 3 files'), got {found!r:.80}")
 
 
 def main() -> None:

@@ -106,7 +106,7 @@ def request_of(campaign: "str | os.PathLike[str] | RunRequest", options: Mapping
         TypeError: there is no such option.
     """
     if unknown := sorted(options.keys() - set(NAMES)):
-        raise TypeError(f"no option {unknown[0]!r}; those there are: {', '.join(NAMES)}")
+        raise TypeError(f"expected an option of {', '.join(NAMES)}, got {unknown[0]!r}")
     if isinstance(pool := options.get("pool"), WorkPool):
         options = {**options, "pool": pool.name, "shards": pool.shards, "pool_wait_s": pool.wait_s}
     try:

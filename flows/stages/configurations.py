@@ -68,7 +68,7 @@ class Configurations:
             UserError: there is none.
         """
         if name not in self._named:
-            raise UserError(f"no configuration {name!r}; {did_you_mean(name, self._named)}")
+            raise UserError(f"expected the name of a configuration, got {name!r}; {did_you_mean(name, self._named)}")
         return self._named[name]
 
     def executed_as(self, name: str) -> Configuration:

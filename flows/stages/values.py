@@ -201,7 +201,7 @@ class Verdicts(StageResult):
             Lost: as `of`.
         """
         if oracle is not None and oracle not in self.oracles:
-            raise ValueError(f"no oracle {oracle!r}; those that judged: {', '.join(self.oracles)}")
+            raise ValueError(f"expected an oracle that judged, {', '.join(self.oracles)}, got {oracle!r}")
         counts = {}
         for name in self.blocks:
             said: dict[int, list[Verdict]] = {}

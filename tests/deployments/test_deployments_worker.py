@@ -144,7 +144,7 @@ def test_deploying_again_changes_the_same_deployment(api, place, deployed, monke
 def test_pool_of_another_type_is_not_taken(api, place, deployed, monkeypatch):
     monkeypatch.chdir(place)
     said = refused("deploy", "tiny.vast", "--pool", "lab", "--type", "docker")
-    assert said == "--pool: the work pool 'lab' is of type 'process'; name another, or give --type process"
+    assert said == "--pool: expected a work pool of type 'docker', got 'lab' of type 'process'; give --type process"
 
 
 def test_parameters_that_make_no_sense_are_refused_before_they_run(api, deployed):

@@ -201,8 +201,8 @@ def test_explain_prints_text_and_json(place):
 def test_explain_refuses_wrong_arguments(place, tmp_path):
     directory = place.run()
     for arguments, words in [
-        ((directory, "room-3"), "no configuration 'room-3'; did you mean 'room-"),
-        ((directory, "x"), "no configuration 'x'; known: room-1, room-2"),
+        ((directory, "room-3"), "expected the name of a configuration, got 'room-3'; did you mean 'room-"),
+        ((directory, "x"), "got 'x'; known: room-1, room-2"),
         ((tmp_path / "nowhere", "room-1"), "no such folder"),
         ((place.path, "room-1"), "expected a campaign directory to explain CONFIGURATION, got a file"),
         ((place.results, "room-1"), "holds 1 campaign directories"),

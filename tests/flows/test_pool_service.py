@@ -185,8 +185,12 @@ def test_request_is_not_repeated_when_campaign_ended_or_server_refuses(monkeypat
 @each_row(
     ("kind", "name", "words"),
     [
-        ("process", "lap", r"--pool: no work pool 'lap'; did you mean 'lab'.*prefect work-pool create lap"),
-        ("ecs", "lab", "--pool: the work pool 'lab' is of type 'ecs'; one of process, docker"),
+        (
+            "process",
+            "lap",
+            r"--pool: expected an existing work pool, got 'lap'; did you mean 'lab'.*prefect work-pool create lap",
+        ),
+        ("ecs", "lab", r"--pool: expected a work pool of type process, docker.*, got 'lab' of type 'ecs'"),
     ],
 )
 def test_pool_that_is_missing_or_of_another_kind_is_refused(kind, name, words):

@@ -155,7 +155,7 @@ def test_command_gets_its_arguments_and_the_copy_with_what_steps_before_it_made(
         ("measure/plug.py:Refuses", "nothing to do"),
         ("measure/plug.py:Leaves", "its process ended with code 0 without an answer: about to leave"),
         ("measure/plug.py:Exits", "its process ended with code 0 without an answer"),
-        ("measure/plug.py:Forgets", "TypeError: it returned None; (done, message), such as (True, 'wrote 3 files')"),
+        ("measure/plug.py:Forgets", "TypeError: expected (done, message), such as (True, 'wrote 3 files'), got None"),
         ({"measure/plug.py:Raises": {"speed": 1}}, "TypeError: Raises.__call__() got an unexpected keyword"),
         ("measure/gone.py:Raises", "got 'measure/gone.py:Raises', and there is no such file"),
         ("measure/plug.py:Gone", "no class 'Gone' in measure/plug.py"),

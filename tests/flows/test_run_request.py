@@ -57,5 +57,5 @@ def test_option_out_of_bounds_is_told_with_what_was_found(options, words):
 
 
 def test_option_that_there_is_not_is_told_with_those_there_are():
-    with pytest.raises(TypeError, match="no option 'run'; those there are: runs, results, store"):
+    with pytest.raises(TypeError, match=r"expected an option of runs, results, store.*, got 'run'"):
         request_of("x.vast", {"run": 2})

@@ -131,7 +131,7 @@ def test_instantiating_gives_configurations_by_name_and_executes_nothing(place, 
 
 
 def test_unknown_configuration_is_answered_with_the_nearest(configurations):
-    with pytest.raises(UserError, match="no configuration 'left-1-3'; did you mean 'left-1-"):
+    with pytest.raises(UserError, match="expected the name of a configuration, got 'left-1-3'; did you mean 'left-1-"):
         configurations["left-1-3"]
 
 
@@ -172,7 +172,7 @@ def test_verdicts_are_those_of_the_files_oracles(verdicts):
 
 
 def test_oracle_that_did_not_judge_has_no_counts(verdicts):
-    with pytest.raises(ValueError, match=r"no oracle .safety.; those that judged: success, own\.py:Even"):
+    with pytest.raises(ValueError, match=r"expected an oracle that judged, success, own\.py:Even, got 'safety'"):
         verdicts.counts("safety")
 
 
@@ -191,7 +191,7 @@ def test_more_runs_of_one_family_compute_the_difference(place, configurations, v
     more = execute(configurations, runs=3, only="right", workers=2)
     assert (more.names, len(more.of("right-1-1"))) == (("right-1-1",), 3)
     assert count(place, "execute") == before + 1
-    with pytest.raises(UserError, match="no configuration 'left-1-1'"):
+    with pytest.raises(UserError, match="got 'left-1-1'"):
         more.of("left-1-1")
 
 

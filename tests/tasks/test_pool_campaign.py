@@ -345,7 +345,7 @@ def test_ctrl_c_cancels_the_shards_and_says_how_to_go_on(api, worker, programs, 
 
 def test_api_and_a_pool_have_to_be_there(api, programs, tmp_path, monkeypatch):
     file = programs("well")
-    with pytest.raises(UserError, match="no work pool 'lap'; did you mean 'lab'"):
+    with pytest.raises(UserError, match="expected an existing work pool, got 'lap'; did you mean 'lab'"):
         run_campaign(file, results=tmp_path, store=tmp_path / "store", pool="lap")
     with temporary_settings({"api.url": None}):
         result = CliRunner().invoke(
