@@ -1,6 +1,7 @@
 """Plans that do what published ones do are read and built."""
 
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -40,137 +41,8 @@ DIGESTS = {
 }
 """Of what is solid and of the map, as they were before openings were cut to their walls."""
 
-CLINIC = """\
-// A draft's order: variables first, defaults at the end; `spaced` and `walls:` indented like their space.
-Floor plan : clinic
-
-    var aisle = 2.0 m
-    var lobby_turn = 45.0 deg
-    var into_the_room = 0.3 m
-    var none = 0.0 m
-
-    Space lobby :
-        shape: Polygon points:[
-            (-5.0 m, 4.0 m), (5.0 m, 4.0 m), (5.0 m, -2.0 m), (3.0 m, -4.0 m), (-3.0 m, -4.0 m), (-5.0 m, -2.0 m)
-        ]
-        location:
-            translation: x: 8.0 m, y: 4.0 m
-            rotation: z: lobby_turn
-            wrt: world
-            of: this
-        walls :
-            thickness: 0.40 m
-            height: 3.0 m
-        features:
-            Column left:
-                shape: Rectangle width=0.5 m, length=0.5 m
-                height: 3.0 m
-                location:
-                    wrt: this
-                    translation: x: -2.0 m, y: none, z: 0.0 m
-                    rotation: z: -lobby_turn
-            Column round:
-                shape: Circle radius=0.25 m
-                height: 3.0 m
-                location:
-                    translation: x: 2.0 m
-                    wrt: this
-            Divider counter:
-                shape: Polygon points:[(-1.0 m, 0.1 m), (1.0 m, 0.1 m), (1.0 m, -0.1 m), (-1.0 m, -0.1 m)]
-                height: 1.1 m
-                location:
-                    wrt: this.walls[3]
-                    translation: y: -into_the_room
-
-    Space ward:
-        shape: Rectangle width=4.0 m, length=10.0 m
-        location:
-            wrt: lobby.walls[0]
-            of: this.walls[2]
-            translation: x: 1.0 m
-        spaced
-        features:
-            Column buttress:
-                shape: Rectangle width=0.4 m, length=0.4 m
-                height: 2.5 m
-                location:
-                    wrt: this.walls[3]
-                    translation: x: 1.0 m, y: 0.0 m
-                    rotation: z: 0.0 deg
-
-    Space store:
-        shape: Rectangle width=3.0 m, length=2.0 m
-        location:
-            wrt: ward.walls[1]
-            of: this.walls[3]
-            translation: x: none, y: 0.5 m
-            rotation: x: 0.0 deg, y: 0.0 deg, z: 0.0 deg
-        walls:
-            thickness: 0.5 m
-
-    Space court:
-        shape: Circle radius=3.0 m
-        location:
-            wrt: ward
-            of: this
-            translation: x: -12.0 m
-            not aligned
-
-    Divider bench:
-        shape: Rectangle width=1.5 m, length=0.4 m
-        height: 0.5 m
-        location:
-            wrt: court
-
-    Entryway main:
-        shape: Rectangle width=2.5 m, height=2.0 m
-        location:
-            in: lobby.walls[3]
-
-    Entryway lobby_ward:
-        shape: Rectangle width=aisle, height=2.0 m
-        location:
-            in: ward.walls[2] and lobby.walls[0]
-            translation: x: 0.0 m, y: 0.0 m, z: 1.0 m
-            rotation: y: 0.0 deg
-
-    Entryway whole_wall:
-        shape: Rectangle width=3.5 m, height=3.5 m
-        location:
-            in: store.walls[3] and ward.walls[1]
-            translation: x: 0.0 m, y: none, z: 1.75 m
-
-    Entryway over_the_corner:
-        shape: Rectangle width=1.0 m, height=2.0 m
-        location:
-            in: ward.walls[0]
-            translation: x: -1.8 m, y: 0.0 m, z: 1.0 m
-
-    Window slit:
-        shape: Rectangle width=1.0 m, height=0.6 m
-        location:
-            in: ward.walls[3]
-            translation: x: -3.0 m, z: 1.5 m
-            rotation: y: 90.0 deg
-
-    Window eye:
-        shape: Circle radius=0.4 m
-        location:
-            in: ward.walls[3]
-            translation: x: 3.0 m, z: 1.5 m
-
-    Defaults:
-        walls:
-            thickness: 0.23 m
-            height: 2.5 m
-"""
-
-
-@pytest.fixture
-def clinic(tmp_path):
-    """The plan as a file of the draft's suffix."""
-    (tmp_path / "clinic.fpm2").write_text(CLINIC)
-    return tmp_path / "clinic.fpm2"
+CLINIC = Path(__file__).with_name("test_floorplan_clinic.fpm2")
+"""A plan with every kind of part, written as in the draft of the language."""
 
 
 @each_row("name", sorted(DIGESTS))
@@ -179,8 +51,8 @@ def test_shipped_plans_keep_their_digests(name):
     assert (solid_digest(building), grid_of(building).occupancy.digest) == DIGESTS[name]
 
 
-def test_plan_with_every_kind_of_part_is_built_with_notes(clinic):
-    building = read_plan_file(clinic).building()
+def test_plan_with_every_kind_of_part_is_built_with_notes():
+    building = read_plan_file(CLINIC).building()
     assert len(building.rooms) == 4
     assert [obstacle.name for obstacle in building.obstacles] == ["left", "round", "counter", "buttress", "bench"]
     assert {hole.name for hole in building.holes} == {
@@ -199,10 +71,10 @@ def test_plan_with_every_kind_of_part_is_built_with_notes(clinic):
     ]
 
 
-def test_opening_leaves_unnamed_walls_whole(clinic):
-    whole, cut = (
-        PlanFile("p", text).building() for text in (CLINIC.partition("    Entryway main")[0] + DEFAULTS, CLINIC)
-    )
+def test_opening_leaves_unnamed_walls_whole():
+    text = CLINIC.read_text()
+    closed = text[: text.index("    Entryway main")] + text[text.index("    Defaults:") :]
+    whole, cut = (PlanFile("p", each).building() for each in (closed, text))
     names = {wall for hole in cut.holes for wall in hole.walls}
     named = shapely.union_all([shapely.Polygon(wall.outline) for wall in cut.walls if wall.name in names])
     gone_m3 = volume_of(mesh_of(whole)) - volume_of(mesh_of(cut))
@@ -213,11 +85,8 @@ def test_opening_leaves_unnamed_walls_whole(clinic):
         assert sum(shapely.intersection(taken, other).area for other in others) < 1e-3, hole.name
 
 
-DEFAULTS = CLINIC[CLINIC.index("    Defaults:") :]
-
-
-def test_mesh_is_closed_and_doors_are_as_wide_as_their_walls(clinic):
-    building = read_plan_file(clinic).building()
+def test_mesh_is_closed_and_doors_are_as_wide_as_their_walls():
+    building = read_plan_file(CLINIC).building()
     assert is_closed(mesh_of(building))
     occupancy = grid_of(building).occupancy
     (door,) = [hole for hole in building.holes if hole.name == "whole_wall"]
@@ -225,7 +94,8 @@ def test_mesh_is_closed_and_doors_are_as_wide_as_their_walls(clinic):
         assert occupancy.cells[occupancy.cell_of(*door.frame.apply((x, 0.25)))] == cell, x
 
 
-def test_variation_reads_words_of_a_draft_from_another_folder(clinic, tmp_path):
+def test_variation_reads_words_of_a_draft_from_another_folder(tmp_path):
+    shutil.copy(CLINIC, tmp_path / "clinic.fpm2")
     folder = tmp_path / "variations"
     folder.mkdir()
     (folder / "wards.variation").write_text("""\

@@ -189,17 +189,14 @@ def test_impossible_request_leaves_the_rest_of_the_campaign(hall):
     assert ["200 m" in r.reason for r in found.rejections] == [True]
 
 
-def task_of(configuration):
-    return configuration.scenario.task
-
-
 def test_same_seed_gives_the_same_paths_whatever_else_varies(hall):
     values = {"map_file": hall}
     alone = configurations(family_of(paths(num_paths=2), values=values))
     after = configurations(family_of(noise(1, 2), paths(num_paths=2), values=values))
     before = configurations(family_of(paths(num_paths=2), noise(1, 2, 3), values={**values, "robot_radius": 0.2}))
-    assert [task_of(c) for c in after] == [task_of(c) for c in alone] * 2
-    assert [task_of(c) for c in before] == [task_of(c) for c in alone for _ in range(3)]
+    tasks = [c.scenario.task for c in alone]
+    assert [c.scenario.task for c in after] == tasks * 2
+    assert [c.scenario.task for c in before] == [task for task in tasks for _ in range(3)]
 
 
 def test_same_seed_gives_the_same_obstacles_whatever_else_varies(hall):

@@ -299,11 +299,6 @@ def test_map_of_its_own_becomes_the_configurations_map(hall):
     assert producer.writes["map_file"] == "environment"
 
 
-def test_papers_listing_is_complete(hall):
-    (item,) = evaluate(path_variation(num_goal_poses=2, path_length=15.0, seed=20), {"map_file": hall})
-    assert len(item.values["goal_poses"]) == 2
-
-
 def test_path_producers_keep_the_contract(hall, drawn_map):
     small = drawn_map("....", "....", cells=10)
     producer = path_variation(path_length=[3, 200], num_paths=2)

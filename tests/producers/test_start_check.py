@@ -1,24 +1,21 @@
 """The start check: the system's own footprint must fit where a configuration begins and ends."""
 
-import json
 import math
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from shapely.geometry import Polygon, box
+from shapely.geometry import box
 from table import each_row
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.campaign_file.spec import campaign_schema
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.places.ground import ground_of
 from vastflow.producers.places.start_check import room_m
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.pose import pose_of
 from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m, padded_outline
-from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.octile import inflated_free
 
 WALLED = ["#" * 10, *["#" + "." * 8 + "#"] * 6, "#" * 10]
@@ -214,11 +211,8 @@ def gap_m(pose):
 def test_drawn_stops_pass_the_start_check(made, lines):
     loose, checked = made("  start_check: none\n" + lines), made(lines)
     assert [r.reason for r in checked.rejections if r.producer == "start_check"] == []
-    gaps = {
-        name: [gap_m(pose) for c in found.configurations for pose in stops(c)]
-        for name, found in (("loose", loose), ("checked", checked))
-    }
-    assert min(gaps["loose"]) < DISC_M < min(gaps["checked"])
+    least = [min(gap_m(pose) for c in found.configurations for pose in stops(c)) for found in (loose, checked)]
+    assert least[0] < DISC_M < least[1]
 
 
 def test_drawn_stops_fit_the_largest_robot(made):
@@ -229,10 +223,8 @@ def test_drawn_stops_fit_the_largest_robot(made):
 
 def test_larger_robot_gets_the_same_stops(made):
     """The footprint narrows what is drawn and seeds nothing: two systems can be compared path by path."""
-    one = made(PATHS.format(seed=3)).configurations
-    other = made(
-        PATHS.format(seed=3) + "  - ParameterVariationList: {name: robot_radius, values: [0.23]}\n"
-    ).configurations
+    larger = "  - ParameterVariationList: {name: robot_radius, values: [0.23]}\n"
+    one, other = (made(PATHS.format(seed=3) + more).configurations for more in ("", larger))
     same = [stops(a) == stops(b) for a, b in zip(one, other, strict=True)]
     assert sum(same) > 25
 
@@ -302,26 +294,6 @@ def test_anything_else_than_the_two_is_refused(made):
         FileError, match=r"made.vast:4:16: configuration\[0\].start_check: got 'no'; did you mean 'none'\?"
     ):
         made("  start_check: 'no'\n" + poses((4.0, 2.0)))
-
-
-def test_editors_know_the_key():
-    assert '"start_check"' in json.dumps(campaign_schema())
-
-
-def test_outline_is_a_polygon_of_the_map(room):
-    """The room of this file is what the numbers above say."""
-    occupancy = load_map(room.path)
-    free = [occupancy.center_of(int(r), int(c)) for r, c in np.argwhere(occupancy.free)]
-    area = Polygon([(LEFT_M, LOW_M), (LEFT_M + 8, LOW_M), (LEFT_M + 8, LOW_M + 6), (LEFT_M, LOW_M + 6)])
-    assert len(free) == 8 * 6 * 400
-    assert area.bounds == pytest.approx(
-        (
-            min(x for x, _ in free) - 0.025,
-            min(y for _, y in free) - 0.025,
-            max(x for x, _ in free) + 0.025,
-            max(y for _, y in free) + 0.025,
-        )
-    )
 
 
 @each_row("start", [(9.3, 2.0), (-1.4, 2.0), (1e9, 100.0)])

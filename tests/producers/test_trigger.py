@@ -99,6 +99,7 @@ def test_triggered_obstacle_keeps_its_distances_and_leaves_a_path(
 def test_usual_keys_are_written_as_the_scenario_reads_them(site):
     (item,) = evaluate(triggered(), site)
     (entry,) = item.values["static_objects"]
+    assert not [key for key in item.values if "delay" in key or key == "goal_poses"]
     position = entry["spawn_pose"]["position"]
     assert item.values["spawn_trigger_point"] == {"x": position["x"], "y": position["y"], "z": 0.0}
     assert item.values["spawn_trigger_threshold"] == 1.0
@@ -114,11 +115,6 @@ def test_placements_come_with_every_delay(site):
     assert places[0] == places[1] != places[2] == places[3]
     assert [item.values["static_objects_delay_s"] for item in (soon, late)] == [0.0, 0.8]
     assert [o.trigger.delay_s for item in (soon, late) for o in obstacles_of(environment(item))] == [0.0, 0.8]
-
-
-def test_delay_key_needs_a_delay(site):
-    (item,) = evaluate(triggered(), site)
-    assert not [key for key in item.values if "delay" in key]
 
 
 def test_triggers_with_own_keys_are_separate(site):
@@ -158,11 +154,6 @@ def test_distances_are_outermost_and_each_is_placed_count_times(site):
 
 def test_another_distance_leaves_other_placements(site):
     assert evaluate(triggered(trigger_distance=[1.5, 1.0]), site)[1:] == evaluate(triggered(), site)
-
-
-def test_goals_of_the_path_stay(site):
-    (item,) = evaluate(triggered(), site)
-    assert "goal_poses" not in item.values
 
 
 def test_amount_per_meter_that_comes_to_one_is_one(site):
