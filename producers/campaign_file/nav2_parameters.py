@@ -66,6 +66,10 @@ def parameter_faults(error: parameters.DocumentError) -> Iterator[Fault]:
 def notes_of(found: Interpretation) -> Iterator[Fault]:
     """Yield a note for each parameter, or group of parameters, that is not modeled or is built in otherwise."""
     document = found.document
+
+    def warning(path: ParameterLocation, what: str, consequence: str) -> Fault:
+        return Fault(Place(document.file, *document.place(path), short(path)), what, consequence, "warning")
+
     for nodes, consequence in (
         (found.replaced, "as in Nav2 Jazzy's default file"),
         (found.left_away, "the stack does without"),
@@ -75,27 +79,17 @@ def notes_of(found: Interpretation) -> Iterator[Fault]:
     critics = critics_of(found.parameters.controller).values()
     if critics and not any(critic.enabled for critic in critics):
         node = document.node("controller_server") or ()
-        what = "enables no critic of its controller"
-        yield Fault(
-            Place(document.file, *document.place(node), "controller_server"),
-            what,
-            "it will not follow a path",
-            "warning",
-        )
+        place = Place(document.file, *document.place(node), "controller_server")
+        yield Fault(place, "enables no critic of its controller", "it will not follow a path", "warning")
     for path in document.repeated:
-        yield Fault(
-            Place(document.file, *document.place(path), short(path)), "a second time", "this value counts", "warning"
-        )
+        yield warning(path, "a second time", "this value counts")
     for path, why in found.reader.unused.items():
         if path[-1] == "robot_radius" and path in document.values:
-            what = f"got {shown(document.values[path])}, which has no effect"
-            yield Fault(Place(document.file, *document.place(path), short(path)), what, why, "warning")
+            yield warning(path, f"got {shown(document.values[path])}, which has no effect", why)
     for path, held in found.reader.held.items():
         if path in document.values:
             what = f"got {shown(document.values[path])}, which is no whole number of ticks of 50 ms"
-            yield Fault(
-                Place(document.file, *document.place(path), short(path)), what, f"runs at {held:g} Hz", "warning"
-            )
+            yield warning(path, what, f"runs at {held:g} Hz")
     said = [finding for finding in findings(found) if finding.status in ("not modeled", "differs")]
     sizes = Counter(finding.about for finding in said)
     for about, size in sizes.items():

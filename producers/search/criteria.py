@@ -23,10 +23,12 @@ class Criterion:
     """A criterion as it stands after a batch.
 
     Attributes:
+        limit: Such as `5 batches`.
         text: Such as `batches 3 of 5`.
         met: Whether it ends the search.
     """
 
+    limit: str
     text: str
     met: bool
 
@@ -39,7 +41,7 @@ def plan_text(spec: SearchSpec, runs: int, *, at_most: bool = False) -> str:
         at_most: Whether these are its most.
     """
     most = "up to " if at_most else ""
-    ends = " or ".join([*_limits(spec), *_stops(spec), f"{spec.max_proposals} proposals"])
+    ends = " or ".join(each.limit for each in criteria(spec, (), {}, 0.0))
     confirm = f", then {spec.confirm} fresh runs of the best" if spec.confirm else ""
     dimensions = "1 dimension" if len(spec.search_space) == 1 else f"{len(spec.search_space)} dimensions"
     points = "1 point" if spec.per_batch == 1 else f"{spec.per_batch} points"
@@ -48,34 +50,6 @@ def plan_text(spec: SearchSpec, runs: int, *, at_most: bool = False) -> str:
         f"search by {spec.strategy} of {dimensions} to {spec.direction} {spec.objective.name}, {points} a "
         f"batch{beside} with {most}{runs} run{'s' * (runs > 1)} each, until {ends}{confirm}"
     )
-
-
-def _limits(spec: SearchSpec) -> Iterator[str]:
-    """Each amount of the budget, such as `5 batches`."""
-    for budget in spec.budget:
-        if budget.batches is not None:
-            yield f"{budget.batches} batch{'es' * (budget.batches > 1)}"
-        if budget.evaluations is not None:
-            yield f"{budget.evaluations} judged point{'s' * (budget.evaluations > 1)}"
-        if budget.runs is not None:
-            yield f"{budget.runs} run{'s' * (budget.runs > 1)}"
-        if budget.simulated_hours is not None:
-            yield f"{budget.simulated_hours:g} simulated hours"
-        if budget.time is not None:
-            yield f"{budget.time:g} s"
-
-
-def _stops(spec: SearchSpec) -> Iterator[str]:
-    """Each criterion of stopping, such as `coverage >= 0.3`."""
-    for stopping in spec.stopping:
-        if stopping.target_objective is not None:
-            op = ">=" if spec.direction == "maximize" else "<="
-            yield f"{spec.objective.name} {op} {stopping.target_objective:g}"
-        if stopping.no_improvement is not None:
-            patience = stopping.no_improvement.patience
-            yield f"no improvement in {patience} batch{'es' * (patience > 1)}"
-        if stopping.metric is not None:
-            yield f"{stopping.metric.name} {stopping.metric.op} {stopping.metric.value:g}"
 
 
 def best_of(evaluations: Sequence[Evaluation], direction: str) -> Evaluation | None:
@@ -110,36 +84,39 @@ def criteria(
     judged = sum(each.objective is not None for each in told)
     runs, hours = sum(each.runs for each in told), sum(each.simulated_s for each in told) / 3600.0
     for budget in spec.budget:
-        if budget.batches is not None:
-            yield Criterion(f"batches {len(batches)} of {budget.batches}", len(batches) >= budget.batches)
-        if budget.evaluations is not None:
-            yield Criterion(f"judged points {judged} of {budget.evaluations}", judged >= budget.evaluations)
-        if budget.runs is not None:
-            yield Criterion(f"runs {runs} of {budget.runs}", runs >= budget.runs)
-        if budget.simulated_hours is not None:
-            yield Criterion(
-                f"simulated hours {hours:.2f} of {budget.simulated_hours:g}", hours >= budget.simulated_hours
-            )
-        if budget.time is not None:
-            spent = f"time of {budget.time:g} s"  # no more, for it stands beside results that are the same whenever they are made
-            yield Criterion(spent, elapsed_s >= budget.time)
+        for one, many, limit, reached in (
+            ("batch", "batches", budget.batches, len(batches)),
+            ("judged point", "judged points", budget.evaluations, judged),
+            ("run", "runs", budget.runs, runs),
+        ):
+            if limit is not None:
+                yield Criterion(
+                    f"{limit} {one if limit == 1 else many}", f"{many} {reached} of {limit}", reached >= limit
+                )
+        if (most := budget.simulated_hours) is not None:
+            yield Criterion(f"{most:g} simulated hours", f"simulated hours {hours:.2f} of {most:g}", hours >= most)
+        if (most := budget.time) is not None:  # without the time spent: results are the same whenever they are made
+            yield Criterion(f"{most:g} s", f"time of {most:g} s", elapsed_s >= most)
     best = best_of(told, spec.direction)
+    sign, op = (1, ">=") if spec.direction == "maximize" else (-1, "<=")
     for stopping in spec.stopping:
-        if stopping.target_objective is not None:
-            sign = 1 if spec.direction == "maximize" else -1
-            met = best is not None and sign * (best.objective or 0.0) >= sign * stopping.target_objective
+        if (target := stopping.target_objective) is not None:
+            met = best is not None and sign * (best.objective or 0.0) >= sign * target
             found = "none" if best is None else f"{best.objective:g}"
-            yield Criterion(f"objective {found}, target {stopping.target_objective:g}", met)
-        if stopping.no_improvement is not None:
-            stood = _batches_without_improvement(batches, spec.direction, stopping.no_improvement)
-            patience = stopping.no_improvement.patience
-            yield Criterion(f"batches without improvement {stood} of {patience}", stood >= patience)
-        if stopping.metric is not None:
-            name, value = stopping.metric.name, stopping.metric.value
-            known = name in metrics
-            met = known and _OPERATORS[stopping.metric.op](metrics[name], value)
-            yield Criterion(f"{name} {metrics.get(name, 0.0):.3g} {stopping.metric.op} {value:g}", met)
-    yield Criterion(f"proposals {len(told)} of {spec.max_proposals}", len(told) >= spec.max_proposals)
+            yield Criterion(f"{spec.objective.name} {op} {target:g}", f"objective {found}, target {target:g}", met)
+        if (rule := stopping.no_improvement) is not None:
+            stood, patience = _batches_without_improvement(batches, spec.direction, rule), rule.patience
+            yield Criterion(
+                f"no improvement in {patience} batch{'es' * (patience > 1)}",
+                f"batches without improvement {stood} of {patience}",
+                stood >= patience,
+            )
+        if (metric := stopping.metric) is not None:
+            right = f"{metric.op} {metric.value:g}"
+            met = metric.name in metrics and _OPERATORS[metric.op](metrics[metric.name], metric.value)
+            yield Criterion(f"{metric.name} {right}", f"{metric.name} {metrics.get(metric.name, 0.0):.3g} {right}", met)
+    most = spec.max_proposals
+    yield Criterion(f"{most} proposals", f"proposals {len(told)} of {most}", len(told) >= most)
 
 
 def _batches_without_improvement(batches: Sequence[Sequence[Evaluation]], direction: str, rule: NoImprovement) -> int:

@@ -15,7 +15,6 @@ from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.obstacle import obstacles_of
-from vastflow.sim.world.map_file import load_map
 
 FIXED = """\
 configuration:
@@ -162,42 +161,10 @@ def test_campaign_has_its_families_with_fixed_values_and_producers(load: Load) -
     assert campaign.notes == ()
 
 
-def test_map_is_a_value_of_its_content_and_is_found_beside_the_file(load: Load, folder: Path) -> None:
-    value = load(FIXED).families[0].values["map_file"]
-    assert isinstance(value, FileContent)
-    assert value.digest == load_map(folder / "maps/room.yaml").digest
-
-
-def test_papers_listing_is_valid_and_nothing_keeps_it_from_running(load: Load, folder: Path) -> None:
-    (folder / "environments/rooms").mkdir(parents=True)
-    (folder / "environments/rooms/rooms.fpm").write_text(
-        "Floor plan: rooms Defaults: walls: thickness: 0.1 m height: 2.5 m\n"
-        "Space hall: shape: Rectangle width=9.0 m, length=3.0 m location: wrt: world of: this\n"
-    )
-    campaign = load(PAPER)
-    (note,) = campaign.notes
-    assert "version 1 of RoboVAST places them otherwise" in note.expected
-    assert campaign.unexecutable == ()
-
-
-def test_own_producers_stand_beside_the_file(load: Load) -> None:
-    campaign = load(
-        FIXED.replace(
-            "  - goal_pose: {x: 1.5, y: 0.5}\n", "  - density: 1\n  variations:\n  - own.py:Own: {sizes: [1]}\n"
-        )
-    )
-    assert type(campaign.families[0].producers[0]).__name__ == "Own"  # fmt: skip
-
-
-@each_row("mission", ["navigate_to_pose", "navigate_through_poses", "follow_waypoints"])
-def test_scenario_file_names_a_builtin_mission(load: Load, mission: str) -> None:
-    campaign = load(f"{FIXED}execution: {{scenario_file: 'builtin:{mission}'}}\n")
-    assert campaign.abstract == f"builtin:{mission}"
-
-
-def test_lists_of_obstacles_among_the_parameters_belong_to_the_environment(load: Load) -> None:
-    campaign = load(FIXED + "  - crates: [{spawn_pose: {x: 1, y: 1}, model: box}]\n")
-    assert campaign.families[0].dimensions == {"crates": "environment"}
+def test_lists_of_obstacles_belong_to_the_environment_and_others_to_what_the_file_says(load: Load) -> None:
+    crates = "  - crates: [{spawn_pose: {x: 1, y: 1}, model: box}]\n"
+    campaign = load(FIXED + crates + "  - color: red\n  dimensions: {color: environment}\n")
+    assert campaign.families[0].dimensions == {"crates": "environment", "color": "environment"}
 
 
 COUNTED_BOXES = """\
@@ -225,32 +192,41 @@ def test_constraints_and_start_check_see_obstacles_of_an_untagged_plug_in(load: 
     assert [each.reason.rpartition(", ")[2] for each in on_the_start.rejections] == ["into boxes[0]", "into boxes[0]"]
 
 
-def test_note_on_an_untagged_plug_in_allows_for_obstacles(load: Load) -> None:
-    said = [note.problem for note in load(FIXED + COUNTED_BOXES).notes]
-    assert "unknown key 'boxes' is ignored, unless it lists obstacles" in said
+AT = "configuration[0]"
 
 
-def test_file_overrides_a_dimension(load: Load) -> None:
-    campaign = load(FIXED + "  - color: red\n  dimensions: {color: environment}\n")
-    assert campaign.families[0].dimensions == {"color": "environment"}
-
-
-def test_keys_that_version_1_read_over_in_a_family_are_warnings(load: Load, folder: Path) -> None:
-    campaign = load(FIXED + "  scenario_file: other.osc\n")
-    assert [str(note).replace(f"{folder}/", "") for note in campaign.notes] == [
+@each_row(
+    ("lines", "notes"),
+    [
         (
-            "c.vast:7:3: warning: configuration[0].scenario_file: has no effect in a family; "
-            "execution.scenario_file is for all families"
-        )
-    ]
-
-
-def test_unknown_key_of_a_family_is_ignored_with_a_warning(load: Load) -> None:
-    campaign = load(FIXED + "  priority: high\n  tags: [a, b]\n")
-    assert [(note.kind, note.place.where, note.problem) for note in campaign.notes] == [
-        ("unknown key", "configuration[0].priority", "has no effect in a family"),
-        ("unknown key", "configuration[0].tags", "has no effect in a family"),
-    ]
+            "  scenario_file: other.osc\n",
+            [
+                f"7:3: warning: {AT}.scenario_file: has no effect in a family; execution.scenario_file is for all families"
+            ],
+        ),
+        (
+            "  priority: high\n  tags: [a, b]\n",
+            [
+                f"7:3: unknown key: {AT}.priority: has no effect in a family",
+                f"8:3: unknown key: {AT}.tags: has no effect in a family",
+            ],
+        ),
+        (
+            "  - robot_color: red\n",
+            [f"7:5: unknown key: {AT}.parameters[3].robot_color: unknown key 'robot_color' is ignored"],
+        ),
+        (
+            COUNTED_BOXES,
+            [
+                f"9:5: unknown key: {AT}.variations[1].boxes.py:Boxes: unknown key 'boxes' is ignored, unless it lists obstacles"
+            ],
+        ),
+    ],
+)
+def test_idle_keys_of_a_family_are_noted(load: Load, folder: Path, lines: str, notes: list[str]) -> None:
+    found = load(FIXED + lines).notes
+    said = [str(note).removeprefix(f"{folder}/c.vast:").replace("warning", note.kind, 1) for note in found]
+    assert [each for each in said if "'count'" not in each] == notes
 
 
 def test_whole_numbers_may_stand_in_quotes(load: Load) -> None:
@@ -271,11 +247,6 @@ def test_keys_without_effect_are_notes_and_never_silent(load: Load) -> None:
         "evaluation.visualization",
     }
     assert all("not executed by this version" in str(note) for note in campaign.notes)
-
-
-def test_parameter_that_nothing_reads_is_a_warning(load: Load) -> None:
-    (note,) = load(FIXED + "  - robot_color: red\n").notes
-    assert (note.kind, note.place.line, note.problem) == ("unknown key", 7, "unknown key 'robot_color' is ignored")
 
 
 def test_campaign_of_a_search_can_be_run(load: Load) -> None:

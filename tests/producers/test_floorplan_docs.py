@@ -4,7 +4,6 @@ import re
 from pathlib import Path
 
 import pytest
-import yaml
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.floorplan.environment import environments_in
@@ -58,10 +57,3 @@ def test_pages_table_names_the_files_that_are_written(folder):
     cells = re.findall(r"^\| (`[^|]*) \| [^|]* \|$", PAGE.read_text(), re.MULTILINE)
     named = {name.replace("NAME", "rooms") for cell in cells for name in re.findall(r"`([^`]+)`", cell)}
     assert set(render(plan.building(), plan.text, "rooms.fpm", 0.05, 0.193)) == named
-
-
-def test_pages_yaml_is_a_list_of_producers():
-    assert [next(iter(entry)) for entry in yaml.safe_load(BLOCKS["floorplans"])] == [
-        "FloorplanVariation",
-        "PathVariationRandom",
-    ]

@@ -73,6 +73,7 @@ def test_laser_sees_what_is_as_high_as_itself(height, rail, post):
 def test_laser_height_selects_lintel_or_nothing():
     assert at(grid(EXAMPLE, laser_height_m=2.2), 4.1, 1.65) == OCCUPIED
     assert at(grid(EXAMPLE, laser_height_m=3.0), 7.6, 2.0) == UNKNOWN
+    assert grid(ROOM, resolution_m=0.02).gray.shape == (150 + 50, 200 + 50)  # a border of 25 cells whatever their size
 
 
 def test_round_door_is_as_wide_as_at_laser_height():
@@ -100,10 +101,6 @@ def test_thick_walls_fit_into_the_picture():
     found = grid(ROOM.replace("0.2 m", "2.0 m"))
     assert at(found, 0, 3.4) == at(found, -3.9, 0) == OCCUPIED
     assert (found.gray[[0, -1]] == 200).all()
-
-
-def test_border_is_25_cells_on_each_side_at_any_resolution():
-    assert grid(ROOM, resolution_m=0.02).gray.shape == (150 + 50, 200 + 50)
 
 
 def test_rounding_noise_does_not_choose_the_cells_of_walls_on_the_grid():

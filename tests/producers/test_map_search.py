@@ -1,4 +1,4 @@
-"""Maps beside a campaign file, and in a folder that the user names."""
+"""Maps and files beside a campaign file, and in a folder that the user names."""
 
 import shutil
 from pathlib import Path
@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from vastflow.producers.campaign import load_campaign
+from vastflow.producers.campaign_file.scenario import run_files
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.places.ground import MapSearch
 from vastflow.sim.model.faults import FileError
@@ -106,3 +107,45 @@ def test_folder_of_maps_is_in_no_digest(places):
 def test_maps_of_producers_and_of_alternatives_are_looked_for_likewise(places):
     base, maps = places
     assert set(load_campaign(base / "two.vast", maps).borrowed_maps.values()) == {"halls/map.yaml"}
+
+
+# Files that a campaign gives its programs: never copies that campaigns left beside it
+
+LEFT = {
+    "a campaign directory": ("campaign.vast", "metadata.json"),
+    "an export": ("_config/campaign.vast",),
+}
+
+
+@pytest.fixture
+def files(tmp_path):
+    (tmp_path / "tools").mkdir()
+    for name in ("drive.sh", "tools/drive.sh", "metadata.json"):
+        (tmp_path / name).write_text(name)
+    return tmp_path
+
+
+def names(files, *patterns):
+    return [path for path, _ in run_files(files, patterns)]
+
+
+@pytest.mark.parametrize("marks", LEFT.values(), ids=LEFT)
+@pytest.mark.parametrize("pattern", ["drive.sh", "**", "*/**/*.sh"])
+def test_files_are_the_same_after_a_campaign_as_before(files, marks, pattern):
+    before = names(files, pattern)
+    left = files / "results" / "drive-2026-11-22-030000"
+    for name in (*marks, "inputs/drive.sh", "inputs/tools/drive.sh"):
+        (left / name).parent.mkdir(parents=True, exist_ok=True)
+        (left / name).write_text(name)
+    assert names(files, pattern) == before != []
+
+
+def test_folder_of_ones_own_may_be_called_results(files):
+    (files / "results").mkdir()
+    (files / "results" / "expected.csv").write_text("1")
+    assert names(files, "*.csv") == ["results/expected.csv"]
+
+
+def test_campaign_file_beside_a_file_of_facts_is_still_the_campaigns_own_folder(files):
+    (files / "campaign.vast").write_text("version: 1")
+    assert "tools/drive.sh" in names(files, "drive.sh")
