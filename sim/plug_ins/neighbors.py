@@ -205,14 +205,14 @@ def _names(value: ast.expr, line: int) -> list[str]:
     if isinstance(names, list | tuple) and all(isinstance(name, str) and name for name in names):
         return list(names)
     found = ast.unparse(value)[:80]
-    raise PlugInError(f"line {line}: got {FILES} = {found}", f'names of files, written out: {FILES} = ["limits.json"]')
+    raise PlugInError(f"got {FILES} = {found} in line {line}", f'names of files, such as {FILES} = ["limits.json"]')
 
 
 def _files(names: list[str], module: Path) -> Iterator[Path]:
     """Declared files: each by its name, all below a folder, or what matches a pattern."""
     for name in names:
         if Path(name).is_absolute():
-            raise PlugInError(f"{module.name}: got {name!r} in {FILES}", "a path relative to the plug-in's folder")
+            raise PlugInError(f"got {name!r} in {FILES} of {module.name}", "a path relative to the plug-in's folder")
         place = module.parent / name
         if not _PATTERN.isdisjoint(name):
             yield from sorted(_normal(each) for each in module.parent.glob(name) if each.is_file())

@@ -7,7 +7,6 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Final, Generic, TypeVar
 
-from vastflow.sim.model.faults import complaint
 from vastflow.sim.model.files import is_file
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.parameter import ParameterGroup
@@ -19,15 +18,6 @@ FILE: Final = ".py:"
 """In the name of a plug-in in a file, `my_pursuit.py:PurePursuit`."""
 
 PlugIn = TypeVar("PlugIn", bound=ParameterGroup)
-
-
-class UnknownPlugIn(LookupError):
-    """No plug-in can be had under a name: `what` was found, and what would be `right`."""
-
-    def __init__(self, what: str, right: str) -> None:
-        super().__init__(complaint(what, right))
-        self.what = what
-        self.right = right
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +78,7 @@ class Registry(Generic[PlugIn]):
             snapshot: The file as it was before, which is loaded in place of it.
 
         Raises:
-            UnknownPlugIn: no such entry point, file or class, a class of another kind, or a file that can't be loaded.
+            PlugInError: no such entry point, file or class, a class of another kind, or a file that can't be loaded.
         """
         if FILE in name:
             found = self._class_of_file(name, plug_in_file(name, base), snapshot)
@@ -96,28 +86,28 @@ class Registry(Generic[PlugIn]):
             entry = self.known.get(name)
             if entry is None:
                 right = f"{did_you_mean(name, self.known)}; {self.own}"
-                raise UnknownPlugIn(f"no {self.noun} {name!r} is known", right)
+                raise PlugInError(f"no {self.noun} {name!r} is known", right)
             found = entry.load()
         if not (isinstance(found, type) and issubclass(found, self.base)):
             right = f"a subclass of {self.base.__module__}.{self.base.__name__}"
-            raise UnknownPlugIn(f"{name!r} is no {self.noun}", right)
+            raise PlugInError(f"{name!r} is no {self.noun}", right)
         return found
 
     def _class_of_file(self, name: str, file: Path, snapshot: Snapshot | None) -> object:
         class_name = name.rpartition(":")[2]
         if snapshot is None and not is_file(file):
-            raise UnknownPlugIn(f"no file {str(file)!r}", self.own)
+            raise PlugInError(f"no file {str(file)!r}", self.own)
         try:
             module = module_of(snapshot or snapshot_of(file, file.parent))
-        except PlugInError as error:
-            raise UnknownPlugIn(error.what, error.right) from None
+        except PlugInError:
+            raise
         except Exception as error:
             what = f"{str(file)!r} can't be imported: {type(error).__name__}: {error}"
-            raise UnknownPlugIn(what, "a Python module") from error
+            raise PlugInError(what, "a Python module") from error
         if not hasattr(module, class_name):
             known = [each for each, kind in vars(module).items() if self._is_own(kind, module.__name__)]
             right = did_you_mean(class_name, known, f"a class of it that is a {self.base.__name__}", listed="it has:")
-            raise UnknownPlugIn(f"{str(file)!r} has no class {class_name!r}", right)
+            raise PlugInError(f"{str(file)!r} has no class {class_name!r}", right)
         found: object = getattr(module, class_name)
         return found
 

@@ -23,8 +23,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from amcl_filter import Filter
 
-from vastflow.sim.nav2.amcl.filter import Filter
 from vastflow.sim.world.gaussian_dropout import perturb
 from vastflow.sim.world.lidar import scan
 from vastflow.sim.world.map_file import load_map

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import navfn_paths
 import numpy as np
 from PIL import Image
 
@@ -32,7 +33,6 @@ from vastflow.sim.nav2.costmaps.inflation import inflate
 from vastflow.sim.nav2.costmaps.outline import padded_outline
 from vastflow.sim.nav2.costmaps.window import Window
 from vastflow.sim.nav2.navigator.state import AHEAD_POINTS, MEMORY
-from vastflow.sim.nav2.planners import navfn
 
 VARIABLE = "NAV2_CONFORMANCE"
 BESIDE = Path(__file__).parents[3] / "shared" / "reference" / "nav2-conformance"
@@ -301,7 +301,7 @@ def of_navfn(place: Path) -> Iterator[Distance]:
         costs = _inflated(place, case)
         start, goal = (tuple(int(each) for each in case[name]) for name in ("start_cell_xy", "goal_cell_xy"))
         astar = bool(case["astar"])
-        potential = navfn.potential(costs, start, goal, use_astar=astar)
+        potential = navfn_paths.potential(costs, start, goal, use_astar=astar)
         rows, columns = case["cells_row_col"].T
         ours, theirs = potential[rows, columns].astype(float), case["potential"].astype(float)
         reached += abs(int(np.count_nonzero(potential < UNREACHED)) - int(case["reached_cells"]))
@@ -311,7 +311,7 @@ def of_navfn(place: Path) -> Iterator[Distance]:
             relative = np.abs(ours - theirs)[both] / theirs[both]
             medians.append(float(np.median(relative)))
             worst.append(float(relative.max()))
-        path, wanted = navfn.path(costs, start, goal, use_astar=astar), case["path_cells_xy"].astype(float)
+        path, wanted = navfn_paths.path(costs, start, goal, use_astar=astar), case["path_cells_xy"].astype(float)
         empty += (len(path) == 0) != (len(wanted) == 0)
         if len(path) and len(wanted):
             lengths = max(lengths, abs(_length(path) - _length(wanted)))

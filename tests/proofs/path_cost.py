@@ -2,7 +2,7 @@
 
 RPP drives random paths of each map with nothing in the way, with boxes that the map has not, and with a noisy scan. At every
 replanning the cost of the path now in use, the integral of NavFn's costs along it on the global costmap of that tick, is
-compared with that of the path that `vastflow.sim.nav2.planners.navfn.path` finds from the robot to the same goal on the same costs: as
+compared with that of the path that `navfn_paths.path` finds from the robot to the same goal on the same costs: as
 Nav2 does, it floods from the robot until the goal is reached, and walks back from there.
 
 Prints a table with a line for each map and condition: replannings, relative excess (median, 95th percentile, maximum), and
@@ -20,6 +20,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from navfn_paths import path
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
@@ -29,7 +30,7 @@ from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nav2.navigator.behavior import REPLAN_TICKS
 from vastflow.sim.nav2.navigator.state import Stack
-from vastflow.sim.nav2.planners.navfn import path, travel_costs
+from vastflow.sim.nav2.planners.navfn import travel_costs
 from vastflow.sim.run import run
 
 MAPS = Path(__file__).parents[3] / "shared" / "maps"

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from bench_simulator import LARGE, REFERENCE_TURNS, Route, benchmark_map, benchmark_routes
+from navfn_paths import path
 from numpy.typing import NDArray
 
 from vastflow.sim.kernels.binding import Bound, Running
@@ -26,7 +27,6 @@ from vastflow.sim.nav2.navigator.state import with_kernels
 from vastflow.sim.nav2.parameters.servers import SmacPlanner2D, SmacPlannerHybrid
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.nav2.planners.binding import compute_path, running
-from vastflow.sim.nav2.planners.navfn import path
 from vastflow.sim.nav2.planners.planner import Planner, PlannerInput, PlannerSetting
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import OccupancyMap

@@ -27,7 +27,7 @@ def accuracy():
 
 
 def walled(rows, columns):
-    """Free cells with a wall of one cell round them, and unknown cells round that; the free space begins at (0, 0)."""
+    """Return a map of free cells from (0, 0) on with a wall of one cell round them."""
     cells = np.full((rows + 20, columns + 20), -1, dtype=np.int8)
     cells[9 : rows + 11, 9 : columns + 11] = 100
     cells[10 : rows + 10, 10 : columns + 10] = 0
@@ -52,7 +52,7 @@ def corridor(accuracy):
 
 @pytest.fixture(scope="module")
 def room(accuracy):
-    """A room of 6 m × 5 m with a pillar and a shelf, and 13 m of driving round the pillar."""
+    """Drive 13 m round the pillar of a room of 6 m × 5 m that also has a shelf."""
     occupancy = walled(100, 120)
     occupancy.cells[60:68, 65:73] = 100
     occupancy.cells[60:90, 10:15] = 100
@@ -78,13 +78,13 @@ def errors(accuracy):
     return measure
 
 
-def test_in_a_corridor_the_place_along_it_is_lost_and_not_that_across_it(corridor, errors):
+def test_corridor_loses_the_place_along_it_and_not_that_across_it(corridor, errors):
     found = errors(corridor)
     assert np.abs(found["along_m"]).mean() > 2 * np.abs(found["across_m"]).mean()
 
 
-def test_in_a_corridor_the_error_is_that_measured_with_nav2_s_filter(corridor, errors):
-    """0.20 m in the mean and 0.41 m at the 95th percentile there, along a route of 17 m in corridors of 1 m."""
+def test_error_in_a_corridor_is_that_measured_with_nav2_s_filter(corridor, errors):
+    """Nav2 measured 0.20 m in the mean and 0.41 m at the 95th percentile on 17 m of corridors."""
     found = errors(corridor)["position_m"]
     assert found.mean() == pytest.approx(0.20, rel=0.3)
     assert np.percentile(found, 95) == pytest.approx(0.41, rel=0.35)
@@ -129,7 +129,7 @@ def test_odometry_noise_of_a_tenth_makes_no_difference(room, errors):
     assert errors(room, odometry=0.1)["position_m"].mean() == pytest.approx(errors(room)["position_m"].mean(), rel=0.3)
 
 
-def test_without_a_single_beam_the_pose_is_odometry_and_the_particles_keep_spreading(accuracy, room):
+def test_pose_is_odometry_and_particles_spread_without_a_single_beam(accuracy, room):
     occupancy, driven = room
     errors = accuracy.localize(occupancy, driven, Lidar(), accuracy.Condition("", dropout=1.0), 0)
     assert errors.particles[-10:].min() > 1500

@@ -53,7 +53,7 @@ def cloud_after(dx, dy, old_yaw, dyaw, alpha=0.2, n=N, heading=0.0):
     return cloud.particles
 
 
-def test_without_noise_particles_move_as_the_odometry_did():
+def test_particles_move_as_the_odometry_did_without_noise():
     x, y, yaw = cloud_after(0.3, 0.1, 0.2, 0.4, alpha=0.0, n=4, heading=1.2)
     turn = 1.0  # the map's heading less the odometry's
     np.testing.assert_allclose(x, 0.3 * math.cos(turn) - 0.1 * math.sin(turn), rtol=1e-10)
@@ -109,12 +109,6 @@ def test_particles_spread_with_the_covariance_asked_for():
     np.testing.assert_allclose(cloud.particles.mean(axis=1), [3.0, -2.0, 0.5], atol=5 * 0.3 / math.sqrt(N))
     np.testing.assert_allclose(np.cov(cloud.particles), covariance, atol=0.003)
     np.testing.assert_allclose(cloud.weights, 1 / N)
-
-
-def test_without_covariance_every_particle_starts_at_the_pose():
-    cloud = new_cloud(10)
-    drawn(cloud, 10, streams_of([5])[0], 3.0, -2.0, 0.5, np.zeros(4))
-    np.testing.assert_array_equal(cloud.particles, np.tile([[3.0], [-2.0], [0.5]], 10))
 
 
 def test_covariance_along_one_line_spreads_particles_on_it():

@@ -37,7 +37,7 @@ def test_robot_that_turns_in_place_makes_progress_only_for_a_pose_progress_check
     assert posed.run.distance_m == pytest.approx(10.0, abs=0.5)
 
 
-def test_with_feedback_the_robot_speeds_up_from_what_it_does_and_not_from_what_it_was_told(over_a_floor):
+def test_robot_speeds_up_from_its_measured_speed_with_feedback(over_a_floor):
     default = stack()
     closed = stack(velocity_smoother=default.velocity_smoother.with_values(closed_loop=True))
     one, other = over_a_floor(default), over_a_floor(closed)

@@ -1,4 +1,4 @@
-"""The collision monitor: what the newest scan does to a command, noise or none."""
+"""The collision monitor: effect of the newest scan on a command, by the footprint and by areas of the file."""
 
 import math
 
@@ -8,13 +8,16 @@ from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.record import record_dtype, record_row
+from vastflow.sim.model.polygon import MOST_VERTICES
 from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m, inscribed_radius_m, padded_outline
-from vastflow.sim.nav2.navigator.collision_monitor import approach, gather_near_points
+from vastflow.sim.nav2.navigator.collision_monitor import ZONE, approach, gather_near_points, zone_rows, zoned
 from vastflow.sim.nav2.navigator.state import MEMORY
-from vastflow.sim.nav2.parameters.servers import CollisionMonitor, VelocitySmoother
+from vastflow.sim.nav2.parameters.servers import MOST_ZONES, CollisionMonitor, MonitorZone, VelocitySmoother
 from vastflow.sim.world.robot_model import Lidar
 
 OUTLINE = padded_outline(0.22, 0.01)
+NOTHING = np.full(360, np.inf)
+AHEAD = ((1.0, 0.3), (1.0, -0.3), (0.2, -0.3), (0.2, 0.3))
 
 
 @njit
@@ -23,11 +26,12 @@ def gathered(parameters, memory):
 
 
 @njit
-def factor_of(parameters, memory, v_mps, w_radps):
-    return approach(parameters[0], memory[0], v_mps, w_radps, 0.0)
+def factors(parameters, memory, v_mps, w_radps):
+    p, m = parameters[0], memory[0]
+    return approach(p, m, v_mps, w_radps, 0.0), zoned(p, m, v_mps, w_radps, 0.0)
 
 
-def records(ranges, **monitor):
+def records(ranges, zones=(), **monitor):
     """Parameter and memory records of a robot that has just seen `ranges` (360,)."""
     groups = {"velocity_smoother": VelocitySmoother(), "collision_monitor": CollisionMonitor(**monitor)}
     extra = {
@@ -39,10 +43,12 @@ def records(ranges, **monitor):
         "mount_y": 0.0,
         "scan_ticks": 2,
         "zones_reach": 0.0,
+        "zone_count": len(zones),
     }
     dtype = [(name, record_dtype(group)) for name, group in groups.items()] + [(name, np.float64) for name in extra]
-    parameters = np.array([(*map(record_row, groups.values()), *extra.values())], dtype=dtype)
-    memory = np.zeros(1, dtype=MEMORY)
+    dtype += [("zones", float, (MOST_ZONES, len(ZONE))), ("zone_points", float, (MOST_ZONES, MOST_VERTICES, 2))]
+    row = (*map(record_row, groups.values()), *extra.values(), *zone_rows(zones))
+    parameters, memory = np.array([row], dtype=dtype), np.zeros(1, dtype=MEMORY)
     memory["beams"] = 360
     memory["ranges"][:, :360], memory["directions"][:, :360] = ranges, Lidar().directions()
     memory["vertices"], memory["outline"][:, : len(OUTLINE)] = len(OUTLINE), OUTLINE
@@ -51,17 +57,25 @@ def records(ranges, **monitor):
 
 
 def factor(ranges, v_mps, w_radps=0.0, moved=(0.0, 0.0, 0.0), **monitor):
-    """What is left of a command after the scan, the robot having moved since by odometry."""
+    """Share of a command that the footprint leaves, after the robot moved by odometry since the scan."""
     parameters, memory = records(ranges, **monitor)
     memory["odom_x"], memory["odom_y"], memory["odom_yaw"] = moved
-    return factor_of(parameters, memory, v_mps, w_radps)
+    return factors(parameters, memory, v_mps, w_radps)[0]
+
+
+def left(zones, points, v_mps=0.5, w_radps=0.0, moved=(0.0, 0.0, 0.0)):
+    """Share of a command that areas leave, with these points in the robot's frame at the scan."""
+    parameters, memory = records(NOTHING, zones)
+    memory["near"] = len(points)
+    memory["near_points"][0, :, : len(points)] = np.array(points).reshape(-1, 2).T
+    memory["odom_x"], memory["odom_y"], memory["odom_yaw"] = moved
+    return factors(parameters, memory, v_mps, w_radps)[1]
 
 
 def wall_ahead(distance_m):
     """Ranges to a wall across the robot's way, `distance_m` before its center; nothing else is seen."""
-    directions = Lidar().directions()
     with np.errstate(divide="ignore"):
-        ranges = (distance_m + 0.04) / directions[:, 0]
+        ranges = (distance_m + 0.04) / Lidar().directions()[:, 0]
     return np.where((ranges > 0) & (ranges < 3.0), ranges, np.inf)
 
 
@@ -75,70 +89,49 @@ def walls_beside(distance_m, other_m=math.inf, noise_m=0.0, rng=None):
     return ranges + (rng.normal(0.0, noise_m, 360) if noise_m else 0.0)
 
 
-def test_command_into_the_open_is_left_alone():
-    assert factor(np.full(360, np.inf), 0.5) == 1.0
+def points_at(range_m, count):
+    ranges = NOTHING.copy()
+    ranges[100 : 100 + count] = range_m
+    return ranges
 
 
-def test_wall_beyond_the_time_to_collision_is_left_alone():
-    assert factor(wall_ahead(0.9), 0.5) == 1.0
+@each_row(
+    ("ranges", "v_mps", "w_radps", "expected"),
+    [
+        (NOTHING, 0.5, 0.0, 1.0),
+        (wall_ahead(0.9), 0.5, 0.0, 1.0),
+        # At 0.5 m/s the outline (0.23 m) meets a wall at 0.6 m in the eighth step of 0.1 s: label 0.7 s.
+        (wall_ahead(0.6), 0.5, 0.0, 0.7 / 1.2),
+        (wall_ahead(0.3), -0.15, 0.0, 1.0),
+        (walls_beside(0.26), 0.0, 1.0, 1.0),
+        (walls_beside(0.25, 0.25), 0.1, 0.0, 1.0),
+        (points_at(0.18, 6), 0.5, 0.0, 0.0),
+        (points_at(0.18, 6), -0.15, 0.0, 0.0),
+        (points_at(0.18, 6), 0.0, 1.0, 0.0),
+        (points_at(0.18, 5), 0.5, 0.0, 1.0),
+        (points_at(0.16, 40), 0.5, 0.0, 1.0),  # nearer than the scanner sees
+    ],
+)
+def test_command_is_scaled_by_time_to_collision_of_the_footprint(ranges, v_mps, w_radps, expected):
+    assert factor(ranges, v_mps, w_radps) == pytest.approx(expected)
 
 
-def test_command_towards_a_wall_is_scaled_by_the_time_to_the_collision():
-    """At 0.5 m/s the outline (0.23 m) comes within a wall at 0.6 m in the eighth step of 0.1 s: label 0.7 s."""
-    assert factor(wall_ahead(0.6), 0.5) == pytest.approx(0.7 / 1.2)
-
-
-def test_factor_falls_as_the_wall_comes_near():
-    found = [factor(wall_ahead(distance), 0.5) for distance in (0.8, 0.6, 0.45, 0.3)]
-    assert found == sorted(found, reverse=True)
-    assert found[0] > found[-1]
-
-
-def test_backing_away_from_a_wall_is_free():
-    assert factor(wall_ahead(0.3), -0.15) == 1.0
-
-
-def test_turning_beside_a_wall_is_free():
-    assert factor(walls_beside(0.26), 0.0, 1.0) == 1.0
-
-
-def test_six_points_inside_the_footprint_freeze_every_command():
-    ranges = np.full(360, np.inf)
-    ranges[100:106] = 0.18
-    for v_mps, w_radps in ((0.5, 0.0), (-0.15, 0.0), (0.0, 1.0)):
-        assert factor(ranges, v_mps, w_radps) == 0.0
-
-
-def test_five_points_inside_the_footprint_freeze_nothing():
-    ranges = np.full(360, np.inf)
-    ranges[100:105] = 0.18
-    assert factor(ranges, 0.5) == 1.0
-
-
-def test_points_nearer_than_the_scanner_sees_do_not_count():
-    ranges = np.full(360, np.inf)
-    ranges[100:140] = 0.16
-    assert factor(ranges, 0.5) == 1.0
-
-
-def test_points_stay_where_they_were_while_the_robot_moves_on():
+def test_points_keep_their_place_while_the_robot_moves():
     assert factor(wall_ahead(0.9), 0.5, moved=(0.3, 0.0, 0.0)) == pytest.approx(factor(wall_ahead(0.6), 0.5))
     assert factor(wall_ahead(0.6), 0.5, moved=(0.0, 0.0, math.pi)) == 1.0
 
 
-def test_without_a_monitor_nothing_is_stopped():
+def test_disabled_monitor_stops_nothing():
     assert factor(wall_ahead(0.25), 0.5, enabled=False) == 1.0
 
 
-def test_footprint_is_the_padded_polygon_and_not_a_circle():
-    """Straight ahead its vertex is at 0.23 m; points at 0.232 m lie outside there and inside half way to its next but one."""
-    inside = np.full(360, np.inf)
-    assert np.isclose(circumscribed_radius_m(OUTLINE), 0.234142, atol=1e-6)
-    parameters, memory = records(inside, min_points=1)
+def test_footprint_is_the_padded_polygon():
+    """At 0.232 m a point is outside straight ahead (vertex at 0.23 m), and inside at 45°."""
+    parameters, memory = records(NOTHING, min_points=1)
     for angle_rad, expected in ((0.0, 1.0), (math.pi / 4, 0.0)):
         memory["near"] = 1
         memory["near_points"][0, :, 0] = 0.232 * math.cos(angle_rad), 0.232 * math.sin(angle_rad)
-        assert factor_of(parameters, memory, 0.0, 0.0) == expected
+        assert factors(parameters, memory, 0.0, 0.0)[0] == expected
 
 
 @each_row(
@@ -162,5 +155,38 @@ def test_noise_freezes_a_robot_between_walls_as_often_as_nav2(noise_m, half_widt
             assert np.mean(frozen) == pytest.approx(expected, abs=0.05)
 
 
-def test_without_noise_a_robot_between_walls_of_half_a_meter_is_never_frozen():
-    assert factor(walls_beside(0.25, 0.25), 0.1) == 1.0
+def zone(action, **values):
+    return MonitorZone(action=action, **{"vertices": AHEAD, "min_points": 2, **values})
+
+
+INSIDE = [(0.5, 0.0), (0.5, 0.1)]
+STOP, RING = zone("stop", min_points=1), zone("stop", vertices=(), radius=0.5, min_points=1)
+SLOW, LIMIT = zone("slowdown", slowdown_ratio=0.4), zone("limit", linear_limit=0.2, angular_limit=0.5)
+NEAR = zone("approach", time_before_collision=2.0, min_points=1)
+
+
+@each_row(
+    ("zones", "points", "changes", "expected"),
+    [
+        ([zone("stop")], [(0.9, 0.0)], {}, 1.0),
+        ([zone("stop")], [(0.9, 0.0), (0.9, 0.2)], {}, 0.0),
+        ([zone("stop")], [(0.9, 0.0), (0.9, 0.4)], {}, 1.0),
+        ([RING], [(-0.3, -0.3)], {}, 0.0),
+        ([RING], [(-0.4, -0.4)], {}, 1.0),
+        ([STOP], [(1.3, 0.0)], {}, 1.0),
+        ([STOP], [(1.3, 0.0)], {"moved": (0.5, 0.0, 0.0)}, 0.0),
+        ([STOP], [(0.0, 0.8)], {"moved": (0.0, 0.0, math.pi / 2)}, 0.0),
+        ([SLOW], INSIDE, {}, 0.4),
+        ([SLOW, zone("slowdown", slowdown_ratio=0.7)], INSIDE, {}, 0.4),
+        ([SLOW, zone("stop")], INSIDE, {}, 0.0),
+        ([LIMIT], INSIDE, {}, 0.4),
+        ([LIMIT], INSIDE, {"v_mps": 0.1}, 1.0),
+        ([LIMIT], INSIDE, {"v_mps": 0.0, "w_radps": 2.0}, 0.25),
+        ([LIMIT], INSIDE, {"w_radps": 2.0}, 0.25),
+        ([LIMIT], INSIDE, {"v_mps": 0.0}, 1.0),
+        ([NEAR], [(1.52, 0.0)], {}, 0.5),  # 0.52 m at 0.5 m/s: inside at the 11th step
+        ([NEAR], [(1.52, 0.0)], {"v_mps": 0.1}, 1.0),
+    ],
+)
+def test_areas_scale_a_command_by_their_points_and_actions(zones, points, changes, expected):
+    assert left(zones, points, **changes) == pytest.approx(expected)

@@ -77,26 +77,13 @@ def test_beam_clears_up_to_its_end_and_marks_there():
     assert (row[:COLUMN] == UNSEEN).all() and (row[COLUMN + 41 :] == UNSEEN).all()
 
 
-def test_beam_touches_no_other_row():
-    layer = seen([2.0])
-    layer[ROW] = UNSEEN
-    assert (layer == UNSEEN).all()
-
-
-@each_row(("short", "kept"), [(GLOBAL, 1), (LOCAL, 2)])
-def test_local_layer_stops_clearing_two_cells_before_the_end_of_a_beam(short, kept):
-    layer = np.full((80, 160), MARKED, dtype=np.uint8)
-    row = seen([2.0], short, layer)[ROW, COLUMN : COLUMN + 42]
-    assert np.flatnonzero(row == MARKED)[0] == 41 - kept
-
-
-def test_old_mark_a_cell_before_the_wall_stays_in_the_local_layer_and_goes_from_the_global_one():
+def test_old_mark_before_the_wall_stays_in_the_local_layer_alone():
     for short, left in ((LOCAL, MARKED), (GLOBAL, SEEN_FREE)):
         layer = seen([1.95], short)
         assert seen([2.0], short, layer)[ROW, COLUMN + 39] == left
 
 
-def test_between_the_ranges_of_marking_and_clearing_an_end_is_cleared_and_not_marked():
+def test_end_between_the_ranges_of_marking_and_clearing_is_cleared():
     layer = np.full((80, 160), MARKED, dtype=np.uint8)
     row = seen([2.7], GLOBAL, layer)[ROW]
     assert (row[COLUMN : COLUMN + 55] == SEEN_FREE).all()
@@ -127,11 +114,6 @@ def test_marks_are_made_after_all_clearing():
     assert layer[ROW, COLUMN + 40] == MARKED
 
 
-def test_beams_turn_with_the_robot():
-    layer = seen([1.0], yaw=math.pi / 2)
-    assert layer[ROW + 20, COLUMN] == MARKED
-
-
 def test_end_beyond_the_grid_clears_up_to_the_border():
     layer = seen([2.4], bearings=[math.pi / 2])
     assert (layer[ROW:, COLUMN] == SEEN_FREE).all()
@@ -140,23 +122,6 @@ def test_end_beyond_the_grid_clears_up_to_the_border():
 
 def test_sensor_outside_the_grid_changes_nothing():
     assert (seen([1.0], at=(-0.1, 2.0)) == UNSEEN).all()
-
-
-def test_layer_that_does_not_clear_only_marks():
-    layer = np.full((80, 160), UNSEEN, dtype=np.uint8)
-    row = seen([2.0], layer=layer, clearing=False)[ROW]
-    assert row[COLUMN + 40] == MARKED
-    assert not (layer == SEEN_FREE).any()
-
-
-def test_layer_that_does_not_mark_only_clears():
-    layer = seen([2.0], marking=False)
-    assert (layer[ROW, COLUMN : COLUMN + 41] == SEEN_FREE).all()
-    assert not (layer == MARKED).any()
-
-
-def test_nearer_than_the_least_obstacle_range_nothing_is_marked():
-    assert not (seen([0.9], obstacle_min_range=1.0) == MARKED).any()
 
 
 @given(*[st.integers(0, 29)] * 2, *[st.integers(-60, 90)] * 2, st.integers(0, 2))
@@ -225,7 +190,7 @@ def test_under_the_robot_the_cells_of_its_outline_and_those_within_are_cleared(x
         assert layer[int(vertex_y / RESOLUTION_M), int(vertex_x / RESOLUTION_M)] == SEEN_FREE
 
 
-def test_corners_that_the_footprints_disc_touches_are_left_where_no_line_of_its_outline_passes():
+def test_corners_under_the_disc_stay_where_no_line_of_the_outline_passes():
     layer = np.full((20, 20), MARKED, dtype=np.uint8)
     polygon_cleared(layer, padded_outline(0.22, 0.01), 0.525, 0.525, 0.0)
     columns, rows = np.meshgrid(*[np.maximum(np.abs(np.arange(20) - 10.0) - 0.5, 0.0) * RESOLUTION_M] * 2)
@@ -233,12 +198,6 @@ def test_corners_that_the_footprints_disc_touches_are_left_where_no_line_of_its_
     cleared = layer == SEEN_FREE
     assert not (cleared & ~touched).any()
     assert 4 <= (touched & ~cleared).sum() <= 12
-
-
-def test_footprint_that_reaches_off_the_layer_clears_nothing():
-    layer = np.full((20, 20), MARKED, dtype=np.uint8)
-    polygon_cleared(layer, padded_outline(0.22, 0.01), 0.2, 0.5, 0.0)
-    assert (layer == MARKED).all()
 
 
 @given(
@@ -254,7 +213,7 @@ def test_merged_costmap_is_the_greater_of_both_layers_inflated(static, layer):
     np.testing.assert_array_equal(costs, inflate(master, *PARAMETERS))
 
 
-def test_only_the_window_is_merged_and_it_counts_what_lies_just_outside():
+def test_merging_takes_the_window_alone_and_counts_cells_just_outside():
     static = np.zeros((50, 60), dtype=np.uint8)
     static[25, 41] = 254
     costs = np.full_like(static, 7)
@@ -264,11 +223,3 @@ def test_only_the_window_is_merged_and_it_counts_what_lies_just_outside():
     outside = np.ones(static.shape, dtype=bool)
     outside[15:36, 20:41] = False
     assert (costs[outside] == 7).all()
-
-
-def test_static_wall_is_not_cleared_by_a_beam_through_it():
-    static, layer = np.zeros((50, 60), dtype=np.uint8), np.full((50, 60), SEEN_FREE, dtype=np.uint8)
-    static[25, 30] = 254
-    costs = np.zeros_like(static)
-    merged(static, layer, 30, 25, 60, costs)
-    assert costs[25, 30] == 254

@@ -29,17 +29,9 @@ def test_curve_ends_at_the_pose_it_is_for(x, y, heading, reverses):
 
 @settings(max_examples=200, deadline=None)
 @given(LENGTHS, LENGTHS, ANGLES)
-def test_curve_is_at_least_as_long_as_a_line_and_reversing_never_makes_it_longer(x, y, heading):
+def test_curve_is_no_shorter_than_a_line_and_no_longer_by_reversing(x, y, heading):
     forward, either = shortest(x, y, heading, False)[0], shortest(x, y, heading, True)[0]
     assert math.hypot(x, y) - 1e-9 <= either <= forward + 1e-9
-
-
-@settings(max_examples=200, deadline=None)
-@given(LENGTHS, LENGTHS, ANGLES)
-def test_with_reversing_back_is_as_long_as_there(x, y, heading):
-    c, s = math.cos(heading), math.sin(heading)
-    back = shortest(-(c * x + s * y), s * x - c * y, -heading, True)[0]
-    assert shortest(x, y, heading, True)[0] == pytest.approx(back, abs=1e-6)
 
 
 @settings(max_examples=100, deadline=None)
@@ -65,8 +57,3 @@ def test_nowhere_on_a_curve_is_a_turn_tighter_than_the_radius(x, y, heading, rev
 def test_lengths_that_geometry_gives(pose, dubins, reeds_shepp):
     assert shortest(*pose, True)[0] == pytest.approx(reeds_shepp)
     assert shortest(*pose, False)[0] == pytest.approx(dubins)
-
-
-def test_back_in_a_straight_line_is_the_shortest_only_with_reversing():
-    assert shortest(-5.0, 0.0, 0.0, True)[0] == pytest.approx(5.0)
-    assert shortest(-5.0, 0.0, 0.0, False)[0] > 2.0 * math.pi

@@ -36,7 +36,7 @@ def test_groups_of_fewer_cells_go_and_all_others_stay(seed, size, connectivity):
     assert np.array_equal(denoised(static, layer), np.where(lethal & (sizes < size), 0, static))
 
 
-def test_robot_with_the_layer_drives_ten_meters_straight_on_past_a_speck_that_the_default_keeps_away_from(
+def test_robot_with_the_layer_drives_ten_meters_straight_past_a_speck(
     over_a_floor,
 ):
     cells = np.zeros((80, 280), dtype=bool)

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from amcl_filter import Filter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from table import each_row
@@ -11,7 +12,6 @@ from table import each_row
 from vastflow.sim.loop.drive import drive
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Mission
-from vastflow.sim.nav2.amcl.filter import Filter
 from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.navigator.state import OMNI_COLUMNS, SUBSTEPS
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of

@@ -1,43 +1,68 @@
-"""DWB's samples, its grids, and what its critics forbid; `test_sim_nav2_conformance` has it beside Nav2's answers."""
+"""DWB's samples, grids, critics, and memory; `test_sim_nav2_conformance` compares it with Nav2's answers."""
 
 import math
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.record import record_of
+from vastflow.sim.loop.drive import drive
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.scenario import Mission
 from vastflow.sim.nav2.controllers import dwb
 from vastflow.sim.nav2.controllers.controller import ControllerInput
 from vastflow.sim.nav2.controllers.dwb_critics import grow, lay, new_path_grid
 from vastflow.sim.nav2.costmaps.inflation import inflate
 from vastflow.sim.nav2.costmaps.outline import padded_outline
-from vastflow.sim.nav2.costmaps.window import Window
+from vastflow.sim.nav2.costmaps.window import Window, outline_cost
+from vastflow.sim.nav2.navigator.prepared import prepare
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameters.dwb import DwbParameters
+from vastflow.sim.reading.robot import robot_of
+from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.robot_model import Lidar
 
-CELLS = 60
-RESOLUTION_M = 0.05
+CELLS, RESOLUTION_M = 60, 0.05
 OUTLINE = padded_outline(0.22, 0.01)
+RECTANGLE = np.array([[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]])
 CORNER = (10.0 / 3.0, -20.0 / 7.0)
 CENTER = (CORNER[0] + 1.512, CORNER[1] + 1.493)
+HERE = (*CENTER, 0.0)
+AHEAD = (9.0, CENTER[1], 0.0)
 HUMBLE = DwbParameters()
 FAST = HUMBLE.with_values(max_vel_x=0.5, max_speed_xy=0.5, min_vel_x=-0.1)
+IN_PLACE = HUMBLE.with_values(max_vel_x=0.0)
+OMNI = DwbParameters(
+    max_vel_x=0.3, max_speed_xy=0.4, min_vel_y=-0.3, max_vel_y=0.3, acc_lim_y=2.5, decel_lim_y=-2.5, vx_samples=4
+)
 
 
 @njit
-def commanded(records, memory, window, outline, pose, twist, plan, n, goal):
-    situation = ControllerInput(window, outline, 0.2255, pose, twist, plan[:n], 0.0, goal, 0.05, 0.0)
-    return dwb.compute_velocity(records[0], memory, situation)[:3]
+def commanded(records, memory, window, outline, pose, twist, plan, goal, lateral):
+    given = ControllerInput(window, outline, 0.2255, pose, twist, plan, 0.0, goal, 0.05, lateral)
+    return dwb.compute_velocity(records[0], memory, given)
 
 
 @njit
-def scored(records, memory, window, pose, twist, plan, n, goal):
-    """Scores (V, W) of the ends of all samples, infinite for those that are not legal."""
-    situation = ControllerInput(window, OUTLINE, 0.2255, pose, twist, plan[:n], 0.0, goal, 0.05, 0.0)
-    _, n_speeds, n_turns = dwb.score(records[0], memory, situation)
-    return memory.scores[:n_speeds, :n_turns].copy()
+def scored(records, memory, window, outline, pose, twist, plan, goal, lateral):
+    given = ControllerInput(window, outline, 0.2255, pose, twist, plan, 0.0, goal, 0.05, lateral)
+    _, n_speeds, n_turns = dwb.score(records[0], memory, given)
+    return n_speeds, n_turns
+
+
+@njit
+def renewed(memory):
+    dwb.reset(memory)
+
+
+@njit
+def cost_under(costs, outline, x, y, c, s):
+    return outline_cost(costs, outline, x, y, c, s)
 
 
 @njit
@@ -52,22 +77,24 @@ def distances(grid, window, plan, n, nose_x, nose_y):
     return out, goal, nose
 
 
-def window(costs=None, corner=CORNER):
+def memory_of(parameters):
+    return dwb.new_memory(parameters, CELLS, CELLS)
+
+
+def window(costs=None):
     costs = np.zeros((CELLS, CELLS), dtype=np.uint8) if costs is None else costs
-    return Window(costs, np.array([*corner, RESOLUTION_M]))
+    return Window(costs, np.array([*CORNER, RESOLUTION_M]))
 
 
-def walls(*boxes):
-    """A window of inflated walls: rows and columns (r0, r1, c0, c1) each."""
+def wall_ahead():
     costs = np.zeros((CELLS, CELLS), dtype=np.uint8)
-    for r0, r1, c0, c1 in boxes:
-        costs[r0:r1, c0:c1] = 254
-    return window(inflate(costs, RESOLUTION_M, 0.22549849971227903, 0.55, 3.0))
+    costs[:, 34:36] = 254
+    return inflate(costs, RESOLUTION_M, 0.22549849971227903, 0.55, 3.0)
 
 
-def straight(bearing=0.0, start=CENTER, length_m=1.45, spacing_m=0.025):
+def straight(bearing=0.0, length_m=1.45, spacing_m=0.025):
     s = np.arange(0.0, length_m, spacing_m)
-    return np.column_stack([start[0] + s * math.cos(bearing), start[1] + s * math.sin(bearing)])
+    return np.column_stack([CENTER[0] + s * math.cos(bearing), CENTER[1] + s * math.sin(bearing)])
 
 
 def bent(seed, length=58):
@@ -78,12 +105,69 @@ def bent(seed, length=58):
     return np.array(CENTER) + rng.normal(0.0, 0.05, 2) + np.cumsum(steps, axis=0)
 
 
-def chosen(parameters, w, pose, twist, plan, goal, memory=None):
-    memory = dwb.new_memory(parameters, *w.costs.shape) if memory is None else memory
-    return commanded(record_of(parameters), memory, w, OUTLINE, pose, twist, plan, len(plan), goal)
+def command(parameters, costs=None, pose=HERE, twist=(0.0, 0.0), plan=None, goal=AHEAD, memory=None, lateral=0.0):
+    """The command (valid, v, ω, vy)."""
+    memory, plan = memory or memory_of(parameters), straight() if plan is None else plan
+    return commanded(record_of(parameters), memory, window(costs), OUTLINE, pose, twist, plan, goal, lateral)
 
 
-# Cells.
+def scores(parameters, costs=None, pose=HERE, twist=(0.1, 0.0), plan=None, goal=AHEAD, lateral=0.0, outline=RECTANGLE):
+    """Return scores (V, W) of samples, infinite for those that are not legal, and the memory."""
+    memory, plan = memory_of(parameters), straight() if plan is None else plan
+    n, m = scored(record_of(parameters), memory, window(costs), outline, pose, twist, plan, goal, lateral)
+    return memory.scores[:n, :m].copy(), memory
+
+
+# Samples.
+
+
+@each_row("current", [-0.4, 0.0, 0.13, 0.9])
+def test_samples_reach_both_ends_and_hold_zero(current):
+    _, memory = scores(HUMBLE, twist=(0.1, current))
+    assert memory.turns[[0, -1]] == pytest.approx([-1.0, 1.0])
+    assert 0.0 in memory.turns
+    assert np.all(np.diff(memory.turns) > 0.0)
+    assert memory.speeds[[0, 19]] == pytest.approx([0.0, 0.26])
+
+
+def test_samples_are_within_reach_of_the_accelerations():
+    _, memory = scores(HUMBLE.with_values(acc_lim_x=0.02, decel_lim_x=-0.05), twist=(0.15, 0.0))
+    assert memory.speeds[[0, 19]] == pytest.approx([0.15 - 0.05 * 1.7, 0.15 + 0.02 * 1.7])
+
+
+def test_samples_below_both_least_speeds_are_illegal():
+    table, memory = scores(HUMBLE.with_values(min_speed_xy=0.1, min_speed_theta=0.5))
+    slow = (memory.speeds[: len(table), None] ** 2 < 0.01 - 1e-5) & (np.abs(memory.turns) < 0.5 - 1e-5)
+    assert np.isinf(table[slow]).all()
+    assert np.isfinite(table[~slow]).all()
+
+
+def test_speeds_ahead_are_combined_with_speeds_to_the_side():
+    table, memory = scores(OMNI, twist=(0.0, 0.0))
+    assert len(table) == 4 * 5
+    assert memory.speeds[:6] == pytest.approx([0.0] * 5 + [0.1])
+    assert memory.sideways[:5] == pytest.approx([-0.3, -0.15, 0.0, 0.15, 0.3])
+    fast = np.hypot(memory.speeds[:20], memory.sideways[:20]) > 0.4 + 1e-5  # than max_speed_xy
+    assert fast.sum() == 2
+    assert np.isinf(table[fast]).all()
+    assert np.isfinite(table[~fast]).any(axis=1).all()
+    table, memory = scores(OMNI.with_values(min_vel_y=0.0, max_vel_y=0.0), twist=(0.0, 0.0))
+    assert len(table) == 4
+    assert not memory.sideways.any()
+
+
+def test_sample_to_the_side_ends_to_the_side():
+    """The robot looks at 0.5 rad and already moves to its left as fast as the sample."""
+    parameters = OMNI.with_values(vtheta_samples=21)
+    table, memory = scores(parameters, pose=(*CENTER, 0.5), twist=(0.0, 0.0), lateral=0.3)
+    unturned = int(np.argmin(np.abs(memory.turns[: table.shape[1]])))
+    found = next(i for i in range(len(table)) if memory.speeds[i] == 0.0 and memory.sideways[i] == pytest.approx(0.3))
+    assert memory.turns[unturned] == pytest.approx(0.0, abs=1e-9)
+    end, reach_m = memory.ends[found, unturned, :2] * RESOLUTION_M, 0.3 * OMNI.sim_time
+    assert end == pytest.approx((1.512 - reach_m * math.sin(0.5), 1.493 + reach_m * math.cos(0.5)))
+
+
+# Grids.
 
 
 def cell_of(w, x, y):
@@ -112,151 +196,84 @@ def plan_cells(w, plan):
     return cells
 
 
-# The samples.
+def grown(plan, w=None, grid=None, nose=None):
+    return distances(grid or new_path_grid(CELLS, CELLS), w or window(), plan, len(plan), *(nose or plan[-1]))
 
 
-@each_row("current", [-0.4, 0.0, 0.13, 0.9])
-def test_samples_reach_both_ends_and_hold_zero(current):
-    memory = dwb.new_memory(HUMBLE, CELLS, CELLS)
-    scored(record_of(HUMBLE), memory, window(), (*CENTER, 0.0), (0.1, current), straight(), 50, (9.0, 0.0, 0.0))
-    turns = memory.turns
-    assert turns[[0, -1]] == pytest.approx([-1.0, 1.0])
-    assert 0.0 in turns
-    assert np.all(np.diff(turns) > 0.0)
-    assert memory.speeds[[0, 19]] == pytest.approx([0.0, 0.26])
-
-
-def test_samples_are_what_the_accelerations_reach_within_the_roll_outs_time():
-    slow = HUMBLE.with_values(acc_lim_x=0.02, decel_lim_x=-0.05)
-    memory = dwb.new_memory(slow, CELLS, CELLS)
-    scored(record_of(slow), memory, window(), (*CENTER, 0.0), (0.15, 0.0), straight(), 50, (9.0, 0.0, 0.0))
-    assert memory.speeds[[0, 19]] == pytest.approx([0.15 - 0.05 * 1.7, 0.15 + 0.02 * 1.7])
-
-
-def test_robot_that_cannot_turn_has_one_yaw_rate():
-    stiff = HUMBLE.with_values(max_vel_theta=0.0)
-    table = scored(
-        record_of(stiff),
-        dwb.new_memory(stiff, CELLS, CELLS),
-        window(),
-        (*CENTER, 0.0),
-        (0.1, 0.0),
-        straight(),
-        50,
-        (9.0, 0.0, 0.0),
-    )
-    assert table.shape == (20, 1)
-
-
-def test_samples_slower_than_both_least_speeds_are_left_out():
-    lively = HUMBLE.with_values(min_speed_xy=0.1, min_speed_theta=0.5)
-    memory = dwb.new_memory(lively, CELLS, CELLS)
-    table = scored(record_of(lively), memory, window(), (*CENTER, 0.0), (0.1, 0.0), straight(), 50, (9.0, 0.0, 0.0))
-    slow = (memory.speeds[: len(table), None] ** 2 < 0.01 - 1e-5) & (np.abs(memory.turns) < 0.5 - 1e-5)
-    assert np.isinf(table[slow]).all()
-    assert np.isfinite(table[~slow]).all()
-
-
-# The grids.
-
-
-def test_path_distances_of_a_straight_plan_are_manhattan_from_the_nearest_cell_of_it():
+def test_path_distances_are_manhattan_from_the_nearest_cell_of_the_plan():
     plan = np.column_stack([CORNER[0] + 0.525 + 0.025 * np.arange(40), np.full(40, CORNER[1] + 1.025)])
-    values, _, _ = distances(new_path_grid(CELLS, CELLS), window(), plan, len(plan), *plan[-1])
     columns, rows = np.meshgrid(np.arange(CELLS), np.arange(CELLS))
     sources = np.array(sorted(set(plan_cells(window(), plan))))
     away = np.abs(columns[..., None] - sources[:, 0]) + np.abs(rows[..., None] - sources[:, 1])
-    np.testing.assert_array_equal(values, away.min(axis=2))
+    np.testing.assert_array_equal(grown(plan)[0], away.min(axis=2))
 
 
-def test_grid_that_was_used_gives_what_a_new_one_gives():
+def test_used_grid_gives_the_distances_of_a_new_one():
     grid = new_path_grid(CELLS, CELLS)
     short = straight(0.3, length_m=0.6)
     for plan in (short, np.add(short, [0.0, 0.1]), bent(2), bent(2), bent(3)):
-        used, _, _ = distances(grid, window(), plan, len(plan), *plan[-1])
-        fresh, _, _ = distances(new_path_grid(CELLS, CELLS), window(), plan, len(plan), *plan[-1])
-        np.testing.assert_array_equal(used, fresh)
+        np.testing.assert_array_equal(grown(plan, grid=grid)[0], grown(plan)[0])
 
 
-def test_plan_counts_up_to_the_first_cell_without_information():
+def test_plan_counts_up_to_the_first_unknown_cell():
     costs = np.zeros((CELLS, CELLS), dtype=np.uint8)
     costs[:, 45] = 255
-    plan = straight()
-    values, goal, _ = distances(new_path_grid(CELLS, CELLS), window(costs), plan, len(plan), *plan[-1])
+    values, goal, _ = grown(straight(), window(costs))
     assert goal % (CELLS + 2) - 1 == 44
     assert values[29, 50] == 6
 
 
 def test_holes_of_more_than_two_cells_are_filled():
     plan = straight(spacing_m=0.4)
-    values, _, _ = distances(new_path_grid(CELLS, CELLS), window(), plan, len(plan), *plan[-1])
     sources = {column for column, row in plan_cells(window(), plan) if row == 29}
     assert len(plan_cells(window(), plan)) > len(plan)
-    assert values[29].tolist() == [min(abs(column - each) for each in sources) for column in range(CELLS)]
+    assert grown(plan)[0][29].tolist() == [min(abs(column - each) for each in sources) for column in range(CELLS)]
 
 
-def test_nose_outside_the_window_is_the_last_point_on_the_way_there():
+def test_nose_outside_the_window_is_the_last_point_on_the_way():
     plan = straight(length_m=1.4)
     nosed = plan + [[0.4 if k == len(plan) - 1 else 0.0, 0.0] for k in range(len(plan))]
-    _, goal, nose = distances(new_path_grid(CELLS, CELLS), window(), plan, len(plan), *nosed[-1])
+    _, goal, nose = grown(plan, nose=tuple(nosed[-1]))
     assert goal % (CELLS + 2) - 1 == plan_cells(window(), plan)[-1][0]
     assert nose % (CELLS + 2) - 1 == plan_cells(window(), nosed)[-1][0]
     assert nose > goal
 
 
-# The critics' own rules.
+# Critics.
 
 
-def test_no_sample_is_legal_where_the_robot_stands_in_inscribed_cost():
-    assert chosen(HUMBLE, walls((0, CELLS, 34, 36)), (*CENTER, 0.0), (0.0, 0.0), straight(), (9.0, 0.0, 0.0)) == (
-        False,
-        0.0,
-        0.0,
-    )
-
-
-def test_without_base_obstacle_a_wall_is_driven_through():
+def test_base_obstacle_forbids_inscribed_cost_under_the_robot():
+    costs = wall_ahead()
+    assert command(HUMBLE, costs) == (False, 0.0, 0.0, 0.0)
     blind = HUMBLE.with_values(BaseObstacle=HUMBLE.BaseObstacle.with_values(enabled=False))
-    wall = walls((0, CELLS, 34, 36))
-    valid, v, _ = chosen(blind, wall, (*CENTER, 0.0), (0.26, 0.0), straight(), (9.0, CENTER[1], 0.0))
-    assert (valid, v) == (True, pytest.approx(0.26))
+    assert command(blind, costs, twist=(0.26, 0.0))[:2] == (True, pytest.approx(0.26))
 
 
-def test_plan_outside_the_window_leaves_no_legal_sample():
-    plan = straight(start=(CENTER[0] + 5.0, CENTER[1]))
-    assert not chosen(HUMBLE, window(), (*CENTER, 0.0), (0.0, 0.0), plan, (9.0, 0.0, 0.0))[0]
-
-
-def test_near_the_goal_a_fast_robot_may_only_slow_down():
+def test_robot_at_the_goal_slows_down_and_then_turns_to_its_heading():
     goal = (CENTER[0] + 0.1, CENTER[1], 1.5)
-    valid, v, _ = chosen(HUMBLE, window(), (*CENTER, 0.0), (0.26, 0.0), np.array([CENTER, goal[:2]]), goal)
+    plan = np.array([CENTER, goal[:2]])
+    valid, v, _, _ = command(HUMBLE, twist=(0.26, 0.0), plan=plan, goal=goal)
     assert valid
     assert v < 0.26
-
-
-def test_at_the_goal_a_slow_robot_turns_to_the_goals_heading():
-    goal = (CENTER[0] + 0.1, CENTER[1], 1.5)
-    valid, v, w = chosen(HUMBLE, window(), (*CENTER, 0.0), (0.1, 0.0), np.array([CENTER, goal[:2]]), goal)
+    valid, v, w, _ = command(HUMBLE, twist=(0.1, 0.0), plan=plan, goal=goal)
     assert (valid, v) == (True, 0.0)
     assert w > 0.5
 
 
 def added_by(name, **values):
     """Speeds (V, 1), yaw rates (1, W) and what a critic adds to the scores of their samples."""
-    w, plan, goal = window(), straight(), (9.0, CENTER[1], 0.0)
-    scores = []
+    found = []
     for enabled in (False, True):
         critic = getattr(FAST, name).with_values(enabled=enabled, **values)
-        parameters = FAST.with_values(**{name: critic})
-        memory = dwb.new_memory(parameters, CELLS, CELLS)
-        scores.append(scored(record_of(parameters), memory, w, (*CENTER, 0.0), (0.1, 0.0), plan, len(plan), goal))
-    speeds, turns = memory.speeds[: scores[0].shape[0], None], memory.turns[None, : scores[0].shape[1]]
-    assert np.array_equal(np.isinf(scores[0]), np.isinf(scores[1]))
-    legal = np.isfinite(scores[0])
-    return speeds, turns, legal, np.where(legal, scores[1], 0.0) - np.where(legal, scores[0], 0.0)
+        table, memory = scores(FAST.with_values(**{name: critic}), outline=OUTLINE)
+        found.append(table)
+    speeds, turns = memory.speeds[: found[0].shape[0], None], memory.turns[None, : found[0].shape[1]]
+    assert np.array_equal(np.isinf(found[0]), np.isinf(found[1]))
+    legal = np.isfinite(found[0])
+    return speeds, turns, legal, np.where(legal, found[1], 0.0) - np.where(legal, found[0], 0.0)
 
 
-def test_prefer_forward_punishes_driving_backward_and_strafing_and_else_counts_turns():
+def test_prefer_forward_punishes_backing_and_strafing_and_else_counts_turns():
     v, w, legal, added = added_by("PreferForward", scale=5.0, penalty=30.0, strafe_x=0.2, strafe_theta=0.3)
     punished = (v < 0.0) | ((v < 0.2) & (np.abs(w) < 0.3))
     expected = 5.0 * np.where(punished, 30.0, 10.0 * np.abs(w))
@@ -265,11 +282,168 @@ def test_prefer_forward_punishes_driving_backward_and_strafing_and_else_counts_t
     assert np.allclose(added[legal], expected[legal], atol=1e-3)
 
 
-def test_twirling_counts_turns_where_it_has_a_scale():
+def test_twirling_counts_turns_by_its_scale():
     _, w, legal, added = added_by("Twirling", scale=2.0)
     assert np.allclose(added[legal], np.broadcast_to(2.0 * np.abs(w), added.shape)[legal], atol=1e-3)
     assert not added_by("Twirling")[3].any()
 
 
-def test_default_parameters_are_in_their_ranges():
-    assert DwbParameters.model_validate(dict(HUMBLE)) == HUMBLE
+@settings(max_examples=80, deadline=None)
+@given(
+    st.integers(0, 10_000),
+    st.tuples(st.floats(-1.0, 22.0), st.floats(-1.0, 22.0)),
+    st.tuples(st.floats(0.5, 8.0), st.floats(0.5, 8.0)),
+)
+def test_outline_cost_is_the_greatest_on_the_border_of_a_rectangle(seed, at, half):
+    costs = np.random.default_rng(seed).integers(0, 253, (20, 22)).astype(np.uint8)
+    (x, y), (half_x, half_y) = at, half
+    outline = np.array([[half_x, half_y], [half_x, -half_y], [-half_x, -half_y], [-half_x, half_y]])
+    found = cost_under(costs, outline, x, y, 1.0, 0.0)
+    low, high = np.floor([x - half_x, y - half_y]).astype(int), np.floor([x + half_x, y + half_y]).astype(int)
+    if x - half_x < 0 or y - half_y < 0 or x + half_x >= 22 or y + half_y >= 20:
+        assert found == -1
+        return
+    box = costs[low[1] : high[1] + 1, low[0] : high[0] + 1]
+    assert found == max(box[0].max(), box[-1].max(), box[:, 0].max(), box[:, -1].max())
+
+
+@each_row(
+    ("cell", "cost", "expected"), [((10, 12), 253, 253), ((10, 12), 254, -1), ((10, 12), 255, -1), ((10, 10), 254, 0)]
+)
+def test_outline_may_not_meet_lethal_and_unknown_cells(cell, cost, expected):
+    costs = np.zeros((20, 20), dtype=np.uint8)
+    costs[cell] = cost
+    assert cost_under(costs, 8.0 * RECTANGLE * (1.0, 1.5), 10.5, 10.5, 1.0, 0.0) == expected
+
+
+def with_footprint(enabled):
+    return FAST.with_values(
+        min_vel_x=0.0,
+        BaseObstacle=FAST.BaseObstacle.with_values(enabled=False),
+        ObstacleFootprint=FAST.ObstacleFootprint.with_values(enabled=enabled, scale=0.02),
+    )
+
+
+def test_obstacle_footprint_scores_the_greatest_cost_under_the_outline_at_the_end():
+    costs = np.add.outer(2 * np.arange(CELLS), np.arange(CELLS)).astype(np.uint8)
+    without, memory = scores(with_footprint(False), costs)
+    found, _ = scores(with_footprint(True), costs)
+    legal = np.isfinite(found)
+    assert legal.sum() > 100
+    for i, j in np.argwhere(legal)[::7]:
+        x, y, c, s, _ = memory.ends[i, j]
+        expected = cost_under(costs, RECTANGLE, x, y, c / RESOLUTION_M, s / RESOLUTION_M)
+        assert found[i, j] - without[i, j] == pytest.approx(0.02 * expected, abs=1e-3)
+
+
+@each_row("name", ["BaseObstacle", "ObstacleFootprint"])
+def test_sum_scores_adds_the_costs_of_all_poses_and_the_last_twice(name):
+    """Over equal costs a sample's sum is that of one pose times its poses."""
+    costs = np.full((CELLS, CELLS), 7, dtype=np.uint8)
+    both = FAST.with_values(
+        min_vel_x=0.0, ObstacleFootprint=FAST.ObstacleFootprint.with_values(enabled=True, scale=0.02)
+    )
+    once, memory = scores(both, costs)
+    summed, _ = scores(both.with_values(**{name: getattr(both, name).with_values(sum_scores=True)}), costs)
+    legal = np.isfinite(once)
+    assert np.array_equal(legal, np.isfinite(summed))
+    poses = np.full(once.shape, np.nan)
+    poses[legal] = (summed[legal] - once[legal]) / (0.02 * 7) + 1
+    assert np.allclose(poses[legal], np.round(poses[legal]), atol=1e-2)
+    assert np.round(poses[legal]).min() >= 3
+    # The fastest straight sample: 0.5 m/s for 1.7 s in steps of 0.05 m.
+    ends = memory.ends[: once.shape[0], : once.shape[1]]
+    i, j = np.unravel_index(np.argmax(np.where(legal, ends[..., 0] - 1e-3 * ends[..., 4], -1)), once.shape)
+    assert poses[i, j] == pytest.approx(math.ceil(0.5 * 1.7 / 0.05) + 2, abs=1.01)
+
+
+# Memory.
+
+
+def test_reached_goal_is_remembered_until_a_reset():
+    memory = memory_of(HUMBLE)
+    near, far = ((CENTER[0] + away, CENTER[1], 1.5) for away in (0.1, 3.0))
+    command(HUMBLE, goal=near, memory=memory)
+    assert command(HUMBLE, goal=far, memory=memory)[1] == 0.0
+    renewed(memory)
+    assert command(HUMBLE, goal=far, memory=memory)[1] == pytest.approx(0.26)
+
+
+def turning_about(parameters, moved_m=0.0, turned_rad=0.0):
+    """Turn left, then right as the plan flips, then twice as it flips back and the robot may have moved."""
+    memory, moved = memory_of(parameters), (CENTER[0] + moved_m, CENTER[1], turned_rad)
+    found = []
+    for bearing, pose in ((2.0, HERE), (-2.0, HERE), (2.0, moved), (2.0, moved)):
+        plan = straight(bearing)
+        goal = (*(plan[-1] + 3.0 * (plan[-1] - plan[0])), 0.0)
+        found.append(command(parameters, pose=pose, plan=plan, goal=goal, memory=memory)[2])
+    return [math.copysign(1, w) for w in found]
+
+
+@each_row(
+    ("moved_m", "turned_rad", "expected"),
+    [
+        (0.0, 0.0, [1, -1, -1, -1]),
+        (0.06, 0.0, [1, -1, -1, 1]),
+        (0.0, -0.25, [1, -1, -1, 1]),
+        (0.04, 0.0, [1, -1, -1, -1]),
+        (0.0, -0.15, [1, -1, -1, -1]),
+    ],
+)
+def test_oscillation_forbids_another_turn_about_until_the_robot_moved(moved_m, turned_rad, expected):
+    assert turning_about(IN_PLACE, moved_m, turned_rad) == expected
+
+
+def test_robot_without_oscillation_turns_about_at_once():
+    free = IN_PLACE.with_values(Oscillation=HUMBLE.Oscillation.with_values(enabled=False))
+    assert turning_about(free) == [1, -1, 1, 1]
+
+
+def test_oscillation_leaves_yaw_rates_of_a_driving_robot_free():
+    memory, turns = memory_of(HUMBLE), []
+    for y in (2.0, -2.0, 2.0):
+        plan, goal = straight(math.atan2(y, 3.0)), (CENTER[0] + 3.0, CENTER[1] + y, 0.0)
+        turns.append(command(HUMBLE, twist=(0.26, 0.0), plan=plan, goal=goal, memory=memory))
+    assert all(v > 0.05 for _, v, _, _ in turns)
+    assert [math.copysign(1, w) for _, _, w, _ in turns] == [1, -1, 1]
+
+
+def test_oscillation_forbids_a_change_of_side_until_the_robot_moved():
+    only = ("PathDist", "GoalDist", "Oscillation")
+    groups = {name: group.with_values(enabled=name in only) for name, group in OMNI if hasattr(group, "place")}
+    parameters = OMNI.with_values(max_vel_x=0.0, **groups)
+    memory, lateral = memory_of(parameters), []
+    for side in (1, -1, 1):
+        goal = (CENTER[0], CENTER[1] + 9.0 * side, 0.0)
+        plan = straight(side * math.pi / 2, length_m=1.2)
+        lateral.append(command(parameters, plan=plan, goal=goal, memory=memory)[3])
+    assert lateral[0] > 0.1
+    assert lateral[1] < -0.1
+    assert lateral[2] <= 0.0
+
+
+def test_omni_robot_moves_to_the_side_along_ten_meters():
+    sideways = {"min_vel_y": -0.3, "max_vel_y": 0.3, "acc_lim_y": 2.5, "decel_lim_y": -2.5}
+    stack = {
+        "controller": "dwb",
+        "robot.drive": "omni",
+        "robot_model_type": "nav2_amcl::OmniMotionModel",
+        "min_y_velocity_threshold": 0.001,
+        "max_velocity": [0.5, 0.5, 2.0],
+        "min_velocity": [-0.5, -0.5, -2.0],
+        "max_accel": [2.5, 2.5, 3.2],
+        "max_decel": [-2.5, -2.5, -3.2],
+    }
+    floor = np.zeros((120, 280), dtype=np.int8)
+    floor[[0, -1]], floor[:, [0, -1]] = 100, 100
+    fastest = []
+    for values in (sideways, {}):
+        parameters = parameters_of({**stack, **{f"FollowPath.{name}": value for name, value in values.items()}})
+        prepared = prepare(OccupancyMap(floor, 0.05, (0.0, 0.0)), Lidar(), parameters)
+        mission, start = Mission("navigate_to_pose", (Pose(11.0, 3.0),)), Pose(1.0, 3.0, 1.2)
+        found = drive(prepared, parameters, Lidar(), robot_of(parameters), start, mission, (), (1, 2, 3), 90.0)
+        assert found.run.outcome == "succeeded"
+        assert found.run.distance_m == pytest.approx(10.0, abs=0.5)
+        fastest.append(np.abs(found.columns["command_lateral_speed_mmps"]).max())
+    assert fastest[0] > 100
+    assert fastest[1] == 0

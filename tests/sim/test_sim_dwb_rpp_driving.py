@@ -123,16 +123,10 @@ def test_bend_is_followed_to_the_goal_and_its_heading(controller):
 
 
 @CONTROLLERS
-def test_at_the_goal_the_robot_turns_to_a_heading_behind_it(controller):
+def test_robot_at_the_goal_turns_to_a_heading_behind_it(controller):
     rows = drive(controller(), line(2.0), 3.0, (0.0, 0.0, 0.0), 30.0)
     assert len(rows) < 20 * 30
     assert rows[-1, 4] == 0.0
-
-
-@CONTROLLERS
-def test_towards_a_plan_behind_the_robot_turns_round_and_drives_it(controller):
-    rows = drive(controller(), line(3.0), 0.0, (0.0, 0.0, math.pi - 0.1), 40.0)
-    assert len(rows) < 20 * 40
 
 
 LOPSIDED = np.array([[0.3, 0.42], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.42]])
@@ -144,7 +138,7 @@ def posts(x, y):
 
 
 def run_over(rows):
-    """How many posts, of a cell of 0.05 m each, the lopsided robot had under it."""
+    """Count the posts of one cell of 0.05 m that the lopsided robot had under it."""
     ahead, aside = np.zeros((2, len(rows), len(POSTS)))
     for k, (px, py) in enumerate(POSTS):
         dx, dy = px - rows[:, 0], py - 0.015 - rows[:, 1]
@@ -153,8 +147,8 @@ def run_over(rows):
     return int(((np.abs(ahead) < 0.3) & (aside > -0.2) & (aside < 0.42)).any(axis=0).sum())
 
 
-def test_with_obstacle_footprint_a_lopsided_robot_drives_ten_meters_past_posts_that_its_center_would_run_over():
-    """0.42 m to its left and 0.2 m to its right: its center, which is all that BaseObstacle knows, has room enough."""
+def test_lopsided_robot_drives_ten_meters_past_posts_with_obstacle_footprint():
+    """The robot reaches 0.42 m to its left and 0.2 m to its right; BaseObstacle knows its center alone."""
     outlined = DWB.with_values(
         BaseObstacle=DWB.BaseObstacle.with_values(enabled=False),
         ObstacleFootprint=DWB.ObstacleFootprint.with_values(enabled=True, scale=0.02),
@@ -165,13 +159,6 @@ def test_with_obstacle_footprint_a_lopsided_robot_drives_ten_meters_past_posts_t
     ]
     assert [len(each) < 20 * 60 for each in found] == [True, True]
     assert [run_over(each) for each in found] == [0, 3]
-
-
-def test_rpp_turns_in_place_before_it_drives_a_plan_behind():
-    rows = drive(rpp_controller(), line(3.0), 0.0, (0.0, 0.0, math.pi - 0.1), 40.0)
-    started = np.argmax(rows[:, 4] > 0.0)
-    assert np.abs(rows[started, 2]) < 0.8
-    assert np.hypot(*rows[started, :2]) < 1e-9
 
 
 def test_rpp_has_no_valid_command_before_a_wall_across_the_plan():
@@ -194,9 +181,3 @@ def test_post_close_beside_the_plan_is_passed(controller):
     assert rows[:, 3].all()
     assert len(rows) < 20 * 30
     assert rows[:, 0].max() > 3.7
-
-
-@CONTROLLERS
-def test_same_inputs_give_the_same_bytes(controller):
-    runs = [drive(controller(), bend(), 1.5, (0.0, 0.05, 0.1), 10.0) for _ in range(2)]
-    assert runs[0].tobytes() == runs[1].tobytes()

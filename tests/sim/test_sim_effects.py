@@ -1,4 +1,4 @@
-"""Code of others that is only looked at changes nothing; code that is run, and what it only reads, is let be."""
+"""Tests of the watch over effects of code that is only looked at."""
 
 import importlib.util
 import os
@@ -67,7 +67,7 @@ def test_effect_of_code_that_is_only_looked_at_is_refused(imported, tmp_path, co
 
 
 @pytest.mark.parametrize("code", HARMLESS)
-def test_what_only_reads_or_computes_is_let_be(imported, code):
+def test_code_that_reads_or_computes_is_let_be(imported, code):
     with looking_only():
         imported(code)
 
@@ -84,7 +84,7 @@ def test_vastflow_itself_may_write_while_it_looks(imported, tmp_path):
     assert (tmp_path / "own").is_file()
 
 
-def test_what_a_library_does_as_it_is_imported_is_no_effect_of_who_imports_it(imported, tmp_path, monkeypatch):
+def test_effects_of_an_imported_library_are_not_those_of_its_importer(imported, tmp_path, monkeypatch):
     library = tmp_path / "site"
     library.mkdir()
     (library / "some_library.py").write_text("open('cache', 'w').write('x')\ndef write(): open('new', 'w')\n")

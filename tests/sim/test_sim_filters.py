@@ -110,7 +110,7 @@ def test_speed_filter_beside_a_controller_that_takes_no_limits_is_a_fault(tmp_pa
         interpretation(parse(text, str(tmp_path / "n.yaml")))
 
 
-def test_speed_limits_that_scale_what_is_no_parameter_are_said_with_the_controller_s_line(tmp_path):
+def test_speed_limits_of_no_parameter_are_faults_at_the_controller(tmp_path):
     (tmp_path / "own.py").write_text(OWN)
     controller = find_controller("own.py:Misnamed", tmp_path)()
     found = running(controller, Setting(60, 60, RESOLUTION_M, 0.25, 0.25, np.array([1], dtype=np.uint64)))
@@ -118,7 +118,7 @@ def test_speed_limits_that_scale_what_is_no_parameter_are_said_with_the_controll
         speed_zones(floor(), floor(), SpeedFilter(), found)
 
 
-def test_what_runs_depends_on_the_cells_of_a_mask_that_a_filter_reads_and_on_no_other(scenario, saved):
+def test_digest_depends_on_the_mask_cells_that_a_filter_reads(scenario, saved):
     masks = [saved(mask(np.full((4, 4), value))) for value in (0, 100)]
     with_keepout = {f"global_costmap.global_costmap.ros__parameters.{key}": value for key, value in KEEPOUT.items()}
     assert len({checked_digest(scenario(keepout_mask=each, **with_keepout)) for each in masks}) == 2
@@ -128,7 +128,7 @@ def test_what_runs_depends_on_the_cells_of_a_mask_that_a_filter_reads_and_on_no_
 # What masks do.
 
 
-def test_keepout_mask_raises_costs_and_unknown_cells_and_leaves_what_it_does_not_know():
+def test_keepout_mask_raises_costs_and_unknown_cells():
     keepout = on_map(keepout_mask(mask([[0, 50, 100, -1]]), over := mask([[0, 0, 0, 0]])), over)
     assert keepout.tolist() == [[0, 127, 254, 255]]
     assert with_keepout(np.array([[10, 10, 10, 10]], dtype=np.uint8), keepout).tolist() == [[10, 127, 254, 10]]
@@ -136,7 +136,7 @@ def test_keepout_mask_raises_costs_and_unknown_cells_and_leaves_what_it_does_not
 
 
 def test_mask_of_other_cells_and_another_corner_lies_where_its_yaml_says():
-    """Cells of 0.1 m from (0.1, 0.05) on: of a map of 0.05 m the columns 2 and 3, and from row 1 on."""
+    """Cells of 0.1 m from (0.1, 0.05) on cover columns 2 and 3 of the finer map from row 1."""
     over = mask(np.zeros((4, 6)))
     found = on_map(keepout_mask(mask([[100]], 0.1, (0.1, 0.05)), over), over)
     assert np.argwhere(found == 254).tolist() == [[1, 2], [1, 3], [2, 2], [2, 3]]
@@ -147,7 +147,7 @@ def window_kept_out(window, mask, map_odom):
     keep_out_of_window(window, mask, map_odom)
 
 
-def test_in_the_local_costmap_a_mask_lies_where_localization_takes_it_to_be():
+def test_mask_in_the_local_costmap_lies_where_localization_takes_it():
     window = Window(np.zeros((20, 20), dtype=np.uint8), np.array([-0.5, -0.5, 0.05]))
     zone = mask([[100]], 0.2, (2.0, 3.0))
     # The odom frame's origin is at (2.1, 2.6), turned by a quarter: what is 0.5 m ahead there is 0.5 m up on the map.
@@ -212,8 +212,8 @@ def driven(stack, keepout=None, speed=None, length_m=10.0):
     return drive(prepared, stack, Lidar(), Robot(), Pose(1.0, 2.0), mission, (), (1, 2, 3), 120.0)
 
 
-def test_with_a_keepout_filter_a_robot_drives_ten_meters_round_an_area_that_without_it_lies_on_its_path():
-    """Nothing is inflated round a mask: this one has a rim of 0.4 m that costs, or the path would run along the area's edge."""
+def test_robot_with_a_keepout_filter_drives_ten_meters_round_an_area():
+    """The mask has a rim of 0.4 m that costs, or the path would run along the area's edge."""
     values = np.zeros((80, 280))
     values[20:60, 92:148] = 60
     values[28:52, 100:140] = 100  # from (5.0, 1.4) to (7.0, 2.6)
@@ -228,7 +228,7 @@ def test_with_a_keepout_filter_a_robot_drives_ten_meters_round_an_area_that_with
 
 
 @each_row("controller", ["mppi", "dwb", "rpp"])
-def test_with_a_speed_filter_a_robot_drives_ten_meters_and_the_middle_of_them_at_half_its_speed(controller):
+def test_robot_with_a_speed_filter_drives_ten_meters_partly_at_half_speed(controller):
     values = np.zeros((80, 280))
     values[:, 100:160] = 50  # from x = 5 m to x = 8 m
     stack = parameters_of({"controller": controller})

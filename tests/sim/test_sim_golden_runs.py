@@ -1,4 +1,4 @@
-"""The bytes of a short run of each controller and planner, pinned: a change of them is meant, or it is a fault.
+"""Tests that pin the bytes of a short run of each controller and planner.
 
 Bytes are promised within a numeric class. Elsewhere a run may differ, and is skipped if it does.
 """
@@ -95,7 +95,7 @@ DIGESTS: Final[Mapping[str, str]] = {
 
 @each_row("name", STACKS)
 def test_short_run_has_the_bytes_it_had(name):
-    """Round the end of a wall, 8 s of a path that begins with a turn, with noise on scan and odometry."""
+    """Drive 8 s round the end of a wall with noise; the path begins with a turn."""
     cells = np.zeros((120, 200), dtype=np.int8)
     cells[[0, -1]], cells[:, [0, -1]], cells[:70, 90:94] = 100, 100, 100
     parameters = STACKS[name]

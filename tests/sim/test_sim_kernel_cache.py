@@ -67,15 +67,7 @@ def test_damaged_kernels_are_compiled_again_with_one_line_in_the_log(files, dama
     assert caplog.records == []
 
 
-def test_kernel_that_another_process_removes_is_compiled_again(files):
-    used()
-    for file in files(".nbc"):
-        file.unlink()
-    assert hits(used()) == 0
-    assert hits(used()) == 2
-
-
-def test_one_damaged_kernel_of_two_is_compiled_again_alone(files):
+def test_damaged_kernel_is_compiled_again_alone(files):
     used()
     files(".nbc")[0].write_bytes(b"")
     assert hits(used()) == 1

@@ -1,4 +1,4 @@
-"""How well AMCL keeps the robot's place in the closed loop, on maps of the dataset."""
+"""Tests of AMCL in the closed loop on maps of the dataset."""
 
 import functools
 
@@ -51,7 +51,7 @@ def errors(map_file, **perturbation):
 
 @each_row("name", ["rooms", "hallways"])
 @each_row("noise_m", [0.0, 0.1])
-def test_localization_error_is_that_of_nav2_s_filter_and_noise_hardly_adds_to_it(shared_map, name, noise_m):
+def test_localization_error_is_that_of_nav2_s_filter(shared_map, name, noise_m):
     """Upstream's filter, measured: position 0.09 to 0.21 m in the mean, 0.45 m at the 95th percentile, 0.015 rad.
 
     Exact odometry and a likelihood of 0.2 m leave that much, so a smaller error would be as wrong as a larger one.
@@ -62,7 +62,7 @@ def test_localization_error_is_that_of_nav2_s_filter_and_noise_hardly_adds_to_it
     assert 0.003 < turned_rad.mean() < 0.04
 
 
-def test_without_nine_beams_of_ten_the_filter_loses_its_place(shared_map):
+def test_filter_loses_its_place_without_nine_beams_of_ten(shared_map):
     map_file = shared_map("rooms")
     full, few = errors(map_file)[0], errors(map_file, laserscan_random_drop_percentage=0.9)[0]
     assert few.mean() > 2.5 * full.mean()

@@ -1,4 +1,4 @@
-"""What MPPI makes a robot do."""
+"""Tests of the driving of a robot with MPPI."""
 
 import math
 
@@ -31,7 +31,7 @@ def command_of(record, memory, window, outline, pose, twist, plan, goal):
 
 
 def driven(parameters, pose=(0.0, 0.0, 0.0), length_m=10.0, seconds=20.0):
-    """A unicycle without limits of its own on a straight path along x; its track (N, 4) of x, y, yaw, v."""
+    """Drive a unicycle without limits along x; return its track (N, 4) of x, y, yaw, and v."""
     memory = mppi.new_memory(parameters, np.array([7], dtype=np.uint64), goal_tolerance_m=0.25)
     record, x = record_of(parameters), np.arange(0.0, length_m, 0.025)
     path = np.column_stack([x, np.zeros(len(x))])
@@ -51,13 +51,13 @@ def driven(parameters, pose=(0.0, 0.0, 0.0), length_m=10.0, seconds=20.0):
     return np.array(track)
 
 
-def test_on_a_straight_path_it_reaches_its_speed_and_keeps_to_the_path():
+def test_robot_on_a_straight_path_reaches_its_speed_and_keeps_to_it():
     track = driven(PARAMETERS)
     assert 0.45 <= track[60:200, 3].mean() <= 0.5
     assert np.abs(track[:, 1]).max() < 0.1
 
 
-def test_with_the_twirling_critic_ten_meters_are_driven_and_none_of_them_with_as_fast_a_turn():
+def test_robot_with_the_twirling_critic_drives_ten_meters_and_turns_slower():
     critics = {"TwirlingCritic": TwirlingParameters(enabled=True, cost_weight=20.0)}
     tracks = [driven(PARAMETERS.with_values(**each), (0.0, 0.5, 0.5), seconds=40.0) for each in (critics, {})]
     assert [abs(each[-1, 0] - 10.0) < 0.25 for each in tracks] == [True, True]
@@ -65,7 +65,7 @@ def test_with_the_twirling_critic_ten_meters_are_driven_and_none_of_them_with_as
     assert fastest < 0.75 * fastest_by_default
 
 
-def test_with_obstacles_critic_a_robot_passes_a_wall_at_a_distance_that_its_weights_say(over_a_floor):
+def test_weights_of_obstacles_critic_set_the_distance_to_a_wall(over_a_floor):
     cells = np.zeros((80, 280), dtype=bool)
     cells[43:80, 120:160] = True
     stack, nearest = parameters_of({"controller": "mppi"}), []
@@ -87,7 +87,7 @@ def test_with_obstacles_critic_a_robot_passes_a_wall_at_a_distance_that_its_weig
     assert nearest[1] > nearest[0] + 0.05
 
 
-def test_with_a_dead_band_of_forward_speed_ten_meters_are_driven_and_the_last_of_them_no_slower():
+def test_robot_with_a_dead_band_drives_ten_meters_and_ends_no_slower():
     never_slow = VelocityDeadbandParameters(enabled=True, deadband_velocities=(0.45, 0.0, 0.0))
     critics = {"VelocityDeadbandCritic": never_slow}
     tracks = [driven(PARAMETERS.with_values(**each), seconds=26.0) for each in (critics, {})]
@@ -97,20 +97,8 @@ def test_with_a_dead_band_of_forward_speed_ten_meters_are_driven_and_the_last_of
     assert slowest_by_default < 0.3
 
 
-def test_it_slows_down_at_the_goal():
-    track = driven(PARAMETERS, length_m=4.0)
-    assert track[-1, 3] < 0.3
-    assert abs(track[-1, 0] - 4.0) < 0.25
-
-
-def test_it_turns_towards_a_path_behind_it():
-    track = driven(PARAMETERS, pose=(1.0, 0.0, 2.5), seconds=8.0)
-    assert abs(math.remainder(track[-1, 2], 2 * math.pi)) < 0.2
-    assert track[-1, 3] > 0.4
-
-
-def test_it_backs_along_a_path_that_lies_exactly_behind_it():
-    """Either turn is as good as the other, so the mean of the samples is neither: as with Nav2, it reverses."""
+def test_robot_backs_along_a_path_that_lies_exactly_behind_it():
+    """Either turn is as good as the other, so their mean is none: as with Nav2, it reverses."""
     track = driven(PARAMETERS, pose=(1.0, 0.0, math.pi), seconds=8.0)
     assert -0.35 <= track[-1, 3] < -0.1
     assert track[-1, 0] > 2.0

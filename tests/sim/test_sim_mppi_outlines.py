@@ -20,7 +20,7 @@ RECORD = record_of(MppiParameters(CostCritic=CostParameters(consider_footprint=T
 
 @njit
 def judged(window, outline, pose, poses, circumscribed_cost, record):
-    """Of poses (N, 3) in cells of the frame: whether each outline collides, and whether drawing it says so."""
+    """Return for poses (N, 3) in cells whether each outline collides, computed and drawn."""
     frame_costs, values = np.zeros(SIDE * SIDE, dtype=np.float32), np.zeros(256, dtype=np.float32)
     near, lethal = np.ones(SIDE * SIDE, dtype=np.uint8), np.ones(SIDE * SIDE, dtype=np.int32)
     cost_values(record[0].CostCritic, values, 10.0)
@@ -54,7 +54,7 @@ def poses_of(rng, count=400):
     lethal=st.integers(0, 40),
 )
 @settings(max_examples=40, deadline=None)
-def test_outline_collides_where_drawing_it_meets_a_lethal_cell_or_it_leaves_the_window(outline, seed, shape, lethal):
+def test_outline_collides_at_a_lethal_cell_or_outside_the_window(outline, seed, shape, lethal):
     rng = np.random.default_rng(seed)
     costs = np.full(shape, 100, dtype=np.uint8)
     costs[rng.integers(0, shape[0], lethal), rng.integers(0, shape[1], lethal)] = 254
@@ -74,7 +74,7 @@ def test_window_larger_than_the_frame_is_cut_round_the_robot():
     assert 0.05 < quick.mean() < 0.95
 
 
-def test_center_that_costs_too_little_for_any_lethal_cell_to_be_in_reach_is_not_looked_at():
+def test_outlines_of_cheap_centers_are_not_drawn():
     costs = np.zeros((100, 100), dtype=np.uint8)
     costs[50, 50] = 254  # without inflation: a cost below the threshold everywhere else
     poses = np.array([[0.5, 0.5, 0.0], [0.5 + 9 / 102, 0.5, 0.0]])

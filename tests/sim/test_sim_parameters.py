@@ -107,7 +107,7 @@ def test_key_sets_a_parameter_from_numbers_lists_and_text(system, path, expected
     ("text", "value"),
     [("1", 1), ("-2", -2), ("1.", 1.0), (" .5 ", 0.5), ("1e3", 1000.0), ("TRUE", True), ("1x", "1x"), ("", "")],
 )
-def test_text_of_a_rewrite_is_converted_if_it_is_a_number_or_a_flag(text, value):
+def test_text_of_a_rewrite_becomes_a_number_or_a_flag(text, value):
     found = converted(text)
     assert (found, type(found)) == (value, type(value))
 
@@ -121,7 +121,7 @@ def test_key_that_is_no_list_item_is_unread_or_refused(end):
         assert "expected a list of 3 numbers" in str(error)
 
 
-def test_every_perturbation_has_a_key():
+def test_perturbations_have_keys():
     own = {path[-1] for paths in OWN_KEYS.values() for path in paths if len(path) == 1}
     assert own == Perturbation.model_fields.keys()
 
@@ -191,7 +191,7 @@ def test_unread_depends_on_the_parameters_of_the_file(content, tmp_path):
     assert unread(system) == ("costmap_update_timeout",)
 
 
-def test_one_more_key_is_checked_beside_faults_of_the_system():
+def test_further_key_is_checked_beside_faults_of_the_system():
     with pytest.raises(DocumentError) as caught:
         check_key({"pf_err": -1}, "robot_radius", -1)
     assert {fault.where for fault in caught.value.faults} == {"pf_err", "robot_radius"}

@@ -59,7 +59,7 @@ def test_aliases_and_merged_mappings_are_resolved_and_what_the_file_says_itself_
     assert {path[2:]: value for path, value in found.items() if path[0] == "y"} == {("b",): 2, ("c", "d"): 1}
 
 
-def test_each_value_has_its_place():
+def test_values_have_places():
     document = parse("a:\n  ros__parameters:\n    b: 1\n    c:\n      - x\n      - y\n")
     place = document.place
     assert place(("a", "ros__parameters", "b")) == (3, 8)
@@ -68,7 +68,7 @@ def test_each_value_has_its_place():
     assert place(("a", "ros__parameters", "unknown")) == (2, 3)
 
 
-def test_of_a_parameter_that_is_there_twice_the_last_counts_and_it_is_known():
+def test_last_of_two_equal_parameters_counts():
     document = parse("a: {ros__parameters: {b: 1}}\nc: {ros__parameters: {d: 1}}\na: {ros__parameters: {b: 2, e: 1}}")
     assert document.values[("a", "ros__parameters", "b")] == 2
     assert document.repeated == (("a", "ros__parameters", "b"),)
@@ -101,7 +101,7 @@ def test_aliases_may_not_make_a_path_deeper_than_a_file_may_be():
     assert "levels; fewer aliases" in fault(f"x0: &x0 {{a: {{ros__parameters: {{b: 1}}}}}}\n{chain}")
 
 
-def test_file_that_is_not_there_or_no_text_is_a_fault_of_the_whole(tmp_path):
+def test_missing_or_binary_file_is_a_fault_of_the_whole(tmp_path):
     (tmp_path / "latin.yaml").write_bytes(b"a:\n b: \xe4\n")
     for name, message in (
         ("none.yaml", "no such file"),

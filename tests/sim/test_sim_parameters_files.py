@@ -56,7 +56,7 @@ def flat(group, place=""):
 
 
 def reading(text):
-    """Lines of what a file sets: statuses of its parameters, nodes that it lacks, and values other than a bare file's."""
+    """Return lines of statuses, missing nodes, and values of a file that differ from a bare file's."""
     found = read(text)
     lines = []
     for each in findings(found):

@@ -4,14 +4,17 @@ from typing import Literal, get_args, get_origin
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.sim.model.parameter import ParameterGroup, range_of
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.costmaps import OF_THE_MAP
 from vastflow.sim.nav2.parameter_files.interpretation import document_of, interpretation
-from vastflow.sim.nav2.parameters.costmap import Costmap
+from vastflow.sim.nav2.parameters.costmap import Costmap, DenoiseLayer, KeepoutFilter, SpeedFilter, global_costmap
 from vastflow.sim.nav2.parameters.dwb import DwbParameters
 from vastflow.sim.nav2.parameters.mppi import MppiParameters
 from vastflow.sim.nav2.parameters.rpp import RppParameters
+from vastflow.sim.nav2.parameters.servers import RotationShim, SmacPlanner2D, SmacPlannerHybrid, SmootherParameters
 from vastflow.sim.nav2.parameters.stack import NavParameters
 
 _ONE_BY_ONE = ("short_clearing_cells", "place", "consider_footprint", "group_connectivity_type")
@@ -54,7 +57,7 @@ def values_of(value, low, high):
 
 @settings(max_examples=40, deadline=None)
 @given(st.data(), st.sampled_from([MppiParameters(), DwbParameters(), RppParameters()]))
-def test_what_is_written_as_a_document_is_read_as_it_was(data, controller):
+def test_written_document_is_read_as_it_was(data, controller):
     default = NavParameters(controller=controller)
     parts = {name: data.draw(varied(group)) for name, group in default if name != "robot"}
     if parts["global_costmap"].speed_filter.enabled:  # a second one is refused
@@ -65,3 +68,27 @@ def test_what_is_written_as_a_document_is_read_as_it_was(data, controller):
     often = parts["controller_server"].with_values(controller_frequency=1000.0)
     wanted = default.with_values(**parts | kept | {"controller_server": often})
     assert interpretation(document_of(wanted)).parameters == wanted
+
+
+def of(system, **parts):
+    return parameters_of(system).with_values(**parts)
+
+
+COSTMAP = global_costmap()
+FILTERS = {"keepout_filter": KeepoutFilter(), "speed_filter": SpeedFilter(type=2, base=0.5, multiplier=-0.004)}
+DENOISE = {"denoise_layer": DenoiseLayer(minimal_group_size=4, group_connectivity_type=4)}
+SHIM = RotationShim(enabled=True, forward_sampling_distance=0.7, rotate_to_goal_heading=True)
+
+
+@each_row(
+    "stack",
+    [
+        *(of({"controller": name}, rotation_shim=SHIM) for name in ("mppi", "dwb", "rpp")),
+        of({}, global_costmap=COSTMAP.with_values(**FILTERS)),
+        of({}, global_costmap=COSTMAP.with_values(**DENOISE)),
+        of({}, planner=SmacPlanner2D(tolerance=0.3, smoother=SmootherParameters(w_data=0.1))),
+        of({}, planner=SmacPlannerHybrid(motion_model_for_search="REEDS_SHEPP", smooth_path=False)),
+    ],
+)
+def test_stacks_with_plug_ins_are_read_from_their_documents(stack):
+    assert interpretation(document_of(stack)).parameters == stack

@@ -17,7 +17,6 @@ from vastflow.sim.nav2.parameter_files.document import DocumentError
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.nav2.planners.conformance import CHECKS, check_paths, check_planner
 from vastflow.sim.nav2.planners.registry import PLANNER_PLUG_INS, find_planner
-from vastflow.sim.plug_ins.registry import UnknownPlugIn
 from vastflow.sim.reading.checked import checked_digest
 from vastflow.sim.world.robot_model import Lidar, Robot
 
@@ -88,11 +87,6 @@ def test_parameter_file_with_wrong_planner_is_refused(folder, edit, message):
     edited.write_text((folder / "my_wavefront.yaml").read_text().replace(*edit.split("|")))
     with pytest.raises(DocumentError, match=re.escape(message)):
         nav2_file(edited)
-
-
-def test_unknown_planner_in_code_suggests_nearest_name():
-    with pytest.raises(UnknownPlugIn, match="did you mean 'nav2_smac_planner::SmacPlanner2D'"):
-        find_planner("nav2_smac_planner::SmacPlaner2D")
 
 
 def test_planner_through_walls_fails_its_check(folder):

@@ -6,7 +6,6 @@ import numpy as np
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.record import record_of
-from vastflow.sim.nav2.parameters.stack import NavParameters
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,9 +36,3 @@ def test_whole_numbers_and_flags_are_whole_numbers_and_the_rest_is_real():
     assert dtype["time_steps"] == np.int64
     assert dtype["CostCritic"]["enabled"] == np.int64
     assert dtype["CostCritic"]["cost_weight"] == np.float64
-
-
-def test_every_group_of_the_stack_s_parameters_makes_a_record():
-    record = record_of(NavParameters())
-    assert record["amcl"]["max_particles"][0] == 2000
-    assert record["global_costmap"]["inflation_layer"]["inflation_radius"][0] == 0.7

@@ -4,11 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from table import each_row
 
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.document import parse
-from vastflow.sim.nav2.parameter_files.interpretation import document_of, interpretation
+from vastflow.sim.nav2.parameter_files.interpretation import interpretation
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.nav2.parameters.servers import RotationShim, SmacPlannerHybrid
 
@@ -69,12 +68,6 @@ def first_moves(found):
     )
 
 
-@each_row("name", CLASSES)
-def test_stack_with_a_shim_is_the_same_read_from_its_document(name):
-    stack = shimmed(name, forward_sampling_distance=0.7, rotate_to_goal_heading=True)
-    assert interpretation(document_of(stack)).parameters == stack
-
-
 def test_key_controller_keeps_a_file_s_shim_round_the_controller_that_it_names(tmp_path):
     file = tmp_path / "nav2.yaml"
     file.write_text(
@@ -87,9 +80,7 @@ def test_key_controller_keeps_a_file_s_shim_round_the_controller_that_it_names(t
 
 
 @pytest.mark.parametrize("name", CLASSES)
-def test_with_the_path_behind_it_the_robot_turns_in_place_until_it_looks_along_and_then_drives_ten_meters(
-    name, over_a_floor
-):
+def test_robot_turns_in_place_to_a_path_behind_it_and_drives_ten_meters(name, over_a_floor):
     stack = shimmed(name)
     found = over_a_floor(stack, yaw_rad=3.0)
     speeds, rates, yaw = first_moves(found)
@@ -126,7 +117,7 @@ def test_acceleration_limits_the_first_turn_and_the_angle_left_the_last(over_a_f
     assert (np.abs(rates) <= np.sqrt(2.0 * 1.0 * (yaw + 0.12))).all()
 
 
-def test_at_the_goal_the_robot_turns_to_its_heading_where_the_shim_is_told_so(over_a_floor):
+def test_robot_turns_to_the_goal_s_heading_where_the_shim_is_told_so(over_a_floor):
     stack = shimmed("dwb", rotate_to_goal_heading=True)
     found = over_a_floor(stack, 4.0, goal_yaw_rad=2.5)
     assert found.run.outcome == "succeeded"
@@ -149,10 +140,10 @@ def test_robot_that_can_not_turn_in_place_leaves_the_path_to_the_controller(over
     assert np.abs(blocked.columns["command_yaw_rate_mradps"][:10]).max() == 0
 
 
-def test_with_use_path_orientations_the_robot_turns_to_the_headings_of_its_path_and_not_to_where_that_leads(
+def test_robot_turns_to_headings_of_its_path_with_use_path_orientations(
     over_a_floor,
 ):
-    """To a goal behind it that it shall reach backward, by Reeds–Shepp arcs; it starts where map and odometry head alike."""
+    """The robot shall reach a goal behind it backward; map and odometry head alike at the start."""
     moves = {}
     for oriented in (True, False):
         stack = shimmed("rpp", use_path_orientations=oriented, forward_sampling_distance=0.3)
@@ -168,13 +159,13 @@ def test_with_use_path_orientations_the_robot_turns_to_the_headings_of_its_path_
 
 
 def turns_in_place(found):
-    """How often the robot begins to be told to turn without driving."""
+    """Count how often the robot begins to be told to turn without driving."""
     columns = found.columns
     turning = (columns["command_speed_mmps"] == 0) & (np.abs(columns["command_yaw_rate_mradps"]) > 50)
     return int(np.count_nonzero(turning & ~np.r_[False, turning[:-1]]))
 
 
-def test_with_rotate_to_heading_once_the_robot_turns_in_place_before_the_first_path_to_a_goal_alone(over_a_floor):
+def test_robot_turns_before_the_first_path_with_rotate_to_heading_once(over_a_floor):
     """Round the end of a wall, where the paths of the later replannings lead elsewhere than the robot heads."""
     cells = np.zeros((80, 280), dtype=bool)
     cells[:46, 100:104] = True

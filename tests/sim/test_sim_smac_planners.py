@@ -16,10 +16,8 @@ from vastflow.sim.nav2.costmaps.inflation import inflate
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, outline_of
 from vastflow.sim.nav2.navigator.state import with_kernels
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.sim.nav2.parameter_files.interpretation import document_of, interpretation
 from vastflow.sim.nav2.parameters.costmap import Costmap, global_costmap
 from vastflow.sim.nav2.parameters.servers import SmacPlanner2D, SmacPlannerHybrid, SmootherParameters
-from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.nav2.planners import smac_2d, smac_hybrid
 from vastflow.sim.nav2.planners.binding import compute_path, running
 from vastflow.sim.nav2.planners.planner import PlannerInput, PlannerSetting
@@ -51,7 +49,7 @@ def rooms(rows=80, columns=120, door=slice(30, 44)):
 
 
 def situation(costs, start, goal, costmap=None, room=4096):
-    """What a planner is given; poses (x, y, yaw) in meters from the map's corner."""
+    """Return a planner's input; poses (x, y, yaw) in meters from the map's corner."""
     place = np.array([0.0, 0.0, RESOLUTION_M])
     outline = outline_of(costmap or global_costmap())
     return PlannerInput(costs, place, outline, tuple(map(float, start)), tuple(map(float, goal)), np.zeros((room, 3)))
@@ -108,17 +106,6 @@ def raw_path(parameters, given, costmap=None):
 
 
 # What a file says.
-
-
-@each_row(
-    "planner",
-    [
-        SmacPlanner2D(tolerance=0.3, cost_travel_multiplier=2.0, smoother=SmootherParameters(w_data=0.1)),
-        SmacPlannerHybrid(motion_model_for_search="REEDS_SHEPP", minimum_turning_radius=0.8, smooth_path=False),
-    ],
-)
-def test_stack_with_a_smac_planner_is_the_same_read_from_its_document(planner):
-    assert interpretation(document_of(NavParameters(planner=planner))).parameters == NavParameters(planner=planner)
 
 
 # SmacPlanner2D.
@@ -216,7 +203,7 @@ def test_smoother_keeps_the_ends_and_takes_the_corners_away():
 
 
 def curvature(poses):
-    """Of the arc between two poses (1/m), whatever its direction."""
+    """Return the curvature (1/m) of the arc between successive poses, whatever its direction."""
     turned = np.abs(np.remainder(np.diff(poses[:, 2]) + math.pi, 2.0 * math.pi) - math.pi)
     chord = np.hypot(*np.diff(poses[:, :2], axis=0).T)
     # The chord of an arc of this angle and radius r is 2 r sin(angle / 2).
@@ -232,9 +219,7 @@ def curvature(poses):
     st.sampled_from([16, 64, 72]),
     st.booleans(),
 )
-def test_nowhere_on_a_searched_path_is_a_turn_tighter_than_the_robot_can_drive(
-    seed, model, radius_m, bins, interpolates
-):
+def test_searched_paths_turn_no_tighter_than_the_robot_can(seed, model, radius_m, bins, interpolates):
     draw = np.random.default_rng(seed)
     costs = costs_of(draw.random((100, 100)) < 0.002)
     free = np.argwhere(costs < 150)
@@ -263,7 +248,7 @@ def headed(poses):
     return steps[:, 0] * np.cos(middle) + steps[:, 1] * np.sin(middle) > 0.0
 
 
-def test_dubins_path_never_reverses_and_a_reeds_shepp_path_does_where_there_is_no_room_to_turn():
+def test_dubins_path_never_reverses_and_a_reeds_shepp_path_does():
     costs = costs_of(rooms(rows=44, columns=200, door=slice(0, 44)))
     start, goal = (6.0, 1.1, 0.0), (3.0, 1.1, 0.0)
     values = {"minimum_turning_radius": 0.5, "analytic_expansion_max_length": 10.0}
@@ -287,8 +272,8 @@ def test_path_begins_at_the_start_and_ends_at_the_goal_with_their_headings():
 
 @each_row("model", ["DUBIN", "REEDS_SHEPP"])
 @each_row(("start", "goal"), [((1.0, 1.0, 0.0), (5.0, 4.0, -1.5)), ((5.0, 2.0, 3.0), (1.0, 4.0, 3.0))])
-def test_smoothed_path_leaves_along_the_start_s_heading_and_arrives_along_the_goal_s(model, start, goal):
-    """Within what an arc of the least radius turns between two points, and half of a bin; the smoother alone keeps neither."""
+def test_smoothed_path_keeps_the_headings_of_start_and_goal(model, start, goal):
+    """Headings stay within an arc of the least radius and half a bin; the smoother alone keeps neither."""
     values = {"motion_model_for_search": model, "minimum_turning_radius": 0.8, "analytic_expansion_max_length": 0.0}
     rough = SmacPlannerHybrid(**values, smooth_path=False)
     given = situation(costs_of(rooms(rows=110, columns=120, door=slice(0, 110))), start, goal)
@@ -307,7 +292,7 @@ def test_smoothed_path_leaves_along_the_start_s_heading_and_arrives_along_the_go
 
 
 @each_row("reversing", [False, True])
-def test_curves_at_the_ends_keep_both_headings_whether_the_robot_drives_the_segment_forward_or_in_reverse(reversing):
+def test_curves_at_the_ends_keep_both_headings_forward_and_in_reverse(reversing):
     radius_m, flip = 0.5, math.pi if reversing else 0.0
     q = record_of(
         search_of(SmacPlannerHybrid(minimum_turning_radius=radius_m), global_costmap(), RESOLUTION_M, (0.0, 0.0))
@@ -325,7 +310,7 @@ def test_curves_at_the_ends_keep_both_headings_whether_the_robot_drives_the_segm
     assert np.array_equal(kept[20:31], points[20:31])
 
 
-def test_no_curve_is_laid_through_an_obstacle_or_in_a_loop():
+def test_curves_are_laid_through_no_obstacle_and_in_no_loop():
     q = record_of(search_of(SmacPlannerHybrid(minimum_turning_radius=0.5), global_costmap(), RESOLUTION_M, (0.0, 0.0)))
     free, walled = np.zeros((2, 80, 120), dtype=np.uint8)
     walled[41:], walled[:39] = 254, 254
@@ -338,7 +323,7 @@ def test_no_curve_is_laid_through_an_obstacle_or_in_a_loop():
 
 
 def lattice_dijkstra(q, costs, start, goal_cell):
-    """The least price from a pose to a cell with any heading over the same primitives, exhaustively and without a heuristic."""
+    """Search the least price from a pose to a cell with any heading, exhaustively over the same primitives."""
     moves = primitives(q)
     bins = int(q["bins"][0])
     x, y, turn = start
@@ -441,7 +426,7 @@ def test_robot_drives_ten_meters_on_a_smac_planner_s_path_round_a_wall(planner, 
     assert not np.array_equal(found.columns["y_mm"][:100], other.columns["y_mm"][:100])
 
 
-def test_hybrid_path_to_a_goal_behind_turns_with_the_least_radius_where_the_default_turns_in_place(over_a_floor):
+def test_hybrid_path_to_a_goal_behind_turns_with_the_least_radius(over_a_floor):
     stack = parameters_of({"controller": "rpp"})
     stack = stack.with_values(
         controller=stack.controller.with_values(
@@ -459,8 +444,8 @@ def driven_backward_m(found):
     return float(np.maximum(-found.columns["speed_mmps"], 0).sum() * 1e-4)
 
 
-def test_with_enforce_path_inversion_mppi_reverses_to_the_cusp_alone_where_the_default_goes_on_backward(over_a_floor):
-    """A robot that steers looks away from its goal: its path reverses in an arc of a quarter turn, and then leads forward."""
+def test_enforced_path_inversion_reverses_to_the_cusp_alone(over_a_floor):
+    """The path of a steering robot reverses in an arc of a quarter turn and then leads forward."""
     found = {}
     for enforced in (True, False):
         stack = parameters_of(

@@ -16,7 +16,6 @@ from vastflow.sim.kernels.streams import (
     AMCL,
     LIDAR,
     SUBSYSTEMS,
-    integer_below,
     normal_pair,
     run_entropy,
     streams_of,
@@ -24,10 +23,6 @@ from vastflow.sim.kernels.streams import (
 )
 
 DIGEST = "00ff" * 16
-
-
-def test_entropy_of_a_run_is_the_campaign_s_seed_the_situation_and_the_run_s_number():
-    assert run_entropy(7, DIGEST, 3) == [7, int(DIGEST, 16), 3]
 
 
 def test_streams_of_a_run_are_pinned():
@@ -73,11 +68,6 @@ def test_normal_pairs_are_standard_normal_and_independent():
     assert abs((pairs[:, 0] * pairs[:, 1]).mean()) < 5 / math.sqrt(n)
 
 
-def test_whole_numbers_below_a_bound_are_all_drawn_and_no_other():
-    stream = streams_of([3])[0]
-    assert {integer_below(stream, 5) for _ in range(500)} == set(range(5))
-
-
 @pytest.fixture
 def copied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of the simulator's source that the cache folder is computed from."""
@@ -101,7 +91,7 @@ def test_edited_module_has_another_folder_of_compiled_kernels(copied, module):
 
 
 @pytest.mark.parametrize("module", ["world/motion.py", "nav2/parameters/mppi.py"])
-def test_what_kernels_take_constants_and_types_from_counts_as_well(copied, module):
+def test_digest_counts_constants_and_types_of_kernels(copied, module):
     before = numeric.kernel_cache_dir()
     (copied / module).write_text((copied / module).read_text() + "\nX = 1\n")
     assert numeric.kernel_cache_dir() != before
@@ -127,7 +117,7 @@ def test_another_numba_has_another_folder_of_compiled_kernels(monkeypatch):
 
 
 @pytest.mark.slow
-def test_where_indices_are_to_be_checked_no_kernel_is_taken_that_does_not_check_them(tmp_path):
+def test_kernels_without_checks_are_not_taken_where_indices_are_checked(tmp_path):
     file = tmp_path / "beyond.py"
     file.write_text(
         "import numpy as np\nfrom vastflow.sim.kernels.numeric import njit\n\n"

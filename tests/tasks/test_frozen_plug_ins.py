@@ -268,8 +268,8 @@ def test_folders_patterns_and_files_above_can_be_declared(home, declared, read):
     ("declared", "message"),
     [
         ('["absent.json"]', r"no file 'absent\.json' of its files; a file beside"),
-        ("[name for name in ()]", r"line 8: got files = \[.*; names of files, written out"),
-        ('["/etc/passwd"]', r"got '/etc/passwd' in files"),
+        ("[name for name in ()]", r"expected names of files, such as files = .*, got files = \[.* in line 8"),
+        ('["/etc/passwd"]', r"expected a path relative to the plug-in's folder, got '/etc/passwd' in files"),
     ],
 )
 def test_wrong_declaration_is_named(home, declared, message):

@@ -34,7 +34,7 @@ def turn(p: Any, m: Any, window: Window, path: Any, w_radps: float, dt_s: float)
             m.shim_at_goal = 1
         if m.shim_at_goal != 0:
             angle = wrapped(m.goal_yaw - m.yaw)
-            w = _rotation(q, m, angle, w_radps, dt_s)
+            w = rotation(q, angle, _current(q, m, w_radps), dt_s)
             if _is_free(q, m, window, angle, w, dt_s):
                 m.shim_w = w
                 return True, w
@@ -43,7 +43,7 @@ def turn(p: Any, m: Any, window: Window, path: Any, w_radps: float, dt_s: float)
         threshold = q.angular_disengage_threshold if m.shim_turns != 0 else q.angular_dist_threshold
         if found and abs(bearing) > threshold:
             m.shim_turns = 1
-            w = _rotation(q, m, bearing, w_radps, dt_s)
+            w = rotation(q, bearing, _current(q, m, w_radps), dt_s)
             if _is_free(q, m, window, bearing, w, dt_s):
                 m.shim_w = w
                 return True, w
@@ -65,12 +65,16 @@ def _bearing(q: Any, m: Any, path: Any) -> Any:
 
 
 @inner
-def _rotation(q: Any, m: Any, angle_rad: float, w_radps: float, dt_s: float) -> float:
-    """Yaw rate toward an angle within one cycle's acceleration, slow enough to stop there."""
-    current = w_radps if q.closed_loop != 0 else m.shim_w
+def _current(q: Any, m: Any, w_radps: float) -> float:
+    return w_radps if q.closed_loop != 0 else m.shim_w
+
+
+@inner
+def rotation(q: Any, angle_rad: float, w_radps: float, dt_s: float) -> float:
+    """Yaw rate of turning in place by an angle, under the acceleration limit, slow enough to stop there."""
     sign = 1.0 if angle_rad > 0.0 else -1.0
     step = q.max_angular_accel * dt_s
-    rate = min(max(sign * q.rotate_to_heading_angular_vel, current - step), current + step)
+    rate = min(max(sign * q.rotate_to_heading_angular_vel, w_radps - step), w_radps + step)
     stopping = math.sqrt(2.0 * q.max_angular_accel * abs(angle_rad))
     return sign * stopping if abs(rate) > stopping else rate
 

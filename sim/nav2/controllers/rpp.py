@@ -7,6 +7,7 @@ import numpy as np
 
 from vastflow.sim.kernels.numeric import addressed, inner
 from vastflow.sim.nav2.controllers.controller import Controller, ControllerInput, PlanCut, Setting, SpeedLimits
+from vastflow.sim.nav2.controllers.rotation_shim import rotation
 from vastflow.sim.nav2.costmaps.inflation import FREE, INSCRIBED, UNKNOWN
 from vastflow.sim.nav2.costmaps.window import Window, cost_at, outline_hits
 from vastflow.sim.nav2.parameters.rpp import RppParameters
@@ -55,9 +56,9 @@ def compute_velocity(q: Any, memory: RppMemory, given: ControllerInput) -> Any:
     direction = -1.0 if q.allow_reversing != 0 and ahead < 0.0 else 1.0
     bearing = math.atan2(bend_aside, bend_ahead) if direction > 0.0 else math.atan2(-bend_aside, -bend_ahead)
     if q.use_rotate_to_heading != 0 and _is_at_goal(q, memory, carrot_m):
-        v, w = 0.0, _rotation(q, wrapped(end_yaw_rad - pose[2]), twist[1], given.dt_s)
+        v, w = 0.0, rotation(q, wrapped(end_yaw_rad - pose[2]), twist[1], given.dt_s)
     elif q.use_rotate_to_heading != 0 and abs(bearing) > q.rotate_to_heading_min_angle:
-        v, w = 0.0, _rotation(q, bearing, twist[1], given.dt_s)
+        v, w = 0.0, rotation(q, bearing, twist[1], given.dt_s)
     else:
         square = bend_ahead * bend_ahead + bend_aside * bend_aside
         curvature = 2.0 * bend_aside / square if square > 0.001 else 0.0
@@ -116,16 +117,6 @@ def _is_at_goal(q: Any, memory: RppMemory, carrot_m: float) -> bool:
     if q.stateful != 0 and near:
         memory.reached[0] = 1
     return bool(near or memory.reached[0] != 0)
-
-
-@inner
-def _rotation(q: Any, angle_rad: float, w_radps: float, dt_s: float) -> float:
-    """Yaw rate of turning in place by an angle, under the acceleration limit, slow enough to stop there."""
-    sign = 1.0 if angle_rad > 0.0 else -1.0
-    step = q.max_angular_accel * dt_s
-    rate = min(max(sign * q.rotate_to_heading_angular_vel, w_radps - step), w_radps + step)
-    stopping = math.sqrt(2.0 * q.max_angular_accel * abs(angle_rad))
-    return sign * stopping if abs(rate) > stopping else rate
 
 
 @inner

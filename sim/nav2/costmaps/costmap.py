@@ -12,7 +12,7 @@ import scipy.ndimage
 from numpy.typing import NDArray
 
 from vastflow.sim.kernels.numeric import inner, njit
-from vastflow.sim.nav2.costmaps.inflation import FREE, INSCRIBED, LETHAL, UNKNOWN
+from vastflow.sim.nav2.costmaps.inflation import FREE, INSCRIBED, LETHAL, UNKNOWN, raise_round
 from vastflow.sim.nav2.parameters.costmap import DenoiseLayer
 
 UNSEEN: Final = 0
@@ -220,15 +220,7 @@ def _stamp_within(
             walled_in = walled_in and (layer[r, c] == MARKED or static[r, c] == LETHAL)
         if walled_in:
             return
-    margin = stamp.shape[0] // 2
-    left, right = max(col0, column - margin), min(col1, column + margin + 1)
-    if left >= right:
-        return
-    for r in range(max(row0, row - margin), min(row1, row + margin + 1)):
-        target = costs[r, left:right]
-        source = stamp[r - row + margin, left - column + margin : right - column + margin]
-        for i in range(target.shape[0]):
-            target[i] = max(target[i], source[i])
+    raise_round(costs, stamp, row, column, (row0, row1, col0, col1))
 
 
 def denoised(static: NDArray[np.uint8], q: DenoiseLayer) -> NDArray[np.uint8]:

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.sim.kernels.numeric import njit
+from vastflow.sim.kernels.numeric import inner, njit
 
 FREE: Final = 0
 INSCRIBED: Final = 253
@@ -83,7 +83,6 @@ def stamp_lethal(lethal: Any, stamp: Any, out: Any) -> None:
     Cost falls with distance, so that the maximum is exact.
     """
     rows, columns = lethal.shape
-    reach = stamp.shape[0] // 2
     for row in range(rows):
         for column in range(columns):
             if lethal[row, column] == 0:
@@ -99,9 +98,19 @@ def stamp_lethal(lethal: Any, stamp: Any, out: Any) -> None:
                 and lethal[row, column + 1]
             ):
                 continue
-            left, right = max(0, column - reach), min(columns, column + reach + 1)
-            for r in range(max(0, row - reach), min(rows, row + reach + 1)):
-                target = out[r, left:right]
-                source = stamp[r - row + reach, left - column + reach : right - column + reach]
-                for i in range(target.shape[0]):
-                    target[i] = max(target[i], source[i])
+            raise_round(out, stamp, row, column, (0, rows, 0, columns))
+
+
+@inner
+def raise_round(costs: Any, stamp: Any, row: int, column: int, window: Any) -> None:
+    """Raise `costs` to `stamp` round a cell within a window (row0, row1, col0, col1)."""
+    row0, row1, col0, col1 = window
+    reach = stamp.shape[0] // 2
+    left, right = max(col0, column - reach), min(col1, column + reach + 1)
+    if left >= right:
+        return
+    for r in range(max(row0, row - reach), min(row1, row + reach + 1)):
+        target = costs[r, left:right]
+        source = stamp[r - row + reach, left - column + reach : right - column + reach]
+        for i in range(target.shape[0]):
+            target[i] = max(target[i], source[i])

@@ -86,21 +86,7 @@ def approach(p: Any, m: Any, v_mps: float, w_radps: float, vy_mps: float) -> flo
     q = p.collision_monitor
     if q.enabled == 0 or m.near < q.min_points:
         return 1.0
-    x, y, yaw = _since_scan(m)
-    if _points_inside(p, m, x, y, yaw) >= q.min_points:
-        return 0.0
-    if v_mps == 0.0 and w_radps == 0.0 and vy_mps == 0.0:
-        return 1.0
-    t_s = 0.0
-    while t_s < q.time_before_collision:
-        c, s = math.cos(yaw), math.sin(yaw)
-        x += v_mps * q.simulation_time_step * c - vy_mps * q.simulation_time_step * s
-        y += v_mps * q.simulation_time_step * s + vy_mps * q.simulation_time_step * c
-        yaw += w_radps * q.simulation_time_step
-        if _points_inside(p, m, x, y, yaw) >= q.min_points:
-            return float(t_s / q.time_before_collision)
-        t_s += q.simulation_time_step
-    return 1.0
+    return _approach(p, m, -1, q.min_points, q.time_before_collision, q.simulation_time_step, (v_mps, w_radps, vy_mps))
 
 
 @inner
@@ -116,7 +102,7 @@ def zoned(p: Any, m: Any, v_mps: float, w_radps: float, vy_mps: float) -> float:
             continue
         x, y, yaw = _since_scan(m)
         if zone[8] > 0.0:
-            factor = min(factor, _zone_approach(p, m, k, (x, y, yaw), v_mps, w_radps, vy_mps))
+            factor = min(factor, _approach(p, m, k, zone[4], zone[8], zone[9], (v_mps, w_radps, vy_mps)))
         elif _points_in_zone(p, m, k, x, y, yaw) >= zone[4]:
             if zone[0] == STOP:
                 return 0.0
@@ -142,22 +128,29 @@ def _since_scan(m: Any) -> Any:
 
 
 @inner
-def _zone_approach(p: Any, m: Any, k: int, pose: Any, v_mps: float, w_radps: float, vy_mps: float) -> float:
-    """Time until the zone has its points, as a share of its `time_before_collision`."""
-    zone = p.zones[k]
-    x, y, yaw = pose
-    if _points_in_zone(p, m, k, x, y, yaw) >= zone[4]:
+def _approach(p: Any, m: Any, k: int, least: float, ahead_s: float, step_s: float, command: Any) -> float:
+    """Return the time, as a share of `ahead_s`, until `least` points lie in zone `k` (the footprint for -1)."""
+    v_mps, w_radps, vy_mps = command
+    x, y, yaw = _since_scan(m)
+    if _points_within(p, m, k, x, y, yaw) >= least:
         return 0.0
+    if v_mps == 0.0 and w_radps == 0.0 and vy_mps == 0.0:
+        return 1.0
     t_s = 0.0
-    while t_s < zone[8]:
+    while t_s < ahead_s:
         c, s = math.cos(yaw), math.sin(yaw)
-        x += v_mps * zone[9] * c - vy_mps * zone[9] * s
-        y += v_mps * zone[9] * s + vy_mps * zone[9] * c
-        yaw += w_radps * zone[9]
-        if _points_in_zone(p, m, k, x, y, yaw) >= zone[4]:
-            return float(t_s / zone[8])
-        t_s += zone[9]
+        x += v_mps * step_s * c - vy_mps * step_s * s
+        y += v_mps * step_s * s + vy_mps * step_s * c
+        yaw += w_radps * step_s
+        if _points_within(p, m, k, x, y, yaw) >= least:
+            return float(t_s / ahead_s)
+        t_s += step_s
     return 1.0
+
+
+@inner
+def _points_within(p: Any, m: Any, k: int, x_m: float, y_m: float, yaw_rad: float) -> int:
+    return _points_inside(p, m, x_m, y_m, yaw_rad) if k < 0 else _points_in_zone(p, m, k, x_m, y_m, yaw_rad)
 
 
 @inner

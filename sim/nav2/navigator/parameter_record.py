@@ -1,7 +1,6 @@
 """The parameters as kernels read them, one record a run."""
 
 import math
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,43 +17,11 @@ from vastflow.sim.nav2.parameters.servers import MOST_ZONES
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.world.robot_model import Lidar, Robot
 
-_EXTRA: Final = (
-    *(
-        "resolution",
-        "world_resolution",
-        "origin_x",
-        "origin_y",
-        "grid_yaw",
-        "grid_cos",
-        "grid_sin",
-        "scan_ticks",
-        "control_ticks",
-        "local_ticks",
-        "publish_ticks",
-        "global_ticks",
-    ),
-    *("inscribed_radius", "circumscribed_radius"),
-    *("range_min", "range_max", "mount_x", "mount_y", "angle_increment", "sweeps", "late"),
-    *(
-        "max_speed",
-        "max_acceleration",
-        "max_yaw_rate",
-        "max_yaw_acceleration",
-        "min_turning_radius",
-        "is_omni",
-        "mission",
-        "leg_overlap",
-        "loops",
-        "zone_count",
-        "zones_reach",
-    ),
-)
-
 
 def parameter_record(
     parameters: NavParameters, lidar: Lidar, robot: Robot, prepared: PreparedMap, plan_cut: PlanCut, leg_overlap: int
 ) -> NDArray[np.void]:
-    """The groups of the parameters and `plan_cut` in the controller's place, what `_EXTRA` names, `initial_covariance`, and zones."""
+    """Return the groups of the parameters, `plan_cut`, further numbers, `initial_covariance`, and zones."""
     groups = {
         name: group for name, group in parameters if name not in ("controller", "lidar_noise", "planner", "robot")
     } | {"plan_cut": plan_cut}
@@ -104,7 +71,7 @@ def parameter_record(
     dtype = np.dtype(
         [
             *((name, record_dtype(value)) for name, value in groups.items()),
-            *((name, np.float64) for name in _EXTRA),
+            *((name, np.float64) for name in extra),
             ("initial_covariance", np.float64, (4,)),
             ("zones", np.float64, (MOST_ZONES, len(ZONE))),
             ("zone_points", np.float64, (MOST_ZONES, MOST_VERTICES, 2)),
@@ -113,7 +80,7 @@ def parameter_record(
     )
     row = (
         *(record_row(value) for value in groups.values()),
-        *(float(extra[name]) for name in _EXTRA),
+        *map(float, extra.values()),
         covariance,
         *zone_rows(zones),
     )

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from vastflow.sim.model.digest import FileContent, Value
-from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.faults import ScenarioError, complaint
 from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.model.polygon import vertices_of
 from vastflow.sim.nav2.controllers.controller import Controller
@@ -79,7 +79,7 @@ def check_speed_filter(reader: Reader, parts: Parts) -> None:
     places = [(*(reader.document.node(name, name) or ()), FILTERS.lists[0]) for name in filtered]
     if len(places) > 1:
         what = "got a speed filter in both costmaps"
-        reader.fault(places[1], what, "one of them, for each would undo the other's limit")
+        reader.fault(places[1], what, "one speed filter, as each undoes the other's limit")
     controller = parts.get("controller")
     unlimited = isinstance(controller, Controller) and type(controller).speed_limits is Controller.speed_limits
     if places and unlimited:
@@ -274,4 +274,4 @@ def _mask(system: Mapping[str, Value], key: str, parameters: NavParameters) -> F
     if isinstance(found, FileContent):
         return found
     what, right = missing_mask(key, costmaps)
-    raise ScenarioError(f"{key}: {what if found is None else f'found {found!r}'}; {right}")
+    raise ScenarioError(f"{key}: {complaint(what if found is None else f'got {found!r}', right)}")

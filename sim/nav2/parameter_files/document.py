@@ -136,7 +136,7 @@ def parse(text: str, file: str = "") -> ParameterDocument:
     except Unreadable as error:
         raise _unreadable(error, file) from None
     if not isinstance(root, MappingNode):
-        found = "empty" if root is None or root.value == "" else "got no mapping"
+        found = "got an empty file" if root is None or root.value == "" else "got no mapping"
         raise DocumentError([ParameterFault("file", found, WHOLE_FILE, place_of(root) if root else (1, 1))], file)
     walk = _Walk(file)
     walk.nodes(root, ())

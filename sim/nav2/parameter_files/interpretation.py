@@ -36,7 +36,7 @@ from vastflow.sim.nav2.parameters.servers import (
 )
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.nav2.planners.registry import PLANNER_PLUG_INS
-from vastflow.sim.plug_ins.registry import UnknownPlugIn
+from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.world.noise_registry import GAUSSIAN_DROPOUT, GaussianDropoutParameters
 
 _NODES_BEFORE_FOXY: Final[Mapping[str, str]] = {
@@ -220,7 +220,7 @@ def _lidar_noise(reader: Reader) -> ParameterGroup:
     chosen = reader.document.values.get(place, GAUSSIAN_DROPOUT)
     try:
         kind = noise_of(chosen)
-    except UnknownPlugIn as error:
+    except PlugInError as error:
         reader.fault(place, error.what, error.right)
         return GaussianDropoutParameters()
     reader.asked[place] = chosen

@@ -7,7 +7,7 @@ from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.files import is_file
 from vastflow.sim.model.parameter import ParameterGroup
 from vastflow.sim.plug_ins.neighbors import PlugInError
-from vastflow.sim.plug_ins.registry import FILE, UnknownPlugIn, plug_in_file
+from vastflow.sim.plug_ins.registry import FILE, plug_in_file
 from vastflow.sim.plug_ins.snapshot import PlugInFile, snapshot_of
 from vastflow.sim.world.noise_registry import NOISE_PLUG_INS
 
@@ -28,7 +28,7 @@ def noise_of(chosen: Value) -> type[ParameterGroup]:
     """Return the parameters of the model that a value names.
 
     Raises:
-        UnknownPlugIn: there is none, or the file is not the one that the campaign was read with.
+        PlugInError: there is none, or the file is not the one that the campaign was read with.
     """
     if isinstance(chosen, str) and FILE not in chosen:
         return NOISE_PLUG_INS.parameters(chosen)
@@ -36,12 +36,9 @@ def noise_of(chosen: Value) -> type[ParameterGroup]:
         case [FileContent() as file, str() as name]:
             path = Path(file.path)
             kept = next(iter(file.plug_ins.values())) if isinstance(file, PlugInFile) else None
-            try:
-                snapshot = kept or snapshot_of(path, path.parent)
-            except PlugInError as error:
-                raise UnknownPlugIn(error.what, error.right) from None
+            snapshot = kept or snapshot_of(path, path.parent)
             if snapshot.digest != file.digest:
-                raise UnknownPlugIn(f"{file.path} changed since the campaign was read", "run the campaign again")
+                raise PlugInError(f"{file.path} changed since the campaign was read", "run the campaign again")
             return NOISE_PLUG_INS.find(f"{path}:{name}", snapshot=snapshot)
     known = ", ".join(NOISE_PLUG_INS.known)
-    raise UnknownPlugIn(f"no lidar noise model {chosen!r} is known", f"known: {known}; {NOISE_PLUG_INS.own}")
+    raise PlugInError(f"no lidar noise model {chosen!r} is known", f"known: {known}; {NOISE_PLUG_INS.own}")

@@ -14,7 +14,8 @@ from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation, comp
 from vastflow.sim.model.rates import held_hz
 from vastflow.sim.nav2.parameter_files.document import ParameterDocument, ParameterFault, dotted
 from vastflow.sim.nav2.parameter_files.nodes import PluginClass, Plugins, class_name, short_class
-from vastflow.sim.plug_ins.registry import FILE, Registry, UnknownPlugIn
+from vastflow.sim.plug_ins.neighbors import PlugInError
+from vastflow.sim.plug_ins.registry import FILE, Registry
 
 RATES: Final = frozenset({"controller_frequency", "update_frequency", "publish_frequency"})
 """Parameters whose loops run in whole numbers of ticks."""
@@ -145,7 +146,7 @@ class Reader:
             return None
         try:
             return plug_ins.parameters(name, Path(document.file).parent, document.plug_ins.get(name))
-        except UnknownPlugIn as error:
+        except PlugInError as error:
             self.fault(path, error.what, error.right)
             return None
 

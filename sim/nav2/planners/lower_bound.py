@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.kernels.numeric import inner
-from vastflow.sim.nav2.planners.navfn import NEUTRAL, UNREACHED, propagate_within
+from vastflow.sim.nav2.planners.navfn import NEUTRAL, UNREACHED, propagate
 
 LEAST_CELL_COST: Final = 0.99 * NEUTRAL
 """Of a cell's path in a straight line; NavFn's interpolated potential rises 0.5 % less than `NEUTRAL` along a diagonal."""
@@ -82,7 +82,7 @@ def bound_below(
     floods = 0
     while True:
         _lay_straight_lines(b, to_goal)
-        propagate_within(least, goal_column, goal_row, -1, -1, to_goal, b.reach, potential, scratch)
+        propagate(least, goal_column, goal_row, -1, -1, False, to_goal, b.reach, potential, scratch)
         floods += 1
         if potential[row, column] < UNREACHED or floods == ATTEMPTS:
             break

@@ -20,44 +20,6 @@ BUFFER_CELLS: Final = 10_000
 PATH_STEP_CELLS: Final = 0.5
 
 
-def potential(
-    costmap_u8: NDArray[np.uint8],
-    root_cell: tuple[int, int],
-    stop_cell: tuple[int, int] | None = None,
-    allow_unknown: bool = True,
-    use_astar: bool = False,
-) -> NDArray[np.float32]:
-    """Potential (H, W) float32 propagated from `root_cell`; unreached cells keep 1e10.
-
-    Args:
-        costmap_u8: (H, W) costmap bytes, row 0 at the lowest y.
-        root_cell, stop_cell: (x, y) cells; propagation ends when `stop_cell` first gets a value.
-        use_astar: Towards `stop_cell`, which must be given.
-    """
-    travel = travel_costs(costmap_u8, allow_unknown)
-    out = new_potential(travel.shape)
-    stop = (-1, -1) if stop_cell is None else stop_cell
-    travel[root_cell[1], root_cell[0]] = NEUTRAL
-    flood = propagate_astar if use_astar else propagate
-    flood(travel, root_cell[0], root_cell[1], stop[0], stop[1], out, new_scratch(travel.shape))
-    return out
-
-
-def path(
-    costmap_u8: NDArray[np.uint8],
-    start_cell: tuple[int, int],
-    goal_cell: tuple[int, int],
-    allow_unknown: bool = True,
-    use_astar: bool = False,
-) -> NDArray[np.float64]:
-    """Path (N, 2) of (x, y) in cell units from start to goal; empty if there is none."""
-    travel = travel_costs(costmap_u8, allow_unknown)
-    values = potential(costmap_u8, start_cell, goal_cell, allow_unknown, use_astar)
-    out = np.empty((4 * max(travel.shape), 2))
-    n = descend(values, goal_cell[0], goal_cell[1], start_cell[0], start_cell[1], out)
-    return out[:n][::-1].copy()
-
-
 def travel_costs(costmap_u8: NDArray[np.uint8], allow_unknown: bool = True) -> NDArray[np.uint8]:
     """NavFn's cost (H, W): 50 + 0.8 c for traversable cells, 254 for others, unknown 253 or 254."""
     out = np.empty(costmap_u8.shape, dtype=np.uint8)
@@ -93,40 +55,7 @@ def fill_travel_costs(costmap: Any, allow_unknown: bool, row0: int, row1: int, c
 
 
 @njit
-def propagate(travel: Any, root_x: int, root_y: int, stop_x: int, stop_y: int, out: Any, scratch: Any) -> bool:
-    """Fill `out` (H, W) float32 from the root until the stop cell has a value; whether it has one.
-
-    Args:
-        travel: (H, W) uint8 travel costs; the outermost cells are obstacles, so that none has a neighbor missing.
-        out: From `new_potential`, and written by this function and its two variants alone.
-        scratch: From `new_scratch`, always the same for one `out`.
-    """
-    # Nothing is above infinity, so any array will do for the lower bounds.
-    return bool(_propagate(travel, root_x, root_y, stop_x, stop_y, False, out, math.inf, out, scratch))
-
-
-@njit
-def propagate_astar(travel: Any, root_x: int, root_y: int, stop_x: int, stop_y: int, out: Any, scratch: Any) -> bool:
-    """`propagate` as NavFn does it with `use_astar`: cells nearer to the stop cell first."""
-    return bool(_propagate(travel, root_x, root_y, stop_x, stop_y, True, out, math.inf, out, scratch))
-
-
-@njit
-def propagate_within(
-    travel: Any, root_x: int, root_y: int, stop_x: int, stop_y: int, lower: Any, bound: float, out: Any, scratch: Any
-) -> bool:
-    """`propagate`, but only into cells that a path from the root of at most `bound` can lead through.
-
-    Where no such path comes near what is left out, the potential is that of the whole flood.
-
-    Args:
-        lower: (H, W) float32, no greater than what any path on from a cell costs, the cell's own cost included.
-    """
-    return bool(_propagate(travel, root_x, root_y, stop_x, stop_y, False, lower, bound, out, scratch))
-
-
-@inner
-def _propagate(
+def propagate(
     travel: Any,
     root_x: int,
     root_y: int,
@@ -138,6 +67,18 @@ def _propagate(
     out: Any,
     scratch: Any,
 ) -> bool:
+    """Fill `out` (H, W) float32 from the root until the stop cell has a value; return whether it has one.
+
+    Where no path of at most `bound` comes near what is left out, the potential is that of the whole flood.
+
+    Args:
+        travel: (H, W) uint8 travel costs; the outermost cells are obstacles, so that none has a neighbor missing.
+        astar: Whether cells nearer to the stop cell come first, as with NavFn's `use_astar`.
+        lower: (H, W) float32, no greater than what any path on from a cell costs, the cell's own cost included.
+        bound: Only cells are entered that a path from the root of at most this cost can lead through; `math.inf` for all.
+        out: From `new_potential`, and written by this function alone.
+        scratch: From `new_scratch`, always the same for one `out`.
+    """
     rows, columns = travel.shape
     buffers, pending_flags, extent = scratch
     for row in range(extent[0], extent[1]):

@@ -24,8 +24,6 @@ from vastflow.sim.nav2.planners.navfn import (
     new_potential,
     new_scratch,
     propagate,
-    propagate_astar,
-    propagate_within,
     travel_costs,
 )
 from vastflow.sim.nav2.planners.planner import NO_VALID_PATH, Planner, PlannerInput, PlannerSetting
@@ -154,13 +152,20 @@ def _flood(q: Any, memory: NavFnMemory, leg: int, start: Cell, end: Cell, stop: 
     # A* does not find the best path, and which one it finds hangs on every cell it has been to.
     if q.use_astar != 0:
         memory.floods[0] += 1
-        propagate_astar(memory.travel, start[0], start[1], stop[0], stop[1], memory.potential, memory.scratch)
+        _propagate(memory, start, stop, True, memory.potential, math.inf)
         return bool(memory.potential[end[1], end[0]] < UNREACHED)
     if _flood_within_bounds(memory, leg, start, end, stop):
         return True
     memory.floods[0] += 1
-    propagate(memory.travel, start[0], start[1], stop[0], stop[1], memory.potential, memory.scratch)
+    _propagate(memory, start, stop, False, memory.potential, math.inf)
     return bool(memory.potential[end[1], end[0]] < UNREACHED)
+
+
+@inner
+def _propagate(memory: NavFnMemory, start: Cell, stop: Cell, astar: bool, lower: Any, bound: float) -> None:
+    # Nothing is above infinity, so any array will do for the lower bounds then.
+    out, scratch = memory.potential, memory.scratch
+    propagate(memory.travel, start[0], start[1], stop[0], stop[1], astar, lower, bound, out, scratch)
 
 
 @inner
@@ -187,7 +192,7 @@ def _flood_within_bounds(memory: NavFnMemory, leg: int, start: Cell, end: Cell, 
                 b, least, to_goal, column, row, end_column, end_row, FARTHER * bound, memory.potential, memory.scratch
             )
         memory.floods[0] += 1
-        propagate_within(memory.travel, column, row, stop[0], stop[1], to_goal, bound, memory.potential, memory.scratch)
+        _propagate(memory, start, stop, False, to_goal, bound)
         if memory.potential[end_row, end_column] < UNREACHED:
             expected = memory.potential[end_row, end_column]
             # A path that only just fits has been cut at its sides.
