@@ -28,11 +28,7 @@ _CARTON = Obstacle("carton", "box", Pose(3.5, 0.0), 0.5, 0.5, Trigger(3.5, 0.0, 
 
 @dataclass(frozen=True)
 class SampleRun:
-    """A run to judge.
-
-    Attributes:
-        name: What is particular about it.
-    """
+    """A run to judge, named by its particularity."""
 
     name: str
     trace: Trace = field(repr=False)
@@ -122,18 +118,17 @@ def _run(outcome: Outcome, simulated_s: float, distance_m: float, events: tuple[
 
 
 OPTIONAL: Final = ("command_", "sent_", "covariance_", "wall_clearance_m", "deviation_m", "static_clearance_m")
-"""How the names of signals begin that a run may lack: by what a scenario records, or what its world has in it."""
+"""Prefixes of signals that a run may lack."""
 
 
 def check_oracle(oracle: Oracle[Any], runs: Sequence[SampleRun] | None = None) -> None:
-    """Let `oracle` judge several runs and check that it keeps its contract: all of `CHECKS`, in their order.
+    """Check all of `CHECKS` on `oracle`.
 
     Args:
-        runs: What it judges, by default `sample_runs`: among them a robot that never moves, an obstacle that appears late, a
-            recording without rows, and a run without a robot. Add runs that matter to it to those.
+        runs: Runs to judge, by default `sample_runs`, to which an author can add.
 
     Raises:
-        AssertionError: what it did and what it should do.
+        AssertionError: a broken contract.
     """
     judged = sample_runs() if runs is None else runs
     for check in CHECKS:
@@ -141,7 +136,7 @@ def check_oracle(oracle: Oracle[Any], runs: Sequence[SampleRun] | None = None) -
 
 
 def check_declarations(oracle: Oracle[Any], runs: Sequence[SampleRun]) -> None:
-    """It declares its parameters and its metrics in the form that a campaign takes."""
+    """It declares valid parameters and metrics."""
     name = type(oracle).__name__
     must(isinstance(oracle.parameters, Parameters), f"{name}'s parameters must be an oracle.Parameters")
     must(oracle.parameters.__class__ is oracle.Parameters, f"{name} must name its parameter model in `Parameters`")
@@ -210,7 +205,7 @@ CHECKS: Final[tuple[Callable[[Oracle[Any], Sequence[SampleRun]], None], ...]] = 
     check_determinism,
     check_runs_alone,
 )
-"""All checks, for a test that is parametrised with them and reports each on its own."""
+"""All checks, to parametrize a test."""
 
 
 def _judged(oracle: Oracle[Any], run: SampleRun) -> Verdict:

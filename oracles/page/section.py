@@ -43,13 +43,12 @@ class Section:
     """A section of the page.
 
     Attributes:
-        key: Its anchor, and the name of its text in the template where it has one.
+        key: Its anchor, and the name of its text in the template.
         link: Its name in the navigation.
-        summary: Stands beside the title of a folded section.
-        content: Texts, figures, and tables below its text, in their order.
-        folded: Whether it is hidden until a reader opens it.
-        values: What the text in the template shows.
-        figures: Those that the text shows.
+        summary: Text beside the title of a folded section.
+        content: Texts, figures, and tables below its text.
+        folded: Whether it is hidden until opened.
+        values, figures: Values and figures of the text in the template.
     """
 
     key: str

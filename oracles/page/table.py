@@ -13,13 +13,13 @@ from vastflow.oracles.page.words import percent, span_of
 from vastflow.oracles.statistics.intervals import thousandths
 
 ColumnKind: TypeAlias = Literal["text", "name", "long", "choice", "number", "rate", "class"]
-"""What a column has: words, names, sentences, words that can be chosen from, numbers, rates, classes of configurations."""
+"""Content of a column: words, names, sentences, choices, numbers, rates, classes."""
 
 MAX_ROWS: Final = 500
-"""Rows of a list; the files beside the report have all."""
+"""Most rows of a list; the files beside the report have all."""
 
 PLAIN_ROWS: Final = 40
-"""Rows that the page has without its script; `evidence.json` and the parquet files have all."""
+"""Rows of a table without a script."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,15 +37,15 @@ def columns(kind: ColumnKind, *labels: str) -> list[Column]:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Rows of the page, which can be sorted and filtered where they have a key.
+    """Rows of the page, which can be sorted and filtered if they have a key.
 
     Attributes:
-        rows: Cells; of a rate what `rate_cell` gives. With a key all of them are JSON values.
-        key: Its id in the page; empty for a short table without a script.
-        where: Where all rows are, for readers of a page without its script.
-        totals: Places of the rows that are stressed.
-        failing: Configurations with failures, which alone the script shows at first.
-        style: Of its rates, `share` for shares of failures.
+        rows: Cells; of rates as of `rate_cell`. With a key all are JSON values.
+        key: Id in the page; empty for a short table without a script.
+        where: File with all rows, for pages without a script.
+        totals: Indices of stressed rows.
+        failing: Number of configurations with failures, which the script shows first.
+        style: `share` for shares of failures.
     """
 
     columns: Sequence[Column]
@@ -92,7 +92,7 @@ def configuration_cells(evidence: Evidence) -> dict[str, list[float]]:
 
 
 def bar(cell: Sequence[float]) -> Markup:
-    """A rate and its interval as a small picture; says nothing that is not beside it in words."""
+    """A rate and its interval as a small picture."""
     passed, judged, _, low, high = cell
     if not judged:
         return Markup("")

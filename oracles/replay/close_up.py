@@ -1,8 +1,4 @@
-"""The close-up: the world round the robot at one moment, with what it senses, believes, plans and fears.
-
-Truth is dark, what the robot believes is orange. Blue is what the planner counts with, orange cells what the
-controller sees.
-"""
+"""The close-up: the world around the robot at one moment. Truth is dark, belief orange, global costs blue."""
 
 import math
 from collections.abc import Sequence

@@ -1,6 +1,5 @@
-"""Recorded runs: one run of a campaign directory, with everything it takes to execute it once more."""
+"""Recorded runs of a campaign directory, ready to be executed again."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,7 +10,7 @@ import pyarrow.compute as pc
 from vastflow.oracles.judgement.verdict import Judgement, run_judgement
 from vastflow.oracles.results.behaviors import Behaviors
 from vastflow.oracles.results.column import read_columns, table_rows
-from vastflow.oracles.results.executed import KeptFiles, executed_scenario
+from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.kernels.streams import run_entropy
 from vastflow.sim.model.blocks import read_recordings
@@ -23,13 +22,12 @@ from vastflow.sim.model.scenario import Scenario
 
 @dataclass(frozen=True, eq=False)
 class RecordedRun:
-    """A run as it was recorded.
+    """A recorded run.
 
     Attributes:
-        configuration: The one that was executed; a duplicate's original.
-        scenario: Its files lie in the campaign directory.
+        configuration: The executed one; a duplicate's original.
         seed: The campaign's `execution.seed`.
-        judgement: What all oracles together said.
+        judgement: Of all oracles together.
         metadata: `metadata.json` of the campaign.
     """
 
@@ -45,7 +43,7 @@ def recorded_run(directory: Path, configuration: str, run_index: int) -> Recorde
     """Read one run from the campaign directory alone.
 
     Raises:
-        UnusableDirectory: an unknown configuration or run; a file that is missing, unreadable or not what was recorded.
+        UnusableDirectory: an unknown configuration or run; a missing, unreadable, or changed file.
     """
     with reading(directory):
         row = _configuration(directory, configuration)
@@ -88,9 +86,8 @@ def _recording(directory: Path, name: str, run_index: int) -> Recording:
 
 
 def _scenario(directory: Path, row: Mapping[str, Any]) -> Scenario:
-    """The scenario of a row, rebuilt; its digest tells whether it is the one that was executed."""
-    abstract = json.loads(row["abstract"]) if row["abstract"].startswith("{") else row["abstract"]
-    scenario = executed_scenario(abstract, row["timeout_s"], json.loads(row["scenario"]), KeptFiles(directory))
+    """The scenario of a row, whose digest must be that of the executed one."""
+    scenario = scenario_of_row(row, KeptFiles(directory))
     if scenario.digest != row["scenario_digest"]:
         found = f"{scenario.digest[:12]}…, recorded was {row['scenario_digest'][:12]}…"
         raise ValueError(f"the scenario of {row['name']} has digest {found}")
@@ -98,7 +95,7 @@ def _scenario(directory: Path, row: Mapping[str, Any]) -> Scenario:
 
 
 def _seed(recording: Recording, scenario: Scenario) -> int:
-    """`execution.seed`, which begins the run's entropy; the rest of that must be the scenario's and the run's."""
+    """`execution.seed`, the first part of the run's entropy, whose rest follows from scenario and run."""
     entropy = [int(part, 16) for part in recording.run.seed.split(":")]
     if entropy != run_entropy(entropy[0], scenario.situation_digest, recording.run.run_index):
         raise ValueError(f"the seed {recording.run.seed} in the recording is not this scenario's")
@@ -106,8 +103,9 @@ def _seed(recording: Recording, scenario: Scenario) -> int:
 
 
 def _judgement(directory: Path, name: str, run_index: int) -> Judgement:
-    rows = _rows(directory / "verdicts.parquet", configuration=name, run_index=run_index)
-    return run_judgement([row["judgement"] for row in rows])
+    table = read_columns(directory / "verdicts.parquet")
+    chosen = pc.and_(pc.equal(table["configuration"], name), pc.equal(table["run_index"], run_index))
+    return run_judgement(table.filter(chosen)["judgement"].to_pylist())
 
 
 def _metadata(directory: Path) -> Mapping[str, Any]:
@@ -116,14 +114,6 @@ def _metadata(directory: Path) -> Mapping[str, Any]:
     if missing:
         raise ValueError(f"metadata.json has no {', '.join(missing)}")
     return metadata
-
-
-def _rows(file: Path, **wanted: str | int) -> list[dict[str, Any]]:
-    table = read_columns(file)
-    for column, value in wanted.items():
-        table = table.filter(pc.equal(table.column(column), value))
-    rows: list[dict[str, Any]] = table.to_pylist()
-    return rows
 
 
 def _some(names: list[str]) -> str:

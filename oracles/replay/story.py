@@ -23,7 +23,7 @@ from vastflow.sim.replay import Activity, Box, Moment
 from vastflow.sim.world.occupancy import UNKNOWN, OccupancyMap
 
 SLOW_S: Final = 3.0
-"""The progress checker's clock is worth a word only after this time."""
+"""Time without progress that is told."""
 
 _ACTIVITIES: Final[Mapping[Activity, str]] = {
     "starting": "waiting for the first scan",
@@ -63,7 +63,7 @@ def numbers(moment: Moment) -> str:
 
 
 def happening(event: Event) -> str | None:
-    """An event in a few words; None for one that is not worth any."""
+    """An event in a few words; None for minor ones."""
     match event.kind:
         case "contact":
             return f"touches {event.what} at {event.value:.2f} m/s"
@@ -85,13 +85,13 @@ def happening(event: Event) -> str | None:
 
 
 FRAMES: Final = 12
-"""Pictures of a run where nothing else is asked for, at the most."""
+"""Most pictures of a run by default."""
 FEWEST: Final = 8
-"""With fewer there are pictures between the events."""
+"""Fewest pictures; others are added between events."""
 _BETWEEN: Final = 2
-"""So many are kept for the times in which nothing happened."""
+"""Pictures reserved for times without events."""
 APART_S: Final = 0.4
-"""What happens within such a time makes one picture."""
+"""Time within which events share a picture."""
 
 _GREAT_RECOVERIES: Final = ("spin", "wait", "back up")
 _RANKS: Final[Mapping[str, int]] = {
@@ -109,16 +109,12 @@ _RANKS: Final[Mapping[str, int]] = {
 
 
 def tick_of(event: Event) -> int:
-    """The first tick that knows of an event; a contact happens between two."""
+    """The first tick after an event."""
     return math.ceil(event.t_s / TICK_S - 1e-6)
 
 
 def highlights(run: Run, first: int, last: int) -> list[int]:
-    """At most `FRAMES` ticks from `first` to `last`, both included.
-
-    Both ends; then events by rank: contacts and obstacles that appear or disappear, recoveries that move the robot or let it wait, failures,
-    clearings, the rest; among equals those far from what is chosen already. Then the middles of the widest gaps.
-    """
+    """At most `FRAMES` ticks from `first` to `last`: both ends, events by rank, then the middles of the widest gaps."""
     chosen = sorted({first, last})
     events = [e for e in run.events if first < tick_of(e) < last]
     for rank in sorted(set(_RANKS.values())):
@@ -137,7 +133,7 @@ def _rank(event: Event) -> int | None:
 
 
 def _choose(chosen: list[int], candidates: Iterable[int], most: int) -> None:
-    """Add the candidate farthest from what is chosen, again and again, while there is room and distance."""
+    """Add the candidates farthest from the chosen ones, while there is room and distance."""
 
     def distance(tick: int) -> int:
         return min(abs(tick - other) for other in chosen)
@@ -153,11 +149,11 @@ def _choose(chosen: list[int], candidates: Iterable[int], most: int) -> None:
 
 
 WHOLE_M: Final = 6.5
-"""A run that fits into such a square is shown whole in every picture."""
+"""Size of runs that are shown whole."""
 FOLLOWED_M: Final = 5.5
-"""Else the pictures show such a square around the robot."""
+"""Size of the square that follows the robot."""
 RECENT_TICKS: Final = 10
-"""What happened within so many ticks is still told."""
+"""Ticks for which events are told."""
 _SMALLEST_M: Final = 4.0
 _MARGIN_M: Final = 0.9
 _EDGE_M: Final = 0.3
@@ -203,12 +199,11 @@ class Story:
 
     Attributes:
         title: Configuration and run.
-        subtitle: Campaign and when it was made.
-        run: Its row, as it was executed now.
-        warning: Why this is not the recorded run; empty where it is.
-        occupancy: The walls as they stand.
-        moments: One a tick from the run's first on.
-        zones: Where masks of costmap filters are.
+        subtitle: Campaign and its time.
+        run: Its row of this execution.
+        warning: Difference from the recorded run; empty without one.
+        occupancy: Actual walls.
+        moments: One for each tick.
     """
 
     title: str
@@ -223,7 +218,7 @@ class Story:
 
     @property
     def color(self) -> str:
-        """The color of its trajectory: that of the judgement on it."""
+        """The color of its trajectory, by judgement."""
         return COLORS[self.judgement]
 
     @property

@@ -36,7 +36,7 @@ def tick_at(option: str, t_s: float, run: Span) -> int:
     """
     end_s = (run.last + 1) * TICK_S
     if not 0.0 <= t_s <= end_s + _EXACT_S:  # also catches NaN
-        raise UserError(f"{option} {t_s:g}: outside the run, which goes from 0 to {end_s:.2f} s")
+        raise UserError(f"{option}: expected a time of the run, from 0 to {end_s:.2f} s, got {t_s:g}")
     return min(_nearest(t_s), run.last)
 
 
@@ -49,7 +49,7 @@ def span_of(from_s: float | None, to_s: float | None, run: Span) -> Span:
     first = run.first if from_s is None else tick_at("--from", from_s, run)
     last = run.last if to_s is None else tick_at("--to", to_s, run)
     if last < first:
-        raise UserError(f"--from {from_s:g} --to {to_s:g}: ends before it begins")
+        raise UserError(f"--to: expected a time after --from {from_s:g}, got {to_s:g}")
     return Span(first, last)
 
 
@@ -60,7 +60,7 @@ def step_of(every_s: float) -> int:
         UserError: `every_s` is not positive.
     """
     if not (every_s > 0.0 and math.isfinite(every_s)):
-        raise UserError(f"--every {every_s:g}: a time greater than 0 s, {TICK_S:g} s or more")
+        raise UserError(f"--every: expected a time above 0 s, got {every_s:g}")
     return max(1, _nearest(every_s))
 
 

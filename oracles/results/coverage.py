@@ -1,4 +1,4 @@
-"""Coverage as `coverage.json` has it, in rows: for the report and for the terminal."""
+"""Rows of `coverage.json` for report and terminal."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from typing import Any, Final
 from vastflow.sim.model.files import read_json
 
 Coverage = Mapping[str, Any]
-"""What `vastflow.producers.instantiation.coverage.coverage_of` gives."""
+"""The value of `vastflow.producers.instantiation.coverage.coverage_of`."""
 
 FILE: Final = "coverage.json"
 COUNTS: Final = ("requested", "excluded", "unrealisable", "duplicate", "realised", "valid")
@@ -16,12 +16,7 @@ COUNTS: Final = ("requested", "excluded", "unrealisable", "duplicate", "realised
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """Requests of a family that became no configuration.
-
-    Attributes:
-        by: The constraint or the producer.
-        reason: The producer's; empty for a constraint.
-    """
+    """Requests of a family lost by a constraint, or by a producer with its reason."""
 
     family: str
     by: str
@@ -34,11 +29,10 @@ class Covered:
     """Coverage of the combinations of some producers' choices.
 
     Attributes:
-        factors: What these producers write; empty where none varies.
-        combinations, admissible, covered: All there are, those that can be built and are not excluded, those that are
-            in some configuration.
-        share: Covered of admissible; None where nothing is.
-        distinct: Different contents of a dimension among the configurations; None for a pair.
+        factors: Varying keys of these producers.
+        combinations, admissible, covered: All, those that can be built and are not excluded, and those in a configuration.
+        share: Covered of admissible; None without any.
+        distinct: Distinct contents of a dimension; None for a pair.
     """
 
     family: str
@@ -70,7 +64,7 @@ def read_coverage(directory: Path) -> Coverage:
 
 
 def parts(coverage: Coverage) -> list[tuple[str, Coverage]]:
-    """Each family and, where there are several, the whole campaign as `all`, last."""
+    """Each family and, if there are several, the whole campaign as `all`."""
     families = list(coverage["families"].items())
     return families if len(families) == 1 else [*families, ("all", coverage)]
 
@@ -106,7 +100,7 @@ def dimensions(coverage: Coverage) -> Iterator[Covered]:
 
 
 def pairs(coverage: Coverage) -> Iterator[Covered]:
-    """The pairs of producers that are listed, of each family the least covered first."""
+    """The listed pairs of producers, in each family the least covered first."""
     for family, part in coverage["families"].items():
         for said in part["t_way"].get("pairs", ()):
             yield _covered(family, " × ".join(said["factors"]), said, None)
@@ -118,7 +112,7 @@ def pairs_not_listed(coverage: Coverage) -> int:
 
 
 def design_text(design: Mapping[str, Any]) -> str:
-    """A family's design in a few words, with its size against the full product."""
+    """Words for a family's design and its size."""
     product = f"{design['product']:,}"
     if design["kind"] == "t_way":
         return f"{design['strength']}-way: {design['rows']:,} of {product}, at least {design['lower_bound']:,}"

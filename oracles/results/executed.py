@@ -1,5 +1,6 @@
 """Executed scenarios of a campaign directory, their files, and the names of their maps."""
 
+import json
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
@@ -16,7 +17,7 @@ from vastflow.sim.reading.abstract import abstract_content
 from vastflow.sim.world.map_file import map_content
 
 NAMED_FILES: Final = "files.json"
-"""In `environments/`: digest to place there of files whose digest is not that of their bytes, such as a mesh's of what is solid."""
+"""File in `environments/` with the places of files by digests that are not of their bytes, such as meshes."""
 
 _DIGEST: Final = re.compile("[0-9a-f]{64}")
 
@@ -63,10 +64,7 @@ class KeptFiles:
 def executed_scenario(
     abstract: str | Mapping[str, Any], timeout_s: float, content: Mapping[str, Any], files: KeptFiles
 ) -> Scenario:
-    """A scenario of `configurations.parquet`, rebuilt.
-
-    Args:
-        abstract, content: Columns `abstract` and `scenario`; what of them is JSON, decoded.
+    """Rebuild a scenario from the decoded columns `abstract` and `scenario` of `configurations.parquet`.
 
     Raises:
         ValueError: a file that the directory does not keep.
@@ -75,6 +73,16 @@ def executed_scenario(
     programs = setup_of(content["programs"]) if "programs" in content else None
     parts = content["environment"], content["task"], content["system"], programs
     return Scenario(_value(abstract, files), timeout_s, *parts)
+
+
+def scenario_of_row(row: Mapping[str, Any], files: KeptFiles) -> Scenario:
+    """The scenario of a row of `configurations.parquet`.
+
+    Raises:
+        ValueError: a file that the directory does not keep.
+    """
+    abstract = json.loads(row["abstract"]) if row["abstract"].startswith("{") else row["abstract"]
+    return executed_scenario(abstract, row["timeout_s"], json.loads(row["scenario"]), files)
 
 
 def _digests(file: Path) -> Iterator[str]:
@@ -119,7 +127,7 @@ def _named_files(inputs: Path) -> Iterable[tuple[str, str]]:
 
 
 def _plan(environment: Path) -> str | None:
-    """Name of the plan's file, as the provenance beside a producer's map has it."""
+    """Name of the floor plan's file, from the provenance beside a map."""
     with suppress(ValueError, OSError, KeyError, TypeError):
         said = read_json(environment / "provenance.json")
         return Path(str(said["file"])).stem

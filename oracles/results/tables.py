@@ -47,7 +47,7 @@ class ConfigurationTable:
 
     @cached_property
     def distinct(self) -> NDArray[np.int64]:
-        """Indices of the configurations that duplicate no other."""
+        """Indices of the configurations that are no duplicates."""
         return np.flatnonzero([name is None for name in self.duplicate_of])
 
     @cached_property
@@ -57,12 +57,12 @@ class ConfigurationTable:
 
     @cached_property
     def abstracts(self) -> list[str | Mapping[str, Any]]:
-        """Name of each one's scenario, or of a scenario file what `vastflow.oracles.results.executed` takes."""
+        """Scenario name of each, or the decoded content of a scenario file."""
         return [json.loads(text) if text.startswith("{") else text for text in texts(self.table["abstract"])]
 
     @cached_property
     def contents(self) -> list[Mapping[str, Any]]:
-        """Environment, task, system and programs of each one's scenario."""
+        """Environment, task, system and programs of each."""
         return self._decoded("scenario")
 
     @cached_property
@@ -93,14 +93,7 @@ class ConfigurationTable:
 
 @dataclass(frozen=True, eq=False)
 class Tables:
-    """The tables of a campaign directory, in columns.
-
-    Attributes:
-        metadata: `metadata.json`.
-        campaign: The text of the campaign file.
-        rejections: Rows of `rejections.parquet`, `requested` and `inputs` as JSON text.
-        runs: `runs.parquet`.
-    """
+    """The tables of a campaign directory, in columns; `campaign` is the text of the campaign file."""
 
     directory: Path
     metadata: Mapping[str, Any]
@@ -117,13 +110,13 @@ class Tables:
 
     @cached_property
     def blocks(self) -> Mapping[str, int]:
-        """Configuration to the number of its block: equal for those on one map with one task, see `blocks_of`."""
+        """Configuration to block number, see `blocks_of`."""
         found = self.configurations
         return dict(zip(found.names, blocks_of(found.contents).tolist(), strict=True))
 
     @cached_property
     def families(self) -> Mapping[str, list[str]]:
-        """Family to the names of its configurations; those that duplicate another are left out, their family is not."""
+        """Family to the names of its configurations without duplicates."""
         families: dict[str, list[str]] = {}
         found = self.configurations
         for name, family, duplicate_of in zip(found.names, found.families, found.duplicate_of, strict=True):
