@@ -8,7 +8,7 @@ from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, int
 
 
 def found_text(said: Mapping[str, Any]) -> str:
-    """A sentence on the best point, such as `found at 90 %, confirmed at 71 % [58, 82] on 60 fresh runs`.
+    """Words for the best point: `found at 90 %, confirmed at 71 % [58, 82] on 60 fresh runs`.
 
     The interval is Clopper and Pearson's at 95 %, of the fresh runs alone. A baseline adds the number of runs that either needed.
     """

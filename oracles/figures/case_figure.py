@@ -19,6 +19,7 @@ from vastflow.oracles.figures.floor import (
     draw_walls,
     legend,
     obstacle_handle,
+    places_of,
     zone_handles,
 )
 from vastflow.oracles.figures.scene import NO_ZONES, Zones
@@ -140,9 +141,8 @@ def _draw(axes: Axes, side: Side) -> list[Line2D]:
 
 
 def _stops(situation: Situation) -> tuple[Floats, Floats]:
-    starts = [] if situation.start is None else [situation.start]
-    points = [np.array([(pose.x_m, pose.y_m) for pose in poses]).reshape(-1, 2) for poses in (starts, situation.goals)]
-    return points[0], points[1]
+    """Start and goals (n, 2)."""
+    return places_of([] if situation.start is None else [situation.start]), places_of(situation.goals)
 
 
 def _box(sides: Sequence[Side]) -> tuple[Floats, Floats]:
@@ -156,7 +156,7 @@ def _box(sides: Sequence[Side]) -> tuple[Floats, Floats]:
 
 
 def _look_at(axes: Axes, low: Floats, high: Floats, shape: tuple[float, float], least_m: float = 0.0) -> float:
-    """Show a box in a panel of width : height `shape`, of equal scales, and return the shown width in meters."""
+    """Show a box in a panel of proportions `shape` and return the shown width in meters."""
     (x, y), (width, height) = (low + high) / 2, high - low
     across, up = shape
     half_x = max(width, height * across / up, least_m) / 2

@@ -29,9 +29,12 @@ from vastflow.oracles.figures.style import (
     place,
 )
 from vastflow.sim.model.obstacle import Obstacle
-from vastflow.sim.world.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.world import occupancy as cell_values
+from vastflow.sim.world.occupancy import OccupancyMap
 
-_WALL, _UNKNOWN, _FREE = (58, 63, 71), (226, 229, 232), (255, 255, 255)
+WALL, UNKNOWN, FREE = (58, 63, 71), (226, 229, 232), (255, 255, 255)
+"""RGB of cells."""
 _WIDTH_IN: Final = 10.0
 _HEIGHT_IN: Final = 9.0
 _MARGIN_M: Final = 0.4
@@ -81,8 +84,8 @@ def draw_zones(axes: Axes, zones: Zones) -> None:
             row, end_row, column, end_column = known_cells(mask)
             picture = np.empty((end_row - row, end_column - column, 4), dtype=np.uint8)
             picture[:] = [round(255 * part) for part in to_rgba(color)]
-            values = np.maximum(mask.cells[row:end_row, column:end_column], FREE)
-            picture[..., 3] = np.rint(255 * _ZONE_ALPHA * values / OCCUPIED)
+            values = np.maximum(mask.cells[row:end_row, column:end_column], cell_values.FREE)
+            picture[..., 3] = np.rint(255 * _ZONE_ALPHA * values / cell_values.OCCUPIED)
             _show(axes, mask, picture)
 
 
@@ -109,6 +112,11 @@ def draw_lines(
     lines = LineCollection(paths, colors=color, linewidths=width, alpha=alpha, capstyle="round")
     lines.set_rasterized(True)
     axes.add_collection(lines, autolim=False)
+
+
+def places_of(poses: Sequence[Pose]) -> NDArray[np.float64]:
+    """Positions (n, 2) of poses."""
+    return np.array([(pose.x_m, pose.y_m) for pose in poses], dtype=np.float64).reshape(-1, 2)
 
 
 def draw_ends(axes: Axes, starts_xy_m: NDArray[np.float64], goals_xy_m: NDArray[np.float64]) -> list[Line2D]:
@@ -156,9 +164,9 @@ def _picture(occupancy: OccupancyMap) -> NDArray[np.uint8]:
     row, end_row, column, end_column = known_cells(occupancy)
     cells = occupancy.cells[row:end_row, column:end_column]
     picture = np.empty((*cells.shape, 3), dtype=np.uint8)
-    picture[:] = _WALL  # everything a robot can't be sure to drive on, but for unknown cells
-    picture[cells == UNKNOWN] = _UNKNOWN
-    picture[cells == FREE] = _FREE
+    picture[:] = WALL  # everything a robot can't be sure to drive on, but for unknown cells
+    picture[cells == cell_values.UNKNOWN] = UNKNOWN
+    picture[cells == cell_values.FREE] = FREE
     if (fold := -(-max(cells.shape) // _MOST_PIXELS)) > 1:
         return np.asarray(Image.fromarray(picture).reduce(fold))
     return picture

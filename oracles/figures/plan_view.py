@@ -13,7 +13,15 @@ from matplotlib.patches import Circle, Patch, PathPatch
 from matplotlib.path import Path
 from numpy.typing import NDArray
 
-from vastflow.oracles.figures.floor import draw_ends, draw_obstacles, legend, map_figure, obstacle_handle, zone_handles
+from vastflow.oracles.figures.floor import (
+    draw_ends,
+    draw_obstacles,
+    legend,
+    map_figure,
+    obstacle_handle,
+    places_of,
+    zone_handles,
+)
 from vastflow.oracles.figures.scene import NO_ZONES, Zones
 from vastflow.oracles.figures.style import INK, OBSTACLE_COLOR, OBSTACLE_EDGE
 from vastflow.oracles.observation.situation import Situation
@@ -81,7 +89,7 @@ def _draw_stops(axes: Axes, situation: Situation) -> list[Line2D]:
     goals = list(dict.fromkeys(situation.goals))
     for pose in (situation.start, *goals):
         _draw_direction(axes, pose)
-    handles = draw_ends(axes, _xy_m([situation.start]), _xy_m(goals))
+    handles = draw_ends(axes, places_of([situation.start]), places_of(goals))
     if len(goals) > 1:
         for number, goal in enumerate(goals, 1):
             axes.annotate(str(number), (goal.x_m, goal.y_m), (6, 5), textcoords="offset points", fontsize=8, color=INK)
@@ -92,10 +100,6 @@ def _draw_direction(axes: Axes, pose: Pose) -> None:
     tip = (_ARROW_POINTS * math.cos(pose.yaw_rad), _ARROW_POINTS * math.sin(pose.yaw_rad))
     arrow = {"arrowstyle": "<-", "color": INK, "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0}
     axes.annotate("", (pose.x_m, pose.y_m), tip, textcoords="offset points", arrowprops=arrow)
-
-
-def _xy_m(poses: Sequence[Pose]) -> NDArray[np.float64]:
-    return np.array([(pose.x_m, pose.y_m) for pose in poses], dtype=np.float64).reshape(-1, 2)
 
 
 def _obstacle_handles(standing: int, appearing: int) -> list[Any]:

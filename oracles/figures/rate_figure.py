@@ -19,7 +19,7 @@ _WIDTH_IN: Final = 10.0
 
 
 def rates_figure(evidence: Mapping[str | None, Evidence]) -> Figure:
-    """Draw success rates and 95 % intervals of campaign, families and, if they are few, configurations; a panel for each oracle.
+    """Draw rates and intervals of campaign, families and few configurations, in a panel for each oracle.
 
     Bars are Wilson intervals of these configurations, thin black lines those for others of their kind.
     """

@@ -16,18 +16,7 @@ from vastflow.sim.plug_ins.loading import installed_plug_in, known_plug_ins, mod
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.snapshot import Snapshot, snapshot_of
 
-__all__ = [
-    "GROUP",
-    "SUCCESS",
-    "Oracle",
-    "OracleError",
-    "OracleFault",
-    "Parameters",
-    "known_oracles",
-    "oracle_class",
-    "oracle_of",
-    "oracles_of",
-]
+__all__ = ["Oracle", "Parameters"]
 
 GROUP: Final = "vastflow.oracles"
 SUCCESS: Final = "success"

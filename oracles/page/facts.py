@@ -27,7 +27,7 @@ _PLACES: Final = 3
 
 @dataclass(frozen=True, eq=False)
 class Facts:
-    """Facts that the sections of a report show; `names` of maps are by digest, `evidence` by oracle or None for all."""
+    """Facts of a report: `names` of maps by digest, `evidence` by oracle or None for all."""
 
     tables: Tables
     names: Mapping[str, str]
@@ -56,7 +56,7 @@ class Facts:
 
     @cached_property
     def shown_oracles(self) -> list[str | None]:
-        """None for all together, and each oracle that can fail a run if there are several."""
+        """All oracles together as None, and each that can fail a run if there are several."""
         judging = [oracle for oracle in self.evidence if oracle not in MEASURES_ALONE]
         return judging if len(judging) > 2 else [None]
 

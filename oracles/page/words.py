@@ -99,7 +99,7 @@ def position(x_m: float, y_m: float) -> str:
 
 
 def short(value: Any) -> str:
-    """A value as a table cell: a pose as its place, a list as its length, a file as its digest."""
+    """A value as a table cell: poses by place, lists by length, files by digest."""
     if isinstance(value, float):
         return number(value)
     if isinstance(value, list):
@@ -114,7 +114,7 @@ def short(value: Any) -> str:
 
 
 def factor_text(factor: FactorEffect, noun: str) -> str:
-    """`radius matters on these 4 paths: 0.45 fails 20 of 20 runs, 0.2 none of 20 (p ≤ 0.0001). For other paths: p = 0.012.`"""
+    """`radius matters on these 4 paths: 0.45 fails 20 of 20 runs (p ≤ 0.0001). …`"""
     if not factor.these.shown:
         told = (
             f"; on these {noun}s it is not shown ({p_text(factor.these)})" if factor.these.p_value is not None else ""
@@ -137,7 +137,7 @@ def others_text(factor: FactorEffect, noun: str) -> str:
 
 
 def powerless_text(found: FactorAnalysis, noun: str) -> str:
-    """`6 paths are too few to show, for other paths, an effect of a or b, however large.`; empty if they are enough."""
+    """`6 paths are too few to show, for other paths, an effect of a, however large.`, or empty."""
     names, pairs = found.powerless
     claims = [f"an effect of {' or '.join(names)}"] if names else []
     claims += [f"any of {pairs} interactions" if pairs > 1 else "an interaction"] if pairs else []

@@ -14,11 +14,12 @@ from matplotlib.patches import Patch as Area
 from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 
-from vastflow.oracles.figures.floor import draw_zones
+from vastflow.oracles.figures.floor import FREE, UNKNOWN, WALL, draw_zones
 from vastflow.oracles.figures.scene import NO_ZONES, Zones
-from vastflow.oracles.figures.style import GOAL_COLOR, INK, OBSTACLE_COLOR
+from vastflow.oracles.figures.style import GOAL_COLOR, INK, OBSTACLE_COLOR, OBSTACLE_EDGE
 from vastflow.sim.model.pose import Pose
-from vastflow.sim.nav2.costmaps.inflation import INSCRIBED, LETHAL, UNKNOWN
+from vastflow.sim.nav2.costmaps.inflation import INSCRIBED, LETHAL
+from vastflow.sim.nav2.costmaps.inflation import UNKNOWN as UNKNOWN_COST
 from vastflow.sim.replay import Box, Patch, TickSnapshot
 from vastflow.sim.world.occupancy import OccupancyMap
 
@@ -26,10 +27,8 @@ BELIEF_COLOR: Final = "#E69F00"
 INTENT_COLOR: Final = "#6A3D9A"
 SCAN_COLOR: Final = "#000000"
 _BELIEF: Final = (230, 159, 0)
-_WALL, _UNKNOWN, _FREE = (58, 63, 71), (226, 229, 232), (255, 255, 255)  # those of vastflow.oracles.figures.floor
 _INFLATED, _INSCRIBED, _MARKED = (86, 180, 233), (172, 208, 232), (0, 96, 150)
 _FAINTEST, _STRONGEST = 0.03, 0.33
-_OBSTACLE_EDGE: Final = "#8F4A72"
 _DASHES: Final = (0, (3, 2))
 
 
@@ -47,7 +46,7 @@ def draw_close_up(
     axes: Axes, occupancy: OccupancyMap, snapshot: TickSnapshot, path: DrivenPath, box: Box, zones: Zones = NO_ZONES
 ) -> None:
     """Fill `axes` with the part `box` of the map frame; the box should have the axes' proportions."""
-    axes.set(xlim=(box.x0, box.x1), ylim=(box.y0, box.y1), xticks=[], yticks=[], facecolor=_hex(_UNKNOWN))
+    axes.set(xlim=(box.x0, box.x1), ylim=(box.y0, box.y1), xticks=[], yticks=[], facecolor=_hex(UNKNOWN))
     axes.spines[:].set(color="#B8BEC6", linewidth=0.8)
     points_per_m = _points_per_m(axes, box)
     draw_patch(axes, snapshot.global_costs, ground(occupancy, snapshot.global_costs))
@@ -89,7 +88,7 @@ def legend_handles(color: str) -> list[Any]:
         Area(facecolor=_hex(_INSCRIBED), label="no place for the robot's center"),
         Area(facecolor=_hex(_MARKED), label="marked, not on the map"),
         Area(facecolor=BELIEF_COLOR, alpha=0.7, label="the same of the local costmap (dashed square)"),
-        Area(facecolor=OBSTACLE_COLOR, edgecolor=_OBSTACLE_EDGE, alpha=0.7, label="obstacle"),
+        Area(facecolor=OBSTACLE_COLOR, edgecolor=OBSTACLE_EDGE, alpha=0.7, label="obstacle"),
     ]
 
 
@@ -97,13 +96,13 @@ def ground(occupancy: OccupancyMap, patch: Patch) -> NDArray[np.uint8]:
     """Picture (R, C, 3) of walls over a patch of global costs, row 0 at the lowest y."""
     costs = patch.costs
     picture = np.empty((*costs.shape, 3), dtype=np.uint8)
-    picture[:] = _FREE
+    picture[:] = FREE
     inflated = (costs > 0) & (costs < INSCRIBED)
     picture[inflated] = _inflated(costs[inflated])
     picture[costs == INSCRIBED] = _INSCRIBED
     picture[costs == LETHAL] = _MARKED
-    picture[costs == UNKNOWN] = _UNKNOWN
-    picture[_walls(occupancy, patch)] = _WALL
+    picture[costs == UNKNOWN_COST] = UNKNOWN
+    picture[_walls(occupancy, patch)] = WALL
     return picture
 
 
@@ -169,7 +168,7 @@ def _draw_local(axes: Axes, patch: Patch) -> None:
 def _draw_obstacles(axes: Axes, obstacles: NDArray[np.float64]) -> None:
     outlines = [_outline(row) for row in obstacles if np.isfinite(row[:6]).all()]
     axes.add_collection(
-        PolyCollection(outlines, facecolors=OBSTACLE_COLOR, edgecolors=_OBSTACLE_EDGE, linewidths=0.9, alpha=0.55),
+        PolyCollection(outlines, facecolors=OBSTACLE_COLOR, edgecolors=OBSTACLE_EDGE, linewidths=0.9, alpha=0.55),
         autolim=False,
     )
 

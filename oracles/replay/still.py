@@ -56,20 +56,11 @@ def write_head(figure: Figure, story: Story) -> None:
 def write_legend(figure: Figure, story: Story, columns: int, left_in: float, top_in: float) -> None:
     """Write the legend of a close-up."""
     page_width_in, page_height_in = figure.get_size_inches()
-    figure.legend(
-        handles=[*legend_handles(story.color), *zone_handles(story.zones)],
-        loc="upper left",
-        bbox_to_anchor=(left_in / page_width_in, 1.0 - top_in / page_height_in),
-        ncols=columns,
-        frameon=False,
-        fontsize=8,
-        labelcolor=INK,
-        handletextpad=0.5,
-        columnspacing=1.4,
-        labelspacing=0.25,
-        borderpad=0.2,
-        borderaxespad=0.2,
-    )
+    at = left_in / page_width_in, 1.0 - top_in / page_height_in
+    spaces = {"handletextpad": 0.5, "columnspacing": 1.4, "labelspacing": 0.25, "borderpad": 0.2, "borderaxespad": 0.2}
+    look: dict[str, Any] = {"frameon": False, "fontsize": 8, "labelcolor": INK, **spaces}
+    handles = [*legend_handles(story.color), *zone_handles(story.zones)]
+    figure.legend(handles=handles, loc="upper left", bbox_to_anchor=at, ncols=columns, **look)
 
 
 def overview_size_in(story: Story, width_in: float, height_in: float) -> tuple[float, float]:

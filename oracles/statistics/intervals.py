@@ -77,7 +77,7 @@ def clopper_pearson_intervals(passed: ArrayLike, judged: ArrayLike, level: float
 
 
 def few_clusters(clusters: ArrayLike, level: float = LEVEL) -> Floats:
-    """Return (z/t)², the worth of a sample size whose variance comes from m `clusters`; t has m - 1 degrees of freedom."""
+    """Return (z/t)² with m - 1 degrees of freedom, the worth of a variance from m `clusters`."""
     from scipy.special import stdtrit
 
     freedom = np.maximum(np.asarray(clusters, dtype=np.float64) - 1.0, 1.0)
