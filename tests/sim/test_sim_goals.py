@@ -67,7 +67,9 @@ def test_goal_of_its_own_counts_whatever_else_is_given(script):
 def test_numbered_goals_that_are_parameters_stay_what_they_are(script):
     own = "    goal_pose1: pose_3d\n    boxes: list of spawn_entity\n"
     assert script({"goal_pose": GOALS[1], "goal_pose1": GOALS[0]}, own).goals == POSES[1:2]
-    with pytest.raises(ParameterMismatch, match="parameter goal_pose of scenario go: expected a mapping, pose_3d, got nothing"):
+    with pytest.raises(
+        ParameterMismatch, match="parameter goal_pose of scenario go: expected a mapping, pose_3d, got nothing"
+    ):
         script({"goal_pose1": GOALS[0]}, own)
 
 
