@@ -307,18 +307,18 @@ def _not_started(command: Sequence[str], folders: RunFolders, error: Exception) 
     if not folders.out.is_dir():
         return f"the folder {str(folders.out)!r} to start {program!r} in is not there"
     there = folders.path(program)
+    reason = str(error)
     match error:
         case FileNotFoundError() if "/" in program and there.is_file():
-            return f"{program!r} could not be started: the interpreter its first line names was not found"
+            reason = "the interpreter its first line names was not found"
         case FileNotFoundError() if there.is_relative_to(folders.config):
-            return f"{program!r} could not be started: no file that execution.run_files matches lies there"
+            reason = "no file that execution.run_files matches lies there"
         case FileNotFoundError() if "/" in program:
-            return f"{program!r} could not be started: there is no such file, seen from the run's folder"
+            reason = "there is no such file, seen from the run's folder"
         case FileNotFoundError():
-            return f"{program!r} could not be started: no program of this name in PATH"
+            reason = "no program of this name in PATH"
         case PermissionError():
-            return f"{program!r} could not be started: it is not executable"
+            reason = "it is not executable"
         case OSError(errno=errno.ENOEXEC):
-            return f"{program!r} could not be started: neither a binary of this machine nor a script with a #! line"
-        case _:
-            return f"{program!r} could not be started: {error}"
+            reason = "neither a binary of this machine nor a script with a #! line"
+    return f"{program!r} could not be started: {reason}"

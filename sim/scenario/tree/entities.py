@@ -11,7 +11,8 @@ from vastflow.sim.loop.simulation import Simulation
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.obstacle import has_mass, obstacle_of
 from vastflow.sim.model.pose import Pose
-from vastflow.sim.scenario.tree.action import Action, WorldAction
+from vastflow.sim.scenario.tree.action import Action, ActionSituation, WorldAction
+from vastflow.sim.scenario.tree.helpers import Immediate
 
 ROBOT_NAMES: Final = ("turtlebot4", "robot")
 """Names by which scenarios ask for the robot itself."""
@@ -20,99 +21,88 @@ ROBOT_MODEL: Final = "topic:"
 """How the model of a robot begins, which comes from a topic."""
 
 
-class Spawn(Action):
+class OnEntities(Immediate):
+    """An immediate action on what stands in the world."""
+
+    def __init__(self, simulation: Simulation, situation: ActionSituation) -> None:
+        self._simulation = simulation
+        self._actor = situation.actor
+
+
+class Spawn(OnEntities):
     """Puts entities into the world at once; those with a mass can be pushed."""
 
-    def __init__(self, simulation: Simulation) -> None:
-        self._simulation = simulation
-        self._status = Status.RUNNING
+    def act(self, arguments: Mapping[str, Any]) -> bool:
+        return self._spawn(arguments["entities"])
 
-    def enter(self, arguments: Mapping[str, Any]) -> None:
-        self._spawn(arguments["entities"])
-
-    def _spawn(self, entries: Sequence[Mapping[str, Any]]) -> None:
-        self._status = Status.SUCCESS
+    def _spawn(self, entries: Sequence[Mapping[str, Any]]) -> bool:
         for k, entry in enumerate(entries):
             try:
                 obstacle = obstacle_of(entry, f"entity {k + 1}")
             except ValueError as error:
                 raise ScenarioError(str(error)) from None
             if self._simulation.stands(obstacle.name):
-                self._status = Status.FAILURE
                 self.message = f"{obstacle.name!r} stands there already; a name that is not in use"
-                return
+                return False
             self._simulation.spawn(obstacle, has_mass(entry))
-
-    def update(self) -> Status:
-        return self._status
+        return True
 
 
 class SpawnEntity(Spawn):
     """`spawn_entity`: one entity of a model; under another name where its own is taken and it may be renamed."""
 
-    def enter(self, arguments: Mapping[str, Any]) -> None:
+    def act(self, arguments: Mapping[str, Any]) -> bool:
         model = str(arguments["uri"])
         name = given = str(arguments["entity_name"]) or Path(model).stem
         number = 0
         while arguments["allow_renaming"] and self._simulation.stands(name):
             number += 1
             name = f"{given}_{number}"
-        self._spawn([{"entity_name": name, "spawn_pose": arguments["initial_pose"], "model": model}])
+        return self._spawn([{"entity_name": name, "spawn_pose": arguments["initial_pose"], "model": model}])
 
 
 class SpawnActor(Spawn):
     """`osc_actor.spawn`: the actor itself, under its own name, at a pose. The robot stands in the world from the start."""
 
-    def __init__(self, simulation: Simulation, actor: Mapping[str, Any]) -> None:
-        super().__init__(simulation)
-        self._actor = actor
-
-    def enter(self, arguments: Mapping[str, Any]) -> None:
+    def act(self, arguments: Mapping[str, Any]) -> bool:
         entity = self._entity(arguments, arguments["spawn_pose"])
         if entity["entity_name"] in ROBOT_NAMES or str(entity.get("model", "")).startswith(ROBOT_MODEL):
-            self._status, self.message = Status.SUCCESS, "the robot stands in the world from the start"
-        else:
-            self._spawn([entity])
+            self.message = "the robot stands in the world from the start"
+            return True
+        return self._spawn([entity])
 
     def _entity(self, arguments: Mapping[str, Any], pose: Any) -> dict[str, Any]:
         name = str(arguments.get("entity_name") or self._actor["name"])
-        kept = {key: arguments[key] for key in ("model", "xacro_arguments") if arguments.get(key)}
-        return {"entity_name": name, "spawn_pose": pose, **kept}
+        given = {key: arguments[key] for key in ("model", "xacro_arguments") if arguments.get(key)}
+        return {"entity_name": name, "spawn_pose": pose, **given}
 
 
 class SpawnRelative(SpawnActor):
     """`osc_actor.relative_spawn`: so far ahead of where the robot is, turned as the robot is."""
 
-    def enter(self, arguments: Mapping[str, Any]) -> None:
+    def act(self, arguments: Mapping[str, Any]) -> bool:
         robot, ahead_m = self._simulation.true_pose, float(arguments["distance"])
         x_m = robot.x_m + ahead_m * math.cos(robot.yaw_rad)
         y_m = robot.y_m + ahead_m * math.sin(robot.yaw_rad)
-        self._spawn([self._entity(arguments, Pose(x_m, y_m, robot.yaw_rad).value())])
+        return self._spawn([self._entity(arguments, Pose(x_m, y_m, robot.yaw_rad).value())])
 
 
-class Delete(Action):
+class Delete(OnEntities):
     """Takes an entity out of the world; a failure where there is none of its name."""
 
-    def __init__(self, simulation: Simulation, actor: Mapping[str, Any]) -> None:
-        self._simulation = simulation
-        self._actor = actor
-        self._there = False
-
-    def enter(self, arguments: Mapping[str, Any]) -> None:
+    def act(self, arguments: Mapping[str, Any]) -> bool:
         name = str(arguments.get("entity") or arguments.get("entity_name") or self._actor.get("name", ""))
-        self._there = self._simulation.delete(name)
-        self.message = "" if self._there else f"nothing called {name!r} stands in the world"
-
-    def update(self) -> Status:
-        return Status.SUCCESS if self._there else Status.FAILURE
+        there = self._simulation.delete(name)
+        self.message = "" if there else f"nothing called {name!r} stands in the world"
+        return there
 
 
 class Exists(Action):
     """`actor_exists`: until something of this name stands in the world; the robot does from the start."""
 
-    def __init__(self, simulation: Simulation, actor: Mapping[str, Any]) -> None:
+    def __init__(self, simulation: Simulation, situation: ActionSituation) -> None:
         self._simulation = simulation
-        self._actor = actor
+        self._actor = situation.actor
         self._name = ""
 
     def enter(self, arguments: Mapping[str, Any]) -> None:
@@ -125,12 +115,12 @@ class Exists(Action):
 
 
 ENTITIES: Final[Mapping[str, WorldAction]] = {
-    "spawn_multiple": lambda simulation, _: Spawn(simulation),
-    "spawn_entity": lambda simulation, _: SpawnEntity(simulation),
-    "actor_exists": lambda simulation, situation: Exists(simulation, situation.actor),
-    "osc_actor.spawn": lambda simulation, situation: SpawnActor(simulation, situation.actor),
-    "osc_actor.relative_spawn": lambda simulation, situation: SpawnRelative(simulation, situation.actor),
-    "osc_actor.delete": lambda simulation, situation: Delete(simulation, situation.actor),
-    "delete_entity": lambda simulation, situation: Delete(simulation, situation.actor),
+    "spawn_multiple": Spawn,
+    "spawn_entity": SpawnEntity,
+    "actor_exists": Exists,
+    "osc_actor.spawn": SpawnActor,
+    "osc_actor.relative_spawn": SpawnRelative,
+    "osc_actor.delete": Delete,
+    "delete_entity": Delete,
 }
 """By their names in a file."""

@@ -1,6 +1,5 @@
 """`osc.helpers` as far as it needs neither simulator nor process: its actions, and functions for expressions."""
 
-import operator
 import os.path
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
@@ -11,18 +10,12 @@ from py_trees.common import Status
 
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.scenario.evaluation import OPERATORS
 from vastflow.sim.scenario.tree.action import Action, ActionFactory, ActionSituation
 from vastflow.sim.scenario.tree.messages import member_of, pose_3d_in
 
-OPERATORS: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
-    "==": operator.eq,
-    "!=": operator.ne,
-    "<": operator.lt,
-    "<=": operator.le,
-    ">": operator.gt,
-    ">=": operator.ge,
-}
-"""Of `compare`."""
+COMPARISONS: Final = ("==", "!=", "<", "<=", ">", ">=")
+"""Operators of `compare`."""
 
 SHARE: Final = "/opt/ros/share"
 """Where the folders of ROS packages would be; there are none, but a scenario may name one to a launch."""
@@ -66,8 +59,8 @@ class Compare(Helper):
 
     def act(self, arguments: Mapping[str, Any]) -> bool:
         left, sign, right = arguments["left_value"], str(arguments["operator"]), arguments["right_value"]
-        if sign not in OPERATORS:
-            raise ScenarioError(f"compare: expected one of {', '.join(OPERATORS)}, got {sign!r}")
+        if sign not in COMPARISONS:
+            raise ScenarioError(f"compare: expected one of {', '.join(COMPARISONS)}, got {sign!r}")
         try:
             holds = bool(OPERATORS[sign](left, right))
         except TypeError:

@@ -3,7 +3,7 @@
 import functools
 import math
 import operator
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from py_trees.common import Status
@@ -100,16 +100,6 @@ class StackLog:
         return int(self._simulation.stack.m[0]["events"])
 
 
-OPERATORS: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
-    "lt": operator.lt,
-    "le": operator.le,
-    "eq": operator.eq,
-    "ne": operator.ne,
-    "ge": operator.ge,
-    "gt": operator.gt,
-}
-
-
 class RosAction(Action):
     """An action on what a ROS machine would have, which it does not begin where that is not here."""
 
@@ -183,7 +173,7 @@ class CheckData(Listening):
             return Status.RUNNING
         value = member_of(found, self._member)
         try:
-            holds = bool(OPERATORS[self._operator](value, with_members(value, self._expected)))
+            holds = bool(getattr(operator, self._operator)(value, with_members(value, self._expected)))
         except TypeError:
             raise ScenarioError(f"{value!r} and {self._expected!r} can't be compared by {self._operator}") from None
         whose = f"{self._member} of {self._topic}" if self._member else self._topic
