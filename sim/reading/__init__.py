@@ -1,1 +1,1 @@
-"""Reading and checking: from the files and values that people write to what a run is computed from."""
+"""Reading and checking: from users' files and values to the inputs of runs."""

@@ -1,4 +1,4 @@
-"""Abstract scenarios: the OpenSCENARIO file that says what happens in a run, from its name or its content."""
+"""Abstract scenarios: OpenSCENARIO files by name or by content."""
 
 import functools
 from collections.abc import Mapping, Sequence
@@ -121,7 +121,7 @@ def _only_one(file: Path, scenarios: Sequence[ScenarioDefinition]) -> ScenarioDe
 
 @functools.lru_cache(maxsize=CACHED_DEFINITIONS)
 def content_digest(abstract: Abstract) -> str:
-    """Digest of what an abstract scenario defines; of a file it is the file's digest as a value.
+    """Return the digest of an abstract scenario's definition.
 
     Raises:
         ScenarioError, FileError: see `definition_of`.
@@ -130,7 +130,7 @@ def content_digest(abstract: Abstract) -> str:
 
 
 def definition_digest(definition: ScenarioDefinition) -> str:
-    """Digest of all that a definition says, and where."""
+    """Return the digest of a definition with its places."""
     return digest(plain_value(definition))
 
 

@@ -1,4 +1,4 @@
-"""The checked scenario: all that runs are computed from, after what people wrote was read and checked.
+"""The checked scenario: all inputs of its runs, read and checked.
 
 A run takes nothing else, and keys of results take its digest. So the code that reads and checks is in no key: another
 wording, another default or another comment changes a key exactly where it changes a value here.
@@ -103,7 +103,7 @@ def checked_of(scenario: Scenario) -> CheckedScenario:
 
 
 def checked_digest(scenario: Scenario) -> str:
-    """Digest of all that runs of a scenario are computed from.
+    """Return the digest of all inputs of a scenario's runs.
 
     A scenario that can't be checked has that of what was written: its runs break, and nothing is stored under it.
     """
@@ -156,7 +156,7 @@ def _definition_digest(scenario: Scenario, script: Script) -> str:
 
 
 def _digested(robot: RobotSetup) -> Value:
-    """With the code of plug-ins that are not vastflow's own, which no source digest has."""
+    """Return the digested setup, with the code of other packages' plug-ins, which no source digest has."""
     parameters = robot.parameters
     return [
         *(robot.map_file, repr(robot.start), _parameters_digest(parameters)),

@@ -43,7 +43,7 @@ class RobotFact:
 
 
 def robot_of(parameters: NavParameters) -> Robot:
-    """The robot that drives with a stack's parameters.
+    """Return the robot that drives with a stack's parameters.
 
     What the section `robot` gives counts. Else its body is the local costmap's polygon without padding, or a disc of `robot_radius`;
     of the radius in Nav2's default file it is the TurtleBot 4 that this file is for. Its actuators are the TurtleBot 4's, and
@@ -66,7 +66,7 @@ def robot_of(parameters: NavParameters) -> Robot:
 
 
 def lidar_of(parameters: NavParameters) -> Lidar:
-    """The scanner that the section `robot` gives, and the TurtleBot 4's where it gives nothing."""
+    """Return the scanner of the section `robot`, or the TurtleBot 4's."""
     given, own = parameters.robot.lidar, TURTLEBOT_4_LIDAR
     if given == LidarParameters():
         return own
@@ -89,7 +89,7 @@ def lidar_of(parameters: NavParameters) -> Lidar:
 
 
 def robot_facts(parameters: NavParameters) -> tuple[RobotFact, ...]:
-    """All that the simulator takes the robot to be, in words."""
+    """Return the simulator's assumptions about the robot in words."""
     return (
         *_driving_facts(parameters),
         *_lidar_facts(parameters),
@@ -99,7 +99,7 @@ def robot_facts(parameters: NavParameters) -> tuple[RobotFact, ...]:
 
 
 def robot_words(facts: Iterable[RobotFact]) -> Iterator[str]:
-    """The facts as a sentence for each source, those that are assumed at the end."""
+    """Yield a sentence for the facts of each source, assumptions last."""
     facts = tuple(facts)
     starts: tuple[tuple[Source, str], ...] = (
         ("given", "the robot"),
@@ -114,7 +114,7 @@ def robot_words(facts: Iterable[RobotFact]) -> Iterator[str]:
 
 
 def _body(parameters: NavParameters) -> tuple[Vertices, float]:
-    """Vertices, and the distance of the farthest or a disc's radius (m)."""
+    """Return the vertices, and the distance of the farthest or a disc's radius (m)."""
     given, costmap = parameters.robot, parameters.local_costmap
     if given.radius is not None:
         return (), given.radius
@@ -148,7 +148,7 @@ def _drive(parameters: NavParameters) -> tuple[Drive, float]:
 
 
 def _limits(parameters: NavParameters) -> tuple[float, float, float, float]:
-    """Speed, acceleration, yaw rate and yaw acceleration that follow from the stack."""
+    """Return speed, acceleration, yaw rate, and yaw acceleration that follow from the stack."""
     own, smoother = TURTLEBOT_4, parameters.velocity_smoother
     if smoother == NO_SMOOTHER:
         asked = (getattr(parameters.controller, name, 0.0) for name in _GREATEST_SPEEDS)

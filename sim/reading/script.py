@@ -129,7 +129,7 @@ class Script:
 
 
 def script_of(scenario: Scenario) -> Script:
-    """Read what a scenario's runs are to do.
+    """Return the script of a scenario's runs.
 
     Raises:
         ValueError: an abstract scenario that can't be read (`FileError`), a value that is none of a parameter
@@ -189,7 +189,7 @@ def overrides_of(definition: ScenarioDefinition, given: Mapping[str, Value]) -> 
 
 
 def is_optional_list(parameter: Field) -> bool:
-    """Whether a parameter without a value stands for nothing: a list of objects to spawn that has no default."""
+    """True for a list of objects to spawn without a default, which may be empty."""
     return parameter.type.is_list and parameter.type.name == "spawn_entity" and parameter.default is None
 
 
@@ -199,7 +199,7 @@ def calls_of(root: Behavior) -> Iterator[Call]:
 
 
 def navigates(actions: Iterable[str]) -> bool:
-    """Whether one of these actions, by their names in a file, sends the robot somewhere."""
+    """True if one of these actions, by their names in a file, sends the robot somewhere."""
     return any(action.rpartition(".")[2] in NAVIGATIONS for action in actions)
 
 
@@ -215,7 +215,7 @@ def _one_robot(calls: Sequence[Call]) -> None:
 
 
 def _in_full(value: Value) -> Value:
-    """A pose in the shape of `pose_3d`; what is none is left for `bound` to complain of."""
+    """Return a pose as `pose_3d`; `bound` refuses other values."""
     if isinstance(value, Mapping) and "position" not in value and "orientation" not in value:
         try:
             return pose_of(value).value()
@@ -225,7 +225,7 @@ def _in_full(value: Value) -> Value:
 
 
 def _entity(value: Value) -> Value:
-    """An obstacle as `spawn_entity` has it: when it appears is for the scenario to say."""
+    """Return an obstacle as `spawn_entity`; the scenario decides when it appears."""
     if not isinstance(value, Mapping):
         return value
     kept = {key: item for key, item in value.items() if key != "spawn_trigger"}
@@ -237,7 +237,7 @@ _SHAPED: Final[Mapping[str, Callable[[Value], Value]]] = {"pose_3d": _in_full, "
 
 
 def _argument(definition: ScenarioDefinition, values: Mapping[str, Any], call: Call, name: str) -> Any:
-    """An argument of a call as far as it is known before a run, else None."""
+    """Return an argument of a call, or None if only a run knows it."""
     if name not in call.arguments:
         return None
     try:

@@ -1,4 +1,4 @@
-"""The world of a scenario as people write it: how it differs from the robot's map."""
+"""The world of a scenario: its difference from the robot's map."""
 
 from collections.abc import Mapping
 from typing import Final

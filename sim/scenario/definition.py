@@ -93,7 +93,7 @@ Expression: TypeAlias = Constant | Name | ListOf | Struct | Operation | External
 
 
 def substituted(expression: Expression, values: Mapping[str, Expression]) -> Expression:
-    """`expression` with the values of names in their place; other names stay."""
+    """Return `expression` with values in place of names; other names stay."""
     match expression:
         case Name(path=(first, *below)) if first in values:
             return below_of(values[first], below)
@@ -110,7 +110,7 @@ def substituted(expression: Expression, values: Mapping[str, Expression]) -> Exp
 
 
 def below_of(expression: Expression, path: Sequence[str]) -> Expression:
-    """The member at a path below a struct."""
+    """Return the member at a path below a struct."""
     for word in path:
         if isinstance(expression, Struct):
             expression = expression.members[word]

@@ -24,7 +24,7 @@ OPERATORS: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
 
 
 def evaluate(expression: Expression, names: Mapping[str, Any], functions: Mapping[str, Callable[..., Any]]) -> Any:
-    """The value of an expression at this moment.
+    """Return the value of an expression at this moment.
 
     A struct is a dict by member, a list a list, a member of an enumeration an `EnumValue`, something with a unit a float
     in SI units; behind a text, `+` joins the text of what follows. `and` and `or` look at their right side only where it matters; `/` gives a float.
@@ -100,7 +100,7 @@ def names_in(expression: Expression) -> tuple[str, ...]:
 
 
 def text_of(value: Any) -> str:
-    """A value as a text that a program would be given."""
+    """Return a value as a program's argument."""
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 

@@ -38,7 +38,7 @@ MOST_LEVELS: Final = 150
 
 
 def checked(text: CompoundText, declared: Declarations, faults: list[Fault]) -> ScenarioDefinition | None:
-    """The definition of a scenario; None where something in it is at fault, which goes to `faults`."""
+    """Return the definition of a scenario, or None if it has a fault, which goes to `faults`."""
     before = len(faults)
     definition = _Scenario(declared, faults).definition(text)
     return definition if len(faults) == before else None
@@ -88,7 +88,7 @@ class _Scenario(BehaviorChecker):
         self.fault(text.call.place, f"got {path}(…) in the body of a scenario", right)
 
     def _chain(self, text: CompoundText) -> list[CompoundText]:
-        """The scenario and those that it inherits from, the farthest first."""
+        """Return the scenario and its bases, the farthest first."""
         chain = [text]
         while chain[0].base is not None:
             name = str(chain[0].base)
@@ -151,7 +151,7 @@ class _Scenario(BehaviorChecker):
         return member.is_variable or member is self.declared.globals.get(name)
 
     def _refuse_circles(self) -> None:
-        """Take down values that need themselves."""
+        """Report values that need themselves."""
         needed = {
             name: set(names_in(member.default)) if member.default is not None else set()
             for name, member in self._fields.items()

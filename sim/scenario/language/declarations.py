@@ -76,7 +76,7 @@ class Declarations:
     right_type: Callable[[str, Collection[str]], str] = did_you_mean
 
     def include(self, other: "Declarations") -> tuple[str, ...]:
-        """Take in what an imported file or library declares; gives the names that mean something else already."""
+        """Add the declarations of an import, and return the names that clash."""
         clashing: list[str] = []
         for mine, theirs in zip(self._unique(), other._unique(), strict=True):
             clashing += [name for name, meant in theirs.items() if mine.get(name, meant) is not meant]
@@ -118,7 +118,7 @@ class Declarations:
         return None
 
     def is_a(self, found: Type, wanted: Type) -> bool:
-        """Whether a value of type `found` can stand where `wanted` is declared: the same, or one that inherits from it."""
+        """True if `found` is `wanted` or inherits from it."""
         if wanted == ANY or found == wanted:
             return True
         if found.is_list != wanted.is_list or found.kind != wanted.kind:
@@ -148,7 +148,7 @@ class Declarations:
     def filled(
         self, given: Mapping[str, Expression], declared: Mapping[str, Field], place: Place
     ) -> tuple[dict[str, Expression], list[Field]]:
-        """`given` and the defaults of all other members, which may name members above; and the members without a value."""
+        """Return `given` with all other members' defaults, and the members without a value."""
         values: dict[str, Expression] = {}
         missing: list[Field] = []
         for name, member in declared.items():
@@ -193,7 +193,7 @@ OPERANDS: Final[Mapping[str, str]] = {
 
 
 def result_of(operator: str, types: tuple[Type, ...], physical: Physical) -> Type | None:
-    """The type an operator gives; None where it does not go with operands of `types`.
+    """Return the type of an operation, or None if the operator does not take operands of `types`.
 
     Args:
         physical: Physical types to the exponents of their base units, for products and quotients.
@@ -242,7 +242,7 @@ def _product(operator: str, left: Type, right: Type, physical: Physical) -> Type
 
 
 def is_number(type_: Type) -> bool:
-    """Whether values of a type are plain numbers."""
+    """True if values of a type are plain numbers."""
     return type_.name in NUMERIC and not type_.is_list
 
 

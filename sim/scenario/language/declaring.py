@@ -1,4 +1,4 @@
-"""From the syntax of a file or library to what it declares."""
+"""From the syntax of a file or library to its declarations."""
 
 from collections.abc import Collection, Mapping
 from functools import cache
@@ -55,7 +55,7 @@ def declared(
     *,
     of_library: bool = False,
 ) -> Declarations:
-    """`imported` and what `text` declares; what is wrong with it goes to `faults`.
+    """Return the declarations of `imported` and `text`; faults go to `faults`.
 
     Args:
         origin: Name of the library, or the file.
@@ -253,7 +253,7 @@ _READING: Final = RLock()
 
 
 def library_names() -> tuple[str, ...]:
-    """Every library, as it is imported."""
+    """Return the names of all libraries, as they are imported."""
     folder = files("vastflow.sim.scenario.language") / "library"
     names = (file.name for file in folder.iterdir())
     return tuple(sorted(f"{PREFIX}{name.removesuffix('.osc')}" for name in names if name.endswith(".osc")))
@@ -280,7 +280,7 @@ def _library(name: str) -> Declarations:
 
 
 def declaring(action: str) -> tuple[str, ...]:
-    """The libraries that declare an action themselves."""
+    """Return the libraries that declare an action themselves."""
     return tuple(
         name
         for name in library_names()
@@ -289,7 +289,7 @@ def declaring(action: str) -> tuple[str, ...]:
 
 
 def home_of(type_name: str) -> str | None:
-    """The library that declares a type, and not only imports it."""
+    """Return the library that declares a type itself."""
     having = [name for name in library_names() if type_name in library(name).type_names()]
     return min(having, key=lambda name: len(library(name).type_names()) + len(library(name).actions), default=None)
 

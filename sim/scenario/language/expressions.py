@@ -74,7 +74,7 @@ _NO_NUMBERS: Final = (bool, str, EnumValue)
 
 
 class Faulty(Exception):
-    """Raised after a fault was taken down, so that what depends on it is left out."""
+    """Raised after a fault was reported, to leave out what depends on it."""
 
 
 class ExpressionChecker:
@@ -92,27 +92,27 @@ class ExpressionChecker:
         self.of_library: Final = of_library
 
     def fault(self, place: Place, problem: str, expected: str) -> None:
-        """Take down a fault."""
+        """Report a fault."""
         self.faults.append(Fault(place, problem, expected))
 
     def fail(self, place: Place, problem: str, expected: str) -> NoReturn:
-        """Take down a fault and give up what has it."""
+        """Report a fault and give up the value that has it."""
         self.fault(place, problem, expected)
         raise Faulty
 
     def refuse(self, text: RefusedText) -> NoReturn:
-        """Fail because a construct is not part of what vastflow executes."""
+        """Fail because vastflow does not have a construct."""
         self.fail(text.place, f"got {text.construct}, which vastflow does not have", text.right)
 
     def each(self, check: Callable[[T], S], parts: Iterable[T]) -> list[S]:
-        """Check all parts, so that each of their faults is said, and fail if one has any."""
+        """Check all parts, report the faults of each, and fail if there are any."""
         checked = [self.attempt(check, part) for part in parts]
         if None in checked:
             raise Faulty
         return cast(list[S], checked)
 
     def attempt(self, check: Callable[P, S], *arguments: P.args, **named: P.kwargs) -> S | None:
-        """Check something; None where it has a fault."""
+        """Return a checked value, or None if it has a fault."""
         try:
             return check(*arguments, **named)
         except Faulty:

@@ -1,4 +1,4 @@
-"""From the text of a scenario file to its syntax, and the words for what does not follow the grammar."""
+"""From the text of a scenario file to its syntax or its syntax errors."""
 
 import hashlib
 import re
@@ -43,7 +43,7 @@ class Indentation(PostLex):
     always_accept = ("_NL",)
 
     def process(self, stream: Iterator[Token]) -> Iterator[Token]:
-        """The tokens of a text without blank lines, with the ends of lines and blocks.
+        """Yield the tokens of a text without blank lines, with ends of lines and blocks.
 
         Raises:
             Unreadable: a line is indented less than its block and more than the one around it, or brackets and
@@ -78,7 +78,7 @@ class Indentation(PostLex):
 
 
 def _indent_width(token: Token) -> int | None:
-    """Columns before the first word of the line that `token` leads to; None where it leads to none."""
+    """Return the indentation of the line that `token` begins, or None if it begins none."""
     text = COMMENT.sub(lambda comment: " " * len(comment[0]) if comment[0][0] == "/" else "", token.value)
     if "\n" not in text:
         return None
@@ -204,7 +204,7 @@ def _is_about_blocks(wrong: Misfit) -> bool:
 
 
 def _without(text: str, number: int) -> str | None:
-    """`text` with something harmless in place of a line and the block below it; None where lines hang together."""
+    """Return `text` without a line and the block below it, or None inside of brackets."""
     lines = text.split("\n")
     before, line, after = lines[: number - 1], lines[number - 1], lines[number:]
     if STAND_IN in line or any(_open_brackets(part) for part in ("\n".join(before), line)):

@@ -27,7 +27,7 @@ RESERVED: Final = frozenset({"kg", "m", "s", "A", "K", "mol", "cd", "rad"})
 
 
 def unit_of(text: ExpressionText | None) -> str:
-    """The unit in which a value is written; empty for one without."""
+    """Return the unit of a value as written; empty for one without."""
     return text.unit.text if isinstance(text, PhysicalText) else ""
 
 

@@ -1,4 +1,4 @@
-"""Values of a scenario's parameters: the defaults of the file, and what a configuration gives in their place."""
+"""Values of a scenario's parameters: the file's defaults and a configuration's values."""
 
 import math
 import re
@@ -39,7 +39,7 @@ def bound(
     overrides: Mapping[str, Any],
     functions: Mapping[str, Callable[..., Any]] = NO_FUNCTIONS,
 ) -> dict[str, Any]:
-    """Values of all parameters, in their order, ready to be evaluated with.
+    """Return the values of all parameters, in their order.
 
     A mapping changes the members it names and leaves the default's others; a list replaces the whole list. Text takes
     anything, a float whole numbers too. A number with a unit is given without: in the unit in which the default is
@@ -61,7 +61,7 @@ def bound(
 
 
 def default_of(scenario: ScenarioDefinition, name: str) -> Any:
-    """The default of a parameter; None where it has none, or none without a run (one that calls a function)."""
+    """Return the default of a parameter, or None if it has none before a run."""
     values = _Values(scenario, {}, NO_FUNCTIONS)
     try:
         return values[name]
@@ -122,7 +122,7 @@ class _Values(Mapping[str, Any]):
         return ParameterMismatch(self._scenario.name, where, expected, given)
 
     def _fitted(self, where: str, type_: Type, given: Any, default: Any, unit: str) -> Any:
-        """`given` as a value of `type_`; members of structs that it does not name are as in `default`."""
+        """Return `given` as a value of `type_`, with missing members of structs from `default`."""
         if type_.is_list:
             item = Type(type_.name, type_.kind)
             if not isinstance(given, Sequence) or isinstance(given, str | bytes):
@@ -172,7 +172,7 @@ class _Values(Mapping[str, Any]):
 
 
 def _number(given: Any) -> float | None:
-    """A number, also one that is written as a text, as campaign files have it; None for anything else."""
+    """Return a number, also from a text, or None for anything else."""
     if isinstance(given, bool) or not isinstance(given, Real | str):
         return None
     try:
@@ -183,7 +183,7 @@ def _number(given: Any) -> float | None:
 
 
 def _basic(name: str, given: Any) -> Any:
-    """`given` as a value of a basic type; None where it is none."""
+    """Return `given` as a value of a basic type, or None."""
     if name == "string":
         return None if given is None else text_of(given)
     if name == "bool":

@@ -43,7 +43,7 @@ def read_scenarios(path: Path) -> tuple[ScenarioDefinition, ...]:
 
 
 def read_text(text: str, file: str, folder: Path) -> tuple[ScenarioDefinition, ...]:
-    """The scenarios of a file with this text.
+    """Return the scenarios of a file with this text.
 
     Args:
         file: Its name for messages.
@@ -59,7 +59,7 @@ def read_text(text: str, file: str, folder: Path) -> tuple[ScenarioDefinition, .
 
 
 def files_of(path: Path) -> tuple[Path, ...]:
-    """A file and every file it imports, itself first; libraries are none.
+    """Return a file and all files that it imports, itself first, without libraries.
 
     Raises:
         FileError: one of them can't be read, or is not in the language.
@@ -133,7 +133,7 @@ def _imported_file(part: ImportText, folder: Path, read: dict[Path, Declarations
 
 
 def _content(path: Path, place: Place) -> str:
-    """The text of a file; `place` is where it is asked for."""
+    """Return the text of a file; `place` is that of its import."""
     try:
         return files.read_text(path, "a scenario file", MOST_BYTES)
     except files.Missing:

@@ -292,7 +292,7 @@ class SetYamlValue(RunAction, Immediate):
 
 
 def _signal_number(value: Any) -> int:
-    """The number this machine has for a member of `signal`, which is named like the system's."""
+    """Return this machine's number of a signal."""
     if isinstance(value, EnumValue):
         named = getattr(signal, value.member.upper(), None)
         return int(named) if isinstance(named, signal.Signals) else value.number
@@ -300,7 +300,7 @@ def _signal_number(value: Any) -> int:
 
 
 def _written_to(folders: RunFolders, name: str) -> Path | None:
-    """The file that programs know by `name`; None if it lies elsewhere than where they work."""
+    """Return the file that programs know by `name`, or None outside of the run's folder."""
     path = folders.path(name).resolve()
     return path if path.is_relative_to(folders.out) else None
 
@@ -318,5 +318,5 @@ PROCESSES: Final[Mapping[str, Callable[[ProcessRun, ActionSituation], Action]]] 
 
 
 def process_actions(run: ProcessRun) -> dict[str, ActionFactory]:
-    """Name to factory of every action that works on `run`."""
+    """Return the factories of all actions on `run` by name."""
     return {name: functools.partial(action, run) for name, action in PROCESSES.items()}

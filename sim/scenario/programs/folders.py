@@ -60,11 +60,11 @@ class RunFolders:
         return self.out / name
 
     def rewritten(self, text: str) -> str:
-        """`text` with the folders' paths on this machine in place of their names."""
+        """Return `text` with the folders' paths on this machine in place of their names."""
         return self._rewritten(text.encode(errors="surrogateescape")).decode(errors="surrogateescape")
 
     def rewrite_files(self) -> None:
-        """Rewrite the text files among the run files, both copies; one with a NUL is taken for no text."""
+        """Rewrite both copies of the run files that are texts, without a NUL."""
         for folder in (self.config, self.out):
             for path in _files(folder):
                 content = path.read_bytes()
@@ -80,12 +80,12 @@ class RunFolders:
 
 
 def named_in(texts: Sequence[str]) -> bool:
-    """Whether one of `texts` has one of the names."""
+    """True if one of `texts` has one of the names."""
     return any(_NAMED.search(text.encode(errors="surrogateescape")) for text in texts)
 
 
 def below_config(name: str) -> str | None:
-    """The path below the campaign file's folder of what programs know by `name`; None where it is elsewhere.
+    """Return the path of `name` below the campaign file's folder, or None if it is elsewhere.
 
     Relative paths are seen from that folder, and none leads out of it.
     """
@@ -106,7 +106,7 @@ _NEVER: Final = "__pycache__"
 def files_matching(
     folder: Path, patterns: Sequence[str], leave_out: Callable[[Path], bool] = lambda folder: False
 ) -> RunFiles:
-    """The files below `folder` that match one of `patterns`, by path.
+    """Return the files below `folder` that match one of `patterns`, by path.
 
     `*` and `?` match within a name, `[abc]` one character, `**` any number of folders or, as the last part, everything
     below. A pattern without `/` also matches the name of a file in any folder. Names that begin with a dot are matched

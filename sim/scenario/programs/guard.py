@@ -25,7 +25,7 @@ _PROC: Final = Path("/proc")
 
 
 def marked(mark: str) -> Iterator[int]:
-    """Ids of the living processes whose mark begins with `mark`, this one aside.
+    """Yield the ids of other living processes whose mark begins with `mark`.
 
     A process that cleared its environment is not found, nor is one of another user.
     """
@@ -37,7 +37,7 @@ def marked(mark: str) -> Iterator[int]:
 
 
 def kill_marked(mark: str, for_s: float = KILL_FOR_S) -> tuple[int, ...]:
-    """Kill every process that bears `mark` until two looks find none; the ids of those left after `for_s` seconds.
+    """Kill all processes with `mark`, and return the ids of those left after `for_s` (s).
 
     One look may miss a process: while it executes a program, it has no environment for a moment.
     """
@@ -59,7 +59,7 @@ def kill_marked(mark: str, for_s: float = KILL_FOR_S) -> tuple[int, ...]:
 
 
 def remove_folder(folder: Path) -> None:
-    """Remove `folder` and what is in it, also where programs left folders in it that nobody may enter."""
+    """Remove `folder`, also if programs locked folders in it."""
     shutil.rmtree(folder, ignore_errors=True)
     locked = [folder] if folder.is_dir() else []
     while locked:

@@ -1,4 +1,4 @@
-"""Mount namespaces: bubblewrap makes one per run, and the run's commands join it to find its folders by their names."""
+"""Mount namespaces, made by bubblewrap, in which a run's commands find its folders."""
 
 import ctypes
 import functools

@@ -1,4 +1,4 @@
-"""Outputs: what a run left in its folder, read while the folder is there."""
+"""Outputs: the files and tables that a run left in its folder."""
 
 import os
 import stat
@@ -20,12 +20,12 @@ Stamp: TypeAlias = tuple[int, int, int, int]
 
 
 def stamps(folder: Path) -> dict[str, Stamp]:
-    """Every file below `folder`, by path, with what tells whether it was written since."""
+    """Return the stamps of all files below `folder` by path."""
     return {name: _stamp(path.lstat()) for name, path in _files(folder)}
 
 
 def read_outputs(folder: Path, before: Mapping[str, Stamp]) -> Outputs:
-    """Read what is new below `folder`, or changed, since `stamps` gave `before`.
+    """Read the files below `folder` that are new or changed since `before`.
 
     `*.csv` and `*.parquet` are tables; one that can't be read as such is noted and kept as a file. In the order of the
     paths, files are kept up to `MAX_FILE_BYTES` each and `MAX_RUN_BYTES` in all, tables up to `MAX_TABLE_BYTES` and
@@ -107,7 +107,7 @@ class _Reading:
 
 
 def _files(folder: Path, locked: Callable[[OSError], None] | None = None) -> Iterator[tuple[str, Path]]:
-    """Name and path of all that is not a folder, sorted; a link to a folder counts as a file.
+    """Return name and path of all files, sorted; a link to a folder counts as a file.
 
     `locked` is told of folders that can't be listed.
     """
@@ -120,7 +120,7 @@ def _files(folder: Path, locked: Callable[[OSError], None] | None = None) -> Ite
 
 
 def _printable(name: str) -> str:
-    """A name that is no UTF-8 with its bytes written out, so that it can stand in a report."""
+    """Return a name with bytes that are no UTF-8 written out."""
     return os.fsencode(name).decode(errors="backslashreplace")
 
 

@@ -56,7 +56,7 @@ class ProcessLog:
         self.complete.set()
 
     def close(self, timeout_s: float) -> None:
-        """Wait for the end of the pipe; if some process still holds it after `timeout_s`, read no more of it."""
+        """Wait for the end of the pipe, at most `timeout_s`, and stop reading."""
         if not self.complete.wait(timeout_s):
             self._given_up.set()
             self.complete.wait()
@@ -68,7 +68,7 @@ class ProcessLog:
             return file.read()
 
     def last_line(self) -> str:
-        """The last line that is not blank, cut to 200 characters; empty without one."""
+        """Return the last line that is not blank, cut to 200 characters; empty without one."""
         with self.path.open("rb") as file:
             file.seek(max(0, self.path.stat().st_size - 4096))
             lines = file.read().decode(errors="replace").split("\n")
@@ -207,7 +207,7 @@ class ProcessGroup:
         return self._ended
 
     def stop(self, with_signal: int = signal.SIGTERM, timeout_s: float = 10.0) -> Ended:
-        """End the group: `with_signal` first, SIGKILL for all that is left after `timeout_s` (s, host time).
+        """Send `with_signal` to the group, and SIGKILL to the rest after `timeout_s` (s, host time).
 
         Does nothing to a program that has ended, but kills what it left behind.
         """
@@ -233,7 +233,7 @@ class ProcessGroup:
         return ended
 
     def release(self) -> Usage:
-        """Stop it if need be, and let the system forget it; from then on its id may be another's."""
+        """Stop and reap the process; its id may be reused from then on."""
         if self._usage is None:
             self.stop(timeout_s=0.0)
             _, status, used = os.wait4(self.pid, 0)
@@ -253,7 +253,7 @@ class ProcessGroup:
                 os.killpg(self.pid, number)
 
     def _await_end(self) -> None:
-        """Learn how it ended but leave the zombie, which keeps its number, and its group's, from being given again."""
+        """Wait for the end without reaping, which would free the ids of process and group."""
         info = os.waitid(os.P_PID, self.pid, os.WEXITED | os.WNOWAIT)
         assert info is not None  # it blocks
         self._ended = _ended(info.si_code == os.CLD_EXITED, info.si_status, self._overdue)
@@ -263,7 +263,7 @@ class ProcessGroup:
 
 
 def kill_all(processes: Iterable[psutil.Process]) -> None:
-    """Kill `processes`, those of them that live, and wait until they are gone."""
+    """Kill the living among `processes`, and wait until they are gone."""
     living = [process for process in processes if _lives(process)]
     for process in living:
         with suppress(psutil.NoSuchProcess, psutil.AccessDenied):

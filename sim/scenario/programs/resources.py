@@ -32,7 +32,7 @@ class ResourceSampler:
         self._thread.start()
 
     def stop(self) -> tuple[Use, ...]:
-        """Sample no more; every row there is."""
+        """Stop sampling and return all rows."""
         self._stopped.set()
         self._thread.join()
         return self.rows
@@ -70,7 +70,7 @@ class ResourceSampler:
 
 
 def write_resources(rows: Iterable[Use], file: Path) -> None:
-    """`rows` as CSV with the columns `t_s,cpu_s,rss_bytes,processes`.
+    """Write `rows` as CSV with the columns `t_s,cpu_s,rss_bytes,processes`.
 
     Raises:
         OSError: the file can't be written.

@@ -51,7 +51,7 @@ def sourced(
     start: Start,
     timeout_s: float = COMMAND_TIMEOUT_S,
 ) -> dict[str, str]:
-    """`environment` as it is after bash has sourced a script in it; what the script started meanwhile runs on.
+    """Return `environment` after bash has sourced a script in it; its background processes run on.
 
     Args:
         command: The script and its arguments.
@@ -163,7 +163,7 @@ class ProcessRun:
 
     @property
     def waiting(self) -> bool:
-        """Whether a command that was started still runs, so that host time has to go by."""
+        """True if a command still runs, so that host time has to pass."""
         return any(group.poll() is None for group in self._groups)
 
     def wait(self, timeout_s: float) -> None:
@@ -176,15 +176,15 @@ class ProcessRun:
         self._news.clear()
 
     def labeled(self, label: str) -> ProcessGroup | None:
-        """The command that was started under `label` last."""
+        """Return the last command with this label."""
         return next((group for group in reversed(self._groups) if group.label == label), None)
 
     def running_labels(self) -> list[str]:
-        """Labels of the commands that run, where they have one."""
+        """Return the labels of the running commands."""
         return [group.label for group in self._groups if group.label and group.poll() is None]
 
     def pids(self) -> set[int]:
-        """Ids of all living processes of the run."""
+        """Return the ids of all living processes of the run."""
         pids = set(marked(self._mark))
         for group in tuple(self._groups):
             if group.poll() is None:
@@ -257,7 +257,7 @@ class ProcessRun:
         return group
 
     def _pre_command(self) -> list[str]:
-        """The script and its arguments; a path with blanks may stand there without quotes."""
+        """Return the script and its arguments; a path with blanks needs no quotes."""
         given = self._setup.pre_command
         command = [given] if self.folders.path(given).is_file() else _words(given)
         if not self.folders.path(command[0]).is_file():
@@ -273,7 +273,7 @@ class ProcessRun:
         return finished(group, COMMAND_TIMEOUT_S).reason
 
     def _seen(self, program: str) -> str:
-        """A file with its whole path, which neither bash nor the system looks for elsewhere; else a program's name."""
+        """Return the whole path of a file in the run's folder, else the program's name."""
         here = self.folders.out / program
         return str(here) if here.is_file() else program
 
@@ -289,7 +289,7 @@ class ProcessRun:
 
 
 def _words(command: str) -> list[str]:
-    """A command as a shell splits it; as it is where a quote is not closed."""
+    """Split a command as a shell does; one with an open quote is a single word."""
     try:
         return shlex.split(command) or [command]
     except ValueError:
@@ -300,7 +300,7 @@ def _words(command: str) -> list[str]:
 def process_run(
     setup: ProcessSetup, handed: Mapping[str, FileContent] | None = None, where: Path | None = None
 ) -> Iterator[ProcessRun]:
-    """A run of programs in a folder that is there until the end of the `with`, as are its processes.
+    """Run programs in a folder; both end with the `with`.
 
     Args:
         handed: Files that the scenario hands to programs, by key.
@@ -332,7 +332,7 @@ def _check_room(folder: Path) -> None:
 
 
 def _peak_bytes(usages: Sequence[Usage], rows: Sequence[Use]) -> int:
-    """Most memory of the run's processes.
+    """Return the greatest memory of the run's processes.
 
     A process begins with its parent's peak for its own, so the system's figure counts only where it is greater than this
     process' peak; else the samples are what there is.
@@ -343,7 +343,7 @@ def _peak_bytes(usages: Sequence[Usage], rows: Sequence[Use]) -> int:
 
 
 def _guarding(mark: str, folder: Path) -> "subprocess.Popen[bytes]":
-    """A process that kills what bears `mark` and removes `folder` when this one is gone, however that comes about."""
+    """Start a process that kills all with `mark` and removes `folder` after this one's end."""
     environment = {name: value for name, value in os.environ.items() if name != VARIABLE}
     return subprocess.Popen(
         [sys.executable, "-I", "-S", guard.__file__, mark, str(folder)],

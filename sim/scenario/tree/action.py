@@ -67,7 +67,7 @@ class Action(ABC):
 
     @abstractmethod
     def update(self) -> Status:
-        """RUNNING, SUCCESS or FAILURE; called once in each tick from that of `enter` on."""
+        """Return RUNNING, SUCCESS, or FAILURE; called once in each tick from that of `enter` on."""
 
     def cancel(self) -> None:  # noqa: B027 - most have nothing to stop
         """Stop what was begun; called when the branch is given up while the action runs."""
@@ -76,7 +76,7 @@ class Action(ABC):
         """Leave nothing running; called once at the end of a run, whatever became of the action."""
 
     def wakes_s(self) -> float:
-        """When `update` could answer otherwise than last time if the robot's mission doesn't end before.
+        """Return the time (s) at which `update` may change its answer unless the robot's mission ends.
 
         Ticks in between change nothing and are left out. By default any moment: at the next tick.
         """

@@ -1,4 +1,4 @@
-"""A scenario's definition into the nodes of one run's tree."""
+"""From a scenario's definition to the nodes of one run's tree."""
 
 from collections.abc import Callable, Mapping
 from collections.abc import Sequence as Ordered
@@ -60,7 +60,7 @@ _COMPOSITIONS: Mapping[str, Callable[..., Node]] = {"serial": Sequence, "paralle
 def build(
     definition: ScenarioDefinition, state: RunState, actions: Mapping[str, ActionFactory]
 ) -> tuple[Node, tuple[Action, ...]]:
-    """The root, a sequence named after the scenario, and the actions below it.
+    """Return the root, a sequence named after the scenario, and the actions below it.
 
     Evaluates actors and variables into the state's names.
 
@@ -75,7 +75,7 @@ def build(
 
 
 def _declare(definition: ScenarioDefinition, state: RunState) -> None:
-    """Give actors and variables their values, each after those that it needs; none needs itself."""
+    """Evaluate actors and variables, each after those that it needs."""
     waiting: dict[str, Expression | None] = {variable.name: variable.default for variable in definition.variables}
     waiting |= {actor.name: Struct(actor.types[0], actor.members, actor.place) for actor in definition.actors}
 

@@ -1,4 +1,4 @@
-"""Actions of `osc.gazebo` on the simulated world: what is spawned, deleted and asked for by name."""
+"""Actions of `osc.gazebo` and `osc.sim` that spawn, delete, and await entities."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""`osc.helpers` as far as it needs neither simulator nor process: its actions, and functions for expressions."""
+"""Actions and functions of `osc.helpers` that need neither simulator nor process."""
 
 import os.path
 from abc import abstractmethod
@@ -109,20 +109,20 @@ class RandomNumbers:
         self._rng = rng
 
     def seed(self, number: int) -> int:
-        """Draw from here on what the number alone decides, the same in every run; returns it."""
+        """Seed the generator, equally in all runs, and return the seed."""
         self._rng = np.random.Generator(np.random.PCG64(abs(number)))
         return number
 
     def get_float(self, least: float, most: float) -> float:
-        """A number between two, evenly; ValueError where the first is larger."""
+        """Return a uniform number between two; ValueError if the first is greater."""
         return least + (most - least) * float(self._rng.random()) if _ordered(least, most) else least
 
     def get_int(self, least: int, most: int) -> int:
-        """A whole number between two, both included; ValueError where the first is larger."""
+        """Return a whole number between two, both included; ValueError if the first is greater."""
         return int(self._rng.integers(least, most, endpoint=True)) if _ordered(least, most) else least
 
     def get_random_string(self, choices: list[str]) -> str:
-        """One of a list; ValueError for an empty one."""
+        """Return one item of a list; ValueError for an empty one."""
         if not choices:
             raise ValueError("a list to draw from has at least one item")
         return choices[int(self._rng.integers(len(choices)))]
@@ -131,7 +131,7 @@ class RandomNumbers:
 def helper_functions(
     rng: np.random.Generator, scenario_folder: str, output_folder: str
 ) -> dict[str, Callable[..., Any]]:
-    """The functions of `osc.helpers`, `osc.os` and `osc.ros`, for one run.
+    """Return the functions of `osc.helpers`, `osc.os`, and `osc.ros` for one run.
 
     Args:
         rng: The run's own, for `random`.
@@ -156,7 +156,7 @@ def helper_functions(
 
 
 def _ordered(least: float, most: float) -> bool:
-    """Whether there is something between two bounds; ValueError where they are the wrong way round."""
+    """True if the bounds differ; ValueError if the lower one is the greater."""
     if least > most:
         raise ValueError(f"the lower bound comes first, got {least!r} and {most!r}")
     return least < most

@@ -20,7 +20,7 @@ _COMMANDS: Final = {"/cmd_vel": "sent", "/cmd_vel_smoothed": "smooth", "/cmd_vel
 
 
 def count(simulation: "Simulation", topic: str) -> int:
-    """A number that is another after each message; 0 before the first."""
+    """Return a number that changes with each message; 0 before the first."""
     m = simulation.stack.m[0]
     match TOPICS[topic].rhythm:
         case "steady":
@@ -38,7 +38,7 @@ def count(simulation: "Simulation", topic: str) -> int:
 
 
 def message(simulation: "Simulation", topic: str) -> Any:
-    """The last message, with its members as dicts, lists and numbers; None before the first."""
+    """Return the last message, or None before the first."""
     if count(simulation, topic) == 0:
         return None
     if TOPICS[topic].rhythm == "scenario":
@@ -98,7 +98,7 @@ def _twist(m: Any, which: str) -> dict[str, Any]:
 
 
 def member_of(found: Any, path: str) -> Any:
-    """The member of a message at a path with points; the message itself for an empty one.
+    """Return the member of a message at a dotted path; the message itself for an empty one.
 
     Raises:
         ScenarioError: there is no such member.
@@ -124,7 +124,7 @@ def literal(text: str) -> Any:
 
 
 def with_members(whole: Any, given: Any) -> Any:
-    """A message like `whole` that has the given members and is empty otherwise."""
+    """Return a message like `whole` with the given members, and empty otherwise."""
     if not isinstance(whole, Mapping) or not isinstance(given, Mapping):
         return given
     for name in given:
@@ -137,7 +137,7 @@ def with_members(whole: Any, given: Any) -> Any:
 
 
 def pose_in(found: Any) -> Pose:
-    """The pose in a message of a pose, however deep it lies.
+    """Return the pose in a message, at any depth.
 
     Raises:
         ScenarioError: there is none.
@@ -156,7 +156,7 @@ def pose_in(found: Any) -> Pose:
 
 
 def velocity_in(found: Any) -> tuple[float, float, float]:
-    """Speed (m/s), yaw rate (rad/s) and speed to the left (m/s) in a message of a twist.
+    """Return speed (m/s), yaw rate (rad/s), and speed to the left (m/s) of a twist.
 
     Raises:
         ScenarioError: it is none.
@@ -177,7 +177,7 @@ def _empty(value: Any) -> Any:
 
 
 def pose_3d_in(found: Any) -> dict[str, Any]:
-    """The pose in a message as the struct `pose_3d`.
+    """Return the pose in a message as the struct `pose_3d`.
 
     Raises:
         ScenarioError: there is none.

@@ -1,4 +1,4 @@
-"""Modifiers: nodes round one child, which bound it in time, begin it again or turn its result round."""
+"""Modifiers: nodes with one child that limit its time, repeat it, or change its result."""
 
 import math
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Nodes of a scenario's tree: a base beyond py_trees' behaviors, the leaves, and the conditions that they wait for."""
+"""Nodes of a scenario's tree: their base, the leaves, and awaited conditions."""
 
 import math
 from abc import ABC, abstractmethod
@@ -61,16 +61,16 @@ class Node(Behaviour):
         return type(self).__name__
 
     def belongs(self, place: Place, state: RunState) -> None:
-        """Tell a new node where it stands; py_trees' constructors each take other arguments."""
+        """Set place and state; py_trees' constructors take other arguments."""
         self.place = place
         self.state = state
 
     def wakes(self) -> float:
-        """While it runs: number of the first tick at which time alone may change its answer; infinite if none."""
+        """Return the first tick at which time alone may change the answer, or infinity."""
         return math.inf
 
     def reason(self) -> Reason:
-        """Why it failed: what the first child that failed says, or that this node itself made a failure of it."""
+        """Return the reason of the first failed child, or this node's own."""
         for child in self.children:
             if child.status is Status.FAILURE and isinstance(child, Node):
                 return child.reason()
@@ -91,14 +91,14 @@ class Condition(ABC):
     """How it is written, in short."""
 
     def begin(self) -> None:  # noqa: B027 - most have no beginning
-        """Start to wait, at the present tick."""
+        """Start waiting at this tick."""
 
     @abstractmethod
     def holds(self) -> bool:
-        """Whether it has come."""
+        """True if the condition holds."""
 
     def wakes(self) -> float:
-        """Number of the first tick at which time alone can make it hold; infinite where time can't."""
+        """Return the first tick at which time alone can make it hold, or infinity."""
         return math.inf
 
 
@@ -162,7 +162,7 @@ AnyCondition: TypeAlias = TimeElapsed | EventHappened | ExpressionHolds
 
 
 def condition_of(awaited: Awaited, state: RunState) -> AnyCondition:
-    """The condition that a file's words describe."""
+    """Return the condition of a `wait` or an `until`."""
     match awaited:
         case Elapsed():
             return TimeElapsed(awaited, state)
@@ -294,6 +294,6 @@ class Emission(Leaf):
 
 
 def awaited_names(leaves: Sequence[Behaviour]) -> list[str]:
-    """Names of running leaves that the scenario waits for: actions but those that only go along, if there are any."""
+    """Return the names of the awaited leaves: actions, if there are any that do not only go along."""
     actions = [leaf for leaf in leaves if isinstance(leaf, ActionCall)]
     return [leaf.name for leaf in actions if not leaf.goes_along] or [leaf.name for leaf in actions or leaves]

@@ -1,4 +1,4 @@
-"""The part of a ROS graph that the simulator stands for, and what calls of ROS actions need of it."""
+"""The simulated part of a ROS graph, and the requirements of ROS actions."""
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
@@ -71,7 +71,7 @@ TRUE_FRAME: Final = "_gt"
 
 
 def absolute(name: str) -> str:
-    """The name of a topic with its slash."""
+    """Return the name of a topic with its slash."""
     return name if name.startswith("/") else f"/{name}"
 
 
@@ -162,7 +162,7 @@ def lacking(action: str, arguments: Mapping[str, Any]) -> str:
 
 
 def lacking_before_a_run(call: Call) -> str:
-    """The same as far as it can be told from the file: empty where only a run knows the arguments."""
+    """Explain why a call can't be run, if its arguments are known before a run."""
     names = REQUIREMENTS[call.action][1] if call.action in REQUIREMENTS else ()
     known = {name: _known(call.arguments[name]) for name in names}
     return "" if None in known.values() else lacking(call.action, known)

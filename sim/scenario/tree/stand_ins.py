@@ -1,4 +1,4 @@
-"""Actions of the ROS machine that have nothing left to do here, because the simulator stands for ROS and Gazebo."""
+"""Actions with nothing left to do, because the simulator replaces ROS and Gazebo."""
 
 import math
 import re
@@ -126,7 +126,7 @@ class CheckSimulatorProcess(Action):
 
 
 def stand_ins(others: Mapping[str, ActionFactory]) -> dict[str, ActionFactory]:
-    """Actions that are honest no-ops here, by their names in a file.
+    """Return the actions with nothing left to do by their names in a file.
 
     Args:
         others: What else the run can do: its `check_process_running`, if any, looks for programs of its own.
@@ -144,7 +144,7 @@ def stand_ins(others: Mapping[str, ActionFactory]) -> dict[str, ActionFactory]:
 
 
 def _is_simulators(name: str, is_regex: bool) -> bool:
-    """Whether a name or pattern means a program that the simulator stands for."""
+    """True if a name or pattern means a program that the simulator replaces."""
     if not is_regex:
         return name in SIMULATOR_PROCESSES or name.startswith("nav2_")
     try:

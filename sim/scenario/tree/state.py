@@ -35,20 +35,20 @@ class TickClock:
         return self.now_us / 1e6
 
     def in_us(self, duration_s: float) -> float:
-        """The moment so much after now; the infinite stays infinite."""
+        """Return the moment (µs) at this duration from now; infinity stays."""
         return self.now_us + microseconds(duration_s)
 
     def first_at(self, moment_us: float) -> float:
-        """Number of the first tick at a moment or after it."""
+        """Return the first tick at a moment or after it."""
         return -(-moment_us // self.period_us)
 
     def first_after(self, moment_us: float) -> float:
-        """Number of the first tick that is strictly after a moment."""
+        """Return the first tick strictly after a moment."""
         return moment_us // self.period_us + 1 if math.isfinite(moment_us) else moment_us
 
 
 def microseconds(duration_s: float) -> float:
-    """A duration in whole microseconds; infinite where it is."""
+    """Return a duration in whole microseconds; infinity stays."""
     return round(duration_s * 1e6) if math.isfinite(duration_s) else duration_s
 
 
@@ -82,7 +82,7 @@ class RunState:
         self._functions = functions
 
     def value(self, expression: Expression) -> Any:
-        """Value of an expression at this moment; `ScenarioError` where it has none."""
+        """Return the value of an expression; `ScenarioError` if it has none."""
         return evaluate(expression, self.names, self._functions)
 
 
@@ -97,7 +97,7 @@ class Variables(MutableMapping[str, Any]):
         self._declared: dict[str, None] = {}
 
     def declare(self, name: str) -> None:
-        """Let a name be set."""
+        """Allow setting a name."""
         self._declared[name] = None
 
     def __getitem__(self, name: str) -> Any:

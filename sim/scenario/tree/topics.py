@@ -39,7 +39,7 @@ def pose_between(simulation: Simulation, parent: str, robot: str) -> Pose | None
 
 
 def moved(before: Pose, after: Pose, duration_s: float) -> tuple[float, float]:
-    """Speed (m/s) and yaw rate (rad/s) between two poses, without direction."""
+    """Return speed (m/s) and yaw rate (rad/s) between two poses, without direction."""
     turned_rad = math.remainder(after.yaw_rad - before.yaw_rad, math.tau)
     driven_m = math.hypot(after.x_m - before.x_m, after.y_m - before.y_m)
     return driven_m / duration_s, abs(turned_rad) / duration_s
@@ -76,7 +76,7 @@ class StackLog:
         self._status = simulation.status
 
     def new(self) -> list[Line]:
-        """The lines since the last call, or since the log was begun."""
+        """Return the lines since the last call, or since the start."""
         return list(self._lines())
 
     def _lines(self) -> Iterator[Line]:
@@ -114,7 +114,7 @@ class RosAction(Action):
         self.begin(arguments)
 
     def begin(self, arguments: Mapping[str, Any]) -> None:
-        """Begin, with arguments that lack nothing."""
+        """Begin with complete arguments."""
 
 
 class Listening(RosAction):
@@ -124,12 +124,12 @@ class Listening(RosAction):
     _seen = 0
 
     def listen(self, arguments: Mapping[str, Any]) -> None:
-        """Count messages from here on; one that was published before the run is still to come."""
+        """Count messages from now on; latched ones are still to come."""
         self._topic = absolute(str(arguments["topic_name"]))
         self._seen = 0 if TOPICS[self._topic].rhythm == "latched" else count(self.simulation, self._topic)
 
     def heard(self) -> Any:
-        """The message that came since the last call; None where none did."""
+        """Return the message since the last call, or None."""
         number = count(self.simulation, self._topic)
         if number in (0, self._seen):
             return None
@@ -196,7 +196,7 @@ class TopicMonitor(Listening):
         return Status.SUCCESS
 
     def look(self) -> None:
-        """Bring the variable up to date."""
+        """Update the variable."""
         if (found := self.heard()) is not None:
             self.situation.variables[self._variable] = member_of(found, self._member)
 

@@ -20,7 +20,7 @@ _NO_FUNCTIONS: Mapping[str, Callable[..., Any]] = {}
 
 
 def ignored(line: str) -> None:
-    """A log that keeps nothing."""
+    """Discard a log line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,17 +103,17 @@ class ScenarioTree:
 
     @property
     def ended(self) -> bool:
-        """Whether there is a verdict; then no tick may follow."""
+        """True once there is a verdict; no tick may follow."""
         return self._ended
 
     @property
     def passed(self) -> bool:
-        """Whether it ended, and well."""
+        """True if the scenario passed."""
         return self._passed
 
     @property
     def message(self) -> str:
-        """Why it failed, the innermost cause with its place in the file; empty where it did not."""
+        """Innermost cause of the failure with its place; empty unless it failed."""
         return self._reason.message
 
     @property
@@ -128,17 +128,17 @@ class ScenarioTree:
 
     @property
     def awaited(self) -> tuple[str, ...]:
-        """Names of what it waits for since the last tick: actions, or else other leaves that run."""
+        """Names of the awaited actions, or else of other running leaves."""
         running = [node for node in self._nodes if isinstance(node, Leaf) and node.status is Status.RUNNING]
         return tuple(awaited_names(running))
 
     @property
     def changes(self) -> Sequence[StatusChange]:
-        """Every node's status at t = 0, then every change, in the order of ticks and, within one, of nodes."""
+        """Every node's status at t = 0, then all changes by tick and node."""
         return self._changes
 
     def tick(self, number: int | None = None) -> None:
-        """Make a tick: the next one, or a later one where those in between change nothing (`next_tick`).
+        """Make the next tick, or a later one if those between change nothing (`next_tick`).
 
         What an action raises is passed on.
 
@@ -162,7 +162,7 @@ class ScenarioTree:
         self._judge()
 
     def next_tick(self) -> float:
-        """Number of the earliest tick that could change anything if the robot's mission doesn't end before.
+        """Return the earliest tick that may change anything unless the robot's mission ends.
 
         Infinite where only the mission's end can, and after the scenario's. The ticks up to that one may be left out.
         """
@@ -178,7 +178,7 @@ class ScenarioTree:
         return max(soonest, earliest)
 
     def shutdown(self) -> None:
-        """Shut every action down, once, whatever happened to it; an error is raised after all of them."""
+        """Shut down all actions once; an error is raised after all of them."""
         if self._is_shut_down:
             return
         self._is_shut_down = True
