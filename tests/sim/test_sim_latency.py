@@ -23,7 +23,7 @@ GOAL = Pose(11.0, 2.0, 0.0)
 
 @pytest.fixture(scope="module")
 def loop():
-    """A loop of a robot at (1, 2), sent 10 m along x over an empty floor that a wall ends."""
+    """A loop of a robot at (1, 2) that goes 10 m along x to a wall."""
     floor = np.zeros((80, 280), dtype=np.int8)
     floor[[0, -1]], floor[:, [0, -1]] = 100, 100
     floor[:, int(WALL_X_M / 0.05) :] = 100
