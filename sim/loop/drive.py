@@ -118,18 +118,10 @@ def recording_of(
 
 def recording_without_world(ended_s: float, entropy: Sequence[int], ending: Ending, behaviors: Columns) -> Recording:
     """Return the recording of a scenario without a robot."""
-    run = Run(
-        run_index=entropy[-1],
-        seed=_seed(entropy),
-        outcome=ending.outcome,
-        error_code=0,
-        reason=ending.reason,
-        simulated_s=round(ended_s, 3),
-        distance_m=0.0,
-        recoveries=0,
-        missed_goals=0,
+    end = ending.outcome, 0, ending.reason, round(ended_s, 3)
+    return Recording(
+        Run(entropy[-1], _seed(entropy), *end, distance_m=0.0, recoveries=0, missed_goals=0), {}, behaviors
     )
-    return Recording(run, {}, behaviors)
 
 
 def _seed(entropy: Sequence[int]) -> str:

@@ -182,17 +182,20 @@ def _trigger(entry: Mapping[str, Value], where: str, environment: Mapping[str, V
         environment.get(value, value) if isinstance(value, str) else value
         for value in (found["point"], found["threshold"], found.get("delay", 0.0))
     )
-    if isinstance(delay, bool) or not isinstance(delay, int | float) or not 0 <= delay < math.inf:
-        raise ValueError(f"{where}.spawn_trigger.delay: expected a time in seconds, 0 or more, got {delay!r}")
+    delay_s = _not_negative(delay, f"{where}.spawn_trigger.delay", "time in seconds")
     trigger = _trigger_of(point, threshold, f"{where}.spawn_trigger.point", f"{where}.spawn_trigger.threshold")
-    return replace(trigger, delay_s=float(delay))
+    return replace(trigger, delay_s=delay_s)
 
 
 def _trigger_of(point: Value, distance: Value, point_where: str, distance_where: str) -> Trigger:
     at = pose_of(point, point_where)
-    if isinstance(distance, bool) or not isinstance(distance, int | float) or not 0 <= distance < math.inf:
-        raise ValueError(f"{distance_where}: expected a distance in meters, 0 or more, got {distance!r}")
-    return Trigger(at.x_m, at.y_m, float(distance))
+    return Trigger(at.x_m, at.y_m, _not_negative(distance, distance_where, "distance in meters"))
+
+
+def _not_negative(value: Value, where: str, what: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < math.inf:
+        raise ValueError(f"{where}: expected a {what}, 0 or more, got {value!r}")
+    return float(value)
 
 
 def _entries(value: Value) -> Iterator[Mapping[str, Value]]:

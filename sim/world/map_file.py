@@ -46,12 +46,11 @@ def load_map(path: str | Path) -> OccupancyMap:
     """
     path = Path(path)
     header = _header(path)
-    resolution_m = _number(header, "resolution", path)
-    if not LEAST_CELL_M <= resolution_m <= LARGEST_CELL_M:
-        right = f"meters per cell, greater than 0: {LEAST_CELL_M:g} to {LARGEST_CELL_M:g}"
-        raise MapError(f"{path}: resolution: expected {right}, got {resolution_m!r}")
-    occupied_threshold = _share(header, "occupied_thresh", path, default=0.65)
-    free_threshold = _share(header, "free_thresh", path, default=0.25)
+    right = f"meters per cell, greater than 0: {LEAST_CELL_M:g} to {LARGEST_CELL_M:g}"
+    resolution_m = _number(header, "resolution", path, (LEAST_CELL_M, LARGEST_CELL_M), right)
+    # map_server accepts a threshold of 65 as well, above which nothing is a wall.
+    occupied_threshold = _number(header, "occupied_thresh", path, (0.0, 1.0), "a share of black, 0 to 1", 0.65)
+    free_threshold = _number(header, "free_thresh", path, (0.0, 1.0), "a share of black, 0 to 1", 0.25)
     mode = str(header.get("mode", "trinary"))
     if mode.lower() not in MODES:
         raise MapError(f"{path}: mode: expected trinary, scale or raw, got {mode!r}")
@@ -86,19 +85,21 @@ def _header(path: Path) -> Mapping[str, Any]:
     return header
 
 
-def _number(header: Mapping[str, Any], key: str, path: Path, default: float | None = None) -> float:
+def _number(
+    header: Mapping[str, Any],
+    key: str,
+    path: Path,
+    limits: tuple[float, float],
+    right: str,
+    default: float | None = None,
+) -> float:
+    """Read a number within limits, described by `right`."""
     value = header.get(key, default)
     number = _finite(value)
     if number is None:
         raise MapError(f"{path}: {key}: expected a number, got {value!r}")
-    return number
-
-
-def _share(header: Mapping[str, Any], key: str, path: Path, default: float) -> float:
-    """Read a threshold; map_server accepts 65 as well, above which nothing is a wall."""
-    number = _number(header, key, path, default)
-    if not 0.0 <= number <= 1.0:
-        raise MapError(f"{path}: {key}: expected a share of black, 0 to 1, got {number:g}")
+    if not limits[0] <= number <= limits[1]:
+        raise MapError(f"{path}: {key}: expected {right}, got {number:g}")
     return number
 
 

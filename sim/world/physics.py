@@ -25,9 +25,7 @@ GRAVITY_MPS2: Final = 9.81
 TRACTION: Final = 0.8
 """Friction of the robot's tires, which limits its acceleration after a contact."""
 
-AT_REST_MPS: Final = 1e-3
-AT_REST_RADPS: Final = 1e-3
-AT_REST_M: Final = 1e-6
+AT_REST_MPS, AT_REST_RADPS, AT_REST_M = 1e-3, 1e-3, 1e-6
 """A slower box is at rest, and so is a robot that moved less in a tick."""
 
 NOTED: Final = 5e-4
@@ -64,7 +62,9 @@ class World:
         self._touching = Counter[pymunk.Shape]()  # what is touched, by how many parts of the robot
         self._displaced = False
         self.events: list[Event] = []
-        self._robot = pymunk.Body(robot.mass_kg, _robot_inertia(robot))
+        # Contacts without friction can't turn a disc.
+        inertia = pymunk.moment_for_poly(robot.mass_kg, robot.vertices) if robot.vertices else math.inf
+        self._robot = pymunk.Body(robot.mass_kg, inertia)
         self._radius_m = robot.radius_m
         shapes = _robot_shapes(robot, self._robot)
         for shape in shapes:
@@ -257,11 +257,6 @@ def _robot_shapes(robot: Robot, body: pymunk.Body) -> list[pymunk.Shape]:
         return [pymunk.Poly(body, robot.vertices)]
     triangles = shapely.constrained_delaunay_triangles(whole)
     return [pymunk.Poly(body, list(part.exterior.coords)[:-1]) for part in triangles.geoms]
-
-
-def _robot_inertia(robot: Robot) -> float:
-    """Return the moment of inertia; frictionless contacts can't turn a disc."""
-    return float(pymunk.moment_for_poly(robot.mass_kg, robot.vertices)) if robot.vertices else math.inf
 
 
 def _inertia(obstacle: Obstacle) -> float:
