@@ -110,7 +110,7 @@ MUST_NOT: Final[Mapping[str, Edit]] = {
     "map: another beside it": lambda bed: bed.write("maps/other.yaml", "{}"),
     "vastflow: a comment in the simulator": lambda bed: appended(bed.source("sim/run.py"), "# a comment\n"),
     "vastflow: a docstring of the judging": lambda bed: replaced(
-        bed.source("oracles/judgement/judge.py"), '"""Oracle: traces to verdicts."""', '"""Judging."""'
+        bed.source("oracles/judgement/judge.py"), '"""Judging: verdicts', '"""Judgement: verdicts'
     ),
     "vastflow: code of the command line": lambda bed: appended(bed.source("flows/api.py"), "\nNEW = 1\n"),
     "vastflow: code of the report": lambda bed: appended(bed.source("oracles/page/report.py"), "\nNEW = 1\n"),

@@ -1,7 +1,4 @@
-"""Campaigns whose shards a work pool computes: a real API, a real worker of type `process`, a real S3 server.
-
-`VASTFLOW_DEPLOYMENTS=all` adds those that take a minute each and differ little from the others.
-"""
+"""Campaigns whose shards a work pool computes: a real API, a real worker of type `process`, a real S3 server."""
 
 import json
 import os
@@ -24,7 +21,6 @@ from vastflow.tasks.store.remote_files import RemoteFiles
 from vastflow.tasks.store.store import open_store
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(580)]
-more = pytest.mark.skipif(os.environ.get("VASTFLOW_DEPLOYMENTS") != "all", reason="VASTFLOW_DEPLOYMENTS=all runs it")
 
 END_S = 200
 
@@ -202,21 +198,6 @@ def contents(directory):
     return found, tables
 
 
-@more
-def test_pool_computes_the_same_bytes_as_this_process(api, worker, room, tmp_path):
-    here = run_campaign(room, results=tmp_path / "here", store=tmp_path / "store-here", workers=2)
-    there = run_campaign(
-        room, results=tmp_path / "there", store=tmp_path / "store-there", pool=WorkPool("lab", shards=3)
-    )
-    assert (there.summary.executed, there.summary.passed, there.faults) == (6, 6, ())
-    assert contents(there.directory) == contents(here.directory)
-    runs = [run for run in api.read_flow_runs() if run.flow_id and " of room" in run.name]
-    assert {run.state.name for run in runs} == {"Completed"}
-    assert all(set(run.tags) == {"vastflow", "pooled"} and run.parent_task_run_id for run in runs)
-    again = run_campaign(room, results=tmp_path / "there", store=tmp_path / "store-there", pool="nowhere")
-    assert again.summary.executed == 0  # nothing is missing, so nobody is asked
-
-
 def test_store_and_worker_need_not_be_on_one_machine(api, started_worker, room, kernels, tmp_path, s3, monkeypatch):
     monkeypatch.setattr(RemoteFiles, "local", tmp_path / "local")
     monkeypatch.delenv("XDG_CACHE_HOME")  # where the compiled kernels are that other tests have used
@@ -230,16 +211,6 @@ def test_store_and_worker_need_not_be_on_one_machine(api, started_worker, room, 
     assert (there.summary.executed, there.faults) == (6, ())
     assert contents(there.directory) == contents(here.directory)
     assert list((other / "cache" / "vastflow" / "bundles").iterdir()) == []
-
-
-@more
-def test_shard_whose_process_dies_is_tried_again_and_only_what_is_missing(api, worker, programs, tmp_path):
-    file = programs("well", "once", "well")
-    found = run_campaign(file, results=tmp_path / "results", store=tmp_path / "store", pool="lab", workers=1)
-    assert (found.faults, found.summary.executed, found.summary.passed) == ((), 3, 3)
-    assert executed(tmp_path) in ([0, 1, 1, 2], [0, 0, 1, 1, 2])
-    names = [run.name for run in api.read_flow_runs() if " of step" in run.name]
-    assert any(name.endswith(", try 2") for name in names)
 
 
 def test_poison_is_found_and_not_judged_and_the_others_are(api, worker, programs, tmp_path):
@@ -308,22 +279,6 @@ def test_interrupted_search_ends_its_batch_and_goes_on_in_it(api, tmp_path):
     assert all(run.state.is_final() for run in batches())
 
 
-@more
-def test_worker_that_does_not_see_the_store_is_a_fault_of_the_store(api, worker, programs, tmp_path, monkeypatch):
-    from vastflow.flows.pool import campaign as pool_campaign
-
-    hidden = tmp_path / "hidden"
-    service = pool_campaign.PoolService
-    monkeypatch.setattr(pool_campaign, "PoolService", lambda *a: service(*a[:4], str(hidden), *a[5:]))
-    file = programs("well")
-    result = CliRunner().invoke(
-        app, ["run", str(file), "--pool", "lab", "--results", str(tmp_path), "--store", str(tmp_path / "store")]
-    )
-    assert result.exit_code == 2
-    assert f"finds no bundle in the store '{hidden}'; a folder that all machines share, or an address" in result.stderr
-    assert not hidden.exists()
-
-
 def test_ctrl_c_cancels_the_shards_and_says_how_to_go_on(api, worker, programs, tmp_path):
     file = programs(*["slow"] * 12)
     environment = {**os.environ, "PREFECT_API_URL": str(api.api_url), "PREFECT_HOME": str(tmp_path / "home")}
@@ -356,22 +311,8 @@ def test_api_and_a_pool_have_to_be_there(api, programs, tmp_path, monkeypatch):
     assert "Traceback" not in result.stderr
 
 
-@more
-def test_pool_without_workers_is_said_and_given_up_when_asked_so(api, programs, tmp_path, monkeypatch):
-    from vastflow.flows.pool import driver as pool_driver
-
-    monkeypatch.setattr(pool_driver, "IDLE_S", 1.0)
-    monkeypatch.setattr(pool_driver.Driver.__init__, "__kwdefaults__", {"poll_s": 0.5, "idle_s": 1.0, "silent_s": 9.0})
-    api.create_work_pool(WorkPoolCreate(name="empty", type="process"))
-    options = ["--pool", "empty", "--pool-wait", "3", "--results", str(tmp_path), "--store", str(tmp_path / "store")]
-    result = CliRunner().invoke(app, ["run", str(programs("well")), *options])
-    assert result.exit_code == 3
-    assert "no worker of the work pool 'empty' is there; start one: prefect worker start --pool empty" in result.stderr
-    assert "no worker of the work pool 'empty' took anything for " in result.stderr
-
-
-@more
-def test_s3_server_that_goes_away_ends_the_campaign_and_the_next_computes_what_is_missing(
+@pytest.mark.skipif(os.environ.get("VASTFLOW_DEPLOYMENTS") != "all", reason="VASTFLOW_DEPLOYMENTS=all runs it")
+def test_campaign_ends_without_its_s3_server_and_goes_on_later(
     api, started_worker, programs, start_s3, s3_variables, tmp_path
 ):
     server = start_s3()
@@ -406,21 +347,6 @@ def test_wrong_credentials_are_one_sentence(api, programs, shared_s3, s3_variabl
     assert result.exit_code == 2
     assert "check the credentials (AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or AWS_PROFILE)" in result.stderr
     assert "Traceback" not in result.stderr
-
-
-@more
-def test_deployed_campaign_has_its_runs_computed_by_a_pool(api, worker, room, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    options = ["--pool", "lab", "--shards-in", "lab", "--name", "spread", "--store", str(tmp_path / "store")]
-    result = CliRunner().invoke(app, ["deploy", str(room), *options])
-    assert result.exit_code == 0, result.output
-    assert result.stdout.splitlines()[0].endswith("prefect worker start --pool lab --limit 2")
-    deployment = api.read_deployment_by_name("campaign/spread")
-    asked = api.create_flow_run_from_deployment(deployment.id)
-    wait_until(lambda: api.read_flow_run(asked.id).state.is_final())
-    ended = api.read_flow_run(asked.id)
-    assert (ended.state.name, ended.name) == ("Completed", "pooled, 3 configurations × 2 runs")
-    assert ended.state.message.endswith("; 6 runs executed, 0 from the store")
 
 
 def wait_until(condition):

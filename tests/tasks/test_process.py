@@ -1,4 +1,7 @@
+"""The process of a campaign: interrupts, its end, and its garbage collection."""
+
 import asyncio
+import gc
 import os
 import signal
 import subprocess
@@ -9,7 +12,7 @@ import time
 
 import pytest
 
-from vastflow.tasks.engine.process import owns_process, terminable
+from vastflow.tasks.engine.process import few_collections, owns_process, terminable
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -21,7 +24,7 @@ def test_sigterm_interrupts_as_ctrl_c_does():
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
 
 
-def test_program_with_its_own_idea_of_sigterm_keeps_it():
+def test_program_keeps_its_own_handler_of_sigterm():
     heard = []
     signal.signal(signal.SIGTERM, lambda *_: heard.append(1))
     try:
@@ -44,20 +47,26 @@ def test_process_that_does_not_end_is_ended_with_code_130_after_the_kill():
     assert (done.returncode, done.stdout) == (130, "killed\n")
 
 
-def test_main_thread_of_a_script_owns_its_process():
-    assert owns_process()
-
-
-def test_notebooks_cell_does_not_own_the_kernel():
+def test_process_is_owned_by_the_main_thread_without_an_event_loop():
     async def cell():
         return owns_process()
 
-    assert asyncio.run(cell()) is False
-
-
-def test_another_thread_does_not_own_the_process():
     said = []
     thread = threading.Thread(target=lambda: said.append(owns_process()))
     thread.start()
     thread.join()
-    assert said == [False]
+    assert (owns_process(), asyncio.run(cell()), said) == (True, False, [False])
+
+
+@pytest.mark.parametrize("threshold", [700, 0])
+def test_garbage_is_collected_seldom_inside_and_as_before_afterwards(threshold):
+    before = gc.get_threshold()
+    gc.set_threshold(threshold, 10, 10)
+    try:
+        with pytest.raises(ValueError, match="inside"), few_collections():
+            assert gc.get_threshold()[0] >= 10 * threshold
+            assert threshold or gc.get_threshold()[0] == 0
+            raise ValueError("inside")
+        assert gc.get_threshold() == (threshold, 10, 10)
+    finally:
+        gc.set_threshold(*before)
