@@ -57,7 +57,7 @@ class S3Server:
 
     @property
     def lost(self) -> set[str]:
-        """Addresses of artifacts of which it lost a file: of two that write one file at the same moment rclone renames neither."""
+        """Addresses of artifacts of which it lost a file: rclone renames neither of two concurrent writes."""
         log = (self._folder / "log").read_text()
         return {f"s3://{path}" for path in re.findall(r"ERROR : (\S+)/\.rclone_temp_put_\S+: Dir\.Rename error", log)}
 
@@ -94,7 +94,7 @@ def shared_s3(start_s3) -> S3Server:
 
 @pytest.fixture(scope="session")
 def kernels() -> Path:
-    """Where the compiled kernels are that other tests have used."""
+    """The folder of the compiled kernels that other tests have used."""
     return Path(platformdirs.user_cache_dir("vastflow")) / "kernels"
 
 

@@ -158,7 +158,7 @@ def test_bundle_that_lost_a_file_is_lost(store, home, tmp_path):
     unpacked(store, key, tmp_path / "here")
 
 
-def test_nothing_of_a_forged_bundle_is_imported(store, home, tmp_path):
+def test_forged_bundle_is_not_imported(store, home, tmp_path):
     key = packed(store, home, [configuration(home)])
     sha256 = file_digest(home / "judge.py")
     forged = {
@@ -191,7 +191,7 @@ def test_file_that_is_gone_is_named(store, home):
         packed(store, home, [before])
 
 
-def test_what_differs_between_two_machines_is_said_in_words():
+def test_differences_between_machines_have_names():
     assert differences(promise_of(KEYS), KEYS) == []
     other = replace(KEYS, numeric="arm", judge_source="d", oracles=[["success", {"limit": 1}]])
     assert differences(promise_of(KEYS), other) == [

@@ -14,7 +14,7 @@ from vastflow.tasks.prefect.campaign_log import new_log, own_log, prefect_log
 pytestmark = pytest.mark.timeout(900)
 
 
-def test_what_vastflow_says_goes_to_the_log_alone(tmp_path, capsys):
+def test_records_of_vastflow_go_to_the_log_alone(tmp_path, capsys):
     log = tmp_path / "log"
     with own_log(log):
         logging.getLogger("vastflow.store").warning("damaged")
@@ -37,7 +37,7 @@ def test_old_logs_are_removed(tmp_path):
     assert (len(names), names[0], names[-1]) == (50, "11.log", "tiny-2026-11-21-000000-000000.log")
 
 
-def test_nothing_that_prefect_or_a_library_says_reaches_the_terminal(tmp_path):
+def test_records_of_prefect_and_libraries_never_reach_the_terminal(tmp_path):
     script = textwrap.dedent(f"""
         import logging, pathlib, warnings
         from vastflow.tasks.prefect.campaign_log import prefect_log

@@ -132,7 +132,7 @@ def _parsed(texts):
 
 
 def _tree(text):
-    """What Python's own `ast.dump` says, without statements that are a string."""
+    """Python's own `ast.dump` without statements that are only a string."""
     tree = ast.parse(text)
     for node in ast.walk(tree):
         for name, value in ast.iter_fields(node):

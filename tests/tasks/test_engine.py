@@ -86,7 +86,7 @@ def there(outcomes):
     return [(outcome.there, outcome.wanted) for outcome in outcomes]
 
 
-def test_each_stage_does_each_configuration_once(engine, pool):
+def test_stages_compute_each_configuration_once(engine, pool):
     configurations = [configuration("a"), configuration("b")]
     outcomes = through(engine, configurations)
     assert there(outcomes) == [(0, 2), (0, 2), (0, 2)]
@@ -96,7 +96,7 @@ def test_each_stage_does_each_configuration_once(engine, pool):
     assert (progress.executed, progress.passed, progress.failed) == (4, 2, 2)
 
 
-def test_what_is_in_the_store_is_not_computed(engine, pool):
+def test_stored_artifacts_are_not_computed(engine, pool):
     through(engine, [configuration("a")])
     pool.done.clear()
     engine._executing.clear()
@@ -116,7 +116,7 @@ def test_kernels_are_compiled_before_anything_executes(engine, pool):
     assert pool.done == [("compile_kernels", ""), ("execute", "a")]
 
 
-def test_where_no_robot_drives_nothing_is_compiled(engine, pool):
+def test_kernels_are_compiled_only_for_robots(engine, pool):
     engine.warm_up([])
     engine.execute([configuration("a")])
     assert pool.done == [("execute", "a")]
@@ -141,7 +141,7 @@ def test_run_that_kills_its_worker_costs_no_other_run_of_its_block(engine, pool)
     assert engine.faults == (RunFault("a", 1, "execute", "died"),)
 
 
-def test_one_broken_run_is_one_fault(engine, pool):
+def test_broken_run_is_one_fault(engine, pool):
     pool.answers["execute", "a"] = Executed({0: 1.0}, {1: Broken("ValueError: x")})
     engine.execute([configuration("a")])
     assert engine.faults == (RunFault("a", 1, "execute", "ValueError: x"),)
@@ -166,7 +166,7 @@ def test_block_is_short_enough_for_every_worker_to_have_several():
     assert block_size(1, 8) == 1
 
 
-def test_store_that_cannot_be_used_any_more_ends_everything_and_is_no_configurations_fault(engine, pool):
+def test_unusable_store_ends_everything_and_is_no_fault_of_a_configuration(engine, pool):
     pool.answers["observe", "a"] = StoreError("store: the disk is full")
     pool.close = lambda: pool.done.append("closed")
     configurations = [configuration("a"), configuration("b")]

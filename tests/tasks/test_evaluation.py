@@ -49,7 +49,7 @@ values = st.dictionaries(text, nested, max_size=2)
 
 
 @given(st.lists(values.map(Fragment) | st.builds(Rejection, text, values), max_size=3))
-def test_what_is_written_comes_back_bit_for_bit(results):
+def test_evaluation_is_read_back_bit_for_bit(results):
     assert read_evaluation(write_evaluation(results), {}) == results
 
 

@@ -129,7 +129,7 @@ def test_comment_in_a_helper_changes_no_key(home, helped):
 @pytest.mark.parametrize(
     "helped", [HELPERS["a module"], HELPERS["a helper of a helper in a package"], HELPERS["a folder"]], indirect=True
 )
-def test_what_is_edited_or_deleted_later_changes_nothing_in_another_process(home, helped, tmp_path):
+def test_later_edit_or_deletion_changes_nothing_in_another_process(home, helped, tmp_path):
     judge = oracle(home)
     (tmp_path / "oracle").write_bytes(pickle.dumps(judge))
     shutil.rmtree(home)
@@ -144,7 +144,7 @@ print(said(judge))
     assert done.stdout == "1.0\n", done.stderr
 
 
-def test_two_plug_ins_have_helpers_of_one_name(tmp_path):
+def test_plug_ins_may_have_helpers_of_the_same_name(tmp_path):
     for name, limit in (("one", 1), ("two", 2)):
         (tmp_path / name).mkdir()
         (tmp_path / name / "helper.py").write_text(f"LIMIT = {limit}\n")
@@ -152,7 +152,7 @@ def test_two_plug_ins_have_helpers_of_one_name(tmp_path):
     assert [said(oracle(tmp_path / name)) for name in ("one", "two", "one")] == [1.0, 2.0, 1.0]
 
 
-def test_what_is_not_imported_is_in_no_key(home):
+def test_file_that_is_not_imported_is_in_no_key(home):
     write(home)
     before = key(oracle(home))
     (home / "helper.py").write_text("LIMIT = 1\n")
@@ -206,7 +206,7 @@ def test_declared_data_is_read_from_the_snapshot_and_is_in_the_key(home, top, re
 
 @pytest.mark.parametrize(("top", "read"), READS.values(), ids=READS.keys())
 @pytest.mark.parametrize("place", ["beside", "absolute"])
-def test_data_that_is_not_declared_is_a_fault_that_names_the_line_to_add(home, top, read, place):
+def test_undeclared_data_is_a_fault_that_names_the_line_to_add(home, top, read, place):
     (home / "limit.json").write_text("1")
     path = BESIDE if place == "beside" else repr(str(home / "limit.json"))
     write(home, top, read.format(path=path))
@@ -278,7 +278,7 @@ def test_wrong_declaration_is_named(home, declared, message):
         oracle(home)
 
 
-def test_what_is_too_large_is_refused_with_the_limit(home):
+def test_too_large_plug_in_is_refused_with_the_limit(home):
     with open(home / "large.bin", "wb") as file:
         os.truncate(file.fileno(), 100_000_001)
     write(home, declared='["large.bin"]')
@@ -298,7 +298,7 @@ def test_versions_of_what_it_imports_are_in_its_key(home, monkeypatch):
     assert installed_tree().plug_in_digest(kind) != before
 
 
-def test_module_that_is_found_but_not_installed_is_in_the_key_by_its_code(home, tmp_path, monkeypatch):
+def test_uninstalled_module_is_in_the_key_by_its_code(home, tmp_path, monkeypatch):
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "elsewhere" / "own_tools.py").write_text("LIMIT = 1\n")
     monkeypatch.syspath_prepend(str(tmp_path / "elsewhere"))

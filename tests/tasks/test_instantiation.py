@@ -74,7 +74,7 @@ class Here:
         return errors
 
 
-def test_it_gives_what_instantiation_in_one_process_gives(campaign, instantiator):
+def test_instantiation_over_the_store_equals_that_in_one_process(campaign, instantiator):
     assert instantiator.instantiated(Here(instantiator.store, "none")).instantiation == instantiate(campaign)
 
 
@@ -99,7 +99,7 @@ def test_input_that_two_families_share_is_evaluated_once(instantiator):
     assert here.evaluated == 2 + 3  # two lists; own.py on a = 1, 2 and 5
 
 
-def test_nothing_is_missing_once_all_is_stored(instantiator):
+def test_stored_instantiation_is_found(instantiator):
     assert instantiator.stored() is None
     instantiated = instantiator.instantiated(Here(instantiator.store, "none"))
     assert instantiator.stored() == instantiated
@@ -140,7 +140,7 @@ def test_unknown_name_comes_with_the_known_ones(instantiator):
     assert raised.value.known[:2] == ("hall", "hall-1-1")
 
 
-def test_family_whose_map_is_not_there_is_a_fault_of_that_family_and_the_other_is_made(campaign, instantiator):
+def test_missing_map_is_a_fault_of_its_family_alone(campaign, instantiator):
     yard = CAMPAIGN.replace("map_file: room.yaml", "map_file: room2.yaml").replace("room2", "room", 1)
     campaign.path.write_text(yard)
     found = replace(instantiator, campaign=load_campaign(campaign.path)).instantiated(Here(instantiator.store, "none"))

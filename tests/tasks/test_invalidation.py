@@ -1,4 +1,4 @@
-"""What an edit computes again, counted by what is executed: some edits of the table of `tests/proofs/invalidation.py`."""
+"""Recomputation after an edit: some rows of the table of `tests/proofs/invalidation.py`."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What a machine must give a computation: said in one sentence, before anything is started."""
+"""Checks of the machine before anything is started."""
 
 import errno
 import pickle
@@ -40,7 +40,7 @@ def test_machine_that_gives_everything_passes_and_nothing_is_left(machine, tmp_p
 
 
 @pytest.mark.parametrize(("name", "variable"), [("cache", "XDG_CACHE_HOME"), ("prefect", "PREFECT_HOME")])
-def test_folder_that_can_not_be_written_is_named_with_the_variable_that_moves_it(machine, name, variable):
+def test_unwritable_folder_is_named_with_its_variable(machine, name, variable):
     folder = machine(name)
     with pytest.raises(StoreError, match=rf"can't write to '{folder}.* \(.+\); set {variable} to a folder of yours"):
         check_machine()
@@ -65,13 +65,13 @@ def refuse_prefect(check):
     return checked
 
 
-def test_no_shared_memory_is_said_with_what_mounts_it(machine, tmp_path):
+def test_missing_shared_memory_is_named_with_a_remedy(machine, tmp_path):
     (tmp_path / "shm").rmdir()
     with pytest.raises(StoreError, match=r"shm' \(No such file or directory\); mount a tmpfs there; a container"):
         check_machine()
 
 
-def test_no_temporary_folder_is_said(machine, monkeypatch):
+def test_missing_temporary_folder_is_named(machine, monkeypatch):
     def none():
         raise FileNotFoundError("No usable temporary directory found")
 
@@ -87,21 +87,21 @@ def no_room(*name):
 TMPDIR_IS_FULL = r"can't write to '.*tmp' \(.+\); set TMPDIR to a folder of yours, or make room"
 
 
-def test_no_room_below_the_folder_for_temporary_files_ends_a_campaign_and_is_no_fault_of_a_run(machine, tmp_path):
+def test_full_temporary_folder_ends_the_campaign(machine, tmp_path):
     with pytest.raises(StoreError, match=TMPDIR_IS_FULL) as found:
         answered(no_room, str(tmp_path / "tmp" / "vastflow-run-x"))
     sent = pickle.loads(pickle.dumps(found.value))  # from a worker's process
     assert (type(sent), str(sent)) == (StoreError, str(found.value))
 
 
-def test_no_room_in_a_file_without_a_name_is_looked_for_in_the_folder_for_temporary_files(machine):
+def test_unnamed_full_file_is_attributed_to_a_full_temporary_folder(machine):
     tempfile.gettempdir()  # while it can be written
     machine("tmp")
     with pytest.raises(StoreError, match=r"can't write to '.+' \(.+\); set TMPDIR to a folder of yours"):
         answered(no_room)
 
 
-def test_no_room_in_a_folder_of_a_plug_in_s_own_stays_its_fault(machine, tmp_path):
+def test_full_folder_of_a_plug_in_is_its_own_fault(machine, tmp_path):
     assert answered(no_room, str(tmp_path / "elsewhere" / "file")) == Broken(
         f"OSError: [Errno 28] No space left on device: '{tmp_path}/elsewhere/file'"
     )

@@ -1,10 +1,12 @@
-"""Flow runs whose process is gone: told by their tags, and what they asked of a work pool is canceled."""
+"""Flow runs whose process is gone: found by their tags, and their shards in a work pool canceled."""
 
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import psutil
 import pytest
+from prefect import tags
 from prefect.context import TagsContext
 
 from vastflow.tasks.prefect import orphans
@@ -13,76 +15,48 @@ from vastflow.tasks.prefect.orphans import is_orphan, process_tags, tagged, unta
 RUN = "00000000-0000-4000-8000-000000000001"
 
 
-def tags_of(pid, began_s):
-    host, _ = process_tags()
-    return [host, f"process:{pid}@{began_s}", "vastflow"]
-
-
-def test_flow_run_of_a_living_process_is_no_orphan():
-    assert not is_orphan(["vastflow", *process_tags()])
-
-
-def test_flow_run_whose_process_is_gone_is_an_orphan():
+def test_flow_run_is_an_orphan_if_its_process_on_this_host_is_gone():
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
-    assert is_orphan(tags_of(ended.pid, 1))
-
-
-def test_later_process_of_the_same_number_does_not_run_it():
+    host, own = process_tags()
     process = psutil.Process()
-    assert is_orphan(tags_of(process.pid, int(process.create_time()) - 60))
-
-
-def test_flow_run_of_another_host_or_without_tags_is_no_orphan():
-    _, process, name = tags_of(1, 1)
-    assert not is_orphan(["host:elsewhere/1", process, name])
-    assert not is_orphan([name])
+    later = f"process:{process.pid}@{int(process.create_time()) - 60}"  # another process of the same number
+    assert is_orphan([host, f"process:{ended.pid}@1", "vastflow"]) and is_orphan([host, later])
+    for names in (["vastflow", host, own], ["host:elsewhere/1", "process:1@1"], ["vastflow"]):
+        assert not is_orphan(names)
 
 
 def test_flow_runs_have_the_tags_of_their_process_and_task_runs_do_not():
-    from prefect import tags
-
     with tags("mine"), tagged():
         assert TagsContext.get().current_tags == {"mine", *process_tags()}
         with untagged():
             assert TagsContext.get().current_tags == {"mine"}
 
 
-class Answer:
-    def __init__(self, content):
-        self._content = content
-
-    def json(self):
-        return self._content
-
-
 class ShardsOf:
-    """An API with flow runs that a dead campaign asked of a work pool; a worker ends 60 at each look, if there is one."""
+    """An API with shards of a dead campaign; a worker ends 60 at each look, if there is one."""
 
-    def __init__(self, waiting, worker=60):
+    def __init__(self, waiting, worker):
         self.waiting, self.cancelling, self.worker, self.parents = waiting, 0, worker, set()
 
     def request(self, method, address, json):
         self.parents |= set(json["flow_runs"]["parent_flow_run_id"]["any_"])
+        content = {}
         if address == "/flow_runs/bulk_set_state":
             assert "CANCELLING" in json["flow_runs"]["state"]["type"]["not_any_"]
             moved = min(json["limit"], self.waiting)
             self.waiting, self.cancelling = self.waiting - moved, self.cancelling + moved
-            return Answer({})
-        self.cancelling = max(self.cancelling - self.worker, 0)
-        return Answer(self.waiting + self.cancelling)
-
-
-def test_what_a_dead_campaign_asked_of_a_work_pool_is_canceled_and_waited_for(monkeypatch):
-    monkeypatch.setattr(orphans, "_POLL_S", 0.0)
-    shards = ShardsOf(130)
-    orphans._call_off(shards, RUN)
-    assert (shards.waiting, shards.cancelling, shards.parents) == (0, 0, {RUN})
+        else:
+            self.cancelling = max(self.cancelling - self.worker, 0)
+            content = self.waiting + self.cancelling
+        return SimpleNamespace(json=lambda: content)
 
 
 @pytest.mark.timeout(60)
-def test_workers_that_are_gone_too_are_not_waited_for(monkeypatch):
-    monkeypatch.setattr(orphans, "CALLED_OFF_S", 0.1)
-    shards = ShardsOf(10, worker=0)
+@pytest.mark.parametrize(("waiting", "worker", "wait_s", "left"), [(130, 60, 30.0, 0), (10, 0, 0.1, 10)])
+def test_shards_of_a_dead_campaign_are_canceled_and_waited_for(monkeypatch, waiting, worker, wait_s, left):
+    monkeypatch.setattr(orphans, "_POLL_S", 0.0)
+    monkeypatch.setattr(orphans, "CALLED_OFF_S", wait_s)
+    shards = ShardsOf(waiting, worker)
     orphans._call_off(shards, RUN)
-    assert (shards.waiting, shards.cancelling) == (0, 10)
+    assert (shards.waiting, shards.cancelling, shards.parents) == (0, left, {RUN})

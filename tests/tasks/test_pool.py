@@ -66,7 +66,7 @@ def test_job_gives_its_result(pool):
     assert pool.submit(Priority.EXECUTE, square, 7).result(120) == 49
 
 
-def test_what_a_job_raises_reaches_the_caller(pool):
+def test_exception_of_a_job_reaches_the_caller(pool):
     with pytest.raises(ZeroDivisionError, match="division"):
         pool.submit(Priority.EXECUTE, divmod, 1, 0).result(120)
 
@@ -101,13 +101,13 @@ def test_more_workers_pay_where_jobs_would_take_longer_than_a_process_to_start()
     assert pace.pays(5)
 
 
-def test_of_two_long_jobs_each_has_a_worker_in_the_end(pool, tmp_path, monkeypatch):
+def test_long_jobs_get_a_worker_each(pool, tmp_path, monkeypatch):
     monkeypatch.setattr(pool_module, "FIRST_ANSWER_S", 1.0)
     jobs = [pool.submit(Priority.EXECUTE, meet, tmp_path, each, other) for each, other in (("a", "b"), ("b", "a"))]
     assert [job.result(120) for job in jobs] == [True, True]
 
 
-def test_many_jobs_begin_with_all_workers(tmp_path, monkeypatch):
+def test_pool_starts_all_workers_for_many_jobs(tmp_path, monkeypatch):
     monkeypatch.setattr(pool_module, "FIRST_ANSWER_S", 1000.0)
     pool = Pool(2)
     try:
@@ -181,7 +181,7 @@ def test_workers_end_with_a_parent_that_is_killed(tmp_path):
     assert not any(map(_alive, workers))
 
 
-def test_what_a_worker_prints_goes_to_the_log(tmp_path):
+def test_output_of_a_worker_goes_to_the_log(tmp_path):
     log = tmp_path / "log"
     pool = Pool(1, log)
     try:

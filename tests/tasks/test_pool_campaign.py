@@ -187,7 +187,7 @@ def executed(tmp_path):
 
 
 def contents(directory):
-    """What a campaign directory has of runs and verdicts, byte for byte."""
+    """Runs and verdicts of a campaign directory, byte for byte."""
     found = {
         str(file.relative_to(directory)): file.read_bytes()
         for folder in ("recordings", "traces", "environments")
@@ -222,7 +222,7 @@ def test_poison_is_found_and_not_judged_and_the_others_are(api, worker, programs
     assert executed(tmp_path).count(0) <= 4  # in three tries of the whole shard, and alone
 
 
-def test_search_finds_on_a_pool_what_it_finds_here_and_its_batches_are_flow_runs(api, worker, tmp_path):
+def test_search_on_a_pool_equals_the_local_one(api, worker, tmp_path):
     (tmp_path / "wait.osc").write_text(WAIT_OSC)
     (tmp_path / "sought.vast").write_text(SEARCH)
     file, there = tmp_path / "sought.vast", {"results": tmp_path / "there", "store": tmp_path / "store-there"}

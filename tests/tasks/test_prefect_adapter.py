@@ -1,4 +1,4 @@
-"""What vastflow uses of Prefect beyond its documents is in one module, and is there in the release that is installed.
+"""Undocumented parts of Prefect are used in one module, and exist in the installed release.
 
 `python tests/proofs/prefect_versions.py` runs this with the oldest and the newest release allowed.
 """
@@ -28,7 +28,7 @@ UNDOCUMENTED = re.compile(
 )
 
 
-def test_no_other_module_touches_what_prefect_does_not_document():
+def test_undocumented_parts_of_prefect_are_used_in_one_module():
     modules = [file for folder in ("flows", "tasks", "deployments") for file in (ROOT / folder).rglob("*.py")]
     assert len(modules) > 100
     found = [
@@ -45,7 +45,7 @@ def test_application_of_the_api_is_where_uvicorn_is_sent():
     assert callable(getattr(__import__(module, fromlist=[name]), name))
 
 
-def test_every_setting_of_an_embedded_server_is_one_that_prefect_knows():
+def test_prefect_knows_every_setting_of_an_embedded_server():
     from prefect.settings import Settings
     from prefect.settings.legacy import _get_valid_setting_names
 
@@ -63,7 +63,7 @@ def client(started_api, tmp_path_factory):
 
 @pytest.mark.slow
 @pytest.mark.timeout(280)
-def test_every_route_answers(client):
+def test_routes_answer(client):
     assert adapter.post(client, "/task_runs/count", {}) == 0
     assert adapter.post(client, "/flow_runs/count", {}) == 0
     cancelled = {"flow_runs": {"id": {"any_": []}}, "state": {"type": "CANCELLED"}, "limit": 2}
@@ -71,7 +71,7 @@ def test_every_route_answers(client):
 
 
 @pytest.mark.timeout(280)
-def test_what_begins_under_exact_tags_has_no_others(client):
+def test_exact_tags_replace_others(client):
     from prefect import flow, tags
 
     @flow
@@ -126,12 +126,12 @@ def test_flows_schema_and_a_process_pools_template_can_be_had():
     assert {"job_configuration", "variables"} <= adapter.process_pool_template().keys()
 
 
-def test_without_a_database_of_the_users_its_address_is_prefects_own():
+def test_default_database_is_of_sqlite():
     assert (adapter.database_url() or "sqlite+aiosqlite:///").startswith("sqlite+aiosqlite:///")
 
 
 def said_in_a_terminal(script, home):
-    """What Python says there in a home that has seen no Prefect."""
+    """Output of Python in a terminal and a home without Prefect."""
     ours, theirs = pty.openpty()
     tracked = {
         name: value for name, value in os.environ.items() if name not in ("CI", "DO_NOT_TRACK", "GITHUB_ACTIONS")

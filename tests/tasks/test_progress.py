@@ -13,7 +13,7 @@ def tally():
     return made
 
 
-def test_what_is_expected_is_the_total():
+def test_expected_runs_are_the_total():
     progress = tally().progress()
     assert (progress.configurations_total, progress.runs_total) == (2, 4)
 
@@ -122,7 +122,7 @@ def test_observer_is_shown_the_first_and_the_last_state_from_one_thread():
     assert recorder.threads != {threading.get_ident()}
 
 
-def test_without_an_observer_nothing_is_shown():
+def test_reporter_works_without_an_observer():
     with Reporter(tally(), None):
         pass
 
@@ -131,7 +131,7 @@ def test_progress_is_a_value():
     assert Progress(phase="running") == Progress(phase="running")
 
 
-def test_runs_that_may_be_wanted_count_until_it_is_known_that_they_are_not():
+def test_possible_runs_count_until_they_are_ruled_out():
     counted = Tally()
     counted.expect({"a": 2, "b": 2})
     for configuration in "ab":

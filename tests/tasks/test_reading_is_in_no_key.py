@@ -1,4 +1,4 @@
-"""Keys follow meaning: what is read and checked is in them as values, and the code that reads and checks is not."""
+"""Keys hold the values that are read and checked, and not the code that reads and checks."""
 
 import ast
 import functools
@@ -67,7 +67,7 @@ def functions_of_reading(module):
                 yield f"{node.module}.{alias.name}"
 
 
-def test_what_computes_takes_values_from_what_reads_and_calls_nothing_else_there():
+def test_computing_code_calls_only_listed_functions_of_reading_code():
     entries = {entry for stage in STAGES.values() for entry in stage} | plug_ins()
     computing = installed_tree().code(*sorted(entries)).modules
     called = {name for module in computing for name in functions_of_reading(module)}
@@ -76,7 +76,7 @@ def test_what_computes_takes_values_from_what_reads_and_calls_nothing_else_there
 
 
 @each_row("stage", STAGES)
-def test_no_stage_has_code_that_reads_in_its_source(stage):
+def test_stages_have_no_reading_code_in_their_source(stage):
     code = installed_tree().code(*STAGES[stage])
     assert not [module for module in code.modules if any(below(module, package) for package in READING)]
     assert not code.data
@@ -84,7 +84,7 @@ def test_no_stage_has_code_that_reads_in_its_source(stage):
 
 @pytest.fixture(scope="module")
 def cache(tmp_path_factory):
-    """What was read of source, by its content: a copy is read where it differs."""
+    """A cache of parsed source by content: a copy is read where it differs."""
     return tmp_path_factory.mktemp("cache") / "source"
 
 
@@ -218,7 +218,7 @@ def test_controller_of_ones_own_its_helper_and_its_library_compute_again(tmp_pat
     assert len(set(digests)) == 4
 
 
-def test_shipped_scenario_and_its_copy_are_the_same_runs_where_lines_are_the_same(tmp_path):
+def test_copy_of_a_shipped_scenario_has_the_same_digest(tmp_path):
     source = next(iter(find_spec("vastflow.campaigns.scenarios").submodule_search_locations))
     copy = Path(shutil.copy(Path(source) / "navigate_to_pose.osc", tmp_path))
     assert checked_digest(driving(abstract_content(copy))) == checked_digest(driving())
@@ -235,7 +235,7 @@ def test_whole_seconds_are_the_same_with_a_point_and_without():
 
 
 @each_row("part", ["environment", "task"])
-def test_what_seeds_runs_computes_again_even_where_nothing_reads_it(part):
+def test_unread_value_that_seeds_runs_computes_again(part):
     other = {"environment": {"map_file": MAP}, "task": POSES, part: {**getattr(driving(), part), "_x": 1}}
     scenario = Scenario("builtin:navigate_to_pose", 20.0, other["environment"], other["task"], {})
     assert checked_digest(scenario) != checked_digest(driving())

@@ -1,4 +1,4 @@
-"""Nothing is stored that was computed by other source than its key is made of."""
+"""A process that imported other source than that of its keys stores no artifact."""
 
 import os
 import pickle
@@ -68,7 +68,7 @@ def worker(tmp_path, package):
         process.communicate()
 
 
-def test_nothing_is_stored_by_a_process_that_imported_what_was_edited_meanwhile(worker, package):
+def test_process_stores_nothing_after_importing_an_edited_file(worker, package):
     turn = worker("-", "vastflow.made_up.two", "-")
     assert turn() == "stored"
     said = turn(lambda: (package / "two.py").write_text("VALUE = 2\n"))
@@ -119,7 +119,7 @@ def test_process_that_is_older_than_what_writes_tables_and_pages_keeps_no_report
     source_files([package]).check_since_start([tmp_path])
 
 
-def test_what_writes_tables_and_pages_is_looked_at_when_they_are_kept():
+def test_writers_of_tables_and_pages_are_checked():
     assert {"results.py", "campaign_file.py", "report.html.j2"} <= {
         file.name for folder in written_by() for file in folder.rglob("*")
     }

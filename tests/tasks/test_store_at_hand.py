@@ -72,7 +72,7 @@ def test_campaign_on_s3_is_shown_and_exported_as_it_is_from_a_folder(
     assert files(tmp_path / "here") == files(tmp_path / "there") != {}
 
 
-def test_what_is_left_out_is_not_fetched(kept):
+def test_excluded_folders_are_not_fetched(kept):
     address = kept("s3://bucket/one", metadata_json=b"{}", recordings__a=b"1", logs__b=b"2", inputs__recordings=b"3")
     with at_hand(address, ("recordings",)) as folder:
         assert set(files(folder)) == {"metadata.json", "logs/b", "inputs/recordings"}

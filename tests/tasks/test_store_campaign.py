@@ -158,9 +158,7 @@ def ended_well(*processes):
     assert [process.returncode for process in processes] == [0] * len(processes), said
 
 
-def test_two_campaigns_at_once_on_one_s3_store_come_to_what_each_comes_to_alone(
-    tmp_path, s3, shared_s3, begun, digests
-):
+def test_concurrent_campaigns_on_one_s3_store_equal_single_ones(tmp_path, s3, shared_s3, begun, digests):
     # They have most runs in common, and cut them into other blocks: each meets what the other is just writing.
     (tmp_path / "steps.osc").write_text(STEPS_OSC)
     values, runs, workers = {"many": [1, 2, 3, 4], "long": [3, 4, 5]}, {"many": 6, "long": 9}, {"many": 1, "long": 2}

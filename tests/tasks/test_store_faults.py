@@ -59,7 +59,7 @@ class Pool:
 
 
 def campaign(store):
-    """What a session does of a campaign: complete and read, again if something is lost. Gives all files, and the jobs."""
+    """Complete and read a campaign as a session does; return all files and the number of jobs."""
     pool = Pool()
     index = Index(store, Keys("numeric", "e", "o", "j", 0, []))
     for _ in range(4):
@@ -106,7 +106,7 @@ def damage(files, rng):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["folder", "memory", "s3"])
-def test_every_fault_is_noticed_and_healed_and_nothing_damaged_is_served(kind, request, tmp_path, raw):
+def test_random_damage_is_noticed_and_healed(kind, request, tmp_path, raw):
     if kind == "folder":
         store = open_store(tmp_path / "store")
     else:

@@ -110,9 +110,7 @@ def test_error_is_an_answer(capsys):
     assert "Traceback" in capsys.readouterr().err
 
 
-def test_scenario_that_can_not_work_says_why_without_a_traceback_and_nothing_is_stored_of_it(
-    store, monkeypatch, capsys
-):
+def test_impossible_scenario_has_no_traceback_and_stores_nothing(store, monkeypatch, capsys):
     def execute(scenario, run_index, seed=0):
         raise ScenarioError("the robot was never given a goal")
 
