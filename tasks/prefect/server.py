@@ -171,7 +171,7 @@ def is_embedded() -> bool:
 
 
 def drain(flow_run_id: str, task_runs: int, timeout_s: float = DRAIN_S) -> bool:
-    """Wait until the server has recorded a flow run's task runs in a final state; log and return False if not."""
+    """Wait until the server has recorded the ended task runs of a flow run; log and return False if not."""
     try:
         return _drained(flow_run_id, task_runs, timeout_s)
     except Exception as error:  # noqa: BLE001 - the work is done, whatever becomes of Prefect's account of it
