@@ -12,8 +12,7 @@ from vastflow.flows.request.campaign_file import OpenCampaign, open_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.request.configurations import Selection, distinct_configurations, narrowed
 from vastflow.flows.run.computing import computing, told
-from vastflow.flows.stages.configurations import Configurations
-from vastflow.flows.stages.values import Recordings, Traces, Verdicts
+from vastflow.flows.stages.values import Configurations, Recordings, Traces, Verdicts
 from vastflow.oracles.judgement.oracle import Oracle, OracleError, oracle_of, oracles_of
 from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.tasks.engine.engine import Rows, RunFault

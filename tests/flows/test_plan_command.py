@@ -10,8 +10,8 @@ import pytest
 from command_line import called, refused
 from PIL import Image
 
-from vastflow.flows.plan.estimate import MEAN_SPEED_MPS, TIMES_REAL_TIME, Estimate, estimate_of, route_m
 from vastflow.flows.plan.pictures import plan_view_of
+from vastflow.flows.plan.plan import MEAN_SPEED_MPS, TIMES_REAL_TIME, Estimate, estimate_of, route_m
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
 
