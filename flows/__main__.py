@@ -88,7 +88,7 @@ def _options(
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and exit.")
     ] = False,
 ) -> None:
-    """What `vastflow` itself takes, without a command."""
+    """Options of `vastflow` without a command."""
 
 
 for command in (init, validate, plan, run, show, replay, compare, minimize, export, params, deploy):

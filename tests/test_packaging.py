@@ -302,9 +302,7 @@ TESTED = "tested with .venv/bin/pytest"
     ],
     ids=["all", "newest", "quick tests", "checks", "slow tests", "no command", "two commands"],
 )
-def test_ci_runs_the_readme_s_line_then_checks_then_slow_tests_up_to_a_failure(
-    checkout, readme, options, check, code, passed, message
-):
+def test_ci_runs_the_readme_line_then_checks_then_slow_tests(checkout, readme, options, check, code, passed, message):
     done = checkout(readme, *options, check=check)
     assert (done.returncode, [line for line in done.stdout.splitlines() if not line.startswith("+ ")]) == (code, passed)
     assert message in done.stderr

@@ -140,7 +140,7 @@ def gc(
 
 
 def _counted(holdings: "Sequence[Holding]", now_s: float) -> dict[str, Any]:
-    """What `--json` says of artifacts: whole ones by stage; ages in days."""
+    """Return counts of whole artifacts by stage, with ages in days, as `--json` prints them."""
     from vastflow.tasks.store.store import STAGES
 
     whole = [holding for holding in holdings if holding.whole]

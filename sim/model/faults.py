@@ -1,4 +1,4 @@
-"""Faults: what is wrong in a file, or worth knowing of it, with its place; and the errors that a user can mend."""
+"""Faults and notes of files, each with its place, and the errors that a user can mend."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -65,7 +65,7 @@ def parted(message: str) -> tuple[str, str]:
 
 
 class UserError(Exception):
-    """A mistake in a file, an option or an argument, or of the machine; says where, what was found and what would be right."""
+    """A mistake that a user can mend: its place, the problem, and what was expected."""
 
 
 class FileError(UserError, ValueError):

@@ -1,4 +1,4 @@
-"""What Prefect's pages are told of a campaign, without an API: the requests are caught."""
+"""Prefect's pages of a campaign; requests to the API are intercepted."""
 
 import json
 import logging

@@ -136,7 +136,7 @@ def again(place, first, tmp_path, monkeypatch):
 
 @pytest.fixture
 def counted(place, first):
-    """Gives what has been added to the store since the test began: runs in run logs, and artifacts of a stage."""
+    """Yield counters of runs and artifacts added to the store since the test began."""
     before = count(place / "store")
     return lambda: {stage: number - before[stage] for stage, number in count(place / "store").items()}
 
@@ -180,7 +180,7 @@ def test_first_run_executes_everything(first):
     assert first.faults == ()
 
 
-def test_every_task_run_is_recorded_in_a_final_state_under_a_readable_name(place, first):
+def test_task_runs_are_recorded_in_a_final_state_under_a_readable_name(place, first):
     expected = {f"{stage} {k} of room" for stage in ("execute", "observe", "judge") for k in range(1, 5)}
     expected |= {"instantiate room by Task", "instantiate room by ParameterVariationList"}
     flow_run = "(select id from flow_run order by start_time limit 1)"
@@ -231,7 +231,7 @@ def test_same_bytes_come_from_the_store(first, again):
 
 
 @pytest.mark.slow
-def test_one_worker_records_the_same_bytes_as_two(place, first, tmp_path):
+def test_worker_alone_records_the_same_bytes_as_two(place, first, tmp_path):
     alone = run_campaign(place / "tiny.vast", results=tmp_path / "results", store=tmp_path / "store", workers=1)
     assert alone.summary.executed == CONFIGURATIONS * RUNS
     assert recordings(alone) == recordings(first)
@@ -354,7 +354,7 @@ def test_interrupted_campaign_ends_early_and_goes_on_where_it_was(place, first, 
     assert found.summary.executed + found.summary.reused == 60 * CONFIGURATIONS
 
 
-def test_only_a_named_configuration_is_run(again):
+def test_campaign_runs_only_a_named_configuration(again):
     found = again(only="room-2-1", runs=RUNS)
     assert (found.summary.configurations, found.summary.runs) == (1, RUNS)
 
@@ -367,7 +367,7 @@ def test_unknown_name_is_a_users_mistake(again):
 NAME = "  - name: room\n"
 
 
-def test_what_a_constraint_excludes_is_not_run_and_is_counted(again, no_prefect):
+def test_constraint_excludes_configurations_and_counts_them(again, no_prefect):
     found = again(("tiny.vast", NAME, NAME + "    constraints: {far: straight_distance > 0.7}\n"))
     assert (found.summary.configurations, found.summary.excluded_by) == (2, {"room": {"far": 1}})
     assert json.loads((found.directory / "coverage.json").read_text())["excluded_by"] == {"far": 1}
@@ -382,7 +382,7 @@ def test_constraints_that_leave_nothing_once_producers_have_run_are_a_users_mist
         again(*edits)
 
 
-def test_no_task_run_of_a_campaign_that_ended_is_left_open(place, first):
+def test_ended_campaign_leaves_no_task_run_open(place, first):
     ended = "select id from flow_run where state_name = 'Completed'"
     final = "('COMPLETED', 'FAILED', 'CRASHED', 'CANCELLED')"
     assert rows(place, f"select name from task_run where flow_run_id in ({ended}) and state_type not in {final}") == []

@@ -1,4 +1,4 @@
-"""A campaign with a controller of its author's: kept with its inputs, packed for workers elsewhere, warned of what is in no key."""
+"""A campaign with a plug-in controller: its copy, its bundle, and warnings of inputs outside the key."""
 
 import re
 import shutil
@@ -95,7 +95,7 @@ def test_workers_elsewhere_get_it_as_it_was_read(campaign_file, tmp_path):
     ]
 
 
-def test_what_it_takes_from_the_environment_is_warned_of(campaign_file):
+def test_controller_that_reads_the_environment_is_warned_of(campaign_file):
     plug_in = next(campaign_file.parent.parent.rglob("my_pursuit.py"))
     plug_in.write_text(plug_in.read_text() + "\nimport os\nSPEED = os.getenv('SPEED')\n")
     campaign, _ = read_campaign(campaign_file)

@@ -1,4 +1,4 @@
-"""A report that is current: the same command again is answered with the directory that is there, and anything else is made anew."""
+"""Current reports: a repeated command names the existing directory, any change makes a new one."""
 
 import json
 import os
@@ -56,7 +56,7 @@ def test_directory_that_was_moved_or_got_a_file_more_stays_current(sealed, tmp_p
     assert newest_sealed(moved.parent, "a") == moved
 
 
-def test_only_the_newest_directory_of_that_name_is_current(sealed):
+def test_current_directory_is_the_newest_of_its_name(sealed):
     (sealed.parent / "a-b-2027-01-31-120000").mkdir()
     assert newest_sealed(sealed.parent, "a") == sealed
     (sealed.parent / "a-2026-01-31-120000-2").mkdir()

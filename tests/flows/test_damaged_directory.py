@@ -108,7 +108,7 @@ OTHER_METADATA = {
 
 
 @pytest.mark.parametrize(("place", "steps", "value"), [(name, *each) for name, each in OTHER_METADATA.items()])
-def test_metadata_with_a_value_of_another_kind_is_no_past_and_the_place_is_named(directory, place, steps, value):
+def test_past_rejects_metadata_of_another_kind_with_its_place(directory, place, steps, value):
     file = directory / "metadata.json"
     metadata = json.loads(file.read_text())
     *above, last = steps
@@ -136,7 +136,7 @@ OTHER_ROWS = {
 
 
 @pytest.mark.parametrize(("column", "value"), OTHER_ROWS.items(), ids=OTHER_ROWS)
-def test_rows_with_a_value_of_another_kind_are_no_past_and_the_place_is_named(directory, column, value):
+def test_past_rejects_rows_of_another_kind_with_their_place(directory, column, value):
     rewrite(directory / "configurations.parquet", column, value)
     with pytest.raises(UnusableDirectory, match=rf"damaged campaign directory: configurations\.parquet: 0\.{column}"):
         past_of(directory)

@@ -22,7 +22,7 @@ def test_name_is_the_campaigns_and_the_time_it_started(tmp_path):
     assert (directory.final / "a").read_text() == "x"
 
 
-def test_two_that_start_in_one_second_get_two_directories(tmp_path):
+def test_campaigns_that_start_in_one_second_get_two_directories(tmp_path):
     with new_directory(tmp_path, "c", CREATED) as first, new_directory(tmp_path, "c", CREATED) as second:
         pass
     with new_directory(tmp_path, "c", CREATED) as third:
@@ -36,7 +36,7 @@ def test_two_that_start_in_one_second_get_two_directories(tmp_path):
 
 
 @each_row("error", [RuntimeError, KeyboardInterrupt])
-def test_what_is_interrupted_leaves_nothing(tmp_path, error):
+def test_interrupted_directory_leaves_nothing(tmp_path, error):
     with pytest.raises(error), new_directory(tmp_path, "c", CREATED) as directory:
         (directory.partial / "a").write_text("x")
         raise error
@@ -44,7 +44,7 @@ def test_what_is_interrupted_leaves_nothing(tmp_path, error):
 
 
 @each_row("code", [errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO])
-def test_disk_that_is_full_or_broken_is_told_with_what_helps_and_leaves_no_half_directory(tmp_path, code):
+def test_full_or_broken_disk_is_reported_and_leaves_no_half_directory(tmp_path, code):
     words = rf"results: can't write to '{tmp_path}' \({os.strerror(code)}\); make room there or .*--results; what was computed"
     with pytest.raises(UserError, match=words), new_directory(tmp_path, "c", CREATED) as directory:
         (directory.partial / "runs.parquet").write_text("x")
@@ -53,7 +53,7 @@ def test_disk_that_is_full_or_broken_is_told_with_what_helps_and_leaves_no_half_
 
 
 @each_row("error", [StoreError("store: can't read"), FileNotFoundError(errno.ENOENT, "x"), OSError("y")])
-def test_what_is_not_the_disks_fault_stays_what_it_is(tmp_path, error):
+def test_errors_other_than_the_disks_are_raised_unchanged(tmp_path, error):
     with pytest.raises(type(error)) as raised, new_directory(tmp_path, "c", CREATED):
         raise error
     assert raised.value is error

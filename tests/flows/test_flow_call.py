@@ -1,4 +1,4 @@
-"""A flow whose API of Prefect's fails it: begun again where the API is embedded, told where it is the user's."""
+"""A flow whose Prefect API fails: restarted if embedded, reported if it is the user's."""
 
 import pickle
 
@@ -86,7 +86,7 @@ def test_flow_is_begun_again_at_an_embedded_api_only(made, monkeypatch, failures
     assert (said, flow.begun) == (words and words.format(log=made._log), begun)
 
 
-def test_with_a_server_configured_none_is_started_beside_it(tmp_path, monkeypatch):
+def test_configured_server_starts_no_other(tmp_path, monkeypatch):
     import_prefect()  # else it would take the variable for the settings of all tests that follow
 
     def refused(log):
@@ -100,7 +100,7 @@ def test_with_a_server_configured_none_is_started_beside_it(tmp_path, monkeypatc
     FlowCall(Engine(index, Pool(1), tally, pickle.dumps(())), tally, tmp_path / "log").run(Flow(0))
 
 
-def test_flow_that_had_done_all_when_its_api_failed_is_not_begun_again_and_that_is_told(made):
+def test_finished_flow_is_not_restarted_when_its_api_fails(made):
     flow = Flow(FLOWS)
     made.run(flow, done=lambda: True)
     assert flow.begun == 1

@@ -57,7 +57,7 @@ def test_success_by_factor_is_two_lines(tmp_path):
     assert runs.groupby("noise")["passed"].mean().to_dict() == {0.0: 1.0, 0.4: 0.5}
 
 
-def test_each_run_is_a_row_with_what_varied_what_happened_and_what_was_said(tmp_path):
+def test_frame_has_a_row_per_run_with_factors_outcome_and_verdicts(tmp_path):
     runs = frame(write(tmp_path, {"a": ("f", {"noise": 0.4, "map": "rooms"}, "pf")}))
     row = runs.iloc[1].to_dict()
     assert (row["configuration"], row["family"], row["run_index"], row["noise"], row["map"]) == (
@@ -71,7 +71,7 @@ def test_each_run_is_a_row_with_what_varied_what_happened_and_what_was_said(tmp_
     assert (row["passed"], row["passed.success"], row["passed.safety"]) == (False, True, False)
 
 
-def test_what_was_not_judged_is_missing_and_in_no_mean(tmp_path):
+def test_frame_leaves_out_runs_that_were_not_judged(tmp_path):
     runs = frame(write(tmp_path, {"a": ("f", {}, "pn")}))
     assert runs["passed"].isna().tolist() == [False, True]
     assert runs["passed"].mean() == 1.0
@@ -91,7 +91,7 @@ def test_factor_that_is_named_like_another_column_says_that_it_is_a_factor(tmp_p
     assert runs["factor.outcome"].tolist() == [2.0] and runs["outcome"].tolist() == ["reached"]
 
 
-def test_factor_of_numbers_here_and_texts_there_is_text_and_missing_where_a_family_lacks_it(tmp_path):
+def test_factor_of_numbers_and_texts_is_text_and_missing_where_absent(tmp_path):
     families = {"a": ("f", {"speed": 0.5}, "p"), "b": ("g", {"speed": "fast"}, "p"), "c": ("h", {}, "p")}
     runs = frame(write(tmp_path, families))
     assert runs["speed"].tolist()[:2] == ["0.5", "fast"]
@@ -129,6 +129,6 @@ def test_name_that_is_taken_twice_over_still_has_a_column_of_its_own(tmp_path):
     assert runs["passed"].tolist() == [True]
 
 
-def test_what_is_no_campaign_directory_is_refused(tmp_path):
+def test_folder_that_is_no_campaign_directory_is_refused(tmp_path):
     with pytest.raises(OSError, match="configurations"):
         frame(tmp_path)

@@ -52,7 +52,7 @@ def test_mutant_is_accepted_or_refused_with_its_file(fuzz, folder, monkeypatch, 
     assert min(count.accepted, count.refused) > 0  # neither are all refused nor is all accepted
 
 
-def test_what_is_neither_accepted_nor_refused_is_found(fuzz, folder):
+def test_fuzz_finds_files_neither_accepted_nor_refused(fuzz, folder):
     def read(file):
         raise (KeyError, MemoryError, SystemExit)[file.stat().st_size % 3]("key")
 

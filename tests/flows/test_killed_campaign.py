@@ -54,11 +54,11 @@ def lab(killed, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def alone(killed, lab):
-    """What the campaign comes to when nothing happens to it, and when each of its processes was there."""
+    """The campaign's results without a kill, and the times at which each process exists."""
     return killed.undisturbed(lab, twice=False)
 
 
-def test_proof_runs_its_copy_of_the_code_so_that_an_edit_of_the_checkout_changes_nothing(killed, tmp_path):
+def test_proof_runs_its_own_copy_of_the_code(killed, tmp_path):
     lab = killed.Lab.made(tmp_path)
     packages = ("", ".deployments", ".flows", ".oracles", ".producers", ".sim", ".tasks")
     names = [f"vastflow{name}" for name in packages]
@@ -70,7 +70,7 @@ def test_proof_runs_its_copy_of_the_code_so_that_an_edit_of_the_checkout_changes
 
 
 @pytest.mark.parametrize("victim", ["flow", "worker", "server"])
-def test_process_that_is_killed_at_a_random_time_costs_nothing_but_what_was_in_flight(killed, lab, alone, victim):
+def test_killed_process_costs_only_what_was_in_flight(killed, lab, alone, victim):
     whole, there = alone
     (point,) = killed.points(SEED, 1, [("embedded", victim)], {"embedded": there})
     killed.killed(lab, point, random.Random(f"{SEED} {victim}"), whole, api=None)
@@ -102,7 +102,7 @@ def test_flow_run_whose_process_was_killed_before_its_first_line_has_crashed_too
 
 
 @more
-def test_flow_run_whose_process_was_killed_has_crashed_once_the_campaign_is_run_again(killed, lab, alone, api):
+def test_killed_flow_run_is_marked_as_crashed_by_the_next_run(killed, lab, alone, api):
     place = killed.Place(lab, "configured", api=str(api.api_url))
     before = states(api)
     life = place.begin()
@@ -116,7 +116,7 @@ def test_flow_run_whose_process_was_killed_has_crashed_once_the_campaign_is_run_
     assert killed.differing(alone[0].files, killed.digests(directory)) == ""
 
 
-def test_with_nothing_missing_a_configured_server_is_asked_nothing(killed, lab, alone):
+def test_complete_campaign_asks_a_configured_server_nothing(killed, lab, alone):
     with socket.create_server(("127.0.0.1", 0)) as listener:
         place = killed.Place(lab, "asked", api=f"http://127.0.0.1:{listener.getsockname()[1]}/api")
         shutil.copytree(lab.folder / "first" / "store", place.store)
@@ -128,7 +128,7 @@ def test_with_nothing_missing_a_configured_server_is_asked_nothing(killed, lab, 
             listener.accept()
 
 
-def test_server_that_is_not_there_is_told_in_a_sentence_with_how_to_go_on(killed, lab, alone):
+def test_missing_server_is_reported_in_one_sentence(killed, lab, alone):
     place = killed.Place(lab, "nowhere", api="http://127.0.0.1:9/api")
     life = place.begin()
     assert life.end(60) == 3
@@ -146,7 +146,7 @@ OTHER = """\
 execution:"""
 
 
-def test_two_campaigns_at_once_on_one_store_come_to_what_each_comes_to_alone(killed, lab, alone):
+def test_campaigns_at_once_on_one_store_have_the_results_of_each_alone(killed, lab, alone):
     text = lab.campaign.read_text()
     other = lab.folder / "other.vast"
     other.write_text(text.replace("execution:", OTHER).replace("name: killed", "name: other"))

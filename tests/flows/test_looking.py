@@ -47,7 +47,7 @@ COMMANDS = (["validate"], ["plan"], ["plan", "--why", "--coverage"])
 
 @pytest.fixture
 def looked(tmp_path, monkeypatch):
-    """What a command prints that looks at a campaign, its exit code, and whether anything of the campaign had an effect."""
+    """Return the output and exit code of a command, and whether anything of the campaign had an effect."""
     folder, mark = tmp_path / "campaign", tmp_path / "mark"
     folder.mkdir()
     monkeypatch.chdir(tmp_path)
@@ -71,7 +71,7 @@ def looked(tmp_path, monkeypatch):
 
 
 @each_row("command", COMMANDS)
-def test_no_script_program_notebook_or_step_is_executed(looked, command):
+def test_looking_executes_no_script_program_notebook_or_step(looked, command):
     code, said, is_marked = looked(command)
     assert (code, is_marked) == (0, False), said
 

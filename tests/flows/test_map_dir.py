@@ -26,7 +26,7 @@ def apart(small_room, tmp_path, monkeypatch):
     return small_room, maps.parent
 
 
-def test_file_whose_maps_lie_elsewhere_is_valid_with_the_folder_and_names_the_option_without(apart):
+def test_file_with_maps_elsewhere_needs_the_option(apart):
     file, maps = apart
     assert called("validate", file, "--map-dir", maps).exit_code == 0
     without = called("validate", file)

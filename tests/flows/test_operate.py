@@ -30,13 +30,13 @@ def test_page_has_automations():
     assert len(AUTOMATIONS) == 2
 
 
-def test_every_setting_of_the_page_is_one_that_prefect_knows():
+def test_settings_of_the_page_are_known_to_prefect():
     named = set(re.findall(r"PREFECT_[A-Z_]+[A-Z]", PAGE))
     assert named - _get_valid_setting_names(Settings) == set()
     assert len(named) > 8
 
 
-def test_every_command_of_the_page_is_there():
+def test_commands_of_the_page_exist():
     group = get_command(app)
     named = set(re.findall(r"`vastflow ((?:store |bench )?[a-z]+)\b", PAGE))
     named |= set(re.findall(r"^vastflow ((?:store )?[a-z]+)", PAGE, re.MULTILINE))

@@ -182,7 +182,7 @@ def test_before_the_first_run_everything_would_be_computed_and_nothing_is_writte
 
 
 @pytest.mark.slow
-def test_with_nothing_changed_nothing_would_be_computed(again, first, monkeypatch):
+def test_plan_computes_nothing_if_nothing_changed(again, first, monkeypatch):
     before = files(again.folder)
     found = again.dry()
     assert computed(found) == dict.fromkeys(STAGES, 0)
@@ -314,7 +314,7 @@ def selection(past, metadata):
 
 
 def checked(past, metadata):
-    """As if another version had read the same scenarios."""
+    """Change the version that read the scenarios."""
     table = pq.read_table(past / "configurations.parquet")
     then = pa.array([f"{k:064}" for k in range(table.num_rows)])
     column = table.column_names.index("checked_digest")
@@ -342,7 +342,7 @@ def test_plan_tells_what_differed_in_the_campaign_before(again, first, tmp_path,
 
 
 @pytest.mark.slow
-def test_what_the_store_lost_is_named_and_stays_as_it_is(again, first):
+def test_plan_names_lost_artifacts_and_leaves_the_store_alone(again, first):
     recordings = sorted(again.store.glob("execute/*/*"))
     shutil.rmtree(recordings[0])
     manifest = next((recordings[1]).glob("*/manifest"))

@@ -50,7 +50,7 @@ configuration:
 
 @pytest.fixture
 def rich_room(small_room):
-    """The small room with a path that can be and one that cannot, a duplicate and a configuration that is excluded."""
+    """The small room with a feasible and an infeasible path, a duplicate, and an excluded configuration."""
     lines = small_room.read_text().splitlines(keepends=True)
     first, last = lines.index("      - start_pose: {x: 1.0, y: 1.0, yaw: 0.0}\n"), lines.index("execution:\n")
     small_room.write_text("".join([*lines[:first], PATHS, *lines[last:]]))

@@ -34,7 +34,7 @@ def configuration(k):
 
 
 def compute(store, each, start=0, stop=RUNS):
-    """What a worker leaves in the store of a configuration."""
+    """Write what a worker stores of a configuration."""
     index = Index(store, KEYS)
     home = KEYS.recordings(each.checked)
     info = {"runs": [[run, 2.0] for run in range(start, stop)]}
@@ -46,7 +46,7 @@ def compute(store, each, start=0, stop=RUNS):
 
 
 class Workers:
-    """Workers that do with a shard what `act` says: it is given its configurations and gives the state that it ends in."""
+    """Workers that call `act` with a shard's configurations and report the state that it returns."""
 
     numbers = itertools.count()
 
@@ -207,7 +207,7 @@ def test_configuration_that_kills_its_worker_ends_alone_and_the_others_are_compu
         ({"hall-1", "hall-12", "hall-20", "hall-32"}, 32, WorkPool("lab", shards=4)),
     ],
 )
-def test_every_poison_is_found(drive, poison, count, pool):
+def test_poison_configurations_are_found(drive, poison, count, pool):
     many = [replace(configuration(k), name=f"hall-{k}", scenario=salted(k, count)) for k in range(1, count + 1)]
     progress, faults, _, error = drive(dies_of(poison), many, pool)
     assert error is None and {fault.configuration for fault in faults} == poison
@@ -266,7 +266,7 @@ def test_configuration_whose_fault_was_forgotten_and_that_breaks_again_has_a_fau
     assert engine.broken == {"hall-1"}
 
 
-def test_flow_run_without_a_sign_of_life_is_given_up_and_its_shard_tried_again(drive, configurations):
+def test_silent_flow_run_is_given_up_and_its_shard_retried(drive, configurations):
     act = once(Seen("running", "Running", "", ""))
     progress, faults, workers, _ = drive(act, configurations, silent_s=0.05, poll_s=0.01)
     assert [why for _, why in workers.given_up] == ["no sign of life for 0 s: its worker is gone"]
@@ -304,7 +304,7 @@ def test_cancelled_shard_is_not_judged_and_the_others_are(drive, configurations)
     assert progress.passed == RUNS * (60 - len(faults)) > 0
 
 
-def test_nothing_taken_is_said_once_with_the_command_that_starts_a_worker(drive, configurations):
+def test_idle_pool_is_reported_once_with_the_command_for_a_worker(drive, configurations):
     looks = itertools.count()
 
     def act(workers, flow_run, some):
@@ -365,7 +365,7 @@ def test_flow_run_that_somebody_deleted_is_tried_again(drive, configurations):
         (24, 120, 99, 24),
     ],
 )
-def test_there_are_as_many_shards_as_the_work_is_worth(configurations, runs, most, count):
+def test_shards_are_as_many_as_the_work_is_worth(configurations, runs, most, count):
     assert shard_count(WorkPool("lab", shards=most), configurations, runs) == count
 
 
@@ -392,7 +392,7 @@ def test_report_tells_each_configuration_once_and_its_end(driver_of, configurati
     assert [(part.faults, part.last) for part in (first, last)] == [((), False), ((fault,), True)]
 
 
-def test_what_a_flow_run_told_to_its_end_is_believed_and_the_store_is_not_listed(drive, configurations, monkeypatch):
+def test_state_of_an_ended_flow_run_needs_no_listing_of_the_store(drive, configurations, monkeypatch):
     refreshes = []
     monkeypatch.setattr(Store, "refresh", lambda store: refreshes.append(1))
 
@@ -429,7 +429,7 @@ def test_configurations_are_counted_while_their_shard_is_under_way(drive, config
     assert passed == [0, 2, 4, 6]
 
 
-def test_flow_run_that_was_taken_and_never_begun_is_given_up_only_where_nothing_queues(drive, configurations):
+def test_flow_run_that_never_began_is_given_up_unless_it_queues(drive, configurations):
     pending = Seen("taken", "Pending", "", "")
     act = once(pending)
     progress, _, workers, _ = drive(act, configurations, taken_s=0.05, poll_s=0.01)

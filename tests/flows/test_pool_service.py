@@ -98,7 +98,7 @@ def service(client, monkeypatch, say=lambda line: None, ended=lambda: False, **a
     )
 
 
-def test_shard_is_asked_for_by_name_tags_bundle_and_what_the_campaign_wants_of_its_container(monkeypatch):
+def test_shard_is_requested_with_name_tags_bundle_and_container(monkeypatch):
     client = Client("kubernetes")
     assert service(client, monkeypatch, workers=3).submit("bundle/ab/abc", "12–15 of hall") == str(RUNS["a"])
     (asked,) = client.created
@@ -153,7 +153,7 @@ def test_shards_are_cancelled_fifty_a_request(monkeypatch):
     assert sizes == [50, 50, 20]
 
 
-def test_server_that_stays_away_is_said_at_once_and_then_given_up_and_named(monkeypatch):
+def test_absent_server_is_reported_at_once_and_given_up_later(monkeypatch):
     client, said = Client(), []
     found = service(client, monkeypatch, say=said.append)
     client.away = [httpx.ConnectError("refused")] * 1000
@@ -198,7 +198,7 @@ def test_pool_that_is_missing_or_of_another_kind_is_refused(kind, name, words):
         pool_type(Asking(Client(kind), print), name)
 
 
-def test_what_was_cancelled_as_it_ended_by_itself_is_ended_by_the_next_campaign(monkeypatch):
+def test_flow_run_cancelled_at_its_end_is_ended_by_the_next_campaign(monkeypatch):
     client, now = Client(), datetime.now(UTC)
     ages_s = {"a": 5.0, "b": 3600.0}
     client.cancelling = [

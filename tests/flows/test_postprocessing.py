@@ -128,7 +128,7 @@ def campaign(small_room, tmp_path):
     return Campaign(small_room, tmp_path / "results")
 
 
-def test_plug_in_works_on_a_copy_and_what_it_writes_lies_below_one_folder(campaign):
+def test_plug_in_works_on_a_copy_and_writes_below_one_folder(campaign):
     beside = contents(campaign.file.parent, campaign.file.name)
     (step,), results = campaign.after([{"measure/plug.py:Lengths": {"suffix": ".len"}}])
     assert (step["outcome"], step["message"], results.faults) == ("done", "measured 4 runs", ())
@@ -183,7 +183,7 @@ def test_steps_that_recordings_satisfy_run_nothing_and_say_what_there_is(campaig
     assert "poses.csv" in rows[1]["message"] and results.faults == ()
 
 
-def test_same_steps_over_the_same_results_are_not_run_again_and_edited_ones_are(campaign):
+def test_steps_run_again_only_if_edited(campaign):
     steps = ["measure/plug.py:Lengths", {"command": {"script": "count.sh"}}]
     counter = campaign.root.parent / "count"
     (campaign.file.parent / "count.sh").write_text(f"#!/bin/sh\necho run >> {counter}\ncp {counter} .\n")

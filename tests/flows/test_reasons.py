@@ -1,4 +1,4 @@
-"""What differs between then and now, in words."""
+"""Differences between two campaigns, in words."""
 
 import json
 
@@ -32,5 +32,5 @@ def test_obstacles_are_compared_one_by_one_and_named_by_their_key():
         ({"n": 1}, {"n": 1.0}, "n from 1 to 1.0"),
     ],
 )
-def test_what_differs_is_said_in_words(then, now, words):
+def test_differences_are_put_in_words(then, now, words):
     assert changes_text(then, now) == words

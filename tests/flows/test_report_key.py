@@ -32,7 +32,7 @@ REJECTED = RejectedInstance("room", "room", "PathVariationRandom", "no path", {"
 
 @pytest.fixture
 def asked(small_room):
-    """What a report of the small room is made of."""
+    """Inputs of a report of the small room."""
     campaign, oracles = read_campaign(small_room)
     return {
         "keys": KEYS,
@@ -99,7 +99,7 @@ CHANGES = {
 }
 
 
-def test_each_change_of_what_a_report_shows_gives_another_key(asked):
+def test_report_key_changes_with_everything_shown(asked):
     keys = {"nothing": report_key(**asked)} | {
         what: report_key(**{**asked, **change(asked)}) for what, change in CHANGES.items()
     }
@@ -114,7 +114,7 @@ def test_facts_of_a_call_are_in_no_key(asked, facts):
     assert report_key(**{**asked, "metadata": {**METADATA, **facts}}) == report_key(**asked)
 
 
-def test_what_an_oracle_says_of_itself_is_in_the_key_though_it_is_in_no_digest_of_code(asked, monkeypatch):
+def test_report_key_holds_an_oracles_description(asked, monkeypatch):
     before = report_key(**asked)
     monkeypatch.setattr(type(asked["oracles"][0]), "__doc__", "Another sentence.")
     assert report_key(**asked) != before

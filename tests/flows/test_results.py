@@ -92,7 +92,7 @@ def test_traces_of_runs_that_met_other_classes_of_obstacles_become_one_block():
     assert second["separation_mm/box"].tolist() == near.tolist()
 
 
-def test_every_run_has_a_verdict_of_every_oracle_and_what_broke_says_why():
+def test_runs_have_a_verdict_of_every_oracle_and_faults_a_reason():
     result = ConfigurationResult(
         verdicts=[Verdict("safety", 0, "pass"), Verdict("success", 0, "pass"), Verdict("success", 9, "fail")],
         faults=[RunFault("room-1", 1, "execute", "MemoryError: 3 GB")],
@@ -132,7 +132,7 @@ def test_directory_is_complete_when_the_campaigns_files_are_gone(small_room, tmp
     assert rows == [(name, k, 1) for name in ("room-1", "room-2") for k in (0, 1)]
 
 
-def test_what_was_asked_is_kept_as_it_was_when_the_campaign_was_read(small_room, tmp_path):
+def test_request_is_recorded_as_the_campaign_was_read(small_room, tmp_path):
     before = small_room.read_bytes()
 
     def edited_meanwhile(configuration):
@@ -156,7 +156,7 @@ def test_summary_counts_runs_and_each_oracles_verdicts(small_room, tmp_path):
     assert summary.oracles == {"success": Counts(2, 2, 0)}
 
 
-def test_what_was_said_of_a_run_may_hold_what_no_text_file_can(small_room, tmp_path):
+def test_reasons_may_hold_what_no_text_file_can(small_room, tmp_path):
     said = "no file a\udcff.csv"
     fault = RunFault("room-2", None, "judge", said)
 
@@ -231,7 +231,7 @@ def test_interrupt_leaves_no_directory(small_room, tmp_path):
     assert list((tmp_path / "results").iterdir()) == []
 
 
-def test_two_directories_of_the_same_runs_hold_the_same_bytes(small_room, tmp_path):
+def test_directories_of_the_same_runs_hold_the_same_bytes(small_room, tmp_path):
     one = written(small_room, tmp_path / "one", whole).directory
     other = written(
         small_room,

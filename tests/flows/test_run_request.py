@@ -20,7 +20,7 @@ def test_request_goes_through_json_unchanged(tmp_path):
     assert (request.only, request.pool, request.shards) == (("hall",), "lab", 4)
 
 
-def test_every_field_says_what_it_is():
+def test_fields_have_a_description():
     assert [name for name, about in RunRequest.model_fields.items() if not about.description] == []
 
 

@@ -48,7 +48,7 @@ def test_larger_sample_contains_a_smaller_one(one, other, seed):
 
 
 @given(st.integers(1, 100), st.integers(0, 3))
-def test_each_family_has_its_share_to_within_one(size, seed):
+def test_sample_has_each_family_in_proportion(size, seed):
     shares = Counter(each.family for each in sampled(LARGE, size, seed).configurations)
     for family, of in (("a", 60), ("b", 30), ("c", 10)):
         assert abs(shares[family] - size * of / 100) <= 1
@@ -56,7 +56,7 @@ def test_each_family_has_its_share_to_within_one(size, seed):
 
 @each_row(("size", "seats"), [(12, {"a": 12}), (13, {"a": 12, "b": 1}), (38, {"a": 36, "b": 2})])
 def test_shares_are_rounded_by_websters_method(size, seats):
-    """The first of the small family has the place 0.5 / 4: behind the 12th of the large one, 11.5 / 96, before the 13th."""
+    """The first of the small family has the place 0.5 / 4, between the large one's 12th and 13th."""
     found = sampled(instantiation(a=list(range(96)), b=list(range(100, 104))), size, 0)
     assert Counter(each.family for each in found.configurations) == seats
 
@@ -95,7 +95,7 @@ def test_sample_is_drawn_from_what_is_selected_by_name():
     assert {each.family for each in found.configurations} == {"b"}
 
 
-def test_without_a_selection_everything_is_there_and_is_no_sample():
+def test_selection_is_everything_by_default():
     assert narrowed(Instantiated(LARGE), EVERYTHING, FILE).instantiation is LARGE
     assert LARGE.sampled_from is None
 

@@ -1,4 +1,4 @@
-"""Campaigns whose runs end when a class is decided, with a real Prefect: how many runs, in which order, and what is written."""
+"""Campaigns that stop when classes are decided, with a real Prefect: numbers, order, and files."""
 
 import json
 import os
@@ -129,19 +129,19 @@ def runs_of(result, table="runs"):
 
 
 def judgements_of(result):
-    """What every oracle says of every run: a program's recordings may differ in bytes between two stores."""
+    """Return the verdict of every oracle on every run; recordings of programs may differ in bytes."""
     rows = pq.read_table(result.directory / "verdicts.parquet").to_pylist()
     return [tuple(row[key] for key in ("configuration", "run_index", "oracle", "judgement")) for row in rows]
 
 
 def content(result):
-    """What a directory has of its runs, byte for byte."""
+    """Return a directory's files on its runs, byte for byte."""
     parts = ("recordings/", "traces/", "runs.", "verdicts.", "evidence")
     files = [(file, file.relative_to(result.directory).as_posix()) for file in sorted(result.directory.rglob("*"))]
     return {name: file.read_bytes() for file, name in files if file.is_file() and name.startswith(parts)}
 
 
-def test_each_configuration_ends_where_the_rule_says(first):
+def test_configurations_end_where_the_rule_says(first):
     assert first.faults == ()
     assert runs_of(first) == runs_of(first, "verdicts") == ENDS
     assert (first.summary.runs, first.summary.executed, first.summary.reused) == (58, 58, 0)
@@ -171,7 +171,7 @@ def test_again_nothing_is_computed_and_prefect_does_not_start(first, run, no_pre
     assert content(again) == content(first)
 
 
-def test_one_worker_gives_the_same_as_two(first, run):
+def test_worker_alone_gives_the_same_as_two(first, run):
     alone = run(store="alone", workers=1)
     assert alone.summary.executed == 58
     assert judgements_of(alone) == judgements_of(first)
@@ -189,7 +189,7 @@ def test_store_with_all_runs_of_a_fixed_campaign_gives_the_same(first, run, monk
     assert runs_of(ended) == ENDS
 
 
-def test_runs_of_the_command_line_are_a_fixed_number_and_the_rule_goes_on_from_them(first, place):
+def test_runs_of_the_command_line_are_fixed_and_the_rule_continues(first, place):
     file = file_of(place, SEQUENTIAL)
     fixed = run_campaign(file, runs=3, results=place / "results", store=place / "few", workers=2)
     assert runs_of(fixed) == dict.fromkeys(KINDS, 3)
@@ -209,7 +209,7 @@ def test_larger_most_goes_on_and_a_smaller_one_computes_nothing(run, first):
     assert content(smaller) == content(first)
 
 
-def test_configuration_without_verdicts_has_the_most_runs_and_one_with_a_fault_of_ours_does_not_go_on(run):
+def test_configuration_without_verdicts_has_the_most_runs(run):
     found = run(store="faulty", kinds=("silent", "breaks"))
     assert runs_of(found, "verdicts") == {"silent": 20, "breaks": 10}
     assert {fault.configuration for fault in found.faults} == {"kind-2"}

@@ -1,4 +1,4 @@
-"""Pipes and devices in place of files: refused at once by every command that reads one, where a plain `open` never ends."""
+"""Pipes and devices in place of files, refused at once by every command that reads files."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""How the path of a campaign file is typed reaches neither what a campaign does nor its keys."""
+"""Spellings of a campaign file's path change neither its results nor its keys."""
 
 import os
 from pathlib import Path
@@ -127,7 +127,7 @@ def asked(path):
     return configurations, (campaign_name(campaign), tuple(scenarios), tuple(executed), keys.judge_source)
 
 
-def test_every_spelling_asks_for_the_same_runs_which_do_the_same(folder, tmp_path, monkeypatch):
+def test_spellings_ask_for_the_same_runs(folder, tmp_path, monkeypatch):
     known, done = {}, {}
     for how, (here, path) in spellings(folder, "own.vast", tmp_path).items():
         monkeypatch.chdir(here)

@@ -1,4 +1,4 @@
-"""The stages of the Python API with a real Prefect. One small campaign is shared by all tests, in the order of the file."""
+"""The stages of the Python API with a real Prefect, on one campaign that the tests share in order."""
 
 import os
 import re
@@ -135,7 +135,7 @@ def test_unknown_configuration_is_answered_with_the_nearest(configurations):
         configurations["left-1-3"]
 
 
-def test_each_distinct_configuration_is_executed_and_read_by_name(place, recordings):
+def test_stages_execute_distinct_configurations_and_read_them_by_name(place, recordings):
     assert repr(recordings) == "<small: 3 configurations × 2 runs, 6 recorded>"
     assert [recording.run.run_index for recording in recordings.of("right-1-1")] == [0, 1]
     assert [r.digest for r in recordings.of("left-1-2")] == [r.digest for r in recordings.of("left-1-1")]
@@ -176,7 +176,7 @@ def test_oracle_that_did_not_judge_has_no_counts(verdicts):
         verdicts.counts("safety")
 
 
-def test_what_the_store_has_needs_no_prefect(place, verdicts, no_prefect):
+def test_stored_results_need_no_prefect(place, verdicts, no_prefect):
     again = judge(observe(execute(instantiate(place / "small.vast", store=place / "store"))))
     assert again.blocks == verdicts.blocks
 
@@ -203,7 +203,7 @@ def odd(place, traces, verdicts):
     return verdicts, [stage for stage, number in before.items() if count(place, stage) != number]
 
 
-def test_other_parameters_judge_what_was_observed_and_nothing_is_executed(odd):
+def test_judging_by_other_parameters_executes_nothing(odd):
     verdicts, computed = odd
     assert computed == ["judge"]
     assert verdicts.counts("own.py:Even")["right-1-1"] == Counts(passed=1, not_judged=1)
@@ -242,7 +242,7 @@ def test_fewer_than_one_run_is_none(configurations):
         execute(configurations, runs=0)
 
 
-def test_what_was_deleted_is_said_to_be_lost_and_by_what_it_comes_back(place, configurations, tmp_path):
+def test_deleted_artifacts_are_reported_as_lost_with_the_remedy(place, configurations, tmp_path):
     shutil.copytree(place / "store", tmp_path / "store")
     (tmp_path / "own.py").write_text(ORACLE)
     for name in ("small.vast", "nothing.osc"):

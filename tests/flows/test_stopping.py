@@ -1,4 +1,4 @@
-"""How many runs a configuration wants by what is known of them."""
+"""Numbers of runs wanted, from the verdicts so far."""
 
 import json
 
@@ -25,7 +25,7 @@ def known(said):
 
 
 def stop(stopping, said):
-    """Where runs end that are done one round after another."""
+    """Return the number of runs at which rounds end."""
     runs = 0
     while (wanted := stopping.wanted(known(said[:runs]))) > runs:
         runs = wanted
@@ -43,7 +43,7 @@ def test_runs_that_end_both_ways_end_when_neither_bound_may_be_theirs():
     assert ended < 14
 
 
-def test_what_stays_open_has_the_most_runs():
+def test_undecided_configuration_has_the_most_runs():
     assert stop(USUAL, [*["pass"] * 4, "fail"] * 4) == 20
 
 

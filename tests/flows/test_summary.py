@@ -35,7 +35,7 @@ def test_json_summary_has_exactly_these_keys():
     ]
 
 
-def test_each_oracle_has_its_three_counts():
+def test_oracles_have_three_counts():
     assert summary().as_json()["oracles"] == {"success": {"passed": 119, "failed": 1, "not_judged": 0}}
 
 

@@ -33,7 +33,7 @@ def environment():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["read-only home", "no /dev/shm", "another user's store"])
-def test_what_a_machine_lacks_is_said_in_one_sentence(environment, tmp_path_factory, name):
+def test_defect_of_the_machine_is_reported_in_one_sentence(environment, tmp_path_factory, name):
     lab = environment.Lab(tmp_path_factory.mktemp("lab"))
     for parent in lab.folder.parents[
         : 2 + ("PYTEST_XDIST_WORKER" in os.environ)

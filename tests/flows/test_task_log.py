@@ -1,4 +1,4 @@
-"""What of task runs' logs goes to Prefect's API."""
+"""Logs of task runs that are sent to Prefect's API."""
 
 import logging
 from types import SimpleNamespace
@@ -22,7 +22,7 @@ def passes():
         logger.removeHandler(handler)
 
 
-def test_of_task_runs_only_warnings_are_sent_and_of_flow_runs_everything(passes):
+def test_task_runs_send_warnings_and_flow_runs_everything(passes):
     with quiet_task_runs(SimpleNamespace(closed=False), "x"):
         assert not passes(TASK_RUNS, logging.INFO)
         assert passes(TASK_RUNS, logging.WARNING)

@@ -161,7 +161,7 @@ def test_campaign_has_its_families_with_fixed_values_and_producers(load: Load) -
     assert campaign.notes == ()
 
 
-def test_lists_of_obstacles_belong_to_the_environment_and_others_to_what_the_file_says(load: Load) -> None:
+def test_lists_of_obstacles_belong_to_the_environment(load: Load) -> None:
     crates = "  - crates: [{spawn_pose: {x: 1, y: 1}, model: box}]\n"
     campaign = load(FIXED + crates + "  - color: red\n  dimensions: {color: environment}\n")
     assert campaign.families[0].dimensions == {"crates": "environment", "color": "environment"}

@@ -1,4 +1,4 @@
-"""AMCL by itself: the weight of one pose, and a filter that is fed from Python; both run the kernels of the closed loop."""
+"""AMCL by itself: the weight of a pose, and a filter driven from Python, on the closed loop's kernels."""
 
 import functools
 

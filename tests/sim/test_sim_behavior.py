@@ -68,7 +68,7 @@ def stuck(scenario):
     return run(scenario(controller="rpp", timeout_s=300.0, **only_turns), 0)
 
 
-def test_each_attempt_to_plan_has_one_clearing_and_six_recoveries_come_in_their_order(hopeless):
+def test_attempts_to_plan_have_one_clearing_and_six_recoveries_in_order(hopeless):
     one_attempt = [("plan_failed", "208"), ("recovery", "clear global costmap"), ("plan_failed", "208")]
     expected = list(one_attempt)
     for recovery in ROUND:
@@ -80,7 +80,7 @@ def test_goal_without_a_path_is_given_up_with_the_planner_s_code(hopeless):
     assert (hopeless.run.outcome, hopeless.run.error_code) == ("aborted", 208)
 
 
-def test_every_clearing_of_a_costmap_counts_as_a_recovery_and_clearing_both_as_two(hopeless):
+def test_clearings_count_as_recoveries_and_clearing_both_costmaps_as_two(hopeless):
     assert hopeless.run.recoveries == 7 + len(ROUND) + ROUND.count("clear both costmaps")
 
 
@@ -139,7 +139,7 @@ def test_turning_on_the_spot_is_no_progress(stuck):
         ("navigate_through_poses", {"goal_poses": [{"x": 3.0, "y": 4.0}, {"x": 30.0, "y": 2.0}]}, 304),
     ],
 )
-def test_what_lies_outside_the_map_aborts_at_once_and_without_a_recovery(scenario, mission, changes, code):
+def test_goal_outside_the_map_aborts_at_once_without_recovery(scenario, mission, changes, code):
     recording = run(scenario(mission, **changes), 0)
     assert (recording.run.outcome, recording.run.error_code, recording.run.recoveries) == ("aborted", code, 0)
     assert recording.run.simulated_s < 1.0
@@ -167,7 +167,7 @@ def test_between_waypoints_the_robot_pauses_as_long_as_its_parameter_says(scenar
     assert gaps[1] - gaps[0] == pytest.approx(2.8, abs=0.3)
 
 
-def test_smoother_lets_speed_grow_by_an_eighth_of_a_metre_a_second_each_tick(scenario):
+def test_smoother_lets_speed_grow_by_an_eighth_each_tick(scenario):
     recording = run(scenario(controller="rpp"), 0)
     sent = si(recording.columns["sent_speed_mmps"])
     assert max(abs(later - earlier) for earlier, later in itertools.pairwise(sent)) <= 2 * 0.125 + 1e-3

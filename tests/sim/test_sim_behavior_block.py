@@ -30,7 +30,7 @@ def stacked(runs):
 
 
 @given(st.dictionaries(st.integers(0, 30), TABLES, min_size=1, max_size=4))
-def test_what_was_written_comes_back_behind_the_index_of_its_run(runs):
+def test_written_behaviors_come_back_by_run_index(runs):
     block = write_behaviors({run: table(runs[run]) for run in sorted(runs)})
     assert rows_of(read_behaviors(block)) == stacked(runs)
 
@@ -47,7 +47,7 @@ def test_runs_are_there_once_and_in_order_however_they_were_cut(tables, data):
     assert ([] if found is None else rows_of(found)) == expected
 
 
-def test_without_a_block_there_are_none():
+def test_missing_block_has_no_behaviors():
     assert behaviors_below([], 3) is None
 
 
@@ -57,6 +57,6 @@ def test_equal_behaviors_have_equal_bytes():
 
 
 @each_row("damaged", [b"", b"PAR1", b"x 12", b"12"])
-def test_what_is_no_block_of_behaviors_is_refused(damaged):
+def test_block_of_another_kind_is_refused(damaged):
     with pytest.raises((ValueError, OSError)):
         read_behaviors(damaged)

@@ -43,7 +43,7 @@ def sent(script):
     return [call for call in calls_of(script.definition.root) if call.action.endswith("nav_to_pose")]
 
 
-def test_goals_of_a_list_are_sent_for_in_turn_and_the_last_is_the_goal_elsewhere(script):
+def test_goals_of_a_list_are_sent_in_turn(script):
     found = script({"goal_poses": GOALS})
     assert found.goals == POSES
     assert len(sent(found)) == 3
@@ -74,7 +74,7 @@ def test_numbered_goals_that_are_parameters_stay_what_they_are(script):
 
 
 @pytest.mark.parametrize("goals", [[], "@goal", 3])
-def test_what_is_no_list_of_goals_is_refused(script, goals):
+def test_goals_of_another_kind_are_refused(script, goals):
     with pytest.raises(ValueError, match=r"goal_poses: expected a list of poses, at least one, got .*"):
         script({"goal_poses": goals})
 
