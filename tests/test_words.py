@@ -1,4 +1,4 @@
-"""Words of names and messages: the field's own."""
+"""English of names, docstrings, messages, and tests, as far as a program can check it."""
 
 import ast
 import re
@@ -10,12 +10,29 @@ from table import each_row
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("deployments", "flows", "oracles", "producers", "sim", "tasks")
 MODULES = [file for folder in FOLDERS for file in sorted((ROOT / folder).rglob("*.py"))]
+TESTS = sorted((ROOT / "tests").rglob("*.py"))
 
 NOT_A_PATH = re.compile(r"t_way|TWay|in_the_way|Waypoint|\d-way|-way: |on the way|under way")
 """Combinations of so many values, what is in between, Nav2's waypoints, and idioms."""
 A_PATH = re.compile(r"(?<![a-zA-Z])ways?(?![a-zA-Z])|Ways?(?![a-z])")
 BRITISH = re.compile(r"(?i)modell|neighbour|colour|labell|travell|centre(?![a-z])|behaviour|micrometre")
 PRIVATE = re.compile(r"(?<![a-z])(chatter|foresight|leaps|parcels?|shelf|shelves|whereabouts|workshop)")
+
+MOST_WORDS = 20
+"""Of a docstring's summary."""
+CLAUSE = re.compile(
+    r"^(Of|What|That|As|Those|Who|Whoever|Where|Which|How|For what|Nothing|None|Others?|Each that|One that|Such) "
+)
+"""Openings of a summary that is a subordinate clause or names no thing."""
+ODD_TEST = re.compile(
+    r"^test_(an?|the|what|that|of|who|those|as|where|which|how|nothing|none|no|others?|each|every|all|one|it|there|if|only|both|"
+    r"two|some|many|in|on|at|with|without|from|by|for|to|when|while)_"
+)
+"""Openings of a test's name that are not the unit it is about."""
+MOST_PARTS = 14
+"""Words of a test's name, `test` with them."""
+FOUND_AND_RIGHT = re.compile(r"(^|: |\b)found [{'\"a-z0-9].*; |^found ")
+"""A message that names what was found first; ours say what was expected, and what was given."""
 
 
 def names_of(tree):
@@ -36,9 +53,19 @@ def messages_of(tree):
             yield node.value
 
 
+def texts_of(tree):
+    """Yield texts that are no docstrings, a formatted one whole."""
+    inner = {id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in node.values}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.JoinedStr):
+            yield "".join(part.value if isinstance(part, ast.Constant) else "{}" for part in node.values)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in inner:
+            yield node.value
+
+
 @pytest.fixture(scope="module")
 def trees():
-    return {file.relative_to(ROOT).as_posix(): ast.parse(file.read_text(encoding="utf-8")) for file in MODULES}
+    return parsed(MODULES)
 
 
 @each_row("words_of", [names_of, messages_of])
@@ -56,3 +83,42 @@ def test_spelling_is_american(trees, words_of):
 def test_names_are_not_private_words(trees):
     found = {(file, name) for file, tree in trees.items() for name in names_of(tree) if PRIVATE.search(name)}
     assert sorted(found) == []
+
+
+def summaries_of(tree):
+    """Yield the first paragraph of every docstring."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            text = ast.get_docstring(node)
+            if text:
+                yield text.split("\n\n")[0]
+
+
+def parsed(files):
+    return {file.relative_to(ROOT).as_posix(): ast.parse(file.read_text(encoding="utf-8")) for file in files}
+
+
+@each_row("files", [MODULES, TESTS])
+def test_docstring_summary_is_one_plain_line(files):
+    found = [(file, summary) for file, tree in parsed(files).items() for summary in summaries_of(tree)]
+    wrong = [
+        f"{file}: {summary}"
+        for file, summary in found
+        if "\n" in summary or len(summary.split()) > MOST_WORDS or CLAUSE.match(summary)
+    ]
+    assert wrong == []
+
+
+def test_message_says_what_was_expected_and_given(trees):
+    found = [
+        f"{file}: {text}" for file, tree in trees.items() for text in texts_of(tree) if FOUND_AND_RIGHT.search(text)
+    ]
+    assert found == []
+
+
+def test_test_is_named_by_its_unit_first():
+    names = [
+        (file, name) for file, tree in parsed(TESTS).items() for name in names_of(tree) if name.startswith("test_")
+    ]
+    wrong = [f"{file}: {name}" for file, name in names if ODD_TEST.match(name) or name.count("_") >= MOST_PARTS]
+    assert wrong == []
