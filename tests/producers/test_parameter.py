@@ -3,6 +3,7 @@
 import statistics
 
 import pytest
+from pydantic import ValidationError
 from table import each_row
 
 from vastflow.producers.catalog.parameter import (
@@ -35,6 +36,11 @@ def gaussian(**parameters):
 
 def values(producer):
     return [fragment.values["a"] for fragment in evaluate(producer, {})]
+
+
+def test_value_without_a_digest_is_refused():
+    with pytest.raises(ValidationError, match="NaN has no digest"):
+        listed(name="a", values=[float("nan")])
 
 
 def test_listed_values_keep_their_order_and_their_types():
