@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 MEANING: Final[Mapping[str, str]] = {
     "modeled": "used",
-    "built in": "what the simulator does anyway",
-    "no effect": "no difference to missions in the simulator",
-    "differs": "something else is built in",
-    "not modeled": "nothing is done",
+    "built in": "always so in the simulator",
+    "no effect": "without effect on missions in the simulator",
+    "differs": "another value is built in",
+    "not modeled": "ignored",
 }
 
 
@@ -111,9 +111,9 @@ def _summary(found: "Interpretation", rows: Sequence["Finding"]) -> Iterator[str
 
     for status, count in _counts(rows).items():
         yield f"{count:>4}  {status}: {MEANING[status]}"
-    yield f"{len(left_out(found)):>4}  more are modeled, not in the file, and as in Nav2's code"
+    yield f"{len(left_out(found)):>4}  more are modeled, with Nav2's defaults"
     if found.replaced:
-        yield f"not in the file and as in Nav2 Jazzy's default: {', '.join(found.replaced)}"
+        yield f"not in the file, with Nav2 Jazzy's defaults: {', '.join(found.replaced)}"
     if found.left_away:
-        yield f"not in the file and left away: {', '.join(found.left_away)}"
+        yield f"not in the file and not simulated: {', '.join(found.left_away)}"
     yield from robot_words(robot_facts(found.parameters))

@@ -162,7 +162,7 @@ def _show(found: "Results") -> None:
     print(f"{summary.executed} runs executed, {summary.reused} from the store, in {duration_text(summary.wall_s)}")
     print(report_line(found.directory))
     if is_address(summary.results):
-        print(f"uploaded to {summary.results}; what is here stays for a day")
+        print(f"uploaded to {summary.results}; the local copy stays for a day")
 
 
 def _directory(results: Path) -> Path:

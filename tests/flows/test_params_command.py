@@ -51,9 +51,9 @@ def test_params_lists_parameters_and_counts(nav2):
     )
     counts = ["3 modeled", "1 built in", "1 no effect", "1 differs", "1 not modeled"]
     assert [line.split(":")[0] for line in lines[9:14]] == counts
-    assert lines[14].endswith("more are modeled, not in the file, and as in Nav2's code")
-    assert lines[15].startswith("not in the file and as in Nav2 Jazzy's default: amcl, local_costmap, ")
-    assert lines[16] == "not in the file and left away: collision_monitor"
+    assert lines[14].endswith("more are modeled, with Nav2's defaults")
+    assert lines[15].startswith("not in the file, with Nav2 Jazzy's defaults: amcl, local_costmap, ")
+    assert lines[16] == "not in the file and not simulated: collision_monitor"
 
 
 def test_params_prints_body_and_limits_and_assumptions(nav2):
