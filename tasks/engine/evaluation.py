@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 import pickle
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -97,7 +98,7 @@ def write_evaluation(results: Sequence[Fragment | Rejection]) -> bytes:
         else {"reason": result.reason, "requested": _written(result.requested)}
         for result in results
     ]
-    return json.dumps(rows, separators=(",", ":"), allow_nan=False).encode()
+    return json.dumps(rows, separators=(",", ":")).encode()
 
 
 def read_evaluation(content: bytes, files: Mapping[str, str]) -> list[Fragment | Rejection]:
@@ -140,6 +141,8 @@ def _written(value: Value) -> Any:
         return {"map": {key: _written(item) for key, item in value.items()}}
     if isinstance(value, Sequence) and not isinstance(value, str):
         return [_written(item) for item in value]
+    if isinstance(value, float) and math.isnan(value):
+        raise ValueError("expected a number, got NaN")
     return value
 
 

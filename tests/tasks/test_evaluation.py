@@ -53,6 +53,11 @@ def test_evaluation_is_read_back_bit_for_bit(results):
     assert read_evaluation(write_evaluation(results), {}) == results
 
 
+def test_evaluation_with_nan_is_refused():
+    with pytest.raises(ValueError, match="expected a number, got NaN"):
+        write_evaluation([Fragment({"a": [float("nan")]})])
+
+
 def test_whole_number_and_a_float_stay_apart():
     (fragment,) = read_evaluation(write_evaluation([Fragment({"a": 1, "b": 1.0})]), {})
     assert [type(value) for value in fragment.values.values()] == [int, float]
