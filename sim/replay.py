@@ -9,16 +9,14 @@ from typing import Any, Final, Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.model.digest import digest
 from vastflow.sim.model.pose import GridFrame, Pose
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Recording, run_row
 from vastflow.sim.model.scenario import Scenario
-from vastflow.sim.nav2.controllers.local_plan import local_plan
+from vastflow.sim.nav2.controllers.local_plan import cut_plan
 from vastflow.sim.nav2.controllers.mppi import Mppi
 from vastflow.sim.nav2.costmaps.inflation import UNKNOWN
-from vastflow.sim.nav2.costmaps.window import Window
 from vastflow.sim.nav2.navigator.state import (
     BACKING_UP,
     ENDED,
@@ -238,16 +236,10 @@ def _scan(stack: Stack) -> NDArray[np.float64]:
     return _placed(points, Pose(float(m["scan_odom_x"]), float(m["scan_odom_y"]), float(m["scan_odom_yaw"])))
 
 
-@njit
-def _cut_plan(parameters: Any, memory: Any, window: Window, path: Any, out: Any) -> int:
-    n, _ = local_plan(parameters[0], memory[0], window, path, out)
-    return int(n)
-
-
 def _ahead(stack: Stack) -> NDArray[np.float64]:
     """Return the part of the plan that the controller would get now, in the grid's frame."""
     memory, path = stack.m.copy(), stack.route.path
-    n = _cut_plan(stack.p, memory, stack.local.window, path, np.empty_like(stack.route.ahead))
+    n = cut_plan(stack.p, memory, stack.local.window, path, np.empty_like(stack.route.ahead))
     first = int(memory[0]["path_i"])
     ahead: NDArray[np.float64] = path[first : first + n, :2].copy()
     return ahead

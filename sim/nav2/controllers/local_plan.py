@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from vastflow.sim.kernels.numeric import inner
+from vastflow.sim.kernels.numeric import inner, njit
 from vastflow.sim.nav2.costmaps.window import Window
 from vastflow.sim.world.motion import wrapped
 
@@ -49,6 +49,13 @@ def local_plan(p: Any, m: Any, window: Window, path: Any, out: Any) -> Any:
         m.path_i = m.path_end
         m.path_end = _inversion(path, m.path_i, m.path_n)
     return n, wrapped(end_yaw_rad - m.map_odom_yaw)
+
+
+@njit
+def cut_plan(parameters: Any, memory: Any, window: Window, path: Any, out: Any) -> int:
+    """Return the number of poses of the local plan of a stack's first robot."""
+    n, _ = local_plan(parameters[0], memory[0], window, path, out)
+    return int(n)
 
 
 @inner
