@@ -9,6 +9,8 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Final
 
+from vastflow.sim.model.faults import complaint
+
 BASH = "/bin/bash"
 """Scripts to be sourced, such as ROS's `setup.bash`, are written for it."""
 
@@ -69,7 +71,7 @@ def memory_bytes(text: str) -> int:
             return size
     near = f"{match[2][:1].upper()}i" if match else ""
     right = f"did you mean '{match[1]}{near}'?" if match and near in SUFFIXES else "a quantity such as 8Gi or 512Mi"
-    raise ValueError(f"expected {right}, got {text!r}")
+    raise ValueError(complaint(f"got {text!r}", right))
 
 
 def kubernetes_memory(size: int) -> str:

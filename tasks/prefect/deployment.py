@@ -160,7 +160,9 @@ def base_job_template(kind: PoolType) -> dict[str, Any]:
         ValueError: a process pool; Prefect's own template is right for it.
     """
     if kind not in CONTAINER_POOLS:
-        raise ValueError(f"expected Prefect has the template of a process pool, got {kind.value!r}")
+        raise ValueError(
+            f"expected a Docker or Kubernetes pool, got {kind.value!r}; Prefect has the template of a process pool"
+        )
     shipped: dict[str, Any] = template(f"pools/{kind.value}.json")
     return shipped
 
