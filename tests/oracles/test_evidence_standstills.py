@@ -7,6 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
+from vastflow.flows.results.provenance import STAGES
 from vastflow.flows.terminal.outcome import outcome
 from vastflow.oracles.evidence.causes import Standstills, standstills_of
 from vastflow.oracles.evidence.evidence import evidence_of
@@ -24,6 +25,15 @@ THIN, WIDE = 0.2, 0.3
 """Radii of robots (m): in the footprint of the wide one there is a wall at those starts."""
 CAUSE = "the collision monitor stopped every command: scan points inside the footprint"
 
+INGREDIENTS = {
+    "numeric_class": "x86_64; glibc 2.36; -; -; Python 3.11",
+    "seed": 0,
+    "oracles": [],
+    "source": dict.fromkeys(STAGES, "one"),
+    "code": {stage: {"files": {}, "libraries": {}} for stage in STAGES},
+}
+"""Ingredients of the results in `metadata.json`, for a comparison."""
+
 
 @pytest.fixture(scope="module")
 def driven(build, tmp_path_factory):
@@ -32,6 +42,7 @@ def driven(build, tmp_path_factory):
 
     def campaign(radius_m):
         made = build.campaign(tmp_path_factory.mktemp(f"radius-{radius_m}"))
+        made.metadata |= INGREDIENTS
         system = {"robot_radius": radius_m, "controller": "rpp"}
         for k in range(CONFIGURATIONS):
             y_m = 0.32 if k < NEAR_A_WALL else 1.0 + 0.1 * k
