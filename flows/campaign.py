@@ -114,7 +114,7 @@ def _ended(
 
 
 def _results(run: PreparedCampaign, computing: Computing, judged: Judged | None, task_runs: TaskRuns) -> Results:
-    """The diagram: what is missing of the campaign goes through the stages, all of it is assessed and reported."""
+    """Compute what is missing, stage by stage, and assess and report the whole campaign."""
     with pool_of(run, computing) as pool:
 
         def stages(task_runs: TaskRuns, judged: Judged | None) -> Judged:

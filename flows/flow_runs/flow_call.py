@@ -155,14 +155,14 @@ class _Thread:
         return self._done.wait(timeout_s)
 
     def interrupt(self) -> None:
-        """Raise `KeyboardInterrupt` in it, so that what it was writing is removed."""
+        """Raise `KeyboardInterrupt` in the flow, so that unfinished files are removed."""
         if self._thread.ident is not None:
             ctypes.pythonapi.PyThreadState_SetAsyncExc(
                 ctypes.c_ulong(self._thread.ident), ctypes.py_object(KeyboardInterrupt)
             )
 
     def wait(self) -> None:
-        """Wait for the end; raises what the function raised."""
+        """Wait for the end, and raise the function's error, if any."""
         while not self._done.wait(1.0):  # with a time limit, so that Ctrl-C is heard on every system
             pass
         if self._error is not None:

@@ -173,7 +173,7 @@ def show_text(key: str, text: str, about: str) -> None:
 
 
 def result_rows(found: Results) -> list[dict[str, Any]]:
-    """A row for each family and, if there are several, one for all: what the report's first table says."""
+    """Rows of the report's first table: one for each family and, if there are several, one for all."""
     tables = read_tables(found.directory)
     whole = evidence_of(tables)[None]
     rows = [_row(family, group) for family, group in whole.families.items()]
@@ -208,7 +208,7 @@ def tag(flow_run_id: str, name: str) -> None:
 
 @contextmanager
 def tolerated() -> Iterator[list[Exception]]:
-    """Log what Prefect's API refuses; gives a list in which the refusal is afterwards."""
+    """Log a refusal of Prefect's API, and yield a list that receives it."""
     refused: list[Exception] = []
     try:
         yield refused

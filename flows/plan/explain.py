@@ -1,4 +1,4 @@
-"""Explanation of one configuration: its origin, and what a run of it would do today."""
+"""Explanation of one configuration: its origin, and what a run would do now."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence

@@ -38,7 +38,7 @@ TIMES_REAL_TIME: Final = 200.0
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """Simulated time of all runs, and what it takes on so many cores.
+    """Simulated time of all runs, and the time it takes on a number of cores.
 
     Attributes:
         timeout_s: Simulated time that no run exceeds.
@@ -165,7 +165,7 @@ class Plan:
 
 
 def plan_of(request: RunRequest, environments: Path, since: Path | None = None) -> Plan:
-    """Find out what a run with this request would do.
+    """Return what a run of this request would compute.
 
     Evaluations of producers come from the store, or are made in this process and not stored.
 
@@ -267,7 +267,7 @@ def _count(
     reused: Reused,
     due: list[Due],
 ) -> None:
-    """Sort a configuration's runs into what is there and what is to be computed, stage by stage."""
+    """Count a configuration's stored and missing runs, stage by stage."""
     absent = missing([each.block for each in stored], configuration.runs)
     states: dict[Stage, set[int]] = {"execute": set(), "observe": set(), "judge": set()}
     for each in stored:

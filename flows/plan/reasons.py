@@ -146,7 +146,7 @@ def _key(path: str) -> str:
 
 
 def all_of(reasons: Sequence[DueReason]) -> DueReason | None:
-    """Several reasons as one; the first gives the kind."""
+    """Merge several reasons; the first gives the kind."""
     if len(reasons) < 2:
         return reasons[0] if reasons else None
     return DueReason(reasons[0].kind, "; ".join(map(str, reasons)))
@@ -167,7 +167,7 @@ class Evaluated:
 
 @dataclass
 class HereEvaluator:
-    """Evaluates what is missing in this process; see `vastflow.tasks.engine.instantiation.Evaluator`.
+    """Evaluate missing producers in this process; see `vastflow.tasks.engine.instantiation.Evaluator`.
 
     Attributes:
         store: Opened to be read only: what is evaluated here stays in it.

@@ -39,7 +39,7 @@ class CampaignPool:
         self._said = False
 
     def compute(self, task_runs: TaskRuns, due: Sequence[FoundRuns], shards: Sequence[Shard]) -> None:
-        """Have what is missing of configurations executed, observed and judged, in shards of the pool.
+        """Compute missing runs, traces, and verdicts of configurations in shards of the pool.
 
         Raises:
             UserError, WorkersFailed, StoreError, PrefectUnavailable: see `Driver.run` and `PoolService`.

@@ -281,7 +281,7 @@ class Driver:
             self._tally.judge(each.name, dict.fromkeys(set(range(each.runs)) - judged, "not judged"))
 
     def _listen(self, flow_run: str, run: _Run) -> None:
-        """Count what a flow run has told of since."""
+        """Count the results that a flow run has reported since the last call."""
         run.listened_s = time.monotonic()
         heard = False
         while not run.whole and (news := read_part(self._index.store, flow_run, run.told)) is not None:
@@ -292,7 +292,7 @@ class Driver:
             self._incomplete(run.attempt.configurations)
 
     def _incomplete(self, configurations: Sequence[ConfigurationRuns]) -> list[ConfigurationRuns]:
-        """Configurations of which something is missing in the store; what is there is counted."""
+        """Return the incomplete configurations, and count what the store has."""
         incomplete = []
         for configuration in configurations:
             stored = self._index.stored(configuration)

@@ -1,4 +1,4 @@
-"""A work pool at Prefect's API: deployments made, shards asked for, looked at, and canceled. Importing it imports Prefect."""
+"""A work pool at Prefect's API: its deployments and shards. Importing it imports Prefect."""
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
@@ -101,7 +101,7 @@ def pool_template(kind: PoolType) -> dict[str, Any]:
 
 
 def register_pool(client: SyncPrefectClient, name: str, kind: PoolType) -> bool:
-    """Make the pool, or give it our template; a process pool that exists is left as it is.
+    """Create the pool, or update its template; an existing process pool is not changed.
 
     Returns:
         Whether it is new.
@@ -124,7 +124,7 @@ def register_pool(client: SyncPrefectClient, name: str, kind: PoolType) -> bool:
 
 
 def type_of_pool(client: SyncPrefectClient, name: str) -> PoolType | None:
-    """The type of a pool; None where there is none of that name.
+    """Return the type of a pool, or None if no pool has this name.
 
     Raises:
         UserError: vastflow has no use for its type.
@@ -139,7 +139,7 @@ def type_of_pool(client: SyncPrefectClient, name: str) -> PoolType | None:
 
 
 def register_flow(client: SyncPrefectClient, entry: Mapping[str, Any], flow: Flow[..., Any]) -> str:
-    """Make a deployment of a flow, or change the one of its name; gives its id.
+    """Create or update a deployment of a flow, and return its id.
 
     Args:
         entry: As `prefect.yaml` has it.
@@ -296,7 +296,7 @@ class PoolService:
         self._end_cancelled()
 
     def submit(self, bundle: str, name: str) -> str:
-        """Ask for a shard; gives the id of its flow run."""
+        """Request a shard, and return the id of its flow run."""
         self._asked_for += 1
         ask = partial(
             run_deployment,
@@ -327,7 +327,7 @@ class PoolService:
         return found
 
     def cancel(self, ids: Collection[str]) -> None:
-        """Cancel flow runs that have not ended; asked for once, for the caller is about to end."""
+        """Cancel flow runs that have not ended, without retries."""
         every = sorted(ids)
         ended = [state.value for state in TERMINAL_STATES]
         for begin in range(0, len(every), _AT_A_TIME):

@@ -14,7 +14,7 @@ from xml.etree import ElementTree as ET
 
 
 class BasePostprocessingPlugin:
-    """Base of plug-ins: called with the results' folder, it gives whether it did what it should, and a message."""
+    """Base of plug-ins: called with the results' folder, they return their success and a message."""
 
     def __call__(self, results_dir: str, config_dir: str, **kwargs: Any) -> tuple[bool, str]:
         """Process a campaign's results.
@@ -94,7 +94,7 @@ class Request:
 
 
 def called(request: Request) -> tuple[bool, str]:
-    """Whether the plug-in did what it should, and what it says.
+    """Run the plug-in; return its success and its message.
 
     Raises:
         Exception: whatever its code raises.

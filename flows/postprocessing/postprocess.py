@@ -184,7 +184,7 @@ def _copy(source: Path, target: Path, names: Sequence[str] | Mapping[str, str]) 
 
 
 def _run(step: ProcessingStep, copy: Path) -> tuple[bool, str]:
-    """Run one step over the copy; whether it did what it should, and what it says."""
+    """Run one step on the copy; return its success and its message."""
     config = copy / SHARED
     file = config / step.file
     with TemporaryDirectory(prefix="vastflow-") as aside:

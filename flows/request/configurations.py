@@ -1,4 +1,4 @@
-"""Configurations of a call: what of an instantiation is asked for, and what of that is executed."""
+"""Configurations of a call: the selected ones, and the distinct ones among them."""
 
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -33,7 +33,7 @@ EVERYTHING: Final = Selection()
 
 
 def sampled(instantiation: Instantiation, size: int, seed: int) -> Instantiation:
-    """A sample of `size` distinct configurations with their duplicates, in their order; all, if there are no more.
+    """Return a sample of `size` distinct configurations with their duplicates, in order; all, if fewer.
 
     In each family configurations have an order that follows from the digest of their content and the seed; the k-th of n, from
     0, has the place (k + 1/2) / n. The sample is the `size` least places: a larger one contains a smaller one, and families

@@ -78,7 +78,7 @@ class CampaignTables:
         self._open.__exit__(kind, error, traceback)
 
     def add(self, configuration: Configuration, found: StoredResult, runs: int) -> None:
-        """Add what was found of a configuration's first `runs` runs; to be called in order."""
+        """Add the results of a configuration's first `runs` runs; call in order of configurations."""
         rows = {row["run_index"]: row for block in found.recordings for row in read_rows(block)}
         wanted = [rows[index] for index in sorted(rows) if index < runs]
         causes = found.causes
@@ -122,7 +122,7 @@ class RunLogs:
         self._file: IO[bytes] | None = None
 
     def add(self, configuration: str, logs: Sequence[bytes]) -> None:
-        """Write the logs of a configuration's blocks; what is none, for nothing vouches for them, is left out."""
+        """Write the logs of a configuration's blocks; leave out damaged ones, which no digest covers."""
         for log in filter(_is_log, logs):
             block = b"".join(line.strip() for line in log.splitlines())  # JSON has no line break within a text
             line = b'{"configuration": %b, %b\n' % (json.dumps(configuration).encode(), block[1:])

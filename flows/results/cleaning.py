@@ -80,7 +80,7 @@ def _of_scenario(store: Store, keys: Keys, scenario: str) -> Iterable[str]:
 def _evaluations(
     store: Store, keys: Keys, tree: SourceTree, directory: Path, metadata: Mapping[str, Any]
 ) -> set[str] | None:
-    """Keys of the evaluations that its producers would be asked for; None if its campaign can't be read here."""
+    """Return keys of the evaluations of a campaign's producers; None if the campaign can't be read here."""
     keys_asked: set[str] = set()
 
     def stored(requests: Sequence[EvaluationRequest]) -> Mapping[str, str]:

@@ -74,7 +74,7 @@ def new_directory(root: Path, name: str, created: datetime) -> Iterator[NewDirec
 
 @contextmanager
 def _written_to(root: Path) -> Iterator[None]:
-    """Say of a disk that is full or broken what it means, and what helps."""
+    """Report a full or broken disk with its remedy."""
     try:
         yield
     except StoreError:
@@ -93,7 +93,7 @@ def _unwritable(root: Path, error: OSError) -> UserError:
 
 
 def _begun(root: Path, name: str) -> NewDirectory:
-    """A new directory in `root`, which is made; whatever keeps it from being made is about the place."""
+    """Make a new directory in `root`; an error names the place."""
     try:
         root.mkdir(parents=True, exist_ok=True)
         sweep(root)
@@ -118,7 +118,7 @@ def sweep(root: Path) -> None:
 
 
 def left_behind(directory: Path) -> Path | None:
-    """Return the half-written folder of a campaign directory; None if there is none."""
+    """Return the half-written folder of a campaign directory, or None."""
     if directory.name.startswith(".") and directory.name.endswith(".partial"):
         return directory if directory.is_dir() else None
     partial = directory.with_name(_PARTIAL.format(directory.name))
@@ -139,7 +139,7 @@ def writer_of(partial: Path) -> int | None:
 
 
 def _began_s(pid: int) -> float | None:
-    """When a process began, which tells it from a later one of the same number; None where there is none."""
+    """Return the start time of a process, which identifies it beside its number; None without a process."""
     try:
         return psutil.Process(pid).create_time()
     except psutil.Error:

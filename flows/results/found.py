@@ -82,7 +82,7 @@ def one_block(blocks: Sequence[bytes], runs: int) -> bytes:
 
 
 def complete(result: StoredResult, runs: int, oracles: Sequence[str]) -> list[Verdict]:
-    """A verdict for each run and oracle: what was missing is `not judged`, with the fault as its reason."""
+    """Return a verdict for each run and oracle; missing ones are `not judged`, with the fault as reason."""
     said = {(verdict.run_index, verdict.oracle): verdict for verdict in result.verdicts}
     return [
         said.get((run, oracle)) or Verdict(oracle, run, "not judged", _reason(result.faults, run))

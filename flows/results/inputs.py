@@ -59,7 +59,7 @@ class Inputs:
 
 
 def inputs_of(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Inputs:
-    """Read the files of `campaign`; to be called as soon as it is loaded."""
+    """Read the files of `campaign`; call at once after loading it."""
     base = campaign.path.parent
     chain = [producer for family in campaign.families for producer in family.producers]
     producers = [each for producer in chain for each in (producer, *producers_in(producer.parameters))]

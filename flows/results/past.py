@@ -228,17 +228,17 @@ def _newest_first(results: Path, name: str, before: str | None) -> Sequence[Path
 
 
 def written_scenario(row: Mapping[str, Any]) -> dict[str, Any]:
-    """All that a row's configuration was executed with: its three dimensions and programs, decoded, beside what is in none."""
+    """Return the decoded dimensions and programs of a row's configuration."""
     said = {"abstract scenario": row["abstract"], "execution.timeout": row["timeout_s"]}
     return {**said, **json.loads(row["scenario"])}
 
 
 def values_of(row: Mapping[str, Any]) -> dict[str, Any]:
-    """All that was written of a configuration, provenance included: key to plain value."""
+    """Return everything recorded of a configuration, provenance included: key to plain value."""
     parts = written_scenario(row)
     return {**{key: value for part in PARTS for key, value in parts[part].items()}, **json.loads(row["provenance"])}
 
 
 def writers(row: Mapping[str, Any]) -> dict[str, str]:
-    """Key to the producer that wrote it last; what the campaign file fixes is not in it."""
+    """Map each key to the producer that wrote it last; fixed parameters are left out."""
     return {key: step["producer"] for step in json.loads(row["steps"]) for key in step["keys"]}

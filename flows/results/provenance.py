@@ -19,7 +19,7 @@ _MOST_SHOWN: Final = 3
 
 
 def value_changes(then: Any, now: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Path, old and new value of all that differs in two plain values; None for what is not there.
+    """Yield path, old, and new value of each difference of two plain values; None where one is absent.
 
     Mappings are compared key by key, lists of as many mappings one by one, everything else as a whole.
     """

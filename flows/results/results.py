@@ -47,7 +47,7 @@ _GRAY = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}
 
 
 def write_environment(directory: Path, map_file: FileContent, maps: Mapping[str, OccupancyMap]) -> None:
-    """Write a configuration's map into `directory`, and what a producer made with it of a floor plan.
+    """Write a configuration's map into `directory`, with the files of its floor plan.
 
     Args:
         maps: Digest to the maps that the campaign file names; any other is a producer's own.
@@ -100,7 +100,7 @@ def written(
     runs: Runs,
     threads: int,
 ) -> Iterator[tuple[Configuration, StoredResult]]:
-    """Write the files of configurations into a campaign directory; gives each, in order, once its files are there.
+    """Write the files of configurations into a campaign directory; yield each configuration afterwards.
 
     Args:
         found: What was found of a configuration; called from any thread.
@@ -158,7 +158,7 @@ def write_rows(
     runs: Runs,
     oracles: Sequence[str],
 ) -> tuple[OutcomeTally, list[RunFault]]:
-    """Write the tables of runs and the run logs into a campaign directory; gives what they come to, and faults.
+    """Write the tables of runs and the run logs into a campaign directory; return counts and faults.
 
     Args:
         files: Each configuration that is no duplicate, in order, with what was found of it.

@@ -49,7 +49,7 @@ Completes = Callable[[Judged | None], Judged | None]
 
 
 def scanned(run: PreparedCampaign, computing: Computing, instantiated: Instantiated) -> Judged:
-    """Narrow configurations to what was asked, and look what the store has of them.
+    """Select the requested configurations, and scan the store for their results.
 
     Raises:
         FileError: a name in `only` is unknown.
@@ -98,7 +98,7 @@ def through(
 
 
 def begin(run: PreparedCampaign, computing: Computing, judged: Judged | None) -> None:
-    """Let workers begin with what is missing; or where that is not known yet, at least with compiling kernels.
+    """Let workers begin with missing runs, or with compiling kernels until these are known.
 
     Of controllers those that the families name: one that a producer chooses is compiled when a robot first drives by it.
     """
@@ -114,7 +114,7 @@ def computed(
     computing: Computing,
     compute: Callable[[Sequence[FoundRuns], Sequence[Shard]], None],
 ) -> Judged:
-    """Compute what is missing; then, where a rule says how many runs a configuration wants, what it wants next.
+    """Compute missing runs, round by round where a stopping rule asks for more.
 
     Args:
         compute: Brings into the store what configurations lack; they are in these shards.

@@ -68,7 +68,7 @@ class PreparedCampaign:
 
     @property
     def instantiator(self) -> Instantiator:
-        """Instantiates the campaign, of a search the points under way, from what the store has."""
+        """The instantiator of the campaign, or of a search's current points."""
         if self.search is None:
             return Instantiator(self.campaign, self.store, self.keys, self.tree)
         points = self.search.campaign(self.campaign)

@@ -184,7 +184,7 @@ def _computed(
     workers: int | None,
     observer: Observer | None,
 ) -> tuple[dict[str, tuple[Stored, ...]], tuple[RunFault, ...]]:
-    """Compute what a stage lacks; return the stored blocks of each configuration by name, and the faults.
+    """Compute missing results of a stage; return stored blocks by configuration, and faults.
 
     Args:
         complete: Whether the store has everything of a configuration.
@@ -244,7 +244,7 @@ def _rows(shards: Sequence[Shard], found: Mapping[str, FoundRuns], *, observed: 
 
 
 def _asked(opened: OpenCampaign, oracles: Sequence[OracleChoice]) -> tuple[Oracle[Any], ...]:
-    """The oracles that are asked for, `success` first."""
+    """Return the requested oracles, `success` first."""
     base, faults, requests = opened.path.parent, [], []
     for place, choice in enumerate([oracles] if isinstance(oracles, str | Mapping) else oracles):
         for name, parameters in ({choice: {}} if isinstance(choice, str) else choice).items():

@@ -67,7 +67,7 @@ class ProcessingStep:
         return {**RECORDED, **UNTOUCHED}.get(self.name, "")
 
     def complaint(self, base: Path) -> str | None:
-        """Why the step can't be done, found without executing anything; None where nothing is known against it."""
+        """Return the obstacle to a step, as far as known without executing it, or None."""
         if self.kind == "plug-in":
             return plug_in_file.plug_in_complaint(f"{self.file}:{self.name.rpartition(':')[2]}", base)
         if self.kind == "unknown":

@@ -117,7 +117,7 @@ class Packer:
         self._needed: dict[Path, tuple[Path, ...]] = {}
 
     def packed(self, configurations: Sequence[ConfigurationRuns]) -> str:
-        """Put a bundle with these configurations and all of their files into the store; gives its key.
+        """Store a bundle with these configurations and their files, and return its key.
 
         Raises:
             BundleError: a file of theirs can't be read.

@@ -66,7 +66,7 @@ def is_orphan(names: Collection[str]) -> bool:
 
 
 def mark_orphans() -> None:
-    """Mark orphans of this host as crashed, and cancel what they asked of a work pool.
+    """Mark orphans of this host as crashed, and cancel their flow runs in a work pool.
 
     Raises:
         httpx.TransportError, PrefectHTTPStatusError: the API is away, or refused a request.

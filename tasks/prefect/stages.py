@@ -22,25 +22,25 @@ CACHED: Final = "Cached"
 
 @task(name="instantiate", task_run_name="instantiate {shard}", cache_policy=NO_CACHE, persist_result=False)
 def evaluate(shard: ProducerShard, engine: Engine) -> State[Any]:
-    """Evaluate a producer; gives the errors by key."""
+    """Evaluate a producer, and return the errors by key."""
     return _ended(lambda: engine.evaluate(shard.packed, shard.evaluations))
 
 
 @task(name="execute", task_run_name="execute {shard}", cache_policy=NO_CACHE, persist_result=False)
 def execute(shard: Shard, engine: Engine) -> State[Any]:
-    """Execute a shard's missing runs; gives the recorded `Rows`."""
+    """Execute a shard's missing runs, and return the recorded `Rows`."""
     return _ended(lambda: engine.execute(shard.configurations))
 
 
 @task(name="observe", task_run_name="observe {shard}", cache_policy=NO_CACHE, persist_result=False)
 def observe(shard: Shard, recorded: Rows, engine: Engine) -> State[Any]:
-    """Observe a shard's recordings; gives the observed `Rows`."""
+    """Observe a shard's recordings, and return the observed `Rows`."""
     return _ended(lambda: engine.observe(shard.configurations, recorded))
 
 
 @task(name="judge", task_run_name="judge {shard}", cache_policy=NO_CACHE, persist_result=False)
 def judge(shard: Shard, observed: Rows, engine: Engine) -> State[Any]:
-    """Judge a shard's traces; gives the judged `Rows`."""
+    """Judge a shard's traces, and return the judged `Rows`."""
     return _ended(lambda: engine.judge(shard.configurations, observed))
 
 

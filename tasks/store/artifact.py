@@ -145,7 +145,7 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class Stored:
-    """All that is in the store of a block."""
+    """Stored artifacts of a block."""
 
     block: Block
     recordings: Artifact

@@ -225,7 +225,7 @@ class Route(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Stack:
-    """All that a run's ticks read and write.
+    """State of a run that its ticks read and write.
 
     Poses and positions are in the frame of the map's grid; rows are in the map's.
 

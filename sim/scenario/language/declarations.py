@@ -54,7 +54,7 @@ class Compound:
 
 @dataclass(frozen=True, slots=True)
 class Declarations:
-    """All that is declared, by name.
+    """Declarations by name.
 
     Attributes:
         physical: Physical type to the exponents of its base units.
