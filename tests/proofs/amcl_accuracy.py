@@ -15,15 +15,14 @@ that of Nav2's filter between rooms within 30 %; 2 when the maps are not there.
     python tests/proofs/amcl_accuracy.py [--maps DIR] [--only NAME] [--routes N] [--seeds N]
 """
 
-import argparse
 import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from amcl_filter import Filter
+from five_maps import map_files, parser_of
 
 from vastflow.sim.world.gaussian_dropout import perturb
 from vastflow.sim.world.lidar import scan
@@ -34,7 +33,6 @@ from vastflow.sim.world.octile import descend, distance_field, passable, path_xy
 from vastflow.sim.world.robot_model import Lidar, Robot
 from vastflow.sim.world.skip_table import skip_table_of
 
-MAPS = Path(__file__).parents[3] / "shared" / "maps"
 ROUTE_M = 17.0
 RADIUS_M = 0.3
 TICK_S = 0.05
@@ -217,16 +215,11 @@ def line(name: str, condition: Condition, runs: list[Errors]) -> str:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--maps", type=Path, default=MAPS, metavar="DIR", help="folder of <name>/<name>.yaml")
-    parser.add_argument("--only", action="append", metavar="NAME", help="this map alone; may be repeated")
+    parser = parser_of(__doc__)
     parser.add_argument("--routes", type=int, default=3, metavar="N", help="routes a map")
     parser.add_argument("--seeds", type=int, default=6, metavar="N", help="filters a route and condition")
     options = parser.parse_args()
-    files = sorted(file for file in options.maps.glob("*/*.yaml") if not options.only or file.stem in options.only)
-    if not files:
-        print(f"no maps in {options.maps}")
-        return 2
+    files = map_files(options.maps, options.only)
     print(f"{'map':12}{'scan':16}{'mean':>7}{'p95':>7}{'max':>7}{'yaw':>9}{'along':>8}{'across':>8}{'particles':>10}")
     faults: list[str] = []
     for file in files:
@@ -238,7 +231,7 @@ def main() -> int:
         faults += [f"{file.stem}: {fault}" for fault in faults_of(file.stem, errors_m)]
         print(f"{file.stem}: {time.process_time() - began:.0f} s CPU")
     print("\n".join(faults))
-    return 1 if faults else 0
+    return (1 if faults else 0) if files else 2
 
 
 def faults_of(name: str, errors_m: dict[str, np.ndarray]) -> Iterator[str]:

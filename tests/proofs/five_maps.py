@@ -7,16 +7,18 @@ distance to the goal exceeds 0.35 m; 2 when the maps are not there.
     python tests/proofs/five_maps.py [--maps DIR] [--only NAME] [--controller mppi|dwb|rpp] [--length 10 --length 20]
 """
 
-import argparse
-import statistics
 import tempfile
 import time
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
+import yaml
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiation.instantiate import Instantiation, instantiate
@@ -32,73 +34,67 @@ LENGTHS_M = (10.0, 20.0)
 LEAST_SHARE = 0.95
 GREATEST_MEDIAN_M = 0.35
 
-CAMPAIGN = """\
-version: 1
-configuration:
-- name: {name}
-  parameters:
-  - map_file: {map_file}
-  - robot_radius: 0.22
-  - controller: {controller}
-  variations:
-  - PathVariationRandom:
-      path_length: {length_m}
-      path_length_tolerance: 0.5
-      num_paths: {paths}
-      min_distance: 1.0
-      robot_diameter: 0.5
-      seed: 42
-      goal_poses: "@goal_pose"
-execution:
-  runs: {runs}
-"""
 
-HEADER = (
-    "map",
-    "runs",
-    "reached",
-    "share",
-    "final median",
-    "max",
-    "localization mean",
-    "max",
-    "time",
-    "rec.",
-    "speed",
-    "failures",
-)
-UNITS = ("", "", "", "%", "m", "m", "m", "m", "s", "", "x real time", "code × missions")
+def parser_of(about: str | None) -> ArgumentParser:
+    """Options of all proofs on the paper's maps."""
+    parser = ArgumentParser(description=about, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("--maps", type=Path, default=MAPS, metavar="DIR", help="folder of <name>/<name>.yaml")
+    parser.add_argument("--only", action="append", metavar="NAME", help="this map alone; may be repeated")
+    return parser
+
+
+def map_files(maps: Path, only: Iterable[str] | None) -> list[Path]:
+    """Return the requested maps, and print where there are none."""
+    files = sorted(file for file in maps.glob("*/*.yaml") if not only or file.stem in only)
+    if not files:
+        print(f"no maps in {maps}")
+    return files
+
+
+def instantiated(
+    map_file: Path,
+    controller: str,
+    path: Mapping[str, float],
+    parameters: Mapping[str, float] | None = None,
+    more: Iterable[Mapping[str, Any]] = (),
+) -> Instantiation:
+    """The configurations of random paths on a map, by way of a campaign file.
+
+    Args:
+        path: Parameters of `PathVariationRandom`, beside those that are the same for all.
+        parameters: Of the family.
+        more: Producers after the paths.
+    """
+    given = {"map_file": str(map_file.resolve()), "robot_radius": 0.22, "controller": controller, **(parameters or {})}
+    paths = {"min_distance": 1.0, "robot_diameter": 0.5, "seed": 42, "goal_poses": "@goal_pose", **path}
+    family = {
+        "name": map_file.stem,
+        "parameters": [{key: value} for key, value in given.items()],
+        "variations": [{"PathVariationRandom": paths}, *more],
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "maps.vast"
+        file.write_text(yaml.safe_dump({"version": 1, "configuration": [family], "execution": {"runs": 1}}))
+        return instantiate(load_campaign(file))
 
 
 @dataclass(frozen=True)
 class Mission:
-    """One run, measured."""
+    """One run, measured; its text says where and how it ended, with what went before."""
 
     configuration: Configuration
     recording: Recording
     final_m: float
     localization_m: np.ndarray
 
-    @property
-    def reached(self) -> bool:
-        return self.recording.run.outcome == "succeeded"
-
-
-def instantiated(map_file: Path, length_m: float, controller: str) -> Instantiation:
-    """The map's configurations of one path length, by way of a campaign file."""
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "five_maps.vast"
-        file.write_text(
-            CAMPAIGN.format(
-                name=map_file.stem,
-                map_file=map_file.resolve(),
-                controller=controller,
-                length_m=length_m,
-                paths=PATHS,
-                runs=RUNS,
-            )
+    def __str__(self) -> str:
+        done, columns = self.recording.run, self.recording.columns
+        x_m, y_m = (si(columns[name])[-1] for name in ("x_mm", "y_mm"))
+        told = [f"{event.t_s:.0f} s {event.kind} {event.what}" for event in done.events][-8:]
+        return (
+            f"{self.configuration.name} run {done.run_index}: {done.outcome} ({done.error_code}): {done.reason}; "
+            f"at ({x_m:.2f}, {y_m:.2f}), {self.final_m:.2f} m from the goal after {done.simulated_s:.0f} s; {', '.join(told)}"
         )
-        return instantiate(load_campaign(file))
 
 
 def missions_of(configurations: Iterable[Configuration]) -> Iterator[Mission]:
@@ -107,77 +103,45 @@ def missions_of(configurations: Iterable[Configuration]) -> Iterator[Mission]:
         goal = pose_of(configuration.scenario.task["goal_pose"])
         for run_index in range(RUNS):
             recording = run(configuration.scenario, run_index)
-            x_m, y_m = si(recording.columns["x_mm"]), si(recording.columns["y_mm"])
-            off_m = np.hypot(
-                x_m - si(recording.columns["estimated_x_mm"]), y_m - si(recording.columns["estimated_y_mm"])
-            )
+            names = ("x_mm", "y_mm", "estimated_x_mm", "estimated_y_mm")
+            x_m, y_m, believed_x_m, believed_y_m = (si(recording.columns[name]) for name in names)
+            off_m = np.hypot(x_m - believed_x_m, y_m - believed_y_m)
             yield Mission(configuration, recording, float(np.hypot(x_m[-1] - goal.x_m, y_m[-1] - goal.y_m)), off_m)
 
 
-def summary(name: str, missions: list[Mission], cpu_s: float) -> tuple[tuple[str, ...], bool]:
-    """The map's line of the table, and whether it is good enough."""
-    reached = sum(mission.reached for mission in missions)
+def line_of(name: str, missions: list[Mission], cpu_s: float) -> dict[str, Any]:
+    """The map's line of the table."""
+    runs = [mission.recording.run for mission in missions]
     final_m = [mission.final_m for mission in missions]
     localization_m = np.concatenate([mission.localization_m for mission in missions])
-    simulated_s = [mission.recording.run.simulated_s for mission in missions]
-    codes = Counter(mission.recording.run.error_code for mission in missions if not mission.reached)
-    line = (
-        name,
-        f"{len(missions)}",
-        f"{reached}",
-        f"{100 * reached / len(missions):.1f}",
-        f"{statistics.median(final_m):.3f}",
-        f"{max(final_m):.3f}",
-        f"{localization_m.mean():.3f}",
-        f"{localization_m.max():.3f}",
-        f"{statistics.median(simulated_s):.1f}",
-        f"{sum(mission.recording.run.recoveries for mission in missions)}",
-        f"{sum(simulated_s) / cpu_s:.0f}",
-        ", ".join(f"{code} × {count}" for code, count in sorted(codes.items())) or "none",
-    )
-    return line, reached >= LEAST_SHARE * len(missions) and statistics.median(final_m) <= GREATEST_MEDIAN_M
-
-
-def table(lines: list[tuple[str, ...]]) -> str:
-    rows = [HEADER, UNITS, *lines]
-    widths = [max(len(row[k]) for row in rows) for k in range(len(HEADER))]
-    return "\n".join(
-        "  ".join(
-            cell.ljust(width) if k == 0 else cell.rjust(width)
-            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-        )
-        for row in rows
-    )
-
-
-def failure(mission: Mission) -> str:
-    """One mission that did not reach its goal, with what went before."""
-    run_ = mission.recording.run
-    x_m, y_m = si(mission.recording.columns["x_mm"])[-1], si(mission.recording.columns["y_mm"])[-1]
-    told = [f"{event.t_s:.0f} s {event.kind} {event.what}" for event in run_.events][-8:]
-    return (
-        f"{mission.configuration.name} run {run_.run_index}: {run_.outcome} ({run_.error_code}): {run_.reason}; "
-        f"at ({x_m:.2f}, {y_m:.2f}), {mission.final_m:.2f} m from the goal after {run_.simulated_s:.0f} s; {', '.join(told)}"
-    )
+    codes = Counter(done.error_code for done in runs if done.outcome != "succeeded")
+    return {
+        "map": name,
+        "runs": len(runs),
+        "reached": len(runs) - codes.total(),
+        "final median (m)": np.median(final_m),
+        "max (m)": max(final_m),
+        "localization mean (m)": localization_m.mean(),
+        "localization max (m)": localization_m.max(),
+        "time (s)": np.median([done.simulated_s for done in runs]),
+        "recoveries": sum(done.recoveries for done in runs),
+        "x real time": round(sum(done.simulated_s for done in runs) / cpu_s),
+        "failures": ", ".join(f"{code} × {count}" for code, count in sorted(codes.items())) or "none",
+    }
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--maps", type=Path, default=MAPS, metavar="DIR", help="folder of <name>/<name>.yaml")
-    parser.add_argument("--only", action="append", metavar="NAME", help="this map alone; may be repeated")
+    parser = parser_of(__doc__)
     parser.add_argument("--controller", choices=("mppi", "dwb", "rpp"), default="mppi")
     parser.add_argument("--length", action="append", type=float, metavar="M", help="of the paths; may be repeated")
     options = parser.parse_args()
-    files = sorted(file for file in options.maps.glob("*/*.yaml") if not options.only or file.stem in options.only)
-    if not files:
-        print(f"no maps in {options.maps}")
-        return 2
+    files = map_files(options.maps, options.only)
     good = True
     for length_m in options.length or LENGTHS_M:
-        lines: list[tuple[str, ...]] = []
-        told: list[str] = []
+        lines, told = [], []
         for file in files:
-            instantiation = instantiated(file, length_m, options.controller)
+            path = {"path_length": length_m, "path_length_tolerance": 0.5, "num_paths": PATHS}
+            instantiation = instantiated(file, options.controller, path)
             told += [f"{file.stem}: {rejection.reason}" for rejection in instantiation.rejections]
             if not instantiation.configurations:
                 continue
@@ -185,14 +149,13 @@ def main() -> int:
             run(instantiation.configurations[0].scenario, 0)
             began = time.process_time()
             missions = list(missions_of(instantiation.configurations))
-            line, good_enough = summary(file.stem, missions, time.process_time() - began)
-            lines.append(line)
-            good = good and good_enough
-            told += [failure(mission) for mission in missions if not mission.reached]
+            lines.append(line := line_of(file.stem, missions, time.process_time() - began))
+            good &= line["reached"] >= LEAST_SHARE * line["runs"] and line["final median (m)"] <= GREATEST_MEDIAN_M
+            told += [str(mission) for mission in missions if mission.recording.run.outcome != "succeeded"]
         print(f"{options.controller}, paths of {length_m:g} m")
-        print(table(lines))
+        print(pd.DataFrame(lines).to_string(index=False, float_format="{:.3f}".format))
         print("\n".join(["", *(told or ["every mission reached its goal"]), ""]), flush=True)
-    return 0 if good else 1
+    return (0 if good else 1) if files else 2
 
 
 if __name__ == "__main__":

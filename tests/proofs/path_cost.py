@@ -12,20 +12,18 @@ maps are not there.
     python tests/proofs/path_cost.py [--maps DIR] [--only NAME] [--length M] [--paths N] [--runs N] [--controller mppi|dwb|rpp]
 """
 
-import argparse
 import math
-import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import five_maps
 import numpy as np
 from navfn_paths import path
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from vastflow.producers.campaign import load_campaign
-from vastflow.producers.instantiation.instantiate import Instantiation, instantiate
+from vastflow.producers.instantiation.instantiate import Instantiation
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nav2.navigator.behavior import REPLAN_TICKS
@@ -33,67 +31,22 @@ from vastflow.sim.nav2.navigator.state import Stack
 from vastflow.sim.nav2.planners.navfn import travel_costs
 from vastflow.sim.run import run
 
-MAPS = Path(__file__).parents[3] / "shared" / "maps"
 STEP_CELLS = 0.1
 TOLERANCE = 0.01
 WORST = 0.05
 
-CAMPAIGN = """\
-version: 1
-configuration:
-- name: {name}
-  parameters:
-  - map_file: {map_file}
-  - robot_radius: 0.22
-  - controller: {controller}
-  - laserscan_gaussian_noise_std_deviation: {noise_m}
-  variations:
-  - PathVariationRandom:
-      path_length: {length_m}
-      path_length_tolerance: 1.0
-      num_paths: {paths}
-      min_distance: 1.0
-      robot_diameter: 0.5
-      seed: 42
-      goal_poses: "@goal_pose"
-{more}
-execution:
-  runs: 1
-"""
-
-BOXES = """\
-  - ObstacleVariation:
-      name: static_objects
-      obstacle_configs:
-      - amount_per_m: [0.4]
-        max_distance: 0.6
-        model: box
-        xacro_arguments: "width:=0.4, length:=0.4"
-      robot_diameter: 0.6
-      seed: 7
-"""
-
-CONDITIONS = {"nothing else": (0.0, ""), "boxes": (0.0, BOXES), "noise 0.1 m": (0.1, "")}
+BOX = {"amount_per_m": [0.4], "max_distance": 0.6, "model": "box", "xacro_arguments": "width:=0.4, length:=0.4"}
+BOXES = {"name": "static_objects", "obstacle_configs": [BOX], "robot_diameter": 0.6, "seed": 7}
+CONDITIONS = {"nothing else": (0.0, []), "boxes": (0.0, [{"ObstacleVariation": BOXES}]), "noise 0.1 m": (0.1, [])}
 HEADER = f"{'map':12}{'condition':16}{'runs':>6}{'replans':>9}{'median':>9}{'95 %':>9}{'max':>9}{'> 1 %':>9}{'min':>9}"
 
 
 def instantiated(map_file: Path, condition: str, length_m: float, paths: int, controller: str = "rpp") -> Instantiation:
-    """The map's configurations of a condition, by way of a campaign file."""
+    """The map's configurations of a condition."""
     noise_m, more = CONDITIONS[condition]
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "path_cost.vast"
-        file.write_text(
-            CAMPAIGN.format(
-                name=map_file.stem,
-                map_file=map_file.resolve(),
-                controller=controller,
-                noise_m=noise_m,
-                length_m=length_m,
-                paths=paths,
-                more=more,
-            )
-        )
-        return instantiate(load_campaign(file))
+    path = {"path_length": length_m, "path_length_tolerance": 1.0, "num_paths": paths}
+    noise = {"laserscan_gaussian_noise_std_deviation": noise_m}
+    return five_maps.instantiated(map_file, controller, path, noise, more)
 
 
 def cost_along(way_cells: NDArray[np.float64], travel: NDArray[np.uint8]) -> float:
@@ -159,18 +112,13 @@ def line(name: str, condition: str, runs: int, values: NDArray[np.float64]) -> s
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--maps", type=Path, default=MAPS, metavar="DIR", help="folder of <name>/<name>.yaml")
-    parser.add_argument("--only", action="append", metavar="NAME", help="this map alone; may be repeated")
+    parser = five_maps.parser_of(__doc__)
     parser.add_argument("--controller", choices=("mppi", "dwb", "rpp"), default="rpp")
     parser.add_argument("--length", type=float, default=14.0, metavar="M", help="of the paths")
     parser.add_argument("--paths", type=int, default=5, metavar="N", help="paths a map")
     parser.add_argument("--runs", type=int, default=1, metavar="N", help="runs a path")
     options = parser.parse_args()
-    files = sorted(file for file in options.maps.glob("*/*.yaml") if not options.only or file.stem in options.only)
-    if not files:
-        print(f"no maps in {options.maps}")
-        return 2
+    files = five_maps.map_files(options.maps, options.only)
     print(HEADER)
     good = True
     for file in files:
@@ -179,7 +127,7 @@ def main() -> int:
             print(line(file.stem, condition, runs, values), flush=True)
             good = good and bool(np.percentile(values, 95) <= TOLERANCE and values.max() <= WORST)
         print(f"{file.stem}: {time.process_time() - began:.0f} s CPU", flush=True)
-    return 0 if good else 1
+    return (0 if good else 1) if files else 2
 
 
 if __name__ == "__main__":
