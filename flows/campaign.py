@@ -1,6 +1,6 @@
 """The flow of a campaign: from a campaign file to evidence. Importing it imports Prefect.
 
-    instantiate ──▶ execute ──▶ observe ──▶ judge ──▶ assess ──▶ report
+    instantiate ──▶ execute ──▶ observe ──▶ judge ──▶ report
 
 It is the only one: `vastflow run` calls it, deployments and schedules run it, with a work pool it drives the pool's workers. Each stage
 maps a Prefect task over shards of what is missing in the store, and is chained shard by shard: nothing waits for a whole stage. Of a
@@ -114,7 +114,7 @@ def _ended(
 
 
 def _results(run: PreparedCampaign, computing: Computing, judged: Judged | None, task_runs: TaskRuns) -> Results:
-    """Compute what is missing, stage by stage, and assess and report the whole campaign."""
+    """Compute what is missing, stage by stage, and report the whole campaign."""
     with pool_of(run, computing) as pool:
 
         def stages(task_runs: TaskRuns, judged: Judged | None) -> Judged:

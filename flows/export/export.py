@@ -15,7 +15,7 @@ import yaml
 
 from vastflow.flows.export.junit import Case, Suite, campaign_report
 from vastflow.flows.export.run import ExportedRun, brief, case_of, files_of, table_csv
-from vastflow.flows.results.campaign_tables import KeptLogs
+from vastflow.flows.results.tables import KeptLogs
 from vastflow.oracles.results.behaviors import Behaviors
 from vastflow.oracles.results.column import table_of
 from vastflow.oracles.results.executed import KeptFiles

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
@@ -25,23 +25,13 @@ from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.producers.model.faults import shown
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.names import did_you_mean
-from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.reading.checked import checked_digest
-from vastflow.tasks.engine.index import ConfigurationRuns, Index
+from vastflow.tasks.engine.index import ConfigurationRuns, Index, run_blocks
 from vastflow.tasks.store.artifact import Stored
 from vastflow.tasks.store.store import open_store
 
 FILE: Final = "campaign file"
 """Who wrote what no producer did."""
-
-
-@dataclass(frozen=True, slots=True)
-class Written:
-    """A key of a configuration: its plain value, and who wrote it."""
-
-    key: str
-    value: Any
-    by: str
 
 
 @dataclass(frozen=True)
@@ -50,8 +40,8 @@ class Explanation:
 
     Attributes:
         row: Of `configurations.parquet`.
-        dimensions: Dimension, or `provenance`, to what was written in it.
-        then: Stage to the keys under which the campaign kept its artifacts and the runs that are there now.
+        dimensions: Dimension, or `provenance`, to the `key`, plain `value`, and writer (`by`) of each parameter in it.
+        then: Stage to the keys under which the campaign kept its artifacts and the runs that are there now, as `0–4`.
         today: The plan of it from the directory's own inputs; None where that is not possible.
         obstacle: Why it is not.
         earlier: The campaign before, if there is one.
@@ -60,7 +50,7 @@ class Explanation:
 
     past: Past
     row: Mapping[str, Any] = field(repr=False)
-    dimensions: Mapping[str, Sequence[Written]]
+    dimensions: Mapping[str, Sequence[Mapping[str, Any]]]
     then: Mapping[str, Mapping[str, str]]
     today: Plan | None
     obstacle: str
@@ -80,24 +70,31 @@ def explained(directory: Path, name: str, *, store: str | None = None, since: Pa
     """
     past = past_of(directory)
     if name not in past.by_name:
-        names = tuple(past.by_name)
-        raise UnusableDirectory(
-            f"{directory}: expected the name of a configuration, got {name!r}; {did_you_mean(name, names)}"
-        )
-    row = past.by_name[name]
-    metadata = past.metadata
+        hint = did_you_mean(name, tuple(past.by_name))
+        raise UnusableDirectory(f"{directory}: expected the name of a configuration, got {name!r}; {hint}")
+    row, metadata = past.by_name[name], past.metadata
     earlier = newest_past(directory.parent, metadata["name"], metadata["created"]) if since is None else past_of(since)
-    scenario = _scenario(directory, row)
-    keys = recorded_keys(metadata)
+    with reading(directory):
+        abstract = json.loads(row["abstract"]) if row["abstract"].startswith("{") else row["abstract"]
+        scenario = executed_scenario(abstract, row["timeout_s"], json.loads(row["scenario"]), KeptFiles(directory))
+    index = Index(open_store(store, read_only=True), recorded_keys(metadata))
+    then = ConfigurationRuns(name, "", 1, scenario, past.runs, row["checked_digest"])
+    blocks = index.stored(then)
     today, obstacle = _today(past, row["duplicate_of"] or name, store)
+    who, parts = writers(row), written_scenario(row)
+    parts = {part: parts[part] for part in PARTS} | {"provenance": json.loads(row["provenance"])}
     return Explanation(
         past=past,
         row=row,
-        dimensions=_dimensions(row),
-        then=kept(
-            Index(open_store(store, read_only=True), keys),
-            ConfigurationRuns(name, "", 1, scenario, past.runs, row["checked_digest"]),
-        ),
+        dimensions={
+            part: [{"key": key, "value": value, "by": who.get(key, FILE)} for key, value in values.items()]
+            for part, values in parts.items()
+        },
+        then={
+            "execute": {index.keys.recordings(then.checked): _runs(blocks)},
+            "observe": {each.trace.key: _runs([each]) for each in blocks if each.trace},
+            "judge": {each.verdicts.key: _runs([each]) for each in blocks if each.verdicts},
+        },
         today=today,
         obstacle=obstacle,
         earlier=earlier,
@@ -105,43 +102,11 @@ def explained(directory: Path, name: str, *, store: str | None = None, since: Pa
     )
 
 
-def kept(index: Index, configuration: ConfigurationRuns) -> dict[str, dict[str, str]]:
-    """Stage to the key of each artifact of a configuration that is in the store and its runs, as `0–4`."""
-    blocks = index.stored(configuration)
-    return {"execute": {index.keys.recordings(configuration.checked): _runs(blocks)}, **_later(blocks)}
-
-
-def _later(blocks: Sequence[Stored]) -> dict[str, dict[str, str]]:
-    return {
-        "observe": {each.trace.key: _runs([each]) for each in blocks if each.trace},
-        "judge": {each.verdicts.key: _runs([each]) for each in blocks if each.verdicts},
-    }
-
-
 def _runs(blocks: Sequence[Stored]) -> str:
-    """`0–4, 7` for run indices of blocks in order."""
-    spans: list[tuple[int, int]] = []
-    for each in blocks:
-        first, last = each.block.start, each.block.stop - 1
-        if spans and spans[-1][1] >= first - 1:
-            first, _ = spans.pop()
-        spans.append((first, last))
-    return ", ".join(str(first) if first == last else f"{first}–{last}" for first, last in spans)
-
-
-def _scenario(directory: Path, row: Mapping[str, Any]) -> Scenario:
-    with reading(directory):
-        abstract = json.loads(row["abstract"]) if row["abstract"].startswith("{") else row["abstract"]
-        return executed_scenario(abstract, row["timeout_s"], json.loads(row["scenario"]), KeptFiles(directory))
-
-
-def _dimensions(row: Mapping[str, Any]) -> dict[str, list[Written]]:
-    who, parts = writers(row), written_scenario(row)
-    parts = {part: parts[part] for part in PARTS} | {"provenance": json.loads(row["provenance"])}
-    return {
-        part: [Written(key, value, who.get(key, FILE)) for key, value in values.items()]
-        for part, values in parts.items()
-    }
+    """`0–4, 7` for the run indices of blocks."""
+    runs = sorted({run for each in blocks for run in range(each.block.start, each.block.stop)})
+    spans = run_blocks(runs, len(runs))
+    return ", ".join(f"{start}" if stop == start + 1 else f"{start}–{stop - 1}" for start, stop in spans)
 
 
 def _today(past: Past, name: str, store: str | None) -> tuple[Plan | None, str]:
@@ -178,35 +143,26 @@ def _differences(earlier: Past, past: Past, row: Mapping[str, Any]) -> list[str]
 
 def explanation_json(found: Explanation) -> dict[str, Any]:
     """Everything, values as `configurations.parquet` has them."""
-    row = found.row
+    row, today = found.row, None
+    if (plan := found.today) is not None:
+        (scenario,) = {each.scenario.digest: each.scenario for each in plan.configurations}.values()
+        today = {
+            "scenario_digest": scenario.digest,
+            "execute_key": plan.keys.recordings(checked_digest(scenario)),
+            "stages": stages_json(plan),
+            "why": why_json(plan),
+        }
     return {
         "campaign": found.past.metadata["name"],
         "created": found.past.metadata["created"],
         "configuration": row["name"],
-        "family": row["family"],
-        "duplicate_of": row["duplicate_of"],
-        "abstract": row["abstract"],
-        "timeout_s": row["timeout_s"],
-        "scenario_digest": row["scenario_digest"],
-        "dimensions": {part: [asdict(each) for each in written] for part, written in found.dimensions.items()},
+        **{name: row[name] for name in ("family", "duplicate_of", "abstract", "timeout_s", "scenario_digest")},
+        "dimensions": found.dimensions,
         "kept": found.then,
-        "today": found.today and _today_json(found),
+        "today": today,
         "obstacle": found.obstacle or None,
         "compared_with": None if found.earlier is None else str(found.earlier.directory),
         "differences": list(found.differences),
-    }
-
-
-def _today_json(found: Explanation) -> dict[str, Any]:
-    today = found.today
-    assert today is not None
-    (configuration,) = {each.scenario.digest for each in today.configurations}
-    (checked,) = {checked_digest(each.scenario) for each in today.configurations}
-    return {
-        "scenario_digest": configuration,
-        "execute_key": today.keys.recordings(checked),
-        "stages": stages_json(today),
-        "why": why_json(today),
     }
 
 
@@ -216,11 +172,30 @@ def explanation_text(found: Explanation) -> Iterator[RenderableType]:
     yield Text(f"{row['name']} of family {row['family']}, {metadata['name']} of {metadata['created']}", "bold")
     if row["duplicate_of"]:
         yield Text(f"has the content of {row['duplicate_of']}, which was run in its stead")
-    yield from _scenario_text(found)
-    yield ""
-    yield from _kept(found)
-    yield ""
-    yield from _today_text(found)
+    scenario = terminal_table()
+    for part, written in found.dimensions.items():
+        for k, each in enumerate(written):
+            value = each["value"]
+            is_file = isinstance(value, dict) and value.keys() == {"file"}
+            said = f"file {value['file']}" if is_file else shown(value, 80)
+            scenario.add_row("" if k else part, each["key"], said, each["by"])
+    scenario.add_row("scenario", "abstract", row["abstract"], "")
+    scenario.add_row("", "timeout", f"{row['timeout_s']:g} s", "")
+    scenario.add_row("", "digest", row["scenario_digest"], "")
+    yield scenario
+    kept = terminal_table()
+    for stage, artifacts in found.then.items():
+        for key, runs in (artifacts or {"–": ""}).items():
+            kept.add_row(stage, f"runs {runs} in the store" if runs else "nothing in the store", key)
+    yield from ("", Text("as the campaign computed it:"), kept, "")
+    if found.today is None:
+        yield Text(f"what a run of it would do today can't be told: {found.obstacle}", "yellow")
+    elif due := whys(found.today.steps):
+        yield Text("a run of it today, from the inputs in its directory, would compute:")
+        for why in due:
+            yield Text(f"  {why.stage} {count_text(why.amount, UNITS[why.stage])}: {why}")
+    else:
+        yield Text("a run of it today would find everything in the store")
     yield ""
     if found.earlier is None:
         yield Text("no earlier campaign of this name beside it", "dim")
@@ -228,42 +203,3 @@ def explanation_text(found: Explanation) -> Iterator[RenderableType]:
     yield Text(f"compared with {found.earlier.directory}:")
     for words in found.differences or ["the same scenario, and computed with the same code on the same numeric class"]:
         yield Text(f"  {words}")
-
-
-def _scenario_text(found: Explanation) -> Iterator[RenderableType]:
-    table = terminal_table()
-    for part, written in found.dimensions.items():
-        for k, each in enumerate(written):
-            table.add_row("" if k else part, each.key, _short(each.value), each.by)
-    table.add_row("scenario", "abstract", found.row["abstract"], "")
-    table.add_row("", "timeout", f"{found.row['timeout_s']:g} s", "")
-    table.add_row("", "digest", found.row["scenario_digest"], "")
-    yield table
-
-
-def _kept(found: Explanation) -> Iterator[RenderableType]:
-    table = terminal_table()
-    for stage, kept in found.then.items():
-        for key, runs in (kept or {"–": ""}).items():
-            table.add_row(stage, f"runs {runs} in the store" if runs else "nothing in the store", key)
-    yield Text("as the campaign computed it:")
-    yield table
-
-
-def _today_text(found: Explanation) -> Iterator[RenderableType]:
-    if found.today is None:
-        yield Text(f"what a run of it would do today can't be told: {found.obstacle}", "yellow")
-        return
-    due = whys(found.today.due)
-    if not due:
-        yield Text("a run of it today would find everything in the store")
-        return
-    yield Text("a run of it today, from the inputs in its directory, would compute:")
-    for why in due:
-        yield Text(f"  {why.stage} {count_text(why.amount, UNITS[why.stage])}: {why}")
-
-
-def _short(value: Any) -> str:
-    if isinstance(value, dict) and value.keys() == {"file"}:
-        return f"file {value['file']}"
-    return shown(value, 80)

@@ -3,19 +3,21 @@
 import itertools
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
-from vastflow.flows.plan.reasons import NEVER, Evaluated, EvaluationReasons, HereEvaluator, RunReasons
+from vastflow.flows.plan.reasons import HereEvaluator, Reasons, Step
 from vastflow.flows.request.campaign_file import campaign_name, read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.request.configurations import Selection, distinct_configurations, narrowed
 from vastflow.flows.request.run_request import RunRequest
-from vastflow.flows.request.stopping import Stopping, stopping_of
+from vastflow.flows.request.stopping import stopping_of
 from vastflow.flows.results.past import Past, newest_past, past_of
 from vastflow.flows.results.provenance import STAGES, DueReason, ReasonKind, Stage, ingredients_row, origin_row
+from vastflow.flows.terminal.words import count_text
 from vastflow.producers.instantiation.family import robots_json
 from vastflow.producers.model.configuration import Configuration
 from vastflow.producers.places.stops import PATH_LENGTH_KEY
@@ -23,7 +25,7 @@ from vastflow.producers.search.criteria import plan_text
 from vastflow.sim.model.faults import Fault, FileError
 from vastflow.sim.reading.script import script_of
 from vastflow.tasks.engine.index import ConfigurationRuns, Index, missing
-from vastflow.tasks.engine.instantiation import Instantiated, Instantiator, ProducerFault
+from vastflow.tasks.engine.instantiation import Instantiator, ProducerFault
 from vastflow.tasks.engine.pool import cores
 from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.keys.source import installed_tree
@@ -38,11 +40,7 @@ TIMES_REAL_TIME: Final = 200.0
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """Simulated time of all runs, and the time it takes on a number of cores.
-
-    Attributes:
-        timeout_s: Simulated time that no run exceeds.
-    """
+    """Simulated time of all runs, none longer than `timeout_s`, and the time it takes on a number of cores."""
 
     simulated_s: float
     timeout_s: float
@@ -56,10 +54,9 @@ class Estimate:
     @property
     def how(self) -> str:
         """The assumptions, in one sentence."""
-        cores = "1 core" if self.cores == 1 else f"{self.cores} cores"
         return (
-            f"each run its path at {MEAN_SPEED_MPS:g} m/s, {self.timeout_s:g} s at most, {cores} of {TIMES_REAL_TIME:g} times "
-            "real time each; without Prefect's start and compilation"
+            f"each run its path at {MEAN_SPEED_MPS:g} m/s, {self.timeout_s:g} s at most, {count_text(self.cores, 'core')} "
+            f"of {TIMES_REAL_TIME:g} times real time each; without Prefect's start and compilation"
         )
 
 
@@ -91,22 +88,6 @@ def route_m(configuration: Configuration) -> float:
 _TRIES: Final = 3
 
 
-@dataclass(frozen=True, slots=True)
-class Due:
-    """Something that a run would compute.
-
-    Attributes:
-        subject: A configuration; at `instantiate` a producer.
-        amount: Runs of it; at `instantiate` one evaluation.
-    """
-
-    stage: Stage
-    family: str
-    subject: str
-    amount: int
-    reason: DueReason
-
-
 @dataclass(frozen=True)
 class Plan:
     """The plan of a run.
@@ -121,9 +102,7 @@ class Plan:
         coverage: Of the whole campaign: requested, excluded, rejected with reasons, and realized instances.
         robots: Of the families, see `vastflow.producers.instantiation.family`.
         sampled_from: Number of distinct configurations that the sample is drawn from; None without a sample.
-        reused: Stage and family to what is in the store: runs, at `instantiate` evaluations.
-        due: What is not.
-        stored: Configuration to what is in the store of it.
+        steps: What a run finds in the store, and what it computes.
         estimate: Of the runs that are due.
         faults: Producers that raised, as they would in a run, and families that lack a file.
         unexecutable: Why this version can't run the campaign; then nothing is due but evaluations.
@@ -137,9 +116,7 @@ class Plan:
     coverage: Mapping[str, Any] = field(repr=False)
     robots: Sequence[Mapping[str, Any]]
     sampled_from: int | None
-    reused: Mapping[tuple[Stage, str], int]
-    due: Sequence[Due] = field(repr=False)
-    stored: Mapping[str, Sequence[Stored]] = field(repr=False)
+    steps: Sequence[Step] = field(repr=False)
     estimate: Estimate
     faults: Sequence[ProducerFault]
     unexecutable: Sequence[Fault]
@@ -150,18 +127,24 @@ class Plan:
         """The selected configurations without duplicates."""
         return [each for each in self.configurations if each.duplicate_of is None]
 
+    @property
+    def due(self) -> list[Step]:
+        """The steps that a run computes."""
+        return [each for each in self.steps if each.reason is not None]
+
     def found(self, stage: Stage, family: str | None = None) -> int:
         """Count stored results of a stage, for one family or all."""
-        return sum(n for (of, name), n in self.reused.items() if of == stage and family in (None, name))
+        steps = (each for each in self.steps if each.reason is None)
+        return sum(each.amount for each in steps if each.stage == stage and family in (None, each.family))
 
     def computed(self, stage: Stage, family: str | None = None) -> int:
         """Count due work of a stage, for one family or all."""
-        return sum(due.amount for due in self.due if due.stage == stage and family in (None, due.family))
+        return sum(each.amount for each in self.due if each.stage == stage and family in (None, each.family))
 
     @property
     def families(self) -> list[str]:
         """Families in order, those of whose configurations nothing is left included."""
-        return list(dict.fromkeys([*(family for _, family in self.reused), *(due.family for due in self.due)]))
+        return list(dict.fromkeys(each.family for each in self.steps))
 
 
 def plan_of(request: RunRequest, environments: Path, since: Path | None = None) -> Plan:
@@ -193,37 +176,42 @@ def plan_of(request: RunRequest, environments: Path, since: Path | None = None) 
     today = {} if past is None else {**origin_row(keys), **ingredients_row(tree, campaign.families, oracles)}
     store = open_store(request.store, read_only=True)
     store.refresh()
-    evaluations = None if past is None else EvaluationReasons(past, today, campaign.families)
-    evaluator = HereEvaluator(store, evaluations, environments)
-    found = _instantiated(Instantiator(campaign, store, keys, tree), evaluator)
+    reasons = Reasons(past, today, campaign.families)
+    evaluator = HereEvaluator(store, reasons, environments)
+    instantiator = Instantiator(campaign, store, keys, tree)
+    for _ in range(_TRIES):
+        with suppress(Lost):  # a damaged evaluation: now it seems gone, and is made here
+            found = instantiator.instantiated(evaluator)
+            break
+    else:
+        raise Lost("what the producers made is lost again and again")
     chosen = narrowed(found, Selection(request.only, request.sample, campaign.seed), campaign.document.file)
     instantiation = chosen.instantiation
     runs = campaign.runs_asked(request.runs, request.sample)
     configurations = [] if campaign.unexecutable else distinct_configurations(instantiation, runs)
     index = Index(store, keys)
-    sequential = campaign.sequential if request.runs is None else None
-    if (stopping := stopping_of(sequential)) is not None:
-        configurations = [_ending(stopping, index, configuration) for configuration in configurations]
-    stored = {configuration.name: index.stored(configuration) for configuration in configurations}
-    reasons = None if past is None else RunReasons(past, today, found.instantiation.configurations)
-    reused, due = _evaluations(evaluator.evaluated.values())
+    stopping = stopping_of(campaign.sequential) if request.runs is None else None
+    reasons.configurations = {each.name: each for each in found.instantiation.configurations}
+    steps = list(evaluator.steps.values())
     for configuration in configurations:
-        _count(configuration, stored[configuration.name], reasons, reused, due)
+        if stopping is not None:  # an undecided one keeps the maximum
+            decided, blocks = stopping.stored(index, configuration)
+            whole = all(each.verdicts for each in blocks) and not missing([b.block for b in blocks], decided.runs)
+            configuration = decided if whole else configuration
+        steps += _run_steps(configuration, index.stored(configuration), reasons)
     executed: Counter[str] = Counter()
-    for each in due:
-        executed[each.subject] += each.amount * (each.stage == "execute")
+    for step in steps:
+        executed[step.subject] += step.amount * (step.stage == "execute" and step.reason is not None)
     return Plan(
         name=name,
         runs=runs,
-        least=None if sequential is None else sequential.min,
+        least=None if stopping is None else stopping.rule.min_runs,
         past=past,
         configurations=instantiation.configurations,
         coverage=found.instantiation.coverage,
         robots=robots_json(campaign.families),
         sampled_from=instantiation.sampled_from,
-        reused=reused,
-        due=due,
-        stored=stored,
+        steps=steps,
         estimate=estimate_of(instantiation.configurations, executed, campaign.timeout_s, cores()),
         faults=chosen.faults,
         unexecutable=campaign.unexecutable,
@@ -231,67 +219,32 @@ def plan_of(request: RunRequest, environments: Path, since: Path | None = None) 
     )
 
 
-def _ending(stopping: Stopping, index: Index, configuration: ConfigurationRuns) -> ConfigurationRuns:
-    """Limit a configuration to the runs that decide its class; undecided ones keep the maximum."""
-    wanted, stored = stopping.stored(index, configuration)
-    whole = all(each.verdicts for each in stored) and not missing([each.block for each in stored], wanted.runs)
-    return wanted if whole else configuration
-
-
-def _instantiated(instantiator: Instantiator, evaluator: HereEvaluator) -> Instantiated:
-    for _ in range(_TRIES):
-        try:
-            return instantiator.instantiated(evaluator)
-        except Lost:  # a damaged evaluation: now it seems gone, and is made here
-            continue
-    raise Lost("what the producers made is lost again and again")
-
-
-Reused: TypeAlias = Counter[tuple[Stage, str]]
-
-
-def _evaluations(evaluated: Iterable[Evaluated]) -> tuple[Reused, list[Due]]:
-    reused: Reused = Counter()
-    due = []
-    for each in evaluated:
-        reused["instantiate", each.family] += each.reason is None
-        if each.reason is not None:
-            due.append(Due("instantiate", each.family, each.producer, 1, each.reason))
-    return reused, due
-
-
-def _count(
-    configuration: ConfigurationRuns,
-    stored: Sequence[Stored],
-    reasons: RunReasons | None,
-    reused: Reused,
-    due: list[Due],
-) -> None:
-    """Count a configuration's stored and missing runs, stage by stage."""
+def _run_steps(configuration: ConfigurationRuns, stored: Sequence[Stored], reasons: Reasons) -> Iterator[Step]:
+    """Yield a configuration's stored and missing runs, stage by stage."""
     absent = missing([each.block for each in stored], configuration.runs)
-    states: dict[Stage, set[int]] = {"execute": set(), "observe": set(), "judge": set()}
+    recorded, observed, judged = set[int](), set[int](), set[int]()
     for each in stored:
         span = range(each.block.start, min(each.block.stop, configuration.runs))
-        states["execute"].update(span)
-        states["observe"].update(span if each.trace else ())
-        states["judge"].update(span if each.verdicts else ())
-    for stage, there in states.items():
-        reused[stage, configuration.family] += len(there)
-
-    def add(stage: Stage, amount: int, reason: DueReason) -> None:
-        if amount:
-            due.append(Due(stage, configuration.family, configuration.name, amount, reason))
-
-    recorded, observed, judged = states.values()
+        recorded.update(span)
+        observed.update(span if each.trace else ())
+        judged.update(span if each.verdicts else ())
+    amounts: list[tuple[Stage, int, DueReason | None]] = [
+        ("execute", len(recorded), None),
+        ("observe", len(observed), None),
+        ("judge", len(judged), None),
+    ]
     if absent:
-        for reason, amount in reasons.execute(configuration, absent) if reasons else [(NEVER, len(absent))]:
-            add("execute", amount, reason)
-        add("observe", len(absent), _FOLLOWS_EXECUTE)
+        amounts += [("execute", amount, reason) for reason, amount in reasons.execute(configuration, absent)]
+        amounts.append(("observe", len(absent), _FOLLOWS_EXECUTE))
     if unobserved := len(recorded - observed):
-        add("observe", unobserved, reasons.later("observe", configuration) if reasons else NEVER)
-    add("judge", configuration.runs - len(observed), _FOLLOWS_EXECUTE if absent else _FOLLOWS_OBSERVE)
+        amounts.append(("observe", unobserved, reasons.later("observe", configuration)))
+    follows = _FOLLOWS_EXECUTE if absent else _FOLLOWS_OBSERVE
+    amounts.append(("judge", configuration.runs - len(observed), follows))
     if unjudged := len(observed - judged):
-        add("judge", unjudged, reasons.later("judge", configuration) if reasons else NEVER)
+        amounts.append(("judge", unjudged, reasons.later("judge", configuration)))
+    for stage, amount, why in amounts:
+        if amount:
+            yield Step(stage, configuration.family, configuration.name, amount, why)
 
 
 _FOLLOWS_EXECUTE: Final = DueReason("follows", "follows from execute")
@@ -320,22 +273,18 @@ class Why:
     def __str__(self) -> str:
         if not self.detail:
             return self.what
-        return (
-            f"{self.what}: {self.detail}"
-            if self.alike
-            else f"{self.what}, such as {next(iter(self.subjects))} {self.detail}"
-        )
+        return f"{self.what}{':' if self.alike else f', such as {next(iter(self.subjects))}'} {self.detail}"
 
 
-def whys(due: Sequence[Due]) -> list[Why]:
+def whys(steps: Sequence[Step]) -> list[Why]:
     """Group due work by stage, family, and reason."""
     found: dict[tuple[str, str, str, str], Why] = {}
-    for each in due:
-        key = each.stage, each.family, each.reason.kind, each.reason.what
-        why = found.setdefault(
-            key, Why(each.stage, each.family, each.reason.kind, each.reason.what, each.reason.detail)
-        )
-        why.alike = why.alike and why.detail == each.reason.detail
+    for each in steps:
+        if (reason := each.reason) is None:
+            continue
+        key = each.stage, each.family, reason.kind, reason.what
+        why = found.setdefault(key, Why(each.stage, each.family, reason.kind, reason.what, reason.detail))
+        why.alike = why.alike and why.detail == reason.detail
         why.amount += each.amount
         why.subjects[each.subject] = None
     return sorted(found.values(), key=lambda why: STAGES.index(why.stage))

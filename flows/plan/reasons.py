@@ -4,6 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -29,200 +30,53 @@ from vastflow.producers.model.producer import Producer, evaluate
 from vastflow.sim.model.digest import Value
 from vastflow.tasks.engine.evaluation import FRAGMENTS, write_evaluation
 from vastflow.tasks.engine.index import ConfigurationRuns
-from vastflow.tasks.engine.instantiation import Evaluation, EvaluationRequest
+from vastflow.tasks.engine.instantiation import EvaluationRequest
 from vastflow.tasks.store.store import Store
 
 NEVER: Final = DueReason("never computed", "never computed before, as far as is known")
 _DIMENSION_AND_KEY: Final = re.compile(rf"(?:{'|'.join(PARTS)})\.[^.\[]+")
 
 
-class RunReasons:
-    """Why runs of configurations are computed.
-
-    Args:
-        past: The campaign before.
-        today: What `metadata.json` would say of the ingredients now.
-        configurations: Of today, all of them.
-    """
-
-    def __init__(self, past: Past, today: Mapping[str, Any], configurations: Sequence[Configuration]) -> None:
-        self._past = past
-        self._today = today
-        self._configurations = {each.name: each for each in configurations}
-        self._scenarios = {each.scenario.digest for each in configurations}
-        self._of_stage: dict[Stage, DueReason | None] = {}
-        self._known: dict[str, dict[str, set[str]]] = {}
-
-    def execute(self, configuration: ConfigurationRuns, absent: Sequence[int]) -> list[tuple[DueReason, int]]:
-        """Reasons for these runs, each with how many it is of."""
-        row = self._past.by_key.get(configuration.checked)
-        if row is None:
-            return [(self._scenario(self._configurations[configuration.name]), len(absent))]
-        return list(Counter(self._run(row, configuration, run) for run in absent).items())
-
-    def later(self, stage: Literal["observe", "judge"], configuration: ConfigurationRuns) -> DueReason:
-        """Why a block that is recorded is observed, or one that is observed is judged."""
-        if configuration.checked not in self._past.by_key:
-            return DueReason(
-                "never computed", "recorded, but never more", "as a campaign that was interrupted leaves it"
-            )
-        return self._stage(stage) or lost(self._past)
-
-    def _run(self, row: Row, configuration: ConfigurationRuns, run: int) -> DueReason:
-        before = self._past.runs_of(row["name"])
-        if run >= before:
-            return DueReason("more runs", "more runs are asked", f"{before} before, now {configuration.runs}")
-        if changed := self._stage("execute"):
-            return changed
-        if (row["name"], run) in self._past.recorded:
-            return lost(self._past)
-        return DueReason("broke", "not recorded in the campaign before", "its metadata.json says which fault it was")
-
-    def _stage(self, stage: Stage) -> DueReason | None:
-        """Why no result of the past is one of today in this stage; None where every one is."""
-        if stage not in self._of_stage:
-            then, now = stage_ingredients(self._past.metadata, stage), stage_ingredients(self._today, stage)
-            self._of_stage[stage] = all_of([*changes(then, now)])
-        return self._of_stage[stage]
-
-    def _scenario(self, configuration: Configuration) -> DueReason:
-        """Why a configuration is executed whose scenario the campaign before did not have."""
-        if same := self._past.by_digest.get(configuration.scenario.digest):
-            what = "what vastflow or a plug-in makes of the same scenario changed"
-            return DueReason("scenario changed", what, "" if same["name"] == configuration.name else same["name"])
-        now = configuration_row(configuration)
-        namesake = self._past.by_name.get(configuration.name)
-        if namesake is not None and namesake["scenario_digest"] not in self._scenarios:  # else it has another name now
-            return scenario_reason(namesake, now)
-        asked = asked_of(self._past.metadata)
-        if asked.only or asked.sample is not None:
-            said = [*asked.only, *([] if asked.sample is None else [f"a sample of {asked.sample}"])]
-            return DueReason("new configuration", "the campaign before was only a selection", ", ".join(said))
-        known = self._values(configuration.family)
-        if not known:
-            return DueReason("new configuration", f"family {configuration.family} is new")
-        values = {key: value for key, value in values_of(now).items() if not key.startswith("_")}
-        fresh = [
-            f"{key} = {short_text(value)}"
-            for key, value in values.items()
-            if json_text(value) not in known.get(key, ())
-        ]
-        words = f"first with {few(fresh)}" if fresh else "of values that were not together before"
-        return DueReason("new configuration", "new configuration", words)
-
-    def _values(self, family: str) -> Mapping[str, set[str]]:
-        """Key to the values, as text, that configurations of the family had; empty where there were none."""
-        if family not in self._known:
-            self._known[family] = {}
-            for row in self._past.rows:
-                if row["family"] == family:
-                    for key, value in values_of(row).items():
-                        self._known[family].setdefault(key, set()).add(json_text(value))
-        return self._known[family]
-
-
-def lost(past: Past) -> DueReason:
-    """Something is not in the store that the campaign before had there."""
-    return DueReason("lost", "not in this store, though an earlier campaign had it", past.directory.name)
-
-
-def scenario_reason(then: Row, now: Row) -> DueReason:
-    """Describe how the scenario of a row differs from that of an earlier row."""
-    found = [*value_changes(written_scenario(then), written_scenario(now))]
-    keys = list(dict.fromkeys(_key(path) for path, _, _ in found))
-    who = writers(now)
-    by = dict.fromkeys(filter(None, (who.get(key.partition(".")[2]) for key in keys)))
-    writer = f" (written by {', '.join(by)})" if by else ""
-    details = [
-        change_text(path if len(keys) > 1 else path.removeprefix(keys[0]).lstrip("."), a, b) for path, a, b in found
-    ]
-    return DueReason("scenario changed", f"{few(keys)} changed{writer}", few(details))
-
-
-def _key(path: str) -> str:
-    """Return dimension and key of a path into a scenario; the path itself outside of dimensions."""
-    found = _DIMENSION_AND_KEY.match(path)
-    return found[0] if found else path
-
-
-def all_of(reasons: Sequence[DueReason]) -> DueReason | None:
-    """Merge several reasons; the first gives the kind."""
-    if len(reasons) < 2:
-        return reasons[0] if reasons else None
-    return DueReason(reasons[0].kind, "; ".join(map(str, reasons)))
-
-
 @dataclass(frozen=True, slots=True)
-class Evaluated:
-    """An evaluation that a run would ask for.
+class Step:
+    """Something that a run would find in the store, or compute.
 
     Attributes:
+        subject: A configuration; at `instantiate` a producer.
+        amount: Runs of it; at `instantiate` one evaluation.
         reason: Why it would be computed; None where it is in the store.
     """
 
+    stage: Stage
     family: str
-    producer: str
+    subject: str
+    amount: int
     reason: DueReason | None
 
 
-@dataclass
-class HereEvaluator:
-    """Evaluate missing producers in this process; see `vastflow.tasks.engine.instantiation.Evaluator`.
-
-    Attributes:
-        store: Opened to be read only: what is evaluated here stays in it.
-        reasons: None where there is no campaign before.
-        environments: Folder for the files that producers make.
-        evaluated: Key to what was asked for, in order.
-    """
-
-    store: Store
-    reasons: "EvaluationReasons | None"
-    environments: Path
-    evaluated: dict[str, Evaluated] = field(default_factory=dict)
-
-    def __call__(self, requests: Sequence[EvaluationRequest]) -> Mapping[str, str]:
-        """Evaluate; key of each evaluation at which the producer raised to the error."""
-        errors = {}
-        for request in requests:
-            name = type(request.producer).__name__
-            for each in request.evaluations:
-                if self.store.find(each.key) is not None:  # made here before, perhaps
-                    self.evaluated.setdefault(each.key, Evaluated(request.family, name, None))
-                    continue
-                reason = self._reason(request, each)
-                self.evaluated[each.key] = Evaluated(request.family, name, reason)
-                try:
-                    with environments_in(self.environments):
-                        found = evaluate(request.producer, each.inputs)
-                except Exception as error:  # noqa: BLE001 - a plug-in may raise anything: a fault of the run, too
-                    errors[each.key] = f"{type(error).__name__}: {' '.join(str(error).split())}"
-                    continue
-                self.store.put(each.key, {FRAGMENTS: write_evaluation(found)})
-        return errors
-
-    def _reason(self, request: EvaluationRequest, evaluation: Evaluation) -> DueReason:
-        return (
-            NEVER if self.reasons is None else self.reasons.reason(request.family, request.producer, evaluation.inputs)
-        )
-
-
-class EvaluationReasons:
-    """Why evaluations of producers are computed.
+class Reasons:
+    """Why evaluations of producers and runs of configurations are computed.
 
     Args:
-        past: The campaign before.
+        past: The campaign before, if there is one.
         today: What `metadata.json` would say of the ingredients now.
+
+    Attributes:
+        configurations: All of today, by name; set when they are known.
     """
 
-    def __init__(self, past: Past, today: Mapping[str, Any], families: Sequence[Family]) -> None:
+    def __init__(self, past: Past | None, today: Mapping[str, Any], families: Sequence[Family]) -> None:
+        self.configurations: Mapping[str, Configuration] = {}
         self._past = past
         self._today = today
         self._families = {family.name: family for family in families}
+        self._of_stage: dict[Stage, DueReason | None] = {}
         self._texts: dict[tuple[str, tuple[str, ...]], set[str]] = {}
 
-    def reason(self, family: str, producer: Producer[Any], inputs: Mapping[str, Value]) -> DueReason:
+    def evaluation(self, family: str, producer: Producer[Any], inputs: Mapping[str, Value]) -> DueReason:
         """Why the evaluation of a producer of `family` on `inputs` is not in the store."""
+        if self._past is None:
+            return NEVER
         name = type(producer).__name__
         rows = self._past.metadata["producers"].get(family)
         if rows is None:
@@ -235,20 +89,142 @@ class EvaluationReasons:
             return DueReason("producer changed", f"{name} is new in {family}")
         then = evaluation_ingredients(self._past.metadata, namesakes[ordinal])
         now = evaluation_ingredients(self._today, today[place])
-        return all_of([*changes(then, now)]) or self._inputs(family, name, inputs)
-
-    def _inputs(self, family: str, name: str, inputs: Mapping[str, Value]) -> DueReason:
-        reads = tuple(inputs)
-        if json_text(inputs) in self._known(family, reads):
+        if changed := all_of([*changes(then, now)]):
+            return changed
+        if json_text(inputs) in self._known(self._past, family, *inputs):
             return lost(self._past)
-        fresh = [key for key in reads if json_text({key: inputs[key]}) not in self._known(family, (key,))]
-        return DueReason(
-            "input changed", f"what {name} reads changed", ", ".join(fresh) or "values that were not together before"
-        )
+        fresh = ", ".join(self._fresh(self._past, family, inputs))
+        return DueReason("input changed", f"what {name} reads changed", fresh or "values that were not together before")
 
-    def _known(self, family: str, keys: tuple[str, ...]) -> set[str]:
+    def execute(self, configuration: ConfigurationRuns, absent: Sequence[int]) -> list[tuple[DueReason, int]]:
+        """Reasons for these runs, each with how many it is of."""
+        if self._past is None:
+            return [(NEVER, len(absent))]
+        row = self._past.by_key.get(configuration.checked)
+        if row is None:
+            return [(self._scenario(self._past, self.configurations[configuration.name]), len(absent))]
+        return list(Counter(self._run(self._past, row, configuration, run) for run in absent).items())
+
+    def later(self, stage: Literal["observe", "judge"], configuration: ConfigurationRuns) -> DueReason:
+        """Why a block that is recorded is observed, or one that is observed is judged."""
+        if self._past is None:
+            return NEVER
+        if configuration.checked not in self._past.by_key:
+            return DueReason(
+                "never computed", "recorded, but never more", "as a campaign that was interrupted leaves it"
+            )
+        return self._stage(self._past, stage) or lost(self._past)
+
+    def _run(self, past: Past, row: Row, configuration: ConfigurationRuns, run: int) -> DueReason:
+        before = past.runs_of(row["name"])
+        if run >= before:
+            return DueReason("more runs", "more runs are asked", f"{before} before, now {configuration.runs}")
+        if changed := self._stage(past, "execute"):
+            return changed
+        if (row["name"], run) in past.recorded:
+            return lost(past)
+        return DueReason("broke", "not recorded in the campaign before", "its metadata.json says which fault it was")
+
+    def _stage(self, past: Past, stage: Stage) -> DueReason | None:
+        """Why no result of the past is one of today in this stage; None where every one is."""
+        if stage not in self._of_stage:
+            then, now = stage_ingredients(past.metadata, stage), stage_ingredients(self._today, stage)
+            self._of_stage[stage] = all_of([*changes(then, now)])
+        return self._of_stage[stage]
+
+    def _scenario(self, past: Past, configuration: Configuration) -> DueReason:
+        """Why a configuration is executed whose scenario the campaign before did not have."""
+        if same := past.by_digest.get(configuration.scenario.digest):
+            what = "what vastflow or a plug-in makes of the same scenario changed"
+            return DueReason("scenario changed", what, "" if same["name"] == configuration.name else same["name"])
+        now = configuration_row(configuration)
+        namesake = past.by_name.get(configuration.name)
+        if namesake is not None and namesake["scenario_digest"] not in self._scenarios:  # else it has another name now
+            return scenario_reason(namesake, now)
+        asked = asked_of(past.metadata)
+        if asked.only or asked.sample is not None:
+            said = [*asked.only, *([] if asked.sample is None else [f"a sample of {asked.sample}"])]
+            return DueReason("new configuration", "the campaign before was only a selection", ", ".join(said))
+        if not self._known(past, configuration.family):
+            return DueReason("new configuration", f"family {configuration.family} is new")
+        values = {key: value for key, value in values_of(now).items() if not key.startswith("_")}
+        fresh = [f"{key} = {short_text(values[key])}" for key in self._fresh(past, configuration.family, values)]
+        words = f"first with {few(fresh)}" if fresh else "of values that were not together before"
+        return DueReason("new configuration", "new configuration", words)
+
+    @cached_property
+    def _scenarios(self) -> set[str]:
+        return {each.scenario.digest for each in self.configurations.values()}
+
+    def _fresh(self, past: Past, family: str, values: Mapping[str, Any]) -> list[str]:
+        """The keys whose values no configuration of the family had."""
+        return [key for key in values if json_text({key: values[key]}) not in self._known(past, family, key)]
+
+    def _known(self, past: Past, family: str, *keys: str) -> set[str]:
         """Values of these keys together, of all configurations that the family had, as text."""
         if (family, keys) not in self._texts:
-            rows = (values_of(row) for row in self._past.rows if row["family"] == family)
+            rows = (values_of(row) for row in past.rows if row["family"] == family)
             self._texts[family, keys] = {json_text({key: each[key] for key in keys if key in each}) for each in rows}
         return self._texts[family, keys]
+
+
+def lost(past: Past) -> DueReason:
+    """Something is not in the store that the campaign before had there."""
+    return DueReason("lost", "not in this store, though an earlier campaign had it", past.directory.name)
+
+
+def scenario_reason(then: Row, now: Row) -> DueReason:
+    """Describe how the scenario of a row differs from that of an earlier row."""
+    found = [*value_changes(written_scenario(then), written_scenario(now))]
+    # dimension and key of each path into the scenario; the path itself outside of dimensions
+    keys = list(dict.fromkeys(key[0] if (key := _DIMENSION_AND_KEY.match(path)) else path for path, _, _ in found))
+    who = writers(now)
+    by = dict.fromkeys(filter(None, (who.get(key.partition(".")[2]) for key in keys)))
+    writer = f" (written by {', '.join(by)})" if by else ""
+    details = [
+        change_text(path if len(keys) > 1 else path.removeprefix(keys[0]).lstrip("."), a, b) for path, a, b in found
+    ]
+    return DueReason("scenario changed", f"{few(keys)} changed{writer}", few(details))
+
+
+def all_of(reasons: Sequence[DueReason]) -> DueReason | None:
+    """Merge several reasons; the first gives the kind."""
+    if len(reasons) < 2:
+        return reasons[0] if reasons else None
+    return DueReason(reasons[0].kind, "; ".join(map(str, reasons)))
+
+
+@dataclass
+class HereEvaluator:
+    """Evaluate missing producers in this process; see `vastflow.tasks.engine.instantiation.Evaluator`.
+
+    Attributes:
+        store: Opened to be read only: what is evaluated here stays in it.
+        environments: Folder for the files that producers make.
+        steps: Key of each evaluation to its step.
+    """
+
+    store: Store
+    reasons: Reasons
+    environments: Path
+    steps: dict[str, Step] = field(default_factory=dict)
+
+    def __call__(self, requests: Sequence[EvaluationRequest]) -> Mapping[str, str]:
+        """Evaluate; key of each evaluation at which the producer raised to the error."""
+        errors = {}
+        for request in requests:
+            name = type(request.producer).__name__
+            for each in request.evaluations:
+                if self.store.find(each.key) is not None:  # made here before, perhaps
+                    self.steps.setdefault(each.key, Step("instantiate", request.family, name, 1, None))
+                    continue
+                reason = self.reasons.evaluation(request.family, request.producer, each.inputs)
+                self.steps[each.key] = Step("instantiate", request.family, name, 1, reason)
+                try:
+                    with environments_in(self.environments):
+                        found = evaluate(request.producer, each.inputs)
+                except Exception as error:  # noqa: BLE001 - a plug-in may raise anything: a fault of the run, too
+                    errors[each.key] = f"{type(error).__name__}: {' '.join(str(error).split())}"
+                    continue
+                self.store.put(each.key, {FRAGMENTS: write_evaluation(found)})
+        return errors

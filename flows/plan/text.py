@@ -8,7 +8,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from vastflow.flows.plan.plan import Plan, Why, whys
+from vastflow.flows.plan.plan import Plan, whys
 from vastflow.flows.results.provenance import STAGES, Stage
 from vastflow.flows.terminal.display import duration_text
 from vastflow.flows.terminal.table import terminal_table
@@ -39,7 +39,7 @@ UNITS: Final[Mapping[Stage, str]] = {"instantiate": "evaluation", "execute": "ru
 
 
 def plan_json(plan: Plan, file: str) -> dict[str, Any]:
-    """The plan as JSON values: coverage, counts of each stage, of the campaign and of each family, and the reasons."""
+    """Return the plan as JSON values."""
     return {
         "campaign": plan.name,
         "file": file,
@@ -74,12 +74,12 @@ def why_json(plan: Plan) -> list[dict[str, Any]]:
             "computed": why.amount,
             "of": list(why.subjects),
         }
-        for why in whys(plan.due)
+        for why in whys(plan.steps)
     ]
 
 
 def plan_text(plan: Plan, *, why: bool = False, coverage: bool = False) -> Iterator[RenderableType]:
-    """The same for people.
+    """Format the plan for people.
 
     Args:
         why: Whether reasons are told.
@@ -88,8 +88,12 @@ def plan_text(plan: Plan, *, why: bool = False, coverage: bool = False) -> Itera
     yield from coverage_text(plan.coverage, details=coverage)
     yield ""
     if not plan.unexecutable:
-        yield _stages(plan)
-        yield ""
+        table = terminal_table(("stage", "family"), ("in the store", "to compute"), ("",))
+        for stage in STAGES:
+            for family in plan.families:
+                numbers = (plan.found(stage, family), plan.computed(stage, family))
+                table.add_row(stage, family, *(f"{n:,}" for n in numbers), f"{UNITS[stage]}s")
+        yield from (table, "")
     if plan.sampled_from is not None:
         yield Text(f"a sample of {len(plan.distinct):,} of {plan.sampled_from:,} distinct configurations")
     if plan.least is not None:
@@ -111,33 +115,21 @@ def plan_text(plan: Plan, *, why: bool = False, coverage: bool = False) -> Itera
         yield Text(str(fault), "red")
 
 
-def _stages(plan: Plan) -> Table:
-    table = terminal_table(("stage", "family"), ("in the store", "to compute"), ("",))
-    for stage in STAGES:
-        for family in plan.families:
-            numbers = (plan.found(stage, family), plan.computed(stage, family))
-            table.add_row(stage, family, *(f"{n:,}" for n in numbers), f"{UNITS[stage]}s")
-    return table
-
-
 def _why_text(plan: Plan) -> Iterator[RenderableType]:
     if plan.past is None:
         yield Text("compared with nothing: no earlier campaign of this name in the folder of results", "dim")
     else:
         yield Text(f"compared with {plan.past.directory}", "dim")
-    reasons = [why for why in whys(plan.due) if why.kind != "follows"]
+    due = whys(plan.steps)
+    reasons = [why for why in due if why.kind != "follows"]
     for why in reasons[:MOST_REASONS]:
-        yield Text(_sentence(why))
+        more = len(why.subjects) - MOST_SUBJECTS
+        subjects = ", ".join(list(why.subjects)[:MOST_SUBJECTS]) + (f" and {more} more" if more > 0 else "")
+        yield Text(f"{why.stage} {count_text(why.amount, UNITS[why.stage])} of {subjects}: {why}")
     if len(reasons) > MOST_REASONS:
         yield Text(f"and {len(reasons) - MOST_REASONS} more reasons; --json has all", "dim")
-    if any(due.reason.kind == "follows" for due in plan.due):
+    if len(reasons) < len(due):
         yield Text("what is computed anew is observed and judged; a run that comes out as before keeps both", "dim")
-
-
-def _sentence(why: Why) -> str:
-    more = len(why.subjects) - MOST_SUBJECTS
-    subjects = ", ".join(list(why.subjects)[:MOST_SUBJECTS]) + (f" and {more} more" if more > 0 else "")
-    return f"{why.stage} {count_text(why.amount, UNITS[why.stage])} of {subjects}: {why}"
 
 
 def coverage_text(coverage: Coverage, *, details: bool = True) -> Iterator[RenderableType]:
@@ -186,16 +178,10 @@ def share_text(share: float | None) -> str:
 def _lost(title: str, rows: list[Loss]) -> Iterator[RenderableType]:
     if not rows:
         return
-    yield ""
-    yield Text(title, "bold")
-    yield _lost_table(rows[:MOST_LOSSES])
-    if rest := rows[MOST_LOSSES:]:
-        yield Text(f"and {sum(row.times for row in rest):,} more for {len(rest):,} other reasons; see --json", "dim")
-
-
-def _lost_table(rows: list[Loss]) -> Table:
     table = terminal_table()
     table.add_column(justify="right", no_wrap=True)
-    for row in rows:
+    for row in rows[:MOST_LOSSES]:
         table.add_row(f"{row.times:,} ×", row.family, row.by, row.reason)
-    return table
+    yield from ("", Text(title, "bold"), table)
+    if rest := rows[MOST_LOSSES:]:
+        yield Text(f"and {sum(row.times for row in rest):,} more for {len(rest):,} other reasons; see --json", "dim")

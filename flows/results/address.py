@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import time
 import uuid
@@ -22,8 +23,6 @@ if TYPE_CHECKING:
 
 METADATA: Final = "metadata.json"
 """It makes a folder a campaign directory, so it goes last: half a delivery is none."""
-
-_FOLDER: Final = "results"
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +47,7 @@ class Delivery:
         """
         if self.address is None:
             return written
-        from vastflow.tasks.store.remote_files import file_system, unusable
+        from vastflow.tasks.store.remote_files import file_system
 
         address = f"{self.address}/{written.directory.name}"
         metadata = written.directory / METADATA
@@ -57,14 +56,10 @@ class Delivery:
         metadata.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
         files = sorted(path for path in written.directory.rglob("*") if path.is_file() and path != metadata)
         places = [path.relative_to(written.directory).as_posix() for path in files]
-        try:
+        with _using(self.address, f"; the campaign directory is in {written.directory}"):
             system, root = file_system(address)
             system.put([str(path) for path in files], [f"{root}/{place}" for place in places])
             system.pipe_file(f"{root}/{METADATA}", metadata.read_bytes())
-        except Exception as error:  # noqa: BLE001 - a file system may raise anything
-            said = unusable("results", self.address, error)
-            said.args = (f"{said}; the campaign directory is in {written.directory}",)
-            raise said from None
         return replace(written, summary=replace(written.summary, results=address))
 
 
@@ -77,16 +72,14 @@ def delivery_to(results: str | os.PathLike[str], store: Store) -> Delivery:
     address = os.fspath(results).rstrip("/")
     if not is_address(address):
         return Delivery(Path(os.fspath(results).removeprefix("file://")))
-    from vastflow.tasks.store.remote_files import file_system, unusable
+    from vastflow.tasks.store.remote_files import file_system
 
-    try:
+    with _using(address):
         system, root = file_system(address)
         probe = f"{root}/.{uuid.uuid4().hex}"
         system.pipe_file(probe, b"vastflow")
         system.rm_file(probe)
-    except Exception as error:  # noqa: BLE001 - a file system may raise anything
-        raise unusable("results", address, error) from None
-    folder = store.local / _FOLDER
+    folder = store.local / "results"
     for old in folder.glob("*"):
         with suppress(OSError):
             if time.time() - old.stat().st_mtime > WRITING_S:
@@ -116,35 +109,40 @@ def at_hand(results: str, leave_out: Collection[str] = ()) -> Iterator[Path]:
     address = results.rstrip("/")
     with TemporaryDirectory(prefix="vastflow-") as folder:
         copy = Path(folder, address.rpartition("/")[2])
-        _fetch(address, copy, leave_out)
+        with _using(address):
+            _fetch(address, copy, leave_out)
         yield copy
 
 
 def _fetch(address: str, copy: Path, leave_out: Collection[str]) -> None:
-    from vastflow.tasks.store.remote_files import file_system, unusable
+    from vastflow.tasks.store.remote_files import file_system
+
+    system, root = file_system(address)
+    places = [path[len(root) + 1 :] for path in system.find(root)]
+    if METADATA not in places:
+        found = f"not a campaign directory, there is no {METADATA}; an address that `vastflow run --results` printed"
+        if inside := sorted(place.partition("/")[0] for place in places if re.fullmatch(f"[^/]+/{METADATA}", place)):
+            found = f"holds {len(inside)} campaign directories; name one of them, such as {address}/{inside[-1]}"
+        raise UnusableDirectory(f"{address}: {found}")
+    wanted = [place for place in places if place.partition("/")[0] not in leave_out]
+    for parent in {(copy / place).parent for place in wanted}:
+        parent.mkdir(parents=True, exist_ok=True)
+    system.get([f"{root}/{place}" for place in wanted], [str(copy / place) for place in wanted])
+
+
+@contextmanager
+def _using(address: str, more: str = "") -> Iterator[None]:
+    """Report errors of the file system at an address; `more` follows the sentence."""
+    from vastflow.tasks.store.remote_files import unusable
 
     try:
-        system, root = file_system(address)
-        places = [path[len(root) + 1 :] for path in system.find(root)]
-        if METADATA not in places:
-            raise UnusableDirectory(_none_there(address, places))
-        wanted = [place for place in places if place.partition("/")[0] not in leave_out]
-        for parent in {(copy / place).parent for place in wanted}:
-            parent.mkdir(parents=True, exist_ok=True)
-        system.get([f"{root}/{place}" for place in wanted], [str(copy / place) for place in wanted])
+        yield
     except UserError:
         raise
     except Exception as error:  # noqa: BLE001 - a file system may raise anything
-        raise unusable("results", address, error) from None
-
-
-def _none_there(address: str, places: Collection[str]) -> str:
-    inside = sorted({place.partition("/")[0] for place in places if place.count("/") == 1 and place.endswith(METADATA)})
-    if inside:
-        return f"{address}: holds {len(inside)} campaign directories; name one of them, such as {address}/{inside[-1]}"
-    return (
-        f"{address}: not a campaign directory, there is no {METADATA}; an address that `vastflow run --results` printed"
-    )
+        said = unusable("results", address, error)
+        said.args = (f"{said}{more}",)
+        raise said from None
 
 
 def meant_address(path: Path) -> str | None:
@@ -155,7 +153,7 @@ def meant_address(path: Path) -> str | None:
 
 
 def check_directory(results: Path, option: str = "") -> None:
-    """Look whether a path is a campaign directory.
+    """Check that a path is a campaign directory.
 
     Args:
         option: That gave the path, for the message, such as `--since`.
@@ -163,19 +161,15 @@ def check_directory(results: Path, option: str = "") -> None:
     Raises:
         UnusableDirectory: it is none; says where one is.
     """
-    if wrong := _wrong(results):
-        raise UnusableDirectory(f"{option} {meant_address(results) or results}: {wrong}".lstrip())
-
-
-def _wrong(results: Path) -> str | None:
     right = "a folder that `vastflow run` wrote"
-    if meant_address(results):
-        return "only `vastflow show` and `vastflow export` read an address; copy it into a folder first"
-    if not results.exists():
-        return f"no such folder; {right}"
     if (results / METADATA).is_file():
-        return None
-    inside = sorted(results.glob(f"[!.]*/{METADATA}"), key=lambda file: file.stat().st_mtime)
-    if inside:
-        return f"holds {len(inside)} campaign directories; name one of them, the newest is {inside[-1].parent}"
-    return f"not a campaign directory, it has no {METADATA}; {right}"
+        return
+    if meant_address(results):
+        wrong = "only `vastflow show` and `vastflow export` read an address; copy it into a folder first"
+    elif not results.exists():
+        wrong = f"no such folder; {right}"
+    elif inside := sorted(results.glob(f"[!.]*/{METADATA}"), key=lambda file: file.stat().st_mtime):
+        wrong = f"holds {len(inside)} campaign directories; name one of them, the newest is {inside[-1].parent}"
+    else:
+        wrong = f"not a campaign directory, it has no {METADATA}; {right}"
+    raise UnusableDirectory(f"{option} {meant_address(results) or results}: {wrong}".lstrip())

@@ -49,22 +49,16 @@ def references(store: Store, directories: Iterable[Path]) -> References:
     known = True
     tree = installed_tree()
     for directory in directories:
-        recorded, metadata, scenarios = _recorded(directory)
-        for scenario in scenarios:
+        with reading(directory):
+            metadata = read_json(directory / "metadata.json")
+            recorded = recorded_keys(metadata)
+            rows = table_rows(directory / "configurations.parquet", "checked_digest")
+        for scenario in {str(row["checked_digest"]) for row in rows}:
             keys.update(_of_scenario(store, recorded, scenario))
         evaluations = _evaluations(store, recorded, tree, directory, metadata)
         known = known and evaluations is not None
         keys.update(evaluations or ())
     return References(frozenset(keys), known)
-
-
-def _recorded(directory: Path) -> tuple[Keys, Mapping[str, Any], list[str]]:
-    with reading(directory):
-        metadata = read_json(directory / "metadata.json")
-        keys = recorded_keys(metadata)
-        rows = table_rows(directory / "configurations.parquet", "checked_digest")
-        scenarios = sorted({str(row["checked_digest"]) for row in rows})
-    return keys, metadata, scenarios
 
 
 def _of_scenario(store: Store, keys: Keys, scenario: str) -> Iterable[str]:
@@ -138,8 +132,11 @@ def cleaning(store: Store, referred: References | None, older_than_s: float, now
     removed: list[Holding] = []
     kept: list[Holding] = []
     for holding in store.holdings():
-        goes = holding.written_s < before_s and not (referred and _is_referred(holding, referred))
-        (removed if goes else kept).append(holding)
+        stays = referred is not None and (
+            (holding.stage in ("evaluate", "search") and not referred.evaluations)
+            or (holding.whole and holding.key in referred.keys)
+        )
+        (removed if holding.written_s < before_s and not stays else kept).append(holding)
     environments = _unnamed_environments(store, kept, before_s)
     size = sum(folder_bytes(folder) for folder in environments)
     return Cleaning(tuple(removed), tuple(kept), tuple(environments), size)
@@ -159,12 +156,6 @@ def folder_bytes(folder: Path) -> int:
         with contextlib.suppress(OSError):  # deleted meanwhile
             size += file.stat().st_size if file.is_file() else 0
     return size
-
-
-def _is_referred(holding: Holding, referred: References) -> bool:
-    if holding.stage in ("evaluate", "search") and not referred.evaluations:
-        return True
-    return holding.whole and holding.key in referred.keys
 
 
 def _unnamed_environments(store: Store, kept: Iterable[Holding], before_s: float) -> list[Path]:

@@ -26,7 +26,6 @@ KEY: Final = "report"
 
 _FILES: Final = ".files.json"
 """In a campaign directory: its files as the run left them."""
-
 _PACKAGES: Final = ("vastflow.flows", "vastflow.oracles", "vastflow.producers", "vastflow.sim", "vastflow.tasks")
 _WRITTEN_BY: Final = frozenset({".css", ".j2", ".js", ".py"})
 REPORT_LIBRARIES: Final = ("jinja2", "markupsafe", "matplotlib")
@@ -35,15 +34,6 @@ REPORT_LIBRARIES: Final = ("jinja2", "markupsafe", "matplotlib")
 def written_by() -> tuple[Path, ...]:
     """Folders with the code and the templates that make tables and reports."""
     return tuple(folders_of(_PACKAGES).values())
-
-
-def _source() -> str:
-    """Return the digest of vastflow's code and templates."""
-    hashed = hashlib.sha256()
-    for folder in written_by():
-        for file in sorted(file for file in folder.rglob("*") if file.suffix in _WRITTEN_BY):
-            hashed.update(f"{file.relative_to(folder)} {file_digest(file)}\n".encode())
-    return hashed.hexdigest()
 
 
 def report_key(
@@ -59,9 +49,7 @@ def report_key(
 
     Args:
         metadata: What `metadata.json` says; of it what is the same for every call with these results.
-        contents: Of each configuration that is no duplicate, in order: the keys of its verdicts, which follow from its scenario,
-            its recordings and the oracles' code and parameters, and what is in them.
-        runs: Of each configuration; `metadata` has the rule, where they ended by one.
+        contents: Keys and contents of the verdicts of each configuration that is no duplicate, in order.
         oracles: Those that judged, in order. The report has their docstrings, which are in no digest of their code.
     """
     hashed = hashlib.sha256()
@@ -84,7 +72,9 @@ def report_key(
         *contents,
     ):
         hashed.update(_text(part).encode() + b"\n")
-    hashed.update(_source().encode())
+    for folder in written_by():
+        for file in sorted(file for file in folder.rglob("*") if file.suffix in _WRITTEN_BY):
+            hashed.update(f"{file.relative_to(folder)} {file_digest(file)}\n".encode())
     return hashed.hexdigest()
 
 

@@ -55,51 +55,30 @@ def new_directory(root: Path, name: str, created: datetime) -> Iterator[NewDirec
     Raises:
         UserError: the disk is full or broken, or may not be written, or the folder was deleted meanwhile.
     """
-    with _written_to(root):
-        directory = _begun(root, f"{directory_name(name)}-{created:%Y-%m-%d-%H%M%S}")
-        try:
-            yield directory
-            (directory.partial / WRITER).unlink(missing_ok=True)
-            directory.partial.rename(directory.final)
-        except BaseException as error:
-            gone = isinstance(error, FileNotFoundError) and not directory.partial.exists()
-            shutil.rmtree(directory.partial, ignore_errors=True)
-            if gone:
-                raise UserError(
-                    f"results: {str(root)!r} was deleted while it was being written; what was computed is in the store, "
-                    "and the same command writes it again"
-                ) from None
-            raise
-
-
-@contextmanager
-def _written_to(root: Path) -> Iterator[None]:
-    """Report a full or broken disk with its remedy."""
-    try:
-        yield
-    except StoreError:
-        raise
-    except OSError as error:
-        if error.errno not in _OF_THE_DISK:
-            raise
-        raise _unwritable(root, error) from None
-
-
-def _unwritable(root: Path, error: OSError) -> UserError:
-    return UserError(
-        f"results: can't write to {str(root)!r} ({error.strerror}); make room there or give another folder "
-        f"with --results; what was computed is in the store"
-    )
-
-
-def _begun(root: Path, name: str) -> NewDirectory:
-    """Make a new directory in `root`; an error names the place."""
+    directory: NewDirectory | None = None
     try:
         root.mkdir(parents=True, exist_ok=True)
         sweep(root)
-        return _reserved(root, name)
-    except OSError as error:
-        raise _unwritable(root, error) from None
+        directory = _reserved(root, f"{directory_name(name)}-{created:%Y-%m-%d-%H%M%S}")
+        yield directory
+        (directory.partial / WRITER).unlink(missing_ok=True)
+        directory.partial.rename(directory.final)
+    except BaseException as error:
+        gone = isinstance(error, FileNotFoundError) and directory is not None and not directory.partial.exists()
+        if directory is not None:
+            shutil.rmtree(directory.partial, ignore_errors=True)
+        if gone:
+            raise UserError(
+                f"results: {str(root)!r} was deleted while it was being written; what was computed is in the store, "
+                "and the same command writes it again"
+            ) from None
+        of_the_disk = isinstance(error, OSError) and (directory is None or error.errno in _OF_THE_DISK)
+        if isinstance(error, OSError) and of_the_disk and not isinstance(error, StoreError):
+            raise UserError(
+                f"results: can't write to {str(root)!r} ({error.strerror}); make room there or give another folder "
+                f"with --results; what was computed is in the store"
+            ) from None
+        raise
 
 
 def directory_name(name: str) -> str:
@@ -113,7 +92,8 @@ def sweep(root: Path) -> None:
         if not _OURS.fullmatch(partial.name):
             continue
         with suppress(OSError):
-            if time.time() - _written_s(partial) > ABANDONED_S and writer_of(partial) is None:
+            written_s = max(path.stat().st_mtime for path in (partial, *partial.rglob("*")))
+            if time.time() - written_s > ABANDONED_S and writer_of(partial) is None:
                 shutil.rmtree(partial, ignore_errors=True)
 
 
@@ -144,11 +124,6 @@ def _began_s(pid: int) -> float | None:
         return psutil.Process(pid).create_time()
     except psutil.Error:
         return None
-
-
-def _written_s(partial: Path) -> float:
-    """When something in a directory was written last."""
-    return max(path.stat().st_mtime for path in (partial, *partial.rglob("*")))
 
 
 def _reserved(root: Path, name: str) -> NewDirectory:

@@ -84,15 +84,13 @@ def one_block(blocks: Sequence[bytes], runs: int) -> bytes:
 def complete(result: StoredResult, runs: int, oracles: Sequence[str]) -> list[Verdict]:
     """Return a verdict for each run and oracle; missing ones are `not judged`, with the fault as reason."""
     said = {(verdict.run_index, verdict.oracle): verdict for verdict in result.verdicts}
+
+    def reason(run: int) -> str:
+        fault = next((each for each in result.faults if each.run_index in (None, run)), None)
+        return f"{FAULT}: there is no verdict" if fault is None else f"{FAULT} in {fault.stage}: {fault.error}"
+
     return [
-        said.get((run, oracle)) or Verdict(oracle, run, "not judged", _reason(result.faults, run))
+        said.get((run, oracle)) or Verdict(oracle, run, "not judged", reason(run))
         for run in range(runs)
         for oracle in oracles
     ]
-
-
-def _reason(faults: Sequence[RunFault], run: int) -> str:
-    for fault in faults:
-        if fault.run_index in (None, run):
-            return f"{FAULT} in {fault.stage}: {fault.error}"
-    return f"{FAULT}: there is no verdict"

@@ -76,7 +76,7 @@ def inputs_of(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Inputs:
     for path in map_files.values():
         borrowed = campaign.borrowed_maps.get(path)
         beside = Path(path) if borrowed is None else base / borrowed
-        picture = _picture(Path(path))
+        picture = str(yaml_value(read_text(path))["image"])
         kept.keep(Path(path), Path(path).parent / picture, at=[beside, beside.parent / picture])
     for plan_file in dict.fromkeys(name for producer in producers for name in _plan_files(producer.parameters)):
         kept.keep(base / plan_file)
@@ -124,7 +124,7 @@ class _Kept:
         for place in snapshot.files:
             path, home = snapshot.origin / place, Path(os.path.abspath(self.base))
             name = path.relative_to(home) if path.is_relative_to(home) else Path(snapshot.digest[:12], place)
-            self._keep_copy(snapshot, place, name.as_posix())
+            self.files[name.as_posix()] = snapshot.read(place)
             if not path.is_relative_to(home):
                 self.places[Path(os.path.relpath(path, home)).as_posix()] = name.as_posix()
 
@@ -138,10 +138,7 @@ class _Kept:
                 continue
             for place in snapshot.files:
                 name = os.path.normpath(Path(kept).parent / os.path.relpath(snapshot.origin / place, home))
-                self._keep_copy(snapshot, place, Path(name).as_posix())
-
-    def _keep_copy(self, snapshot: Snapshot, place: str, name: str) -> None:
-        self.files[name] = snapshot.read(place)
+                self.files[Path(name).as_posix()] = snapshot.read(place)
 
 
 def _plan_files(parameters: BaseModel) -> Iterator[str]:
@@ -153,10 +150,6 @@ def _plan_files(parameters: BaseModel) -> Iterator[str]:
                 yield from (each.name, each.plan.name)
             elif isinstance(each, PlanFile):
                 yield each.name
-
-
-def _picture(map_file: Path) -> str:
-    return str(yaml_value(read_text(map_file))["image"])
 
 
 @dataclass(frozen=True)

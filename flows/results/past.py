@@ -1,7 +1,8 @@
 """The past: an earlier campaign directory, as far as it tells what has changed since, checked when it is read."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -105,7 +106,7 @@ _RUNS: Final[TypeAdapter[Any]] = TypeAdapter(list[_Run])
 
 
 def _check(kind: TypeAdapter[Any], found: Any, file: str) -> None:
-    """Raise `ValueError` where a value in a file is of another kind than vastflow writes."""
+    """Raise `ValueError` with the place of a value that is of another kind than vastflow writes."""
     try:
         kind.validate_python(found)
     except ValidationError as error:
@@ -157,15 +158,16 @@ class Past:
 
     @property
     def runs(self) -> int:
-        """Runs that were asked of each configuration, at most where they end by a rule."""
+        """See `Asked.runs`."""
         return asked_of(self.metadata).runs
 
     def runs_of(self, name: str) -> int:
         """Runs that were wanted of a configuration that is no duplicate."""
-        return self._wanted.get(name, 0) if asked_of(self.metadata).sequential else self.runs
+        return self.wanted.get(name, 0) if asked_of(self.metadata).sequential else self.runs
 
     @cached_property
-    def _wanted(self) -> Mapping[str, int]:
+    def wanted(self) -> Mapping[str, int]:
+        """Configuration to the runs that were wanted of it, where they ended by a rule."""
         wanted: dict[str, int] = {}
         for row in self._runs("verdicts.parquet"):
             wanted[row["configuration"]] = max(wanted.get(row["configuration"], 0), row["run_index"] + 1)
@@ -176,16 +178,6 @@ class Past:
         _check(_RUNS, rows, file)
         return rows
 
-    def check(self) -> None:
-        """Read all that is asked later, so that nothing else can be damaged then.
-
-        Raises:
-            UnusableDirectory: something is missing or damaged.
-        """
-        with reading(self.directory):
-            _check(_METADATA, self.metadata, "metadata.json")
-            _ = self.rows, self.recorded, self._wanted if asked_of(self.metadata).sequential else None
-
 
 def past_of(directory: Path) -> Past:
     """The campaign of a directory.
@@ -195,7 +187,9 @@ def past_of(directory: Path) -> Past:
     """
     with reading(directory):
         past = Past(directory, read_json(directory / "metadata.json"))
-    past.check()
+        _check(_METADATA, past.metadata, "metadata.json")
+        # Read all that is asked later, so that nothing else can be damaged then.
+        _ = past.rows, past.recorded, past.wanted if asked_of(past.metadata).sequential else None
     return past
 
 
@@ -206,25 +200,17 @@ def newest_past(results: Path, name: str, before: str | None = None) -> Past | N
         name: The campaign's.
         before: Only those that began before this time, in ISO form.
     """
-    for directory in _newest_first(results, name, before):
-        try:
-            return past_of(directory)
-        except UnusableDirectory:
-            continue
-    return None
-
-
-def _newest_first(results: Path, name: str, before: str | None) -> Sequence[Path]:
     found = []
     for file in results.glob("[!.]*/metadata.json"):
-        try:
+        with suppress(OSError, ValueError, KeyError, TypeError):
             metadata = read_json(file)
             created = str(metadata["created"])
             if metadata["name"] == name and (before is None or created < before):
                 found.append((created, file.stat().st_mtime_ns, file.parent))
-        except (OSError, ValueError, KeyError, TypeError):
-            continue
-    return [directory for _, _, directory in sorted(found, reverse=True)]
+    for _, _, directory in sorted(found, reverse=True):
+        with suppress(UnusableDirectory):
+            return past_of(directory)
+    return None
 
 
 def written_scenario(row: Mapping[str, Any]) -> dict[str, Any]:

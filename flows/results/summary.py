@@ -34,21 +34,6 @@ class Work:
 
 
 @dataclass(frozen=True, slots=True)
-class OutcomeTally:
-    """Outcomes of a campaign's runs.
-
-    Attributes:
-        counts: Of runs, by what all oracles together say.
-        by_oracle: Of runs, by what each oracle says.
-        stood_still: Failed runs whose robot was sent and never moved.
-    """
-
-    counts: Counts
-    by_oracle: Mapping[str, Counts]
-    stood_still: int
-
-
-@dataclass(frozen=True, slots=True)
 class Summary:
     """A campaign in numbers.
 
@@ -63,7 +48,7 @@ class Summary:
         oracles: Name of an oracle to its judgements; the mission's own outcome is `success`.
         excluded: Instances that constraints exclude.
         excluded_by: Family to how many instances each constraint excludes.
-        stood_still: See `OutcomeTally`.
+        stood_still: Failed runs whose robot was sent and never moved.
         sampled_from: How many distinct configurations these are a sample of; None where they are no sample.
     """
 

@@ -1,34 +1,69 @@
-"""Rows of the campaign directory's tables: of configurations, of runs, and of verdicts."""
+"""The tables of a campaign directory: rows of configurations, runs, and verdicts, and the files that hold them."""
 
+import json
+from collections import Counter
 from collections.abc import Sequence
+from contextlib import ExitStack
+from functools import cached_property
 from operator import itemgetter
-from typing import Final
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Final, Self
 
-from vastflow.oracles.judgement.verdict import Verdict, metrics_text
-from vastflow.oracles.results.schema import RUNS, Columns, Row, json_text
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from vastflow.flows.results.found import StoredResult, complete
+from vastflow.oracles.evidence.rates import Counts
+from vastflow.oracles.judgement.verdict import Judgement, Verdict, metrics_text, run_judgement
+from vastflow.oracles.results.behaviors import BEHAVIORS_FILE, CONFIGURATION
+from vastflow.oracles.results.schema import (
+    CONFIGURATIONS,
+    EXCLUSIONS,
+    JUDGED_RUNS,
+    REJECTIONS,
+    RUNS,
+    VERDICTS,
+    Columns,
+    Row,
+    TableWriter,
+    column_table,
+    json_text,
+    texts,
+    write_table,
+)
+from vastflow.producers.instantiation.instantiate import Instantiation
 from vastflow.producers.model.configuration import Configuration, ExcludedInstance, RejectedInstance
 from vastflow.sim.loop.standstill import STOOD_STILL
+from vastflow.sim.model.archive import behaviors_below, read_behaviors
+from vastflow.sim.model.blocks import read_rows
 from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.reading.checked import checked_digest
+from vastflow.tasks.engine.engine import RunFault
+
+LOGS_FILE: Final = "logs/runs.jsonl"
+"""A line for each block of runs: `configuration`, where and with what they were executed, and `runs`."""
+
+_BEHAVIORS_A_GROUP: Final = 1 << 16
+_CONFIGURATIONS_AT_A_TIME: Final = 64
+_COPIED: Final = [name for name in RUNS.names if name not in ("configuration", "family", "contacts", "stood_still")]
+_COPIED_OF: Final = itemgetter(*_COPIED)
 
 
 def configuration_row(configuration: Configuration) -> Row:
     """A row of `configurations.parquet`."""
     scenario = configuration.scenario
-    content: dict[str, Value] = {
-        "environment": scenario.environment,
-        "task": scenario.task,
-        "system": scenario.system,
-    }
+    content: dict[str, Value] = {part: getattr(scenario, part) for part in ("environment", "task", "system")}
     if scenario.programs is not None:
         content["programs"] = scenario.programs.content
+    map_file = scenario.environment.get("map_file")
     return {
         "name": configuration.name,
         "family": configuration.family,
         "scenario_digest": scenario.digest,
         "checked_digest": checked_digest(scenario),
         "duplicate_of": configuration.duplicate_of,
-        "environment": environment_digest(configuration),
+        "environment": map_file.digest if isinstance(map_file, FileContent) else None,
         "abstract": scenario.abstract if isinstance(scenario.abstract, str) else json_text(scenario.abstract),
         "timeout_s": scenario.timeout_s,
         "scenario": json_text(content),
@@ -40,32 +75,20 @@ def configuration_row(configuration: Configuration) -> Row:
     }
 
 
-def environment_digest(configuration: Configuration) -> str | None:
-    """Digest of the configuration's map, None for a scenario without one."""
-    map_file = configuration.scenario.environment.get("map_file")
-    return map_file.digest if isinstance(map_file, FileContent) else None
+def write_instantiation(place: Path, instantiation: Instantiation) -> None:
+    """Write `configurations.parquet`, `rejections.parquet` and `exclusions.parquet`."""
+    write_table(place / "configurations.parquet", CONFIGURATIONS, map(configuration_row, instantiation.configurations))
+    for name, schema, instances in (
+        ("rejections", REJECTIONS, instantiation.rejections),
+        ("exclusions", EXCLUSIONS, instantiation.excluded),
+    ):
+        write_table(place / f"{name}.parquet", schema, (instance_row(each, schema) for each in instances))
 
 
-def rejection_row(rejected: RejectedInstance) -> Row:
-    """A row of `rejections.parquet`."""
-    return {
-        "family": rejected.family,
-        "parent": rejected.parent,
-        "producer": rejected.producer,
-        "reason": rejected.reason,
-        "requested": json_text(rejected.requested),
-        "inputs": json_text(rejected.inputs),
-    }
-
-
-def exclusion_row(excluded: ExcludedInstance) -> Row:
-    """A row of `exclusions.parquet`."""
-    return {
-        "family": excluded.family,
-        "name": excluded.name,
-        "constraint": excluded.constraint,
-        "values": json_text(excluded.values),
-    }
+def instance_row(instance: RejectedInstance | ExcludedInstance, schema: pa.Schema) -> Row:
+    """A row of `rejections.parquet` or `exclusions.parquet`: texts, and everything else as JSON."""
+    values = {name: getattr(instance, name) for name in schema.names}
+    return {name: value if isinstance(value, str) else json_text(value) for name, value in values.items()}
 
 
 def run_columns(configuration: Configuration, runs: Sequence[Row]) -> Columns:
@@ -82,20 +105,139 @@ def run_columns(configuration: Configuration, runs: Sequence[Row]) -> Columns:
     }
 
 
-_COPIED: Final = tuple(
-    name for name in RUNS.names if name not in ("configuration", "family", "contacts", "stood_still")
-)
-_COPIED_OF: Final = itemgetter(*_COPIED)
-
-
 def verdict_columns(configuration: Configuration, verdicts: Sequence[Verdict]) -> Columns:
     """Columns of `verdicts.parquet`."""
     return {
         "configuration": [configuration.name] * len(verdicts),
         "family": [configuration.family] * len(verdicts),
-        "run_index": [verdict.run_index for verdict in verdicts],
-        "oracle": [verdict.oracle for verdict in verdicts],
-        "judgement": [verdict.judgement for verdict in verdicts],
-        "reason": [verdict.reason for verdict in verdicts],
+        **{name: [getattr(each, name) for each in verdicts] for name in ("run_index", "oracle", "judgement", "reason")},
         "metrics": [metrics_text(verdict.metrics) for verdict in verdicts],
     }
+
+
+class RunTables:
+    """Writes `runs.parquet`, `verdicts.parquet`, `behaviors.parquet`, and the run logs part by part, and counts.
+
+    Few runs are in memory at a time.
+
+    Args:
+        oracles: Names of the oracles, in order.
+
+    Attributes:
+        stood_still: Number of failed runs whose robot was sent and never moved.
+        faults: Of the added configurations.
+    """
+
+    def __init__(self, place: Path, oracles: Sequence[str]) -> None:
+        self.stood_still = 0
+        self.faults: list[RunFault] = []
+        self._place = place
+        self._oracles = oracles
+        self._counted: Counter[tuple[str | None, Judgement]] = Counter()
+        self._runs: list[Columns] = []
+        self._verdicts: list[Columns] = []
+        self._behaviors: list[pa.Table] = []
+        self._waiting = 0
+        self._open = ExitStack()
+        self._run_rows = self._open.enter_context(TableWriter(place / "runs.parquet", JUDGED_RUNS))
+        self._verdict_rows = self._open.enter_context(TableWriter(place / "verdicts.parquet", VERDICTS))
+        self._behavior_rows: pq.ParquetWriter | None = None
+        self._logs: IO[bytes] | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self._flush()
+            self._flush_behaviors()
+        self._open.__exit__(kind, error, traceback)
+
+    def counts(self, oracle: str | None = None) -> Counts:
+        """Count the added runs by what one oracle says, or all together."""
+        return Counts(*(self._counted[oracle, judgement] for judgement in ("pass", "fail", "not judged")))
+
+    def add(self, configuration: Configuration, found: StoredResult, runs: int) -> None:
+        """Add the results of a configuration's first `runs` runs; call in order of configurations."""
+        rows = {row["run_index"]: row for block in found.recordings for row in read_rows(block)}
+        wanted = [rows[index] for index in sorted(rows) if index < runs]
+        causes = found.causes
+        columns = {**run_columns(configuration, wanted), "cause": [causes.get(row["run_index"]) for row in wanted]}
+        self.stood_still += sum(cause is not None for cause in columns["stood_still"])
+        verdicts = complete(found, runs, self._oracles)  # run by run
+        self._counted.update((verdict.oracle, verdict.judgement) for verdict in verdicts)
+        oracles = len(self._oracles)
+        for first in range(0, len(verdicts), oracles):
+            together = run_judgement(each.judgement for each in verdicts[first : first + oracles])
+            self._counted[None, together] += 1
+        self._runs.append(columns)
+        self._verdicts.append(verdict_columns(configuration, verdicts))
+        if len(self._runs) == _CONFIGURATIONS_AT_A_TIME:
+            self._flush()
+        blocks = found.behaviors
+        behaviors = read_behaviors(blocks[0]) if found.exact and blocks else behaviors_below(blocks, runs)
+        if behaviors is not None:
+            names = texts([configuration.name] * behaviors.num_rows)
+            self._behaviors.append(behaviors.add_column(0, CONFIGURATION, names))
+            self._waiting += behaviors.num_rows
+            if self._waiting >= _BEHAVIORS_A_GROUP:
+                self._flush_behaviors()
+        self._add_logs(configuration.name, found.logs)
+        self.faults += found.faults
+
+    def _add_logs(self, configuration: str, logs: Sequence[bytes]) -> None:
+        """Write the logs of a configuration's blocks; leave out damaged ones, which no digest covers."""
+        for log in logs:
+            try:
+                if not isinstance(json.loads(log)["runs"], list):
+                    continue
+            except (ValueError, LookupError, TypeError):
+                continue
+            if self._logs is None:
+                (self._place / LOGS_FILE).parent.mkdir(exist_ok=True)
+                self._logs = self._open.enter_context(open(self._place / LOGS_FILE, "wb"))  # noqa: SIM115
+            block = b"".join(line.strip() for line in log.splitlines())  # JSON has no line break within a text
+            self._logs.write(b'{"configuration": %b, %b\n' % (json.dumps(configuration).encode(), block[1:]))
+
+    def _flush(self) -> None:
+        self._run_rows.add(column_table(JUDGED_RUNS, self._runs))
+        self._verdict_rows.add(column_table(VERDICTS, self._verdicts))
+        self._runs, self._verdicts = [], []
+
+    def _flush_behaviors(self) -> None:
+        if not self._behaviors:
+            return
+        whole = pa.concat_tables(self._behaviors).combine_chunks()
+        self._behaviors, self._waiting = [], 0
+        if self._behavior_rows is None:
+            writer = pq.ParquetWriter(self._place / BEHAVIORS_FILE, whole.schema, compression="zstd")
+            self._behavior_rows = self._open.enter_context(writer)
+        self._behavior_rows.write_table(whole.cast(self._behavior_rows.schema), row_group_size=whole.num_rows or None)
+
+
+class KeptLogs:
+    """Reads `logs/runs.jsonl`; reading raises `OSError` or `ValueError` where the file is damaged."""
+
+    def __init__(self, directory: Path) -> None:
+        self._directory = directory
+
+    def of(self, configuration: str) -> list[dict[str, Any]]:
+        """The log of each of a configuration's runs, in order, with the block's host and versions; empty without any."""
+        found: dict[int, dict[str, Any]] = {}
+        for line in self._lines.get(configuration, ()):
+            block = json.loads(line)
+            where = {key: value for key, value in block.items() if key not in ("configuration", "runs")}
+            found |= {row["run_index"]: {**row, **where} for row in block["runs"]}
+        return [found[run_index] for run_index in sorted(found)]
+
+    @cached_property
+    def _lines(self) -> dict[str, list[bytes]]:
+        """Configuration to the lines of its blocks."""
+        found: dict[str, list[bytes]] = {}
+        file = self._directory / LOGS_FILE
+        if file.is_file():
+            for line in file.read_bytes().splitlines():
+                found.setdefault(json.loads(line)["configuration"], []).append(line)
+        return found

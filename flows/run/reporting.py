@@ -1,16 +1,15 @@
 """From judged runs to evidence: a campaign directory with its tables, its report, and where both are seen."""
 
 from dataclasses import asdict
-from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
 from vastflow.flows.request.asked import SEARCH
 from vastflow.flows.request.campaign_file import terminal_lines
 from vastflow.flows.results.current_report import KEY, newest_sealed, report_key, seal, written_by
-from vastflow.flows.results.directory import NewDirectory, new_directory
+from vastflow.flows.results.directory import new_directory
 from vastflow.flows.results.found import StoredResult
-from vastflow.flows.results.results import Assessed, metadata_of, write_report, write_tables
+from vastflow.flows.results.results import metadata_of, write_results
 from vastflow.flows.results.summary import Results, Summary
 from vastflow.flows.run.computing import Computing
 from vastflow.flows.run.judged import Judged
@@ -22,12 +21,11 @@ from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.files import read_json
 from vastflow.tasks.store.store import StoreError, store_address
 
-_LOCAL_READERS: Final = 1
 _REMOTE_READERS: Final = 16
 
 
-def assess(run: PreparedCampaign, computing: Computing, judged: Judged, directory: NewDirectory) -> Assessed:
-    """Write what all runs come to into the campaign directory: recordings, traces, verdicts and tables.
+def reported(run: PreparedCampaign, computing: Computing, judged: Judged) -> Results:
+    """Write the campaign directory of judged runs, and bring it where it belongs.
 
     Raises:
         Lost: an artifact is damaged or gone; it is computed again where it is asked for again.
@@ -36,44 +34,41 @@ def assess(run: PreparedCampaign, computing: Computing, judged: Judged, director
     engine.rest()
     record, faults = _record(run), engine.faults
     if not judged.faults and not faults and _is_by_its_source(run):
-        record = {**record, KEY: _key(run, judged, computing.created)}
-    if run.search is not None:
-        write_search(directory.partial, run.search)
+        record[KEY] = _key(run, computing, judged)
 
     def found(configuration: Configuration) -> StoredResult:
         own = judged.found[configuration.name]
         theirs = [fault for fault in faults if fault.configuration == configuration.name]
         return StoredResult(run.store, own.stored, own.configuration.runs, theirs)
 
-    return write_tables(
-        directory,
-        run.campaign,
-        run.inputs,
-        judged.instantiated.instantiation,
-        found,
-        runs=judged.runs,
-        oracles=[oracle.name for oracle in run.opened.oracles],
-        keys=run.keys,
-        record=record,
-        faults=judged.faults,
-        created=computing.created,
-        work=lambda: run.clock.work(computing.tally),
-        threads=_LOCAL_READERS if store_address(run.request.store) is None else _REMOTE_READERS,
-    )
+    def report(place: Path) -> None:
+        from vastflow.oracles.page.report import write_report
 
+        computing.tally.begin("reporting")
+        if computing.log.exists():
+            (place / "logs").mkdir(exist_ok=True)
+            (place / "logs" / "campaign.log").write_bytes(computing.log.read_bytes())
+        write_report(place)
 
-def report(run: PreparedCampaign, computing: Computing, assessed: Assessed) -> Results:
-    """Write evidence, figures and report of a campaign directory, and its log."""
-    computing.tally.begin("reporting")
-    if computing.log.exists():
-        logs = assessed.directory.partial / "logs"
-        logs.mkdir(exist_ok=True)
-        (logs / "campaign.log").write_bytes(computing.log.read_bytes())
-    return write_report(assessed, _report, lambda: run.clock.work(computing.tally))
-
-
-def deliver(run: PreparedCampaign, computing: Computing, written: Results) -> Results:
-    """Run the campaign file's steps of postprocessing over the finished directory, and bring it where it belongs."""
+    with new_directory(run.delivery.folder, run.name, computing.created) as directory:
+        if run.search is not None:
+            write_search(directory.partial, run.search)
+        written = write_results(
+            directory,
+            run.campaign,
+            run.inputs,
+            judged.instantiated.instantiation,
+            found,
+            runs=judged.runs,
+            oracles=[oracle.name for oracle in run.opened.oracles],
+            keys=run.keys,
+            record=record,
+            faults=judged.faults,
+            created=computing.created,
+            work=lambda: run.clock.work(computing.tally),
+            report=report,
+            threads=1 if store_address(run.request.store) is None else _REMOTE_READERS,
+        )
     if steps := steps_of(run.campaign.spec.results_processing.postprocessing):
         from vastflow.flows.postprocessing.postprocess import postprocessed
 
@@ -85,17 +80,6 @@ def deliver(run: PreparedCampaign, computing: Computing, written: Results) -> Re
     return results
 
 
-def reported(run: PreparedCampaign, computing: Computing, judged: Judged) -> Results:
-    """Assess, report, and deliver what was judged.
-
-    Raises:
-        Lost: as of `assess`.
-    """
-    with new_directory(run.delivery.folder, run.name, computing.created) as directory:
-        written = report(run, computing, assess(run, computing, judged, directory))
-    return deliver(run, computing, written)
-
-
 def current(run: PreparedCampaign, computing: Computing, judged: Judged) -> Results | None:
     """The newest directory of a campaign of which the store has everything, where it is what this run would write.
 
@@ -105,7 +89,7 @@ def current(run: PreparedCampaign, computing: Computing, judged: Judged) -> Resu
     if directory is None:
         return None
     metadata = read_json(directory / "metadata.json")
-    if metadata.get(KEY) != _key(run, judged, computing.created):
+    if metadata.get(KEY) != _key(run, computing, judged):
         return None
     counts = metadata["counts"]
     oracles = {name: Counts(**each) for name, each in counts["oracles"].items()}
@@ -119,8 +103,8 @@ def _record(run: PreparedCampaign) -> dict[str, Any]:
     return dict(run.record) if run.search is None else {**run.record, SEARCH: search_record(run.search)}
 
 
-def _key(run: PreparedCampaign, judged: Judged, created: datetime) -> str:
-    metadata = {**metadata_of(run.campaign, run.keys, created), **_record(run)}
+def _key(run: PreparedCampaign, computing: Computing, judged: Judged) -> str:
+    metadata = {**metadata_of(run.campaign, run.keys, computing.created), **_record(run)}
     instantiation = judged.instantiated.instantiation
     return report_key(run.keys, run.inputs, metadata, instantiation, judged.contents, judged.runs, run.opened.oracles)
 
@@ -133,9 +117,3 @@ def _is_by_its_source(run: PreparedCampaign) -> bool:
     except StoreError:
         return False
     return True
-
-
-def _report(directory: Path) -> None:
-    from vastflow.oracles.page.report import write_report as write_page
-
-    write_page(directory)

@@ -102,7 +102,7 @@ def explained(place, directory, name, **options):
 
 def test_explain_names_writers_of_values_and_places_of_results(place):
     found = explained(place, place.run(), "room-2")
-    written = {(part, each.key): each.by for part, all_of in found.dimensions.items() for each in all_of}
+    written = {(part, each["key"]): each["by"] for part, all_of in found.dimensions.items() for each in all_of}
     assert written == {
         ("environment", "map_file"): "campaign file",
         ("task", "start_pose"): "campaign file",

@@ -1,19 +1,37 @@
-"""The campaign directory's tables."""
+"""The campaign directory's tables: the same however the runs come in, and counted on the way."""
 
+import hashlib
+import json
 import math
 import subprocess
 import sys
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from table import each_row
+from whole_directory import ConfigurationResult
 
-from vastflow.flows.results.tables import configuration_row, rejection_row, run_columns, verdict_columns
+from vastflow.flows.results.tables import (
+    LOGS_FILE,
+    KeptLogs,
+    RunTables,
+    configuration_row,
+    instance_row,
+    run_columns,
+    verdict_columns,
+)
+from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.judgement.verdict import Metric, Verdict, read_verdicts, write_verdicts
+from vastflow.oracles.results import schema
+from vastflow.oracles.results.behaviors import Behaviors
 from vastflow.oracles.results.schema import CONFIGURATIONS, REJECTIONS, RUNS, VERDICTS, json_text, write_table
 from vastflow.producers.model.configuration import Configuration, RejectedInstance, Step
+from vastflow.sim.model.archive import write_behaviors
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.reading.checked import checked_digest
+from vastflow.tasks.engine.engine import RunFault
 
 CONFIGURATION = Configuration(
     name="rooms-1",
@@ -31,40 +49,35 @@ CONFIGURATION = Configuration(
 )
 
 
-def rows_of(path):
-    return pq.ParquetFile(path).read().to_pylist()
+def read_back(path, columns, rows):
+    """Write rows to a file, and read them."""
+    write_table(path / "t.parquet", columns, rows)
+    return pq.ParquetFile(path / "t.parquet").read()
 
 
 def test_table_without_rows_still_has_its_columns(tmp_path):
-    write_table(tmp_path / "t.parquet", REJECTIONS, [])
-    assert pq.read_schema(tmp_path / "t.parquet").equals(REJECTIONS)
+    assert read_back(tmp_path, REJECTIONS, []).schema.equals(REJECTIONS)
 
 
-def test_text_comes_back_as_it_was(tmp_path):
-    texts = ["2026-01-01", "12", "true", "null", 'say "no"\nthen', "σ ≥ 0.5 – 😀", "", "\\u0041", "y" * 100_000]
-    write_table(tmp_path / "t.parquet", REJECTIONS, [dict.fromkeys(REJECTIONS.names, text) for text in texts])
-    assert [row["reason"] for row in rows_of(tmp_path / "t.parquet")] == texts
+def test_table_returns_text_unchanged_and_escapes_what_utf_8_lacks(tmp_path):
+    texts = ["12", "null", 'say "no"\nthen', "σ ≥ 0.5 – 😀", "", "\\u0041", "y" * 100_000, None]
+    found = read_back(tmp_path, RUNS, [{"reason": text} for text in [*texts, "no file a\udcff.csv"]])
+    assert found["reason"].to_pylist() == [*texts, "no file a\\udcff.csv"]
 
 
-def test_text_that_utf_8_does_not_have_is_written_as_an_escape(tmp_path):
-    write_table(tmp_path / "t.parquet", RUNS, [{"reason": "no file a\udcff.csv"}, {"reason": None}, {"reason": ""}])
-    assert [row["reason"] for row in rows_of(tmp_path / "t.parquet")] == ["no file a\\udcff.csv", None, ""]
-
-
-def test_numbers_come_back_bit_for_bit(tmp_path):
+def test_table_returns_numbers_bit_for_bit(tmp_path):
     numbers = [0.1 + 0.2, 1e-300, -0.0, 1e22, 5.0]
-    write_table(tmp_path / "t.parquet", RUNS, [{"simulated_s": number} for number in numbers])
-    assert [row["simulated_s"].hex() for row in rows_of(tmp_path / "t.parquet")] == [n.hex() for n in numbers]
+    found = read_back(tmp_path, RUNS, [{"simulated_s": number} for number in numbers])["simulated_s"].to_pylist()
+    assert [number.hex() for number in found] == [number.hex() for number in numbers]
 
 
-def test_column_the_table_does_not_have_is_refused(tmp_path):
+def test_table_refuses_unknown_column(tmp_path):
     with pytest.raises(ValueError, match="unexpected field"):
         write_table(tmp_path / "t.parquet", REJECTIONS, [{"nonsense": 1}])
 
 
 def test_configuration_is_written_with_files_as_digests(tmp_path):
-    write_table(tmp_path / "t.parquet", CONFIGURATIONS, [configuration_row(CONFIGURATION)])
-    (row,) = rows_of(tmp_path / "t.parquet")
+    (row,) = read_back(tmp_path, CONFIGURATIONS, [configuration_row(CONFIGURATION)]).to_pylist()
     assert row == {
         "name": "rooms-1",
         "family": "rooms",
@@ -100,7 +113,7 @@ def test_run_is_written_with_its_contacts_counted():
     assert [*zip(*map(columns.get, ("run_index", "error_code", "contacts")), strict=True)] == [(2, 103, 2), (3, 103, 0)]
 
 
-def test_configuration_of_which_no_run_was_recorded_has_no_rows():
+def test_configuration_without_recorded_run_has_no_rows():
     assert {*map(len, run_columns(CONFIGURATION, []).values())} == {0}
 
 
@@ -113,12 +126,14 @@ def test_verdict_is_written_with_its_metrics_and_units():
 
 
 def test_rejection_is_written_with_what_was_requested():
-    row = rejection_row(RejectedInstance("f", "f-1", "PathVariationRandom", "too long", {"path_length": 200.0}, {}))
+    row = instance_row(
+        RejectedInstance("f", "f-1", "PathVariationRandom", "too long", {"path_length": 200.0}, {}), REJECTIONS
+    )
     assert list(row) == REJECTIONS.names
     assert row["requested"] == '{"path_length":200.0}'
 
 
-def test_number_that_is_none_is_null():
+def test_json_of_number_that_is_not_finite_is_null():
     assert json_text([math.inf, math.nan, 1.0]) == "[null,null,1.0]"
 
 
@@ -127,7 +142,72 @@ def test_writing_a_table_does_not_import_pandas(tmp_path):
         "import pathlib, sys\n"
         "from vastflow.oracles.results.schema import RUNS, write_table\n"
         f"write_table(pathlib.Path({str(tmp_path / 't.parquet')!r}), RUNS, [{{'run_index': 1}}])\n"
-        f"write_table(pathlib.Path({str(tmp_path / 'e.parquet')!r}), RUNS, [])\n"
         "sys.exit('pandas' in sys.modules)\n"
     )
     assert subprocess.run([sys.executable, "-c", program], timeout=240, check=False).returncode == 0
+
+
+ORACLES = ("success", "safety")
+NAMES = ("room-1", "room-2", "room-3")
+
+
+def log(first, stop):
+    runs = [{"run_index": k, "lines": ['a "word"\nand a line'], "wall_s": 0.5} for k in range(first, stop)]
+    return json.dumps({"runs": runs, "host": {"name": "h"}, "versions": {}, "pid": first}, indent=1).encode()
+
+
+def behaviors(runs):
+    return write_behaviors({k: {"t_s": np.array([0.5 * k]), "name": np.array(["drive"], object)} for k in runs})
+
+
+def found_of(*blocks, judgement="pass", **more):
+    verdicts = [Verdict(oracle, k, judgement) for block in blocks for k in block for oracle in ORACLES]
+    return ConfigurationResult(verdicts=verdicts, behaviors=[behaviors(block) for block in blocks], **more)
+
+
+def written(place, *results):
+    place.mkdir(exist_ok=True)
+    with RunTables(place, ORACLES) as found:
+        for name, result in zip(NAMES, results, strict=False):
+            own = Configuration(name, "room", Scenario("builtin:navigate_to_pose", 1.0, {}, {}, {}), {}, {}, ())
+            found.add(own, result, 3)
+    return found
+
+
+def test_run_tables_write_equal_bytes_for_any_blocks(tmp_path):
+    written(tmp_path / "one", found_of(range(3), exact=True))
+    written(tmp_path / "other", found_of([2], range(5)))
+    one, other = (
+        {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in (tmp_path / each).glob("*.parquet")}
+        for each in ("one", "other")
+    )
+    assert one == other and len(one) == 3
+    assert Behaviors(tmp_path / "other").of("room-1")["run_index"].tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize("rows", [1, 5, 100])
+def test_run_tables_write_the_same_rows_in_groups_of_any_size(tmp_path, monkeypatch, rows):
+    monkeypatch.setattr(schema, "_ROWS_A_GROUP", rows)
+    written(tmp_path, *(found_of(range(3)) for _ in NAMES))
+    read = pq.ParquetFile(tmp_path / "verdicts.parquet").read().to_pylist()
+    asked = [(name, k, oracle) for name in NAMES for k in range(3) for oracle in ORACLES]
+    assert [(row["configuration"], row["run_index"], row["oracle"]) for row in read] == asked
+
+
+def test_run_tables_count_verdicts_by_oracle_and_together(tmp_path):
+    fault = RunFault("room-3", None, "execute", "MemoryError")
+    results = (found_of(range(3)), found_of(range(2), judgement="fail"), ConfigurationResult(faults=[fault]))
+    found = written(tmp_path, *results)
+    assert [found.counts(oracle) for oracle in (None, *ORACLES)] == [Counts(3, 2, 4)] * 3
+    assert found.faults == [fault]
+
+
+@each_row("damaged", [b"", b"{", b"[1]", b'{"runs": 3}', b"\xff"])
+def test_run_log_is_read_as_written_and_damaged_one_left_out(tmp_path, damaged):
+    written(tmp_path, found_of(logs=[log(2, 3), damaged, log(0, 2)]), found_of(logs=[log(0, 1)]))
+    assert len((tmp_path / LOGS_FILE).read_bytes().splitlines()) == 3
+    rows = KeptLogs(tmp_path).of("room-1")
+    assert [(row["run_index"], row["pid"]) for row in rows] == [(0, 0), (1, 0), (2, 2)]
+    assert rows[0]["lines"] == ['a "word"\nand a line'] and rows[0]["host"] == {"name": "h"}
+    assert [row["run_index"] for row in KeptLogs(tmp_path).of("room-2")] == [0]
+    assert KeptLogs(tmp_path).of("room-9") == []

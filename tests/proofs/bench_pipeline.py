@@ -23,7 +23,7 @@ from typing import Any, Final
 import psutil
 from bench_show import shown
 
-from vastflow.flows.results.campaign_tables import LOGS_FILE
+from vastflow.flows.results.tables import LOGS_FILE
 
 SCENARIO: Final = """\
 import osc.helpers
