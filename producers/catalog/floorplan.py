@@ -21,7 +21,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from vastflow.producers.floorplan.building import build
-from vastflow.producers.floorplan.environment import environment_of, keep
+from vastflow.producers.floorplan.environment import keep_environment
 from vastflow.producers.floorplan.files import PlanFile, VariationFile, read_plan_file, read_variation_file
 from vastflow.producers.floorplan.grid import LASER_HEIGHT_M, RESOLUTION_M, grid_of
 from vastflow.producers.floorplan.reading import plan_of
@@ -146,11 +146,10 @@ class EnvironmentProducer(Producer[E]):
         try:
             building = plan.building()
             grid = grid_of(building, self.parameters.resolution, self.parameters.laser_height)
-            environment = environment_of(building, grid, plan.text, requested)
         except FileError as error:
             return Rejection(error.brief, requested)
         map_key, mesh_key = self.parameters.keys
-        map_file, mesh_file = keep(environment)
+        map_file, mesh_file = keep_environment(building, grid, plan.text, requested)
         return Fragment({map_key: map_file, mesh_key: mesh_file, FLOORPLAN_KEY: {"plan": building.name, **requested}})
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -12,6 +12,7 @@ import shapely
 from vastflow.producers.floorplan.geometry import (
     IDENTITY,
     SMALLEST_M,
+    Outline,
     Transform,
     clipped,
     edges,
@@ -19,18 +20,9 @@ from vastflow.producers.floorplan.geometry import (
     wall_frame,
     wall_outlines,
 )
-from vastflow.producers.floorplan.plan import (
-    Feature,
-    FeatureKind,
-    FloorPlan,
-    Offset,
-    Opening,
-    OpeningKind,
-    Outline,
-    PlanFrame,
-    PlanSpace,
-)
+from vastflow.producers.floorplan.reading import FeatureKind, FloorPlan, Opening, OpeningKind, PlanFrame, PlanSpace
 from vastflow.sim.model.faults import Fault, FileError, Place
+from vastflow.sim.model.files import TextPlace
 
 ROUNDING_M: Final = 1e-9
 """What sums of a user's decimal numbers may miss each other by."""
@@ -97,6 +89,11 @@ class Hole:
     bottom_m: float
     top_m: float
 
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Lowest and highest x of the shape."""
+        return _span(x for x, _ in self.shape)
+
     def section(self, z_m: float) -> tuple[tuple[float, float], ...]:
         """The intervals of x that are open at a height, in increasing order."""
         if not self.bottom_m <= z_m <= self.top_m:
@@ -134,15 +131,17 @@ class Building:
     @property
     def floor_bounds(self) -> tuple[float, float, float, float]:
         """Lowest x and y, highest x and y of the rooms' corners."""
-        xs, ys = zip(*(point for room in self.rooms for point in room.outline), strict=True)
-        return min(xs), min(ys), max(xs), max(ys)
+        return _bounds(self.rooms)
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
         """Lowest x and y, highest x and y of everything."""
-        parts: list[Room | Wall | SolidBlock] = [*self.rooms, *self.walls, *self.obstacles]
-        xs, ys = zip(*(point for part in parts for point in part.outline), strict=True)
-        return min(xs), min(ys), max(xs), max(ys)
+        return _bounds([*self.rooms, *self.walls, *self.obstacles])
+
+
+def _bounds(parts: Iterable[Room | Wall | SolidBlock]) -> tuple[float, float, float, float]:
+    xs, ys = zip(*(point for part in parts for point in part.outline), strict=True)
+    return min(xs), min(ys), max(xs), max(ys)
 
 
 def build(plan: FloorPlan) -> Building:
@@ -159,66 +158,68 @@ class _Builder:
         self._plan = plan
         self._spaces = {space.name: space for space in plan.spaces}
         self._poses: dict[str, Transform] = {}
-        self._faults: list[Fault] = []
         self._notes = list(plan.notes)
 
     def building(self) -> Building:
-        self._place_all()
-        self._stop_if_wrong()
-        rooms = tuple(Room(space.name, self._poses[space.name].outline(space.outline)) for space in self._plan.spaces)
-        walls = {wall.name: wall for space in self._plan.spaces for wall in self._walls(space)}
-        self._stop_if_wrong()
-        obstacles = tuple(self._obstacles())
-        holes = tuple(hole for opening in self._plan.openings if (hole := self._hole(opening, walls)) is not None)
-        self._note_misses(holes, walls)
-        return Building(
-            self._plan.name, self._plan.file, rooms, tuple(walls.values()), obstacles, holes, tuple(self._notes)
+        plan = self._plan
+        for space in plan.spaces:
+            self._place(space)
+        sharp = [(space, k) for space in plan.spaces if (k := sharp_corner(space.outline)) is not None]
+        if sharp:
+            raise FileError(self._sharp(space, *space.outline[k]) for space, k in sharp)
+        rooms = tuple(Room(space.name, self._poses[space.name].outline(space.outline)) for space in plan.spaces)
+        walls = {wall.name: wall for space in plan.spaces for wall in self._walls(space)}
+        count = Counter(feature.name for feature in plan.features)
+        obstacles = tuple(
+            SolidBlock(
+                each.name if count[each.name] == 1 else f"{each.space or 'world'}.{each.name}",
+                each.kind,
+                self._frame(each.wrt).then(each.offset).outline(each.outline),
+                each.height_m,
+            )
+            for each in plan.features
         )
+        holes = tuple(hole for opening in plan.openings if (hole := self._hole(opening, walls)) is not None)
+        self._note_misses(holes, walls)
+        return Building(plan.name, plan.file, rooms, tuple(walls.values()), obstacles, holes, tuple(self._notes))
 
-    def _fault(self, place: tuple[int, int], where: str, what: str, right: str) -> None:
-        self._faults.append(Fault(Place(self._plan.file, *place, where), what, right))
+    def _fault(self, space: PlanSpace, place: TextPlace, what: str, right: str) -> Fault:
+        return Fault(Place(self._plan.file, *place, f"Space {space.name}"), what, right)
+
+    def _sharp(self, space: PlanSpace, x: float, y: float) -> Fault:
+        what = f"the corner at ({x:g}, {y:g}) is sharper than 1°, where no walls can meet"
+        return self._fault(space, space.place, what, "a wider angle")
 
     def _note(self, opening: Opening, what: str, right: str) -> None:
         where = f"{opening.kind} {opening.name}"
         self._notes.append(Fault(Place(self._plan.file, *opening.place, where), what, right, "warning"))
 
-    def _stop_if_wrong(self) -> None:
-        if self._faults:
-            raise FileError(self._faults)
-
-    # Placing
-
-    def _place_all(self) -> None:
-        """Place every space after the one it is placed by."""
-        for space in self._plan.spaces:
-            chain = [space]
-            while (last := chain[-1]).name not in self._poses:
-                before = last.wrt.space
-                if before is None or before in self._poses:
-                    self._poses[last.name] = self._placed(last)
-                    chain.pop()
-                    if not chain:
-                        break
-                elif any(before == other.name for other in chain):
-                    circle = [other.name for other in chain]
-                    circle = [*circle[circle.index(before) :], before]
-                    what = f"placed in a circle: {' by '.join(circle)}"
-                    self._fault(last.wrt.place, f"Space {last.name}", what, "one of them placed in the world")
-                    return
-                else:
-                    chain.append(self._spaces[before])
+    def _place(self, space: PlanSpace) -> None:
+        """Place a space after those it is placed by."""
+        chain: dict[str, PlanSpace] = {}
+        while space.name not in self._poses:
+            if space.name in chain:
+                *_, last = chain.values()
+                names = list(chain)
+                what = f"placed in a circle: {' by '.join([*names[names.index(space.name) :], space.name])}"
+                raise FileError([self._fault(last, last.wrt.place, what, "one of them placed in the world")])
+            chain[space.name] = space
+            if space.wrt.space is None:
+                break
+            space = self._spaces[space.wrt.space]
+        for each in reversed(chain.values()):
+            self._poses[each.name] = self._placed(each)
 
     def _placed(self, space: PlanSpace) -> Transform:
         """The world pose of a space whose `wrt` is placed: W · T(x, y, a) · O⁻¹."""
-        wall_to_wall = space.wrt.wall is not None and space.of_wall is not None
-        offset = space.offset
-        y_m, yaw_rad = offset.y_m, offset.yaw_rad
-        if wall_to_wall and space.spaced:
-            y_m += space.thickness_m + self._spaces[space.wrt.space or ""].thickness_m
-        if wall_to_wall and space.aligned:
-            yaw_rad += math.pi
+        x_m, y_m, yaw_rad = space.offset
+        if space.wrt.wall is not None and space.of_wall is not None:
+            if space.spaced:
+                y_m += space.thickness_m + self._spaces[space.wrt.space or ""].thickness_m
+            if space.aligned:
+                yaw_rad += math.pi
         own = IDENTITY if space.of_wall is None else wall_frame(space.outline, space.of_wall)
-        return self._frame(space.wrt).then(Transform(offset.x_m, y_m, yaw_rad)).then(own.inverse())
+        return self._frame(space.wrt).then(Transform(x_m, y_m, yaw_rad)).then(own.inverse())
 
     def _frame(self, frame: PlanFrame) -> Transform:
         if frame.space is None:
@@ -226,44 +227,17 @@ class _Builder:
         pose = self._poses[frame.space]
         return pose if frame.wall is None else pose.then(wall_frame(self._spaces[frame.space].outline, frame.wall))
 
-    # Walls, obstacles, openings
-
-    def _walls(self, space: PlanSpace) -> list[Wall]:
-        pose, corners = self._poses[space.name], space.outline
-        if (sharp := sharp_corner(corners)) is not None:
-            x, y = corners[sharp]
-            what = f"the corner at ({x:g}, {y:g}) is sharper than 1°, where no walls can meet"
-            self._fault(space.place, f"Space {space.name}", what, "a wider angle")
-            return []
-        return [
-            Wall(
-                wall_name(space.name, i),
-                pose.outline(outline),
-                space.height_m,
-                math.dist(*edge),
-                space.thickness_m,
-                pose.then(wall_frame(corners, i)),
-            )
-            for i, (edge, outline) in enumerate(
-                zip(edges(corners), wall_outlines(corners, space.thickness_m), strict=True)
-            )
-        ]
-
-    def _obstacles(self) -> Iterable[SolidBlock]:
-        count = Counter(feature.name for feature in self._plan.features)
-        for feature in self._plan.features:
-            name = feature.name if count[feature.name] == 1 else f"{feature.space or 'world'}.{feature.name}"
-            yield SolidBlock(name, feature.kind, self._feature_outline(feature), feature.height_m)
-
-    def _feature_outline(self, feature: Feature) -> Outline:
-        return self._frame(feature.wrt).then(_transform(feature.offset)).outline(feature.outline)
+    def _walls(self, space: PlanSpace) -> Iterator[Wall]:
+        pose, corners, thickness_m = self._poses[space.name], space.outline, space.thickness_m
+        for k, (edge, outline) in enumerate(zip(edges(corners), wall_outlines(corners, thickness_m), strict=True)):
+            name, frame = wall_name(space.name, k), pose.then(wall_frame(corners, k))
+            yield Wall(name, pose.outline(outline), space.height_m, math.dist(*edge), thickness_m, frame)
 
     def _hole(self, opening: Opening, walls: Mapping[str, Wall]) -> Hole | None:
         """Return what an opening takes of its walls, cut to the first one; None if that is nothing."""
         cut = [walls[wall_name(frame.space or "", frame.wall or 0)] for frame in opening.walls]
         first, half_m, height_m = opening.walls[0], cut[0].length_m / 2, max(wall.height_m for wall in cut)
-        x0, x1 = _span(x for x, _ in opening.outline)
-        z0, z1 = _span(z for _, z in opening.outline)
+        (x0, x1), (z0, z1) = map(_span, zip(*opening.outline, strict=True))
         along = f"it reaches from {x0:g} m to {x1:g} m along {first}, which has {-half_m:g} m to {half_m:g} m"
         if min(x1, half_m) - max(x0, -half_m) < SMALLEST_M:
             self._note(opening, f"it cuts nothing: {along}", f"part of it within ±{half_m:g} m")
@@ -303,10 +277,6 @@ class _Builder:
 def wall_name(space: str, wall: int) -> str:
     """Name of a wall in every output."""
     return f"{space}-wall-{wall}"
-
-
-def _transform(offset: Offset) -> Transform:
-    return Transform(offset.x_m, offset.y_m, offset.yaw_rad)
 
 
 def _span(values: Iterable[float]) -> tuple[float, float]:

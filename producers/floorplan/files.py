@@ -2,12 +2,16 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Final
 
 from vastflow.producers.floorplan.building import Building, build
 from vastflow.producers.floorplan.reading import plan_of, read_plan
-from vastflow.producers.floorplan.syntax import parse, read_text
+from vastflow.producers.floorplan.syntax import parse
 from vastflow.producers.floorplan.variation import Variation, parse_variation, variation_of
-from vastflow.sim.model.faults import Fault, FileError, Place
+from vastflow.sim.model import files
+from vastflow.sim.model.faults import Fault, FaultKind, FileError, Place
+
+MOST_BYTES: Final = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,13 +62,21 @@ class VariationFile:
         return variation_of(parse_variation(self.text, self.name), plan)
 
 
+def _read_text(path: str | Path) -> str:
+    try:
+        return files.read_text(path, "a floor plan or variation file", MOST_BYTES)
+    except files.Unreadable as error:
+        kind: FaultKind = "missing" if isinstance(error, files.Missing) else "error"
+        raise FileError([Fault(Place(str(path), *error.place, "file"), error.what, error.right, kind)]) from None
+
+
 def read_plan_file(path: str | Path) -> PlanFile:
     """The file at `path`, unchecked.
 
     Raises:
         FileError: it can't be read.
     """
-    return PlanFile(str(path), read_text(path))
+    return PlanFile(str(path), _read_text(path))
 
 
 def read_variation_file(path: str | Path) -> VariationFile:
@@ -73,12 +85,11 @@ def read_variation_file(path: str | Path) -> VariationFile:
     Raises:
         FileError: one of the two can't be read, or the variation is not in its language.
     """
-    path = Path(path)
-    text = read_text(path)
+    path, text = Path(path), _read_text(path)
     variation = parse_variation(text, str(path))
     imported = path.parent / variation.imported
     try:
-        plan = read_text(imported)
+        plan = _read_text(imported)
     except FileError as error:
         fault = error.faults[0]
         what = f"{str(imported)!r}: {fault.problem}"

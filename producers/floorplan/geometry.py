@@ -3,11 +3,13 @@
 import itertools
 import math
 from collections.abc import Iterable
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeAlias
 
 import shapely
 
-from vastflow.producers.floorplan.plan import Outline, Point
+Point: TypeAlias = tuple[float, float]
+Outline: TypeAlias = tuple[Point, ...]
+"""Corners in order, the last joined to the first."""
 
 SMALLEST_M: Final = 0.001
 """No size is smaller: nothing in a building is, and meshes of less fall apart in single precision."""
@@ -32,8 +34,7 @@ def circle(radius_m: float) -> Outline:
 
 def signed_area(outline: Outline) -> float:
     """Area (m²), negative where the corners run clockwise."""
-    pairs = itertools.pairwise((*outline, outline[0]))
-    return sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in pairs) / 2
+    return sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in edges(outline)) / 2
 
 
 def edges(outline: Outline) -> tuple[tuple[Point, Point], ...]:
@@ -59,23 +60,19 @@ def outline_fault(outline: Outline) -> tuple[str, str] | None:
     """Return what is wrong with a polygon and what would be right; None if it encloses one area."""
     if len(outline) < 3:
         return f"got a Polygon with {len(outline)} corners", "three corners or more"
-    for k, (start, end) in enumerate(edges(outline)):
-        if math.dist(start, end) < SMALLEST_M:
-            what = f"corners {k} and {(k + 1) % len(outline)} of the Polygon are both at {_at(*start)}"
+    for k, ((x, y), end) in enumerate(edges(outline)):
+        if math.dist((x, y), end) < SMALLEST_M:
+            what = f"corners {k} and {(k + 1) % len(outline)} of the Polygon are both at ({x:g}, {y:g})"
             return what, "corners that are apart"
     polygon = shapely.Polygon(outline)
     if not polygon.is_valid:
         reason, _, at = shapely.is_valid_reason(polygon).partition("[")
-        place = f" near {_at(*map(float, at.rstrip(']').split()))}" if at else ""
+        place = " near ({:g}, {:g})".format(*map(float, at.rstrip("]").split())) if at else ""
         crosses = "crosses itself" if "intersection" in reason else "touches itself"
         return f"the Polygon's outline {crosses}{place}", "corners in order round one area"
     if polygon.area < SMALLEST_M**2:
         return f"the Polygon's corners enclose {polygon.area:.3g} m²", "corners that enclose an area"
     return None
-
-
-def _at(x: float, y: float) -> str:
-    return f"({x:g}, {y:g})"
 
 
 DECIMALS: Final = 9
@@ -106,10 +103,8 @@ class Transform(NamedTuple):
 
     def outline(self, points: Iterable[Point]) -> Outline:
         """An outline of the inner frame in the outer one, to the nanometer: what touches, touches exactly."""
-        cos, sin = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
-        placed = ((self.x_m + cos * x - sin * y, self.y_m + sin * x + cos * y) for x, y in points)
         # + 0.0 turns -0.0 into 0.0
-        return tuple((round(x, DECIMALS) + 0.0, round(y, DECIMALS) + 0.0) for x, y in placed)
+        return tuple((round(x, DECIMALS) + 0.0, round(y, DECIMALS) + 0.0) for x, y in map(self.apply, points))
 
 
 IDENTITY: Final = Transform(0.0, 0.0, 0.0)

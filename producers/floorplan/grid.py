@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from vastflow.producers.floorplan.building import Building, SolidBlock, Wall
-from vastflow.producers.floorplan.plan import Outline
+from vastflow.producers.floorplan.geometry import Outline
 from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.world.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 
@@ -87,7 +87,8 @@ def grid_of(
         FileError: more than `MOST_CELLS` cells.
     """
     low_x, low_y, high_x, high_y = building.floor_bounds
-    border = max(BORDER_CELLS, _needed_border(building, resolution_m))
+    beyond_m = max(abs(o - i) for i, o in zip(building.floor_bounds, building.bounds, strict=True))
+    border = max(BORDER_CELLS, math.ceil(beyond_m / resolution_m) + 2)
     columns, rows = (
         _cells((high - low) / resolution_m) + 2 * border for low, high in ((low_x, high_x), (low_y, high_y))
     )
@@ -108,8 +109,7 @@ def grid_of(
 
     for room in building.rooms:
         fill(room.outline, GRAY_FREE)
-    columns_first = sorted(building.obstacles, key=lambda obstacle: obstacle.kind)
-    solids: list[Wall | SolidBlock] = [*building.walls, *columns_first]
+    solids: list[Wall | SolidBlock] = [*building.walls, *building.obstacles]
     for solid in solids:
         if laser_height_m <= solid.height_m:
             fill(solid.outline, GRAY_OCCUPIED)
@@ -125,9 +125,3 @@ def grid_of(
 
 def _cells(value: float) -> int:
     return math.trunc(value + ROUNDING_CELLS)
-
-
-def _needed_border(building: Building, resolution_m: float) -> int:
-    inner, outer = building.floor_bounds, building.bounds
-    beyond_m = max(abs(o - i) for i, o in zip(inner, outer, strict=True))
-    return math.ceil(beyond_m / resolution_m) + 2

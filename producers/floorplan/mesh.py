@@ -3,6 +3,7 @@
 import itertools
 import math
 from collections.abc import Iterable, Sequence
+from operator import itemgetter
 from typing import Final
 
 import numpy as np
@@ -41,7 +42,7 @@ def mesh_of(building: Building) -> NDArray[np.float32]:
     have no floor and no ceiling.
     """
     for grid_m in GRIDS_M:
-        triangles = triangles_of(solid_of(building, grid_m))
+        triangles = _triangles_of(_solid_of(building, grid_m))
         if is_closed(triangles):
             break
     return triangles
@@ -62,7 +63,7 @@ def is_closed(triangles: NDArray[np.float32]) -> bool:
     return bool((np.diff(edges) > 0).all() and (edges == back).all() and (start != end).all())
 
 
-def solid_of(building: Building, grid_m: float = GRIDS_M[0]) -> Manifold:
+def _solid_of(building: Building, grid_m: float) -> Manifold:
     """Everything solid in the building, as one.
 
     An opening cuts the walls it names. All of them are cut at once, out of all that is solid but what is in the way of
@@ -72,21 +73,16 @@ def solid_of(building: Building, grid_m: float = GRIDS_M[0]) -> Manifold:
     outlines = [shapely.Polygon(solid.outline) for solid in solids]
     cuts = [_cut(hole) for hole in building.holes]
     spared = _in_the_way(building.holes, solids, outlines)
-    joined = [
-        (solid.height_m, outline)
-        for k, (solid, outline) in enumerate(zip(solids, outlines, strict=True))
-        if k not in spared
-    ]
+    joined = [(solids[k].height_m, outline) for k, outline in enumerate(outlines) if k not in spared]
     parts = [_without(_fused(joined, grid_m), cuts)]
     for k in sorted(spared):
-        own = [cut for cut, hole in zip(cuts, building.holes, strict=True) if _cuts(hole, solids[k])]
+        own = [cut for cut, hole in zip(cuts, building.holes, strict=True) if solids[k].name in hole.walls]
         wider = shapely.buffer(outlines[k], grid_m, join_style="mitre")
         parts.append(_without(_prism(wider, solids[k].height_m), own))
     return Manifold.batch_boolean(parts, OpType.Add)
 
 
-def triangles_of(solid: Manifold) -> NDArray[np.float32]:
-    """Triangles (N, 3, 3) of a solid in single precision."""
+def _triangles_of(solid: Manifold) -> NDArray[np.float32]:
     mesh = solid.to_mesh()
     corners = np.array(mesh.vert_properties, dtype=np.float32)[:, :3]
     faces = _without_points(corners, np.asarray(mesh.tri_verts))
@@ -108,22 +104,13 @@ def _in_the_way(holes: Sequence[Hole], solids: Sequence[Solid], outlines: Sequen
     """Return the solids that a cut would reach without naming them."""
     if not holes:
         return set()
-    reaches = [shapely.Polygon(hole.footprint(*_width(hole), MARGIN_M)) for hole in holes]
+    reaches = [shapely.Polygon(hole.footprint(*hole.reach, MARGIN_M)) for hole in holes]
     pairs = shapely.STRtree(outlines).query(reaches, predicate="intersects").T.tolist()
     return {
         k
         for j, k in pairs
-        if not _cuts(holes[j], solids[k]) and shapely.intersection(reaches[j], outlines[k]).area > LEAST_REACH_M2
+        if solids[k].name not in holes[j].walls and shapely.intersection(reaches[j], outlines[k]).area > LEAST_REACH_M2
     }
-
-
-def _cuts(hole: Hole, solid: Solid) -> bool:
-    return isinstance(solid, Wall) and solid.name in hole.walls
-
-
-def _width(hole: Hole) -> tuple[float, float]:
-    xs = [x for x, _ in hole.shape]
-    return min(xs), max(xs)
 
 
 def _fused(solids: Iterable[tuple[float, shapely.Polygon]], grid_m: float) -> Manifold:
@@ -133,7 +120,8 @@ def _fused(solids: Iterable[tuple[float, shapely.Polygon]], grid_m: float) -> Ma
     """
     prisms: list[Manifold] = []
     taller: list[shapely.Geometry] = []
-    for height_m, level in itertools.groupby(sorted(solids, key=_height, reverse=True), key=_height):
+    by_height = itemgetter(0)
+    for height_m, level in itertools.groupby(sorted(solids, key=by_height, reverse=True), key=by_height):
         outline = shapely.union_all([polygon for _, polygon in level], grid_size=grid_m)
         seams = shapely.buffer(shapely.get_parts(outline), SEAM_M, join_style="mitre")
         pairs = shapely.STRtree(taller).query(seams, predicate="intersects").T.tolist()
@@ -144,10 +132,6 @@ def _fused(solids: Iterable[tuple[float, shapely.Polygon]], grid_m: float) -> Ma
             prisms.append(_prism(outline, height_m))
         taller += shapely.get_parts(outline).tolist()
     return Manifold.batch_boolean(prisms, OpType.Add)
-
-
-def _height(solid: tuple[float, shapely.Polygon]) -> float:
-    return solid[0]
 
 
 def _prism(outline: shapely.Geometry, height_m: float) -> Manifold:

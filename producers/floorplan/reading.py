@@ -1,25 +1,24 @@
-"""From the parts of a floor plan's text to what it says; every fault is found in one go."""
+"""The meaning of a floor plan's text, in meters and radians; every fault is found in one go."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
-from typing import Final
+from dataclasses import dataclass, field
+from typing import Final, Literal, NamedTuple, TypeAlias
 
 from lark import Token
 
-from vastflow.producers.floorplan.geometry import SMALLEST_M, circle, outline_fault, rectangle, signed_area
-from vastflow.producers.floorplan.plan import Feature, FloorPlan, Offset, Opening, Outline, PlanFrame, PlanSpace
-from vastflow.producers.floorplan.syntax import (
-    FrameText,
-    PlanSection,
-    PlanText,
-    Quantity,
-    SectionPart,
-    SectionParts,
-    ShapeText,
-    parse,
+from vastflow.producers.floorplan.geometry import (
+    SMALLEST_M,
+    Outline,
+    Transform,
+    circle,
+    outline_fault,
+    rectangle,
+    signed_area,
 )
-from vastflow.sim.model.faults import Fault, FileError, Place
+from vastflow.producers.floorplan.syntax import FrameText, Part, PlanText, Quantity, parse
+from vastflow.sim.model.faults import Fault, FaultKind, FileError, Place
+from vastflow.sim.model.files import TextPlace
 from vastflow.sim.model.names import did_you_mean
 
 LARGEST_M: Final = 10_000.0
@@ -28,28 +27,124 @@ LARGEST_M: Final = 10_000.0
 WORLD: Final = "world"
 THIS: Final = "this"
 
-IN_A_LOCATION: Final[Mapping[str, tuple[str, ...]]] = {
-    "Space": ("wrt", "of", "translation", "rotation", "not aligned", "spaced"),
-    "Column": ("wrt", "translation", "rotation"),
-    "Divider": ("wrt", "translation", "rotation"),
-    "Entryway": ("in", "translation", "rotation"),
-    "Window": ("in", "translation", "rotation"),
+FeatureKind: TypeAlias = Literal["Column", "Divider"]
+OpeningKind: TypeAlias = Literal["Entryway", "Window"]
+
+
+@dataclass(frozen=True, slots=True)
+class PlanFrame:
+    """The world's frame, where `space` is None; a space's; or that of one of its walls."""
+
+    space: str | None
+    wall: int | None
+    place: TextPlace = field(compare=False)
+
+    def __str__(self) -> str:
+        if self.space is None:
+            return WORLD
+        return self.space if self.wall is None else f"{self.space}.walls[{self.wall}]"
+
+
+@dataclass(frozen=True, slots=True)
+class PlanSpace:
+    """A room: its floor, and a wall along each edge.
+
+    Attributes:
+        outline: Of the floor, in the space's frame.
+        thickness_m: Of its walls, measured from the floor's edge to the left of the direction of travel, which is
+            outwards where the corners are listed clockwise.
+        wrt: The frame it is placed in.
+        of_wall: The wall of its own that `offset` places; None where it places the space's frame.
+        spaced: Leave room for the thickness of both walls.
+        aligned: Turn the two walls face to face.
+    """
+
+    name: str
+    outline: Outline
+    thickness_m: float
+    height_m: float
+    wrt: PlanFrame
+    of_wall: int | None
+    offset: Transform
+    spaced: bool
+    aligned: bool
+    place: TextPlace
+
+
+@dataclass(frozen=True, slots=True)
+class Feature:
+    """A column or divider, solid from the floor to its height.
+
+    Attributes:
+        space: The space it is declared in; None where it stands outside of all.
+    """
+
+    kind: FeatureKind
+    name: str
+    space: str | None
+    outline: Outline
+    height_m: float
+    wrt: PlanFrame
+    offset: Transform
+
+
+@dataclass(frozen=True, slots=True)
+class Opening:
+    """A hole through one wall or two.
+
+    Attributes:
+        outline: (x, z) in the frame of the first of `walls`: x along the wall from its middle, z up from the floor.
+    """
+
+    kind: OpeningKind
+    name: str
+    walls: tuple[PlanFrame, ...]
+    outline: Outline
+    place: TextPlace
+
+
+@dataclass(frozen=True, slots=True)
+class FloorPlan:
+    """A floor plan that is right as far as its words go.
+
+    Attributes:
+        file: Its name for messages.
+        notes: What its author should know of it.
+    """
+
+    name: str
+    file: str
+    spaces: tuple[PlanSpace, ...]
+    features: tuple[Feature, ...]
+    openings: tuple[Opening, ...]
+    notes: tuple[Fault, ...]
+
+
+class _Rules(NamedTuple):
+    """The rules of a location: what may and must stand there, and the axes that take more than 0."""
+
+    known: tuple[str, ...]
+    needed: Mapping[str, str]
+    along: str
+    about: str
+
+
+_FEATURE: Final = _Rules(
+    ("wrt", "translation", "rotation"), {"wrt": "wrt: this, this.walls[...] or another space"}, "xy", "z"
+)
+_OPENING: Final = _Rules(("in", "translation", "rotation"), {"in": "in: space.walls[...]"}, "xz", "y")
+RULES: Final[Mapping[str, _Rules]] = {
+    "Space": _Rules(
+        ("wrt", "of", "translation", "rotation", "not aligned", "spaced"),
+        {"wrt": "wrt: world, another space or one of its walls", "of": "of: this, or one of its walls"},
+        "xy",
+        "z",
+    ),
+    "Column": _FEATURE,
+    "Divider": _FEATURE,
+    "Entryway": _OPENING,
+    "Window": _OPENING,
 }
-NEEDED_IN_A_LOCATION: Final[Mapping[str, Mapping[str, str]]] = {
-    "Space": {"wrt": "wrt: world, another space or one of its walls", "of": "of: this, or one of its walls"},
-    "Column": {"wrt": "wrt: this, this.walls[...] or another space"},
-    "Divider": {"wrt": "wrt: this, this.walls[...] or another space"},
-    "Entryway": {"in": "in: space.walls[...]"},
-    "Window": {"in": "in: space.walls[...]"},
-}
-MOVES: Final[Mapping[str, tuple[str, str]]] = {
-    "Space": ("xy", "z"),
-    "Column": ("xy", "z"),
-    "Divider": ("xy", "z"),
-    "Entryway": ("xz", "y"),
-    "Window": ("xz", "y"),
-}
-"""Kind to the axes it is moved along and turned about; on the others only 0 may stand."""
 
 
 def read_plan(text: str, file: str) -> FloorPlan:
@@ -74,7 +169,18 @@ def plan_of(text: PlanText, drawn: Mapping[int, float] | None = None) -> FloorPl
     plan = reader.plan()
     if reader.faults:
         raise FileError(reader.faults)
-    return replace(plan, notes=tuple(reader.notes))
+    return plan
+
+
+class _Section(NamedTuple):
+    """A section with its parts and those of its location by key, and the space called `this`."""
+
+    kind: str
+    token: Token
+    where: str
+    parts: Mapping[str, Part]
+    location: Mapping[str, Part]
+    this: str | None
 
 
 class _Reader:
@@ -85,54 +191,60 @@ class _Reader:
 
     def __init__(self, text: PlanText, drawn: Mapping[int, float]) -> None:
         self.faults: list[Fault] = []
-        self.notes: list[Fault] = []
+        self._notes: list[Fault] = []
         self._text = text
         self._drawn = drawn
-        self._variables = self._read_variables()
         self._corners: dict[str, int | None] = {}
+        self._variables: dict[str, tuple[float, str]] = {}
+        self._distinct("variable", text.of("var"))
+        for variable in text.of("var"):
+            number: Quantity = variable.value
+            if not number.unit:
+                where = f"variable {variable.token}"
+                self._fault(number.token, where, "no unit", "m for a length, rad or deg for an angle")
+            self._variables.setdefault(str(variable.token), (self._number(number), number.unit or "m"))
 
     def plan(self) -> FloorPlan:
         text = self._text
-        defaults = self._defaults()
-        self._distinct("space", (section.token for section in text.spaces))
-        self._distinct("opening", (section.token for section in text.openings))
-        if not text.spaces:
+        defaults = text.of("Defaults")
+        for second in defaults[1:]:
+            right = f"one; line {defaults[0].token.line} has it"
+            self._fault(second.token, "Defaults", "a second 'Defaults'", right)
+        walls = self._parts(defaults[0].by_key.get("walls", ()), "Defaults: walls") if defaults else {}
+        openings = text.of("Entryway", "Window")
+        self._distinct("space", text.of("Space"))
+        self._distinct("opening", openings)
+        spaces = [self._section(each, str(each.token)) for each in text.of("Space")]
+        if not spaces:
             self._fault(text.token, f"Floor plan {text.token}", "no space", "at least one 'Space name:'")
-        parts = [(section, self._once(section.parts, f"Space {section.token}")) for section in text.spaces]
-        outlines = [self._outline(section, given) for section, given in parts]
-        for section, outline in zip(text.spaces, outlines, strict=True):
-            self._corners.setdefault(str(section.token), len(outline) or None)
-        spaces = [
-            self._space(section, given, outline, defaults)
-            for (section, given), outline in zip(parts, outlines, strict=True)
-        ]
+        outlines = [self._outline(space) for space in spaces]
+        for space, outline in zip(spaces, outlines, strict=True):
+            self._corners.setdefault(str(space.token), len(outline) or None)
+        read = tuple(self._space(space, outline, walls) for space, outline in zip(spaces, outlines, strict=True))
         features = [
             feature
-            for section, given in parts
-            for feature in self._features(given["features"].value if "features" in given else (), str(section.token))
+            for space in spaces
+            if "features" in space.parts
+            for feature in self._features(space.parts["features"].value, space.this)
         ]
-        features += self._features(text.features, None)
-        openings = [self._opening(section) for section in text.openings]
-        return FloorPlan(str(text.token), text.file, tuple(spaces), tuple(features), tuple(openings))
+        features += self._features(text.of("Column", "Divider"), None)
+        cut = tuple(self._opening(self._section(each, None)) for each in openings)
+        return FloorPlan(str(text.token), text.file, read, tuple(features), cut, tuple(self._notes))
 
-    # Faults
+    def _fault(self, token: Token, where: str, what: str, right: str, kind: FaultKind = "error") -> None:
+        found = Fault(Place(self._text.file, *_place(token), where), what, right, kind)
+        (self.faults if kind == "error" else self._notes).append(found)
 
-    def _fault(self, token: Token, where: str, what: str, right: str) -> None:
-        self.faults.append(Fault(Place(self._text.file, *_place(token), where), what, right))
-
-    def _note(self, token: Token, where: str, what: str, right: str) -> None:
-        self.notes.append(Fault(Place(self._text.file, *_place(token), where), what, right, "warning"))
-
-    def _distinct(self, kind: str, names: Iterable[Token]) -> None:
+    def _distinct(self, kind: str, parts: Iterable[Part]) -> None:
         first: dict[str, Token] = {}
-        for name in names:
+        for name in (part.token for part in parts):
             if first.setdefault(str(name), name) is not name:
                 right = f"another name; line {first[name].line} has it"
                 self._fault(name, f"{kind} {name}", f"a second {kind} {str(name)!r}", right)
 
-    def _once(self, parts: SectionParts, where: str, known: Sequence[str] | None = None) -> dict[str, SectionPart]:
+    def _parts(self, parts: Iterable[Part], where: str, known: Sequence[str] | None = None) -> dict[str, Part]:
         """Parts by key: the first of each, those that are not `known` left out."""
-        found: dict[str, SectionPart] = {}
+        found: dict[str, Part] = {}
         for part in parts:
             if known is not None and part.key not in known:
                 self._fault(part.token, where, f"got {part.key!r}", f"only {', '.join(known)} can stand here")
@@ -143,18 +255,21 @@ class _Reader:
                 found[part.key] = part
         return found
 
-    # Numbers
+    def _section(self, section: Part, this: str | None) -> _Section:
+        inside = f"{this}." if this and section.key != "Space" else ""
+        where = f"{section.key} {inside}{section.token}"
+        parts, rules = self._parts(section.value, where), RULES[section.key]
+        if "location" not in parts:
+            right = f"location: with {' and '.join(rules.needed)}"
+            self._fault(section.token, where, "no 'location'", right)
+            return _Section(section.key, section.token, where, parts, {}, this)
+        location = self._parts(parts["location"].value, f"{where}: location", rules.known)
+        for key, right in rules.needed.items():
+            if key not in location:
+                self._fault(section.token, where, f"no {key!r} in its location", right)
+        return _Section(section.key, section.token, where, parts, location, this)
 
-    def _read_variables(self) -> dict[str, tuple[float, str]]:
-        self._distinct("variable", (variable.token for variable in self._text.variables))
-        values: dict[str, tuple[float, str]] = {}
-        for variable in self._text.variables:
-            unit = variable.number.unit
-            if not unit:
-                where = f"variable {variable.token}"
-                self._fault(variable.number.token, where, "no unit", "m for a length, rad or deg for an angle")
-            values.setdefault(str(variable.token), (self._number(variable.number), unit or "m"))
-        return values
+    # Numbers
 
     def _number(self, quantity: Quantity) -> float:
         drawn = self._drawn.get(quantity.span[0])
@@ -193,8 +308,8 @@ class _Reader:
         if unit == "m" and not quantity.is_variable:
             self._fault(quantity.token, where, f"got {quantity.token}", "an angle, in rad or deg")
         if not quantity.is_variable and not quantity.unit and abs(value) > math.tau:
-            right = f"{quantity.text} deg, or at most one turn"
-            self._note(quantity.token, where, f"got {quantity.text}, which is in radians without a unit", right)
+            what = f"got {quantity.text}, which is in radians without a unit"
+            self._fault(quantity.token, where, what, f"{quantity.text} deg, or at most one turn", "warning")
         if math.isinf(value):
             self._fault(quantity.token, where, f"got {quantity.token}", "a finite number")
             return math.nan
@@ -202,129 +317,96 @@ class _Reader:
 
     # Shapes
 
-    def _outline(self, section: PlanSection, given: Mapping[str, SectionPart]) -> Outline:
+    def _outline(self, section: _Section) -> Outline:
         """Corners in the section's own frame, of an opening as (x, z); empty where they can't be told."""
-        where = f"{section.kind} {section.token}"
-        if "shape" not in given:
+        where, upright = section.where, RULES[section.kind] is _OPENING
+        if "shape" not in section.parts:
             self._fault(section.token, where, "no 'shape'", "shape: Rectangle, Polygon or Circle")
             return ()
-        shape: ShapeText = given["shape"].value
-        if shape.points or str(shape.token) == "Polygon":
-            return self._polygon(shape, where, upright=section.kind in ("Entryway", "Window"))
-        sizes = {name: self._size(quantity, where, f"the {name}") for name, quantity in shape.sizes.items()}
+        shape: Part = section.parts["shape"].value
+        if shape.key == "Polygon":
+            return self._polygon(shape, where, upright)
+        sizes = {name: self._size(quantity, where, f"the {name}") for name, quantity in shape.by_key.items()}
         if "radius" in sizes:
             return circle(sizes["radius"])
-        wanted, other = ("height", "length") if section.kind in ("Entryway", "Window") else ("length", "height")
+        wanted, other = ("height", "length") if upright else ("length", "height")
         if other in sizes:
-            right = f"width and {wanted}, for it {'stands upright' if wanted == 'height' else 'lies on the floor'}"
+            right = f"width and {wanted}, for it {'stands upright' if upright else 'lies on the floor'}"
             self._fault(shape.token, where, f"got a Rectangle with {other}", right)
             return ()
         return rectangle(sizes["width"], sizes[wanted])
 
-    def _polygon(self, shape: ShapeText, where: str, *, upright: bool) -> Outline:
-        known_faults = len(self.faults)
+    def _polygon(self, shape: Part, where: str, upright: bool) -> Outline:
+        known_faults, axis, k = len(self.faults), *(("y", 1) if upright else ("z", 2))
         points = []
-        for point in shape.points:
+        for point in shape.value:
             numbers = [self._length(quantity, where) for quantity in point]
-            across = numbers[1 if upright else 2] if len(numbers) == 3 else 0.0
+            across = numbers[k] if len(numbers) == 3 else 0.0
             if across != 0.0 and not math.isnan(across):
-                axis = "y" if upright else "z"
-                self._fault(point[1 if upright else 2].token, where, f"got {axis} = {across:g} m", f"{axis} = 0")
+                self._fault(point[k].token, where, f"got {axis} = {across:g} m", f"{axis} = 0")
             points.append((numbers[0], numbers[-1] if upright else numbers[1]))
         if len(points) > 1 and points[0] == points[-1]:
             del points[-1]
-        outline = tuple(points)
         if len(self.faults) > known_faults:
             return ()
-        if (wrong := outline_fault(outline)) is not None:
+        if (wrong := outline_fault(tuple(points))) is not None:
             self._fault(shape.token, where, *wrong)
             return ()
-        return outline
+        return tuple(points)
 
     # Locations
 
-    def _location(self, section: PlanSection, given: Mapping[str, SectionPart], where: str) -> dict[str, SectionPart]:
-        """Return the parts of a section's location; a missing one is a fault."""
-        if "location" not in given:
-            needed = " and ".join(NEEDED_IN_A_LOCATION[section.kind])
-            self._fault(section.token, where, "no 'location'", f"location: with {needed}")
-            return {}
-        found = self._once(given["location"].value, f"{where}: location", IN_A_LOCATION[section.kind])
-        for key, right in NEEDED_IN_A_LOCATION[section.kind].items():
-            if key not in found:
-                self._fault(section.token, where, f"no {key!r} in its location", right)
-        return found
-
-    def _offset(self, kind: str, given: Mapping[str, SectionPart], where: str) -> Offset:
+    def _offset(self, section: _Section) -> Transform:
         """Translation and turn; of an opening, z for y and the turn about y."""
-        along, about = MOVES[kind]
-        moved_m = self._axes(given.get("translation"), f"{where}: translation", self._length)
-        turned_rad = self._axes(given.get("rotation"), f"{where}: rotation", self._angle)
-        self._zero(moved_m, along, f"{where}: translation", "m", f"moves along {' and '.join(along)}")
-        self._zero(turned_rad, about, f"{where}: rotation", "rad", f"turns about {about}")
-        first_m, second_m = (moved_m[axis][0] for axis in along)
-        return Offset(first_m, second_m, turned_rad[about][0])
+        rules = RULES[section.kind]
+        along, about = rules.along, rules.about
+        moved_m = self._axes(section, "translation", self._length, along, "m", f"moves along {' and '.join(along)}")
+        turned_rad = self._axes(section, "rotation", self._angle, about, "rad", f"turns about {about}")
+        first_m, second_m = (moved_m.get(axis, 0.0) for axis in along)
+        return Transform(first_m, second_m, turned_rad.get(about, 0.0))
 
     def _axes(
-        self, part: SectionPart | None, where: str, read: Callable[[Quantity, str], float]
-    ) -> dict[str, tuple[float, Token | None]]:
-        """Axis to its value and where it stands; 0 where nothing does."""
-        found = self._once(part.value, where) if part is not None else {}
-        return {
-            axis: (read(found[axis].value, where.rpartition(": ")[0]), found[axis].token)
-            if axis in found
-            else (0.0, None)
-            for axis in "xyz"
-        }
+        self, section: _Section, key: str, read: Callable[[Quantity, str], float], free: str, unit: str, does: str
+    ) -> dict[str, float]:
+        """Value of each axis that is given; anything but 0 on another axis than the `free` ones is a fault."""
+        where = f"{section.where}: {key}"
+        given = self._parts(section.location[key].value, where) if key in section.location else {}
+        values = {axis: read(part.value, section.where) for axis, part in given.items()}
+        for axis, value in values.items():
+            if axis not in free and value != 0.0 and not math.isnan(value):
+                right = f"{axis}: 0 or nothing, for it {does} only"
+                self._fault(given[axis].token, where, f"got {axis}: {value:g} {unit}", right)
+        return values
 
-    def _zero(
-        self, values: Mapping[str, tuple[float, Token | None]], free: str, where: str, unit: str, does: str
-    ) -> None:
-        """Complain of a value on another axis than the `free` ones, unless it is 0."""
-        for axis, (value, token) in values.items():
-            if axis not in free and token is not None and value != 0.0 and not math.isnan(value):
-                self._fault(token, where, f"got {axis}: {value:g} {unit}", f"{axis}: 0 or nothing, for it {does} only")
-
-    def _frame(self, text: FrameText, where: str, this: str | None) -> PlanFrame:
+    def _frame(self, text: FrameText, section: _Section) -> PlanFrame:
         """The frame that is named; the world's in place of one that does not exist."""
-        name = text.name
+        name, where, world = text.name, f"{section.where}: location", PlanFrame(None, None, _place(text.token))
         if name == WORLD and text.wall is None:
-            return PlanFrame(None, None, _place(text.token))
+            return world
         if name == THIS:
-            if this is None:
+            if section.this is None:
                 self._fault(text.token, where, "got 'this'", "the name of a space; this is inside of none")
-                return PlanFrame(None, None, _place(text.token))
-            name = this
+                return world
+            name = section.this
         if name not in self._corners:
             self._fault(text.token, where, f"no space {name!r}", did_you_mean(name, self._corners))
-            return PlanFrame(None, None, _place(text.token))
+            return world
         corners = self._corners[name]
         if corners is not None and text.wall is not None and text.wall >= corners:
             right = f"0 to {corners - 1}, for {name} has {corners} walls"
             self._fault(text.token, where, f"no wall {name}.walls[{text.wall}]", right)
         return PlanFrame(name, text.wall, _place(text.token))
 
-    def _wrt(self, section: PlanSection, given: Mapping[str, SectionPart], where: str, this: str | None) -> PlanFrame:
-        if "wrt" not in given:
+    def _wrt(self, section: _Section) -> PlanFrame:
+        if "wrt" not in section.location:
             return PlanFrame(None, None, _place(section.token))
-        return self._frame(given["wrt"].value, f"{where}: location", this)
+        return self._frame(section.location["wrt"].value, section)
 
     # Sections
 
-    def _defaults(self) -> dict[str, SectionPart]:
-        sections = self._text.defaults
-        for section in sections[1:]:
-            right = f"one; line {sections[0].token.line} has it"
-            self._fault(section.token, "Defaults", "a second 'Defaults'", right)
-        walls = next((walls for section in sections[:1] for walls in section.value), None)
-        return self._once(walls.value, "Defaults: walls") if walls is not None else {}
-
-    def _space(
-        self, section: PlanSection, given: Mapping[str, SectionPart], outline: Outline, defaults: dict[str, SectionPart]
-    ) -> PlanSpace:
-        name = str(section.token)
-        where = f"Space {name}"
-        own = self._once(given["walls"].value, f"{where}: walls") if "walls" in given else {}
+    def _space(self, section: _Section, outline: Outline, defaults: Mapping[str, Part]) -> PlanSpace:
+        name, where, location = str(section.token), section.where, section.location
+        own = self._parts(section.parts["walls"].value, f"{where}: walls") if "walls" in section.parts else {}
         values: dict[str, float] = {}
         for key in ("thickness", "height"):
             part = own.get(key) or defaults.get(key)
@@ -332,10 +414,14 @@ class _Reader:
                 what = f"no {key} of its walls, of its own or by Defaults"
                 self._fault(section.token, where, what, f"walls: {key}: ... here or in Defaults")
             values[key] = self._size(part.value, where, f"the walls' {key}") if part is not None else math.nan
-        location = self._location(section, given, where)
-        wrt = self._wrt(section, location, where, name)
-        of_wall = self._of(section, location, where)
-        offset = self._offset("Space", location, where)
+        wrt, offset, of_wall = self._wrt(section), self._offset(section), None
+        if "of" in location:
+            text: FrameText = location["of"].value
+            if text.name in (THIS, name):
+                of_wall = self._frame(text, section).wall
+            else:
+                right = f"this or this.walls[...]: it says which frame of {name} is placed"
+                self._fault(text.token, f"{where}: location", f"got 'of: {text.token}'", right)
         spaced, straight = location.get("spaced"), location.get("not aligned")
         if spaced is not None and wrt.space is None and "wrt" in location:
             self._fault(spaced.token, where, "got 'spaced' beside 'wrt: world'", "no 'spaced'; the world has no wall")
@@ -345,97 +431,54 @@ class _Reader:
         if straight is not None and offset.yaw_rad != 0.0:
             self._fault(straight.token, where, "got 'not aligned' and a rotation", "the rotation alone says it")
         if outline and signed_area(outline) > 0.0:
+            right = "corners in clockwise order for walls outside of the floor"
             what = "its corners run counter-clockwise, so its walls grow inwards"
-            self._note(section.token, where, what, "corners in clockwise order for walls outside of the floor")
-        return PlanSpace(
-            name,
-            outline,
-            values["thickness"],
-            values["height"],
-            wrt,
-            of_wall,
-            offset,
-            spaced is not None,
-            straight is None,
-            _place(section.token),
-        )
+            self._fault(section.token, where, what, right, "warning")
+        thickness_m, height_m, place = values["thickness"], values["height"], _place(section.token)
+        has = spaced is not None, straight is None
+        return PlanSpace(name, outline, thickness_m, height_m, wrt, of_wall, offset, *has, place)
 
-    def _of(self, section: PlanSection, location: Mapping[str, SectionPart], where: str) -> int | None:
-        name = str(section.token)
-        if "of" not in location:
-            return None
-        text: FrameText = location["of"].value
-        if text.name not in (THIS, name):
-            right = f"this or this.walls[...]: it says which frame of {name} is placed"
-            self._fault(text.token, f"{where}: location", f"got 'of: {text.token}'", right)
-            return None
-        return self._frame(text, f"{where}: location", name).wall
+    def _features(self, parts: Sequence[Part], space: str | None) -> list[Feature]:
+        self._distinct("feature", parts)
+        return [self._feature(self._section(part, space)) for part in parts]
 
-    def _features(self, sections: Iterable[PlanSection], space: str | None) -> list[Feature]:
-        sections = list(sections)
-        self._distinct("feature", (section.token for section in sections))
-        return [self._feature(section, space) for section in sections]
-
-    def _feature(self, section: PlanSection, space: str | None) -> Feature:
-        where = f"{section.kind} {f'{space}.' if space else ''}{section.token}"
-        given = self._once(section.parts, where)
-        if "height" not in given:
+    def _feature(self, section: _Section) -> Feature:
+        where, location, height_m = section.where, section.location, math.nan
+        if "height" in section.parts:
+            height_m = self._size(section.parts["height"].value, where, "the height")
+        else:
             self._fault(section.token, where, "no 'height'", "height: ... m")
-        height_m = self._size(given["height"].value, where, "the height") if "height" in given else math.nan
-        location = self._location(section, given, where)
-        wrt = self._wrt(section, location, where, space)
+        wrt, outline, offset = self._wrt(section), self._outline(section), self._offset(section)
         if wrt.space is None and "wrt" in location and str(location["wrt"].value.token) == WORLD:
             right = "a space or one of its walls; a feature belongs to a room"
             self._fault(location["wrt"].value.token, where, "got 'wrt: world'", right)
-        return Feature(
-            "Column" if section.kind == "Column" else "Divider",
-            str(section.token),
-            space,
-            self._outline(section, given),
-            height_m,
-            wrt,
-            self._offset(section.kind, location, where),
-            _place(section.token),
-        )
+        kind: FeatureKind = "Column" if section.kind == "Column" else "Divider"
+        return Feature(kind, str(section.token), section.this, outline, height_m, wrt, offset)
 
-    def _opening(self, section: PlanSection) -> Opening:
-        where = f"{section.kind} {section.token}"
-        given = self._once(section.parts, where)
-        outline = self._outline(section, given)
-        location = self._location(section, given, where)
-        walls = self._walls(section, location, where)
-        offset = self._offset(section.kind, location, where)
-        return Opening(
-            "Entryway" if section.kind == "Entryway" else "Window",
-            str(section.token),
-            walls,
-            tuple(_upright(point, offset) for point in outline),
-            _place(section.token),
-        )
+    def _opening(self, section: _Section) -> Opening:
+        outline, (x_m, z_m, turn_rad) = self._outline(section), self._offset(section)
+        cos, sin = math.cos(turn_rad), math.sin(turn_rad)
+        # Turned about y in the wall's x–z plane, z turns towards x.
+        upright = tuple((round(x_m + cos * x + sin * z, 9), round(z_m - sin * x + cos * z, 9)) for x, z in outline)
+        kind: OpeningKind = "Entryway" if section.kind == "Entryway" else "Window"
+        return Opening(kind, str(section.token), self._walls(section), upright, _place(section.token))
 
-    def _walls(self, section: PlanSection, location: Mapping[str, SectionPart], where: str) -> tuple[PlanFrame, ...]:
-        if "in" not in location:
+    def _walls(self, section: _Section) -> tuple[PlanFrame, ...]:
+        if "in" not in section.location:
             return ()
-        texts: tuple[FrameText, ...] = location["in"].value
+        where, texts = section.where, section.location["in"].value
         if len(texts) > 2:
             self._fault(texts[2].token, where, f"got {len(texts)} walls", "one wall, or two with 'and'")
         for text in texts:
             if text.wall is None and text.name in (WORLD, *self._corners):
-                right = (
-                    "the wall of a space" if text.name == WORLD else f"one of its walls, such as {text.name}.walls[0]"
-                )
+                walls = f"one of its walls, such as {text.name}.walls[0]"
+                right = "the wall of a space" if text.name == WORLD else walls
                 self._fault(text.token, where, f"got {text.name!r}", right)
-        frames = tuple(self._frame(text, f"{where}: location", None) for text in texts)
+        frames = tuple(self._frame(text, section) for text in texts)
         if len(set(frames)) < len(frames) and not self.faults:
             self._fault(texts[1].token, where, f"got {frames[1]} twice", "two walls, or one of them once")
         return frames
 
 
-def _upright(point: tuple[float, float], offset: Offset) -> tuple[float, float]:
-    """A point in the wall's x–z plane, turned about y and moved; `offset` has z for y."""
-    (x, z), cos, sin = point, math.cos(offset.yaw_rad), math.sin(offset.yaw_rad)
-    return round(offset.x_m + cos * x + sin * z, 9), round(offset.y_m - sin * x + cos * z, 9)
-
-
-def _place(token: Token) -> tuple[int, int]:
+def _place(token: Token) -> TextPlace:
     return token.line or 1, token.column or 1

@@ -5,7 +5,7 @@ import importlib.metadata
 import io
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any, Final
 
@@ -16,11 +16,10 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
-from vastflow.producers.floorplan.building import Building, Hole, Room
-from vastflow.producers.floorplan.geometry import edges
+from vastflow.producers.floorplan.building import Building, Hole, Room, SolidBlock, Wall
+from vastflow.producers.floorplan.geometry import Outline, Point, edges
 from vastflow.producers.floorplan.grid import grid_of
 from vastflow.producers.floorplan.mesh import mesh_of, stl, volume_of
-from vastflow.producers.floorplan.plan import Outline, Point
 
 LONG_SIDE_IN: Final = 13.0
 MARGIN_IN: Final = 0.7
@@ -40,11 +39,15 @@ DOORS_FROM_PT_A_M: Final = 14.0
 """Scale of the picture from which on the widths of doors can be read beside them."""
 
 FLOOR: Final = "#f4efe4"
-WALL: Final = "#3a3a3c"
-COLUMN: Final = "#7a5c46"
-DIVIDER: Final = "#b08d57"
-DOOR: Final = "#fdfdfb"
-WINDOW: Final = "#7fb8d8"
+LAYERS: Final[Mapping[str, tuple[str, int]]] = {
+    "Room": (FLOOR, 1),
+    "Wall": ("#3a3a3c", 2),
+    "Column": ("#7a5c46", 3),
+    "Divider": ("#b08d57", 3),
+    "Entryway": ("#fdfdfb", 4),
+    "Window": ("#7fb8d8", 4),
+}
+"""Class or kind of a part to its color and its place among the layers, lowest first."""
 INK: Final = "#1d1d1f"
 MEASURE: Final = "#77736a"
 
@@ -59,8 +62,14 @@ def picture_of(building: Building) -> bytes:
     FigureCanvasAgg(figure)
     left, bottom = MARGIN_IN / size_in[0], MARGIN_IN / size_in[1]
     axes = figure.add_axes((left, bottom, 1 - 2 * left, 1 - 2 * bottom))
-    for outlines, color, order in _layers(building):
-        corners = [np.array(outline) for outline in outlines]
+    parts: list[Room | Wall | SolidBlock | Hole] = [
+        *building.rooms,
+        *building.walls,
+        *building.obstacles,
+        *building.holes,
+    ]
+    for kind, (color, order) in LAYERS.items():
+        corners = [np.array(part.outline) for part in parts if getattr(part, "kind", type(part).__name__) == kind]
         axes.add_collection(PolyCollection(corners, facecolors=color, edgecolors=color, linewidths=0.2, zorder=order))
     scale_pt_a_m = inches_a_m * POINTS_AN_INCH
     halo = [withStroke(linewidth=2.0, foreground=FLOOR)]
@@ -73,9 +82,10 @@ def picture_of(building: Building) -> bytes:
             )  # fmt: skip
     if scale_pt_a_m >= DOORS_FROM_PT_A_M:
         for hole in building.holes:
-            x, y = _inside(hole)
+            low, high = hole.reach
+            x, y = hole.frame.apply(((low + high) / 2, -0.22))  # beside the opening, inside of the room
             axes.text(
-                x, y, f"{_meters(_width(hole))} m", fontsize=DOOR_PT, ha="center", va="center", color=MEASURE, zorder=7
+                x, y, f"{_meters(high - low)} m", fontsize=DOOR_PT, ha="center", va="center", color=MEASURE, zorder=7
             )
     axes.set(xlim=(low_x, high_x), ylim=(low_y, high_y), aspect="equal")
     axes.tick_params(labelsize=7, colors=MEASURE, length=2)
@@ -87,15 +97,6 @@ def picture_of(building: Building) -> bytes:
     content = io.BytesIO()
     figure.savefig(content, format="png", metadata={"Software": None})
     return content.getvalue()
-
-
-def _layers(building: Building) -> Iterator[tuple[list[Outline], str, int]]:
-    yield [room.outline for room in building.rooms], FLOOR, 1
-    yield [wall.outline for wall in building.walls], WALL, 2
-    yield [each.outline for each in building.obstacles if each.kind == "Column"], COLUMN, 3
-    yield [each.outline for each in building.obstacles if each.kind == "Divider"], DIVIDER, 3
-    yield [hole.outline for hole in building.holes if hole.kind == "Entryway"], DOOR, 4
-    yield [hole.outline for hole in building.holes if hole.kind == "Window"], WINDOW, 4
 
 
 def _own_floors(building: Building) -> list[shapely.Geometry]:
@@ -119,7 +120,7 @@ def _label(
     rectangular = len(sides) == 4 and math.isclose(area_m2, sides[0] * sides[1], rel_tol=1e-6)
     measure = f"{_meters(sides[0])} × {_meters(sides[1])} m" if rectangular else f"{area_m2:.1f} m²"
     if rectangular and math.isclose(floor.area, area_m2, rel_tol=1e-6):
-        place, (across_m, high_m), turn_deg = (floor.centroid.x, floor.centroid.y), *_text_extent(room)
+        place, across_m, high_m, turn_deg = (floor.centroid.x, floor.centroid.y), *_text_extent(room)
     else:
         radius = shapely.maximum_inscribed_circle(floor, tolerance=0.1)
         place, across_m, high_m, turn_deg = radius.coords[0], 2 * radius.length, 2 * radius.length, 0.0
@@ -132,32 +133,21 @@ def _label(
     return None
 
 
-def _text_extent(room: Room) -> tuple[tuple[float, float], float]:
+def _text_extent(room: Room) -> tuple[float, float, float]:
     """Return the room for text along and across its direction in a rectangle (m), and that direction (degrees).
 
     Texts run along the longer side, but level where a room is nearly square.
     """
-    first, second = edges(room.outline)[:2]
-    along, across = (first, second) if math.dist(*first) >= math.dist(*second) else (second, first)
+    along, across = sorted(edges(room.outline)[:2], key=lambda edge: -math.dist(*edge))
     if math.dist(*along) < 1.6 * math.dist(*across) and abs(math.sin(_direction(along))) > math.sin(math.pi / 4):
         along, across = across, along
     turn_deg = math.degrees(_direction(along))
-    return (math.dist(*along), math.dist(*across)), 90.0 - (90.001 - turn_deg) % 180.0 + 0.001
+    return math.dist(*along), math.dist(*across), 90.0 - (90.001 - turn_deg) % 180.0 + 0.001
 
 
 def _direction(edge: tuple[Point, Point]) -> float:
     (x0, y0), (x1, y1) = edge
     return math.atan2(y1 - y0, x1 - x0)
-
-
-def _inside(hole: Hole) -> tuple[float, float]:
-    """A place beside an opening, a little inside of the room whose wall it is in."""
-    low_x, high_x = min(x for x, _ in hole.shape), max(x for x, _ in hole.shape)
-    return hole.frame.apply(((low_x + high_x) / 2, -0.22))
-
-
-def _width(hole: Hole) -> float:
-    return max(x for x, _ in hole.shape) - min(x for x, _ in hole.shape)
 
 
 def _meters(length_m: float) -> str:
@@ -178,28 +168,28 @@ def geometry_of(building: Building) -> dict[str, Any]:
         "name": building.name,
         "frame": "world",
         "unit": "m",
-        "spaces": {room.name: _polygon(room.outline) for room in building.rooms},
+        "spaces": {each.name: _polygon(each.outline) for each in building.rooms},
         "walls": {
-            wall.name: {"polygon": _polygon(wall.outline), "height": _number(wall.height_m)} for wall in building.walls
+            each.name: {"polygon": _polygon(each.outline), "height": _number(each.height_m)} for each in building.walls
         },
         "obstacles": {
-            obstacle.name: {
-                "kind": obstacle.kind.lower(),
-                "polygon": _polygon(obstacle.outline),
-                "height": _number(obstacle.height_m),
+            each.name: {
+                "kind": each.kind.lower(),
+                "polygon": _polygon(each.outline),
+                "height": _number(each.height_m),
             }
-            for obstacle in building.obstacles
+            for each in building.obstacles
         },
         "openings": {
-            hole.name: {
-                "kind": hole.kind.lower(),
-                "walls": list(hole.walls),
-                "polygon": _polygon(hole.outline),
-                "bottom": _number(hole.bottom_m),
-                "top": _number(hole.top_m),
-                "shape": _polygon(hole.shape),
+            each.name: {
+                "kind": each.kind.lower(),
+                "walls": list(each.walls),
+                "polygon": _polygon(each.outline),
+                "bottom": _number(each.bottom_m),
+                "top": _number(each.top_m),
+                "shape": _polygon(each.shape),
             }
-            for hole in building.holes
+            for each in building.holes
         },
     }
 

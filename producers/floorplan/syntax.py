@@ -5,19 +5,15 @@ colon, the sections may come in any order, and so may the parts of a section.
 """
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
-from typing import Any, Final, TypeAlias, cast
+from typing import Any, Final
 
 from lark import Lark, Token, Transformer, UnexpectedInput
 
-from vastflow.sim.model import files
-from vastflow.sim.model.faults import Fault, FaultKind, FileError, Place
+from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.syntax import expectation, line_and_column, misfit, spelling
-
-MOST_BYTES: Final = 1_000_000
 
 SPELLED: Final[Mapping[str, str]] = {
     "NAME": "a name",
@@ -37,6 +33,8 @@ VERSION_1: Final[Mapping[str, str]] = {
 }
 """Words of the FloorPlan DSL's version 1, and what stands in their place in version 2."""
 WORD_OF_VERSION_1: Final = re.compile("|".join(word.replace(" ", r"\s+").replace(":", r"\s*:") for word in VERSION_1))
+WORD: Final = re.compile(r"\w+|\S")
+NUMBER_AT_END: Final = re.compile(r"(?<![\w.])[0-9][0-9.eE+-]*$")
 
 
 def parsed(parser: Lark, text: str, file: str) -> Any:
@@ -49,111 +47,64 @@ def parsed(parser: Lark, text: str, file: str) -> Any:
         return parser.parse(text)
     except UnexpectedInput as error:
         wrong = misfit(error, text)
-    at = wrong.start
-    place = Place(file, *line_and_column(text, at), "syntax")
+    at, before = wrong.start, text[: wrong.start].rstrip()
+    match = WORD.match(text, at)
+    found = match[0] if match else ""
+    what = f"got {found[:40]!r}" if found else "the file ends here"
     if old := WORD_OF_VERSION_1.match(text, at):
         word = " ".join(old[0].removesuffix(":").split()) + ":"
+        what = f"got {word!r}"
         right = f"{VERSION_1[word]} in version 2, the only one that is read; this is the language's version 1"
-        raise FileError([Fault(place, f"got {word!r}", right)])
-    found = WORD.match(text, at)
-    what = f"got {found[0][:40]!r}" if found else "the file ends here"
-    spelled = [spelling(parser, terminal, SPELLED) for terminal in wrong.expected]
-    raise FileError([Fault(place, what, _right(found[0] if found else "", text[:at].rstrip(), spelled))])
+    elif found[:1].isalpha() and NUMBER_AT_END.search(before):
+        right = "a unit, 'm' for a length, 'rad' or 'deg' for an angle"
+    elif found in (".", "[") and before[-1:].isalnum():
+        right = SPELLED["WALL_OF"]
+    else:
+        right = expectation(found, [spelling(parser, terminal, SPELLED) for terminal in wrong.expected])
+    raise FileError([Fault(Place(file, *line_and_column(text, at), "syntax"), what, right)])
 
 
-WORD: Final = re.compile(r"\w+|\S")
-
-
-def _right(found: str, before: str, spelled: Collection[str]) -> str:
-    if found[:1].isalpha() and NUMBER_AT_END.search(before):
-        return "a unit, 'm' for a length, 'rad' or 'deg' for an angle"
-    if found in (".", "[") and before[-1:].isalnum():
-        return "a wall such as hall.walls[0]"
-    return expectation(found, spelled)
-
-
-NUMBER_AT_END: Final = re.compile(r"(?<![\w.])[0-9][0-9.eE+-]*$")
-
-
-def read_text(path: str | Path) -> str:
-    """The text of a file.
-
-    Raises:
-        FileError: it can't be read.
-    """
-    try:
-        return files.read_text(path, "a floor plan or variation file", MOST_BYTES)
-    except files.Unreadable as error:
-        kind: FaultKind = "missing" if isinstance(error, files.Missing) else "error"
-        raise FileError([Fault(Place(str(path), *error.place, "file"), error.what, error.right, kind)]) from None
-
-
+# A keyword and its colon are one terminal, and so are a number and its unit, and a wall and its space: it halves the
+# tokens, and with them the time. The builder parts them again.
 GRAMMAR: Final = r"""
-plan: FLOOR_PLAN NAME (defaults | variable | space | feature | opening)*
+plan: /Floor\s+plan\s*:/ NAME (defaults | variable | space | feature | opening)*
 
-defaults: DEFAULTS walls?
-variable: VAR NAME "=" NUMBER
-space: SPACE NAME ":" (shape_part | location | walls | features)*
-features: FEATURES feature*
-feature: (COLUMN | DIVIDER) NAME ":" (shape_part | location | height)*
-opening: (ENTRYWAY | WINDOW) NAME ":" (shape_part | location)*
+defaults: /Defaults\s*:/ walls? -> block
+variable: /var\b/ NAME "=" NUMBER
+space: /Space\b/ NAME ":" (shape | location | walls | features)* -> section
+features: /features\s*:/ feature* -> block
+feature: (/Column\b/ | /Divider\b/) NAME ":" (shape | location | height)* -> section
+opening: (/Entryway\b/ | /Window\b/) NAME ":" (shape | location)* -> section
 
-walls: WALLS (thickness | height)*
-thickness: THICKNESS quantity
-height: HEIGHT quantity
+walls: /walls\s*:/ (thickness | height)* -> block
+thickness: /thickness\s*:/ quantity -> single
+height: /height\s*:/ quantity -> single
 
-shape_part: SHAPE (rectangle | polygon | circle)
-rectangle: RECTANGLE WIDTH_IS quantity "," (LENGTH_IS | HEIGHT_IS) quantity
-polygon: POLYGON _POINTS "[" [point ("," point)*] "]"
-circle: CIRCLE RADIUS_IS quantity
+shape: /shape\s*:/ (rectangle | polygon | circle) -> single
+rectangle: /Rectangle\b/ width "," (length | upright) -> block
+width: /width\s*=/ quantity -> single
+length: /length\s*=/ quantity -> single
+upright: /height\s*=/ quantity -> single
+polygon: /Polygon\b/ _POINTS "[" [point ("," point)*] "]" -> block
 point: "(" quantity "," quantity ["," quantity] ")"
+circle: /Circle\b/ radius -> block
+radius: /radius\s*=/ quantity -> single
 
-location: LOCATION (wrt | of | in_walls | translation | rotation | not_aligned | spaced)*
-wrt: WRT frame
-of: OF frame
-in_walls: IN frame (_AND frame)*
-translation: TRANSLATION [coordinate ("," coordinate)*]
-rotation: ROTATION [coordinate ("," coordinate)*]
-not_aligned: NOT_ALIGNED
-spaced: SPACED
-coordinate: (X | Y | Z) quantity
+location: /location\s*:/ (wrt | of | in_walls | translation | rotation | not_aligned | spaced)* -> block
+wrt: /wrt\s*:/ frame -> single
+of: /of\s*:/ frame -> single
+in_walls: /in\s*:/ frame (_AND frame)* -> block
+translation: /translation\s*:/ [coordinate ("," coordinate)*] -> block
+rotation: /rotation\s*:/ [coordinate ("," coordinate)*] -> block
+coordinate: (/x\s*:/ | /y\s*:/ | /z\s*:/) quantity -> single
+not_aligned: /not\s+aligned\b/ -> block
+spaced: /spaced\b/ -> block
+
 frame: WALL_OF | NAME
-
 quantity: NUMBER | [MINUS] NAME
 
-FLOOR_PLAN: /Floor\s+plan\s*:/
-DEFAULTS: /Defaults\s*:/
-VAR: /var\b/
-SPACE: /Space\b/
-FEATURES: /features\s*:/
-COLUMN: /Column\b/
-DIVIDER: /Divider\b/
-ENTRYWAY: /Entryway\b/
-WINDOW: /Window\b/
-WALLS: /walls\s*:/
-THICKNESS: /thickness\s*:/
-HEIGHT: /height\s*:/
-SHAPE: /shape\s*:/
-RECTANGLE: /Rectangle\b/
-POLYGON: /Polygon\b/
-CIRCLE: /Circle\b/
-WIDTH_IS: /width\s*=/
-LENGTH_IS: /length\s*=/
-HEIGHT_IS: /height\s*=/
-RADIUS_IS: /radius\s*=/
 _POINTS: /points\s*:/
-LOCATION: /location\s*:/
-WRT: /wrt\s*:/
-OF: /of\s*:/
-IN: /in\s*:/
-TRANSLATION: /translation\s*:/
-ROTATION: /rotation\s*:/
-NOT_ALIGNED: /not\s+aligned\b/
-SPACED: /spaced\b/
 _AND: /and\b/
-X: /x\s*:/
-Y: /y\s*:/
-Z: /z\s*:/
 WALL_OF.2: /[A-Za-z_][A-Za-z0-9_]*\s*\.\s*walls\s*\[\s*[0-9]+\s*\]/
 NUMBER: /[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?(?:\s*(?:m|rad|deg)\b)?/
 MINUS: "-"
@@ -161,9 +112,6 @@ NAME: /[A-Za-z_][A-Za-z0-9_]*/
 %ignore /\s+/
 %ignore /\/\/[^\n]*/
 """
-
-# A keyword and its colon are one terminal, and so are a number and its unit, and a wall and its space: it halves the
-# tokens, and with them the time. They are parted again below.
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,8 +124,8 @@ class Quantity:
 
     token: Token
     text: str
-    unit: str
-    negated: bool
+    unit: str = ""
+    negated: bool = False
 
     @property
     def is_variable(self) -> bool:
@@ -201,41 +149,24 @@ class FrameText:
 
 
 @dataclass(frozen=True, slots=True)
-class ShapeText:
-    """A rectangle (`width` and `length` or `height`), polygon (`points`) or circle (`radius`)."""
+class Part:
+    """A section or a part of one.
 
-    token: Token
-    sizes: Mapping[str, Quantity]
-    points: tuple[tuple[Quantity, ...], ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class SectionPart:
-    """Something in a section that may stand there once: its keyword and what follows."""
+    Attributes:
+        token: The name of a section or variable, the keyword of anything else.
+        key: The keyword without the sign behind it, such as `Space`, `walls`, or `not aligned`.
+        value: What follows: a `Quantity`, a `FrameText`, a part, or a tuple of such; corners of a polygon as tuples of
+            quantities.
+    """
 
     token: Token
     key: str
     value: Any
 
-
-SectionParts: TypeAlias = tuple[SectionPart, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class PlanSection:
-    """A space, feature or opening: `kind` is its keyword."""
-
-    kind: str
-    token: Token
-    parts: SectionParts
-
-
-@dataclass(frozen=True, slots=True)
-class VariableText:
-    """A variable as it is declared."""
-
-    token: Token
-    number: Quantity
+    @property
+    def by_key(self) -> dict[str, Any]:
+        """The values of its parts, the last of each key."""
+        return {part.key: part.value for part in self.value}
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,70 +176,39 @@ class PlanText:
     Attributes:
         file: Its name for messages.
         text: All of it.
-        defaults: Wall values of each `Defaults` section; there should be one section at most.
-        features: Those that stand outside of a space.
+        token: Its name.
+        sections: In the order of the file; features that stand in a space are parts of that.
     """
 
     file: str
     text: str
     token: Token
-    defaults: tuple[SectionPart, ...]
-    variables: tuple[VariableText, ...]
-    spaces: tuple[PlanSection, ...]
-    features: tuple[PlanSection, ...]
-    openings: tuple[PlanSection, ...]
+    sections: tuple[Part, ...]
+
+    def of(self, *keys: str) -> list[Part]:
+        """Return the sections with these keywords."""
+        return [section for section in self.sections if section.key in keys]
 
 
-@dataclass(frozen=True, slots=True)
-class _Plan:
-    token: Token
-    sections: tuple[Any, ...]
-
-
-class _Builder(Transformer[Token, _Plan]):
+class _Builder(Transformer[Token, Any]):
     """Lark's rules to the classes above; called while parsing, so that no tree of Lark's is built."""
 
-    def plan(self, children: list[Any]) -> _Plan:
-        return _Plan(children[1], tuple(children[2:]))
+    def plan(self, children: list[Any]) -> tuple[Token, tuple[Part, ...]]:
+        return children[1], tuple(children[2:])
 
-    def defaults(self, children: list[Any]) -> SectionPart:
-        return SectionPart(children[0], "defaults", tuple(children[1:]))
+    def variable(self, children: list[Any]) -> Part:
+        return Part(children[1], "var", self.quantity(children[2:]))
 
-    def variable(self, children: list[Any]) -> VariableText:
-        return VariableText(children[1], _number(children[2]))
+    def section(self, children: list[Any]) -> Part:
+        return Part(children[1], str(children[0]), tuple(children[2:]))
 
-    def section(self, children: list[Any]) -> PlanSection:
-        return PlanSection(str(children[0]), children[1], tuple(children[2:]))
+    def block(self, children: list[Any]) -> Part:
+        return Part(children[0], _key(children[0]), self.point(children[1:]))
 
-    space = feature = opening = section
+    def single(self, children: list[Any]) -> Part:
+        return Part(children[0], _key(children[0]), children[1])
 
-    def block(self, children: list[Any]) -> SectionPart:
-        return SectionPart(children[0], _word(children[0]), tuple(child for child in children[1:] if child is not None))
-
-    features = walls = location = in_walls = translation = rotation = block
-
-    def single(self, children: list[Any]) -> SectionPart:
-        return SectionPart(children[0], _word(children[0]), children[1])
-
-    thickness = height = shape_part = wrt = of = coordinate = single
-
-    def flag(self, children: list[Any]) -> SectionPart:
-        return SectionPart(children[0], " ".join(children[0].split()), None)
-
-    not_aligned = spaced = flag
-
-    def rectangle(self, children: list[Any]) -> ShapeText:
-        token, width, width_value, other, other_value = children
-        return ShapeText(token, {_word(width): width_value, _word(other): other_value})
-
-    def polygon(self, children: list[Any]) -> ShapeText:
-        return ShapeText(children[0], {}, tuple(child for child in children[1:] if child is not None))
-
-    def circle(self, children: list[Any]) -> ShapeText:
-        token, radius, value = children
-        return ShapeText(token, {_word(radius): value})
-
-    def point(self, children: list[Any]) -> tuple[Quantity, ...]:
+    def point(self, children: list[Any]) -> tuple[Any, ...]:
         return tuple(child for child in children if child is not None)
 
     def frame(self, children: list[Any]) -> FrameText:
@@ -319,20 +219,15 @@ class _Builder(Transformer[Token, _Plan]):
         return FrameText(token, name.rstrip(), index)
 
     def quantity(self, children: list[Any]) -> Quantity:
-        if len(children) == 1:
-            return _number(children[0])
-        minus, name = children
-        return Quantity(name, str(name), "", minus is not None)
+        token = children[-1]
+        if len(children) == 2:
+            return Quantity(token, str(token), negated=children[0] is not None)
+        text = token.rstrip("mradeg").rstrip() if token[-1] in "mdg" else str(token)
+        return Quantity(token, text, token[len(text) :].strip())
 
 
-def _number(token: Token) -> Quantity:
-    text = token.rstrip("mradeg").rstrip() if token[-1] in "mdg" else str(token)
-    return Quantity(token, text, token[len(text) :].strip(), False)
-
-
-def _word(token: Token) -> str:
-    """A keyword without the sign behind it."""
-    return token[:-1].rstrip()
+def _key(token: Token) -> str:
+    return " ".join(token.rstrip(":=").split())
 
 
 @cache
@@ -346,16 +241,4 @@ def parse(text: str, file: str) -> PlanText:
     Raises:
         FileError: it is not in the language; the first place where it is not.
     """
-    plan = cast(_Plan, parsed(_parser(), text, file))
-    by_kind: dict[str, list[Any]] = {kind: [] for kind in ("defaults", "var", "space", "feature", "opening")}
-    for section in plan.sections:
-        by_kind[_kind_of(section)].append(section)
-    return PlanText(file, text, plan.token, *map(tuple, by_kind.values()))
-
-
-def _kind_of(section: Any) -> str:
-    if isinstance(section, SectionPart):
-        return "defaults"
-    if isinstance(section, VariableText):
-        return "var"
-    return {"Space": "space", "Column": "feature", "Divider": "feature"}.get(section.kind, "opening")
+    return PlanText(file, text, *parsed(_parser(), text, file))

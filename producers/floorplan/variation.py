@@ -9,25 +9,22 @@ from typing import Any, Final, Literal, TypeAlias
 import numpy as np
 from lark import Lark, Token, Transformer
 
-from vastflow.producers.floorplan.syntax import PlanSection, PlanText, Quantity, parsed
+from vastflow.producers.floorplan.syntax import Part, PlanText, Quantity, parsed
 from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.names import did_you_mean
 
 GRAMMAR: Final = r"""
-variation: IMPORT STRING item+
-item: path ":" (distribution | "{" attribute* "}")
+variation: /import\b/ STRING item+
+item: path ":" distribution -> variable
+    | path ":" "{" attribute* "}"
 attribute: path ":" distribution
 path: NAME ("." NAME)*
 ?distribution: uniform | discrete | normal
-uniform: UNIFORM "(" "[" NUMBER ("," NUMBER)* "]" ")"
-discrete: DISCRETE "(" "[" pair ("," pair)* "]" ")"
+uniform: /uniform\b/ "(" "[" NUMBER ("," NUMBER)* "]" ")"
+discrete: /discrete\b/ "(" "[" pair ("," pair)* "]" ")"
 pair: "(" NUMBER "," NUMBER ")"
-normal: NORMAL "(" _MEAN "=" NUMBER "," _STD "=" NUMBER ")"
+normal: /normal\b/ "(" _MEAN "=" NUMBER "," _STD "=" NUMBER ")"
 
-IMPORT: /import\b/
-UNIFORM: /uniform\b/
-DISCRETE: /discrete\b/
-NORMAL: /normal\b/
 _MEAN: /mean\b/
 _STD: /std\b/
 STRING: /"[^"\n]*"|'[^'\n]*'/
@@ -91,10 +88,12 @@ class Item:
     Attributes:
         path: A variable, or a space, feature or opening.
         attribute: Which number of it; empty for a variable.
+        token: The kind of its distribution.
     """
 
     path: Path
     attribute: Path
+    token: Token
     distribution: Distribution
 
     def __str__(self) -> str:
@@ -117,39 +116,31 @@ class VariationText:
     items: tuple[Item, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class _Drawn:
-    token: Token
-    distribution: Distribution
-
-
 class _Builder(Transformer[Token, Any]):
     """Lark's rules to values; called while parsing."""
 
-    def path(self, children: list[Any]) -> Path:
+    def path(self, children: list[Any]) -> tuple[Any, ...]:
         return tuple(children)
 
-    pair = attribute = path
+    pair = attribute = variation = path
 
-    def uniform(self, children: list[Any]) -> _Drawn:
-        return _Drawn(children[0], Distribution("uniform", tuple(map(float, children[1:]))))
+    def uniform(self, children: list[Any]) -> tuple[Token, Distribution]:
+        return children[0], Distribution("uniform", tuple(map(float, children[1:])))
 
-    def discrete(self, children: list[Any]) -> _Drawn:
+    def normal(self, children: list[Any]) -> tuple[Token, Distribution]:
+        return children[0], Distribution("normal", tuple(map(float, children[1:])))
+
+    def discrete(self, children: list[Any]) -> tuple[Token, Distribution]:
         probabilities, values = zip(*children[1:], strict=True)
-        return _Drawn(
-            children[0], Distribution("discrete", tuple(map(float, values)), tuple(map(float, probabilities)))
-        )
+        return children[0], Distribution("discrete", tuple(map(float, values)), tuple(map(float, probabilities)))
 
-    def normal(self, children: list[Any]) -> _Drawn:
-        return _Drawn(children[0], Distribution("normal", tuple(map(float, children[1:]))))
+    def variable(self, children: list[Any]) -> tuple[Path, list[Item]]:
+        path, drawn = children
+        return path, [Item(path, (), *drawn)]
 
-    def item(self, children: list[Any]) -> tuple[Path, list[tuple[Path, _Drawn]]]:
-        path, *rest = children
-        return path, [((), each) if isinstance(each, _Drawn) else each for each in rest]
-
-    def variation(self, children: list[Any]) -> tuple[Token, list[tuple[Path, list[tuple[Path, _Drawn]]]]]:
-        _, imported, *items = children
-        return imported, items
+    def item(self, children: list[Any]) -> tuple[Path, list[Item]]:
+        path, *attributes = children
+        return path, [Item(path, attribute, *drawn) for attribute, drawn in attributes]
 
 
 @cache
@@ -163,20 +154,23 @@ def parse_variation(text: str, file: str) -> VariationText:
     Raises:
         FileError: it is not in the language, or a distribution is none.
     """
-    imported, entries = parsed(_parser(), text, file)
-    faults: list[Fault] = []
-    items: list[Item] = []
-    for path, attributes in entries:
-        if not attributes:
-            right = "one attribute or more, such as shape.width: uniform([1.0, 2.0])"
-            faults.append(Fault(Place(file, *_place(path[0]), ".".join(path)), "nothing between the braces", right))
-        for attribute, drawn in attributes:
-            items.append(Item(path, attribute, drawn.distribution))
-            if (wrong := drawn.distribution.fault) is not None:
-                faults.append(Fault(Place(file, *_place(drawn.token), str(items[-1])), *wrong))
+    _, imported, *entries = parsed(_parser(), text, file)
+    faults = [
+        Fault(Place(file, *_place(item.token), str(item)), *wrong)
+        for _, items in entries
+        for item in items
+        if (wrong := item.distribution.fault) is not None
+    ]
+    right = "one attribute or more, such as shape.width: uniform([1.0, 2.0])"
+    faults += [
+        Fault(Place(file, *_place(path[0]), ".".join(path)), "nothing between the braces", right)
+        for path, items in entries
+        if not items
+    ]
     if faults:
         raise FileError(faults)
-    return VariationText(file, str(imported)[1:-1], _place(imported), tuple(items))
+    items = tuple(item for _, each in entries for item in each)
+    return VariationText(file, str(imported)[1:-1], _place(imported), items)
 
 
 def _place(token: Token) -> tuple[int, int]:
@@ -261,37 +255,41 @@ def variation_of(text: VariationText, plan: PlanText) -> Variation:
     varied: list[Varied] = []
     taken: set[int] = set()
     for item in text.items:
-        found = numbers.variable(item.path) if not item.attribute else numbers.attribute(item.path, item.attribute)
+        found = numbers.attribute(item.path, item.attribute) if item.attribute else numbers.variable(item.path)
         if isinstance(found, Quantity) and found.span[0] in taken:
             what = f"the number in line {found.token.line} of the plan is varied a second time"
-            found = _Wrong((item.attribute or item.path)[0], what, "one distribution for it")
-        if isinstance(found, _Wrong):
-            place = (found.token.line or 1, found.token.column or 1)
-            faults.append(Fault(Place(text.file, *place, str(item)), found.what, found.right))
-        else:
+            found = (item.attribute or item.path)[0], what, "one distribution for it"
+        if isinstance(found, Quantity):
             taken.add(found.span[0])
             varied.append(Varied(str(item), item.distribution, *found.span))
+        else:
+            token, what, right = found
+            faults.append(Fault(Place(text.file, *_place(token), str(item)), what, right))
     if faults:
         raise FileError(faults)
     return Variation(text.file, plan, tuple(varied))
 
 
-@dataclass(frozen=True, slots=True)
-class _Wrong:
-    token: Token
-    what: str
-    right: str
+_Wrong: TypeAlias = tuple[Token, str, str]
+"""Where, what is wrong, and what would be right."""
 
 
 class _Numbers:
     """The numbers of a plan's text by the paths that name them."""
 
     def __init__(self, plan: PlanText) -> None:
-        self._variables = {str(variable.token): variable.number for variable in plan.variables}
-        own = [(str(section.token), section) for section in (*plan.spaces, *plan.openings, *plan.features)]
-        inner = [(f"{space.token}.{feature.token}", feature) for space in plan.spaces for feature in _features(space)]
-        self._sections: dict[str, PlanSection] = dict([*own, *inner])
-        count = Counter(name for name, _ in own)
+        self._variables: dict[str, Quantity] = {str(variable.token): variable.value for variable in plan.of("var")}
+        spaces = plan.of("Space")
+        own = [*spaces, *plan.of("Entryway", "Window"), *plan.of("Column", "Divider")]
+        self._sections = {str(section.token): section for section in own}
+        self._sections |= {
+            f"{space.token}.{feature.token}": feature
+            for space in spaces
+            for part in space.value
+            if part.key == "features"
+            for feature in part.value
+        }
+        count = Counter(str(section.token) for section in own)
         self._ambiguous = {name for name in count if count[name] > 1}
 
     def variable(self, path: Path) -> Quantity | _Wrong:
@@ -300,29 +298,29 @@ class _Numbers:
         if name in self._variables:
             return self._variables[name]
         if name in self._sections:
-            return _Wrong(path[0], f"{name!r} is no variable", f"{name}: {{ ... }} with attributes of it")
+            return path[0], f"{name!r} is no variable", f"{name}: {{ ... }} with attributes of it"
         right = did_you_mean(name, self._variables) if self._variables else "it declares none"
-        return _Wrong(path[0], f"the plan has no variable {name!r}", right)
+        return path[0], f"the plan has no variable {name!r}", right
 
     def attribute(self, path: Path, attribute: Path) -> Quantity | _Wrong:
         """The number of an attribute of a space, feature or opening."""
         name, wanted = ".".join(path), ".".join(attribute)
         section = self._sections.get(name)
         if section is None and name in self._variables:
-            return _Wrong(path[0], f"{name!r} is a variable", f"{name} : with its distribution, without braces")
+            return path[0], f"{name!r} is a variable", f"{name} : with its distribution, without braces"
         if section is None:
             what = f"the plan has no space, feature or opening {name!r}"
-            return _Wrong(path[0], what, did_you_mean(name, self._sections))
+            return path[0], what, did_you_mean(name, self._sections)
         if name in self._ambiguous:
-            return _Wrong(path[0], f"the plan has more than one {name!r}", "a name that one of them has alone")
+            return path[0], f"the plan has more than one {name!r}", "a name that one of them has alone"
         known = dict(_attributes(section))
-        quantity = known.get(wanted, known.get(_of_today(wanted, section.kind)))
+        quantity = known.get(wanted, known.get(_of_today(wanted, section.key)))
         if quantity is None:
-            return _Wrong(attribute[0], f"{section.kind} {name} states no {wanted!r}", did_you_mean(wanted, known))
+            return attribute[0], f"{section.key} {name} states no {wanted!r}", did_you_mean(wanted, known)
         if quantity.is_variable:
             variable = quantity.text
             what = f"{wanted} of {name} is the variable {variable!r}"
-            return _Wrong(attribute[0], what, f"vary {variable!r} itself, or write a number in the plan")
+            return attribute[0], what, f"vary {variable!r} itself, or write a number in the plan"
         return quantity
 
 
@@ -336,17 +334,11 @@ def _of_today(attribute: str, kind: str) -> str:
     return ".".join(["location", *words])
 
 
-def _features(space: PlanSection) -> Iterator[PlanSection]:
-    for part in space.parts:
-        if part.key == "features":
-            yield from part.value
-
-
-def _attributes(section: PlanSection) -> Iterator[tuple[str, Quantity]]:
+def _attributes(section: Part) -> Iterator[tuple[str, Quantity]]:
     """Every number that a section states and that may be varied, variables included, by its path."""
-    parts: dict[str, Any] = {part.key: part.value for part in section.parts}
-    if "shape" in parts:
-        for name, size in parts["shape"].sizes.items():
+    parts = section.by_key
+    if "shape" in parts and parts["shape"].key != "Polygon":
+        for name, size in parts["shape"].by_key.items():
             yield f"shape.{name}", size
     if "height" in parts:
         yield "height", parts["height"]

@@ -4,7 +4,6 @@ import hashlib
 import os
 import shutil
 import time
-import uuid
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -14,6 +13,7 @@ from typing import Final
 import platformdirs
 
 from vastflow.sim.model.digest import FileContent, digest
+from vastflow.sim.model.whole_folder import keep_folder
 from vastflow.sim.plug_ins.neighbors import MOST_BYTES, Hidden, PlugInError, neighbors_of
 
 _UNUSED_S: Final = 30 * 24 * 3600.0
@@ -150,47 +150,13 @@ def _kept(name: str, contents: Mapping[str, bytes]) -> Path:
     root = Path(platformdirs.user_cache_dir("vastflow")) / "plug-ins"  # what others can write, they could execute
     folder = root / name[:32]
     try:
-        if not _is_whole(folder, contents):
-            _write(root, folder, contents)
-            _sweep(root)
+        if keep_folder(folder, contents):
+            for old in root.iterdir():
+                with suppress(OSError):
+                    if time.time() - old.stat().st_mtime > _UNUSED_S:
+                        shutil.rmtree(old, ignore_errors=True)
         os.utime(folder)
     except OSError as error:
         what = f"copies of a plug-in can't be written below {str(root)!r} ({error.strerror})"
         raise PlugInError(what, "set XDG_CACHE_HOME to a folder of yours") from None
     return folder
-
-
-def _is_whole(folder: Path, contents: Mapping[str, bytes]) -> bool:
-    try:
-        there = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
-        own = {place for place in there if "__pycache__" not in place}
-        return own == contents.keys() and all((folder / place).read_bytes() == contents[place] for place in contents)
-    except OSError:
-        return False
-
-
-def _write(root: Path, folder: Path, contents: Mapping[str, bytes]) -> None:
-    prepared = root / f".{uuid.uuid4().hex}"
-    try:
-        for place, content in contents.items():
-            file = prepared / place
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_bytes(content)
-        for _ in range(3):
-            with suppress(OSError):  # another process was first, or something damaged lies there
-                prepared.rename(folder)
-                return
-            if _is_whole(folder, contents):
-                return
-            with suppress(OSError):
-                folder.rename(root / f".{uuid.uuid4().hex}")
-        prepared.rename(folder)
-    finally:
-        shutil.rmtree(prepared, ignore_errors=True)
-
-
-def _sweep(root: Path) -> None:
-    for old in root.iterdir():
-        with suppress(OSError):
-            if time.time() - old.stat().st_mtime > _UNUSED_S:
-                shutil.rmtree(old, ignore_errors=True)
