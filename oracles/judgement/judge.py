@@ -13,8 +13,8 @@ from vastflow.sim.model.archive import read_outputs
 from vastflow.sim.model.blocks import read_block, read_recordings
 from vastflow.sim.model.recording import Outputs
 from vastflow.sim.model.scenario import Scenario
+from vastflow.sim.plug_ins.effects import watched
 from vastflow.sim.plug_ins.loading import snapshot_behind
-from vastflow.sim.plug_ins.watch import watched
 
 
 @dataclass(frozen=True, slots=True)

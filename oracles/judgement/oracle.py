@@ -12,8 +12,9 @@ from vastflow.sim.model.faults import complaint
 from vastflow.sim.model.files import is_file
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.plug_ins.effects import plug_in_code
-from vastflow.sim.plug_ins.loading import installed_plug_in, known_plug_ins, module_of
+from vastflow.sim.plug_ins.loading import module_of
 from vastflow.sim.plug_ins.neighbors import PlugInError
+from vastflow.sim.plug_ins.registry import installed_plug_in, known_plug_ins
 from vastflow.sim.plug_ins.snapshot import Snapshot, snapshot_of
 
 __all__ = ["Oracle", "Parameters"]

@@ -13,13 +13,12 @@ from vastflow.producers.model.configuration import Fragment, Rejection
 from vastflow.sim.model.digest import FileContent, Value, digest
 from vastflow.sim.model.faults import Fault
 from vastflow.sim.model.files import Unreadable, read_text, yaml_value
-from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.obstacle import lists_obstacles
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
-from vastflow.sim.plug_ins.effects import plug_in_code
-from vastflow.sim.plug_ins.loading import installed_plug_in, known_plug_ins, plug_in_of_file, snapshot_behind
+from vastflow.sim.plug_ins.effects import plug_in_code, watched
+from vastflow.sim.plug_ins.loading import snapshot_behind
 from vastflow.sim.plug_ins.neighbors import PlugInError
-from vastflow.sim.plug_ins.watch import watched
+from vastflow.sim.plug_ins.registry import known_plug_ins, plug_in_class
 
 GROUP: Final = "vastflow.producers"
 ROOM_KEY: Final = "_room_m"
@@ -228,19 +227,7 @@ def find_producer(name: str, base: Path) -> type[Producer[Any]]:
     """The class called `name` in the entry-point group, or `file.py:Class` relative to `base`.
 
     Raises:
-        PlugInError: no such entry point, file or class, a class that is no producer, or a file that uses what can't be taken; and
-            whatever its code raises.
+        PlugInError: see `vastflow.sim.plug_ins.registry.plug_in_class`; and whatever its code raises.
     """
-    own = "file.py:Class, a subclass of Producer"
-    if ".py:" in name:
-        found = plug_in_of_file(name, base)
-        if found is None:
-            file, _, class_name = name.rpartition(":")
-            raise PlugInError(f"no class {class_name!r} in {str(base / file)!r}", own)
-    else:
-        found = installed_plug_in(GROUP, name)
-        if found is None:
-            raise PlugInError(f"no producer {name!r}", did_you_mean(name, known_producers()))
-    if not (isinstance(found, type) and issubclass(found, Producer)):
-        raise PlugInError(f"{name!r} is not a subclass of vastflow.producers.model.producer.Producer", own)
+    found: type[Producer[Any]] = plug_in_class(GROUP, "producer", Producer, name, base)
     return found

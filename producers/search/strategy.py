@@ -11,9 +11,7 @@ from pydantic import BaseModel, ConfigDict
 
 from vastflow.producers.search.space import Point, Space
 from vastflow.sim.model.faults import UserError
-from vastflow.sim.model.names import did_you_mean
-from vastflow.sim.plug_ins.loading import installed_plug_in, known_plug_ins, plug_in_of_file
-from vastflow.sim.plug_ins.neighbors import PlugInError
+from vastflow.sim.plug_ins.registry import plug_in_class
 
 FAMILY: Final = "search"
 """Of all points of a search, in tables and in the report."""
@@ -182,14 +180,9 @@ def find_strategy(name: str, base: Path) -> type[Strategy[Any]]:
     """The class called `name` in the entry-point group, or `file.py:Class` relative to `base`.
 
     Raises:
-        PlugInError: no such entry point, file or class, a class that is no strategy, or a file that uses what can't be taken; and
-            whatever its code raises.
+        PlugInError: see `vastflow.sim.plug_ins.registry.plug_in_class`; and whatever its code raises.
     """
-    found = plug_in_of_file(name, base) if ".py:" in name else installed_plug_in(GROUP, name)
-    if found is None:
-        raise PlugInError(f"no strategy {name!r}", did_you_mean(name, known_plug_ins(GROUP)))
-    if not (isinstance(found, type) and issubclass(found, Strategy)):
-        raise PlugInError(f"{name!r} is no strategy", "a subclass of vastflow.producers.search.strategy.Strategy")
+    found: type[Strategy[Any]] = plug_in_class(GROUP, "strategy", Strategy, name, base)
     return found
 
 

@@ -1,12 +1,15 @@
-"""Effects: foreign code, whose exits become errors, and which may not change anything during validation.
+"""Code of others: its exits become errors, it changes nothing during validation, and what it reads it declares.
 
-Python tells of opened files, programs and connections as audit events. Native code that calls the system itself passes by.
+Python tells of opened files, programs and connections as audit events. Native code that calls the system itself passes by, and so
+do threads that the code starts.
 """
 
 import os
+import re
 import sys
 import sysconfig
-from collections.abc import Iterator
+import tempfile
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
@@ -14,11 +17,20 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Final
 
+import platformdirs
+
+from vastflow.sim.plug_ins.neighbors import FILES, PlugInError
+from vastflow.sim.plug_ins.snapshot import Snapshot
+
 _WRITES: Final = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 _COMPILED: Final = (".pyc", ".nbi", ".nbc")
-_OWN: Final = ("sim", "producers", "oracles", "tasks", "flows", "deployments")
+_OWN: Final = tuple(
+    str(Path(__file__).parents[2] / name) for name in ("sim", "producers", "oracles", "tasks", "flows", "deployments")
+)
 _IMPORTING: Final = "<frozen importlib"
-_REFUSED: Final = {
+_OPEN: Final = "open"
+_DONE: Final = {
+    _OPEN: "write to a file",
     "os.system": "start a program",
     "os.exec": "start a program",
     "os.posix_spawn": "start a program",
@@ -49,40 +61,87 @@ _REFUSED: Final = {
 """Audit event to what is done."""
 
 _is_looking: ContextVar[bool] = ContextVar("is_looking", default=False)
-_is_foreign: ContextVar[bool] = ContextVar("is_foreign", default=False)
+_is_refusing: ContextVar[bool] = ContextVar("is_refusing", default=False)
+_watches: ContextVar["tuple[_Watch, ...]"] = ContextVar("watches", default=())
 
 
 class EffectRefused(PermissionError):
     """Code of others would change something, while a campaign is only looked at."""
 
 
+class PlugInExit(RuntimeError):
+    """A plug-in tried to end the process, as `sys.exit` does."""
+
+
 @contextmanager
-def looking_only() -> Iterator[None]:
-    """Within the body, code of others that runs within `foreign_code` has no effects."""
-    token = _is_looking.set(True)
+def _set(variable: ContextVar[Any], value: object) -> Iterator[None]:
+    token = variable.set(value)
     try:
         yield
     finally:
-        _is_looking.reset(token)
+        variable.reset(token)
 
 
 @contextmanager
-def foreign_code() -> Iterator[None]:
-    """Run code of others in the body.
+def looking_only() -> Iterator[None]:
+    """Within the body, code of others that runs within `plug_in_code` has no effects."""
+    with _set(_is_looking, True):
+        yield
+
+
+@contextmanager
+def plug_in_code() -> Iterator[None]:
+    """Run a plug-in's code in the body.
+
+    `SystemExit` and its like pass by every `except Exception`, so that a plug-in's exit code would become vastflow's.
 
     Raises:
+        PlugInExit: instead of what is raised and is no `Exception`; Ctrl-C stays what it is.
         EffectRefused: it would have an effect, and is only looked at. What libraries do as they are imported, and files that
             Python and numba compile, are none.
     """
-    if not _is_looking.get():
+    if _is_looking.get():
+        _install()
+    try:
+        with _set(_is_refusing, _is_looking.get()):
+            yield
+    except (Exception, KeyboardInterrupt):
+        raise
+    except BaseException as error:
+        code = f"({error.code!r})" if isinstance(error, SystemExit) else ""
+        raise PlugInExit(f"its code raised {type(error).__name__}{code}, which would end vastflow") from error
+
+
+@contextmanager
+def watched(snapshot: Snapshot | None, allowed: Iterable[str] = ()) -> Iterator[None]:
+    """Run a plug-in's code in the body, which reads no file of its folder or the campaign's unnoticed.
+
+    What it reads and has not declared is in no key. Copies of what was declared are all that it finds beside itself.
+
+    Args:
+        snapshot: The plug-in's; None for one that is installed, which may read what it likes.
+        allowed: Files that the code is given, and what they name.
+
+    Raises:
+        PlugInError: it opened a file of its folder or the campaign's that is neither declared nor `allowed`, whatever it made of
+            that.
+    """
+    if snapshot is None:
         yield
         return
     _install()
-    token = _is_foreign.set(True)
+    watch = _Watch(snapshot, allowed)
     try:
-        yield
-    finally:
-        _is_foreign.reset(token)
+        with _set(_watches, (*_watches.get(), watch)):
+            yield
+    except Exception as error:
+        if isinstance(error, OSError):
+            watch.missed(str(error))
+        if watch.fault is not None:
+            raise watch.fault from None
+        raise
+    if watch.fault is not None:
+        raise watch.fault
 
 
 @cache
@@ -92,19 +151,20 @@ def _install() -> None:
 
 
 def _audit(event: str, arguments: tuple[Any, ...]) -> None:
-    done = _REFUSED.get(event)
-    if (done is None and event != "open") or not _is_foreign.get():
+    done = _DONE.get(event)
+    if done is None or not (_is_refusing.get() or _watches.get()):  # other threads read for other campaigns
         return
-    path = arguments[0] if arguments else None
-    if event == "open":
-        flags = arguments[2]
-        if not isinstance(flags, int) or not flags & _WRITES or path == os.devnull:
+    first = arguments[0] if arguments else None
+    path = os.fsdecode(first) if isinstance(first, str | bytes | os.PathLike) else ""
+    if event == _OPEN:
+        flags = arguments[2] if isinstance(arguments[2], int) else 0
+        if path and flags & os.O_ACCMODE != os.O_WRONLY:
+            for watch in _watches.get():
+                watch.look(path)
+        if not flags & _WRITES or path == os.devnull or path.endswith(_COMPILED):
             return
-        if isinstance(path, str) and path.endswith(_COMPILED):
-            return
-        done = "write to a file"
-    if _is_its_own(sys._getframe(1)):
-        named = f" ({os.fsdecode(path)!r})" if isinstance(path, str | bytes | os.PathLike) else ""
+    if _is_refusing.get() and _is_its_own(sys._getframe(1)):
+        named = f" ({path!r})" if path else ""
         raise EffectRefused(f"it would {done}{named}, and is only looked at")
 
 
@@ -115,7 +175,7 @@ def _is_its_own(frame: FrameType | None) -> bool:
         file = frame.f_code.co_filename
         if file.startswith(_IMPORTING):
             is_imported = is_imported or is_library
-        elif file.startswith(_vastflow()):
+        elif any(_is_below(file, folder) for folder in _OWN):
             return False
         elif file.startswith(_libraries()):
             is_library = True
@@ -133,30 +193,73 @@ def _libraries() -> tuple[str, ...]:
 
 
 @cache
-def _vastflow() -> tuple[str, ...]:
-    root = Path(__file__).parents[2]
-    return tuple(f"{root / name}{os.sep}" for name in _OWN)
+def _elsewhere() -> tuple[str, ...]:
+    """Folders in which Python, libraries and vastflow have their own files, if they lie below a campaign's."""
+    folders = [sys.prefix, sys.base_prefix, sys.exec_prefix, *(folder for folder in _libraries() if os.sep in folder)]
+    folders += [tempfile.gettempdir(), platformdirs.user_cache_dir("vastflow"), *_OWN]
+    return tuple(dict.fromkeys(each for folder in folders for each in _spellings(folder)))
 
 
-class PlugInExit(RuntimeError):
-    """A plug-in tried to end the process, as `sys.exit` does."""
+class _Watch:
+    """Looks at each file that is opened while one plug-in's code runs."""
+
+    def __init__(self, snapshot: Snapshot, allowed: Iterable[str]) -> None:
+        self._snapshot = snapshot
+        self._allowed = frozenset(each for path in allowed for each in _spellings(path))
+        self._copies, self._origins = _spellings(snapshot.folder), _spellings(snapshot.origin)
+        self._watched = [*self._copies, *self._origins, *_spellings(snapshot.campaign)]
+        self._passed = [folder for folder in _elsewhere() if folder not in self._watched]
+        self.fault: PlugInError | None = None
+
+    def look(self, path: str) -> None:
+        """Raise the fault of opening a file, and remember it in case the plug-in handles the error."""
+        for each in _spellings(path):
+            self.fault = self.fault or self._fault(each, os.path.isabs(path))
+        if self.fault is not None:
+            raise self.fault
+
+    def missed(self, words: str) -> None:
+        """Look at a file that was not found, for some look for it first, and native code opens files unseen."""
+        for folder in self._copies:
+            for found in re.findall(re.escape(folder + os.sep) + r"[^\s'\",:;()]*", words):
+                self.fault = self.fault or self._fault(found.rstrip("."), True)
+
+    def _fault(self, path: str, is_absolute: bool) -> PlugInError | None:
+        root, passed = _around(path, self._watched), _around(path, self._passed)
+        if len(root) <= len(passed) or path in self._allowed or path.endswith(_COMPILED):
+            return None
+        snapshot, origin = self._snapshot, self._origins[0]
+        if copies := _around(path, self._copies):
+            place = os.path.relpath(path, copies)
+            if place in snapshot.files or not os.path.isfile(os.path.join(origin, place)):
+                return None
+        else:
+            if os.path.relpath(path, root).startswith(".") or not os.path.isfile(path):
+                return None
+            place = os.path.relpath(path, _around(path, self._origins) or origin)
+        file, name = Path(snapshot.entry).name, os.path.relpath(place, snapshot.home or ".")
+        if place in snapshot.files:
+            how = "where it lies" if is_absolute else "by a path relative to the working directory"
+            return PlugInError(
+                f"{file} reads {name!r} {how}, where it may be edited while the campaign runs",
+                f"read the copy beside the plug-in: Path(__file__).parent / {name!r}",
+            )
+        where = "a code cell" if snapshot.entry.endswith(".ipynb") else "the plug-in's class"
+        return PlugInError(
+            f"{file} reads {name!r}, which it does not declare: an edit of that would go unnoticed",
+            f'add the line {FILES} = ["{name}"] to {where}',
+        )
 
 
-@contextmanager
-def plug_in_code() -> Iterator[None]:
-    """Run a plug-in's code in the body.
+def _spellings(path: str | os.PathLike[str]) -> tuple[str, ...]:
+    """A path as it is named and as it is without links, if that is another."""
+    return tuple(dict.fromkeys((os.path.abspath(path), os.path.realpath(path))))
 
-    `SystemExit` and its like pass by every `except Exception`, so that a plug-in's exit code would become vastflow's.
 
-    Raises:
-        PlugInExit: instead of what is raised and is no `Exception`; Ctrl-C stays what it is.
-        EffectRefused: see `vastflow.sim.plug_ins.effects.foreign_code`.
-    """
-    try:
-        with foreign_code():
-            yield
-    except (Exception, KeyboardInterrupt):
-        raise
-    except BaseException as error:
-        code = f"({error.code!r})" if isinstance(error, SystemExit) else ""
-        raise PlugInExit(f"its code raised {type(error).__name__}{code}, which would end vastflow") from error
+def _around(path: str, folders: Iterable[str]) -> str:
+    """The innermost of the folders that a path is in; empty without one."""
+    return max((folder for folder in folders if _is_below(path, folder)), key=len, default="")
+
+
+def _is_below(path: str, folder: str) -> bool:
+    return path == folder or path.startswith(folder.rstrip(os.sep) + os.sep)

@@ -13,16 +13,13 @@ import importlib.metadata
 import importlib.util
 import sys
 from collections.abc import Mapping, Sequence
-from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Final, TypeAlias
 
 from vastflow.sim.model.digest import Value, digest, file_digest
-from vastflow.sim.model.files import is_file
-from vastflow.sim.plug_ins.effects import plug_in_code
-from vastflow.sim.plug_ins.snapshot import Snapshot, snapshot_of
-from vastflow.sim.plug_ins.watch import watched
+from vastflow.sim.plug_ins.effects import plug_in_code, watched
+from vastflow.sim.plug_ins.snapshot import Snapshot
 
 _PACKAGE: Final = "vastflow_plug_in_"
 _DIGITS: Final = 16
@@ -164,33 +161,6 @@ def _dotted(place: str) -> str:
     return ".".join(part.replace(".", "_") for part in parts)
 
 
-@functools.cache
-def _installed(group: str) -> tuple[EntryPoint, ...]:
-    """Entry points of a group; to look through all distributions takes 10 ms, and a campaign may name many plug-ins."""
-    return tuple(entry_points(group=group))
-
-
-def known_plug_ins(group: str) -> tuple[str, ...]:
-    """Names in a group of entry points, sorted."""
-    return tuple(sorted({entry.name for entry in _installed(group)}))
-
-
-def installed_plug_in(group: str, name: str) -> Any | None:
-    """Load the entry point of this name; None if there is none."""
-    found = next((entry for entry in _installed(group) if entry.name == name), None)
-    return None if found is None else found.load()
-
-
-def plug_in_of_file(name: str, base: Path) -> Any | None:
-    """Load `file.py:Class`, relative to `base`; None if there is no such file or class.
-
-    Raises:
-        PlugInError: what the file uses can't be taken; and whatever its code raises.
-    """
-    file, _, class_name = name.rpartition(":")
-    return getattr(module_of(snapshot_of(base / file, base)), class_name, None) if is_file(base / file) else None
-
-
 OWN: Final = "vastflow."
 
 _Stamp: TypeAlias = tuple[str, int, int]
@@ -208,14 +178,10 @@ def code_value(kind: type) -> Value:
     if (snapshot := snapshot_behind(kind)) is not None:
         return [snapshot.digest, _versions(snapshot.outside)]
     top = kind.__module__.partition(".")[0]
-    return [_content(_stamps(top)), _versions((top,))]
-
-
-def _stamps(top: str) -> tuple[_Stamp, ...]:
-    module = sys.modules[top]
-    folders = [Path(folder) for folder in getattr(module, "__path__", ())]
-    files = [file for folder in folders for file in folder.rglob("*.py")] or [Path(module.__file__ or "")]
-    return tuple((str(file), status.st_size, status.st_mtime_ns) for file in sorted(files) if (status := file.stat()))
+    folders = [Path(folder) for folder in getattr(sys.modules[top], "__path__", ())]
+    files = [file for folder in folders for file in folder.rglob("*.py")] or [Path(sys.modules[top].__file__ or "")]
+    stamps = [(str(file), status.st_size, status.st_mtime_ns) for file in sorted(files) if (status := file.stat())]
+    return [_content(tuple(stamps)), _versions((top,))]
 
 
 @functools.lru_cache(maxsize=16)

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Final, Generic, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 from vastflow.sim.model.files import is_file
 from vastflow.sim.model.names import did_you_mean
@@ -18,6 +18,44 @@ FILE: Final = ".py:"
 """In the name of a plug-in in a file, `my_pursuit.py:PurePursuit`."""
 
 PlugIn = TypeVar("PlugIn", bound=ParameterGroup)
+
+
+@functools.cache
+def _entries(group: str) -> Mapping[str, EntryPoint]:
+    """The entry points of a group by name, sorted; to look through all distributions takes 10 ms."""
+    return dict(sorted((entry.name, entry) for entry in entry_points(group=group)))
+
+
+def known_plug_ins(group: str) -> tuple[str, ...]:
+    """Names in a group of entry points, sorted."""
+    return tuple(_entries(group))
+
+
+def installed_plug_in(group: str, name: str) -> Any | None:
+    """Load the entry point of this name; None if there is none."""
+    return _entries(group)[name].load() if name in _entries(group) else None
+
+
+def plug_in_class(group: str, noun: str, base: type, name: str, folder: Path) -> Any:
+    """Return the subclass of `base` called `name` in a group of entry points, or `file.py:Class` below `folder`.
+
+    Raises:
+        PlugInError: no such entry point, file or class, a class of another kind, or a file that uses what can't be taken; and
+            whatever its code raises.
+    """
+    own = f"file.py:Class, a subclass of {base.__name__}"
+    if FILE in name:
+        file, class_name = plug_in_file(name, folder), name.rpartition(":")[2]
+        found = getattr(module_of(snapshot_of(file, folder)), class_name, None) if is_file(file) else None
+        if found is None:
+            raise PlugInError(f"no class {class_name!r} in {str(file)!r}", own)
+    else:
+        found = installed_plug_in(group, name)
+        if found is None:
+            raise PlugInError(f"no {noun} {name!r}", did_you_mean(name, known_plug_ins(group)))
+    if not (isinstance(found, type) and issubclass(found, base)):
+        raise PlugInError(f"{name!r} is not a subclass of {base.__module__}.{base.__name__}", own)
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +88,7 @@ class Registry(Generic[PlugIn]):
         Raises:
             RuntimeError: not even vastflow's own are there, as after an update of an editable install's source alone.
         """
-        found = dict(sorted((entry.name, entry) for entry in entry_points(group=self.group)))
+        found = _entries(self.group)
         if not any(entry.module.startswith("vastflow.") for entry in found.values()):
             right = "install it again: pip install -e . in a checkout"
             raise RuntimeError(
@@ -105,14 +143,15 @@ class Registry(Generic[PlugIn]):
             what = f"{str(file)!r} can't be imported: {type(error).__name__}: {error}"
             raise PlugInError(what, "a Python module") from error
         if not hasattr(module, class_name):
-            known = [each for each, kind in vars(module).items() if self._is_own(kind, module.__name__)]
+            known = [
+                each
+                for each, kind in vars(module).items()
+                if isinstance(kind, type) and issubclass(kind, self.base) and kind.__module__ == module.__name__
+            ]
             right = did_you_mean(class_name, known, f"a class of it that is a {self.base.__name__}", listed="it has:")
             raise PlugInError(f"{str(file)!r} has no class {class_name!r}", right)
         found: object = getattr(module, class_name)
         return found
-
-    def _is_own(self, found: object, module: str) -> bool:
-        return isinstance(found, type) and issubclass(found, self.base) and found.__module__ == module
 
 
 def plug_in_file(name: str, base: Path) -> Path:

@@ -314,7 +314,7 @@ def test_key_controller_takes_a_plug_in_that_the_file_lists(tmp_path, folder):
 
 
 def test_install_whose_metadata_is_older_than_its_source_says_to_install_again(monkeypatch):
-    monkeypatch.setattr(registry, "entry_points", lambda group: ())
+    monkeypatch.setattr(registry, "_entries", lambda group: {})
     with pytest.raises(
         RuntimeError, match=r"its metadata is older than its source; install it again: pip install -e \."
     ):

@@ -16,9 +16,9 @@ from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.observation.trace import NoReference, Trace
 from vastflow.producers.model.producer import draws_of, evaluate, find_producer
 from vastflow.sim.model.recording import Run
+from vastflow.sim.plug_ins.effects import watched
 from vastflow.sim.plug_ins.loading import snapshot_behind
 from vastflow.sim.plug_ins.neighbors import PlugInError
-from vastflow.sim.plug_ins.watch import watched
 from vastflow.tasks.engine.evaluation import packed
 from vastflow.tasks.keys.source import PLUG_IN, installed_tree
 
