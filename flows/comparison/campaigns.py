@@ -339,7 +339,7 @@ def _rows(tables: Tables, names: Sequence[str]) -> list[dict[str, Any]]:
     """Return the family and the varied parameters of these configurations."""
     found = tables.configurations
     places = {name: k for k, name in enumerate(found.names)}
-    maps = environment_names(tables.directory, dict.fromkeys(filter(None, found.environments)))
+    maps = environment_names(tables.directory, found.environments)
     chosen = [places[name] for name in names]
     rows = varied_rows(found, chosen, maps)
     return [{"family": found.families[k], **row} for k, row in zip(chosen, rows, strict=True)]

@@ -10,9 +10,8 @@ from vastflow.oracles.figures.case_figure import Side, pair_figure
 from vastflow.oracles.figures.scene import read_walks, zones_of
 from vastflow.oracles.figures.style import png
 from vastflow.oracles.observation.situation import situation_of
-from vastflow.oracles.results.executed import KeptFiles, executed_scenario
-from vastflow.oracles.results.tables import Tables
-from vastflow.oracles.results.verdict_table import CODES
+from vastflow.oracles.results.executed import KeptFiles
+from vastflow.oracles.results.tables import CODES, Tables
 from vastflow.oracles.statistics.comparison import Change
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.world.map_file import load_map
@@ -58,7 +57,7 @@ def _side(tables: Tables, name: str, title: str, judged: dict[int, int], strong:
         raise NotDrawn("it has no map")
     try:
         walks = read_walks(tables.directory, name)
-        scenario = executed_scenario(found.abstracts[k], 0.0, found.contents[k], KeptFiles(tables.directory))
+        scenario = found.scenario(k, KeptFiles(tables.directory))
         occupancy = load_map(tables.directory / "environments" / environment / "map.yaml")
         situation, zones = situation_of(scenario), zones_of([scenario])
     except (OSError, ValueError, KeyError) as error:

@@ -16,9 +16,8 @@ import yaml
 from vastflow.flows.export.junit import Case, Suite, campaign_report
 from vastflow.flows.export.run import ExportedRun, brief, case_of, files_of, table_csv
 from vastflow.flows.results.tables import KeptLogs
-from vastflow.oracles.results.behaviors import Behaviors
-from vastflow.oracles.results.column import table_of
 from vastflow.oracles.results.executed import KeptFiles
+from vastflow.oracles.results.schema import behaviors_of, table_of
 from vastflow.oracles.results.tables import read_tables
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.blocks import read_block
@@ -52,7 +51,6 @@ class ExportSource:
             for verdict in tables.verdicts.rows():
                 self._verdicts[verdict["configuration"]][verdict["run_index"]].append(verdict)
         self._files = KeptFiles(directory)
-        self._behaviors = Behaviors(directory)
         self._logs = KeptLogs(directory)
         self._names: dict[str, str] = {}
 
@@ -73,7 +71,7 @@ class ExportSource:
         if digest not in self._names:
             alike = (each["name"] for each in self.configurations if each["abstract"] == abstract)
             with reading(self._directory):
-                roots = (list(self._behaviors.of(name).get("name", ())) for name in alike)
+                roots = (list(behaviors_of(self._directory, name).get("name", ())) for name in alike)
                 self._names[digest] = next((str(names[0]) for names in roots if names), "scenario")
         return self._names[digest]
 
@@ -96,7 +94,7 @@ class ExportSource:
             file = self._directory / "recordings" / f"{name}.parquet"
             block = read_block(file.read_bytes()) if file.is_file() else ()
             recorded = {run["run_index"]: columns for run, columns in block}
-            behaviors = self._behaviors.of(name)
+            behaviors = behaviors_of(self._directory, name)
             indices = behaviors.pop("run_index", None)
             rows = self._logs.of(name)
             logs = {each["run_index"]: run_log_of(each) for each in rows}

@@ -1,6 +1,5 @@
 """The failing configuration of a campaign directory that is minimized."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,8 +8,8 @@ from typing import Any
 import pyarrow.compute as pc
 
 from vastflow.flows.results.found import FAULT
-from vastflow.oracles.results.column import read_columns, table_rows
-from vastflow.oracles.results.executed import KeptFiles, executed_scenario
+from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
+from vastflow.oracles.results.schema import read_columns, table_rows
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.producers.minimization.circumstance import Subject
 from vastflow.producers.minimization.spelled_out import assumed_keys, spelled_out
@@ -70,7 +69,7 @@ def failing_configuration(directory: Path, name: str, oracle: str | None, rate: 
         campaign = yaml_value(read_text(directory / "campaign.vast"))
         families = {str(each.get("name")): each for each in campaign.get("configuration") or ()}
         metadata = read_json(directory / "metadata.json")
-        scenario = _executed(directory, row)
+        scenario = scenario_of_row(row, KeptFiles(directory))
         return Failing(
             directory,
             row["name"],
@@ -125,11 +124,6 @@ def _failing_oracle(directory: Path, name: str, oracle: str | None, rate: float)
     failed, runs = judged[worst].count("fail"), len(judged[worst])
     what = f"expected a failure rate of {rate:g} or more, got {failed} of {runs} runs{by}"
     raise NotMinimized(f"{directory}: {name}: {what}; give --rate or another configuration")
-
-
-def _executed(directory: Path, row: Mapping[str, Any]) -> Scenario:
-    abstract = json.loads(row["abstract"]) if row["abstract"].startswith("{") else row["abstract"]
-    return executed_scenario(abstract, row["timeout_s"], json.loads(row["scenario"]), KeptFiles(directory))
 
 
 def _subject(place: str, scenario: Scenario) -> Subject:

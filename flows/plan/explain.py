@@ -20,7 +20,7 @@ from vastflow.flows.results.past import PARTS, Past, newest_past, past_of, write
 from vastflow.flows.results.provenance import campaign_changes, change_text, value_changes
 from vastflow.flows.terminal.table import terminal_table
 from vastflow.flows.terminal.words import count_text
-from vastflow.oracles.results.executed import KeptFiles, executed_scenario
+from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.producers.model.faults import shown
 from vastflow.sim.model.faults import FileError
@@ -75,8 +75,7 @@ def explained(directory: Path, name: str, *, store: str | None = None, since: Pa
     row, metadata = past.by_name[name], past.metadata
     earlier = newest_past(directory.parent, metadata["name"], metadata["created"]) if since is None else past_of(since)
     with reading(directory):
-        abstract = json.loads(row["abstract"]) if row["abstract"].startswith("{") else row["abstract"]
-        scenario = executed_scenario(abstract, row["timeout_s"], json.loads(row["scenario"]), KeptFiles(directory))
+        scenario = scenario_of_row(row, KeptFiles(directory))
     index = Index(open_store(store, read_only=True), recorded_keys(metadata))
     then = ConfigurationRuns(name, "", 1, scenario, past.runs, row["checked_digest"])
     blocks = index.stored(then)

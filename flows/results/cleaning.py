@@ -13,7 +13,7 @@ from vastflow.flows.request.asked import asked_of
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.campaign_keys import recorded_keys
 from vastflow.flows.results.inputs import replica
-from vastflow.oracles.results.column import table_rows
+from vastflow.oracles.results.schema import table_rows
 from vastflow.oracles.results.unusable import reading
 from vastflow.producers.floorplan.environment import FOLDER
 from vastflow.sim.model.files import read_json

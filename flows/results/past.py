@@ -14,7 +14,7 @@ from typing_extensions import TypedDict
 
 from vastflow.flows.request.asked import asked_of
 from vastflow.flows.results.provenance import Stage
-from vastflow.oracles.results.column import table_rows
+from vastflow.oracles.results.schema import table_rows
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.files import read_json
 

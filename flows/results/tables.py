@@ -16,8 +16,9 @@ import pyarrow.parquet as pq
 from vastflow.flows.results.found import StoredResult, complete
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.judgement.verdict import Judgement, Verdict, metrics_text, run_judgement
-from vastflow.oracles.results.behaviors import BEHAVIORS_FILE, CONFIGURATION
 from vastflow.oracles.results.schema import (
+    BEHAVIORS_FILE,
+    CONFIGURATION,
     CONFIGURATIONS,
     EXCLUSIONS,
     JUDGED_RUNS,

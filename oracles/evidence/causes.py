@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from vastflow.oracles.judgement.cause import CAUSES, Cause
-from vastflow.oracles.results.column import codes, integers, texts
+from vastflow.oracles.results.schema import codes, integers
 from vastflow.oracles.results.tables import Tables
 from vastflow.sim.loop import standstill
 
@@ -93,7 +93,7 @@ def standstills_of(tables: Tables) -> Standstills:
     """The standstills of a campaign; empty for a directory of an earlier version."""
     if "stood_still" not in tables.runs.column_names:
         return Standstills({}, {})
-    columns = texts(tables.runs["configuration"]), texts(tables.runs["stood_still"])
+    columns = tables.runs["configuration"].to_pylist(), tables.runs["stood_still"].to_pylist()
     found = [(name, cause) for name, cause in zip(*columns, strict=True) if cause is not None]
     names, causes = (Counter(each[k] for each in found) for k in (0, 1))
     return Standstills(dict(causes.most_common()), dict(names))

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.oracles.catalog.robustness import DEFAULT_BASIS
-from vastflow.oracles.results.tables import Tables
-from vastflow.oracles.results.verdict_table import FAIL, PASS
+from vastflow.oracles.results.tables import FAIL, PASS, Tables
 from vastflow.oracles.statistics.intervals import Floats
 
 MEASURES_ALONE: Final = frozenset({"navigation"})

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.oracles.evidence.rates import LEVEL, Counts, Interval, clustered, pooled
-from vastflow.oracles.results.tables import Tables
-from vastflow.oracles.results.verdict_table import MetricColumn
+from vastflow.oracles.results.tables import MetricColumn, Tables
 from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, wilson_intervals
 
 SOUGHT: Final = "search"
@@ -118,7 +117,7 @@ def evidence_json(
         "all_oracles": _document(evidence[None], {}),
         "oracles": {oracle: _document(evidence[oracle], spreads[oracle]) for oracle in tables.oracles},
         "rejected": len(tables.rejections),
-        "duplicates": _duplicates(tables),
+        "duplicates": tables.configurations.duplicates,
         **findings,
     }
     return "".join(_lines(document)) + "\n"
@@ -139,11 +138,6 @@ def _spread(metric: MetricColumn) -> Spread:
     if not values.size:
         return Spread(metric.unit, 0, None, None, None)
     return Spread(metric.unit, values.size, float(values.min()), float(np.median(values)), float(values.max()))
-
-
-def _duplicates(tables: Tables) -> dict[str, str]:
-    found = tables.configurations
-    return {name: of for name, of in zip(found.names, found.duplicate_of, strict=True) if of}
 
 
 def _document(evidence: Evidence, spreads: Mapping[str, Spread]) -> dict[str, Any]:

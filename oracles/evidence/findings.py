@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from vastflow.oracles.evidence.rates import LEVEL, Counts, Interval, clustered, pooled, wilson
 from vastflow.oracles.evidence.varied import chosen_rows, chosen_values, matched_sets, path_property_rows
 from vastflow.oracles.results.factors import factors_of
-from vastflow.oracles.results.tables import Tables
-from vastflow.oracles.results.verdict_table import FAIL, PASS
+from vastflow.oracles.results.tables import FAIL, PASS, Tables
 from vastflow.oracles.statistics.analysis import FactorAnalysis, factor_analysis
 from vastflow.oracles.statistics.classes import ClassBounds, Classes, TotalFailures, classify, shares, total_failures
 from vastflow.oracles.statistics.dispersion import Dispersion, chance_of_at_least, dispersion

@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.oracles.results.column import texts
-from vastflow.oracles.results.tables import Tables
-from vastflow.oracles.results.verdict_table import ABSENT, FAIL, NOT_JUDGED, PASS
+from vastflow.oracles.results.tables import NOT_JUDGED, PASS, Tables, together
 from vastflow.oracles.statistics.comparison import Pairs
 
 if TYPE_CHECKING:
@@ -61,7 +59,7 @@ class Pairing:
     def judged(self, oracle: str | None) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
         """Judgements (P,) before and after, by one oracle or by all of them together."""
         if oracle is None:
-            return _together(self.said_before), _together(self.said_after)
+            return together(self.said_before), together(self.said_after)
         k = self.oracles.index(oracle)
         return self.said_before[:, k], self.said_after[:, k]
 
@@ -180,7 +178,7 @@ class _Row:
 
 def _distinct(tables: Tables) -> list[_Row]:
     found = tables.configurations
-    digests, abstracts = texts(found.table["scenario_digest"]), texts(found.table["abstract"])
+    digests, abstracts = (found.table[column].to_pylist() for column in ("scenario_digest", "abstract"))
     rows = ((k, found.contents[k]) for k in found.distinct.tolist())
     tested = ((k, [abstracts[k], content.get("environment"), content.get("task")]) for k, content in rows)
     return [_Row(found.names[k], digests[k], json.dumps(each, sort_keys=True)) for k, each in tested]
@@ -193,9 +191,3 @@ def _grouped(rows: Sequence[_Row], matched: Container[str]) -> dict[str, list[_R
         if row.name not in matched:
             groups.setdefault(row.content, []).append(row)
     return groups
-
-
-def _together(said: NDArray[np.int8]) -> NDArray[np.int8]:
-    """Joint judgements (P,), as of `run_judgement`."""
-    passed = ((said == PASS) | (said == ABSENT)).all(axis=1) & (said == PASS).any(axis=1)
-    return np.where((said == FAIL).any(axis=1), FAIL, np.where(passed, PASS, NOT_JUDGED)).astype(np.int8)

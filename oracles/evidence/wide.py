@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from vastflow.oracles.evidence.varied import path_property_rows, varied_rows
 from vastflow.oracles.results.executed import environment_names
-from vastflow.oracles.results.tables import Tables
-from vastflow.oracles.results.verdict_table import FAIL, PASS
+from vastflow.oracles.results.tables import FAIL, PASS, Tables
 
 WIDE_FILE: Final = "runs_wide.parquet"
 _TEXTS: Final = ("outcome", "reason", "cause", "stood_still")
@@ -67,7 +66,7 @@ def _of_runs(tables: Tables) -> dict[str, Any]:
 
 def _factors(tables: Tables, others: Iterable[str]) -> dict[str, Any]:
     found = tables.configurations
-    maps = environment_names(tables.directory, dict.fromkeys(filter(None, found.environments)))
+    maps = environment_names(tables.directory, found.environments)
     varied = varied_rows(found, range(len(found)), maps)
     rows = [{**seen, **row} for row, seen in zip(varied, path_property_rows(found, range(len(found))), strict=True)]
     taken = dict.fromkeys(others)

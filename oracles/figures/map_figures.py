@@ -25,7 +25,7 @@ from vastflow.oracles.figures.floor import (
 from vastflow.oracles.figures.scene import Scene, known_extent_m
 from vastflow.oracles.figures.style import COLORS, DPI, INK, RATES, SOFT_INK, place
 from vastflow.oracles.judgement.verdict import Judgement
-from vastflow.oracles.results.verdict_table import CODES
+from vastflow.oracles.results.tables import CODES
 from vastflow.oracles.statistics.failure_map import MINIMUM_VISITS, FailureGrid, grid_over
 from vastflow.sim.world.occupancy import OccupancyMap
 

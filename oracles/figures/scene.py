@@ -13,9 +13,8 @@ from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.judgement.oracle import SUCCESS
 from vastflow.oracles.observation.obstacle_tracks import spawned_by
 from vastflow.oracles.observation.situation import Situation, situation_of
-from vastflow.oracles.results.executed import KeptFiles, executed_scenario
-from vastflow.oracles.results.tables import Tables
-from vastflow.oracles.results.verdict_table import CODES, FAIL, NOT_JUDGED
+from vastflow.oracles.results.executed import KeptFiles
+from vastflow.oracles.results.tables import CODES, FAIL, NOT_JUDGED, Tables
 from vastflow.oracles.statistics.failure_map import FailureGrid, FailureMap, empty_map, failure_map, grid_over
 from vastflow.sim.model.blocks import read_columns, read_rows
 from vastflow.sim.model.digest import FileContent
@@ -164,12 +163,6 @@ def scenes_of(tables: Tables) -> list[Scene]:
     return [_scene(tables, environment, runs, files) for environment, runs in counts.items() if environment in drawn]
 
 
-def scenario_at(tables: Tables, configuration: int, files: KeptFiles) -> Scenario:
-    """The scenario of the configuration at an index, without its timeout."""
-    found = tables.configurations
-    return executed_scenario(found.abstracts[configuration], 0.0, found.contents[configuration], files)
-
-
 def known_extent_m(occupancy: OccupancyMap, margin_m: float) -> tuple[float, float, float, float]:
     """x0, x1, y0, y1 of what is known of the map, with a margin."""
     row, end_row, column, end_column = known_cells(occupancy)
@@ -190,7 +183,7 @@ def known_cells(occupancy: OccupancyMap) -> tuple[int, int, int, int]:
 def _scene(tables: Tables, environment: str, runs: Counts, files: KeptFiles) -> Scene:
     found = tables.configurations
     indices = np.array([k for k in found.distinct if found.environments[k] == environment], dtype=np.int64)
-    scenarios = [scenario_at(tables, int(k), files) for k in indices]
+    scenarios = [found.scenario(int(k), files) for k in indices]
     situations = list(_readable(scenarios))
     occupancy = load_map(tables.directory / "environments" / environment / "map.yaml")
     grid = _grid_over(occupancy)
@@ -272,9 +265,8 @@ def _walked(tables: Tables, indices: NDArray[np.int64]) -> Iterator[tuple[Walks,
     for k in indices:
         walks = read_walks(tables.directory, tables.configurations.names[k])
         if walks is not None:
-            first, last = np.searchsorted(verdicts.configuration, (k, k + 1))
-            rows = first + np.searchsorted(verdicts.run_index[first:last], walks.run_index)
-            yield walks, rows
+            rows = verdicts.rows_of(k)
+            yield walks, rows.start + np.searchsorted(verdicts.run_index[rows], walks.run_index)
 
 
 def _chosen(tables: Tables, indices: NDArray[np.int64]) -> NDArray[np.bool_]:

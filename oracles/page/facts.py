@@ -137,7 +137,7 @@ class Facts:
 
 def facts_of(tables: Tables) -> Facts:
     """The facts of a campaign directory."""
-    names = environment_names(tables.directory, dict.fromkeys(filter(None, tables.configurations.environments)))
+    names = environment_names(tables.directory, tables.configurations.environments)
     findings = findings_of(tables, names)
     if tables.metadata.get("search"):  # its strategy chose points by what others came to: that tells nothing of factors
         findings = replace(findings, designs=())

@@ -17,8 +17,7 @@ from vastflow.oracles.page.pictures import case_picture, cause_picture
 from vastflow.oracles.page.section import Block, Card, Details, Group, Section, paragraph, soft
 from vastflow.oracles.page.table import Column, Table, columns
 from vastflow.oracles.page.words import capital, percent, plural, sentence, tag
-from vastflow.oracles.results.tables import Tables
-from vastflow.oracles.results.verdict_table import FAIL
+from vastflow.oracles.results.tables import FAIL, Tables
 from vastflow.oracles.statistics.intervals import wilson_intervals
 
 CASES: Final = 9
@@ -167,8 +166,8 @@ def cases(tables: Tables, findings: Findings) -> list[int]:
 def _case(facts: Facts, configuration: int) -> Card:
     """One of the worst configurations, by its index."""
     found, verdicts = facts.tables.configurations, facts.tables.verdicts
-    first, last = np.searchsorted(verdicts.configuration, (configuration, configuration + 1))
-    failed_run = first + int(np.flatnonzero(verdicts.together[first:last] == FAIL)[0])
+    rows = verdicts.rows_of(configuration)
+    failed_run = rows.start + int(np.flatnonzero(verdicts.together[rows] == FAIL)[0])
     place = int(np.searchsorted(found.distinct, configuration))
     passed, failed, _ = facts.findings.counts[place].tolist()
     name, picture = found.names[configuration], case_picture(facts.tables, configuration, facts.files)

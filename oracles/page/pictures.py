@@ -23,13 +23,12 @@ from vastflow.oracles.figures.map_figures import (
     paths_figure,
 )
 from vastflow.oracles.figures.rate_figure import rates_figure, threshold_figure
-from vastflow.oracles.figures.scene import Scene, distinct_obstacles, read_estimate, read_walks, scenario_at, zones_of
+from vastflow.oracles.figures.scene import Scene, distinct_obstacles, read_estimate, read_walks, zones_of
 from vastflow.oracles.figures.style import png, svg
 from vastflow.oracles.judgement.verdict import Judgement
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.results.executed import KeptFiles
-from vastflow.oracles.results.tables import Tables
-from vastflow.oracles.results.verdict_table import CODES
+from vastflow.oracles.results.tables import CODES, Tables
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.reading.world import WORLD_KEY, difference_of
 from vastflow.sim.world.difference import world_of
@@ -159,8 +158,8 @@ def case_picture(tables: Tables, configuration: int, files: KeptFiles) -> Pictur
     if walks is None:
         return None
     verdicts = tables.verdicts
-    first, last = np.searchsorted(verdicts.configuration, (configuration, configuration + 1))
-    rows = first + np.searchsorted(verdicts.run_index[first:last], walks.run_index)
+    mine = verdicts.rows_of(configuration)
+    rows = mine.start + np.searchsorted(verdicts.run_index[mine], walks.run_index)
     words = {code: judgement for judgement, code in CODES.items()}
     paths = [(words[int(verdicts.together[row])], walks.line(k)) for k, row in enumerate(rows)]
     figure = _on_map(tables, configuration, files, paths, walks.spawned)
@@ -201,7 +200,7 @@ def _on_map(
     spawned: Sequence[Obstacle],
     estimate_xy_m: NDArray[np.float64] | None = None,
 ) -> Figure:
-    scenario = scenario_at(tables, configuration, files)
+    scenario = tables.configurations.scenario(configuration, files)
     situation = situation_of(scenario)
     environment = tables.configurations.environments[configuration]
     occupancy = load_map(tables.directory / "environments" / str(environment) / "map.yaml")

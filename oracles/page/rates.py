@@ -1,6 +1,6 @@
 """Sections on configurations: their rates, their classes, and what matters."""
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -30,7 +30,7 @@ def configurations_section(facts: Facts) -> Section:
     """A row for each distinct configuration, the worst first."""
     found, stood = facts.tables.configurations, facts.stood
     cells_of = [configuration_cells(facts.evidence[oracle]) for oracle in facts.shown_oracles]
-    rows = []
+    rows: list[list[Any]] = []
     for k, name in zip(found.distinct.tolist(), facts.findings.classes.names, strict=True):
         rates = [by_name[found.names[k]] for by_name in cells_of]
         still = [stood.of([found.names[k]])] if stood.runs else []

@@ -26,7 +26,7 @@ from vastflow.oracles.page.search_section import search_section
 from vastflow.oracles.page.section import Section
 from vastflow.oracles.page.table import bar, rate_cell, rate_html
 from vastflow.oracles.page.untested import coverage_section, left_out, untested_section
-from vastflow.oracles.results.column import floats
+from vastflow.oracles.results.schema import floats
 from vastflow.oracles.results.tables import read_tables
 from vastflow.sim.model.files import Unreadable, yaml_value
 

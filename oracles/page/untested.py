@@ -45,7 +45,7 @@ def untested_section(facts: Facts) -> Section:
     values = {
         "rejections": rejection_rows(facts.tables.rejections),
         "not_judged": _not_judged_rows(facts.tables),
-        "duplicates": _duplicates(facts.tables),
+        "duplicates": list(facts.tables.configurations.duplicates.items()),
         "max_rows": MAX_ROWS,
     }
     summary = left_out(facts) or "nothing was left out"
@@ -56,7 +56,7 @@ def left_out(facts: Facts) -> str:
     """A line on everything left out; empty if nothing was."""
     unjudged = {oracle: facts.evidence[oracle].campaign.counts.not_judged for oracle in facts.tables.oracles}
     faults, notes = (facts.metadata.get(key) or () for key in ("faults", "notes"))
-    rejected, duplicates = len(facts.tables.rejections), len(_duplicates(facts.tables))
+    rejected, duplicates = len(facts.tables.rejections), len(facts.tables.configurations.duplicates)
     if not (rejected or duplicates or any(unjudged.values()) or faults or notes):
         return ""
     by = ", ".join(f"{n:,} by {oracle}" for oracle, n in unjudged.items() if n)
@@ -96,8 +96,3 @@ def _not_judged_rows(tables: Tables) -> list[Mapping[str, Any]]:
     found = said.configuration.agg(runs="size", configurations=lambda names: list(names.unique()))
     rows: list[Mapping[str, Any]] = found.reset_index().to_dict("records")
     return rows
-
-
-def _duplicates(tables: Tables) -> list[tuple[str, str]]:
-    found = tables.configurations
-    return [(name, of) for name, of in zip(found.names, found.duplicate_of, strict=True) if of]

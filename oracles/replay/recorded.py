@@ -8,9 +8,8 @@ from typing import Any
 import pyarrow.compute as pc
 
 from vastflow.oracles.judgement.verdict import Judgement, run_judgement
-from vastflow.oracles.results.behaviors import Behaviors
-from vastflow.oracles.results.column import read_columns, table_rows
 from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
+from vastflow.oracles.results.schema import behaviors_of, read_columns, table_rows
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.kernels.streams import run_entropy
 from vastflow.sim.model.blocks import read_recordings
@@ -78,7 +77,7 @@ def _recording(directory: Path, name: str, run_index: int) -> Recording:
     if run_index not in recordings:
         known = _some([str(index) for index in sorted(recordings)])
         raise UnusableDirectory(f"{directory}: no run {run_index} of {name}; it has {known}")
-    of_all = Behaviors(directory).of(name)
+    of_all = behaviors_of(directory, name)
     if not of_all:
         return recordings[run_index]
     own = of_all.pop("run_index") == run_index

@@ -96,14 +96,14 @@ def dimensions(coverage: Coverage) -> Iterator[Covered]:
     """Environment, task and system of each family."""
     for family, part in coverage["families"].items():
         for dimension, said in part["dimensions"].items():
-            yield _covered(family, dimension, said, said["distinct"])
+            yield _covered(family, dimension, said)
 
 
 def pairs(coverage: Coverage) -> Iterator[Covered]:
     """The listed pairs of producers, in each family the least covered first."""
     for family, part in coverage["families"].items():
         for said in part["t_way"].get("pairs", ()):
-            yield _covered(family, " × ".join(said["factors"]), said, None)
+            yield _covered(family, " × ".join(said["factors"]), said)
 
 
 def pairs_not_listed(coverage: Coverage) -> int:
@@ -121,6 +121,7 @@ def design_text(design: Mapping[str, Any]) -> str:
     return f"all combinations: {product}"
 
 
-def _covered(family: str, what: str, said: Mapping[str, Any], distinct: int | None) -> Covered:
+def _covered(family: str, what: str, said: Mapping[str, Any]) -> Covered:
     combinations, admissible, covered, share = (said[key] for key in ("combinations", "admissible", "covered", "share"))
+    distinct = said.get("distinct")
     return Covered(family, what, tuple(said["factors"]), combinations, admissible, covered, share, distinct)

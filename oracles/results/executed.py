@@ -37,16 +37,14 @@ class KeptFiles:
             ValueError: there is none.
         """
         if digest not in self._known:
-            self._known[digest] = self._search(digest)
+            environment = self._environments / digest / "map.yaml"
+            if environment.is_file() and digest in _digests(environment):
+                self._known[digest] = environment
+            elif digest in self._found:
+                self._known[digest] = self._found[digest]
+            else:
+                raise ValueError(f"no file has the digest {digest[:12]}… that the scenario names")
         return self._known[digest]
-
-    def _search(self, digest: str) -> Path:
-        environment = self._environments / digest / "map.yaml"
-        if environment.is_file() and digest in _digests(environment):
-            return environment
-        if digest not in self._found:
-            raise ValueError(f"no file has the digest {digest[:12]}… that the scenario names")
-        return self._found[digest]
 
     @cached_property
     def _found(self) -> Mapping[str, Path]:
@@ -61,28 +59,17 @@ class KeptFiles:
         }
 
 
-def executed_scenario(
-    abstract: str | Mapping[str, Any], timeout_s: float, content: Mapping[str, Any], files: KeptFiles
-) -> Scenario:
-    """Rebuild a scenario from the decoded columns `abstract` and `scenario` of `configurations.parquet`.
-
-    Raises:
-        ValueError: a file that the directory does not keep.
-    """
-    content = _value(content, files)
-    programs = setup_of(content["programs"]) if "programs" in content else None
-    parts = content["environment"], content["task"], content["system"], programs
-    return Scenario(_value(abstract, files), timeout_s, *parts)
-
-
 def scenario_of_row(row: Mapping[str, Any], files: KeptFiles) -> Scenario:
-    """The scenario of a row of `configurations.parquet`.
+    """Rebuild the scenario of a row of `configurations.parquet`.
 
     Raises:
         ValueError: a file that the directory does not keep.
     """
     abstract = json.loads(row["abstract"]) if row["abstract"].startswith("{") else row["abstract"]
-    return executed_scenario(abstract, row["timeout_s"], json.loads(row["scenario"]), files)
+    content = _value(json.loads(row["scenario"]), files)
+    programs = setup_of(content["programs"]) if "programs" in content else None
+    parts = content["environment"], content["task"], content["system"], programs
+    return Scenario(_value(abstract, files), row["timeout_s"], *parts)
 
 
 def _digests(file: Path) -> Iterator[str]:
@@ -106,29 +93,19 @@ def _value(value: Any, files: KeptFiles) -> Any:
     return [_value(item, files) for item in value] if isinstance(value, list) else value
 
 
-def environment_names(directory: Path, environments: Iterable[str]) -> dict[str, str]:
+def environment_names(directory: Path, environments: Iterable[str | None]) -> dict[str, str]:
     """Digest to the name of the map's file or floor plan; equal names are numbered."""
-    wanted = list(environments)
-    files = dict(_named_files(directory / "inputs"))
-    names = {digest: _plan(directory / "environments" / digest) or files.get(digest, digest[:8]) for digest in wanted}
-    times = Counter(names.values())
-    seen: Counter[str] = Counter()
+    files = {}
+    for file in sorted((directory / "inputs").rglob("*.y*ml")):
+        with suppress(ValueError, OSError):
+            files[map_content(file).digest] = file.stem
+    names = {digest: files.get(digest, digest[:8]) for digest in environments if digest}
+    for digest in names:
+        with suppress(ValueError, OSError, KeyError, TypeError):  # the provenance beside a map names its floor plan
+            names[digest] = Path(str(read_json(directory / "environments" / digest / "provenance.json")["file"])).stem
+    times, seen = Counter(names.values()), Counter[str]()
     for digest, name in names.items():
         if times[name] > 1:
             seen[name] += 1
             names[digest] = f"{name} {seen[name]}"
     return names
-
-
-def _named_files(inputs: Path) -> Iterable[tuple[str, str]]:
-    for file in sorted(inputs.rglob("*.y*ml")):
-        with suppress(ValueError, OSError):
-            yield map_content(file).digest, file.stem
-
-
-def _plan(environment: Path) -> str | None:
-    """Name of the floor plan's file, from the provenance beside a map."""
-    with suppress(ValueError, OSError, KeyError, TypeError):
-        said = read_json(environment / "provenance.json")
-        return Path(str(said["file"])).stem
-    return None

@@ -5,8 +5,8 @@ from pathlib import Path
 from vastflow.oracles.judgement.notebook import RunTables, run_tables
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.observation.trace import trace_of
-from vastflow.oracles.results.column import table_rows
 from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
+from vastflow.oracles.results.schema import table_rows
 from vastflow.sim.model.blocks import read_block, read_recordings
 
 

@@ -1,23 +1,36 @@
-"""The tables of a campaign directory, as evidence and report read them."""
+"""The tables of a campaign directory, as evidence, report, and terminal read them."""
 
+import io
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.json
 from numpy.typing import NDArray
 
-from vastflow.oracles.results.column import read_columns, texts
+from vastflow.oracles.judgement.verdict import Judgement
+from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
 from vastflow.oracles.results.factors import blocks_of
-from vastflow.oracles.results.verdict_table import VerdictTable, verdict_table
+from vastflow.oracles.results.schema import codes, floats, integers, read_columns
 from vastflow.sim.model.files import read_json, read_text
+from vastflow.sim.model.scenario import Scenario
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+CODES: Final[Mapping[Judgement, int]] = {"pass": 0, "fail": 1, "not judged": 2}
+ABSENT: Final = 3
+"""Code of a run that an oracle says nothing of."""
+PASS, FAIL, NOT_JUDGED = CODES.values()
+_RUNS: Final = 1 << 31
 
 
-@dataclass(frozen=True, eq=False)
 class ConfigurationTable:
     """The rows of `configurations.parquet`; JSON columns are decoded when they are asked for.
 
@@ -25,40 +38,21 @@ class ConfigurationTable:
         names, families: In the order of the campaign file.
         duplicate_of: Name of the configuration of the same content, which alone was run; None without one.
         environments: Digests of maps, None for a scenario without a map.
+        distinct: Indices of the configurations that are no duplicates.
     """
 
-    table: pa.Table = field(repr=False)
-
-    @cached_property
-    def names(self) -> list[str]:
-        return texts(self.table["name"])
-
-    @cached_property
-    def families(self) -> list[str]:
-        return texts(self.table["family"])
-
-    @cached_property
-    def duplicate_of(self) -> list[str | None]:
-        return texts(self.table["duplicate_of"])
-
-    @cached_property
-    def environments(self) -> list[str | None]:
-        return texts(self.table["environment"])
-
-    @cached_property
-    def distinct(self) -> NDArray[np.int64]:
-        """Indices of the configurations that are no duplicates."""
-        return np.flatnonzero([name is None for name in self.duplicate_of])
+    def __init__(self, table: pa.Table) -> None:
+        self.table = table
+        self.names: list[str] = table["name"].to_pylist()
+        self.families: list[str] = table["family"].to_pylist()
+        self.duplicate_of: list[str | None] = table["duplicate_of"].to_pylist()
+        self.environments: list[str | None] = table["environment"].to_pylist()
+        self.distinct: NDArray[np.int64] = np.flatnonzero([name is None for name in self.duplicate_of])
 
     @cached_property
     def factors(self) -> list[Mapping[str, Any]]:
         """Values that file and producers gave to each configuration."""
         return self._decoded("factors")
-
-    @cached_property
-    def abstracts(self) -> list[str | Mapping[str, Any]]:
-        """Scenario name of each, or the decoded content of a scenario file."""
-        return [json.loads(text) if text.startswith("{") else text for text in texts(self.table["abstract"])]
 
     @cached_property
     def contents(self) -> list[Mapping[str, Any]]:
@@ -73,22 +67,154 @@ class ConfigurationTable:
     @cached_property
     def steps(self) -> list[list[Mapping[str, Any]]]:
         """Name as `producer` and written `keys` of each producer in turn."""
-        return [json.loads(text) if text else [] for text in texts(self.table["steps"])]
+        return [json.loads(text) if text else [] for text in self.table["steps"].to_pylist()]
+
+    @cached_property
+    def duplicates(self) -> dict[str, str]:
+        """Name of each duplicate to that of its original."""
+        return {name: of for name, of in zip(self.names, self.duplicate_of, strict=True) if of}
 
     def __len__(self) -> int:
         return len(self.names)
 
     def rows(self) -> list[dict[str, Any]]:
-        """The rows, JSON columns decoded."""
-        rows: list[dict[str, Any]] = self.table.to_pylist()
-        decoded = zip(rows, self.abstracts, self.contents, self.factors, self.provenances, strict=True)
-        for row, abstract, content, factors, provenance in decoded:
-            row |= {"abstract": abstract, "scenario": content, "factors": factors, "provenance": provenance}
-        return rows
+        """The rows, JSON columns decoded, the scenario's name or content as `abstract` among them."""
+        decoded = zip(self.table.to_pylist(), self.contents, self.factors, self.provenances, strict=True)
+        return [
+            row
+            | {"scenario": content, "factors": factors, "provenance": provenance}
+            | {"abstract": json.loads(row["abstract"]) if row["abstract"].startswith("{") else row["abstract"]}
+            for row, content, factors, provenance in decoded
+        ]
+
+    def scenario(self, configuration: int, files: KeptFiles) -> Scenario:
+        """The scenario of the configuration at an index.
+
+        Raises:
+            ValueError: a file that the directory does not keep.
+        """
+        return scenario_of_row(self.table.slice(configuration, 1).to_pylist()[0], files)
 
     def _decoded(self, column: str) -> list[Mapping[str, Any]]:
-        found: list[Mapping[str, Any]] = json.loads(f"[{','.join(texts(self.table[column]))}]")
+        found: list[Mapping[str, Any]] = json.loads(f"[{','.join(self.table[column].to_pylist())}]")
         return found
+
+
+@dataclass(frozen=True, eq=False)
+class MetricColumn:
+    """One metric of one oracle.
+
+    Attributes:
+        values: (R,) over the runs of the table, NaN where it can't be had.
+    """
+
+    unit: str
+    values: NDArray[np.float64] = field(repr=False)
+
+
+class VerdictTable:
+    """The verdicts of each oracle on each run, in columns.
+
+    Args:
+        table: The rows of `verdicts.parquet`.
+        names: Configurations, in the order of which runs are sorted.
+
+    Attributes:
+        oracles: Names of the oracles in the order they judged.
+        configuration: (R,) index into `names`, ascending.
+        run_index: (R,) ascending within a configuration.
+        judgements: (R, oracles) codes of judgements, `ABSENT` where an oracle was not asked.
+
+    Raises:
+        ValueError: a verdict of a configuration that there is not, or a judgement that is none.
+    """
+
+    def __init__(self, table: pa.Table, names: list[str]) -> None:
+        self.table, self.names = table, tuple(names)
+        (said, judgements), (configuration, judged) = codes(table["judgement"]), codes(table["configuration"])
+        places = {name: place for place, name in enumerate(names)}
+        if unknown := {*judged} - {*names}:
+            raise ValueError(f"verdicts.parquet judges {min(unknown)!r}, which is no row of configurations.parquet")
+        if unknown := {*judgements} - {*CODES}:
+            raise ValueError(f"verdicts.parquet has the judgement {min(unknown)!r}; it can be {', '.join(CODES)}")
+        place = np.array([places[name] for name in judged], dtype=np.int64)[configuration]
+        runs, self._run = np.unique(place * _RUNS + integers(table["run_index"]), return_inverse=True)
+        self.configuration, self.run_index = runs // _RUNS, runs % _RUNS
+        self._oracle, oracles = codes(table["oracle"])
+        self.oracles = tuple(oracles)
+        code = np.array([CODES[text] for text in judgements], dtype=np.int8)  # type: ignore[index]
+        self._said = code[said]
+        self.judgements = np.full((len(runs), len(oracles)), ABSENT, dtype=np.int8)
+        self.judgements[self._run, self._oracle] = self._said
+        self._metrics: dict[str, Mapping[str, MetricColumn]] = {}
+
+    def __len__(self) -> int:
+        return len(self.run_index)
+
+    @cached_property
+    def together(self) -> NDArray[np.int8]:
+        """(R,) what all oracles say."""
+        return together(self.judgements)
+
+    def of(self, oracle: str | None) -> NDArray[np.int8]:
+        """(R,) what one oracle says; all together where `oracle` is None."""
+        return self.together if oracle is None else self.judgements[:, self.oracles.index(oracle)]
+
+    def rows_of(self, configuration: int) -> slice:
+        """The runs of the configuration at an index."""
+        return slice(*np.searchsorted(self.configuration, (configuration, configuration + 1)))
+
+    def counts(self, oracle: str | None) -> NDArray[np.int64]:
+        """(configurations, 3) how often one oracle, or all together, said pass, fail and not judged."""
+        cells = self.configuration * 4 + self.of(oracle)
+        return np.bincount(cells, minlength=4 * len(self.names)).reshape(-1, 4)[:, :ABSENT]
+
+    def reasons(self, judgement: Judgement) -> "pd.DataFrame":
+        """The `configuration`, `oracle` and `reason` of each verdict that is `judgement`, as categories."""
+        import pandas as pd
+
+        rows, (reason, reasons) = self._said == CODES[judgement], codes(self.table["reason"])
+        found = {
+            "configuration": (self.configuration[self._run[rows]], self.names),
+            "oracle": (self._oracle[rows], self.oracles),
+            "reason": (reason[rows], reasons),
+        }
+        return pd.DataFrame({name: pd.Categorical.from_codes(*column) for name, column in found.items()})
+
+    def metrics(self, oracle: str) -> Mapping[str, MetricColumn]:
+        """An oracle's metrics by name, in the order of their names in its verdicts.
+
+        Raises:
+            ValueError: metrics that are no JSON objects.
+        """
+        if oracle not in self._metrics:
+            rows = np.flatnonzero(self._oracle == self.oracles.index(oracle))
+            indices = pa.Array.from_buffers(pa.int64(), len(rows), [None, pa.py_buffer(rows)])
+            lines: list[str] = self.table["metrics"].take(indices).to_pylist()
+            content = "\n".join(lines).encode()
+            options = pyarrow.json.ReadOptions(use_threads=False, block_size=len(content) + 1)
+            empty = all(line == "{}" for line in lines)  # of which pyarrow makes no rows
+            columns = pa.table({}) if empty else pyarrow.json.read_json(io.BytesIO(content), read_options=options)
+            self._metrics[oracle] = {
+                name: self._metric(columns[name].combine_chunks(), self._run[rows]) for name in columns.column_names
+            }
+        return self._metrics[oracle]
+
+    def _metric(self, column: pa.Array, runs: NDArray[np.int64]) -> MetricColumn:
+        values = np.full(len(self), np.nan)
+        values[runs] = floats(pc.struct_field(column, "value"))
+        units = pc.unique(pc.drop_null(pc.struct_field(column, "unit"))).to_pylist()
+        return MetricColumn(units[-1] if units else "", values)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """The rows, metrics decoded."""
+        return [{**row, "metrics": json.loads(row["metrics"])} for row in self.table.to_pylist()]
+
+
+def together(said: NDArray[np.int8]) -> NDArray[np.int8]:
+    """Joint judgements (R,) of those of oracles (R, oracles): `fail` if any, `pass` if all, else `not judged`."""
+    passed = ((said == PASS) | (said == ABSENT)).all(axis=1) & (said == PASS).any(axis=1)
+    return np.where((said == FAIL).any(axis=1), FAIL, np.where(passed, PASS, NOT_JUDGED)).astype(np.int8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,12 +243,10 @@ class Tables:
     @cached_property
     def families(self) -> Mapping[str, list[str]]:
         """Family to the names of its configurations without duplicates."""
-        families: dict[str, list[str]] = {}
         found = self.configurations
-        for name, family, duplicate_of in zip(found.names, found.families, found.duplicate_of, strict=True):
-            of_family = families.setdefault(family, [])
-            if duplicate_of is None:
-                of_family.append(name)
+        families: dict[str, list[str]] = {family: [] for family in found.families}
+        for k in found.distinct:
+            families[found.families[k]].append(found.names[k])
         return families
 
 
@@ -135,23 +259,19 @@ def read_tables(directory: Path) -> Tables:
     """
     configurations = ConfigurationTable(read_columns(directory / "configurations.parquet"))
     verdicts = read_columns(directory / "verdicts.parquet", "configuration", "family", "oracle", "judgement", "reason")
+    metadata = read_json(directory / "metadata.json")
+    if (
+        not isinstance(metadata, dict)
+        or not {"name", "created"} <= metadata.keys()
+        or not isinstance(metadata.get("counts", {}), dict)
+    ):
+        raise ValueError("metadata.json is not what was written: no name, time or counts")
     return Tables(
         directory=directory,
-        metadata=_metadata(directory / "metadata.json"),
+        metadata=metadata,
         campaign=read_text(directory / "campaign.vast"),
         configurations=configurations,
         rejections=read_columns(directory / "rejections.parquet").to_pylist(),
         runs=read_columns(directory / "runs.parquet", "configuration", "family", "outcome", "reason"),
-        verdicts=verdict_table(verdicts, configurations.names),
+        verdicts=VerdictTable(verdicts, configurations.names),
     )
-
-
-def _metadata(file: Path) -> Mapping[str, Any]:
-    found = read_json(file)
-    if (
-        not isinstance(found, dict)
-        or not {"name", "created"} <= found.keys()
-        or not isinstance(found.get("counts", {}), dict)
-    ):
-        raise ValueError(f"{file.name} is not what was written: no name, time or counts")
-    return found

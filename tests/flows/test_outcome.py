@@ -9,8 +9,7 @@ from vastflow.flows.terminal.outcome import details, outcome, rate_text
 from vastflow.oracles.evidence.evidence import evidence_of
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.results.schema import CONFIGURATIONS, RUNS, VERDICTS
-from vastflow.oracles.results.tables import ConfigurationTable, Tables
-from vastflow.oracles.results.verdict_table import verdict_table
+from vastflow.oracles.results.tables import ConfigurationTable, Tables, VerdictTable
 
 
 def tables(verdicts, rejections=(), more=(), **metadata):
@@ -26,7 +25,7 @@ def tables(verdicts, rejections=(), more=(), **metadata):
         configurations=configurations,
         rejections=list(rejections),
         runs=pa.Table.from_pylist([], RUNS),
-        verdicts=verdict_table(pa.Table.from_pylist(judged, VERDICTS), configurations.names),
+        verdicts=VerdictTable(pa.Table.from_pylist(judged, VERDICTS), configurations.names),
     )
 
 

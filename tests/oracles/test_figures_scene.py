@@ -10,8 +10,7 @@ from vastflow.oracles.figures import scene as scenes
 from vastflow.oracles.figures.floor import map_figure
 from vastflow.oracles.figures.scene import known_extent_m, read_walks, scenes_of
 from vastflow.oracles.results.executed import environment_names
-from vastflow.oracles.results.tables import read_tables
-from vastflow.oracles.results.verdict_table import CODES, FAIL, PASS
+from vastflow.oracles.results.tables import CODES, FAIL, PASS, read_tables
 from vastflow.sim.world.map_file import load_map
 
 TASK = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}

@@ -13,12 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vastflow.oracles.judgement.verdict import run_judgement
-from vastflow.oracles.results.behaviors import BEHAVIORS_FILE, Behaviors
-from vastflow.oracles.results.column import codes, floats, integers, parsed, read_columns
 from vastflow.oracles.results.executed import NAMED_FILES, KeptFiles
-from vastflow.oracles.results.tables import ConfigurationTable
-from vastflow.oracles.results.verdict_table import CODES, verdict_table
-from vastflow.sim.model.archive import write_table
+from vastflow.oracles.results.schema import BEHAVIORS_FILE, behaviors_of, codes, floats, integers, read_columns
+from vastflow.oracles.results.tables import CODES, ConfigurationTable, VerdictTable
 from vastflow.sim.model.digest import file_digest
 
 SCHEMA = pa.schema(
@@ -47,7 +44,7 @@ def verdict(configuration="a", run_index=0, oracle="success", judgement="pass", 
 
 
 def table_of(rows, names=NAMES):
-    return verdict_table(pa.Table.from_pylist(rows, SCHEMA), names)
+    return VerdictTable(pa.Table.from_pylist(rows, SCHEMA), names)
 
 
 said = st.dictionaries(
@@ -107,7 +104,7 @@ def test_unknown_configurations_judgements_and_metrics_are_refused():
     with pytest.raises(ValueError, match="has the judgement 'maybe'; it can be pass, fail, not judged"):
         table_of([verdict(judgement="maybe")])
     with pytest.raises(ValueError, match="JSON"):
-        parsed(pa.array(['{"a": 1}', "{broken"]))
+        table_of([verdict(), {**verdict(run_index=1), "metrics": "{broken"}]).metrics("success")
 
 
 def test_table_in_row_groups_reads_as_whole(tmp_path):
@@ -116,7 +113,7 @@ def test_table_in_row_groups_reads_as_whole(tmp_path):
     with pq.ParquetWriter(tmp_path / "v.parquet", SCHEMA) as writer:
         for start in range(0, 50, 7):
             writer.write_table(table.slice(start, 7))
-    read = verdict_table(read_columns(tmp_path / "v.parquet", "configuration", "oracle", "judgement", "reason"), NAMES)
+    read = VerdictTable(read_columns(tmp_path / "v.parquet", "configuration", "oracle", "judgement", "reason"), NAMES)
     assert read.counts(None).tolist() == table_of(rows).counts(None).tolist()
     assert read.metrics("success")["time"].values.tolist() == table_of(rows).metrics("success")["time"].values.tolist()
 
@@ -135,15 +132,13 @@ def test_columns_of_configurations_are_decoded():
         "scenario": '{"task": {}}', "factors": '{"noise": 0.1}', "provenance": "{}",
     }  # fmt: skip
     table = ConfigurationTable(pa.Table.from_pylist([row, {**row, "name": "b", "duplicate_of": "a", "abstract": "n"}]))
-    assert table.abstracts == [{"file": "x"}, "n"]
     assert table.factors[1] == {"noise": 0.1}
-    assert table.distinct.tolist() == [0]
+    assert (table.distinct.tolist(), table.duplicates) == ([0], {"b": "a"})
+    assert [each["abstract"] for each in table.rows()] == [{"file": "x"}, "n"]
     assert table.rows()[0]["scenario"] == {"task": {}}
 
 
-@pytest.fixture
-def directory(tmp_path):
-    """Three configurations in two row groups; `b` is in both."""
+def test_behaviors_of_configuration_are_read_from_every_row_group(tmp_path):
     table = pa.table(
         {
             "configuration": ["a", "b", "b", "c"],
@@ -153,29 +148,14 @@ def directory(tmp_path):
         }
     )
     pq.write_table(table, tmp_path / BEHAVIORS_FILE, row_group_size=2)
-    return tmp_path
-
-
-def plain(columns):
-    return {name: column.tolist() for name, column in columns.items()}
-
-
-def test_behaviors_of_configuration_are_read_from_every_row_group(directory, tmp_path):
-    behaviors = Behaviors(directory)
-    assert plain(behaviors.of("b")) == {"run_index": [0, 1], "t_s": [1.5, 2.5], "name": ["wait", ""]}
-    assert [plain(behaviors.of(name))["t_s"] for name in ("c", "a", "c")] == [[3.5], [0.5], [3.5]]
-    assert [column.dtype for column in behaviors.of("a").values()] == [np.int64, np.float64, object]
-    assert behaviors.of("d") == Behaviors(tmp_path / "elsewhere").of("a") == {}
-
-
-def test_behaviors_of_earlier_version_and_damaged_ones(tmp_path):
-    (tmp_path / "behaviors").mkdir()
-    own = write_table({"run_index": np.array([0]), "t_s": np.array([0.5])})
-    (tmp_path / "behaviors" / "a.parquet").write_bytes(own)
-    assert plain(Behaviors(tmp_path).of("a")) == {"run_index": [0], "t_s": [0.5]}
+    found = {name: column.tolist() for name, column in behaviors_of(tmp_path, "b").items()}
+    assert found == {"run_index": [0, 1], "t_s": [1.5, 2.5], "name": ["wait", ""]}
+    assert [behaviors_of(tmp_path, name)["t_s"].tolist() for name in ("c", "a")] == [[3.5], [0.5]]
+    assert [column.dtype for column in behaviors_of(tmp_path, "a").values()] == [np.int64, np.float64, object]
+    assert behaviors_of(tmp_path, "d") == behaviors_of(tmp_path / "elsewhere", "a") == {}
     (tmp_path / BEHAVIORS_FILE).write_bytes(b"damaged")
     with pytest.raises(ValueError, match="Parquet"):
-        Behaviors(tmp_path).of("b")
+        behaviors_of(tmp_path, "b")
 
 
 def test_kept_files_are_found_by_digest(tmp_path):
