@@ -79,17 +79,31 @@ def _seen(trace: Trace, failed: Mapping[str, Verdict]) -> Iterator[Cause]:
     """Yield the causes that hold, in the order of `CAUSES`."""
     if not len(trace):
         return
-    end, never = _end(trace), _SUCCESS in failed and _never_planned(trace)
+    missed = trace.events("goal_missed")
+    end = int(np.searchsorted(trace["t_s"], missed[0].t_s)) if missed else len(trace)
+    end = min(end, len(trace) - 1)
+    without_path = trace.run.outcome == "aborted" and trace.run.error_code >= _NO_PATH
+    never = _SUCCESS in failed and without_path and _never_followed(trace)
     if trace.events(STOOD_STILL) and not never:
         yield "stood still"
     if _SUCCESS in failed and _path_lost_by_jump(trace):
         yield "jump of the estimate"
     if failed.keys() != {_SAFETY} and trace["localization_error_m"][end] > LOST_M:
         yield "lost"
-    if (_SUCCESS in failed and _touched_at(trace, end)) or (_SAFETY in failed and _fails_contact(failed[_SAFETY])):
+    x_m, y_m = trace.xy_m[end]
+    touched = any(np.hypot(event.x_m - x_m, event.y_m - y_m) <= AT_M for event in trace.events("contact"))
+    if (_SUCCESS in failed and touched) or (_SAFETY in failed and _fails_contact(failed[_SAFETY])):
         yield "contact"
     if _SUCCESS in failed:
-        yield from _mission_failed(trace, end, never)
+        kinds = [name for name in ("static_clearance_m", "appearing_clearance_m") if name in trace.columns]
+        apart_m = min((float(trace[name][end]) for name in kinds), default=np.inf)
+        if apart_m <= (SEEN_M if without_path else BLOCKED_M):
+            yield "blocked by an obstacle"
+        if without_path:
+            yield "no path to the goal" if never else "no path"
+        ended_s = float(trace["t_s"][end])
+        if any(0.0 <= ended_s - event.t_s <= RECOVERING_S for event in trace.events("recovery")):
+            yield "timed out recovering" if trace.run.outcome == "timed_out" else "gave up recovering"
     if _SAFETY in failed:
         yield "too close"
     if _ROBUSTNESS in failed:
@@ -98,36 +112,10 @@ def _seen(trace: Trace, failed: Mapping[str, Verdict]) -> Iterator[Cause]:
         yield "left the path"
 
 
-def _mission_failed(trace: Trace, end: int, never: bool) -> Iterator[Cause]:
-    run, without_path = trace.run, _without_path(trace)
-    kinds = [name for name in ("static_clearance_m", "appearing_clearance_m") if name in trace.columns]
-    apart_m = min((float(trace[name][end]) for name in kinds), default=np.inf)
-    if apart_m <= (SEEN_M if without_path else BLOCKED_M):
-        yield "blocked by an obstacle"
-    if without_path:
-        yield "no path to the goal" if never else "no path"
-    ended_s = float(trace["t_s"][end])
-    if any(0.0 <= ended_s - event.t_s <= RECOVERING_S for event in trace.events("recovery")):
-        yield "timed out recovering" if run.outcome == "timed_out" else "gave up recovering"
-
-
-def _without_path(trace: Trace) -> bool:
-    return trace.run.outcome == "aborted" and trace.run.error_code >= _NO_PATH
-
-
-def _never_planned(trace: Trace) -> bool:
+def _never_followed(trace: Trace) -> bool:
     """Whether no path was followed: only controllers command motion forward or to the side."""
     forward, lateral = (trace.columns.get(f"command_{name}mps") for name in ("speed_", "lateral_speed_"))
-    if forward is None or not _without_path(trace):
-        return False
-    return not (forward > 0.0).any() and (lateral is None or not lateral.any())
-
-
-def _end(trace: Trace) -> int:
-    """Row at which the mission failed."""
-    missed = trace.events("goal_missed")
-    row = int(np.searchsorted(trace["t_s"], missed[0].t_s)) if missed else len(trace) - 1
-    return min(row, len(trace) - 1)
+    return forward is not None and not (forward > 0.0).any() and (lateral is None or not lateral.any())
 
 
 def _path_lost_by_jump(trace: Trace) -> bool:
@@ -137,11 +125,6 @@ def _path_lost_by_jump(trace: Trace) -> bool:
     error_m = np.column_stack((trace["estimated_x_m"] - trace["x_m"], trace["estimated_y_m"] - trace["y_m"]))
     jumped_s = trace["t_s"][1:][np.hypot(*np.diff(error_m, axis=0).T) >= JUMP_M]
     return bool(np.any(np.abs(failures[-1].t_s - jumped_s) <= JUMP_S))
-
-
-def _touched_at(trace: Trace, end: int) -> bool:
-    x_m, y_m = trace.xy_m[end]
-    return any(np.hypot(event.x_m - x_m, event.y_m - y_m) <= AT_M for event in trace.events("contact"))
 
 
 def _fails_contact(safety: Verdict) -> bool:

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from vastflow.oracles.judgement.oracle import Oracle, Parameters
 from vastflow.oracles.judgement.verdict import Judgement, Verdict, read_verdicts, write_verdicts
+from vastflow.oracles.observation.observe import distances_to
 from vastflow.oracles.observation.obstacle_tracks import obstacle_tracks_of
 from vastflow.oracles.observation.situation import Situation
-from vastflow.oracles.observation.trace import MaybeReference, NoReference, Reference, Trace
+from vastflow.oracles.observation.trace import MaybeReference, NoReference, Reference, Trace, signals_of
 from vastflow.sim.model.obstacle import Obstacle, Trigger
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Event, Outcome, Run
@@ -69,7 +70,9 @@ def _sample(
 ) -> SampleRun:
     situation = Situation(_START, (_GOAL,), obstacles)
     run = _run(outcome, len(x_m) * STEP_S, float(x_m[-1] - x_m[0]) if len(x_m) else 0.0, events)
-    columns = {**_driven(x_m, localized), **_apart(x_m, situation, run)}
+    t_ms = np.rint(np.arange(len(x_m)) * STEP_S * 1000).astype(np.int32)
+    apart = distances_to(obstacle_tracks_of(situation, run), t_ms, np.column_stack((x_m, 0 * x_m)))
+    columns = {**_driven(x_m, localized), **signals_of(apart)}
     straight = Reference(np.array([[0.0, 0.0], [5.0, 0.0]]), 5.0)
     found = straight if reference is None else reference
     if isinstance(found, Reference):
@@ -95,20 +98,6 @@ def _driven(x_m: NDArray[np.float64], localized: bool) -> dict[str, NDArray[np.f
         "stopped": (speed == 0).astype(np.float64),
         "wall_clearance_m": none + 2.0,
     }
-
-
-def _apart(x_m: NDArray[np.float64], situation: Situation, run: Run) -> dict[str, NDArray[np.float64]]:
-    xy_m = np.column_stack((x_m, 0 * x_m))
-    t_ms = np.rint(np.arange(len(x_m)) * STEP_S * 1000).astype(np.int32)
-    apart_m: dict[str, NDArray[np.float64]] = {}
-    for each in obstacle_tracks_of(situation, run):
-        kind = "appearing" if each.obstacle.trigger else "static"
-        for name, distance_m in (
-            (f"{kind}_clearance_m", each.clearance_m(t_ms, xy_m)),
-            (f"separation_m/{each.obstacle.size_class}", np.hypot(*(xy_m - each.at(t_ms)).T)),
-        ):
-            apart_m[name] = np.minimum(apart_m.get(name, np.full(len(x_m), math.inf)), distance_m)
-    return apart_m
 
 
 def _run(outcome: Outcome, simulated_s: float, distance_m: float, events: tuple[Event, ...] = ()) -> Run:

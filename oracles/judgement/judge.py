@@ -7,8 +7,8 @@ from typing import Any
 from vastflow.oracles.judgement.cause import Cause, cause_of
 from vastflow.oracles.judgement.oracle import Oracle
 from vastflow.oracles.judgement.verdict import Verdict
-from vastflow.oracles.observation.situation import Situation, situation_of
-from vastflow.oracles.observation.trace import Trace, trace_of
+from vastflow.oracles.observation.situation import situation_of
+from vastflow.oracles.observation.trace import trace_of
 from vastflow.sim.model.archive import read_outputs
 from vastflow.sim.model.blocks import read_block, read_recordings
 from vastflow.sim.model.recording import Outputs
@@ -53,24 +53,17 @@ def judge_block(
         trace_of(replace(recording, outputs=written.get(recording.run.run_index, Outputs())), row, columns)
         for recording, (row, columns) in zip(recordings, observed, strict=True)
     ]
-    for trace in traces:
-        _keep_as_it_is(trace)
-    said = list(zip(*(_said(oracle, traces, situation) for oracle in oracles), strict=True))
+    for columns in (columns for trace in traces for columns in (trace.columns, *trace.tables.values())):
+        for column in columns.values():
+            column.setflags(write=False)  # all oracles share them
+    said_by = []
+    for oracle in oracles:
+        with watched(snapshot_behind(type(oracle))):
+            said_by.append(oracle.judge_all(traces, situation))
+    said = list(zip(*said_by, strict=True))
     causes = {
         trace.run.run_index: cause
         for trace, verdicts in zip(traces, said, strict=bool(oracles))
         if (cause := cause_of(trace, verdicts)) is not None
     }
     return JudgedBlock([verdict for verdicts in said for verdict in verdicts], causes)
-
-
-def _keep_as_it_is(trace: Trace) -> None:
-    """Make columns read-only, since all oracles share them."""
-    for columns in (trace.columns, *trace.tables.values()):
-        for column in columns.values():
-            column.setflags(write=False)
-
-
-def _said(oracle: Oracle[Any], traces: Sequence[Trace], situation: Situation) -> list[Verdict]:
-    with watched(snapshot_behind(type(oracle))):
-        return oracle.judge_all(traces, situation)

@@ -1,27 +1,143 @@
 """Notebooks as oracles: a Jupyter notebook turns tables of runs into verdicts."""
 
+import ast
 import contextlib
 import io
 import math
 import traceback
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Final, get_args
+from typing import Any, ClassVar, Final, Literal, get_args
 
 import numpy as np
 import pyarrow as pa
-from pydantic import create_model
+from pydantic import BaseModel, ValidationError, create_model
 
-from vastflow.oracles.judgement.notebook_file import CodeCell, literals, read_cells
-from vastflow.oracles.judgement.oracle_base import Oracle, Parameters
+from vastflow.oracles.judgement.oracle import Oracle, Parameters
 from vastflow.oracles.judgement.verdict import Judgement, Verdict
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.observation.trace import Reference, Trace
+from vastflow.sim.model.files import Unreadable, read_json
 from vastflow.sim.plug_ins.effects import plug_in_code
 from vastflow.sim.plug_ins.loading import empty_module, frozen_builtins
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.snapshot import Snapshot
+
+SKIPPED: Final = "skip-execution"
+"""Tag of cells that are not executed, as in nbclient."""
+PARAMETERS: Final = "parameters"
+"""Tag of the cell with defaults of parameters, as in papermill."""
+METRICS: Final = "metrics"
+VERDICTS: Final = "verdicts"
+
+
+class _Metadata(BaseModel):
+    tags: list[str] = []
+
+
+class _Cell(BaseModel):
+    cell_type: str
+    source: str | list[str]
+    metadata: _Metadata = _Metadata()
+
+
+class _Notebook(BaseModel):
+    """Required content of a notebook file."""
+
+    nbformat: Literal[4]
+    cells: list[_Cell]
+
+
+@dataclass(frozen=True, slots=True)
+class CodeCell:
+    """A code cell; `number` counts all cells from 1."""
+
+    number: int
+    code: str
+    has_parameters: bool
+
+
+def read_cells(file: Path) -> tuple[CodeCell, ...]:
+    """The code cells of a notebook that are executed.
+
+    Raises:
+        PlugInError: no notebook of format 4, or a cell that is not Python.
+    """
+    cells = tuple(_cells(file))
+    for cell in cells:
+        try:
+            compile(cell.code, file.name, "exec")
+        except SyntaxError as error:
+            lines, number = cell.code.splitlines(), error.lineno or 0
+            text = lines[number - 1].strip() if 0 < number <= len(lines) else error.msg
+            where = f"{file.name}: cell {cell.number}" + (f", line {number}" if number else "")
+            tagged = f"tag cells with IPython commands {SKIPPED!r}"
+            raise PlugInError(f"{where}: expected Python, got {text!r}", tagged) from None
+        except (ValueError, RecursionError, MemoryError) as error:  # a NUL, half a character; too deep for Python
+            raise PlugInError(f"{file.name}: cell {cell.number}: {error}", "a cell of Python") from None
+    return cells
+
+
+def notebook_code(file: Path) -> str:
+    """The executed cells as one Python text, from which all judgements follow.
+
+    Raises:
+        PlugInError: no notebook of format 4.
+    """
+    return "".join(f"{cell.code}\n" + "parameters = ...\n" * cell.has_parameters for cell in _cells(file))
+
+
+def literals(cell: CodeCell, file: Path, only: str | None = None) -> Mapping[str, Any]:
+    """Name to value of the literals that a cell assigns.
+
+    Args:
+        only: The one wanted name; other statements are free then.
+
+    Raises:
+        PlugInError: a statement that does not assign a literal to a name.
+    """
+    found: dict[str, Any] = {}
+    for statement in ast.parse(cell.code).body:
+        name, value = _assigned(statement)
+        if only is not None and name != only:
+            continue
+        try:
+            if name is None or value is None:
+                raise ValueError
+            found[name] = ast.literal_eval(value)
+        except (ValueError, TypeError, RecursionError, MemoryError):  # TypeError: a list as a key
+            where = f"{file.name}: cell {cell.number}, line {statement.lineno}"
+            raise PlugInError(f"{where}: expected name = literal, got {ast.unparse(statement)!r}", "") from None
+    return found
+
+
+def _assigned(statement: ast.stmt) -> tuple[str | None, ast.expr | None]:
+    if isinstance(statement, ast.Assign) and len(statement.targets) == 1:
+        target, value = statement.targets[0], statement.value
+    elif isinstance(statement, ast.AnnAssign) and statement.value is not None:
+        target, value = statement.target, statement.value
+    else:
+        return None, None
+    return (target.id, value) if isinstance(target, ast.Name) else (None, None)
+
+
+def _cells(file: Path) -> list[CodeCell]:
+    try:
+        notebook = _Notebook.model_validate(read_json(file, "a notebook"))
+    except Unreadable as error:
+        raise PlugInError(error.what, error.right) from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"])) or "content"
+        got = str(first["input"])[:60]
+        raise PlugInError(f"{file.name}: {where}: expected a notebook of format 4, got {got}", "") from None
+    return [
+        CodeCell(number, "".join(cell.source), PARAMETERS in cell.metadata.tags)
+        for number, cell in enumerate(notebook.cells, 1)
+        if cell.cell_type == "code" and SKIPPED not in cell.metadata.tags
+    ]
+
 
 SIGNALS: Final = (
     *("t_s", "x_m", "y_m", "yaw_rad", "estimated_x_m", "estimated_y_m", "estimated_yaw_rad"),
@@ -50,7 +166,11 @@ def run_tables(traces: Sequence[Trace], situation: Situation) -> RunTables:
     """The tables of `traces`, in their order."""
     names = list(dict.fromkeys([*SIGNALS, *(name for trace in traces for name in trace.columns)]))
     index = np.repeat([trace.run.run_index for trace in traces], [len(trace) for trace in traces]).astype(np.int32)
-    columns = {name: pa.chunked_array([_signal(trace, name) for trace in traces], pa.float64()) for name in names}
+    signals = {name: [trace.columns.get(name, [None] * len(trace)) for trace in traces] for name in names}
+    columns = {
+        name: pa.chunked_array([pa.array(each, pa.float64()) for each in found], pa.float64())
+        for name, found in signals.items()
+    }
     rows = [
         {
             **{name: getattr(trace.run, name) for name in _RUN.names if hasattr(trace.run, name) and name != "events"},
@@ -61,11 +181,6 @@ def run_tables(traces: Sequence[Trace], situation: Situation) -> RunTables:
         for trace in traces
     ]
     return RunTables(pa.table({"run_index": index, **columns}), pa.Table.from_pylist(rows, _RUN), situation)
-
-
-def _signal(trace: Trace, name: str) -> pa.Array:
-    column = trace.columns.get(name)
-    return pa.nulls(len(trace), pa.float64()) if column is None else pa.array(column, pa.float64())
 
 
 _EVENT = pa.struct(
@@ -82,10 +197,6 @@ _RUN = pa.schema(
         *[("reference_length_m", pa.float64()), ("events", pa.list_(_EVENT))],
     ]
 )
-
-
-METRICS: Final = "metrics"
-VERDICTS: Final = "verdicts"
 _OWN: Final = ("run_index", "judgement", "reason")
 
 
@@ -119,31 +230,27 @@ class NotebookOracle(Oracle[Parameters]):
         return [self._said(trace, said.get(trace.run.run_index)) for trace in traces]
 
     def _executed(self, tables: RunTables) -> dict[str, Any]:
-        namespace: dict[str, Any] = {
-            "__name__": "__notebook__",
-            "__builtins__": frozen_builtins(self.snapshot),
-            "traces": tables.traces,
-            "runs": tables.runs,
-            "situation": tables.situation,
-        }
-        with contextlib.chdir(self.snapshot.file.parent):  # as Jupyter does: a notebook names files relative to its own
-            self._run(namespace)
-        return namespace
-
-    def _run(self, namespace: dict[str, Any]) -> None:
+        """The names that the cells leave."""
+        namespace: dict[str, Any] = {"__name__": "__notebook__", "__builtins__": frozen_builtins(self.snapshot)}
+        namespace |= {"traces": tables.traces, "runs": tables.runs, "situation": tables.situation}
         for cell in self.cells:
             try:
-                with contextlib.redirect_stdout(io.StringIO()), plug_in_code():
+                # As in Jupyter, a notebook names files relative to its own.
+                with (
+                    contextlib.chdir(self.snapshot.file.parent),
+                    contextlib.redirect_stdout(io.StringIO()),
+                    plug_in_code(),
+                ):
                     exec(compile(cell.code, f"{self.name} cell {cell.number}", "exec"), namespace)  # noqa: S102 - as a plug-in is
             except Exception as error:
                 frames = traceback.extract_tb(error.__traceback__)
                 lines = [frame.lineno for frame in frames if frame.filename.startswith(self.name)]
                 where = f"{self.name}: cell {cell.number}" + (f", line {lines[-1]}" if lines else "")
-                raise PlugInError(
-                    f"{where}: {type(error).__name__}: {error}", "a cell that accepts any runs"
-                ) from error
+                what = f"{where}: {type(error).__name__}: {error}"
+                raise PlugInError(what, "a cell that accepts any runs") from error
             if cell.has_parameters:
-                namespace.update(self.parameters.model_dump())
+                namespace |= self.parameters.model_dump()
+        return namespace
 
     def _checked(self, row: Mapping[str, Any], said: Mapping[int, Any], traces: Sequence[Trace]) -> int:
         indices = [trace.run.run_index for trace in traces]
@@ -164,12 +271,13 @@ class NotebookOracle(Oracle[Parameters]):
     def _said(self, trace: Trace, row: Mapping[str, Any] | None) -> Verdict:
         if row is None:
             return self.not_judged(trace, "the notebook has no verdict on this run")
-        values = {name: _number(row.get(name)) for name in self.metrics}
+        # NaN is a missing value of a table.
+        values = {
+            name: None if (value := row.get(name)) is None or math.isnan(value) else float(value)
+            for name in self.metrics
+        }
         reason = "" if row["judgement"] == "pass" else str(row["reason"])
         return self._verdict(trace, row["judgement"], reason, values)
-
-    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        return _frozen_notebook, (self.snapshot, self.name, self.parameters.model_dump(), self.base)
 
 
 def notebook_oracle(snapshot: Snapshot) -> type[NotebookOracle]:
@@ -184,7 +292,10 @@ def notebook_oracle(snapshot: Snapshot) -> type[NotebookOracle]:
         cells = read_cells(file)
         metrics = _metrics(cells, file)
         defaults = [item for cell in cells if cell.has_parameters for item in literals(cell, file).items()]
-        fields: dict[str, Any] = {name: (_type_of(value), value) for name, value in defaults}
+        fields: dict[str, Any] = {
+            name: (type(value) if isinstance(value, bool | int | float | str) else Any, value)
+            for name, value in defaults
+        }
         name = module.__name__
         parameters = create_model("NotebookParameters", __base__=Parameters, __module__=name, **fields)
         content = {"Parameters": parameters, "metrics": metrics, "cells": cells, "snapshot": snapshot}
@@ -192,12 +303,6 @@ def notebook_oracle(snapshot: Snapshot) -> type[NotebookOracle]:
         module.__dict__.setdefault("Notebook", type("Notebook", (NotebookOracle,), content))
     oracle: type[NotebookOracle] = module.__dict__["Notebook"]
     return oracle
-
-
-def _frozen_notebook(snapshot: Snapshot, name: str, parameters: Mapping[str, Any], base: Path) -> NotebookOracle:
-    """The oracle in another process, from the same copy of the notebook."""
-    found = notebook_oracle(snapshot)
-    return found(found.Parameters.model_validate(parameters), name, base)
 
 
 def _metrics(cells: Iterable[CodeCell], file: Path) -> dict[str, str]:
@@ -212,18 +317,9 @@ def _metrics(cells: Iterable[CodeCell], file: Path) -> dict[str, str]:
     return {}
 
 
-def _type_of(value: object) -> Any:
-    return type(value) if isinstance(value, bool | int | float | str) else Any
-
-
 def _rows(table: Any) -> Iterable[Mapping[str, Any]]:
-    """Rows of a pyarrow, polars or pandas table, or of a list."""
+    """Rows of a pandas, pyarrow or polars table, or of a list."""
     if hasattr(table, "to_dict"):
         return list(table.to_dict("records"))
     rows = getattr(table, "to_pylist", None) or getattr(table, "to_dicts", None)
     return list(rows() if rows else table)
-
-
-def _number(value: Any) -> float | None:
-    """A metric; NaN, a missing value of a table, as None."""
-    return None if value is None or math.isnan(value) else float(value)

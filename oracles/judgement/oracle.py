@@ -1,31 +1,98 @@
-"""Oracles found by their entry point, by `file.py:Class`, or as a notebook."""
+"""Oracles: their base class, and how a name, `file.py:Class`, or a notebook becomes one."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar, Final, Generic, NamedTuple, TypeVar
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 
-from vastflow.oracles.judgement.oracle_base import Oracle, Parameters
+from vastflow.oracles.judgement.verdict import Metric, Verdict
+from vastflow.oracles.observation.situation import Situation
+from vastflow.oracles.observation.trace import Trace
 from vastflow.sim.model.faults import complaint
 from vastflow.sim.model.files import is_file
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.plug_ins.effects import plug_in_code
-from vastflow.sim.plug_ins.loading import module_of
+from vastflow.sim.plug_ins.loading import module_of, snapshot_behind
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.registry import installed_plug_in, known_plug_ins
 from vastflow.sim.plug_ins.snapshot import Snapshot, snapshot_of
-
-__all__ = ["Oracle", "Parameters"]
 
 GROUP: Final = "vastflow.oracles"
 SUCCESS: Final = "success"
 """The oracle of the mission's outcome, which always judges first."""
 
 
-@dataclass(frozen=True, slots=True)
-class OracleFault:
+class Parameters(BaseModel):
+    """Base of parameter models: unknown keys are faults, values are frozen."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+P = TypeVar("P", bound=Parameters)
+
+
+class Oracle(ABC, Generic[P]):
+    """A judge of single runs: a pure function of trace, situation and its parameters.
+
+    A subclass names its parameter model and its metrics, if it has any, and writes `judge`.
+
+    Attributes:
+        Parameters: The pydantic model of its parameters in the campaign file.
+        metrics: Name to unit of every metric, all of which each verdict has.
+        name: Its name in the campaign file.
+        base: Folder of names like `file.py:Class`.
+    """
+
+    Parameters: ClassVar[type[Parameters]]
+    metrics: ClassVar[Mapping[str, str]] = {}
+
+    def __init__(self, parameters: P, name: str, base: Path) -> None:
+        self.parameters = parameters
+        self.name = name
+        self.base = base
+
+    @abstractmethod
+    def judge(self, trace: Trace, situation: Situation) -> Verdict:
+        """Judge one run with `passed`, `failed` or `not_judged`."""
+
+    def judge_all(self, traces: Sequence[Trace], situation: Situation) -> list[Verdict]:
+        """Judge several runs of one configuration, each independently of the others."""
+        return [self.judge(trace, situation) for trace in traces]
+
+    def passed(self, trace: Trace, **metrics: float | None) -> Verdict:
+        """Return the verdict that the run meets the oracle's criterion."""
+        return self._verdict(trace, "pass", "", metrics)
+
+    def failed(self, trace: Trace, reason: str, **metrics: float | None) -> Verdict:
+        """Return the verdict that the run misses the criterion; `reason` says how, with numbers."""
+        return self._verdict(trace, "fail", reason, metrics)
+
+    def not_judged(self, trace: Trace, reason: str, **metrics: float | None) -> Verdict:
+        """The oracle lacks what `reason` names."""
+        return self._verdict(trace, "not judged", reason, metrics)
+
+    def _verdict(self, trace: Trace, judgement: Any, reason: str, metrics: Mapping[str, float | None]) -> Verdict:
+        if unknown := sorted(set(metrics) - set(self.metrics)):
+            raise ValueError(f"oracle {self.name!r} measures {sorted(self.metrics)}, got {unknown}")
+        values = {name: Metric(metrics.get(name), unit) for name, unit in self.metrics.items()}
+        return Verdict(self.name, trace.run.run_index, judgement, reason, values)
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        if (snapshot := snapshot_behind(type(self))) is not None:  # in no module that another process could import
+            return _restored, (snapshot, self.name, self.parameters.model_dump(), self.base)
+        return type(self), (self.parameters, self.name, self.base)  # searching the entry points takes 10 ms
+
+
+def _restored(snapshot: Snapshot, name: str, parameters: Mapping[str, Any], base: Path) -> Oracle[Any]:
+    """Restore an oracle of a file in another process, from copies of its files."""
+    found = _class_of(snapshot, name)
+    oracle: Oracle[Any] = found(found.Parameters.model_validate(parameters), name, base)
+    return oracle
+
+
+class OracleFault(NamedTuple):
     """A mistake in the request of an oracle, at keys and indices below its parameters, or in its name."""
 
     location: tuple[str | int, ...]
@@ -36,12 +103,9 @@ class OracleFault:
 class OracleError(ValueError):
     """A request that no oracle can be made of, with all faults."""
 
-    def __init__(self, name: str, faults: Sequence[OracleFault]) -> None:
-        self.name = name
-        self.faults = tuple(faults)
-        lines = (
-            ".".join(map(str, (name, *fault.location))) + f": {complaint(fault.what, fault.right)}" for fault in faults
-        )
+    def __init__(self, name: str, *faults: OracleFault) -> None:
+        self.faults = faults
+        lines = (f"{'.'.join(map(str, (name, *at)))}: {complaint(what, right)}" for at, what, right in faults)
         super().__init__("\n".join(lines))
 
 
@@ -59,10 +123,9 @@ def oracle_of(name: str, parameters: Mapping[str, Any], base: Path = Path()) -> 
     found = oracle_class(name, base)
     try:
         with plug_in_code():
-            checked = found.Parameters.model_validate(dict(parameters))
-            return found(checked, name, base)
+            return found(found.Parameters.model_validate(dict(parameters)), name, base)
     except ValidationError as error:
-        raise OracleError(name, [_fault(detail, found.Parameters) for detail in error.errors()]) from None
+        raise OracleError(name, *(_fault(detail, found.Parameters) for detail in error.errors())) from None
     except Exception as error:
         raise _refused(name, f"it raised {type(error).__name__}: {error}", "an oracle that can be made") from error
 
@@ -80,42 +143,26 @@ def oracle_class(name: str, base: Path = Path()) -> type[Oracle[Any]]:
     Raises:
         OracleError: there is none of this name.
     """
-    if _is_file(name):
+    if ".py:" in name or name.endswith(".ipynb"):
         found = _class_of_file(name, base)
-    else:
-        found = installed_plug_in(GROUP, name)
-        if found is None:
-            right = did_you_mean(name, known_oracles(), listed="known oracles:")
-            raise _refused(name, f"no oracle {name!r}", right)
+    elif (found := installed_plug_in(GROUP, name)) is None:
+        raise _refused(name, f"no oracle {name!r}", did_you_mean(name, known_oracles(), listed="known oracles:"))
     if not (isinstance(found, type) and issubclass(found, Oracle)):
         raise _refused(name, f"{name!r} is not an oracle", "a subclass of vastflow.oracles.judgement.oracle.Oracle")
     return found
 
 
 def _refused(name: str, what: str, right: str) -> OracleError:
-    return OracleError(name, [OracleFault((), what, right)])
-
-
-def _is_file(name: str) -> bool:
-    return ".py:" in name or name.endswith(".ipynb")
+    return OracleError(name, OracleFault((), what, right))
 
 
 def _class_of(snapshot: Snapshot, name: str) -> Any:
     """The class of a plug-in's file or of a notebook; None without one."""
     if ".py:" in name:
         return getattr(module_of(snapshot), name.rpartition(":")[2], None)
-    from vastflow.oracles.judgement.notebook import notebook_oracle  # with the reader of notebooks, if there is one
+    from vastflow.oracles.judgement.notebook import notebook_oracle
 
     return notebook_oracle(snapshot)
-
-
-def _snapshot(name: str, file: Path, base: Path) -> Snapshot:
-    if ".py:" in name:
-        return snapshot_of(file, base)
-    from vastflow.oracles.judgement.notebook_file import notebook_code, read_cells
-
-    read_cells(file)  # a cell that is no Python is named as such
-    return snapshot_of(file, base, notebook_code(file))
 
 
 def _class_of_file(name: str, base: Path) -> Any:
@@ -125,7 +172,14 @@ def _class_of_file(name: str, base: Path) -> Any:
         what = "a Python file" if class_name else "a notebook"
         raise _refused(name, f"no file {str(file)!r}", f"{what} beside the campaign file")
     try:
-        found = _class_of(_snapshot(name, file, base), name)
+        if class_name:
+            snapshot = snapshot_of(file, base)
+        else:
+            from vastflow.oracles.judgement.notebook import notebook_code, read_cells
+
+            read_cells(file)  # a cell that is no Python is named as such
+            snapshot = snapshot_of(file, base, notebook_code(file))
+        found = _class_of(snapshot, name)
     except PlugInError as error:
         raise _refused(name, error.what, error.right) from None
     except Exception as error:

@@ -2,9 +2,9 @@
 
 import functools
 import itertools
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, Final, TypeAlias
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Final
 
 import numpy as np
 import shapely
@@ -127,24 +127,36 @@ STANDING_MPS: Final = 0.01
 STANDING_RADPS: Final = 0.01
 """A robot slower than both stands."""
 
-ReferenceOf: TypeAlias = Callable[[tuple[Obstacle, ...]], MaybeReference]
-"""Function from obstacles to the reference path around them."""
 
-
-@dataclass(frozen=True)
 class ScenarioObserver:
-    """Observer of the runs of a scenario.
+    """Observer of the runs of a scenario; the reference path is that of the inscribed radius on the map, by default 0.22 m.
 
-    Attributes:
-        world: Actual walls; None for a scenario without a map.
-        wall_cells: Tree of the centers of occupied cells at the walls' surface, in cells (row, column).
-        references: Cached reference paths.
+    Raises:
+        MapError: the map cannot be read, or has changed since the campaign was read.
+        ValueError: the mission, an obstacle, the world or the robot's radius cannot be read.
     """
 
-    situation: Situation
-    world: OccupancyMap | None
-    wall_cells: cKDTree | None = field(repr=False)
-    references: ReferenceOf = field(repr=False)
+    def __init__(self, scenario: Scenario) -> None:
+        self.situation = situation = situation_of(scenario)
+        file = scenario.environment.get("map_file")
+        occupancy = load_map(file.path) if isinstance(file, FileContent) else None
+        if isinstance(file, FileContent) and occupancy is not None and occupancy.digest != file.digest:
+            raise MapError(f"{file.path} changed since the campaign was read; run the campaign again")
+        radius_m = inscribed_radius_of(parameters_of(scenario.system))
+
+        @functools.cache
+        def references(obstacles: tuple[Obstacle, ...]) -> MaybeReference:
+            return reference_path(occupancy, replace(situation, obstacles=obstacles), radius_m)
+
+        self.references = references
+        difference = difference_of(scenario.environment.get(WORLD_KEY))
+        # The actual walls, and the centers of occupied cells at their surface, in cells (row, column).
+        self._world = occupancy if occupancy is None or difference is None else world_of(occupancy, difference)
+        self._wall_cells: cKDTree | None = None
+        if self._world is not None:
+            occupied = self._world.occupied
+            cells = np.argwhere(occupied & ~ndimage.binary_erosion(occupied))
+            self._wall_cells = cKDTree(cells) if len(cells) else None
 
     def observed(self, recording: Recording) -> tuple[MaybeReference, dict[str, NDArray[np.int32]]]:
         """The reference path around the obstacles of one run, and its derived columns (N,).
@@ -170,46 +182,19 @@ class ScenarioObserver:
             slow &= np.abs(si(recording.columns["lateral_speed_mmps"])) < STANDING_MPS
         slow &= np.abs(si(recording.columns["yaw_rate_mradps"])) < STANDING_RADPS
         derived["stopped"] = slow.astype(np.int32)
-        if self.world is not None and self.wall_cells is not None:
-            derived["wall_clearance_mm"] = _mm(_clearance_m(self.world, self.wall_cells, x_m, y_m))
+        if self._world is not None and self._wall_cells is not None:
+            derived["wall_clearance_mm"] = _mm(_clearance_m(self._world, self._wall_cells, x_m, y_m))
         derived["deviation_mm"] = np.full(len(x_m), NOWHERE_MM, dtype=np.int32)  # runs of a block have the same columns
         if isinstance(reference, Reference):
-            path = _line(reference.points_xy_m)
+            corners = reference.points_xy_m
+            path = shapely.linestrings(corners) if len(corners) > 1 else shapely.points(corners[0])
             derived["deviation_mm"] = _mm(shapely.distance(path, shapely.points(x_m, y_m)))
-        return reference, {**derived, **_apart(obstacles, recording.columns["t_ms"], np.column_stack((x_m, y_m)))}
-
-
-def observer_of(scenario: Scenario) -> ScenarioObserver:
-    """Prepare the observation of `scenario`; the reference is that of the inscribed radius on the map, by default 0.22 m.
-
-    Raises:
-        MapError: the map cannot be read, or has changed since the campaign was read.
-        ValueError: the mission, an obstacle, the world or the robot's radius cannot be read.
-    """
-    situation = situation_of(scenario)
-    file = scenario.environment.get("map_file")
-    occupancy = _map(file) if isinstance(file, FileContent) else None
-    radius_m = inscribed_radius_of(parameters_of(scenario.system))
-
-    @functools.cache
-    def reference(obstacles: tuple[Obstacle, ...]) -> MaybeReference:
-        return reference_path(occupancy, replace(situation, obstacles=obstacles), radius_m)
-
-    difference = difference_of(scenario.environment.get(WORLD_KEY))
-    world = occupancy if occupancy is None or difference is None else world_of(occupancy, difference)
-    return ScenarioObserver(situation, world, None if world is None else _wall_cells(world), reference)
-
-
-def _map(content: FileContent) -> OccupancyMap:
-    occupancy = load_map(content.path)
-    if occupancy.digest != content.digest:
-        raise MapError(f"{content.path} changed since the campaign was read; run the campaign again")
-    return occupancy
+        return reference, {**derived, **distances_to(obstacles, recording.columns["t_ms"], np.column_stack((x_m, y_m)))}
 
 
 def observe_block(scenario: Scenario, recording_block: bytes) -> bytes:
     """Observe a block of recordings of `scenario` as a block of derived columns."""
-    observer = observer_of(scenario)
+    observer = ScenarioObserver(scenario)
     recordings = read_recordings(recording_block)
     observed = [observer.observed(recording) for recording in recordings]
     rows: list[dict[str, Any]] = [
@@ -219,7 +204,7 @@ def observe_block(scenario: Scenario, recording_block: bytes) -> bytes:
     return write_block(rows, levelled([columns for _, columns in observed]))
 
 
-def _apart(
+def distances_to(
     obstacles: Sequence[ObstacleTrack], t_ms: NDArray[np.int32], xy_m: NDArray[np.float64]
 ) -> dict[str, NDArray[np.int32]]:
     """Clearances and separations of the robot's center (N, 2), least over the obstacles of each kind and size class."""
@@ -230,12 +215,6 @@ def _apart(
         centers_m = np.hypot(*(xy_m - track.at(t_ms)).T)
         apart_m.setdefault(f"separation_mm/{track.obstacle.size_class}", []).append(centers_m)
     return {name: _mm(np.min(apart_m[name], axis=0)) for name in sorted(apart_m, key=lambda name: ("/" in name, name))}
-
-
-def _wall_cells(occupancy: OccupancyMap) -> cKDTree | None:
-    surface = occupancy.occupied & ~ndimage.binary_erosion(occupancy.occupied)
-    cells = np.argwhere(surface)
-    return cKDTree(cells) if len(cells) else None
 
 
 def _clearance_m(
@@ -253,10 +232,6 @@ def _clearance_m(
     inside = np.zeros(len(at), dtype=np.bool_)
     inside[on_grid] = occupancy.occupied[rows[on_grid], columns[on_grid]]
     return np.where(inside, 0.0, clearance * occupancy.resolution_m)
-
-
-def _line(points: NDArray[np.float64]) -> Any:
-    return shapely.linestrings(points) if len(points) > 1 else shapely.points(points[0])
 
 
 def _mm(meters: NDArray[np.float64]) -> NDArray[np.int32]:

@@ -96,12 +96,26 @@ class Trace:
 
 def trace_of(recording: Recording, row: Mapping[str, Any], derived: Mapping[str, NDArray[np.int32]]) -> Trace:
     """Join a recording with its stored observation."""
-    stored = {**recording.columns, **derived}
-    columns = {signal_name(name): _signal(name, column) for name, column in stored.items()}
-    reference = reference_of_row(row)
-    if isinstance(reference, NoReference):
+    columns = signals_of({**recording.columns, **derived})
+    if "reference" not in row:
         columns.pop("deviation_m", None)
+        return Trace(recording.run, columns, NoReference(row["no_reference"]), recording.outputs.tables)
+    points_mm = np.array(row["reference"]["points_mm"], dtype=np.float64)
+    reference = Reference(points_mm * 1e-3, row["reference"]["length_mm"] * 1e-3)
     return Trace(recording.run, columns, reference, recording.outputs.tables)
+
+
+def signals_of(stored: Mapping[str, NDArray[np.int32]]) -> dict[str, NDArray[np.float64]]:
+    """Stored columns as signals in SI units, absent obstacles at an infinite distance."""
+    signals = {}
+    for each, column in stored.items():
+        name = signal_name(each)
+        signals[name] = column.astype(np.float64) if name == each else si(column)
+        if name.startswith("separation_m/") or name in ("static_clearance_m", "appearing_clearance_m"):
+            signals[name][column == NOWHERE_MM] = np.inf
+        elif name.endswith(("m2", "rad2")):
+            signals[name] = signals[name] * 1e-3
+    return signals
 
 
 def levelled(runs: Sequence[Mapping[str, NDArray[np.int32]]]) -> list[Mapping[str, NDArray[np.int32]]]:
@@ -122,25 +136,8 @@ def signal_name(stored: str) -> str:
 
 
 def reference_row(reference: MaybeReference) -> dict[str, Any]:
-    """JSON values of `reference` for a trace's row."""
+    """JSON values of `reference` for a trace's row, see `trace_of`."""
     if isinstance(reference, NoReference):
         return {"no_reference": reference.reason}
     points_mm = np.rint(reference.points_xy_m * 1000.0).astype(int)
     return {"reference": {"points_mm": points_mm.tolist(), "length_mm": round(reference.length_m * 1000.0)}}
-
-
-def reference_of_row(row: Mapping[str, Any]) -> MaybeReference:
-    """Read the output of `reference_row`."""
-    if "reference" not in row:
-        return NoReference(row["no_reference"])
-    points_mm = np.array(row["reference"]["points_mm"], dtype=np.float64)
-    return Reference(points_mm * 1e-3, row["reference"]["length_mm"] * 1e-3)
-
-
-def _signal(stored: str, column: NDArray[np.int32]) -> NDArray[np.float64]:
-    name = signal_name(stored)
-    if name == stored:
-        return column.astype(np.float64)
-    if name.startswith("separation_m/") or name in ("static_clearance_m", "appearing_clearance_m"):
-        return np.where(column == NOWHERE_MM, np.inf, si(column))
-    return si(column) * 1e-3 if name.endswith(("m2", "rad2")) else si(column)

@@ -316,7 +316,7 @@ def _with_parents(name: str) -> list[str]:
 def _python(file: Path) -> bytes:
     """Return a module as it is written; of a notebook, the code cells."""
     if file.suffix == ".ipynb":
-        from vastflow.oracles.judgement.notebook_file import notebook_code
+        from vastflow.oracles.judgement.notebook import notebook_code
 
         return notebook_code(file).encode()
     return file.read_bytes()

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from vastflow.oracles.evidence.wide import WIDE_FILE, wide_table, write_wide
-from vastflow.oracles.judgement.notebook_file import read_cells
+from vastflow.oracles.judgement.notebook import read_cells
 from vastflow.oracles.results.schema import CONFIGURATIONS, REJECTIONS, RUNS, VERDICTS
 from vastflow.oracles.results.tables import read_tables
 

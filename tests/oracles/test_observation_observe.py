@@ -7,7 +7,7 @@ from table import each_row
 
 from vastflow.oracles.judgement.judge import judge_block
 from vastflow.oracles.judgement.oracle import oracles_of
-from vastflow.oracles.observation.observe import observe_block, observer_of
+from vastflow.oracles.observation.observe import ScenarioObserver, observe_block
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.observation.trace import NoReference, Reference, trace_of
 from vastflow.sim.model.blocks import read_block, write_recordings
@@ -54,7 +54,7 @@ def observed(scenario, *recordings):
 
 
 def reference_of(scenario):
-    return observer_of(scenario).references(situation_of(scenario).obstacles)
+    return ScenarioObserver(scenario).references(situation_of(scenario).obstacles)
 
 
 def test_trace_has_recorded_and_derived_signals_in_si_units(room, build):

@@ -276,7 +276,7 @@ def _parameters(file: Path) -> None:
 
 
 def _notebook(file: Path) -> None:
-    from vastflow.oracles.judgement.notebook_file import notebook_code
+    from vastflow.oracles.judgement.notebook import notebook_code
     from vastflow.oracles.judgement.oracle import oracle_of
 
     oracle_of(file.name, {}, file.parent)

@@ -7,7 +7,7 @@ import pytest
 from recorded import ends, happened
 from table import each_row
 
-from vastflow.oracles.observation.observe import observer_of
+from vastflow.oracles.observation.observe import ScenarioObserver
 from vastflow.oracles.observation.obstacle_tracks import obstacle_tracks_of
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.sim.loop.closed_loop import ClosedLoop
@@ -259,7 +259,7 @@ def test_separation_is_observed_between_spawn_and_deletion(staged):
     text = f"wait elapsed(1s)\nspawn_multiple([{box('crate', 2, 2)}])\nwait elapsed(1s)\ndelete_entity('crate')\nwait elapsed(1s)"
     scenario = staged(text)
     recording = run(scenario, 0)
-    _, derived = observer_of(scenario).observed(recording)
+    _, derived = ScenarioObserver(scenario).observed(recording)
     apart_mm, t_ms = derived["separation_mm/box 0.4 x 0.4 m"], recording.columns["t_ms"]
     there = (t_ms >= 1200) & (t_ms < 2200)
     assert set(apart_mm[there].tolist()) == {round(1000 * math.hypot(1.0, 1.0))}

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from vastflow.oracles.observation.observe import observer_of
+from vastflow.oracles.observation.observe import ScenarioObserver
 from vastflow.sim.loop.simulation import Simulation
 from vastflow.sim.model.pose import GridFrame, Pose
 from vastflow.sim.model.recording import si
@@ -131,7 +131,7 @@ def test_moments_and_snapshots_turn_with_the_map(trip):
 def test_observation_is_the_same_on_the_turned_map(trip):
     yaw_rad = -0.4
     (reference, plain), (turned_reference, turned) = (
-        observer_of(made).observed(run(made, 1)) for made in (trip(0.0), trip(yaw_rad))
+        ScenarioObserver(made).observed(run(made, 1)) for made in (trip(0.0), trip(yaw_rad))
     )
     assert turned_reference.length_m == pytest.approx(reference.length_m, abs=2e-3)
     assert list(turned) == list(plain)
