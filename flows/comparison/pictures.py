@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vastflow.flows.comparison.campaigns import Compared
-from vastflow.oracles.figures.case_figure import Side, pair_figure
+from vastflow.oracles.figures.case_figure import Case, pair_figure
 from vastflow.oracles.figures.scene import read_walks, zones_of
 from vastflow.oracles.figures.style import png
 from vastflow.oracles.observation.situation import situation_of
@@ -49,7 +49,7 @@ def picture_of(found: Compared, change: Change) -> bytes:
     return png(pair_figure(match.after, (sides[0], sides[1])))
 
 
-def _side(tables: Tables, name: str, title: str, judged: dict[int, int], strong: int | None) -> Side:
+def _side(tables: Tables, name: str, title: str, judged: dict[int, int], strong: int | None) -> Case:
     found = tables.configurations
     k = found.names.index(name)
     environment = found.environments[k]
@@ -71,4 +71,4 @@ def _side(tables: Tables, name: str, title: str, judged: dict[int, int], strong:
     ]
     indices = [int(walks.run_index[run]) for run in shown]
     chosen = indices.index(strong) if strong in indices else None
-    return Side(title, occupancy, situation, [*situation.obstacles, *walks.spawned], paths, chosen, zones)
+    return Case(title, occupancy, situation, [*situation.obstacles, *walks.spawned], paths, chosen, zones)

@@ -21,7 +21,7 @@ from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.request.stopping import Stopping
 from vastflow.flows.run.computing import Computing, computing, told
 from vastflow.flows.search.progress import PointRuns
-from vastflow.oracles.figures.plan_view import plan_view_figure
+from vastflow.oracles.figures.case_figure import plan_view_figure
 from vastflow.oracles.figures.style import png
 from vastflow.oracles.judgement.verdict import read_verdicts
 from vastflow.oracles.statistics.classes import ClassBounds

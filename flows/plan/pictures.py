@@ -15,7 +15,7 @@ from vastflow.sim.model.digest import FileContent
 from vastflow.sim.world.map_file import load_map
 
 if TYPE_CHECKING:
-    from vastflow.oracles.figures.plan_view import PlanView
+    from vastflow.oracles.figures.case_figure import PlanView
 
 
 def plan_view_of(configuration: Configuration) -> "PlanView":
@@ -24,7 +24,7 @@ def plan_view_of(configuration: Configuration) -> "PlanView":
     Raises:
         ValueError: it has no map, or a mission or an obstacle that can't be read.
     """
-    from vastflow.oracles.figures.plan_view import PlanView
+    from vastflow.oracles.figures.case_figure import PlanView
     from vastflow.oracles.figures.scene import zones_of
 
     map_file = configuration.scenario.environment.get(MAP_KEY)
@@ -40,7 +40,7 @@ def plan_view_of(configuration: Configuration) -> "PlanView":
 
 def draw(configurations: Iterable[Configuration], folder: Path) -> list[Path]:
     """Write the pictures of configurations; one that can't be drawn is named on standard error."""
-    from vastflow.oracles.figures.plan_view import plan_view_figure
+    from vastflow.oracles.figures.case_figure import plan_view_figure
     from vastflow.oracles.figures.style import png
 
     written = []

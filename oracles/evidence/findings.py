@@ -13,7 +13,7 @@ from vastflow.oracles.evidence.varied import chosen_rows, chosen_values, matched
 from vastflow.oracles.results.factors import factors_of
 from vastflow.oracles.results.tables import FAIL, PASS, Tables
 from vastflow.oracles.statistics.analysis import FactorAnalysis, factor_analysis
-from vastflow.oracles.statistics.classes import ClassBounds, Classes, TotalFailures, classify, shares, total_failures
+from vastflow.oracles.statistics.classes import ClassBounds, Classes, TotalFailures, classify, total_failures
 from vastflow.oracles.statistics.dispersion import Dispersion, chance_of_at_least, dispersion
 from vastflow.oracles.statistics.stopping import Savings, StoppingRule, classes_by, runs_saved
 
@@ -168,7 +168,7 @@ def findings_json(findings: Findings) -> dict[str, Any]:
         "classes": {
             "controls": classes.controls,
             "error": classes.error,
-            "counts": shares(classes.names),
+            "counts": classes.counts,
             "configurations": dict(zip(findings.names, classes.names, strict=True)),
             "undecided": {findings.names[k]: round(float(findings.reliable_chance[k]), 6) for k in findings.undecided},
         },

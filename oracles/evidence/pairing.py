@@ -1,7 +1,7 @@
 """Pairing of the runs of two campaigns."""
 
 import json
-from collections.abc import Container, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
@@ -97,6 +97,9 @@ def pairing_of(before: Tables, after: Tables) -> Pairing:
     matches, ambiguous = _matches(before, after)
     oracles = tuple(name for name in after.oracles if name in before.oracles)
     then, now = _runs(before, [match.before for match in matches]), _runs(after, [match.after for match in matches])
+    said_before, said_after = (
+        tables.verdicts.judgements[:, [tables.oracles.index(name) for name in oracles]] for tables in (before, after)
+    )
     common = then.merge(now, on=["match", "seed"], suffixes=("_before", "_after"))
     paired = common.dropna(subset=["row_before", "row_after"]).sort_values("match", kind="stable")
     return Pairing(
@@ -111,8 +114,8 @@ def pairing_of(before: Tables, after: Tables) -> Pairing:
         configuration=paired["match"].to_numpy(np.int64),
         run_before=paired["run_index_before"].to_numpy(np.int64),
         run_after=paired["run_index_after"].to_numpy(np.int64),
-        said_before=_said(before, oracles)[paired["row_before"].to_numpy(np.int64)],
-        said_after=_said(after, oracles)[paired["row_after"].to_numpy(np.int64)],
+        said_before=said_before[paired["row_before"].to_numpy(np.int64)],
+        said_after=said_after[paired["row_after"].to_numpy(np.int64)],
     )
 
 
@@ -138,56 +141,31 @@ def _runs(tables: Tables, matched: Sequence[str]) -> "pd.DataFrame":
     return runs.merge(known, on=keys[0]).merge(judged, how="left", on=keys)
 
 
-def _said(tables: Tables, oracles: Sequence[str]) -> NDArray[np.int8]:
-    """Codes (R, oracles) of judgements."""
-    return tables.verdicts.judgements[:, [tables.oracles.index(name) for name in oracles]]
-
-
 def _matches(before: Tables, after: Tables) -> tuple[list[Match], list[str]]:
-    then, now = _distinct(before), _distinct(after)
-    by_digest = {row.digest: row.name for row in then}
-    found: dict[str, Match] = {}
-    for row in now:
-        if row.digest in by_digest:
-            found[row.name] = Match(by_digest[row.digest], row.name, "equal")
+    (digests_then, left_then), (digests_now, left_now) = _distinct(before), _distinct(after)
+    names = {digest: name for name, digest in digests_then.items()}
+    found = {name: Match(names[digest], name, "equal") for name, digest in digests_now.items() if digest in names}
     taken = {match.before for match in found.values()}
-    left_then, left_now = _grouped(then, taken), _grouped(now, found)
     ambiguous = []
-    for content, rows in left_now.items():
-        candidates = left_then.get(content, [])
-        named = {row.name for row in candidates} & {row.name for row in rows}
-        for row in rows:
-            if row.name in named:
-                found[row.name] = Match(row.name, row.name, "other system")
-        rest, others = ([row for row in side if row.name not in named] for side in (rows, candidates))
+    for content, all_now in left_now.items():
+        now = [name for name in all_now if name not in found]
+        then = [name for name in left_then.get(content, ()) if name not in taken]
+        found |= {name: Match(name, name, "other system") for name in now if name in then}
+        rest, others = [name for name in now if name not in then], [name for name in then if name not in now]
         if len(rest) == len(others) == 1:
-            found[rest[0].name] = Match(others[0].name, rest[0].name, "other system")
+            found[rest[0]] = Match(others[0], rest[0], "other system")
         elif others:
-            ambiguous += [row.name for row in rest]
-    return [found[row.name] for row in now if row.name in found], ambiguous
+            ambiguous += rest
+    return [found[name] for name in digests_now if name in found], ambiguous
 
 
-@dataclass(frozen=True, slots=True)
-class _Row:
-    """A configuration; `content` is its scenario without the system."""
-
-    name: str
-    digest: str
-    content: str
-
-
-def _distinct(tables: Tables) -> list[_Row]:
+def _distinct(tables: Tables) -> tuple[dict[str, str], dict[str, list[str]]]:
+    """Names of configurations to digests, and names by content: the scenario without the system."""
     found = tables.configurations
-    digests, abstracts = (found.table[column].to_pylist() for column in ("scenario_digest", "abstract"))
-    rows = ((k, found.contents[k]) for k in found.distinct.tolist())
-    tested = ((k, [abstracts[k], content.get("environment"), content.get("task")]) for k, content in rows)
-    return [_Row(found.names[k], digests[k], json.dumps(each, sort_keys=True)) for k, each in tested]
-
-
-def _grouped(rows: Sequence[_Row], matched: Container[str]) -> dict[str, list[_Row]]:
-    """Unmatched rows by content."""
-    groups: dict[str, list[_Row]] = {}
-    for row in rows:
-        if row.name not in matched:
-            groups.setdefault(row.content, []).append(row)
-    return groups
+    known, abstracts = (found.table[column].to_pylist() for column in ("scenario_digest", "abstract"))
+    digests, by_content = {}, dict[str, list[str]]()
+    for k in found.distinct.tolist():
+        digests[found.names[k]], content = known[k], found.contents[k]
+        tested = json.dumps([abstracts[k], content.get("environment"), content.get("task")], sort_keys=True)
+        by_content.setdefault(tested, []).append(found.names[k])
+    return digests, by_content

@@ -1,14 +1,16 @@
-"""Case and pair figures: the paths of one configuration's runs, in one campaign or in two."""
+"""Figures of one configuration: its plan before it is run, the paths of its runs, and these in two campaigns."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Circle, Patch, PathPatch, Rectangle
+from matplotlib.path import Path
 from numpy.typing import NDArray
 
 from vastflow.oracles.figures.floor import (
@@ -18,83 +20,50 @@ from vastflow.oracles.figures.floor import (
     draw_obstacles,
     draw_walls,
     legend,
+    map_figure,
     obstacle_handle,
     places_of,
     zone_handles,
 )
 from vastflow.oracles.figures.scene import NO_ZONES, Zones
-from vastflow.oracles.figures.style import COLORS, DPI, INK, place
+from vastflow.oracles.figures.style import COLORS, DPI, INK, OBSTACLE_COLOR, OBSTACLE_EDGE, WORDS, place
 from vastflow.oracles.judgement.verdict import Judgement
 from vastflow.oracles.observation.situation import Situation
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.world.occupancy import OccupancyMap
 
-Floats: TypeAlias = NDArray[np.float64]
-
-_WIDTH_IN: Final = 5.0
-_HEIGHT_IN: Final = 3.4
+Floats = NDArray[np.float64]
+PATH_COLOR: Final = "#0072B2"
+_SIZE_IN: Final = (5.0, 3.4)
 _MARGIN_M: Final = 1.2
 _LEAST_M: Final = 5.0
-
-
-def case_figure(
-    occupancy: OccupancyMap,
-    situation: Situation,
-    obstacles: Sequence[Obstacle],
-    paths: Sequence[tuple[Judgement, Floats]],
-    estimate_xy_m: Floats | None = None,
-    world: OccupancyMap | None = None,
-    zones: Zones = NO_ZONES,
-) -> Figure:
-    """Draw paths (N, 2) by judgement with crosses where failures ended; an estimated path (N, 2) is dashed.
-
-    Args:
-        world: The walls as they stand, where the robot's map has them elsewhere.
-    """
-    figure = Figure(figsize=(_WIDTH_IN, _HEIGHT_IN), dpi=DPI)
-    axes = figure.add_axes((0, 0, 1, 1))
-    draw_floor(axes, occupancy, zones)
-    if world is not None:
-        draw_walls(axes, world)
-    axes.set_xticks([])
-    axes.set_yticks([])
-    draw_obstacles(axes, obstacles, alpha=0.7)
-    for judgement in _JUDGEMENTS:
-        lines = [line for said, line in paths if said == judgement]
-        draw_lines(axes, lines, COLORS[judgement], alpha=0.55 if len(lines) > 3 else 0.8)
-    if estimate_xy_m is not None:
-        axes.plot(*estimate_xy_m.T, color=INK, linewidth=1.3, linestyle=(0, (3, 2)), alpha=0.8)
-    ends = np.array([line[-1] for said, line in paths if said == "fail"]).reshape(-1, 2)
-    axes.plot(*ends.T, **_cross())
-    stops = _stops(situation)
-    if situation.start is not None:
-        draw_ends(axes, *stops)
-    points = np.concatenate([*stops, *(line for _, line in paths)])
-    if len(points):
-        low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
-        _draw_scale(axes, _look_at(axes, low, high, (_WIDTH_IN, _HEIGHT_IN), _LEAST_M))
-    return figure
-
-
-def _draw_scale(axes: Axes, meters: float) -> None:
-    """A bar of 1 m in the lower left corner."""
-    pad: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "transform": axes.transAxes}
-    axes.add_patch(Rectangle((0.015, 0.02), max(1 / meters, 0.07) + 0.03, 0.115, zorder=4, **pad))
-    look: dict[str, Any] = {"color": INK, "transform": axes.transAxes, "zorder": 5}
-    axes.plot([0.03, 0.03 + 1 / meters], [0.045, 0.045], linewidth=2.5, solid_capstyle="butt", **look)
-    axes.text(0.03, 0.062, "1 m", fontsize=8, va="bottom", **look)
-
-
 _PANEL_IN: Final = 5.0
 _LEGEND_IN: Final = 0.6
 _TITLE_IN: Final = 0.62
 _GAP_IN: Final = 0.12
 _JUDGEMENTS: Final[tuple[Judgement, ...]] = ("pass", "not judged", "fail")
+_CROSS: Final[dict[str, Any]] = {
+    "marker": "X",
+    "markersize": 8,
+    "color": COLORS["fail"],
+    "markeredgecolor": "white",
+    "markeredgewidth": 0.9,
+    "linestyle": "none",
+}
+_DASHES: Final = (0, (4, 3))
+_PLAN_TITLE_IN: Final = 0.36
+_ARROW_POINTS: Final = 16.0
 
 
 @dataclass(frozen=True, eq=False)
-class Side:
-    """Content of one campaign's panel: true trajectories (N, 2), of which `chosen` is drawn strong."""
+class Case:
+    """The runs of a configuration in one campaign.
+
+    Attributes:
+        paths: True trajectories (N, 2) by judgement, of which `chosen` is drawn strong.
+        estimate_xy_m: (N, 2) an estimated path, dashed.
+        world: The walls as they stand, where the robot's map has them elsewhere.
+    """
 
     title: str
     occupancy: OccupancyMap
@@ -103,11 +72,46 @@ class Side:
     paths: Sequence[tuple[Judgement, Floats]] = field(repr=False)
     chosen: int | None = None
     zones: Zones = NO_ZONES
+    estimate_xy_m: Floats | None = None
+    world: OccupancyMap | None = None
+
+    @property
+    def stops(self) -> tuple[Floats, Floats]:
+        """Start and goals (n, 2)."""
+        start = self.situation.start
+        return places_of([] if start is None else [start]), places_of(self.situation.goals)
+
+    @property
+    def points(self) -> list[Floats]:
+        """All places (n, 2) that a figure must show."""
+        return [*self.stops, *(path for _, path in self.paths)]
 
 
-def pair_figure(title: str, sides: tuple[Side, Side]) -> Figure:
+def case_figure(case: Case) -> Figure:
+    """Draw a case, with crosses where failures ended."""
+    figure = Figure(figsize=_SIZE_IN, dpi=DPI)
+    axes = figure.add_axes((0, 0, 1, 1))
+    _draw(axes, case, lambda n: 0.55 if n > 3 else 0.8)
+    points = np.concatenate(case.points)
+    if len(points):
+        low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
+        meters = _look_at(axes, low, high, _SIZE_IN, _LEAST_M)
+        # A bar of 1 m in the lower left corner.
+        pad: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "transform": axes.transAxes}
+        axes.add_patch(Rectangle((0.015, 0.02), max(1 / meters, 0.07) + 0.03, 0.115, zorder=4, **pad))
+        look: dict[str, Any] = {"color": INK, "transform": axes.transAxes, "zorder": 5}
+        axes.plot([0.03, 0.03 + 1 / meters], [0.045, 0.045], linewidth=2.5, solid_capstyle="butt", **look)
+        axes.text(0.03, 0.062, "1 m", fontsize=8, va="bottom", **look)
+    return figure
+
+
+def pair_figure(title: str, sides: tuple[Case, Case]) -> Figure:
     """Draw both sides on the same part of the map, the chosen runs strong among the others."""
-    low, high = _box(sides)
+    points = np.concatenate([points for side in sides for points in side.points])
+    points = points if len(points) else np.zeros((1, 2))
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle, half = (low + high) / 2, np.maximum((high - low) / 2 + _MARGIN_M, _LEAST_M / 2)
+    low, high = middle - half, middle + half
     height_in = float(np.clip(_PANEL_IN * (high[1] - low[1]) / (high[0] - low[0]), 2.5, 7.0))
     width_in, whole_in = 2 * _PANEL_IN + 3 * _GAP_IN, height_in + _LEGEND_IN + _TITLE_IN
     figure = Figure(figsize=(width_in, whole_in), dpi=DPI)
@@ -115,44 +119,42 @@ def pair_figure(title: str, sides: tuple[Side, Side]) -> Figure:
     marks: list[Line2D] = []
     for k, side in enumerate(sides):
         axes = place(figure, _GAP_IN + k * (_PANEL_IN + _GAP_IN), _LEGEND_IN, _PANEL_IN, height_in)
-        marks = _draw(axes, side)
+        marks = _draw(axes, side, (lambda _: 0.22) if side.chosen is not None else (lambda _: None))
         axes.set_title(side.title, fontsize=9, color=INK, loc="left", pad=4)
         _look_at(axes, low, high, (1.0, height_in / _PANEL_IN))
-    legend(figure, [*marks, *_handles(sides)])
+    said = {said for side in sides for said, _ in side.paths}
+    handles: list[Any] = [
+        Line2D([], [], color=COLORS[judgement], linewidth=2.5, label=WORDS[judgement])
+        for judgement in _JUDGEMENTS
+        if judgement in said
+    ]
+    handles += [Line2D([], [], label="where it failed", **_CROSS)] if "fail" in said else []
+    before, after = (side.zones for side in sides)
+    zones = Zones(before.keepout + after.keepout, before.speed + after.speed)
+    obstacles = obstacle_handle(max(len(side.obstacles) for side in sides))
+    legend(figure, [*marks, *handles, *obstacles, *zone_handles(zones)])
     return figure
 
 
-def _draw(axes: Axes, side: Side) -> list[Line2D]:
-    draw_floor(axes, side.occupancy, side.zones)
+def _draw(axes: Axes, case: Case, alpha: Callable[[int], float | None]) -> list[Line2D]:
+    """Fill `axes` with a case, so many lines at the opacity `alpha`, and return the entries of its ends for a legend."""
+    draw_floor(axes, case.occupancy, case.zones)
+    if case.world is not None:
+        draw_walls(axes, case.world)
     axes.set_xticks([])
     axes.set_yticks([])
-    draw_obstacles(axes, side.obstacles, alpha=0.7)
-    others = [path for k, path in enumerate(side.paths) if k != side.chosen]
+    draw_obstacles(axes, case.obstacles, alpha=0.7)
     for judgement in _JUDGEMENTS:
-        lines = [line for said, line in others if said == judgement]
-        draw_lines(axes, lines, COLORS[judgement], alpha=0.22 if side.chosen is not None else None)
-    if side.chosen is not None:
-        said, line = side.paths[side.chosen]
+        lines = [line for k, (said, line) in enumerate(case.paths) if said == judgement and k != case.chosen]
+        draw_lines(axes, lines, COLORS[judgement], alpha=alpha(len(lines)))
+    if case.chosen is not None:
+        said, line = case.paths[case.chosen]
         draw_lines(axes, [line], COLORS[said], alpha=1.0, width=2.6)
-    marks = draw_ends(axes, *_stops(side.situation)) if side.situation.start is not None else []
-    ends = np.array([line[-1] for said, line in side.paths if said == "fail"]).reshape(-1, 2)
-    axes.plot(*ends.T, **_cross())
-    return marks
-
-
-def _stops(situation: Situation) -> tuple[Floats, Floats]:
-    """Start and goals (n, 2)."""
-    return places_of([] if situation.start is None else [situation.start]), places_of(situation.goals)
-
-
-def _box(sides: Sequence[Side]) -> tuple[Floats, Floats]:
-    """Lowest and highest corner of all that happened on either side."""
-    points = np.concatenate([p for side in sides for p in (*_stops(side.situation), *(path for _, path in side.paths))])
-    if not len(points):
-        points = np.zeros((1, 2))
-    low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
-    middle, half = (low + high) / 2, np.maximum((high - low) / 2, _LEAST_M / 2)
-    return middle - half, middle + half
+    if case.estimate_xy_m is not None:
+        axes.plot(*case.estimate_xy_m.T, color=INK, linewidth=1.3, linestyle=(0, (3, 2)), alpha=0.8)
+    ends = np.array([line[-1] for said, line in case.paths if said == "fail"]).reshape(-1, 2)
+    axes.plot(*ends.T, **_CROSS)
+    return draw_ends(axes, *case.stops) if case.situation.start is not None else []
 
 
 def _look_at(axes: Axes, low: Floats, high: Floats, shape: tuple[float, float], least_m: float = 0.0) -> float:
@@ -165,19 +167,60 @@ def _look_at(axes: Axes, low: Floats, high: Floats, shape: tuple[float, float], 
     return float(2 * half_x)
 
 
-def _cross() -> dict[str, Any]:
-    look: dict[str, Any] = {"marker": "X", "markersize": 8, "color": COLORS["fail"], "markeredgecolor": "white"}
-    return {**look, "markeredgewidth": 0.9, "linestyle": "none"}
+@dataclass(frozen=True, eq=False)
+class PlanView:
+    """Content of a plan view.
+
+    Attributes:
+        path_xy_m: (N, 2) the path that was drawn for the robot, which it need not follow; empty where there is none.
+    """
+
+    title: str
+    occupancy: OccupancyMap
+    situation: Situation
+    path_xy_m: Floats = field(repr=False)
+    zones: Zones = NO_ZONES
 
 
-def _handles(sides: Sequence[Side]) -> list[Any]:
+def plan_view_figure(view: PlanView) -> Figure:
+    """The map with everything of the scenario on it; an obstacle that appears has its outline and trigger dashed."""
+    figure, axes = map_figure(view.occupancy, legend_rows=2, top_in=_PLAN_TITLE_IN, zones=view.zones)
+    top = 1 - 0.12 / figure.get_figheight()
+    figure.suptitle(view.title, x=0.02, ha="left", y=top, va="top", fontsize=10, color=INK)
     handles: list[Any] = []
-    words = {"pass": "passed", "fail": "failed", "not judged": "not judged"}
-    for judgement in _JUDGEMENTS:
-        if any(said == judgement for side in sides for said, _ in side.paths):
-            handles.append(Line2D([], [], color=COLORS[judgement], linewidth=2.5, label=words[judgement]))
-    if any(said == "fail" for side in sides for said, _ in side.paths):
-        handles.append(Line2D([], [], label="where it failed", **_cross()))
-    before, after = (side.zones for side in sides)
-    zones = Zones(before.keepout + after.keepout, before.speed + after.speed)
-    return [*handles, *obstacle_handle(max(len(side.obstacles) for side in sides)), *zone_handles(zones)]
+    if len(view.path_xy_m) > 1:
+        axes.plot(*view.path_xy_m.T, color=PATH_COLOR, linewidth=1.8, solid_capstyle="round", alpha=0.85)
+        handles.append(Line2D([], [], color=PATH_COLOR, linewidth=1.8, label="path"))
+    standing = [obstacle for obstacle in view.situation.obstacles if obstacle.trigger is None]
+    appearing = [obstacle for obstacle in view.situation.obstacles if obstacle.trigger is not None]
+    draw_obstacles(axes, standing, alpha=0.7)
+    dashed: dict[str, Any] = {"edgecolor": OBSTACLE_EDGE, "linestyle": _DASHES}
+    for obstacle in appearing:
+        outline = Path(np.asarray(obstacle.footprint().exterior.coords), closed=True)
+        axes.add_patch(PathPatch(outline, facecolor=OBSTACLE_COLOR, alpha=0.45, linewidth=1.2, **dashed))
+        if (at := obstacle.trigger) is not None:
+            axes.add_patch(Circle((at.x_m, at.y_m), at.distance_m, facecolor="none", linewidth=1.0, **dashed))
+    handles += _draw_stops(axes, view.situation) + obstacle_handle(len(standing))
+    if appearing:
+        label = f"obstacle that appears when the robot enters the circle ({len(appearing)})"
+        handles.append(Patch(facecolor=OBSTACLE_COLOR, alpha=0.45, label=label, **dashed))
+    handles += zone_handles(view.zones)
+    if handles:
+        legend(figure, handles)
+    return figure
+
+
+def _draw_stops(axes: Axes, situation: Situation) -> list[Any]:
+    """Start and goals with the directions they ask for; several goals with their numbers."""
+    if situation.start is None:
+        return []
+    goals = list(dict.fromkeys(situation.goals))
+    arrow = {"arrowstyle": "<-", "color": INK, "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0}
+    for pose in (situation.start, *goals):
+        tip = (_ARROW_POINTS * math.cos(pose.yaw_rad), _ARROW_POINTS * math.sin(pose.yaw_rad))
+        axes.annotate("", (pose.x_m, pose.y_m), tip, textcoords="offset points", arrowprops=arrow)
+    handles = draw_ends(axes, places_of([situation.start]), places_of(goals))
+    if len(goals) > 1:
+        for number, goal in enumerate(goals, 1):
+            axes.annotate(str(number), (goal.x_m, goal.y_m), (6, 5), textcoords="offset points", fontsize=8, color=INK)
+    return [*handles]

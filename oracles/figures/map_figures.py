@@ -23,11 +23,10 @@ from vastflow.oracles.figures.floor import (
     zone_handles,
 )
 from vastflow.oracles.figures.scene import Scene, known_extent_m
-from vastflow.oracles.figures.style import COLORS, DPI, INK, RATES, SOFT_INK, place
+from vastflow.oracles.figures.style import COLORS, DPI, INK, RATES, SOFT_INK, WORDS, place
 from vastflow.oracles.judgement.verdict import Judgement
 from vastflow.oracles.results.tables import CODES
 from vastflow.oracles.statistics.failure_map import MINIMUM_VISITS, FailureGrid, grid_over
-from vastflow.sim.world.occupancy import OccupancyMap
 
 BLUR_M: Final = 0.2
 """Standard deviation of the blur of final poses; the paper's blur radius."""
@@ -59,7 +58,13 @@ def paths_figure(scene: Scene, judgement: Judgement) -> Figure:
     draw_obstacles(axes, scene.obstacles[:drawn], alpha=0.45 if drawn < 40 else 0.2)
     draw_paths(axes, scene, judgement)
     lines = scene.lines[CODES[judgement]]
-    handles: list[Any] = [Line2D([], [], color=COLORS[judgement], linewidth=2.5, label=_lines_label(scene, judgement))]
+    whole = {"pass": scene.runs.passed, "fail": scene.runs.failed, "not judged": scene.runs.not_judged}[judgement]
+    label = (
+        f"{WORDS[judgement]} ({len(lines)})"
+        if len(lines) == whole
+        else f"{WORDS[judgement]} ({len(lines)} of {whole:,})"
+    )
+    handles: list[Any] = [Line2D([], [], color=COLORS[judgement], linewidth=2.5, label=label)]
     if len(lines) <= MAX_CROSSES:
         handles += draw_ends(axes, scene.starts_xy_m, scene.goals_xy_m)
     legend(figure, [*handles, *obstacle_handle(drawn), *zones])
@@ -84,7 +89,8 @@ def all_maps_figure(scenes: Sequence[Scene], titles: Sequence[str]) -> Figure:
     """The paper's figure: a column for each map; final poses of failures, failed paths, passed paths below each other."""
     shown = sorted(range(len(scenes)), key=lambda k: -scenes[k].runs.failed)[:MAX_COLUMNS]
     columns = [scenes[k] for k in sorted(shown)]
-    aspects = [_aspect(scene.occupancy) for scene in columns]
+    extents_m = [known_extent_m(scene.occupancy, 0.4) for scene in columns]
+    aspects = [(y1 - y0) / (x1 - x0) for x0, x1, y0, y1 in extents_m]
     row_in = min(3.2, 14.0 / sum(1 / aspect for aspect in aspects))
     widths = [row_in / aspect for aspect in aspects]
     size_in = (sum(widths) + 0.1 * (len(widths) + 1) + 0.3, 3 * row_in + 0.75)
@@ -178,11 +184,6 @@ def _density(grid: FailureGrid, xy_m: NDArray[np.float64]) -> NDArray[np.float64
     )
 
 
-def _aspect(occupancy: OccupancyMap) -> float:
-    x0, x1, y0, y1 = known_extent_m(occupancy, 0.4)
-    return (y1 - y0) / (x1 - x0)
-
-
 def _crosses(axes: Axes, scene: Scene) -> list[Line2D]:
     """Mark final poses if there are few: crosses, or rings where the mission succeeded."""
     if len(scene.failed_xy_m) > MAX_CROSSES:
@@ -196,13 +197,6 @@ def _crosses(axes: Axes, scene: Scene) -> list[Line2D]:
             axes.plot(*chosen.T, **look)
             handles.append(Line2D([], [], label=f"{label} ({len(chosen)})", **look))
     return handles
-
-
-def _lines_label(scene: Scene, judgement: Judgement) -> str:
-    drawn = len(scene.lines[CODES[judgement]])
-    whole = {"pass": scene.runs.passed, "fail": scene.runs.failed, "not judged": scene.runs.not_judged}[judgement]
-    word = {"pass": "passed", "fail": "failed", "not judged": "not judged"}[judgement]
-    return f"{word} ({drawn})" if drawn == whole else f"{word} ({drawn} of {whole:,})"
 
 
 def _color_bar(figure: Figure, axes: Axes, greatest: float, label: str, *, percent: bool = False) -> None:

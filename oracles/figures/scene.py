@@ -1,6 +1,6 @@
 """Scenes: walks, failures, and zones of one environment, to be drawn."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.judgement.oracle import SUCCESS
 from vastflow.oracles.observation.obstacle_tracks import spawned_by
-from vastflow.oracles.observation.situation import Situation, situation_of
+from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.results.executed import KeptFiles
 from vastflow.oracles.results.tables import CODES, FAIL, NOT_JUDGED, Tables
 from vastflow.oracles.statistics.failure_map import FailureGrid, FailureMap, empty_map, failure_map, grid_over
@@ -181,25 +181,37 @@ def known_cells(occupancy: OccupancyMap) -> tuple[int, int, int, int]:
 
 
 def _scene(tables: Tables, environment: str, runs: Counts, files: KeptFiles) -> Scene:
-    found = tables.configurations
+    found, verdicts = tables.configurations, tables.verdicts
     indices = np.array([k for k in found.distinct if found.environments[k] == environment], dtype=np.int64)
     scenarios = [found.scenario(int(k), files) for k in indices]
-    situations = list(_readable(scenarios))
+    situations = []
+    for scenario in scenarios:
+        with suppress(ValueError):  # one that could not run
+            situations.append(situation_of(scenario))
     occupancy = load_map(tables.directory / "environments" / environment / "map.yaml")
-    grid = _grid_over(occupancy)
-    visitors = _Visitors(grid)
+    x0, x1, y0, y1 = known_extent_m(occupancy, CELL_M)
+    failures = empty_map(grid_over(x0, y0, x1, y1, CELL_M))
+    waiting: list[tuple[Walks, NDArray[np.int8]]] = []
     lines: dict[int, list[NDArray[np.float64]]] = {code: [] for code in CODES.values()}
     spawned: list[Obstacle] = []
     failed_xy_m, missed = [np.zeros((0, 2))], [np.zeros(0, dtype=np.bool_)]
     chosen = _chosen(tables, indices)
-    for walks, rows in _walked(tables, indices):
-        judged = tables.verdicts.together[rows]
-        visitors.add(walks, judged)
+    for k in indices:
+        walks = read_walks(tables.directory, found.names[k])
+        if walks is None:
+            continue
+        own = verdicts.rows_of(k)
+        rows = own.start + np.searchsorted(verdicts.run_index[own], walks.run_index)
+        judged = verdicts.together[rows]
+        failed = rows[judged == FAIL]
         failed_xy_m.append(walks.ends_xy_m[judged == FAIL])
-        missed.append(_missed(tables, rows[judged == FAIL]))
+        missed.append(verdicts.of(SUCCESS)[failed] == FAIL if SUCCESS in tables.oracles else failed < 0)
         for run in np.flatnonzero(chosen[rows]):
             lines[int(judged[run])].append(walks.line(int(run)))
         spawned += walks.spawned
+        waiting.append((walks, judged))
+        if sum(len(walks.xy_m) for walks, _ in waiting) > _POSITIONS:
+            failures, waiting = failures + _visited(failures.grid, waiting), []
     return Scene(
         environment,
         occupancy,
@@ -210,63 +222,22 @@ def _scene(tables: Tables, environment: str, runs: Counts, files: KeptFiles) -> 
         distinct_obstacles([*(o for s in situations for o in s.obstacles), *spawned]),
         np.concatenate(failed_xy_m),
         np.concatenate(missed),
-        visitors.failures(),
+        failures + _visited(failures.grid, waiting),
         zones_of(scenarios),
     )
 
 
-def _readable(scenarios: Sequence[Scenario]) -> Iterator[Situation]:
-    """The situations of scenarios, without those that could not run."""
-    for scenario in scenarios:
-        with suppress(ValueError):
-            yield situation_of(scenario)
-
-
-class _Visitors:
-    """Accumulates a failure map, some hundred thousand positions at a time."""
-
-    def __init__(self, grid: FailureGrid) -> None:
-        self._found = empty_map(grid)
-        self._waiting: list[tuple[Walks, NDArray[np.int8]]] = []
-
-    def add(self, walks: Walks, judged: NDArray[np.int8]) -> None:
-        """Runs of one configuration and what was said of them (R,)."""
-        self._waiting.append((walks, judged))
-        if sum(len(walks.xy_m) for walks, _ in self._waiting) > _POSITIONS:
-            self._sum_up()
-
-    def failures(self) -> FailureMap:
-        """The failure map of all judged runs that were added."""
-        self._sum_up()
-        return self._found
-
-    def _sum_up(self) -> None:
-        if self._waiting:
-            xy_m = np.concatenate([walks.xy_m for walks, _ in self._waiting])
-            lengths = np.concatenate([np.diff(walks.starts) for walks, _ in self._waiting])
-            judged = np.concatenate([said for _, said in self._waiting])
-            of = np.repeat(np.arange(len(self._waiting)), [len(said) for _, said in self._waiting])
-            known = judged != NOT_JUDGED
-            starts = np.r_[0, np.cumsum(lengths[known])]
-            self._found += failure_map(
-                self._found.grid, xy_m[np.repeat(known, lengths)], starts, judged[known] == FAIL, of[known]
-            )
-            self._waiting.clear()
-
-
-def _grid_over(occupancy: OccupancyMap) -> FailureGrid:
-    x0, x1, y0, y1 = known_extent_m(occupancy, CELL_M)
-    return grid_over(x0, y0, x1, y1, CELL_M)
-
-
-def _walked(tables: Tables, indices: NDArray[np.int64]) -> Iterator[tuple[Walks, NDArray[np.int64]]]:
-    """Walks of each recorded configuration, and their rows in the verdict table."""
-    verdicts = tables.verdicts
-    for k in indices:
-        walks = read_walks(tables.directory, tables.configurations.names[k])
-        if walks is not None:
-            rows = verdicts.rows_of(k)
-            yield walks, rows.start + np.searchsorted(verdicts.run_index[rows], walks.run_index)
+def _visited(grid: FailureGrid, configurations: Sequence[tuple[Walks, NDArray[np.int8]]]) -> FailureMap:
+    """The failure map of the judged runs of some configurations, with what was said of them (R,)."""
+    if not configurations:
+        return empty_map(grid)
+    xy_m = np.concatenate([walks.xy_m for walks, _ in configurations])
+    lengths = np.concatenate([np.diff(walks.starts) for walks, _ in configurations])
+    judged = np.concatenate([said for _, said in configurations])
+    of = np.repeat(np.arange(len(configurations)), [len(said) for _, said in configurations])
+    known = judged != NOT_JUDGED
+    starts = np.r_[0, np.cumsum(lengths[known])]
+    return failure_map(grid, xy_m[np.repeat(known, lengths)], starts, judged[known] == FAIL, of[known])
 
 
 def _chosen(tables: Tables, indices: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -278,13 +249,6 @@ def _chosen(tables: Tables, indices: NDArray[np.int64]) -> NDArray[np.bool_]:
         alike = np.flatnonzero(here & (verdicts.together == code))
         chosen[alike[np.unique(np.linspace(0, len(alike) - 1, min(len(alike), MAX_LINES)).astype(np.int64))]] = True
     return chosen
-
-
-def _missed(tables: Tables, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Whether the missions of the runs at `rows` failed."""
-    if SUCCESS not in tables.oracles:
-        return np.zeros(len(rows), dtype=np.bool_)
-    return np.asarray(tables.verdicts.of(SUCCESS)[rows] == FAIL)
 
 
 def _distinct(points: list[tuple[float, float]]) -> NDArray[np.float64]:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 DPI: Final = 120
 COLORS: Final[Mapping[Judgement, str]] = {"pass": "#0072B2", "fail": "#D55E00", "not judged": "#8A8A8A"}
+WORDS: Final[Mapping[Judgement, str]] = {"pass": "passed", "fail": "failed", "not judged": "not judged"}
 CLASS_COLORS: Final["Mapping[ClassName, str]"] = {
     "reliable": "#0072B2",
     "systematic": "#D55E00",

@@ -13,8 +13,8 @@ from vastflow.oracles.evidence.causes import CauseCount
 from vastflow.oracles.evidence.criteria import Criterion
 from vastflow.oracles.evidence.evidence import Evidence
 from vastflow.oracles.evidence.findings import Design
-from vastflow.oracles.figures.case_figure import case_figure
-from vastflow.oracles.figures.factor_figure import factor_figure, interaction_figure
+from vastflow.oracles.figures.case_figure import Case, case_figure
+from vastflow.oracles.figures.charts import factor_figure, interaction_figure, rates_figure, threshold_figure
 from vastflow.oracles.figures.map_figures import (
     MAX_OBSTACLES,
     all_maps_figure,
@@ -22,7 +22,6 @@ from vastflow.oracles.figures.map_figures import (
     final_poses_figure,
     paths_figure,
 )
-from vastflow.oracles.figures.rate_figure import rates_figure, threshold_figure
 from vastflow.oracles.figures.scene import Scene, distinct_obstacles, read_estimate, read_walks, zones_of
 from vastflow.oracles.figures.style import png, svg
 from vastflow.oracles.judgement.verdict import Judgement
@@ -207,7 +206,8 @@ def _on_map(
     difference = difference_of(tables.configurations.contents[configuration]["environment"].get(WORLD_KEY))
     world = None if difference is None else world_of(occupancy, difference)
     obstacles = distinct_obstacles([*situation.obstacles, *spawned])
-    return case_figure(occupancy, situation, obstacles, paths, estimate_xy_m, world, zones_of([scenario]))
+    zones = zones_of([scenario])
+    return case_figure(Case("", occupancy, situation, obstacles, paths, None, zones, estimate_xy_m, world))
 
 
 def _design_pictures(design: Design, ending: str) -> Iterator[Picture]:

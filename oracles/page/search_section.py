@@ -9,7 +9,7 @@ from typing import Any, Final
 import pyarrow.parquet as pq
 
 from vastflow.oracles.evidence.searched import found_text
-from vastflow.oracles.figures.search_figure import archive_figure, boundary_figure, progress_figure
+from vastflow.oracles.figures.charts import archive_figure, boundary_figure, progress_figure
 from vastflow.oracles.page.facts import Facts
 from vastflow.oracles.page.pictures import Picture, case_picture, picture
 from vastflow.oracles.page.section import Block, Group, Section, paragraph, soft

@@ -9,8 +9,7 @@ from markupsafe import Markup
 from vastflow.oracles.evidence.criteria import Criterion
 from vastflow.oracles.evidence.rates import Interval
 from vastflow.oracles.statistics.analysis import FactorAnalysis
-from vastflow.oracles.statistics.effects import Claim, FactorEffect, LevelEffect
-from vastflow.oracles.statistics.interactions import InteractionEffect
+from vastflow.oracles.statistics.effects import Claim, FactorEffect, InteractionEffect, LevelEffect
 
 _NARROW: Final = 50
 """Width in thousandths of intervals that are shown with a decimal."""

@@ -1,6 +1,6 @@
 """Classes of configurations: reliable, systematic, or flaky, where their runs show it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Final, Literal, TypeAlias
@@ -59,6 +59,11 @@ class Classes:
         """Number of configurations of a class."""
         return self.names.count(name)
 
+    @property
+    def counts(self) -> dict[ClassName, int]:
+        """Number of configurations of every class."""
+        return {name: self.count(name) for name in (*CLAIMS, "undecided")}
+
 
 @dataclass(frozen=True, slots=True)
 class TotalFailures:
@@ -92,13 +97,18 @@ def classify(passed: ArrayLike, judged: ArrayLike, bounds: ClassBounds | None = 
     Args:
         passed, judged: (m,) counts, one entry a configuration.
     """
+    from scipy.stats import false_discovery_control
+
     bounds = bounds or ClassBounds()
     x, n = counts(passed, judged)
     claims = _tails(x, n, bounds, given=False)
     nearest = claims.argmin(axis=0)
     least = runs_for_a_claim(bounds, error)
     able = np.stack([n >= least[claim] for claim in CLAIMS])
-    adjusted = np.stack([_adjusted(given) for given in np.where(able, _tails(x, n, bounds, given=True), np.inf)])
+    among_candidates = np.where(able, _tails(x, n, bounds, given=True), np.inf)
+    adjusted = np.ones_like(among_candidates)
+    for given, found in zip(among_candidates, adjusted, strict=True):
+        found[np.isfinite(given)] = false_discovery_control(given[np.isfinite(given)])
     of_nearest = np.take_along_axis(adjusted, nearest[None, :], axis=0)[0]
     names: tuple[ClassName, ...] = tuple(
         CLAIMS[k] if q <= error else "undecided" for k, q in zip(nearest, of_nearest, strict=True)
@@ -110,13 +120,22 @@ def classify(passed: ArrayLike, judged: ArrayLike, bounds: ClassBounds | None = 
     return Classes(names, np.where(n > 0, claims.min(axis=0), 1.0), of_nearest, error, controls)
 
 
-def runs_for_a_claim(bounds: ClassBounds | None = None, error: float = 0.05) -> dict[ClassName, int]:
+@cache
+def runs_for_a_claim(bounds: ClassBounds | None = None, error: float = 0.05) -> Mapping[ClassName, int]:
     """Smallest number of judged runs that can show each class of a single configuration.
 
     Raises:
         ValueError: a class cannot be shown with 10,000 runs.
     """
-    return dict(_least_runs(bounds or ClassBounds(), error))
+    found: dict[ClassName, int] = {}
+    for n in range(1, 10_001):
+        tails = _tails(np.arange(n + 1.0), np.full(n + 1, float(n)), bounds or ClassBounds(), given=True)
+        for claim, p_values in zip(CLAIMS, tails, strict=True):
+            if p_values.min() <= error:
+                found.setdefault(claim, n)
+        if len(found) == len(CLAIMS):
+            return found
+    raise ValueError(f"10,000 runs can show only {', '.join(found) or 'no class'} at an error of {error}")
 
 
 def passes_that_show(
@@ -128,38 +147,11 @@ def passes_that_show(
     return {name: (passes[0], passes[-1]) for name, passes in shown.items() if passes}
 
 
-@cache
-def _least_runs(bounds: ClassBounds, error: float) -> Mapping[ClassName, int]:
-    found: dict[ClassName, int] = {}
-    for n in range(1, 10_001):
-        x = np.arange(n + 1.0)
-        for claim, p_values in zip(CLAIMS, _tails(x, np.full(n + 1, float(n)), bounds, given=True), strict=True):
-            if p_values.min() <= error:
-                found.setdefault(claim, n)
-        if len(found) == len(CLAIMS):
-            return found
-    raise ValueError(f"10,000 runs can show only {', '.join(found) or 'no class'} at an error of {error}")
-
-
 def total_failures(passed: ArrayLike, judged: ArrayLike) -> TotalFailures:
     """Failures of configurations that never pass, as in the paper's § Dataset Analysis."""
     x, n = counts(passed, judged)
     total = (n > 0) & (x == 0)
     return TotalFailures(int(total.sum()), int(n[total].sum()), int((n - x).sum()))
-
-
-def shares(names: Sequence[ClassName]) -> dict[ClassName, int]:
-    """Number of configurations of every class."""
-    return {name: names.count(name) for name in (*CLAIMS, "undecided")}
-
-
-def _adjusted(given: Floats) -> Floats:
-    """Adjusted p-values (m,) of one claim; 1 for those that are no candidates."""
-    from scipy.stats import false_discovery_control
-
-    adjusted, chosen = np.ones_like(given), np.isfinite(given)
-    adjusted[chosen] = false_discovery_control(given[chosen])
-    return adjusted
 
 
 def _tails(x: Floats, n: Floats, bounds: ClassBounds, *, given: bool) -> Floats:

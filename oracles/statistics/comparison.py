@@ -33,11 +33,6 @@ class Pairs:
     after: Bools = field(repr=False)
     block: Codes | None = field(default=None, repr=False)
 
-    def __post_init__(self) -> None:
-        if not len(self.configuration) == len(self.before) == len(self.after):
-            found = len(self.configuration), len(self.before), len(self.after)
-            raise ValueError(f"expected a configuration and two outcomes for each pair, got {found} of them")
-
     def __len__(self) -> int:
         return len(self.configuration)
 
@@ -50,10 +45,6 @@ class Pairs:
     def paths(self) -> Codes:
         """Block (P,) of each pair."""
         return self.configuration if self.block is None else self.block
-
-    def clusters(self) -> Codes:
-        """Cluster (P,) of each pair: its block, or its configuration if there is one block."""
-        return self.paths if (self.paths != self.paths[:1]).any() else self.configuration
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +163,8 @@ def difference(pairs: Pairs, target: Target = "these", level: float = LEVEL) -> 
 def _p_value(pairs: Pairs, change: Floats) -> float | None:
     """p-value for no difference, see `difference`."""
     n, d = len(change), float(change.mean())
-    _, at = np.unique(pairs.clusters(), return_inverse=True)
+    single = (pairs.paths == pairs.paths[:1]).all()
+    _, at = np.unique(pairs.configuration if single else pairs.paths, return_inverse=True)
     sums, sizes = np.bincount(at, weights=change), np.bincount(at)
     m = len(sizes)
     if m < 2:

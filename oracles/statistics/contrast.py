@@ -1,7 +1,7 @@
 """Contrasts: tests whether columns explain a response beyond other columns and the noise of blocks."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
@@ -35,7 +35,6 @@ class Tested:
     least: float = 0.0
 
 
-@dataclass(frozen=True)
 class Contrasts:
     """Tests on one response whose values come in dependent blocks.
 
@@ -49,12 +48,14 @@ class Contrasts:
 
     Attributes:
         response: (m,).
-        blocks: (m,) block of each value, 0..G - 1.
+        blocks: (m,) block of each value, renumbered 0..G - 1.
+        sizes: (G,) number of values in each block.
     """
 
-    response: Floats = field(repr=False)
-    blocks: NDArray[np.int64] = field(repr=False)
-    draws: int
+    def __init__(self, response: Floats, blocks: NDArray[np.int64], draws: int) -> None:
+        self.response, self.draws = response, draws
+        self.blocks: NDArray[np.int64] = np.unique(blocks, return_inverse=True)[1].astype(np.int64)
+        self.sizes = np.bincount(self.blocks).astype(np.float64)
 
     def test(self, columns: Floats, others: Floats) -> Tested:
         """Test `columns` (m, q) beside `others` (m, p), which hold the constant."""
@@ -69,17 +70,11 @@ class Contrasts:
             return self._tested(between, columns.shape[1], np.arange(len(between)), 0)
         return self._tested(within, columns.shape[1], self.blocks, len(between))
 
-    @cached_property
-    def sizes(self) -> Floats:
-        """Number (G,) of values in each block."""
-        return np.bincount(self.blocks).astype(np.float64)
-
     def _split(self, table: Floats) -> tuple[Floats, Floats]:
         """Means (G, k) of blocks, and residuals (m, k) of rows."""
-        sizes = self.sizes
-        means = np.zeros((len(sizes), table.shape[1]))
+        means = np.zeros((len(self.sizes), table.shape[1]))
         np.add.at(means, self.blocks, table)
-        means /= sizes[:, None]
+        means /= self.sizes[:, None]
         return means, table - means[self.blocks]
 
     def _tested(self, table: Floats, degrees: int, units: NDArray[np.int64], used: int) -> Tested:
@@ -118,12 +113,6 @@ class Contrasts:
         for order in orders:
             order[places] = np.argsort(blocks + rng.random(len(blocks)))
         return orders
-
-
-def contrasts_of(response: Floats, blocks: NDArray[np.int64], draws: int) -> Contrasts:
-    """`Contrasts` of values (m,) with block numbers (m,)."""
-    _, numbers = np.unique(blocks, return_inverse=True)
-    return Contrasts(response, numbers.astype(np.int64), draws)
 
 
 def _least(columns: Floats, others: Floats, degrees: int) -> float:

@@ -1,141 +1,17 @@
-"""Effects of a factor on the failure rate, level by level and on matched sets of the same situations."""
+"""Effects of factors and of their pairs on the failure rate, in a linear model of its levels."""
 
-import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
-from typing import Final
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.oracles.results.factors import Factor
-from vastflow.oracles.statistics.contrast import Tested
-from vastflow.oracles.statistics.intervals import Floats, Interval, wilson_intervals
-from vastflow.oracles.statistics.margins import Margins, Trend
-from vastflow.oracles.statistics.situations import means_of, permuted, smallest, table_of
-
-DRAWS: Final = 9999
-_SEED: Final = 1959
-_CHUNK: Final = 333
-_ENOUGH: Final = 100
-
-
-@dataclass(frozen=True, eq=False)
-class Matched:
-    """Runs at a factor's L levels in S sets that are equal in everything else.
-
-    Attributes:
-        failed, runs: (S, L). Only sets with runs at two levels or more.
-        values: (L,) the numbers behind the levels; None for levels without numbers.
-    """
-
-    failed: Floats = field(repr=False)
-    runs: Floats = field(repr=False)
-    values: Floats | None = field(default=None, repr=False)
-
-    @property
-    def p_value(self) -> float:
-        """p-value for no effect in any set: failures fall on a set's runs at random (multivariate hypergeometric).
-
-        Exact for two levels. For more, `DRAWS` draws of the smaller p-value of the generalized statistic Q (Landis, Heyman and Koch 1978)
-        and, for numbers, of their linear trend.
-        """
-        some = (self.failed.sum(axis=1) % self.runs.sum(axis=1)) > 0
-        if not some.any():
-            return 1.0
-        failed, runs = self.failed[some], self.runs[some]
-        return _exact(failed, runs) if runs.shape[1] == 2 else _drawn(failed, runs, self.values)
-
-    def difference(self, level: int, base: int) -> tuple[float, tuple[float, float]] | None:
-        """Mantel and Haenszel's difference of the failure rates of two levels; None where no set has both.
-
-        The interval is Newcombe's (1998, method 10), of the rates with Mantel and Haenszel's weights.
-        """
-        n, m = self.runs[:, level], self.runs[:, base]
-        both = (n > 0) & (m > 0)
-        if not both.any():
-            return None
-        weights = n[both] * m[both] / (n[both] + m[both])
-        p, q = (float(weights @ (self.failed[both, k] / self.runs[both, k]) / weights.sum()) for k in (level, base))
-        size = np.array([n[both].sum(), m[both].sum()])
-        one, two = wilson_intervals(np.array([p, q]) * size, size).tolist()
-        down, up = np.hypot(p - one[0], two[1] - q), np.hypot(one[1] - p, q - two[0])
-        return p - q, (max(-1.0, p - q - float(down)), min(1.0, p - q + float(up)))
-
-
-def matched(
-    failed: Floats, runs: Floats, codes: NDArray[np.int64], sets: NDArray[np.int64], values: Floats | None
-) -> Matched | None:
-    """The matched sets among (m,) configurations; None without any.
-
-    Args:
-        codes: (m,) level of each, -1 for none.
-        sets: (m,) equal for configurations that are equal in all but the factor.
-        values: (L,) as in `Matched`.
-    """
-    some = codes >= 0
-    _, at = np.unique(sets[some], return_inverse=True)
-    tables = np.zeros((2, int(at.max(initial=-1)) + 1, int(codes.max()) + 1))
-    for table, counts in zip(tables, (failed, runs), strict=True):
-        np.add.at(table, (at, codes[some]), counts[some])
-    kept = (tables[1] > 0).sum(axis=1) > 1
-    return Matched(tables[0, kept], tables[1, kept], values) if kept.any() else None
-
-
-def _exact(failed: Floats, runs: Floats) -> float:
-    """Probability that the count at the first level is at least as far from the expected one, by convolution."""
-    from scipy.stats import hypergeom
-
-    whole, total = runs.sum(axis=1), failed.sum(axis=1)
-    chances = np.ones(1)
-    for n, m, size in zip(runs[:, 0], total, whole, strict=True):
-        chances = np.convolve(chances, hypergeom.pmf(np.arange(n + 1), size, m, n))
-    expected = float((runs[:, 0] * total / whole).sum())
-    away, observed = np.abs(np.arange(len(chances)) - expected), abs(float(failed[:, 0].sum() - expected))
-    return min(1.0, float(chances[away >= observed - 1e-9].sum()))
-
-
-def _drawn(failed: Floats, runs: Floats, values: Floats | None) -> float:
-    from scipy.stats import chi2
-
-    whole, total = runs.sum(axis=1), failed.sum(axis=1)
-    expected = (runs * (total / whole)[:, None]).sum(axis=0)
-    scale = total * (whole - total) / (whole**2 * (whole - 1))
-    variance = np.diag((scale * whole) @ runs) - (runs * scale[:, None]).T @ runs
-    inverse = np.linalg.pinv(variance, hermitian=True)
-    degrees = np.linalg.matrix_rank(variance, hermitian=True)
-    centered = None if values is None or not np.isfinite(values).all() else values - values.mean()
-    steep = 0.0 if centered is None else float(centered @ variance @ centered)
-
-    def statistic(sums: Floats) -> Floats:
-        """Logarithm (D,) of the smaller chi-squared tail of (D, L) failures; a statistic, not a p-value."""
-        away = sums - expected
-        found = chi2.logsf(np.einsum("ij,jk,ik->i", away, inverse, away), degrees)
-        if centered is not None and steep > 0.0:
-            found = np.minimum(found, chi2.logsf((away @ centered) ** 2 / steep, 1))
-        return np.asarray(found)
-
-    observed = float(statistic(failed.sum(axis=0)[None])[0]) + 1e-9
-    larger = drawn = 0
-    for sums in _assignments(runs.astype(np.int64), total.astype(np.int64), np.random.default_rng(_SEED)):
-        larger, drawn = larger + int((statistic(sums) <= observed).sum()), drawn + len(sums)
-        if larger >= _ENOUGH:  # far from significance; more draws would not change that (Besag and Clifford 1991)
-            break
-    return (1 + larger) / (1 + drawn)
-
-
-def _assignments(runs: NDArray[np.int64], total: NDArray[np.int64], rng: np.random.Generator) -> Iterator[Floats]:
-    """Draw (`_CHUNK`, L) failures at each level over all sets, `DRAWS` in all: level by level, hypergeometric."""
-    for _ in range(DRAWS // _CHUNK):
-        left = np.broadcast_to(total, (_CHUNK, len(total)))
-        rest = runs.sum(axis=1)
-        sums = np.empty((_CHUNK, runs.shape[1]))
-        for level, n in enumerate(runs.T):
-            rest = rest - n
-            taken = rng.hypergeometric(n, rest, left)
-            sums[:, level] = taken.sum(axis=1)
-            left = left - taken
-        yield sums
+from vastflow.oracles.statistics.contrast import Contrasts, Tested
+from vastflow.oracles.statistics.intervals import Floats, Interval, clustered_interval
+from vastflow.oracles.statistics.margins import Margins, Trend, trend_of
+from vastflow.oracles.statistics.matched import Codes, matched, means_of, needed, permuted, smallest, table_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,136 +94,222 @@ class FactorEffect:
         return self.these.shown or self.others.shown
 
 
-@dataclass(frozen=True, eq=False)
-class Runs:
-    """Runs behind a factor's tests.
+@dataclass(frozen=True, slots=True)
+class LevelPair:
+    """Configurations with a pair of levels.
 
     Attributes:
-        failed, runs: (m,) of each configuration, as many of all as a stopping rule allows.
-        situations: (m,) numbers of the situations that matched sets join.
-        table: (k, L) rates of situations at levels where these are balanced.
+        rate: Mean failure rate.
+        expected: The rate if the factors' effects added up.
+        interval: Of `rate`, blocks as clusters; 0..1 for a single block.
     """
 
-    failed: Floats
-    runs: Floats
-    situations: NDArray[np.int64]
-    matched: Matched | None
-    table: Floats | None
+    levels: tuple[str, str]
+    configurations: int
+    rate: float
+    expected: float
+    interval: Interval
 
 
-def runs_of(
-    factor: Factor,
-    rates: Floats,
-    first: tuple[Floats, Floats],
-    blocks: NDArray[np.int64],
-    sets: NDArray[np.int64],
-) -> Runs:
-    """Runs of a factor's matched `sets` (m,) and of its situations, the blocks that share sets."""
+@dataclass(frozen=True, slots=True)
+class InteractionEffect:
+    """The interaction of two factors: how far their effects on rates do not add up.
+
+    Attributes:
+        cells: Existing pairs of levels.
+        departure: `rate` - `expected` of the cell where that stands out most.
+        share: Of the variance between configurations.
+        claim: Whether they act together.
+    """
+
+    names: tuple[str, str]
+    cells: tuple[LevelPair, ...]
+    departure: float
+    share: float
+    claim: Claim
+
+
+class FactorModel:
+    """The linear model of failure rates with a column for each level but the first of each factor.
+
+    Args:
+        runs: (m,) behind each response of `contrasts`.
+        error: Of the intervals.
+
+    Attributes:
+        margins: The fitted model.
+        between: Variance, at least 0, of the true rates of configurations, without the noise of repetitions.
+    """
+
+    def __init__(self, factors: Sequence[Factor], contrasts: Contrasts, runs: Floats, error: float) -> None:
+        self._contrasts, self._runs, self._error = contrasts, runs, error
+        self._columns: dict[str, Floats] = {
+            factor.name: (factor.codes[:, None] == np.arange(1, len(factor.levels))).astype(np.float64)
+            for factor in factors
+        }
+        # Configurations without a factor have a column of their own and are in no comparison of its levels.
+        missing = [(factor.codes < 0).astype(np.float64) for factor in factors if (factor.codes < 0).any()]
+        self._constant = np.column_stack([np.ones(len(runs)), *missing])
+        self._matrix = np.column_stack([self._constant, *self._columns.values()])
+        self.margins = Margins(self._matrix, contrasts.response, contrasts.blocks, runs)
+        noise = repetition(contrasts.response, runs) / runs
+        self.between = max(0.0, float(contrasts.response.var(ddof=1)) - float(noise.mean()))
+
+    def effect(self, factor: Factor, first: tuple[Floats, Floats], sets: Codes | None = None) -> FactorEffect:
+        """The effect of one factor, before adjustment for other tests.
+
+        Args:
+            first: (m,) failed and all runs, as many of each configuration as a stopping rule allows.
+            sets: (m,) equal for configurations that are equal in all but the factor; None where no two are.
+        """
+        others = np.column_stack([self._constant, *(c for name, c in self._columns.items() if name != factor.name)])
+        tested = self._contrasts.test(self._columns[factor.name], others)
+        trend = None
+        if factor.values is not None:
+            trend = trend_of(self._contrasts, factor.values, others, self._runs, self._error)
+        count, rates = len(factor.levels), self._contrasts.response
+        groups = [factor.codes == k for k in range(count)]
+        found = self.margins.at(self._points(factor), groups)
+        numbers = None if factor.values is None else np.array([factor.values[group].mean() for group in groups])
+        situations, both, table = self._contrasts.blocks, None, None
+        if sets is not None:
+            situations = _joined(situations, sets)
+            both = matched(*first, factor.codes, sets, numbers)
+            table = None if both is None else table_of(rates, factor.codes, sets, situations)
+        failed, n = (np.array([part[group].sum() for group in groups]) for part in first)
+        if both:
+            failed, n = both.failed.sum(axis=0), both.runs.sum(axis=0)
+        base, intervals = int(np.argmin(failed / np.maximum(n, 1))), found.intervals(1 - self._error)
+        levels = []
+        for k, (level, group) in enumerate(zip(factor.levels, groups, strict=True)):
+            apart, ends = (both.difference(k, base) if both and k != base else None) or (None, None)
+            size, rate, mean = int(group.sum()), float(rates[group].mean()), float(found.means[k])
+            levels.append(LevelEffect(level, int(failed[k]), int(n[k]), apart, ends, size, rate, mean, intervals[k]))
+        low, high = int(found.means.argmin()), int(found.means.argmax())
+        more = None
+        if table is None:
+            claim = _of_either(tested, trend)
+        else:
+            claim = Claim(permuted(table, numbers), least=smallest(len(table), count))
+            if claim.least * len(self._columns) > self._error:
+                more = needed(count, len(self._columns), self._error)
+        by_situation = means_of(first[0] / np.maximum(first[1], 1), situations, factor.codes, count)
+        return FactorEffect(
+            factor.name,
+            tuple(levels),
+            factor.levels[high],
+            factor.levels[low],
+            float(found.means[high] - found.means[low]),
+            found.difference(high, low, 1 - self._error / (count * (count - 1) / 2)),
+            self._share(tested),
+            Claim(None, "no matched configurations") if both is None else Claim(both.p_value),
+            claim,
+            0 if both is None else len(np.unique(situations)),
+            more,
+            tuple(tuple(None if np.isnan(rate) else rate for rate in row) for row in by_situation.tolist()),
+            trend,
+        )
+
+    def interaction(self, a: Factor, b: Factor) -> InteractionEffect:
+        """The interaction of two factors, before adjustment for other tests."""
+        response, blocks = self._contrasts.response, self._contrasts.blocks
+        joint = (self._columns[a.name][:, :, None] * self._columns[b.name][:, None, :]).reshape(len(response), -1)
+        within, between = sorted((a, b), key=lambda factor: _is_between(factor, blocks))
+        if _is_between(between, blocks) and not _is_between(within, blocks):
+            tested = self._by_situation(within, between)
+        elif joint.shape[1] * 3 > len(response):
+            tested = Tested(None, why="too few configurations")
+        else:
+            tested = self._contrasts.test(joint, self._matrix)
+            if tested.why and tested.degrees == 0:
+                tested = replace(tested, why="the two do not vary together")
+        cells = []
+        for (k, first), (j, second) in product(enumerate(a.levels), enumerate(b.levels)):
+            group = (a.codes == k) & (b.codes == j)
+            if group.any():
+                rate, expected = float(response[group].mean()), float(self.margins.fitted[group].mean())
+                _, at = np.unique(blocks[group], return_inverse=True)
+                interval = clustered_interval(np.bincount(at, weights=response[group]), np.bincount(at))
+                cells.append(
+                    LevelPair((first, second), int(group.sum()), rate, expected, interval or Interval(0.0, 1.0))
+                )
+        most = max(cells, key=lambda cell: abs(cell.rate - cell.expected) * np.sqrt(cell.configurations), default=None)
+        departure = most.rate - most.expected if most else 0.0
+        claim = Claim(tested.p_value, tested.why, least=tested.least)
+        return InteractionEffect((a.name, b.name), tuple(cells), departure, self._share(tested), claim)
+
+    def _points(self, factor: Factor) -> Floats:
+        """The usual configuration at each level, (L, columns)."""
+        count = len(factor.levels)
+        points = np.tile(self._matrix[factor.codes >= 0].mean(axis=0), (count, 1))
+        names = list(self._columns)
+        before = sum(self._columns[name].shape[1] for name in names[: names.index(factor.name)])
+        first = self._constant.shape[1] + before
+        points[:, first : first + count - 1] = np.eye(count)[:, 1:]
+        return points
+
+    def _share(self, tested: Tested) -> float:
+        """Share, 0..1, of the variance between configurations that the tested columns explain."""
+        return min(1.0, tested.variance / self.between) if self.between > 0 else 0.0
+
+    def _by_situation(self, within: Factor, between: Factor) -> Tested:
+        """Test whether the effect of a factor within blocks depends on one that differs between them.
+
+        Each block's contrasts of the levels of `within` are regressed on all columns that differ between blocks, so that situations
+        which respond differently are noise. The smallest p-value counts, times the number of contrasts (Bonferroni).
+        """
+        levels, blocks = len(within.levels), self._contrasts.blocks
+        means = means_of(self._contrasts.response, blocks, within.codes, levels)
+        kept = np.isfinite(means).all(axis=1)
+        if not kept.any():
+            return Tested(None, why="the two do not vary together")
+        _, first = np.unique(blocks, return_index=True)
+        beside = [
+            found[first[kept]]
+            for name, found in self._columns.items()
+            if name != between.name and np.array_equal(found, found[first][blocks])
+        ]
+        situations = int(kept.sum())
+        others, columns = np.column_stack([np.ones(situations), *beside]), self._columns[between.name][first[kept]]
+        found = [
+            Contrasts(means[kept] @ contrast, np.arange(situations), self._contrasts.draws).test(columns, others)
+            for contrast in np.linalg.qr(np.column_stack([np.ones(levels), np.eye(levels)[:, 1:]]))[0].T[1:]
+        ]
+        p_values = [each.p_value for each in found if each.p_value is not None]
+        if len(p_values) < len(found):
+            return Tested(None, why=f"cannot be told from {situations} situations")
+        variance, least = sum(each.variance for each in found) / levels, len(found) * min(each.least for each in found)
+        return Tested(min(1.0, len(found) * min(p_values)), found[0].degrees, variance, least=least)
+
+
+def repetition(rates: Floats, n: Floats) -> Floats:
+    """Unbiased variance (m,) of one run of each configuration; for a single run the largest possible."""
+    unknown = float(rates.mean() * (1 - rates.mean()))
+    noise: Floats = np.where(n > 1, rates * (1 - rates) * n / np.maximum(n - 1, 1), unknown)
+    return noise
+
+
+def _is_between(factor: Factor, blocks: Codes) -> bool:
+    """Whether the factor has one level in every block."""
+    return len(np.unique(blocks)) == len(np.unique(np.stack((blocks, factor.codes)), axis=1).T)
+
+
+def _joined(blocks: Codes, sets: Codes) -> Codes:
+    """Numbers (m,) of situations: blocks that share sets."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
     _, at = np.unique(sets, return_inverse=True)
     size = int(blocks.max()) + 1
     links = coo_array((np.ones(len(at)), (blocks, size + at)), shape=(size + len(at), size + len(at)))
-    situations = connected_components(links, directed=False)[1][blocks].astype(np.int64)
-    found = matched(*first, factor.codes, at, _level_values(factor))
-    table = None if found is None else table_of(rates, factor.codes, at, situations)
-    return Runs(*first, situations, found, table)
+    situations: NDArray[np.int64] = connected_components(links, directed=False)[1][blocks].astype(np.int64)
+    return situations
 
 
-def _level_values(factor: Factor) -> Floats | None:
-    """The number (L,) behind each level."""
-    if factor.values is None:
-        return None
-    return np.array([factor.values[factor.codes == k].mean() for k in range(len(factor.levels))])
-
-
-def factor_effect(
-    factor: Factor,
-    tested: Tested,
-    margins: Margins,
-    columns: Mapping[str, Floats],
-    constant: Floats,
-    between: float,
-    error: float,
-    runs: Runs,
-    trend: Trend | None = None,
-) -> FactorEffect:
-    """The effect of one factor, before adjustment for other tests.
-
-    Args:
-        tested: By `Contrasts`; used where situations are not balanced.
-        margins: Of the model of `constant` (m, c) followed by the `columns` (m, L - 1) of each factor.
-        between: Variance between configurations.
-    """
-    has, count = factor.codes >= 0, len(factor.levels)
-    usual = np.concatenate([constant[has].mean(axis=0), *(found[has].mean(axis=0) for found in columns.values())])
-    points = np.tile(usual, (count, 1))
-    first = constant.shape[1] + sum(f.shape[1] for f in list(columns.values())[: list(columns).index(factor.name)])
-    points[:, first : first + count - 1] = np.eye(count)[:, 1:]
-    groups = [factor.codes == k for k in range(count)]
-    found = margins.at(points, groups)
-    both = runs.matched
-    if both:
-        failed, n = both.failed.sum(axis=0), both.runs.sum(axis=0)
-    else:
-        failed, n = (np.array([part[group].sum() for group in groups]) for part in (runs.failed, runs.runs))
-    base = int(np.argmin(failed / np.maximum(n, 1)))
-    differences: list[tuple[float | None, tuple[float, float] | None]]
-    differences = [(both.difference(k, base) if both and k != base else None) or (None, None) for k in range(count)]
-    intervals = found.intervals(1 - error)
-    levels = tuple(
-        LevelEffect(
-            level,
-            int(failed[k]),
-            int(n[k]),
-            differences[k][0],
-            differences[k][1],
-            int(groups[k].sum()),
-            float(margins.response[groups[k]].mean()),
-            float(found.means[k]),
-            intervals[k],
-        )
-        for k, level in enumerate(factor.levels)
-    )
-    low, high = int(found.means.argmin()), int(found.means.argmax())
-    if runs.table is not None:
-        others = Claim(permuted(runs.table, _level_values(factor)), least=smallest(len(runs.table), count))
-    else:
-        p_value, least = _of_either(tested, trend)
-        others = Claim(p_value, tested.why if p_value is None else "", least=least)
-    return FactorEffect(
-        factor.name,
-        levels,
-        factor.levels[high],
-        factor.levels[low],
-        float(found.means[high] - found.means[low]),
-        found.difference(high, low, 1 - error / (count * (count - 1) / 2)),
-        share_of(tested, between),
-        Claim(None, "no matched configurations") if both is None else Claim(both.p_value),
-        others,
-        0 if both is None else len(np.unique(runs.situations)),
-        rates=_rates(factor, runs),
-        trend=trend,
-    )
-
-
-def _rates(factor: Factor, runs: Runs) -> tuple[tuple[float | None, ...], ...]:
-    """Mean rate of each situation at each level, None where it has none."""
-    rates = runs.failed / np.maximum(runs.runs, 1)
-    found = means_of(rates, runs.situations, factor.codes, len(factor.levels)).tolist()
-    return tuple(tuple(None if math.isnan(rate) else rate for rate in row) for row in found)
-
-
-def _of_either(of_levels: Tested, trend: Trend | None) -> tuple[float | None, float]:
-    """p-value for no difference between levels and no trend (Bonferroni), and the lowest that there can be."""
+def _of_either(of_levels: Tested, trend: Trend | None) -> Claim:
+    """The claim by a difference between levels or a trend (Bonferroni)."""
     found = [(each.p_value, each.least) for each in (of_levels, trend) if each is not None and each.p_value is not None]
     if not found:
-        return None, 0.0
+        return Claim(None, of_levels.why)
     p_value, least = (len(found) * min(each) for each in zip(*found, strict=True))
-    return min(1.0, p_value), least
-
-
-def share_of(tested: Tested, between: float) -> float:
-    """Share, 0..1, of the variance between configurations that the tested columns explain."""
-    return min(1.0, tested.variance / between) if between > 0 else 0.0
+    return Claim(min(1.0, p_value), least=least)

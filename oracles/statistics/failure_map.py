@@ -25,10 +25,6 @@ class FailureGrid:
     cell_m: float
     shape: tuple[int, int]
 
-    def __post_init__(self) -> None:
-        if not self.cell_m > 0.0 or min(self.shape) < 1:
-            raise ValueError(f"expected cells of more than 0 m, got {self.shape} of {self.cell_m} m")
-
     @property
     def extent_m(self) -> tuple[float, float, float, float]:
         """Bounds x0, x1, y0, y1 in the map frame."""
@@ -64,9 +60,7 @@ class FailureMap:
     squares: NDArray[np.int64] = field(repr=False)
 
     def __add__(self, other: "FailureMap") -> "FailureMap":
-        """Add the map of other configurations."""
-        if self.grid != other.grid:
-            raise ValueError(f"expected maps of one grid, got {self.grid} and {other.grid}")
+        """Add the map of other configurations on the same grid."""
         return FailureMap(
             self.grid,
             self.visits + other.visits,
@@ -166,8 +160,6 @@ def failure_map(
     begin = np.asarray(starts, dtype=np.int64)
     bad = np.asarray(failed, dtype=bool)
     runs = len(bad)
-    if len(begin) != runs + 1 or begin[0] != 0 or begin[-1] != len(xy_m) or (np.diff(begin) < 0).any():
-        raise ValueError(f"starts must rise from 0 to {len(xy_m)} in {runs + 1} steps, got {begin.tolist()[:5]}…")
     of = np.zeros(runs, dtype=np.int64) if configurations is None else np.asarray(configurations, dtype=np.int64)
     run = np.repeat(np.arange(runs), np.diff(begin))
     cell = grid.cells(np.asarray(xy_m, dtype=np.float64))

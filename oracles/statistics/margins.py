@@ -57,23 +57,29 @@ class MarginalMeans:
         return max(-1.0, p - q - down), min(1.0, p - q + up)
 
 
-@dataclass(frozen=True, eq=False)
 class Margins:
-    """A linear model fitted by least squares.
+    """A linear model of `response` (m,) on the columns of `model` (m, columns), which may be dependent; residuals are HC2's.
+
+    Args:
+        blocks: (m,) 0..G - 1.
+        runs: (m,) behind each response.
 
     Attributes:
-        response, fitted: (m,).
+        fitted: (m,).
         explained: Variance of `fitted` beyond that of as many columns of noise.
     """
 
-    response: Floats = field(repr=False)
-    fitted: Floats = field(repr=False)
-    explained: float
-    _model: Floats = field(repr=False)
-    _inverse: Floats = field(repr=False)
-    _weighted: Floats = field(repr=False)
-    _blocks: NDArray[np.int64] = field(repr=False)
-    _runs: Floats = field(repr=False)
+    def __init__(self, model: Floats, response: Floats, blocks: NDArray[np.int64], runs: Floats) -> None:
+        self._model, self._response, self._blocks, self._runs = model, response, blocks, runs
+        self._inverse = np.linalg.pinv(model.T @ model, rcond=1e-10, hermitian=True).astype(np.float64)
+        self.fitted: Floats = model @ (self._inverse @ (model.T @ response))
+        leverage = np.einsum("ij,jk,ik->i", model, self._inverse, model, optimize=True)
+        residual: Floats = response - self.fitted
+        rank = round(float(leverage.sum()))
+        left = len(response) - rank
+        noise = float(residual @ residual) / left if left > 0 else float(response.var())
+        self.explained = max(0.0, float(self.fitted.var()) - (rank - 1) * noise / len(response))
+        self._weighted: Floats = residual / np.sqrt(np.maximum(1.0 - leverage, 0.05))
 
     def at(self, points: Floats, groups: Sequence[NDArray[np.bool_]]) -> MarginalMeans:
         """Means at `points` (k, columns); `groups` are the rows with each point's level.
@@ -89,33 +95,14 @@ class Margins:
         count = int(self._blocks.max()) + 1
         sums = np.zeros((len(points), count))
         for k in range(len(points)):
-            residual = self._weighted if told[k] else self.response - self.response[groups[k]].mean()
+            residual = self._weighted if told[k] else self._response - self._response[groups[k]].mean()
             sums[k] = np.bincount(self._blocks, weights=weights[k] * residual, minlength=count)
         covariance = sums @ sums.T * (count / max(count - 1, 1))
         units = np.array([len(np.unique(self._blocks[group])) for group in groups], dtype=np.float64)
         most = np.array([self._runs[group].sum() for group in groups])
-        means = np.clip(weights @ self.response, 0.0, 1.0)
+        means = np.clip(weights @ self._response, 0.0, 1.0)
         means = np.where(means < 1e-9, 0.0, np.where(means > 1 - 1e-9, 1.0, means))  # rounding is no failure
         return MarginalMeans(means, covariance, units, most)
-
-
-def margins_of(model: Floats, response: Floats, blocks: NDArray[np.int64], runs: Floats) -> Margins:
-    """Fit `response` (m,) by the columns of `model` (m, columns), which may be dependent; residuals are HC2's.
-
-    Args:
-        blocks: (m,) 0..G - 1.
-        runs: (m,) behind each response.
-    """
-    inverse = np.linalg.pinv(model.T @ model, rcond=1e-10, hermitian=True).astype(np.float64)
-    fitted: Floats = model @ (inverse @ (model.T @ response))
-    leverage = np.einsum("ij,jk,ik->i", model, inverse, model, optimize=True)
-    residual: Floats = response - fitted
-    rank = round(float(leverage.sum()))
-    left = len(response) - rank
-    noise = float(residual @ residual) / left if left > 0 else float(response.var())
-    explained = max(0.0, float(fitted.var()) - (rank - 1) * noise / len(response))
-    weighted: Floats = residual / np.sqrt(np.maximum(1.0 - leverage, 0.05))
-    return Margins(response, fitted, explained, model, inverse, weighted, blocks, runs)
 
 
 LEAST_VALUES: Final = 3
@@ -159,7 +146,7 @@ def trend_of(contrasts: Contrasts, values: Floats, others: Floats, runs: Floats,
     if float((beyond(column, others)[0] ** 2).sum()) < 1e-9 * len(values) or len(contrasts.sizes) < 2:
         return None
     usual = others[known].mean(axis=0)
-    margins = margins_of(np.hstack((others, column)), contrasts.response, contrasts.blocks, runs)
+    margins = Margins(np.hstack((others, column)), contrasts.response, contrasts.blocks, runs)
     found = margins.at(np.array([[*usual, 0.0], [*usual, 1.0]]), [known, known])
     tested = contrasts.test(column, others)
     return Trend(

@@ -1,6 +1,7 @@
 """Sequential stopping: end the runs of a configuration when its class is shown."""
 
-from collections.abc import Sequence
+from bisect import bisect_left
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final
@@ -111,7 +112,7 @@ class StoppingRule:
 
     def operating_characteristics(self, p: ArrayLike, runs_per_look: int = 1) -> OperatingCharacteristics:
         """Exact operating characteristics at success rates `p` (k,), with `runs_per_look` runs between two looks."""
-        looks = frozenset((*range(self.min_runs, self.max_runs, runs_per_look), self.max_runs))
+        looks = {*range(self.min_runs, self.max_runs, runs_per_look), self.max_runs}
         rates = np.atleast_1d(np.asarray(p, dtype=np.float64))
         return _characteristics(self._lattice, looks, rates, self.bounds)
 
@@ -136,8 +137,7 @@ class StoppingRule:
     def _worst_error(self, lattice: Sequence[NDArray[np.intp]]) -> float:
         s, r, near = self.bounds.systematic, self.bounds.reliable, 1e-9
         grid = np.concatenate((np.linspace(0.0, 1.0, 201), [s, s + near, r - near, r]))
-        looks = frozenset(range(self.min_runs, self.max_runs + 1))
-        return float(_characteristics(lattice, looks, grid, self.bounds).wrong.max())
+        return float(_characteristics(lattice, range(self.min_runs, self.max_runs + 1), grid, self.bounds).wrong.max())
 
     @cached_property
     def _lattice(self) -> list[NDArray[np.intp]]:
@@ -145,13 +145,16 @@ class StoppingRule:
 
     def _claims_by(self, thresholds: Floats) -> list[NDArray[np.intp]]:
         """Claims at each (n, x), by n; entries x > n are open."""
-        x = np.arange(self.max_runs + 1.0)
-        return [
-            np.where(
-                (x <= n) & (n >= self.min_runs), self._claims(np.minimum(x, n), np.full_like(x, n), thresholds), _OPEN
-            )
-            for n in range(self.max_runs + 1)
-        ]
+        n, x = self._grid
+        claims = self._claims(np.minimum(x, n), n, thresholds)
+        return list(np.where((x <= n) & (n >= self.min_runs), claims, _OPEN))
+
+    @property
+    def _grid(self) -> tuple[Floats, Floats]:
+        """Runs and passes, (max_runs + 1, max_runs + 1) each."""
+        numbers = np.arange(self.max_runs + 1.0)
+        n, x = np.meshgrid(numbers, numbers, indexing="ij")
+        return n, x
 
     def _claims(self, x: Floats, n: Floats, thresholds: Floats) -> NDArray[np.intp]:
         # Close bounds allow two claims at once: the one that exceeds its threshold by more counts.
@@ -160,27 +163,32 @@ class StoppingRule:
 
     def _evidence(self, x: Floats, n: Floats) -> Floats:
         """Evidence for each of `CLAIMS`, (3, …)."""
+
+        def evidence(null: float, alternative: float) -> Floats:
+            """Log likelihood ratio of `alternative` against `null`."""
+            return np.asarray(x * np.log(alternative / null) + (n - x) * np.log((1 - alternative) / (1 - null)))
+
         s, r = self.bounds.systematic, self.bounds.reliable
         middle = (s + r) / 2
-        flaky = np.minimum(_evidence(x, n, s, middle), _evidence(x, n, r, middle))
-        return np.stack((_evidence(x, n, s, s / 2), flaky, _evidence(x, n, r, (1 + r) / 2)))
+        return np.stack(
+            (evidence(s, s / 2), np.minimum(evidence(s, middle), evidence(r, middle)), evidence(r, (1 + r) / 2))
+        )
 
     def _calibrated(self, claim: int, nulls: Sequence[float], error: float) -> float:
         """Smallest threshold reached with a probability of at most `error` at each of `nulls`."""
-        x = np.arange(self.max_runs + 1.0)
-        evidence = np.stack([self._evidence(np.minimum(x, n), np.full_like(x, n))[claim] for n in range(len(x))])
-        evidence[x[None, :] > x[:, None]] = -np.inf
-        evidence[: self.min_runs] = -np.inf
+        n, x = self._grid
+        evidence = self._evidence(np.minimum(x, n), n)[claim]
+        evidence[(x > n) | (n < self.min_runs)] = -np.inf
         # Sums of logarithms that are equal on paper differ in the last digits.
-        candidates = np.unique(np.round(evidence[np.isfinite(evidence)], 9))
-        low, high = 0, len(candidates)  # the answer is candidates[low..high - 1], or none of them
-        while low < high:
-            middle = (low + high) // 2
-            if _reached(evidence, candidates[middle] - 1e-9, np.array(nulls)).max() <= error:
-                high = middle
-            else:
-                low = middle + 1
-        return float(candidates[low] - 1e-9) if low < len(candidates) else np.inf
+        candidates = np.unique(np.round(evidence[np.isfinite(evidence)], 9)) - 1e-9
+
+        def is_enough(k: int) -> bool:
+            claims = list(np.where(evidence >= candidates[k], claim, _OPEN))
+            open_ = _characteristics(claims, range(len(claims)), np.array(nulls), self.bounds).undecided
+            return bool((1.0 - open_).max() <= error)
+
+        first = bisect_left(range(len(candidates)), True, key=is_enough)
+        return float(candidates[first]) if first < len(candidates) else np.inf
 
 
 def classes_by(rule: StoppingRule, passed: ArrayLike, judged: ArrayLike) -> Classes:
@@ -201,7 +209,7 @@ def runs_saved(rule: StoppingRule, runs: ArrayLike) -> Savings:
 
 
 def _characteristics(
-    lattice: Sequence[NDArray[np.intp]], looks: frozenset[int], rates: Floats, bounds: ClassBounds
+    lattice: Sequence[NDArray[np.intp]], looks: Container[int], rates: Floats, bounds: ClassBounds
 ) -> OperatingCharacteristics:
     """Propagate the probabilities of (n, x) through the claims `lattice`, with looks after `looks` runs."""
     alive = np.zeros((len(rates), len(lattice)))
@@ -210,7 +218,9 @@ def _characteristics(
     expected = np.zeros(len(rates))
     for n in range(1, len(lattice)):
         expected += alive.sum(axis=1)
-        alive = _after_a_run(alive, rates)
+        passes = alive[:, :-1] * rates[:, None]
+        alive = alive * (1 - rates)[:, None]
+        alive[:, 1:] += passes
         if n in looks:
             for claim in range(len(CLAIMS)):
                 there = np.flatnonzero(lattice[n] == claim)
@@ -218,27 +228,3 @@ def _characteristics(
                 alive[:, there] = 0.0
     wrong = ends.sum(axis=0) - ends[bounds.of(rates), np.arange(len(rates))]
     return OperatingCharacteristics(rates, ends[0], ends[1], ends[2], alive.sum(axis=1), wrong, expected)
-
-
-def _evidence(x: Floats, n: Floats, null: float, alternative: float) -> Floats:
-    """Log likelihood ratio of `alternative` against `null`."""
-    return np.asarray(x * np.log(alternative / null) + (n - x) * np.log((1 - alternative) / (1 - null)))
-
-
-def _reached(evidence: Floats, threshold: float, rates: Floats) -> Floats:
-    """Probability (k,) that the evidence (N + 1, N + 1), by runs and passes, reaches `threshold` in N runs."""
-    runs = len(evidence) - 1
-    alive = np.zeros((len(rates), runs + 1))
-    alive[:, 0] = 1.0
-    for n in range(1, runs + 1):
-        alive = _after_a_run(alive, rates)
-        alive[:, evidence[n] >= threshold] = 0.0
-    left: Floats = alive.sum(axis=1)
-    return 1.0 - left
-
-
-def _after_a_run(alive: Floats, rates: Floats) -> Floats:
-    """Probabilities (k, N + 1) of each number of passes, one run later."""
-    after: Floats = alive * (1 - rates)[:, None]
-    after[:, 1:] += alive[:, :-1] * rates[:, None]
-    return after

@@ -7,9 +7,8 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
-from vastflow.oracles.figures.case_figure import Side, pair_figure
+from vastflow.oracles.figures.case_figure import Case, PlanView, pair_figure, plan_view_figure
 from vastflow.oracles.figures.floor import zone_handles
-from vastflow.oracles.figures.plan_view import PlanView, plan_view_figure
 from vastflow.oracles.figures.scene import NO_ZONES, Zones, zones_of
 from vastflow.oracles.figures.style import png
 from vastflow.oracles.observation.situation import Situation
@@ -73,7 +72,7 @@ def test_zones_are_tinted_by_kind_and_value(occupancy):
 def test_pair_figure_has_zones_of_each_side(occupancy):
     situation = Situation(Pose(0.5, 2.0, 0.0), (Pose(3.5, 2.0, 0.0),), ())
     masks = Zones(keepout=(zone(0.5, 0.5, 100),)), Zones(speed=(zone(2.5, 2.5, 100),))
-    before, after = (Side("", occupancy, situation, (), (), zones=zones) for zones in masks)
+    before, after = (Case("", occupancy, situation, (), (), zones=zones) for zones in masks)
     figure = pair_figure("room", (before, after))
     points = (1.0, 1.0), (3.0, 3.0)
     (kept_out, plain), (as_plain, slower) = (colors_at(figure, axes, *points) for axes in figure.axes)
@@ -102,7 +101,7 @@ def a_side(build, tmp_path, title, said, chosen=0):
     occupancy = load_map(build.write_map(tmp_path / title, build.walled_room(8.0, 6.0)))
     situation = Situation(Pose(1.0, 1.0, 0.0), (Pose(6.0, 4.0, 0.0),), ())
     paths = [(judgement, np.linspace((1.0, 1.0), (6.0, 1.0 + k), 40)) for k, judgement in enumerate(said)]
-    return Side(title, occupancy, situation, (), paths, chosen)
+    return Case(title, occupancy, situation, (), paths, chosen)
 
 
 def drawn(*sides):

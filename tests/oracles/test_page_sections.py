@@ -12,7 +12,7 @@ import pytest
 
 from vastflow.flows.results.summary import Results
 from vastflow.oracles.evidence.findings import findings_of
-from vastflow.oracles.figures.factor_figure import factor_figure, interaction_figure
+from vastflow.oracles.figures.charts import factor_figure, interaction_figure
 from vastflow.oracles.page.facts import facts_of
 from vastflow.oracles.page.failures import cases, failure_kinds, kind_of
 from vastflow.oracles.page.headline import headline_html
@@ -20,8 +20,7 @@ from vastflow.oracles.page.report import write_report
 from vastflow.oracles.page.search_section import CELLS_DRAWN, search_section
 from vastflow.oracles.page.untested import rejection_rows
 from vastflow.oracles.results.tables import read_tables
-from vastflow.oracles.statistics.effects import Claim, FactorEffect, LevelEffect
-from vastflow.oracles.statistics.interactions import InteractionEffect, LevelPair
+from vastflow.oracles.statistics.effects import Claim, FactorEffect, InteractionEffect, LevelEffect, LevelPair
 from vastflow.oracles.statistics.intervals import Interval
 
 TASK = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}

@@ -14,7 +14,6 @@ from vastflow.oracles.statistics.classes import (
     classify,
     passes_that_show,
     runs_for_a_claim,
-    shares,
     total_failures,
 )
 from vastflow.oracles.statistics.stopping import StoppingRule, classes_by, runs_saved
@@ -91,12 +90,13 @@ def test_runs_for_a_claim_and_passes_that_show_agree_with_tails():
     assert passes_that_show(2) == passes_that_show(0) == {}
 
 
-def test_total_failures_and_shares_count_configurations():
+def test_total_failures_and_classes_count_configurations():
     found = total_failures([0, 0, 10, 20, 0], [20, 20, 20, 20, 0])
     assert (found.configurations, found.failures, found.of_failures) == (2, 40, 50)
     assert found.share == pytest.approx(0.8)
     assert total_failures([5, 5], [5, 5]).share is None
-    assert shares(["flaky", "flaky", "undecided"]) == {"systematic": 0, "flaky": 2, "reliable": 0, "undecided": 1}
+    counted = {"systematic": 1, "flaky": 1, "reliable": 1, "undecided": 0}
+    assert classify([20, 0, 10], [20, 20, 20]).counts == counted
 
 
 @each_row(

@@ -113,8 +113,3 @@ def test_levels_are_compared_by_pairs():
     assert [one.adjusted for one in by_level(factors, found)] == pytest.approx([1.0, 2 * binomtest(11, 11).pvalue])
     assert [one.adjusted for one in by_level(factors, found, "others")] == [None, None]
     assert [one.level for one in by_level(factors, pairs((5, 0, 0, 0)))] == ["0.2"]
-
-
-def test_pairs_need_both_outcomes():
-    with pytest.raises(ValueError, match="expected a configuration and two outcomes"):
-        Pairs(np.zeros(2, dtype=np.int64), np.zeros(2, dtype=bool), np.zeros(1, dtype=bool))

@@ -11,10 +11,9 @@ from table import each_row
 from vastflow.oracles.page.words import factor_text, powerless_text
 from vastflow.oracles.results.factors import factors_of
 from vastflow.oracles.statistics.analysis import factor_analysis, holm
-from vastflow.oracles.statistics.contrast import contrasts_of
-from vastflow.oracles.statistics.effects import Matched
+from vastflow.oracles.statistics.contrast import Contrasts
 from vastflow.oracles.statistics.margins import trend_of
-from vastflow.oracles.statistics.situations import needed, permuted, smallest
+from vastflow.oracles.statistics.matched import Matched, needed, permuted, smallest
 
 GRID = [{"a": a, "b": b, "k": k} for a, b, k in product((0, 1), (0, 1, 2), range(4))]
 ONE, ALONE, RUNS = np.ones((40, 1)), np.arange(40), np.full(40, 20.0)
@@ -134,12 +133,12 @@ def test_permutations_within_situations_agree_with_scipy():
 def test_contrasts_agree_with_exact_test_and_analysis_of_variance():
     # Of the 20 paths to choose 3 of 6, two are as extreme: Fisher's exact test says 0.1.
     steps = np.array([0.0, 0, 0, 1, 1, 1])
-    assert contrasts_of(steps, np.arange(6), 4000).test(steps[:, None], np.ones((6, 1))).p_value == pytest.approx(
+    assert Contrasts(steps, np.arange(6), 4000).test(steps[:, None], np.ones((6, 1))).p_value == pytest.approx(
         0.1, abs=0.02
     )
     response = np.random.default_rng(6).normal(size=90) + np.repeat([0.0, 0.2, 0.35], 30)
     columns = np.repeat(np.eye(3)[:, 1:], 30, axis=0)
-    found = contrasts_of(response, np.arange(90), draws=4000).test(columns, np.ones((90, 1)))
+    found = Contrasts(response, np.arange(90), draws=4000).test(columns, np.ones((90, 1)))
     assert found.p_value == pytest.approx(f_oneway(*response.reshape(3, 30)).pvalue, abs=0.02)
 
 
@@ -250,14 +249,14 @@ def test_trend_is_slope_of_least_squares():
     rng = np.random.default_rng(1)
     lengths = rng.uniform(5, 20, 40)
     rates = 0.02 * lengths + rng.normal(0, 0.05, 40)
-    found, expected = trend_of(contrasts_of(rates, ALONE, 999), lengths, ONE, RUNS, 0.05), linregress(lengths, rates)
+    found, expected = trend_of(Contrasts(rates, ALONE, 999), lengths, ONE, RUNS, 0.05), linregress(lengths, rates)
     half = np.ptp(found.change_interval) / 2
     assert half == pytest.approx(2.02 * expected.stderr * np.ptp(lengths), rel=0.35)  # robust, so not the same
     assert (found.smallest, found.greatest) == (lengths.min(), lengths.max())
     assert found.change == pytest.approx(expected.slope * np.ptp(lengths))
     # Long paths on map B, which is harder by 0.3; a meter costs 0.01 on either.
     lengths, b = np.r_[np.linspace(5, 15, 20), np.linspace(10, 20, 20)], np.repeat([0.0, 1.0], 20)
-    found = trend_of(contrasts_of(0.3 * b + 0.01 * lengths, ALONE, 999), lengths, np.column_stack((ONE, b)), RUNS, 0.05)
+    found = trend_of(Contrasts(0.3 * b + 0.01 * lengths, ALONE, 999), lengths, np.column_stack((ONE, b)), RUNS, 0.05)
     assert found.change == pytest.approx(0.15)
     low, high = found.change_interval
     assert -0.5 < low < 0.15 < high < 0.5  # blocks agree, and say no more than their runs
@@ -267,7 +266,7 @@ def test_trend_leaves_out_missing_numbers():
     lengths = np.r_[np.linspace(5, 15, 30), np.full(10, np.nan)]
     others = np.column_stack((ONE, np.isnan(lengths)))
     rates = np.r_[0.02 * lengths[:30], np.full(10, 0.9)]
-    assert trend_of(contrasts_of(rates, ALONE, 999), lengths, others, RUNS, 0.05).change == pytest.approx(0.2)
+    assert trend_of(Contrasts(rates, ALONE, 999), lengths, others, RUNS, 0.05).change == pytest.approx(0.2)
 
 
 QUARTERS = np.repeat([5.0, 10.0, 15.0, 20.0], 10)
@@ -283,7 +282,7 @@ QUARTERS = np.repeat([5.0, 10.0, 15.0, 20.0], 10)
     ],
 )
 def test_trend_needs_three_values_of_its_own(values, others):
-    rates = contrasts_of(np.linspace(0, 1, 40), ALONE, 999)
+    rates = Contrasts(np.linspace(0, 1, 40), ALONE, 999)
     assert trend_of(rates, np.array(values), others, RUNS, 0.05) is None
 
 
@@ -291,7 +290,7 @@ def test_trend_needs_three_values_of_its_own(values, others):
 def test_trend_of_total_effect_stays_within_100_points(blocks):
     values = np.tile([1.0, 2.0, 3.0], blocks)
     one, runs = np.ones((len(values), 1)), np.full(len(values), 5.0)
-    found = trend_of(contrasts_of((values - 1) / 2, np.repeat(np.arange(blocks), 3), 999), values, one, runs, 0.05)
+    found = trend_of(Contrasts((values - 1) / 2, np.repeat(np.arange(blocks), 3), 999), values, one, runs, 0.05)
     low, high = found.change_interval
     assert -1 <= low < found.change <= high <= 1
 
@@ -310,5 +309,5 @@ def test_levels_and_trend_share_error():
     failed = np.random.default_rng(5).binomial(20, 0.3, 40)
     (factor,) = analyzed([{"length": float(v)} for v in QUARTERS], failed).factors
     levels = (QUARTERS[:, None] == [10.0, 15.0, 20.0]).astype(float)
-    of_levels = contrasts_of(failed / 20, ALONE, 999).test(levels, ONE).p_value
+    of_levels = Contrasts(failed / 20, ALONE, 999).test(levels, ONE).p_value
     assert factor.others.p_value == pytest.approx(min(1.0, 2 * min(of_levels, factor.trend.p_value)))

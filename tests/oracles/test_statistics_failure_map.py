@@ -90,10 +90,6 @@ def test_hot_rarely_marks_cells_that_fail_like_others(configurations):
     assert marked / 100 <= 0.05 + 4 * (0.05 * 0.95 / 100) ** 0.5
 
 
-def test_maps_of_other_grids_and_wrong_starts_are_refused():
-    with pytest.raises(ValueError, match="expected maps of one grid"):
-        _ = empty_map(GRID) + empty_map(grid_over(0, 0, 1, 1))
-    with pytest.raises(ValueError, match="starts must rise from 0 to 2 in 2 steps"):
-        failure_map(GRID, along(0.5, 1.5), [0, 3], [False])
+def test_grid_covers_rectangle():
     grid = grid_over(-1.0, 2.0, 1.1, 3.0, cell_m=0.5)
     assert (grid.shape, grid.extent_m) == ((2, 5), (-1.0, 1.5, 2.0, 3.0))
