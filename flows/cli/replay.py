@@ -124,7 +124,7 @@ def _asked(
     video: bool,
 ) -> ShownTicks:
     from vastflow.oracles.replay.still import MOST
-    from vastflow.oracles.replay.times import rounded, span_of, step_of, tick_at, whole_run
+    from vastflow.oracles.replay.story import rounded, span_of, step_of, tick_at, whole_run
 
     whole = whole_run(recorded.recording.run.simulated_s)
     span = span_of(from_s, to_s, whole)
@@ -170,7 +170,7 @@ def _executed(recorded: "RecordedRun", asked: ShownTicks) -> "tuple[Replay, list
         strip = highlights(seen.recording.run, min(asked.first, end), end)
     view = view_of(seen.moments, script_of(recorded.scenario).goals)
     ticks = sorted({*strip, *(min(tick, last) for tick in asked.film)})
-    return execute(*run, {tick: view.box(seen.moments[tick]) for tick in ticks}), strip
+    return execute(*run, {tick: view[tick] for tick in ticks}), strip
 
 
 def _story(title: str, recorded: "RecordedRun", replayed: "Replay", difference: "Difference | None") -> "Story":
@@ -203,8 +203,7 @@ def _story(title: str, recorded: "RecordedRun", replayed: "Replay", difference: 
 def _written(folder: Path, story: "Story", replayed: "Replay", ticks: list[int], asked: ShownTicks) -> dict[str, Any]:
     """Write the pictures and return their paths as `--json` prints them."""
     from vastflow.oracles.figures.style import png
-    from vastflow.oracles.replay.film import write_film
-    from vastflow.oracles.replay.still import still_images, strip_figure
+    from vastflow.oracles.replay.still import still_images, strip_figure, write_film
 
     snapshots = {snapshot.moment.tick: snapshot for snapshot in replayed.snapshots}
     chosen = [snapshots[tick] for tick in ticks]

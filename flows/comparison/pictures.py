@@ -10,7 +10,7 @@ from vastflow.oracles.figures.case_figure import Case, pair_figure
 from vastflow.oracles.figures.scene import read_walks, zones_of
 from vastflow.oracles.figures.style import png
 from vastflow.oracles.observation.situation import situation_of
-from vastflow.oracles.results.executed import KeptFiles
+from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
 from vastflow.oracles.results.tables import CODES, Tables
 from vastflow.oracles.statistics.comparison import Change
 from vastflow.sim.model.faults import UserError
@@ -57,7 +57,7 @@ def _side(tables: Tables, name: str, title: str, judged: dict[int, int], strong:
         raise NotDrawn("it has no map")
     try:
         walks = read_walks(tables.directory, name)
-        scenario = found.scenario(k, KeptFiles(tables.directory))
+        scenario = scenario_of_row(found.row(k), KeptFiles(tables.directory))
         occupancy = load_map(tables.directory / "environments" / environment / "map.yaml")
         situation, zones = situation_of(scenario), zones_of([scenario])
     except (OSError, ValueError, KeyError) as error:

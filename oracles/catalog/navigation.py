@@ -119,7 +119,8 @@ class Navigation(Oracle[NavigationParameters]):
         if "speed_mps" in trace.columns:
             metrics["smoothness"] = _smoothness(trace["t_s"], np.abs(trace["speed_mps"]))
         if "yaw_rad" in trace.columns and driven_m > 0:
-            metrics["turning"] = float(np.abs(_wrapped(np.diff(trace["yaw_rad"]))).sum()) / driven_m
+            turned_rad = (np.diff(trace["yaw_rad"]) + np.pi) % (2 * np.pi) - np.pi
+            metrics["turning"] = float(np.abs(turned_rad).sum()) / driven_m
         if "stopped" in trace.columns:
             stops_s = stops(trace["t_s"], trace["stopped"] > 0, self.parameters.stop_s)
             metrics |= {"stops": len(stops_s), "stopped_time": round(sum(stops_s), 3)}
@@ -143,7 +144,3 @@ def _smoothness(t_s: NDArray[np.float64], speed_mps: NDArray[np.float64]) -> flo
     step_s = float(np.median(np.diff(t_s)))
     even_s = np.arange(t_s[0], t_s[-1] + step_s / 2, step_s)
     return spectral_arc_length(np.interp(even_s, t_s, speed_mps), step_s)
-
-
-def _wrapped(angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-    return (angle_rad + np.pi) % (2 * np.pi) - np.pi

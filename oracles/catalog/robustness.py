@@ -62,13 +62,8 @@ class Robustness(Oracle[RobustnessParameters]):
 
     Parameters = RobustnessParameters
     metrics: ClassVar[Mapping[str, str]] = {
-        "update": "m",
-        "step": "m",
-        "metre": "m",
-        "mean": "m",
-        "maximum": "m",
+        **dict.fromkeys(("update", "step", "metre", "mean", "maximum", "threshold"), "m"),
         "updates": "1",
-        "threshold": "m",
     }
 
     def judge(self, trace: Trace, situation: Situation) -> Verdict:

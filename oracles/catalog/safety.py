@@ -1,7 +1,7 @@
 """Oracle `safety`: the separation kept from obstacles, and how soon the robot brakes for one that appears."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Final, Literal, TypeAlias
 
@@ -11,7 +11,7 @@ from pydantic import Field
 
 from vastflow.oracles.judgement.oracle import Oracle, Parameters
 from vastflow.oracles.judgement.verdict import Verdict
-from vastflow.oracles.observation.obstacle_tracks import ObstacleTrack, obstacle_tracks_of
+from vastflow.oracles.observation.obstacle_tracks import obstacle_tracks_of
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.observation.trace import Trace
 from vastflow.sim.model.obstacle import Obstacle
@@ -33,47 +33,26 @@ class Braking:
     stopped_mps: float
 
 
-@dataclass(frozen=True, slots=True)
-class Response:
-    """The response of a robot to an obstacle that appeared while it drove towards it.
-
-    Attributes:
-        obstacle: Its name.
-        appears_s: Time of its appearance.
-        time_s: From then until the robot braked; None if it did not.
-    """
-
-    obstacle: str
-    appears_s: float
-    time_s: float | None
-
-
-def responses(trace: Trace, situation: Situation, braking: Braking) -> Iterator[Response]:
-    """Responses to the obstacles that appeared and that the robot approached afterwards.
+def responses(trace: Trace, situation: Situation, braking: Braking) -> list[float | None]:
+    """Times (s) until the robot braked for each obstacle that appeared and was approached; None without braking.
 
     The time is from the first row with the obstacle to the row at which braking begins (`Braking`), at a resolution of 0.1 s; 0 for a
     standing robot. Only rows until the robot leaves the place nearest to the obstacle count.
     """
+    found: list[float | None] = []
     for track in obstacle_tracks_of(situation, trace.run):
-        if track.appears_s is not None and len(trace):
-            response = _response(trace, track, track.appears_s, braking)
-            if response is not None:
-                yield response
-
-
-def _response(trace: Trace, track: ObstacleTrack, appears_s: float, braking: Braking) -> Response | None:
-    t_s = trace["t_s"]
-    apart_m = np.hypot(*(trace.xy_m - track.at(np.rint(t_s * 1000.0).astype(np.int32))).T)
-    first = int(np.searchsorted(t_s, appears_s - 1e-9))
-    if first >= len(t_s) or not np.isfinite(apart_m[first]):
-        return None
-    apart_m = apart_m[first:]
-    if np.argmin(apart_m) == 0:
-        return None
-    end = first + int(np.flatnonzero(apart_m <= apart_m.min() + _RESOLUTION_M)[-1]) + 1
-    begins = _begins(t_s[first:end], np.abs(trace["speed_mps"][first:end]), braking)
-    time_s = round(float(t_s[first + begins] - t_s[first]), 3) if begins is not None else None
-    return Response(track.obstacle.name, appears_s, time_s)
+        if track.appears_s is None or not len(trace):
+            continue
+        t_s = trace["t_s"]
+        apart_m = np.hypot(*(trace.xy_m - track.at(np.rint(t_s * 1000.0).astype(np.int32))).T)
+        first = int(np.searchsorted(t_s, track.appears_s - 1e-9))
+        if first >= len(t_s) or not np.isfinite(apart_m[first]) or np.argmin(apart_m[first:]) == 0:
+            continue
+        apart_m = apart_m[first:]
+        end = first + int(np.flatnonzero(apart_m <= apart_m.min() + _RESOLUTION_M)[-1]) + 1
+        begins = _begins(t_s[first:end], np.abs(trace["speed_mps"][first:end]), braking)
+        found.append(None if begins is None else round(float(t_s[first + begins] - t_s[first]), 3))
+    return found
 
 
 def _begins(t_s: NDArray[np.float64], speed_mps: NDArray[np.float64], braking: Braking) -> int | None:
@@ -151,16 +130,11 @@ class Safety(Oracle[SafetyParameters]):
 
     Parameters = SafetyParameters
     metrics: ClassVar[Mapping[str, str]] = {
-        "smallest_separation": "m",
-        "margin": "m",
-        "footprint_margin": "m",
-        "cube_margin": "m",
+        **dict.fromkeys(("smallest_separation", "margin", "footprint_margin", "cube_margin"), "m"),
         "violation_time": "s",
         "violation_clearance": "m",
         "response_time": "s",
-        "unanswered": "1",
-        "contacts": "1",
-        "obstacle_contacts": "1",
+        **dict.fromkeys(("unanswered", "contacts", "obstacle_contacts"), "1"),
     }
 
     def judge(self, trace: Trace, situation: Situation) -> Verdict:
@@ -199,11 +173,19 @@ class Safety(Oracle[SafetyParameters]):
                 f"{reading}_margin": min(float(m.min()) for m in found.values())
                 for reading, found in by_reading.items()
             },
-            "violation_time": _duration_s(trace["t_s"], violated),
-            "violation_clearance": self._closest_m(trace, robot_m, violated),
+            # Each row stands for half the steps on either side.
+            "violation_time": round(
+                float((0.5 * np.diff(trace["t_s"]) * (1.0 * violated[1:] + violated[:-1])).sum()), 6
+            ),
         }
+        kinds = [name for name in ("static_clearance_m", "appearing_clearance_m") if name in trace.columns]
+        if kinds and violated.any():
+            metrics["violation_clearance"] = round(min(float(trace[k][violated].min()) for k in kinds) - robot_m, 9)
         if "speed_mps" in trace.columns:
-            metrics |= self._responses(trace, situation)
+            p = self.parameters
+            found = responses(trace, situation, Braking(p.braking_mps, p.braking_s, p.stopped_speed_mps))
+            times_s = [time_s for time_s in found if time_s is not None]
+            metrics |= {"response_time": max(times_s, default=None), "unanswered": len(found) - len(times_s)}
         if margins_m[worst].min() < 0:
             apart_m = float(there[worst].min())
             required_m = self.required_m(closest[worst], robot_m, self.parameters.obstacle_radius)
@@ -224,23 +206,3 @@ class Safety(Oracle[SafetyParameters]):
             return self.passed(trace, **metrics)
         more = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
         return self.failed(trace, f"touched {wrong[0]!r}{more}", **metrics)
-
-    def _closest_m(self, trace: Trace, robot_m: float, violated: NDArray[np.bool_]) -> float | None:
-        kinds = [name for name in ("static_clearance_m", "appearing_clearance_m") if name in trace.columns]
-        if not kinds or not violated.any():
-            return None
-        clearance_m = min(float(trace[name][violated].min()) for name in kinds)
-        return round(clearance_m - robot_m, 9)
-
-    def _responses(self, trace: Trace, situation: Situation) -> dict[str, float | None]:
-        p = self.parameters
-        braking = Braking(p.braking_mps, p.braking_s, p.stopped_speed_mps)
-        found = list(responses(trace, situation, braking))
-        times_s = [response.time_s for response in found if response.time_s is not None]
-        return {"response_time": max(times_s, default=None), "unanswered": len(found) - len(times_s)}
-
-
-def _duration_s(t_s: NDArray[np.float64], is_so: NDArray[np.bool_]) -> float:
-    """Duration of a condition, each row standing for half the steps on either side."""
-    steps_s = np.diff(t_s)
-    return round(float((0.5 * steps_s * (is_so[1:].astype(np.float64) + is_so[:-1])).sum()), 6)

@@ -1,15 +1,17 @@
-"""Causes of failed runs, counted, and standstills at the start."""
+"""Causes of failed runs, standstills at the start, and oracles that pass or fail every run."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vastflow.oracles.judgement.cause import CAUSES, Cause
 from vastflow.oracles.results.schema import codes, integers
-from vastflow.oracles.results.tables import Tables
+from vastflow.oracles.results.tables import FAIL, PASS, Tables
+from vastflow.oracles.statistics.intervals import Floats
 from vastflow.sim.loop import standstill
 
 
@@ -74,7 +76,6 @@ class Standstills:
 
     @property
     def runs(self) -> int:
-        """Number of runs."""
         return sum(self.configurations.values())
 
     @property
@@ -97,3 +98,104 @@ def standstills_of(tables: Tables) -> Standstills:
     found = [(name, cause) for name, cause in zip(*columns, strict=True) if cause is not None]
     names, causes = (Counter(each[k] for each in found) for k in (0, 1))
     return Standstills(dict(causes.most_common()), dict(names))
+
+
+MEASURES_ALONE: Final = frozenset({"navigation"})
+"""Oracles that only measure."""
+MARGIN: Final = "margin"
+"""Metric of the distance from failing: a run fails below 0."""
+THRESHOLD: Final = "threshold"
+"""Metric of the value above which another one fails a run."""
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """The score behind an oracle's verdicts, over the judged runs that have it.
+
+    Attributes:
+        values: (n,) of `metric`, at most `thresholds` in a passed run, or at least where `is_margin`.
+    """
+
+    metric: str
+    unit: str
+    values: Floats = field(repr=False)
+    thresholds: Floats = field(repr=False)
+    is_margin: bool
+
+    @property
+    def threshold(self) -> float | None:
+        """The threshold of all runs; None where they differ."""
+        return float(self.thresholds[0]) if np.ptp(self.thresholds) == 0.0 else None
+
+    @property
+    def slacks(self) -> Floats:
+        """Values (n,), as multiples of the threshold where runs differ in it."""
+        return self.values if self.threshold is not None else self.values / self.thresholds
+
+
+@dataclass(frozen=True, eq=False)
+class Criterion:
+    """An oracle whose runs all passed, or all failed, and the score behind that, if it has one."""
+
+    oracle: str
+    passes: bool
+    runs: int
+    score: Score | None
+
+    @property
+    def nearest(self) -> int | None:
+        """Index of the run whose score is nearest to the other verdict."""
+        if self.score is None:
+            return None
+        at_most = not self.score.is_margin
+        return int(np.argmax(self.score.slacks) if at_most == self.passes else np.argmin(self.score.slacks))
+
+
+def criteria_of(tables: Tables) -> list[Criterion]:
+    """The oracles that separate nothing among two runs or more, in their order."""
+    found = []
+    for oracle in tables.oracles:
+        said = tables.verdicts.of(oracle)
+        passed, failed = int((said == PASS).sum()), int((said == FAIL).sum())
+        if oracle not in MEASURES_ALONE and passed + failed > 1 and 0 in (passed, failed):
+            score = _score(tables, oracle, (said == PASS) | (said == FAIL))
+            found.append(Criterion(oracle, failed == 0, passed + failed, score))
+    return found
+
+
+def criteria_json(criteria: list[Criterion]) -> dict[str, Any]:
+    """Oracle to what all of its runs are, and its nearest score."""
+    document: dict[str, dict[str, Any]] = {}
+    for each in criteria:
+        document[each.oracle] = {"passed": each.passes, "runs": each.runs}
+        if (score := each.score) is not None and (nearest := each.nearest) is not None:
+            document[each.oracle] |= {
+                "metric": score.metric,
+                "unit": score.unit,
+                "nearest": float(score.values[nearest]),
+                "threshold": float(score.thresholds[nearest]),
+            }
+    return document
+
+
+def oracle_parameters(tables: Tables, oracle: str) -> Mapping[str, Any]:
+    """The parameters of an oracle in the campaign file."""
+    asked = (each["parameters"] for each in tables.metadata.get("oracles", []) if each["name"] == oracle)
+    parameters: Mapping[str, Any] = next(asked, {})
+    return parameters
+
+
+def _score(tables: Tables, oracle: str, judged: NDArray[np.bool_]) -> Score | None:
+    from vastflow.oracles.catalog.robustness import DEFAULT_BASIS  # with all that an oracle needs
+
+    metrics = tables.verdicts.metrics(oracle)
+    compared = {"performance": "rmse", "robustness": str(oracle_parameters(tables, oracle).get("basis", DEFAULT_BASIS))}
+    name = MARGIN if MARGIN in metrics else compared.get(oracle, "score")
+    if name not in metrics or (name != MARGIN and THRESHOLD not in metrics):
+        return None
+    values = metrics[name].values
+    thresholds = np.zeros(len(values)) if name == MARGIN else metrics[THRESHOLD].values
+    known = judged & np.isfinite(values) & np.isfinite(thresholds)
+    if not known.any() or (name != MARGIN and (thresholds[known] <= 0.0).any()):
+        return None
+    return Score(name, metrics[name].unit, values[known], thresholds[known], name == MARGIN)

@@ -7,10 +7,9 @@ from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vastflow.oracles.evidence.rates import LEVEL, Counts, Interval, clustered, pooled
-from vastflow.oracles.results.tables import MetricColumn, Tables
+from vastflow.oracles.results.tables import Tables
 from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, wilson_intervals
 
 SOUGHT: Final = "search"
@@ -33,12 +32,10 @@ class Group:
 
     @cached_property
     def counts(self) -> Counts:
-        """Runs of all configurations."""
         return pooled(self.by_name.values())
 
     @property
     def configurations(self) -> int:
-        """Number of configurations."""
         return len(self.by_name)
 
     @cached_property
@@ -75,21 +72,29 @@ class Evidence:
 
 def evidence_of(tables: Tables) -> dict[str | None, Evidence]:
     """Evidence by oracle, in their order; under None, first, that of all together."""
-    return {oracle: _evidence(tables, oracle) for oracle in (None, *tables.oracles)}
+    searched = bool(tables.metadata.get("search"))
+    evidence: dict[str | None, Evidence] = {}
+    for oracle in (None, *tables.oracles):
+        counts = [Counts(*map(int, row)) for row in tables.verdicts.counts(oracle).tolist()]
+        found = dict(zip(tables.configurations.names, counts, strict=True))
+        families = {
+            family: Group({name: found[name] for name in names}, tables, searched and family == SOUGHT)
+            for family, names in tables.families.items()
+        }
+        configurations = {name: each for group in families.values() for name, each in group.by_name.items()}
+        evidence[oracle] = Evidence(Group(configurations, tables, searched), families, configurations)
+    return evidence
 
 
 def spreads_of(tables: Tables) -> dict[str, dict[str, Spread]]:
-    """Oracle to the spread of each of its metrics."""
-    return {
-        oracle: {name: _spread(metric) for name, metric in tables.verdicts.metrics(oracle).items()}
-        for oracle in tables.oracles
-    }
-
-
-def configuration_intervals(evidence: Evidence) -> NDArray[np.float64]:
-    """Wilson intervals (m, 2) of the rates of its configurations."""
-    found = evidence.configurations.values()
-    return wilson_intervals([counts.passed for counts in found], [counts.judged for counts in found], LEVEL)
+    spreads: dict[str, dict[str, Spread]] = {}
+    for oracle in tables.oracles:
+        spreads[oracle] = {}
+        for name, metric in tables.verdicts.metrics(oracle).items():
+            values = metric.values[np.isfinite(metric.values)]
+            ends = (float(of(values)) if values.size else None for of in (np.min, np.median, np.max))
+            spreads[oracle][name] = Spread(metric.unit, values.size, *ends)
+    return spreads
 
 
 def evidence_json(
@@ -123,39 +128,18 @@ def evidence_json(
     return "".join(_lines(document)) + "\n"
 
 
-def _evidence(tables: Tables, oracle: str | None) -> Evidence:
-    counts = [Counts(*map(int, row)) for row in tables.verdicts.counts(oracle).tolist()]
-    found = dict(zip(tables.configurations.names, counts, strict=True))
-    families = {family: {name: found[name] for name in names} for family, names in tables.families.items()}
-    configurations = {name: counts for of_family in families.values() for name, counts in of_family.items()}
-    searched = bool(tables.metadata.get("search"))
-    groups = {family: Group(each, tables, searched and family == SOUGHT) for family, each in families.items()}
-    return Evidence(Group(configurations, tables, searched), groups, configurations)
-
-
-def _spread(metric: MetricColumn) -> Spread:
-    values: NDArray[np.float64] = metric.values[np.isfinite(metric.values)]
-    if not values.size:
-        return Spread(metric.unit, 0, None, None, None)
-    return Spread(metric.unit, values.size, float(values.min()), float(np.median(values)), float(values.max()))
-
-
 def _document(evidence: Evidence, spreads: Mapping[str, Spread]) -> dict[str, Any]:
+    def group(of: Group) -> dict[str, Any]:
+        (rates,) = _with_intervals([of.counts])
+        clustered = asdict(of.clustered) if of.clustered else None
+        return {**rates, "configurations": of.configurations, "clustered": clustered}
+
+    configurations = _with_intervals(list(evidence.configurations.values()))
     return {
-        "campaign": _group(evidence.campaign),
-        "families": {name: _group(group) for name, group in evidence.families.items()},
-        "configurations": dict(
-            zip(evidence.configurations, _with_intervals(list(evidence.configurations.values())), strict=True)
-        ),
+        "campaign": group(evidence.campaign),
+        "families": {name: group(each) for name, each in evidence.families.items()},
+        "configurations": dict(zip(evidence.configurations, configurations, strict=True)),
         "metrics": {name: asdict(spread) for name, spread in spreads.items()},
-    }
-
-
-def _group(group: Group) -> dict[str, Any]:
-    return {
-        **next(_with_intervals([group.counts])),
-        "configurations": group.configurations,
-        "clustered": asdict(group.clustered) if group.clustered else None,
     }
 
 

@@ -1,7 +1,7 @@
 """Findings: statistics of a campaign beyond its rates, and its rates with duplicates counted, as in the paper."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Final
 
@@ -131,6 +131,11 @@ def findings_of(tables: Tables, environments: Mapping[str, str] | None = None) -
     rule = stopping_rule(tables.metadata)
     spread = dispersion(passed, judged, blocks=[tables.blocks[name] for name in names])
     bound = (rule.bounds if rule is not None else ClassBounds()).reliable
+    weighted = None
+    if any(found.duplicate_of):
+        each = {name: Counts(*map(int, row)) for name, row in zip(names, counts.tolist(), strict=True)}
+        weights = weights_of(zip(found.names, found.duplicate_of, strict=True))
+        weighted = weighted_rate(each, weights, blocks=tables.blocks)
     return Findings(
         tuple(names),
         counts,
@@ -138,7 +143,7 @@ def findings_of(tables: Tables, environments: Mapping[str, str] | None = None) -
         total_failures(passed, judged),
         spread,
         tuple(_designs(tables, passed, judged, environments or {})),
-        _weighted(tables, names, counts),
+        weighted,
         None if rule is None else runs_saved(rule, counts.sum(axis=1)),
         chance_of_at_least(bound, passed, judged, spread),
     )
@@ -162,7 +167,6 @@ def stopping_rule(metadata: Mapping[str, Any]) -> StoppingRule | None:
 
 
 def findings_json(findings: Findings) -> dict[str, Any]:
-    """JSON values of `findings`."""
     classes = findings.classes
     return {
         "classes": {
@@ -184,19 +188,18 @@ def _plain(value: Any) -> Any:
     return None if value is None else asdict(value)
 
 
-def _weighted(tables: Tables, names: Sequence[str], counts: NDArray[np.int64]) -> WeightedRate | None:
-    found = tables.configurations
-    if not any(found.duplicate_of):
-        return None
-    each = {name: Counts(*map(int, row)) for name, row in zip(names, counts.tolist(), strict=True)}
-    return weighted_rate(each, weights_of(zip(found.names, found.duplicate_of, strict=True)), blocks=tables.blocks)
-
-
 def _designs(
     tables: Tables, passed: NDArray[np.int64], judged: NDArray[np.int64], environments: Mapping[str, str]
 ) -> Iterator[Design]:
     """Analyze the configurations with the same varying keys."""
-    found = tables.configurations
+    found, verdicts = tables.configurations, tables.verdicts
+    rule = stopping_rule(tables.metadata)
+    # The runs that a stopping rule grants every configuration.
+    granted = verdicts.run_index < rule.min_runs if rule else np.ones(len(verdicts), dtype=np.bool_)
+    first_passed, first_failed = (
+        np.bincount(verdicts.configuration[granted & (verdicts.together == code)], minlength=len(found))
+        for code in (PASS, FAIL)
+    )
     by_keys: dict[frozenset[str], list[int]] = {}
     for place, k in enumerate(found.distinct):
         by_keys.setdefault(frozenset(chosen_values(found, k)), []).append(place)
@@ -218,18 +221,7 @@ def _designs(
             dropped + unseen,
             path_properties=seen,
             sets={factor.name: matched_sets(found, at.tolist(), factor.name) for factor in factors},
-            first=_first(tables, at),
+            first=(first_passed[at], (first_passed + first_failed)[at]),
         )
         if analysis is not None:
             yield Design(families, analysis, tuple(sorted(keys - common)), tuple(sorted(known - keys)))
-
-
-def _first(tables: Tables, at: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Passed and judged (m,) of the runs that the stopping rule grants every configuration."""
-    rule, verdicts = stopping_rule(tables.metadata), tables.verdicts
-    counted = verdicts.run_index < rule.min_runs if rule else np.ones(len(verdicts), dtype=np.bool_)
-    passed, failed = (
-        np.bincount(verdicts.configuration[counted & (verdicts.together == code)], minlength=len(verdicts.names))[at]
-        for code in (PASS, FAIL)
-    )
-    return passed, passed + failed

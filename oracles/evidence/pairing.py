@@ -76,12 +76,10 @@ class Pairing:
         return ", ".join(f"{n:,} {noun}{'' if n == 1 else 's'} {where}" for n, noun, where in found if n)
 
     def no_longer_judged(self, oracle: str | None = None) -> int:
-        """Number of pairs judged only before."""
         before, after = self.judged(oracle)
         return int(((before < NOT_JUDGED) & (after >= NOT_JUDGED)).sum())
 
     def pairs(self, oracle: str | None = None) -> Pairs:
-        """The pairs judged in both campaigns."""
         before, after = self.judged(oracle)
         both = (before < NOT_JUDGED) & (after < NOT_JUDGED)
         chosen = self.configuration[both]

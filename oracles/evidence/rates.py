@@ -19,7 +19,6 @@ class Counts:
 
     @property
     def judged(self) -> int:
-        """Number of judged runs."""
         return self.passed + self.failed
 
     @property
@@ -34,13 +33,11 @@ class Counts:
 
 
 def counts_of(judgements: Iterable[Judgement]) -> Counts:
-    """Count `judgements`."""
     said = list(judgements)
     return Counts(said.count("pass"), said.count("fail"), said.count("not judged"))
 
 
 def pooled(clusters: Iterable[Counts]) -> Counts:
-    """Sum of `clusters`."""
     clusters = list(clusters)
     return Counts(sum(c.passed for c in clusters), sum(c.failed for c in clusters), sum(c.not_judged for c in clusters))
 

@@ -38,7 +38,8 @@ _DRAW: Final = "draw"
 def chosen_values(configurations: ConfigurationTable, k: int) -> dict[str, Any]:
     """Values that the campaign file requests of configuration `k`, in place of values drawn from them."""
     requested = {n: value for n, (_, value) in _requested(configurations, k).items() if n.split(".")[-1] != _DRAW}
-    drawn = {key for step in configurations.steps[k] if _is_drawn(step["keys"]) for key in step["keys"]}
+    steps = configurations.steps[k]
+    drawn = {key for step in steps if any(key.startswith(_REQUESTED) for key in step["keys"]) for key in step["keys"]}
     drawn.discard("map_file")
     if WORLD.keys() & configurations.provenances[k].keys():
         drawn.add(WORLD_KEY)
@@ -91,10 +92,6 @@ def _requested(configurations: ConfigurationTable, k: int) -> dict[str, tuple[st
     return found
 
 
-def _is_drawn(keys: Iterable[str]) -> bool:
-    return any(key.startswith(_REQUESTED) for key in keys)
-
-
 def varied_rows(
     configurations: ConfigurationTable, chosen: Iterable[int], environments: Mapping[str, str]
 ) -> list[dict[str, Any]]:
@@ -115,16 +112,16 @@ def varied_rows(
 
 def path_property_rows(configurations: ConfigurationTable, chosen: Iterable[int]) -> list[dict[str, float]]:
     """The numbers of `PATH_PROPERTIES` of the configurations `chosen`; none if obstacles of the file were not known to the draw."""
+
+    def has_obstacles(value: Any) -> bool:
+        return isinstance(value, list) and any(isinstance(item, dict) and "spawn_pose" in item for item in value)
+
     return [
         _measured(configurations.provenances[k], PATH_PROPERTIES)
-        if _PLACED in configurations.provenances[k] or not any(map(_has_obstacles, configurations.factors[k].values()))
+        if _PLACED in configurations.provenances[k] or not any(map(has_obstacles, configurations.factors[k].values()))
         else {}
         for k in chosen
     ]
-
-
-def _has_obstacles(value: Any) -> bool:
-    return isinstance(value, list) and any(isinstance(item, dict) and "spawn_pose" in item for item in value)
 
 
 def _measured(provenance: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, float]:

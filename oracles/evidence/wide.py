@@ -44,12 +44,10 @@ def wide_table(tables: Tables) -> pd.DataFrame:
 
 
 def write_wide(directory: Path, found: pd.DataFrame) -> None:
-    """Write `runs_wide.parquet`."""
     found.to_parquet(directory / WIDE_FILE, compression="zstd", index=False)
 
 
 def _of_runs(tables: Tables) -> dict[str, Any]:
-    """The columns of `runs.parquet`, missing for unrecorded runs."""
     runs, verdicts, keys = tables.runs, tables.verdicts, ["configuration", "run_index"]
     known = [name for name in (*_TEXTS, *_NUMBERS) if name in runs.column_names] if len(runs) else []
     judged = pd.DataFrame(

@@ -13,18 +13,7 @@ from matplotlib.patches import Circle, Patch, PathPatch, Rectangle
 from matplotlib.path import Path
 from numpy.typing import NDArray
 
-from vastflow.oracles.figures.floor import (
-    draw_ends,
-    draw_floor,
-    draw_lines,
-    draw_obstacles,
-    draw_walls,
-    legend,
-    map_figure,
-    obstacle_handle,
-    places_of,
-    zone_handles,
-)
+from vastflow.oracles.figures import maps
 from vastflow.oracles.figures.scene import NO_ZONES, Zones
 from vastflow.oracles.figures.style import COLORS, DPI, INK, OBSTACLE_COLOR, OBSTACLE_EDGE, WORDS, place
 from vastflow.oracles.judgement.verdict import Judgement
@@ -77,9 +66,8 @@ class Case:
 
     @property
     def stops(self) -> tuple[Floats, Floats]:
-        """Start and goals (n, 2)."""
         start = self.situation.start
-        return places_of([] if start is None else [start]), places_of(self.situation.goals)
+        return maps.places_of([] if start is None else [start]), maps.places_of(self.situation.goals)
 
     @property
     def points(self) -> list[Floats]:
@@ -131,30 +119,30 @@ def pair_figure(title: str, sides: tuple[Case, Case]) -> Figure:
     handles += [Line2D([], [], label="where it failed", **_CROSS)] if "fail" in said else []
     before, after = (side.zones for side in sides)
     zones = Zones(before.keepout + after.keepout, before.speed + after.speed)
-    obstacles = obstacle_handle(max(len(side.obstacles) for side in sides))
-    legend(figure, [*marks, *handles, *obstacles, *zone_handles(zones)])
+    obstacles = maps.obstacle_handle(max(len(side.obstacles) for side in sides))
+    maps.legend(figure, [*marks, *handles, *obstacles, *maps.zone_handles(zones)])
     return figure
 
 
 def _draw(axes: Axes, case: Case, alpha: Callable[[int], float | None]) -> list[Line2D]:
-    """Fill `axes` with a case, so many lines at the opacity `alpha`, and return the entries of its ends for a legend."""
-    draw_floor(axes, case.occupancy, case.zones)
+    """Fill `axes` with a case, n lines at the opacity `alpha(n)`, and return legend entries of its ends."""
+    maps.draw_floor(axes, case.occupancy, case.zones)
     if case.world is not None:
-        draw_walls(axes, case.world)
+        maps.draw_walls(axes, case.world)
     axes.set_xticks([])
     axes.set_yticks([])
-    draw_obstacles(axes, case.obstacles, alpha=0.7)
+    maps.draw_obstacles(axes, case.obstacles, alpha=0.7)
     for judgement in _JUDGEMENTS:
         lines = [line for k, (said, line) in enumerate(case.paths) if said == judgement and k != case.chosen]
-        draw_lines(axes, lines, COLORS[judgement], alpha=alpha(len(lines)))
+        maps.draw_lines(axes, lines, COLORS[judgement], alpha=alpha(len(lines)))
     if case.chosen is not None:
         said, line = case.paths[case.chosen]
-        draw_lines(axes, [line], COLORS[said], alpha=1.0, width=2.6)
+        maps.draw_lines(axes, [line], COLORS[said], alpha=1.0, width=2.6)
     if case.estimate_xy_m is not None:
         axes.plot(*case.estimate_xy_m.T, color=INK, linewidth=1.3, linestyle=(0, (3, 2)), alpha=0.8)
     ends = np.array([line[-1] for said, line in case.paths if said == "fail"]).reshape(-1, 2)
     axes.plot(*ends.T, **_CROSS)
-    return draw_ends(axes, *case.stops) if case.situation.start is not None else []
+    return maps.draw_ends(axes, *case.stops) if case.situation.start is not None else []
 
 
 def _look_at(axes: Axes, low: Floats, high: Floats, shape: tuple[float, float], least_m: float = 0.0) -> float:
@@ -184,7 +172,7 @@ class PlanView:
 
 def plan_view_figure(view: PlanView) -> Figure:
     """The map with everything of the scenario on it; an obstacle that appears has its outline and trigger dashed."""
-    figure, axes = map_figure(view.occupancy, legend_rows=2, top_in=_PLAN_TITLE_IN, zones=view.zones)
+    figure, axes = maps.map_figure(view.occupancy, legend_rows=2, top_in=_PLAN_TITLE_IN, zones=view.zones)
     top = 1 - 0.12 / figure.get_figheight()
     figure.suptitle(view.title, x=0.02, ha="left", y=top, va="top", fontsize=10, color=INK)
     handles: list[Any] = []
@@ -193,25 +181,24 @@ def plan_view_figure(view: PlanView) -> Figure:
         handles.append(Line2D([], [], color=PATH_COLOR, linewidth=1.8, label="path"))
     standing = [obstacle for obstacle in view.situation.obstacles if obstacle.trigger is None]
     appearing = [obstacle for obstacle in view.situation.obstacles if obstacle.trigger is not None]
-    draw_obstacles(axes, standing, alpha=0.7)
+    maps.draw_obstacles(axes, standing, alpha=0.7)
     dashed: dict[str, Any] = {"edgecolor": OBSTACLE_EDGE, "linestyle": _DASHES}
     for obstacle in appearing:
         outline = Path(np.asarray(obstacle.footprint().exterior.coords), closed=True)
         axes.add_patch(PathPatch(outline, facecolor=OBSTACLE_COLOR, alpha=0.45, linewidth=1.2, **dashed))
         if (at := obstacle.trigger) is not None:
             axes.add_patch(Circle((at.x_m, at.y_m), at.distance_m, facecolor="none", linewidth=1.0, **dashed))
-    handles += _draw_stops(axes, view.situation) + obstacle_handle(len(standing))
+    handles += _draw_stops(axes, view.situation) + maps.obstacle_handle(len(standing))
     if appearing:
         label = f"obstacle that appears when the robot enters the circle ({len(appearing)})"
         handles.append(Patch(facecolor=OBSTACLE_COLOR, alpha=0.45, label=label, **dashed))
-    handles += zone_handles(view.zones)
+    handles += maps.zone_handles(view.zones)
     if handles:
-        legend(figure, handles)
+        maps.legend(figure, handles)
     return figure
 
 
 def _draw_stops(axes: Axes, situation: Situation) -> list[Any]:
-    """Start and goals with the directions they ask for; several goals with their numbers."""
     if situation.start is None:
         return []
     goals = list(dict.fromkeys(situation.goals))
@@ -219,7 +206,7 @@ def _draw_stops(axes: Axes, situation: Situation) -> list[Any]:
     for pose in (situation.start, *goals):
         tip = (_ARROW_POINTS * math.cos(pose.yaw_rad), _ARROW_POINTS * math.sin(pose.yaw_rad))
         axes.annotate("", (pose.x_m, pose.y_m), tip, textcoords="offset points", arrowprops=arrow)
-    handles = draw_ends(axes, places_of([situation.start]), places_of(goals))
+    handles = maps.draw_ends(axes, maps.places_of([situation.start]), maps.places_of(goals))
     if len(goals) > 1:
         for number, goal in enumerate(goals, 1):
             axes.annotate(str(number), (goal.x_m, goal.y_m), (6, 5), textcoords="offset points", fontsize=8, color=INK)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from vastflow.oracles.evidence.criteria import Criterion, Score
+from vastflow.oracles.evidence.causes import Criterion, Score
 from vastflow.oracles.evidence.evidence import Evidence
 from vastflow.oracles.evidence.rates import Counts, Interval
 from vastflow.oracles.figures.style import COLORS, DPI, INK, RATES, SOFT_INK, axis_labels, place, plain_axes

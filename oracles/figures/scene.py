@@ -13,7 +13,7 @@ from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.judgement.oracle import SUCCESS
 from vastflow.oracles.observation.obstacle_tracks import spawned_by
 from vastflow.oracles.observation.situation import situation_of
-from vastflow.oracles.results.executed import KeptFiles
+from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
 from vastflow.oracles.results.tables import CODES, FAIL, NOT_JUDGED, Tables
 from vastflow.oracles.statistics.failure_map import FailureGrid, FailureMap, empty_map, failure_map, grid_over
 from vastflow.sim.model.blocks import read_columns, read_rows
@@ -77,7 +77,6 @@ class Walks:
 
     @property
     def ends_xy_m(self) -> NDArray[np.float64]:
-        """Final positions (R, 2)."""
         return np.asarray(self.xy_m[self.starts[1:] - 1])
 
     def line(self, run: int) -> NDArray[np.float64]:
@@ -183,7 +182,7 @@ def known_cells(occupancy: OccupancyMap) -> tuple[int, int, int, int]:
 def _scene(tables: Tables, environment: str, runs: Counts, files: KeptFiles) -> Scene:
     found, verdicts = tables.configurations, tables.verdicts
     indices = np.array([k for k in found.distinct if found.environments[k] == environment], dtype=np.int64)
-    scenarios = [found.scenario(int(k), files) for k in indices]
+    scenarios = [scenario_of_row(found.row(int(k)), files) for k in indices]
     situations = []
     for scenario in scenarios:
         with suppress(ValueError):  # one that could not run

@@ -76,7 +76,6 @@ def cause_of(trace: Trace, verdicts: Sequence[Verdict]) -> Cause | None:
 
 
 def _seen(trace: Trace, failed: Mapping[str, Verdict]) -> Iterator[Cause]:
-    """Yield the causes that hold, in the order of `CAUSES`."""
     if not len(trace):
         return
     missed = trace.events("goal_missed")

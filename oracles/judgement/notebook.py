@@ -43,8 +43,6 @@ class _Cell(BaseModel):
 
 
 class _Notebook(BaseModel):
-    """Required content of a notebook file."""
-
     nbformat: Literal[4]
     cells: list[_Cell]
 
@@ -163,7 +161,6 @@ class RunTables:
 
 
 def run_tables(traces: Sequence[Trace], situation: Situation) -> RunTables:
-    """The tables of `traces`, in their order."""
     names = list(dict.fromkeys([*SIGNALS, *(name for trace in traces for name in trace.columns)]))
     index = np.repeat([trace.run.run_index for trace in traces], [len(trace) for trace in traces]).astype(np.int32)
     signals = {name: [trace.columns.get(name, [None] * len(trace)) for trace in traces] for name in names}
@@ -230,7 +227,6 @@ class NotebookOracle(Oracle[Parameters]):
         return [self._said(trace, said.get(trace.run.run_index)) for trace in traces]
 
     def _executed(self, tables: RunTables) -> dict[str, Any]:
-        """The names that the cells leave."""
         namespace: dict[str, Any] = {"__name__": "__notebook__", "__builtins__": frozen_builtins(self.snapshot)}
         namespace |= {"traces": tables.traces, "runs": tables.runs, "situation": tables.situation}
         for cell in self.cells:

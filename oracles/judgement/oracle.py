@@ -86,7 +86,6 @@ class Oracle(ABC, Generic[P]):
 
 
 def _restored(snapshot: Snapshot, name: str, parameters: Mapping[str, Any], base: Path) -> Oracle[Any]:
-    """Restore an oracle of a file in another process, from copies of its files."""
     found = _class_of(snapshot, name)
     oracle: Oracle[Any] = found(found.Parameters.model_validate(parameters), name, base)
     return oracle
@@ -157,7 +156,6 @@ def _refused(name: str, what: str, right: str) -> OracleError:
 
 
 def _class_of(snapshot: Snapshot, name: str) -> Any:
-    """The class of a plug-in's file or of a notebook; None without one."""
     if ".py:" in name:
         return getattr(module_of(snapshot), name.rpartition(":")[2], None)
     from vastflow.oracles.judgement.notebook import notebook_oracle

@@ -129,7 +129,7 @@ STANDING_RADPS: Final = 0.01
 
 
 class ScenarioObserver:
-    """Observer of the runs of a scenario; the reference path is that of the inscribed radius on the map, by default 0.22 m.
+    """Observer of the runs of a scenario; its reference paths keep the inscribed radius, by default 0.22 m.
 
     Raises:
         MapError: the map cannot be read, or has changed since the campaign was read.

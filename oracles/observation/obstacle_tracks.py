@@ -1,7 +1,7 @@
 """Obstacle tracks: the obstacles of a run and their places over time."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vastflow.oracles.observation.situation import Situation
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.pose import Pose
-from vastflow.sim.model.recording import Event, Run
+from vastflow.sim.model.recording import Run
 
 _SPAWNED, _MOVED, _DELETED = "spawned", "obstacle_moved", "deleted"
 _AWAY: Final = (math.inf, math.inf)
@@ -44,7 +44,6 @@ class ObstacleTrack:
 
     @property
     def was_there(self) -> bool:
-        """Whether it was ever there."""
         return bool(np.isfinite(self.xy_m).any())
 
     def at(self, t_ms: NDArray[np.int32]) -> NDArray[np.float64]:
@@ -77,15 +76,29 @@ def obstacle_tracks_of(situation: Situation, run: Run) -> tuple[ObstacleTrack, .
     Raises:
         ValueError: an event of an obstacle that the scenario does not have.
     """
-    tracks = [_Track(obstacle, there=obstacle.trigger is None) for obstacle in situation.obstacles]
-    tracks += [_Track(obstacle, there=False) for obstacle in spawned_by(run)]
-    named: dict[str, list[_Track]] = {}
-    for track in tracks:
-        named.setdefault(track.obstacle.name, []).append(track)
+    spawned = [*spawned_by(run)]
+    obstacles = [*situation.obstacles, *spawned]
+    there = [obstacle.trigger is None for obstacle in situation.obstacles] + [False] * len(spawned)
+    last = [(obstacle.pose.x_m, obstacle.pose.y_m) for obstacle in obstacles]
+    yaw_rad = [obstacle.pose.yaw_rad for obstacle in obstacles]
+    places = [[(_BEFORE_MS, *(last[k] if there[k] else _AWAY), yaw_rad[k])] for k in range(len(obstacles))]
     for event in run.events:
-        if event.kind in (_SPAWNED, _MOVED, _DELETED):
-            _meant(event, named).note(event)
-    return tuple(track.done() for track in tracks)
+        if event.kind not in (_SPAWNED, _MOVED, _DELETED):
+            continue
+        known = [k for k, obstacle in enumerate(obstacles) if obstacle.name == event.what]
+        if not known:
+            names = ", ".join(dict.fromkeys(repr(obstacle.name) for obstacle in obstacles)) or "none"
+            what = f"expected an obstacle of the scenario ({names}), got {event.what!r}"
+            raise ValueError(f"event {event.kind!r} at {event.t_s:g} s: {what}")
+        possible = [k for k in known if there[k] != (event.kind == _SPAWNED)] or known
+        k = min(possible, key=lambda k: math.dist(last[k], (event.x_m, event.y_m)))
+        there[k], last[k] = event.kind != _DELETED, (event.x_m, event.y_m)
+        places[k].append((round(event.t_s * 1000.0), *(last[k] if there[k] else _AWAY), event.value))
+    columns = [np.array(each).T for each in places]
+    return tuple(
+        ObstacleTrack(obstacle, since_ms.astype(np.int64), np.column_stack((x_m, y_m)), yaw_rad)
+        for obstacle, (since_ms, x_m, y_m, yaw_rad) in zip(obstacles, columns, strict=True)
+    )
 
 
 def spawned_by(run: Run) -> Iterator[Obstacle]:
@@ -97,36 +110,3 @@ def spawned_by(run: Run) -> Iterator[Obstacle]:
         events.remove(event)
         pose = Pose(event.x_m, event.y_m, event.value)
         yield Obstacle(entity.name, entity.shape, pose, entity.length_m, entity.width_m)
-
-
-class _Track:
-    """An obstacle's places, collected event by event."""
-
-    def __init__(self, obstacle: Obstacle, *, there: bool) -> None:
-        self.obstacle = obstacle
-        self.there = there
-        self.last = obstacle.pose.x_m, obstacle.pose.y_m
-        self._since_ms = [_BEFORE_MS]
-        self._xy_m = [self.last if self.there else _AWAY]
-        self._yaw_rad = [obstacle.pose.yaw_rad]
-
-    def note(self, event: Event) -> None:
-        self.there = event.kind != _DELETED
-        self.last = event.x_m, event.y_m
-        self._since_ms.append(round(event.t_s * 1000.0))
-        self._xy_m.append(self.last if self.there else _AWAY)
-        self._yaw_rad.append(event.value)
-
-    def done(self) -> ObstacleTrack:
-        return ObstacleTrack(self.obstacle, np.array(self._since_ms), np.array(self._xy_m), np.array(self._yaw_rad))
-
-
-def _meant(event: Event, named: Mapping[str, list[_Track]]) -> _Track:
-    known = named.get(event.what)
-    if known is None:
-        raise ValueError(
-            f"event {event.kind!r} at {event.t_s:g} s: expected an obstacle of the scenario "
-            f"({', '.join(map(repr, named)) or 'none'}), got {event.what!r}"
-        )
-    possible = [track for track in known if track.there != (event.kind == _SPAWNED)] or known
-    return min(possible, key=lambda track: math.dist(track.last, (event.x_m, event.y_m)))

@@ -76,7 +76,6 @@ class Trace:
         raise KeyError(column)
 
     def __len__(self) -> int:
-        """Number of rows N; 0 without a robot."""
         return len(self.columns.get("t_s", ()))
 
     @property

@@ -1,20 +1,18 @@
 """Facts of a report: the tables of a campaign directory and their evidence."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
 import pandas as pd
 
-from vastflow.oracles.evidence.causes import CauseCount, Standstills, causes_of, standstills_of
-from vastflow.oracles.evidence.criteria import MEASURES_ALONE, Criterion, criteria_of
-from vastflow.oracles.evidence.evidence import Evidence, Spread, evidence_of, spreads_of
-from vastflow.oracles.evidence.findings import Findings, findings_of, stopping_rule
-from vastflow.oracles.evidence.rates import Counts
+from vastflow.oracles.evidence.causes import MEASURES_ALONE, causes_of, criteria_of, standstills_of
+from vastflow.oracles.evidence.evidence import evidence_of, spreads_of
+from vastflow.oracles.evidence.findings import findings_of, stopping_rule
 from vastflow.oracles.evidence.varied import named
-from vastflow.oracles.figures.scene import Scene, scenes_of
+from vastflow.oracles.figures.scene import scenes_of
 from vastflow.oracles.page.words import position, short
 from vastflow.oracles.results.executed import KeptFiles, environment_names
 from vastflow.oracles.results.tables import Tables
@@ -25,60 +23,40 @@ _PLACES: Final = 3
 """Places listed of a map."""
 
 
-@dataclass(frozen=True, eq=False)
 class Facts:
-    """Facts of a report: `names` of maps by digest, `evidence` by oracle or None for all."""
+    """Facts of a report on a campaign directory.
 
-    tables: Tables
-    names: Mapping[str, str]
-    evidence: Mapping[str | None, Evidence]
-    findings: Findings
-    spreads: Mapping[str, Mapping[str, Spread]] = field(repr=False)
-    stood: Standstills
-    causes: tuple[CauseCount, ...]
-    criteria: list[Criterion]
-    scenes: Sequence[Scene]
+    Attributes:
+        names: Names of maps by digest.
+        evidence: By oracle, or None for all together, which `everything` and, for all runs, `all` are of.
+        spreads: Of each oracle's metrics.
+        shown_oracles: None for all together, and each that can fail a run if there are several.
+        noun: Name of a situation: path or situation.
+        maps: Number of maps.
+        most_runs: Largest number of judged runs of a configuration.
+    """
 
-    @property
-    def metadata(self) -> Mapping[str, Any]:
-        """`metadata.json`."""
-        return self.tables.metadata
-
-    @property
-    def everything(self) -> Evidence:
-        """Evidence of all oracles together."""
-        return self.evidence[None]
-
-    @property
-    def all(self) -> Counts:
-        """Judgements on all runs."""
-        return self.everything.campaign.counts
-
-    @cached_property
-    def shown_oracles(self) -> list[str | None]:
-        """All oracles together as None, and each that can fail a run if there are several."""
+    def __init__(self, tables: Tables) -> None:
+        self.tables = tables
+        self.metadata: Mapping[str, Any] = tables.metadata
+        self.names = environment_names(tables.directory, tables.configurations.environments)
+        self.files = KeptFiles(tables.directory)
+        self.findings = findings_of(tables, self.names)
+        if self.metadata.get("search"):  # its strategy chose points by results: that tells nothing of factors
+            self.findings = replace(self.findings, designs=())
+        self.evidence = evidence_of(tables)
+        self.everything = self.evidence[None]
+        self.all = self.everything.campaign.counts
+        self.spreads = spreads_of(tables)
+        self.stood, self.causes = standstills_of(tables), causes_of(tables)
+        self.criteria = criteria_of(tables)
+        self.scenes = scenes_of(tables)
         judging = [oracle for oracle in self.evidence if oracle not in MEASURES_ALONE]
-        return judging if len(judging) > 2 else [None]
-
-    @property
-    def several(self) -> bool:
-        """Whether several oracles can fail a run."""
-        return len(self.shown_oracles) > 1
-
-    @property
-    def noun(self) -> str:
-        """Name of a situation: path or situation."""
-        return "path" if any(self.tables.configurations.environments) else "situation"
-
-    @property
-    def maps(self) -> int:
-        """Number of maps."""
-        return len({*self.tables.configurations.environments} - {None})
-
-    @property
-    def most_runs(self) -> int:
-        """Largest number of judged runs of a configuration."""
-        return int(self.findings.counts[:, :2].sum(axis=1).max(initial=0))
+        self.shown_oracles = judging if len(judging) > 2 else [None]
+        self.several = len(self.shown_oracles) > 1
+        self.noun = "path" if any(tables.configurations.environments) else "situation"
+        self.maps = len({*tables.configurations.environments} - {None})
+        self.most_runs = int(self.findings.counts[:, :2].sum(axis=1).max(initial=0))
 
     @cached_property
     def least_runs(self) -> int:
@@ -90,11 +68,6 @@ class Facts:
     def failures(self) -> pd.DataFrame:
         """Configuration, oracle, and reason of each failure."""
         return self.tables.verdicts.reasons("fail")
-
-    @cached_property
-    def files(self) -> KeptFiles:
-        """Files of the campaign directory."""
-        return KeptFiles(self.tables.directory)
 
     @cached_property
     def varied(self) -> dict[str, bool]:
@@ -121,34 +94,13 @@ class Facts:
             for row, column in sorted(map(tuple, np.argwhere(found.hot()).tolist()), key=lambda at: -rate[at]):
                 if len(taken) < _PLACES and all(abs(row - r) > 4 or abs(column - c) > 4 for r, c in taken):
                     taken.append((row, column))
-                    x, y = (
-                        low + (k + 0.5) * found.grid.cell_m
-                        for low, k in zip(found.grid.origin_xy_m, (column, row), strict=True)
-                    )
+                    (x0, y0), cell_m = found.grid.origin_xy_m, found.grid.cell_m
+                    place = position(x0 + (column + 0.5) * cell_m, y0 + (row + 0.5) * cell_m)
                     n, failed = int(found.visits[row, column]), int(found.failures[row, column])
-                    rows.append([name, position(x, y), [failed, n, 0, *thousandths(intervals[row, column]).tolist()]])
+                    rows.append([name, place, [failed, n, 0, *thousandths(intervals[row, column]).tolist()]])
         return sorted(rows, key=lambda row: -row[2][0] / row[2][1])
 
     def factor(self, configuration: int, key: str) -> str:
         """A value of a configuration as a table cell, empty for a missing one."""
         factors = self.tables.configurations.factors[configuration]
         return short(named(factors[key], self.names)) if key in factors else ""
-
-
-def facts_of(tables: Tables) -> Facts:
-    """The facts of a campaign directory."""
-    names = environment_names(tables.directory, tables.configurations.environments)
-    findings = findings_of(tables, names)
-    if tables.metadata.get("search"):  # its strategy chose points by what others came to: that tells nothing of factors
-        findings = replace(findings, designs=())
-    return Facts(
-        tables,
-        names,
-        evidence_of(tables),
-        findings,
-        spreads_of(tables),
-        standstills_of(tables),
-        causes_of(tables),
-        criteria_of(tables),
-        scenes_of(tables),
-    )

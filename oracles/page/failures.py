@@ -14,8 +14,7 @@ from vastflow.oracles.evidence.findings import Findings
 from vastflow.oracles.judgement.cause import CAUSES
 from vastflow.oracles.page.facts import Facts
 from vastflow.oracles.page.pictures import case_picture, cause_picture
-from vastflow.oracles.page.section import Block, Card, Details, Group, Section, paragraph, soft
-from vastflow.oracles.page.table import Column, Table, columns
+from vastflow.oracles.page.section import Block, Card, Column, Details, Group, Section, Table, columns, paragraph, soft
 from vastflow.oracles.page.words import capital, percent, plural, sentence, tag
 from vastflow.oracles.results.tables import FAIL, Tables
 from vastflow.oracles.statistics.intervals import wilson_intervals
@@ -53,10 +52,14 @@ def worst_section(facts: Facts) -> Section | None:
 
 
 def failed_section(facts: Facts) -> Section | None:
-    """The failed runs of each configuration with the words of each oracle; None where none failed."""
-    rows = _failed_rows(facts)
+    found = facts.failures.groupby(["configuration", "oracle"], observed=True).reason.agg(["size", "first", "nunique"])
+    rows = []
+    for (name, oracle), (n, reason, reasons) in zip(found.index, found.itertuples(index=False), strict=True):
+        others = f" (and {reasons - 1} other reason{'s' if reasons > 2 else ''})" if reasons > 1 else ""
+        rows.append([name, oracle, n, facts.evidence[oracle].configurations[name].judged, reason + others])
     if not rows:
         return None
+    rows.sort(key=lambda row: -row[2])
     head = [Column("Configuration"), Column("Oracle", "choice"), *columns("number", "Failed", "Of judged")]
     summary = f"{plural(facts.all.failed, 'run')}, with the words of each oracle"
     return Section("failures", "Failed runs", "Failed runs", summary, [Table([*head, Column("Why")], rows, "failed")])
@@ -65,11 +68,6 @@ def failed_section(facts: Facts) -> Section | None:
 def kind_of(reason: str) -> str:
     """The kind of a reason: its text without numbers."""
     return _NUMBER.sub("#", reason)
-
-
-def example(reason: str, alike: bool) -> Markup:
-    """A reason, marked where others of its kind have other numbers."""
-    return Markup("{}{}").format(reason, "" if alike else Markup(" <small>(for example)</small>"))
 
 
 def failure_kinds(failures: pd.DataFrame) -> list[Mapping[str, Any]]:
@@ -127,7 +125,9 @@ def _kinds(facts: Facts) -> Iterator[Block]:
         return
     rows = [
         [
-            *(row["oracle"], example(row["reason"], row["reasons"] == 1), row["runs"]),
+            row["oracle"],
+            Markup("{} <small>(for example)</small>").format(row["reason"]) if row["reasons"] > 1 else row["reason"],
+            row["runs"],
             percent(row["runs"] / facts.evidence[row["oracle"]].campaign.counts.failed),
             row["configurations"],
         ]
@@ -175,22 +175,7 @@ def _case(facts: Facts, configuration: int) -> Card:
     runs = plural(passed + failed, "run")
     text = paragraph("{} · {} of {} failed", tag(facts.findings.classes.names[place]), failed, runs)
     text += soft("{}", " · ".join(varied[:6]))
-    text += Markup("").join(paragraph("<b>{}</b>: {}", *said) for said in _first_reasons(facts, configuration))
+    reasons = facts.failures[facts.failures.configuration == name].drop_duplicates("oracle")  # the first of each
+    said = zip(reasons.oracle, reasons.reason, strict=True)
+    text += Markup("").join(paragraph("<b>{}</b>: {}", *each) for each in said)
     return Card(name, text + _replay(picture is not None, name, int(verdicts.run_index[failed_run])), picture)
-
-
-def _first_reasons(facts: Facts, configuration: int) -> Iterator[tuple[str, str]]:
-    """Each oracle that failed a run of the configuration, and the first of its reasons."""
-    name = facts.tables.configurations.names[configuration]
-    found = facts.failures[facts.failures.configuration == name].drop_duplicates("oracle")
-    yield from zip(found.oracle, found.reason, strict=True)
-
-
-def _failed_rows(facts: Facts) -> list[list[Any]]:
-    """A row for each configuration and oracle that failed runs of it, most failures first."""
-    found = facts.failures.groupby(["configuration", "oracle"], observed=True).reason.agg(["size", "first", "nunique"])
-    rows = []
-    for (name, oracle), (n, reason, reasons) in zip(found.index, found.itertuples(index=False), strict=True):
-        others = f" (and {reasons - 1} other reason{'s' if reasons > 2 else ''})" if reasons > 1 else ""
-        rows.append([name, oracle, n, facts.evidence[oracle].configurations[name].judged, reason + others])
-    return sorted(rows, key=lambda row: -row[2])

@@ -1,32 +1,24 @@
 """Pictures of the report: figures as PNG and SVG, with their words."""
 
-import base64
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from vastflow.oracles.evidence.causes import CauseCount
-from vastflow.oracles.evidence.criteria import Criterion
+from vastflow.oracles.evidence.causes import CauseCount, Criterion
 from vastflow.oracles.evidence.evidence import Evidence
 from vastflow.oracles.evidence.findings import Design
+from vastflow.oracles.figures import maps
 from vastflow.oracles.figures.case_figure import Case, case_figure
 from vastflow.oracles.figures.charts import factor_figure, interaction_figure, rates_figure, threshold_figure
-from vastflow.oracles.figures.map_figures import (
-    MAX_OBSTACLES,
-    all_maps_figure,
-    failure_rate_figure,
-    final_poses_figure,
-    paths_figure,
-)
-from vastflow.oracles.figures.scene import Scene, distinct_obstacles, read_estimate, read_walks, zones_of
+from vastflow.oracles.figures.scene import Scene, Walks, distinct_obstacles, read_estimate, read_walks, zones_of
 from vastflow.oracles.figures.style import png, svg
 from vastflow.oracles.judgement.verdict import Judgement
 from vastflow.oracles.observation.situation import situation_of
-from vastflow.oracles.results.executed import KeptFiles
+from vastflow.oracles.page.section import Picture
+from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
 from vastflow.oracles.results.tables import CODES, Tables
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.reading.world import WORLD_KEY, difference_of
@@ -37,43 +29,6 @@ MAX_EMBEDDED: Final = 11_000_000
 """Bytes of pictures within the page, which stays below 20 MB; others are only in `figures/`."""
 
 MOST_CONTRASTS: Final = 2
-
-
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """A figure of the report.
-
-    Attributes:
-        name: File name below `figures/`, without suffix.
-        title: Empty below a heading.
-        drawn: Whether the page has the SVG and not the PNG.
-        density: Whether it shows a density and not single runs.
-        wide: Whether it takes the whole width of the page.
-        detail: Whether it shows one map, and is left out first of a full page.
-    """
-
-    name: str
-    title: str
-    alt: str
-    caption: str
-    png: bytes = field(repr=False)
-    svg: bytes = field(repr=False)
-    drawn: bool = False
-    density: bool = False
-    wide: bool = False
-    detail: bool = False
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height of the PNG in pixels."""
-        width, height = (int.from_bytes(self.png[at : at + 4], "big") for at in (16, 20))
-        return width, height
-
-    @property
-    def source(self) -> str:
-        """The picture as a `data:` address."""
-        kind, content = ("svg+xml", self.svg) if self.drawn else ("png", self.png)
-        return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
 
 
 def rate_pictures(evidence: Mapping[str | None, Evidence]) -> Iterator[Picture]:
@@ -112,7 +67,7 @@ def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
             "Where failed runs ended",
             f"{name}: density of the final poses of {len(scene.failed_xy_m):,} failed runs",
             "Final true poses of all failed runs, blurred with 0.2 m.",
-            final_poses_figure(scene),
+            maps.final_poses_figure(scene),
             density=True,
         )
         yield picture(
@@ -121,12 +76,14 @@ def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
             f"{name}: failed runs over visits in cells of 0.25 m",
             "Of the runs that came through a cell, the share that failed within the last 0.5 m of their path there. "
             "Faint cells are uncertain. A dense spot on the left can be a busy one; a dark cell here is a dangerous one.",
-            failure_rate_figure(scene),
+            maps.failure_rate_figure(scene),
             density=True,
         )
-    hidden = len(scene.obstacles) - MAX_OBSTACLES
+    hidden = len(scene.obstacles) - maps.MAX_OBSTACLES
     which = (
-        f"{MAX_OBSTACLES} of {len(scene.obstacles):,} obstacles" if hidden > 0 else "Obstacles of all configurations"
+        f"{maps.MAX_OBSTACLES} of {len(scene.obstacles):,} obstacles"
+        if hidden > 0
+        else "Obstacles of all configurations"
     )
     obstacles = f" {which} are drawn; each run met only its own." if scene.obstacles else ""
     words: dict[Judgement, str] = {"fail": "failed", "pass": "passed"}
@@ -134,7 +91,9 @@ def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
         if scene.lines[CODES[judgement]] or (judgement == "pass" and not runs.failed):
             alt = f"{name}: true trajectories of {word} runs"
             caption = f"True trajectories of {word} runs, from circle to cross.{obstacles}"
-            yield picture(f"{word}-{end}", f"{word.capitalize()} runs", alt, caption, paths_figure(scene, judgement))
+            yield picture(
+                f"{word}-{end}", f"{word.capitalize()} runs", alt, caption, maps.paths_figure(scene, judgement)
+            )
 
 
 def all_maps_picture(scenes: Sequence[Scene], names: Sequence[str]) -> Picture:
@@ -145,24 +104,41 @@ def all_maps_picture(scenes: Sequence[Scene], names: Sequence[str]) -> Picture:
         "A column for each map: final poses of failed runs, failed trajectories, passed trajectories",
         "Above: final poses of failed runs in rings, blurred with 0.2 m, yellow few, purple many for the map. Middle: failed "
         "trajectories. Below: passed trajectories, from circle to cross; at most 1,000 of each are drawn.",
-        all_maps_figure(scenes, names),
+        maps.all_maps_figure(scenes, names),
         wide=True,
     )
 
 
 def case_picture(tables: Tables, configuration: int, files: KeptFiles) -> Picture | None:
     """The runs of the configuration at an index on its map; None where nothing was recorded."""
-    name = tables.configurations.names[configuration]
-    walks = read_walks(tables.directory, name) if tables.configurations.environments[configuration] else None
+    name, verdicts = tables.configurations.names[configuration], tables.verdicts
+    walks = _walks(tables, configuration)
     if walks is None:
         return None
-    verdicts = tables.verdicts
-    mine = verdicts.rows_of(configuration)
-    rows = mine.start + np.searchsorted(verdicts.run_index[mine], walks.run_index)
+    own = verdicts.rows_of(configuration)
+    rows = own.start + np.searchsorted(verdicts.run_index[own], walks.run_index)
     words = {code: judgement for judgement, code in CODES.items()}
     paths = [(words[int(verdicts.together[row])], walks.line(k)) for k, row in enumerate(rows)]
     figure = _on_map(tables, configuration, files, paths, walks.spawned)
     return picture(f"case-{name}", "", f"Trajectories of {name} on its map", "", figure)
+
+
+def cause_picture(tables: Tables, count: CauseCount, files: KeptFiles) -> Picture | None:
+    """The example run of a cause with its estimated path; None without map or recording."""
+    configuration = tables.configurations.names.index(count.configuration)
+    walks = _walks(tables, configuration)
+    if walks is None or count.run_index not in walks.run_index:
+        return None
+    run = int(np.searchsorted(walks.run_index, count.run_index))
+    estimate_xy_m = read_estimate(tables.directory, count.configuration, count.run_index)
+    figure = _on_map(tables, configuration, files, [("fail", walks.line(run))], walks.spawned, estimate_xy_m)
+    alt = f"{count.cause}: run {count.run_index} of {count.configuration} on its map, and where the robot took itself to be"
+    return picture(f"cause-{count.cause.replace(' ', '-')}", "", alt, "", figure)
+
+
+def _walks(tables: Tables, configuration: int) -> Walks | None:
+    found = tables.configurations
+    return read_walks(tables.directory, found.names[configuration]) if found.environments[configuration] else None
 
 
 def threshold_pictures(criteria: Sequence[Criterion]) -> Iterator[Picture]:
@@ -176,21 +152,6 @@ def threshold_pictures(criteria: Sequence[Criterion]) -> Iterator[Picture]:
             yield picture(f"threshold-{name}", "", alt, caption, figure, drawn=True)
 
 
-def cause_picture(tables: Tables, count: CauseCount, files: KeptFiles) -> Picture | None:
-    """The example run of a cause with its estimated path; None without map or recording."""
-    configuration = tables.configurations.names.index(count.configuration)
-    mapped = tables.configurations.environments[configuration] is not None
-    walks = read_walks(tables.directory, count.configuration) if mapped else None
-    if walks is None or count.run_index not in walks.run_index:
-        return None
-    run = int(np.searchsorted(walks.run_index, count.run_index))
-    paths: list[tuple[Judgement, NDArray[np.float64]]] = [("fail", walks.line(run))]
-    estimate_xy_m = read_estimate(tables.directory, count.configuration, count.run_index)
-    figure = _on_map(tables, configuration, files, paths, walks.spawned, estimate_xy_m)
-    alt = f"{count.cause}: run {count.run_index} of {count.configuration} on its map, and where the robot took itself to be"
-    return picture(f"cause-{count.cause.replace(' ', '-')}", "", alt, "", figure)
-
-
 def _on_map(
     tables: Tables,
     configuration: int,
@@ -199,7 +160,7 @@ def _on_map(
     spawned: Sequence[Obstacle],
     estimate_xy_m: NDArray[np.float64] | None = None,
 ) -> Figure:
-    scenario = tables.configurations.scenario(configuration, files)
+    scenario = scenario_of_row(tables.configurations.row(configuration), files)
     situation = situation_of(scenario)
     environment = tables.configurations.environments[configuration]
     occupancy = load_map(tables.directory / "environments" / str(environment) / "map.yaml")

@@ -9,23 +9,17 @@ import numpy as np
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
-from vastflow.oracles.evidence.causes import causes_json
-from vastflow.oracles.evidence.criteria import criteria_json
+from vastflow.oracles.evidence.causes import causes_json, criteria_json
 from vastflow.oracles.evidence.evidence import evidence_json
 from vastflow.oracles.evidence.findings import findings_json, shape_of
 from vastflow.oracles.evidence.wide import wide_table, write_wide
 from vastflow.oracles.figures.style import CLASS_COLORS, plain_style
-from vastflow.oracles.page import words
-from vastflow.oracles.page.facts import Facts, facts_of
+from vastflow.oracles.page import sections, words
+from vastflow.oracles.page.facts import Facts
 from vastflow.oracles.page.failures import failed_section, why_section, worst_section
-from vastflow.oracles.page.maps import maps_section
-from vastflow.oracles.page.measured import measured_section, method_section
-from vastflow.oracles.page.pictures import MAX_EMBEDDED, Picture, contrast_pictures
-from vastflow.oracles.page.rates import classes_section, configurations_section, factors_section, rates_section
+from vastflow.oracles.page.pictures import MAX_EMBEDDED, contrast_pictures
 from vastflow.oracles.page.search_section import search_section
-from vastflow.oracles.page.section import Section
-from vastflow.oracles.page.table import bar, rate_cell, rate_html
-from vastflow.oracles.page.untested import coverage_section, left_out, untested_section
+from vastflow.oracles.page.section import Picture, Section, bar, rate_cell, rate_html
 from vastflow.oracles.results.schema import floats
 from vastflow.oracles.results.tables import read_tables
 from vastflow.sim.model.files import Unreadable, yaml_value
@@ -34,16 +28,16 @@ SECTIONS: Final = (
     search_section,
     why_section,
     worst_section,
-    maps_section,
-    factors_section,
-    configurations_section,
+    sections.maps_section,
+    sections.factors_section,
+    sections.configurations_section,
     failed_section,
-    rates_section,
-    classes_section,
-    measured_section,
-    coverage_section,
-    untested_section,
-    method_section,
+    sections.rates_section,
+    sections.classes_section,
+    sections.measured_section,
+    sections.coverage_section,
+    sections.untested_section,
+    sections.method_section,
 )
 """Sections in their order; each is None if it has nothing to show."""
 
@@ -65,7 +59,7 @@ def write_report(directory: Path) -> None:
         OSError: a table that should be there is not.
         ValueError: a table is damaged.
     """
-    facts = facts_of(read_tables(directory))
+    facts = Facts(read_tables(directory))
     said = {
         **findings_json(facts.findings),
         "causes": causes_json(facts.causes),
@@ -75,27 +69,27 @@ def write_report(directory: Path) -> None:
     evidence = evidence_json(facts.tables, facts.evidence, facts.spreads, said)
     (directory / "evidence.json").write_text(evidence, encoding="utf-8")
     write_wide(directory, wide_table(facts.tables))
-    sections = [found for section in SECTIONS if (found := section(facts)) is not None]
+    shown = [found for section in SECTIONS if (found := section(facts)) is not None]
     contrasts = contrast_pictures(facts.findings.designs)
-    pictures = [*contrasts.values(), *(picture for section in sections for picture in section.pictures)]
+    pictures = [*contrasts.values(), *(picture for section in shown for picture in section.pictures)]
     figures = directory / "figures"
     figures.mkdir(exist_ok=True)
     for picture in pictures:
         (figures / f"{picture.name}.png").write_bytes(picture.png)
         (figures / f"{picture.name}.svg").write_bytes(picture.svg)
-    page = _html(facts, sections, contrasts, _embedded(pictures))
+    page = _html(facts, shown, contrasts, _embedded(pictures))
     (directory / "report.html").write_text(page, encoding="utf-8", errors="backslashreplace")
 
 
 def _html(
-    facts: Facts, sections: Sequence[Section], contrasts: Mapping[tuple[int, str], Picture], embedded: set[str]
+    facts: Facts, shown: Sequence[Section], contrasts: Mapping[tuple[int, str], Picture], embedded: set[str]
 ) -> str:
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters.update(_FILTERS)
     runs = facts.tables.runs
     return environment.from_string((_PAGE / "report.html.j2").read_text(encoding="utf-8")).render(
         facts=facts,
-        sections=sections,
+        sections=shown,
         contrasts=contrasts,
         embedded=embedded,
         about=_about(facts.tables.campaign),
@@ -104,7 +98,7 @@ def _html(
         shape=shape_of(facts.findings),
         class_names=list(CLASS_COLORS),
         places=len(facts.places),
-        left_out=left_out(facts),
+        left_out=sections.left_out(facts),
         style=Markup((_PAGE / "report.css").read_text(encoding="utf-8")),
         script=Markup((_PAGE / "report.js").read_text(encoding="utf-8")),
     )

@@ -11,8 +11,8 @@ import pyarrow.parquet as pq
 from vastflow.oracles.evidence.searched import found_text
 from vastflow.oracles.figures.charts import archive_figure, boundary_figure, progress_figure
 from vastflow.oracles.page.facts import Facts
-from vastflow.oracles.page.pictures import Picture, case_picture, picture
-from vastflow.oracles.page.section import Block, Group, Section, paragraph, soft
+from vastflow.oracles.page.pictures import case_picture, picture
+from vastflow.oracles.page.section import Block, Group, Picture, Section, paragraph, soft
 from vastflow.oracles.page.words import number
 
 CELLS_DRAWN: Final = 4
@@ -26,16 +26,13 @@ def search_section(facts: Facts) -> Section | None:
         return None
     content: list[Block] = [paragraph("<strong>{}</strong>", found_text(said))]
     if point := (said["best"] or {"point": {}})["point"]:
-        values = [f"{name} = {_value(value)}" for name, value in point.items()]
+        is_number = {name: isinstance(v, int | float) and not isinstance(v, bool) for name, v in point.items()}
+        values = [f"{name} = {number(value) if is_number[name] else value}" for name, value in point.items()]
         content.append(paragraph(", ".join(["<code>{}</code>"] * len(values)), *values))
     chosen = "The strategy chose the points, so rates over all of them say nothing of the space."
     content.append(soft("{} {}", _searched(said), chosen))
     content.append(Group("pair", [*_pictures(facts.tables.directory, said), *_cell_pictures(facts, said)]))
     return Section("search", "Search", "What the search found", content=content, folded=False)
-
-
-def _value(value: Any) -> str:
-    return number(value) if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
 
 
 def _searched(said: Mapping[str, Any]) -> str:

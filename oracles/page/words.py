@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from markupsafe import Markup
 
-from vastflow.oracles.evidence.criteria import Criterion
+from vastflow.oracles.evidence.causes import Criterion
 from vastflow.oracles.evidence.rates import Interval
 from vastflow.oracles.statistics.analysis import FactorAnalysis
 from vastflow.oracles.statistics.effects import Claim, FactorEffect, InteractionEffect, LevelEffect
@@ -16,7 +16,6 @@ _NARROW: Final = 50
 
 
 def percent(rate: float | None) -> str:
-    """A rate as `71 %`, with more digits rather than rounded to 0 or 100 %."""
     if rate is None:
         return "–"
     for digits in (0, 1, 2, 3):
@@ -51,7 +50,6 @@ def chance(p_value: float | None) -> str:
 
 
 def plural(n: int, noun: str) -> str:
-    """`1 run`, `1,234 runs`."""
     return f"{n:,} {noun}{'' if n == 1 else 's'}"
 
 
@@ -61,7 +59,6 @@ def tag(name: str) -> Markup:
 
 
 def capital(text: str) -> str:
-    """`text` with a capital letter."""
     return f"{text[:1].upper()}{text[1:]}"
 
 

@@ -1,26 +1,28 @@
-"""The close-up: the world around the robot at one moment. Truth is dark, belief orange, global costs blue."""
+"""The close-up: the world around the robot at one moment, truth dark, belief orange, global costs blue; and the timeline."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby
 from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon, Rectangle
 from matplotlib.patches import Patch as Area
 from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 
-from vastflow.oracles.figures.floor import FREE, UNKNOWN, WALL, draw_zones
-from vastflow.oracles.figures.scene import NO_ZONES, Zones
-from vastflow.oracles.figures.style import GOAL_COLOR, INK, OBSTACLE_COLOR, OBSTACLE_EDGE
+from vastflow.oracles.figures.maps import FREE, UNKNOWN, WALL, draw_zones
+from vastflow.oracles.figures.style import COLORS, GOAL_COLOR, INK, OBSTACLE_COLOR, OBSTACLE_EDGE, SOFT_INK
+from vastflow.oracles.replay.story import SLOW_S, Story
 from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.nav2.costmaps.inflation import INSCRIBED, LETHAL
 from vastflow.sim.nav2.costmaps.inflation import UNKNOWN as UNKNOWN_COST
-from vastflow.sim.replay import Box, Patch, TickSnapshot
+from vastflow.sim.replay import Box, Moment, Patch, TickSnapshot
 from vastflow.sim.world.occupancy import OccupancyMap
 
 BELIEF_COLOR: Final = "#E69F00"
@@ -30,32 +32,25 @@ _BELIEF: Final = (230, 159, 0)
 _INFLATED, _INSCRIBED, _MARKED = (86, 180, 233), (172, 208, 232), (0, 96, 150)
 _FAINTEST, _STRONGEST = 0.03, 0.33
 _DASHES: Final = (0, (3, 2))
+PLATE: Final = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "boxstyle": "round,pad=0.15"}
 
 
-@dataclass(frozen=True, eq=False)
-class DrivenPath:
-    """True and estimated positions (N, 2) up to a moment, and places of contacts."""
-
-    true_xy_m: NDArray[np.float64]
-    estimated_xy_m: NDArray[np.float64]
-    contacts_xy_m: NDArray[np.float64]
-    color: str
-
-
-def draw_close_up(
-    axes: Axes, occupancy: OccupancyMap, snapshot: TickSnapshot, path: DrivenPath, box: Box, zones: Zones = NO_ZONES
-) -> None:
-    """Fill `axes` with the part `box` of the map frame; the box should have the axes' proportions."""
+def draw_close_up(axes: Axes, story: Story, snapshot: TickSnapshot) -> None:
+    """Fill `axes`, whose proportions should be those of the view, with what a story shows at a moment."""
+    tick = snapshot.moment.tick
+    box = story.view[tick]
     axes.set(xlim=(box.x0, box.x1), ylim=(box.y0, box.y1), xticks=[], yticks=[], facecolor=_hex(UNKNOWN))
     axes.spines[:].set(color="#B8BEC6", linewidth=0.8)
-    points_per_m = _points_per_m(axes, box)
-    draw_patch(axes, snapshot.global_costs, ground(occupancy, snapshot.global_costs))
-    draw_zones(axes, zones)
+    points_per_m = width_points(axes) / (box.x1 - box.x0)
+    draw_patch(axes, snapshot.global_costs, ground(story.occupancy, snapshot.global_costs))
+    draw_zones(axes, story.zones)
     if snapshot.local_costs is not None:
         _draw_local(axes, snapshot.local_costs)
-    _draw_obstacles(axes, snapshot.obstacles)
-    axes.plot(*path.estimated_xy_m.T, color=BELIEF_COLOR, linewidth=0.9, linestyle=_DASHES, alpha=0.9)
-    axes.plot(*path.true_xy_m.T, color=path.color, linewidth=1.8, alpha=0.9, solid_capstyle="round")
+    outlines = [_outline(row) for row in snapshot.obstacles if np.isfinite(row[:6]).all()]
+    look: dict[str, Any] = {"facecolors": OBSTACLE_COLOR, "edgecolors": OBSTACLE_EDGE, "linewidths": 0.9, "alpha": 0.55}
+    axes.add_collection(PolyCollection(outlines, **look), autolim=False)
+    axes.plot(*story.estimated_xy_m[: tick + 1].T, color=BELIEF_COLOR, linewidth=0.9, linestyle=_DASHES, alpha=0.9)
+    axes.plot(*story.true_xy_m[: tick + 1].T, color=story.color, linewidth=1.8, alpha=0.9, solid_capstyle="round")
     axes.plot(*snapshot.ahead_xy_m.T, color=GOAL_COLOR, linewidth=4.5, alpha=0.35, solid_capstyle="round")
     axes.plot(*snapshot.plan_xy_m.T, color=GOAL_COLOR, linewidth=1.5)
     axes.plot(*snapshot.intended_xy_m.T, color=INTENT_COLOR, linewidth=2.2, solid_capstyle="round")
@@ -64,11 +59,13 @@ def draw_close_up(
     size = float(np.clip(0.05 * points_per_m, 1.2, 3.0))
     axes.plot(*snapshot.scan_xy_m.T, linestyle="none", marker="o", markersize=size, color=SCAN_COLOR,
               markeredgecolor="white", markeredgewidth=0.25 * size)  # fmt: skip
-    axes.plot(*path.contacts_xy_m.T, linestyle="none", marker="X", markersize=8, color="#D55E00",
+    axes.plot(*story.contacts_until(tick).T, linestyle="none", marker="X", markersize=8, color="#D55E00",
               markeredgecolor="white", markeredgewidth=0.8)  # fmt: skip
     _draw_robot(axes, snapshot)
     _draw_goals(axes, snapshot, box)
-    _draw_scale(axes, box)
+    x, y = box.x0 + 0.04 * (box.x1 - box.x0), box.y0 + 0.04 * (box.y1 - box.y0)
+    axes.plot([x, x + 1.0], [y, y], color=INK, linewidth=2.2, solid_capstyle="butt")
+    axes.text(x + 0.5, y, "1 m", fontsize=7, color=INK, ha="center", va="bottom", bbox=PLATE)
 
 
 def legend_handles(color: str) -> list[Any]:
@@ -102,19 +99,15 @@ def ground(occupancy: OccupancyMap, patch: Patch) -> NDArray[np.uint8]:
     picture[costs == INSCRIBED] = _INSCRIBED
     picture[costs == LETHAL] = _MARKED
     picture[costs == UNKNOWN_COST] = UNKNOWN
-    picture[_walls(occupancy, patch)] = WALL
-    return picture
-
-
-def _walls(occupancy: OccupancyMap, patch: Patch) -> NDArray[np.bool_]:
-    """Whether each cell (R, C) of the patch, one or more cells of the map, contains a wall."""
+    # A cell of the patch is one or more cells of the map, and a wall where one of these is.
     k = round(patch.resolution_m / occupancy.resolution_m)
     row, column = np.rint(occupancy.in_cells(np.array([(patch.corner.x_m, patch.corner.y_m)])))[0].astype(int).tolist()
-    rows, columns = patch.costs.shape
+    rows, columns = costs.shape
     part = occupancy.occupied[row : row + rows * k, column : column + columns * k]
     walls = np.zeros((rows * k, columns * k), dtype=np.bool_)
     walls[: part.shape[0], : part.shape[1]] = part
-    return np.asarray(walls.reshape(rows, k, columns, k).any(axis=(1, 3)))
+    picture[walls.reshape(rows, k, columns, k).any(axis=(1, 3))] = WALL
+    return picture
 
 
 def _inflated(costs: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -165,14 +158,6 @@ def _draw_local(axes: Axes, patch: Patch) -> None:
     axes.set(xlim=limits[0], ylim=limits[1])  # which imshow has changed
 
 
-def _draw_obstacles(axes: Axes, obstacles: NDArray[np.float64]) -> None:
-    outlines = [_outline(row) for row in obstacles if np.isfinite(row[:6]).all()]
-    axes.add_collection(
-        PolyCollection(outlines, facecolors=OBSTACLE_COLOR, edgecolors=OBSTACLE_EDGE, linewidths=0.9, alpha=0.55),
-        autolim=False,
-    )
-
-
 def _outline(row: NDArray[np.float64]) -> NDArray[np.float64]:
     """Corners (N, 2) of an obstacle's row (x, y, cos, sin, half length, half width or 0 for a cylinder)."""
     x, y, c, s, length, width = row[:6].tolist()
@@ -216,7 +201,7 @@ def _draw_goals(axes: Axes, snapshot: TickSnapshot, box: Box) -> None:
     """Draw goals as diamonds, other goals hollow; an arrow points to the current goal out of sight."""
     for index, goal in enumerate(snapshot.goals):
         now = index == snapshot.moment.goal
-        if _inside(box, goal):
+        if box.x0 <= goal.x_m <= box.x1 and box.y0 <= goal.y_m <= box.y1:
             axes.plot(goal.x_m, goal.y_m, marker="D", markersize=7.5 if now else 6, zorder=5, markeredgewidth=1.0,
                       color=GOAL_COLOR if now else "white", markeredgecolor="white" if now else GOAL_COLOR)  # fmt: skip
         elif now:
@@ -234,26 +219,103 @@ def _draw_arrow(axes: Axes, goal: Pose, box: Box) -> None:
                   arrowprops={"arrowstyle": "-|>", "color": GOAL_COLOR, "linewidth": 2})  # fmt: skip
     away_m = math.hypot(dx, dy)
     axes.annotate(f"goal, {away_m:.0f} m", tail, (-32 * dx / away_m, -9 * dy / away_m), textcoords="offset points",
-                  color=GOAL_COLOR, fontsize=8, ha="center", va="center", fontweight="bold", bbox=_PLATE)  # fmt: skip
+                  color=GOAL_COLOR, fontsize=8, ha="center", va="center", fontweight="bold", bbox=PLATE)  # fmt: skip
 
 
-def _draw_scale(axes: Axes, box: Box) -> None:
-    x, y = box.x0 + 0.04 * (box.x1 - box.x0), box.y0 + 0.04 * (box.y1 - box.y0)
-    axes.plot([x, x + 1.0], [y, y], color=INK, linewidth=2.2, solid_capstyle="butt")
-    axes.text(x + 0.5, y, "1 m", fontsize=7, color=INK, ha="center", va="bottom", bbox=_PLATE)
-
-
-_PLATE: Final = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "boxstyle": "round,pad=0.15"}
-
-
-def _inside(box: Box, pose: Pose) -> bool:
-    return box.x0 <= pose.x_m <= box.x1 and box.y0 <= pose.y_m <= box.y1
-
-
-def _points_per_m(axes: Axes, box: Box) -> float:
-    inches = axes.get_figure().get_figwidth() * axes.get_position().width  # type: ignore[union-attr]
-    return float(72.0 * inches / (box.x1 - box.x0))
+def width_points(axes: Axes) -> float:
+    """Width of `axes` in points."""
+    return float(72.0 * axes.get_figure().get_figwidth() * axes.get_position().width)  # type: ignore[union-attr]
 
 
 def _hex(color: Sequence[int] | NDArray[np.uint8]) -> str:
     return "#" + "".join(f"{int(part):02x}" for part in color)
+
+
+_BANDS: Final[Mapping[str, tuple[str, float]]] = {
+    "following": (COLORS["pass"], 0.18),
+    "no progress": ("#F0E442", 0.75),
+    "no command": (INK, 0.7),
+    "stopped": (COLORS["fail"], 0.95),
+    "spin": ("#CC79A7", 0.8),
+    "wait": ("#8A8A8A", 0.55),
+    "back up": ("#E69F00", 0.8),
+    "pausing": ("#8A8A8A", 0.2),
+    "resting": ("#8A8A8A", 0.2),
+    "starting": ("#8A8A8A", 0.2),
+    "ended": ("#8A8A8A", 0.2),
+}
+
+
+_NARROW: Final = {"no command": "no valid command", "stopped": "stopped by the collision monitor"}
+
+
+def draw_timeline(axes: Axes, moments: Sequence[Moment], marks: Mapping[int, str]) -> None:
+    """Fill `axes`: bands of what the robot did, speed (m/s) and localization error (m) over time.
+
+    Args:
+        marks: Tick to the label that stands above it.
+    """
+    times_s = np.array([m.t_s for m in moments])
+    end_s = float(times_s[-1]) + TICK_S
+    speed = [abs(m.speed_mps) for m in moments]
+    error = [m.error_m for m in moments]
+    points_per_s = width_points(axes) / end_s
+    top = max(0.55, 1.1 * max(error))
+    axes.set(xlim=(0.0, end_s), ylim=(-0.36 * top, top))
+    for first, last, kind in bands(moments):
+        color, alpha = _BANDS[kind]
+        width_s = (last - first + 1) * TICK_S
+        axes.broken_barh([(first * TICK_S, width_s)], (-0.33 * top, 0.25 * top), facecolor=to_rgba(color, alpha))
+        if width_s * points_per_s > 4.2 * len(kind) + 4.0:
+            middle_s = first * TICK_S + width_s / 2
+            color = "white" if kind in _NARROW else INK
+            axes.text(middle_s, -0.205 * top, kind, fontsize=7, ha="center", va="center", color=color, clip_on=True)
+    axes.fill_between(times_s, 0.0, speed, color=COLORS["pass"], alpha=0.3, linewidth=0)
+    axes.plot(times_s, error, color=BELIEF_COLOR, linewidth=1.3)
+    height, before_s = 1.03, -math.inf
+    for tick, label in marks.items():
+        t_s = tick * TICK_S
+        close = (t_s - before_s) * points_per_s < 5.0 * len(label) + 3.0
+        height, before_s = (1.17 if close and height == 1.03 else 1.03), t_s
+        axes.axvline(t_s, color=INK, linewidth=0.6, alpha=0.5)
+        axes.text(t_s, height * top, label, fontsize=7, ha="center", va="bottom", color=INK, fontweight="bold")
+    # Names of the curves, and of the bands that are too narrow to be named inside.
+    kinds = {kind for _, _, kind in bands(moments)}
+    words = [("speed (m/s)", COLORS["pass"]), ("localization error (m)", "#B77F00")]
+    words += [(text, _BANDS[kind][0]) for kind, text in _NARROW.items() if kind in kinds]
+    left = 0
+    for text, color in words:
+        axes.annotate(text, (0.0, 0.0), (left, -13), xycoords="axes fraction", textcoords="offset points", fontsize=7,
+                      va="top", color=color)  # fmt: skip
+        left += 4 * len(text) + 10
+    axes.set_yticks([0.0, 0.25, 0.5])
+    axes.tick_params(labelsize=7, colors=SOFT_INK, length=2)
+    axes.annotate("simulated time (s)", (1.0, 0.0), (0, -13), xycoords="axes fraction", textcoords="offset points",
+                  fontsize=7, va="top", ha="right", color=SOFT_INK)  # fmt: skip
+    axes.spines[:].set_visible(False)
+
+
+def draw_now(axes: Axes, moments: Sequence[Moment], tick: int) -> None:
+    """Over a timeline of the same size: a line at `tick`; what comes after it gets faint."""
+    end_s = moments[-1].t_s + TICK_S
+    axes.set(xlim=(0.0, end_s), ylim=(0.0, 1.0))
+    axes.axis("off")
+    axes.axvspan(tick * TICK_S, end_s, color="white", alpha=0.6, linewidth=0)
+    axes.axvline(tick * TICK_S, color=INK, linewidth=1.4)
+
+
+def bands(moments: Sequence[Moment]) -> Iterator[tuple[int, int, str]]:
+    """Spans of ticks (first, last) in which the robot did the same thing, and what."""
+    first = 0
+    for kind, group in groupby(moments, _kind):
+        last = first + len(list(group)) - 1
+        yield first, last, kind
+        first = last + 1
+
+
+def _kind(moment: Moment) -> str:
+    if moment.stopped:
+        return "stopped"
+    if moment.no_command_s > 0.0:
+        return "no command"
+    return "no progress" if moment.no_progress_s > SLOW_S else moment.activity

@@ -45,28 +45,28 @@ def recorded_run(directory: Path, configuration: str, run_index: int) -> Recorde
         UnusableDirectory: an unknown configuration or run; a missing, unreadable, or changed file.
     """
     with reading(directory):
-        row = _configuration(directory, configuration)
+        rows = {row["name"]: row for row in table_rows(directory / "configurations.parquet")}
+        if configuration not in rows:
+            hint = did_you_mean(configuration, [*rows], "it has none", listed="it has")
+            raise UnusableDirectory(f"{directory}: no configuration {configuration!r}; {hint}")
+        row = rows[configuration]
         name = row["duplicate_of"] or configuration
         recording = _recording(directory, name, run_index)
-        scenario = _scenario(directory, row)
-        return RecordedRun(
-            name,
-            scenario,
-            recording,
-            _seed(recording, scenario),
-            _judgement(directory, name, run_index),
-            _metadata(directory),
-        )
-
-
-def _configuration(directory: Path, name: str) -> dict[str, Any]:
-    file = directory / "configurations.parquet"
-    rows = table_rows(file)
-    if found := [row for row in rows if row["name"] == name]:
-        return found[0]
-    names = [row["name"] for row in rows]
-    hint = did_you_mean(name, names, "it has none", listed="it has")
-    raise UnusableDirectory(f"{directory}: no configuration {name!r}; {hint}")
+        scenario = scenario_of_row(row, KeptFiles(directory))
+        if scenario.digest != row["scenario_digest"]:
+            found = f"{scenario.digest[:12]}…, recorded was {row['scenario_digest'][:12]}…"
+            raise ValueError(f"the scenario of {row['name']} has digest {found}")
+        # The campaign's seed is the first part of the run's entropy, whose rest follows from scenario and run.
+        entropy = [int(part, 16) for part in recording.run.seed.split(":")]
+        if entropy != run_entropy(entropy[0], scenario.situation_digest, run_index):
+            raise ValueError(f"the seed {recording.run.seed} in the recording is not this scenario's")
+        table = read_columns(directory / "verdicts.parquet")
+        own = pc.and_(pc.equal(table["configuration"], name), pc.equal(table["run_index"], run_index))
+        judgement = run_judgement(table.filter(own)["judgement"].to_pylist())
+        metadata: dict[str, Any] = read_json(directory / "metadata.json")
+        if missing := [key for key in ("name", "created", "vastflow", "versions", "host") if key not in metadata]:
+            raise ValueError(f"metadata.json has no {', '.join(missing)}")
+        return RecordedRun(name, scenario, recording, entropy[0], judgement, metadata)
 
 
 def _recording(directory: Path, name: str, run_index: int) -> Recording:
@@ -75,45 +75,10 @@ def _recording(directory: Path, name: str, run_index: int) -> Recording:
         raise UnusableDirectory(f"{directory}: no run of {name} was recorded; `vastflow show` says why")
     recordings = {r.run.run_index: r for r in read_recordings(file.read_bytes())}
     if run_index not in recordings:
-        known = _some([str(index) for index in sorted(recordings)])
-        raise UnusableDirectory(f"{directory}: no run {run_index} of {name}; it has {known}")
+        known = list(map(str, sorted(recordings)))
+        if len(known) > 8:
+            known = [*known[:7], f"… {known[-1]} ({len(known)} in all)"]
+        raise UnusableDirectory(f"{directory}: no run {run_index} of {name}; it has {', '.join(known)}")
     of_all = behaviors_of(directory, name)
-    if not of_all:
-        return recordings[run_index]
-    own = of_all.pop("run_index") == run_index
+    own = of_all.pop("run_index", None) == run_index
     return replace(recordings[run_index], behaviors={name: column[own] for name, column in of_all.items()})
-
-
-def _scenario(directory: Path, row: Mapping[str, Any]) -> Scenario:
-    """The scenario of a row, whose digest must be that of the executed one."""
-    scenario = scenario_of_row(row, KeptFiles(directory))
-    if scenario.digest != row["scenario_digest"]:
-        found = f"{scenario.digest[:12]}…, recorded was {row['scenario_digest'][:12]}…"
-        raise ValueError(f"the scenario of {row['name']} has digest {found}")
-    return scenario
-
-
-def _seed(recording: Recording, scenario: Scenario) -> int:
-    """`execution.seed`, the first part of the run's entropy, whose rest follows from scenario and run."""
-    entropy = [int(part, 16) for part in recording.run.seed.split(":")]
-    if entropy != run_entropy(entropy[0], scenario.situation_digest, recording.run.run_index):
-        raise ValueError(f"the seed {recording.run.seed} in the recording is not this scenario's")
-    return entropy[0]
-
-
-def _judgement(directory: Path, name: str, run_index: int) -> Judgement:
-    table = read_columns(directory / "verdicts.parquet")
-    chosen = pc.and_(pc.equal(table["configuration"], name), pc.equal(table["run_index"], run_index))
-    return run_judgement(table.filter(chosen)["judgement"].to_pylist())
-
-
-def _metadata(directory: Path) -> Mapping[str, Any]:
-    metadata: dict[str, Any] = read_json(directory / "metadata.json")
-    missing = [key for key in ("name", "created", "vastflow", "versions", "host") if key not in metadata]
-    if missing:
-        raise ValueError(f"metadata.json has no {', '.join(missing)}")
-    return metadata
-
-
-def _some(names: list[str]) -> str:
-    return ", ".join(names) if len(names) <= 8 else f"{', '.join(names[:7])}, … {names[-1]} ({len(names)} in all)"

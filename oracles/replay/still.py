@@ -1,31 +1,29 @@
-"""Stills and strips: moments of a replayed run on a page, placed in inches from the upper left corner."""
+"""Stills, strips, and films: moments of a replayed run on a page, placed in inches from the upper left corner."""
 
 import textwrap
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from PIL import Image
 
-from vastflow.oracles.figures.floor import draw_zones, zone_handles
-from vastflow.oracles.figures.style import COLORS, GOAL_COLOR, INK
-from vastflow.oracles.replay.close_up import draw_close_up, draw_patch, ground, legend_handles
+from vastflow.oracles.figures.maps import draw_zones, zone_handles
+from vastflow.oracles.figures.style import COLORS, GOAL_COLOR, INK, OBSTACLE_COLOR, SOFT_INK
+from vastflow.oracles.replay import close_up
 from vastflow.oracles.replay.story import RECENT_TICKS, Story, doing, numbers
-from vastflow.oracles.replay.timeline import draw_now, draw_timeline
-from vastflow.sim.replay import TickSnapshot
+from vastflow.sim.replay import Box, TickSnapshot
 
 DPI: Final = 110
 HEAD_IN: Final = 1.15
-GRAY: Final = "#6B7280"
 _BOLD_LETTER_IN: Final = 0.1
 """Width of a letter of the headline; most are narrower."""
 _SAME_PLACE_M: Final = 0.45
-_PLATE: Final = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "boxstyle": "round,pad=0.1"}
 
 
 def place(figure: Figure, left_in: float, top_in: float, width_in: float, height_in: float) -> Axes:
@@ -45,7 +43,7 @@ def write(figure: Figure, left_in: float, top_in: float, text: str, **style: Any
 def write_head(figure: Figure, story: Story) -> None:
     """Write title, ending, and warning of a run, `HEAD_IN` high."""
     write(figure, 0.15, 0.12, story.title, fontsize=14, fontweight="bold")
-    write(figure, figure.get_figwidth() - 0.15, 0.16, story.subtitle, fontsize=9, color=GRAY, ha="right")
+    write(figure, figure.get_figwidth() - 0.15, 0.16, story.subtitle, fontsize=9, color=SOFT_INK, ha="right")
     ending = textwrap.fill(story.ending, int((figure.get_figwidth() - 0.3) / _BOLD_LETTER_IN))
     write(figure, 0.15, 0.43, ending, fontsize=10, color=story.color, fontweight="bold")
     if story.warning:
@@ -59,13 +57,12 @@ def write_legend(figure: Figure, story: Story, columns: int, left_in: float, top
     at = left_in / page_width_in, 1.0 - top_in / page_height_in
     spaces = {"handletextpad": 0.5, "columnspacing": 1.4, "labelspacing": 0.25, "borderpad": 0.2, "borderaxespad": 0.2}
     look: dict[str, Any] = {"frameon": False, "fontsize": 8, "labelcolor": INK, **spaces}
-    handles = [*legend_handles(story.color), *zone_handles(story.zones)]
+    handles = [*close_up.legend_handles(story.color), *zone_handles(story.zones)]
     figure.legend(handles=handles, loc="upper left", bbox_to_anchor=at, ncols=columns, **look)
 
 
-def overview_size_in(story: Story, width_in: float, height_in: float) -> tuple[float, float]:
-    """Width and height of the overview, as large as fits."""
-    box = story.known
+def fitted(box: Box, width_in: float, height_in: float) -> tuple[float, float]:
+    """Width and height of a picture of `box`, as large as fits."""
     scale = min(width_in / (box.x1 - box.x0), height_in / (box.y1 - box.y0))
     return scale * (box.x1 - box.x0), scale * (box.y1 - box.y0)
 
@@ -77,23 +74,23 @@ def draw_overview(axes: Axes, story: Story, snapshot: TickSnapshot, ticks: Seque
         ticks: The places of these are numbered; without any, the robot and what the close-up shows are marked.
     """
     patch = snapshot.overview
-    draw_patch(axes, patch, ground(story.occupancy, patch))
+    close_up.draw_patch(axes, patch, close_up.ground(story.occupancy, patch))
     known = story.known
     axes.set(xlim=(known.x0, known.x1), ylim=(known.y0, known.y1), xticks=[], yticks=[], autoscale_on=False)
     axes.spines[:].set_visible(False)
     draw_zones(axes, story.zones)
-    path = story.path_until(snapshot.moment.tick)
+    driven_xy_m = story.true_xy_m[: snapshot.moment.tick + 1]
     axes.plot(*snapshot.plan_xy_m.T, color=GOAL_COLOR, linewidth=1.0)
-    axes.plot(*path.true_xy_m.T, color=path.color, linewidth=1.6)
+    axes.plot(*driven_xy_m.T, color=story.color, linewidth=1.6)
     for goal in snapshot.goals:
         axes.plot(goal.x_m, goal.y_m, marker="D", markersize=5, color=GOAL_COLOR, markeredgecolor="white")
     if ticks:
         _write_places(axes, story, ticks)
         return
-    box = story.view.box(snapshot.moment)
+    box = story.view[snapshot.moment.tick]
     frame = Rectangle((box.x0, box.y0), box.x1 - box.x0, box.y1 - box.y0, fill=False, edgecolor=INK, linewidth=0.8)
     axes.add_patch(frame)
-    axes.plot(*path.true_xy_m[-1], marker="o", markersize=5, color=INK, markeredgecolor="white")
+    axes.plot(*driven_xy_m[-1], marker="o", markersize=5, color=INK, markeredgecolor="white")
 
 
 def _write_places(axes: Axes, story: Story, ticks: Sequence[int]) -> None:
@@ -105,7 +102,12 @@ def _write_places(axes: Axes, story: Story, ticks: Sequence[int]) -> None:
         here.setdefault(near[0] if near else (true.x_m, true.y_m), []).append(number)
     for point, its_numbers in here.items():
         axes.plot(*point, marker="o", markersize=4, color=INK, markeredgecolor="white", markeredgewidth=0.6)
-        style: dict[str, Any] = {"fontsize": 7, "fontweight": "bold", "color": INK, "bbox": _PLATE}
+        style: dict[str, Any] = {
+            "fontsize": 7,
+            "fontweight": "bold",
+            "color": INK,
+            "bbox": {**close_up.PLATE, "boxstyle": "round,pad=0.1"},
+        }
         axes.annotate(ranges_text(its_numbers), point, (3, 3), textcoords="offset points", **style)
 
 
@@ -127,37 +129,28 @@ _LEGEND_IN: Final = 2.1
 _TIMELINE_IN: Final = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class _Layout:
-    """Sizes of a page, the same for all moments of a story."""
-
-    width_in: float
-    height_in: float
-    overview_in: tuple[float, float]
-
-    @property
-    def page_in(self) -> tuple[float, float]:
-        return self.width_in + _SIDE_IN + 0.7, HEAD_IN + self.height_in + _TIMELINE_IN + 0.65
-
-    @property
-    def side_in(self) -> float:
-        """Left edge of the column beside the picture."""
-        return self.width_in + 0.45
-
-    @property
-    def timeline_in(self) -> tuple[float, float, float, float]:
-        return 0.5, HEAD_IN + self.height_in + 0.2, self.width_in + _SIDE_IN, _TIMELINE_IN
-
-
 def still_images(story: Story, snapshots: Sequence[TickSnapshot], dpi: int = DPI) -> Iterator[Image.Image]:
     """The stills of `snapshots` (one or more) as RGB pictures of one size; what does not move is drawn once."""
-    layout = _layout(story, snapshots[0])
-    background = Figure(figsize=layout.page_in, dpi=dpi)
-    _draw_background(background, layout, story)
+    width_in, height_in = fitted(story.view[snapshots[0].moment.tick], *_PICTURE_IN)
+    overview_in = fitted(story.known, _SIDE_IN, max(height_in - _WORDS_IN - _LEGEND_IN, 1.0))
+    page_in = width_in + _SIDE_IN + 0.7, HEAD_IN + height_in + _TIMELINE_IN + 0.65
+    timeline_in = 0.5, HEAD_IN + height_in + 0.2, width_in + _SIDE_IN, _TIMELINE_IN
+    left_in = width_in + 0.45
+    background = Figure(figsize=page_in, dpi=dpi)
+    write_head(background, story)
+    write_legend(background, story, 1, left_in - 0.05, HEAD_IN + _WORDS_IN + overview_in[1] + 0.08)
+    close_up.draw_timeline(place(background, *timeline_in), story.moments, {})
     still = _image(background)
     for snapshot in snapshots:
-        moving = Figure(figsize=layout.page_in, dpi=dpi, facecolor="none")
-        _draw_moment(moving, layout, story, snapshot)
+        moment, moving = snapshot.moment, Figure(figsize=page_in, dpi=dpi, facecolor="none")
+        close_up.draw_close_up(place(moving, 0.15, HEAD_IN, width_in, height_in), story, snapshot)
+        recent = story.happenings(moment.tick - RECENT_TICKS, moment.tick)
+        write(moving, left_in, HEAD_IN - 0.05, f"{moment.t_s:.2f} s", fontsize=20, fontweight="bold")
+        write(moving, left_in, HEAD_IN + 0.35, textwrap.fill(doing(moment, story.run), 46), fontsize=11)
+        write(moving, left_in, HEAD_IN + 0.77, numbers(moment), fontsize=9, color=SOFT_INK)
+        write(moving, left_in, HEAD_IN + 0.97, "\n".join(recent[-2:]), fontsize=9, color=COLORS["fail"])
+        draw_overview(place(moving, left_in, HEAD_IN + _WORDS_IN, *overview_in), story, snapshot, [])
+        close_up.draw_now(place(moving, *timeline_in), story.moments, moment.tick)
         yield Image.alpha_composite(still, _image(moving)).convert("RGB")
 
 
@@ -165,33 +158,6 @@ def _image(figure: Figure) -> Image.Image:
     canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
     return Image.fromarray(np.asarray(canvas.buffer_rgba()))  # which knows its size in pixels
-
-
-def _layout(story: Story, snapshot: TickSnapshot) -> _Layout:
-    box = story.view.box(snapshot.moment)
-    scale = min(_PICTURE_IN[0] / (box.x1 - box.x0), _PICTURE_IN[1] / (box.y1 - box.y0))
-    width_in, height_in = scale * (box.x1 - box.x0), scale * (box.y1 - box.y0)
-    room_in = max(height_in - _WORDS_IN - _LEGEND_IN, 1.0)
-    return _Layout(width_in, height_in, overview_size_in(story, _SIDE_IN, room_in))
-
-
-def _draw_background(figure: Figure, layout: _Layout, story: Story) -> None:
-    write_head(figure, story)
-    write_legend(figure, story, 1, layout.side_in - 0.05, HEAD_IN + _WORDS_IN + layout.overview_in[1] + 0.08)
-    draw_timeline(place(figure, *layout.timeline_in), story.moments, {})
-
-
-def _draw_moment(figure: Figure, layout: _Layout, story: Story, snapshot: TickSnapshot) -> None:
-    moment, left_in = snapshot.moment, layout.side_in
-    axes = place(figure, 0.15, HEAD_IN, layout.width_in, layout.height_in)
-    draw_close_up(axes, story.occupancy, snapshot, story.path_until(moment.tick), story.view.box(moment), story.zones)
-    recent = story.happenings(moment.tick - RECENT_TICKS, moment.tick)
-    write(figure, left_in, HEAD_IN - 0.05, f"{moment.t_s:.2f} s", fontsize=20, fontweight="bold")
-    write(figure, left_in, HEAD_IN + 0.35, textwrap.fill(doing(moment, story.run), 46), fontsize=11)
-    write(figure, left_in, HEAD_IN + 0.77, numbers(moment), fontsize=9, color=GRAY)
-    write(figure, left_in, HEAD_IN + 0.97, "\n".join(recent[-2:]), fontsize=9, color=COLORS["fail"])
-    draw_overview(place(figure, left_in, HEAD_IN + _WORDS_IN, *layout.overview_in), story, snapshot, [])
-    draw_now(place(figure, *layout.timeline_in), story.moments, moment.tick)
 
 
 MOST: Final = 48
@@ -208,25 +174,23 @@ _STRIP_LEGEND_IN: Final = 0.75
 def strip_figure(story: Story, snapshots: Sequence[TickSnapshot]) -> Figure:
     """Numbered close-ups of all `snapshots` (one or more) in a grid, below the path as a whole and the timeline."""
     rows = -(-len(snapshots) // _COLUMNS)
-    box = story.view.box(snapshots[0].moment)
+    box = story.view[snapshots[0].moment.tick]
     panel_height_in = _PANEL_IN * (box.y1 - box.y0) / (box.x1 - box.x0)
     width_in = _COLUMNS * (_PANEL_IN + _GAP_IN) + _GAP_IN
     grid_in = rows * (panel_height_in + _CAPTION_IN)
     figure = Figure(figsize=(width_in, _TOP_IN + grid_in + _STRIP_LEGEND_IN), dpi=DPI)
     write_head(figure, story)
     ticks = [snapshot.moment.tick for snapshot in snapshots]
-    overview_in = overview_size_in(story, 5.0, _TOP_IN - HEAD_IN - 0.15)
+    overview_in = fitted(story.known, 5.0, _TOP_IN - HEAD_IN - 0.15)
     draw_overview(place(figure, _GAP_IN, HEAD_IN, *overview_in), story, snapshots[-1], ticks)
     left_in = _GAP_IN + overview_in[0] + 0.55
     timeline = place(figure, left_in, HEAD_IN + 0.15, width_in - left_in - 0.3, _TOP_IN - HEAD_IN - 0.75)
-    draw_timeline(timeline, story.moments, {tick: str(k) for k, tick in enumerate(ticks, 1)})
+    close_up.draw_timeline(timeline, story.moments, {tick: str(k) for k, tick in enumerate(ticks, 1)})
     for k, snapshot in enumerate(snapshots):
         left_in = _GAP_IN + (k % _COLUMNS) * (_PANEL_IN + _GAP_IN)
         top_in = _TOP_IN + (k // _COLUMNS) * (panel_height_in + _CAPTION_IN)
         axes = place(figure, left_in, top_in + _CAPTION_IN - 0.06, _PANEL_IN, panel_height_in)
-        draw_close_up(
-            axes, story.occupancy, snapshot, story.path_until(ticks[k]), story.view.box(snapshot.moment), story.zones
-        )
+        close_up.draw_close_up(axes, story, snapshot)
         _write_caption(figure, story, snapshot, k + 1, ticks[k - 1] if k else -1, left_in, top_in)
     write_legend(figure, story, 5, 0.15 * width_in, _TOP_IN + grid_in + 0.1)
     return figure
@@ -240,11 +204,62 @@ def _write_caption(
     happened = story.happenings(max(previous, moment.tick - RECENT_TICKS), moment.tick)
     name = f"{number}   {moment.t_s:.2f} s"
     write(figure, left_in, top_in + 0.06, name, fontsize=10, fontweight="bold")
-    write(figure, left_in + 0.2 + 0.083 * len(name), top_in + 0.075, _short(now, 44), fontsize=8.5)
-    write(figure, left_in, top_in + 0.25, numbers(moment), fontsize=7.5, color=GRAY)
+    write(
+        figure,
+        left_in + 0.2 + 0.083 * len(name),
+        top_in + 0.075,
+        textwrap.shorten(now, 44, placeholder=" …"),
+        fontsize=8.5,
+    )
+    write(figure, left_in, top_in + 0.25, numbers(moment), fontsize=7.5, color=SOFT_INK)
     news = "; ".join([text for text in happened if text != now][-2:])
-    write(figure, left_in, top_in + 0.41, _short(news, 70), fontsize=7.2, color=COLORS["fail"])
+    write(
+        figure, left_in, top_in + 0.41, textwrap.shorten(news, 70, placeholder=" …"), fontsize=7.2, color=COLORS["fail"]
+    )
 
 
-def _short(text: str, width: int) -> str:
-    return textwrap.shorten(text, width, placeholder=" …")
+FRAME_MS: Final = 250
+"""How long a picture is shown."""
+LAST_MS: Final = 2000
+
+_KEPT: Final = (
+    *COLORS.values(),
+    GOAL_COLOR,
+    INK,
+    OBSTACLE_COLOR,
+    close_up.BELIEF_COLOR,
+    close_up.INTENT_COLOR,
+    "#000000",
+    "#FFFFFF",
+)
+_SHARES: Final = (0.5, 1.0)
+_FILM_DPI: Final = 60
+_PALETTE_SIZE: Final = 40
+"""Size and colors at which 30 s of film stay below 1 MB, and words readable."""
+_DISTINCT: Final = 12
+
+
+def write_film(file: Path, story: Story, snapshots: Sequence[TickSnapshot]) -> None:
+    """Write the stills of `snapshots` (one or more) as a film; one picture is in memory at a time."""
+    chosen = sorted({0, len(snapshots) // 2, len(snapshots) - 1})
+    palette = _palette([*still_images(story, [snapshots[k] for k in chosen], _FILM_DPI)])
+    frames = (
+        still.quantize(palette=palette, dither=Image.Dither.NONE) for still in still_images(story, snapshots, _FILM_DPI)
+    )
+    durations = [FRAME_MS] * (len(snapshots) - 1) + [LAST_MS]
+    next(frames).save(file, format="GIF", save_all=True, append_images=frames, duration=durations, loop=0)
+
+
+def _palette(samples: Sequence[Image.Image]) -> Image.Image:
+    """Return one palette for the whole film, so that nothing flickers: the marks' colors and the most frequent others."""
+    # Small marks would be lost in a palette made by area, and so would what their edges blend to.
+    blends = [share * np.array(to_rgb(color)) + 1.0 - share for color in _KEPT for share in _SHARES]
+    kept = np.unique(np.rint(255.0 * np.array(blends)).astype(np.uint8), axis=0)
+    stack = Image.fromarray(np.concatenate([np.asarray(sample) for sample in samples]))
+    found = stack.quantize(colors=_PALETTE_SIZE - len(kept), dither=Image.Dither.NONE).getpalette() or []
+    others = np.array(found, dtype=np.int64).reshape(-1, 3)
+    # Pillow looks colors up in coarse cells: with another near white in the palette, white would become that.
+    far = np.abs(others[:, None] - kept).max(axis=2).min(axis=1) > _DISTINCT
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([*kept.ravel().tolist(), *others[far].ravel().tolist()])
+    return palette

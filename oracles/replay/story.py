@@ -1,11 +1,11 @@
-"""The story of a replayed run: its highlights, view, and words."""
+"""The story of a replayed run: its times, highlights, view, and words."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from vastflow.oracles.figures.scene import NO_ZONES, Zones
 from vastflow.oracles.figures.style import COLORS
 from vastflow.oracles.judgement.verdict import Judgement
-from vastflow.oracles.replay.close_up import DrivenPath
 from vastflow.sim.loop.simulation import REASONS
 from vastflow.sim.loop.standstill import told
+from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Event, Run
@@ -133,8 +133,6 @@ def _rank(event: Event) -> int | None:
 
 
 def _choose(chosen: list[int], candidates: Iterable[int], most: int) -> None:
-    """Add the candidates farthest from the chosen ones, while there is room and distance."""
-
     def distance(tick: int) -> int:
         return min(abs(tick - other) for other in chosen)
 
@@ -161,31 +159,20 @@ _FREE_M: Final = 1.25
 _WIDEST, _NARROWEST = 1.6, 0.8
 
 
-@dataclass(frozen=True, slots=True)
-class View:
-    """The part of the map shown at each tick."""
-
-    boxes: Sequence[Box] = field(repr=False)
-
-    def box(self, moment: Moment) -> Box:
-        """The part at a moment; all are of one size."""
-        return self.boxes[moment.tick]
-
-
-def view_of(moments: Sequence[Moment], goals: Sequence[Pose]) -> View:
-    """View the whole run if it is small, else a square that follows the robot."""
+def view_of(moments: Sequence[Moment], goals: Sequence[Pose]) -> list[Box]:
+    """The part of the map shown at each tick: the whole run if it is small, else a square that follows."""
     points = np.array([(p.x_m, p.y_m) for p in (*(m.true for m in moments), *goals)])
     low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
     if max(high - low) <= WHOLE_M:
         width, height = np.maximum(high - low, _SMALLEST_M).tolist()
         whole = _box((low + high) / 2, max(width, height * _NARROWEST), max(height, width / _WIDEST))
-        return View([whole] * len(moments))
+        return [whole] * len(moments)
     boxes, center = [], points[0]
     for point in points[: len(moments)]:
         if abs(point - center).max() > _FREE_M:  # a background that stands still halves a film
             center = point
         boxes.append(_box(center, FOLLOWED_M, FOLLOWED_M))
-    return View(boxes)
+    return boxes
 
 
 def _box(center: NDArray[np.float64], width_m: float, height_m: float) -> Box:
@@ -203,7 +190,7 @@ class Story:
         run: Its row of this execution.
         warning: Difference from the recorded run; empty without one.
         occupancy: Actual walls.
-        moments: One for each tick.
+        moments, view: One for each tick.
     """
 
     title: str
@@ -213,30 +200,23 @@ class Story:
     warning: str
     occupancy: OccupancyMap = field(repr=False)
     moments: Sequence[Moment] = field(repr=False)
-    view: View
+    view: Sequence[Box] = field(repr=False)
     zones: Zones = NO_ZONES
 
     @property
     def color(self) -> str:
-        """The color of its trajectory, by judgement."""
         return COLORS[self.judgement]
 
     @property
     def ending(self) -> str:
-        """Words for the ending, duration, and distance."""
         outcome = self.run.outcome.replace("_", " ")
         how = f"{outcome}: {self.run.reason}" if self.run.reason else outcome
         return f"{how}  ·  {self.run.simulated_s:.2f} s, {self.run.distance_m:.1f} m"
 
-    def path_until(self, tick: int) -> DrivenPath:
-        """The path driven up to `tick`."""
+    def contacts_until(self, tick: int) -> NDArray[np.float64]:
+        """Places (n, 2) of contacts up to `tick`."""
         contacts = [(e.x_m, e.y_m) for e in self.run.events if e.kind == "contact" and tick_of(e) <= tick]
-        return DrivenPath(
-            self._true_xy_m[: tick + 1],
-            self._estimated_xy_m[: tick + 1],
-            np.array(contacts, dtype=np.float64).reshape(-1, 2),
-            self.color,
-        )
+        return np.array(contacts, dtype=np.float64).reshape(-1, 2)
 
     def happenings(self, after: int, until: int) -> list[str]:
         """Distinct happenings after tick `after` up to tick `until`."""
@@ -254,9 +234,76 @@ class Story:
         return Box(x0 - _EDGE_M, y0 - _EDGE_M, x1 + _EDGE_M, y1 + _EDGE_M)
 
     @cached_property
-    def _true_xy_m(self) -> NDArray[np.float64]:
+    def true_xy_m(self) -> NDArray[np.float64]:
+        """True positions (ticks, 2)."""
         return np.array([(m.true.x_m, m.true.y_m) for m in self.moments])
 
     @cached_property
-    def _estimated_xy_m(self) -> NDArray[np.float64]:
+    def estimated_xy_m(self) -> NDArray[np.float64]:
+        """Estimated positions (ticks, 2)."""
         return np.array([(m.estimate.x_m, m.estimate.y_m) for m in self.moments])
+
+
+_EXACT_S: Final = 1e-6
+
+
+class Span(NamedTuple):
+    first: int
+    last: int
+
+    def every(self, step: int) -> list[int]:
+        return sorted({*range(self.first, self.last + 1, step), self.last})
+
+
+def whole_run(simulated_s: float) -> Span:
+    """All ticks of a run of `simulated_s`; the last begins a tick before the end."""
+    return Span(0, max(round(simulated_s / TICK_S) - 1, 0))
+
+
+def tick_at(option: str, t_s: float, run: Span) -> int:
+    """The tick nearest to a time; the end of the run is its last tick.
+
+    Raises:
+        UserError: a time outside the run, given by `option`.
+    """
+    end_s = (run.last + 1) * TICK_S
+    if not 0.0 <= t_s <= end_s + _EXACT_S:  # also catches NaN
+        raise UserError(f"{option}: expected a time of the run, from 0 to {end_s:.2f} s, got {t_s:g}")
+    return min(_nearest(t_s), run.last)
+
+
+def span_of(from_s: float | None, to_s: float | None, run: Span) -> Span:
+    """The part of a run between two times, by default its ends.
+
+    Raises:
+        UserError: a time outside the run, or an end before the start.
+    """
+    first = run.first if from_s is None else tick_at("--from", from_s, run)
+    last = run.last if to_s is None else tick_at("--to", to_s, run)
+    if last < first:
+        raise UserError(f"--to: expected a time after --from {from_s:g}, got {to_s:g}")
+    return Span(first, last)
+
+
+def step_of(every_s: float) -> int:
+    """Number of ticks between two pictures.
+
+    Raises:
+        UserError: `every_s` is not positive.
+    """
+    if not (every_s > 0.0 and math.isfinite(every_s)):
+        raise UserError(f"--every: expected a time above 0 s, got {every_s:g}")
+    return max(1, _nearest(every_s))
+
+
+def rounded(option: str, times_s: Iterable[float]) -> list[str]:
+    """A note on each time that is not a tick's."""
+    return [
+        f"{option} {t_s:g}: the nearest tick of {TICK_S * 1e3:.0f} ms is {_nearest(t_s) * TICK_S:.2f} s"
+        for t_s in times_s
+        if abs(_nearest(t_s) * TICK_S - t_s) > _EXACT_S
+    ]
+
+
+def _nearest(t_s: float) -> int:
+    return math.floor(t_s / TICK_S + 0.5)

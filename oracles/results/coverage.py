@@ -70,12 +70,10 @@ def parts(coverage: Coverage) -> list[tuple[str, Coverage]]:
 
 
 def counts(part: Coverage) -> tuple[int, ...]:
-    """`COUNTS` of the campaign or of a family."""
     return tuple(part[key] for key in COUNTS)
 
 
 def excluded(coverage: Coverage) -> Iterator[Loss]:
-    """Requests excluded by each constraint."""
     for family, part in coverage["families"].items():
         for constraint, times in part["excluded_by"].items():
             yield Loss(family, constraint, "", times)
@@ -93,7 +91,6 @@ def unrealisable(coverage: Coverage) -> Iterator[Loss]:
 
 
 def dimensions(coverage: Coverage) -> Iterator[Covered]:
-    """Environment, task and system of each family."""
     for family, part in coverage["families"].items():
         for dimension, said in part["dimensions"].items():
             yield _covered(family, dimension, said)
@@ -112,7 +109,6 @@ def pairs_not_listed(coverage: Coverage) -> int:
 
 
 def design_text(design: Mapping[str, Any]) -> str:
-    """Words for a family's design and its size."""
     product = f"{design['product']:,}"
     if design["kind"] == "t_way":
         return f"{design['strength']}-way: {design['rows']:,} of {product}, at least {design['lower_bound']:,}"

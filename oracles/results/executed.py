@@ -85,7 +85,6 @@ def _digests(file: Path) -> Iterator[str]:
 
 
 def _value(value: Any, files: KeptFiles) -> Any:
-    """Read a value that `json_text` wrote."""
     if isinstance(value, dict):
         if set(value) == {"file"} and _DIGEST.fullmatch(str(value["file"])):
             return FileContent(str(files.path(value["file"])), value["file"])

@@ -39,13 +39,11 @@ class Dropped:
     reason: str
 
 
-def factors_of(
-    rows: Sequence[Mapping[str, Any]], most_levels: int = MOST_LEVELS, bins: int = BINS
-) -> tuple[list[Factor], list[Dropped]]:
+def factors_of(rows: Sequence[Mapping[str, Any]]) -> tuple[list[Factor], list[Dropped]]:
     """The factors among the values of configurations, and the varying keys that are dropped.
 
-    Each distinct value is a level. Numbers with more than `most_levels` values are grouped by their gaps (as lengths drawn within a tolerance
-    have), or else binned at quantiles into `bins` levels. Lists of objects count by their length. Places and keys with more values
+    Each distinct value is a level. Numbers with more than `MOST_LEVELS` values are grouped by their gaps (as lengths drawn within a tolerance
+    have), or else binned at quantiles into `BINS` levels. Lists of objects count by their length. Places and keys with more values
     are dropped, and so are all but the first of keys that divide the configurations alike.
 
     Args:
@@ -55,15 +53,18 @@ def factors_of(
     dropped: list[Dropped] = []
     seen: dict[bytes, str] = {}
     for key in dict.fromkeys(key for row in rows for key in row):
-        name, values = _comparable(key, [row.get(key) for row in rows])
-        kinds = list(dict.fromkeys(_text(value) for value in values if value is not None))
-        if len(kinds) < 2 and None not in values:
+        name, values = key, [row.get(key) for row in rows]
+        given = [value for value in values if value is not None]
+        if given and all(isinstance(v, list) and all(isinstance(item, Mapping) for item in v) for v in given):
+            name, values = f"number of {key}", [None if value is None else len(value) for value in values]
+        known = {_text(value): value for value in values if value is not None}
+        if len(known) < 2 and None not in values:
             continue
-        factor = _factor(name, values, kinds, most_levels, bins)
+        factor = _factor(name, values, known)
         if any((isinstance(value, Mapping) and set(value) != {"file"}) or isinstance(value, list) for value in values):
             dropped.append(Dropped(name, "is a place or a list, and not one of a few values"))
         elif factor is None:
-            dropped.append(Dropped(name, f"has {len(kinds)} different values, at most {most_levels} can be compared"))
+            dropped.append(Dropped(name, f"has {len(known)} different values, at most {MOST_LEVELS} can be compared"))
         elif len(factor.levels) < 2:
             dropped.append(Dropped(name, "has one value where it is given at all"))
         elif (same := seen.setdefault(_partition(factor.codes), name)) != name:
@@ -88,36 +89,25 @@ def blocks_of(scenarios: Iterable[Mapping[str, Any]]) -> Codes:
     return np.array([len(keys) + k if key == alone else numbers[key] for k, key in enumerate(keys)], dtype=np.int64)
 
 
-def _comparable(key: str, values: list[Any]) -> tuple[str, list[Any]]:
-    """A key with its values, or with the lengths of lists of objects."""
-    given = [value for value in values if value is not None]
-    if given and all(isinstance(value, list) and all(isinstance(item, Mapping) for item in value) for value in given):
-        return f"number of {key}", [None if value is None else len(value) for value in values]
-    return key, values
-
-
-def _factor(name: str, values: Sequence[Any], kinds: Sequence[str], most_levels: int, bins: int) -> Factor | None:
-    numbers = all(value is None or _is_number(value) for value in values)
-    if len(kinds) > most_levels:
-        return _binned(name, values, most_levels, bins) if numbers else None
-    known = {_text(value): value for value in values if value is not None}
-    levels = tuple(sorted(known, key=lambda kind: float(known[kind]))) if numbers else tuple(kinds)
+def _factor(name: str, values: Sequence[Any], known: Mapping[str, Any]) -> Factor | None:
+    numeric = all(isinstance(value, int | float) and not isinstance(value, bool) for value in known.values())
+    numbers = np.array([np.nan if value is None else float(value) for value in values]) if numeric else None
+    if len(known) > MOST_LEVELS:
+        return None if numbers is None else _binned(name, numbers)
+    levels = sorted(known, key=lambda kind: float(known[kind])) if numeric else list(known)
     codes = {level: k for k, level in enumerate(levels)}
     at = np.array([-1 if value is None else codes[_text(value)] for value in values], dtype=np.int64)
-    finite = numbers and all(math.isfinite(known[level]) for level in levels)
-    return Factor(name, tuple(_level_text(known[level]) for level in levels), at, _numbers(values) if finite else None)
+    if numeric and not all(math.isfinite(known[level]) for level in levels):
+        numbers = None
+    return Factor(name, tuple(_level_text(known[level]) for level in levels), at, numbers)
 
 
-def _numbers(values: Sequence[Any]) -> NDArray[np.float64]:
-    return np.array([np.nan if value is None else float(value) for value in values])
-
-
-def _heaps(known: NDArray[np.float64], most: int) -> NDArray[np.float64]:
-    """Middles of gaps at least twice as wide as the widest of the (at most `most`) heaps between them."""
+def _heaps(known: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Middles of gaps at least twice as wide as the widest of the (at most `MOST_LEVELS`) heaps between them."""
     at = np.unique(known)
     gaps = np.diff(at)
     widest_first = np.argsort(-gaps, kind="stable")
-    for cuts in range(min(most, len(at)) - 1, 0, -1):
+    for cuts in range(min(MOST_LEVELS, len(at)) - 1, 0, -1):
         after = np.sort(widest_first[:cuts])
         starts, ends = np.r_[0, after + 1], np.r_[after, len(at) - 1]
         if gaps[after].min() >= 2 * (at[ends] - at[starts]).max():
@@ -125,12 +115,11 @@ def _heaps(known: NDArray[np.float64], most: int) -> NDArray[np.float64]:
     return np.empty(0)
 
 
-def _binned(name: str, values: Sequence[Any], most_levels: int, bins: int) -> Factor:
-    numbers = _numbers(values)
+def _binned(name: str, numbers: NDArray[np.float64]) -> Factor:
     known = numbers[np.isfinite(numbers)]
-    inner = _heaps(known, most_levels)
+    inner = _heaps(known)
     if not inner.size:
-        inner = np.unique(np.quantile(known, np.linspace(0, 1, bins + 1)))[1:-1]
+        inner = np.unique(np.quantile(known, np.linspace(0, 1, BINS + 1)))[1:-1]
     codes = np.where(np.isfinite(numbers), np.searchsorted(inner, numbers, side="right"), -1).astype(np.int64)
     used = np.unique(codes[codes >= 0])
     levels = tuple(f"{numbers[codes == k].min():.4g} to {numbers[codes == k].max():.4g}" for k in used)
@@ -138,14 +127,9 @@ def _binned(name: str, values: Sequence[Any], most_levels: int, bins: int) -> Fa
 
 
 def _partition(codes: Codes) -> bytes:
-    """Key that is equal for codes that divide alike."""
     _, first, inverse = np.unique(codes, return_index=True, return_inverse=True)
     renamed: Codes = np.argsort(np.argsort(first))[inverse].astype(np.int64)
     return renamed.tobytes()
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _text(value: Any) -> str:

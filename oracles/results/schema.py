@@ -32,56 +32,34 @@ Columns = Mapping[str, Sequence[Any]]
 _ROWS_A_GROUP: Final = 8192
 _PLAIN_TEXT: Final = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode
 
+_TEXT, _NUMBER, _COUNT = pa.string(), pa.float64(), pa.int32()
+_REQUESTED: Final = ("name", "family", "scenario_digest", "checked_digest", "duplicate_of", "environment", "abstract")
 CONFIGURATIONS: Final = pa.schema(
     {
-        "name": pa.string(),
-        "family": pa.string(),
-        "scenario_digest": pa.string(),
-        "checked_digest": pa.string(),
-        "duplicate_of": pa.string(),
-        "environment": pa.string(),
-        "abstract": pa.string(),
-        "timeout_s": pa.float64(),
-        "scenario": pa.string(),
-        "factors": pa.string(),
-        "provenance": pa.string(),
-        "steps": pa.string(),
+        **dict.fromkeys(_REQUESTED, _TEXT),
+        "timeout_s": _NUMBER,
+        **dict.fromkeys(("scenario", "factors", "provenance", "steps"), _TEXT),
     }
 )
-REJECTIONS: Final = pa.schema(
-    {name: pa.string() for name in ("family", "parent", "producer", "reason", "requested", "inputs")}
-)
-EXCLUSIONS: Final = pa.schema({name: pa.string() for name in ("family", "name", "constraint", "values")})
+REJECTIONS: Final = pa.schema(dict.fromkeys(("family", "parent", "producer", "reason", "requested", "inputs"), _TEXT))
+EXCLUSIONS: Final = pa.schema(dict.fromkeys(("family", "name", "constraint", "values"), _TEXT))
+_RUN: Final = {"configuration": _TEXT, "family": _TEXT, "run_index": _COUNT}
 RUNS: Final = pa.schema(
     {
-        "configuration": pa.string(),
-        "family": pa.string(),
-        "run_index": pa.int32(),
-        "seed": pa.string(),
-        "outcome": pa.string(),
-        "error_code": pa.int32(),
-        "reason": pa.string(),
-        "simulated_s": pa.float64(),
-        "distance_m": pa.float64(),
-        "recoveries": pa.int32(),
-        "missed_goals": pa.int32(),
-        "contacts": pa.int32(),
-        "stood_still": pa.string(),
+        **_RUN,
+        "seed": _TEXT,
+        "outcome": _TEXT,
+        "error_code": _COUNT,
+        "reason": _TEXT,
+        "simulated_s": _NUMBER,
+        "distance_m": _NUMBER,
+        **dict.fromkeys(("recoveries", "missed_goals", "contacts"), _COUNT),
+        "stood_still": _TEXT,
     }
 )
-JUDGED_RUNS: Final = RUNS.append(pa.field("cause", pa.string()))
+JUDGED_RUNS: Final = RUNS.append(pa.field("cause", _TEXT))
 """Of `runs.parquet`: what was recorded of each run, and why it failed where it did."""
-VERDICTS: Final = pa.schema(
-    {
-        "configuration": pa.string(),
-        "family": pa.string(),
-        "run_index": pa.int32(),
-        "oracle": pa.string(),
-        "judgement": pa.string(),
-        "reason": pa.string(),
-        "metrics": pa.string(),
-    }
-)
+VERDICTS: Final = pa.schema({**_RUN, **dict.fromkeys(("oracle", "judgement", "reason", "metrics"), _TEXT)})
 
 
 class TableWriter:
@@ -101,7 +79,6 @@ class TableWriter:
         self._writer.close()
 
     def add(self, rows: pa.Table) -> None:
-        """Add rows of the schema."""
         self._waiting.append(rows)
         self._rows += rows.num_rows
         while self._rows >= _ROWS_A_GROUP:
@@ -204,7 +181,7 @@ def table_of(content: bytes, name: str) -> pa.Table:
 
 
 def behaviors_of(directory: Path, configuration: str) -> dict[str, NDArray[Any]]:
-    """What the scenario did in each run: columns, `run_index` among them; empty where no run was recorded.
+    """Columns of the behaviors of a configuration's runs, `run_index` among them; empty where no run was recorded.
 
     Raises:
         Unreadable: `behaviors.parquet` is damaged.

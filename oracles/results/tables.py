@@ -15,11 +15,9 @@ import pyarrow.json
 from numpy.typing import NDArray
 
 from vastflow.oracles.judgement.verdict import Judgement
-from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
 from vastflow.oracles.results.factors import blocks_of
 from vastflow.oracles.results.schema import codes, floats, integers, read_columns
 from vastflow.sim.model.files import read_json, read_text
-from vastflow.sim.model.scenario import Scenario
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -87,13 +85,10 @@ class ConfigurationTable:
             for row, content, factors, provenance in decoded
         ]
 
-    def scenario(self, configuration: int, files: KeptFiles) -> Scenario:
-        """The scenario of the configuration at an index.
-
-        Raises:
-            ValueError: a file that the directory does not keep.
-        """
-        return scenario_of_row(self.table.slice(configuration, 1).to_pylist()[0], files)
+    def row(self, configuration: int) -> dict[str, Any]:
+        """The row of the configuration at an index, as `scenario_of_row` takes it."""
+        row: dict[str, Any] = self.table.slice(configuration, 1).to_pylist()[0]
+        return row
 
     def _decoded(self, column: str) -> list[Mapping[str, Any]]:
         found: list[Mapping[str, Any]] = json.loads(f"[{','.join(self.table[column].to_pylist())}]")
@@ -161,7 +156,6 @@ class VerdictTable:
         return self.together if oracle is None else self.judgements[:, self.oracles.index(oracle)]
 
     def rows_of(self, configuration: int) -> slice:
-        """The runs of the configuration at an index."""
         return slice(*np.searchsorted(self.configuration, (configuration, configuration + 1)))
 
     def counts(self, oracle: str | None) -> NDArray[np.int64]:
@@ -207,7 +201,6 @@ class VerdictTable:
         return MetricColumn(units[-1] if units else "", values)
 
     def rows(self) -> list[dict[str, Any]]:
-        """The rows, metrics decoded."""
         return [{**row, "metrics": json.loads(row["metrics"])} for row in self.table.to_pylist()]
 
 
@@ -231,7 +224,6 @@ class Tables:
 
     @property
     def oracles(self) -> tuple[str, ...]:
-        """Names of the oracles in the order they judged."""
         return self.verdicts.oracles
 
     @cached_property

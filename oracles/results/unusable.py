@@ -15,12 +15,6 @@ class UnusableDirectory(UserError, ValueError):
     """A directory that can't be used for what was asked; says which, what was found and what would be right."""
 
 
-def damaged(directory: Path | str, what: object) -> UnusableDirectory:
-    """The error of a damaged campaign directory, in one line."""
-    words = " ".join(str(what).split()) or type(what).__name__
-    return UnusableDirectory(f"{directory}: damaged campaign directory: {words[:_MOST_CHARACTERS]}")
-
-
 @contextmanager
 def reading(directory: Path | str) -> Iterator[None]:
     """Read a campaign directory, and use what it holds, in the body.
@@ -34,8 +28,6 @@ def reading(directory: Path | str) -> Iterator[None]:
         yield
     except (UserError, BrokenPipeError):  # of whom the output is for
         raise
-    except KeyError as error:  # whose words are the key alone
-        raise damaged(directory, f"has no {error}") from None
     except (
         OSError,
         ValueError,
@@ -46,4 +38,8 @@ def reading(directory: Path | str) -> Iterator[None]:
         NotImplementedError,
         zipfile.BadZipFile,
     ) as error:
-        raise damaged(directory, error) from None
+        # The words of a KeyError are the key alone.
+        words = (
+            f"has no {error}" if isinstance(error, KeyError) else " ".join(str(error).split()) or type(error).__name__
+        )
+        raise UnusableDirectory(f"{directory}: damaged campaign directory: {words[:_MOST_CHARACTERS]}") from None

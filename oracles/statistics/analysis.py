@@ -108,7 +108,11 @@ def factor_analysis(
     looked_at = (first_judged - first_passed)[some], first_judged[some]
     mains = []
     for factor in present:
-        alike = _alike(contrasts.blocks, present, factor) if sets is None else np.asarray(sets[factor.name])[some]
+        if sets is None:
+            rest = [other.codes for other in present if other.name != factor.name]
+            alike = np.unique(np.column_stack([contrasts.blocks, *rest]), axis=0, return_inverse=True)[1].reshape(-1)
+        else:
+            alike = np.asarray(sets[factor.name])[some]
         mains.append(model.effect(factor, looked_at, alike))
     mains = _told(_told(mains, "these", error), "others", error)
     effects = _told([model.interaction(*pair) for pair in pairs], "claim", error)
@@ -128,12 +132,6 @@ def factor_analysis(
         len(contrasts.sizes),
         error,
     )
-
-
-def _alike(blocks: NDArray[np.int64], factors: Sequence[Factor], factor: Factor) -> NDArray[np.int64]:
-    """Numbers (m,) that are equal for configurations of a block that are equal in all other factors."""
-    rest = np.column_stack([blocks, *(other.codes for other in factors if other.name != factor.name)])
-    return np.unique(rest, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 
 def _told(effects: Sequence[E], name: str, error: float) -> list[E]:

@@ -56,7 +56,6 @@ class Classes:
     controls: str
 
     def count(self, name: ClassName) -> int:
-        """Number of configurations of a class."""
         return self.names.count(name)
 
     @property
@@ -81,7 +80,6 @@ class TotalFailures:
 
     @property
     def share(self) -> float | None:
-        """Share of all failures; None where nothing failed."""
         return self.failures / self.of_failures if self.of_failures else None
 
 

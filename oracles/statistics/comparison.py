@@ -37,13 +37,11 @@ class Pairs:
         return len(self.configuration)
 
     def of(self, chosen: Bools) -> "Pairs":
-        """The pairs where `chosen` (P,) is True."""
         block = None if self.block is None else self.block[chosen]
         return Pairs(self.configuration[chosen], self.before[chosen], self.after[chosen], block)
 
     @property
     def paths(self) -> Codes:
-        """Block (P,) of each pair."""
         return self.configuration if self.block is None else self.block
 
 
@@ -101,7 +99,6 @@ class Change:
 
     @property
     def worse(self) -> bool:
-        """Whether it passes less often than before."""
         return self.after < self.before
 
 

@@ -98,15 +98,14 @@ class Contrasts:
 
     @cached_property
     def _orders_between(self) -> NDArray[np.int32]:
-        """Orders (draws, G) of the blocks."""
         return self._orders(np.zeros(len(self.sizes)))
 
     @cached_property
     def _orders_within(self) -> NDArray[np.int32]:
-        """Orders (draws, m) of the values, each within its block."""
         return self._orders(self.blocks.astype(np.float64))
 
     def _orders(self, blocks: Floats) -> NDArray[np.int32]:
+        """Orders (draws, len(blocks)) of values, each within its block."""
         rng = np.random.default_rng(_SEED)
         orders = np.empty((self.draws, len(blocks)), dtype=np.int32)
         places = np.argsort(blocks, kind="stable")
@@ -176,7 +175,6 @@ def beyond(columns: Floats, others: Floats) -> tuple[Floats, Floats]:
 
 
 def _basis(columns: Floats) -> Floats:
-    """Orthonormal columns with the same span, fewer where columns are dependent."""
     values, vectors = np.linalg.eigh(columns.T @ columns)
     keep = values > 1e-9 * max(float(values[-1]) if len(values) else 0.0, _TINY)
     basis: Floats = columns @ (vectors[:, keep] / np.sqrt(values[keep]))

@@ -90,7 +90,6 @@ class FactorEffect:
 
     @property
     def matters(self) -> bool:
-        """Whether an effect is shown, on these situations or on others."""
         return self.these.shown or self.others.shown
 
 
@@ -249,7 +248,6 @@ class FactorModel:
         return points
 
     def _share(self, tested: Tested) -> float:
-        """Share, 0..1, of the variance between configurations that the tested columns explain."""
         return min(1.0, tested.variance / self.between) if self.between > 0 else 0.0
 
     def _by_situation(self, within: Factor, between: Factor) -> Tested:
@@ -290,7 +288,6 @@ def repetition(rates: Floats, n: Floats) -> Floats:
 
 
 def _is_between(factor: Factor, blocks: Codes) -> bool:
-    """Whether the factor has one level in every block."""
     return len(np.unique(blocks)) == len(np.unique(np.stack((blocks, factor.codes)), axis=1).T)
 
 

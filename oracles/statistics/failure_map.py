@@ -27,7 +27,6 @@ class FailureGrid:
 
     @property
     def extent_m(self) -> tuple[float, float, float, float]:
-        """Bounds x0, x1, y0, y1 in the map frame."""
         (x0, y0), (rows, columns) = self.origin_xy_m, self.shape
         return x0, x0 + columns * self.cell_m, y0, y0 + rows * self.cell_m
 
@@ -60,7 +59,6 @@ class FailureMap:
     squares: NDArray[np.int64] = field(repr=False)
 
     def __add__(self, other: "FailureMap") -> "FailureMap":
-        """Add the map of other configurations on the same grid."""
         return FailureMap(
             self.grid,
             self.visits + other.visits,
@@ -75,7 +73,6 @@ class FailureMap:
         return np.where(known, self.failures / np.maximum(self.visits, 1), np.nan)
 
     def effective_visits(self) -> Floats:
-        """Equivalent number (H, W) of independent visits."""
         n, m = np.maximum(self.visits, 1).astype(np.float64), self.configurations.astype(np.float64)
         p = self.failures / n
         failures2, both, visits2 = self.squares.astype(np.float64)
@@ -133,7 +130,6 @@ def grid_over(x0_m: float, y0_m: float, x1_m: float, y1_m: float, cell_m: float 
 
 
 def empty_map(grid: FailureGrid) -> FailureMap:
-    """A map without runs."""
     zeros = np.zeros(grid.shape, dtype=np.int64)
     return FailureMap(grid, zeros, zeros, zeros, np.zeros((3, *grid.shape), dtype=np.int64))
 

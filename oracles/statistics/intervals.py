@@ -85,7 +85,6 @@ def few_clusters(clusters: ArrayLike, level: float = LEVEL) -> Floats:
 
 
 def interval(ends: Floats) -> Interval:
-    """One interval from its (2,) ends."""
     return Interval(float(ends[0]), float(ends[1]))
 
 

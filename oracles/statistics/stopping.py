@@ -50,7 +50,6 @@ class Savings:
 
     @property
     def saved(self) -> int:
-        """Number of saved runs."""
         return self.most - self.runs
 
     @property
@@ -151,7 +150,6 @@ class StoppingRule:
 
     @property
     def _grid(self) -> tuple[Floats, Floats]:
-        """Runs and passes, (max_runs + 1, max_runs + 1) each."""
         numbers = np.arange(self.max_runs + 1.0)
         n, x = np.meshgrid(numbers, numbers, indexing="ij")
         return n, x

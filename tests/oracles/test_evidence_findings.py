@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 from table import each_row
 
-from vastflow.oracles.evidence.criteria import criteria_json, criteria_of
+from vastflow.oracles.evidence.causes import criteria_json, criteria_of
 from vastflow.oracles.evidence.findings import findings_json, findings_of, shape_of, stopping_rule
 from vastflow.oracles.figures.charts import threshold_figure
 from vastflow.oracles.page.words import criterion_text

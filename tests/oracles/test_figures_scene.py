@@ -7,7 +7,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from vastflow.oracles.figures import scene as scenes
-from vastflow.oracles.figures.floor import map_figure
+from vastflow.oracles.figures.maps import map_figure
 from vastflow.oracles.figures.scene import known_extent_m, read_walks, scenes_of
 from vastflow.oracles.results.executed import environment_names
 from vastflow.oracles.results.tables import CODES, FAIL, PASS, read_tables

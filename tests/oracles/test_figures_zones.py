@@ -8,7 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
 from vastflow.oracles.figures.case_figure import Case, PlanView, pair_figure, plan_view_figure
-from vastflow.oracles.figures.floor import zone_handles
+from vastflow.oracles.figures.maps import zone_handles
 from vastflow.oracles.figures.scene import NO_ZONES, Zones, zones_of
 from vastflow.oracles.figures.style import png
 from vastflow.oracles.observation.situation import Situation

@@ -13,12 +13,12 @@ import pytest
 from vastflow.flows.results.summary import Results
 from vastflow.oracles.evidence.findings import findings_of
 from vastflow.oracles.figures.charts import factor_figure, interaction_figure
-from vastflow.oracles.page.facts import facts_of
+from vastflow.oracles.page.facts import Facts
 from vastflow.oracles.page.failures import cases, failure_kinds, kind_of
 from vastflow.oracles.page.headline import headline_html
 from vastflow.oracles.page.report import write_report
 from vastflow.oracles.page.search_section import CELLS_DRAWN, search_section
-from vastflow.oracles.page.untested import rejection_rows
+from vastflow.oracles.page.sections import rejection_rows
 from vastflow.oracles.results.tables import read_tables
 from vastflow.oracles.statistics.effects import Claim, FactorEffect, InteractionEffect, LevelEffect, LevelPair
 from vastflow.oracles.statistics.intervals import Interval
@@ -174,7 +174,7 @@ def test_search_section_draws_runs_of_worst_cells(synthetic_campaign, tmp_path, 
         for k, each in enumerate(evaluations)
     ]
     pq.write_table(pa.Table.from_pylist(cells), directory / "archive.parquet")
-    section = search_section(facts_of(read_tables(directory)))
+    section = search_section(Facts(read_tables(directory)))
     assert [each.name for each in section.pictures] == [
         *("search-progress", "search-archive"),
         *("cell-point-3", "cell-point-1", "cell-point-5", "cell-point-4"),

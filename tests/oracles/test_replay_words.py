@@ -7,8 +7,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.oracles.replay.story import FEWEST, FRAMES, doing, happening, highlights, numbers, tick_of
-from vastflow.oracles.replay.times import Span, rounded, span_of, step_of, tick_at, whole_run
+from vastflow.oracles.replay.story import (
+    FEWEST,
+    FRAMES,
+    Span,
+    doing,
+    happening,
+    highlights,
+    numbers,
+    rounded,
+    span_of,
+    step_of,
+    tick_at,
+    tick_of,
+    whole_run,
+)
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Event, Run

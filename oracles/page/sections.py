@@ -1,0 +1,312 @@
+"""Sections of the report but those on failed runs and searches."""
+
+import inspect
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
+
+from vastflow.oracles.catalog.robustness import DEFAULT_BASIS
+from vastflow.oracles.evidence.causes import oracle_parameters
+from vastflow.oracles.evidence.findings import stopping_rule
+from vastflow.oracles.figures.scene import MAX_SCENES, environment_counts
+from vastflow.oracles.figures.style import CLASS_COLORS
+from vastflow.oracles.judgement.cause import CAUSES
+from vastflow.oracles.judgement.oracle import known_oracles, oracle_class
+from vastflow.oracles.page import pictures
+from vastflow.oracles.page.facts import Facts
+from vastflow.oracles.page.failures import kind_of
+from vastflow.oracles.page.section import (
+    MAX_ROWS,
+    Block,
+    Column,
+    Details,
+    Group,
+    Section,
+    Table,
+    columns,
+    configuration_cells,
+    heading,
+    paragraph,
+    rate_cell,
+    soft,
+)
+from vastflow.oracles.page.words import percent, plural, short
+from vastflow.oracles.results import coverage
+from vastflow.oracles.results.tables import Tables
+from vastflow.oracles.statistics.classes import passes_that_show
+
+ROBUSTNESS: Final = "robustness"
+_BASES: Final = {
+    "update": "sum over AMCL's updates",
+    "step": "sum over time steps",
+    "metre": "sum over meters driven",
+    "mean": "mean over time steps",
+    "maximum": "greatest",
+}
+_MOST_LISTED: Final = 200
+"""Runs of a configuration up to which the page says how many passes show a class."""
+
+
+def maps_section(facts: Facts) -> Section | None:
+    """The section on where runs failed; None for a campaign without maps."""
+    if not facts.maps:
+        return None
+    content: list[Block] = []
+    rows = [[facts.names[key], rate_cell(counts)] for key, counts in environment_counts(facts.tables).items()]
+    if len(rows) > 1:
+        content.append(Table([Column("Map"), Column("All oracles", "rate")], rows, "environments"))
+        content += [soft("The {} maps with most failures are drawn.", MAX_SCENES)] if len(rows) > MAX_SCENES else []
+    content += _scenes(facts)
+    if len(facts.scenes) > 1:
+        overview = pictures.all_maps_picture(facts.scenes, [facts.names[scene.environment] for scene in facts.scenes])
+        content = [overview, Details("Each map", content)]
+    if rows := facts.places:
+        head = [Column("Map", "choice"), Column("Place"), Column("Failed of visits", "rate")]
+        explained = soft(
+            "Of the runs that came through a cell of 0.25 m, the share that failed there, where it is shown to be above the map's mean; "
+            "the worst of neighbors, at most three a map."
+        )
+        summary = f"{plural(len(rows), 'place')} that runs fail at more often than elsewhere"
+        shares = Table(head, rows, "places", style="share")
+        content.append(Details(summary, [explained, shares], open=len(rows) <= 3))
+    return Section("maps", "Where", "Where it happened", content=content, folded=False)
+
+
+def _scenes(facts: Facts) -> Iterator[Block]:
+    for scene in facts.scenes:
+        name, (height, width) = facts.names[scene.environment], scene.occupancy.shape
+        resolution_m = scene.occupancy.resolution_m
+        size = f"{width * resolution_m:.1f} m × {height * resolution_m:.1f} m"
+        yield Markup('<h3>{} <span class="soft">{}</span></h3>\n').format(name, size)
+        drawn = [replace(picture, detail=True) for picture in pictures.map_pictures(scene, name)]
+        density = [picture for picture in drawn if picture.density]
+        lines = Group("pair", [picture for picture in drawn if not picture.density])
+        yield Group("pair", density)
+        yield Details("Trajectories", [lines]) if density else lines
+
+
+def factors_section(facts: Facts) -> Section | None:
+    """The section on factors; None where nothing can be compared."""
+    designs = facts.findings.designs
+    drawn = pictures.factor_pictures(designs)
+    values, figures = {"designs": list(zip(designs, drawn, strict=True))}, [p for found in drawn for p in found]
+    title = "What varied and what matters"
+    return Section("factors", "What matters", title, folded=False, values=values, figures=figures) if designs else None
+
+
+def configurations_section(facts: Facts) -> Section:
+    """A row for each distinct configuration, the worst first."""
+    found, stood = facts.tables.configurations, facts.stood
+    cells_of = [configuration_cells(facts.evidence[oracle]) for oracle in facts.shown_oracles]
+    rows: list[list[Any]] = []
+    for k, name in zip(found.distinct.tolist(), facts.findings.classes.names, strict=True):
+        rates = [by_name[found.names[k]] for by_name in cells_of]
+        still = [stood.of([found.names[k]])] if stood.runs else []
+        values = [
+            found.factors[k].get(key) if numeric else facts.factor(k, key) for key, numeric in facts.varied.items()
+        ]
+        rows.append([found.names[k], found.families[k], name, *rates, *still, *values])
+    rows.sort(key=lambda row: (row[3][4], row[3][0] - row[3][1]))  # the success rate's upper bound, then failures
+    head = [Column("Configuration"), Column("Family", "choice"), Column("Class", "class"), *_rate_columns(facts)]
+    head += [Column(key, "number" if numeric else "text") for key, numeric in facts.varied.items()]
+    failing = int(np.count_nonzero(facts.findings.counts[:, 1]))
+    table: Block = Table(head, rows, "configurations", "evidence.json", failing=failing)
+    summary = f"{plural(failing, 'configuration')} with failures, of {len(rows):,}" if failing else "none failed"
+    return Section("all", "Configurations", "Configurations", summary, [table if rows else paragraph("None.")])
+
+
+def rates_section(facts: Facts) -> Section:
+    """Success rates of the campaign, of its families, and by each oracle."""
+    shown = {oracle: facts.evidence[oracle] for oracle in facts.shown_oracles}
+    rows = [
+        [
+            *(name, group.configurations),
+            *(rate_cell(found.families[name].counts) for found in shown.values()),
+            *([facts.stood.of(group.by_name)] if facts.stood.runs else []),
+        ]
+        for name, group in facts.everything.families.items()
+    ]
+    head = [Column("Family"), Column("Configurations", "number"), *_rate_columns(facts)]
+    drawn = list(pictures.rate_pictures(shown))
+    values = {"families": Table(head, rows, "families", "evidence.json"), "pictures": drawn}
+    summary = "of the campaign, families and oracles, with intervals"
+    return Section("rates", "Success rates", "Success rates", summary, values=values, figures=drawn)
+
+
+def classes_section(facts: Facts) -> Section:
+    """The section on reliable, systematic, and flaky configurations."""
+    findings, found = facts.findings, facts.tables.configurations
+    classes, most, least = findings.classes, facts.most_runs, facts.least_runs
+    summary = ", ".join(f"{classes.count(name):,} {name}" for name in CLASS_COLORS if classes.count(name))
+    if classes.count("undecided") == len(classes.names):
+        why = f": {plural(most, 'run')} can't show a class, that takes at least {least}" if most < least else ""
+        summary = f"all {len(classes.names):,} undecided{why}"
+    many = stopping_rule(facts.metadata) is not None or most > _MOST_LISTED
+    rows = [
+        [
+            *(findings.names[k], found.families[found.distinct[k]]),
+            *(int(findings.counts[k, 0]), int(findings.counts[k, :2].sum())),
+            round(float(findings.reliable_chance[k]), 3),
+        ]
+        for k in findings.undecided
+    ]
+    head = [Column("Configuration"), Column("Family", "choice")]
+    head += columns("number", "Passed", "Of judged", "P(rate ≥ 80 %)")
+    values = {
+        "shown_by": {} if many else passes_that_show(most),
+        "undecided": Table(head, rows, "undecided", "evidence.json"),
+    }
+    return Section("classes", "Classes", "Reliable, systematic, flaky", summary, values=values)
+
+
+def _rate_columns(facts: Facts) -> list[Column]:
+    """A column for each oracle that is shown, and one for standstills where there were any."""
+    stood = columns("number", "Stood still") if facts.stood.runs else []
+    return [*columns("rate", *(oracle or "All oracles" for oracle in facts.shown_oracles)), *stood]
+
+
+def measured_section(facts: Facts) -> Section:
+    """The spread of each metric, and what other thresholds would have said."""
+    rows = [
+        [
+            *(oracle, name.replace("_", " "), spread.minimum, spread.median, spread.maximum),
+            *("" if spread.unit == "1" else spread.unit, spread.n),
+        ]
+        for oracle, metrics in facts.spreads.items()
+        for name, spread in metrics.items()
+        if spread.n
+    ]
+    head = [Column("Oracle", "choice"), Column("Metric"), *columns("number", "Smallest", "Median", "Greatest")]
+    content: list[Block] = [Table([*head, Column("Unit"), Column("Runs", "number")], rows, "metrics")]
+    if thresholds := list(pictures.threshold_pictures(facts.criteria)):
+        content += [heading("Criteria that separate nothing"), Group("pair", thresholds)]
+    content += _bases(facts.tables)
+    return Section("measured", "Measured", "Measured", plural(len(rows), "metric"), content)
+
+
+def method_section(facts: Facts) -> Section:
+    """The section on methods and versions."""
+    values = {"meanings": CAUSES, "explanations": {oracle: _explanation(oracle) for oracle in facts.tables.oracles}}
+    summary = "how all of this is computed, and with which versions"
+    return Section("method", "Method", "Method", summary, values=values)
+
+
+def _explanation(oracle: str) -> Mapping[str, Any]:
+    """Description and defaults of an installed oracle."""
+    if oracle not in known_oracles():  # a file's name would be looked for in whatever folder this process works in
+        return {"text": "An oracle of the campaign's own, see its file.", "defaults": {}}
+    found = oracle_class(oracle)
+    paragraphs = (inspect.getdoc(found) or "").split("\n\n")
+    fields = found.Parameters.model_fields
+    return {
+        "text": " ".join(" ".join(p for p in paragraphs if not p.startswith("Metrics:")).replace("`", "").split()),
+        "defaults": {name: field.default for name, field in fields.items() if not field.is_required()},
+    }
+
+
+def _bases(tables: Tables) -> Iterator[Block]:
+    """A table of all bases of the robustness oracle."""
+    if ROBUSTNESS not in tables.oracles:
+        return
+    metrics = tables.verdicts.metrics(ROBUSTNESS)
+    judged_by = oracle_parameters(tables, ROBUSTNESS).get("basis", DEFAULT_BASIS)
+    rows: list[list[Any]] = []
+    for name, means in _BASES.items():
+        if not {name, "threshold"} <= metrics.keys():
+            continue
+        known = np.isfinite(metrics[name].values) & np.isfinite(metrics["threshold"].values)
+        values, threshold = metrics[name].values[known], metrics["threshold"].values[known]
+        if len(values):
+            quantiles = np.quantile(values, (0.5, 0.95, 1.0)).tolist()
+            said = f"{name}, judged by" if name == judged_by else name
+            rows.append([said, means, *quantiles, percent(float((values > threshold).mean())), len(values)])
+    if rows:
+        yield heading("Localization error on every basis")
+        yield soft(
+            "A threshold on summed error depends on what is summed. "
+            "The campaign judges by the basis in bold; the others say what they would."
+        )
+        numbers = columns("number", "Median (m)", "95 % below (m)", "Greatest (m)", "Runs above the threshold", "Runs")
+        totals = [k for k, row in enumerate(rows) if row[0].endswith("judged by")]
+        yield Table([Column("Basis", "name"), Column("Means"), *numbers], rows, totals=totals)
+
+
+def coverage_section(facts: Facts) -> Section | None:
+    """The section on coverage; None without `coverage.json`."""
+    if not (facts.tables.directory / coverage.FILE).is_file():
+        return None
+    found = coverage.read_coverage(facts.tables.directory)
+    listed = list(coverage.pairs(found))
+    values = {
+        "parts": [
+            (name, part, coverage.design_text(part["design"]) if "design" in part else "")
+            for name, part in coverage.parts(found)
+        ],
+        "excluded": list(coverage.excluded(found)),
+        "unrealisable": [
+            (family, producer, said["count"])
+            for family, part in found["families"].items()
+            for producer, said in part["unrealisable_by"].items()
+        ],
+        "dimensions": list(coverage.dimensions(found)),
+        "t_way": found["t_way"],
+        "pairs": listed[:MAX_ROWS],
+        "pairs_left_out": len(listed[MAX_ROWS:]) + coverage.pairs_not_listed(found),
+    }
+    return Section("coverage", "Coverage", "Coverage", "what became of everything that was asked for", values=values)
+
+
+def untested_section(facts: Facts) -> Section:
+    """Rejections, runs that were not judged, faults, duplicates, and notes."""
+    said = facts.tables.verdicts.reasons("not judged").groupby(["oracle", "reason"], observed=True, sort=False)
+    unjudged = said.configuration.agg(runs="size", configurations=lambda names: list(names.unique()))
+    values = {
+        "rejections": rejection_rows(facts.tables.rejections),
+        "not_judged": unjudged.reset_index().to_dict("records"),
+        "duplicates": list(facts.tables.configurations.duplicates.items()),
+        "max_rows": MAX_ROWS,
+    }
+    summary = left_out(facts) or "nothing was left out"
+    return Section("untested", "Not tested", "What was not tested", summary, values=values)
+
+
+def left_out(facts: Facts) -> str:
+    """A line on everything left out; empty if nothing was."""
+    unjudged = {oracle: facts.evidence[oracle].campaign.counts.not_judged for oracle in facts.tables.oracles}
+    faults, notes = (facts.metadata.get(key) or () for key in ("faults", "notes"))
+    rejected, duplicates = len(facts.tables.rejections), len(facts.tables.configurations.duplicates)
+    if not (rejected or duplicates or any(unjudged.values()) or faults or notes):
+        return ""
+    by = ", ".join(f"{n:,} by {oracle}" for oracle, n in unjudged.items() if n)
+    overall = " overall" + (f" ({by})" if by else "") if facts.several else ""
+    return (
+        f"{plural(rejected, 'rejected request')}, {plural(duplicates, 'duplicate')}, "
+        f"{plural(facts.all.not_judged, 'run')} not judged{overall}, {plural(len(faults), 'fault')}, "
+        f"{plural(len(notes), 'note')} on the campaign file"
+    )
+
+
+def rejection_rows(rejections: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """A row for each family, producer and kind of reason: the first reason, and how many there are."""
+    found = pd.DataFrame(rejections, columns=["family", "producer", "reason", "requested"])
+    kinds = found.groupby(["family", "producer", found.reason.map(kind_of).rename("kind")], sort=False)
+    rows: list[Mapping[str, Any]] = (
+        kinds.agg(
+            reason=("reason", "first"),
+            reasons=("reason", "nunique"),
+            times=("reason", "size"),
+            requested=("requested", lambda texts: list(dict.fromkeys(map(_request, texts[:3])))),
+        )
+        .reset_index()
+        .to_dict("records")
+    )
+    return rows
+
+
+def _request(text: str) -> str:
+    return ", ".join(f"{key} {short(value)}" for key, value in json.loads(text).items())
