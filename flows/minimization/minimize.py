@@ -24,8 +24,7 @@ from vastflow.flows.search.progress import PointRuns
 from vastflow.oracles.figures.case_figure import plan_view_figure
 from vastflow.oracles.figures.style import png
 from vastflow.oracles.judgement.verdict import read_verdicts
-from vastflow.oracles.statistics.classes import ClassBounds
-from vastflow.oracles.statistics.stopping import StoppingRule
+from vastflow.oracles.statistics.classes import ClassBounds, StoppingRule
 from vastflow.producers.minimization.candidates import Candidates, NotBuilt
 from vastflow.producers.minimization.circumstance import Subject
 from vastflow.producers.minimization.minimize import Candidate, Minimum, Outcome, Standing, Unconfirmed, minimize

@@ -8,8 +8,8 @@ from typing import Any, Final
 from vastflow.flows.minimization.candidate_file import FILE
 from vastflow.flows.minimization.failing import Failing
 from vastflow.flows.terminal.words import count_text
+from vastflow.oracles.statistics.classes import StoppingRule
 from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, interval
-from vastflow.oracles.statistics.stopping import StoppingRule
 from vastflow.producers.minimization.circumstance import LEVELS, Circumstance
 from vastflow.producers.minimization.minimize import Minimum
 

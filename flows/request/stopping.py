@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Final
 
-from vastflow.oracles.statistics.classes import ClassBounds
-from vastflow.oracles.statistics.stopping import StoppingRule
+from vastflow.oracles.statistics.classes import ClassBounds, StoppingRule
 from vastflow.producers.campaign_file.sections import Sequential
 from vastflow.tasks.engine.engine import judgements
 from vastflow.tasks.engine.index import ConfigurationRuns, Index

@@ -13,9 +13,18 @@ from vastflow.oracles.evidence.varied import chosen_rows, chosen_values, matched
 from vastflow.oracles.results.factors import factors_of
 from vastflow.oracles.results.tables import FAIL, PASS, Tables
 from vastflow.oracles.statistics.analysis import FactorAnalysis, factor_analysis
-from vastflow.oracles.statistics.classes import ClassBounds, Classes, TotalFailures, classify, total_failures
+from vastflow.oracles.statistics.classes import (
+    ClassBounds,
+    Classes,
+    Savings,
+    StoppingRule,
+    TotalFailures,
+    classes_by,
+    classify,
+    runs_saved,
+    total_failures,
+)
 from vastflow.oracles.statistics.dispersion import Dispersion, chance_of_at_least, dispersion
-from vastflow.oracles.statistics.stopping import Savings, StoppingRule, classes_by, runs_saved
 
 Weights = Mapping[str, int]
 """Configuration to the number of requests; 1 for those not in it."""

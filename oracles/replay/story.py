@@ -160,7 +160,7 @@ _WIDEST, _NARROWEST = 1.6, 0.8
 
 
 def view_of(moments: Sequence[Moment], goals: Sequence[Pose]) -> list[Box]:
-    """The part of the map shown at each tick: the whole run if it is small, else a square that follows."""
+    """The part of the map shown at each tick: a small run as a whole, else a square that follows."""
     points = np.array([(p.x_m, p.y_m) for p in (*(m.true for m in moments), *goals)])
     low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
     if max(high - low) <= WHOLE_M:

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vastflow.oracles.results.factors import Dropped, Factor
-from vastflow.oracles.statistics.contrast import Contrasts
 from vastflow.oracles.statistics.effects import Claim, FactorEffect, FactorModel, InteractionEffect, repetition
 from vastflow.oracles.statistics.intervals import Floats, counts
+from vastflow.oracles.statistics.linear import Contrasts
 
 E = TypeVar("E", FactorEffect, InteractionEffect)
 LEAST_DRAWS: Final = 999

@@ -1,8 +1,9 @@
-"""Classes of configurations: reliable, systematic, or flaky, where their runs show it."""
+"""Classes of configurations: reliable, systematic, or flaky, where a fixed number of runs or a stopping rule shows it."""
 
-from collections.abc import Mapping
+from bisect import bisect_left
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from typing import Final, Literal, TypeAlias
 
 import numpy as np
@@ -165,3 +166,219 @@ def _tails(x: Floats, n: Floats, bounds: ClassBounds, *, given: bool) -> Floats:
     s, r = bounds.systematic, bounds.reliable
     flaky = np.maximum(at_most(n - x, 1 - s), at_most(x, r))
     return np.stack([at_most(x, s), flaky, at_most(n - x, 1 - r)])
+
+
+_OPEN: Final = -1
+"""No claim; other values are indices in `CLAIMS`."""
+
+
+@dataclass(frozen=True, eq=False)
+class OperatingCharacteristics:
+    """Operating characteristics of a rule at known success rates.
+
+    Attributes:
+        p: (k,) success rates.
+        systematic, flaky, reliable, undecided: (k,) probability of each end.
+        wrong: (k,) probability of claiming a wrong class.
+        expected_runs: (k,) mean number of runs.
+    """
+
+    p: Floats
+    systematic: Floats
+    flaky: Floats
+    reliable: Floats
+    undecided: Floats
+    wrong: Floats
+    expected_runs: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Savings:
+    """Runs saved by a rule.
+
+    Attributes:
+        runs: Runs done.
+        most: Runs if every configuration had the largest number.
+    """
+
+    runs: int
+    most: int
+
+    @property
+    def saved(self) -> int:
+        return self.most - self.runs
+
+    @property
+    def share(self) -> float:
+        """Saved share of `most`; 0 for no runs."""
+        return self.saved / self.most if self.most else 0.0
+
+
+@dataclass(frozen=True)
+class StoppingRule:
+    """End the runs of a configuration when its class is decided.
+
+    Truncated sequential probability ratio tests (Wald 1947), two at each bound, combined to three classes (Sobel and Wald, Ann. Math.
+    Statist. 20 (1949) 502). With x passes of n judged runs, L(a, b) = x ln(b/a) + (n - x) ln((1 - b)/(1 - a)) is the evidence for the
+    rate b against a. With bounds s and r and m = (s + r) / 2, a configuration is
+
+        systematic  where L(s, s/2) >= A,
+        reliable    where L(r, (1 + r)/2) >= B,
+        flaky       where L(s, m) >= C and L(r, m) >= C.
+
+    A, B and C are the smallest values at which a false claim at the bound has a probability of at most `error` when looked at after every
+    run from `min_runs` to `max_runs`, by exact dynamic programming over (n, x). Looking less often makes fewer errors.
+
+    Attributes:
+        min_runs: Judged runs before any decision.
+        max_runs: Runs after which an open configuration is undecided.
+        error: Largest probability of a false claim, whatever the success rate.
+    """
+
+    min_runs: int = 5
+    max_runs: int = 20
+    bounds: ClassBounds = field(default_factory=ClassBounds)
+    error: float = 0.05
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.min_runs <= self.max_runs:
+            raise ValueError(f"1 <= min_runs <= max_runs must hold, got {self.min_runs} and {self.max_runs}")
+        if not 0.0 < self.error < 0.5:
+            raise ValueError(f"error must be between 0 and 0.5, got {self.error}")
+
+    def decision(self, passed: int, judged: int) -> ClassName | None:
+        """The class after `judged` runs; None while it is open and runs are left."""
+        return self.decisions([passed], [judged])[0]
+
+    def decisions(self, passed: ArrayLike, judged: ArrayLike) -> list[ClassName | None]:
+        """`decision` of many configurations, (m,) counts each."""
+        x, n = counts(passed, judged)
+        claims = np.where(n >= self.min_runs, self._claims(x, n, self.thresholds), _OPEN)
+        return [
+            CLAIMS[claim] if claim != _OPEN else "undecided" if runs >= self.max_runs else None
+            for claim, runs in zip(claims.tolist(), n.tolist(), strict=True)
+        ]
+
+    @cached_property
+    def decidable(self) -> tuple[ClassName, ...]:
+        """Classes that `max_runs` can show."""
+        found = {claim for claims in self._lattice for claim in claims.tolist() if claim != _OPEN}
+        return tuple(CLAIMS[claim] for claim in sorted(found))
+
+    def operating_characteristics(self, p: ArrayLike, runs_per_look: int = 1) -> OperatingCharacteristics:
+        """Exact operating characteristics at success rates `p` (k,), with `runs_per_look` runs between two looks."""
+        looks = {*range(self.min_runs, self.max_runs, runs_per_look), self.max_runs}
+        rates = np.atleast_1d(np.asarray(p, dtype=np.float64))
+        return _characteristics(self._lattice, looks, rates, self.bounds)
+
+    @cached_property
+    def worst_error(self) -> float:
+        """Largest probability of a false claim over all success rates, with a look after every run."""
+        return self._worst_error(self._lattice)
+
+    @cached_property
+    def thresholds(self) -> Floats:
+        """Evidence A, C, B that each of `CLAIMS` requires; infinite where `max_runs` cannot show it."""
+        s, r = self.bounds.systematic, self.bounds.reliable
+        nominal = self.error
+        while True:
+            at = ((s,), (s, r), (r,))
+            found = np.array([self._calibrated(claim, nulls, nominal) for claim, nulls in enumerate(at)])
+            worst = self._worst_error(self._claims_by(found))
+            if worst <= self.error:
+                return found
+            nominal *= 0.95 * self.error / worst  # bounds so close that a configuration may err in both directions
+
+    def _worst_error(self, lattice: Sequence[NDArray[np.intp]]) -> float:
+        s, r, near = self.bounds.systematic, self.bounds.reliable, 1e-9
+        grid = np.concatenate((np.linspace(0.0, 1.0, 201), [s, s + near, r - near, r]))
+        return float(_characteristics(lattice, range(self.min_runs, self.max_runs + 1), grid, self.bounds).wrong.max())
+
+    @cached_property
+    def _lattice(self) -> list[NDArray[np.intp]]:
+        return self._claims_by(self.thresholds)
+
+    def _claims_by(self, thresholds: Floats) -> list[NDArray[np.intp]]:
+        """Claims at each (n, x), by n; entries x > n are open."""
+        n, x = self._grid
+        claims = self._claims(np.minimum(x, n), n, thresholds)
+        return list(np.where((x <= n) & (n >= self.min_runs), claims, _OPEN))
+
+    @property
+    def _grid(self) -> tuple[Floats, Floats]:
+        numbers = np.arange(self.max_runs + 1.0)
+        n, x = np.meshgrid(numbers, numbers, indexing="ij")
+        return n, x
+
+    def _claims(self, x: Floats, n: Floats, thresholds: Floats) -> NDArray[np.intp]:
+        # Close bounds allow two claims at once: the one that exceeds its threshold by more counts.
+        excess = self._evidence(x, n) - thresholds.reshape(-1, *[1] * x.ndim)
+        return np.where(excess.max(axis=0) >= 0.0, excess.argmax(axis=0), _OPEN)
+
+    def _evidence(self, x: Floats, n: Floats) -> Floats:
+        """Evidence for each of `CLAIMS`, (3, …)."""
+
+        def evidence(null: float, alternative: float) -> Floats:
+            """Log likelihood ratio of `alternative` against `null`."""
+            return np.asarray(x * np.log(alternative / null) + (n - x) * np.log((1 - alternative) / (1 - null)))
+
+        s, r = self.bounds.systematic, self.bounds.reliable
+        middle = (s + r) / 2
+        return np.stack(
+            (evidence(s, s / 2), np.minimum(evidence(s, middle), evidence(r, middle)), evidence(r, (1 + r) / 2))
+        )
+
+    def _calibrated(self, claim: int, nulls: Sequence[float], error: float) -> float:
+        """Smallest threshold reached with a probability of at most `error` at each of `nulls`."""
+        n, x = self._grid
+        evidence = self._evidence(np.minimum(x, n), n)[claim]
+        evidence[(x > n) | (n < self.min_runs)] = -np.inf
+        # Sums of logarithms that are equal on paper differ in the last digits.
+        candidates = np.unique(np.round(evidence[np.isfinite(evidence)], 9)) - 1e-9
+
+        def is_enough(k: int) -> bool:
+            claims = list(np.where(evidence >= candidates[k], claim, _OPEN))
+            open_ = _characteristics(claims, range(len(claims)), np.array(nulls), self.bounds).undecided
+            return bool((1.0 - open_).max() <= error)
+
+        first = bisect_left(range(len(candidates)), True, key=is_enough)
+        return float(candidates[first]) if first < len(candidates) else np.inf
+
+
+def classes_by(rule: StoppingRule, passed: ArrayLike, judged: ArrayLike) -> Classes:
+    """Classes of configurations whose runs were ended by `rule`; those ended otherwise are undecided."""
+    names = tuple(found or "undecided" for found in rule.decisions(passed, judged))
+    unknown = np.full(len(names), np.nan)
+    controls = (
+        f"of each configuration, a class that is not its own is claimed with a probability of at most {100 * rule.worst_error:.2g} % "
+        f"(sequential tests, {rule.min_runs} to {rule.max_runs} runs)"
+    )
+    return Classes(names, unknown, unknown, rule.error, controls)
+
+
+def runs_saved(rule: StoppingRule, runs: ArrayLike) -> Savings:
+    """Runs saved by `rule`, from the number of runs (m,) of each configuration."""
+    done = np.asarray(runs)
+    return Savings(int(done.sum()), int(done.size) * rule.max_runs)
+
+
+def _characteristics(
+    lattice: Sequence[NDArray[np.intp]], looks: Container[int], rates: Floats, bounds: ClassBounds
+) -> OperatingCharacteristics:
+    """Propagate the probabilities of (n, x) through the claims `lattice`, with looks after `looks` runs."""
+    alive = np.zeros((len(rates), len(lattice)))
+    alive[:, 0] = 1.0
+    ends = np.zeros((len(CLAIMS), len(rates)))
+    expected = np.zeros(len(rates))
+    for n in range(1, len(lattice)):
+        expected += alive.sum(axis=1)
+        passes = alive[:, :-1] * rates[:, None]
+        alive = alive * (1 - rates)[:, None]
+        alive[:, 1:] += passes
+        if n in looks:
+            for claim in range(len(CLAIMS)):
+                there = np.flatnonzero(lattice[n] == claim)
+                ends[claim] += alive[:, there].sum(axis=1)
+                alive[:, there] = 0.0
+    wrong = ends.sum(axis=0) - ends[bounds.of(rates), np.arange(len(rates))]
+    return OperatingCharacteristics(rates, ends[0], ends[1], ends[2], alive.sum(axis=1), wrong, expected)

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.oracles.results.factors import Factor
-from vastflow.oracles.statistics.contrast import Contrasts, Tested
 from vastflow.oracles.statistics.intervals import Floats, Interval, clustered_interval
-from vastflow.oracles.statistics.margins import Margins, Trend, trend_of
+from vastflow.oracles.statistics.linear import Contrasts, Margins, Tested, Trend, trend_of
 from vastflow.oracles.statistics.matched import Codes, matched, means_of, needed, permuted, smallest, table_of
 
 

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from vastflow.flows.request.asked import SEQUENTIAL
 from vastflow.flows.request.stopping import MOST_ROUNDS, Stopping, stopping_of
 from vastflow.oracles.evidence.findings import STOPPING, stopping_rule
-from vastflow.oracles.statistics.classes import ClassBounds
-from vastflow.oracles.statistics.stopping import StoppingRule
+from vastflow.oracles.statistics.classes import ClassBounds, StoppingRule
 from vastflow.producers.campaign_file.sections import Sequential, Stop
 
 USUAL = Stopping(StoppingRule())

@@ -11,12 +11,14 @@ from table import each_row
 from vastflow.oracles.statistics.classes import (
     CLAIMS,
     ClassBounds,
+    StoppingRule,
+    classes_by,
     classify,
     passes_that_show,
     runs_for_a_claim,
+    runs_saved,
     total_failures,
 )
-from vastflow.oracles.statistics.stopping import StoppingRule, classes_by, runs_saved
 
 
 @each_row(

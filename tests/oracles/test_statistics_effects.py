@@ -11,8 +11,7 @@ from table import each_row
 from vastflow.oracles.page.words import factor_text, powerless_text
 from vastflow.oracles.results.factors import factors_of
 from vastflow.oracles.statistics.analysis import factor_analysis, holm
-from vastflow.oracles.statistics.contrast import Contrasts
-from vastflow.oracles.statistics.margins import trend_of
+from vastflow.oracles.statistics.linear import Contrasts, trend_of
 from vastflow.oracles.statistics.matched import Matched, needed, permuted, smallest
 
 GRID = [{"a": a, "b": b, "k": k} for a, b, k in product((0, 1), (0, 1, 2), range(4))]

@@ -30,10 +30,9 @@ from numpy.typing import NDArray
 
 from vastflow.oracles.results.factors import factors_of
 from vastflow.oracles.statistics.analysis import FactorAnalysis, factor_analysis
-from vastflow.oracles.statistics.classes import CLAIMS, ClassBounds, classify
+from vastflow.oracles.statistics.classes import CLAIMS, ClassBounds, StoppingRule, classify
 from vastflow.oracles.statistics.comparison import Pairs, changes, difference
 from vastflow.oracles.statistics.intervals import clustered_interval
-from vastflow.oracles.statistics.stopping import StoppingRule
 
 Floats = NDArray[np.float64]
 
