@@ -12,9 +12,9 @@ def found_text(said: Mapping[str, Any]) -> str:
 
     The interval is Clopper and Pearson's at 95 %, of the fresh runs alone. A baseline adds the number of runs that either needed.
     """
-    best, is_rate, confirmed, beside = said["best"], said["is_rate"], said["confirmation"], said.get("baseline")
-    if best is None:
+    if (best := said["best"]) is None:
         return "No point was judged."
+    is_rate, confirmed, beside = said["is_rate"], said["confirmation"], said.get("baseline")
     objective = said["objective"].replace("_", " ")
     found = f"{best['configuration']}: {objective} found at {_shown(best['objective'], is_rate)}"
     samples = confirmed["samples"] if confirmed else []
