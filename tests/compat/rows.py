@@ -4,11 +4,12 @@ import math
 import shutil
 import statistics
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 import yaml
 
@@ -77,92 +78,66 @@ class Row:
     broken: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class Ran:
-    """One run.
-
-    Attributes:
-        distance_m: None where the robot was given no goal.
-        judgement: Empty where the run broke, and `reason` says how.
-    """
+class Ran(NamedTuple):
+    """One run: its distance if the robot was given a goal, its judgement, empty where the run broke, and why."""
 
     distance_m: float | None
     judgement: str
     reason: str = ""
 
 
-@dataclass(frozen=True)
-class Trial:
-    """The tried part of a campaign.
-
-    Attributes:
-        runs: Of each configuration.
-        sample: Configurations at most, spread over all of them; None for all.
-        workers: Processes; 1 for this one.
-    """
+class Trial(NamedTuple):
+    """The tried part of a campaign: runs of a configuration, configurations at most or None for all, and processes."""
 
     runs: int = 1
     sample: int | None = None
     workers: int = 1
 
 
-@dataclass
-class _Told:
-    """The results of runs."""
-
-    runs: list[Ran] = field(default_factory=list)
-
-    def counts(self) -> dict[str, Any]:
-        distances = [run.distance_m for run in self.runs if run.distance_m is not None]
-        judgements = [run.judgement for run in self.runs]
-        return {
-            "runs": len(self.runs),
-            "sent": len(distances),
-            "drove": sum(distance >= DRIVEN_M for distance in distances),
-            "distance_m": round(statistics.median(distances), 2) if distances else None,
-            "passed": judgements.count("pass"),
-            "failed": judgements.count("fail"),
-            "not_judged": judgements.count("not judged"),
-            "broken": judgements.count(""),
-        }
-
-    @property
-    def reason(self) -> str:
-        """Why the first run that broke did, or else the first that failed."""
-        for judgement in ("", "fail", "not judged"):
-            for run in self.runs:
-                if run.judgement == judgement:
-                    return run.reason
-        return ""
+def _told(runs: Sequence[Ran]) -> tuple[str, dict[str, Any]]:
+    """Why the first run that broke did, or else the first that failed; and counts of a `Row`."""
+    distances = [run.distance_m for run in runs if run.distance_m is not None]
+    judgements = Counter(run.judgement for run in runs)
+    reasons = (run.reason for judgement in ("", "fail", "not judged") for run in runs if run.judgement == judgement)
+    return next(reasons, ""), {
+        "runs": len(runs),
+        "sent": len(distances),
+        "drove": sum(distance >= DRIVEN_M for distance in distances),
+        "distance_m": round(statistics.median(distances), 2) if distances else None,
+        **{name: judgements[said] for name, said in (("passed", "pass"), ("failed", "fail"), ("broken", ""))},
+        "not_judged": judgements["not judged"],
+    }
 
 
 def rows_of(folder: Path, trial: Trial) -> Iterator[Row]:
     """A row for each file below a folder that vastflow reads, by name."""
     for file in sorted(path for path in folder.rglob("*") if path.is_file()):
-        kind = _kind(file)
+        kind = "Nav2 parameters" if _is_nav2(file) else KINDS.get(file.suffix)
         if kind is None:
             continue
         name = file.relative_to(folder).as_posix()
         try:
-            yield _MAKERS[kind](name, file, trial)
+            outcome, reason, counts = _MAKERS[kind](file, trial)
+            yield Row(name, kind, outcome, reason, **counts)
+        except (FileError, ScenarioError, DocumentError, UnicodeDecodeError) as error:
+            faults = [_short(fault, file) for fault in error.faults] if isinstance(error, FileError) else [_line(error)]
+            yield Row(name, kind, "refused", _first(faults))
         except Exception as error:  # noqa: BLE001 - what should never be raised is told, with all the other files
             yield Row(name, kind, "refused", f"{type(error).__name__}: {_line(error)}", broken=1)
 
 
-def _kind(file: Path) -> Kind | None:
-    by_suffix: dict[str, Kind] = {
-        ".vast": "campaign",
-        ".osc": "scenario",
-        ".fpm": "floor plan",
-        ".fpm2": "floor plan",
-        ".variation": "variation",
-    }
-    if file.suffix in (".yaml", ".yml"):
-        return "Nav2 parameters" if _is_nav2(file) else None
-    return by_suffix.get(file.suffix)
+KINDS: Final[Mapping[str, Kind]] = {
+    ".vast": "campaign",
+    ".osc": "scenario",
+    ".fpm": "floor plan",
+    ".fpm2": "floor plan",
+    ".variation": "variation",
+}
 
 
 def _is_nav2(file: Path) -> bool:
+    if file.suffix not in (".yaml", ".yml"):
+        return False
     try:
         found = yaml.safe_load(file.read_text(encoding="utf-8"))
     except (OSError, ValueError, yaml.YAMLError):
@@ -171,48 +146,34 @@ def _is_nav2(file: Path) -> bool:
     return isinstance(found, Mapping) and not nodes.isdisjoint(found)
 
 
-def _campaign(name: str, file: Path, trial: Trial) -> Row:
-    try:
-        campaign, oracles = read_campaign(file, as_v1=True)
-        if campaign.unexecutable:
-            return Row(name, "campaign", "valid", campaign.unexecutable[0].problem)
-        if campaign.search is not None:
-            return Row(name, "campaign", "valid", "a search: what it runs follows from its runs")
-        made = instantiate(campaign)
-    except FileError as error:
-        return Row(name, "campaign", "refused", _first([_short(fault, file) for fault in error.faults]))
+Made = tuple[Outcome, str, dict[str, Any]]
+"""Outcome, reason, and counts of a row."""
+
+
+def _campaign(file: Path, trial: Trial) -> Made:
+    campaign, oracles = read_campaign(file, as_v1=True)
+    if campaign.unexecutable:
+        return "valid", campaign.unexecutable[0].problem, {}
+    if campaign.search is not None:
+        return "valid", "a search: what it runs follows from its runs", {}
+    made = instantiate(campaign)
     distinct = [each for each in made.configurations if each.duplicate_of is None]
-    told = _Told(_executed(_spread(distinct, trial.sample), oracles, campaign.seed, trial))
+    step = 1 if trial.sample is None else math.ceil(len(distinct) / trial.sample) or 1  # at equal distances
+    reason, counts = _told(_executed(distinct[::step], oracles, campaign.seed, trial))
     steps = steps_of(campaign.spec.results_processing.postprocessing)
     undone = [complaint for step in steps if (complaint := step.complaint(file.parent))]
-    counts = told.counts()
     missing = [_short(faults[0], file) for faults in campaign.unavailable.values()]
     counts["broken"] += len(undone) + len(missing)
-    reasons = [told.reason, *undone, *missing, *(each.reason for each in made.rejections[:1])]
-    return Row(
-        *(name, "campaign", "ran" if told.runs else "refused"),
-        _first([reason for reason in reasons if reason]),
-        configurations=len(distinct),
-        rejected=len(made.rejections),
-        **counts,
-    )
+    reasons = [reason, *undone, *missing, *(each.reason for each in made.rejections[:1])]
+    counts |= {"configurations": len(distinct), "rejected": len(made.rejections)}
+    return "ran" if counts["runs"] else "refused", _first(filter(None, reasons)), counts
 
 
-def _scenario(name: str, file: Path, trial: Trial) -> Row:
-    try:
-        content = abstract_content(file)
-        definition = definition_of(content)
-    except FileError as error:
-        return Row(
-            name,
-            "scenario",
-            "refused",
-            _first([f"{f.place.line}: {complaint(f.problem, f.expected)}" for f in error.faults]),
-        )
-    except (ScenarioError, UnicodeDecodeError) as error:
-        return Row(name, "scenario", "refused", _line(error))
+def _scenario(file: Path, trial: Trial) -> Made:
+    content = abstract_content(file)
+    definition = definition_of(content)
     if lacking := unsupported(definition, ACTIONS):
-        return Row(name, "scenario", "refused", _first([complaint(each.problem, each.expected) for each in lacking]))
+        return "refused", _first([complaint(each.problem, each.expected) for each in lacking]), {}
     with tempfile.TemporaryDirectory() as folder:
         values: dict[str, Any] = {"map_file": map_content(_room(Path(folder)))}
         for parameter in definition.parameters:
@@ -220,40 +181,32 @@ def _scenario(name: str, file: Path, trial: Trial) -> Row:
                 values[parameter.name] = _made_up(parameter)
         setup = ProcessSetup(run_files(file.parent, ["files/**"]))
         scenario = scenario_of(values, {}, abstract=content, timeout_s=SCENARIO_TIMEOUT_S, programs=setup)
-        told = _Told([_run(scenario, oracles_of([], file.parent), 0, 0)])
-    return Row(name, "scenario", "ran", told.reason, **told.counts())
+        return "ran", *_told([_run(scenario, oracles_of([], file.parent), 0, 0)])
 
 
-def _floor_plan(name: str, file: Path, trial: Trial) -> Row:
-    try:
-        plan = read_plan_file(file)
-        written = render(plan.building(), plan.text, str(file), RESOLUTION_M, LASER_M)
-    except FileError as error:
-        return Row(name, "floor plan", "refused", error.brief.replace(f"{file.parent}/", ""))
-    return Row(name, "floor plan", "ran", f"map of {_cells(written)} cells")
+def _floor_plan(file: Path, trial: Trial) -> Made:
+    plan = read_plan_file(file)
+    written = render(plan.building(), plan.text, str(file), RESOLUTION_M, LASER_M)
+    picture = next(content for name, content in written.items() if name.endswith(".pgm"))
+    width, height = picture.split(maxsplit=3)[1:3]
+    return "ran", f"map of {int(width)} x {int(height)} cells", {}
 
 
-def _variation(name: str, file: Path, trial: Trial) -> Row:
-    try:
-        variation = read_variation_file(file).variation()
-        for seed in range(PLANS_OF_A_VARIATION):
-            plan = PlanFile(f"{seed}.fpm", variation.sample(seed).text)
-            render(plan.building(), plan.text, plan.name, RESOLUTION_M, LASER_M)
-    except FileError as error:
-        return Row(name, "variation", "refused", error.brief.replace(f"{file.parent}/", ""))
-    return Row(name, "variation", "ran", f"{PLANS_OF_A_VARIATION} plans drawn")
+def _variation(file: Path, trial: Trial) -> Made:
+    variation = read_variation_file(file).variation()
+    for seed in range(PLANS_OF_A_VARIATION):
+        plan = PlanFile(f"{seed}.fpm", variation.sample(seed).text)
+        render(plan.building(), plan.text, plan.name, RESOLUTION_M, LASER_M)
+    return "ran", f"{PLANS_OF_A_VARIATION} plans drawn", {}
 
 
-def _nav2(name: str, file: Path, trial: Trial) -> Row:
-    try:
-        found = findings(interpretation(read_nav2_document(file)))
-    except DocumentError as error:
-        return Row(name, "Nav2 parameters", "refused", _line(error))
+def _nav2(file: Path, trial: Trial) -> Made:
+    found = findings(interpretation(read_nav2_document(file)))
     unmodeled = sum(each.status == "not modeled" for each in found)
-    return Row(name, "Nav2 parameters", "valid", f"{len(found)} parameters, {unmodeled} of them not modeled")
+    return "valid", f"{len(found)} parameters, {unmodeled} of them not modeled", {}
 
 
-_MAKERS: Final[Mapping[Kind, Callable[[str, Path, Trial], Row]]] = {
+_MAKERS: Final[Mapping[Kind, Callable[[Path, Trial], Made]]] = {
     "campaign": _campaign,
     "scenario": _scenario,
     "floor plan": _floor_plan,
@@ -288,13 +241,6 @@ def _run(scenario: Scenario, oracles: Sequence[Oracle[Any]], run_index: int, see
     return Ran(recording.run.distance_m if sent else None, judgement, _first(reasons))
 
 
-def _spread(configurations: Sequence[Configuration], sample: int | None) -> Sequence[Configuration]:
-    """So many of them, at equal distances from the first on."""
-    if sample is None or sample >= len(configurations):
-        return configurations
-    return configurations[:: math.ceil(len(configurations) / sample)]
-
-
 ROOM_M: Final = (12.0, 8.0)
 PLACES: Final = [(-1.0, 0.0), (1.5, 1.0), (3.0, -1.0), (0.0, -2.0), (-3.0, 2.0), (0.0, 2.0)]
 """Goals in the room, from which any two that follow each other are more than a meter apart."""
@@ -327,13 +273,6 @@ def _made_up(parameter: Field) -> Any:
 
 def _pose(x_m: float, y_m: float) -> dict[str, Any]:
     return {"position": {"x": x_m, "y": y_m}, "orientation": {"yaw": 0.0}}
-
-
-def _cells(files: Mapping[str, bytes]) -> str:
-    """Width and height of the map among the files of a floor plan."""
-    picture = next(content for name, content in files.items() if name.endswith(".pgm"))
-    width, height = picture.split(maxsplit=3)[1:3]
-    return f"{int(width)} x {int(height)}"
 
 
 def _short(fault: Fault, file: Path) -> str:

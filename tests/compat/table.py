@@ -25,18 +25,12 @@ HEADER = ("file", "kind", "result", "configurations", "runs", "drove 1 m", "medi
 
 def cells(row: Row) -> list[str]:
     """A row in words; what a kind does not have is empty."""
-    tried = row.runs > 0
     return [
-        row.file,
-        row.kind,
-        row.outcome,
-        str(row.configurations or ""),
-        str(row.runs or ""),
+        *(row.file, row.kind, row.outcome, str(row.configurations or ""), str(row.runs or "")),
         f"{row.drove}/{row.sent}" if row.sent else "",
         "" if row.distance_m is None else f"{row.distance_m:.1f}",
-        f"{row.passed}/{row.passed + row.failed}" if tried else "",
-        str(row.broken or ""),
-        row.reason,
+        f"{row.passed}/{row.passed + row.failed}" if row.runs else "",
+        *(str(row.broken or ""), row.reason),
     ]
 
 

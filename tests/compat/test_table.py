@@ -62,12 +62,8 @@ def rows(tmp_path_factory):
     }.items():
         (folder / name).write_text(text)
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-    called = subprocess.run(
-        [sys.executable, str(TABLE), str(folder), "--json", "--workers", "1"],
-        check=False,
-        capture_output=True,
-        text=True,
-    )
+    command = [sys.executable, str(TABLE), str(folder), "--json", "--workers", "1"]
+    called = subprocess.run(command, check=False, capture_output=True, text=True)
     assert called.returncode == 0, called.stderr
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
     return {row["file"]: row for row in json.loads(called.stdout)}
@@ -100,9 +96,8 @@ def test_table_tells_what_became_of_files_of_every_kind(rows):
 @pytest.mark.slow
 def test_table_for_a_page_has_a_line_for_each_file(tmp_path):
     (tmp_path / "nav2.yaml").write_text(NAV2)
-    called = subprocess.run(
-        [sys.executable, str(TABLE), str(tmp_path), "--markdown"], check=False, capture_output=True, text=True
-    )
+    command = [sys.executable, str(TABLE), str(tmp_path), "--markdown"]
+    called = subprocess.run(command, check=False, capture_output=True, text=True)
     header, rule, line = called.stdout.splitlines()
     assert header.startswith("| file | kind | result |") and set(rule) == {"|", "-"}
     assert line.startswith("| nav2.yaml | Nav2 parameters | valid |")

@@ -14,13 +14,12 @@ from PIL import Image
 from vastflow.oracles.judgement.judge import judge_block
 from vastflow.oracles.judgement.oracle import oracles_of
 from vastflow.oracles.observation.observe import observe_block
-from vastflow.oracles.results.schema import CONFIGURATIONS, JUDGED_RUNS, REJECTIONS, VERDICTS, write_table
+from vastflow.oracles.results.schema import CONFIGURATIONS, JUDGED_RUNS, REJECTIONS, VERDICTS, json_text, write_table
 from vastflow.sim.loop.standstill import STOOD_STILL
 from vastflow.sim.model.blocks import write_recordings
-from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.recording import Event, Recording, Run
 from vastflow.sim.model.scenario import Scenario
-from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.map_file import map_content
 
 RESOLUTION_M = 0.05
 
@@ -65,24 +64,17 @@ def a_recording(
 
     columns = {
         "t_ms": fixed(np.arange(n) * 0.1),
-        "x_mm": fixed(xy[:, 0]),
-        "y_mm": fixed(xy[:, 1]),
-        "yaw_mrad": fixed(0.0),
+        **{name: fixed(values) for name, values in (("x_mm", xy[:, 0]), ("y_mm", xy[:, 1]), ("yaw_mrad", 0.0))},
         "estimated_x_mm": fixed(xy[:, 0] + error_xy_m[0]),
         "estimated_y_mm": fixed(xy[:, 1] + error_xy_m[1]),
-        "estimated_yaw_mrad": fixed(0.0),
-        "speed_mmps": fixed(0.5),
-        "yaw_rate_mradps": fixed(0.0),
-        "command_speed_mmps": fixed(0.5),
-        "command_yaw_rate_mradps": fixed(0.0),
+        **{name: fixed(0.5) for name in ("speed_mmps", "command_speed_mmps")},
+        **{name: fixed(0.0) for name in ("estimated_yaw_mrad", "yaw_rate_mradps", "command_yaw_rate_mradps")},
         "localized": np.ones(n, dtype=np.int32),
     }
     distance_m = float(np.hypot(*np.diff(xy, axis=0).T).sum())
     error_code = 0 if outcome == "succeeded" else 205
-    return Recording(
-        Run(run_index, "1-2-3", outcome, error_code, reason, n * 0.1, distance_m, 0, missed_goals, events),  # type: ignore[arg-type]
-        columns,
-    )
+    run: Any = (run_index, "1-2-3", outcome, error_code, reason, n * 0.1, distance_m, 0, missed_goals, events)
+    return Recording(Run(*run), columns)
 
 
 def box_at(x_m: float, y_m: float, edge_m: float = 0.5) -> dict[str, Any]:
@@ -124,20 +116,18 @@ class SyntheticCampaign:
         system: Mapping[str, Any] | None = None,
     ) -> None:
         """A configuration, its recordings judged by `oracles`; with `fault` its `runs` are not judged."""
-        environment = load_map(map_file).digest
-        content = {"static_objects": list(obstacles)}
-        file = {"map_file": FileContent(str(map_file), environment)}
-        scenario = Scenario("builtin:navigate_to_pose", 60.0, {**file, **content}, task, system or {})
-        written = {"environment": {"map_file": {"file": environment}, **content}, "task": task, "system": system or {}}
+        file = map_content(map_file)
+        environment = {"map_file": file, "static_objects": list(obstacles)}
+        scenario = Scenario("builtin:navigate_to_pose", 60.0, environment, task, system or {})
         steps = [{"producer": "P", "keys": [key, *(provenance or {})]} for key in factors or {}]
         row = {
             "name": name,
             "family": family,
             "duplicate_of": duplicate_of,
-            "environment": environment,
+            "environment": file.digest,
             "scenario_digest": scenario.digest,
             "abstract": scenario.abstract,
-            "scenario": json.dumps(written),
+            "scenario": json_text({"environment": environment, "task": task, "system": system or {}}),
             "factors": json.dumps(factors or {}),
             "provenance": json.dumps(provenance or {}),
             "steps": json.dumps(steps),
@@ -151,7 +141,7 @@ class SyntheticCampaign:
                 for judge in judges:
                     self._verdict(name, family, run_index, judge.name, "not judged", fault, {})
             return
-        self._copy_map(environment, map_file)
+        self._copy_map(file.digest, map_file)
         block = write_recordings(recordings)
         traces = observe_block(scenario, block)
         for folder, content in (("recordings", block), ("traces", traces)):

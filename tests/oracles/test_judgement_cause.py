@@ -19,11 +19,10 @@ from vastflow.oracles.page.report import write_report
 from vastflow.oracles.results.tables import read_tables
 from vastflow.sim.loop.standstill import STOOD_STILL
 from vastflow.sim.model.blocks import write_recordings
-from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.recording import Event, Run
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.run import run as simulated
-from vastflow.sim.world.map_file import load_map, map_content
+from vastflow.sim.world.map_file import map_content
 
 START, GOAL = (1.0, 2.0), (9.0, 2.0)
 ALONG = [(1.0 + 0.05 * k, 2.0) for k in range(161)]
@@ -41,17 +40,22 @@ def judged(room, build):
     """The cause of one recording of a robot in a room, judged by `success` and the oracles that are named."""
 
     def cause(recording, *oracles, obstacles=()):
-        environment = {"map_file": FileContent(str(room), load_map(room).digest), "static_objects": list(obstacles)}
-        poses = {
-            f"{end}_pose": {"position": {"x": x, "y": y}, "orientation": {"yaw": 0.0}}
-            for end, (x, y) in (("start", START), ("goal", GOAL))
-        }
-        scenario = Scenario("builtin:navigate_to_pose", 60.0, environment, poses, {})
-        block = write_recordings([recording])
-        requests = [(name, {}) for name in oracles]
-        return judge_block(scenario, block, observe_block(scenario, block), oracles_of(requests)).causes.get(0)
+        scenario = scenario_in(room, START, GOAL, obstacles)
+        return causes_in(scenario, recording, [(name, {}) for name in oracles]).get(0)
 
     return cause
+
+
+def scenario_in(room, start, goal, obstacles=(), system=(), timeout_s=60.0):
+    environment = {"map_file": map_content(room), "static_objects": list(obstacles)}
+    ends = (("start_pose", start), ("goal_pose", goal))
+    poses = {name: {"position": {"x": x, "y": y}, "orientation": {"yaw": 0.0}} for name, (x, y) in ends}
+    return Scenario("builtin:navigate_to_pose", timeout_s, environment, poses, dict(system))
+
+
+def causes_in(scenario, recording, oracles):
+    block = write_recordings([recording])
+    return dict(judge_block(scenario, block, observe_block(scenario, block), oracles_of(oracles)).causes)
 
 
 def stopping(recording, outcome="aborted", error_code=105):
@@ -75,7 +79,7 @@ def detour():
     return [tuple(point) for a, b in itertools.pairwise(corners) for point in np.linspace(a, b, 40)]
 
 
-CONTACT, SPIN = at_end("contact", "wall"), at_end("recovery", "spin")
+CONTACT, SPIN, JUMPED = at_end("contact", "wall"), at_end("recovery", "spin"), at_end("control_failed", "103")
 RECOVERIES = tuple(at_end("recovery", what, t_s) for what, t_s in (("spin", 3.0), ("wait", 6.0)))
 STOOD = (Event(0.0, STOOD_STILL, *START, "no command"),)
 LOST = {"error_xy_m": (0.0, 0.8)}
@@ -87,14 +91,7 @@ MISSED = {"events": (at_end("recovery", "spin", 3.0, 2.5), at_end("goal_missed",
     ("path", "given", "ending", "oracles", "box", "cause"),
     [
         # Passed runs have no cause, whatever happened in them.
-        (
-            ALONG,
-            {"events": (CONTACT, SPIN, at_end("control_failed", "103"))},
-            None,
-            ["performance", "safety"],
-            None,
-            None,
-        ),
+        (ALONG, {"events": (CONTACT, SPIN, JUMPED)}, None, ["performance", "safety"], None, None),
         ([START] * 80, {"events": STOOD}, {}, ["performance"], None, "stood still"),
         (HALF, LOST, {}, [], None, "lost"),
         (ALONG, LOST, None, ["robustness"], None, "lost"),
@@ -150,15 +147,9 @@ def driven(tmp_path_factory, build):
     }
 
     def causes(system=(), oracles=(), obstacles=(), *, room="free", start=(1.0, 2.0), timeout_s=60.0):
-        poses = {
-            f"{end}_pose": {"position": {"x": x, "y": y}, "orientation": {"yaw": 0.0}}
-            for end, (x, y) in (("start", start), ("goal", (8.0, 2.0)))
-        }
-        environment = {"map_file": map_content(maps[room]), "static_objects": list(obstacles)}
         system = {"controller": "rpp", **dict(system)}
-        scenario = Scenario("builtin:navigate_to_pose", timeout_s, environment, poses, system)
-        block = write_recordings([simulated(scenario, 0)])
-        return dict(judge_block(scenario, block, observe_block(scenario, block), oracles_of(oracles)).causes)
+        scenario = scenario_in(maps[room], start, (8.0, 2.0), obstacles, system, timeout_s)
+        return causes_in(scenario, simulated(scenario, 0), oracles)
 
     return causes
 

@@ -40,13 +40,6 @@ class Quick(Oracle[Limit]):
         return self.failed(trace, "too slow", time=trace.run.simulated_s)
 
 
-class Fine(Oracle[Limit]):
-    Parameters = Limit
-
-    def judge(self, trace, situation):
-        return self.passed(trace)
-
-
 class NoOracle:
     pass
 """
@@ -97,7 +90,7 @@ def test_oracle_of_file_is_frozen_and_can_be_pickled(own_oracle):
     (own_oracle / "own.py").write_text(OWN.replace("= 10.0", "= 20.0"))
     assert (before.parameters.seconds, oracle_of("own.py:Quick", {}, own_oracle).parameters.seconds) == (3.0, 20.0)
     assert pickle.loads(pickle.dumps(before)).parameters == before.parameters
-    check_oracle(oracle_of("own.py:Fine", {}, own_oracle))  # without metrics
+    check_oracle(oracle_of("own.py:Quick", {}, own_oracle))
 
 
 @each_row("check", CHECKS)
@@ -141,35 +134,31 @@ def changing(self, trace, situation):
 
 
 COUNT = itertools.count()
-BREAKS = [
-    (
-        measuring(lambda trace: float(trace["x_m"][-1])),
-        "judge 'no rows', or say `not_judged`, and not raise IndexError",
-    ),
-    (
-        measuring(lambda trace: float(trace["wall_clearance_m"].sum()) if len(trace) else 0.0),
-        "judge 'an empty corridor without wall_clearance_m', or say `not_judged`, and not raise KeyError",
-    ),
-    (measuring(lambda trace: np.inf), "Mine's final_x of 'an empty corridor' must be a finite number or None, not inf"),
-    (answering(lambda self, trace: self.failed(trace, " ")), "say why 'an empty corridor' is 'fail'"),
-    (answering(lambda self, trace: replace(self.passed(trace), metrics={})), "have all of its metrics in each verdict"),
-    (
-        answering(lambda self, trace: replace(self.passed(trace), oracle="yours")),
-        "give its own name and the run's index",
-    ),
-    (answering(lambda self, trace: True), "give a Verdict on .*, not bool"),
-    ({"metrics": {"final_x": ""}}, "declare the unit of 'final_x', '1' for a count"),
-    (measuring(lambda trace: float(next(COUNT))), "say the same of the same run"),
-    (measuring(lambda trace: random.Random(1).random() + 0 * random.random()), "not use a global generator"),
-    (
-        {"judge_all": lambda self, traces, situation: [self.judge(traces[0], situation) for _ in traces]},
-        "judge 'an empty corridor' together as alone",
-    ),
-    ({"judge": changing}, "not change the trace of 'an empty corridor'"),
-]
 
 
-@each_row(("broken", "message"), BREAKS)
+@each_row(
+    ("broken", "message"),
+    [
+        (measuring(lambda trace: float(trace["x_m"][-1])), "judge 'no rows', or say `not_judged`, and not raise IndexError"),
+        (
+            measuring(lambda trace: float(trace["wall_clearance_m"].sum()) if len(trace) else 0.0),
+            "judge 'an empty corridor without wall_clearance_m', or say `not_judged`, and not raise KeyError",
+        ),
+        (measuring(lambda trace: np.inf), "final_x of 'an empty corridor' must be a finite number or None, not inf"),
+        (answering(lambda self, trace: self.failed(trace, " ")), "say why 'an empty corridor' is 'fail'"),
+        (answering(lambda self, trace: replace(self.passed(trace), metrics={})), "have all of its metrics in each verdict"),
+        (answering(lambda self, trace: replace(self.passed(trace), oracle="yours")), "its own name and the run's index"),
+        (answering(lambda self, trace: True), "give a Verdict on .*, not bool"),
+        ({"metrics": {"final_x": ""}}, "declare the unit of 'final_x', '1' for a count"),
+        (measuring(lambda trace: float(next(COUNT))), "say the same of the same run"),
+        (measuring(lambda trace: random.Random(1).random() + 0 * random.random()), "not use a global generator"),
+        (
+            {"judge_all": lambda self, traces, situation: [self.judge(traces[0], situation) for _ in traces]},
+            "judge 'an empty corridor' together as alone",
+        ),
+        ({"judge": changing}, "not change the trace of 'an empty corridor'"),
+    ],
+)  # fmt: skip
 def test_conformance_finds_broken_contract(broken, message):
     check_oracle(an_oracle())
     with pytest.raises(AssertionError, match=message):

@@ -91,10 +91,9 @@ def margins(footprint_m, cube_m):
 @pytest.fixture
 def safety(tmp_path):
     """Without obstacles everything passes, and thrice; with boxes one run reaches the goal too near to one."""
+    empty = {**start(1.025), RADIUS: 0.22, "static_objects": []}, {"_path_length": 10.0}
     configurations = [
-        ("a-1", None, {**start(1.025), RADIUS: 0.22, "static_objects": []}, {"_path_length": 10.0}),
-        ("a-2", "a-1", {**start(1.025), RADIUS: 0.22, "static_objects": []}, {"_path_length": 10.0}),
-        ("a-3", "a-1", {**start(1.025), RADIUS: 0.22, "static_objects": []}, {"_path_length": 10.0}),
+        *((name, of, *empty) for name, of in (("a-1", None), ("a-2", "a-1"), ("a-3", "a-1"))),
         ("a-4", None, {**start(0.275), RADIUS: 0.175, "static_objects": [{}] * 5}, {"_path_length": 9.6}),
     ]
     moved = [("a-1", 20.0, 10.0, None), ("a-1", 20.0, 10.0, None), ("a-4", 60.0, 40.0, None)]
@@ -112,12 +111,8 @@ def safety(tmp_path):
 
 @pytest.fixture
 def robustness(tmp_path):
-    factors = {
-        **start(1.025),
-        "number_of_loops": 0,
-        "laserscan_gaussian_noise_std_deviation": 0.05,
-        "laserscan_random_drop_percentage": 0.1,
-    }
+    noise = {"laserscan_gaussian_noise_std_deviation": 0.05, "laserscan_random_drop_percentage": 0.1}
+    factors = {**start(1.025), "number_of_loops": 0, **noise}
     measured = [(1.0, 9.0, 0.3, 0.02, 0.3), (0.2, 5.0, 0.1, 0.01, 0.31)]
     names = ("update", "step", "metre", "mean", "maximum")
     verdicts = []
@@ -129,42 +124,30 @@ def robustness(tmp_path):
             ("a-1", i, "robustness", judgement, {**metrics, "threshold": {"value": 0.3, "unit": "m"}}),
         ]
     runs = [("a-1", 30.0, 10.0, None)] * 2
-    return written(
-        tmp_path / "robustness", "paper-robustness", [("a-1", None, factors, {})], runs, verdicts, sampled_from=1792
-    )
+    configurations = [("a-1", None, factors, {})]
+    return written(tmp_path / "robustness", "paper-robustness", configurations, runs, verdicts, sampled_from=1792)
 
 
 def test_papers_figures_are_consistent():
     assert ALL_RUNS == 109_600
-    assert {kind: round(100 * each.rate, 2) for kind, each in PUBLISHED.items()} == {
-        "performance": 98.12,
-        "robustness": 82.8,
-        "safety": 61.24,
-    }
-    assert {kind: each.not_started for kind, each in PUBLISHED.items()} == {
-        "performance": 3997,
-        "robustness": 4390,
-        "safety": 11474,
-    }
+    found = {kind: (round(100 * each.rate, 2), each.not_started) for kind, each in PUBLISHED.items()}
+    assert found == {"performance": (98.12, 3997), "robustness": (82.8, 4390), "safety": (61.24, 11474)}
 
 
-def test_missing_path_counts_with_all_that_follows():
-    """The rooms of the paper's safety campaign: 3 of 9 paths, 24 settings, 2 radii; 6 placements find no room."""
-    factors = (("start_pose, goal_pose", 9), ("static_objects", 24), (RADIUS, 2))
-    rooms = family(
-        rows=132,
-        product=432,
-        realised=102,
-        duplicate=30,
-        rejected={"PathVariationRandom": 6, "OneOfVariation": 6},
-        factors=factors,
-    )
-    assert requested_of(coverage(rooms)) == Requested(432, 288, 12, 30, 102)
+ROOMS = (("start_pose, goal_pose", 9), ("static_objects", 24), (RADIUS, 2))
+"""The rooms of the paper's safety campaign: 3 of 9 paths, 24 settings, 2 radii; 6 placements find no room."""
+NO_ROOM = {"PathVariationRandom": 6, "OneOfVariation": 6}
 
 
-def test_sampled_family_requests_its_size():
-    raster = family("sample", rows=100, product=1262, realised=100, rejected={"PathVariationRasterized": 4})
-    assert requested_of(coverage(raster)) == Requested(100, 0, 0, 0, 100)
+@each_row(
+    ("rows", "requested"),
+    [
+        (family(rows=132, product=432, realised=102, duplicate=30, rejected=NO_ROOM, factors=ROOMS), (432, 288, 12, 30, 102)),
+        (family("sample", rows=100, product=1262, realised=100, rejected={"PathVariationRasterized": 4}), (100, 0, 0, 0, 100)),
+    ],
+)  # fmt: skip
+def test_requests_count_missing_paths_with_all_that_follows(rows, requested):
+    assert requested_of(coverage(rows)) == Requested(*requested)
 
 
 def test_campaign_directory_is_reduced_to_its_figures(safety):
@@ -172,30 +155,18 @@ def test_campaign_directory_is_reduced_to_its_figures(safety):
     assert (found.kind, found.original_maps, found.runs, found.sampled_from) == ("safety", True, 2, None)
     assert found.counts == {"a-1": Counts(2, 0), "a-4": Counts(0, 2)}
     assert found.weights == {"a-1": 3, "a-4": 1}
-    assert found.oracles["safety"] == Counts(3, 1)
-    assert found.reached == Counts(2, 1)
+    assert (found.oracles["safety"], found.reached) == (Counts(3, 1), Counts(2, 1))
     assert [(way.simulated_s, way.distance_m) for way in found.ways] == [(40.0, 15.0), (30.0, 12.5)]
     assert (found.runs_cpu_s, found.alone, found.call) == (1.0, 160.0, 5.0)
-    assert {part.name: part.counts for part in found.parts} == {
-        "global radius 0.220 m": Counts(2, 0),
-        "global radius 0.175 m": Counts(0, 2),
-        "no obstacles": Counts(2, 0),
-        "obstacles, 0.6 for each meter": Counts(0, 2),
-    }
-
-
-def test_starts_tell_near_and_unmoved_runs_apart(safety):
-    """`a-4` starts 0.225 m from the wall, and its second run does not move."""
+    assert [(part.name, part.counts) for part in found.parts] == [
+        ("global radius 0.175 m", Counts(0, 2)),
+        ("global radius 0.220 m", Counts(2, 0)),
+        ("no obstacles", Counts(2, 0)),
+        ("obstacles, 0.6 for each meter", Counts(0, 2)),
+    ]
+    # `a-4` starts 0.225 m from the wall, and its second run does not move.
     near, free = Begun(1, Counts(0, 2), 1), Begun(1, Counts(2, 0), 0)
-    assert paper_results(safety).starts == Starts(near, free, Counts(2, 1), {POINTS_IN_FOOTPRINT: 1})
-
-
-def test_page_has_rate_of_moved_runs_and_standstills(safety):
-    page = paper_page([paper_results(safety)])
-    assert "| **66.7 % [20.7, 93.9]** | **61.2 %** |" in page
-    assert (
-        "safety: 1 stood still, the collision monitor stopped every command: scan points inside the footprint." in page
-    )
+    assert found.starts == Starts(near, free, Counts(2, 1), {POINTS_IN_FOOTPRINT: 1})
 
 
 @each_row(("x_m", "near"), [(0.275, 1), (0.325, 0), (0.025, 1), (-9.0, 1), (2.725, 1), (2.675, 0)])
@@ -204,59 +175,31 @@ def test_starts_within_five_cells_of_wall_are_near(safety, x_m, near):
     assert starts_of(safety / "environments", [row], [], {}).near.configurations == near
 
 
-def test_parts_are_in_the_order_of_their_levels(safety):
-    assert [part.name for part in paper_results(safety).parts] == [
-        "global radius 0.175 m",
-        "global radius 0.220 m",
-        "no obstacles",
-        "obstacles, 0.6 for each meter",
-    ]
-
-
-def test_readings_have_bases_of_robustness(robustness):
-    readings = {each.name: (each.alone, each.reached) for each in paper_results(robustness).readings}
-    assert readings == {
+def test_readings_have_bases_of_robustness_and_radii_of_obstacles(robustness, safety):
+    assert {each.name: (each.alone, each.reached) for each in paper_results(robustness).readings} == {
         "update": (Counts(1, 1), Counts(0, 2)),
         "step": (Counts(0, 2), Counts(0, 2)),
         "metre": (Counts(2, 0), Counts(1, 1)),
         "mean": (Counts(2, 0), Counts(1, 1)),
         "maximum": (Counts(1, 1), Counts(1, 1)),
     }
-
-
-def test_readings_have_radii_of_obstacles(safety):
     assert {each.name: (each.alone, each.reached, each.median_m) for each in paper_results(safety).readings} == {
         "footprint": (Counts(4, 0), Counts(3, 1), 0.25),
         "cube": (Counts(3, 1), Counts(2, 2), pytest.approx(0.09)),
     }
-    page = paper_page([paper_results(safety)])
-    assert "| `cube` | 0.090 m | 75.0 %" in page
 
 
-def test_page_has_rates_over_distinct_configurations_and_weighted_as_the_paper_counts(safety):
+def test_page_has_rates_as_the_paper_counts_and_of_moved_runs(safety, robustness):
     page = paper_page([paper_results(safety)])
     (row,) = (line for line in page.splitlines() if line.startswith("| safety | **") and "| 2 | 2 |" in line)
-    assert "| 50.0 % [15.0, 85.0] |" in row
-    assert "| 75.0 % [" in row
-    assert "| **61.2 %** |" in row
-
-
-def test_page_says_whether_it_is_of_a_sample(safety, robustness):
-    assert "Every distinct configuration was run" in paper_page([paper_results(safety)])
+    for words in ("| 50.0 % [15.0, 85.0] |", "| 75.0 % [", "| **61.2 %** |"):
+        assert words in row
+    stood = "safety: 1 stood still, the collision monitor stopped every command: scan points inside the footprint."
+    for words in ("| **66.7 % [20.7, 93.9]** | **61.2 %** |", stood, "| `cube` | 0.090 m | 75.0 %"):
+        assert words in page
+    assert "Every distinct configuration was run" in page and "spawn_delays" not in page
     assert "A sample of so many configurations was run" in paper_page([paper_results(robustness)])
-
-
-def test_same_results_give_the_same_page(safety, robustness):
-    assert paper_page([*map(paper_results, (safety, robustness))]) == paper_page(
-        [*map(paper_results, (safety, robustness))]
-    )
-
-
-def test_page_shows_spawn_delays_of_proof(safety):
-    row = {"delay_s": 0.4, "reading": "cube", "kept": 0.5, "reached": 11 / 12, "both": 0.5}
-    delays = {"configurations": 12, "runs": 3, "rows": [row]}
-    assert "| 0.4 s | cube | 50.0 % | 91.7 % | 50.0 % |" in paper_page([paper_results(safety)], delays)
-    assert "spawn_delays" not in paper_page([paper_results(safety)])
+    assert "Side by side with the paper" in paper_page([])
 
 
 def test_command_puts_what_the_proof_wrote_into_the_page(safety, tmp_path, capsys):
@@ -266,16 +209,8 @@ def test_command_puts_what_the_proof_wrote_into_the_page(safety, tmp_path, capsy
     assert "| 0.4 s | cube | 50.0 % | 91.7 % | 50.0 % |" in capsys.readouterr().out
 
 
-def test_page_of_nothing_is_only_words():
-    assert "Side by side with the paper" in paper_page([])
-
-
-def test_campaign_that_is_none_of_the_papers_is_refused(tmp_path, safety):
-    other = tmp_path / "other"
-    safety.rename(other)
-    metadata = json.loads((other / "metadata.json").read_text())
-    (other / "metadata.json").write_text(json.dumps({**metadata, "name": "quickstart"}))
-    with pytest.raises(
-        NotThePapers, match="campaign 'quickstart' is none of the paper's; one of those in campaigns/paper"
-    ):
-        paper_results(other)
+def test_campaign_that_is_none_of_the_papers_is_refused(safety):
+    metadata = json.loads((safety / "metadata.json").read_text())
+    (safety / "metadata.json").write_text(json.dumps({**metadata, "name": "quickstart"}))
+    with pytest.raises(NotThePapers, match="'quickstart' is none of the paper's; one of those in campaigns/paper"):
+        paper_results(safety)

@@ -1,4 +1,4 @@
-"""The report and the evidence of a synthetic campaign directory."""
+"""The report and the evidence of a synthetic campaign directory, section by section."""
 
 import json
 import re
@@ -9,6 +9,8 @@ from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import matplotlib
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -16,15 +18,23 @@ from matplotlib.figure import Figure
 from PIL import Image
 from table import each_row
 
+from vastflow.flows.results.summary import Results
 from vastflow.oracles.evidence.evidence import evidence_of
+from vastflow.oracles.evidence.findings import findings_of
 from vastflow.oracles.evidence.rates import Counts, Interval
+from vastflow.oracles.figures.charts import factor_figure, interaction_figure
 from vastflow.oracles.page import report
 from vastflow.oracles.page.facts import Facts
+from vastflow.oracles.page.failures import cases, failure_kinds, kind_of
+from vastflow.oracles.page.headline import headline_html
 from vastflow.oracles.page.pictures import picture
 from vastflow.oracles.page.report import write_report
+from vastflow.oracles.page.search_section import CELLS_DRAWN, search_section
 from vastflow.oracles.page.section import Column, Section, Table, rate_cell, rate_html, soft
+from vastflow.oracles.page.sections import rejection_rows
 from vastflow.oracles.page.words import number, percent, points, span
 from vastflow.oracles.results.tables import read_tables
+from vastflow.oracles.statistics.effects import Claim, FactorEffect, InteractionEffect, LevelEffect, LevelPair
 
 TASK = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
 LINE = [(1.0 + 0.1 * i, 2.0) for i in range(41)]
@@ -73,23 +83,13 @@ def shown(tmp_path_factory, build: SimpleNamespace) -> Path:
     room = build.write_map(folder / "room", build.walled_room(6.0, 4.0))
     oracles = [("performance", {}), ("safety", {})]
     passing = [build.a_recording(LINE, run_index=i) for i in range(5)]
-    mixed = passing[:3] + [
-        build.a_recording(LINE[:20], run_index=i, outcome="aborted", reason="no valid control") for i in (3, 4)
-    ]
-    campaign = build.campaign(folder / "results")
+    early = {"outcome": "aborted", "reason": "no valid control"}
+    mixed = passing[:3] + [build.a_recording(LINE[:20], run_index=i, **early) for i in (3, 4)]
+    campaign, noisy = build.campaign(folder / "results"), {"oracles": oracles, "factors": {"noise": 0.1}}
     campaign.add("quiet-1", "quiet", room, TASK, recordings=passing, oracles=oracles, factors={"noise": 0.0})
     campaign.add("quiet-2", "quiet", room, TASK, oracles=oracles, fault="fault: MemoryError", runs=5)
-    campaign.add("noisy-1", "noisy", room, TASK, recordings=mixed, oracles=oracles, factors={"noise": 0.1})
-    campaign.add(
-        "noisy-2",
-        "noisy",
-        room,
-        TASK,
-        recordings=passing,
-        obstacles=[build.box_at(3.0, 2.4)],
-        oracles=oracles,
-        factors={"noise": 0.1},
-    )
+    campaign.add("noisy-1", "noisy", room, TASK, recordings=mixed, **noisy)
+    campaign.add("noisy-2", "noisy", room, TASK, recordings=passing, obstacles=[build.box_at(3.0, 2.4)], **noisy)
     campaign.add("noisy-3", "noisy", room, TASK, duplicate_of="noisy-1")
     campaign.reject("quiet", REASON, {"path_length": 200.0})
     campaign.reject("quiet", REASON, {"path_length": 201.0})
@@ -109,8 +109,20 @@ def directory(shown: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(shown, tmp_path / "results"))
 
 
+@pytest.fixture
+def room(tmp_path, build):
+    return build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
+
+
 def text_of(directory: Path) -> str:
     return (directory / "report.html").read_text(encoding="utf-8")
+
+
+def written(campaign):
+    """The text of the report of a campaign."""
+    directory = campaign.write()
+    write_report(directory)
+    return text_of(directory)
 
 
 @pytest.fixture(scope="module")
@@ -232,14 +244,12 @@ def test_evidence_has_rates_intervals_and_statistics(shown):
     assert (found.configurations, found.counts.judged) == (2, 10)
 
 
-def test_bases_of_robustness_are_tabulated(synthetic_campaign, tmp_path, build):
-    room = build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
+def test_bases_of_robustness_are_tabulated(synthetic_campaign, room, build):
     oracles = [("robustness", {"basis": "maximum"})]
     synthetic_campaign.add("a-1", "a", room, TASK, recordings=[build.a_recording(LINE)], oracles=oracles)
     synthetic_campaign.metadata = {"oracles": [{"name": "robustness", "parameters": {"basis": "maximum"}}]}
-    directory = synthetic_campaign.write()
-    write_report(directory)
-    assert "maximum, judged by" in words_of(directory) and "sum over meters driven" in words_of(directory)
+    text = written(synthetic_campaign)
+    assert "maximum, judged by" in text and "sum over meters driven" in text
 
 
 def test_report_depends_on_directory_alone(shown, directory):
@@ -252,18 +262,16 @@ def test_report_depends_on_directory_alone(shown, directory):
     assert text_of(directory) == text_of(shown)
 
 
-def test_campaigns_without_judged_runs_have_reports(synthetic_campaign, tmp_path, build):
+def test_campaigns_without_judged_runs_have_reports(synthetic_campaign, room, build):
     synthetic_campaign.reject("far", REASON, {"path_length": 200.0})
-    directory = synthetic_campaign.write()
-    write_report(directory)
-    page = Page(text_of(directory))
+    page = Page(written(synthetic_campaign))
     assert "Nothing was run: no configuration could be built." in page.text
     assert REASON in page.text and page.misnested == []
-    room = build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
     synthetic_campaign.add("a-1", "a", room, TASK, recordings=[build.a_recording(LINE)])
     synthetic_campaign.verdicts = [{**row, "judgement": "not judged"} for row in synthetic_campaign.verdicts]
-    write_report(synthetic_campaign.write())
-    assert json.loads((directory / "evidence.json").read_text())["all_oracles"]["campaign"]["rate"] is None
+    written(synthetic_campaign)
+    evidence = json.loads((synthetic_campaign.directory / "evidence.json").read_text())
+    assert evidence["all_oracles"]["campaign"]["rate"] is None
 
 
 @each_row(
@@ -298,7 +306,8 @@ def test_interval_is_same_in_headline_and_table_and_holds_computed_one(passed, f
 
 
 NOISE = {"combinations": 4, "admissible": 3, "covered": 2, "share": 2 / 3}
-COVERAGE_COUNTS = {
+BOTH = {"factors": ["noise", "radius"], **NOISE}
+COVERED = {
     "requested": 1234,
     "excluded": 1100,
     "unrealisable": 30,
@@ -306,31 +315,20 @@ COVERAGE_COUNTS = {
     "realised": 100,
     "valid": 130,
     "share": 100 / 130,
+    "t_way": {"strength": 2, **NOISE, "pairs": [BOTH], "pairs_not_listed": 7},
 }
-COVERAGE = {
-    **COVERAGE_COUNTS,
-    "t_way": {"strength": 2, **NOISE},
-    "families": {
-        "quiet": {
-            **COVERAGE_COUNTS,
-            "design": {"kind": "t_way", "strength": 2, "rows": 104, "product": 9000, "lower_bound": 96},
-            "excluded_by": {"see_<enough>": 1100},
-            "unrealisable_by": {"PathVariationRandom": {"count": 30, "reasons": {REASON: 30}, "reasons_not_listed": 0}},
-            "dimensions": {"system": {"factors": ["noise", "radius"], "distinct": 2, **NOISE}},
-            "t_way": {
-                "strength": 2,
-                **NOISE,
-                "pairs": [{"factors": ["noise", "radius"], **NOISE}],
-                "pairs_not_listed": 7,
-            },
-        }
-    },
+QUIET = {
+    **COVERED,
+    "design": {"kind": "t_way", "strength": 2, "rows": 104, "product": 9000, "lower_bound": 96},
+    "excluded_by": {"see_<enough>": 1100},
+    "unrealisable_by": {"PathVariationRandom": {"count": 30, "reasons": {REASON: 30}, "reasons_not_listed": 0}},
+    "dimensions": {"system": {**BOTH, "distinct": 2}},
 }
 
 
 def test_coverage_is_shown_by_family_dimension_and_pair(page, directory):
     assert "coverage" not in page.ids and "#coverage" not in page.addresses  # of an earlier version
-    (directory / "coverage.json").write_text(json.dumps(COVERAGE))
+    (directory / "coverage.json").write_text(json.dumps({**COVERED, "families": {"quiet": QUIET}}))
     write_report(directory)
     whole = Page(text_of(directory))
     assert (whole.open, whole.misnested) == ([], [])
@@ -363,3 +361,155 @@ def test_report_shows_added_section_with_its_figure_and_table(directory: Path, m
         "How full the battery was1 run Of A&B. Charge At the end. PNG · SVG RunCharge (%) noisy-1 <0> 12"
     )
     assert (directory / "figures" / "battery.svg").is_file()
+
+
+def lost(build, runs, failed, reason="no valid control"):
+    """Recordings of `runs` runs, of which the first `failed` end early; the reason has the run's number for an `@`."""
+    early = [
+        build.a_recording(LINE[:20], run_index=i, outcome="aborted", reason=reason.replace("@", str(i)))
+        for i in range(failed)
+    ]
+    return early + [build.a_recording(LINE, run_index=i) for i in range(failed, runs)]
+
+
+def test_reasons_that_differ_in_numbers_are_of_one_kind(synthetic_campaign, room, build):
+    assert kind_of("stuck after 3 tries, 0.71 m away") == kind_of("stuck after 12 tries, 2 m away")
+    assert kind_of("stuck after 3 tries") != kind_of("lost after 3 tries")
+    for k, (failed, reason) in enumerate(((2, "stuck after @ tries"), (3, "stuck after @ tries"), (1, "no path"))):
+        synthetic_campaign.add(f"a-{k}", "a", room, TASK, recordings=lost(build, 3, failed, reason))
+    for length in (20.0, 21.0, 22.0):
+        synthetic_campaign.reject("a", f"no goal at {length:.1f} m", {"path_length": length})
+    synthetic_campaign.reject("a", "no free start", {"path_length": 20.0})
+    tables = read_tables(synthetic_campaign.write())
+    stuck, no_path = failure_kinds(tables.verdicts.reasons("fail"))
+    assert (stuck["oracle"], stuck["runs"], stuck["configurations"], stuck["reasons"]) == ("success", 5, 2, 3)
+    assert (no_path["runs"], no_path["configurations"], no_path["reasons"]) == (1, 1, 1)
+    assert "stuck after 0 tries" in stuck["reason"]
+    first, second = rejection_rows(tables.rejections)
+    assert (first["times"], first["reason"], first["reasons"]) == (3, "no goal at 20.0 m", 3)
+    assert (second["times"], second["reasons"]) == (1, 1)
+
+
+def test_campaign_without_failures_has_no_reasons(synthetic_campaign, room, build):
+    synthetic_campaign.add("a-1", "a", room, TASK, recordings=lost(build, 2, 0))
+    assert "Why runs failed" not in written(synthetic_campaign)
+    assert failure_kinds(read_tables(synthetic_campaign.directory).verdicts.reasons("fail")) == []
+
+
+def test_designs_of_family_show_their_own_figures(synthetic_campaign, room, build):
+    for k in range(16):
+        factors = {"noise": (0.0, 0.1)[k % 2], "step": (1, 2)[k // 2 % 2]} | ({"late": k // 4 % 2} if k >= 8 else {})
+        synthetic_campaign.add(f"a-{k + 1}", "a", room, TASK, recordings=lost(build, 3, 3 * (k % 2)), factors=factors)
+    page = written(synthetic_campaign)
+    section = page[page.index("All factors, with intervals") : page.index('<details class="fold"')]
+    headings = [" ".join(heading.split()) for heading in re.findall(r"<h3>(.*?)</h3>", section, re.DOTALL)]
+    assert headings == ["a, without late", "a, with late"]
+    first, second = section.split("<h3>")[1:]
+    assert (first.count("figures/factors-1.svg"), first.count("figures/factors-2.svg")) == (1, 0)
+    assert (second.count("figures/factors-1.svg"), second.count("figures/factors-2.svg")) == (0, 1)
+
+
+def test_few_failed_runs_are_no_finding_about_system(synthetic_campaign, room, build):
+    synthetic_campaign.add("a-1", "a", room, TASK, recordings=lost(build, 2, 2))
+    synthetic_campaign.add("a-2", "a", room, TASK, recordings=lost(build, 2, 0))
+    page = written(synthetic_campaign)
+    assert "100\u00a0% of all failures" in page
+    assert "not about chance" not in page
+
+
+def test_interaction_figure_orders_numbers():
+    levels = [("a", "1"), ("a", "10"), ("b", "1"), ("b", "2"), ("b", "10")]
+    cells = tuple(LevelPair(pair, 1, 0.5, 0.5, Interval(0.0, 1.0)) for pair in levels)
+    figure = interaction_figure([InteractionEffect(("kind", "size"), cells, 0.0, 0.0, Claim(None))])
+    (axes,) = figure.axes
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["1", "2", "10"]
+
+
+def test_factor_figure_has_panel_for_each_factor():
+    def effect(name: str, n: int) -> FactorEffect:
+        levels = tuple(LevelEffect(str(k), 1, 2, None, None, 2, 0.5, 0.5, Interval(0.2, 0.8)) for k in range(n))
+        return FactorEffect(name, levels, "0", "1", 0.0, (-0.1, 0.1), 0.0, Claim(None), Claim(None))
+
+    figure = factor_figure([effect("long", 9), effect("short", 2), effect("brief", 2)])
+    figure.canvas.draw()
+    boxes = [axes.get_position() for axes in figure.axes[:3]]
+    assert boxes[1].x0 > boxes[0].x1 and boxes[2].y1 < boxes[0].y0
+    for axes in figure.axes[:3]:
+        assert axes.get_yticklabels()[-1].get_text() == "100 %" and axes.get_ylim() == (0, 1)
+
+
+def test_headline_shows_rate_causes_and_figures(synthetic_campaign, tmp_path, room, build):
+    failed = build.a_recording(LINE[:20], run_index=1, outcome="aborted", error_xy_m=(0.0, 0.8))
+    synthetic_campaign.add("a-1", "a", room, TASK, recordings=[build.a_recording(LINE), failed])
+    directory = synthetic_campaign.write()
+    write_report(directory)
+    html = Results(directory, None, (), ())._repr_html_()
+    page = Page(html)
+    assert (page.open, page.misnested) == ([], [])
+    assert "50\N{NO-BREAK SPACE}% of the judged runs passed: 1 of 2, 0 not judged overall." in page.text
+    assert "Lost" in page.text and "vastflow replay . a-1 1" in page.text
+    assert [image["src"][:22] for image in page.images] == ["data:image/png;base64,"] * 2
+    assert not re.search(r"<script|https?://", html)
+    assert html == headline_html(directory)
+    assert Results(tmp_path / "gone", None, (), ())._repr_html_() is None
+
+
+COUNT = CELLS_DRAWN + 2
+SEARCH = {
+    "strategy": "qd",
+    "space": {},
+    "objective": "failure_rate",
+    "is_rate": True,
+    "direction": "maximize",
+    "batches": 1,
+    "proposals": COUNT,
+    "rejected": 0,
+    "runs": COUNT,
+    "ended_by": "runs",
+    "confirmation": None,
+}
+
+
+def test_search_section_draws_runs_of_worst_cells(synthetic_campaign, room, build):
+    for k in range(COUNT):
+        obstacles = [build.box_at(3.0, 1.5 + 0.2 * k)]
+        recordings = [build.a_recording(LINE)]
+        synthetic_campaign.add(f"point-{k}", "search", room, TASK, recordings=recordings, obstacles=obstacles)
+    archive = {"measures": {name: {"low": 0, "high": 10} for name in "xy"}}
+    best = {"configuration": "point-3", "point": {}, "objective": 1.0, "runs": 1}
+    synthetic_campaign.metadata = {"search": {**SEARCH, "parameters": {"archive": archive}, "best": best}}
+    directory = synthetic_campaign.write()
+    objectives = [0.1, 0.5, 0.2, 1.0, 0.3, 0.4]
+    evaluations = [{"configuration": f"point-{k}", "objective": objectives[k], "runs": 1} for k in range(COUNT)]
+    pq.write_table(pa.Table.from_pylist(evaluations), directory / "evaluations.parquet")
+    cells = [
+        {**each, "cell": json.dumps([k, 0]), "measures": json.dumps({"x": k + 0.5, "y": 0.0})}
+        for k, each in enumerate(evaluations)
+    ]
+    pq.write_table(pa.Table.from_pylist(cells), directory / "archive.parquet")
+    drawn = search_section(Facts(read_tables(directory))).pictures
+    worst = [f"cell-point-{k}" for k in (3, 1, 5, 4)]
+    assert [each.name for each in drawn] == ["search-progress", "search-archive", *worst]
+    assert (drawn[2].title, drawn[2].caption) == ("point-3: failure rate 1", "The best point at x 3.5, y 0.")
+
+
+def test_report_of_search_claims_no_factors(synthetic_campaign, room, build):
+    for k in range(12):
+        task = {**TASK, "goal_pose": {"x": 5.0, "y": 2.0 + 0.01 * k}}
+        runs = lost(build, 6, 5 * (k % 2))
+        synthetic_campaign.add(f"point-{k}", "search", room, task, recordings=runs, factors={"noise": k % 2})
+    assert "noise matters" in written(synthetic_campaign)
+    synthetic_campaign.metadata = {"search": {**SEARCH, "parameters": {}, "best": None}}
+    empty = pa.table({"configuration": pa.array([], pa.string())})
+    pq.write_table(empty, synthetic_campaign.directory / "evaluations.parquet")
+    page = written(synthetic_campaign)
+    assert "noise matters" not in page and "account for" not in page
+    assert json.loads((synthetic_campaign.directory / "evidence.json").read_text())["factors"] == []
+
+
+def test_cases_order_configurations_by_lower_bounds(synthetic_campaign, room, build):
+    for name, failed, runs in (("one-of-one", 1, 1), ("nine-of-ten", 9, 10)):
+        task = {**TASK, "goal_pose": {"x": 5.0, "y": 2.0 + 0.1 * runs}}
+        synthetic_campaign.add(name, "search", room, task, recordings=lost(build, runs, failed))
+    tables = read_tables(synthetic_campaign.write())
+    assert [tables.configurations.names[k] for k in cases(tables, findings_of(tables))] == ["nine-of-ten", "one-of-one"]

@@ -33,21 +33,10 @@ def a_run(*events, outcome="succeeded"):
 
 
 def a_moment(**changes):
-    said = {
-        "tick": 40,
-        "activity": "following",
-        "true": Pose(1.0, 1.0),
-        "estimate": Pose(1.0, 1.12),
-        "speed_mps": 0.25,
-        "yaw_rate_radps": 0.5,
-        "stopped": False,
-        "planned": True,
-        "no_command_s": 0.0,
-        "no_progress_s": 0.0,
-        "recoveries": 0,
-        "goal": 0,
-    }
-    return Moment(**{**said, **changes})
+    poses = {"true": Pose(1.0, 1.0), "estimate": Pose(1.0, 1.12)}
+    moving = {"tick": 40, "activity": "following", "speed_mps": 0.25, "yaw_rate_radps": 0.5}
+    usual = {"stopped": False, "planned": True, "no_command_s": 0.0, "no_progress_s": 0.0, "recoveries": 0, "goal": 0}
+    return Moment(**{**poses, **moving, **usual, **changes})
 
 
 @each_row(
@@ -111,11 +100,10 @@ def test_highlights_are_spread_and_prefer_contacts():
     assert 400 not in highlights(a_run(moved), 0, 701)
 
 
-@given(
-    st.integers(0, 400),
-    st.integers(0, 1200),
-    st.lists(st.tuples(st.floats(0, 60), st.sampled_from(["contact", "recovery", "plan_failed", "other"]))),
-)
+KINDS = st.sampled_from(["contact", "recovery", "plan_failed", "other"])
+
+
+@given(st.integers(0, 400), st.integers(0, 1200), st.lists(st.tuples(st.floats(0, 60), KINDS)))
 def test_highlights_increase_within_span(first, length, events):
     run = a_run(*(Event(t_s, kind, 0.0, 0.0, "wait") for t_s, kind in events))
     chosen = highlights(run, first, first + length)
@@ -124,31 +112,18 @@ def test_highlights_increase_within_span(first, length, events):
     assert (chosen[0], chosen[-1]) == (first, first + length)
 
 
-def test_times_become_ticks():
+def test_times_become_ticks_and_impossible_ones_are_refused():
     assert whole_run(2.0) == Span(0, 39)
     whole = whole_run(30.0)
     assert [tick_at("--at", t_s, whole) for t_s in (0.0, 12.35, 12.37, 29.99, 30.0)] == [0, 247, 247, 599, 599]
     assert span_of(1.0, 2.0, whole).every(step_of(0.3)) == [20, 26, 32, 38, 40]
     assert rounded("--at", [12.35, 12.37]) == ["--at 12.37: the nearest tick of 50 ms is 12.35 s"]
-
-
-@each_row(
-    ("make", "message"),
-    [
-        *(
-            (
-                lambda t_s=t_s: tick_at("--at", t_s, whole_run(30.0)),
-                r"--at: expected a time of the run, from 0 to 30\.00 s, got",
-            )
-            for t_s in (-0.1, 30.1, float("nan"), float("inf"))
-        ),
-        (lambda: span_of(9.0, 4.0, whole_run(30.0)), "--to: expected a time after --from 9, got 4"),
-        *(
-            (lambda every_s=every_s: step_of(every_s), r"--every: expected a time above 0 s, got")
-            for every_s in (0.0, -1.0, float("nan"), float("inf"))
-        ),
-    ],
-)
-def test_impossible_times_are_refused(make, message):
-    with pytest.raises(UserError, match=message):
-        make()
+    odd = float("nan"), float("inf")
+    for make, values, message in (
+        (lambda t_s: tick_at("--at", t_s, whole), (-0.1, 30.1, *odd), r"a time of the run, from 0 to 30\.00 s, got"),
+        (lambda to_s: span_of(9.0, to_s, whole), (4.0,), "--to: expected a time after --from 9, got 4"),
+        (step_of, (0.0, -1.0, *odd), "--every: expected a time above 0 s, got"),
+    ):
+        for value in values:
+            with pytest.raises(UserError, match=message):
+                make(value)

@@ -72,7 +72,7 @@ def chosen(element: str, value: str, event: str) -> str:
     return f"{{const it = document.querySelector({element!r}); it.value = {value!r}; it.dispatchEvent(new Event({event!r}))}}"
 
 
-def test_browser_console_stays_empty(browser: Browser, report: Path) -> None:
+def test_browser_console_stays_empty_and_reasons_of_runs_end_no_script(browser: Browser, report: Path) -> None:
     browser.open(report)
     pictures = "[...document.images].filter(image => { image.loading = 'eager'; return true }).length"
     assert browser.value(pictures) > 5
@@ -80,6 +80,8 @@ def test_browser_console_stays_empty(browser: Browser, report: Path) -> None:
     found = browser.ask("Runtime.evaluate", expression=loaded, awaitPromise=True, returnByValue=True)
     assert found["result"]["value"] == "all"
     assert browser.complaints == []
+    page = report.read_text(encoding="utf-8")
+    assert len(re.findall(r"</script>", page)) == len(re.findall(r"<script", page))
 
 
 def test_click_on_head_sorts_and_second_click_reverses(browser: Browser, report: Path) -> None:
@@ -99,7 +101,7 @@ def test_click_on_head_sorts_and_second_click_reverses(browser: Browser, report:
     assert browser.value(ROWS)[0][-3] == "(12.00, −1.50) m"
 
 
-def test_table_shows_failures_and_filters_rows(browser: Browser, report: Path) -> None:
+def test_table_shows_failures_filters_rows_and_adds_more(browser: Browser, report: Path) -> None:
     browser.open(report)
     browser.value("document.querySelector('nav a[href=\"#all\"]').click()")
     assert browser.value(COUNT) == "50 of 56 rows (of 70)"
@@ -111,9 +113,6 @@ def test_table_shows_failures_and_filters_rows(browser: Browser, report: Path) -
     browser.value(chosen("#all input", "", "input"))
     browser.value(chosen("#all select", "noisy", "change"))
     assert {row[1] for row in browser.value(ROWS)} == {"noisy"}
-
-
-def test_more_rows_are_shown_on_request(browser: Browser, report: Path) -> None:
     open_table(browser, report)
     assert len(browser.value(ROWS)) == 50
     browser.value("document.querySelector('#all .more').click()")
@@ -159,11 +158,6 @@ def test_phone_scrolls_tables_and_not_page(browser: Browser, report: Path) -> No
     assert browser.value(f"{frame}.scrollWidth > {frame}.clientWidth")
     layers = browser.value(f"getComputedStyle({frame}).backgroundAttachment").split(", ")  # a shadow at the edge
     assert sorted(set(layers[:4])) == ["local", "scroll"]
-
-
-def test_reasons_of_runs_end_no_script(report: Path) -> None:
-    page = report.read_text(encoding="utf-8")
-    assert len(re.findall(r"</script>", page)) == len(re.findall(r"<script", page))
 
 
 def test_first_screens_have_verdict_causes_and_worst_configurations(browser: Browser, report: Path) -> None:

@@ -40,14 +40,11 @@ def test_classify_names_classes(passed, judged, names):
     assert classify(passed, judged).names == names
 
 
-def test_classify_takes_binomial_tails_at_bounds():
+def test_classify_takes_binomial_tails_and_adjusts_candidates_by_benjamini_and_hochberg():
     found = classify([19, 1, 9], [20, 20, 20])
     flaky = max(binom.sf(8, 20, 0.2), binom.cdf(9, 20, 0.8))
     assert found.p_values == pytest.approx([binom.sf(18, 20, 0.8), binom.cdf(1, 20, 0.2), flaky])
     assert found.p_values[0] == pytest.approx(0.0692, abs=5e-5)  # 0.8^20 + 20 · 0.2 · 0.8^19, by hand
-
-
-def test_classify_adjusts_candidates_by_benjamini_and_hochberg():
     # 0.8^20 = 0.0115, given that 13 or more of 20 pass: / 0.9679. One of ten is above 5 %, seven of ten are below.
     given = 0.8**20 / binom.sf(12, 20, 0.8)
     assert classify([20] + [17] * 9, [20] * 10).count("reliable") == 0
@@ -56,10 +53,10 @@ def test_classify_adjusts_candidates_by_benjamini_and_hochberg():
     assert classify([20, 0, 0, 2], [20, 0, 0, 2]).adjusted[0] == pytest.approx(given)
 
 
-@each_row(
-    ("rates", "weights"),
-    [((0.2001, 0.5, 0.7999), (1, 1, 1)), ((0.0, 0.2001, 0.7999, 1.0), (1, 9, 9, 1)), ((0.0, 0.21, 1.0), (1, 2, 3))],
-)
+SPREADS = ((0.2001, 0.5, 0.7999), (1, 1, 1)), ((0.0, 0.2001, 0.7999, 1.0), (1, 9, 9, 1)), ((0.0, 0.21, 1.0), (1, 2, 3))
+
+
+@each_row(("rates", "weights"), SPREADS)
 @each_row("runs", [20, 60])
 def test_classify_makes_few_wrong_claims_of_each_class(rates, weights, runs):
     rng = np.random.default_rng(2)
@@ -83,56 +80,36 @@ def test_classify_rarely_errs_where_all_configurations_are_on_bounds():
     assert wrong / 400 <= 0.05 + 4 * (0.05 * 0.95 / 400) ** 0.5
 
 
-def test_runs_for_a_claim_and_passes_that_show_agree_with_tails():
+def test_runs_and_passes_that_show_classes_agree_with_tails():
     # 0.8^13 = 0.055, 0.8^14 = 0.044; 0.9^28 = 0.052, 0.9^29 = 0.047.
     assert runs_for_a_claim() == {"systematic": 14, "flaky": 10, "reliable": 14}
     assert runs_for_a_claim(ClassBounds(0.5, 0.9), error=0.05)["reliable"] == 29
     assert passes_that_show(20) == {"systematic": (0, 0), "flaky": (8, 12), "reliable": (20, 20)}
     assert passes_that_show(10) == {"flaky": (5, 5)}
     assert passes_that_show(2) == passes_that_show(0) == {}
-
-
-def test_total_failures_and_classes_count_configurations():
     found = total_failures([0, 0, 10, 20, 0], [20, 20, 20, 20, 0])
     assert (found.configurations, found.failures, found.of_failures) == (2, 40, 50)
     assert found.share == pytest.approx(0.8)
     assert total_failures([5, 5], [5, 5]).share is None
-    counted = {"systematic": 1, "flaky": 1, "reliable": 1, "undecided": 0}
-    assert classify([20, 0, 10], [20, 20, 20]).counts == counted
+    assert [*classify([20, 0, 10], [20, 20, 20]).counts.values()] == [1, 1, 1, 0]
 
 
-@each_row(
-    ("make", "message"),
-    [
+def test_impossible_bounds_and_rules_are_refused():
+    for make, message in (
         (lambda: ClassBounds(0.8, 0.2), r"0 < systematic < reliable < 1 must hold, got 0\.8 and 0\.2"),
         (lambda: StoppingRule(5, 3), r"1 <= min_runs <= max_runs must hold, got 5 and 3"),
         (lambda: StoppingRule(error=0.7), r"error must be between 0 and 0\.5, got 0\.7"),
-    ],
-)
-def test_impossible_bounds_and_rules_are_refused(make, message):
-    with pytest.raises(ValueError, match=message):
-        make()
+    ):
+        with pytest.raises(ValueError, match=message):
+            make()
 
 
-@each_row(
-    ("rule", "passed", "judged", "decision"),
-    [
-        # 0.8^14 = 0.044 is the chance of so many passes at the bound; one failure among twenty would add more than 0.05 allows.
-        (StoppingRule(), 13, 13, None),
-        (StoppingRule(), 14, 14, "reliable"),
-        (StoppingRule(), 0, 14, "systematic"),
-        (StoppingRule(), 15, 19, None),
-        (StoppingRule(), 16, 20, "undecided"),
-        (StoppingRule(min_runs=16), 15, 15, None),
-        (StoppingRule(min_runs=16), 16, 16, "reliable"),
-    ],
-)
-def test_stopping_rule_decides(rule, passed, judged, decision):
-    assert rule.decision(passed, judged) == decision
-
-
-def test_stopping_rule_thresholds_come_near_walds_and_tell_decidable_classes():
-    # ln(1/error), from below: the exact error of a truncated test is smaller than Wald's bound.
+def test_stopping_rule_decides():
+    # 0.8^14 = 0.044 is the chance of so many passes at the bound; one failure among twenty would add more than 0.05 allows.
+    decisions = {(13, 13): None, (14, 14): "reliable", (0, 14): "systematic", (15, 19): None, (16, 20): "undecided"}
+    assert {counts: StoppingRule().decision(*counts) for counts in decisions} == decisions
+    assert StoppingRule(min_runs=16).decisions([15, 16], [15, 16]) == [None, "reliable"]
+    # Thresholds come near Wald's ln(1/error), from below: the exact error of a truncated test is smaller than his bound.
     systematic, _, reliable = StoppingRule(1, 400).thresholds
     assert reliable == pytest.approx(systematic)
     assert 2.8 < reliable <= math.log(20)

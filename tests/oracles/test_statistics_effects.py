@@ -57,10 +57,10 @@ def test_analysis_names_effects_that_few_situations_cannot_show(each, powerless)
     assert powerless_text(found, "path").replace("a or length", "length or a") == (words if powerless else "")
 
 
-@each_row(("levels", "tests", "most"), [(2, 1, 6), (2, 2, 7), (2, 3, 7), (3, 1, 3)])
-def test_needed_situations_are_fewest_that_can_show_effect(levels, tests, most):
-    assert needed(levels, tests, 0.05) == most
-    assert smallest(most, levels) * tests <= 0.05 < smallest(most - 1, levels) * tests
+def test_needed_situations_are_fewest_that_can_show_effect():
+    for levels, tests, most in ((2, 1, 6), (2, 2, 7), (2, 3, 7), (3, 1, 3)):
+        assert needed(levels, tests, 0.05) == most
+        assert smallest(most, levels) * tests <= 0.05 < smallest(most - 1, levels) * tests
 
 
 # These situations
@@ -79,40 +79,22 @@ def test_matched_sets_of_two_levels_have_exact_p_values():
     assert drawn == pytest.approx(Matched(failed, runs).p_value, abs=0.03)
 
 
-@each_row(
-    ("failed", "values"),
-    [
-        ([[0, 5], [0, 0], [0, 0], [0, 4], [0, 3], [0, 0]], [0.0, 0.4]),  # quickstart's noise: 12 of 30 and none of 30
-        ([[0, 4, 5], [0, 0, 0], [0, 3, 1], [0, 0, 5]], [0.0, 0.6, 0.9]),  # its boxes per meter: 0, 7 and 11 of 20
-    ],
-)
-def test_effects_of_quickstart_are_shown_on_its_paths(failed, values):
-    these = effect_of(failed, values).these
-    assert these.p_value <= 1.05e-4 and these.shown
+PLACES, FEW, MANY = [[0, 0, 5]] * 4, [[0, 5], [0, 4], [0, 3], [0, 2], [0, 2]], [[0, 2], [1, 4], [0, 3]] * 3
 
 
-@each_row(
-    ("failed", "values", "said"),
-    [
-        (
-            [[0, 0, 5]] * 4,
-            [0.2, 0.3, 0.45],
-            "these 4 paths: 0.45 fails 20 of 20 runs, 0.2 and 0.3 none of 40 (p ≤ 0.0001). For other paths: p = 0.012.",
-        ),
-        (
-            [[0, 5], [0, 4], [0, 3], [0, 2], [0, 2]],
-            ["in", "out"],
-            "these 5 paths: out fails 16 of 25 runs, in none of 25 (p ≤ 0.0001). 5 paths cannot show it for other paths; 6 can.",
-        ),
-        (
-            [[0, 2], [1, 4], [0, 3]] * 3,
-            [1, 2],
-            "these 9 paths: 2 fails 27 of 45 runs, 1 fails 3 of 45 (p ≤ 0.0001). For other paths: p = 0.0039.",
-        ),
-    ],
-)
-def test_factor_text_tells_these_from_other_paths(failed, values, said):
-    assert factor_text(effect_of(failed, values), "path") == f"a matters on {said}"
+def test_factor_text_tells_these_from_other_paths():
+    # The quickstart's noise, 12 of 30 and none of 30, and its boxes per meter, 0, 7 and 11 of 20.
+    noise, boxes = [[0, 5], [0, 0], [0, 0], [0, 4], [0, 3], [0, 0]], [[0, 4, 5], [0, 0, 0], [0, 3, 1], [0, 0, 5]]
+    for failed, values in ((noise, [0.0, 0.4]), (boxes, [0.0, 0.6, 0.9])):
+        these = effect_of(failed, values).these
+        assert these.p_value <= 1.05e-4 and these.shown
+    for failed, values, these, others in (
+        (PLACES, [0.2, 0.3, 0.45], "4 paths: 0.45 fails 20 of 20 runs, 0.2 and 0.3 none of 40", "For other paths: p = 0.012."),
+        (FEW, ["in", "out"], "5 paths: out fails 16 of 25 runs, in none of 25", "5 paths cannot show it for other paths; 6 can."),
+        (MANY, [1, 2], "9 paths: 2 fails 27 of 45 runs, 1 fails 3 of 45", "For other paths: p = 0.0039."),
+    ):  # fmt: skip
+        said = f"a matters on these {these} (p ≤ 0.0001). {others}"
+        assert factor_text(effect_of(failed, values), "path") == said
 
 
 # Other situations
@@ -171,24 +153,18 @@ def test_equal_outcomes_show_nothing(failed):
     assert factor.trend.change == pytest.approx(0.0, abs=1e-9)
     assert factor.trend.change_interval[0] < 0 < factor.trend.change_interval[1]
     assert (factor.others.p_value, factor.matters) == (1.0, False)
-
-
-def test_level_that_always_fails_is_found():
     effect = analyzed(GRID, [20 * row["a"] for row in GRID]).factors[0]
     assert (effect.name, effect.difference, effect.matters) == ("a", pytest.approx(1.0), True)
     assert 0.5 < effect.difference_interval[0] < effect.difference_interval[1] == 1.0
 
 
-def test_analysis_needs_enough_judged_configurations():
+def test_analysis_needs_enough_configurations_and_factors_that_are_not_confounded():
     assert not analyzed([{"a": k // 2} for k in range(4)], [0, 0, 2000, 2000], runs=2000).factors[0].matters
     assert factor_analysis(factors_of([{"a": 1}, {"a": 2}])[0], [3, 0], [5, 0]) is None
     factors, _ = factors_of([{"a": k % 2, "b": k % 3} for k in range(6)])
     found = factor_analysis(factors, [5, 0, 4, 0, 5, 0], [5, 0, 5, 0, 5, 0])
     assert (found.configurations, [effect.name for effect in found.factors]) == (3, ["b"])
     assert found.dropped[-1].reason == "has one level among the judged"
-
-
-def test_confounded_factor_cannot_be_told():
     by_name = {e.name: e for e in analyzed([{"a": k % 3, "b": (k % 3 > 0) * 1} for k in range(12)], range(12)).factors}
     assert (by_name["b"].others.p_value, by_name["b"].others.note) == (None, "cannot be told from other factors")
     assert by_name["a"].others.p_value is not None
@@ -259,10 +235,7 @@ def test_trend_is_slope_of_least_squares():
     assert found.change == pytest.approx(0.15)
     low, high = found.change_interval
     assert -0.5 < low < 0.15 < high < 0.5  # blocks agree, and say no more than their runs
-
-
-def test_trend_leaves_out_missing_numbers():
-    lengths = np.r_[np.linspace(5, 15, 30), np.full(10, np.nan)]
+    lengths = np.r_[np.linspace(5, 15, 30), np.full(10, np.nan)]  # missing numbers are left out
     others = np.column_stack((ONE, np.isnan(lengths)))
     rates = np.r_[0.02 * lengths[:30], np.full(10, 0.9)]
     assert trend_of(Contrasts(rates, ALONE, 999), lengths, others, RUNS, 0.05).change == pytest.approx(0.2)
@@ -271,18 +244,12 @@ def test_trend_leaves_out_missing_numbers():
 QUARTERS = np.repeat([5.0, 10.0, 15.0, 20.0], 10)
 
 
-@each_row(
-    ("values", "others"),
-    [
-        ([1.0, 2.0] * 20, ONE),
-        ([3.0] * 40, ONE),
-        ([np.nan] * 39 + [1.0], ONE),
-        (QUARTERS, np.column_stack((ONE, QUARTERS[:, None] == [10.0, 15.0, 20.0]))),  # follows from another factor
-    ],
-)
-def test_trend_needs_three_values_of_its_own(values, others):
+def test_trend_needs_three_values_of_its_own():
     rates = Contrasts(np.linspace(0, 1, 40), ALONE, 999)
-    assert trend_of(rates, np.array(values), others, RUNS, 0.05) is None
+    for values in ([1.0, 2.0] * 20, [3.0] * 40, [np.nan] * 39 + [1.0]):
+        assert trend_of(rates, np.array(values), ONE, RUNS, 0.05) is None
+    levels = np.column_stack((ONE, QUARTERS[:, None] == [10.0, 15.0, 20.0]))
+    assert trend_of(rates, QUARTERS, levels, RUNS, 0.05) is None  # follows from another factor
 
 
 @each_row("blocks", [4, 8])

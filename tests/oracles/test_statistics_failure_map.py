@@ -88,8 +88,5 @@ def test_hot_rarely_marks_cells_that_fail_like_others(configurations):
     rng = np.random.default_rng(3)
     marked = sum(drawn(rng, configurations, np.full(200, 0.2)).hot().any() for _ in range(100))
     assert marked / 100 <= 0.05 + 4 * (0.05 * 0.95 / 100) ** 0.5
-
-
-def test_grid_covers_rectangle():
     grid = grid_over(-1.0, 2.0, 1.1, 3.0, cell_m=0.5)
     assert (grid.shape, grid.extent_m) == ((2, 5), (-1.0, 1.5, 2.0, 3.0))

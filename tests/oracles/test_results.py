@@ -1,4 +1,4 @@
-"""The columns of a campaign directory's tables, against row-by-row counting."""
+"""Columns of the tables of a campaign directory, against row-by-row counting, and factors of its configurations."""
 
 import json
 import math
@@ -11,40 +11,34 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.oracles.judgement.verdict import run_judgement
 from vastflow.oracles.results.executed import NAMED_FILES, KeptFiles
-from vastflow.oracles.results.schema import BEHAVIORS_FILE, behaviors_of, codes, floats, integers, read_columns
+from vastflow.oracles.results.factors import blocks_of, factors_of
+from vastflow.oracles.results.schema import (
+    BEHAVIORS_FILE,
+    VERDICTS,
+    behaviors_of,
+    codes,
+    floats,
+    integers,
+    read_columns,
+)
 from vastflow.oracles.results.tables import CODES, ConfigurationTable, VerdictTable
 from vastflow.sim.model.digest import file_digest
 
-SCHEMA = pa.schema(
-    {
-        "configuration": pa.string(),
-        "run_index": pa.int32(),
-        "oracle": pa.string(),
-        "judgement": pa.string(),
-        "reason": pa.string(),
-        "metrics": pa.string(),
-    }
-)
 NAMES = ["a", "b", "c"]
 
 
 def verdict(configuration="a", run_index=0, oracle="success", judgement="pass", reason="", **metrics):
     values = {name: {"value": value, "unit": "m"} for name, value in metrics.items()}
-    return {
-        "configuration": configuration,
-        "run_index": run_index,
-        "oracle": oracle,
-        "judgement": judgement,
-        "reason": reason,
-        "metrics": json.dumps(values),
-    }
+    run = {"configuration": configuration, "run_index": run_index, "oracle": oracle}
+    return {**run, "judgement": judgement, "reason": reason, "metrics": json.dumps(values)}
 
 
 def table_of(rows, names=NAMES):
-    return VerdictTable(pa.Table.from_pylist(rows, SCHEMA), names)
+    return VerdictTable(pa.Table.from_pylist(rows, VERDICTS), names)
 
 
 said = st.dictionaries(
@@ -73,14 +67,8 @@ def test_counts_are_those_of_rows_in_any_order(judged, random):
 
 
 def test_metrics_are_aligned_with_runs():
-    table = table_of(
-        [
-            verdict("b", 1, time=2.5),
-            verdict("b", 0, time=None),
-            verdict("a", 7, time=3),
-            verdict("a", 7, "safety", depth=1.0),
-        ]
-    )
+    timed = [verdict(name, run, time=value) for name, run, value in (("b", 1, 2.5), ("b", 0, None), ("a", 7, 3))]
+    table = table_of([*timed, verdict("a", 7, "safety", depth=1.0)])
     time = table.metrics("success")["time"]
     assert time.unit == "m"
     assert time.values[[0, 2]].tolist() == [3.0, 2.5] and math.isnan(time.values[1])
@@ -92,13 +80,10 @@ def test_metrics_are_aligned_with_runs():
     assert table_of([verdict()]).metrics("success") == {}
 
 
-def test_reasons_are_those_of_one_judgement():
+def test_reasons_are_those_of_one_judgement_and_unknown_words_are_refused():
     table = table_of([verdict(reason="no"), verdict("b", 3, judgement="fail", reason="too late")])
     reasons = table.reasons("fail")
     assert (reasons.configuration.tolist(), reasons.reason.tolist()) == (["b"], ["too late"])
-
-
-def test_unknown_configurations_judgements_and_metrics_are_refused():
     with pytest.raises(ValueError, match=r"verdicts.parquet judges 'z', which is no row of configurations.parquet"):
         table_of([verdict("z")])
     with pytest.raises(ValueError, match="has the judgement 'maybe'; it can be pass, fail, not judged"):
@@ -109,10 +94,7 @@ def test_unknown_configurations_judgements_and_metrics_are_refused():
 
 def test_table_in_row_groups_reads_as_whole(tmp_path):
     rows = [verdict(NAMES[k % 3], k, reason=f"r{k % 4}", time=float(k)) for k in range(50)]
-    table = pa.Table.from_pylist(rows, SCHEMA)
-    with pq.ParquetWriter(tmp_path / "v.parquet", SCHEMA) as writer:
-        for start in range(0, 50, 7):
-            writer.write_table(table.slice(start, 7))
+    pq.write_table(pa.Table.from_pylist(rows, VERDICTS), tmp_path / "v.parquet", row_group_size=7)
     read = VerdictTable(read_columns(tmp_path / "v.parquet", "configuration", "oracle", "judgement", "reason"), NAMES)
     assert read.counts(None).tolist() == table_of(rows).counts(None).tolist()
     assert read.metrics("success")["time"].values.tolist() == table_of(rows).metrics("success")["time"].values.tolist()
@@ -139,14 +121,8 @@ def test_columns_of_configurations_are_decoded():
 
 
 def test_behaviors_of_configuration_are_read_from_every_row_group(tmp_path):
-    table = pa.table(
-        {
-            "configuration": ["a", "b", "b", "c"],
-            "run_index": pa.array([0, 0, 1, 0], pa.int64()),
-            "t_s": [0.5, 1.5, 2.5, 3.5],
-            "name": ["drive", "wait", "", "drive"],
-        }
-    )
+    said = {"t_s": [0.5, 1.5, 2.5, 3.5], "name": ["drive", "wait", "", "drive"]}
+    table = pa.table({"configuration": ["a", "b", "b", "c"], "run_index": [0, 0, 1, 0], **said})
     pq.write_table(table, tmp_path / BEHAVIORS_FILE, row_group_size=2)
     found = {name: column.tolist() for name, column in behaviors_of(tmp_path, "b").items()}
     assert found == {"run_index": [0, 1], "t_s": [1.5, 2.5], "name": ["wait", ""]}
@@ -168,3 +144,66 @@ def test_kept_files_are_found_by_digest(tmp_path):
     assert (files.path(file_digest(plan)), files.path("5011d")) == (plan, mesh)
     with pytest.raises(ValueError, match=re.escape("no file has the digest 0123456789ab… that the scenario names")):
         files.path("0123456789abcdef")
+
+
+PLACES = [{"static_objects": [{"x": k}] * n, "start_pose": {"x": float(k)}} for n in (0, 2) for k in range(3)]
+NO_FACTOR = "is a place or a list, and not one of a few values"
+SIZES = [{"map": m, "size": {"A": 3, "B": 1}[m]} for m in "ABBA"]
+QUARTERS, THIRDS = ("0 to 24", "25 to 49", "50 to 74", "75 to 99"), ("5 to 5.18", "10 to 10.18", "30 to 30.18")
+HEAPS = [wanted + 0.02 * k for wanted in (5.0, 10.0, 30.0) for k in range(10)]
+
+
+@each_row(
+    ("rows", "factors", "dropped"),
+    [
+        ([], [], []),
+        ([{}, {}], [], []),
+        ([{"speed": 0.5}, {"speed": 0.5}], [], []),
+        # Levels stand in natural order.
+        (
+            [{"noise": v, "planner": p} for v in (0.1, 0.02, 0.1) for p in ("b", "a")],
+            [("noise", ("0.02", "0.1"), [1, 1, 0, 0, 1, 1]), ("planner", ("b", "a"), [0, 1, 0, 1, 0, 1])],
+            [],
+        ),
+        ([{"a": 1}, {"a": 2}, {}], [("a", ("1", "2"), [0, 1, -1])], []),
+        # Many numbers are binned at quantiles, or grouped by their gaps.
+        ([{"drawn": float(v)} for v in range(100)], [("drawn", QUARTERS, [k // 25 for k in range(100)])], []),
+        ([{"length": v} for v in HEAPS], [("length", THIRDS, [k // 10 for k in range(30)])], []),
+        (PLACES, [("number of static_objects", ("0", "2"), [0, 0, 0, 1, 1, 1])], [("start_pose", NO_FACTOR)]),
+        ([{"map": {"file": letter * 64}} for letter in "ab"], [("map", ("a" * 12, "b" * 12), [0, 1])], []),
+        (SIZES, [("map", ("A", "B"), [0, 1, 1, 0])], [("size", "divides the configurations as map does")]),
+        ([{"seed": f"s{k}"} for k in range(20)], [], [("seed", "has 20 different values, at most 12 can be compared")]),
+        ([{"a": 1}, {}], [], [("a", "has one value where it is given at all")]),
+    ],
+)
+def test_factors_of_finds_levels(rows, factors, dropped):
+    found, left = factors_of(rows)
+    assert [(each.name, each.levels, each.codes.tolist()) for each in found] == factors
+    assert [(each.name, each.reason) for each in left] == dropped
+
+
+@given(st.lists(st.floats(-1e3, 1e3), min_size=14, max_size=40, unique=True))
+def test_factors_of_gives_each_number_a_level_in_order(values):
+    (factor,), _ = factors_of([{"drawn": v} for v in values])
+    assert 2 <= len(factor.levels) <= 12
+    assert factor.codes.min() == 0
+    assert (np.diff(factor.codes[np.argsort(values)]) >= 0).all()
+    assert factor.values.tolist() == values
+
+
+def test_factors_of_keeps_finite_numbers_as_values():
+    rows = [{"noise": 0.1, "planner": "a"}, {"noise": None, "planner": "a"}, {"noise": 0.2, "planner": "b"}]
+    (number, word), _ = factors_of(rows)
+    assert word.values is None
+    assert np.array_equal(number.values, [0.1, np.nan, 0.2], equal_nan=True)
+    (factor,), _ = factors_of([{"range": 1.0}, {"range": 2.0}, {"range": float("inf")}])
+    assert (len(factor.levels), factor.values) == (3, None)
+
+
+def test_blocks_of_join_configurations_with_one_map_and_task():
+    def scenario(where, goal, **system):
+        return {"environment": {"map_file": {"file": where}, **system}, "task": {"goal": goal}, "system": system}
+
+    blocks = blocks_of([scenario("a", 1), scenario("a", 1, noise=2), scenario("a", 2), scenario("b", 1)])
+    assert blocks.tolist() == [0, 0, 1, 2]
+    assert len(set(blocks_of([{"environment": {}, "task": {}, "system": {"a": 1}}] * 3).tolist())) == 3

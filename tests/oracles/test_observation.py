@@ -1,20 +1,30 @@
-"""Observation of hand-built recordings on small maps, and judging of blocks."""
+"""Tracks of obstacles, observation of hand-built recordings on small maps, and blocks of these."""
+
+import math
+from pathlib import Path
+from typing import Final
 
 import numpy as np
 import pytest
 import shapely
+from hypothesis import given
+from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.oracles.judgement.judge import judge_block
 from vastflow.oracles.judgement.oracle import oracles_of
 from vastflow.oracles.observation.observe import ScenarioObserver, observe_block
-from vastflow.oracles.observation.situation import situation_of
+from vastflow.oracles.observation.obstacle_tracks import obstacle_tracks_of
+from vastflow.oracles.observation.situation import Situation, situation_of
 from vastflow.oracles.observation.trace import NoReference, Reference, trace_of
-from vastflow.sim.model.blocks import read_block, write_recordings
+from vastflow.sim.model.blocks import read_block, read_recordings, write_recordings
 from vastflow.sim.model.digest import FileContent
-from vastflow.sim.model.recording import Event
+from vastflow.sim.model.obstacle import Obstacle, Trigger
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.recording import Event, Run
 from vastflow.sim.model.scenario import Scenario
-from vastflow.sim.world.map_file import load_map
+from vastflow.sim.run import run
+from vastflow.sim.world.map_file import load_map, map_content
 
 
 def poses(start=(1.0, 2.0), goal=(5.0, 2.0)):
@@ -113,7 +123,13 @@ def appearing(box):
 
 SMALL, LARGE = "separation_m/box 0.5 x 0.5 m", "separation_m/box 0.8 x 0.8 m"
 BOX = "box_3_2"
-SPAWNED = Event(0.2, "spawned", 3.0, 2.0, BOX)
+
+
+def spawned(t_s):
+    return Event(t_s, "spawned", 3.0, 2.0, BOX)
+
+
+APPEARED = spawned(0.2)
 PUSHED = Event(0.4, "obstacle_moved", 3.1, 2.0, BOX, 0.1)
 
 
@@ -130,25 +146,20 @@ PUSHED = Event(0.4, "obstacle_moved", 3.1, 2.0, BOX, 0.1)
         (
             [(3.0, 2.0, 0.5)],
             [(2.0 + 0.1 * k, 2) for k in range(5)],
-            (SPAWNED, PUSHED),
+            (APPEARED, PUSHED),
             {SMALL: [np.inf, np.inf, 0.8, 0.7, 0.7], "static_clearance_m": None},
         ),
         (
             [(3.0, 2.0, 0.5), (2.0, 3.0, 0.5)],
             [(2.0, 2), (2.1, 2), (2.8, 2)],
-            (Event(0.1, "spawned", 3.0, 2.0, BOX),),
+            (spawned(0.1),),
             {
                 "static_clearance_m": [0.75, 0.75, (0.55**2 + 0.75**2) ** 0.5],
                 "appearing_clearance_m": [np.inf, 0.65, 0.0],
             },
         ),
         # A box that has not appeared yet hides none of its class.
-        (
-            [(3.0, 2.0, 0.5), (5.0, 2.0, 0.5)],
-            [(2, 2), (3, 2)],
-            (Event(9.0, "spawned", 3.0, 2.0, BOX),),
-            {SMALL: [3.0, 2.0]},
-        ),
+        ([(3.0, 2.0, 0.5), (5.0, 2.0, 0.5)], [(2, 2), (3, 2)], (spawned(9.0),), {SMALL: [3.0, 2.0]}),
         ([(3.0, 3.0, 0.5)], [(3, 2), (3, 2)], (Event(0.1, "deleted", 3.0, 3.0, "box_3_3"),), {SMALL: [1.0, np.inf]}),
         ([(3.0, 3.0, 0.5)], [], (), {SMALL: []}),
     ],
@@ -166,7 +177,7 @@ def test_distances_to_obstacles_follow_events(room, build, boxes, xy_m, events, 
 def test_reference_leads_around_obstacles_of_its_run(room, door, build):
     box = appearing(build.box_at(3.0, 2.0))
     runs = [
-        build.a_recording([(1, 2), (2, 2)], run_index=k, events=events) for k, events in enumerate([(), (SPAWNED,)])
+        build.a_recording([(1, 2), (2, 2)], run_index=k, events=events) for k, events in enumerate([(), (APPEARED,)])
     ]
     without, around = observed(scenario_on(room, obstacles=[box]), *runs)
     assert without.reference.length_m == pytest.approx(4.0)
@@ -244,3 +255,138 @@ def test_block_is_judged_run_by_run_in_order_of_oracles(room, build, tmp_path):
     blocks = [write_recordings([build.a_recording([(1, 2), (2, 2)], run_index=i)]) for i in (0, 1)]
     with pytest.raises(ValueError, match=r"runs \[0\] and traces of runs \[1\] do not belong together"):
         judge_block(scenario, blocks[0], observe_block(scenario, blocks[1]), oracles_of([]))
+
+
+AWAY = (math.inf, math.inf)
+HERE = (3.0, 0.0)
+
+
+def carton(name="carton", x_m=3.0, *, appears=True):
+    return Obstacle(name, "box", Pose(x_m, 0.0), 0.5, 0.5, Trigger(x_m, 0.0, 1.0) if appears else None)
+
+
+def event(t_s, kind, x_m=3.0, y_m=0.0, what="carton", value=0.0):
+    return Event(t_s, kind, x_m, y_m, what, value)
+
+
+def found(obstacles, *events):
+    run = Run(0, "1", "succeeded", 0, "", 10.0, 5.0, 0, 0, events)
+    return obstacle_tracks_of(Situation(None, (), tuple(obstacles)), run)
+
+
+def places(track, t_s):
+    return [tuple(xy) for xy in track.at(np.array([round(t * 1000) for t in t_s], dtype=np.int32)).tolist()]
+
+
+STANDS, APPEARS, SPAWNED = carton(appears=False), carton(), event(2.0, "spawned")
+TWICE = [SPAWNED, event(3.1, "obstacle_moved", 3.05), event(3.2, "obstacle_moved", 3.1)]
+GONE = [event(1.0, "deleted"), event(4.0, "spawned", 1.0, 1.0), event(5.0, "deleted", 1.0, 1.0)]
+
+
+@each_row(
+    ("obstacle", "events", "t_s", "at", "appears_s"),
+    [
+        (STANDS, [], (0.0, 9.0), [HERE, HERE], None),
+        (APPEARS, [SPAWNED], (0.0, 1.9, 2.0, 9.0), [AWAY, AWAY, HERE, HERE], 2.0),
+        (APPEARS, [event(0.0, "spawned")], (0.0,), [HERE], None),  # from the start
+        (APPEARS, [event(2.0, "contact", value=0.2)], (0.0, 9.0), [AWAY, AWAY], None),  # never appeared
+        (APPEARS, TWICE, (3.0, 3.1, 3.2, 8.0), [HERE, (3.05, 0.0), (3.1, 0.0), (3.1, 0.0)], 2.0),
+        (STANDS, GONE, (0.9, 1.0, 4.0, 5.0), [HERE, AWAY, (1.0, 1.0), AWAY], None),
+        (APPEARS, [SPAWNED, event(2.0, "obstacle_moved", 3.2)], (1.9, 2.0), [AWAY, (3.2, 0.0)], 2.0),  # at one time
+    ],
+)
+def test_track_follows_events(obstacle, events, t_s, at, appears_s):
+    (track,) = found([obstacle], *events)
+    assert (places(track, t_s), track.appears_s) == (at, appears_s)
+    assert track.was_there == any(place != AWAY for place in at)
+
+
+def test_events_mean_obstacle_of_their_name_or_nearest_one():
+    other = [event(1.0, "spawned", 6.0, what="other"), event(2.0, "obstacle_moved", 6.5, what="other")]
+    first, second = found([STANDS, carton("other", 6.0)], *other)
+    assert (places(first, [3.0]), places(second, [3.0])) == ([HERE], [(6.5, 0.0)])
+    events = event(1.0, "spawned", 6.0), SPAWNED, event(3.0, "obstacle_moved", 5.9)
+    first, second = found([APPEARS, carton(x_m=6.0)], *events)
+    assert places(first, (1.0, 2.0, 3.0)) == [AWAY, HERE, HERE]
+    assert places(second, (1.0, 2.0, 3.0)) == [(6.0, 0.0), (6.0, 0.0), (5.9, 0.0)]
+    with pytest.raises(ValueError, match=r"'spawned' at 2 s: expected .* \('carton'\), got 'crate'"):
+        found([APPEARS], event(2.0, "spawned", what="crate"))
+
+
+@given(st.lists(st.tuples(st.integers(0, 200), st.integers(-50, 50), st.booleans()), max_size=30))
+def test_obstacle_is_where_last_event_puts_it(moves):
+    moves.sort(key=lambda move: move[0])
+    kinds = {True: "deleted", False: "obstacle_moved"}
+    events = [event(k * 0.05, kinds[gone], x * 0.1) for k, x, gone in moves]
+    (track,) = found([STANDS], *events)
+    rows_s = np.arange(100) * 0.1
+    for t_s, xy_m in zip(rows_s, places(track, rows_s), strict=True):
+        before = [event for event in events if event.t_s <= t_s + 1e-9]
+        last = before[-1] if before else event(0.0, "obstacle_moved")
+        assert xy_m == (AWAY if last.kind == "deleted" else (last.x_m, last.y_m))
+
+
+def clearances(obstacle, *events, at, t_s=1.0):
+    (track,) = found([obstacle], *events)
+    return track.clearance_m(np.full(len(at), round(t_s * 1000), dtype=np.int32), np.array(at)).tolist()
+
+
+PUSHED = event(1.0, "spawned"), event(2.0, "obstacle_moved", 3.5, value=math.pi / 4)
+TURNED = Obstacle("carton", "box", Pose(3.0, 0.0, math.pi / 4), 0.5, 0.5)
+DRUM = Obstacle("drum", "cylinder", Pose(3.0, 0.0), 0.5, 0.5)
+CORNER_M = 0.25 * math.sqrt(2)
+
+
+@each_row(
+    ("obstacle", "events", "at", "t_s", "clearance_m"),
+    [
+        (STANDS, (), [(2.0, 0.0), (3.0, 1.25), (3.55, 0.65), (3.1, 0.1)], 1.0, [0.75, 1.0, 0.5, 0.0]),
+        (TURNED, (), [(2.0, 0.0)], 1.0, [1.0 - CORNER_M]),
+        *((APPEARS, PUSHED, [(2.0, 0.0)], t_s, [m]) for t_s, m in ((0.5, AWAY[0]), (1.0, 0.75), (2.0, 1.5 - CORNER_M))),
+        (DRUM, (), [(2.4, 0.8), (3.1, 0.0)], 1.0, [0.75, 0.0]),
+    ],
+)
+def test_clearance_is_to_outline(obstacle, events, at, t_s, clearance_m):
+    assert clearances(obstacle, *events, at=at, t_s=t_s) == pytest.approx(clearance_m)
+
+
+@given(st.floats(-math.pi, math.pi), st.floats(-3, 3), st.floats(-3, 3), st.sampled_from(["box", "cylinder"]))
+def test_clearance_agrees_with_shapely(yaw_rad, x_m, y_m, shape):
+    obstacle = Obstacle("it", shape, Pose(0.5, -0.5, yaw_rad), 0.8, 0.4 if shape == "box" else 0.8)
+    (clearance_m,) = clearances(obstacle, at=[(x_m, y_m)])
+    assert clearance_m == pytest.approx(obstacle.footprint().distance(shapely.Point(x_m, y_m)), abs=1e-3)
+
+
+OFFICE: Final = Path(__file__).parents[2] / "campaigns" / "quickstart" / "maps" / "office.yaml"
+RUNS: Final = 20
+LIMIT_BYTES: Final = 180_000
+"""Of a configuration of 20 runs of 60 s, a row each 0.1 s."""
+
+
+def a_scenario() -> Scenario:
+    """About 20 s under scan noise, past a standing box and one that appears."""
+    box = {"model": "box", "xacro_arguments": "width:=0.4, length:=0.4"}
+    stands = {**box, "entity_name": "stands", "spawn_pose": {"x": 3.0, "y": 5.8}}
+    appears = {**box, "entity_name": "appears", "spawn_pose": {"x": 5.0, "y": 5.4}}
+    appears["spawn_trigger"] = {"point": {"x": 5.0, "y": 5.0}, "threshold": 1.5}
+    environment = {"map_file": map_content(OFFICE), "static_objects": [stands, appears]}
+    task = {"start_pose": {"x": 1.0, "y": 5.0}, "goal_pose": {"x": 8.0, "y": 3.0}}
+    noise = {"laserscan_gaussian_noise_std_deviation": 0.1}
+    return Scenario("builtin:navigate_to_pose", 60.0, environment, task, noise)
+
+
+def test_blocks_of_twenty_runs_are_small_and_lossless() -> None:
+    scenario = a_scenario()
+    recordings = [run(scenario, index) for index in range(RUNS)]
+    recorded = write_recordings(recordings)
+    observed = observe_block(scenario, recorded)
+    rows = sum(len(recording.columns["t_ms"]) for recording in recordings)
+    # These runs are shorter, and what is fixed of a file is not.
+    assert len(recorded) + len(observed) < LIMIT_BYTES * rows / (RUNS * 600)
+    for written, read, (row, derived) in zip(recordings, read_recordings(recorded), read_block(observed), strict=True):
+        assert read.run == written.run
+        np.testing.assert_equal(read.columns, written.columns)
+        trace = trace_of(read, row, derived)
+        np.testing.assert_array_equal(np.rint(trace["x_m"] * 1000), written.columns["x_mm"])
+        assert {"localization_error_m", "wall_clearance_m", "static_clearance_m", "deviation_m"} <= trace.columns.keys()
+    assert rows > RUNS * 150
