@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.oracles.evidence.rates import LEVEL, Counts, Interval, clustered, pooled, wilson
+from vastflow.oracles.evidence.rates import Counts, Interval, clustered, pooled, wilson
 from vastflow.oracles.evidence.varied import chosen_rows, chosen_values, matched_sets, path_property_rows
 from vastflow.oracles.results.factors import factors_of
 from vastflow.oracles.results.tables import FAIL, PASS, Tables
@@ -64,7 +64,7 @@ def weighted_counts(counts: Mapping[str, Counts], weights: Weights) -> dict[str,
 
 
 def weighted_rate(
-    counts: Mapping[str, Counts], weights: Weights, level: float = LEVEL, blocks: Mapping[str, int] | None = None
+    counts: Mapping[str, Counts], weights: Weights, blocks: Mapping[str, int] | None = None
 ) -> WeightedRate:
     """The rate over configurations with weights, and with block numbers if configurations share blocks."""
     repeated = weighted_counts(counts, weights)
@@ -73,7 +73,7 @@ def weighted_rate(
         return WeightedRate(whole, Interval(0.0, 1.0), None)
     runs = whole.judged**2 / sum(weights.get(name, 1) * each.judged for name, each in repeated.items())
     of = None if blocks is None else [blocks[name] for name in repeated]
-    return WeightedRate(whole, wilson(whole.rate * runs, runs, level), clustered(list(repeated.values()), level, of))
+    return WeightedRate(whole, wilson(whole.rate * runs, runs), clustered(list(repeated.values()), blocks=of))
 
 
 STOPPING: Final = "sequential"

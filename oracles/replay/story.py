@@ -94,18 +94,14 @@ APART_S: Final = 0.4
 """Time within which events share a picture."""
 
 _GREAT_RECOVERIES: Final = ("spin", "wait", "back up")
-_RANKS: Final[Mapping[str, int]] = {
-    "contact": 0,
-    "spawned": 0,
-    "deleted": 0,
-    "goal_missed": 1,
-    "recovery": 3,
-    "plan_failed": 2,
-    "control_failed": 2,
-    "goal_reached": 4,
-    "stopped_by_monitor": 4,
-    "stood_still": 1,
-}
+_RANKED: Final = (
+    ("contact", "spawned", "deleted"),
+    ("goal_missed", "stood_still"),
+    ("plan_failed", "control_failed"),
+    ("recovery",),
+    ("goal_reached", "stopped_by_monitor"),
+)
+"""Kinds of events, the most important first."""
 
 
 def tick_of(event: Event) -> int:
@@ -116,9 +112,10 @@ def tick_of(event: Event) -> int:
 def highlights(run: Run, first: int, last: int) -> list[int]:
     """At most `FRAMES` ticks from `first` to `last`: both ends, events by rank, then the middles of the widest gaps."""
     chosen = sorted({first, last})
-    events = [e for e in run.events if first < tick_of(e) < last]
-    for rank in sorted(set(_RANKS.values())):
-        _choose(chosen, {tick_of(e) for e in events if _rank(e) == rank}, FRAMES - _BETWEEN)
+    events = [event for event in run.events if first < tick_of(event) < last]
+    great = {tick_of(event) for event in events if event.kind == "recovery" and event.what in _GREAT_RECOVERIES}
+    for rank, kinds in enumerate(_RANKED):
+        _choose(chosen, {tick_of(event) for event in events if event.kind in kinds} | (great if rank == 1 else set()))
     for _ in range((FEWEST if len(chosen) + _BETWEEN <= FEWEST else FRAMES) - len(chosen)):
         before, after = max(pairwise(chosen), key=lambda gap: gap[1] - gap[0], default=(0, 0))
         if after - before > 1:
@@ -126,18 +123,14 @@ def highlights(run: Run, first: int, last: int) -> list[int]:
     return chosen
 
 
-def _rank(event: Event) -> int | None:
-    if event.kind == "recovery" and event.what in _GREAT_RECOVERIES:
-        return 1
-    return _RANKS.get(event.kind)
+def _choose(chosen: list[int], candidates: Iterable[int]) -> None:
+    """Add the candidates farthest from the chosen ones, while there is room and distance."""
 
-
-def _choose(chosen: list[int], candidates: Iterable[int], most: int) -> None:
     def distance(tick: int) -> int:
         return min(abs(tick - other) for other in chosen)
 
     left = sorted(candidates)
-    while left and len(chosen) < most:
+    while left and len(chosen) < FRAMES - _BETWEEN:
         best = max(left, key=distance)
         if distance(best) * TICK_S < APART_S:
             return

@@ -9,6 +9,8 @@ from typing import Final
 from vastflow.sim.model.faults import UserError
 
 _MOST_CHARACTERS: Final = 500
+_FOUND_WRONG: Final = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, NotImplementedError)
+_DAMAGE: Final = (OSError, zipfile.BadZipFile, *_FOUND_WRONG)
 
 
 class UnusableDirectory(UserError, ValueError):
@@ -28,16 +30,7 @@ def reading(directory: Path | str) -> Iterator[None]:
         yield
     except (UserError, BrokenPipeError):  # of whom the output is for
         raise
-    except (
-        OSError,
-        ValueError,
-        LookupError,
-        TypeError,
-        AttributeError,
-        ArithmeticError,
-        NotImplementedError,
-        zipfile.BadZipFile,
-    ) as error:
+    except _DAMAGE as error:
         # The words of a KeyError are the key alone.
         words = (
             f"has no {error}" if isinstance(error, KeyError) else " ".join(str(error).split()) or type(error).__name__

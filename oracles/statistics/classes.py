@@ -137,11 +137,9 @@ def runs_for_a_claim(bounds: ClassBounds | None = None, error: float = 0.05) -> 
     raise ValueError(f"10,000 runs can show only {', '.join(found) or 'no class'} at an error of {error}")
 
 
-def passes_that_show(
-    runs: int, bounds: ClassBounds | None = None, error: float = 0.05
-) -> dict[ClassName, tuple[int, int]]:
+def passes_that_show(runs: int) -> dict[ClassName, tuple[int, int]]:
     """Fewest and most passes of `runs` judged runs that show each class of a single configuration, if any do."""
-    names = [classify([x], [runs], bounds, error).names[0] for x in range(runs + 1)]
+    names = [classify([x], [runs]).names[0] for x in range(runs + 1)]
     shown = {name: [x for x, called in enumerate(names) if called == name] for name in CLAIMS}
     return {name: (passes[0], passes[-1]) for name, passes in shown.items() if passes}
 

@@ -209,15 +209,13 @@ def changes(pairs: Pairs, error: float = 0.05) -> list[Change]:
     return sorted(found, key=lambda one: (one.adjusted, one.p_value, -abs(one.after - one.before), one.configuration))
 
 
-def by_level(
-    factors: Sequence[Factor], pairs: Pairs, target: Target = "these", level: float = LEVEL
-) -> list[LevelDifference]:
+def by_level(factors: Sequence[Factor], pairs: Pairs, target: Target = "these") -> list[LevelDifference]:
     """The difference at each level of each factor, whose codes (m,) are by configuration number."""
     found = [
         (factor.name, name, found)
         for factor in factors
         for k, name in enumerate(factor.levels)
-        if (found := difference(pairs.of(factor.codes[pairs.configuration] == k), target, level)) is not None
+        if (found := difference(pairs.of(factor.codes[pairs.configuration] == k), target)) is not None
     ]
     adjusted = holm([one.mcnemar if target == "these" else one.p_value for _, _, one in found])
     return [LevelDifference(*row, p) for row, p in zip(found, adjusted, strict=True)]

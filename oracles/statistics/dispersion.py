@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vastflow.oracles.statistics.intervals import LEVEL, Floats, Interval, clustered_interval, counts
+from vastflow.oracles.statistics.intervals import Floats, Interval, clustered_interval, counts
 
 _LEAST_SIZE: Final = 1e-6
 _LARGEST_SIZE: Final = 1e7
@@ -42,9 +42,7 @@ class Dispersion:
     interval: Interval | None
 
 
-def dispersion(
-    passed: ArrayLike, judged: ArrayLike, level: float = LEVEL, blocks: ArrayLike | None = None
-) -> Dispersion | None:
+def dispersion(passed: ArrayLike, judged: ArrayLike, blocks: ArrayLike | None = None) -> Dispersion | None:
     """Fit a beta-binomial distribution to configurations; None where nothing was judged.
 
     Maximum likelihood (Skellam, JRSS B 10 (1948) 257) started at the moments (Ridout, Demétrio and Firth, Biometrics 55 (1999) 137);
@@ -55,7 +53,7 @@ def dispersion(
         blocks: (m,) as of `clustered_interval`, for `interval` alone.
     """
     x, n = counts(passed, judged)
-    interval = clustered_interval(x, n, level, blocks)
+    interval = clustered_interval(x, n, blocks=blocks)
     x, n = x[n > 0], n[n > 0]
     if not len(n):
         return None

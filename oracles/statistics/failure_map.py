@@ -10,6 +10,8 @@ from vastflow.oracles.statistics.intervals import LEVEL, Floats, few_clusters, w
 
 MINIMUM_VISITS: Final = 5
 """Fewest visits for a rate."""
+LAST_M: Final = 0.5
+"""Length of the end of a path where a run failed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,32 +96,24 @@ class FailureMap:
         n = np.where(mixed, n * few_clusters(m, level), n)
         return wilson_intervals(n * self.failures / np.maximum(self.visits, 1), n, level)
 
-    def hot(
-        self, above: float | None = None, error: float = 0.05, minimum_visits: int = MINIMUM_VISITS
-    ) -> NDArray[np.bool_]:
-        """Cells (H, W) whose failure rate is shown to be above `above`, at a false discovery rate of `error`.
+    def hot(self) -> NDArray[np.bool_]:
+        """Cells (H, W) whose failure rate is shown to be above that of all visits, at a false discovery rate of 5 %.
 
-        One-sided t tests over the larger standard error of the cell's rate and of `above`, with m - 1 degrees of freedom for m visiting
-        configurations; where every visit fails, the p-value is `above` to the power of m.
-
-        Args:
-            above: A rate; by default that of all visits.
+        One-sided t tests over the larger standard error of the cell's rate and of that of all, with m - 1 degrees of freedom for m visiting
+        configurations; where every visit fails, the p-value is the rate of all to the power of m.
         """
-        visits = int(self.visits.sum())
-        if visits == 0 or (above is None and not self.failures.any()):
-            return np.zeros(self.grid.shape, dtype=bool)
-        usual = float(self.failures.sum()) / visits if above is None else above
-        if usual <= 0.0 or usual >= 1.0:
-            return (self.failures > 0) & (self.visits >= minimum_visits) & (usual <= 0.0)
+        found = np.zeros(self.grid.shape, dtype=bool)
+        usual = float(self.failures.sum()) / max(int(self.visits.sum()), 1)
+        if not 0.0 < usual < 1.0:
+            return found
         from scipy.special import stdtr
         from scipy.stats import false_discovery_control
 
-        tested = self.visits >= max(minimum_visits, 1)
+        tested = self.visits >= MINIMUM_VISITS
         n, p, m = self.effective_visits()[tested], self.rate(1)[tested], self.configurations[tested]
         scores = (p - usual) / np.sqrt(np.maximum(usual * (1 - usual), p * (1 - p)) / n)
         p_values = np.where(p == 1.0, usual**m, stdtr(np.maximum(m - 1, 1), -scores))
-        found = np.zeros(self.grid.shape, dtype=bool)
-        found[tested] = false_discovery_control(p_values) <= error
+        found[tested] = false_discovery_control(p_values) <= 0.05
         return found
 
 
@@ -135,12 +129,7 @@ def empty_map(grid: FailureGrid) -> FailureMap:
 
 
 def failure_map(
-    grid: FailureGrid,
-    xy_m: Floats,
-    starts: ArrayLike,
-    failed: ArrayLike,
-    configurations: ArrayLike | None = None,
-    last_m: float = 0.5,
+    grid: FailureGrid, xy_m: Floats, starts: ArrayLike, failed: ArrayLike, configurations: ArrayLike | None = None
 ) -> FailureMap:
     """Count visits and failures.
 
@@ -149,7 +138,6 @@ def failure_map(
         starts: (R + 1,) index of each run's first position, and N.
         failed: (R,) whether the run failed; only judged runs.
         configurations: (R,) number of each run's configuration; by default one.
-        last_m: Length of the end of a path where a run failed.
     """
     import pandas as pd  # takes a third of a second
 
@@ -163,7 +151,7 @@ def failure_map(
     steps[1:] = np.hypot(*np.diff(xy_m, axis=0).T)
     along = np.cumsum(steps)
     left = along[np.maximum(begin[run + 1] - 1, 0)] - along if runs else along
-    ended = bad[run] & (left <= last_m) if runs else np.zeros(0, dtype=bool)
+    ended = bad[run] & (left <= LAST_M) if runs else np.zeros(0, dtype=bool)
     cells, here = grid.shape[0] * grid.shape[1], cell >= 0
     # In each cell each run that visited it, and whether it failed there; of these, how many of each configuration.
     failed_there = pd.Series(ended[here]).groupby(run[here] * cells + cell[here]).any()
