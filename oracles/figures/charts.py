@@ -145,10 +145,9 @@ def factor_figure(factors: Sequence[FactorEffect]) -> Figure:
 def interaction_figure(interactions: Sequence[InteractionEffect]) -> Figure:
     """Draw a panel for each pair: failure rates of its cells, framed where effects do not add up."""
     shown = interactions[:MAX_INTERACTIONS]
-    sizes = [(len(_levels(pair, 0)), len(_levels(pair, 1))) for pair in shown]
-    columns = min(2, len(shown))
+    columns = min(_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
-    height_in = 0.95 + 0.42 * max(rows_ for rows_, _ in sizes)
+    height_in = 0.95 + 0.42 * max(len(_levels(pair, 0)) for pair in shown)
     figure = Figure(figsize=(_WIDTH_IN, rows * height_in), dpi=DPI)
     for k, pair in enumerate(shown):
         left_in, bottom_in = 1.1 + (k % columns) * _WIDTH_IN / columns, (rows - 1 - k // columns) * height_in + 0.5
@@ -184,19 +183,16 @@ def _draw_interaction(axes: Axes, pair: InteractionEffect, title_x: float) -> No
     down, across = _levels(pair, 0), _levels(pair, 1)
     grid = np.full((len(down), len(across)), np.nan)
     for cell in pair.cells:
-        if cell.configurations:
-            grid[down.index(cell.levels[0]), across.index(cell.levels[1])] = cell.rate
+        grid[down.index(cell.levels[0]), across.index(cell.levels[1])] = cell.rate
     axes.imshow(grid, cmap=matplotlib.colormaps[RATES], vmin=0, vmax=1, aspect="auto")
     for cell in pair.cells:
         row, column = down.index(cell.levels[0]), across.index(cell.levels[1])
-        if cell.configurations:
-            dark = cell.rate > 0.45
-            unlike = not cell.interval.low <= cell.expected <= cell.interval.high
-            look: dict[str, Any] = {"color": "white" if dark else INK, "fontweight": "bold" if unlike else "normal"}
-            axes.text(column, row, f"{100 * cell.rate:.0f} %", ha="center", va="center", fontsize=8, **look)
-            if unlike:
-                frame = (column - 0.47, row - 0.46), 0.94, 0.92
-                axes.add_patch(Rectangle(*frame, fill=False, edgecolor=INK, linewidth=1.6))
+        unlike = not cell.interval.low <= cell.expected <= cell.interval.high
+        look: dict[str, Any] = {"color": "white" if cell.rate > 0.45 else INK}
+        look["fontweight"] = "bold" if unlike else "normal"
+        axes.text(column, row, f"{100 * cell.rate:.0f} %", ha="center", va="center", fontsize=8, **look)
+        if unlike:
+            axes.add_patch(Rectangle((column - 0.47, row - 0.46), 0.94, 0.92, fill=False, edgecolor=INK, linewidth=1.6))
     axes.set_xticks(range(len(across)), [_cut(level, 12) for level in across], fontsize=8)
     axes.set_yticks(range(len(down)), [_cut(level, 12) for level in down], fontsize=8)
     axes.set_title(
@@ -251,19 +247,11 @@ def _grown(rows: Sequence[Mapping[str, Any]], direction: str) -> tuple[Floats, F
 
 
 def archive_figure(
-    cells: Mapping[tuple[int, int], float],
-    names: Sequence[str],
-    ranges: Sequence[tuple[float, float, int]],
-    objective: str,
+    cells: Mapping[tuple[int, int], float], measures: Mapping[str, tuple[float, float, int]], objective: str
 ) -> Figure:
-    """The objective of the best point in each cell of a grid of two measures.
-
-    Args:
-        cells: Place along both measures to objective.
-        ranges: Of each measure: low, high, bins.
-    """
+    """The objective of the best point in each cell, by place, of a grid of two measures: low, high, bins."""
     figure, axes = _axes()
-    (x_low, x_high, x_bins), (y_low, y_high, y_bins) = ranges
+    (x_low, x_high, x_bins), (y_low, y_high, y_bins) = measures.values()
     grid = np.full((y_bins, x_bins), np.nan)
     for (x, y), value in cells.items():
         grid[y, x] = value
@@ -272,7 +260,7 @@ def archive_figure(
     bar = figure.colorbar(drawn, ax=axes, fraction=0.05)
     bar.set_label(objective, fontsize=8, color=SOFT_INK)
     bar.ax.tick_params(length=0, labelsize=8)
-    axis_labels(axes, names[0], names[1])
+    axis_labels(axes, *measures)
     axes.grid(visible=False)
     return figure
 

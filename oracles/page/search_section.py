@@ -64,11 +64,11 @@ def _pictures(directory: Path, said: Mapping[str, Any]) -> Iterator[Picture]:
     if archive.get("type", "grid") == "grid" and len(measures) == 2:
         cells = pq.read_table(directory / "archive.parquet").to_pylist()
         bins = archive.get("bins") or 10
-        ranges = [(each["low"], each["high"], each.get("bins") or bins) for each in measures.values()]
+        ranges = {key: (each["low"], each["high"], each.get("bins") or bins) for key, each in measures.items()}
         places = {tuple(json.loads(row["cell"])): row["objective"] for row in cells}
         alt = f"{name} of the best point in each cell"
         caption = "Each cell: the best point whose measures lie in it. White: none was found."
-        figure = archive_figure(places, list(measures), ranges, name)
+        figure = archive_figure(places, ranges, name)
         yield picture("search-archive", "Archive", alt, caption, figure, drawn=True)
     if (directory / "boundary.parquet").is_file() and len(said["space"]) <= 2:
         level = said["parameters"].get("level", 0.5)

@@ -173,13 +173,10 @@ def _rate_columns(facts: Facts) -> list[Column]:
 def measured_section(facts: Facts) -> Section:
     """The spread of each metric, and what other thresholds would have said."""
     rows = [
-        [
-            *(oracle, name.replace("_", " "), spread.minimum, spread.median, spread.maximum),
-            *("" if spread.unit == "1" else spread.unit, spread.n),
-        ]
+        [oracle, name.replace("_", " "), s.minimum, s.median, s.maximum, "" if s.unit == "1" else s.unit, s.n]
         for oracle, metrics in facts.spreads.items()
-        for name, spread in metrics.items()
-        if spread.n
+        for name, s in metrics.items()
+        if s.n
     ]
     head = [Column("Oracle", "choice"), Column("Metric"), *columns("number", "Smallest", "Median", "Greatest")]
     content: list[Block] = [Table([*head, Column("Unit"), Column("Runs", "number")], rows, "metrics")]
@@ -242,16 +239,13 @@ def coverage_section(facts: Facts) -> Section | None:
         return None
     found = coverage.read_coverage(facts.tables.directory)
     listed = list(coverage.pairs(found))
+    parts, families = coverage.parts(found), found["families"].items()
+    designs = (coverage.design_text(part["design"]) if "design" in part else "" for _, part in parts)
     values = {
-        "parts": [
-            (name, part, coverage.design_text(part["design"]) if "design" in part else "")
-            for name, part in coverage.parts(found)
-        ],
+        "parts": [(*each, design) for each, design in zip(parts, designs, strict=True)],
         "excluded": list(coverage.excluded(found)),
         "unrealisable": [
-            (family, producer, said["count"])
-            for family, part in found["families"].items()
-            for producer, said in part["unrealisable_by"].items()
+            (f, by, said["count"]) for f, part in families for by, said in part["unrealisable_by"].items()
         ],
         "dimensions": list(coverage.dimensions(found)),
         "t_way": found["t_way"],

@@ -97,7 +97,7 @@ class FailureMap:
         return wilson_intervals(n * self.failures / np.maximum(self.visits, 1), n, level)
 
     def hot(self) -> NDArray[np.bool_]:
-        """Cells (H, W) whose failure rate is shown to be above that of all visits, at a false discovery rate of 5 %.
+        """Cells (H, W) shown to fail more often than all visits do, at a false discovery rate of 5 %.
 
         One-sided t tests over the larger standard error of the cell's rate and of that of all, with m - 1 degrees of freedom for m visiting
         configurations; where every visit fails, the p-value is the rate of all to the power of m.
