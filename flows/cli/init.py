@@ -63,13 +63,10 @@ def _random_paths(folder: Path, map_file: Path, nav2_params: Path | None, comman
     """Return the text of a campaign with paths as long as the map allows, at most 10 m."""
     from jinja2 import Template
 
-    from vastflow.producers.campaign_file.nav2_parameters import parameter_faults
     from vastflow.producers.places.ground import ground_of
     from vastflow.producers.places.route import farthest_m
-    from vastflow.sim.model.faults import FileError
     from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m
     from vastflow.sim.nav2.parameter_files.chosen import local_outline
-    from vastflow.sim.nav2.parameter_files.document import DocumentError
     from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, nav2_file
     from vastflow.sim.world.map_file import MapError, map_content
 
@@ -77,8 +74,6 @@ def _random_paths(folder: Path, map_file: Path, nav2_params: Path | None, comman
         outline = local_outline({} if nav2_params is None else {FILE_KEY: nav2_file(nav2_params)})
         diameter_m = math.ceil(200 * circumscribed_radius_m(outline)) / 100
         ground = ground_of(map_content(map_file), diameter_m, diameter_m / 2)
-    except DocumentError as error:
-        raise FileError(parameter_faults(error)) from None
     except MapError as error:
         raise UserError(str(error)) from None
     # From any place in the largest area some place is at least half as far as the two that are farthest apart.

@@ -33,18 +33,13 @@ def params(
 
     Each parameter of the file with the value that the simulator uses, or with what it does instead.
     """
-    from vastflow.producers.campaign_file.nav2_parameters import parameter_faults, short
+    from vastflow.producers.campaign_file.nav2_parameters import short
     from vastflow.producers.model.faults import shown
-    from vastflow.sim.model.faults import FileError
-    from vastflow.sim.nav2.parameter_files.document import DocumentError
     from vastflow.sim.nav2.parameter_files.findings import findings
     from vastflow.sim.nav2.parameter_files.interpretation import interpretation
     from vastflow.sim.nav2.parameter_files.parameter_file import read_nav2_document
 
-    try:
-        found = interpretation(read_nav2_document(file))
-    except DocumentError as error:
-        raise FileError(parameter_faults(error)) from None
+    found = interpretation(read_nav2_document(file))
     rows = findings(found)
     if as_json:
         print(json.dumps(_as_json(found, rows)))

@@ -9,7 +9,7 @@ from typing import Final
 from vastflow.producers.campaign_file.document import Document
 from vastflow.producers.model.faults import Location, shown
 from vastflow.sim.model.digest import Value
-from vastflow.sim.model.faults import Fault, Place
+from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.files import is_file
 from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.nav2.parameter_files import document as parameters
@@ -44,8 +44,8 @@ def nav2_params_of(document: Document, base: Path) -> Nav2Params:
         return Nav2Params({}, (document.fault(WHERE, what, "a Nav2 parameter file"),))
     try:
         found = interpretation(frozen(read_nav2_document(path)))
-    except parameters.DocumentError as error:
-        return Nav2Params({}, tuple(parameter_faults(error)))
+    except FileError as error:
+        return Nav2Params({}, error.faults)
     faults = tuple(_slip(found.document.file, each, near) for each, near in slips(found))
     return Nav2Params({FILE_KEY: file_value(found.document)}, faults, tuple(notes_of(found)))
 
@@ -54,13 +54,6 @@ def _slip(file: str, each: Finding, near: str) -> Fault:
     return Fault(
         Place(file, *each.place, short(each.path)), f"unknown key {each.path[-1]!r}", f"did you mean {near!r}?"
     )
-
-
-def parameter_faults(error: parameters.DocumentError) -> Iterator[Fault]:
-    """A parameter file's faults at their places."""
-    for fault in error.faults:
-        line, column = fault.place
-        yield Fault(Place(error.file, max(line, 1), max(column, 1), fault.where), fault.what, fault.right)
 
 
 def notes_of(found: Interpretation) -> Iterator[Fault]:

@@ -7,7 +7,7 @@ from typing import TypeAlias
 from vastflow.producers.model.faults import shown
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.sim.model.digest import Value
-from vastflow.sim.model.faults import parted
+from vastflow.sim.model.faults import FileError, parted
 from vastflow.sim.model.obstacle import lists_obstacles, obstacle_of
 from vastflow.sim.model.pose import written_pose_of
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
@@ -21,8 +21,8 @@ from vastflow.sim.nav2.parameter_files.chosen import (
     unused_because,
 )
 from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS, filtered_by, missing_mask
-from vastflow.sim.nav2.parameter_files.document import DocumentError
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
+from vastflow.sim.nav2.parameter_files.reader import CONTRADICTION
 
 LOOPS_KEY = "number_of_loops"
 
@@ -67,14 +67,14 @@ def unread_keys(system: Mapping[str, Value], varied: Collection[str]) -> tuple[s
     """
     found: list[set[str]] = []
     for each in _contexts(system, varied):
-        with suppress(DocumentError):  # another controller than those varied need not suit the rest
+        with suppress(FileError):  # another controller than those varied need not suit the rest
             found.append(set(unread(each, varied)))
     return tuple(sorted(set.intersection(*found))) if found else ()
 
 
 def intended(key: str, system: Mapping[str, Value], varied: Collection[str], others: Collection[str]) -> str | None:
     """The key that one which nothing reads was probably meant to be; None where it resembles none that is known."""
-    with suppress(DocumentError):
+    with suppress(FileError):
         meant = [intended_key(each, key, {*others, *DIMENSION_OF_KEY}) for each in _contexts(system, varied)]
         return next(filter(None, meant), None)
     return None
@@ -82,7 +82,7 @@ def intended(key: str, system: Mapping[str, Value], varied: Collection[str], oth
 
 def replaced_by(key: str, system: Mapping[str, Value], varied: Collection[str]) -> str:
     """Why a parameter has no effect beside others; empty where that is not known."""
-    with suppress(DocumentError):
+    with suppress(FileError):
         return next(filter(None, (unused_because(each, key) for each in _contexts(system, varied))), "")
     return ""
 
@@ -91,15 +91,15 @@ def combined_complaint(system: Mapping[str, Value]) -> tuple[str, Complaint] | N
     """Return the first fault of values that are each right on their own, and its key."""
     try:
         parameters_of(system)
-    except DocumentError as error:
+    except FileError as error:
         first = error.faults[0]
-        return first.where, (first.what, first.right)
+        return first.place.where, (first.problem, first.expected)
     return None
 
 
 def mask_complaints(system: Mapping[str, Value], written: Collection[str]) -> Iterator[tuple[str, Complaint]]:
     """Masks that filters of the system need, and neither a parameter nor a producer gives."""
-    with suppress(DocumentError):  # said already
+    with suppress(FileError):  # said already
         parameters = parameters_of(system)
         for key in MASK_KEYS:
             if key not in written and (costmaps := filtered_by(key, parameters)):
@@ -136,12 +136,14 @@ def _parameter_complaint(key: str, value: Value, system: Mapping[str, Value]) ->
         try:
             if check_key(each, key, value):
                 break
-        except DocumentError as error:
+        except FileError as error:
             # A bound on a pair of parameters is for the pair: the other may be given too.
-            own = [fault for fault in error.faults if fault.where == key and not fault.together]
+            own = [
+                each for each in error.faults if each.place.where == key and not each.problem.startswith(CONTRADICTION)
+            ]
             if not own and key == CONTROLLER_KEY:  # critics of another, for example
                 return f"got {shown(value)}", f"one that goes with the rest: {error.faults[0]}"
-            return (f"got {shown(value)}", own[0].right) if own else None
+            return (f"got {shown(value)}", own[0].expected) if own else None
     return None
 
 

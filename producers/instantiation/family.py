@@ -41,12 +41,11 @@ from vastflow.producers.places.ground import MAP_FILE_KEYS, MAP_KEY, MapSearch
 from vastflow.producers.places.start_check import room_m
 from vastflow.producers.places.stops import GOALS_KEY
 from vastflow.sim.model.digest import FileContent, Value
-from vastflow.sim.model.faults import Fault, Place, parted
+from vastflow.sim.model.faults import Fault, FileError, Place, parted
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_of
 from vastflow.sim.nav2.parameter_files.chosen import FOOTPRINT_NAMES, parameters_of
-from vastflow.sim.nav2.parameter_files.document import DocumentError
 from vastflow.sim.nav2.parameter_files.noise import noise_value
 from vastflow.sim.nav2.parameters.robot import NOISE_MODEL_KEY, ROBOT_KEY
 from vastflow.sim.plug_ins.effects import plug_in_code
@@ -431,7 +430,7 @@ def _lines(family: Family) -> Iterator[str]:
         yield "oracles without a radius of their own: performance takes {:.3g} m (inscribed), safety {:.3g} m (circumscribed)".format(
             *radii_m
         )
-    except DocumentError:  # with what producers write it may be right, and the run says where it isn't
+    except FileError:  # with what producers write it may be right, and the run says where it isn't
         return
     varied = dict.fromkeys(key for producer in family.producers for key in producer.writes if _is_of_robot(key))
     if varied:

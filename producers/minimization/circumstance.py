@@ -14,11 +14,11 @@ from vastflow.producers.places.ground import MAP_KEY, Ground, ground_of
 from vastflow.producers.places.route import shortest_leg
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.sim.model.digest import FileContent, Value
+from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.obstacle import TRIGGER_POINT_KEY, TRIGGER_THRESHOLD_KEY, obstacle_of
 from vastflow.sim.model.pose import Pose, pose_of
 from vastflow.sim.model.scenario import Dimension
 from vastflow.sim.nav2.parameter_files.chosen import COVARIANCE_KEY, OWN_KEYS, default_document, local_outline, targets
-from vastflow.sim.nav2.parameter_files.document import DocumentError
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 from vastflow.sim.nav2.parameters.robot import ROBOT_KEY
 from vastflow.sim.reading.world import WORLD_KEY
@@ -222,7 +222,7 @@ def _ground(values: dict[str, Any]) -> Ground | None:
         return None
     try:
         outline = local_outline({key: value for key, value in values.items() if not isinstance(value, list | dict)})
-    except DocumentError:  # the run says what is wrong with it
+    except FileError:  # the run says what is wrong with it
         return None
     return ground_of(content, round(2 * float(np.hypot(*outline.T).max()), 3))
 

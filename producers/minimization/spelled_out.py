@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Final, TypeAlias
 
 from vastflow.sim.model.digest import FileContent, Value
+from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.nav2.controllers.registry import CONTROLLER_PLUG_INS, short_name
 from vastflow.sim.nav2.parameter_files.chosen import (
@@ -13,7 +14,7 @@ from vastflow.sim.nav2.parameter_files.chosen import (
     targets,
     with_controller,
 )
-from vastflow.sim.nav2.parameter_files.document import PARAMETERS, DocumentError, dotted
+from vastflow.sim.nav2.parameter_files.document import PARAMETERS, dotted
 from vastflow.sim.nav2.parameter_files.interpretation import document_of
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, read_nav2_document
 from vastflow.sim.nav2.parameters.mppi import MppiParameters
@@ -54,7 +55,7 @@ def spelled_out(system: Mapping[str, Value]) -> Mapping[str, Value]:
             own[_MONITOR] = False
         found = {**chosen, **own, **rest}
         return found if parameters_of(found) == meant else system
-    except DocumentError:
+    except FileError:
         return system
 
 

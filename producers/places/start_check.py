@@ -16,12 +16,12 @@ from vastflow.producers.places.cells import touched_cells
 from vastflow.producers.places.ground import MAP_KEY, occupancy_of
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.sim.model.digest import FileContent, Value, canonical
+from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.obstacle import Obstacle, obstacle_of
 from vastflow.sim.model.pose import Pose, pose_of
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
 from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m
 from vastflow.sim.nav2.parameter_files.chosen import CONTROLLER_KEY, FOOTPRINT_NAMES, local_outline
-from vastflow.sim.nav2.parameter_files.document import DocumentError
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 from vastflow.sim.nav2.parameters.robot import ROBOT_KEY
 
@@ -125,7 +125,7 @@ def room_m(values: Mapping[str, Value], producers: Iterable[Producer[Any]]) -> f
 def _outline(system: Mapping[str, Value]) -> NDArray[np.float64] | None:
     try:
         return local_outline(system)
-    except DocumentError:  # the run says what is wrong with it
+    except FileError:  # the run says what is wrong with it
         return None
 
 

@@ -10,7 +10,7 @@ class Place:
     """A place in a file.
 
     Attributes:
-        line, column: From 1, as editors count.
+        line, column: From 1, as editors count; 0 for what is in no file.
         where: The value that stands there, such as `configuration[0].name`; may be empty.
     """
 
@@ -46,7 +46,8 @@ class Fault:
     def __str__(self) -> str:
         where = f"{self.place.where}: " if self.place.where else ""
         warning = "warning: " if self.kind in ("warning", "unknown key") else ""
-        return f"{self.place}: {warning}{where}{complaint(self.problem, self.expected)}"
+        place = f"{self.place}: " if self.place.line else ""
+        return f"{place}{warning}{where}{complaint(self.problem, self.expected)}"
 
 
 def complaint(problem: str, expected: str) -> str:

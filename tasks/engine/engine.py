@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any, Final, Generic, Protocol, TypeAlias, TypeVar
 
 from vastflow.sim.model.digest import Value
+from vastflow.sim.model.faults import FileError
 from vastflow.sim.nav2.parameter_files.chosen import CONTROLLER_KEY, parameters_of
-from vastflow.sim.nav2.parameter_files.document import DocumentError
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 from vastflow.tasks.engine import work
 from vastflow.tasks.engine.evaluation import PackedProducer
@@ -32,7 +32,7 @@ def controllers_in(systems: Iterable[Mapping[str, Value]]) -> list[dict[str, Val
         choice = {key: system[key] for key in (FILE_KEY, CONTROLLER_KEY) if key in system}
         try:
             found.setdefault(type(parameters_of(choice).controller), choice)
-        except DocumentError:
+        except FileError:
             continue
     return list(found.values())
 

@@ -28,7 +28,6 @@ from vastflow.sim.model.archive import write_outputs
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.faults import Fault, FileError, ScenarioError, complaint
 from vastflow.sim.model.scenario import ProcessSetup, Scenario, scenario_of
-from vastflow.sim.nav2.parameter_files.document import DocumentError
 from vastflow.sim.nav2.parameter_files.findings import findings
 from vastflow.sim.nav2.parameter_files.interpretation import interpretation
 from vastflow.sim.nav2.parameter_files.parameter_file import read_nav2_document

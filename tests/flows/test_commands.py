@@ -253,7 +253,6 @@ def test_entry_module_imports_nothing_heavy():
 USER_ERRORS = [
     "oracles.results.unusable.UnusableDirectory",
     "sim.model.faults.FileError",
-    "sim.nav2.parameter_files.document.DocumentError",
     "tasks.store.artifact.StoreError",
 ]
 

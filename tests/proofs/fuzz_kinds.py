@@ -333,7 +333,6 @@ def kinds(folder: Path) -> list[Kind]:
     from vastflow.oracles.judgement.oracle import OracleError
     from vastflow.sim.model.faults import FileError, ScenarioError
     from vastflow.sim.model.files import Unreadable
-    from vastflow.sim.nav2.parameter_files.document import DocumentError
     from vastflow.sim.world.map_file import MapError
 
     def found(pattern: str) -> list[Path]:
@@ -382,7 +381,7 @@ def kinds(folder: Path) -> list[Kind]:
         Kind("picture", [folder / "probes" / name for name in ("map.pgm", "map.bmp", "map.png", "palette.png", "bits.png", "deep.png", "plain.pgm")],
              (bytes_changed, picture_changed), _picture, (MapError,), pictured),
         Kind("nav2", [folder / "probes" / "nav2.yaml", *sorted((folder / "campaigns" / "nav2").glob("*.yaml"))],
-             (*text, words("nav2.yaml"), yaml_tree, yaml_tree), _parameters, (DocumentError,),
+             (*text, words("nav2.yaml"), yaml_tree, yaml_tree), _parameters, (FileError,),
              lambda file, rng: ["params", str(file)]),
         Kind("notebook", found("*.ipynb"), (*text, words("*.ipynb"), json_tree, json_tree), _notebook, (OracleError, Unreadable),
              beside(family % f"{{map_file: {folder}/probes/map.yaml}}, " + "evaluation: {oracles: [MUTANT]}\n")),

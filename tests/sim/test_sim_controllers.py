@@ -12,6 +12,7 @@ import pytest
 from table import each_row
 
 from vastflow.sim.loop.drive import drive
+from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Mission
 from vastflow.sim.nav2.controllers import conformance
@@ -21,7 +22,6 @@ from vastflow.sim.nav2.controllers.registry import CONTROLLER_PLUG_INS, find_con
 from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.navigator.state import with_kernels
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.sim.nav2.parameter_files.document import DocumentError
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.plug_ins import registry
@@ -233,7 +233,7 @@ def test_object_that_is_no_controller_is_refused(tmp_path, body, members, messag
 def faults(tmp_path, plugin: str, more: str = "") -> str:
     text = "controller_server:\n  ros__parameters:\n    controller_plugins: [FollowPath]\n    FollowPath:\n"
     (tmp_path / "nav2.yaml").write_text(f"{text}      plugin: {plugin}\n{textwrap.indent(more, '      ')}")
-    with pytest.raises(DocumentError, match="FollowPath") as raised:
+    with pytest.raises(FileError, match="FollowPath") as raised:
         nav2_file(tmp_path / "nav2.yaml")
     return str(raised.value)
 
@@ -309,7 +309,7 @@ def test_key_controller_takes_a_plug_in_that_the_file_lists(tmp_path, folder):
     assert type(parameters_of(system).controller).__name__ == "RppParameters"
     chosen = parameters_of({**system, "controller": "my_pursuit.py:PurePursuit"}).controller
     assert (type(chosen).__name__, chosen.lookahead_dist) == ("PurePursuit", 0.9)
-    with pytest.raises(DocumentError, match=r"did you mean 'my_pursuit.py:PurePursuit'\? one of dwb, mppi, rpp"):
+    with pytest.raises(FileError, match=r"did you mean 'my_pursuit.py:PurePursuit'\? one of dwb, mppi, rpp"):
         parameters_of({**system, "controller": "my_pursuit.py:PurePursit"})
 
 

@@ -7,7 +7,7 @@ from table import each_row
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.plug_in import ContractError
 from vastflow.sim.loop.drive import drive
-from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.faults import FileError, ScenarioError
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Mission
 from vastflow.sim.nav2.controllers.binding import running
@@ -20,7 +20,7 @@ from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.navigator.state import with_kernels
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.costmaps import masks_of
-from vastflow.sim.nav2.parameter_files.document import DocumentError, parse
+from vastflow.sim.nav2.parameter_files.document import parse
 from vastflow.sim.nav2.parameter_files.interpretation import interpretation
 from vastflow.sim.nav2.parameters.costmap import KeepoutFilter, SpeedFilter
 from vastflow.sim.reading.checked import checked_digest
@@ -104,7 +104,7 @@ def test_speed_filter_beside_a_controller_that_takes_no_limits_is_a_fault(tmp_pa
     (tmp_path / "own.py").write_text(OWN)
     text = FILE + "controller_server: {ros__parameters: {controller_plugins: [F], F.plugin: 'own.py:Unlimited'}}"
     with pytest.raises(
-        DocumentError,
+        FileError,
         match=r"filters: expected a controller with speed_limits\(\), or no speed filter, got .*Unlimited",
     ):
         interpretation(parse(text, str(tmp_path / "n.yaml")))

@@ -4,6 +4,7 @@ import pytest
 from table import each_row
 
 from vastflow.sim.model.digest import FileContent, canonical
+from vastflow.sim.model.faults import FileError
 from vastflow.sim.nav2.parameter_files.chosen import (
     OWN_KEYS,
     check_key,
@@ -12,7 +13,6 @@ from vastflow.sim.nav2.parameter_files.chosen import (
     parameters_of,
     unread,
 )
-from vastflow.sim.nav2.parameter_files.document import DocumentError
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.nav2.parameters.dwb import DwbParameters
 from vastflow.sim.nav2.parameters.rpp import RppParameters
@@ -117,7 +117,7 @@ def test_key_that_is_no_list_item_is_unread_or_refused(end):
     key = f"velocity_smoother.ros__parameters.{end}"
     try:
         assert unread({key: 0.1}) == (key,)
-    except DocumentError as error:
+    except FileError as error:
         assert "expected a list of 3 numbers" in str(error)
 
 
@@ -192,9 +192,9 @@ def test_unread_depends_on_the_parameters_of_the_file(content, tmp_path):
 
 
 def test_further_key_is_checked_beside_faults_of_the_system():
-    with pytest.raises(DocumentError) as caught:
+    with pytest.raises(FileError) as caught:
         check_key({"pf_err": -1}, "robot_radius", -1)
-    assert {fault.where for fault in caught.value.faults} == {"pf_err", "robot_radius"}
+    assert {fault.place.where for fault in caught.value.faults} == {"pf_err", "robot_radius"}
     assert check_key({}, "robot_radius", 0.3)
     assert not check_key({}, "robot_color", "red")
 

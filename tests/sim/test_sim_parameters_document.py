@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
 
+from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.files import MOST_LEVELS
-from vastflow.sim.nav2.parameter_files.document import DocumentError, parse, read_document
+from vastflow.sim.nav2.parameter_files.document import parse, read_document
 
 
 def values(text):
@@ -16,7 +17,7 @@ def values(text):
 
 
 def fault(text):
-    with pytest.raises(DocumentError) as caught:
+    with pytest.raises(FileError) as caught:
         parse(text, "nav2.yaml")
     return str(caught.value)
 
@@ -108,12 +109,12 @@ def test_missing_or_binary_file_is_a_fault_of_the_whole(tmp_path):
         (".", "can't be read"),
         ("latin.yaml", "2:5: file: byte 0xe4 is not UTF-8"),
     ):
-        with pytest.raises(DocumentError, match=message):
+        with pytest.raises(FileError, match=message):
             read_document(tmp_path / name)
 
 
 def test_error_can_be_sent_to_another_process():
-    with pytest.raises(DocumentError) as caught:
+    with pytest.raises(FileError) as caught:
         parse("a: 1", "nav2.yaml")
     assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
 
@@ -122,7 +123,7 @@ def test_error_can_be_sent_to_another_process():
 def test_any_text_is_a_document_or_has_faults(text):
     try:
         document = parse(f"n: {{ros__parameters: {{p: 1}}}}\n{text}")
-    except DocumentError as error:
+    except FileError as error:
         assert error.faults
     else:
         assert document.values

@@ -9,11 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from table import each_row
 
+from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.parameter import ParameterGroup
 from vastflow.sim.nav2.parameter_files.built_in import TABLES, BuiltIn
 from vastflow.sim.nav2.parameter_files.chosen import check_key, parameters_of
 from vastflow.sim.nav2.parameter_files.controller_server import critics_of
-from vastflow.sim.nav2.parameter_files.document import DocumentError, dotted, parse, read_document
+from vastflow.sim.nav2.parameter_files.document import dotted, parse, read_document
 from vastflow.sim.nav2.parameter_files.findings import findings, left_out
 from vastflow.sim.nav2.parameter_files.interpretation import document_of, interpretation
 from vastflow.sim.nav2.parameter_files.nodes import (
@@ -37,7 +38,7 @@ def read(text):
 
 
 def faults(text):
-    with pytest.raises(DocumentError) as caught:
+    with pytest.raises(FileError) as caught:
         read(text)
     return str(caught.value).splitlines()
 
@@ -82,10 +83,10 @@ def test_keys_of_a_system_have_the_pinned_faults_alone_and_beside_others(golden)
     def faults_of(text):
         system = yaml.safe_load(text)
         *others, (key, value) = system.items()
-        with pytest.raises(DocumentError) as caught:
+        with pytest.raises(FileError) as caught:
             parameters_of(system)
         if not {"nav2_params", "min_particles", "robot.drive"} & system.keys():  # the others depend on further keys
-            with pytest.raises(DocumentError) as alone:
+            with pytest.raises(FileError) as alone:
                 check_key(dict(others), key, value)
             assert set(alone.value.faults) == set(caught.value.faults)
         return str(caught.value).splitlines()
@@ -135,8 +136,8 @@ def test_damaged_file_is_read_or_has_faults_with_places(name, data):
             lines[at] = f"{lines[at].partition(':')[0]}: {value}"
     try:
         found = read("\n".join(lines))
-    except DocumentError as error:
-        assert all(fault.place > (0, 0) for fault in error.faults)
+    except FileError as error:
+        assert all(fault.place.line > 0 for fault in error.faults)
     else:
         assert len(findings(found)) > 100
 

@@ -8,12 +8,12 @@ import pytest
 from table import each_row
 
 from vastflow.sim.loop.drive import drive
+from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Mission, Scenario
 from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.navigator.state import with_kernels
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.sim.nav2.parameter_files.document import DocumentError
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.nav2.planners.conformance import CHECKS, check_paths, check_planner
 from vastflow.sim.nav2.planners.registry import PLANNER_PLUG_INS, find_planner
@@ -85,7 +85,7 @@ def test_edited_planner_changes_execute_key(folder, two_rooms):
 def test_parameter_file_with_wrong_planner_is_refused(folder, edit, message):
     edited = folder / "edited.yaml"
     edited.write_text((folder / "my_wavefront.yaml").read_text().replace(*edit.split("|")))
-    with pytest.raises(DocumentError, match=re.escape(message)):
+    with pytest.raises(FileError, match=re.escape(message)):
         nav2_file(edited)
 
 

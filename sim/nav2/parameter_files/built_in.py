@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from vastflow.sim.model.digest import Value
-from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation
+from vastflow.sim.model.parameter import ParameterGroup
 from vastflow.sim.nav2.parameter_files.nodes import class_name
 
 
@@ -31,11 +31,6 @@ class BuiltIn:
     includes: tuple[str, ...] = ()
     prefixed: bool = False
 
-    @property
-    def matters(self) -> bool:
-        """Whether there are values that would make a difference."""
-        return self != ANY
-
     def agrees(self, value: Value) -> bool:
         """Whether a file that has `value` asks for what is done anyway."""
         if self.prefixed:
@@ -44,9 +39,8 @@ class BuiltIn:
             return any(_equal(value, own) for own in self.values)
         if self.includes:
             return isinstance(value, Sequence) and set(self.includes) <= set(map(str, value))
-        if not self.matters:
-            return True
-        return isinstance(value, int | float) and not isinstance(value, bool) and self.low <= value <= self.high
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        return self == ANY or (is_number and self.low <= value <= self.high)
 
     @property
     def value(self) -> Value:
@@ -70,20 +64,6 @@ def nav2_names() -> frozenset[str]:
     return frozenset([*tabled, *IN_EVERY_NODE, *(name for group in groups for name in group.model_fields)])
 
 
-def built_in(kind: str, name: ParameterLocation) -> BuiltIn | None:
-    """Return the built-in behavior for a parameter of a group, None for one that is not modeled.
-
-    Args:
-        kind: Of the group: a node's name or what a plug-in's class is called.
-        name: Path of the parameter below the group.
-    """
-    table = TABLES.get(kind, {})
-    for key in (".".join(name), f"{name[0]}.*"):
-        if key in table:
-            return table[key]
-    return IN_EVERY_NODE.get(name[-1])
-
-
 def _equal(value: Value, own: Value) -> bool:
     if isinstance(value, str) and isinstance(own, str):
         # Of a file's name the folder does not matter.
@@ -96,18 +76,7 @@ def _equal(value: Value, own: Value) -> bool:
 
 
 def only(*values: Value) -> BuiltIn:
-    """These values, the first of which is what a file would say."""
     return BuiltIn(values)
-
-
-def within(low: float = -math.inf, high: float = math.inf) -> BuiltIn:
-    """Every number in a range."""
-    return BuiltIn(low=low, high=high)
-
-
-def _frame(name: str) -> BuiltIn:
-    """A frame, whatever the robot's name before it is."""
-    return BuiltIn((name,), prefixed=True)
 
 
 def _any(*names: str) -> dict[str, BuiltIn]:
@@ -139,12 +108,8 @@ UNUSED_NODES: Final[Mapping[str, str]] = {
 """Nodes that have no effect on the missions, and why."""
 
 _FRAMES: Final = (
-    "global_frame",
-    "local_frame",
-    "robot_base_frame",
-    "base_frame_id",
-    "odom_frame_id",
-    "global_frame_id",
+    *("global_frame", "local_frame", "robot_base_frame"),
+    *("base_frame_id", "odom_frame_id", "global_frame_id"),
 )
 _BEHAVIORS: Final = {
     "spin": "Spin",
@@ -166,8 +131,8 @@ _COSTMAP: Final[Mapping[str, BuiltIn]] = {
 _OBSTACLE_LAYER: Final[Mapping[str, BuiltIn]] = {
     **_any("tf_filter_tolerance", "track_unknown_space"),  # this is the costmap's
     "combination_method": only(1),
-    "min_obstacle_height": within(high=LASER_HEIGHT_M),
-    "max_obstacle_height": within(low=LASER_HEIGHT_M),
+    "min_obstacle_height": BuiltIn(high=LASER_HEIGHT_M),
+    "max_obstacle_height": BuiltIn(low=LASER_HEIGHT_M),
 }
 # Searches end after a number of iterations, and not by the clock.
 _SMAC: Final = _any("max_planning_time", "terminal_checking_interval", "downsampling_factor", "viz_expansions")
@@ -190,7 +155,7 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
         **_any("wait_for_service_timeout", "service_introspection_mode", "plugin_lib_names", "error_code_names"),
         **_any("error_code_name_prefixes", "always_reload_bt_xml", "enable_groot_monitoring"),
         **_any("groot_zmq_publisher_port", "groot_zmq_server_port", "goal_blackboard_id", "path_blackboard_id"),
-        "bt_loop_duration": within(high=50.0),  # ms: trees are ticked once in a tick of the stack
+        "bt_loop_duration": BuiltIn(high=50.0),  # ms: trees are ticked once in a tick of the stack
         "navigators": BuiltIn(includes=("navigate_to_pose", "navigate_through_poses")),
         "navigate_to_pose.plugin": only("nav2_bt_navigator::NavigateToPoseNavigator"),
         "navigate_through_poses.plugin": only("nav2_bt_navigator::NavigateThroughPosesNavigator"),
@@ -203,11 +168,11 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
         "publish_zero_velocity": only(True),
     },
     "FeasiblePathHandler": {**_any("minimum_rotation_angle"), "reject_unit_path": only(False)},
-    "local_costmap": {**_COSTMAP, "global_frame": _frame("odom"), "rolling_window": only(True)},
+    "local_costmap": {**_COSTMAP, "global_frame": BuiltIn(("odom",), prefixed=True), "rolling_window": only(True)},
     "global_costmap": {
         **_COSTMAP,
         **_any("publish_frequency", "width", "height", "resolution"),
-        "global_frame": _frame("map"),
+        "global_frame": BuiltIn(("map",), prefixed=True),
         "rolling_window": only(False),
     },
     "StaticLayer": {
@@ -222,15 +187,15 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
         **_any("publish_voxel_map"),
         # Of the slices only the scan's is ever used: it must be among them, whatever its height is.
         "origin_z": only(0.0),
-        "z_resolution": within(low=0.05),
-        "z_voxels": within(low=4),
+        "z_resolution": BuiltIn(low=0.05),
+        "z_voxels": BuiltIn(low=4),
         "mark_threshold": only(0),
         "unknown_threshold": only(15),
     },
     "scan": {
         **_any("topic", "sensor_frame", "transport_type", "expected_update_rate", "tf_filter_tolerance"),
-        "min_obstacle_height": within(high=LASER_HEIGHT_M),
-        "max_obstacle_height": within(low=LASER_HEIGHT_M),
+        "min_obstacle_height": BuiltIn(high=LASER_HEIGHT_M),
+        "max_obstacle_height": BuiltIn(low=LASER_HEIGHT_M),
         "inf_is_valid": only(False),
         "observation_persistence": only(0.0),
         "raytrace_min_range": only(0.0),
@@ -303,9 +268,8 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
         **_any("transform_timeout"),
         "cycle_frequency": only(10.0),
         "behavior_plugins": BuiltIn(includes=("spin", "backup", "wait")),
-        "recovery_plugins": BuiltIn(
-            includes=("spin", "wait")
-        ),  # of Galactic and before, as the classes of nav2_recoveries
+        # Of Galactic and before, as the classes of nav2_recoveries.
+        "recovery_plugins": BuiltIn(includes=("spin", "wait")),
         **{
             f"{name}.plugin": only(f"nav2_behaviors::{class_}", f"nav2_recoveries::{class_}")
             for name, class_ in _BEHAVIORS.items()
@@ -327,8 +291,8 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
     "zone": _any("footprint_topic", "visualize", "polygon_pub_topic", "polygon_sub_topic"),
     "monitored scan": {
         **_any("topic", "sensor_frame", "transport_type"),
-        "min_height": within(high=LASER_HEIGHT_M),
-        "max_height": within(low=LASER_HEIGHT_M),
+        "min_height": BuiltIn(high=LASER_HEIGHT_M),
+        "max_height": BuiltIn(low=LASER_HEIGHT_M),
     },
 }
 """Kind of a group to its parameters; `name.*` stands for all below a name."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from vastflow.sim.model.digest import FileContent, Value, canonical
+from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.names import SLIP, nearest
 from vastflow.sim.model.parameter import ParameterLocation, complaint
 from vastflow.sim.model.polygon import as_array, vertices_of
@@ -19,18 +20,11 @@ from vastflow.sim.nav2.costmaps.outline import outline_of, padded_outline
 from vastflow.sim.nav2.parameter_files.built_in import nav2_names
 from vastflow.sim.nav2.parameter_files.controller_server import primary_controller, written_controller
 from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS, filtered_by
-from vastflow.sim.nav2.parameter_files.document import (
-    EXPONENT,
-    PARAMETERS,
-    DocumentError,
-    ParameterDocument,
-    ParameterFault,
-    dotted,
-)
+from vastflow.sim.nav2.parameter_files.document import EXPONENT, PARAMETERS, ParameterDocument, dotted
 from vastflow.sim.nav2.parameter_files.interpretation import Interpretation, document_of, interpretation
 from vastflow.sim.nav2.parameter_files.nodes import CONTROLLERS, ROTATION_SHIM, class_name
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, loaded
-from vastflow.sim.nav2.parameter_files.reader import plug_in_name, shown
+from vastflow.sim.nav2.parameter_files.reader import CONTRADICTION, plug_in_name, shown
 from vastflow.sim.nav2.parameters.robot import NOISE_PLACE, robot_keys
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.plug_ins.registry import FILE
@@ -82,10 +76,11 @@ def targets(values: Mapping[ParameterLocation, Value], key: str) -> tuple[Parame
 def _occurrences(values: Mapping[ParameterLocation, Value], names: ParameterLocation) -> tuple[ParameterLocation, ...]:
     if names in values:
         return (names,)
-    return tuple(path for path in values if path[-1:] == names[-1:] and _without_marker(path)[-len(names) :] == names)
+    return tuple(path for path in values if path[-1:] == names[-1:] and unmarked(path)[-len(names) :] == names)
 
 
-def _without_marker(path: ParameterLocation) -> ParameterLocation:
+def unmarked(path: ParameterLocation) -> ParameterLocation:
+    """A path without `ros__parameters`."""
     return tuple(name for name in path if name != PARAMETERS)
 
 
@@ -95,10 +90,8 @@ def _items(value: Value) -> Sequence[Value]:
 
 def converted(value: Value) -> Value:
     """Text that is a number or a flag, as that; the files of launch arguments have nothing but text."""
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return [converted(item) for item in value]
     if not isinstance(value, str):
-        return value
+        return [converted(item) for item in value] if isinstance(value, Sequence) else value
     text = value.strip()
     if text.lower() in ("true", "false"):
         return text.lower() == "true"
@@ -145,7 +138,7 @@ def parameters_of(system: Mapping[str, Value]) -> NavParameters:
     other key rewrites parameters of it (see `targets`). Numbers and flags may be written as text.
 
     Raises:
-        DocumentError: a value of the wrong type or out of range, an unknown plug-in, a file that has changed. The faults
+        FileError: a value of the wrong type or out of range, an unknown plug-in, a file that has changed. The faults
             of what the system rewrites name its keys.
     """
     return _chosen(_system(system)).interpretation.parameters
@@ -158,7 +151,7 @@ def unread(system: Mapping[str, Value], undecided: Iterable[str] = ()) -> tuple[
         undecided: More keys, whose values are not known yet.
 
     Raises:
-        DocumentError: as of `parameters_of`.
+        FileError: as of `parameters_of`.
     """
     chosen = _chosen(_system(system))
     document, asked, undecided = chosen.interpretation.document, chosen.interpretation.reader.asked, tuple(undecided)
@@ -182,14 +175,13 @@ def intended_key(system: Mapping[str, Value], key: str, others: Iterable[str] = 
         others: Known keys that are not the system's.
 
     Raises:
-        DocumentError: as of `parameters_of`.
+        FileError: as of `parameters_of`.
     """
     names, own = tuple(key.split(".")), sorted({*OWN_KEYS, *_NOT_IN_THE_FILE, *others})
     if prefixed := next((each for mark in "._" for each in own if each.endswith(f"{mark}{key}")), None):
         return prefixed
     asked = _chosen(_system(system)).interpretation.reader.asked
-    paths = (tuple(name for name in path if name != PARAMETERS) for path in asked)
-    known = {*(tuple(each.split(".")) for each in own), *(path[-len(names) :] for path in paths)}
+    known = {*(tuple(each.split(".")) for each in own), *(unmarked(path)[-len(names) :] for path in asked)}
     for k, name in enumerate(names[:-1] if names[-1] in nav2_names() else names):
         beside = {
             path[k]
@@ -205,7 +197,7 @@ def unused_because(system: Mapping[str, Value], key: str) -> str:
     """Why a parameter makes no difference beside others; empty for any other key.
 
     Raises:
-        DocumentError: as of `parameters_of`.
+        FileError: as of `parameters_of`.
     """
     unused = _chosen(_system(system)).interpretation.reader.unused
     return next((why for path, why in unused.items() if targets({path: None}, key) == (path,)), "")
@@ -218,19 +210,23 @@ def check_key(system: Mapping[str, Value], key: str, value: Value) -> bool:
     parameters together are not checked then.
 
     Raises:
-        DocumentError: as of `parameters_of`.
+        FileError: as of `parameters_of`.
     """
     try:
         fields = _fields(_system(system), key)
-    except DocumentError:
+    except FileError:
         fields = None
     if fields is None:
         parameters_of({**system, key: value})
         return True
     for model, name in fields:
         if right := complaint(model, name, converted(value)):
-            raise DocumentError([ParameterFault(key, f"got {shown(value)}", right)])
+            raise _error(key, f"got {shown(value)}", right)
     return bool(fields)
+
+
+def _error(key: str, problem: str, expected: str) -> FileError:
+    return FileError([Fault(Place("", 0, 0, key), problem, expected)])
 
 
 @functools.cache
@@ -246,7 +242,7 @@ def with_controller(document: ParameterDocument, name: Value) -> ParameterDocume
         name: `mppi`, the name of an installed controller, or `file.py:Class` of one that the document lists.
 
     Raises:
-        DocumentError: no such controller.
+        FileError: no such controller.
     """
     values = dict(document.values)
     node = document.node("controller_server")
@@ -254,9 +250,13 @@ def with_controller(document: ParameterDocument, name: Value) -> ParameterDocume
         node = ("controller_server", PARAMETERS)
         values |= {path: default_document().values[path] for path in default_document().below(node)}
     listed = (*node, CONTROLLERS.lists[0])
-    names = values.get(listed)
-    listed_names = names if isinstance(names, Sequence) and not isinstance(names, str) else ()
-    own = {_plug_in(values, (*node, str(each))): each for each in reversed(listed_names)}
+    own: dict[str, str] = {}
+    for each in reversed(_items(values.get(listed))):
+        place = (*node, str(each))
+        text = str(values.get((*place, "plugin")))
+        if class_name(text) == ROTATION_SHIM:
+            text = str(values.get(primary_controller(values, place)))
+        own[plug_in_name(text)] = place[-1]
     meant = short_names().get(name, name) if isinstance(name, str) else ""
     if meant in own:
         return replace(document, values={**values, listed: [own[meant]]})
@@ -264,21 +264,10 @@ def with_controller(document: ParameterDocument, name: Value) -> ParameterDocume
         known = [*short_names(), *sorted(each for each in own if FILE in each)]
         near = nearest(str(name), known)
         right = f"{f'did you mean {near!r}? ' if near else ''}one of {', '.join(known)}"
-        raise DocumentError([ParameterFault(CONTROLLER_KEY, f"got {shown(name)}", right)])
+        raise _error(CONTROLLER_KEY, f"got {shown(name)}", right)
     block = written_controller(node, CONTROLLER_PLUG_INS.parameters(meant)())
     kept = {path: value for path, value in values.items() if path[: len(node) + 1] != (*node, CONTROLLERS.used)}
     return replace(document, values={**kept, **block})
-
-
-def _plug_in(values: Mapping[ParameterLocation, Value], place: ParameterLocation) -> str:
-    """Return the class of a controller, or of the one in a Rotation Shim, as the group has it.
-
-    A file and class stay as they are written.
-    """
-    text = str(values.get((*place, "plugin")))
-    if class_name(text) == ROTATION_SHIM:
-        text = str(values.get(primary_controller(values, place)))
-    return plug_in_name(text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -296,7 +285,12 @@ def _system(values: Mapping[str, Value]) -> _System:
 @functools.lru_cache(maxsize=64)
 def _chosen(system: _System) -> Chosen:
     keys = {key: value for key, value in system.values.items() if key not in _NOT_IN_THE_FILE}
-    document = _document(system.values)
+    document = default_document()
+    if FILE_KEY in system.values:
+        content = system.values[FILE_KEY]
+        if not isinstance(content, FileContent):
+            raise _error(FILE_KEY, f"got {shown(content)}", f"a file, which execution.{FILE_KEY} names")
+        document = loaded(content)
     if CONTROLLER_KEY in system.values:
         document = with_controller(document, system.values[CONTROLLER_KEY])
     own = {key: value for key, value in keys.items() if _own_paths(key)}
@@ -304,8 +298,8 @@ def _chosen(system: _System) -> Chosen:
     touched |= {key: _targets(document, key) for key in own}
     try:
         return Chosen(interpretation(replace(changed, values={**changed.values, **_own_values(own)})), touched)
-    except DocumentError as error:
-        raise DocumentError(dict.fromkeys(_named(fault, touched) for fault in error.faults), error.file) from None
+    except FileError as error:
+        raise FileError(_named(fault, touched) for fault in error.faults) from None
 
 
 @functools.lru_cache(maxsize=256)
@@ -335,32 +329,23 @@ def _own_values(own: Mapping[str, Value]) -> Mapping[ParameterLocation, Value]:
             items = [items]
         elif not isinstance(items, Sequence) or isinstance(items, str) or len(items) != len(paths):
             right = "a list of three variances, of x and y (m²) and of the yaw (rad²)"
-            raise DocumentError([ParameterFault(key, f"got {shown(own[key])}", right)])
+            raise _error(key, f"got {shown(own[key])}", right)
         values |= dict(zip(paths, items, strict=True))
     return values
 
 
-def _named(fault: ParameterFault, touched: Mapping[str, tuple[ParameterLocation, ...]]) -> ParameterFault:
+def _named(fault: Fault, touched: Mapping[str, tuple[ParameterLocation, ...]]) -> Fault:
     """Return the fault of a rewritten value as one of the key that wrote it."""
-    by = [key for key, paths in touched.items() if any(_within(fault.where, dotted(path)) for path in paths)]
-    if not by or fault.together:
+    where = f"{fault.place.where}."
+
+    def writes(path: ParameterLocation) -> bool:
+        """Whether a path is the fault's, above it, or an item of it."""
+        return where.startswith(f"{dotted(path)}.") or f"{dotted(path)}.".startswith(where)
+
+    by = [key for key, paths in touched.items() if any(map(writes, paths))]
+    if not by or fault.problem.startswith(CONTRADICTION):
         return fault
-    return replace(fault, where=max(by, key=lambda key: key.count(".")), place=(0, 0))
-
-
-def _within(where: str, path: str) -> bool:
-    """Whether one is the other or an item of it."""
-    return where == path or where.startswith(f"{path}.") or path.startswith(f"{where}.")
-
-
-def _document(system: Mapping[str, Value]) -> ParameterDocument:
-    if FILE_KEY not in system:
-        return default_document()
-    content = system[FILE_KEY]
-    if not isinstance(content, FileContent):
-        fault = ParameterFault(FILE_KEY, f"got {shown(content)}", f"a file, which execution.{FILE_KEY} names")
-        raise DocumentError([fault])
-    return loaded(content)
+    return replace(fault, place=Place("", 0, 0, max(by, key=lambda key: key.count("."))))
 
 
 FOOTPRINT_NAMES: Final = frozenset({"footprint", "robot_radius", "footprint_padding", "radius", "polygon"})
@@ -373,7 +358,7 @@ def local_outline(system: Mapping[str, Value]) -> NDArray[np.float64]:
     They are those of the padded footprint, and those of the body that the section `robot` gives.
 
     Raises:
-        DocumentError: as of `vastflow.sim.nav2.parameter_files.chosen.parameters_of`.
+        FileError: as of `vastflow.sim.nav2.parameter_files.chosen.parameters_of`.
     """
     parameters = parameters_of(system)
     outline, given = outline_of(parameters.local_costmap), parameters.robot

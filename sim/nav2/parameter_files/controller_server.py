@@ -16,72 +16,64 @@ from vastflow.sim.nav2.parameter_files.nodes import (
     class_name,
     short_class,
 )
-from vastflow.sim.nav2.parameter_files.reader import Parts, Reader, Values, plug_in_name, written, written_plugins
+from vastflow.sim.nav2.parameter_files.reader import Parts, Reader, Used, Values, plug_in_name, written, written_plugins
 from vastflow.sim.nav2.parameters.mppi import AckermannParameters, MppiParameters
 from vastflow.sim.nav2.parameters.servers import ControllerServer, RotationShim
 from vastflow.sim.nav2.parameters.stack import NavParameters
 
+_CHECKERS: Final = {"progress_checker": PROGRESS_CHECKERS, "goal_checker": GOAL_CHECKERS}
+
 _OF_THE_PATH: Final = (
-    "prune_distance",
-    "enforce_path_inversion",
-    "inversion_xy_tolerance",
-    "inversion_yaw_tolerance",
+    *("prune_distance", "enforce_path_inversion", "inversion_xy_tolerance", "inversion_yaw_tolerance"),
 )
 """Parameters of MPPI that since Lyrical the path handler has."""
 
 _HANDLED_M: Final = 2.0
 """A path handler's `prune_distance` in Nav2's code."""
 
-_MOTION_MODELS: Final[Mapping[str, str]] = {
-    f"mppi::{name}MotionModel": name for name in ("DiffDrive", "Ackermann", "Omni")
-}
+_MOTION_MODELS: Final = {f"mppi::{name}MotionModel": name for name in ("DiffDrive", "Ackermann", "Omni")}
 """Plug-ins of MPPI's to what its parameter calls them before Lyrical."""
 
 
 def read_controller_server(reader: Reader, node: ParameterLocation) -> Parts:
     parts: dict[str, Any] = {"controller_server": reader.group(ControllerServer, node)}
-    checkers = {"progress_checker": PROGRESS_CHECKERS, "goal_checker": GOAL_CHECKERS}
-    parts |= {name: found for name, plugins in checkers.items() if (found := reader.plugin_group(node, plugins))}
+    for name, plugins in _CHECKERS.items():
+        if found := reader.plugin(node, plugins):
+            parts[name] = reader.instance_group(found)
     # Nav2's code would load DWB here and find no critics for it: such a file is one for other parameters.
     named = [(*node, *CONTROLLERS.lists), (*node, CONTROLLERS.used, "plugin")]
     if any(path in reader.document.values for path in named) and (used := reader.used(node, CONTROLLERS)):
-        parts |= _controller(reader, (*node, used[0]), used[1])
+        parts |= _controller(reader, used)
     return parts
 
 
-def _controller(reader: Reader, place: ParameterLocation, listed: ParameterLocation) -> Parts:
-    """The controller with the parameters at `place`; one that can't be found is a fault."""
-    document, node, path = reader.document, place[:-1], (*place, "plugin")
-    text = reader.text(path, reader.default_class(place[-1], listed, CONTROLLERS))
-    name = plug_in_name(text)
+def _controller(reader: Reader, used: Used) -> Parts:
+    place, path, default = used.place, (*used.place, "plugin"), used.default_class
     parts: Parts = {}
     shimmed: tuple[ParameterLocation, ...] = ()
-    if name == ROTATION_SHIM:
+    if plug_in_name(reader.plain(path, default)) == ROTATION_SHIM:
         parts = {"rotation_shim": reader.group(RotationShim, place, given={"enabled": True})}
         shimmed = tuple((*place, name) for name in RotationShim.model_fields)
-        path = primary_controller(document.values, place)
+        path, default = primary_controller(reader.document.values, place), ""
         place = path[:-1] if path[-1] == "plugin" else place
-        text = reader.text(path, "")
-        name = plug_in_name(text)
-    kind = reader.plug_in(CONTROLLER_PLUG_INS, (*CONTROLLERS.foreign, ROTATION_SHIM), text, path, listed)
+    foreign = (*CONTROLLERS.foreign, ROTATION_SHIM)
+    kind = reader.plug_in(CONTROLLER_PLUG_INS, foreign, path, default, used.listed)
     if kind is None:
         return {}
     if not kind.__module__.startswith("vastflow."):
         return {**parts, "controller": reader.own_group(kind, place, {(*place, "plugin"), path, *shimmed})}
-    return {**parts, "controller": _of_nav2(reader, kind, node, place, short_name(name).upper())}
-
-
-def _of_nav2(
-    reader: Reader, kind: type[ParameterGroup], node: ParameterLocation, place: ParameterLocation, algorithm: str
-) -> ParameterGroup:
-    """A controller of Nav2's with its critics."""
+    algorithm = short_name(plug_in_name(str(reader.asked[path]))).upper()
     reader.kinds[place] = algorithm
-    given = dict(_critics(reader, place, algorithm, kind()))
+    given = _critics(reader, place, algorithm, kind())
     if algorithm == "MPPI":
+        if given["ObstaclesCritic"].enabled:  # it stands for CostCritic, and looks at the robot's center alone
+            reader.only((*place, "ObstaclesCritic", "consider_footprint"), False)
+            if given["CostCritic"].enabled:
+                problem = "CostCritic and ObstaclesCritic together are not modeled"
+                reader.fault((*place, "critics"), problem, "one of them")
         given |= _motion_model(reader, place)
-        _check_obstacles(reader, place, given)
-    elsewhere = _handled(reader, node, algorithm, given)
-    return reader.group(kind, place, elsewhere, given)
+    elsewhere = _handled(reader, used.place[:-1], algorithm, given)
+    return {**parts, "controller": reader.group(kind, place, elsewhere, given)}
 
 
 def _handled(
@@ -96,24 +88,14 @@ def _handled(
     if found is None:
         return {}
     reader.instance_group(found)
-    handler = found.place
     if algorithm != "MPPI":
-        reader.only((*handler, "enforce_path_inversion"), False)
+        reader.only((*found.place, "enforce_path_inversion"), False)
         return {}
-    elsewhere = {name: (*handler, name) for name in _OF_THE_PATH}
+    elsewhere = {name: (*found.place, name) for name in _OF_THE_PATH}
     if elsewhere["prune_distance"] not in reader.document.values:
         del elsewhere["prune_distance"]
         given["prune_distance"] = _HANDLED_M
     return elsewhere
-
-
-def _check_obstacles(reader: Reader, place: ParameterLocation, critics: Parts) -> None:
-    """ObstaclesCritic stands for CostCritic, and looks at the robot's center alone."""
-    if not critics["ObstaclesCritic"].enabled:
-        return
-    reader.only((*place, "ObstaclesCritic", "consider_footprint"), False)
-    if critics["CostCritic"].enabled:
-        reader.fault((*place, "critics"), "CostCritic and ObstaclesCritic together are not modeled", "one of them")
 
 
 def _motion_model(reader: Reader, place: ParameterLocation) -> Parts:
@@ -125,7 +107,7 @@ def _motion_model(reader: Reader, place: ParameterLocation) -> Parts:
     model = values.get((*place, "motion_model"))
     constraints, plugin = (*place, "AckermannConstraints"), (*place, str(model), "plugin")
     if plugin in values:
-        constraints, found = plugin[:-1], class_name(reader.text(plugin, ""))
+        constraints, found = plugin[:-1], class_name(reader.plain(plugin, ""))
         given["motion_model"] = model = _MOTION_MODELS.get(found, "DiffDrive")
         if found not in _MOTION_MODELS:
             reader.fault(plugin, f"no motion model {found!r} is known", f"known: {', '.join(_MOTION_MODELS)}")
@@ -135,11 +117,10 @@ def _motion_model(reader: Reader, place: ParameterLocation) -> Parts:
         reader.leave((*constraints, "min_turning_r"), "the motion model is not Ackermann")
     if model != "Omni":
         # Nav2 does not read these, so that they may be out of range, as a standard deviation of 0.
-        usual = MppiParameters()
         for name in ("ay_max", "ay_min", "vy_std"):
             path = (*place, name)
             if path in values and complaint(MppiParameters, name, values[path]):
-                given[name] = getattr(usual, name)
+                given[name] = MppiParameters.model_fields[name].default
                 reader.leave(path, "the motion model is not Omni")
     return given
 
@@ -155,11 +136,10 @@ def primary_controller(values: Mapping[ParameterLocation, Value], shim: Paramete
 
 def critics_of(controller: ParameterGroup) -> Mapping[str, Any]:
     """The groups of a controller's critics by name, those that are not enabled too; none of RPP's."""
-    groups = ((name, value) for name, value in controller if isinstance(value, ParameterGroup))
-    return {name: group for name, group in groups if "enabled" in type(group).model_fields}
+    return {name: value for name, value in controller if "enabled" in getattr(type(value), "model_fields", ())}
 
 
-def _critics(reader: Reader, place: ParameterLocation, algorithm: str, default: ParameterGroup) -> Parts:
+def _critics(reader: Reader, place: ParameterLocation, algorithm: str, default: ParameterGroup) -> dict[str, Any]:
     """The critics that the list `critics` names; all others are not enabled.
 
     DWB's have their places in the list: those that are not in it keep the ones they have, and the others share theirs.
@@ -168,18 +148,16 @@ def _critics(reader: Reader, place: ParameterLocation, algorithm: str, default: 
     if not critics:
         return {}
     loaded: dict[str, ParameterLocation] = {}
-    listed = (*place, "critics")
+    listed, known = (*place, "critics"), f"known: {', '.join(critics)}"
     if algorithm == "DWB" and listed not in reader.document.values:
         reader.fault(place, "no 'critics'", f"a list of them, without which DWB does not start: {', '.join(critics)}")
-    for k, name in enumerate(reader.names(listed, ())):
+    for k, name in enumerate(reader.names(listed)):
         class_path = (*place, name, "class")
-        text = reader.text(class_path, "") if class_path in reader.document.values else name
+        text = reader.plain(class_path, "") if class_path in reader.document.values else name
         kind = short_class(text).removesuffix("Critic" if algorithm == "DWB" else "")
         if kind in critics:
             loaded[kind] = (*place, name)
-            continue
-        known = f"known: {', '.join(critics)}"
-        if (algorithm, kind) in FOREIGN_CRITICS:
+        elif (algorithm, kind) in FOREIGN_CRITICS:
             reader.fault((*listed, str(k)), f"the critic {text} of {algorithm} is not modeled", known)
         else:
             reader.fault((*listed, str(k)), f"{algorithm} has no critic {text!r}", known)
@@ -192,8 +170,8 @@ def _critics(reader: Reader, place: ParameterLocation, algorithm: str, default: 
             reader.unused[(*place, kind)] = "not in the list of critics"
             continue
         reader.kinds[loaded[kind]] = f"{algorithm} critic"
-        enabled = algorithm != "MPPI" or reader.flag((*loaded[kind], "enabled"), True)
-        given = {"enabled": enabled} | ({"place": places[kind]} if kind in places else {})
+        given: dict[str, Any] = {"place": places[kind]} if kind in places else {}
+        given["enabled"] = algorithm != "MPPI" or reader.plain((*loaded[kind], "enabled"), True)
         parts[kind] = reader.group(type(critic), loaded[kind], given=given)
     return parts
 
@@ -201,8 +179,8 @@ def _critics(reader: Reader, place: ParameterLocation, algorithm: str, default: 
 def written_controller_server(node: ParameterLocation, parameters: NavParameters) -> Values:
     """Write the node's parameters, its checkers, and its controller."""
     values = written(parameters.controller_server, node)
-    values |= written_plugins(node, PROGRESS_CHECKERS, {PROGRESS_CHECKERS.used: parameters.progress_checker})
-    values |= written_plugins(node, GOAL_CHECKERS, {GOAL_CHECKERS.used: parameters.goal_checker})
+    for name, plugins in _CHECKERS.items():
+        values |= written_plugins(node, plugins, {plugins.used: getattr(parameters, name)})
     values |= written_controller(node, parameters.controller)
     if parameters.rotation_shim.enabled:
         place = (*node, CONTROLLERS.used)
@@ -215,12 +193,12 @@ def written_controller_server(node: ParameterLocation, parameters: NavParameters
 def written_controller(node: ParameterLocation, controller: ParameterGroup) -> Values:
     """The list `controller_plugins` with one controller, and its parameters."""
     place, critics = (*node, CONTROLLERS.used), critics_of(controller)
+    enabled = (name for name, critic in critics.items() if critic.enabled)
+    listed = sorted(enabled, key=lambda name: getattr(critics[name], "place", 0))
     values: Values = {
         (*node, CONTROLLERS.lists[0]): [place[-1]],
         (*place, "plugin"): CONTROLLER_PLUG_INS.name_of(type(controller)),
     }
-    enabled = (name for name, critic in critics.items() if critic.enabled)
-    listed = sorted(enabled, key=lambda name: getattr(critics[name], "place", 0))
     if critics:
         values[(*place, "critics")] = listed
     return values | written(controller, place, given=critics.keys() - set(listed))

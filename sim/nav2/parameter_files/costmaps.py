@@ -1,8 +1,7 @@
 """Reading costmap nodes: layers in the order of the file, filters with their masks, and the laser scan."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.faults import ScenarioError, complaint
@@ -11,15 +10,7 @@ from vastflow.sim.model.polygon import vertices_of
 from vastflow.sim.nav2.controllers.controller import Controller
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument
 from vastflow.sim.nav2.parameter_files.nodes import FILTERS, LAYERS
-from vastflow.sim.nav2.parameter_files.reader import (
-    Instance,
-    Parts,
-    Reader,
-    Values,
-    is_group,
-    written,
-    written_plugins,
-)
+from vastflow.sim.nav2.parameter_files.reader import Instance, Parts, Reader, Values, is_group, written, written_plugins
 from vastflow.sim.nav2.parameters.costmap import Costmap, ObstacleLayer, global_costmap
 from vastflow.sim.nav2.parameters.stack import NavParameters
 
@@ -36,9 +27,8 @@ _DEFAULT_TOPIC: Final = "costmap_filter_info"
 
 def filtered_by(key: str, parameters: NavParameters) -> Sequence[str]:
     """The costmaps with a filter that needs the mask of a key."""
-    costmaps = {"global_costmap": parameters.global_costmap, "local_costmap": parameters.local_costmap}
-    field = "keepout_filter" if key == KEEPOUT_KEY else "speed_filter"
-    return [name for name, costmap in costmaps.items() if getattr(costmap, field).enabled]
+    field = key.replace("_mask", "_filter")
+    return [name for name in ("global_costmap", "local_costmap") if getattr(getattr(parameters, name), field).enabled]
 
 
 def missing_mask(key: str, costmaps: Sequence[str]) -> tuple[str, str]:
@@ -62,14 +52,34 @@ def _filters(reader: Reader, node: ParameterLocation) -> dict[str, Any]:
             reader.fault(each.place, f"a second {each.kind} beside {places[field][-1]}", "one in a costmap")
             continue
         places[field] = each.place
-        if not reader.flag((*each.place, "enabled"), True):
+        if not reader.plain((*each.place, "enabled"), True):
             continue
-        info = _info(reader, each.place)
-        if field == "speed_filter" and info is None:
-            _lacks_info(reader, each.place)
-        else:  # a keepout filter takes the mask's values as they are, whatever is said of them
-            found[field] = reader.instance_group(each, {name: (*(info or ()), name) for name in _INFO})
+        info = _info(reader, each.place, is_needed=field == "speed_filter")
+        if info is not None:
+            found[field] = reader.instance_group(each, {name: (*info, name) for name in _INFO})
     return found
+
+
+def _info(reader: Reader, place: ParameterLocation, is_needed: bool) -> ParameterLocation | None:
+    """The node that says what the filter at `place` does; without one a fault if it is needed, else an empty path.
+
+    A keepout filter takes the mask's values as they are, whatever is said of them.
+    """
+    document = reader.document
+    topic = reader.plain((*place, TOPIC), "").lstrip("/")
+    for node in document.nodes:
+        own = str(document.values.get((*node, TOPIC), _DEFAULT_TOPIC)).lstrip("/")
+        if is_info_server(document, node) and own == topic:
+            reader.kinds[node] = "filter info"
+            return node
+    if not is_needed:
+        return ()
+    if topic:
+        right = f"{INFO_SERVER}: {{ros__parameters: {{{TOPIC}: {topic}, type: 1, base: 100.0, multiplier: -1.0}}}}"
+        reader.fault((*place, TOPIC), f"no node publishes on {topic!r}", f"a node that does, {right}")
+    else:
+        reader.fault(place, f"no {TOPIC!r}", f"{TOPIC}: {_DEFAULT_TOPIC}, and a node {INFO_SERVER} with the same")
+    return None
 
 
 def check_speed_filter(reader: Reader, parts: Parts) -> None:
@@ -87,30 +97,6 @@ def check_speed_filter(reader: Reader, parts: Parts) -> None:
         reader.fault(places[0], what, "a controller with speed_limits(), or no speed filter")
 
 
-def _info(reader: Reader, place: ParameterLocation) -> ParameterLocation | None:
-    """The node that says what the filter at `place` does."""
-    topic, document = _topic(reader, place), reader.document
-    for node in document.nodes:
-        own = str(document.values.get((*node, TOPIC), _DEFAULT_TOPIC)).lstrip("/")
-        if is_info_server(document, node) and own == topic:
-            reader.kinds[node] = "filter info"
-            return node
-    return None
-
-
-def _lacks_info(reader: Reader, place: ParameterLocation) -> None:
-    topic = _topic(reader, place)
-    if not topic:
-        reader.fault(place, f"no {TOPIC!r}", f"{TOPIC}: {_DEFAULT_TOPIC}, and a node {INFO_SERVER} with the same")
-        return
-    right = f"{INFO_SERVER}: {{ros__parameters: {{{TOPIC}: {topic}, type: 1, base: 100.0, multiplier: -1.0}}}}"
-    reader.fault((*place, TOPIC), f"no node publishes on {topic!r}", f"a node that does, {right}")
-
-
-def _topic(reader: Reader, place: ParameterLocation) -> str:
-    return reader.text((*place, TOPIC), "").lstrip("/")
-
-
 OF_THE_MAP: Final = ("publish_frequency", "width", "height", "resolution")
 """Parameters of the global costmap that have no effect: it is as large and as fine as the map."""
 
@@ -124,7 +110,6 @@ _FIELDS: Final[Mapping[Any, str]] = {
 
 
 def read_costmap(reader: Reader, node: ParameterLocation) -> Mapping[str, Costmap]:
-    """The rolling window, or the costmap that is as large and as fine as the map."""
     given = {field: model(enabled=False) for model, field in _FIELDS.items()} | _filters(reader, node)
     if node[-2] == "global_costmap":
         given |= {name: getattr(global_costmap(), name) for name in OF_THE_MAP}
@@ -144,26 +129,22 @@ def _layers(reader: Reader, node: ParameterLocation) -> Mapping[str, Instance]:
 
     Of several layers for one field the best counts, then the first.
     """
-    layers: dict[str, list[Instance]] = {}
     listed = reader.plugins(node, LAYERS)
+    layers: dict[str, list[Instance]] = {}
     for layer in listed:
         layers.setdefault(_FIELDS[layer.modeled.model], []).append(layer)
-    used = {}
+
+    def worth(layer: Instance) -> tuple[bool, bool]:
+        """A layer that is on comes before one that is off, then one that sees the laser scan."""
+        sees = any(_data_type(reader, source) == "LaserScan" for source in _sources(reader, layer.place))
+        return reader.document.values.get((*layer.place, "enabled"), True) is not False, sees
+
+    used = {field: max(several, key=worth) for field, several in layers.items()}
     for field, several in layers.items():
-        used[field] = max(several, key=lambda layer: _worth(reader, layer.place))
         for layer in several:
             if layer != used[field]:
-                why = f"a second layer beside {used[field].name} is not modeled"
-                reader.unmodeled[layer.place] = why
+                reader.unmodeled[layer.place] = f"a second layer beside {used[field].place[-1]} is not modeled"
     return dict(sorted(used.items(), key=lambda item: listed.index(item[1])))
-
-
-def _worth(reader: Reader, place: ParameterLocation) -> tuple[bool, bool]:
-    """A layer that is on comes before one that is off, then one that sees the laser scan."""
-    values = reader.document.values
-    return values.get((*place, "enabled"), True) is not False, any(
-        _data_type(reader, source) == "LaserScan" for source in _sources(reader, place)
-    )
 
 
 def _check_order(reader: Reader, layers: Sequence[Instance]) -> None:
@@ -172,17 +153,16 @@ def _check_order(reader: Reader, layers: Sequence[Instance]) -> None:
     if inflation is None:
         return
     for layer in layers[layers.index(inflation) + 1 :]:
-        path = (*layer.place, "plugin")
-        if layer.kind == "DenoiseLayer":
-            right = "a Denoise layer before it in the list 'plugins'"
-            reader.fault(path, f"{layer.name} comes after the inflation", right)
-        else:
-            what = f"{layer.name} comes after the inflation: Nav2 does not inflate what it marks, which is not modeled"
-            reader.fault(path, what, f"{layer.name!r} before {inflation.name!r} in the list 'plugins'")
+        what = f"{layer.place[-1]} comes after the inflation"
+        right = "a Denoise layer before it in the list 'plugins'"
+        if layer.kind != "DenoiseLayer":
+            what += ": Nav2 does not inflate what it marks, which is not modeled"
+            right = f"{layer.place[-1]!r} before {inflation.place[-1]!r} in the list 'plugins'"
+        reader.fault((*layer.place, "plugin"), what, right)
 
 
 def _sources(reader: Reader, place: ParameterLocation) -> list[ParameterLocation]:
-    return [(*place, name) for name in reader.names((*place, "observation_sources"), ())]
+    return [(*place, name) for name in reader.names((*place, "observation_sources"))]
 
 
 def _data_type(reader: Reader, source: ParameterLocation) -> object:
@@ -209,7 +189,7 @@ def _obstacle_layer(reader: Reader, layer: Instance) -> ObstacleLayer:
         if source != scan:
             reader.unmodeled[source] = "only one source, a LaserScan, is modeled"
     if scan is not None:
-        reader.text((*scan, "data_type"), "LaserScan")
+        reader.plain((*scan, "data_type"), "LaserScan")
         reader.kinds[scan] = "scan"
     elif cloud is not None:
         reader.unmodeled[cloud] = "a point cloud is read as the laser scan"
@@ -245,8 +225,7 @@ def written_costmap(name: str, costmap: Costmap) -> Values:
     return values
 
 
-@dataclass(frozen=True, slots=True)
-class Masks:
+class Masks(NamedTuple):
     """The masks of the filters that are enabled; None without such a filter."""
 
     keepout: FileContent | None = None
@@ -262,16 +241,11 @@ def masks_of(system: Mapping[str, Value], parameters: NavParameters) -> Masks:
     Raises:
         ScenarioError: a filter without a mask, or a mask that is no map file.
     """
-    keepout, speed = (_mask(system, key, parameters) for key in (KEEPOUT_KEY, SPEED_KEY))
-    return Masks(keepout, speed)
-
-
-def _mask(system: Mapping[str, Value], key: str, parameters: NavParameters) -> FileContent | None:
-    costmaps = filtered_by(key, parameters)
-    if not costmaps:
-        return None
-    found = system.get(key)
-    if isinstance(found, FileContent):
-        return found
-    what, right = missing_mask(key, costmaps)
-    raise ScenarioError(f"{key}: {complaint(what if found is None else f'got {found!r}', right)}")
+    masks: list[FileContent | None] = []
+    for key in MASK_KEYS:
+        costmaps, found = filtered_by(key, parameters), system.get(key)
+        if costmaps and not isinstance(found, FileContent):
+            what, right = missing_mask(key, costmaps)
+            raise ScenarioError(f"{key}: {complaint(what if found is None else f'got {found!r}', right)}")
+        masks.append(found if costmaps and isinstance(found, FileContent) else None)
+    return Masks(*masks)

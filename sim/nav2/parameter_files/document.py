@@ -16,7 +16,7 @@ from yaml.constructor import ConstructorError, SafeConstructor
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from vastflow.sim.model.digest import Value
-from vastflow.sim.model.faults import UserError, complaint
+from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.files import MOST_LEVELS, TextPlace, Unreadable, place_of, read_text, yaml_node
 from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.plug_ins.snapshot import Snapshot
@@ -25,44 +25,8 @@ PARAMETERS: Final = "ros__parameters"
 
 TAG: Final = "tag:yaml.org,2002:"
 EXPONENT: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+")
+_CONSTRUCTOR: Final = SafeConstructor()
 WHOLE_FILE: Final = "a whole Nav2 parameter file, 'node: {ros__parameters: {...}}'"
-
-
-@dataclass(frozen=True, slots=True)
-class ParameterFault:
-    """A mistake in a document.
-
-    Attributes:
-        where: The parameter, dotted; `file` for the whole.
-        what: What was found.
-        right: What would be right.
-        place: Where in the file; (0, 0) for what is in none.
-        together: Whether each value is right on its own, and only together they are not.
-    """
-
-    where: str
-    what: str
-    right: str
-    place: TextPlace = (0, 0)
-    together: bool = False
-
-    def __str__(self) -> str:
-        return f"{self.where}: {complaint(self.what, self.right)}"
-
-
-class DocumentError(UserError, ValueError):
-    """A document the stack can't be set to; holds every fault that was found."""
-
-    def __init__(self, faults: Iterable[ParameterFault], file: str = "") -> None:
-        self.faults = tuple(faults)
-        self.file = file
-        super().__init__(self.faults, file)  # as arguments, so that it can be pickled
-
-    def __str__(self) -> str:
-        return "\n".join(
-            f"{self.file}:{fault.place[0]}:{fault.place[1]}: {fault}" if fault.place[0] else str(fault)
-            for fault in self.faults
-        )
 
 
 @dataclass(frozen=True)
@@ -116,39 +80,35 @@ def read_document(path: str | Path) -> ParameterDocument:
     """Read a Nav2 parameter file; of several YAML documents in it the first.
 
     Raises:
-        DocumentError: no such file, not YAML, not a mapping, no `ros__parameters`, values that are no parameters.
+        FileError: no such file, not YAML, not a mapping, no `ros__parameters`, values that are no parameters.
     """
-    file = str(path)
     try:
-        return parse(read_text(path, "a Nav2 parameter file"), file)
+        text = read_text(path, "a Nav2 parameter file")
     except Unreadable as error:
-        raise _unreadable(error, file) from None
+        raise _error(str(path), error.place, error.what, error.right) from None
+    return parse(text, str(path))
 
 
 def parse(text: str, file: str = "") -> ParameterDocument:
-    """The document that `text` holds; for `file` see `ParameterDocument`.
-
-    Raises:
-        DocumentError: as of `read_document`.
-    """
+    """The document that `text` holds; raises `FileError` as `read_document` does."""
     try:
         root = yaml_node(text)
     except Unreadable as error:
-        raise _unreadable(error, file) from None
+        raise _error(file, error.place, error.what, error.right) from None
     if not isinstance(root, MappingNode):
         found = "got an empty file" if root is None or root.value == "" else "got no mapping"
-        raise DocumentError([ParameterFault("file", found, WHOLE_FILE, place_of(root) if root else (1, 1))], file)
+        raise _error(file, place_of(root) if root else (1, 1), found)
     walk = _Walk(file)
     walk.nodes(root, ())
-    if not walk.faults and not any(PARAMETERS in path for path in walk.places):
-        walk.faults.append(ParameterFault("file", f"no {PARAMETERS} anywhere", WHOLE_FILE, (1, 1)))
     if walk.faults:
-        raise DocumentError(sorted(walk.faults, key=lambda fault: fault.place), file)
+        raise FileError(walk.faults)
+    if not any(PARAMETERS in path for path in walk.places):
+        raise _error(file, (1, 1), f"no {PARAMETERS} anywhere")
     return ParameterDocument(walk.values, walk.places, tuple(walk.repeated), file)
 
 
-def _unreadable(error: Unreadable, file: str) -> DocumentError:
-    return DocumentError([ParameterFault("file", error.what, error.right, error.place)], file)
+def _error(file: str, place: TextPlace, problem: str, expected: str = WHOLE_FILE) -> FileError:
+    return FileError([Fault(Place(file, *place, "file"), problem, expected)])
 
 
 class _Walk:
@@ -159,33 +119,30 @@ class _Walk:
         self.values: dict[ParameterLocation, Value] = {}
         self.places: dict[ParameterLocation, TextPlace] = {}
         self.repeated: list[ParameterLocation] = []
-        self.faults: list[ParameterFault] = []
-        self._constructor = SafeConstructor()
+        self.faults: list[Fault] = []
 
     def nodes(self, mapping: MappingNode, above: ParameterLocation) -> None:
         """Names of nodes and namespaces, down to their parameters."""
         for key, value, merged in self._items(mapping, above):
             path = self._below(above, filter(None, key.value.split("/")), key)
             self.places.setdefault(path, place_of(key))
-            if key.value == PARAMETERS:
-                self._parameters(value, path, merged)
-            elif isinstance(value, MappingNode):
-                self.nodes(value, path)
-            elif self._scalar(value, path) is not None:
+            if isinstance(value, MappingNode):
+                if key.value == PARAMETERS:
+                    self._group(value, path, merged)
+                else:
+                    self.nodes(value, path)
+            elif self._scalar(value, path) is None:
+                continue
+            elif key.value == PARAMETERS:
+                self._fault(value, path, "got no mapping", "parameters, 'name: value'")
+            else:
                 self._fault(value, path, f"a value outside of {PARAMETERS}", f"parameters below '{PARAMETERS}:'")
 
     def _below(self, above: ParameterLocation, names: Iterable[str], key: Node) -> ParameterLocation:
         path = (*above, *names)
         if len(path) > MOST_LEVELS:
-            fault = ParameterFault("file", f"more than {MOST_LEVELS} levels deep", "fewer levels", place_of(key))
-            raise DocumentError([fault], self._file)
+            raise _error(self._file, place_of(key), f"more than {MOST_LEVELS} levels deep", "fewer levels")
         return path
-
-    def _parameters(self, node: Node, path: ParameterLocation, merged: bool) -> None:
-        if isinstance(node, MappingNode):
-            self._group(node, path, merged)
-        elif self._scalar(node, path) is not None:
-            self._fault(node, path, "got no mapping", "parameters, 'name: value'")
 
     def _group(self, mapping: MappingNode, above: ParameterLocation, merged: bool) -> None:
         for key, value, brought in self._items(mapping, above):
@@ -194,48 +151,38 @@ class _Walk:
                 self.places.setdefault(path[:n], place_of(key))
             if isinstance(value, MappingNode):
                 self._group(value, path, merged or brought)
-            else:
-                self._enter(path, value, key, merged or brought)
-
-    def _enter(self, path: ParameterLocation, value: Node, key: Node, merged: bool) -> None:
-        if path in self.values:
-            if merged:  # what stands in the file itself counts before what an alias brings
-                return
-            self.repeated.append(path)
-        self.places[path] = place_of(value if isinstance(value, ScalarNode) and value.value else key)
-        self.values[path] = self._value(value, path)
+            elif path not in self.values or not (merged or brought):  # the file's own values precede an alias's
+                if path in self.values:
+                    self.repeated.append(path)
+                self.places[path] = place_of(value if isinstance(value, ScalarNode) and value.value else key)
+                self.values[path] = self._value(value, path)
 
     def _items(self, mapping: MappingNode, above: ParameterLocation) -> Iterator[tuple[ScalarNode, Node, bool]]:
         """Keys and values, those that `<<` brings last and marked."""
+        sources: list[Node] = []
         for key, value in mapping.value:
-            if isinstance(key, ScalarNode) and key.tag != f"{TAG}merge" and key.value:
+            if key.tag == f"{TAG}merge":
+                sources += value.value if isinstance(value, SequenceNode) else [value]
+            elif isinstance(key, ScalarNode) and key.value:
                 yield key, value, False
-            elif key.tag != f"{TAG}merge":
-                self._fault(key, above, "got a list, a mapping or nothing as a name", "a name")
-        for key, value in mapping.value:
-            for source in self._merged(key, value, above):
-                yield from ((name, item, True) for name, item, _ in self._items(source, above))
-
-    def _merged(self, key: Node, value: Node, above: ParameterLocation) -> Iterator[MappingNode]:
-        if key.tag != f"{TAG}merge":
-            return
-        for source in value.value if isinstance(value, SequenceNode) else [value]:
-            if isinstance(source, MappingNode):
-                yield source
             else:
-                self._fault(value, above, "got no mapping to merge", "an alias of another mapping")
+                self._fault(key, above, "got a list, a mapping or nothing as a name", "a name")
+        for source in sources:
+            if isinstance(source, MappingNode):
+                yield from ((name, item, True) for name, item, _ in self._items(source, above))
+            else:
+                self._fault(source, above, "got no mapping to merge", "an alias of another mapping")
 
     def _value(self, node: Node, path: ParameterLocation) -> Value:
-        if isinstance(node, ScalarNode):
+        if not isinstance(node, SequenceNode):
             return self._scalar(node, path)
         items: list[Value] = []
-        if isinstance(node, SequenceNode):
-            for k, item in enumerate(node.value):
-                self.places[(*path, str(k))] = place_of(item)
-                if isinstance(item, ScalarNode):
-                    items.append(self._scalar(item, path))
-                else:
-                    self._fault(item, path, "got a list or a mapping in a list", "text, numbers or flags")
+        for k, item in enumerate(node.value):
+            self.places[(*path, str(k))] = place_of(item)
+            if isinstance(item, ScalarNode):
+                items.append(self._scalar(item, path))
+            else:
+                self._fault(item, path, "got a list or a mapping in a list", "text, numbers or flags")
         return items
 
     def _scalar(self, node: Node, path: ParameterLocation) -> Value:
@@ -244,20 +191,16 @@ class _Walk:
         kind, text = str(node.tag).removeprefix(TAG), str(node.value)
         if kind in ("str", "timestamp", "value", "merge"):
             return float(text) if not node.style and EXPONENT.fullmatch(text) else text
-        if kind == "null":
-            return None
-        try:
-            if kind == "bool":
-                return bool(self._constructor.construct_yaml_bool(node))
-            if kind == "int":
-                return int(self._constructor.construct_yaml_int(node))
-            if kind == "float" and not math.isnan(number := float(self._constructor.construct_yaml_float(node))):
-                return number
-        except (ConstructorError, ValueError, KeyError, IndexError, OverflowError):
-            pass
+        if kind in ("null", "bool", "int", "float"):
+            try:
+                value: Value = getattr(_CONSTRUCTOR, f"construct_yaml_{kind}")(node)
+                if not (isinstance(value, float) and math.isnan(value)):
+                    return value
+            except (ConstructorError, ValueError, KeyError, IndexError, OverflowError):
+                pass
         what = f"got {text[:60]!r}" if kind in ("bool", "int", "float") else f"got the tag {node.tag}"
         self._fault(node, path, what, "text, a number, or true or false")
         return None
 
-    def _fault(self, node: Node, path: ParameterLocation, what: str, right: str) -> None:
-        self.faults.append(ParameterFault(dotted(path) or "file", what, right, place_of(node)))
+    def _fault(self, node: Node, path: ParameterLocation, problem: str, expected: str) -> None:
+        self.faults.append(Fault(Place(self._file, *place_of(node), dotted(path) or "file"), problem, expected))

@@ -8,7 +8,7 @@ from vastflow.sim.model.digest import Value
 from vastflow.sim.model.files import TextPlace
 from vastflow.sim.model.names import SLIP, nearest
 from vastflow.sim.model.parameter import ParameterLocation
-from vastflow.sim.nav2.parameter_files.built_in import TABLES, UNUSED_NODES, built_in, nav2_names
+from vastflow.sim.nav2.parameter_files.built_in import ANY, IN_EVERY_NODE, TABLES, UNUSED_NODES, nav2_names
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument, node_of
 from vastflow.sim.nav2.parameter_files.interpretation import Interpretation
 from vastflow.sim.nav2.parameter_files.reader import Reader
@@ -74,31 +74,35 @@ def left_out(found: Interpretation) -> Mapping[ParameterLocation, Value]:
 
 def _finding(reader: Reader, document: ParameterDocument, path: ParameterLocation) -> Finding:
     value, place = document.values[path], document.place(path)
+
+    def found(status: Status, why: str = "", used: Value = None, about: ParameterLocation = path) -> Finding:
+        return Finding(path, place, value, status, used, why, about)
+
     if path in reader.asked and path not in reader.unmodeled:
         used = reader.asked[path]
-        return Finding(path, place, value, "modeled", list(used) if isinstance(used, tuple) else used, "", path)
+        return found("modeled", used=list(used) if isinstance(used, tuple) else used)
     if group := _nearest(path, reader.unused):
-        return Finding(path, place, value, "no effect", None, reader.unused[group], group)
+        return found("no effect", reader.unused[group], about=group)
     if group := _nearest(path, reader.unmodeled):
-        return Finding(path, place, value, "not modeled", None, reader.unmodeled[group], group)
+        return found("not modeled", reader.unmodeled[group], about=group)
     node = node_of(path)
     node_name = "".join(node[-2:-1])
     if node_name in UNUSED_NODES:
-        return Finding(path, place, value, "no effect", None, UNUSED_NODES[node_name], node)
+        return found("no effect", UNUSED_NODES[node_name], about=node)
     group = _nearest(path[:-1], reader.kinds)  # a group that has a value of its own is none
     kind = reader.kinds[group] if group else node_name
-    name = path[len(group or node) :]
-    rule = built_in(kind, name)
-    if rule is not None and rule.agrees(value):
-        status: Status = "built in" if rule.matters else "no effect"
-        return Finding(path, place, value, status, value if rule.matters else None, "", path)
+    name, table = path[len(group or node) :], TABLES.get(kind, {})
+    rule = table.get(".".join(name)) or table.get(f"{name[0]}.*") or IN_EVERY_NODE.get(name[-1])
     if rule is not None:
-        return Finding(path, place, value, "differs", rule.value, "", path)
-    if len(name) > 1 and _is_unlisted(document, (*(group or node), name[0])):
-        return Finding(path, place, value, "no effect", None, "no list of plug-ins has it", (*(group or node), name[0]))
+        if not rule.agrees(value):
+            return found("differs", used=rule.value)
+        return found("no effect") if rule == ANY else found("built in", used=value)
+    plugin = (*(group or node), name[0])
+    if len(name) > 1 and _is_unlisted(document, plugin):
+        return found("no effect", "no list of plug-ins has it", about=plugin)
     if group is None and kind not in TABLES:
-        return Finding(path, place, value, "not modeled", None, "nothing of this node is", node)
-    return Finding(path, place, value, "not modeled", None, "", path)
+        return found("not modeled", "nothing of this node is", about=node)
+    return found("not modeled")
 
 
 def _is_unlisted(document: ParameterDocument, plugin: ParameterLocation) -> bool:

@@ -1,14 +1,15 @@
 """Interpretation: what a Nav2 parameter document sets the stack to, and the document that sets it to given parameters."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation
 from vastflow.sim.model.polygon import vertices_of
 from vastflow.sim.nav2.parameter_files.controller_server import read_controller_server, written_controller_server
 from vastflow.sim.nav2.parameter_files.costmaps import check_speed_filter, read_costmap, written_costmap
-from vastflow.sim.nav2.parameter_files.document import PARAMETERS, DocumentError, ParameterDocument, ParameterFault
+from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument
 from vastflow.sim.nav2.parameter_files.monitor import read_monitor, written_monitor
 from vastflow.sim.nav2.parameter_files.nodes import NODES, PLANNERS, WAIT_AT_WAYPOINT, class_name, short_class
 from vastflow.sim.nav2.parameter_files.noise import noise_of
@@ -53,7 +54,7 @@ _LISTS_BEFORE_FOXY: Final[Mapping[str, str]] = {
 """Lists of names, with the classes in a list beside them, to the lists that name groups with a `plugin` each."""
 
 
-def refuse_releases_before_foxy(reader: Reader) -> None:
+def _refuse_releases_before_foxy(reader: Reader) -> None:
     """Without today's nodes and lists, the stack would be Nav2's default one in place of what such a file says."""
     document = reader.document
     for old, new in _NODES_BEFORE_FOXY.items():
@@ -102,7 +103,7 @@ def interpretation(document: ParameterDocument) -> Interpretation:
     TurtleBot 4's file leaves out `amcl`, are as in Nav2 Jazzy's default file.
 
     Raises:
-        DocumentError: every fault of the document.
+        FileError: every fault of the document.
     """
     reader = Reader(document)
     parts: dict[str, Any] = {
@@ -112,7 +113,7 @@ def interpretation(document: ParameterDocument) -> Interpretation:
         "lidar_noise": _lidar_noise(reader),
     }
     absent = []
-    refuse_releases_before_foxy(reader)
+    _refuse_releases_before_foxy(reader)
     for (*above, name), modeled in NODES.items():
         node = document.node(*above, name) or document.node(*above, modeled.older or name)
         if node is not None:
@@ -121,15 +122,17 @@ def interpretation(document: ParameterDocument) -> Interpretation:
         else:
             absent.append(name)
             parts |= {name: _WITHOUT[name]} if name in _WITHOUT else {}
-    _check_nodes(reader, absent)
-    parts |= _body_of_the_other_costmap(parts)
-    parts |= _localization_of_an_omni_robot(parts)
+    if len(absent) == len(NODES) and not reader.faults:
+        place = Place(document.file, *min(document.places.values(), default=(1, 1)), "file")
+        right = f"one that is, beside others: {', '.join(map('/'.join, NODES))}"
+        reader.faults.append(Fault(place, "none of its nodes is modeled", right))
+    _fill_in(parts)
     parts |= _distances_of_the_inflation(reader, parts)
     _check_mppi(reader, parts)
     _check_turning_radius(reader, parts)
     check_speed_filter(reader, parts)
     if reader.faults:
-        raise DocumentError(sorted(reader.faults, key=lambda fault: fault.place), document.file)
+        raise FileError(reader.faults)
     if "controller" not in parts and "controller_server" not in absent:
         absent.append("controller")
     replaced = tuple(name for name in absent if name not in _WITHOUT)
@@ -137,24 +140,15 @@ def interpretation(document: ParameterDocument) -> Interpretation:
     return Interpretation(document, NavParameters(**parts), reader, replaced, left_away)
 
 
-def _check_nodes(reader: Reader, absent: Collection[str]) -> None:
-    """Report a file without any node of the stack, unless other faults explain it."""
-    if len(absent) == len(NODES) and not reader.faults:
-        place = min(reader.document.places.values(), default=(1, 1))
-        what, right = "none of its nodes is modeled", f"one that is, beside others: {', '.join(map('/'.join, NODES))}"
-        reader.faults.append(ParameterFault("file", what, right, place))
-
-
-def _body_of_the_other_costmap(parts: Parts) -> Parts:
-    """Return a missing costmap with the body of the other one."""
-    for name, other, default in (
-        ("local_costmap", "global_costmap", local_costmap()),
-        ("global_costmap", "local_costmap", global_costmap()),
-    ):
+def _fill_in(parts: dict[str, Any]) -> None:
+    """Give a missing costmap the body of the other one, and an omni robot an AMCL that it can strafe with."""
+    defaults = {"local_costmap": local_costmap(), "global_costmap": global_costmap()}
+    for name, other in zip(defaults, reversed(defaults), strict=True):
         if name not in parts and other in parts:
-            of = ("robot_radius", "footprint", "footprint_padding")
-            return {name: default.model_copy(update={field: getattr(parts[other], field) for field in of})}
-    return {}
+            body = {field: getattr(parts[other], field) for field in ("robot_radius", "footprint", "footprint_padding")}
+            parts[name] = defaults[name].model_copy(update=body)
+    if "amcl" not in parts and (parts["robot"].drive or ("omni" if is_omni(parts.get("controller")) else "")) == "omni":
+        parts["amcl"] = AmclParameters(omni=True)
 
 
 def is_omni(controller: object) -> bool:
@@ -162,14 +156,6 @@ def is_omni(controller: object) -> bool:
     if isinstance(controller, DwbParameters):
         return controller.min_vel_y != 0.0 or controller.max_vel_y != 0.0
     return isinstance(controller, MppiParameters) and controller.motion_model == "Omni"
-
-
-def _localization_of_an_omni_robot(parts: Parts) -> Parts:
-    """A file without AMCL has that of Jazzy's file, whose motion model is differential: strafing would lose an omni robot."""
-    robot = parts["robot"]
-    if "amcl" in parts or not (robot.drive == "omni" or (robot.drive is None and is_omni(parts.get("controller")))):
-        return {}
-    return {"amcl": AmclParameters(omni=True)}
 
 
 def _distances_of_the_inflation(reader: Reader, parts: Parts) -> Parts:
@@ -229,7 +215,7 @@ def _lidar_noise(reader: Reader) -> ParameterGroup:
 
 def _latency(reader: Reader) -> Latency:
     place = ROBOT_KEY, LATENCY_KEY
-    preset = reader.text((*place, PRESET_KEY), next(iter(PRESETS)))
+    preset = reader.plain((*place, PRESET_KEY), next(iter(PRESETS)))
     if preset not in PRESETS:
         reader.fault((*place, PRESET_KEY), f"got {shown(preset)}", f"one of {', '.join(PRESETS)}")
     return reader.group(Latency, place, left_out=PRESETS.get(preset, IDEAL))
@@ -239,26 +225,26 @@ def _planner_server(reader: Reader, node: ParameterLocation) -> Parts:
     used = reader.used(node, PLANNERS)
     if used is None:
         return {}
-    place, path = (*node, used[0]), (*node, used[0], "plugin")
-    text = reader.text(path, reader.default_class(*used, PLANNERS))
-    kind = reader.plug_in(PLANNER_PLUG_INS, PLANNERS.foreign, text, path, used[1])
+    path = (*used.place, "plugin")
+    kind = reader.plug_in(PLANNER_PLUG_INS, PLANNERS.foreign, path, used.default_class, used.listed)
     if kind is None:
         return {}
+    text = str(reader.asked[path])
     modeled = PLANNERS.modeled.get(class_name(text))
     if modeled is None:
-        return {"planner": reader.own_group(kind, place, {path})}
-    reader.kinds[place] = short_class(text)
-    return {"planner": reader.instance_group(Instance(place, reader.kinds[place], modeled))}
+        return {"planner": reader.own_group(kind, used.place, {path})}
+    reader.kinds[used.place] = short_class(text)
+    return {"planner": reader.instance_group(Instance(used.place, short_class(text), modeled))}
 
 
 def _waypoint_follower(reader: Reader, node: ParameterLocation) -> Parts:
-    executor = (*node, reader.text((*node, "waypoint_task_executor_plugin"), "wait_at_waypoint"))
-    pause = (*executor, "waypoint_pause_duration")
-    if class_name(str(reader.document.values.get((*executor, "plugin"), WAIT_AT_WAYPOINT))) != WAIT_AT_WAYPOINT:
+    executor = (*node, reader.plain((*node, "waypoint_task_executor_plugin"), "wait_at_waypoint"))
+    pause, plugin = (*executor, "waypoint_pause_duration"), (*executor, "plugin")
+    if class_name(str(reader.document.values.get(plugin, WAIT_AT_WAYPOINT))) != WAIT_AT_WAYPOINT:
         reader.unmodeled[executor] = f"of the tasks at waypoints only {WAIT_AT_WAYPOINT} is modeled"
         return {"waypoint_follower": reader.group(WaypointFollower, node, given={pause[-1]: 0})}
-    reader.text((*executor, "plugin"), WAIT_AT_WAYPOINT)
-    waits = reader.flag((*executor, "enabled"), True)
+    reader.plain(plugin, WAIT_AT_WAYPOINT)
+    waits = reader.plain((*executor, "enabled"), True)
     found = reader.group(WaypointFollower, node, {pause[-1]: pause})
     return {"waypoint_follower": found if waits else found.with_values(waypoint_pause_duration=0)}
 

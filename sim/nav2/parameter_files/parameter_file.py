@@ -8,18 +8,11 @@ from pathlib import Path
 from typing import Final
 
 from vastflow.sim.model.digest import FileContent, Value, digest
+from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.files import TextPlace, is_file
 from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.nav2.parameter_files.costmaps import is_info_server
-from vastflow.sim.nav2.parameter_files.document import (
-    PARAMETERS,
-    DocumentError,
-    ParameterDocument,
-    ParameterFault,
-    dotted,
-    node_of,
-    read_document,
-)
+from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument, dotted, node_of, read_document
 from vastflow.sim.nav2.parameter_files.interpretation import interpretation
 from vastflow.sim.nav2.parameter_files.nodes import NODES
 from vastflow.sim.plug_ins.neighbors import PlugInError
@@ -36,7 +29,7 @@ def read_nav2_document(path: str | Path) -> ParameterDocument:
     """Read a Nav2 parameter file with its wildcards resolved.
 
     Raises:
-        DocumentError: as of `vastflow.sim.nav2.parameter_files.document.read_document`.
+        FileError: as of `vastflow.sim.nav2.parameter_files.document.read_document`.
     """
     return resolved(read_document(path))
 
@@ -114,7 +107,7 @@ def nav2_file(path: str | Path) -> FileContent:
     of keys, and nodes that the simulator has nothing of are not in it.
 
     Raises:
-        DocumentError: the file can't be used.
+        FileError: the file can't be used.
     """
     document = frozen(read_nav2_document(path))
     interpretation(document)
@@ -158,14 +151,14 @@ def loaded(content: FileContent) -> ParameterDocument:
     """The document of a file's value.
 
     Raises:
-        DocumentError: the file is gone, or says something else than when the value was made.
+        FileError: the file is gone, or says something else than when the value was made.
     """
     document = read_nav2_document(content.path)
     kept = content.plug_ins if isinstance(content, PlugInFile) else None
     document = frozen(document) if kept is None else replace(document, plug_ins=kept)
     if _content_digest(document) != content.digest:
         what = f"{content.path} changed since the campaign was read"
-        raise DocumentError([ParameterFault(FILE_KEY, what, "run the campaign again")])
+        raise FileError([Fault(Place("", 0, 0, FILE_KEY), what, "run the campaign again")])
     return document
 
 

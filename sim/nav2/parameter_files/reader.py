@@ -2,17 +2,17 @@
 
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TypeAlias, TypeGuard, TypeVar
+from typing import Any, Final, NamedTuple, TypeAlias, TypeGuard, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from vastflow.sim.model.digest import Value
+from vastflow.sim.model.faults import Fault, Place
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation, complaints, source_of
 from vastflow.sim.model.rates import held_hz
-from vastflow.sim.nav2.parameter_files.document import ParameterDocument, ParameterFault, dotted
+from vastflow.sim.nav2.parameter_files.document import ParameterDocument, dotted
 from vastflow.sim.nav2.parameter_files.nodes import PluginClass, Plugins, class_name, short_class
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.registry import FILE, Registry
@@ -20,27 +20,24 @@ from vastflow.sim.plug_ins.registry import FILE, Registry
 RATES: Final = frozenset({"controller_frequency", "update_frequency", "publish_frequency"})
 """Parameters whose loops run in whole numbers of ticks."""
 
+CONTRADICTION: Final = "got parameters that contradict each other"
+"""Begins the problem of values that are right on their own, and only together are not."""
+
 Group = TypeVar("Group", bound=BaseModel)
+Plain = TypeVar("Plain", bool, str)
 
 Parts: TypeAlias = Mapping[str, Any]
 """Fields of `NavParameters`."""
 
-
 Values: TypeAlias = dict[ParameterLocation, Value]
 
 
-@dataclass(frozen=True, slots=True)
-class Instance:
+class Instance(NamedTuple):
     """A plug-in that a document loads: its place, its class without the package, and what is modeled."""
 
     place: ParameterLocation
     kind: str
     modeled: PluginClass
-
-    @property
-    def name(self) -> str:
-        """Its name in the list."""
-        return self.place[-1]
 
 
 class Reader:
@@ -64,13 +61,12 @@ class Reader:
         self.unmodeled: dict[ParameterLocation, str] = {}
         self.unused: dict[ParameterLocation, str] = {}
         self.held: dict[ParameterLocation, float] = {}
-        self.faults: list[ParameterFault] = []
+        self.faults: list[Fault] = []
 
-    def fault(self, path: ParameterLocation, what: str, right: str) -> None:
-        """Note a mistake at `path`, once however often it is met."""
-        fault = ParameterFault(dotted(path), what, right, self.document.place(path))
-        if fault not in self.faults:
-            self.faults.append(fault)
+    def fault(self, path: ParameterLocation, problem: str, expected: str) -> None:
+        """Note a mistake at `path`."""
+        place = Place(self.document.file, *self.document.place(path), dotted(path))
+        self.faults.append(Fault(place, problem, expected))
 
     def group(
         self,
@@ -100,7 +96,11 @@ class Reader:
                 found = self.group(field.annotation, path)
                 values[name] = found if len(self.faults) == known else field.default
             elif source.texts:
-                values[name] = self._choice(path, source.texts)
+                usual = next(iter(source.texts))
+                text = class_name(self.plain(path, usual))
+                if text not in source.texts:
+                    self.fault(path, f"got {shown(text)}", f"one of {', '.join(source.texts)}")
+                values[name] = source.texts.get(text, source.texts[usual])
             else:
                 usual = getattr(left_out, name, field.default if source.code is None else source.code)
                 values[name] = self.document.values.get(path, usual)
@@ -109,7 +109,13 @@ class Reader:
         try:
             group = model.model_validate(values)
         except ValidationError as error:
-            self._faults_of(model, error, paths)
+            for name, right in complaints(model, error):
+                if name:
+                    self.fault(paths[name], f"got {shown(self.document.values.get(paths[name]))}", right)
+                else:
+                    named = re.findall(r"\w+", right)
+                    path = next((path for name, path in paths.items() if name in named), ())
+                    self.fault(path, f"{CONTRADICTION}: {right}", "values that agree")
             return model.model_construct(**values)
         self.asked |= {path: getattr(group, name) for name, path in paths.items()}
         for name, path in paths.items():
@@ -119,36 +125,33 @@ class Reader:
                 self.leave(path, needs[2])
         return group
 
-    def _choice(self, path: ParameterLocation, texts: Mapping[str, Any]) -> Any:
-        usual = next(iter(texts))
-        found = class_name(self.text(path, usual))
-        if found not in texts:
-            self.fault(path, f"got {shown(found)}", f"one of {', '.join(texts)}")
-        return texts.get(found, texts[usual])
-
     def plug_in(
         self,
         plug_ins: Registry[Any],
         foreign: Collection[str],
-        text: str,
         path: ParameterLocation,
+        default: str,
         listed: ParameterLocation,
     ) -> type[ParameterGroup] | None:
-        """The parameters of the plug-in that `text` at `path` names; None where there is none, which is a fault."""
+        """The parameters of the plug-in whose class is at `path`; None where there is none, which is a fault.
+
+        Args:
+            foreign: Classes that are known and not modeled.
+            listed: Where a list has the plug-in's name.
+        """
         known, noun, document = ", ".join(plug_ins.known), plug_ins.noun, self.document
-        name = plug_in_name(text)
+        name = plug_in_name(self.plain(path, default))
         if not name:
             right = f"the class of a {noun}; known: {known}; {plug_ins.own}"
             self.fault(listed, f"no {path[-1]!r} below {path[-2]!r}", right)
-            return None
-        if name in foreign:
+        elif name in foreign:
             self.fault(path, f"{name} is not modeled", f"a {noun} that is: {known}; {plug_ins.own}")
-            return None
-        try:
-            return plug_ins.parameters(name, Path(document.file).parent, document.plug_ins.get(name))
-        except PlugInError as error:
-            self.fault(path, error.what, error.right)
-            return None
+        else:
+            try:
+                return plug_ins.parameters(name, Path(document.file).parent, document.plug_ins.get(name))
+            except PlugInError as error:
+                self.fault(path, error.what, error.right)
+        return None
 
     def own_group(
         self, kind: type[Group], place: ParameterLocation, others: Collection[ParameterLocation] = ()
@@ -169,42 +172,30 @@ class Reader:
             if is_group(field.annotation):
                 self._check_names(field.annotation, (*place, name))
 
-    def _faults_of(
-        self, model: type[BaseModel], error: ValidationError, paths: Mapping[str, ParameterLocation]
-    ) -> None:
-        for name, right in complaints(model, error):
-            if name:
-                self.fault(paths[name], f"got {shown(self.document.values.get(paths[name]))}", right)
-                continue
-            named = re.findall(r"\w+", right)
-            path = next((path for name, path in paths.items() if name in named), ())
-            what = f"got parameters that contradict each other: {right}"
-            place = self.document.place(path)
-            self.faults.append(ParameterFault(dotted(path), what, "values that agree", place, together=True))
-
     def leave(self, path: ParameterLocation, why: str) -> None:
         """Take back that a parameter was asked for: it has no effect beside others."""
         self.asked.pop(path, None)
         self.fields.pop(path, None)
         self.unused[path] = why
 
-    def flag(self, path: ParameterLocation, default: bool) -> bool:
-        """A flag that is no field of a group."""
-        return bool(self._plain(path, default, bool, "true or false"))
+    def plain(self, path: ParameterLocation, default: Plain) -> Plain:
+        """A flag or a text, as `default` is, that is no field of a group."""
+        found = self.document.values.get(path, default)
+        if not isinstance(found, type(default)):
+            self.fault(path, f"got {shown(found)}", "text" if isinstance(default, str) else "true or false")
+            found = default
+        self.asked[path] = found
+        return found
 
-    def text(self, path: ParameterLocation, default: str) -> str:
-        """A text."""
-        return str(self._plain(path, default, str, "text"))
-
-    def names(self, path: ParameterLocation, default: Sequence[str]) -> list[str]:
+    def names(self, path: ParameterLocation, default: Sequence[str] = ()) -> list[str]:
         """A list of names, or a text with blanks between them."""
         given: Value = self.document.values.get(path, list(default))
-        found = given.split() if isinstance(given, str) else given
-        if not isinstance(found, Sequence) or not all(isinstance(name, str) for name in found):
-            self.fault(path, f"got {shown(given)}", "a list of names")
-            found = list(default)
         self.asked[path] = given
-        return [str(name) for name in found]
+        found = given.split() if isinstance(given, str) else given
+        if isinstance(found, Sequence) and all(isinstance(name, str) for name in found):
+            return list(map(str, found))
+        self.fault(path, f"got {shown(given)}", "a list of names")
+        return list(default)
 
     def only(self, path: ParameterLocation, modeled: Value) -> None:
         """A parameter of which one value is modeled: another is a fault, for the robot would drive otherwise."""
@@ -213,30 +204,16 @@ class Reader:
         if found != modeled:
             self.fault(path, f"got {shown(found)}, which is not modeled", shown(modeled))
 
-    def _plain(self, path: ParameterLocation, default: Value, kind: type, meaning: str) -> Value:
-        found = self.document.values.get(path, default)
-        if not isinstance(found, kind):
-            self.fault(path, f"got {shown(found)}", meaning)
-            found = default
-        self.asked[path] = found
-        return found
-
     def plugins(self, prefix: ParameterLocation, plugins: Plugins) -> list[Instance]:
         """The plug-ins that a list parameter below `prefix` names; those of unknown classes are faults."""
-        path = self._list_of(prefix, plugins)
-        names = self.names(path, tuple(plugins.defaults))
-        found = [self._instance((*prefix, name), (*path, str(k)), plugins) for k, name in enumerate(names)]
+        path, names = self._listed(prefix, plugins)
+        found = [self._instance(Used((*prefix, name), (*path, str(k)), plugins, names)) for k, name in enumerate(names)]
         return [each for each in found if each]
 
     def plugin(self, prefix: ParameterLocation, plugins: Plugins) -> Instance | None:
         """The one that the default behavior trees use; None without one that is modeled, which is a fault."""
         used = self.used(prefix, plugins)
-        return self._instance((*prefix, used[0]), used[1], plugins) if used else None
-
-    def plugin_group(self, prefix: ParameterLocation, plugins: Plugins) -> Any:
-        """The parameters of that one."""
-        found = self.plugin(prefix, plugins)
-        return found and self.instance_group(found)
+        return self._instance(used) if used else None
 
     def instance_group(self, instance: Instance, elsewhere: Mapping[str, ParameterLocation] | None = None) -> Any:
         """The parameters of a plug-in."""
@@ -244,13 +221,9 @@ class Reader:
             self.only((*instance.place, name), value)
         return self.group(instance.modeled.model, instance.place, elsewhere, instance.modeled.fixed)
 
-    def used(self, prefix: ParameterLocation, plugins: Plugins) -> tuple[str, ParameterLocation] | None:
-        """Return name and place of the plug-in that the default behavior trees use.
-
-        An empty list is a fault, and gives None.
-        """
-        path = self._list_of(prefix, plugins)
-        names = self.names(path, tuple(plugins.defaults))
+    def used(self, prefix: ParameterLocation, plugins: Plugins) -> "Used | None":
+        """The plug-in of a list that the default behavior trees use; an empty list is a fault, and gives None."""
+        path, names = self._listed(prefix, plugins)
         if not names:
             self.fault(path, "got an empty list", f"the name of a {plugins.what}")
             return None
@@ -261,31 +234,44 @@ class Reader:
         if plugins.is_asked_for and used != plugins.used:
             why = f"the default behavior trees ask for {plugins.used}, which Nav2 would not find; {used} is used"
             self.unmodeled[path] = why
-        return used, (*path, str(names.index(used)))
+        return Used((*prefix, used), (*path, str(names.index(used))), plugins, names)
 
-    def default_class(self, name: str, listed: ParameterLocation, plugins: Plugins) -> str:
-        """Default class of a name without one; Nav2 has it only for the list of its code."""
-        defaults = plugins.defaults
-        return defaults.get(name, "") if self.names(listed[:-1], tuple(defaults)) == list(defaults) else ""
-
-    def _list_of(self, prefix: ParameterLocation, plugins: Plugins) -> ParameterLocation:
+    def _listed(self, prefix: ParameterLocation, plugins: Plugins) -> tuple[ParameterLocation, list[str]]:
         paths = [(*prefix, name) for name in plugins.lists]
-        return next((path for path in paths if path in self.document.values), paths[0])
+        path = next((path for path in paths if path in self.document.values), paths[0])
+        return path, self.names(path, tuple(plugins.defaults))
 
-    def _instance(self, place: ParameterLocation, listed: ParameterLocation, plugins: Plugins) -> Instance | None:
+    def _instance(self, used: "Used") -> Instance | None:
+        place, plugins = used.place, used.plugins
         path = (*place, "plugin")
-        found = class_name(self.text(path, self.default_class(place[-1], listed, plugins)))
+        found = class_name(self.plain(path, used.default_class))
         if modeled := plugins.modeled.get(found):
             self.kinds[place] = short_class(found)
             return Instance(place, self.kinds[place], modeled)
         known = ", ".join(plugins.modeled)
         if not found:
-            self.fault(listed, f"no 'plugin' below {place[-1]!r}", f"the class of a {plugins.what}; known: {known}")
+            right = f"the class of a {plugins.what}; known: {known}"
+            self.fault(used.listed, f"no 'plugin' below {place[-1]!r}", right)
         elif found in plugins.foreign:
             self.fault(path, f"{found} is not modeled", f"a {plugins.what} that is: {known}")
         else:
             self.fault(path, f"no {plugins.what} {found!r} is known", f"known: {known}")
         return None
+
+
+class Used(NamedTuple):
+    """A name in a list of plug-ins: the place of its parameters, that in the list, and the whole list."""
+
+    place: ParameterLocation
+    listed: ParameterLocation
+    plugins: Plugins
+    names: Sequence[str]
+
+    @property
+    def default_class(self) -> str:
+        """The class of a name without one; Nav2 has it only for the list of its code."""
+        defaults = self.plugins.defaults
+        return defaults.get(self.place[-1], "") if self.names == list(defaults) else ""
 
 
 def written(
@@ -322,8 +308,7 @@ def written_plugins(
             for kind, modeled in plugins.modeled.items()
             if isinstance(group, modeled.model) and modeled.fixed.items() <= dict(group).items()
         )
-        values[(*prefix, name, "plugin")] = kind
-        values |= written(group, (*prefix, name), elsewhere, modeled.fixed)
+        values |= {(*prefix, name, "plugin"): kind, **written(group, (*prefix, name), elsewhere, modeled.fixed)}
     return values
 
 
@@ -331,9 +316,7 @@ def shown(value: Value) -> str:
     """`value` as the author of a document would know it."""
     if value is None:
         return "nothing"
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    text = repr(value)
+    text = str(value).lower() if isinstance(value, bool) else repr(value)
     return text if len(text) <= 60 else f"{text[:59]}…"
 
 
