@@ -17,30 +17,21 @@ from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nav2.controllers.local_plan import cut_plan
 from vastflow.sim.nav2.controllers.mppi import Mppi
 from vastflow.sim.nav2.costmaps.inflation import UNKNOWN
-from vastflow.sim.nav2.navigator.state import (
-    BACKING_UP,
-    ENDED,
-    FOLLOWING,
-    PAUSING,
-    RESTING,
-    SPINNING,
-    STARTING,
-    WAITING,
-    Stack,
-)
+from vastflow.sim.nav2.navigator import state
+from vastflow.sim.nav2.navigator.state import Stack
 from vastflow.sim.run import run
 from vastflow.sim.world.motion import wrapped
 from vastflow.sim.world.robot_model import Robot
 
 Activity: TypeAlias = Literal["starting", "following", "spin", "wait", "back up", "pausing", "resting", "ended"]
 _ACTIVITIES: Final[Mapping[int, Activity]] = {
-    STARTING: "starting",
-    FOLLOWING: "following",
-    SPINNING: "spin",
-    WAITING: "wait",
-    BACKING_UP: "back up",
-    PAUSING: "pausing",
-    ENDED: "ended",
+    state.STARTING: "starting",
+    state.FOLLOWING: "following",
+    state.SPINNING: "spin",
+    state.WAITING: "wait",
+    state.BACKING_UP: "back up",
+    state.PAUSING: "pausing",
+    state.ENDED: "ended",
 }
 
 OVERVIEW_CELLS: Final = 400
@@ -150,10 +141,10 @@ class TickSnapshot:
 def moment_of(stack: Stack, tick: int) -> Moment:
     """Return the moment after tick `tick`, the stack's last."""
     m, frame = stack.m[0], _frame(stack)
-    following = m["state"] == FOLLOWING and m["path_n"] > 0
+    following = m["state"] == state.FOLLOWING and m["path_n"] > 0
     return Moment(
         tick=tick,
-        activity="resting" if m["status"] == RESTING else _ACTIVITIES[int(m["state"])],
+        activity="resting" if m["status"] == state.RESTING else _ACTIVITIES[int(m["state"])],
         true=frame.pose_to_map(Pose(float(m["true_x"]), float(m["true_y"]), float(m["true_yaw"]))),
         estimate=frame.pose_to_map(Pose(float(m["x"]), float(m["y"]), float(m["yaw"]))),
         speed_mps=float(m["true_v"]),

@@ -14,16 +14,9 @@ from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.pose import GridFrame, Pose
 from vastflow.sim.model.recording import Columns, Entity, Event, Outcome, Recording, Run
 from vastflow.sim.model.scenario import Mission
+from vastflow.sim.nav2.navigator import state
 from vastflow.sim.nav2.navigator.prepared import PreparedMap
-from vastflow.sim.nav2.navigator.state import (
-    EVENT_KINDS,
-    EVENT_RECOVERY,
-    RECOVERIES,
-    RUNNING,
-    SUCCEEDED,
-    Stack,
-    columns_of,
-)
+from vastflow.sim.nav2.navigator.state import Stack, columns_of
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.world.robot_model import Lidar, Robot
 
@@ -61,12 +54,12 @@ def drive(
     loop.navigate(mission)
     if watch is not None:
         for tick in watch_ticks:
-            if loop.status != RUNNING:
+            if loop.status != state.RUNNING:
                 break
             loop.advance(tick + 1)
             if loop.tick > tick:
                 watch(loop.stack, tick)
-    if loop.status == RUNNING:
+    if loop.status == state.RUNNING:
         loop.advance()
     return recording_of(loop, entropy, _ending(loop), sent_s=0.0)
 
@@ -129,9 +122,9 @@ def _seed(entropy: Sequence[int]) -> str:
 
 
 def _ending(loop: ClosedLoop) -> Ending:
-    if loop.status == RUNNING:
+    if loop.status == state.RUNNING:
         return Ending("timed_out", "the mission did not end within its time")
-    if loop.status == SUCCEEDED:
+    if loop.status == state.SUCCEEDED:
         return Ending("succeeded")
     return Ending("aborted", told(loop), loop.error_code)
 
@@ -144,5 +137,5 @@ def _told(contacts: Sequence[Event]) -> str:
 def _event(row: NDArray[np.float64], frame: GridFrame) -> Event:
     t_s, kind, x_m, y_m, what, value = row.tolist()
     x_m, y_m = frame.to_map(x_m, y_m)
-    detail = RECOVERIES[int(what)] if int(kind) == EVENT_RECOVERY else str(int(what))
-    return Event(round(t_s, 3), EVENT_KINDS[int(kind)], round(x_m, 3), round(y_m, 3), detail, value)
+    detail = state.RECOVERIES[int(what)] if int(kind) == state.EVENT_RECOVERY else str(int(what))
+    return Event(round(t_s, 3), state.EVENT_KINDS[int(kind)], round(x_m, 3), round(y_m, 3), detail, value)

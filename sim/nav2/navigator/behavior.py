@@ -15,37 +15,11 @@ from vastflow.sim.nav2.controllers.binding import compute_velocity, reset, set_p
 from vastflow.sim.nav2.controllers.controller import ControllerInput
 from vastflow.sim.nav2.controllers.local_plan import local_plan, renew
 from vastflow.sim.nav2.costmaps.window import outline_hits
+from vastflow.sim.nav2.navigator import state
 from vastflow.sim.nav2.navigator.latency import cycle_begins, order, order_when_computed
 from vastflow.sim.nav2.navigator.planning import plan
 from vastflow.sim.nav2.navigator.profile import BEHAVIOR, CONTROLLER, PLANNER, lap
-from vastflow.sim.nav2.navigator.state import (
-    ABORTED,
-    BACK_UP,
-    BACKING_UP,
-    CLEAR_BOTH,
-    CLEAR_GLOBAL,
-    CLEAR_LOCAL,
-    ENDED,
-    EVENT_CONTROL_FAILED,
-    EVENT_GOAL_MISSED,
-    EVENT_GOAL_REACHED,
-    EVENT_PLAN_FAILED,
-    EVENT_RECOVERY,
-    FOLLOW_WAYPOINTS,
-    FOLLOWING,
-    MAX_EVENTS,
-    NAVIGATE_THROUGH_POSES,
-    PAUSING,
-    SPIN,
-    SPINNING,
-    STARTING,
-    SUCCEEDED,
-    WAIT,
-    WAITING,
-    Grids,
-    Local,
-    Route,
-)
+from vastflow.sim.nav2.navigator.state import Grids, Local, Route
 from vastflow.sim.world.motion import wrapped
 
 RETRIES: Final = 6
@@ -71,26 +45,24 @@ THROUGH_POSES: Final = 100
 @inner
 def behave(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Bound) -> None:
     """Set the command of this tick; between the cycles of a slower behavior the last one stands."""
-    if m.state == STARTING and m.first_scan == 0:
-        _begin_goal(m)
-    if m.state == PAUSING and m.tick >= m.until:
-        _begin_goal(m)
-    if m.state == FOLLOWING:
+    if (m.state == state.STARTING and m.first_scan == 0) or (m.state == state.PAUSING and m.tick >= m.until):
+        m.attempts, m.round_robin = 0, 0
+        m.planner_code, m.controller_code = 0, 0
+        _resume(m)
+    if m.state == state.FOLLOWING:
         _follow(p, m, g, local, route, controller)
-    elif m.state == SPINNING:
-        if m.tick % BEHAVIOR_TICKS == 0:
-            _spin(p, m, local, route.goals)
-    elif m.state == BACKING_UP:
-        if m.tick % BEHAVIOR_TICKS == 0:
-            _back_up(p, m, local, route.goals)
-    elif m.state == WAITING and m.tick >= m.until:
+    elif m.state == state.SPINNING and m.tick % BEHAVIOR_TICKS == 0:
+        _spin(p, m, local, route.goals)
+    elif m.state == state.BACKING_UP and m.tick % BEHAVIOR_TICKS == 0:
+        _back_up(p, m, local, route.goals)
+    elif m.state == state.WAITING and m.tick >= m.until:
         _resume(m)
 
 
 @inner
 def note(m: Any, kind: int, what: int, value: float) -> None:
     """An event at the true pose; beyond the buffer's end they are dropped."""
-    if m.events < MAX_EVENTS:
+    if m.events < state.MAX_EVENTS:
         event = m.event_rows[m.events]
         event[0], event[1], event[2], event[3] = m.tick * TICK_S, kind, m.true_x, m.true_y
         event[4], event[5] = what, value
@@ -98,20 +70,11 @@ def note(m: Any, kind: int, what: int, value: float) -> None:
 
 
 @inner
-def _begin_goal(m: Any) -> None:
-    m.attempts, m.round_robin = 0, 0
-    m.planner_code, m.controller_code = 0, 0
-    _resume(m)
-
-
-@inner
 def _resume(m: Any) -> None:
     """The pipeline from its beginning: plan at once, checkers and contextual retries afresh."""
-    m.state = FOLLOWING
-    m.replan_in = 0
-    m.path_n = 0
-    m.plan_retries = 0
-    m.follow_retries = 0
+    m.state = state.FOLLOWING
+    m.replan_in, m.path_n = 0, 0
+    m.plan_retries, m.follow_retries = 0, 0
     _reset_checkers(m)
     order(m, 0.0, 0.0)
 
@@ -126,15 +89,6 @@ def _reset_checkers(m: Any) -> None:
 @inner
 def _reset_progress(m: Any) -> None:
     m.base_x, m.base_y, m.base_yaw, m.base_tick = m.odom_x, m.odom_y, m.odom_yaw, m.tick
-
-
-@inner
-def _progressed(p: Any, m: Any) -> bool:
-    """PoseProgressChecker: far enough from where there was progress last, or turned enough."""
-    q = p.progress_checker
-    if math.hypot(m.odom_x - m.base_x, m.odom_y - m.base_y) > q.required_movement_radius:
-        return True
-    return bool(abs(wrapped(m.odom_yaw - m.base_yaw)) > q.required_movement_angle)
 
 
 @inner
@@ -156,11 +110,18 @@ def _follow(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Bo
         reset(controller)
         order(m, 0.0, 0.0)
         m.controller_code = 0
-        _goal_done(p, m, route.goals)
+        note(m, state.EVENT_GOAL_REACHED, m.goal, 0.0)
+        if p.mission == state.FOLLOW_WAYPOINTS:
+            m.until = m.tick + round(p.waypoint_follower.waypoint_pause_duration * 1e-3 / TICK_S)
+            _next_waypoint(p, m, route.goals)
+        else:
+            m.state, m.status = state.ENDED, state.SUCCEEDED
         return
-    if _progressed(p, m):
+    checker = p.progress_checker
+    moved_m, turned_rad = math.hypot(m.odom_x - m.base_x, m.odom_y - m.base_y), wrapped(m.odom_yaw - m.base_yaw)
+    if moved_m > checker.required_movement_radius or abs(turned_rad) > checker.required_movement_angle:
         _reset_progress(m)
-    elif (m.tick - m.base_tick) * TICK_S > p.progress_checker.movement_time_allowance:
+    elif (m.tick - m.base_tick) * TICK_S > checker.movement_time_allowance:
         _control_failed(p, m, route.goals, controller, FAILED_TO_MAKE_PROGRESS)
         return
     n, end_yaw = local_plan(p, m, local.window, route.path, route.ahead)
@@ -180,7 +141,7 @@ def _follow(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Bo
 @inner
 def _replan(p: Any, m: Any, g: Grids, route: Route, controller: Bound) -> bool:
     """ComputePath with its one contextual clearing; false when the pipeline has failed by it."""
-    through_poses = p.mission == NAVIGATE_THROUGH_POSES
+    through_poses = p.mission == state.NAVIGATE_THROUGH_POSES
     lap(m, BEHAVIOR)
     code = plan(p, m, g, route)
     lap(m, PLANNER)
@@ -192,12 +153,12 @@ def _replan(p: Any, m: Any, g: Grids, route: Route, controller: Bound) -> bool:
         m.replan_in = (REPLAN_THROUGH_POSES_TICKS if through_poses else REPLAN_TICKS) - 1
         return True
     m.planner_code = code + THROUGH_POSES if through_poses else code
-    note(m, EVENT_PLAN_FAILED, m.planner_code, 0.0)
+    note(m, state.EVENT_PLAN_FAILED, m.planner_code, 0.0)
     if m.plan_retries == 1 or not _recoverable(m.planner_code):
         return False
     # The robot follows the path it has until the cleared costmap is current again and the planner answers.
     m.plan_retries = 1
-    _clear(m, CLEAR_GLOBAL)
+    _clear(m, state.CLEAR_GLOBAL)
     return True
 
 
@@ -248,26 +209,15 @@ def _goal_reached(p: Any, m: Any) -> bool:
 
 
 @inner
-def _goal_done(p: Any, m: Any, goals: Any) -> None:
-    note(m, EVENT_GOAL_REACHED, m.goal, 0.0)
-    if p.mission == FOLLOW_WAYPOINTS:
-        m.until = m.tick + round(p.waypoint_follower.waypoint_pause_duration * 1e-3 / TICK_S)
-        _next_waypoint(p, m, goals)
-    else:
-        m.state, m.status = ENDED, SUCCEEDED
-
-
-@inner
 def _next_waypoint(p: Any, m: Any, goals: Any) -> None:
     m.goal += 1
+    m.state = state.PAUSING
     if m.goal == goals.shape[0]:
         m.goal = 0
         m.loop += 1
         if m.loop > p.loops:
             m.goal = goals.shape[0] - 1
-            m.state, m.status = ENDED, SUCCEEDED
-            return
-    m.state = PAUSING
+            m.state, m.status = state.ENDED, state.SUCCEEDED
 
 
 @inner
@@ -276,12 +226,12 @@ def _control_failed(p: Any, m: Any, goals: Any, controller: Bound, code: int) ->
     reset(controller)
     order(m, 0.0, 0.0)
     m.controller_code = code
-    note(m, EVENT_CONTROL_FAILED, code, 0.0)
+    note(m, state.EVENT_CONTROL_FAILED, code, 0.0)
     if m.follow_retries == 1 or not _recoverable(code):
         _recover(p, m, goals)
         return
     m.follow_retries = 1
-    _clear(m, CLEAR_LOCAL)
+    _clear(m, state.CLEAR_LOCAL)
     _reset_checkers(m)
 
 
@@ -293,10 +243,10 @@ def _recoverable(code: int) -> bool:
 
 @inner
 def _clear(m: Any, what: int) -> None:
-    m.recoveries += 2 if what == CLEAR_BOTH else 1
-    note(m, EVENT_RECOVERY, what, 0.0)
-    m.clear_local = int(what != CLEAR_GLOBAL)
-    m.clear_global = int(what != CLEAR_LOCAL)
+    m.recoveries += 2 if what == state.CLEAR_BOTH else 1
+    note(m, state.EVENT_RECOVERY, what, 0.0)
+    m.clear_local = int(what != state.CLEAR_GLOBAL)
+    m.clear_global = int(what != state.CLEAR_LOCAL)
 
 
 @inner
@@ -321,29 +271,28 @@ def _next_recovery(p: Any, m: Any, goals: Any) -> None:
     turn = m.round_robin
     m.round_robin = (turn + 1) % 4
     m.tried += 1
-    m.path_n = 0
-    m.done = 0.0
+    m.path_n, m.done = 0, 0.0
     m.last_x, m.last_y, m.last_yaw = m.odom_x, m.odom_y, m.odom_yaw
     if turn == 0:
-        _clear(m, CLEAR_BOTH)
+        _clear(m, state.CLEAR_BOTH)
         _resume(m)
         return
     m.recoveries += 1
-    note(m, EVENT_RECOVERY, SPIN if turn == 1 else WAIT if turn == 2 else BACK_UP, 0.0)
-    m.state = SPINNING if turn == 1 else WAITING if turn == 2 else BACKING_UP
+    note(m, state.EVENT_RECOVERY, state.SPIN if turn == 1 else state.WAIT if turn == 2 else state.BACK_UP, 0.0)
+    m.state = state.SPINNING if turn == 1 else state.WAITING if turn == 2 else state.BACKING_UP
     m.until = m.tick + (WAIT_TICKS if turn == 2 else ALLOWANCE_TICKS)
 
 
 @inner
 def _give_up(p: Any, m: Any, goals: Any) -> None:
-    if p.mission == FOLLOW_WAYPOINTS:
+    if p.mission == state.FOLLOW_WAYPOINTS:
         m.missed += 1
-        note(m, EVENT_GOAL_MISSED, m.goal, 0.0)
+        note(m, state.EVENT_GOAL_MISSED, m.goal, 0.0)
         if p.waypoint_follower.stop_on_failure == 0:
             m.until = m.tick
             _next_waypoint(p, m, goals)
             return
-    m.state, m.status = ENDED, ABORTED
+    m.state, m.status = state.ENDED, state.ABORTED
     # Nav2 reports the smallest code on the blackboard that is not 0; a code stays there until its action succeeds.
     codes = m.planner_code, m.controller_code
     m.error_code = max(codes) if min(codes) == 0 else min(codes)
@@ -362,8 +311,8 @@ def _spin(p: Any, m: Any, local: Local, goals: Any) -> None:
     rate = min(max(rate, q.min_rotational_vel), q.max_rotational_vel)
     if m.tick >= m.until or _spin_collides(m, local, rate, q.simulate_ahead_time):
         _next_recovery(p, m, goals)
-        return
-    order(m, 0.0, rate)
+    else:
+        order(m, 0.0, rate)
 
 
 @inner
@@ -383,11 +332,10 @@ def _back_up(p: Any, m: Any, local: Local, goals: Any) -> None:
     m.done = math.hypot(m.odom_x - m.last_x, m.odom_y - m.last_y)
     if m.done >= BACK_UP_M:
         _resume(m)
-        return
-    if m.tick >= m.until or _back_up_collides(m, local, p.behavior_server.simulate_ahead_time):
+    elif m.tick >= m.until or _back_up_collides(m, local, p.behavior_server.simulate_ahead_time):
         _next_recovery(p, m, goals)
-        return
-    order(m, -BACK_UP_MPS, 0.0)
+    else:
+        order(m, -BACK_UP_MPS, 0.0)
 
 
 @inner

@@ -78,25 +78,13 @@ def prepare(
         keepout, speed: The masks of the costmaps' filters.
     """
     q = parameters.amcl
-    world, walls, skips = _geometry(occupancy) if difference is None else _other_geometry(occupancy, difference)
-    cubed = _likelihood(
-        occupancy,
-        usable_range_m(q, lidar.range_min_m, lidar.range_max_m)[1],
-        q.z_hit,
-        q.z_rand,
-        q.sigma_hit,
-        q.laser_likelihood_max_dist,
-    )
+    geometry = _geometry(occupancy) if difference is None else _other_geometry(occupancy, difference)
+    range_max_m = usable_range_m(q, lidar.range_min_m, lidar.range_max_m)[1]
+    cubed = _likelihood(occupancy, range_max_m, q.z_hit, q.z_rand, q.sigma_hit, q.laser_likelihood_max_dist)
     local, everywhere = parameters.local_costmap, parameters.global_costmap
-    costs = _costs(
-        occupancy,
-        everywhere,
-        keepout if everywhere.keepout_filter.enabled else None,
-    )
+    costs = _costs(occupancy, everywhere, keepout if everywhere.keepout_filter.enabled else None)
     local_keepout = keepout_mask(keepout if local.keepout_filter.enabled else None, occupancy)
-    return PreparedMap(
-        *(occupancy, world, walls, skips, cubed), *costs, _stamp(local, local.resolution), local_keepout, speed
-    )
+    return PreparedMap(occupancy, *geometry, cubed, *costs, _stamp(local, local.resolution), local_keepout, speed)
 
 
 @functools.lru_cache(maxsize=CACHED_MAPS)
@@ -106,8 +94,7 @@ def _geometry(world: OccupancyMap) -> tuple[OccupancyMap, WallIndex, SkipTable]:
 
 @functools.lru_cache(maxsize=CACHED_WORLDS)
 def _other_geometry(occupancy: OccupancyMap, difference: WorldDifference) -> tuple[OccupancyMap, WallIndex, SkipTable]:
-    world = world_of(occupancy, difference)
-    return world, WallIndex(world), skip_table_of(world.occupied)
+    return _geometry.__wrapped__(world_of(occupancy, difference))
 
 
 @functools.lru_cache(maxsize=CACHED_MAPS)
@@ -115,8 +102,7 @@ def _likelihood(
     occupancy: OccupancyMap, range_max_m: float, z_hit: float, z_rand: float, sigma_hit_m: float, max_dist_m: float
 ) -> NDArray[np.float32]:
     return likelihood_cubed(
-        occupancy.occupied,
-        occupancy.resolution_m,
+        *(occupancy.occupied, occupancy.resolution_m),
         range_max_m=range_max_m,
         z_hit=z_hit,
         z_rand=z_rand,
@@ -136,7 +122,10 @@ class _Costs(NamedTuple):
 
 @functools.lru_cache(maxsize=CACHED_MAPS)
 def _costs(occupancy: OccupancyMap, costmap: Costmap, mask: OccupancyMap | None) -> _Costs:
-    static = _static_layer(occupancy, costmap)
+    static = np.full(occupancy.shape, FREE, dtype=np.uint8)
+    if costmap.static_layer.enabled:  # trinary: what is neither occupied nor unknown is free
+        unknown = UNKNOWN if costmap.track_unknown_space else FREE
+        static = np.where(occupancy.occupied, LETHAL, np.where(occupancy.cells < 0, unknown, FREE)).astype(np.uint8)
     if costmap.denoise_layer.enabled:
         static = denoised(static, costmap.denoise_layer)
     stamp = _stamp(costmap, occupancy.resolution_m)
@@ -145,14 +134,6 @@ def _costs(occupancy: OccupancyMap, costmap: Costmap, mask: OccupancyMap | None)
     costs = with_keepout(with_unknown(static, static_costs), keepout)
     free_costs = np.minimum(with_keepout(static_costs, keepout), costs) if (static == UNKNOWN).any() else costs
     return _Costs(static, static_costs, stamp, costs, free_costs, keepout)
-
-
-def _static_layer(occupancy: OccupancyMap, costmap: Costmap) -> NDArray[np.uint8]:
-    """The trinary static layer: what is neither occupied nor unknown is free."""
-    if not costmap.static_layer.enabled:
-        return np.full(occupancy.shape, FREE, dtype=np.uint8)
-    unknown = UNKNOWN if costmap.track_unknown_space else FREE
-    return np.where(occupancy.occupied, LETHAL, np.where(occupancy.cells < 0, unknown, FREE)).astype(np.uint8)
 
 
 def _stamp(costmap: Costmap, resolution_m: float) -> NDArray[np.uint8]:

@@ -108,20 +108,8 @@ _REAL: Final = (
     # Commands: of controller or behavior, after the smoother, after the collision monitor.
     *("command_v", "command_w", "command_vy", "smooth_v", "smooth_w", "smooth_vy", "sent_v", "sent_w", "sent_vy"),
     # End of the leg just planned, goal of the path, progress baseline (odom frame), what a behavior has done so far.
-    *(
-        "end_x",
-        "end_y",
-        "goal_x",
-        "goal_y",
-        "goal_yaw",
-        "base_x",
-        "base_y",
-        "base_yaw",
-        "done",
-        "last_yaw",
-        "last_x",
-        "last_y",
-    ),
+    *("end_x", "end_y", "goal_x", "goal_y", "goal_yaw", "base_x", "base_y", "base_yaw"),
+    *("done", "last_yaw", "last_x", "last_y"),
     # Yaw rate that the Rotation Shim or the controller in it ordered last; end of the path that the shim had last.
     *("shim_w", "shim_end_x", "shim_end_y", "shim_end_yaw"),
     # When the last lap of a profile ended.
@@ -278,7 +266,7 @@ def new_stack(
     outline = outline_of(parameters.local_costmap)
     m["vertices"] = len(outline)
     m["outline"][: len(outline)] = outline
-    local = _local(parameters, prepared.local_stamp, prepared.local_keepout)
+    local = _local(parameters.local_costmap, prepared.local_stamp, prepared.local_keepout)
     setting = _setting(parameters, local.window, streams[CONTROLLER].copy())
     controller: Controller = with_kernels(parameters.controller)
     in_use = running(controller, setting)
@@ -295,11 +283,7 @@ def new_stack(
         ),
         m=memory,
         grids=Grids(
-            skips=prepared.skips,
-            cubed=prepared.cubed,
-            static=prepared.static,
-            static_costs=prepared.static_costs,
-            stamp=prepared.stamp,
+            *(prepared.skips, prepared.cubed, prepared.static, prepared.static_costs, prepared.stamp),
             layer=np.zeros(shape, dtype=np.uint8),
             quiet=np.zeros(denoised_shape, dtype=np.uint8),
             lethal=np.zeros(denoised_shape, dtype=np.uint8),
@@ -351,18 +335,12 @@ def give(stack: Stack, mission: Mission) -> Stack:
 
 def _route(shape: tuple[int, ...], goals: Sequence[Pose], legs: int, planner: Bound) -> Route:
     """Room for the goals and for a path of so many legs on a map of this shape."""
-    path_points = (LEG_LENGTHS * max(shape) + 1) * legs
-    return Route(
-        goals=np.array([[goal.x_m, goal.y_m, goal.yaw_rad] for goal in goals]).reshape(-1, 3),
-        path=np.zeros((path_points, 3)),
-        draft=np.zeros((path_points, 3)),
-        ahead=np.zeros((AHEAD_POINTS, 3)),
-        planner=planner,
-    )
+    points = (LEG_LENGTHS * max(shape) + 1) * legs
+    poses = np.array([[goal.x_m, goal.y_m, goal.yaw_rad] for goal in goals]).reshape(-1, 3)
+    return Route(poses, np.zeros((points, 3)), np.zeros((points, 3)), np.zeros((AHEAD_POINTS, 3)), planner)
 
 
-def _local(parameters: NavParameters, stamp: NDArray[np.uint8], keepout: Mask) -> Local:
-    q = parameters.local_costmap
+def _local(q: Costmap, stamp: NDArray[np.uint8], keepout: Mask) -> Local:
     shape = round(q.height / q.resolution), round(q.width / q.resolution)
     layer, scratch, lethal, costs, published = (np.zeros(shape, dtype=np.uint8) for _ in range(5))
     place = np.array([0.0, 0.0, q.resolution])
@@ -370,22 +348,14 @@ def _local(parameters: NavParameters, stamp: NDArray[np.uint8], keepout: Mask) -
 
 
 def _setting(parameters: NavParameters, window: Window, stream: NDArray[np.uint64]) -> Setting:
-    goal = parameters.goal_checker
-    rows, columns = window.costs.shape
-    resolution_m = parameters.local_costmap.resolution
+    goal, costmap, cost = parameters.goal_checker, parameters.local_costmap, 0.0
+    layer, outline = costmap.inflation_layer, outline_of(costmap)
+    if layer.enabled:
+        cost = cost_at_distance(circumscribed_radius_m(outline), inscribed_radius_m(outline), layer.cost_scaling_factor)
     tolerances = goal.xy_goal_tolerance, goal.yaw_goal_tolerance
     period_s = ticks_of(parameters.controller_server.controller_frequency) * TICK_S
-    return Setting(
-        rows, columns, resolution_m, *tolerances, stream, period_s, _circumscribed_cost(parameters.local_costmap)
-    )
-
-
-def _circumscribed_cost(costmap: Costmap) -> float:
-    """0 without an inflation layer."""
-    layer, outline = costmap.inflation_layer, outline_of(costmap)
-    if not layer.enabled:
-        return 0.0
-    return cost_at_distance(circumscribed_radius_m(outline), inscribed_radius_m(outline), layer.cost_scaling_factor)
+    rows, columns = window.costs.shape
+    return Setting(rows, columns, costmap.resolution, *tolerances, stream, period_s, cost)
 
 
 _KERNELS: Final[Mapping[type[ParameterGroup], Any]] = {

@@ -11,7 +11,7 @@ from vastflow.sim.nav2.amcl.localization import estimate, localize
 from vastflow.sim.nav2.amcl.particles import Cloud
 from vastflow.sim.nav2.controllers.binding import reset
 from vastflow.sim.nav2.controllers.speed_zones import limit_speed
-from vastflow.sim.nav2.navigator import profile
+from vastflow.sim.nav2.navigator import profile, state
 from vastflow.sim.nav2.navigator.behavior import behave, note
 from vastflow.sim.nav2.navigator.collision_monitor import approach, gather_near_points, zoned
 from vastflow.sim.nav2.navigator.latency import (
@@ -25,17 +25,7 @@ from vastflow.sim.nav2.navigator.latency import (
 from vastflow.sim.nav2.navigator.mapping import clear_global, clear_local, publish_local, update_global, update_local
 from vastflow.sim.nav2.navigator.profile import lap
 from vastflow.sim.nav2.navigator.scanning import next_scan, sense
-from vastflow.sim.nav2.navigator.state import (
-    ENDED,
-    EVENT_STOPPED,
-    MOST_TWISTS,
-    RESTING,
-    ROW_TICKS,
-    SUBSTEPS,
-    Grids,
-    Local,
-    Route,
-)
+from vastflow.sim.nav2.navigator.state import SUBSTEPS, Grids, Local, Route
 from vastflow.sim.world.motion import Body, due, limited, move_freely, moved, steered, wrapped
 
 DONE, PHYSICS, APPEARS = 0, 1, 2
@@ -101,7 +91,7 @@ def advance(
             _navigate(p, m, g, local, route, controller)
         _actuate(p, m)
         lap(m, profile.ACTUATORS)
-        if m.tick % ROW_TICKS == 0:
+        if m.tick % state.ROW_TICKS == 0:
             _record(p, m, rows)
         m.tick += 1
         lap(m, profile.RECORDING)
@@ -126,7 +116,7 @@ def halt(memory: Any, controller: Bound) -> None:
     """Take the mission away: the robot brakes and stands."""
     m = memory[0]
     reset(controller)
-    m.state, m.status, m.path_n = ENDED, RESTING, 0
+    m.state, m.status, m.path_n = state.ENDED, state.RESTING, 0
     order(m, 0.0, 0.0)
 
 
@@ -184,17 +174,17 @@ def _send(p: Any, m: Any) -> None:
         factor = min(factor, zoned(p, m, m.smooth_v, m.smooth_w, m.smooth_vy))
     m.sent_v, m.sent_w, m.sent_vy = m.smooth_v * factor, m.smooth_w * factor, m.smooth_vy * factor
     if factor == 0.0 and m.stopped == 0:
-        note(m, EVENT_STOPPED, 0, 0.0)
+        note(m, state.EVENT_STOPPED, 0, 0.0)
     m.stopped = int(factor == 0.0)
 
 
 @inner
 def _mean_twist(m: Any, duration_s: float) -> Any:
     """(v, ω, vy): the mean of what odometry reported in the last seconds, its newest included."""
-    count = int(min(duration_s / TICK_S + 1e-9, m.tick, MOST_TWISTS - 1)) + 1
+    count = int(min(duration_s / TICK_S + 1e-9, m.tick, state.MOST_TWISTS - 1)) + 1
     v, w, vy = 0.0, 0.0, 0.0
     for k in range(count):
-        twist = m.twists[(m.tick - k) % MOST_TWISTS]
+        twist = m.twists[(m.tick - k) % state.MOST_TWISTS]
         v, w, vy = v + twist[0] / count, w + twist[1] / count, vy + twist[2] / count
     return v, w, vy
 
@@ -247,7 +237,7 @@ def _actuate(p: Any, m: Any) -> None:
         receive_odometry(p, m, (m.tick + 1) * SUBSTEPS)
     else:
         m.odom_x, m.odom_y, m.odom_yaw = m.counted_x, m.counted_y, m.counted_yaw
-    twist = m.twists[(m.tick + 1) % MOST_TWISTS]
+    twist = m.twists[(m.tick + 1) % state.MOST_TWISTS]
     twist[0], twist[1], twist[2] = m.odom_v, m.odom_w, m.odom_vy
 
 

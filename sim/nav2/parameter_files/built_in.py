@@ -39,8 +39,9 @@ class BuiltIn:
             return any(_equal(value, own) for own in self.values)
         if self.includes:
             return isinstance(value, Sequence) and set(self.includes) <= set(map(str, value))
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        return self == ANY or (is_number and self.low <= value <= self.high)
+        if self == ANY:
+            return True
+        return isinstance(value, int | float) and not isinstance(value, bool) and self.low <= value <= self.high
 
     @property
     def value(self) -> Value:
