@@ -163,10 +163,16 @@ def snapshot_of(stack: Stack, moment: Moment, box: Box) -> TickSnapshot:
     m, p, frame = stack.m[0], stack.p[0], _frame(stack)
     odom = Pose(float(m["map_odom_x"]), float(m["map_odom_y"]), float(m["map_odom_yaw"]))
     plan = stack.route.path[int(m["path_i"]) : int(m["path_n"]), :2].copy()
-    costs, resolution_m = stack.grids.costs, float(p["resolution"])
-    origin = float(p["origin_x"]), float(p["origin_y"])
+    place = float(p["origin_x"]), float(p["origin_y"]), float(p["resolution"])
     particles = stack.cloud.particles[:, : int(m["particles"])].T
-    local = _local(stack, odom) if m["has_local"] else None
+    costs = stack.grids.costs
+    corners = frame.points_to_grid(np.array([(x, y) for x in (box.x0, box.x1) for y in (box.y0, box.y1)]))
+    local = None
+    if m["has_local"]:
+        x, y, resolution_m = stack.local.window.place.tolist()
+        ((x, y),) = _placed(np.array([[x, y]]), odom).tolist()
+        corner = frame.pose_to_map(Pose(x, y, wrapped(odom.yaw_rad)))
+        local = Patch(stack.local.window.costs.copy(), corner, resolution_m)
     return TickSnapshot(
         moment=moment,
         plan_xy_m=frame.points_to_map(plan),
@@ -178,9 +184,11 @@ def snapshot_of(stack: Stack, moment: Moment, box: Box) -> TickSnapshot:
         outline_m=m["outline"][: m["vertices"]].copy(),
         obstacles=_obstacles(stack.obstacles, frame),
         goals=tuple(frame.pose_to_map(Pose(*goal)) for goal in stack.route.goals.tolist()),
-        global_costs=_in_map(_cut(costs, origin, resolution_m, _box_in_grid(box, frame)), frame),
-        local_costs=local and _in_map(local, frame),
-        overview=_in_map(_coarse(costs, origin, resolution_m), frame),
+        global_costs=_in_map(
+            _cut(costs, place, Box(*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist())), frame
+        ),
+        local_costs=local,
+        overview=_in_map(_coarse(costs, place), frame),
     )
 
 
@@ -191,13 +199,6 @@ def _frame(stack: Stack) -> GridFrame:
 
 def _in_map(patch: Patch, frame: GridFrame) -> Patch:
     return replace(patch, corner=frame.pose_to_map(patch.corner))
-
-
-def _box_in_grid(box: Box, frame: GridFrame) -> Box:
-    """Return the box of the grid's frame round a box of the map's."""
-    corners = np.array([(x, y) for x in (box.x0, box.x1) for y in (box.y0, box.y1)])
-    turned = frame.points_to_grid(corners)
-    return Box(*turned.min(axis=0).tolist(), *turned.max(axis=0).tolist())
 
 
 def _obstacles(rows: NDArray[np.float64], frame: GridFrame) -> NDArray[np.float64]:
@@ -248,34 +249,24 @@ def _intended(stack: Stack, moment: Moment) -> NDArray[np.float64]:
     return np.cumsum(np.concatenate([start_m, steps_m]), axis=0)
 
 
-def _local(stack: Stack, odom: Pose) -> Patch:
-    window = stack.local.window
-    x, y, resolution_m = window.place.tolist()
-    ((x, y),) = _placed(np.array([[x, y]]), odom).tolist()
-    return Patch(window.costs.copy(), Pose(x, y, wrapped(odom.yaw_rad)), resolution_m)
+def _cut(costs: NDArray[np.uint8], place: tuple[float, float, float], box: Box) -> Patch:
+    """Return the cells that `box` touches, of costs at a place (x, y, resolution in m)."""
+    x_m, y_m, resolution_m = place
+    low = np.floor((np.array([box.y0, box.x0]) - (y_m, x_m)) / resolution_m).astype(np.int64)
+    high = np.ceil((np.array([box.y1, box.x1]) - (y_m, x_m)) / resolution_m).astype(np.int64)
+    (row, column), (rows, columns) = (np.clip(ends, 0, costs.shape).tolist() for ends in (low, high))
+    corner = Pose(x_m + column * resolution_m, y_m + row * resolution_m)
+    return Patch(costs[row:rows, column:columns].copy(), corner, resolution_m)
 
 
-def _cut(costs: NDArray[np.uint8], origin_xy_m: tuple[float, float], resolution_m: float, box: Box) -> Patch:
-    """Return the cells that `box` touches."""
-    columns = np.clip(_cells((box.x0, box.x1), origin_xy_m[0], resolution_m), 0, costs.shape[1]).tolist()
-    rows = np.clip(_cells((box.y0, box.y1), origin_xy_m[1], resolution_m), 0, costs.shape[0]).tolist()
-    corner = Pose(origin_xy_m[0] + columns[0] * resolution_m, origin_xy_m[1] + rows[0] * resolution_m)
-    return Patch(costs[slice(*rows), slice(*columns)].copy(), corner, resolution_m)
-
-
-def _cells(ends_m: tuple[float, float], origin_m: float, resolution_m: float) -> NDArray[np.int64]:
-    low, high = ((end - origin_m) / resolution_m for end in ends_m)
-    return np.array([np.floor(low), np.ceil(high)], dtype=np.int64)
-
-
-def _coarse(costs: NDArray[np.uint8], origin_xy_m: tuple[float, float], resolution_m: float) -> Patch:
+def _coarse(costs: NDArray[np.uint8], place: tuple[float, float, float]) -> Patch:
     k = -(-max(costs.shape) // OVERVIEW_CELLS)
     rows, columns = (-(-n // k) for n in costs.shape)
     framed = np.full((rows * k, columns * k), UNKNOWN, dtype=np.uint8)
     framed[: costs.shape[0], : costs.shape[1]] = costs
     # Unknown is the greatest number, but ranks lowest.
     blocks = (framed + np.uint8(1)).reshape(rows, k, columns, k).max(axis=(1, 3)) - np.uint8(1)
-    return Patch(blocks, Pose(*origin_xy_m), k * resolution_m)
+    return Patch(blocks, Pose(*place[:2]), k * place[2])
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -311,7 +302,11 @@ class Difference:
     def __str__(self) -> str:
         time = "" if self.t_s is None else f" ({self.t_s:.2f} s)"
         where = f"{self.what} of the run" if self.row is None else f"row {self.row}{time}, {self.what}"
-        return f"{where}: recorded {_said(self.recorded)}, executed {_said(self.executed)}"
+        recorded, executed = (
+            "nothing" if value is None else textwrap.shorten(str(value), 100, placeholder=" …")
+            for value in (self.recorded, self.executed)
+        )
+        return f"{where}: recorded {recorded}, executed {executed}"
 
 
 def replay(scenario: Scenario, run_index: int, seed: int, looks: Mapping[int, Box]) -> Replay:
@@ -337,20 +332,14 @@ def first_difference(recorded: Recording, executed: Recording) -> Difference | N
     """Return the first different column of the earliest row, else value of the run's row; None if equal."""
     if recorded.digest == executed.digest:
         return None
-    found = [
-        d
-        for name in dict.fromkeys([*recorded.columns, *executed.columns])
-        if (d := _column_difference(name, recorded, executed))
-    ]
-    if found:
+    names = dict.fromkeys([*recorded.columns, *executed.columns])
+    if found := [d for name in names if (d := _column_difference(name, recorded, executed))]:
         return min(found, key=lambda d: d.row or 0)
     ours, theirs = run_row(executed.run), run_row(recorded.run)
     for key in ours:
         if digest(ours[key]) != digest(theirs[key]):
             return Difference(key, None, None, theirs[key], ours[key])
-    changes = [
-        list(zip(*(column.tolist() for column in r.behaviors.values()), strict=True)) for r in (recorded, executed)
-    ]
+    changes = (zip(*(column.tolist() for column in r.behaviors.values()), strict=True) for r in (recorded, executed))
     for pair in itertools.zip_longest(*changes):
         if pair[0] != pair[1]:
             return Difference("behaviors", None, None, *pair)
@@ -368,7 +357,3 @@ def _column_difference(name: str, recorded: Recording, executed: Recording) -> D
     longer = recorded if len(a) > row else executed
     t_s = float(longer.columns["t_ms"][row]) * 1e-3 if "t_ms" in longer.columns else None
     return Difference(name, row, t_s, *(int(c[row]) if row < len(c) else None for c in (a, b)))
-
-
-def _said(value: Any) -> str:
-    return "nothing" if value is None else textwrap.shorten(str(value), 100, placeholder=" …")

@@ -6,7 +6,7 @@ import os
 import resource
 import time
 import weakref
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import Any, Final
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.kernels.streams import run_entropy
-from vastflow.sim.loop.drive import Ending, recording_of, recording_without_world
+from vastflow.sim.loop.drive import Ending, Watch, Watched, recording_of, recording_without_world
 from vastflow.sim.loop.simulation import Simulation, recorded
 from vastflow.sim.model.archive import table
 from vastflow.sim.model.digest import FileContent
@@ -25,12 +25,11 @@ from vastflow.sim.model.recording import Recording
 from vastflow.sim.model.runlog import RunLog
 from vastflow.sim.model.scenario import ProcessSetup, Scenario
 from vastflow.sim.nav2.navigator.prepared import CACHED_MAPS, prepare
-from vastflow.sim.nav2.navigator.state import Stack
-from vastflow.sim.nav2.parameter_files.costmaps import KEEPOUT_KEY, SPEED_KEY
+from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS
 from vastflow.sim.reading.checked import MAP_KEY, CheckedScenario, RobotSetup, checked_of
 from vastflow.sim.scenario.programs.actions import PROCESSES, process_actions
 from vastflow.sim.scenario.programs.folders import CONFIG, OUT
-from vastflow.sim.scenario.programs.run import ProcessRecord, ProcessRun, process_run
+from vastflow.sim.scenario.programs.run import ProcessRun, process_run
 from vastflow.sim.scenario.tree.entities import ENTITIES
 from vastflow.sim.scenario.tree.helpers import HELPERS, helper_functions
 from vastflow.sim.scenario.tree.navigation import NAVIGATION
@@ -44,8 +43,6 @@ PERIOD_S: Final = 0.1
 """Period of a scenario's tree."""
 TICKS: Final = round(PERIOD_S / TICK_S)
 """Ticks of the closed loop in a period of the tree."""
-
-Watch = Callable[[Stack, int], None]
 
 
 def play(
@@ -66,46 +63,21 @@ def play(
         programs: Environment of the scenario's programs, if it starts any.
         watch, watch_ticks: See `run`.
     """
-    world = _World(simulation, watch, watch_ticks) if simulation else None
+    world = Watched(simulation, watch, watch_ticks) if simulation else None
     last = math.floor(timeout_s / PERIOD_S + 1e-9)
     number = 0
     began_s = time.monotonic()
     while not tree.ended and number < last:
         waiting = programs is not None and programs.waiting
-        due = number + 1 if waiting else min(tree.next_tick(), last)
-        number = world.advance(int(due)) if world else int(due)
+        number = int(number + 1 if waiting else min(tree.next_tick(), last))
+        if world and simulation:
+            world.advance(number * TICKS)
+            number = -(-simulation.tick // TICKS)  # the first tick after the mission's end
+            world.advance(number * TICKS)
         if programs is not None and waiting:
             programs.wait(max(0.0, began_s + PERIOD_S - time.monotonic()))
         began_s = time.monotonic()
         tree.tick(number)
-
-
-class _World:
-    """The closed loop, advanced by the tree's ticks and watched after some of its own."""
-
-    def __init__(self, loop: Simulation, watch: Watch | None, watch_ticks: Sequence[int]) -> None:
-        self._loop = loop
-        self._watch = watch
-        self._ticks: Iterator[int] = iter(watch_ticks)
-        self._next = next(self._ticks, None) if watch else None
-
-    def advance(self, number: int) -> int:
-        """Advance to tick `number` of the tree, or the first one after the mission's end, and return it."""
-        self._advance(number * TICKS)
-        reached = -(-self._loop.tick // TICKS)
-        self._advance(reached * TICKS)
-        return reached
-
-    def _advance(self, until_tick: int) -> None:
-        status = self._loop.status
-        while self._watch is not None and self._next is not None and self._next < until_tick:
-            self._loop.advance(self._next + 1)
-            if self._loop.tick > self._next:
-                self._watch(self._loop.stack, self._next)
-                self._next = next(self._ticks, None)
-            if self._loop.status != status:
-                return
-        self._loop.advance(until_tick)
 
 
 BEHAVIORS: Final[Mapping[str, type]] = {
@@ -191,20 +163,23 @@ def execute(
         recording = recording_without_world(tree.now_s, entropy, ending, behaviors)
     if record:
         recording = replace(recording, outputs=record.outputs)
-    log = RunLog(
-        *(started_s, time.perf_counter() - wall_s, *_used(cpu_s, record), tuple(lines)),
-        texts=record.logs if record else (),
-        resources=record.resources if record else (),
-        notes=_notes(record),
-    )
+    ran_s = time.perf_counter() - wall_s
+    if record:
+        used, outputs = (record.usage.cpu_s, record.usage.max_rss_bytes), record.outputs
+        left_out = (f"{left.path} ({left.size_bytes} bytes) is not kept: {left.why}" for left in outputs.left_out)
+        notes = (*outputs.notes, *left_out, *filter(None, [record.post_command]))
+        log = RunLog(started_s, ran_s, *used, tuple(lines), record.logs, record.resources, notes)
+    else:
+        peak_bytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+        log = RunLog(started_s, ran_s, time.process_time() - cpu_s, peak_bytes, tuple(lines))
     return Execution(recording, log)
 
 
 def _simulation(checked: CheckedScenario, robot: RobotSetup, entropy: Sequence[int]) -> Simulation:
-    occupancy, masks = _loaded(robot.map_file, MAP_KEY), robot.masks
-    keepout = None if masks.keepout is None else _loaded(masks.keepout, KEEPOUT_KEY)
-    speed = None if masks.speed is None else _loaded(masks.speed, SPEED_KEY)
-    prepared = prepare(occupancy, robot.lidar, robot.parameters, robot.difference, keepout, speed)
+    occupancy = _loaded(robot.map_file, MAP_KEY)
+    named = zip(MASK_KEYS, robot.masks, strict=True)
+    masks = [None if mask is None else _loaded(mask, key) for key, mask in named]
+    prepared = prepare(occupancy, robot.lidar, robot.parameters, robot.difference, *masks)
     obstacles = checked.script.obstacles
     return Simulation(
         prepared, robot.parameters, robot.lidar, robot.robot, robot.start, obstacles, entropy, checked.timeout_s
@@ -235,20 +210,6 @@ def _tree(
     tree = ScenarioTree(checked.script.definition, checked.script.values, actions, functions, log=log)
     made.append(weakref.ref(tree))
     return tree
-
-
-def _used(began_cpu_s: float, record: ProcessRecord | None) -> tuple[float, int]:
-    """CPU time and peak memory of the run's processes, or of this one where it had none."""
-    if record is not None:
-        return record.usage.cpu_s, record.usage.max_rss_bytes
-    return time.process_time() - began_cpu_s, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-
-
-def _notes(record: ProcessRecord | None) -> tuple[str, ...]:
-    if record is None:
-        return ()
-    left_out = [f"{left.path} ({left.size_bytes} bytes) is not kept: {left.why}" for left in record.outputs.left_out]
-    return (*record.outputs.notes, *left_out, *filter(None, [record.post_command]))
 
 
 @functools.lru_cache(maxsize=CACHED_MAPS)

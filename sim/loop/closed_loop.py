@@ -17,7 +17,7 @@ from vastflow.sim.nav2.navigator.prepared import PreparedMap
 from vastflow.sim.nav2.navigator.state import ROW_TICKS, SUBSTEPS, give, new_stack, set_pose
 from vastflow.sim.nav2.navigator.tick import APPEARS, PHYSICS, advance, conclude, halt, start
 from vastflow.sim.nav2.parameters.stack import NavParameters
-from vastflow.sim.world.motion import FREE, MOVING, NOT_THERE, Body, new_body
+from vastflow.sim.world.motion import FREE, MOVING, NOT_THERE, Body
 from vastflow.sim.world.physics import World
 from vastflow.sim.world.robot_model import Lidar, Robot
 
@@ -54,7 +54,8 @@ class ClosedLoop:
         self.frame = frame = prepared.occupancy.frame
         self.obstacles = every = [obstacle.in_grid(frame) for obstacle in obstacles]
         start_pose, rows = frame.pose_to_grid(start_pose), obstacle_rows(every)
-        self.body = new_body(start_pose, robot.radius_m, rows, trigger_rows(every))
+        pose = np.array([start_pose.x_m, start_pose.y_m, start_pose.yaw_rad])
+        self.body = Body(pose, robot.radius_m, rows, trigger_rows(every))
         self.stack = new_stack(prepared, parameters, lidar, robot, start_pose, rows, streams_of(entropy), timeout_s)
         self.last_tick = round(timeout_s / TICK_S)
         # Without `self`: a reference cycle would keep a run's grids, some 20 MB, until garbage is collected.

@@ -1,7 +1,9 @@
 """A mission without a scenario, and the recording of a closed loop."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +21,8 @@ from vastflow.sim.nav2.navigator.prepared import PreparedMap
 from vastflow.sim.nav2.navigator.state import Stack, columns_of
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.world.robot_model import Lidar, Robot
+
+Watch: TypeAlias = Callable[[Stack, int], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +44,7 @@ def drive(
     obstacles: tuple[Obstacle, ...],
     entropy: Sequence[int],
     timeout_s: float,
-    watch: Callable[[Stack, int], None] | None = None,
+    watch: Watch | None = None,
     watch_ticks: Sequence[int] = (),
 ) -> Recording:
     """Drive one mission to its end without a scenario, for benchmarks and proofs.
@@ -52,16 +56,40 @@ def drive(
     loop = ClosedLoop(prepared, parameters, lidar, robot, start, obstacles, entropy, timeout_s)
     loop.localize(start)
     loop.navigate(mission)
-    if watch is not None:
-        for tick in watch_ticks:
-            if loop.status != state.RUNNING:
-                break
-            loop.advance(tick + 1)
-            if loop.tick > tick:
-                watch(loop.stack, tick)
+    Watched(loop, watch, watch_ticks).advance(loop.last_tick)
     if loop.status == state.RUNNING:
-        loop.advance()
-    return recording_of(loop, entropy, _ending(loop), sent_s=0.0)
+        ending = Ending("timed_out", "the mission did not end within its time")
+    elif loop.status == state.SUCCEEDED:
+        ending = Ending("succeeded")
+    else:
+        ending = Ending("aborted", told(loop), loop.error_code)
+    return recording_of(loop, entropy, ending, sent_s=0.0)
+
+
+class Watched:
+    """A closed loop that is watched after some of its ticks.
+
+    Args:
+        watch, watch_ticks: See `vastflow.sim.run.run`.
+    """
+
+    def __init__(self, loop: ClosedLoop, watch: Watch | None, watch_ticks: Sequence[int]) -> None:
+        self._loop = loop
+        self._watch = watch
+        self._ticks = iter(watch_ticks if watch else ())
+        self._next = next(self._ticks, math.inf)
+
+    def advance(self, until_tick: int) -> None:
+        """Advance as the loop does: to a tick, or until the mission's state changes."""
+        loop, status = self._loop, self._loop.status
+        while self._watch and self._next < until_tick:
+            loop.advance(int(self._next) + 1)
+            if loop.tick > self._next:
+                self._watch(loop.stack, int(self._next))
+                self._next = next(self._ticks, math.inf)
+            if loop.status != status:
+                return
+        loop.advance(until_tick)
 
 
 def recording_of(
@@ -89,7 +117,8 @@ def recording_of(
         events.append(standstill(columns, events, sent_s))
         reasons.append(standstill_told(events[-1]))
     if contacts := [event for event in loop.events if event.kind == "contact"]:
-        reasons.append(_told(contacts))
+        first = f"with {contacts[0].what} at {contacts[0].t_s:.1f} s"
+        reasons.append(f"a contact {first}" if len(contacts) == 1 else f"{len(contacts)} contacts, the first {first}")
     return Recording(
         Run(
             run_index=entropy[-1],
@@ -119,19 +148,6 @@ def recording_without_world(ended_s: float, entropy: Sequence[int], ending: Endi
 
 def _seed(entropy: Sequence[int]) -> str:
     return ":".join(f"{part:x}" for part in entropy)
-
-
-def _ending(loop: ClosedLoop) -> Ending:
-    if loop.status == state.RUNNING:
-        return Ending("timed_out", "the mission did not end within its time")
-    if loop.status == state.SUCCEEDED:
-        return Ending("succeeded")
-    return Ending("aborted", told(loop), loop.error_code)
-
-
-def _told(contacts: Sequence[Event]) -> str:
-    first = f"with {contacts[0].what} at {contacts[0].t_s:.1f} s"
-    return f"a contact {first}" if len(contacts) == 1 else f"{len(contacts)} contacts, the first {first}"
 
 
 def _event(row: NDArray[np.float64], frame: GridFrame) -> Event:

@@ -1,6 +1,5 @@
 """The simulated world as the actions of a scenario see it."""
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -75,13 +74,11 @@ class Simulation(ClosedLoop):
         self.orders += 1
         if self.sent_s is None:
             self.sent_s = self.now_s
-        here, goal = self.estimate, mission.goals[-1]
+        here, goal, goals = self.estimate, mission.goals[-1], len(mission.goals)
         if mission.kind == "follow_waypoints":
-            self.told.append(
-                ("waypoint_follower", f"Received follow waypoint request with {len(mission.goals)} waypoints.")
-            )
+            self.told.append(("waypoint_follower", f"Received follow waypoint request with {goals} waypoints."))
         else:
-            through = "" if mission.kind == "navigate_to_pose" else f"through {len(mission.goals)} poses "
+            through = "" if mission.kind == "navigate_to_pose" else f"through {goals} poses "
             begun = f"({here.x_m:.2f}, {here.y_m:.2f}) {through}to ({goal.x_m:.2f}, {goal.y_m:.2f})"
             self.told.append(("bt_navigator", f"Begin navigating from current location {begun}"))
         self.navigate(mission)
@@ -162,8 +159,3 @@ def recorded(columns: Columns, topics: Sequence[str] | None) -> Columns:
         return columns
     left_out = set(COLUMNS_OF.values()) - {COLUMNS_OF[topic] for topic in topics if topic in COLUMNS_OF}
     return {name: column for name, column in columns.items() if not name.startswith(tuple(left_out))}
-
-
-def distance_m(a: Pose, b: Pose) -> float:
-    """Distance between the positions of two poses."""
-    return math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)

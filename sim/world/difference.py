@@ -1,7 +1,7 @@
 """Differences of the world from the robot's map: displaced walls and missing furniture."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -41,18 +41,13 @@ def world_of(occupancy: OccupancyMap, difference: WorldDifference) -> OccupancyM
     Offsets are a Gaussian random field of squared exponential covariance, the sum of random waves (Rahimi and Recht, Random Features
     for Large-Scale Kernel Machines, 2007). Walls stay whole while its standard deviation is well below the correlation length.
     """
-    cells = occupancy.cells
+    cells, fold = occupancy.cells, 1
     if difference.missing_share > 0.0:
         cells = _without_furniture(occupancy, difference)
     if difference.wall_offset_m > 0.0:
         fold = math.ceil(occupancy.resolution_m / LARGEST_CELL_M - 1e-9)
-        return OccupancyMap(
-            _offset(cells, occupancy.resolution_m, fold, difference),
-            occupancy.resolution_m / fold,
-            occupancy.origin_xy_m,
-            occupancy.yaw_rad,
-        )
-    return OccupancyMap(cells, occupancy.resolution_m, occupancy.origin_xy_m, occupancy.yaw_rad)
+        cells = _offset(cells, occupancy.resolution_m, fold, difference)
+    return replace(occupancy, cells=cells, resolution_m=occupancy.resolution_m / fold)
 
 
 def _rng(difference: WorldDifference, stream: int) -> np.random.Generator:

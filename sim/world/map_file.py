@@ -56,7 +56,9 @@ def load_map(path: str | Path) -> OccupancyMap:
         raise MapError(f"{path}: mode: expected trinary, scale or raw, got {mode!r}")
     x_m, y_m, yaw_rad = _origin(header, path)
     gray, opaque = _picture(path, str(header["image"]))
-    cells = _occupancy(gray, opaque, mode.lower(), _flag(header, "negate", path), occupied_threshold, free_threshold)
+    if (negate := header.get("negate", 0)) not in (0, 1):
+        raise MapError(f"{path}: negate: expected 0 or 1, got {negate!r}")
+    cells = _occupancy(gray, opaque, mode.lower(), bool(negate), occupied_threshold, free_threshold)
     return _placed(cells[::-1], resolution_m, (x_m, y_m), yaw_rad)
 
 
@@ -86,12 +88,7 @@ def _header(path: Path) -> Mapping[str, Any]:
 
 
 def _number(
-    header: Mapping[str, Any],
-    key: str,
-    path: Path,
-    limits: tuple[float, float],
-    right: str,
-    default: float | None = None,
+    header: Mapping[str, Any], key: str, path: Path, limits: tuple[float, float], right: str, default: Any = None
 ) -> float:
     """Read a number within limits, described by `right`."""
     value = header.get(key, default)
@@ -108,20 +105,11 @@ def _finite(value: Any) -> float | None:
     if isinstance(value, str):  # YAML 1.1 reads 5e-2 as text
         with contextlib.suppress(ValueError):
             value = float(value)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
     try:
-        number = float(value)
+        is_number = not isinstance(value, bool) and isinstance(value, int | float) and math.isfinite(value)
     except OverflowError:  # a whole number of hundreds of digits
-        return None
-    return number if math.isfinite(number) else None
-
-
-def _flag(header: Mapping[str, Any], key: str, path: Path) -> bool:
-    value = header.get(key, 0)
-    if value not in (0, 1):
-        raise MapError(f"{path}: {key}: expected 0 or 1, got {value!r}")
-    return bool(value)
+        is_number = False
+    return float(value) if is_number else None
 
 
 def _origin(header: Mapping[str, Any], path: Path) -> tuple[float, float, float]:

@@ -8,10 +8,8 @@ import math
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vastflow.sim.kernels.numeric import inner, njit
-from vastflow.sim.model.pose import Pose
 from vastflow.sim.world.skip_table import WALL, SkipTable, free_square
 
 
@@ -77,11 +75,6 @@ class Body(NamedTuple):
     radius_m: float
     obstacles: Any
     triggers: Any
-
-
-def new_body(start: Pose, radius_m: float, obstacles: NDArray[np.float64], triggers: NDArray[np.float64]) -> Body:
-    """Return the body at the start of a run."""
-    return Body(np.array([start.x_m, start.y_m, start.yaw_rad]), radius_m, obstacles, triggers)
 
 
 @inner

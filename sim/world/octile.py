@@ -65,11 +65,6 @@ def descend(field: NDArray[np.float32], row: int, column: int) -> NDArray[np.int
     return out[: _descend(field, row, column, out)].copy()
 
 
-def path_xy_m(occupancy: OccupancyMap, cells: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return map positions (N, 2) in meters of the centers of (row, column) cells."""
-    return occupancy.centers_of(cells)
-
-
 def shortest_path(
     occupancy: OccupancyMap, free: NDArray[np.bool_], stops_xy_m: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], float] | None:
@@ -86,7 +81,7 @@ def shortest_path(
         length_cells += float(field[row, column])
         leg = descend(field, row, column)
         legs.append(leg if not legs else leg[1:])
-    return path_xy_m(occupancy, np.concatenate(legs)), length_cells * occupancy.resolution_m
+    return occupancy.centers_of(np.concatenate(legs)), length_cells * occupancy.resolution_m
 
 
 @njit

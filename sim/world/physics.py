@@ -99,7 +99,10 @@ class World:
             wanted = pymunk.Vec2d(v_mps * per_arc, vy_mps * per_arc).rotated(robot.angle + half_turn)
             robot.velocity = self._with_traction(wanted, dt_s) if self._touching else wanted
             robot.angular_velocity = self._turning(w_radps, dt_s) if self._touching else w_radps
-            glides = [(body, *_glide(body, dt_s)) for body in self._appeared.values()]
+            glides = [
+                (body, body.position + body.velocity * dt_s, body.angle + body.angular_velocity * dt_s)
+                for body in self._appeared.values()
+            ]
             space.step(dt_s)
             for body, position, angle in glides:
                 # The engine undoes overlaps without friction, by which the robot would shift any box: a box that friction holds
@@ -111,7 +114,12 @@ class World:
         self._displaced = math.hypot(x_m - pose[0], y_m - pose[1]) > AT_REST_M
         pose[0], pose[1], pose[2] = x_m, y_m, robot.angle
         for index, body in self._appeared.items():
-            self._settle(index, body)
+            if _at_rest(body):
+                body.velocity, body.angular_velocity = (0.0, 0.0), 0.0
+                self._moving.discard(index)
+            else:
+                self._moving.add(index)
+                self._approach(body.position)
 
     def appear(self, index: int, t_s: float) -> None:
         """Let obstacle `index` appear at its pose; a robot in its place is pushed out."""
@@ -135,10 +143,10 @@ class World:
         """Add the new obstacle `index` at its pose, fixed or pushable."""
         if pushable:
             self.appear(index, t_s)
-            return
-        self._fix(index)
-        self._displaced = True
-        self._note("spawned", index, t_s)
+        else:
+            self._fix(index)
+            self._displaced = True
+            self._note("spawned", index, t_s)
 
     def remove(self, index: int, t_s: float) -> None:
         """Remove obstacle `index` from the world."""
@@ -178,14 +186,6 @@ class World:
         own = self._robot.angular_velocity
         return min(max(wanted_radps, own - most), own + most)
 
-    def _settle(self, index: int, body: pymunk.Body) -> None:
-        if _at_rest(body):
-            body.velocity, body.angular_velocity = (0.0, 0.0), 0.0
-            self._moving.discard(index)
-        else:
-            self._moving.add(index)
-            self._approach(body.position)
-
     def _approach(self, place: pymunk.Vec2d) -> None:
         tile = self._walls.tile_of(*place)
         if tile in self._tiles:
@@ -224,13 +224,12 @@ class World:
     def _touch(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
         touched = arbiter.shapes[1]
         self._touching[touched] += 1
-        if self._touching[touched] > 1:
-            return
-        x_m, y_m = self._robot.position
-        body, partner = arbiter.bodies
-        closing_mps = abs((body.velocity - partner.velocity).dot(arbiter.normal))
-        name = self._names.get(touched, "wall")
-        self.events.append(Event(round(self._time_s, 3), "contact", x_m, y_m, name, closing_mps))
+        if self._touching[touched] == 1:
+            body, partner = arbiter.bodies
+            closing_mps = abs((body.velocity - partner.velocity).dot(arbiter.normal))
+            what = self._names.get(touched, "wall")
+            event = Event(round(self._time_s, 3), "contact", *self._robot.position, what, closing_mps)
+            self.events.append(event)
 
     def _part(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
         touched = arbiter.shapes[1]
@@ -241,11 +240,6 @@ class World:
 
 def _at_rest(body: pymunk.Body) -> bool:
     return body.velocity.length <= AT_REST_MPS and abs(body.angular_velocity) <= AT_REST_RADPS
-
-
-def _glide(body: pymunk.Body, dt_s: float) -> tuple[pymunk.Vec2d, float]:
-    """Return position and angle after `dt_s` at the current speed."""
-    return body.position + body.velocity * dt_s, body.angle + body.angular_velocity * dt_s
 
 
 def _robot_shapes(robot: Robot, body: pymunk.Body) -> list[pymunk.Shape]:

@@ -11,9 +11,11 @@ from vastflow.sim.world.occupancy import OccupancyMap
 def wall_rectangles(occupancy: OccupancyMap) -> NDArray[np.float64]:
     """Return rectangles (N, 4) as x0, y0, x1, y1 in meters whose union borders the map's occupied cells.
 
-    Cells that nothing can reach are left out. Runs of cells in a row are merged with equal runs in the rows above.
+    Cells without a free neighbor, which nothing can reach, are left out. Runs of cells in a row are merged with equal runs in the rows above.
     """
-    shell = _shell(occupancy.occupied)
+    framed = np.pad(occupancy.occupied, 1, constant_values=True)
+    across = framed[:, :-2] & framed[:, 1:-1] & framed[:, 2:]
+    shell = occupancy.occupied & ~(across[:-2] & across[1:-1] & across[2:])
     edges = np.diff(np.pad(shell.astype(np.int8), ((0, 0), (1, 1))), axis=1)
     row, first = np.nonzero(edges == 1)
     last = np.nonzero(edges == -1)[1]
@@ -25,13 +27,6 @@ def wall_rectangles(occupancy: OccupancyMap) -> NDArray[np.float64]:
     ends = np.append(begins[1:], len(row))[: len(begins)] - 1
     cells = np.column_stack([first[begins], row[begins], last[begins], row[ends] + 1]).astype(np.float64)
     return np.asarray(cells * occupancy.resolution_m + np.tile(np.asarray(occupancy.origin_xy_m), 2))
-
-
-def _shell(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the mask of occupied cells with a free neighbor; beyond the map everything counts as occupied."""
-    framed = np.pad(occupied, 1, constant_values=True)
-    across = framed[:, :-2] & framed[:, 1:-1] & framed[:, 2:]
-    return np.asarray(occupied & ~(across[:-2] & across[1:-1] & across[2:]))
 
 
 class WallIndex:

@@ -29,7 +29,7 @@ from vastflow.sim.world.lidar import scan
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.motion import arc, limited, wrapped
 from vastflow.sim.world.occupancy import OccupancyMap
-from vastflow.sim.world.octile import descend, distance_field, passable, path_xy_m
+from vastflow.sim.world.octile import descend, distance_field, passable
 from vastflow.sim.world.robot_model import Lidar, Robot
 from vastflow.sim.world.skip_table import skip_table_of
 
@@ -128,7 +128,7 @@ def route(occupancy: OccupancyMap, rng: np.random.Generator) -> np.ndarray:
         ends = np.argwhere(np.abs(field * occupancy.resolution_m - ROUTE_M) < occupancy.resolution_m)
         if len(ends) > 0:
             break
-    way = path_xy_m(occupancy, descend(field, *map(int, ends[rng.integers(len(ends))])))
+    way = occupancy.centers_of(descend(field, *map(int, ends[rng.integers(len(ends))])))
     framed = np.concatenate([np.repeat(way[:1], 5, axis=0), way, np.repeat(way[-1:], 5, axis=0)])
     return np.column_stack([np.convolve(axis, np.ones(11) / 11, mode="valid") for axis in framed.T])
 

@@ -30,7 +30,7 @@ from vastflow.sim.nav2.navigator.profile import CLOCK, STAGES
 from vastflow.sim.nav2.navigator.state import RUNNING, SUBSTEPS
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.world.occupancy import FREE, OCCUPIED, OccupancyMap
-from vastflow.sim.world.octile import descend, distance_field, passable, path_xy_m
+from vastflow.sim.world.octile import descend, distance_field, passable
 from vastflow.sim.world.robot_model import Lidar, Robot
 
 MAP_SEED: Final = 20
@@ -263,7 +263,7 @@ def benchmark_routes(occupancy: OccupancyMap, route_m: float = LARGE.route_m) ->
         if len(goals) == 0:
             continue
         goal = goals[rng.integers(len(goals))]
-        way = path_xy_m(occupancy, descend(field, int(goal[0]), int(goal[1])))[::-1]
+        way = occupancy.centers_of(descend(field, int(goal[0]), int(goal[1])))[::-1]
         heading = way[10] - way[0]
         yaw_rad = float(np.arctan2(heading[1], heading[0]))
         start, end = (Pose(float(x), float(y), yaw_rad) for x, y in (way[0], way[-1]))

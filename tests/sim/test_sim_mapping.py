@@ -17,7 +17,7 @@ from vastflow.sim.nav2.navigator.tick import advance
 from vastflow.sim.nav2.parameters.costmap import Costmap, StaticLayer, global_costmap
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.world.map_file import load_map
-from vastflow.sim.world.motion import FREE, new_body
+from vastflow.sim.world.motion import FREE, Body
 from vastflow.sim.world.robot_model import Lidar, Robot
 
 START = {"x": 2.98, "y": 2.42}
@@ -43,7 +43,7 @@ def after_a_tick(prepared, scenario):
         stack = give(stack, Mission("navigate_to_pose", (Pose(7.0, 4.0),)))
         stack.local.layer[:] = before
         stack.grids.layer[:] = before
-        body = new_body(here, Robot().radius_m, rows, trigger_rows(standing))
+        body = Body(np.array([here.x_m, here.y_m, here.yaw_rad]), Robot().radius_m, rows, trigger_rows(standing))
         state = stack.p, stack.m, stack.grids, stack.local, stack.cloud, stack.route
         advance(*state, stack.controller.bound, stack.noise.bound, stack.rows, body, FREE, 1)
         return stack

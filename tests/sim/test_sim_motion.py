@@ -18,11 +18,11 @@ from vastflow.sim.world.motion import (
     MARGIN_M,
     MOVING,
     TOUCHING,
+    Body,
     arc,
     limited,
     move_freely,
     moved,
-    new_body,
     wrapped,
 )
 from vastflow.sim.world.occupancy import OccupancyMap
@@ -44,7 +44,7 @@ POSES = st.tuples(st.floats(-1.2, 1.4), st.floats(1.8, 4.2), st.floats(-4, 4))
 
 def free_motion(occupancy, pose, velocities, obstacles=(), hold=FREE):
     """Whether the kernel moves the body, and where it then is."""
-    body = new_body(Pose(*pose), ROBOT.radius_m, obstacle_rows(obstacles), trigger_rows(obstacles))
+    body = Body(np.array(pose, dtype=np.float64), ROBOT.radius_m, obstacle_rows(obstacles), trigger_rows(obstacles))
     skips = skip_table_of(occupancy.occupied)
     free = move_freely(skips, occupancy.resolution_m, *occupancy.origin_xy_m, body, velocities, DT_S, hold)
     return free, body.pose

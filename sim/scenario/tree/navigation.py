@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from py_trees.common import Status
 
-from vastflow.sim.loop.simulation import COLUMNS_OF, Order, Simulation, distance_m
+from vastflow.sim.loop.simulation import COLUMNS_OF, Order, Simulation
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.pose import Pose, pose_of
 from vastflow.sim.model.scenario import Mission, MissionKind
@@ -97,7 +97,7 @@ class OdometryDistance(Action):
 
     def update(self) -> Status:
         here = self._simulation.odometry
-        self._driven_m += distance_m(here, self._last)
+        self._driven_m += math.hypot(here.x_m - self._last.x_m, here.y_m - self._last.y_m)
         self._last = here
         self.message = f"{self._driven_m:.2f} of {self._wanted_m:.2f} m"
         return Status.SUCCESS if self._driven_m >= self._wanted_m else Status.RUNNING
