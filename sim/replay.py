@@ -77,12 +77,10 @@ class Moment:
 
     @property
     def t_s(self) -> float:
-        """Simulated time."""
         return self.tick * TICK_S
 
     @property
     def yaw_rate_degps(self) -> float:
-        """True yaw rate in degrees."""
         return float(np.degrees(self.yaw_rate_radps))
 
     @property

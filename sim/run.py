@@ -221,7 +221,6 @@ def _loaded(content: FileContent, key: str) -> OccupancyMap:
 
 
 def _ending(tree: ScenarioTree) -> Ending:
-    """Return how a scenario ended."""
     if tree.passed:
         return Ending("succeeded")
     if not tree.ended:

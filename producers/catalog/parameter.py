@@ -21,7 +21,7 @@ from vastflow.producers.places.ground import MAP_FILE_KEYS, map_value, serializa
 from vastflow.sim.model.digest import Value, digest
 from vastflow.sim.model.obstacle import lists_obstacles
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
-from vastflow.sim.nav2.parameter_files.noise import noise_value
+from vastflow.sim.nav2.parameter_files.interpretation import noise_value
 from vastflow.sim.nav2.parameters.robot import NOISE_MODEL_KEY
 
 ParameterName: TypeAlias = Annotated[str, Field(min_length=1)]

@@ -46,7 +46,7 @@ from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_of
 from vastflow.sim.nav2.parameter_files.chosen import FOOTPRINT_NAMES, parameters_of
-from vastflow.sim.nav2.parameter_files.noise import noise_value
+from vastflow.sim.nav2.parameter_files.interpretation import noise_value
 from vastflow.sim.nav2.parameters.robot import NOISE_MODEL_KEY, ROBOT_KEY
 from vastflow.sim.plug_ins.effects import plug_in_code
 from vastflow.sim.plug_ins.neighbors import PlugInError

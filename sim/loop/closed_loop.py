@@ -70,7 +70,6 @@ class ClosedLoop:
 
     @property
     def now_s(self) -> float:
-        """Simulated time."""
         return self.tick * TICK_S
 
     @property
@@ -105,12 +104,10 @@ class ClosedLoop:
 
     @property
     def true_pose(self) -> Pose:
-        """True pose of the robot in the map's frame."""
         return self.frame.pose_to_map(Pose(*self.body.pose.tolist()))
 
     @property
     def estimate(self) -> Pose:
-        """Estimated pose of the robot in the map's frame."""
         m = self.stack.m[0]
         return self.frame.pose_to_map(Pose(float(m["x"]), float(m["y"]), float(m["yaw"])))
 
@@ -124,7 +121,6 @@ class ClosedLoop:
         set_pose(self.stack, self.frame.pose_to_grid(pose))
 
     def navigate(self, mission: Mission) -> None:
-        """Replace the robot's mission."""
         self.cancel()
         goals = tuple(self.frame.pose_to_grid(goal) for goal in mission.goals)
         self.stack = give(self.stack, replace(mission, goals=goals))
@@ -136,7 +132,6 @@ class ClosedLoop:
         m["command_tick"] = m["tick"]
 
     def cancel(self) -> None:
-        """Cancel the robot's mission."""
         halt(self.stack.m, self.stack.controller.bound)
 
     def standing(self, name: str) -> int | None:
@@ -156,7 +151,6 @@ class ClosedLoop:
         self.stack = replace(self.stack, obstacles=rows)
 
     def remove(self, index: int) -> None:
-        """Remove an obstacle that stands in the world."""
         self._world = world = self._world or self._make_world()
         world.remove(index, self.now_s)
         self.body.obstacles[index, :2] = NOT_THERE
@@ -177,11 +171,9 @@ class ClosedLoop:
                 return
 
     def conclude(self) -> None:
-        """Write the recording's last row."""
         conclude(self.stack.p, self.stack.m, self.body, self.stack.rows)
 
     def _drive(self) -> None:
-        """Move the bodies through the tick that the stack has just commanded."""
         self._world = world = self._world or self._make_world()
         t_s = self.tick * TICK_S
         world.drive(self.body.pose, self.stack.m[0]["velocities"].tolist(), TICK_S / SUBSTEPS, t_s - TICK_S)

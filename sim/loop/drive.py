@@ -139,7 +139,6 @@ def recording_of(
 
 
 def recording_without_world(ended_s: float, entropy: Sequence[int], ending: Ending, behaviors: Columns) -> Recording:
-    """Return the recording of a scenario without a robot."""
     end = ending.outcome, 0, ending.reason, round(ended_s, 3)
     return Recording(
         Run(entropy[-1], _seed(entropy), *end, distance_m=0.0, recoveries=0, missed_goals=0), {}, behaviors

@@ -65,7 +65,6 @@ class Simulation(ClosedLoop):
         return Pose(float(m["odom_x"]), float(m["odom_y"]), float(m["odom_yaw"]))
 
     def localize(self, pose: Pose) -> None:
-        """Give AMCL an initial pose and log it."""
         self.told.append(("amcl", f"Setting pose: {pose.x_m:.3f} {pose.y_m:.3f} {pose.yaw_rad:.3f}"))
         super().localize(pose)
 
@@ -85,7 +84,6 @@ class Simulation(ClosedLoop):
         return Order(self)
 
     def stands(self, name: str) -> bool:
-        """True if something of this name stands in the world."""
         return self.standing(name) is not None
 
     def spawn(self, obstacle: Obstacle, pushable: bool) -> None:
@@ -117,7 +115,6 @@ class Order:
 
     @property
     def running(self) -> bool:
-        """True while the robot drives it."""
         return self.current and self._loop.status == RUNNING
 
     @property

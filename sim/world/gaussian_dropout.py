@@ -44,7 +44,6 @@ def perturb(ranges_m: Any, stream: Any, dropout: float, noise_m: float, order: A
 
 @addressed
 def relay(q: Any, memory: RelayMemory, given: Scan) -> None:
-    """Perturb a scan by the model's parameters."""
     perturb(
         given.ranges_m,
         memory.stream,
@@ -60,5 +59,4 @@ class GaussianDropout(GaussianDropoutParameters, LidarNoise):
     perturb = relay
 
     def memory(self, stream: NDArray[np.uint64], beams: int) -> RelayMemory:
-        """Return random numbers and scratch."""
         return RelayMemory(stream, np.zeros(beams, dtype=np.int64))

@@ -109,11 +109,7 @@ def range_to_obstacle(obstacle: Any, x_m: float, y_m: float, dx: float, dy: floa
     return float(max(near, start_m))
 
 
-def _example() -> Scan:
-    return Scan(np.zeros(1), np.zeros((1, 2)), 0.0, 0.0)
-
-
-_GIVEN: Final = numba.typeof(_example())
+_GIVEN: Final = numba.typeof(Scan(np.zeros(1), np.zeros((1, 2)), 0.0, 0.0))
 _call: Final = calling(_GIVEN, types.none)
 _forward: Final = forwarding(_GIVEN, types.none)
 

@@ -101,7 +101,6 @@ def _number(
 
 
 def _finite(value: Any) -> float | None:
-    """Return a finite number, else None."""
     if isinstance(value, str):  # YAML 1.1 reads 5e-2 as text
         with contextlib.suppress(ValueError):
             value = float(value)
@@ -129,7 +128,6 @@ def _origin(header: Mapping[str, Any], path: Path) -> tuple[float, float, float]
 def _placed(
     cells: NDArray[np.int8], resolution_m: float, origin_xy_m: tuple[float, float], yaw_rad: float
 ) -> OccupancyMap:
-    """Return the map of a grid that is turned about its origin."""
     quarters = round(yaw_rad / (math.pi / 2))
     rest_rad = yaw_rad - quarters * (math.pi / 2)
     if abs(rest_rad) < QUARTER_TURN_ROUNDING_RAD:

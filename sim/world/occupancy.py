@@ -34,7 +34,6 @@ class OccupancyMap:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(rows, columns)."""
         rows, columns = self.cells.shape
         return rows, columns
 
@@ -86,7 +85,6 @@ class OccupancyMap:
         return (self.frame.points_to_grid(xy_m) - self.origin_xy_m)[:, ::-1] / self.resolution_m
 
     def contains(self, row: int, column: int) -> bool:
-        """True if the grid has this cell."""
         rows, columns = self.shape
         return 0 <= row < rows and 0 <= column < columns
 

@@ -30,7 +30,6 @@ def passable(occupancy: OccupancyMap, radius_m: float) -> NDArray[np.bool_]:
 
 
 def whole_cells(radius_m: float, resolution_m: float) -> int:
-    """Return a radius rounded up to whole cells."""
     return math.ceil(radius_m / resolution_m - ROUNDING_CELLS)
 
 

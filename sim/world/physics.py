@@ -140,7 +140,6 @@ class World:
         self._note("spawned", index, t_s)
 
     def add(self, index: int, t_s: float, pushable: bool) -> None:
-        """Add the new obstacle `index` at its pose, fixed or pushable."""
         if pushable:
             self.appear(index, t_s)
         else:
@@ -149,7 +148,6 @@ class World:
             self._note("spawned", index, t_s)
 
     def remove(self, index: int, t_s: float) -> None:
-        """Remove obstacle `index` from the world."""
         self._note("deleted", index, t_s)
         body = self._appeared.pop(index, None) or self._fixed.pop(index)
         self._moving.discard(index)

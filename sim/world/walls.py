@@ -44,7 +44,6 @@ class WallIndex:
                     self._tiles.setdefault((x, y), []).append(index)
 
     def tile_of(self, x_m: float, y_m: float) -> tuple[int, int]:
-        """Return the tile of a point."""
         return math.floor(x_m / self.TILE_M), math.floor(y_m / self.TILE_M)
 
     def around(self, tile: tuple[int, int]) -> list[int]:

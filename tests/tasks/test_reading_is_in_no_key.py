@@ -27,7 +27,7 @@ STAGES = {"execute": EXECUTE_SOURCE, "observe": OBSERVE_SOURCE, "judge": JUDGE_S
 
 RESULTS_OF_READING = {
     "vastflow.sim.nav2.parameter_files.chosen.parameters_of",
-    "vastflow.sim.nav2.parameter_files.noise.noise_value",
+    "vastflow.sim.nav2.parameter_files.interpretation.noise_value",
     "vastflow.sim.reading.checked.checked_of",
     "vastflow.sim.world.map_file.load_map",
     "vastflow.sim.world.map_file.map_content",

@@ -16,25 +16,16 @@ STOP, SLOWDOWN, LIMIT, APPROACH = range(4)
 _ACTIONS: Final = ("stop", "slowdown", "limit", "approach")
 
 ZONE: Final = (
-    "action",
-    "vertices",
-    "radius_m",
-    "reach_m",
-    "min_points",
-    "ratio",
-    "v_mps",
-    "w_radps",
-    "ahead_s",
-    "step_s",
+    *("action", "vertices", "radius_m", "reach_m", "min_points"),
+    *("ratio", "v_mps", "w_radps", "ahead_s", "step_s"),
 )
 """Columns of a zone's row; `ahead_s` is 0 but for an approach, and of a circle `vertices` is 0."""
 
 
-def zones_reach_m(zones: Sequence[MonitorZone], fastest_mps: float, scan_period_s: float) -> float:
-    """Greatest distance (m) of a point that can enter a zone before the next scan; 0 without zones."""
-    rows = [dict(zip(ZONE, row, strict=True)) for row in zone_rows(zones)[0][: len(zones)].tolist()]
-    slack_s = scan_period_s + 0.1
-    return max((row["reach_m"] + fastest_mps * (row["ahead_s"] + slack_s) + 0.1 for row in rows), default=0.0)
+def zones_reach_m(rows: NDArray[np.float64], fastest_mps: float, scan_period_s: float) -> float:
+    """Greatest distance (m) of a point that can enter one of the zones before the next scan; 0 without zones."""
+    reach_m, ahead_s = rows[:, ZONE.index("reach_m")], rows[:, ZONE.index("ahead_s")]
+    return float(np.max(reach_m + fastest_mps * (ahead_s + (scan_period_s + 0.1)) + 0.1, initial=0.0))
 
 
 def zone_rows(zones: Sequence[MonitorZone]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -62,8 +53,7 @@ def gather_near_points(p: Any, m: Any) -> None:
     fastest_mps = math.hypot(max(q.max_velocity[0], -q.min_velocity[0]), max(q.max_velocity[1], -q.min_velocity[1]))
     # The robot drives on for one scan period before the next scan comes; 0.1 s more is ample.
     ahead_s = p.collision_monitor.time_before_collision + (0.1 + p.scan_ticks * TICK_S)
-    reach_m = p.circumscribed_radius + fastest_mps * ahead_s + 0.1
-    reach_m = max(reach_m, p.zones_reach)
+    reach_m = max(p.circumscribed_radius + fastest_mps * ahead_s + 0.1, p.zones_reach)
     n = 0
     for b in range(m.beams):
         reading = m.ranges[b]

@@ -38,13 +38,11 @@ def delay(m: Any, least_s: float, jitter_s: float) -> float:
 
 @inner
 def _steps(duration_s: float) -> int:
-    """Physics steps until a duration is over."""
     return math.ceil(duration_s / STEP_S - 1e-9)
 
 
 @inner
 def count_step(m: Any, step: int, v_mps: float, w_radps: float, vy_mps: float) -> None:
-    """Keep what odometry has counted after so many steps of the run."""
     row = m.odometry[step % ODOMETRY_STEPS]
     row[0], row[1], row[2] = m.counted_x, m.counted_y, m.counted_yaw
     row[3], row[4], row[5] = v_mps, w_radps, vy_mps

@@ -64,7 +64,6 @@ def update_local(p: Any, m: Any, g: Grids, local: Local) -> None:
 
 @inner
 def publish_local(local: Local) -> None:
-    """Copy the local costmap for behaviors."""
     for r in range(local.window.costs.shape[0]):
         for c in range(local.window.costs.shape[1]):
             local.published.costs[r, c] = local.window.costs[r, c]
@@ -141,21 +140,15 @@ def clear_global(p: Any, m: Any, g: Grids) -> None:
 
 
 @inner
-def _quiet(p: Any, g: Grids, column: int, row: int, reach: int) -> Any:
-    """The obstacle layer as the Denoise layer leaves it, brought up to date in a window."""
-    rows, columns = g.layer.shape
-    row0, row1 = max(0, row - reach), max(min(rows, row + reach + 1), 0)
-    col0, col1 = max(0, column - reach), max(min(columns, column + reach + 1), 0)
-    q = p.global_costmap.denoise_layer
-    remove_small_marks(q, g.static, g.layer, g.lethal, row0, row1, col0, col1, g.quiet)
-    return g.quiet
-
-
-@inner
 def _merge(p: Any, m: Any, g: Grids, column: int, row: int, reach: int) -> None:
     layer = g.layer
-    if p.global_costmap.denoise_layer.enabled:
-        layer = _quiet(p, g, column, row, reach)
+    denoise = p.global_costmap.denoise_layer
+    if denoise.enabled:
+        rows, columns = layer.shape
+        top, bottom = max(0, row - reach), max(min(rows, row + reach + 1), 0)
+        left, right = max(0, column - reach), max(min(columns, column + reach + 1), 0)
+        remove_small_marks(denoise, g.static, layer, g.lethal, top, bottom, left, right, g.quiet)
+        layer = g.quiet
     row0, row1, col0, col1 = merge_window(g.static, g.static_costs, layer, g.stamp, column, row, reach, g.costs)
     if g.keepout.shape[0] > 0:
         keep_out(g.costs, g.keepout, row0, row1, col0, col1)

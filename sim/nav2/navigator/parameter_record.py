@@ -22,12 +22,12 @@ def parameter_record(
     parameters: NavParameters, lidar: Lidar, robot: Robot, prepared: PreparedMap, plan_cut: PlanCut, leg_overlap: int
 ) -> NDArray[np.void]:
     """Return the groups of the parameters, `plan_cut`, further numbers, `initial_covariance`, and zones."""
-    groups = {
-        name: group for name, group in parameters if name not in ("controller", "lidar_noise", "planner", "robot")
-    } | {"plan_cut": plan_cut}
+    apart = ("controller", "lidar_noise", "planner", "robot")
+    groups = {name: group for name, group in parameters if name not in apart} | {"plan_cut": plan_cut}
     outline = outline_of(parameters.local_costmap)
     frame = prepared.occupancy.frame
     zones, smoother = parameters.collision_monitor.zones, parameters.velocity_smoother
+    zone_values, zone_points = zone_rows(zones)
     fastest_mps = math.hypot(*(max(smoother.max_velocity[axis], -smoother.min_velocity[axis]) for axis in (0, 1)))
     extra: dict[str, float] = {
         "inscribed_radius": inscribed_radius_m(outline),
@@ -61,13 +61,10 @@ def parameter_record(
         "leg_overlap": leg_overlap,
         "loops": 0,
         "zone_count": len(zones),
-        "zones_reach": zones_reach_m(zones, fastest_mps, 1.0 / lidar.rate_hz),
+        "zones_reach": zones_reach_m(zone_values[: len(zones)], fastest_mps, 1.0 / lidar.rate_hz),
     }
-    perturbation = parameters.perturbation
-    covariance = (
-        *frame.covariance_to_grid(perturbation.initial_pose_covariance_xx, perturbation.initial_pose_covariance_yy),
-        perturbation.initial_pose_covariance_yaw,
-    )
+    q = parameters.perturbation
+    in_grid = frame.covariance_to_grid(q.initial_pose_covariance_xx, q.initial_pose_covariance_yy)
     dtype = np.dtype(
         [
             *((name, record_dtype(value)) for name, value in groups.items()),
@@ -78,10 +75,6 @@ def parameter_record(
         ],
         align=True,
     )
-    row = (
-        *(record_row(value) for value in groups.values()),
-        *map(float, extra.values()),
-        covariance,
-        *zone_rows(zones),
-    )
+    covariance = *in_grid, q.initial_pose_covariance_yaw
+    row = (*map(record_row, groups.values()), *map(float, extra.values()), covariance, zone_values, zone_points)
     return np.array([row], dtype=dtype)

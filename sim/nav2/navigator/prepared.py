@@ -6,7 +6,7 @@ walls and likelihood field, one that varies AMCL's parameters the costs.
 
 import functools
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,8 @@ from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar
 from vastflow.sim.world.skip_table import SkipTable, skip_table_of
 from vastflow.sim.world.walls import WallIndex
+
+Cells: TypeAlias = NDArray[np.uint8]
 
 CACHED_MAPS: Final = 6
 """About 45 bytes a cell: 130 MB for a building of 85 m × 85 m."""
@@ -52,13 +54,13 @@ class PreparedMap:
     walls: WallIndex
     skips: SkipTable
     cubed: NDArray[np.float32]
-    static: NDArray[np.uint8]
-    static_costs: NDArray[np.uint8]
-    stamp: NDArray[np.uint8]
-    costs: NDArray[np.uint8]
-    free_costs: NDArray[np.uint8]
-    keepout: NDArray[np.uint8]
-    local_stamp: NDArray[np.uint8]
+    static: Cells
+    static_costs: Cells
+    stamp: Cells
+    costs: Cells
+    free_costs: Cells
+    keepout: Cells
+    local_stamp: Cells
     local_keepout: Mask
     speed_mask: OccupancyMap | None
 
@@ -111,17 +113,10 @@ def _likelihood(
     )
 
 
-class _Costs(NamedTuple):
-    static: NDArray[np.uint8]
-    static_costs: NDArray[np.uint8]
-    stamp: NDArray[np.uint8]
-    costs: NDArray[np.uint8]
-    free_costs: NDArray[np.uint8]
-    keepout: NDArray[np.uint8]
-
-
 @functools.lru_cache(maxsize=CACHED_MAPS)
-def _costs(occupancy: OccupancyMap, costmap: Costmap, mask: OccupancyMap | None) -> _Costs:
+def _costs(
+    occupancy: OccupancyMap, costmap: Costmap, mask: OccupancyMap | None
+) -> tuple[Cells, Cells, Cells, Cells, Cells, Cells]:
     static = np.full(occupancy.shape, FREE, dtype=np.uint8)
     if costmap.static_layer.enabled:  # trinary: what is neither occupied nor unknown is free
         unknown = UNKNOWN if costmap.track_unknown_space else FREE
@@ -133,7 +128,7 @@ def _costs(occupancy: OccupancyMap, costmap: Costmap, mask: OccupancyMap | None)
     keepout = on_map(keepout_mask(mask, occupancy), occupancy)
     costs = with_keepout(with_unknown(static, static_costs), keepout)
     free_costs = np.minimum(with_keepout(static_costs, keepout), costs) if (static == UNKNOWN).any() else costs
-    return _Costs(static, static_costs, stamp, costs, free_costs, keepout)
+    return static, static_costs, stamp, costs, free_costs, keepout
 
 
 def _stamp(costmap: Costmap, resolution_m: float) -> NDArray[np.uint8]:

@@ -80,7 +80,6 @@ def _occurrences(values: Mapping[ParameterLocation, Value], names: ParameterLoca
 
 
 def unmarked(path: ParameterLocation) -> ParameterLocation:
-    """A path without `ros__parameters`."""
     return tuple(name for name in path if name != PARAMETERS)
 
 

@@ -52,7 +52,6 @@ class ParameterDocument:
         return next((self.places[path[:n]] for n in range(len(path), -1, -1) if path[:n] in self.places), (0, 0))
 
     def below(self, prefix: ParameterLocation) -> Iterator[ParameterLocation]:
-        """Paths of the parameters below `prefix`."""
         return (path for path in self.values if path[: len(prefix)] == prefix)
 
     @cached_property

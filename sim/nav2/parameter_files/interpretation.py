@@ -1,10 +1,14 @@
 """Interpretation: what a Nav2 parameter document sets the stack to, and the document that sets it to given parameters."""
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
+from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.faults import Fault, FileError, Place
+from vastflow.sim.model.files import is_file
 from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation
 from vastflow.sim.model.polygon import vertices_of
 from vastflow.sim.nav2.parameter_files.controller_server import read_controller_server, written_controller_server
@@ -12,7 +16,6 @@ from vastflow.sim.nav2.parameter_files.costmaps import check_speed_filter, read_
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument
 from vastflow.sim.nav2.parameter_files.monitor import read_monitor, written_monitor
 from vastflow.sim.nav2.parameter_files.nodes import NODES, PLANNERS, WAIT_AT_WAYPOINT, class_name, short_class
-from vastflow.sim.nav2.parameter_files.noise import noise_of
 from vastflow.sim.nav2.parameter_files.reader import Instance, Parts, Reader, shown, written
 from vastflow.sim.nav2.parameters.amcl import AmclParameters
 from vastflow.sim.nav2.parameters.costmap import global_costmap, local_costmap
@@ -38,7 +41,9 @@ from vastflow.sim.nav2.parameters.servers import (
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.nav2.planners.registry import PLANNER_PLUG_INS
 from vastflow.sim.plug_ins.neighbors import PlugInError
-from vastflow.sim.world.noise_registry import GAUSSIAN_DROPOUT, GaussianDropoutParameters
+from vastflow.sim.plug_ins.registry import FILE, plug_in_file
+from vastflow.sim.plug_ins.snapshot import PlugInFile, snapshot_of
+from vastflow.sim.world.noise_registry import GAUSSIAN_DROPOUT, NOISE_PLUG_INS, GaussianDropoutParameters
 
 _NODES_BEFORE_FOXY: Final[Mapping[str, str]] = {
     "dwb_controller": "controller_server",
@@ -199,6 +204,38 @@ def _check_turning_radius(reader: Reader, parts: Parts) -> None:
     if not modeled and not isinstance(parts.get("planner"), SmacPlannerHybrid):
         what = "got ackermann, and neither a motion model Ackermann nor a SmacPlannerHybrid says how tight it turns"
         reader.fault((ROBOT_KEY, "drive"), what, "min_turning_radius beside it")
+
+
+def noise_value(name: Value, base: Path) -> Value:
+    """Return the value of a model's name: of `file.py:Class` below `base` the file and the class.
+
+    What names no file that can be copied stays as it is, and is a fault of the scenario.
+    """
+    if isinstance(name, str) and FILE in name and is_file(file := plug_in_file(name, base)):
+        with suppress(PlugInError):
+            snapshot = snapshot_of(file, base)
+            return [PlugInFile(str(file), snapshot.digest, {name: snapshot}), name.rpartition(":")[2]]
+    return name
+
+
+def noise_of(chosen: Value) -> type[ParameterGroup]:
+    """Return the parameters of the model that a value names.
+
+    Raises:
+        PlugInError: there is none, or the file is not the one that the campaign was read with.
+    """
+    if isinstance(chosen, str) and FILE not in chosen:
+        return NOISE_PLUG_INS.parameters(chosen)
+    match chosen:
+        case [FileContent() as file, str() as name]:
+            path = Path(file.path)
+            kept = next(iter(file.plug_ins.values())) if isinstance(file, PlugInFile) else None
+            snapshot = kept or snapshot_of(path, path.parent)
+            if snapshot.digest != file.digest:
+                raise PlugInError(f"{file.path} changed since the campaign was read", "run the campaign again")
+            return NOISE_PLUG_INS.find(f"{path}:{name}", snapshot=snapshot)
+    known = ", ".join(NOISE_PLUG_INS.known)
+    raise PlugInError(f"no lidar noise model {chosen!r} is known", f"known: {known}; {NOISE_PLUG_INS.own}")
 
 
 def _lidar_noise(reader: Reader) -> ParameterGroup:

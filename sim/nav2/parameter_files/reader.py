@@ -64,7 +64,6 @@ class Reader:
         self.faults: list[Fault] = []
 
     def fault(self, path: ParameterLocation, problem: str, expected: str) -> None:
-        """Note a mistake at `path`."""
         place = Place(self.document.file, *self.document.place(path), dotted(path))
         self.faults.append(Fault(place, problem, expected))
 
@@ -216,7 +215,6 @@ class Reader:
         return self._instance(used) if used else None
 
     def instance_group(self, instance: Instance, elsewhere: Mapping[str, ParameterLocation] | None = None) -> Any:
-        """The parameters of a plug-in."""
         for name, value in instance.modeled.only.items():
             self.only((*instance.place, name), value)
         return self.group(instance.modeled.model, instance.place, elsewhere, instance.modeled.fixed)

@@ -1,8 +1,8 @@
 """Parameters of AMCL, Nav2's localization."""
 
-import math
 from typing import Any, Self
 
+import numpy as np
 from pydantic import model_validator
 
 from vastflow.sim.model.parameter import ParameterGroup, choice, parameter
@@ -65,23 +65,16 @@ def covariance_of(value: Any, where: str) -> tuple[float, float, float, float]:
         ValueError: neither of these, or no covariance.
     """
     try:
-        rows = [[float(entry) for entry in row] for row in value] if _is_nested(value) else _diagonal(value)
+        matrix = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
-        rows = []
-    if [len(row) for row in rows] != [3, 3, 3] or not all(math.isfinite(entry) for row in rows for entry in row):
+        matrix = np.empty(0)
+    if matrix.shape == (3,):
+        matrix = np.diag(matrix)
+    if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
         raise ValueError(
             f"{where}: expected three variances [x, y, yaw] in m², m² and rad², or three rows of three numbers, got {value!r}"
         )
-    (xx, xy, _), (yx, yy, _), (_, _, yaw) = rows
+    (xx, xy, _), (yx, yy, _), (_, _, yaw) = matrix.tolist()
     if xx < 0.0 or yy < 0.0 or yaw < 0.0 or xy != yx or xy * xy > xx * yy:
         raise ValueError(f"{where}: expected variances >= 0 and a symmetric matrix with xy² <= xx · yy, got {value!r}")
     return xx, xy, yy, yaw
-
-
-def _is_nested(value: Any) -> bool:
-    return len(value) > 0 and hasattr(value[0], "__len__") and not isinstance(value[0], str)
-
-
-def _diagonal(value: Any) -> list[list[float]]:
-    xx, yy, yaw = (float(entry) for entry in value)
-    return [[xx, 0.0, 0.0], [0.0, yy, 0.0], [0.0, 0.0, yaw]]

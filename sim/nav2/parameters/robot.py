@@ -115,12 +115,9 @@ class LidarParameters(ParameterGroup):
     def _limits_agree(self) -> Self:
         if (self.angle_min is None) != (self.angle_max is None):
             raise ValueError("angle_min and angle_max must be given together")
-        if self.angle_min is not None and self.angle_max is not None:
-            turn_rad = self.angle_max - self.angle_min
-            if not 0.0 < turn_rad <= WHOLE_TURN_RAD:
-                raise ValueError(
-                    f"angle_max {self.angle_max:g} must lie within a turn above angle_min {self.angle_min:g}"
-                )
+        low, high = self.angle_min, self.angle_max
+        if low is not None and high is not None and not 0.0 < high - low <= WHOLE_TURN_RAD:
+            raise ValueError(f"angle_max {high:g} must lie within a turn above angle_min {low:g}")
         if self.range_min is not None and self.range_max is not None and self.range_min >= self.range_max:
             raise ValueError(f"range_min {self.range_min:g} must be < range_max {self.range_max:g}")
         return self
@@ -148,11 +145,9 @@ class RobotParameters(ParameterGroup):
     @classmethod
     def _as_text(cls, polygon: Any) -> Any:
         """A list of vertices, as YAML has it, as Nav2's text."""
-        return (
-            str([list(item) if isinstance(item, tuple) else item for item in polygon])
-            if isinstance(polygon, tuple | list)
-            else polygon
-        )
+        if not isinstance(polygon, tuple | list):
+            return polygon
+        return str([list(item) if isinstance(item, tuple) else item for item in polygon])
 
     @field_validator("polygon")
     @classmethod
@@ -162,13 +157,9 @@ class RobotParameters(ParameterGroup):
         return polygon
 
     @model_validator(mode="after")
-    def _one_body(self) -> Self:
+    def _agrees(self) -> Self:
         if self.radius is not None and self.polygon is not None:
             raise ValueError("radius and polygon are both given")
-        return self
-
-    @model_validator(mode="after")
-    def _steered(self) -> Self:
         if self.min_turning_radius is not None and self.drive not in (None, "ackermann"):
             raise ValueError(f"min_turning_radius is an ackermann drive's, and drive is {self.drive}")
         return self
