@@ -38,6 +38,8 @@ class ClosedLoop:
         body: The robot and the obstacles as they stand.
         last_tick: Number of ticks until the timeout.
         obstacles: All that there ever were, in the order of `body.obstacles`.
+        spawned: Those that were put into the world during the run.
+        sent_s: Simulated time of the robot's first mission; None before.
     """
 
     def __init__(
@@ -58,6 +60,8 @@ class ClosedLoop:
         self.body = Body(pose, robot.radius_m, rows, trigger_rows(every))
         self.stack = new_stack(prepared, parameters, lidar, robot, start_pose, rows, streams_of(entropy), timeout_s)
         self.last_tick = round(timeout_s / TICK_S)
+        self.spawned: list[Obstacle] = []
+        self.sent_s: float | None = None
         # Without `self`: a reference cycle would keep a run's grids, some 20 MB, until garbage is collected.
         self._make_world: Callable[[], World] = lambda: World(robot, prepared.walls, every)
         self._world: World | None = None
@@ -122,6 +126,8 @@ class ClosedLoop:
 
     def navigate(self, mission: Mission) -> None:
         self.cancel()
+        if self.sent_s is None:
+            self.sent_s = self.now_s
         goals = tuple(self.frame.pose_to_grid(goal) for goal in mission.goals)
         self.stack = give(self.stack, replace(mission, goals=goals))
 
@@ -142,6 +148,7 @@ class ClosedLoop:
     def spawn(self, obstacle: Obstacle, pushable: bool) -> None:
         """Add an obstacle to the world at its pose; a pushable one has mass and friction."""
         self._world = world = self._world or self._make_world()
+        self.spawned.append(obstacle)
         obstacle = obstacle.in_grid(self.frame)
         self.obstacles.append(obstacle)
         world.add(len(self.obstacles) - 1, self.now_s, pushable)
@@ -150,10 +157,14 @@ class ClosedLoop:
         self.body = Body(self.body.pose, self.body.radius_m, rows, triggers)
         self.stack = replace(self.stack, obstacles=rows)
 
-    def remove(self, index: int) -> None:
-        self._world = world = self._world or self._make_world()
-        world.remove(index, self.now_s)
-        self.body.obstacles[index, :2] = NOT_THERE
+    def delete(self, name: str) -> bool:
+        """Remove the obstacle of this name from the world; False if there is none."""
+        index = self.standing(name)
+        if index is not None:
+            self._world = world = self._world or self._make_world()
+            world.remove(index, self.now_s)
+            self.body.obstacles[index, :2] = NOT_THERE
+        return index is not None
 
     def advance(self, until_tick: int | None = None) -> None:
         """Advance to a tick, by default the last, or until the mission's state changes."""
@@ -204,17 +215,11 @@ def _in_map(event: Event, frame: GridFrame) -> Event:
 
 def obstacle_rows(obstacles: Sequence[Obstacle]) -> NDArray[np.float64]:
     """Return rows (K, 6) for `vastflow.sim.world.lidar.scan`; obstacles still to appear are at `NOT_THERE`."""
-    rows = [
-        (
-            o.pose.x_m if o.trigger is None else NOT_THERE,
-            o.pose.y_m if o.trigger is None else NOT_THERE,
-            math.cos(o.pose.yaw_rad),
-            math.sin(o.pose.yaw_rad),
-            o.length_m / 2,
-            0.0 if o.shape == "cylinder" else o.width_m / 2,
-        )
-        for o in obstacles
-    ]
+    rows = []
+    for o in obstacles:
+        x_m, y_m = (o.pose.x_m, o.pose.y_m) if o.trigger is None else (NOT_THERE, NOT_THERE)
+        half_width_m = 0.0 if o.shape == "cylinder" else o.width_m / 2
+        rows.append((x_m, y_m, math.cos(o.pose.yaw_rad), math.sin(o.pose.yaw_rad), o.length_m / 2, half_width_m))
     return np.array(rows, dtype=np.float64).reshape(-1, 6)
 
 

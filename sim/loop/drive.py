@@ -63,7 +63,7 @@ def drive(
         ending = Ending("succeeded")
     else:
         ending = Ending("aborted", told(loop), loop.error_code)
-    return recording_of(loop, entropy, ending, sent_s=0.0)
+    return recording_of(loop, entropy, ending)
 
 
 class Watched:
@@ -97,24 +97,16 @@ def recording_of(
     entropy: Sequence[int],
     ending: Ending,
     behaviors: Columns | None = None,
-    spawned: Sequence[Obstacle] = (),
-    sent_s: float | None = None,
 ) -> Recording:
-    """Return the recording of a loop at the run's end.
-
-    Args:
-        behaviors: See `Recording`.
-        spawned: Obstacles that a scenario put into the world.
-        sent_s: Simulated time of the robot's first mission; None where it was given none.
-    """
+    """Return the recording of a loop at the run's end; for `behaviors` see `Recording`."""
     loop.conclude()
     stack = loop.stack
     m = stack.m[0]
     columns = {name: stack.rows[: int(m["rows"]), k].copy() for k, name in enumerate(columns_of(stack.robot))}
     events = [*(_event(row, loop.frame) for row in m["event_rows"][: int(m["events"])]), *loop.events]
     reasons = [ending.reason] if ending.reason else []
-    if sent_s is not None and float(m["distance"]) < STANDSTILL_M and ending.outcome != "succeeded":
-        events.append(standstill(columns, events, sent_s))
+    if loop.sent_s is not None and float(m["distance"]) < STANDSTILL_M and ending.outcome != "succeeded":
+        events.append(standstill(columns, events, loop.sent_s))
         reasons.append(standstill_told(events[-1]))
     if contacts := [event for event in loop.events if event.kind == "contact"]:
         first = f"with {contacts[0].what} at {contacts[0].t_s:.1f} s"
@@ -131,7 +123,7 @@ def recording_of(
             recoveries=int(m["recoveries"]),
             missed_goals=int(m["missed"]),
             events=tuple(sorted(events, key=lambda event: event.t_s)),
-            entities=tuple(Entity(o.name, o.shape, o.length_m, o.width_m) for o in spawned),
+            entities=tuple(Entity(o.name, o.shape, o.length_m, o.width_m) for o in loop.spawned),
         ),
         columns,
         behaviors or {},

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from vastflow.sim.loop.closed_loop import ClosedLoop
-from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Columns
 from vastflow.sim.model.scenario import Mission
@@ -43,8 +42,6 @@ class Simulation(ClosedLoop):
     """A closed loop driven by a scenario.
 
     Attributes:
-        spawned: Obstacles that the scenario put into the world, in order.
-        sent_s: Simulated time of the robot's first mission; None before.
         orders: Missions so far.
         published: Topic to the messages that the scenario published on it, in order.
         told: What the scenario had Nav2 do, as its nodes log it: node and text, in order.
@@ -52,8 +49,6 @@ class Simulation(ClosedLoop):
 
     def __init__(self, *args: Any) -> None:
         super().__init__(*args)
-        self.spawned: list[Obstacle] = []
-        self.sent_s: float | None = None
         self.published: dict[str, list[Any]] = {}
         self.told: list[tuple[str, str]] = []
         self.orders = 0
@@ -71,8 +66,6 @@ class Simulation(ClosedLoop):
     def order(self, mission: Mission) -> "Order":
         """Send the robot on a mission; it drops the one it has."""
         self.orders += 1
-        if self.sent_s is None:
-            self.sent_s = self.now_s
         here, goal, goals = self.estimate, mission.goals[-1], len(mission.goals)
         if mission.kind == "follow_waypoints":
             self.told.append(("waypoint_follower", f"Received follow waypoint request with {goals} waypoints."))
@@ -85,18 +78,6 @@ class Simulation(ClosedLoop):
 
     def stands(self, name: str) -> bool:
         return self.standing(name) is not None
-
-    def spawn(self, obstacle: Obstacle, pushable: bool) -> None:
-        """Put an obstacle into the world and remember it."""
-        self.spawned.append(obstacle)
-        super().spawn(obstacle, pushable)
-
-    def delete(self, name: str) -> bool:
-        """Remove the obstacle of this name from the world; False if there is none."""
-        index = self.standing(name)
-        if index is not None:
-            self.remove(index)
-        return index is not None
 
 
 class Order:

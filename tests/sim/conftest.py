@@ -49,7 +49,7 @@ def saved(tmp_path_factory: pytest.TempPathFactory) -> Callable[[OccupancyMap], 
         Image.fromarray(gray[::-1]).save(folder / "map.pgm")
         x, y = occupancy.origin_xy_m
         (folder / "map.yaml").write_text(
-            f"image: map.pgm\nresolution: {occupancy.resolution_m}\norigin: [{x}, {y}, 0.0]\n"
+            f"image: map.pgm\nresolution: {occupancy.resolution_m}\norigin: [{x}, {y}, {occupancy.yaw_rad!r}]\n"
             "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
         )
         return map_content(folder / "map.yaml")

@@ -7,15 +7,17 @@ import pytest
 from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.kernels.record import record_dtype, record_row
-from vastflow.sim.model.polygon import MOST_VERTICES
-from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m, inscribed_radius_m, padded_outline
-from vastflow.sim.nav2.navigator.collision_monitor import ZONE, approach, gather_near_points, zone_rows, zoned
-from vastflow.sim.nav2.navigator.state import MEMORY
-from vastflow.sim.nav2.parameters.servers import MOST_ZONES, CollisionMonitor, MonitorZone, VelocitySmoother
-from vastflow.sim.world.robot_model import Lidar
+from vastflow.sim.kernels.streams import streams_of
+from vastflow.sim.loop.closed_loop import obstacle_rows
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.nav2.navigator.collision_monitor import approach, gather_near_points, zoned
+from vastflow.sim.nav2.navigator.prepared import prepare
+from vastflow.sim.nav2.navigator.state import new_stack
+from vastflow.sim.nav2.parameters.servers import CollisionMonitor, MonitorZone
+from vastflow.sim.nav2.parameters.stack import NavParameters
+from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.robot_model import Lidar, Robot
 
-OUTLINE = padded_outline(0.22, 0.01)
 NOTHING = np.full(360, np.inf)
 AHEAD = ((1.0, 0.3), (1.0, -0.3), (0.2, -0.3), (0.2, 0.3))
 
@@ -33,27 +35,13 @@ def factors(parameters, memory, v_mps, w_radps):
 
 def records(ranges, zones=(), **monitor):
     """Parameter and memory records of a robot that has just seen `ranges` (360,)."""
-    groups = {"velocity_smoother": VelocitySmoother(), "collision_monitor": CollisionMonitor(**monitor)}
-    extra = {
-        "inscribed_radius": inscribed_radius_m(OUTLINE),
-        "circumscribed_radius": circumscribed_radius_m(OUTLINE),
-        "range_min": 0.164,
-        "range_max": 20.0,
-        "mount_x": -0.04,
-        "mount_y": 0.0,
-        "scan_ticks": 2,
-        "zones_reach": 0.0,
-        "zone_count": len(zones),
-    }
-    dtype = [(name, record_dtype(group)) for name, group in groups.items()] + [(name, np.float64) for name in extra]
-    dtype += [("zones", float, (MOST_ZONES, len(ZONE))), ("zone_points", float, (MOST_ZONES, MOST_VERTICES, 2))]
-    row = (*map(record_row, groups.values()), *extra.values(), *zone_rows(zones))
-    parameters, memory = np.array([row], dtype=dtype), np.zeros(1, dtype=MEMORY)
-    memory["beams"] = 360
-    memory["ranges"][:, :360], memory["directions"][:, :360] = ranges, Lidar().directions()
-    memory["vertices"], memory["outline"][:, : len(OUTLINE)] = len(OUTLINE), OUTLINE
-    gathered(parameters, memory)
-    return parameters, memory
+    values = NavParameters(collision_monitor=CollisionMonitor(zones=tuple(zones), **monitor))
+    floor = OccupancyMap(np.zeros((9, 9), dtype=np.int8), 0.05, (0.0, 0.0))
+    made = prepare(floor, Lidar(), values), values, Lidar(), Robot(), Pose(0.0, 0.0), obstacle_rows(())
+    stack = new_stack(*made, streams_of([1]), 1.0)
+    stack.m["ranges"][:, :360] = ranges
+    gathered(stack.p, stack.m)
+    return stack.p, stack.m
 
 
 def factor(ranges, v_mps, w_radps=0.0, moved=(0.0, 0.0, 0.0), **monitor):

@@ -157,17 +157,6 @@ def test_sideways_motion_needs_an_omni_drive_and_its_smoother(system):
     assert set(OMNI_COLUMNS) <= set(recording.columns) or robot_of(parameters_of(system)).drive != "omni"
 
 
-def test_omni_samples_without_lateral_noise_equal_differential_ones():
-    """For the first second, the commands are the same but for what little noise is left."""
-    still = {**OMNI, "FollowPath.vy_std": 0.001, "FollowPath.gamma": 0.0}
-    omni, _ = driven(still, timeout_s=3.0)
-    differential, _ = driven({"FollowPath.gamma": 0.0}, timeout_s=3.0)
-    for name in ("command_speed_mmps", "command_yaw_rate_mradps"):
-        found, expected = (each.columns[name][:10].astype(int) for each in (omni, differential))
-        assert np.abs(found - expected).max() <= 10
-    assert np.abs(omni.columns["command_lateral_speed_mmps"]).max() <= 2
-
-
 def test_scenario_s_velocity_moves_an_omni_robot_to_its_side(staged):
     recording = run(
         staged(

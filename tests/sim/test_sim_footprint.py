@@ -43,17 +43,18 @@ def outline_cells(x, y, yaw):
     return cells
 
 
-@each_row(("robot_radius", "inscribed", "circumscribed"), [(0.22, 0.225498, 0.234142), (0.175, 0.181353, 0.189142)])
-def test_padded_footprint_has_nav2s_radii(robot_radius, inscribed, circumscribed):
-    outline = padded_outline(robot_radius, 0.01)
+@each_row(
+    ("radius", "padding", "inscribed", "circumscribed"),
+    [
+        (0.22, 0.01, 0.225498, 0.234142),
+        (0.175, 0.01, 0.181353, 0.189142),
+        (0.3, 0.0, 0.3 * math.cos(math.pi / 16), 0.3),
+    ],
+)
+def test_padded_footprint_has_nav2s_radii(radius, padding, inscribed, circumscribed):
+    outline = padded_outline(radius, padding)
     assert inscribed_radius_m(outline) == pytest.approx(inscribed, abs=5e-7)
     assert circumscribed_radius_m(outline) == pytest.approx(circumscribed, abs=5e-7)
-
-
-def test_outline_without_padding_is_a_regular_polygon():
-    outline = padded_outline(0.3, 0.0)
-    assert np.hypot(*outline.T) == pytest.approx(0.3)
-    assert inscribed_radius_m(outline) == pytest.approx(0.3 * math.cos(math.pi / 16))
 
 
 @settings(max_examples=25, deadline=None)

@@ -39,29 +39,20 @@ def script(tmp_path):
     return made
 
 
-def sent(script):
-    return [call for call in calls_of(script.definition.root) if call.action.endswith("nav_to_pose")]
-
-
-def test_goals_of_a_list_are_sent_in_turn(script):
-    found = script({"goal_poses": GOALS})
-    assert found.goals == POSES
-    assert len(sent(found)) == 3
-    assert found.values["goal_pose"]["position"]["x"] == 3.0
-
-
-def test_numbered_goals_are_sent_for_in_the_order_of_their_numbers(script):
-    task = {"goal_pose10": GOALS[2], "goal_pose2": GOALS[1], "goal_pose1": GOALS[0]}
-    assert script(task).goals == POSES
-
-
-def test_single_goal_of_a_list_is_the_goal(script):
-    found = script({"goal_poses": GOALS[:1]})
-    assert (found.goals, len(sent(found))) == (POSES[:1], 1)
-
-
-def test_goal_of_its_own_counts_whatever_else_is_given(script):
-    assert script({"goal_pose": GOALS[1], "goal_poses": GOALS}).goals == POSES[1:2]
+@pytest.mark.parametrize(
+    ("task", "poses"),
+    [
+        ({"goal_poses": GOALS}, POSES),
+        ({"goal_pose10": GOALS[2], "goal_pose2": GOALS[1], "goal_pose1": GOALS[0]}, POSES),
+        ({"goal_poses": GOALS[:1]}, POSES[:1]),
+        ({"goal_pose": GOALS[1], "goal_poses": GOALS}, POSES[1:2]),
+    ],
+)
+def test_goals_of_a_list_or_with_numbers_are_sent_in_turn_unless_one_is_given(script, task, poses):
+    found = script(task)
+    assert found.goals == poses
+    assert len([call for call in calls_of(found.definition.root) if call.action.endswith("nav_to_pose")]) == len(poses)
+    assert found.values["goal_pose"]["position"]["x"] == poses[-1].x_m
 
 
 def test_numbered_goals_that_are_parameters_stay_what_they_are(script):

@@ -12,7 +12,6 @@ from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.reading.checked import checked_digest
 from vastflow.sim.run import run
 from vastflow.sim.world.noise import LidarNoise
@@ -115,11 +114,6 @@ def test_validation_refuses_wrong_noise_at_its_line(configurations, noise, messa
     with pytest.raises(FileError, match=re.escape(message)) as caught:
         configurations(noise)
     assert all(fault.place.line == 3 for fault in caught.value.faults)
-
-
-def test_unknown_noise_in_code_suggests_nearest_name():
-    with pytest.raises(PlugInError, match="did you mean 'gaussian_dropout'"):
-        find_lidar_noise("gaussian_drop")
 
 
 def test_noise_that_takes_too_long_fails_its_check(folder):

@@ -12,7 +12,7 @@ from vastflow.sim.model.scenario import Mission
 from vastflow.sim.nav2.costmaps.costmap import MARKED, SEEN_FREE, UNSEEN
 from vastflow.sim.nav2.navigator.mapping import update_global, update_local
 from vastflow.sim.nav2.navigator.prepared import prepare
-from vastflow.sim.nav2.navigator.state import COLUMNS, give, new_stack, set_pose
+from vastflow.sim.nav2.navigator.state import give, new_stack, set_pose
 from vastflow.sim.nav2.navigator.tick import advance
 from vastflow.sim.nav2.parameters.costmap import Costmap, StaticLayer, global_costmap
 from vastflow.sim.nav2.parameters.stack import NavParameters
@@ -123,20 +123,3 @@ def test_cells_under_the_robot_are_not_marked(after_a_tick):
     stack = after_a_tick(obstacles=(over,))
     assert not (stack.local.layer[26:35, 26:35] == MARKED).any()
     assert not (stack.grids.layer[44:53, 55:64] == MARKED).any()
-
-
-def test_particles_begin_at_the_start_without_spread(after_a_tick):
-    stack = after_a_tick()
-    m = stack.m[0]
-    assert m["localized"] == 0  # the row of the first tick has taken it
-    assert stack.rows[0, COLUMNS.index("localized")] == 1
-    assert m["particles"] == 2000
-    np.testing.assert_allclose(stack.cloud.particles[:, :2000].T, np.tile([2.98, 2.42, 0.0], (2000, 1)))
-
-
-def test_path_lies_half_a_cell_off_the_costmap_s_centers(after_a_tick):
-    """Nav2's planner rounds where the costmap truncates: x 2.98 is column 60, whose point is 3.00."""
-    stack = after_a_tick(obstacles=())
-    assert stack.m[0]["path_n"] > 100
-    np.testing.assert_allclose(stack.route.path[0, :2], (3.0, 2.4), atol=1e-9)
-    np.testing.assert_allclose(stack.route.path[stack.m[0]["path_n"] - 1, :2], (7.0, 4.0))

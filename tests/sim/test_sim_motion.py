@@ -104,25 +104,23 @@ def test_body_moves_freely_beyond_a_millimeter_from_obstacles(obstacle, pose, ve
         assert free == (away > ROBOT.radius_m + MARGIN_M)
 
 
-@each_row("at", [(0.0, 3.0), (0.0, 2.0), (-1.0, 2.0)])
-def test_body_deep_in_a_wall_is_not_free(at):
-    solid = OccupancyMap(np.full((40, 44), 100, dtype=np.int8), RESOLUTION_M, ORIGIN)
-    assert not free_motion(solid, (*at, 0.0), np.zeros((5, 3)))[0]
-
-
-def test_obstacle_that_has_not_appeared_is_ignored():
-    empty = OccupancyMap(np.zeros((40, 44), dtype=np.int8), RESOLUTION_M, ORIGIN)
-    waiting = Obstacle("it", "box", Pose(0.0, 3.0), 0.5, 0.5, Trigger(0.0, 3.0, 1.0))
-    assert free_motion(empty, (0.0, 3.0, 0.0), np.full((5, 3), 0.1), (waiting,))[0]
+WAITING = Obstacle("it", "box", Pose(0.0, 3.0), 0.5, 0.5, Trigger(0.0, 3.0, 1.0))
 
 
 @each_row(
-    ("hold", "v_mps", "free"),
-    [(FREE, 0.1, True), (FREE, 0.0, True), (TOUCHING, 0.1, False), (TOUCHING, 0.0, True), (MOVING, 0.0, False)],
+    ("cell", "at", "v_mps", "given", "free"),
+    [
+        *((100, at, 0.0, {}, False) for at in ((0.0, 3.0), (0.0, 2.0), (-1.0, 2.0))),  # deep in a wall
+        (0, (0.0, 3.0), 0.1, {"obstacles": (WAITING,)}, True),  # which has not appeared
+        (0, (0.0, 3.0), 0.1, {"hold": FREE}, True),
+        (0, (0.0, 3.0), 0.1, {"hold": TOUCHING}, False),
+        (0, (0.0, 3.0), 0.0, {"hold": TOUCHING}, True),
+        (0, (0.0, 3.0), 0.0, {"hold": MOVING}, False),
+    ],
 )
-def test_held_body_is_free_only_at_rest_in_contact(hold, v_mps, free):
-    empty = OccupancyMap(np.zeros((40, 44), dtype=np.int8), RESOLUTION_M, ORIGIN)
-    assert free_motion(empty, (0.0, 3.0, 0.0), np.full((5, 3), v_mps), hold=hold)[0] == free
+def test_body_is_free_away_from_walls_and_in_contact_only_at_rest(cell, at, v_mps, given, free):
+    occupancy = OccupancyMap(np.full((40, 44), cell, dtype=np.int8), RESOLUTION_M, ORIGIN)
+    assert free_motion(occupancy, (*at, 0.0), np.full((5, 3), v_mps), **given)[0] == free
 
 
 SPEEDS = st.floats(-3.0, 3.0)
@@ -148,6 +146,8 @@ def test_arc_is_the_formula_of_the_circle(x, y, yaw, v, w, dt_s):
     if abs(w) > 1e-3:
         assert new_x == pytest.approx(x + v / w * (math.sin(yaw + w * dt_s) - math.sin(yaw)), abs=1e-9)
         assert new_y == pytest.approx(y - v / w * (math.cos(yaw + w * dt_s) - math.cos(yaw)), abs=1e-9)
+    straight = x + v * dt_s * math.cos(yaw), y + v * dt_s * math.sin(yaw), yaw
+    assert arc(x, y, yaw, v, 0.0, dt_s) == pytest.approx(straight)
 
 
 @given(st.floats(-4, 4), SPEEDS, SPEEDS)
@@ -157,10 +157,6 @@ def test_short_arcs_add_up_to_a_long_arc(yaw, v, w):
     for _ in range(20):
         pose = arc(*pose, v, w, 0.05)
     assert pose == pytest.approx(arc(0.0, 0.0, yaw, v, w, 1.0), abs=1e-9)
-
-
-def test_arc_without_a_turn_is_a_straight_line():
-    assert arc(1.0, 2.0, math.pi / 2, 0.5, 0.0, 2.0) == pytest.approx((1.0, 3.0, math.pi / 2))
 
 
 @given(st.floats(-50, 50))

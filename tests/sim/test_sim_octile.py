@@ -71,10 +71,6 @@ def test_descent_is_connected_free_and_as_long_as_the_field(free, data):
     assert np.hypot(*steps.T).sum() == pytest.approx(field[cell], rel=1e-6)
 
 
-def test_diagonal_step_passes_between_two_blocked_cells():
-    assert distance_field(np.array([[True, False], [False, True]]), 0, 0)[1, 1] == pytest.approx(math.sqrt(2))
-
-
 @each_row("source", [(-1, 0), (0, 3), (2, 0)])
 def test_source_outside_the_grid_reaches_nothing(source):
     assert not np.isfinite(distance_field(np.ones((2, 3), dtype=np.bool_), *source)).any()
@@ -109,12 +105,6 @@ def test_unknown_cells_are_not_passable(drawn):
     assert passable(drawn("..?", "...", "..."), 0.0).tolist() == [[True] * 3, [True] * 3, [True, True, False]]
 
 
-def test_radius_is_taken_in_meters(drawn):
-    field = drawn(*["." * 9] * 5, cells=1, resolution_m=0.1)
-    assert int(passable(field, 0.1).sum()) == 3 * 7
-    assert int(passable(field, 0.2).sum()) == 1 * 5
-
-
 @given(GRIDS, st.floats(0.0, 0.3), st.sampled_from([0.02, 0.05, 0.1]))
 @settings(max_examples=60, deadline=None)
 def test_robot_stands_where_all_cells_of_its_disc_are_free(free, radius_m, resolution_m):
@@ -144,12 +134,6 @@ def test_path_through_several_stops_is_the_sum_of_its_legs(drawn):
     assert np.hypot(*np.diff(points, axis=0).T).sum() == pytest.approx(length_m)
     np.testing.assert_allclose(points[[0, 6, -1]], stops)
     assert len(points) == 9  # a stop is no two points
-
-
-def test_path_from_a_stop_to_itself_has_no_length(drawn):
-    occupancy = drawn("...")
-    points, length_m = shortest_path(occupancy, occupancy.free, np.array([(0.07, 0.02), (0.08, 0.03)]))
-    assert (len(points), length_m) == (1, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ from vastflow.sim.nav2.parameter_files.chosen import (
     OWN_KEYS,
     check_key,
     converted,
-    default_document,
     parameters_of,
     unread,
 )
@@ -197,11 +196,3 @@ def test_further_key_is_checked_beside_faults_of_the_system():
     assert {fault.place.where for fault in caught.value.faults} == {"pf_err", "robot_radius"}
     assert check_key({}, "robot_radius", 0.3)
     assert not check_key({}, "robot_color", "red")
-
-
-def test_default_document_has_the_names_of_nav2_jazzys_file():
-    values = default_document().values
-    assert values["controller_server", "ros__parameters", "controller_plugins"] == ["FollowPath"]
-    assert values["local_costmap", "local_costmap", "ros__parameters", "plugins"] == ["voxel_layer", "inflation_layer"]
-    static = values["global_costmap", "global_costmap", "ros__parameters", "static_layer", "plugin"]
-    assert static == "nav2_costmap_2d::StaticLayer"

@@ -30,13 +30,16 @@ def test_path_leads_through_node_and_groups_to_each_value():
     }
 
 
-def test_dotted_names_are_nested_ones():
-    assert values("a: {ros__parameters: {B.c: 1}}") == values("a: {ros__parameters: {B: {c: 1}}}")
-
-
-@each_row("written", ["/a/b: {ros__parameters: {c: 1}}", "a/b: {ros__parameters: {c: 1}}"])
-def test_nodes_may_be_written_with_their_namespace(written):
-    assert values(written) == values("a: {b: {ros__parameters: {c: 1}}}")
+@each_row(
+    ("written", "nested"),
+    [
+        ("a: {ros__parameters: {B.c: 1}}", "a: {ros__parameters: {B: {c: 1}}}"),
+        ("/a/b: {ros__parameters: {c: 1}}", "a: {b: {ros__parameters: {c: 1}}}"),
+        ("a/b: {ros__parameters: {c: 1}}", "a: {b: {ros__parameters: {c: 1}}}"),
+    ],
+)
+def test_dotted_parameters_and_slashed_nodes_are_nested_ones(written, nested):
+    assert values(written) == values(nested)
 
 
 def test_values_are_what_they_look_like():

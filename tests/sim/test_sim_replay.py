@@ -104,12 +104,6 @@ def test_trajectory_of_mppi_begins_at_the_estimate(replayed):
     assert 0.1 < np.hypot(*(intended[-1] - intended[0])) <= 56 * 0.05 * 0.5
 
 
-def test_particles_are_round_the_robot(replayed):
-    particles, moment = replayed.snapshots[-1].particles, replayed.moments[-1]
-    assert particles.shape[0] >= 500 and particles.shape[1] == 3
-    assert np.hypot(*(particles[:, :2].mean(axis=0) - (moment.true.x_m, moment.true.y_m))) < 0.5
-
-
 def test_behaviors_alone_may_differ(replayed):
     recording = replayed.recording
     told = recording.behaviors["message"].copy()

@@ -277,7 +277,7 @@ def test_robot_that_stands_against_what_is_deleted_is_free_at_once(two_rooms, pu
     loop.spawn(Obstacle("crate", "box", Pose(loop.body.pose[0] + 0.34, 1.0), 0.3, 0.3), pushable)
     loop.advance(36)
     assert [event.kind for event in loop.events][:2] == ["spawned", "contact"]
-    loop.remove(0)
+    assert loop.delete("crate")
     contacts = len(loop.events)
     loop.advance()
     assert (loop.status, len(loop.events)) == (SUCCEEDED, contacts)

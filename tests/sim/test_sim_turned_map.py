@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from PIL import Image
 
 from vastflow.oracles.observation.observe import ScenarioObserver
 from vastflow.sim.loop.simulation import Simulation
@@ -18,7 +17,8 @@ from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.replay import Box, replay
 from vastflow.sim.run import run
 from vastflow.sim.scenario.tree.messages import message
-from vastflow.sim.world.map_file import load_map, map_content
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar, Robot
 
 ORIGIN = (-2.0, 1.5)
@@ -28,18 +28,9 @@ AHEAD = (3.0, 2.0)
 
 
 @pytest.fixture(scope="module")
-def rooms(two_rooms, tmp_path_factory):
+def rooms(two_rooms_map, saved):
     """The two rooms as a map file whose origin has a yaw."""
-
-    def make(yaw_rad):
-        folder = tmp_path_factory.mktemp("turned")
-        cells = load_map(two_rooms.path).cells
-        Image.fromarray(np.where(cells == 0, 254, 0).astype(np.uint8)[::-1]).save(folder / "map.png")
-        header = f"image: map.png\nresolution: 0.05\norigin: [{ORIGIN[0]}, {ORIGIN[1]}, {yaw_rad!r}]\nnegate: 0\n"
-        (folder / "map.yaml").write_text(header + "occupied_thresh: 0.65\nfree_thresh: 0.196\n")
-        return map_content(folder / "map.yaml")
-
-    return make
+    return lambda yaw_rad: saved(OccupancyMap(two_rooms_map.cells, 0.05, ORIGIN, yaw_rad))
 
 
 @pytest.fixture(scope="module")
@@ -137,25 +128,6 @@ def test_observation_is_the_same_on_the_turned_map(trip):
     assert list(turned) == list(plain)
     for name, column in plain.items():
         assert np.abs(turned[name] - column).max() <= 3, name
-
-
-@pytest.mark.parametrize("quarters", [1, 2, 3])
-def test_quarter_turn_equals_the_map_drawn_turned(trip, rooms, scenario, tmp_path, quarters):
-    yaw_rad = quarters * math.pi / 2
-    by_yaw = trip(yaw_rad)
-    occupancy = load_map(by_yaw.environment["map_file"].path)
-    Image.fromarray(np.where(occupancy.cells == 0, 254, 0).astype(np.uint8)[::-1]).save(tmp_path / "map.png")
-    x, y = occupancy.origin_xy_m
-    header = f"image: map.png\nresolution: 0.05\norigin: [{x}, {y}, 0]\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
-    (tmp_path / "map.yaml").write_text(header)
-    drawn = map_content(tmp_path / "map.yaml")
-    assert drawn.digest == by_yaw.environment["map_file"].digest
-    assert (
-        by_yaw.digest
-        == type(by_yaw)(
-            by_yaw.abstract, by_yaw.timeout_s, {**by_yaw.environment, "map_file": drawn}, by_yaw.task, by_yaw.system
-        ).digest
-    )
 
 
 def test_messages_of_plan_and_pose_are_in_the_map_s_frame(rooms):

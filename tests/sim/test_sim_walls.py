@@ -40,10 +40,6 @@ def test_straight_wall_is_one_rectangle_in_meters():
     np.testing.assert_allclose(rectangles, [(-0.5, 4.0, 3.5, 5.0)])
 
 
-def test_map_without_walls_has_no_rectangle():
-    assert wall_rectangles(OccupancyMap(np.zeros((4, 4), dtype=np.int8), 0.1, (0.0, 0.0))).shape == (0, 4)
-
-
 @given(GRIDS, st.floats(-3, 19), st.floats(-3, 19))
 @settings(max_examples=60, deadline=None)
 def test_walls_within_a_tile_are_among_those_around(cells, x, y):

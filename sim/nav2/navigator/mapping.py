@@ -33,19 +33,8 @@ def update_local(p: Any, m: Any, g: Grids, local: Local) -> None:
     place = local.window.place
     place[0], place[1] = column * resolution, row * resolution
     if q.obstacle_layer.enabled:
-        x, y, yaw = m.scan_odom_x, m.scan_odom_y, m.scan_odom_yaw
-        c, sn = math.cos(yaw), math.sin(yaw)
-        sensor = x + c * p.mount_x - sn * p.mount_y, y + sn * p.mount_x + c * p.mount_y, yaw
-        observe(
-            q.obstacle_layer,
-            local.layer,
-            (place[0], place[1], resolution),
-            sensor,
-            m.directions[: m.beams],
-            m.ranges[: m.beams],
-            p.range_min,
-            p.range_max,
-        )
+        taken_at = (m.scan_odom_x, m.scan_odom_y, m.scan_odom_yaw)
+        _observe(p, m, q.obstacle_layer, local.layer, (place[0], place[1], resolution), taken_at)
         if q.obstacle_layer.footprint_clearing_enabled:
             clear_polygon(local.layer, place, m.outline[: m.vertices], m.odom_x, m.odom_y, m.odom_yaw)
     costs = local.window.costs
@@ -60,6 +49,16 @@ def update_local(p: Any, m: Any, g: Grids, local: Local) -> None:
     stamp_lethal(local.lethal, local.stamp, costs)
     if local.keepout.cells.shape[0] > 0:
         keep_out_of_window(local.window, local.keepout, (m.map_odom_x, m.map_odom_y, m.map_odom_yaw))
+
+
+@inner
+def _observe(p: Any, m: Any, parameters: Any, layer: Any, place: Any, robot: Any) -> None:
+    """Clear and mark a layer by the newest scan, which a robot at a pose took."""
+    x, y, yaw = robot
+    c, sn = math.cos(yaw), math.sin(yaw)
+    sensor = x + c * p.mount_x - sn * p.mount_y, y + sn * p.mount_x + c * p.mount_y, yaw
+    directions, ranges = m.directions[: m.beams], m.ranges[: m.beams]
+    observe(parameters, layer, place, sensor, directions, ranges, p.range_min, p.range_max)
 
 
 @inner
@@ -100,19 +99,8 @@ def update_global(p: Any, m: Any, g: Grids) -> None:
     c, sn = math.cos(m.map_odom_yaw), math.sin(m.map_odom_yaw)
     x = m.map_odom_x + c * m.scan_odom_x - sn * m.scan_odom_y
     y = m.map_odom_y + sn * m.scan_odom_x + c * m.scan_odom_y
-    yaw = m.map_odom_yaw + m.scan_odom_yaw
-    c, sn = math.cos(yaw), math.sin(yaw)
     place = (p.origin_x, p.origin_y, p.resolution)
-    observe(
-        q.obstacle_layer,
-        g.layer,
-        place,
-        (x + c * p.mount_x - sn * p.mount_y, y + sn * p.mount_x + c * p.mount_y, yaw),
-        m.directions[: m.beams],
-        m.ranges[: m.beams],
-        p.range_min,
-        p.range_max,
-    )
+    _observe(p, m, q.obstacle_layer, g.layer, place, (x, y, m.map_odom_yaw + m.scan_odom_yaw))
     if q.obstacle_layer.footprint_clearing_enabled:
         clear_polygon(g.layer, place, m.outline[: m.vertices], m.x, m.y, m.yaw)
     reach_m = max(q.obstacle_layer.raytrace_max_range, q.obstacle_layer.obstacle_max_range) + 0.1

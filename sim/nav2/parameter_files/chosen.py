@@ -4,7 +4,7 @@ import functools
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,13 +118,8 @@ _NOT_IN_THE_FILE: Final = frozenset({FILE_KEY, CONTROLLER_KEY, *MASK_KEYS})
 """Keys that rewrite no parameter."""
 
 
-@dataclass(frozen=True)
-class Chosen:
-    """A system's document with all rewrites done.
-
-    Attributes:
-        touched: Key of the system to the paths it stands for.
-    """
+class Chosen(NamedTuple):
+    """A system's document with all rewrites done, and the keys of the system to the paths they stand for."""
 
     interpretation: Interpretation
     touched: Mapping[str, tuple[ParameterLocation, ...]]

@@ -156,12 +156,6 @@ class Reader:
         self, kind: type[Group], place: ParameterLocation, others: Collection[ParameterLocation] = ()
     ) -> Group:
         """Read the parameters of a plug-in and of groups in them; report unknown ones as faults."""
-        self._check_names(kind, place, others)
-        return self.group(kind, place)
-
-    def _check_names(
-        self, kind: type[BaseModel], place: ParameterLocation, others: Collection[ParameterLocation] = ()
-    ) -> None:
         for path in self.document.below(place):
             name = path[len(place)]
             if name not in kind.model_fields and path not in others:
@@ -169,7 +163,8 @@ class Reader:
                 self.fault(path, what, did_you_mean(name, kind.model_fields, "none, for it has no parameters"))
         for name, field in kind.model_fields.items():
             if is_group(field.annotation):
-                self._check_names(field.annotation, (*place, name))
+                self.own_group(field.annotation, (*place, name))
+        return self.group(kind, place)
 
     def leave(self, path: ParameterLocation, why: str) -> None:
         """Take back that a parameter was asked for: it has no effect beside others."""
