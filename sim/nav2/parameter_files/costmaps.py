@@ -61,7 +61,7 @@ def _filters(reader: Reader, node: ParameterLocation) -> dict[str, Any]:
 
 
 def _info(reader: Reader, place: ParameterLocation, is_needed: bool) -> ParameterLocation | None:
-    """The node that says what the filter at `place` does; without one a fault if it is needed, else an empty path.
+    """The node that says what a filter does; else None, or an empty path where none is needed.
 
     A keepout filter takes the mask's values as they are, whatever is said of them.
     """

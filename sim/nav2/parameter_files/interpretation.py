@@ -146,7 +146,7 @@ def interpretation(document: ParameterDocument) -> Interpretation:
 
 
 def _fill_in(parts: dict[str, Any]) -> None:
-    """Give a missing costmap the body of the other one, and an omni robot an AMCL that it can strafe with."""
+    """Give a missing costmap the other one's body, and an omni robot an AMCL to strafe with."""
     defaults = {"local_costmap": local_costmap(), "global_costmap": global_costmap()}
     for name, other in zip(defaults, reversed(defaults), strict=True):
         if name not in parts and other in parts:
