@@ -84,11 +84,6 @@ def test_control_cycle_is_the_profile_s_stage_divided_by_its_calls(measured):
     cycle, stage = measured["control_cycle"], measured["profile"]["controller"]
     assert cycle["us"] * stage["per_simulated_s"] == pytest.approx(1e3 * stage["ms_per_simulated_s"], rel=0.01)
     assert cycle["us"] * cycle["per_s_and_core"] == pytest.approx(1e6, rel=0.01)
-
-
-@pytest.mark.slow
-def test_control_cycle_is_said_plainly_and_as_json(measured):
-    cycle = measured["control_cycle"]
     lines = dict(line.split(maxsplit=1) for line in shown(measured, as_json=False).splitlines())
     assert float(lines["control_cycle.us"]) == pytest.approx(cycle["us"], rel=1e-3)
     assert json.loads(shown(measured, as_json=True))["control_cycle"] == cycle

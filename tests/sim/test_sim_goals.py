@@ -48,7 +48,7 @@ def script(tmp_path):
         ({"goal_pose": GOALS[1], "goal_poses": GOALS}, POSES[1:2]),
     ],
 )
-def test_goals_of_a_list_or_with_numbers_are_sent_in_turn_unless_one_is_given(script, task, poses):
+def test_goals_of_a_list_are_sent_in_turn_unless_one_is_given(script, task, poses):
     found = script(task)
     assert found.goals == poses
     assert len([call for call in calls_of(found.definition.root) if call.action.endswith("nav_to_pose")]) == len(poses)

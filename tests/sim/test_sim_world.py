@@ -88,12 +88,20 @@ def test_robot_stops_at_a_wall_with_a_contact():
     assert (contact.x_m, contact.y_m) == pytest.approx((6.0 - ROBOT.radius_m, 2.0), abs=0.01)
 
 
-@each_row(("yaw", "v"), [(0.0, 0.5), (math.pi, -0.5)])
-def test_polygon_stops_with_its_front_or_its_back_at_the_wall(yaw, v):
-    driven = Driven(Pose(4.5, 2.0, yaw), robot=RECTANGLE)
-    driven.drive(v, 0.0, 5.0)
-    assert driven.pose[0] == pytest.approx(6.0 - 0.35, abs=STEP_M)
-    assert {event.what for event in driven.world.events} == {"wall"}
+@each_row(
+    ("robot", "yaw", "v", "obstacle", "stops_m", "what"),
+    [
+        (RECTANGLE, 0.0, 0.5, None, 6.0 - 0.35, "wall"),
+        (RECTANGLE, math.pi, -0.5, None, 6.0 - 0.35, "wall"),
+        (ROBOT, 0.0, 0.5, Obstacle("crate", "box", Pose(5.0, 2.0), 0.4, 1.0), 4.8 - ROBOT.radius_m, "crate"),
+        (ROBOT, 0.0, 0.5, Obstacle("drum", "cylinder", Pose(5.0, 2.0), 0.6, 0.6), 4.7 - ROBOT.radius_m, "drum"),
+    ],
+)
+def test_robot_stops_with_its_front_or_back_at_a_wall_or_an_obstacle(robot, yaw, v, obstacle, stops_m, what):
+    driven = Driven(Pose(4.0, 2.0, yaw), [obstacle] if obstacle else [], robot=robot)
+    driven.drive(v, 0.0, 6.0)
+    assert driven.pose[0] == pytest.approx(stops_m, abs=STEP_M)
+    assert {event.what for event in driven.contacts} == {what}
 
 
 @given(robot=st.sampled_from(ROBOTS[1:]), yaw=st.floats(-3, 3), v=st.floats(-0.5, 0.5), w=st.floats(-2, 2))
@@ -132,14 +140,6 @@ def test_robot_that_returns_to_a_wall_touches_it_twice():
         held.append(driven.world.hold != FREE)
     assert [contact.what for contact in driven.contacts] == ["wall", "wall"]
     assert held == [True, False, True]
-
-
-@each_row(("shape", "length_m", "width_m", "face_m"), [("box", 0.4, 1.0, 0.2), ("cylinder", 0.6, 0.6, 0.3)])
-def test_obstacle_stops_the_robot_and_is_named_in_the_contact(shape, length_m, width_m, face_m):
-    driven = Driven(Pose(1.0, 2.0), [Obstacle("crate", shape, Pose(3.0, 2.0), length_m, width_m)])
-    driven.drive(0.5, 0.0, 5.0)
-    assert driven.pose[0] == pytest.approx(3.0 - face_m - ROBOT.radius_m, abs=STEP_M)
-    assert {contact.what for contact in driven.contacts} == {"crate"}
 
 
 def test_robot_slides_off_the_corner_of_an_obstacle_and_never_enters_it():
@@ -242,14 +242,6 @@ def test_box_struck_off_its_center_turns():
     driven.appear()
     driven.drive(0.5, 0.0, 5.0)
     assert driven.world.pose_of(0)[2] < -0.05
-
-
-def test_box_pushed_against_a_wall_stops_the_robot():
-    driven = Driven(Pose(4.5, 2.0), [carton(x_m=5.4)])
-    driven.appear()
-    driven.drive(0.5, 0.0, 10.0)
-    assert driven.world.pose_of(0)[0] == pytest.approx(6.0 - 0.25, abs=2 * STEP_M)
-    assert driven.pose[0] == pytest.approx(6.0 - 0.5 - ROBOT.radius_m, abs=3 * STEP_M)
 
 
 def test_moves_of_a_box_are_events_and_its_rest_is_none():
