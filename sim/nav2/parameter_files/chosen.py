@@ -1,4 +1,7 @@
-"""The stack's parameters as a scenario chooses them: a document, rewritten by the keys of the system dimension."""
+"""The stack's parameters as a scenario chooses them: a document, rewritten by the keys of the system dimension.
+
+What needs a system's parameters raises `FileError` as `parameters_of` does.
+"""
 
 import functools
 import re
@@ -143,9 +146,6 @@ def unread(system: Mapping[str, Value], undecided: Iterable[str] = ()) -> tuple[
 
     Args:
         undecided: More keys, whose values are not known yet.
-
-    Raises:
-        FileError: as of `parameters_of`.
     """
     chosen = _chosen(_system(system))
     document, asked, undecided = chosen.interpretation.document, chosen.interpretation.reader.asked, tuple(undecided)
@@ -167,9 +167,6 @@ def intended_key(system: Mapping[str, Value], key: str, others: Iterable[str] = 
 
     Args:
         others: Known keys that are not the system's.
-
-    Raises:
-        FileError: as of `parameters_of`.
     """
     names, own = tuple(key.split(".")), sorted({*OWN_KEYS, *_NOT_IN_THE_FILE, *others})
     if prefixed := next((each for mark in "._" for each in own if each.endswith(f"{mark}{key}")), None):
@@ -188,11 +185,7 @@ def intended_key(system: Mapping[str, Value], key: str, others: Iterable[str] = 
 
 
 def unused_because(system: Mapping[str, Value], key: str) -> str:
-    """Why a parameter makes no difference beside others; empty for any other key.
-
-    Raises:
-        FileError: as of `parameters_of`.
-    """
+    """Why a parameter makes no difference beside others; empty for any other key."""
     unused = _chosen(_system(system)).interpretation.reader.unused
     return next((why for path, why in unused.items() if targets({path: None}, key) == (path,)), "")
 
@@ -202,9 +195,6 @@ def check_key(system: Mapping[str, Value], key: str, value: Value) -> bool:
 
     For a parameter's value in a system that is right this is some thirty times as fast as `parameters_of`; bounds on several
     parameters together are not checked then.
-
-    Raises:
-        FileError: as of `parameters_of`.
     """
     try:
         fields = _fields(_system(system), key)
@@ -350,9 +340,6 @@ def local_outline(system: Mapping[str, Value]) -> NDArray[np.float64]:
     """Vertices (V, 2) of the area that must be free where the robot begins, in its frame.
 
     They are those of the padded footprint, and those of the body that the section `robot` gives.
-
-    Raises:
-        FileError: as of `vastflow.sim.nav2.parameter_files.chosen.parameters_of`.
     """
     parameters = parameters_of(system)
     outline, given = outline_of(parameters.local_costmap), parameters.robot

@@ -26,11 +26,7 @@ _SOME_NAMESPACE: Final = ""
 
 
 def read_nav2_document(path: str | Path) -> ParameterDocument:
-    """Read a Nav2 parameter file with its wildcards resolved.
-
-    Raises:
-        FileError: as of `vastflow.sim.nav2.parameter_files.document.read_document`.
-    """
+    """Read a Nav2 parameter file with its wildcards resolved; raises `FileError` as `read_document` does."""
     return resolved(read_document(path))
 
 
@@ -44,26 +40,18 @@ def resolved(document: ParameterDocument) -> ParameterDocument:
     if not wild:
         return document
     spoken_of = {node: [*_targets(document, node)] for node in wild}
-    values: dict[ParameterLocation, Value] = {}
+
+    def moved(path: ParameterLocation) -> Sequence[ParameterLocation]:
+        """Places in the resolved document of a path or a part of one."""
+        node = node_of(path) if PARAMETERS in path else path
+        return [(*target, *path[len(node) :]) for target in spoken_of.get(node, ())] or [path]
+
     places: dict[ParameterLocation, TextPlace] = {}
     for path, place in document.places.items():
-        for to in _moved(path, spoken_of):
+        for to in moved(path):
             places[to] = place if to not in places or path in document.values else places[to]
-    for path, value in document.values.items():
-        for to in _moved(path, spoken_of):
-            values[to] = value
+    values = {to: value for path, value in document.values.items() for to in moved(path)}
     return replace(document, values=values, places=places)
-
-
-def _moved(
-    path: ParameterLocation, spoken_of: Mapping[ParameterLocation, Sequence[ParameterLocation]]
-) -> Iterator[ParameterLocation]:
-    """Places in the resolved document of a path or a part of one."""
-    node = node_of(path) if PARAMETERS in path else path
-    if targets := spoken_of.get(node):
-        yield from ((*target, *path[len(node) :]) for target in targets)
-    else:
-        yield path
 
 
 def _targets(document: ParameterDocument, wild: ParameterLocation) -> Iterator[ParameterLocation]:
