@@ -65,21 +65,6 @@ def velocities_of(rows):
     return rows[:, 2:].reshape(SUBSTEPS * len(rows), 3)
 
 
-def tightest(rows):
-    """The greatest curvature (1/m) of the commands that the wheels followed, by physics step."""
-    velocities = velocities_of(rows)
-    moving = velocities[np.any(velocities != 0.0, axis=1)]
-    with np.errstate(divide="ignore"):
-        return np.abs(moving[:, 1] / moving[:, 0]).max()
-
-
-def test_ackermann_robot_never_turns_tighter_than_its_radius_as_a_differential_one_does():
-    for system, curvatures in ((ACKERMANN, (0.0, 2.0 + 1e-9)), ({}, (4.0, math.inf))):
-        recording, rows = driven(system)
-        assert recording.run.outcome == "succeeded"
-        assert curvatures[0] < tightest(rows) <= curvatures[1]
-
-
 @settings(max_examples=8, deadline=None)
 @given(
     radius_m=st.floats(0.2, 1.2),

@@ -93,14 +93,6 @@ def test_cell_is_passable_exactly_when_every_cell_within_the_radius_is_free(free
             assert found[cell] == (nearest > radius_cells)
 
 
-def test_cell_at_the_radius_itself_is_blocked():
-    free = np.ones((9, 9), dtype=np.bool_)
-    free[4, 4] = False
-    found = inflated_free(free, 3.0)
-    assert not found[4, 1 + 6]
-    assert not inflated_free(np.ones((5, 5), dtype=np.bool_), 3.0).any()
-
-
 def test_unknown_cells_are_not_passable(drawn):
     assert passable(drawn("..?", "...", "..."), 0.0).tolist() == [[True] * 3, [True] * 3, [True, True, False]]
 

@@ -9,7 +9,7 @@ import pytest
 from shapely.geometry import Point
 from table import each_row
 
-from vastflow.sim.loop.closed_loop import ClosedLoop, obstacle_rows
+from vastflow.sim.loop.closed_loop import ClosedLoop
 from vastflow.sim.loop.drive import drive
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.obstacle import obstacle_of
@@ -179,13 +179,6 @@ def test_obstacle_in_the_door_closes_the_only_way(scenario):
     assert recording.run.outcome == "aborted"
     assert recording.run.recoveries > 6
     assert final_m(recording, 7.0, 4.0) > 2.5
-
-
-def test_obstacles_reach_the_lidar_with_their_place_direction_and_both_sizes():
-    box = {"model": "box", "xacro_arguments": "length:=0.4, width:=0.6", "spawn_pose": {"x": 1, "y": 2, "yaw": 0.5}}
-    drum = {"model": "cylinder", "xacro_arguments": "radius:=0.3", "spawn_pose": {"x": 3, "y": 4}}
-    rows = obstacle_rows((obstacle_of(box), obstacle_of(drum)))
-    np.testing.assert_allclose(rows, [(1, 2, math.cos(0.5), math.sin(0.5), 0.2, 0.3), (3, 4, 1, 0, 0.3, 0)])
 
 
 @pytest.fixture
