@@ -10,7 +10,7 @@ from vastflow.sim.kernels.streams import SUBSYSTEMS, streams_of
 from vastflow.sim.nav2.amcl import localization
 from vastflow.sim.nav2.amcl.particles import new_cloud, points_for
 from vastflow.sim.nav2.amcl.sensor import likelihood_cubed, usable_range_m, weigh
-from vastflow.sim.nav2.parameters.amcl import AmclParameters, covariance_of
+from vastflow.sim.nav2.parameters.amcl import AmclParameters
 
 PARAMETERS = np.dtype(
     [("amcl", record_dtype(AmclParameters())), ("initial_covariance", np.float64, (4,))]
@@ -125,7 +125,8 @@ class Filter:
     def set_pose(self, xyt, covariance):
         """Draw `max_particles` particles at a pose in the next update."""
         self._m["x"], self._m["y"], self._m["yaw"] = xyt
-        self._p["initial_covariance"] = covariance_of(covariance, "covariance")
+        matrix = np.diag(covariance) if np.ndim(covariance) == 1 else np.asarray(covariance)
+        self._p["initial_covariance"] = matrix[0, 0], matrix[0, 1], matrix[1, 1], matrix[2, 2]
         self._m["first_scan"] = 1
 
     def update(self, odom_xyt, ranges_m, angle_min_rad, angle_increment_rad, range_min_m, range_max_m):

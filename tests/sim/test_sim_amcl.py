@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from scipy import ndimage
 from table import each_row
 
-from vastflow.sim.nav2.parameters.amcl import covariance_of
 from vastflow.sim.world.lidar import scan
 from vastflow.sim.world.robot_model import Lidar
 from vastflow.sim.world.skip_table import skip_table_of
@@ -309,19 +308,3 @@ def test_filter_weighs_its_particles_as_poses_are_weighed_alone(filters, room):
     ratio = amcl.weights[:60] / alone
     assert np.mean(np.abs(ratio / np.median(ratio) - 1.0) < 1e-5) > 0.9
     assert np.ptp(alone) > 3.0
-
-
-@each_row(
-    "covariance",
-    [[0.1, 0.1], [-0.1, 0.1, 0.1], [0.1, 0.1, math.nan], [[0.1, 0.2, 0], [0.2, 0.1, 0], [0, 0, 0.1]], "wide", 0.1],
-)
-def test_covariance_that_is_none_is_refused(covariance):
-    with pytest.raises(ValueError, match=r"initial_pose_covariance: expected .*, got"):
-        covariance_of(covariance, "initial_pose_covariance")
-
-
-@each_row("covariance", [[0.25, 0.16, 0.07], [[0.25, 0.1, 9], [0.1, 0.16, 9], [9, 9, 0.07]]])
-def test_covariance_is_its_planar_block_and_its_yaw(covariance):
-    xx, xy, yy, yaw = covariance_of(covariance, "initial_pose_covariance")
-    assert (xx, yy, yaw) == (0.25, 0.16, 0.07)
-    assert xy == (0.1 if isinstance(covariance[0], list) else 0.0)

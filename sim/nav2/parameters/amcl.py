@@ -1,8 +1,7 @@
 """Parameters of AMCL, Nav2's localization."""
 
-from typing import Any, Self
+from typing import Self
 
-import numpy as np
 from pydantic import model_validator
 
 from vastflow.sim.model.parameter import ParameterGroup, choice, parameter
@@ -52,29 +51,3 @@ class AmclParameters(ParameterGroup):
         if self.min_particles > self.max_particles:
             raise ValueError(f"amcl.min_particles {self.min_particles} must be <= max_particles {self.max_particles}")
         return self
-
-
-def covariance_of(value: Any, where: str) -> tuple[float, float, float, float]:
-    """Covariance of an initial pose as AMCL uses it: xx, xy, yy (m²) and yaw (rad²).
-
-    Args:
-        value: The diagonal [xx, yy, yaw yaw], or three rows of x, y and yaw, of which yaw is drawn independently.
-        where: What to call the value in an error.
-
-    Raises:
-        ValueError: neither of these, or no covariance.
-    """
-    try:
-        matrix = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        matrix = np.empty(0)
-    if matrix.shape == (3,):
-        matrix = np.diag(matrix)
-    if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
-        raise ValueError(
-            f"{where}: expected three variances [x, y, yaw] in m², m² and rad², or three rows of three numbers, got {value!r}"
-        )
-    (xx, xy, _), (yx, yy, _), (_, _, yaw) = matrix.tolist()
-    if xx < 0.0 or yy < 0.0 or yaw < 0.0 or xy != yx or xy * xy > xx * yy:
-        raise ValueError(f"{where}: expected variances >= 0 and a symmetric matrix with xy² <= xx · yy, got {value!r}")
-    return xx, xy, yy, yaw
