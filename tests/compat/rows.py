@@ -118,7 +118,7 @@ def rows_of(folder: Path, trial: Trial) -> Iterator[Row]:
         try:
             outcome, reason, counts = _MAKERS[kind](file, trial)
             yield Row(name, kind, outcome, reason, **counts)
-        except (FileError, ScenarioError, DocumentError, UnicodeDecodeError) as error:
+        except (FileError, ScenarioError, UnicodeDecodeError) as error:
             faults = [_short(fault, file) for fault in error.faults] if isinstance(error, FileError) else [_line(error)]
             yield Row(name, kind, "refused", _first(faults))
         except Exception as error:  # noqa: BLE001 - what should never be raised is told, with all the other files
