@@ -21,24 +21,11 @@ from vastflow.sim.scenario.definition import (
     Until,
     Wait,
 )
+from vastflow.sim.scenario.language import syntax
 from vastflow.sim.scenario.language.declarations import BOOL, Compound, Declarations
 from vastflow.sim.scenario.language.declaring import declaring, library_names
 from vastflow.sim.scenario.language.expressions import NO_NAMES, Faulty
 from vastflow.sim.scenario.language.members import MemberChecker
-from vastflow.sim.scenario.language.syntax import (
-    ActText,
-    AwaitedText,
-    BehaviorText,
-    CallText,
-    CompositionText,
-    EmitText,
-    KeepText,
-    RefusedText,
-    UntilText,
-    WaitText,
-    WithText,
-    Word,
-)
 
 ENDING: Final = ("end", "fail", "start")
 """Events that every scenario has; nothing follows from the last."""
@@ -60,7 +47,7 @@ MODIFIERS: Final = frozenset(
 """Those that are executed; others can be declared and not used."""
 
 
-Modifiable = TypeVar("Modifiable", CompositionText, ActText, WaitText, EmitText)
+Modifiable = TypeVar("Modifiable", syntax.Composition, syntax.Act, syntax.Wait, syntax.Emit)
 
 
 class BehaviorChecker(MemberChecker):
@@ -76,28 +63,28 @@ class BehaviorChecker(MemberChecker):
         self.names = NO_NAMES
         self.events: list[str] = []
 
-    def behavior(self, text: BehaviorText) -> Behavior:
+    def behavior(self, text: syntax.Behavior) -> Behavior:
         """Return the checked behavior."""
         match text:
-            case RefusedText():
+            case syntax.Refused():
                 self.refuse(text)
-            case CompositionText():
+            case syntax.Composition():
                 return self._composition(text)
-            case ActText():
+            case syntax.Act():
                 return self._modified(self._act, text)
-            case WaitText():
+            case syntax.Wait():
                 self._refuse_keep(text.modifiers)
                 return self._modified(self._wait, text)
-            case EmitText():
+            case syntax.Emit():
                 self._refuse_keep(text.modifiers)
                 return self._modified(self._emit, text)
 
-    def is_modifier(self, text: ActText) -> bool:
+    def is_modifier(self, text: syntax.Act) -> bool:
         """Whether a call in a body or composition is of a modifier."""
         path = str(text.call.path)
         return path in self.declared.modifiers and path not in self.declared.actions
 
-    def wrapped(self, child: Behavior | None, modifiers: Iterable[ActText]) -> Behavior | None:
+    def wrapped(self, child: Behavior | None, modifiers: Iterable[syntax.Act]) -> Behavior | None:
         """Return `child` with the modifiers that stand beside it, the first outermost."""
         calls = []
         for text in modifiers:
@@ -106,11 +93,11 @@ class BehaviorChecker(MemberChecker):
             calls.append(text.call)
         return self._applied(child, calls)
 
-    def _composition(self, text: CompositionText) -> Behavior:
-        modifiers = [member for member in text.members if isinstance(member, ActText) and self.is_modifier(member)]
+    def _composition(self, text: syntax.Composition) -> Behavior:
+        modifiers = [member for member in text.members if isinstance(member, syntax.Act) and self.is_modifier(member)]
         members = [member for member in text.members if all(member is not one for one in modifiers)]
 
-        def composed(text: CompositionText) -> Behavior:
+        def composed(text: syntax.Composition) -> Behavior:
             if not members:
                 self.fail(text.place, f"got an empty {text.kind}", "one action or more in it")
             return Composition(text.kind, tuple(self.each(self.behavior, members)), _label(text.label), text.place)
@@ -118,37 +105,37 @@ class BehaviorChecker(MemberChecker):
         self._refuse_keep(text.modifiers)
         return self._modified(composed, text, modifiers)
 
-    def _refuse_keep(self, text: WithText) -> None:
+    def _refuse_keep(self, text: syntax.With) -> None:
         for item in text:
-            if isinstance(item, KeepText):
+            if isinstance(item, syntax.Keep):
                 self.fault(item.place, "got 'keep' where nothing has members", "'keep' below an action")
 
     def _modified(
-        self, check: Callable[[Modifiable], Behavior], text: Modifiable, beside: Sequence[ActText] = ()
+        self, check: Callable[[Modifiable], Behavior], text: Modifiable, beside: Sequence[syntax.Act] = ()
     ) -> Behavior:
         """Return what `check` makes of `text` with the modifiers beside it and below `with:`, the first outermost.
 
         `until` stands outside of them.
         """
         child = self.wrapped(self.attempt(check, text), beside)
-        if [self.attempt(self.refuse, item) for item in text.modifiers if isinstance(item, RefusedText)]:
+        if [self.attempt(self.refuse, item) for item in text.modifiers if isinstance(item, syntax.Refused)]:
             child = None
-        child = self._applied(child, [item for item in text.modifiers if isinstance(item, CallText)])
-        for until in reversed([item for item in text.modifiers if isinstance(item, UntilText)]):
+        child = self._applied(child, [item for item in text.modifiers if isinstance(item, syntax.Call)])
+        for until in reversed([item for item in text.modifiers if isinstance(item, syntax.Until)]):
             awaited = self.attempt(self._awaited, until.awaited)
             child = None if child is None or awaited is None else Until(awaited, child, until.place)
         if child is None:
             raise Faulty
         return child
 
-    def _applied(self, child: Behavior | None, calls: Sequence[CallText]) -> Behavior | None:
+    def _applied(self, child: Behavior | None, calls: Sequence[syntax.Call]) -> Behavior | None:
         for call in reversed(calls):
             name = str(call.path)
             arguments = self.attempt(self._modifier_arguments, call, name)
             child = None if child is None or arguments is None else Modified(name, arguments, child, call.place)
         return child
 
-    def _modifier_arguments(self, call: CallText, name: str) -> Mapping[str, Expression]:
+    def _modifier_arguments(self, call: syntax.Call, name: str) -> Mapping[str, Expression]:
         modifier = self.declared.modifiers.get(name)
         if modifier is None:
             hint = did_you_mean(name, self.declared.modifiers, "'import osc.helpers', which declares the modifiers")
@@ -158,7 +145,7 @@ class BehaviorChecker(MemberChecker):
         return self._arguments(call, modifier, name)
 
     def _arguments(
-        self, call: CallText, declared: Compound, whose: str, keeps: Sequence[KeepText] = ()
+        self, call: syntax.Call, declared: Compound, whose: str, keeps: Sequence[syntax.Keep] = ()
     ) -> Mapping[str, Expression]:
         """Return all arguments of a call; what `keep` says takes the place of what stands in the brackets."""
         given = self.arguments(call.arguments, declared.members, self.names, whose)
@@ -174,10 +161,10 @@ class BehaviorChecker(MemberChecker):
         }
         return self.complete(changed, declared.members, call.place, whose)
 
-    def _act(self, text: ActText) -> Behavior:
+    def _act(self, text: syntax.Act) -> Behavior:
         words = text.call.path.words
         action = self._action(words[0]) if len(words) == 1 else self._action_of(words)
-        keeps = [item for item in text.modifiers if isinstance(item, KeepText)]
+        keeps = [item for item in text.modifiers if isinstance(item, syntax.Keep)]
         arguments = self._arguments(text.call, action, str(text.call.path), keeps)
         actor = words[0].text if len(words) == 2 else ""
         return Call(self._done_by(action), actor, arguments, _label(text.label), text.call.place)
@@ -187,7 +174,7 @@ class BehaviorChecker(MemberChecker):
         chain = (action, *(self.declared.actions[base][0] for base in action.bases))
         return next((each.name for each in chain if each.origin in library_names()), action.name)
 
-    def _action(self, name: Word) -> Compound:
+    def _action(self, name: syntax.Word) -> Compound:
         known = self.declared.actions.get(name.text, ())
         if not known:
             self.fail(name.place, f"unknown action {name.text!r}", self._right_action(name.text))
@@ -211,7 +198,7 @@ class BehaviorChecker(MemberChecker):
     def _is_instance(self, type_: Type, actor: str) -> bool:
         return self.declared.is_a(type_, Type(actor, "actor"))
 
-    def _action_of(self, words: Sequence[Word]) -> Compound:
+    def _action_of(self, words: Sequence[syntax.Word]) -> Compound:
         instance, name = words[0], words[-1]
         type_ = self.names.types.get(instance.text)
         if instance.text in self.names.faulty:
@@ -229,21 +216,21 @@ class BehaviorChecker(MemberChecker):
         hint = f"'import {libraries[0]}', which declares it" if libraries else did_you_mean(name.text, own)
         self.fail(name.place, f"{type_.name} has no action {name.text!r}", hint)
 
-    def _emit(self, text: EmitText) -> Behavior:
+    def _emit(self, text: syntax.Emit) -> Behavior:
         self._check_event(text.event, (*self.events, *ENDING))
         return Emit(text.event.text, _label(text.label), text.place)
 
-    def _check_event(self, name: Word, known: Sequence[str]) -> None:
+    def _check_event(self, name: syntax.Word, known: Sequence[str]) -> None:
         if name.text not in known:
             right = did_you_mean(name.text, known, f"'event {name.text}' in the scenario")
             self.fail(name.place, f"unknown event {name.text!r}", right)
 
-    def _wait(self, text: WaitText) -> Behavior:
+    def _wait(self, text: syntax.Wait) -> Behavior:
         return Wait(self._awaited(text.awaited), _label(text.label), text.place)
 
-    def _awaited(self, text: AwaitedText) -> Awaited:
+    def _awaited(self, text: syntax.Awaited) -> Awaited:
         condition = text.condition
-        if isinstance(condition, CallText) and text.event is None and str(condition.path) == "elapsed":
+        if isinstance(condition, syntax.Call) and text.event is None and str(condition.path) == "elapsed":
             return self._elapsed(condition)
         if text.event is not None:
             if len(text.event.words) > 1:
@@ -255,13 +242,13 @@ class BehaviorChecker(MemberChecker):
         assert held is not None
         return Holds(held, text.place)
 
-    def _elapsed(self, call: CallText) -> Awaited:
+    def _elapsed(self, call: syntax.Call) -> Awaited:
         if len(call.arguments) != 1 or call.arguments[0].name is not None:
             self.fail(call.place, "got elapsed without one duration", "elapsed(3s)")
         text = call.arguments[0].value
-        take = self.given if isinstance(text, CallText) else self.assigned
+        take = self.given if isinstance(text, syntax.Call) else self.assigned
         return Elapsed(take(text, Type("time", "physical"), self.names, "a duration"), call.place)
 
 
-def _label(label: Word | None) -> str:
+def _label(label: syntax.Word | None) -> str:
     return label.text if label else ""

@@ -17,27 +17,16 @@ from vastflow.sim.scenario.definition import (
     Until,
 )
 from vastflow.sim.scenario.evaluation import names_in
+from vastflow.sim.scenario.language import syntax
 from vastflow.sim.scenario.language.behaviors import ENDING, BehaviorChecker
 from vastflow.sim.scenario.language.declarations import Declarations
 from vastflow.sim.scenario.language.expressions import Visible
-from vastflow.sim.scenario.language.syntax import (
-    ActText,
-    CompoundText,
-    DoText,
-    EventText,
-    FieldText,
-    KeepText,
-    MemberText,
-    MethodText,
-    RefusedText,
-    Word,
-)
 
 MOST_LEVELS: Final = 150
 """Compositions and modifiers in one another; digests of definitions, and trees, are made by functions that call themselves."""
 
 
-def checked(text: CompoundText, declared: Declarations, faults: list[Fault]) -> ScenarioDefinition | None:
+def checked(text: syntax.Compound, declared: Declarations, faults: list[Fault]) -> ScenarioDefinition | None:
     """Return the definition of a scenario, or None if it has a fault, which goes to `faults`."""
     before = len(faults)
     definition = _Scenario(declared, faults).definition(text)
@@ -52,10 +41,10 @@ class _Scenario(BehaviorChecker):
         self._fields: dict[str, Field] = dict(declared.globals)
         self._own: set[str] = set()
         self._types: dict[str, Type] = {}
-        self._instances: dict[str, FieldText] = {}
+        self._instances: dict[str, syntax.Field] = {}
         self._faulty: set[str] = set()
 
-    def definition(self, text: CompoundText) -> ScenarioDefinition | None:
+    def definition(self, text: syntax.Compound) -> ScenarioDefinition | None:
         chain = self._chain(text)
         members = [member for part in chain for member in part.members]
         self._types = {name: type_ for member in members for name, type_ in self.types(member)}
@@ -67,7 +56,7 @@ class _Scenario(BehaviorChecker):
         self.names = self._visible()
         done = self._done(chain)
         root = None if done is None else self.attempt(self.behavior, done.behavior)
-        applied = [member for member in members if isinstance(member, ActText)]
+        applied = [member for member in members if isinstance(member, syntax.Act)]
         for member in applied:
             if not self.is_modifier(member):
                 self._misplaced(member)
@@ -81,13 +70,13 @@ class _Scenario(BehaviorChecker):
         bases = tuple(str(part.name) for part in chain[:-1])
         return self._made(text, root, tuple(actor for actor in actors if actor is not None), bases)
 
-    def _misplaced(self, text: ActText) -> None:
+    def _misplaced(self, text: syntax.Act) -> None:
         path = str(text.call.path)
         known = did_you_mean(path, self.declared.modifiers, "'import osc.helpers', which declares the modifiers")
         right = "'do' before it" if "." in path or path in self.declared.actions else known
         self.fault(text.call.place, f"got {path}(…) in the body of a scenario", right)
 
-    def _chain(self, text: CompoundText) -> list[CompoundText]:
+    def _chain(self, text: syntax.Compound) -> list[syntax.Compound]:
         """Return the scenario and its bases, the farthest first."""
         chain = [text]
         while chain[0].base is not None:
@@ -103,20 +92,20 @@ class _Scenario(BehaviorChecker):
             chain.insert(0, base)
         return chain
 
-    def _declare(self, member: MemberText) -> None:
+    def _declare(self, member: syntax.Member) -> None:
         match member:
-            case FieldText():
+            case syntax.Field():
                 self._field(member)
-            case EventText():
+            case syntax.Event():
                 self._event(member.name)
-            case KeepText():
+            case syntax.Keep():
                 self._fields = self.keep(member, self._fields, self._visible())
-            case MethodText():
+            case syntax.Method():
                 pass  # may be declared; a call of it is refused
-            case RefusedText():
+            case syntax.Refused():
                 self.attempt(self.refuse, member)
 
-    def _field(self, text: FieldText) -> None:
+    def _field(self, text: syntax.Field) -> None:
         members = self.fields(text, self._visible())
         self._faulty |= {name.text for name in text.names} - {member.name for member in members}
         for member in members:
@@ -134,7 +123,7 @@ class _Scenario(BehaviorChecker):
                 self._instances[member.name] = text
             self._fields[member.name] = member
 
-    def _event(self, name: Word) -> None:
+    def _event(self, name: syntax.Word) -> None:
         if name.text in self._fields or name.text in self.events or name.text in ENDING:
             self.fault(name.place, f"{name.text!r} is declared already", "another name")
         elif self.allowed(name):
@@ -166,10 +155,10 @@ class _Scenario(BehaviorChecker):
                 told |= reached
                 self.fault(member.place, f"the value of {name!r} needs {name!r} itself", "a value")
 
-    def _done(self, chain: Sequence[CompoundText]) -> DoText | None:
+    def _done(self, chain: Sequence[syntax.Compound]) -> syntax.Do | None:
         """Return the scenario's own `do`, or that of its nearest base."""
         for part in reversed(chain):
-            found = [member for member in part.members if isinstance(member, DoText)]
+            found = [member for member in part.members if isinstance(member, syntax.Do)]
             for other in found[1:]:
                 self.fault(other.place, "got a second 'do'", "one 'do' with a serial or parallel")
             if found:
@@ -178,7 +167,7 @@ class _Scenario(BehaviorChecker):
         self.fault(name.place, f"scenario {name} does nothing", "'do' and an action")
         return None
 
-    def _actor(self, name: str, text: FieldText) -> Actor | None:
+    def _actor(self, name: str, text: syntax.Field) -> Actor | None:
         type_ = self._fields[name].type
         declared = self.declared.actors[type_.name]
         members: Mapping[str, Field] = declared.members
@@ -202,7 +191,7 @@ class _Scenario(BehaviorChecker):
         return Actor(name, (type_.name, *declared.bases), values, variables, place)
 
     def _made(
-        self, text: CompoundText, root: Behavior, actors: tuple[Actor, ...], bases: tuple[str, ...]
+        self, text: syntax.Compound, root: Behavior, actors: tuple[Actor, ...], bases: tuple[str, ...]
     ) -> ScenarioDefinition:
         parameters, variables = [], []
         for member in self._fields.values():

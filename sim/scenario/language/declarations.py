@@ -7,7 +7,7 @@ from typing import Any, Final, Literal, TypeAlias
 from vastflow.sim.model.faults import Place
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.scenario.definition import Expression, Field, Struct, Type, substituted
-from vastflow.sim.scenario.language.syntax import CompoundText
+from vastflow.sim.scenario.language import syntax
 
 BASIC: Final = ("int", "uint", "float", "bool", "string")
 
@@ -72,7 +72,7 @@ class Declarations:
     actions: dict[str, tuple[Compound, ...]] = field(default_factory=dict)
     modifiers: dict[str, Compound] = field(default_factory=dict)
     globals: dict[str, Field] = field(default_factory=dict)
-    scenarios: dict[str, CompoundText] = field(default_factory=dict)
+    scenarios: dict[str, syntax.Compound] = field(default_factory=dict)
     right_type: Callable[[str, Collection[str]], str] = did_you_mean
 
     def include(self, other: "Declarations") -> tuple[str, ...]:

@@ -9,29 +9,13 @@ from typing import Any, Final
 from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.names import did_you_mean, nearest
 from vastflow.sim.scenario.definition import Field, Type
+from vastflow.sim.scenario.language import syntax
 from vastflow.sim.scenario.language.declarations import Compound, Declarations, Function
 from vastflow.sim.scenario.language.expressions import NO_NAMES, Visible
 from vastflow.sim.scenario.language.members import MemberChecker
-from vastflow.sim.scenario.language.syntax import (
-    ActText,
-    CompoundText,
-    DoText,
-    EnumTypeText,
-    EventText,
-    FieldText,
-    FileText,
-    GlobalText,
-    KeepText,
-    MethodText,
-    PathText,
-    PhysicalTypeText,
-    RefusedText,
-    UnitText,
-    Word,
-)
 
 
-def parse(text: str, file: str) -> FileText:
+def parse(text: str, file: str) -> syntax.File:
     """Return the syntax of `text`; the grammar is built once in a process.
 
     Raises:
@@ -48,7 +32,7 @@ NEITHER: Final = ("factor", "offset")
 
 
 def declared(
-    text: FileText,
+    text: syntax.File,
     imported: Declarations,
     origin: str,
     faults: list[Fault],
@@ -71,26 +55,26 @@ class _Declarer(MemberChecker):
     def __init__(self, known: Declarations, origin: str, faults: list[Fault], *, of_library: bool) -> None:
         super().__init__(known, faults, of_library=of_library)
         self._origin = origin
-        self._pending: dict[str, CompoundText] = {}
+        self._pending: dict[str, syntax.Compound] = {}
         self._places: dict[tuple[str, str], Place] = {}
         self._globals: dict[str, Type] = {name: member.type for name, member in known.globals.items()}
 
-    def declarations(self, text: FileText) -> Declarations:
+    def declarations(self, text: syntax.File) -> Declarations:
         for declaration in text.declarations:
             match declaration:
-                case PhysicalTypeText():
+                case syntax.PhysicalType():
                     self._physical_type(declaration)
-                case EnumTypeText():
+                case syntax.EnumType():
                     self._enum_type(declaration)
-                case RefusedText():
+                case syntax.Refused():
                     self.attempt(self.refuse, declaration)
-                case CompoundText(kind="struct" | "actor"):
+                case syntax.Compound(kind="struct" | "actor"):
                     if self._is_new("type", declaration.name, self.declared.type_names()):
                         self._pending[str(declaration.name)] = declaration
         for declaration in text.declarations:
-            if isinstance(declaration, UnitText):
+            if isinstance(declaration, syntax.Unit):
                 self._unit(declaration)
-        fields = [declaration.field for declaration in text.declarations if isinstance(declaration, GlobalText)]
+        fields = [declaration for declaration in text.declarations if isinstance(declaration, syntax.Field)]
         # Types of this file last: the defaults of their members may name globals.
         for field in sorted(fields, key=lambda field: field.type.name.text in self._pending):
             self._globals |= self.types(field)
@@ -99,12 +83,12 @@ class _Declarer(MemberChecker):
         for field in fields:
             self._global(field)
         for declaration in text.declarations:
-            if isinstance(declaration, CompoundText):
+            if isinstance(declaration, syntax.Compound):
                 self._later(declaration)
         return self.declared
 
-    def _is_new(self, kind: str, name: PathText | Word, known: Any) -> bool:
-        key = str(name) if isinstance(name, PathText) else name.text
+    def _is_new(self, kind: str, name: syntax.Path | syntax.Word, known: Any) -> bool:
+        key = str(name) if isinstance(name, syntax.Path) else name.text
         place = self._places.setdefault((kind, key), name.place)
         if kind == "type" and key.startswith("listof"):
             self.fault(name.place, f"got type {key!r}, which begins with 'listof'", "another name")
@@ -115,13 +99,13 @@ class _Declarer(MemberChecker):
             return False
         return True
 
-    def _physical_type(self, text: PhysicalTypeText) -> None:
+    def _physical_type(self, text: syntax.PhysicalType) -> None:
         if self._is_new("type", text.name, self.declared.type_names()):
             self.declared.physical[text.name.text] = {
                 unit.text: exponent for unit, exponent in text.exponents if unit.text not in NEITHER
             }
 
-    def _unit(self, text: UnitText) -> None:
+    def _unit(self, text: syntax.Unit) -> None:
         if not self._is_new("unit", text.name, self.declared.units):
             return
         if text.type.text not in self.declared.physical:
@@ -131,7 +115,7 @@ class _Declarer(MemberChecker):
         given = {name.text: float(value) for name, value in text.exponents}
         self.declared.units[text.name.text] = (text.type.text, given.get("factor", 1.0), given.get("offset", 0.0))
 
-    def _enum_type(self, text: EnumTypeText) -> None:
+    def _enum_type(self, text: syntax.EnumType) -> None:
         if not (self.allowed(text.name) and self._is_new("type", text.name, self.declared.type_names())):
             return
         members: dict[str, int] = {}
@@ -158,20 +142,20 @@ class _Declarer(MemberChecker):
         if self._one_word(text):
             kinds[name] = self._compound(text, base)
 
-    def _one_word(self, text: CompoundText) -> bool:
+    def _one_word(self, text: syntax.Compound) -> bool:
         if len(text.name.words) > 1:
             right = "an action where it is an actor's" if text.kind == "modifier" else "one name"
             self.fault(text.name.place, f"got {text.kind} {text.name}, with an actor", right)
             return False
         return self.allowed(text.name.words[0])
 
-    def _base(self, name: PathText, known: Mapping[str, Compound], kind: str) -> Compound | None:
+    def _base(self, name: syntax.Path, known: Mapping[str, Compound], kind: str) -> Compound | None:
         base = known.get(str(name))
         if base is None:
             self.fault(name.place, f"unknown {kind} {str(name)!r}", did_you_mean(str(name), known))
         return base
 
-    def _later(self, text: CompoundText) -> None:
+    def _later(self, text: syntax.Compound) -> None:
         name = str(text.name)
         match text.kind:
             case "modifier":
@@ -185,7 +169,7 @@ class _Declarer(MemberChecker):
                 if self._is_new("scenario", text.name, self.declared.scenarios) and self._one_word(text):
                     self.declared.scenarios[name] = text
 
-    def _action(self, text: CompoundText) -> None:
+    def _action(self, text: syntax.Compound) -> None:
         if not self._is_new("action", text.name, ()):
             return
         actor = text.name.words[0]
@@ -201,7 +185,7 @@ class _Declarer(MemberChecker):
         name = str(text.name)
         self.declared.actions[name] = (*self.declared.actions.get(name, ()), self._compound(text, base))
 
-    def _compound(self, text: CompoundText, base: Compound | None) -> Compound:
+    def _compound(self, text: syntax.Compound, base: Compound | None) -> Compound:
         assert text.kind != "scenario"
         members: dict[str, Field] = dict(base.members) if base else {}
         functions: dict[str, Function] = dict(base.functions) if base else {}
@@ -209,35 +193,35 @@ class _Declarer(MemberChecker):
         for part in text.members:
             names = Visible(self._globals | {name: member.type for name, member in members.items()})
             match part:
-                case FieldText():
+                case syntax.Field():
                     for member in self.fields(part, names):
                         if member.name in own:
                             self.fault(member.place, f"{member.name!r} is declared already", "another name")
                         inherited = members.get(member.name)
                         members[member.name] = self.overriding(member, inherited) if inherited else member
                         own.add(member.name)
-                case KeepText():
+                case syntax.Keep():
                     members = self.keep(part, members, names)
-                case MethodText():
+                case syntax.Method():
                     functions[part.name.text] = self._method(text, part)
-                case EventText():
+                case syntax.Event():
                     pass  # an actor's own events are declared, and nothing here can emit them
-                case RefusedText():
+                case syntax.Refused():
                     self.attempt(self.refuse, part)
-                case DoText():
+                case syntax.Do():
                     self.fault(part.place, f"got 'do' in {_a(text.kind)}", "'do' in a scenario")
-                case ActText():
+                case syntax.Act():
                     what = f"got a modifier of {_a(text.kind)}"
                     self.fault(part.call.place, what, "a modifier in a scenario or a composition")
         bases = (base.name, *base.bases) if base else ()
         return Compound(text.kind, str(text.name), bases, members, functions, self._origin, text.name.place)
 
-    def _method(self, owner: CompoundText, text: MethodText) -> Function:
+    def _method(self, owner: syntax.Compound, text: syntax.Method) -> Function:
         parameters = {member.name: member for field in text.parameters for member in self.fields(field, NO_NAMES)}
         returns = None if text.returns is None else self.attempt(self.type_of, text.returns)
         return Function(f"{owner.name}.{text.name.text}", parameters, returns, self.of_library)
 
-    def _global(self, text: FieldText) -> None:
+    def _global(self, text: syntax.Field) -> None:
         if all(self._is_new("global", name, self.declared.globals) for name in text.names):
             for member in self.fields(text, Visible(self._globals)):
                 self.declared.globals[member.name] = member

@@ -21,6 +21,7 @@ from vastflow.sim.scenario.definition import (
     below_of,
 )
 from vastflow.sim.scenario.evaluation import text_of
+from vastflow.sim.scenario.language import syntax
 from vastflow.sim.scenario.language.declarations import (
     ANY,
     BOOL,
@@ -33,18 +34,6 @@ from vastflow.sim.scenario.language.declarations import (
     Function,
     is_number,
     result_of,
-)
-from vastflow.sim.scenario.language.syntax import (
-    ArgumentText,
-    CallText,
-    EnumText,
-    ExpressionText,
-    ListText,
-    OperationText,
-    PathText,
-    PhysicalText,
-    RefusedText,
-    Word,
 )
 
 Typed: TypeAlias = tuple[Expression, Type]
@@ -100,7 +89,7 @@ class ExpressionChecker:
         self.fault(place, problem, expected)
         raise Faulty
 
-    def refuse(self, text: RefusedText) -> NoReturn:
+    def refuse(self, text: syntax.Refused) -> NoReturn:
         """Fail because vastflow does not have a construct."""
         self.fail(text.place, f"got {text.construct}, which vastflow does not have", text.right)
 
@@ -118,23 +107,23 @@ class ExpressionChecker:
         except Faulty:
             return None
 
-    def assigned(self, text: ExpressionText, wanted: Type, names: Visible, whose: str) -> Expression:
+    def assigned(self, text: syntax.Expression, wanted: Type, names: Visible, whose: str) -> Expression:
         """Return the value for something of type `wanted`; `whose` is the words for it in a fault.
 
         A name of a number or a truth value can stand for a text, and is its text then.
         """
         if wanted == VARIABLE:
             return self._variable(text, names, whose)
-        if isinstance(text, ListText) and wanted.is_list:
+        if isinstance(text, syntax.ListOf) and wanted.is_list:
             self._refuse_empty(text)
             item = Type(wanted.name, wanted.kind)
             items = self.each(lambda part: self.assigned(part, item, names, f"an item of {whose}"), text.items)
             return ListOf(tuple(items), text.place)
         return self._fitted(text, self.value(text, names), wanted, whose)
 
-    def given(self, text: ExpressionText, wanted: Type, names: Visible, whose: str) -> Expression:
+    def given(self, text: syntax.Expression, wanted: Type, names: Visible, whose: str) -> Expression:
         """Return the value as `assigned` does; plain numbers also stand for SI values and texts."""
-        if wanted == VARIABLE or isinstance(text, ListText):
+        if wanted == VARIABLE or isinstance(text, syntax.ListOf):
             return self.assigned(text, wanted, names, whose)
         typed = self.value(text, names)
         takes_numbers = wanted == FLOAT or (wanted.kind == "physical" and not wanted.is_list)
@@ -144,29 +133,29 @@ class ExpressionChecker:
             return Constant(text_of(text.value), text.place)
         return self._fitted(text, typed, wanted, whose)
 
-    def value(self, text: ExpressionText, names: Visible) -> Typed:
+    def value(self, text: syntax.Expression, names: Visible) -> Typed:
         """Return an expression with its type."""
         match text:
             case Constant():
                 self._check_finite(text.value, text.place)
                 return text, LITERALS[type(text.value)]
-            case PhysicalText():
+            case syntax.Physical():
                 return self._physical(text)
-            case EnumText():
+            case syntax.Enumerator():
                 return self._enum(text)
-            case PathText():
+            case syntax.Path():
                 return self._name(text, names)
-            case CallText():
+            case syntax.Call():
                 return self._call(text, names)
-            case ListText():
+            case syntax.ListOf():
                 return self._list(text, names)
-            case OperationText():
+            case syntax.Operation():
                 return self._operation(text, names)
-            case RefusedText():
+            case syntax.Refused():
                 self.refuse(text)
 
     def arguments(
-        self, texts: Iterable[ArgumentText], parameters: Mapping[str, Field], names: Visible, whose: str
+        self, texts: Iterable[syntax.Argument], parameters: Mapping[str, Field], names: Visible, whose: str
     ) -> dict[str, Expression]:
         """Return the given arguments of a call by the names of its parameters, in their order.
 
@@ -208,7 +197,7 @@ class ExpressionChecker:
             self.fail(place, f"{whose} is called without {words}", "a value for each parameter without a default")
         return values
 
-    def _fitted(self, text: ExpressionText, typed: Typed, wanted: Type, whose: str) -> Expression:
+    def _fitted(self, text: syntax.Expression, typed: Typed, wanted: Type, whose: str) -> Expression:
         value, found = typed
         if self._fits(value, found, wanted):
             return value
@@ -216,7 +205,7 @@ class ExpressionChecker:
             return Operation("+", (Constant("", text.place), value), text.place)
         self.fail(text.place, f"got {_shown(text, found)} for {whose}, {_a(wanted)}", self._such_as(wanted, text))
 
-    def _refuse_empty(self, text: ListText) -> None:
+    def _refuse_empty(self, text: syntax.ListOf) -> None:
         if not text.items and not self.of_library:
             self.fault(text.place, "got an empty list, which the language does not have", "one item or more")
 
@@ -229,8 +218,8 @@ class ExpressionChecker:
             return isinstance(value, Constant) and cast(int, value.value) >= 0
         return wanted.name == "int" and found.name == "uint"
 
-    def _variable(self, text: ExpressionText, names: Visible, whose: str) -> Expression:
-        name = str(text) if isinstance(text, PathText) else ""
+    def _variable(self, text: syntax.Expression, names: Visible, whose: str) -> Expression:
+        name = str(text) if isinstance(text, syntax.Path) else ""
         if name in names.variables:
             return Constant(name, text.place)
         if name in names.faulty:
@@ -242,7 +231,7 @@ class ExpressionChecker:
         if isinstance(number, int | float) and not math.isfinite(number):
             self.fail(place, "got a number that is too large", "at most 1.7e308")
 
-    def _physical(self, text: PhysicalText) -> Typed:
+    def _physical(self, text: syntax.Physical) -> Typed:
         unit = self.declared.units.get(text.unit.text)
         if unit is None:
             near = did_you_mean(text.unit.text, self.declared.units, "'import osc.types', which declares the units")
@@ -252,7 +241,7 @@ class ExpressionChecker:
         self._check_finite(number, text.place)
         return Constant(number, text.place), Type(of, "physical")
 
-    def _enum(self, text: EnumText) -> Typed:
+    def _enum(self, text: syntax.Enumerator) -> Typed:
         name, member = text.type.text, text.member.text
         members = self.declared.enums.get(name)
         if members is None:
@@ -261,7 +250,7 @@ class ExpressionChecker:
             self.fail(text.member.place, f"enum {name} has no member {member!r}", did_you_mean(member, members))
         return Constant(EnumValue(name, member, members[member]), text.place), Type(name, "enum")
 
-    def _name(self, text: PathText, names: Visible) -> Typed:
+    def _name(self, text: syntax.Path, names: Visible) -> Typed:
         first, *rest = text.words
         if first.text in names.faulty:
             raise Faulty
@@ -286,7 +275,7 @@ class ExpressionChecker:
         members, missing = self.declared.filled({}, self.declared.members_of(type_), place)
         return Struct(type_.name, members, place) if members and not missing else None
 
-    def _call(self, text: CallText, names: Visible) -> Typed:
+    def _call(self, text: syntax.Call, names: Visible) -> Typed:
         if len(text.path.words) == 1:
             return self._construction(text, text.path.words[0], names)
         function = self._function(text.path)
@@ -295,7 +284,7 @@ class ExpressionChecker:
         values = self.complete(given, function.parameters, text.place, whose)
         return External(function.name, tuple(values.values()), text.place), function.returns or ANY
 
-    def _construction(self, text: CallText, name: Word, names: Visible) -> Typed:
+    def _construction(self, text: syntax.Call, name: syntax.Word, names: Visible) -> Typed:
         struct = self.declared.structs.get(name.text)
         if struct is None:
             if name.text in self.declared.actions:
@@ -309,7 +298,7 @@ class ExpressionChecker:
         values = self.complete(given, struct.members, text.place, whose)
         return Struct(name.text, values, text.place), Type(name.text, "struct")
 
-    def _function(self, path: PathText) -> Function:
+    def _function(self, path: syntax.Path) -> Function:
         struct, name = path.words[0], path.words[-1]
         owner = self.declared.structs.get(struct.text)
         if owner is None or not owner.functions or len(path.words) != 2:
@@ -323,7 +312,7 @@ class ExpressionChecker:
             self.fail(path.place, f"{path} is external code of your own", "a function of a library, or a parameter")
         return function
 
-    def _list(self, text: ListText, names: Visible) -> Typed:
+    def _list(self, text: syntax.ListOf, names: Visible) -> Typed:
         self._refuse_empty(text)
         items = self.each(lambda item: self.value(item, names), text.items)
         types = {type_ for _, type_ in items}
@@ -332,7 +321,7 @@ class ExpressionChecker:
         item = next(iter(types), ANY)
         return ListOf(tuple(value for value, _ in items), text.place), Type(item.name, item.kind, True)
 
-    def _operation(self, text: OperationText, names: Visible) -> Typed:
+    def _operation(self, text: syntax.Operation, names: Visible) -> Typed:
         operands = self.each(lambda operand: self.value(operand, names), text.operands)
         types = tuple(type_ for _, type_ in operands)
         result = result_of(text.operator, types, self.declared.physical)
@@ -341,13 +330,13 @@ class ExpressionChecker:
             self.fail(text.place, what, OPERANDS[text.operator])
         return Operation(text.operator, tuple(value for value, _ in operands), text.place), result
 
-    def _such_as(self, wanted: Type, text: ExpressionText) -> str:
+    def _such_as(self, wanted: Type, text: syntax.Expression) -> str:
         """Return an example of the type in place of `text`."""
         number = text.value if isinstance(text, Constant) and not isinstance(text.value, _NO_NUMBERS) else None
         if wanted.is_list:
             return f"[…], a {wanted}"
         if wanted.kind == "physical":
-            shown = number if number is not None else text.number if isinstance(text, PhysicalText) else 1
+            shown = number if number is not None else text.number if isinstance(text, syntax.Physical) else 1
             return f"a number with a unit of {wanted.name}, such as {shown}{self.declared.unit_of(wanted.name)}"
         if wanted.kind == "enum":
             return f"one of {', '.join(f'{wanted.name}!{member}' for member in self.declared.enums[wanted.name])}"
@@ -370,15 +359,15 @@ def _has_text(type_: Type) -> bool:
     return not type_.is_list and (type_.kind == "physical" or type_ == BOOL or is_number(type_))
 
 
-def _shown(text: ExpressionText, type_: Type) -> str:
+def _shown(text: syntax.Expression, type_: Type) -> str:
     match text:
         case Constant(value=bool(value)):
             return f"{str(value).lower()}, a bool,"
         case Constant(value=value):
             return f"{value!r:.40}, {_a(type_)},"
-        case PhysicalText():
+        case syntax.Physical():
             return f"{text.number}{text.unit.text}, {_a(type_)},"
-        case PathText():
+        case syntax.Path():
             return f"{text}, {_a(type_)},"
         case _:
             return _a(type_)

@@ -18,8 +18,8 @@ from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.files import Unreadable
 from vastflow.sim.model.names import nearest
 from vastflow.sim.model.syntax import Misfit, expectation, line_and_column, misfit, spelling
+from vastflow.sim.scenario.language import syntax
 from vastflow.sim.scenario.language.building import Builder
-from vastflow.sim.scenario.language.syntax import FileText
 
 TAB: Final = 8
 DEEPEST: Final = 100
@@ -137,7 +137,7 @@ _PARSING: Final = Lock()
 """The parser's builder takes the name of one file at a time."""
 
 
-def parsed(text: str, file: str) -> FileText:
+def parsed(text: str, file: str) -> syntax.File:
     """Return the syntax of `text`.
 
     Raises:
@@ -164,11 +164,11 @@ def parsed(text: str, file: str) -> FileText:
     raise FileError(faults)
 
 
-def _read(text: str, file: str) -> FileText:
+def _read(text: str, file: str) -> syntax.File:
     with _PARSING:
         parser, builder = _parser()
         builder.file = file
-        read: FileText = parser.parse(text)  # type: ignore[assignment]  # made by the builder
+        read: syntax.File = parser.parse(text)  # type: ignore[assignment]  # made by the builder
         return read
 
 

@@ -6,29 +6,17 @@ from typing import Final
 
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.scenario.definition import Expression, Field, Name, Struct, Type, below_of
+from vastflow.sim.scenario.language import syntax
 from vastflow.sim.scenario.language.declarations import ANY, VARIABLE
 from vastflow.sim.scenario.language.expressions import ExpressionChecker, Visible
-from vastflow.sim.scenario.language.syntax import (
-    ExpressionText,
-    FieldText,
-    KeepText,
-    MemberText,
-    OperationText,
-    PathText,
-    PhysicalText,
-    RefusedText,
-    TypeText,
-    WithItem,
-    Word,
-)
 
 RESERVED: Final = frozenset({"kg", "m", "s", "A", "K", "mol", "cd", "rad"})
 """Base units, which the language keeps for itself."""
 
 
-def unit_of(text: ExpressionText | None) -> str:
+def unit_of(text: syntax.Expression | None) -> str:
     """Return the unit of a value as written; empty for one without."""
-    return text.unit.text if isinstance(text, PhysicalText) else ""
+    return text.unit.text if isinstance(text, syntax.Physical) else ""
 
 
 class MemberChecker(ExpressionChecker):
@@ -37,7 +25,7 @@ class MemberChecker(ExpressionChecker):
     def ensure(self, name: str) -> None:
         """Declare a type that is declared further down, before it is looked up."""
 
-    def type_of(self, text: TypeText) -> Type:
+    def type_of(self, text: syntax.Type) -> Type:
         """Return the type that is named."""
         name = text.name.text
         self.ensure(name)
@@ -50,13 +38,13 @@ class MemberChecker(ExpressionChecker):
             )
         return type_
 
-    def allowed(self, name: Word) -> bool:
+    def allowed(self, name: syntax.Word) -> bool:
         """Whether something may be called so."""
         if name.text in RESERVED:
             self.fault(name.place, f"{name.text!r} is a base unit, a reserved word", "another name")
         return name.text not in RESERVED
 
-    def fields(self, text: FieldText, names: Visible) -> list[Field]:
+    def fields(self, text: syntax.Field, names: Visible) -> list[Field]:
         """Return the members that a field declares, with what `keep` gives them and without those with a fault."""
         type_ = self.attempt(self.type_of, text.type)
         words = [name for name in text.names if self.allowed(name)]
@@ -75,9 +63,9 @@ class MemberChecker(ExpressionChecker):
         unit = unit_of(text.default)
         return [Field(name.text, type_, default, name.place, unit, text.is_variable) for name in words]
 
-    def types(self, text: MemberText) -> Iterator[tuple[str, Type]]:
+    def types(self, text: syntax.Member) -> Iterator[tuple[str, Type]]:
         """Yield the names that a member declares as fields, with their types."""
-        if isinstance(text, FieldText) and (type_ := self.attempt(self.type_of, text.type)) is not None:
+        if isinstance(text, syntax.Field) and (type_ := self.attempt(self.type_of, text.type)) is not None:
             yield from ((name.text, type_) for name in text.names)
 
     def overriding(self, member: Field, inherited: Field) -> Field:
@@ -87,7 +75,7 @@ class MemberChecker(ExpressionChecker):
             self.fault(member.place, what, f"{inherited.type}, or another name")
         return member if member.default else replace(member, default=inherited.default, unit=inherited.unit)
 
-    def keep(self, text: WithItem, members: Mapping[str, Field], names: Visible) -> dict[str, Field]:
+    def keep(self, text: syntax.WithItem, members: Mapping[str, Field], names: Visible) -> dict[str, Field]:
         """Return `members` with the value that a `keep` about their owner gives one of them."""
         kept = dict(members)
         target = self.attempt(self._target, text)
@@ -104,25 +92,32 @@ class MemberChecker(ExpressionChecker):
             kept[first.text] = replace(member, default=given, unit=unit_of(value))
         return kept
 
-    def _given(self, value: ExpressionText, type_: Type, names: Visible, name: str) -> Expression | None:
+    def _given(self, value: syntax.Expression, type_: Type, names: Visible, name: str) -> Expression | None:
         return self.attempt(self.given, value, type_, names, repr(name))
 
-    def _target(self, item: WithItem) -> tuple[tuple[Word, ...], ExpressionText]:
+    def _target(self, item: syntax.WithItem) -> tuple[tuple[syntax.Word, ...], syntax.Expression]:
         """Return the path below `it` and the value of `keep(it.path == value)`."""
-        if isinstance(item, RefusedText):
+        if isinstance(item, syntax.Refused):
             self.refuse(item)
-        if not isinstance(item, KeepText):
+        if not isinstance(item, syntax.Keep):
             self.fail(item.place, "got a modifier of a field", "'keep(it.member == value)'")
         match item.condition:
-            case OperationText(operator="==", operands=(PathText(words=(Word(text="it"), *path)), value)) if path:
+            case syntax.Operation(
+                operator="==", operands=(syntax.Path(words=(syntax.Word(text="it"), *path)), value)
+            ) if path:
                 return tuple(path), value
-            case OperationText(operator="in"):
+            case syntax.Operation(operator="in"):
                 right = "'keep(it.member == parameter)', and a ParameterVariationList of the parameter in the campaign"
                 self.fail(item.place, "got a 'keep' with several values", right)
         self.fail(item.place, "got a 'keep' that gives no value", "'keep(it.member == value)'")
 
     def _with_value(
-        self, default: Expression | None, type_: Type, path: tuple[Word, ...], value: ExpressionText, names: Visible
+        self,
+        default: Expression | None,
+        type_: Type,
+        path: tuple[syntax.Word, ...],
+        value: syntax.Expression,
+        names: Visible,
     ) -> Expression | None:
         """Return `default`, of type `type_`, with a value at `path`, or as it was if the value has a fault."""
         first, *rest = path

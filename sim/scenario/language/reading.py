@@ -14,10 +14,10 @@ from vastflow.sim.model import files
 from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.scenario.definition import ScenarioDefinition
+from vastflow.sim.scenario.language import syntax
 from vastflow.sim.scenario.language.checking import checked
 from vastflow.sim.scenario.language.declarations import Declarations
 from vastflow.sim.scenario.language.declaring import declared, library, library_names, parse
-from vastflow.sim.scenario.language.syntax import CompoundText, FileText, ImportText
 
 MOST_BYTES: Final = 500_000
 
@@ -83,7 +83,7 @@ def _read(text: str, file: str, folder: Path) -> tuple[ScenarioDefinition, ...]:
     parsed = parse(text, file)
     read: dict[Path, Declarations] = {(folder / Path(file).name).resolve(): Declarations()}
     declarations = _declarations(parsed, file, folder, read, faults)
-    scenarios = [part for part in parsed.declarations if isinstance(part, CompoundText) and part.kind == "scenario"]
+    scenarios = [part for part in parsed.declarations if isinstance(part, syntax.Compound) and part.kind == "scenario"]
     if not scenarios:
         faults.append(Fault(Place(file, 1, 1), "got no scenario", "'scenario name:' and what it does"))
     definitions = [checked(scenario, declarations, faults) for scenario in scenarios]
@@ -93,7 +93,7 @@ def _read(text: str, file: str, folder: Path) -> tuple[ScenarioDefinition, ...]:
 
 
 def _declarations(
-    text: FileText, file: str, folder: Path, read: dict[Path, Declarations], faults: list[Fault]
+    text: syntax.File, file: str, folder: Path, read: dict[Path, Declarations], faults: list[Fault]
 ) -> Declarations:
     """Return the declarations of a file and its imports; a file in `read` that is being read has none yet."""
     imported = Declarations()
@@ -104,7 +104,7 @@ def _declarations(
     return declared(text, imported, file, faults)
 
 
-def _imported(part: ImportText, folder: Path, read: dict[Path, Declarations], faults: list[Fault]) -> Declarations:
+def _imported(part: syntax.Import, folder: Path, read: dict[Path, Declarations], faults: list[Fault]) -> Declarations:
     if part.is_file:
         return _imported_file(part, folder, read, faults)
     if part.target in library_names():
@@ -118,7 +118,9 @@ def _imported(part: ImportText, folder: Path, read: dict[Path, Declarations], fa
     return Declarations()
 
 
-def _imported_file(part: ImportText, folder: Path, read: dict[Path, Declarations], faults: list[Fault]) -> Declarations:
+def _imported_file(
+    part: syntax.Import, folder: Path, read: dict[Path, Declarations], faults: list[Fault]
+) -> Declarations:
     path = folder / part.target
     try:
         resolved = path.resolve()

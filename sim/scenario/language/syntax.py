@@ -1,22 +1,19 @@
 """A scenario file as it is written: its declarations as values, each with its place, nothing resolved."""
 
-from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 from vastflow.sim.model.faults import Place
 from vastflow.sim.scenario.definition import Constant
 
 
-@dataclass(frozen=True, slots=True)
-class Word:
+class Word(NamedTuple):
     """A name where it stands."""
 
     text: str
     place: Place
 
 
-@dataclass(frozen=True, slots=True)
-class PhysicalText:
+class Physical(NamedTuple):
     """A number with a unit."""
 
     number: int | float
@@ -24,8 +21,7 @@ class PhysicalText:
     place: Place
 
 
-@dataclass(frozen=True, slots=True)
-class EnumText:
+class Enumerator(NamedTuple):
     """`type!member`."""
 
     type: Word
@@ -33,8 +29,7 @@ class EnumText:
     place: Place
 
 
-@dataclass(frozen=True, slots=True)
-class PathText:
+class Path(NamedTuple):
     """A name, perhaps with members below: `start.position.x`."""
 
     words: tuple[Word, ...]
@@ -44,180 +39,155 @@ class PathText:
         return ".".join(word.text for word in self.words)
 
 
-@dataclass(frozen=True, slots=True)
-class ArgumentText:
+class Argument(NamedTuple):
     """An argument of a call; `name` is None where it stands by position."""
 
     name: Word | None
-    value: "ExpressionText"
+    value: "Expression"
 
 
-@dataclass(frozen=True, slots=True)
-class CallText:
+class Call(NamedTuple):
     """`path(arguments)`: a struct's constructor, an external function, an action or a modifier."""
 
-    path: PathText
-    arguments: tuple[ArgumentText, ...]
+    path: Path
+    arguments: tuple[Argument, ...]
     place: Place
 
 
-@dataclass(frozen=True, slots=True)
-class ListText:
+class ListOf(NamedTuple):
     """`[a, b]`."""
 
-    items: "tuple[ExpressionText, ...]"
+    items: "tuple[Expression, ...]"
     place: Place
 
 
-@dataclass(frozen=True, slots=True)
-class OperationText:
+class Operation(NamedTuple):
     """An operator on one operand or two; the place is the operator's."""
 
     operator: str
-    operands: "tuple[ExpressionText, ...]"
+    operands: "tuple[Expression, ...]"
     place: Place
 
 
-@dataclass(frozen=True, slots=True)
-class RefusedText:
-    """Something of the language that vastflow does not have.
-
-    Attributes:
-        construct: How it is written.
-        right: What to write in its place.
-    """
+class Refused(NamedTuple):
+    """A construct, as it is written, that vastflow does not have, and what to write in its place (`right`)."""
 
     construct: str
     right: str
     place: Place
 
 
-ExpressionText: TypeAlias = (
-    Constant | PhysicalText | EnumText | PathText | CallText | ListText | OperationText | RefusedText
-)
+Expression: TypeAlias = Constant | Physical | Enumerator | Path | Call | ListOf | Operation | Refused
 
 
-@dataclass(frozen=True, slots=True)
-class TypeText:
+class Type(NamedTuple):
     """A type by name, or a list of one."""
 
     name: Word
     is_list: bool
 
 
-@dataclass(frozen=True, slots=True)
-class KeepText:
+class Keep(NamedTuple):
     """`keep(it.member == value)`."""
 
-    condition: ExpressionText
+    condition: Expression
     place: Place
 
 
-@dataclass(frozen=True, slots=True)
-class AwaitedText:
+class Awaited(NamedTuple):
     """The event, the condition, or both that `wait` and `until` wait for."""
 
-    event: PathText | None
-    condition: ExpressionText | None
+    event: Path | None
+    condition: Expression | None
     place: Place
 
 
-@dataclass(frozen=True, slots=True)
-class UntilText:
+class Until(NamedTuple):
     """`until` in a `with:` block."""
 
-    awaited: AwaitedText
+    awaited: Awaited
     place: Place
 
 
-WithItem: TypeAlias = CallText | KeepText | UntilText | RefusedText
-WithText: TypeAlias = tuple[WithItem, ...]
+WithItem: TypeAlias = Call | Keep | Until | Refused
+With: TypeAlias = tuple[WithItem, ...]
 """What stands in a `with:` block."""
 
 
-@dataclass(frozen=True, slots=True)
-class FieldText:
-    """A parameter, or a `var`, or several of one type."""
+class Field(NamedTuple):
+    """A parameter, or a `var`, or several of one type; a global where it stands outside of everything."""
 
     names: tuple[Word, ...]
-    type: TypeText
-    default: ExpressionText | None
-    keeps: WithText
+    type: Type
+    default: Expression | None
+    keeps: With
     is_variable: bool
 
 
-@dataclass(frozen=True, slots=True)
-class EventText:
+class Event(NamedTuple):
     """`event name`."""
 
     name: Word
 
 
-@dataclass(frozen=True, slots=True)
-class MethodText:
+class Method(NamedTuple):
     """`def name(parameters) -> type is external …()`."""
 
     name: Word
-    parameters: tuple[FieldText, ...]
-    returns: TypeText | None
+    parameters: tuple[Field, ...]
+    returns: Type | None
 
 
-@dataclass(frozen=True, slots=True)
-class ActText:
+class Act(NamedTuple):
     """A call of an action or a modifier, with its label and its `with:` block."""
 
     label: Word | None
-    call: CallText
-    modifiers: WithText
+    call: Call
+    modifiers: With
 
 
-@dataclass(frozen=True, slots=True)
-class WaitText:
+class Wait(NamedTuple):
     """`wait …`."""
 
     label: Word | None
-    awaited: AwaitedText
-    modifiers: WithText
+    awaited: Awaited
+    modifiers: With
     place: Place
 
 
-@dataclass(frozen=True, slots=True)
-class EmitText:
+class Emit(NamedTuple):
     """`emit event`."""
 
     label: Word | None
     event: Word
-    modifiers: WithText
+    modifiers: With
     place: Place
 
 
-@dataclass(frozen=True, slots=True)
-class CompositionText:
+class Composition(NamedTuple):
     """`serial:`, `parallel:` or `one_of:` and its members."""
 
     label: Word | None
     kind: Literal["serial", "parallel", "one_of"]
-    members: "tuple[BehaviorText, ...]"
-    modifiers: WithText
+    members: "tuple[Behavior, ...]"
+    modifiers: With
     place: Place
 
 
-BehaviorText: TypeAlias = CompositionText | ActText | WaitText | EmitText | RefusedText
+Behavior: TypeAlias = Composition | Act | Wait | Emit | Refused
 
 
-@dataclass(frozen=True, slots=True)
-class DoText:
+class Do(NamedTuple):
     """`do` and what is done."""
 
-    behavior: BehaviorText
+    behavior: Behavior
     place: Place
 
 
-MemberText: TypeAlias = FieldText | EventText | MethodText | KeepText | ActText | DoText | RefusedText
+Member: TypeAlias = Field | Event | Method | Keep | Act | Do | Refused
 
 
-@dataclass(frozen=True, slots=True)
-class ImportText:
+class Import(NamedTuple):
     """`import osc.name` or `import "file.osc"`."""
 
     target: str
@@ -225,16 +195,14 @@ class ImportText:
     place: Place
 
 
-@dataclass(frozen=True, slots=True)
-class PhysicalTypeText:
+class PhysicalType(NamedTuple):
     """`type name is SI(…)`: a physical type by the exponents of its base units."""
 
     name: Word
     exponents: tuple[tuple[Word, int | float], ...]
 
 
-@dataclass(frozen=True, slots=True)
-class UnitText:
+class Unit(NamedTuple):
     """`unit name of type is SI(…)`, with a factor and an offset."""
 
     name: Word
@@ -242,42 +210,30 @@ class UnitText:
     exponents: tuple[tuple[Word, int | float], ...]
 
 
-@dataclass(frozen=True, slots=True)
-class EnumTypeText:
+class EnumType(NamedTuple):
     """`enum name: [member, …]`."""
 
     name: Word
-    members: tuple[tuple[Word, int | None], ...]
+    members: tuple[tuple[Word, int | float | None], ...]
 
 
-@dataclass(frozen=True, slots=True)
-class CompoundText:
-    """A struct, actor, action, modifier or scenario with its members.
+class Compound(NamedTuple):
+    """A struct, actor, action, modifier or scenario with its members and what it inherits from.
 
-    Attributes:
-        name: One word, or an actor's and its action's.
-        base: What it inherits from.
+    The name is one word, or an actor's and its action's.
     """
 
     kind: Literal["struct", "actor", "action", "modifier", "scenario"]
-    name: PathText
-    base: PathText | None
-    members: tuple[MemberText, ...]
+    name: Path
+    base: Path | None
+    members: tuple[Member, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class GlobalText:
-    """`global name: type = value`."""
-
-    field: FieldText
+Declaration: TypeAlias = PhysicalType | Unit | EnumType | Compound | Field | Refused
 
 
-DeclarationText: TypeAlias = PhysicalTypeText | UnitText | EnumTypeText | CompoundText | GlobalText | RefusedText
-
-
-@dataclass(frozen=True, slots=True)
-class FileText:
+class File(NamedTuple):
     """A file: what it imports and what it declares, each in its order."""
 
-    imports: tuple[ImportText, ...]
-    declarations: tuple[DeclarationText, ...]
+    imports: tuple[Import, ...]
+    declarations: tuple[Declaration, ...]
