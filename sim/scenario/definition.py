@@ -10,6 +10,9 @@ from typing import Literal, TypeAlias
 from vastflow.sim.model.faults import Place
 
 
+Kind: TypeAlias = Literal["basic", "physical", "struct", "enum", "actor"]
+
+
 @dataclass(frozen=True, slots=True)
 class Type:
     """A basic type, a physical type, a struct, an enum, an actor, or a list of one of them.
@@ -19,7 +22,7 @@ class Type:
     """
 
     name: str
-    kind: Literal["basic", "physical", "struct", "enum", "actor"]
+    kind: Kind
     is_list: bool = False
 
     def __str__(self) -> str:

@@ -133,7 +133,7 @@ class _Scenario(BehaviorChecker):
         changing = [name for name, member in self._fields.items() if self._is_variable(name, member)]
         types = self._types | {name: member.type for name, member in self._fields.items()}
         for name, type_ in types.items():
-            changing += [f"{name}.{each.name}" for each in self.declared.variables_of(type_)]
+            changing += [f"{name}.{each}" for each in self.declared.variables_of(type_)]
         return Visible(types, frozenset(changing), frozenset(self._faulty))
 
     def _is_variable(self, name: str, member: Field) -> bool:
@@ -187,8 +187,7 @@ class _Scenario(BehaviorChecker):
                 right = f"'with:' and below it 'keep(it.{member.name} == …)'"
                 self.fault(place, f"{name!r} has no value for {member.name!r}", right)
                 return None
-        variables = tuple(member.name for member in self.declared.variables_of(type_))
-        return Actor(name, (type_.name, *declared.bases), values, variables, place)
+        return Actor(name, (type_.name, *declared.bases), values, self.declared.variables_of(type_), place)
 
     def _made(
         self, text: syntax.Compound, root: Behavior, actors: tuple[Actor, ...], bases: tuple[str, ...]

@@ -1,12 +1,12 @@
 """Declarations of a scenario file, and the types of operators."""
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field
-from typing import Any, Final, Literal, TypeAlias
+from dataclasses import dataclass, field, fields
+from typing import Final, Literal, TypeAlias
 
 from vastflow.sim.model.faults import Place
 from vastflow.sim.model.names import did_you_mean
-from vastflow.sim.scenario.definition import Expression, Field, Struct, Type, substituted
+from vastflow.sim.scenario.definition import Expression, Field, Kind, Struct, Type, substituted
 from vastflow.sim.scenario.language import syntax
 
 BASIC: Final = ("int", "uint", "float", "bool", "string")
@@ -69,16 +69,20 @@ class Declarations:
     enums: dict[str, Mapping[str, int]] = field(default_factory=dict)
     structs: dict[str, Compound] = field(default_factory=dict)
     actors: dict[str, Compound] = field(default_factory=dict)
-    actions: dict[str, tuple[Compound, ...]] = field(default_factory=dict)
     modifiers: dict[str, Compound] = field(default_factory=dict)
     globals: dict[str, Field] = field(default_factory=dict)
     scenarios: dict[str, syntax.Compound] = field(default_factory=dict)
+    actions: dict[str, tuple[Compound, ...]] = field(default_factory=dict)
     right_type: Callable[[str, Collection[str]], str] = did_you_mean
 
     def include(self, other: "Declarations") -> tuple[str, ...]:
-        """Add the declarations of an import, and return the names that clash."""
+        """Add the declarations of an import, and return the names that clash.
+
+        Actions may: one that is declared twice can't be used.
+        """
         clashing: list[str] = []
-        for mine, theirs in zip(self._unique(), other._unique(), strict=True):
+        for kind in (each.name for each in fields(self) if each.name not in ("actions", "right_type")):
+            mine, theirs = getattr(self, kind), getattr(other, kind)
             clashing += [name for name, meant in theirs.items() if mine.get(name, meant) is not meant]
             mine.update(theirs)
         for name, actions in other.actions.items():
@@ -86,45 +90,29 @@ class Declarations:
             self.actions[name] = known + tuple(action for action in actions if all(action is not one for one in known))
         return tuple(clashing)
 
-    def _unique(self) -> tuple[dict[str, Any], ...]:
-        """Kinds whose names are unique; an action that is declared twice can't be used."""
-        return (
-            self.physical,
-            self.units,
-            self.enums,
-            self.structs,
-            self.actors,
-            self.modifiers,
-            self.globals,
-            self.scenarios,
-        )
-
+    @property
     def type_names(self) -> tuple[str, ...]:
         """Every name that can stand as a type."""
         return (*BASIC, *self.physical, *self.enums, *self.structs, *self.actors)
 
     def type_named(self, name: str, is_list: bool = False) -> Type | None:
         """The type of that name."""
-        if name in BASIC:
-            return Type(name, "basic", is_list)
-        if name in self.physical:
-            return Type(name, "physical", is_list)
-        if name in self.structs:
-            return Type(name, "struct", is_list)
-        if name in self.enums:
-            return Type(name, "enum", is_list)
-        if name in self.actors:
-            return Type(name, "actor", is_list)
-        return None
+        kinds: tuple[tuple[Kind, Collection[str]], ...] = (
+            ("basic", BASIC),
+            ("physical", self.physical),
+            ("struct", self.structs),
+            ("enum", self.enums),
+            ("actor", self.actors),
+        )
+        return next((Type(name, kind, is_list) for kind, names in kinds if name in names), None)
 
     def is_a(self, found: Type, wanted: Type) -> bool:
         """True if `found` is `wanted` or inherits from it."""
         if wanted == ANY or found == wanted:
             return True
-        if found.is_list != wanted.is_list or found.kind != wanted.kind:
+        if found.is_list != wanted.is_list or found.kind != wanted.kind or found.kind not in ("struct", "actor"):
             return False
-        kinds = {"struct": self.structs, "actor": self.actors}.get(found.kind, {})
-        return found.name in kinds and wanted.name in kinds[found.name].bases
+        return wanted.name in (self.structs | self.actors)[found.name].bases
 
     def members_of(self, type_: Type) -> Mapping[str, Field]:
         """Members of a struct or an actor; none of anything else."""
@@ -132,11 +120,10 @@ class Declarations:
             return {}
         return (self.structs if type_.kind == "struct" else self.actors)[type_.name].members
 
-    def variables_of(self, type_: Type) -> tuple[Field, ...]:
-        """The `var`s of an actor; none of anything else."""
-        if type_.kind != "actor":
-            return ()
-        return tuple(member for member in self.members_of(type_).values() if member.is_variable)
+    def variables_of(self, type_: Type) -> tuple[str, ...]:
+        """The names of the `var`s of an actor; none of anything else."""
+        members = self.members_of(type_) if type_.kind == "actor" else {}
+        return tuple(name for name, member in members.items() if member.is_variable)
 
     def default_of(self, type_: Type, place: Place) -> Expression | None:
         """Return a struct of its members' defaults; None if one is missing, and for other types."""
@@ -165,10 +152,7 @@ class Declarations:
 
     def unit_of(self, physical: str) -> str:
         """The SI unit of a physical type, for messages."""
-        return next(
-            (name for name, (of, factor, offset) in self.units.items() if (of, factor, offset) == (physical, 1.0, 0.0)),
-            "",
-        )
+        return next((name for name, unit in self.units.items() if unit == (physical, 1.0, 0.0)), "")
 
 
 Physical: TypeAlias = Mapping[str, Mapping[str, int | float]]
@@ -210,13 +194,14 @@ def result_of(operator: str, types: tuple[Type, ...], physical: Physical) -> Typ
         return BOOL if _comparable(left, right) else None
     if left.is_list or right.is_list:
         return left if operator == "+" and left == right else None
+    ordering = operator in ("<", "<=", ">", ">=")
     if ANY in types:
-        return BOOL if operator in ("<", "<=", ">", ">=") else ANY
-    ordered = (is_number(left) and is_number(right)) or (left == right and left.kind == "physical")
-    if operator in ("<", "<=", ">", ">="):
-        return BOOL if ordered or left == right == STRING else None
+        return BOOL if ordering else ANY
     if operator in ("*", "/"):
         return _product(operator, left, right, physical)
+    ordered = (is_number(left) and is_number(right)) or (left == right and left.kind == "physical")
+    if ordering:
+        return BOOL if ordered or left == right == STRING else None
     if operator == "+" and left == right == STRING:
         return STRING
     return _wider(left, right) if ordered else None
@@ -233,11 +218,10 @@ def _product(operator: str, left: Type, right: Type, physical: Physical) -> Type
         return None
     if left == right and operator == "/":
         return FLOAT
-    exponents = dict(physical[left.name])
-    for unit, exponent in physical[right.name].items():
-        exponents[unit] = exponents.get(unit, 0) + (exponent if operator == "*" else -exponent)
+    mine, theirs, sign = physical[left.name], physical[right.name], 1 if operator == "*" else -1
+    exponents = {unit: mine.get(unit, 0) + sign * theirs.get(unit, 0) for unit in {*mine, *theirs}}
     wanted = {unit: exponent for unit, exponent in exponents.items() if exponent}
-    same = [name for name, of in physical.items() if dict(of) == wanted]
+    same = [name for name, of in physical.items() if of == wanted]
     return Type(same[0], "physical") if len(same) == 1 else None
 
 

@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping
 from functools import cache
 from importlib.resources import files
 from threading import RLock
-from typing import Any, Final
+from typing import Final
 
 from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.names import did_you_mean, nearest
@@ -27,17 +27,8 @@ def parse(text: str, file: str) -> syntax.File:
     return parsed(text, file)
 
 
-NEITHER: Final = ("factor", "offset")
-"""What stands in `SI(…)` beside base units."""
-
-
 def declared(
-    text: syntax.File,
-    imported: Declarations,
-    origin: str,
-    faults: list[Fault],
-    *,
-    of_library: bool = False,
+    text: syntax.File, imported: Declarations, origin: str, faults: list[Fault], *, of_library: bool = False
 ) -> Declarations:
     """Return the declarations of `imported` and `text`; faults go to `faults`.
 
@@ -60,50 +51,54 @@ class _Declarer(MemberChecker):
         self._globals: dict[str, Type] = {name: member.type for name, member in known.globals.items()}
 
     def declarations(self, text: syntax.File) -> Declarations:
-        for declaration in text.declarations:
-            match declaration:
+        known = self.declared
+        for part in text.declarations:
+            match part:
                 case syntax.PhysicalType():
-                    self._physical_type(declaration)
+                    if self._is_new("type", part.name, known.type_names):
+                        exponents = ((unit.text, number) for unit, number in part.exponents)
+                        known.physical[part.name.text] = {u: n for u, n in exponents if u not in ("factor", "offset")}
                 case syntax.EnumType():
-                    self._enum_type(declaration)
+                    self._enum_type(part)
                 case syntax.Refused():
-                    self.attempt(self.refuse, declaration)
+                    self.attempt(self.refuse, part)
                 case syntax.Compound(kind="struct" | "actor"):
-                    if self._is_new("type", declaration.name, self.declared.type_names()):
-                        self._pending[str(declaration.name)] = declaration
-        for declaration in text.declarations:
-            if isinstance(declaration, syntax.Unit):
-                self._unit(declaration)
-        fields = [declaration for declaration in text.declarations if isinstance(declaration, syntax.Field)]
+                    if self._is_new("type", part.name, known.type_names):
+                        self._pending[str(part.name)] = part
+        for part in text.declarations:
+            if isinstance(part, syntax.Unit):
+                self._unit(part)
+        fields = [part for part in text.declarations if isinstance(part, syntax.Field)]
         # Types of this file last: the defaults of their members may name globals.
         for field in sorted(fields, key=lambda field: field.type.name.text in self._pending):
             self._globals |= self.types(field)
         for name in list(self._pending):
             self.ensure(name)
         for field in fields:
-            self._global(field)
-        for declaration in text.declarations:
-            if isinstance(declaration, syntax.Compound):
-                self._later(declaration)
-        return self.declared
+            if all(self._is_new("global", name, known.globals) for name in field.names):
+                known.globals.update({each.name: each for each in self.fields(field, Visible(self._globals))})
+        for part in text.declarations:
+            match part:
+                case syntax.Compound(kind="modifier"):
+                    if self._is_new("modifier", part.name, known.modifiers) and self._one_word(part):
+                        known.modifiers[str(part.name)] = self._compound(part, known.modifiers)
+                case syntax.Compound(kind="action"):
+                    self._action(part)
+                case syntax.Compound(kind="scenario"):
+                    if self._is_new("scenario", part.name, known.scenarios) and self._one_word(part):
+                        known.scenarios[str(part.name)] = part
+        return known
 
-    def _is_new(self, kind: str, name: syntax.Path | syntax.Word, known: Any) -> bool:
-        key = str(name) if isinstance(name, syntax.Path) else name.text
-        place = self._places.setdefault((kind, key), name.place)
-        if kind == "type" and key.startswith("listof"):
-            self.fault(name.place, f"got type {key!r}, which begins with 'listof'", "another name")
+    def _is_new(self, kind: str, name: syntax.Path | syntax.Word, known: Collection[str]) -> bool:
+        place = self._places.setdefault((kind, str(name)), name.place)
+        if kind == "type" and str(name).startswith("listof"):
+            self.fault(name.place, f"got type '{name}', which begins with 'listof'", "another name")
             return False
-        if place is not name.place or key in known:
+        if place is not name.place or str(name) in known:
             where = f" at {place}" if place is not name.place else ""
-            self.fault(name.place, f"{key!r} is declared already{where}", "another name")
+            self.fault(name.place, f"'{name}' is declared already{where}", "another name")
             return False
         return True
-
-    def _physical_type(self, text: syntax.PhysicalType) -> None:
-        if self._is_new("type", text.name, self.declared.type_names()):
-            self.declared.physical[text.name.text] = {
-                unit.text: exponent for unit, exponent in text.exponents if unit.text not in NEITHER
-            }
 
     def _unit(self, text: syntax.Unit) -> None:
         if not self._is_new("unit", text.name, self.declared.units):
@@ -116,31 +111,28 @@ class _Declarer(MemberChecker):
         self.declared.units[text.name.text] = (text.type.text, given.get("factor", 1.0), given.get("offset", 0.0))
 
     def _enum_type(self, text: syntax.EnumType) -> None:
-        if not (self.allowed(text.name) and self._is_new("type", text.name, self.declared.type_names())):
+        if not (self.allowed(text.name) and self._is_new("type", text.name, self.declared.type_names)):
             return
         members: dict[str, int] = {}
         number = 0
         for name, given in text.members:
             if isinstance(given, float):
-                self.fault(name.place, f"got {given} for {name.text!r}", "a whole number")
+                self.fault(name.place, f"got {given} for '{name}'", "a whole number")
             elif name.text in members:
-                self.fault(name.place, f"{name.text!r} is declared already", "another name")
+                self.fault(name.place, f"'{name}' is declared already", "another name")
             else:
-                number = number if given is None else given
-                members[name.text] = number
+                members[name.text] = number = number if given is None else given
                 number += 1
         self.declared.enums[text.name.text] = members
 
     def ensure(self, name: str) -> None:
-        text = self._pending.pop(name, None)
-        if text is None:
+        if (text := self._pending.pop(name, None)) is None:
             return
         kinds = self.declared.structs if text.kind == "struct" else self.declared.actors
         if text.base is not None:
             self.ensure(str(text.base))
-        base = None if text.base is None else self._base(text.base, kinds, text.kind)
         if self._one_word(text):
-            kinds[name] = self._compound(text, base)
+            kinds[name] = self._compound(text, kinds)
 
     def _one_word(self, text: syntax.Compound) -> bool:
         if len(text.name.words) > 1:
@@ -149,47 +141,28 @@ class _Declarer(MemberChecker):
             return False
         return self.allowed(text.name.words[0])
 
-    def _base(self, name: syntax.Path, known: Mapping[str, Compound], kind: str) -> Compound | None:
-        base = known.get(str(name))
-        if base is None:
-            self.fault(name.place, f"unknown {kind} {str(name)!r}", did_you_mean(str(name), known))
-        return base
-
-    def _later(self, text: syntax.Compound) -> None:
-        name = str(text.name)
-        match text.kind:
-            case "modifier":
-                known = self.declared.modifiers
-                if self._is_new("modifier", text.name, known) and self._one_word(text):
-                    base = None if text.base is None else self._base(text.base, known, "modifier")
-                    self.declared.modifiers[name] = self._compound(text, base)
-            case "action":
-                self._action(text)
-            case "scenario":
-                if self._is_new("scenario", text.name, self.declared.scenarios) and self._one_word(text):
-                    self.declared.scenarios[name] = text
-
     def _action(self, text: syntax.Compound) -> None:
+        name, (actor, *below) = str(text.name), text.name.words
         if not self._is_new("action", text.name, ()):
             return
-        actor = text.name.words[0]
-        if len(text.name.words) > 2:
-            self.fault(text.name.place, f"got action {text.name}", "an actor and a name at most")
-            return
-        if len(text.name.words) == 2 and actor.text not in self.declared.actors:
-            right = did_you_mean(actor.text, self.declared.actors)
-            self.fault(actor.place, f"unknown actor {actor.text!r}", right)
-            return
-        actions = {name: known[0] for name, known in self.declared.actions.items()}
-        base = None if text.base is None else self._base(text.base, actions, "action")
-        name = str(text.name)
-        self.declared.actions[name] = (*self.declared.actions.get(name, ()), self._compound(text, base))
+        if len(below) > 1:
+            self.fault(text.name.place, f"got action {name}", "an actor and a name at most")
+        elif below and actor.text not in self.declared.actors:
+            self.fault(actor.place, f"unknown actor '{actor}'", did_you_mean(actor.text, self.declared.actors))
+        else:
+            actions = {name: known[0] for name, known in self.declared.actions.items()}
+            self.declared.actions[name] = (*self.declared.actions.get(name, ()), self._compound(text, actions))
 
-    def _compound(self, text: syntax.Compound, base: Compound | None) -> Compound:
+    def _compound(self, text: syntax.Compound, known: Mapping[str, Compound]) -> Compound:
+        """Return a compound with what it inherits from one of the known."""
         assert text.kind != "scenario"
+        base = known.get(str(text.base))
+        if text.base is not None and base is None:
+            self.fault(text.base.place, f"unknown {text.kind} '{text.base}'", did_you_mean(str(text.base), known))
         members: dict[str, Field] = dict(base.members) if base else {}
         functions: dict[str, Function] = dict(base.functions) if base else {}
         own: set[str] = set()
+        which = f"an {text.kind}" if text.kind.startswith("a") else f"a {text.kind}"
         for part in text.members:
             names = Visible(self._globals | {name: member.type for name, member in members.items()})
             match part:
@@ -202,33 +175,21 @@ class _Declarer(MemberChecker):
                         own.add(member.name)
                 case syntax.Keep():
                     members = self.keep(part, members, names)
-                case syntax.Method():
-                    functions[part.name.text] = self._method(text, part)
+                case syntax.Method(name, fields, returned):
+                    parameters = {member.name: member for field in fields for member in self.fields(field, NO_NAMES)}
+                    returns = None if returned is None else self.attempt(self.type_of, returned)
+                    functions[name.text] = Function(f"{text.name}.{name}", parameters, returns, self.of_library)
                 case syntax.Event():
                     pass  # an actor's own events are declared, and nothing here can emit them
                 case syntax.Refused():
                     self.attempt(self.refuse, part)
                 case syntax.Do():
-                    self.fault(part.place, f"got 'do' in {_a(text.kind)}", "'do' in a scenario")
+                    self.fault(part.place, f"got 'do' in {which}", "'do' in a scenario")
                 case syntax.Act():
-                    what = f"got a modifier of {_a(text.kind)}"
-                    self.fault(part.call.place, what, "a modifier in a scenario or a composition")
+                    right = "a modifier in a scenario or a composition"
+                    self.fault(part.call.place, f"got a modifier of {which}", right)
         bases = (base.name, *base.bases) if base else ()
         return Compound(text.kind, str(text.name), bases, members, functions, self._origin, text.name.place)
-
-    def _method(self, owner: syntax.Compound, text: syntax.Method) -> Function:
-        parameters = {member.name: member for field in text.parameters for member in self.fields(field, NO_NAMES)}
-        returns = None if text.returns is None else self.attempt(self.type_of, text.returns)
-        return Function(f"{owner.name}.{text.name.text}", parameters, returns, self.of_library)
-
-    def _global(self, text: syntax.Field) -> None:
-        if all(self._is_new("global", name, self.declared.globals) for name in text.names):
-            for member in self.fields(text, Visible(self._globals)):
-                self.declared.globals[member.name] = member
-
-
-def _a(kind: str) -> str:
-    return f"an {kind}" if kind.startswith("a") else f"a {kind}"
 
 
 PREFIX: Final = "osc."
@@ -238,8 +199,7 @@ _READING: Final = RLock()
 
 def library_names() -> tuple[str, ...]:
     """Return the names of all libraries, as they are imported."""
-    folder = files("vastflow.sim.scenario.language") / "library"
-    names = (file.name for file in folder.iterdir())
+    names = (file.name for file in (files("vastflow.sim.scenario.language") / "library").iterdir())
     return tuple(sorted(f"{PREFIX}{name.removesuffix('.osc')}" for name in names if name.endswith(".osc")))
 
 
@@ -274,8 +234,8 @@ def declaring(action: str) -> tuple[str, ...]:
 
 def home_of(type_name: str) -> str | None:
     """Return the library that declares a type itself."""
-    having = [name for name in library_names() if type_name in library(name).type_names()]
-    return min(having, key=lambda name: len(library(name).type_names()) + len(library(name).actions), default=None)
+    having = [name for name in library_names() if type_name in library(name).type_names]
+    return min(having, key=lambda name: len(library(name).type_names) + len(library(name).actions), default=None)
 
 
 def right_type(name: str, known: Collection[str]) -> str:
@@ -283,7 +243,7 @@ def right_type(name: str, known: Collection[str]) -> str:
     if home := home_of(name):
         return f"'import {home}', which declares it"
     if nearest(name, known) is None:
-        elsewhere = {type_name for library_name in library_names() for type_name in library(library_name).type_names()}
+        elsewhere = {type_name for library_name in library_names() for type_name in library(library_name).type_names}
         if near := nearest(name, elsewhere):
             return f"did you mean {near!r} of {home_of(near)}?"
     return did_you_mean(name, known)

@@ -3,6 +3,7 @@
 import hashlib
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -53,21 +54,17 @@ class Indentation(PostLex):
         end = Token("_NL", "", 0, 1, 1, 1, 1, 0)
         for token in stream:
             if token.type == "_NL":
-                width = _indent_width(token)
-                if brackets <= 0 and width is not None:
+                text = COMMENT.sub(lambda found: " " * len(found[0]) if found[0][0] == "/" else "", token.value)
+                _, line, blanks = text.rpartition("\n")
+                if line and brackets <= 0:
                     if begun:
                         yield Token.new_borrow_pos("_NL", "", token)
-                    yield from _steps(token, width, levels)
+                    yield from _steps(token, len(blanks.expandtabs(TAB)), levels)
                 continue
-            if (
-                begun
-                and end.end_pos == token.start_pos
-                and end.type != "NUMBER"
-                and WORDS.fullmatch(end[-1] + token[0])
-            ):
-                raise Unreadable(
-                    f"got {end + token!r}", f"a blank behind {str(end)!r}", (end.line or 1, end.column or 1)
-                )
+            touches = begun and end.end_pos == token.start_pos and end.type != "NUMBER"
+            if touches and WORDS.fullmatch(end[-1] + token[0]):
+                place = end.line or 1, end.column or 1
+                raise Unreadable(f"got {end + token!r}", f"a blank behind {str(end)!r}", place)
             brackets += (token.type in OPENING) - (token.type in CLOSING)
             if brackets > DEEPEST:
                 raise Unreadable("brackets are nested too deep", "fewer", (token.line or 1, token.column or 1))
@@ -77,18 +74,11 @@ class Indentation(PostLex):
             yield Token.new_borrow_pos("_DEDENT", "", end)
 
 
-def _indent_width(token: Token) -> int | None:
-    """Return the indentation of the line that `token` begins, or None if it begins none."""
-    text = COMMENT.sub(lambda comment: " " * len(comment[0]) if comment[0][0] == "/" else "", token.value)
-    if "\n" not in text:
-        return None
-    return len(text[text.rfind("\n") + 1 :].expandtabs(TAB))
-
-
 def _steps(token: Token, width: int, levels: list[int]) -> Iterator[Token]:
+    place = token.end_line or 1, width + 1
     if width > levels[-1]:
         if len(levels) > DEEPEST:
-            raise Unreadable("blocks are nested too deep", "fewer", (token.end_line or 1, width + 1))
+            raise Unreadable("blocks are nested too deep", "fewer", place)
         levels.append(width)
         yield Token.new_borrow_pos("_INDENT", "", token)
     while width < levels[-1]:
@@ -96,7 +86,7 @@ def _steps(token: Token, width: int, levels: list[int]) -> Iterator[Token]:
         yield Token.new_borrow_pos("_DEDENT", "", token)
     if width != levels[-1]:
         what = f"got a line indented by {width} blanks that belongs to no block"
-        raise Unreadable(what, f"{levels[-1]} blanks, as the lines above it", (token.end_line or 1, width + 1))
+        raise Unreadable(what, f"{levels[-1]} blanks, as the lines above it", place)
 
 
 SPELLED: Final[Mapping[str, str]] = {
@@ -147,7 +137,13 @@ def parsed(text: str, file: str) -> syntax.File:
     readable: str | None = text + "\n"
     while readable is not None and len(faults) < MOST_FAULTS and len(faults) * len(text) <= MOST_PARSED:
         try:
-            read = _read(readable, file)
+            with _PARSING:
+                parser, builder = _parser()
+                builder.file = file
+                read: syntax.File = parser.parse(readable)  # type: ignore[assignment]  # made by the builder
+            if not faults:
+                return read
+            break
         except Unreadable as error:
             faults.append(Fault(Place(file, *error.place), error.what, error.right))
             break
@@ -156,58 +152,31 @@ def parsed(text: str, file: str) -> syntax.File:
             at, what, right = _told(wrong, readable)
             place = Place(file, *line_and_column(readable, at))
             faults.append(Fault(place, what, right))
-            readable = None if _is_about_blocks(wrong) else _without(readable, place.line)
-        else:
-            if faults:
-                break
-            return read
+            # The indentation may be wrong, or a line further up: nothing more can be told.
+            is_about_blocks = wrong.terminal in ("_INDENT", "_DEDENT", "$END") or wrong.expected == {"_INDENT"}
+            readable = None if is_about_blocks else _without(readable, place.line)
     raise FileError(faults)
-
-
-def _read(text: str, file: str) -> syntax.File:
-    with _PARSING:
-        parser, builder = _parser()
-        builder.file = file
-        read: syntax.File = parser.parse(text)  # type: ignore[assignment]  # made by the builder
-        return read
 
 
 @cache
 def _parser() -> tuple[Lark, Builder]:
     grammar = (files("vastflow.sim.scenario.language") / "grammar.lark").read_text("utf-8")
-    builder = Builder()
-    parser = Lark(
-        grammar,
-        start="file_",
-        parser="lalr",
-        postlex=Indentation(),
-        transformer=builder,
-        maybe_placeholders=True,
-        cache=_tables(grammar),
-    )
-    return parser, builder
-
-
-def _tables(grammar: str) -> str | bool:
-    """Return the cache file of the grammar's parse tables, or False if there is no cache folder."""
-    folder = Path(platformdirs.user_cache_dir("vastflow")) / "grammars"
-    try:
+    tables: str | bool = False
+    with suppress(OSError):
+        folder = Path(platformdirs.user_cache_dir("vastflow")) / "grammars"
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return False
-    return str(folder / f"{hashlib.sha256(f'{lark_version} {grammar}'.encode()).hexdigest()[:16]}.lark")
-
-
-def _is_about_blocks(wrong: Misfit) -> bool:
-    """Whether what is wrong may be the indentation, or a line further up."""
-    return wrong.terminal in ("_INDENT", "_DEDENT", "$END") or wrong.expected == {"_INDENT"}
+        tables = str(folder / f"{hashlib.sha256(f'{lark_version} {grammar}'.encode()).hexdigest()[:16]}.lark")
+    builder = Builder()
+    options = {"start": "file_", "parser": "lalr", "maybe_placeholders": True, "cache": tables}
+    return Lark(grammar, postlex=Indentation(), transformer=builder, **options), builder
 
 
 def _without(text: str, number: int) -> str | None:
     """Return `text` without a line and the block below it, or None inside of brackets."""
     lines = text.split("\n")
     before, line, after = lines[: number - 1], lines[number - 1], lines[number:]
-    if STAND_IN in line or any(_open_brackets(part) for part in ("\n".join(before), line)):
+    codes = [QUIET.sub("", part) for part in ("\n".join(before), line)]
+    if STAND_IN in line or any(sum(map(c.count, "([")) != sum(map(c.count, ")]")) for c in codes):
         return None
     blanks = line[: len(line) - len(line.lstrip())]
     width = _width(line)
@@ -218,11 +187,6 @@ def _without(text: str, number: int) -> str | None:
 def _width(line: str) -> int:
     columns = line.expandtabs(TAB)
     return len(columns) - len(columns.lstrip())
-
-
-def _open_brackets(text: str) -> int:
-    code = QUIET.sub("", text)
-    return sum(map(code.count, "([")) - sum(map(code.count, ")]"))
 
 
 def _told(wrong: Misfit, text: str) -> tuple[int, str, str]:

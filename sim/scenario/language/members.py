@@ -34,7 +34,7 @@ class MemberChecker(ExpressionChecker):
         type_ = self.declared.type_named(name, text.is_list)
         if type_ is None:
             self.fail(
-                text.name.place, f"unknown type {name!r}", self.declared.right_type(name, self.declared.type_names())
+                text.name.place, f"unknown type {name!r}", self.declared.right_type(name, self.declared.type_names)
             )
         return type_
 

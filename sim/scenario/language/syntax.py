@@ -12,6 +12,9 @@ class Word(NamedTuple):
     text: str
     place: Place
 
+    def __str__(self) -> str:
+        return self.text
+
 
 class Physical(NamedTuple):
     """A number with a unit."""
@@ -36,7 +39,7 @@ class Path(NamedTuple):
     place: Place
 
     def __str__(self) -> str:
-        return ".".join(word.text for word in self.words)
+        return ".".join(map(str, self.words))
 
 
 class Argument(NamedTuple):
