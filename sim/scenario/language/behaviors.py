@@ -14,6 +14,7 @@ from vastflow.sim.scenario.definition import (
     Elapsed,
     Emit,
     Expression,
+    Field,
     Happened,
     Holds,
     Modified,
@@ -24,43 +25,26 @@ from vastflow.sim.scenario.definition import (
 from vastflow.sim.scenario.language import syntax
 from vastflow.sim.scenario.language.declarations import BOOL, Compound, Declarations
 from vastflow.sim.scenario.language.declaring import declaring, library_names
-from vastflow.sim.scenario.language.expressions import NO_NAMES, Faulty
+from vastflow.sim.scenario.language.expressions import Faulty
 from vastflow.sim.scenario.language.members import MemberChecker
 
 ENDING: Final = ("end", "fail", "start")
 """Events that every scenario has; nothing follows from the last."""
 
-MODIFIERS: Final = frozenset(
-    {
-        "failure_is_running",
-        "failure_is_success",
-        "inverter",
-        "repeat",
-        "retry",
-        "running_is_failure",
-        "running_is_success",
-        "success_is_failure",
-        "success_is_running",
-        "timeout",
-    }
+MODIFIERS: Final = (
+    *("repeat", "retry", "timeout", "inverter", "failure_is_running", "failure_is_success"),
+    *("running_is_failure", "running_is_success", "success_is_failure", "success_is_running"),
 )
 """Those that are executed; others can be declared and not used."""
-
 
 Modifiable = TypeVar("Modifiable", syntax.Composition, syntax.Act, syntax.Wait, syntax.Emit)
 
 
 class BehaviorChecker(MemberChecker):
-    """Checks behaviors of one scenario.
-
-    Attributes:
-        names: Parameters, variables and actors of the scenario.
-        events: Declared in it.
-    """
+    """Checks behaviors of one scenario, which declares `events`."""
 
     def __init__(self, declared: Declarations, faults: list[Fault]) -> None:
         super().__init__(declared, faults)
-        self.names = NO_NAMES
         self.events: list[str] = []
 
     def behavior(self, text: syntax.Behavior) -> Behavior:
@@ -100,7 +84,7 @@ class BehaviorChecker(MemberChecker):
         def composed(text: syntax.Composition) -> Behavior:
             if not members:
                 self.fail(text.place, f"got an empty {text.kind}", "one action or more in it")
-            return Composition(text.kind, tuple(self.each(self.behavior, members)), _label(text.label), text.place)
+            return Composition(text.kind, tuple(self.each(self.behavior, members)), _label(text), text.place)
 
         self._refuse_keep(text.modifiers)
         return self._modified(composed, text, modifiers)
@@ -148,55 +132,44 @@ class BehaviorChecker(MemberChecker):
         self, call: syntax.Call, declared: Compound, whose: str, keeps: Sequence[syntax.Keep] = ()
     ) -> Mapping[str, Expression]:
         """Return all arguments of a call; what `keep` says takes the place of what stands in the brackets."""
-        given = self.arguments(call.arguments, declared.members, self.names, whose)
+        given = self.arguments(call, declared.members, whose)
         members = {
             name: replace(member, default=given.get(name, member.default)) for name, member in declared.members.items()
         }
         for keep in keeps:
-            members = self.keep(keep, members, self.names)
-        changed = {
-            name: member.default
-            for name, member in members.items()
-            if member.default is not None and member.default is not declared.members[name].default
-        }
-        return self.complete(changed, declared.members, call.place, whose)
+            members = self.keep(keep, members)
+        return self.complete(changed(members, declared.members), declared.members, call.place, whose)
 
     def _act(self, text: syntax.Act) -> Behavior:
         words = text.call.path.words
         action = self._action(words[0]) if len(words) == 1 else self._action_of(words)
         keeps = [item for item in text.modifiers if isinstance(item, syntax.Keep)]
         arguments = self._arguments(text.call, action, str(text.call.path), keeps)
-        actor = words[0].text if len(words) == 2 else ""
-        return Call(self._done_by(action), actor, arguments, _label(text.label), text.call.place)
-
-    def _done_by(self, action: Compound) -> str:
-        """Return the library action that an action inherits from, or its own name if there is none."""
+        # The library action that an action inherits from is what is done, or else the action itself.
         chain = (action, *(self.declared.actions[base][0] for base in action.bases))
-        return next((each.name for each in chain if each.origin in library_names()), action.name)
+        name = next((each.name for each in chain if each.origin in library_names()), action.name)
+        return Call(name, words[0].text if len(words) == 2 else "", arguments, _label(text), text.call.place)
 
     def _action(self, name: syntax.Word) -> Compound:
         known = self.declared.actions.get(name.text, ())
         if not known:
-            self.fail(name.place, f"unknown action {name.text!r}", self._right_action(name.text))
+            self.fail(name.place, f"unknown action '{name}'", self._right_action(name.text))
         if len(known) > 1:
             origins = " and ".join(action.origin for action in known)
             right = "one import of them, or an action of another name"
-            self.fail(name.place, f"{name.text!r} is declared by {origins}", right)
+            self.fail(name.place, f"'{name}' is declared by {origins}", right)
         return known[0]
 
     def _right_action(self, name: str) -> str:
         if owners := [action for action in self.declared.actions if action.endswith(f".{name}")]:
-            actor = owners[0].partition(".")[0]
-            instances = [key for key, type_ in self.names.types.items() if self._is_instance(type_, actor)]
-            return f"it is an action of {actor}: {instances[0] if instances else 'instance'}.{name}(…)"
+            actor = Type(owners[0].partition(".")[0], "actor")
+            instances = (key for key, type_ in self.names.types.items() if self.declared.is_a(type_, actor))
+            return f"it is an action of {actor}: {next(instances, 'instance')}.{name}(…)"
         if libraries := declaring(name):
             return f"'import {libraries[0]}', which declares it"
         if name in self.declared.scenarios:
             return "an action; a scenario can be inherited from and not be called"
         return did_you_mean(name, [action for action in self.declared.actions if "." not in action], "an import")
-
-    def _is_instance(self, type_: Type, actor: str) -> bool:
-        return self.declared.is_a(type_, Type(actor, "actor"))
 
     def _action_of(self, words: Sequence[syntax.Word]) -> Compound:
         instance, name = words[0], words[-1]
@@ -206,39 +179,39 @@ class BehaviorChecker(MemberChecker):
         if len(words) > 2 or type_ is None or type_.kind != "actor":
             actors = [key for key, of in self.names.types.items() if of.kind == "actor"]
             hint = did_you_mean(instance.text, actors, "an instance, declared as 'name: actor' in the scenario")
-            self.fail(instance.place, f"unknown actor instance {instance.text!r}", hint)
+            self.fail(instance.place, f"unknown actor instance '{instance}'", hint)
         chain = (type_.name, *self.declared.actors[type_.name].bases)
         for actor in chain:
-            if known := self.declared.actions.get(f"{actor}.{name.text}"):
+            if known := self.declared.actions.get(f"{actor}.{name}"):
                 return known[0]
         own = [action.partition(".")[2] for action in self.declared.actions if action.partition(".")[0] in chain]
-        libraries = [library for actor in chain for library in declaring(f"{actor}.{name.text}")]
+        libraries = [library for actor in chain for library in declaring(f"{actor}.{name}")]
         hint = f"'import {libraries[0]}', which declares it" if libraries else did_you_mean(name.text, own)
-        self.fail(name.place, f"{type_.name} has no action {name.text!r}", hint)
+        self.fail(name.place, f"{type_.name} has no action '{name}'", hint)
 
     def _emit(self, text: syntax.Emit) -> Behavior:
         self._check_event(text.event, (*self.events, *ENDING))
-        return Emit(text.event.text, _label(text.label), text.place)
+        return Emit(text.event.text, _label(text), text.place)
 
     def _check_event(self, name: syntax.Word, known: Sequence[str]) -> None:
         if name.text not in known:
-            right = did_you_mean(name.text, known, f"'event {name.text}' in the scenario")
-            self.fail(name.place, f"unknown event {name.text!r}", right)
+            right = did_you_mean(name.text, known, f"'event {name}' in the scenario")
+            self.fail(name.place, f"unknown event '{name}'", right)
 
     def _wait(self, text: syntax.Wait) -> Behavior:
-        return Wait(self._awaited(text.awaited), _label(text.label), text.place)
+        return Wait(self._awaited(text.awaited), _label(text), text.place)
 
     def _awaited(self, text: syntax.Awaited) -> Awaited:
-        condition = text.condition
-        if isinstance(condition, syntax.Call) and text.event is None and str(condition.path) == "elapsed":
+        event, condition = text.event, text.condition
+        if event is None and isinstance(condition, syntax.Call) and str(condition.path) == "elapsed":
             return self._elapsed(condition)
-        if text.event is not None:
-            if len(text.event.words) > 1:
-                self.fail(text.event.place, f"got event {text.event}", "an event of the scenario")
-            self._check_event(text.event.words[0], self.events)
-        held = None if condition is None else self.assigned(condition, BOOL, self.names, "a condition")
-        if text.event is not None:
-            return Happened(str(text.event), held, text.place)
+        if event is not None:
+            if len(event.words) > 1:
+                self.fail(event.place, f"got event {event}", "an event of the scenario")
+            self._check_event(event.words[0], self.events)
+        held = None if condition is None else self.assigned(condition, BOOL, "a condition")
+        if event is not None:
+            return Happened(str(event), held, text.place)
         assert held is not None
         return Holds(held, text.place)
 
@@ -247,8 +220,14 @@ class BehaviorChecker(MemberChecker):
             self.fail(call.place, "got elapsed without one duration", "elapsed(3s)")
         text = call.arguments[0].value
         take = self.given if isinstance(text, syntax.Call) else self.assigned
-        return Elapsed(take(text, Type("time", "physical"), self.names, "a duration"), call.place)
+        return Elapsed(take(text, Type("time", "physical"), "a duration"), call.place)
 
 
-def _label(label: syntax.Word | None) -> str:
-    return label.text if label else ""
+def changed(members: Mapping[str, Field], declared: Mapping[str, Field]) -> dict[str, Expression]:
+    """Return the defaults of members that are not the declared ones."""
+    defaults = ((name, member.default) for name, member in members.items())
+    return {name: value for name, value in defaults if value is not None and value is not declared[name].default}
+
+
+def _label(text: syntax.Composition | syntax.Act | syntax.Wait | syntax.Emit) -> str:
+    return text.label.text if text.label else ""

@@ -18,7 +18,7 @@ from vastflow.sim.scenario.definition import (
 )
 from vastflow.sim.scenario.evaluation import names_in
 from vastflow.sim.scenario.language import syntax
-from vastflow.sim.scenario.language.behaviors import ENDING, BehaviorChecker
+from vastflow.sim.scenario.language.behaviors import ENDING, BehaviorChecker, changed
 from vastflow.sim.scenario.language.declarations import Declarations
 from vastflow.sim.scenario.language.expressions import Visible
 
@@ -47,10 +47,11 @@ class _Scenario(BehaviorChecker):
     def definition(self, text: syntax.Compound) -> ScenarioDefinition | None:
         chain = self._chain(text)
         members = [member for part in chain for member in part.members]
-        self._types = {name: type_ for member in members for name, type_ in self.types(member)}
+        self._types = {name: type_ for member in members for name, type_ in self.types(member).items()}
         for part in chain:
             self._own.clear()
             for member in part.members:
+                self.names = self._visible()
                 self._declare(member)
         self._refuse_circles()
         self.names = self._visible()
@@ -67,8 +68,26 @@ class _Scenario(BehaviorChecker):
         actors = [self._actor(name, field) for name, field in self._instances.items()]
         if root is None or None in actors:
             return None
-        bases = tuple(str(part.name) for part in chain[:-1])
-        return self._made(text, root, tuple(actor for actor in actors if actor is not None), bases)
+        parameters, variables = [], []
+        for field in self._fields.values():
+            if self._is_variable(field.name, field):
+                initial = field.default or self.declared.default_of(field.type, field.place)
+                variables.append(replace(field, default=initial))
+            elif field.type.kind != "actor":
+                parameters.append(field)
+        return ScenarioDefinition(
+            name=str(text.name),
+            parameters=tuple(parameters),
+            variables=tuple(variables),
+            actors=tuple(actor for actor in actors if actor is not None),
+            events=tuple(self.events),
+            root=root,
+            place=text.name.place,
+            structs={name: struct.members for name, struct in self.declared.structs.items()},
+            units=self.declared.units,
+            enums=self.declared.enums,
+            bases=tuple(str(part.name) for part in chain[:-1]),
+        )
 
     def _misplaced(self, text: syntax.Act) -> None:
         path = str(text.call.path)
@@ -96,17 +115,20 @@ class _Scenario(BehaviorChecker):
         match member:
             case syntax.Field():
                 self._field(member)
-            case syntax.Event():
-                self._event(member.name)
+            case syntax.Event(name):
+                if name.text in self._fields or name.text in self.events or name.text in ENDING:
+                    self.fault(name.place, f"'{name}' is declared already", "another name")
+                elif self.allowed(name):
+                    self.events.append(name.text)
             case syntax.Keep():
-                self._fields = self.keep(member, self._fields, self._visible())
+                self._fields = self.keep(member, self._fields)
             case syntax.Method():
                 pass  # may be declared; a call of it is refused
             case syntax.Refused():
                 self.attempt(self.refuse, member)
 
     def _field(self, text: syntax.Field) -> None:
-        members = self.fields(text, self._visible())
+        members = self.fields(text)
         self._faulty |= {name.text for name in text.names} - {member.name for member in members}
         for member in members:
             if member.name in self._own or member.name in self.events:
@@ -123,12 +145,6 @@ class _Scenario(BehaviorChecker):
                 self._instances[member.name] = text
             self._fields[member.name] = member
 
-    def _event(self, name: syntax.Word) -> None:
-        if name.text in self._fields or name.text in self.events or name.text in ENDING:
-            self.fault(name.place, f"{name.text!r} is declared already", "another name")
-        elif self.allowed(name):
-            self.events.append(name.text)
-
     def _visible(self) -> Visible:
         changing = [name for name, member in self._fields.items() if self._is_variable(name, member)]
         types = self._types | {name: member.type for name, member in self._fields.items()}
@@ -141,13 +157,11 @@ class _Scenario(BehaviorChecker):
 
     def _refuse_circles(self) -> None:
         """Report values that need themselves."""
-        needed = {
-            name: set(names_in(member.default)) if member.default is not None else set()
-            for name, member in self._fields.items()
-        }
+        defaults = {name: member.default for name, member in self._fields.items()}
+        needed = {name: set(names_in(value)) if value else set() for name, value in defaults.items()}
         told: set[str] = set()
         for name, member in self._fields.items():
-            reached, ahead = set[str](), set(needed[name])
+            reached, ahead = set[str](), needed[name]
             while ahead - reached:
                 reached |= ahead
                 ahead = {further for each in ahead for further in needed.get(each, ())}
@@ -168,50 +182,19 @@ class _Scenario(BehaviorChecker):
         return None
 
     def _actor(self, name: str, text: syntax.Field) -> Actor | None:
-        type_ = self._fields[name].type
+        type_, place = self._fields[name].type, self._fields[name].place
         declared = self.declared.actors[type_.name]
         members: Mapping[str, Field] = declared.members
         if text.default is not None:
-            self.fault(self._fields[name].place, "got a value for an actor", "'keep' below it")
+            self.fault(place, "got a value for an actor", "'keep' below it")
         for item in text.keeps:
-            members = self.keep(item, members, self.names)
-        place = self._fields[name].place
-        kept = {
-            each.name: each.default
-            for each in members.values()
-            if each.default is not None and each is not declared.members[each.name]
-        }
-        values, missing = self.declared.filled(kept, declared.members, place)
-        for member in missing:
-            if not member.is_variable:
-                right = f"'with:' and below it 'keep(it.{member.name} == …)'"
-                self.fault(place, f"{name!r} has no value for {member.name!r}", right)
-                return None
+            members = self.keep(item, members)
+        values, missing = self.declared.filled(changed(members, declared.members), declared.members, place)
+        if without := next((member.name for member in missing if not member.is_variable), ""):
+            right = f"'with:' and below it 'keep(it.{without} == …)'"
+            self.fault(place, f"{name!r} has no value for {without!r}", right)
+            return None
         return Actor(name, (type_.name, *declared.bases), values, self.declared.variables_of(type_), place)
-
-    def _made(
-        self, text: syntax.Compound, root: Behavior, actors: tuple[Actor, ...], bases: tuple[str, ...]
-    ) -> ScenarioDefinition:
-        parameters, variables = [], []
-        for member in self._fields.values():
-            if self._is_variable(member.name, member):
-                initial = member.default or self.declared.default_of(member.type, member.place)
-                variables.append(replace(member, default=initial))
-            elif member.type.kind != "actor":
-                parameters.append(member)
-        return ScenarioDefinition(
-            name=str(text.name),
-            parameters=tuple(parameters),
-            variables=tuple(variables),
-            actors=actors,
-            events=tuple(self.events),
-            root=root,
-            place=text.name.place,
-            structs={name: struct.members for name, struct in self.declared.structs.items()},
-            units=self.declared.units,
-            enums=self.declared.enums,
-            bases=bases,
-        )
 
 
 def _too_deep(root: Behavior) -> Place | None:

@@ -8,7 +8,7 @@ from typing import Final
 
 from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.names import did_you_mean, nearest
-from vastflow.sim.scenario.definition import Field, Type
+from vastflow.sim.scenario.definition import Field
 from vastflow.sim.scenario.language import syntax
 from vastflow.sim.scenario.language.declarations import Compound, Declarations, Function
 from vastflow.sim.scenario.language.expressions import NO_NAMES, Visible
@@ -48,7 +48,7 @@ class _Declarer(MemberChecker):
         self._origin = origin
         self._pending: dict[str, syntax.Compound] = {}
         self._places: dict[tuple[str, str], Place] = {}
-        self._globals: dict[str, Type] = {name: member.type for name, member in known.globals.items()}
+        self._globals = {name: member.type for name, member in known.globals.items()}
 
     def declarations(self, text: syntax.File) -> Declarations:
         known = self.declared
@@ -74,9 +74,10 @@ class _Declarer(MemberChecker):
             self._globals |= self.types(field)
         for name in list(self._pending):
             self.ensure(name)
+        self.names = Visible(self._globals)
         for field in fields:
             if all(self._is_new("global", name, known.globals) for name in field.names):
-                known.globals.update({each.name: each for each in self.fields(field, Visible(self._globals))})
+                known.globals.update({each.name: each for each in self.fields(field)})
         for part in text.declarations:
             match part:
                 case syntax.Compound(kind="modifier"):
@@ -131,8 +132,10 @@ class _Declarer(MemberChecker):
         kinds = self.declared.structs if text.kind == "struct" else self.declared.actors
         if text.base is not None:
             self.ensure(str(text.base))
+        names = self.names
         if self._one_word(text):
             kinds[name] = self._compound(text, kinds)
+        self.names = names
 
     def _one_word(self, text: syntax.Compound) -> bool:
         if len(text.name.words) > 1:
@@ -164,19 +167,20 @@ class _Declarer(MemberChecker):
         own: set[str] = set()
         which = f"an {text.kind}" if text.kind.startswith("a") else f"a {text.kind}"
         for part in text.members:
-            names = Visible(self._globals | {name: member.type for name, member in members.items()})
+            self.names = Visible(self._globals | {name: member.type for name, member in members.items()})
             match part:
                 case syntax.Field():
-                    for member in self.fields(part, names):
+                    for member in self.fields(part):
                         if member.name in own:
                             self.fault(member.place, f"{member.name!r} is declared already", "another name")
                         inherited = members.get(member.name)
                         members[member.name] = self.overriding(member, inherited) if inherited else member
                         own.add(member.name)
                 case syntax.Keep():
-                    members = self.keep(part, members, names)
+                    members = self.keep(part, members)
                 case syntax.Method(name, fields, returned):
-                    parameters = {member.name: member for field in fields for member in self.fields(field, NO_NAMES)}
+                    self.names = NO_NAMES
+                    parameters = {member.name: member for field in fields for member in self.fields(field)}
                     returns = None if returned is None else self.attempt(self.type_of, returned)
                     functions[name.text] = Function(f"{text.name}.{name}", parameters, returns, self.of_library)
                 case syntax.Event():

@@ -73,12 +73,14 @@ class ExpressionChecker:
 
     Attributes:
         of_library: Whether what only libraries may use is known.
+        names: Those that an expression may use where it stands.
     """
 
     def __init__(self, declared: Declarations, faults: list[Fault], *, of_library: bool = False) -> None:
         self.declared: Final = declared
         self.faults: Final = faults
         self.of_library: Final = of_library
+        self.names = NO_NAMES
 
     def fault(self, place: Place, problem: str, expected: str) -> None:
         """Report a fault."""
@@ -107,25 +109,25 @@ class ExpressionChecker:
         except Faulty:
             return None
 
-    def assigned(self, text: syntax.Expression, wanted: Type, names: Visible, whose: str) -> Expression:
+    def assigned(self, text: syntax.Expression, wanted: Type, whose: str) -> Expression:
         """Return the value for something of type `wanted`; `whose` is the words for it in a fault.
 
         A name of a number or a truth value can stand for a text, and is its text then.
         """
         if wanted == VARIABLE:
-            return self._variable(text, names, whose)
+            return self._variable(text, whose)
         if isinstance(text, syntax.ListOf) and wanted.is_list:
             self._refuse_empty(text)
             item = Type(wanted.name, wanted.kind)
-            items = self.each(lambda part: self.assigned(part, item, names, f"an item of {whose}"), text.items)
+            items = self.each(lambda part: self.assigned(part, item, f"an item of {whose}"), text.items)
             return ListOf(tuple(items), text.place)
-        return self._fitted(text, self.value(text, names), wanted, whose)
+        return self._fitted(text, self.value(text), wanted, whose)
 
-    def given(self, text: syntax.Expression, wanted: Type, names: Visible, whose: str) -> Expression:
+    def given(self, text: syntax.Expression, wanted: Type, whose: str) -> Expression:
         """Return the value as `assigned` does; plain numbers also stand for SI values and texts."""
         if wanted == VARIABLE or isinstance(text, syntax.ListOf):
-            return self.assigned(text, wanted, names, whose)
-        typed = self.value(text, names)
+            return self.assigned(text, wanted, whose)
+        typed = self.value(text)
         takes_numbers = wanted == FLOAT or (wanted.kind == "physical" and not wanted.is_list)
         if takes_numbers and is_number(typed[1]):
             return typed[0]
@@ -133,30 +135,27 @@ class ExpressionChecker:
             return Constant(text_of(text.value), text.place)
         return self._fitted(text, typed, wanted, whose)
 
-    def value(self, text: syntax.Expression, names: Visible) -> Typed:
+    def value(self, text: syntax.Expression) -> Typed:
         """Return an expression with its type."""
         match text:
-            case Constant():
-                self._check_finite(text.value, text.place)
-                return text, LITERALS[type(text.value)]
+            case Constant(value, place):
+                return self._finite(value, place), LITERALS[type(value)]
             case syntax.Physical():
                 return self._physical(text)
             case syntax.Enumerator():
                 return self._enum(text)
             case syntax.Path():
-                return self._name(text, names)
+                return self._name(text)
             case syntax.Call():
-                return self._call(text, names)
+                return self._call(text)
             case syntax.ListOf():
-                return self._list(text, names)
+                return self._list(text)
             case syntax.Operation():
-                return self._operation(text, names)
+                return self._operation(text)
             case syntax.Refused():
                 self.refuse(text)
 
-    def arguments(
-        self, texts: Iterable[syntax.Argument], parameters: Mapping[str, Field], names: Visible, whose: str
-    ) -> dict[str, Expression]:
+    def arguments(self, call: syntax.Call, parameters: Mapping[str, Field], whose: str) -> dict[str, Expression]:
         """Return the given arguments of a call by the names of its parameters, in their order.
 
         Args:
@@ -165,7 +164,7 @@ class ExpressionChecker:
         order = list(parameters)
         given: dict[str, Expression | None] = {}
         named = False
-        for position, argument in enumerate(texts):
+        for position, argument in enumerate(call.arguments):
             if argument.name is not None:
                 named, name, place = True, argument.name.text, argument.name.place
                 if name not in parameters:
@@ -181,8 +180,7 @@ class ExpressionChecker:
                 name, place = order[position], argument.value.place
             if name in given:
                 self.fault(place, f"{name!r} of {whose} is given twice", "one value")
-            wanted, words = parameters[name].type, f"{name!r} of {whose}"
-            given[name] = self.attempt(self.given, argument.value, wanted, names, words)
+            given[name] = self.attempt(self.given, argument.value, parameters[name].type, f"{name!r} of {whose}")
         if None in given.values():
             raise Faulty
         return {name: cast(Expression, given[name]) for name in order if name in given}
@@ -201,7 +199,8 @@ class ExpressionChecker:
         value, found = typed
         if self._fits(value, found, wanted):
             return value
-        if wanted == STRING and isinstance(value, Name) and _has_text(found):
+        has_text = not found.is_list and (found.kind == "physical" or found == BOOL or is_number(found))
+        if wanted == STRING and isinstance(value, Name) and has_text:
             return Operation("+", (Constant("", text.place), value), text.place)
         self.fail(text.place, f"got {_shown(text, found)} for {whose}, {_a(wanted)}", self._such_as(wanted, text))
 
@@ -210,36 +209,31 @@ class ExpressionChecker:
             self.fault(text.place, "got an empty list, which the language does not have", "one item or more")
 
     def _fits(self, value: Expression, found: Type, wanted: Type) -> bool:
-        if self.declared.is_a(found, wanted):
-            return True
-        if found.is_list or wanted.is_list:
-            return False
-        if wanted.name == "uint" and found.name == "int":
-            return isinstance(value, Constant) and cast(int, value.value) >= 0
-        return wanted.name == "int" and found.name == "uint"
+        if found.is_list or wanted.is_list or {found.name, wanted.name} != {"int", "uint"}:
+            return self.declared.is_a(found, wanted)
+        return found.name == "uint" or (isinstance(value, Constant) and cast(int, value.value) >= 0)
 
-    def _variable(self, text: syntax.Expression, names: Visible, whose: str) -> Expression:
+    def _variable(self, text: syntax.Expression, whose: str) -> Expression:
         name = str(text) if isinstance(text, syntax.Path) else ""
-        if name in names.variables:
+        if name in self.names.variables:
             return Constant(name, text.place)
-        if name in names.faulty:
+        if name in self.names.faulty:
             raise Faulty
-        right = did_you_mean(str(text), names.variables, "'var' with its name and type, declared in the scenario")
+        right = did_you_mean(str(text), self.names.variables, "'var' with its name and type, declared in the scenario")
         self.fail(text.place, f"got {name or 'a value'} for {whose}, the name of a variable", right)
 
-    def _check_finite(self, number: object, place: Place) -> None:
-        if isinstance(number, int | float) and not math.isfinite(number):
+    def _finite(self, value: float | str | EnumValue, place: Place) -> Constant:
+        if isinstance(value, int | float) and not math.isfinite(value):
             self.fail(place, "got a number that is too large", "at most 1.7e308")
+        return Constant(value, place)
 
     def _physical(self, text: syntax.Physical) -> Typed:
         unit = self.declared.units.get(text.unit.text)
         if unit is None:
             near = did_you_mean(text.unit.text, self.declared.units, "'import osc.types', which declares the units")
-            self.fail(text.unit.place, f"unknown unit {text.unit.text!r}", near)
+            self.fail(text.unit.place, f"unknown unit '{text.unit}'", near)
         of, factor, offset = unit
-        number = float(text.number) * factor + offset
-        self._check_finite(number, text.place)
-        return Constant(number, text.place), Type(of, "physical")
+        return self._finite(float(text.number) * factor + offset, text.place), Type(of, "physical")
 
     def _enum(self, text: syntax.Enumerator) -> Typed:
         name, member = text.type.text, text.member.text
@@ -250,79 +244,71 @@ class ExpressionChecker:
             self.fail(text.member.place, f"enum {name} has no member {member!r}", did_you_mean(member, members))
         return Constant(EnumValue(name, member, members[member]), text.place), Type(name, "enum")
 
-    def _name(self, text: syntax.Path, names: Visible) -> Typed:
+    def _name(self, text: syntax.Path) -> Typed:
         first, *rest = text.words
-        if first.text in names.faulty:
+        if first.text in self.names.faulty:
             raise Faulty
-        type_ = names.types.get(first.text)
+        type_ = self.names.types.get(first.text)
         value: Expression | None = Name((first.text,), first.place)
-        if type_ is None and rest:
-            type_ = self.declared.type_named(first.text)
-            value = None if type_ is None else self._defaults(type_, first.place)
+        if type_ is None and rest and (type_ := self.declared.type_named(first.text)):
+            # The defaults of a struct or an actor are the value of its name.
+            members, missing = self.declared.filled({}, self.declared.members_of(type_), first.place)
+            value = Struct(type_.name, members, first.place) if members and not missing else None
         if type_ is None or value is None:
-            right = did_you_mean(first.text, names.types, "a value; no name can be used here")
-            self.fail(first.place, f"unknown name {first.text!r}", right)
+            right = did_you_mean(first.text, self.names.types, "a value; no name can be used here")
+            self.fail(first.place, f"unknown name '{first}'", right)
         for word in rest:
-            members = self.declared.members_of(type_)
-            if word.text not in members:
-                right = did_you_mean(word.text, members, "the name alone")
-                self.fail(word.place, f"{_a(type_)} has no member {word.text!r}", right)
-            type_ = members[word.text].type
+            known = self.declared.members_of(type_)
+            if word.text not in known:
+                right = did_you_mean(word.text, known, "the name alone")
+                self.fail(word.place, f"{_a(type_)} has no member '{word}'", right)
+            type_ = known[word.text].type
         return below_of(value, [word.text for word in rest]), type_
 
-    def _defaults(self, type_: Type, place: Place) -> Expression | None:
-        """Return the default members of a struct or an actor as its value."""
-        members, missing = self.declared.filled({}, self.declared.members_of(type_), place)
-        return Struct(type_.name, members, place) if members and not missing else None
-
-    def _call(self, text: syntax.Call, names: Visible) -> Typed:
-        if len(text.path.words) == 1:
-            return self._construction(text, text.path.words[0], names)
-        function = self._function(text.path)
-        whose = f"{function.name}()"
-        given = self.arguments(text.arguments, function.parameters, names, whose)
-        values = self.complete(given, function.parameters, text.place, whose)
-        return External(function.name, tuple(values.values()), text.place), function.returns or ANY
-
-    def _construction(self, text: syntax.Call, name: syntax.Word, names: Visible) -> Typed:
-        struct = self.declared.structs.get(name.text)
+    def _call(self, text: syntax.Call) -> Typed:
+        if len(text.path.words) > 1:
+            function = self._function(text.path)
+            whose = f"{function.name}()"
+            given = self.arguments(text, function.parameters, whose)
+            values = self.complete(given, function.parameters, text.place, whose)
+            return External(function.name, tuple(values.values()), text.place), function.returns or ANY
+        name, place = str(text.path), text.path.place
+        struct = self.declared.structs.get(name)
         if struct is None:
-            if name.text in self.declared.actions:
-                self.fail(name.place, f"{name.text!r} is an action, which has no value", "a value here")
-            if name.text == "elapsed":
-                self.fail(name.place, "got elapsed inside of an expression", "'wait elapsed(…)' alone")
-            near = self.declared.right_type(name.text, self.declared.structs)
-            self.fail(name.place, f"unknown struct {name.text!r}", near)
-        whose = f"{name.text}(…)"
-        given = self.arguments(text.arguments, struct.members, names, whose)
-        values = self.complete(given, struct.members, text.place, whose)
-        return Struct(name.text, values, text.place), Type(name.text, "struct")
+            if name in self.declared.actions:
+                self.fail(place, f"{name!r} is an action, which has no value", "a value here")
+            if name == "elapsed":
+                self.fail(place, "got elapsed inside of an expression", "'wait elapsed(…)' alone")
+            self.fail(place, f"unknown struct {name!r}", self.declared.right_type(name, self.declared.structs))
+        whose = f"{name}(…)"
+        values = self.complete(self.arguments(text, struct.members, whose), struct.members, text.place, whose)
+        return Struct(name, values, text.place), Type(name, "struct")
 
     def _function(self, path: syntax.Path) -> Function:
         struct, name = path.words[0], path.words[-1]
         owner = self.declared.structs.get(struct.text)
         if owner is None or not owner.functions or len(path.words) != 2:
             libraries = [key for key, value in self.declared.structs.items() if value.functions]
-            self.fail(path.place, f"unknown function {str(path)!r}", did_you_mean(struct.text, libraries))
+            self.fail(path.place, f"unknown function '{path}'", did_you_mean(struct.text, libraries))
         function = owner.functions.get(name.text)
         if function is None:
             right = did_you_mean(name.text, owner.functions)
-            self.fail(name.place, f"{struct.text} has no function {name.text!r}", right)
+            self.fail(name.place, f"{struct} has no function '{name}'", right)
         if not function.of_library:
             self.fail(path.place, f"{path} is external code of your own", "a function of a library, or a parameter")
         return function
 
-    def _list(self, text: syntax.ListOf, names: Visible) -> Typed:
+    def _list(self, text: syntax.ListOf) -> Typed:
         self._refuse_empty(text)
-        items = self.each(lambda item: self.value(item, names), text.items)
+        items = self.each(self.value, text.items)
         types = {type_ for _, type_ in items}
         if len(types) > 1:
             self.fail(text.place, f"got a list of {_listed(sorted(map(str, types)))}", "items of one type")
         item = next(iter(types), ANY)
         return ListOf(tuple(value for value, _ in items), text.place), Type(item.name, item.kind, True)
 
-    def _operation(self, text: syntax.Operation, names: Visible) -> Typed:
-        operands = self.each(lambda operand: self.value(operand, names), text.operands)
+    def _operation(self, text: syntax.Operation) -> Typed:
+        operands = self.each(self.value, text.operands)
         types = tuple(type_ for _, type_ in operands)
         result = result_of(text.operator, types, self.declared.physical)
         if result is None:
@@ -353,10 +339,6 @@ class ExpressionChecker:
             "bool": "true or false",
             "string": "a text in quotes",
         }[wanted.name]
-
-
-def _has_text(type_: Type) -> bool:
-    return not type_.is_list and (type_.kind == "physical" or type_ == BOOL or is_number(type_))
 
 
 def _shown(text: syntax.Expression, type_: Type) -> str:

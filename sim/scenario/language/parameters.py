@@ -3,13 +3,13 @@
 import math
 import re
 from collections import ChainMap
-from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from numbers import Integral, Real
-from typing import Any, Final, cast
+from typing import Any, Final
 
 from vastflow.sim.model.faults import ScenarioError, complaint
 from vastflow.sim.model.names import did_you_mean
-from vastflow.sim.scenario.definition import EnumValue, Expression, Field, ScenarioDefinition, Struct, Type
+from vastflow.sim.scenario.definition import EnumValue, Field, ScenarioDefinition, Struct, Type
 from vastflow.sim.scenario.evaluation import evaluate, text_of
 
 NO_FUNCTIONS: Final[Mapping[str, Callable[..., Any]]] = {}
@@ -62,61 +62,49 @@ def bound(
 
 def default_of(scenario: ScenarioDefinition, name: str) -> Any:
     """Return the default of a parameter, or None if it has none before a run."""
-    values = _Values(scenario, {}, NO_FUNCTIONS)
     try:
-        return values[name]
+        return _Values(scenario, {}, NO_FUNCTIONS)[name]
     except (ParameterMismatch, ScenarioError):
         return None
 
 
-class _Values(Mapping[str, Any]):
+class _Values(dict[str, Any]):
     """Names to values, each made when it is first asked for: a default may use what is declared before it."""
 
     def __init__(
         self, scenario: ScenarioDefinition, overrides: Mapping[str, Any], functions: Mapping[str, Callable[..., Any]]
     ) -> None:
+        super().__init__()
         self._scenario = scenario
         self._overrides = overrides
         self._functions = functions
         self._parameters = {parameter.name: parameter for parameter in scenario.parameters}
-        self._others: dict[str, Expression] = {
-            variable.name: variable.default for variable in scenario.variables if variable.default is not None
-        }
+        self._others = {variable.name: variable.default for variable in scenario.variables if variable.default}
         self._others |= {actor.name: Struct(actor.types[0], actor.members, actor.place) for actor in scenario.actors}
-        self._made: dict[str, Any] = {}
 
-    def __iter__(self) -> Iterator[str]:
-        return iter({**self._parameters, **self._others})
+    def __contains__(self, name: object) -> bool:
+        return name in self._parameters or name in self._others
 
-    def __len__(self) -> int:
-        return len(self._parameters) + len(self._others)
-
-    def __getitem__(self, name: str) -> Any:
-        if name not in self._made:
-            if name in self._parameters:
-                self._made[name] = self._value(self._parameters[name])
-            else:
-                self._made[name] = evaluate(self._others[name], self, self._functions)
-        return self._made[name]
+    def __missing__(self, name: str) -> Any:
+        if name in self._parameters:
+            self[name] = self._value(self._parameters[name])
+        else:
+            self[name] = evaluate(self._others[name], self, self._functions)
+        return self[name]
 
     def _value(self, parameter: Field) -> Any:
+        name, type_, unit = parameter.name, parameter.type, parameter.unit
         default = None
-        if parameter.name not in self._overrides or parameter.type.kind == "struct":
-            default = self._default(parameter)
-        if parameter.name not in self._overrides:
-            if default is None:
-                raise self._mismatch(parameter.name, _right(parameter.type, parameter.unit), "nothing")
-            return default
-        given = self._overrides[parameter.name]
-        return self._fitted(parameter.name, parameter.type, given, default, parameter.unit)
-
-    def _default(self, parameter: Field) -> Any:
-        if parameter.default is None:
-            return None
-        try:
-            return evaluate(parameter.default, self, self._functions)
-        except ScenarioError as error:
-            raise self._mismatch(parameter.name, "a default that has a value", str(error)) from None
+        if parameter.default is not None and (name not in self._overrides or type_.kind == "struct"):
+            try:
+                default = evaluate(parameter.default, self, self._functions)
+            except ScenarioError as error:
+                raise self._mismatch(name, "a default that has a value", str(error)) from None
+        if name in self._overrides:
+            return self._fitted(name, type_, self._overrides[name], default, unit)
+        if default is None:
+            raise self._mismatch(name, _right(type_, unit), "nothing")
+        return default
 
     def _mismatch(self, where: str, expected: str, given: str) -> ParameterMismatch:
         return ParameterMismatch(self._scenario.name, where, expected, given)
@@ -131,7 +119,11 @@ class _Values(Mapping[str, Any]):
         if type_.kind == "struct":
             return self._struct(where, type_, given, default)
         if type_.kind == "enum":
-            return self._enum(where, type_, given)
+            members = self._scenario.enums[type_.name]
+            name = given.member if isinstance(given, EnumValue) else str(given).removeprefix(f"{type_.name}!")
+            if name not in members:
+                raise self._mismatch(where, did_you_mean(name, members), _shown(given))
+            return EnumValue(type_.name, name, members[name])
         value = _basic(type_.name, given) if type_.kind == "basic" else _number(given)
         if value is None:
             raise self._mismatch(where, _right(type_, unit), _shown(given))
@@ -152,7 +144,7 @@ class _Values(Mapping[str, Any]):
             below = f"{where}.{name}"
             value = default[name] if isinstance(default, Mapping) and name in default else None
             if value is None and member.default is not None:
-                value = evaluate(member.default, ChainMap(whole, cast(MutableMapping[str, Any], self)), self._functions)
+                value = evaluate(member.default, ChainMap(whole, self), self._functions)
             if name in given:
                 whole[name] = self._fitted(below, member.type, given[name], value, "")
             elif value is None and member.type.kind == "struct" and not member.type.is_list:
@@ -162,13 +154,6 @@ class _Values(Mapping[str, Any]):
             else:
                 whole[name] = value
         return whole
-
-    def _enum(self, where: str, type_: Type, given: Any) -> EnumValue:
-        members = self._scenario.enums[type_.name]
-        name = given.member if isinstance(given, EnumValue) else str(given).removeprefix(f"{type_.name}!")
-        if name not in members:
-            raise self._mismatch(where, did_you_mean(name, members), _shown(given))
-        return EnumValue(type_.name, name, members[name])
 
 
 def _number(given: Any) -> float | None:
