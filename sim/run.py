@@ -6,13 +6,12 @@ import os
 import resource
 import time
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vastflow.sim.kernels.streams import run_entropy
 from vastflow.sim.loop.drive import Ending, Watch, Watched, recording_of, recording_without_world
@@ -35,7 +34,7 @@ from vastflow.sim.scenario.tree.helpers import HELPERS, helper_functions
 from vastflow.sim.scenario.tree.navigation import NAVIGATION
 from vastflow.sim.scenario.tree.stand_ins import stand_ins
 from vastflow.sim.scenario.tree.topics import ROS
-from vastflow.sim.scenario.tree.tree import ScenarioTree
+from vastflow.sim.scenario.tree.tree import ScenarioTree, StatusChange
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import OccupancyMap
 
@@ -79,20 +78,6 @@ def play(
         began_s = time.monotonic()
         tree.tick(number)
 
-
-BEHAVIORS: Final[Mapping[str, type]] = {
-    "t_s": float,
-    "behavior": int,
-    "parent": int,
-    "child_index": int,
-    "name": str,
-    "class_name": str,
-    "status": str,
-    "message": str,
-    "line": int,
-    "column": int,
-}
-"""Columns of the `behaviors` table: a row for each node at t = 0 and for each change of status; the root's parent is -1."""
 
 _SCENARIO_STREAM: Final = 0x5CE
 """Separates a scenario's random numbers from those of the robot's subsystems."""
@@ -153,7 +138,7 @@ def execute(
         finally:
             tree.shutdown()
         record = programs.close() if programs else None
-    ending, behaviors = _ending(tree), behaviors_of(tree)
+    ending, behaviors = _ending(tree), table(get_type_hints(StatusChange), tree.changes)
     if simulation:
         if simulation.sent_s is None and checked.is_sent:
             raise ScenarioError(f"the robot was never given a goal: {ending.reason or 'the scenario ended before'}")
@@ -226,18 +211,6 @@ def _ending(tree: ScenarioTree) -> Ending:
     if not tree.ended:
         waited = f", waiting for {', '.join(tree.awaited)}" if tree.awaited else ""
         return Ending("timed_out", f"the scenario did not end within its time{waited}")
-    if tree.cause == "timeout":
-        return Ending("timed_out", tree.message)
-    return Ending("aborted" if tree.error_code else "failed", tree.message, tree.error_code)
-
-
-def behaviors_of(tree: ScenarioTree) -> dict[str, NDArray[Any]]:
-    """The `behaviors` table of a scenario that has ended."""
-    rows = [
-        (
-            *(round(change.t_s, 6), change.node, -1 if change.parent is None else change.parent, change.child_index),
-            *(change.name, change.class_name, change.status, change.message, change.place.line, change.place.column),
-        )
-        for change in tree.changes
-    ]
-    return table(BEHAVIORS, rows)
+    if tree.reason.cause == "timeout":
+        return Ending("timed_out", tree.reason.message)
+    return Ending("aborted" if tree.reason.error_code else "failed", tree.reason.message, tree.reason.error_code)

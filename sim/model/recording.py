@@ -114,7 +114,7 @@ class Recording:
             `speed_mmps yaw_rate_mradps`, command `command_speed_mmps command_yaw_rate_mradps`,
             `localized` (1 where AMCL published an update since the previous row). Fixed point is small and equal on all
             hosts of one numeric class.
-        behaviors: Status changes of the scenario's behaviors, see `vastflow.sim.run.BEHAVIORS`.
+        behaviors: Status changes of the scenario's behaviors, see `vastflow.sim.scenario.tree.tree.StatusChange`.
         outputs: Files that the run's programs wrote; they need not be reproducible.
     """
 

@@ -9,7 +9,6 @@ from typing import Literal, TypeAlias
 
 from vastflow.sim.model.faults import Place
 
-
 Kind: TypeAlias = Literal["basic", "physical", "struct", "enum", "actor"]
 
 

@@ -110,7 +110,7 @@ def test_scenario_runs_the_program_with_the_parameters_of_its_configuration(tmp_
     with process_run(ProcessSetup(files_matching(GROWTH, ["growth.py"])), where=tmp_path) as run:
         tree = driven(scenario, run, {"growth_rate": 4.0, "initial_population": 900})
         record = run.close()
-    assert (tree.passed, tree.message) == (True, "")
+    assert (tree.passed, tree.reason.message) == (True, "")
     assert record.outputs.tables["growth"]["population"][0] == 900.0
     assert judged(record.outputs.tables).reason == "1080, 8 % above the capacity of 1000"
 
@@ -120,7 +120,7 @@ def test_program_that_refuses_its_arguments_fails_the_scenario(tmp_path):
     with process_run(ProcessSetup(files_matching(GROWTH, ["growth.py"])), where=tmp_path) as run:
         tree = driven(scenario, run, {"initial_population": "few"})
     assert not tree.passed
-    assert "invalid float value: 'few'" in tree.message
+    assert "invalid float value: 'few'" in tree.reason.message
 
 
 @pytest.fixture(scope="module")

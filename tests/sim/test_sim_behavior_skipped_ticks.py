@@ -120,7 +120,7 @@ def test_leaving_out_ticks_that_change_nothing_changes_no_outcome(body, mission_
         leaping.tick(int(min(number, mission_end) if leaping.number < mission_end else number))
     assert leaping.changes == every.changes
     assert (leaping.ended, leaping.passed, leaping.number) == (every.ended, every.passed, every.number)
-    assert (leaping.message, leaping.cause) == (every.message, every.cause)
+    assert (leaping.reason.message, leaping.reason.cause) == (every.reason.message, every.reason.cause)
     if every.ended:
         assert leaping.next_tick() == math.inf
 

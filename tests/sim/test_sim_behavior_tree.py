@@ -256,7 +256,7 @@ def test_modifier_reads_a_status_as_another(tree, modifier, success, failure, ru
 )
 def test_failure_names_its_cause_and_place(tree, body, cause, message, error_code, end_s):
     failed = ended(tree(body))
-    assert (failed.cause, failed.message, failed.error_code, failed.now_s) == (cause, message, error_code, end_s)
+    assert (failed.reason.cause, failed.reason.message, failed.reason.error_code, failed.now_s) == (cause, message, error_code, end_s)
 
 
 @each_row(
@@ -324,16 +324,16 @@ def test_exception_in_one_shutdown_keeps_no_other_from_its_own(tree, journal):
 
 def test_status_of_every_node_is_told_at_the_start_and_then_each_change(tree):
     under_way = ended(tree("do body: serial:\n  wait elapsed(0.2s)\n  log('over')"))
-    rows = [(row.t_s, row.node, row.parent, row.child_index, row.name, row.status) for row in under_way.changes]
+    rows = [(row.t_s, row.behavior, row.parent, row.child_index, row.name, row.status) for row in under_way.changes]
     assert rows == [
-        (0.0, 0, None, 0, "visit", "INVALID"),
+        (0.0, 0, -1, 0, "visit", "INVALID"),
         (0.0, 1, 0, 0, "body", "INVALID"),
         (0.0, 2, 1, 0, "wait elapsed", "INVALID"),
         (0.0, 3, 1, 1, "log", "INVALID"),
-        (0.1, 0, None, 0, "visit", "RUNNING"),
+        (0.1, 0, -1, 0, "visit", "RUNNING"),
         (0.1, 1, 0, 0, "body", "RUNNING"),
         (0.1, 2, 1, 0, "wait elapsed", "RUNNING"),
-        (0.3, 0, None, 0, "visit", "SUCCESS"),
+        (0.3, 0, -1, 0, "visit", "SUCCESS"),
         (0.3, 1, 0, 0, "body", "SUCCESS"),
         (0.3, 2, 1, 0, "wait elapsed", "SUCCESS"),
         (0.3, 3, 1, 1, "log", "SUCCESS"),

@@ -30,7 +30,7 @@ def logged(body, before="", **overrides):
     for _ in range(100):
         if not tree.ended:
             tree.tick()
-    assert tree.passed, tree.message
+    assert tree.passed, tree.reason.message
     return lines
 
 

@@ -9,7 +9,8 @@ from vastflow.sim.model.recording import si
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.nav2.navigator.state import COLUMNS
 from vastflow.sim.reading.script import script_of
-from vastflow.sim.run import BEHAVIORS, execute, run
+from vastflow.sim.run import execute, run
+from vastflow.sim.scenario.tree.tree import StatusChange
 
 
 @each_row(
@@ -154,7 +155,7 @@ def test_drawing_in_a_scenario_leaves_the_robot_s_noise_alone(staged):
 
 def test_behaviors_are_a_table_of_every_change_of_status(staged):
     b = run(staged("wait elapsed(1s)\nrobot.nav_to_pose(near)"), 0).behaviors
-    assert list(b) == list(BEHAVIORS)
+    assert tuple(b) == StatusChange._fields
     first = b["t_s"] == 0.0
     assert b["name"][first].tolist() == ["trial", "serial", "init_nav2", "wait elapsed", "nav_to_pose"]
     assert b["class_name"][first].tolist() == ["Sequence", "Sequence", "InitNav2", "Waiting", "Navigate"]

@@ -136,27 +136,27 @@ def test_actions_of_a_ros_machine_do_not_stop_a_tour():
 
 def test_timeout_names_what_was_waited_for_not_what_only_goes_along():
     tree = ended(tree_of(TOUR, with_drive()))
-    assert (tree.cause, tree.now_s) == ("timeout", 60.2)
-    assert tree.message == "timeout(60 s) at visit.osc:10:5 ran out while nav_through_poses was running"
+    assert (tree.reason.cause, tree.now_s) == ("timeout", 60.2)
+    assert tree.reason.message == "timeout(60 s) at visit.osc:10:5 ran out while nav_through_poses was running"
 
 
 def test_visit_ends_with_its_mission_while_the_watchdog_runs_on():
     lines = []
     tree = ended(tree_of(VISIT, with_drive(end_s=33.3), lines))
-    assert (tree.passed, tree.now_s, tree.message, tree.cause) == (True, 33.3, "", "")
+    assert (tree.passed, tree.now_s, tree.reason.message, tree.reason.cause) == (True, 33.3, "", "")
     assert lines == ["alive"] * 30
 
 
 def test_visit_whose_mission_fails_says_where_why_and_with_which_code():
     tree = ended(tree_of(VISIT, with_drive(end_s=7.0, status=Status.FAILURE)))
-    assert (tree.passed, tree.now_s, tree.cause, tree.error_code) == (False, 7.0, "action", 308)
-    assert tree.message == "no path to the goal; nav_through_poses at visit.osc:20:13"
+    assert (tree.passed, tree.now_s, tree.reason.cause, tree.reason.error_code) == (False, 7.0, "action", 308)
+    assert tree.reason.message == "no path to the goal; nav_through_poses at visit.osc:20:13"
 
 
 def test_visit_whose_mission_takes_too_long_names_the_timeout_that_ran_out():
     tree = ended(tree_of(VISIT, with_drive()))
-    assert (tree.passed, tree.now_s, tree.cause, tree.error_code) == (False, 90.2, "timeout", 0)
-    assert tree.message == "timeout(90 s) at visit.osc:21:17 ran out while nav_through_poses was running"
+    assert (tree.passed, tree.now_s, tree.reason.cause, tree.reason.error_code) == (False, 90.2, "timeout", 0)
+    assert tree.reason.message == "timeout(90 s) at visit.osc:21:17 ran out while nav_through_poses was running"
 
 
 def test_ticks_of_a_visit_that_matter_give_the_same_run():
@@ -164,4 +164,4 @@ def test_ticks_of_a_visit_that_matter_give_the_same_run():
     while not leaping.ended:
         leaping.tick(int(leaping.next_tick()))
     assert leaping.changes == every.changes
-    assert leaping.message == every.message
+    assert leaping.reason.message == every.reason.message

@@ -4,27 +4,14 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, MutableMapping, MutableSequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from py_trees.common import Status
 
+from vastflow.sim.scenario.tree.state import TickClock
+
 if TYPE_CHECKING:  # names of actions are known without the simulator
     from vastflow.sim.loop.simulation import Simulation
-
-
-class Clock(Protocol):
-    """Time of a scenario, as its tree counts it."""
-
-    @property
-    def now_s(self) -> float:
-        """Simulated time of the tick that is being made."""
-
-
-class Monitor(Protocol):
-    """A watcher that keeps a variable up to date."""
-
-    def look(self) -> None:
-        """Look at the world, before a tick is made."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,15 +24,15 @@ class ActionSituation:
         clock: The scenario's.
         variables: Values of the run's `var`s by name, which actions may change.
         log: Takes a line for the run's log.
-        monitors: What looks at the world before each tick; an action may add itself.
+        monitors: Called before each tick; an action may add one that keeps a variable up to date.
     """
 
     actor: Mapping[str, Any]
     label: str
-    clock: Clock
+    clock: TickClock
     variables: MutableMapping[str, Any]
     log: Callable[[str], None]
-    monitors: "MutableSequence[Monitor]" = field(default_factory=list)
+    monitors: MutableSequence[Callable[[], None]] = field(default_factory=list)
 
 
 class Action(ABC):

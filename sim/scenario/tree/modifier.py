@@ -8,8 +8,8 @@ from py_trees import decorators
 from py_trees.behaviour import Behaviour
 from py_trees.common import Status
 
-from vastflow.sim.scenario.definition import Expression, Modified, Until
-from vastflow.sim.scenario.tree.node import Node, Reason, awaited_names, condition_of, running_leaves
+from vastflow.sim.scenario.definition import Modified, Until
+from vastflow.sim.scenario.tree.node import Condition, Node, Reason, awaited_names, running_leaves
 from vastflow.sim.scenario.tree.state import RunState, microseconds
 
 
@@ -19,7 +19,7 @@ class Modifier(decorators.Decorator, Node):
     def __init__(self, modified: Modified, child: Behaviour, state: RunState) -> None:
         super().__init__(modified.modifier, child)
         self.belongs(modified.place, state)
-        self._arguments: Mapping[str, Expression] = modified.arguments
+        self._arguments = modified.arguments
 
     def initialise(self) -> None:
         self.state.moved = True
@@ -53,7 +53,9 @@ class Timeout(Modifier):
         if self.state.clock.now_us <= self._end_us or child is Status.FAILURE:
             return child
         if child is Status.RUNNING:
-            self._ran_out = f"while {_listed(awaited_names(list(running_leaves(self.decorated))))} running"
+            *names, last = awaited_names(list(running_leaves(self.decorated)))
+            awaited = f"{', '.join(names)} and {last} were" if names else f"{last} was"
+            self._ran_out = f"while {awaited} running"
         else:
             self._ran_out = f"in the tick in which {self.decorated.name} succeeded"
         self.feedback_message = f"ran out {self._ran_out}"
@@ -134,7 +136,7 @@ class UntilHolds(Modifier):
 
     def __init__(self, until: Until, child: Behaviour, state: RunState) -> None:
         super().__init__(Modified("until", {}, until.child, until.place), child, state)
-        self._condition = condition_of(until.until, state)
+        self._condition = Condition(until.until, state)
 
     def enter(self) -> None:
         self._condition.begin()
@@ -156,9 +158,3 @@ MODIFIERS: Final[Mapping[str, type[Modifier]]] = {
     **dict.fromkeys(TRANSLATIONS, Translation),
 }
 """By their names in a file."""
-
-
-def _listed(names: list[str]) -> str:
-    if len(names) == 1:
-        return f"{names[0]} was"
-    return f"{', '.join(names[:-1])} and {names[-1]} were"

@@ -1,31 +1,21 @@
 """Nodes of a scenario's tree: their base, the leaves, and awaited conditions."""
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal, ParamSpec, TypeAlias, TypeVar
+from typing import Any, Literal, TypeAlias, TypeVar
 
 from py_trees.behaviour import Behaviour
 from py_trees.common import Status
 
 from vastflow.sim.model.faults import Place, ScenarioError
-from vastflow.sim.scenario.definition import (
-    Awaited,
-    Call,
-    Elapsed,
-    Emit,
-    Expression,
-    External,
-    Happened,
-    Holds,
-    Wait,
-)
+from vastflow.sim.scenario.definition import Awaited, Call, Elapsed, Emit, External, Happened, Wait
 from vastflow.sim.scenario.evaluation import parts_of
 from vastflow.sim.scenario.tree.action import Action
 from vastflow.sim.scenario.tree.state import RunState, microseconds
 
 Cause: TypeAlias = Literal["", "action", "timeout", "emit", "behavior"]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,96 +74,43 @@ def running_leaves(node: Behaviour) -> Iterator[Behaviour]:
         yield from below or [node]
 
 
-class Condition(ABC):
-    """Something awaited, in one run. Evaluation of what a user wrote may raise `ScenarioError`."""
+class Condition:
+    """What a `wait` or an `until` awaits, in one run; evaluation of what a user wrote may raise `ScenarioError`.
 
-    words: str = ""
-    """How it is written, in short."""
+    Attributes:
+        words: How it is written, in short.
+    """
 
-    def begin(self) -> None:  # noqa: B027 - most have no beginning
+    def __init__(self, awaited: Awaited, state: RunState) -> None:
+        self._state = state
+        self._duration = awaited.duration if isinstance(awaited, Elapsed) else None
+        self._event = awaited.event if isinstance(awaited, Happened) else None
+        self._condition = None if isinstance(awaited, Elapsed) else awaited.condition
+        self._due_us = math.inf
+        parts = parts_of(self._condition) if self._condition else ()
+        self._asks_outside = any(isinstance(part, External) for part in parts)
+        self.words = "elapsed" if self._duration else f"@{self._event}" if self._event else "condition"
+
+    def begin(self) -> None:
         """Start waiting at this tick."""
+        if self._duration is not None:
+            self._due_us = self._state.clock.in_us(self._state.value(self._duration))
 
-    @abstractmethod
     def holds(self) -> bool:
-        """True if the condition holds."""
+        """True once the duration is over, or if the event's flag is set and, at this tick, the condition holds."""
+        if self._duration is not None:
+            return self._state.clock.now_us >= self._due_us
+        if self._event is not None and self._event not in self._state.events:
+            return False
+        return self._condition is None or bool(self._state.value(self._condition))
 
     def wakes(self) -> float:
         """Return the first tick at which time alone can make it hold, or infinity."""
-        return math.inf
-
-
-class TimeElapsed(Condition):
-    """Holds at the first tick that is a duration or more after `begin`."""
-
-    def __init__(self, awaited: Elapsed, state: RunState) -> None:
-        self.words = "elapsed"
-        self._awaited = awaited
-        self._state = state
-        self._due_us = math.inf
-
-    def begin(self) -> None:
-        self._due_us = self._state.clock.in_us(self._state.value(self._awaited.duration))
-
-    def holds(self) -> bool:
-        return self._state.clock.now_us >= self._due_us
-
-    def wakes(self) -> float:
-        return self._state.clock.first_at(self._due_us)
-
-
-class EventHappened(Condition):
-    """Holds when an event's flag is set and, at the same tick, a condition holds."""
-
-    def __init__(self, awaited: Happened, state: RunState) -> None:
-        self.words = f"@{awaited.event}"
-        self._event = awaited.event
-        self._state = state
-        self._condition = None if awaited.condition is None else ExpressionHolds(awaited.condition, state)
-
-    def holds(self) -> bool:
-        if self._event not in self._state.events:
-            return False
-        return self._condition is None or self._condition.holds()
-
-    def wakes(self) -> float:
-        if self._condition is None or self._event not in self._state.events:
-            return math.inf
-        return self._condition.wakes()
-
-
-class ExpressionHolds(Condition):
-    """Holds when an expression over parameters and variables is true."""
-
-    def __init__(self, expression: Expression, state: RunState) -> None:
-        self.words = "condition"
-        self._expression = expression
-        self._state = state
-        self._asks_outside = any(isinstance(part, External) for part in parts_of(expression))
-
-    def holds(self) -> bool:
-        return bool(self._state.value(self._expression))
-
-    def wakes(self) -> float:
+        if self._duration is not None:
+            return self._state.clock.first_at(self._due_us)
+        happened = self._event is None or self._event in self._state.events
         # A function may answer otherwise each time (random.get_int), so every tick has to ask it.
-        return self._state.clock.number + 1 if self._asks_outside else math.inf
-
-
-AnyCondition: TypeAlias = TimeElapsed | EventHappened | ExpressionHolds
-
-
-def condition_of(awaited: Awaited, state: RunState) -> AnyCondition:
-    """Return the condition of a `wait` or an `until`."""
-    match awaited:
-        case Elapsed():
-            return TimeElapsed(awaited, state)
-        case Happened():
-            return EventHappened(awaited, state)
-        case Holds():
-            return ExpressionHolds(awaited.condition, state)
-
-
-P = ParamSpec("P")
-T = TypeVar("T")
+        return self._state.clock.number + 1 if happened and self._asks_outside else math.inf
 
 
 class Leaf(Node):
@@ -201,9 +138,6 @@ class Leaf(Node):
         """Return the status at this tick."""
         raise NotImplementedError
 
-    def reason(self) -> Reason:
-        return Reason("behavior", f"{self.name} at {self.place} failed: {self.feedback_message}")
-
 
 class ActionCall(Leaf):
     """Calls an action: enters it with evaluated arguments, asks it at each tick, cancels it when given up.
@@ -214,25 +148,19 @@ class ActionCall(Leaf):
     def __init__(self, call: Call, action: Action, state: RunState) -> None:
         super().__init__(call.label or call.action.rpartition(".")[2], call.place, state)
         self._call = call
-        self._action = action
+        self.action = action
 
     @property
     def class_name(self) -> str:
-        return type(self._action).__name__
-
-    @property
-    def goes_along(self) -> bool:
-        """Whether nobody waits for it."""
-        return self._action.goes_along
+        return type(self.action).__name__
 
     def enter(self) -> None:
         value = self.state.value
-        arguments = {name: value(expression) for name, expression in self._call.arguments.items()}
-        self._asked(self._action.enter, arguments)
+        self._asked(self.action.enter, {name: value(each) for name, each in self._call.arguments.items()})
 
     def answer(self) -> Status:
-        status = self._asked(self._action.update)
-        self.feedback_message = self._action.message
+        status = self._asked(self.action.update)
+        self.feedback_message = self.action.message
         if status is Status.INVALID:
             raise ValueError(f"{self.class_name}.update() answers RUNNING, SUCCESS or FAILURE, not {status}")
         return status
@@ -240,20 +168,20 @@ class ActionCall(Leaf):
     def terminate(self, new_status: Status) -> None:
         if new_status is Status.INVALID and self.status is Status.RUNNING:
             self.feedback_message = "cancelled"
-            self._action.cancel()
+            self.action.cancel()
 
     def wakes(self) -> float:
-        at_s = self._action.wakes_s()
+        at_s = self.action.wakes_s()
         return self.state.clock.first_at(microseconds(at_s)) if math.isfinite(at_s) else at_s
 
     def reason(self) -> Reason:
         which = f"{self.name} at {self.place}"
-        told = f"{self._action.message}; {which}" if self._action.message else f"{which} failed"
-        return Reason("action", told, self._action.error_code)
+        told = f"{self.action.message}; {which}" if self.action.message else f"{which} failed"
+        return Reason("action", told, self.action.error_code)
 
-    def _asked(self, question: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T:
+    def _asked(self, question: Callable[..., T], *arguments: Any) -> T:
         try:
-            return question(*arguments, **named)
+            return question(*arguments)
         except ScenarioError as error:
             raise ScenarioError(f"{error}; {self.name} at {self.place}") from error
 
@@ -262,7 +190,7 @@ class Waiting(Leaf):
     """`wait`: runs until something holds, which may be at once."""
 
     def __init__(self, wait: Wait, state: RunState) -> None:
-        self._condition = condition_of(wait.until, state)
+        self._condition = Condition(wait.until, state)
         super().__init__(wait.label or f"wait {self._condition.words}", wait.place, state)
 
     def enter(self) -> None:
@@ -296,4 +224,4 @@ class Emission(Leaf):
 def awaited_names(leaves: Sequence[Behaviour]) -> list[str]:
     """Return the names of the awaited leaves: actions, if there are any that do not only go along."""
     actions = [leaf for leaf in leaves if isinstance(leaf, ActionCall)]
-    return [leaf.name for leaf in actions if not leaf.goes_along] or [leaf.name for leaf in actions or leaves]
+    return [leaf.name for leaf in actions if not leaf.action.goes_along] or [leaf.name for leaf in actions or leaves]

@@ -6,7 +6,6 @@ from typing import Any
 
 from vastflow.sim.scenario.definition import Expression
 from vastflow.sim.scenario.evaluation import evaluate
-from vastflow.sim.scenario.tree.action import Monitor
 
 
 class TickClock:
@@ -62,7 +61,7 @@ class RunState:
         moved: Something happened in the present tick beyond running leaves that go on running: a node began or
             ended, a variable or an event was set. Then the next tick may change something too.
         log: Takes a line for the run's log.
-        monitors: What looks at the world before each tick.
+        monitors: Called before each tick, to keep variables up to date.
     """
 
     def __init__(
@@ -78,7 +77,7 @@ class RunState:
         self.events: set[str] = set()
         self.moved = False
         self.log = log
-        self.monitors: list[Monitor] = []
+        self.monitors: list[Callable[[], None]] = []
         self._functions = functions
 
     def value(self, expression: Expression) -> Any:
@@ -94,37 +93,27 @@ class Variables(MutableMapping[str, Any]):
 
     def __init__(self, state: RunState) -> None:
         self._state = state
-        self._declared: dict[str, None] = {}
+        self._homes: dict[str, tuple[dict[str, Any], str]] = {}
 
     def declare(self, name: str) -> None:
-        """Allow setting a name."""
-        self._declared[name] = None
+        """Allow setting a name, whose actor has its members."""
+        actor, _, member = name.rpartition(".")
+        self._homes[name] = (self._state.names[actor], member) if actor else (self._state.names, name)
 
     def __getitem__(self, name: str) -> Any:
-        names, key = self._home(name)
-        return names[key]
+        home, key = self._homes[name]
+        return home[key]
 
     def __setitem__(self, name: str, value: Any) -> None:
-        names, key = self._home(name)
-        names[key] = value
+        home, key = self._homes[name]
+        home[key] = value
         self._state.moved = True
 
     def __delitem__(self, name: str) -> None:
         raise TypeError(f"{name}: a variable of a scenario can be set, not removed")
 
     def __iter__(self) -> Iterator[str]:
-        return (name for name in self._declared if self._has_value(name))
+        return (name for name, (home, key) in self._homes.items() if key in home)
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
-
-    def _home(self, name: str) -> tuple[dict[str, Any], str]:
-        """Return the mapping and the key that hold a variable's value."""
-        if name not in self._declared:
-            raise KeyError(name)
-        actor, _, member = name.rpartition(".")
-        return (self._state.names[actor], member) if actor else (self._state.names, name)
-
-    def _has_value(self, name: str) -> bool:
-        names, key = self._home(name)
-        return key in names

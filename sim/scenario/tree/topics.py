@@ -103,10 +103,10 @@ class StackLog:
 class RosAction(Action):
     """An action on what a ROS machine would have, which it does not begin where that is not here."""
 
-    def __init__(self, simulation: Simulation, situation: ActionSituation, name: str) -> None:
+    def __init__(self, name: str, simulation: Simulation, situation: ActionSituation) -> None:
+        self._name = name
         self.simulation = simulation
         self.situation = situation
-        self._name = name
 
     def enter(self, arguments: Mapping[str, Any]) -> None:
         if fault := lacking(self._name, arguments):
@@ -190,7 +190,7 @@ class TopicMonitor(Listening):
         self.listen(arguments)
         self._variable = str(arguments["target_variable"])
         self._member = str(arguments["member_name"])
-        self.situation.monitors.append(self)
+        self.situation.monitors.append(self.look)
 
     def update(self) -> Status:
         return Status.SUCCESS
@@ -294,10 +294,6 @@ class TfCloseTo(RosAction):
         return Status.SUCCESS if away_m <= self._threshold_m else Status.RUNNING
 
 
-def _made(kind: type[RosAction], name: str, simulation: Simulation, situation: ActionSituation) -> Action:
-    return kind(simulation, situation, name)
-
-
 _KINDS: Final[Mapping[str, type[RosAction]]] = {
     "wait_for_data": WaitForData,
     "check_data": CheckData,
@@ -312,5 +308,5 @@ _KINDS: Final[Mapping[str, type[RosAction]]] = {
     "differential_drive_robot.tf_close_to": TfCloseTo,
 }
 
-ROS: Final[Mapping[str, WorldAction]] = {name: functools.partial(_made, kind, name) for name, kind in _KINDS.items()}
+ROS: Final[Mapping[str, WorldAction]] = {name: functools.partial(kind, name) for name, kind in _KINDS.items()}
 """By their names in a file."""
