@@ -256,7 +256,12 @@ def test_modifier_reads_a_status_as_another(tree, modifier, success, failure, ru
 )
 def test_failure_names_its_cause_and_place(tree, body, cause, message, error_code, end_s):
     failed = ended(tree(body))
-    assert (failed.reason.cause, failed.reason.message, failed.reason.error_code, failed.now_s) == (cause, message, error_code, end_s)
+    assert (failed.reason.cause, failed.reason.message, failed.reason.error_code, failed.now_s) == (
+        cause,
+        message,
+        error_code,
+        end_s,
+    )
 
 
 @each_row(

@@ -19,8 +19,7 @@ from vastflow.sim.scenario.programs.folders import RunFolders
 from vastflow.sim.scenario.programs.process import ProcessGroup
 from vastflow.sim.scenario.programs.resources import write_resources
 from vastflow.sim.scenario.programs.run import ProcessRun
-from vastflow.sim.scenario.tree.action import Action, ActionFactory, ActionSituation
-from vastflow.sim.scenario.tree.helpers import Immediate
+from vastflow.sim.scenario.tree.action import Action, ActionFactory, ActionSituation, Immediate
 
 _TRUTHS: Final[Mapping[str, bool]] = {"true": True, "false": False}
 _TYPES: Final[Mapping[str, Callable[[str], Any]]] = {

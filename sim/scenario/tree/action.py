@@ -70,7 +70,32 @@ class Action(ABC):
         return -math.inf
 
 
+class Immediate(Action):
+    """An action that is over in the tick in which it begins."""
+
+    _succeeded = True
+
+    def enter(self, arguments: Mapping[str, Any]) -> None:
+        self.message = ""
+        self._succeeded = self.act(arguments)
+
+    def update(self) -> Status:
+        return Status.SUCCESS if self._succeeded else Status.FAILURE
+
+    @abstractmethod
+    def act(self, arguments: Mapping[str, Any]) -> bool:
+        """Act and return True on success; `message` says why it failed."""
+
+
+class WorldAction(Action):
+    """An action on the simulated world of a run."""
+
+    def __init__(self, simulation: "Simulation", situation: ActionSituation) -> None:
+        self.simulation = simulation
+        self.situation = situation
+
+
 ActionFactory: TypeAlias = Callable[[ActionSituation], Action]
 
-WorldAction: TypeAlias = "Callable[[Simulation, ActionSituation], Action]"
+WorldFactory: TypeAlias = "Callable[[Simulation, ActionSituation], Action]"
 """Makes an action of one run on the simulated world."""

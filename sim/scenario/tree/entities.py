@@ -7,12 +7,10 @@ from typing import Any, Final
 
 from py_trees.common import Status
 
-from vastflow.sim.loop.simulation import Simulation
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.obstacle import has_mass, obstacle_of
 from vastflow.sim.model.pose import Pose
-from vastflow.sim.scenario.tree.action import Action, ActionSituation, WorldAction
-from vastflow.sim.scenario.tree.helpers import Immediate
+from vastflow.sim.scenario.tree.action import Immediate, WorldAction, WorldFactory
 
 ROBOT_NAMES: Final = ("turtlebot4", "robot")
 """Names by which scenarios ask for the robot itself."""
@@ -21,15 +19,7 @@ ROBOT_MODEL: Final = "topic:"
 """How the model of a robot begins, which comes from a topic."""
 
 
-class OnEntities(Immediate):
-    """An immediate action on what stands in the world."""
-
-    def __init__(self, simulation: Simulation, situation: ActionSituation) -> None:
-        self._simulation = simulation
-        self._actor = situation.actor
-
-
-class Spawn(OnEntities):
+class Spawn(WorldAction, Immediate):
     """Puts entities into the world at once; those with a mass can be pushed."""
 
     def act(self, arguments: Mapping[str, Any]) -> bool:
@@ -41,10 +31,10 @@ class Spawn(OnEntities):
                 obstacle = obstacle_of(entry, f"entity {k + 1}")
             except ValueError as error:
                 raise ScenarioError(str(error)) from None
-            if self._simulation.stands(obstacle.name):
+            if self.simulation.stands(obstacle.name):
                 self.message = f"{obstacle.name!r} stands there already; a name that is not in use"
                 return False
-            self._simulation.spawn(obstacle, has_mass(entry))
+            self.simulation.spawn(obstacle, has_mass(entry))
         return True
 
 
@@ -55,7 +45,7 @@ class SpawnEntity(Spawn):
         model = str(arguments["uri"])
         name = given = str(arguments["entity_name"]) or Path(model).stem
         number = 0
-        while arguments["allow_renaming"] and self._simulation.stands(name):
+        while arguments["allow_renaming"] and self.simulation.stands(name):
             number += 1
             name = f"{given}_{number}"
         return self._spawn([{"entity_name": name, "spawn_pose": arguments["initial_pose"], "model": model}])
@@ -72,7 +62,7 @@ class SpawnActor(Spawn):
         return self._spawn([entity])
 
     def _entity(self, arguments: Mapping[str, Any], pose: Any) -> dict[str, Any]:
-        name = str(arguments.get("entity_name") or self._actor["name"])
+        name = str(arguments.get("entity_name") or self.situation.actor["name"])
         given = {key: arguments[key] for key in ("model", "xacro_arguments") if arguments.get(key)}
         return {"entity_name": name, "spawn_pose": pose, **given}
 
@@ -81,40 +71,35 @@ class SpawnRelative(SpawnActor):
     """`osc_actor.relative_spawn`: so far ahead of where the robot is, turned as the robot is."""
 
     def act(self, arguments: Mapping[str, Any]) -> bool:
-        robot, ahead_m = self._simulation.true_pose, float(arguments["distance"])
+        robot, ahead_m = self.simulation.true_pose, float(arguments["distance"])
         x_m = robot.x_m + ahead_m * math.cos(robot.yaw_rad)
         y_m = robot.y_m + ahead_m * math.sin(robot.yaw_rad)
         return self._spawn([self._entity(arguments, Pose(x_m, y_m, robot.yaw_rad).value())])
 
 
-class Delete(OnEntities):
+class Delete(WorldAction, Immediate):
     """Takes an entity out of the world; a failure where there is none of its name."""
 
     def act(self, arguments: Mapping[str, Any]) -> bool:
-        name = str(arguments.get("entity") or arguments.get("entity_name") or self._actor.get("name", ""))
-        there = self._simulation.delete(name)
+        name = str(arguments.get("entity") or arguments.get("entity_name") or self.situation.actor.get("name", ""))
+        there = self.simulation.delete(name)
         self.message = "" if there else f"nothing called {name!r} stands in the world"
         return there
 
 
-class Exists(Action):
+class Exists(WorldAction):
     """`actor_exists`: until something of this name stands in the world; the robot does from the start."""
 
-    def __init__(self, simulation: Simulation, situation: ActionSituation) -> None:
-        self._simulation = simulation
-        self._actor = situation.actor
-        self._name = ""
-
     def enter(self, arguments: Mapping[str, Any]) -> None:
-        self._name = str(arguments.get("entity_name") or self._actor.get("name", ""))
+        self._name = str(arguments.get("entity_name") or self.situation.actor.get("name", ""))
 
     def update(self) -> Status:
-        there = self._simulation.stands(self._name) or self._name in ROBOT_NAMES
+        there = self.simulation.stands(self._name) or self._name in ROBOT_NAMES
         self.message = "" if there else f"no {self._name!r} yet"
         return Status.SUCCESS if there else Status.RUNNING
 
 
-ENTITIES: Final[Mapping[str, WorldAction]] = {
+ENTITIES: Final[Mapping[str, WorldFactory]] = {
     "spawn_multiple": Spawn,
     "spawn_entity": SpawnEntity,
     "actor_exists": Exists,

@@ -1,17 +1,15 @@
 """Actions and functions of `osc.helpers` that need neither simulator nor process."""
 
 import os.path
-from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 import numpy as np
-from py_trees.common import Status
 
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.scenario.evaluation import OPERATORS
-from vastflow.sim.scenario.tree.action import Action, ActionFactory, ActionSituation
+from vastflow.sim.scenario.tree.action import ActionFactory, ActionSituation, Immediate
 from vastflow.sim.scenario.tree.messages import member_of, pose_3d_in
 
 COMPARISONS: Final = ("==", "!=", "<", "<=", ">", ">=")
@@ -19,23 +17,6 @@ COMPARISONS: Final = ("==", "!=", "<", "<=", ">", ">=")
 
 SHARE: Final = "/opt/ros/share"
 """Where the folders of ROS packages would be; there are none, but a scenario may name one to a launch."""
-
-
-class Immediate(Action):
-    """An action that is over in the tick in which it begins."""
-
-    _succeeded = True
-
-    def enter(self, arguments: Mapping[str, Any]) -> None:
-        self.message = ""
-        self._succeeded = self.act(arguments)
-
-    def update(self) -> Status:
-        return Status.SUCCESS if self._succeeded else Status.FAILURE
-
-    @abstractmethod
-    def act(self, arguments: Mapping[str, Any]) -> bool:
-        """Act and return True on success; `message` says why it failed."""
 
 
 class Helper(Immediate):
@@ -128,6 +109,12 @@ class RandomNumbers:
         return choices[int(self._rng.integers(len(choices)))]
 
 
+def _ordered(least: float, most: float) -> bool:
+    if least > most:
+        raise ValueError(f"the lower bound comes first, got {least!r} and {most!r}")
+    return least < most
+
+
 def helper_functions(
     rng: np.random.Generator, scenario_folder: str, output_folder: str
 ) -> dict[str, Callable[..., Any]]:
@@ -139,11 +126,9 @@ def helper_functions(
         output_folder: Where the run writes, as programs know it.
     """
     numbers = RandomNumbers(rng)
+    drawn = (numbers.seed, numbers.get_float, numbers.get_int, numbers.get_random_string)
     return {
-        "random.seed": numbers.seed,
-        "random.get_float": numbers.get_float,
-        "random.get_int": numbers.get_int,
-        "random.get_random_string": numbers.get_random_string,
+        **{f"random.{function.__name__}": function for function in drawn},
         "common.get_scenario_file_directory": lambda: scenario_folder,
         "common.get_output_directory": lambda: output_folder,
         "msg_conversion.get_object_member": member_of,
@@ -153,10 +138,3 @@ def helper_functions(
         "os.basename": os.path.basename,
         "os.dirname": os.path.dirname,
     }
-
-
-def _ordered(least: float, most: float) -> bool:
-    """True if the bounds differ; ValueError if the lower one is the greater."""
-    if least > most:
-        raise ValueError(f"the lower bound comes first, got {least!r} and {most!r}")
-    return least < most

@@ -98,11 +98,7 @@ def _twist(m: Any, which: str) -> dict[str, Any]:
 
 
 def member_of(found: Any, path: str) -> Any:
-    """Return the member of a message at a dotted path; the message itself for an empty one.
-
-    Raises:
-        ScenarioError: there is no such member.
-    """
+    """Return the member of a message at a dotted path, the message itself for an empty one; ScenarioError without it."""
     for name in filter(None, path.split(".")):
         if not isinstance(found, Mapping) or name not in found:
             known = f"; {', '.join(found)}" if isinstance(found, Mapping) else ""
@@ -112,11 +108,7 @@ def member_of(found: Any, path: str) -> Any:
 
 
 def literal(text: str) -> Any:
-    """Return the value of a Python literal, such as a message's members in braces.
-
-    Raises:
-        ScenarioError: it is no literal.
-    """
+    """Return the value of a Python literal, such as a message's members in braces; ScenarioError if it is none."""
     try:
         return ast.literal_eval(text.replace("\\", ""))
     except (ValueError, SyntaxError, MemoryError, RecursionError):
@@ -130,18 +122,15 @@ def with_members(whole: Any, given: Any) -> Any:
     for name in given:
         member_of(whole, str(name))
     # In ROS the turn that is none has w 1, and everything else begins with nothing.
-    return {
-        name: with_members(value, given[name]) if name in given else 1.0 if name == "w" else _empty(value)
-        for name, value in whole.items()
-    }
+    found = {}
+    for name, member in whole.items():
+        empty: Any = {} if isinstance(member, Mapping) else 1.0 if name == "w" else type(member)()
+        found[name] = with_members(member, given.get(name, empty))
+    return found
 
 
 def pose_in(found: Any) -> Pose:
-    """Return the pose in a message, at any depth.
-
-    Raises:
-        ScenarioError: there is none.
-    """
+    """Return the pose in a message, at any depth; ScenarioError if there is none."""
     while isinstance(found, Mapping) and "pose" in found:
         found = found["pose"]
     if not isinstance(found, Mapping) or not isinstance(found.get("position"), Mapping):
@@ -156,34 +145,17 @@ def pose_in(found: Any) -> Pose:
 
 
 def velocity_in(found: Any) -> tuple[float, float, float]:
-    """Return speed (m/s), yaw rate (rad/s), and speed to the left (m/s) of a twist.
-
-    Raises:
-        ScenarioError: it is none.
-    """
+    """Return speed (m/s), yaw rate (rad/s), and speed to the left (m/s) of a twist; ScenarioError if it is none."""
     try:
         linear, angular = found.get("linear", {}), found.get("angular", {})
         return float(linear.get("x", 0.0)), float(angular.get("z", 0.0)), float(linear.get("y", 0.0))
     except (AttributeError, TypeError, ValueError):
-        raise ScenarioError(
-            "expected {'linear': {'x': 0.2}, 'angular': {'z': 0.0}}, got no twist in the message"
-        ) from None
-
-
-def _empty(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {name: 1.0 if name == "w" else _empty(member) for name, member in value.items()}
-    return type(value)()
+        right = "{'linear': {'x': 0.2}, 'angular': {'z': 0.0}}"
+        raise ScenarioError(f"expected {right}, got no twist in the message") from None
 
 
 def pose_3d_in(found: Any) -> dict[str, Any]:
-    """Return the pose in a message as the struct `pose_3d`.
-
-    Raises:
-        ScenarioError: there is none.
-    """
+    """Return the pose in a message as the struct `pose_3d`; ScenarioError if there is none."""
     pose = pose_in(found)
-    return {
-        "position": {"x": pose.x_m, "y": pose.y_m, "z": 0.0},
-        "orientation": {"roll": 0.0, "pitch": 0.0, "yaw": pose.yaw_rad},
-    }
+    turn = {"roll": 0.0, "pitch": 0.0, "yaw": pose.yaw_rad}
+    return {"position": {"x": pose.x_m, "y": pose.y_m, "z": 0.0}, "orientation": turn}

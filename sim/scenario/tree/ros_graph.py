@@ -5,8 +5,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal, TypeAlias
 
-from vastflow.sim.scenario.definition import Call, Constant, Expression, ListOf
-
 Rhythm: TypeAlias = Literal["steady", "latched", "amcl", "command", "plan", "scenario"]
 
 
@@ -89,12 +87,11 @@ def topic_fault(name: str, type_: str = "") -> str:
     return ""
 
 
-def content_fault(name: str, type_: str, member: str = "") -> str:
+def content_fault(name: str, type_: str) -> str:
     """Explain why the messages of a topic can't be inspected; empty if they can."""
-    if fault := topic_fault(name, type_):
+    fault = topic_fault(name, type_)
+    if fault or TOPICS[absolute(name)].has_content:
         return fault
-    if TOPICS[absolute(name)].has_content:
-        return ""
     return f"what is in the messages of {name} is not simulated; wait_for_data tells that they come"
 
 
@@ -130,20 +127,12 @@ def frames_fault(parent: str, robot: str) -> str:
     return ""
 
 
-Requirement: TypeAlias = Callable[..., str]
-
-
-def topics_fault(topics: Sequence[str]) -> str:
-    """Explain why the first missing topic is missing; empty if none is."""
-    return next(filter(None, map(topic_fault, topics)), "")
-
-
-REQUIREMENTS: Final[Mapping[str, tuple[Requirement, tuple[str, ...]]]] = {
+REQUIREMENTS: Final[Mapping[str, tuple[Callable[..., str], tuple[str, ...]]]] = {
     "wait_for_data": (topic_fault, ("topic_name", "topic_type")),
     "check_data": (content_fault, ("topic_name", "topic_type")),
     "topic_monitor": (content_fault, ("topic_name", "topic_type")),
     "topic_publish": (publication_fault, ("topic_name", "topic_type")),
-    "wait_for_topics": (topics_fault, ("topics",)),
+    "wait_for_topics": (lambda topics: next(filter(None, map(topic_fault, topics)), ""), ("topics",)),
     "wait_for_nodes": (nodes_fault, ("nodes",)),
     "wait_for_topic_publisher": (functools.partial(end_fault, publishes=True), ("topic", "node_name")),
     "wait_for_topic_subscription": (functools.partial(end_fault, publishes=False), ("topic", "node_name")),
@@ -159,21 +148,3 @@ def lacking(action: str, arguments: Mapping[str, Any]) -> str:
         return ""
     fault, names = REQUIREMENTS[action]
     return fault(*(arguments[name] for name in names))
-
-
-def lacking_before_a_run(call: Call) -> str:
-    """Explain why a call can't be run, if its arguments are known before a run."""
-    names = REQUIREMENTS[call.action][1] if call.action in REQUIREMENTS else ()
-    known = {name: _known(call.arguments[name]) for name in names}
-    return "" if None in known.values() else lacking(call.action, known)
-
-
-def _known(expression: Expression) -> Any:
-    match expression:
-        case Constant(value=value):
-            return value
-        case ListOf(items=items):
-            values = [_known(item) for item in items]
-            return None if None in values else values
-        case _:
-            return None

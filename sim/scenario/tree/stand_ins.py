@@ -12,23 +12,9 @@ from vastflow.sim.scenario.tree.action import Action, ActionFactory, ActionSitua
 from vastflow.sim.scenario.tree.helpers import Helper
 
 SIMULATOR_PROCESSES: Final = (
-    "gz",
-    "gz sim",
-    "gzserver",
-    "gzclient",
-    "ruby",
-    "nav2",
-    "nav2_container",
-    "component_container_isolated",
-    "controller_server",
-    "planner_server",
-    "bt_navigator",
-    "behavior_server",
-    "waypoint_follower",
-    "lifecycle_manager",
-    "map_server",
-    "amcl",
-    "robot_state_publisher",
+    *("gz", "gz sim", "gzserver", "gzclient", "ruby", "nav2", "nav2_container", "component_container_isolated"),
+    *("controller_server", "planner_server", "bt_navigator", "behavior_server", "waypoint_follower"),
+    *("lifecycle_manager", "map_server", "amcl", "robot_state_publisher"),
 )
 """Programs that run on a ROS machine while Nav2 drives a robot in Gazebo."""
 
@@ -98,38 +84,28 @@ class CheckSimulatorProcess(Action):
 
     def __init__(self, situation: ActionSituation, other: ActionFactory | None = None) -> None:
         self._other = None if other is None else other(situation)
-        self._asks_other = False
-        self._status = Status.FAILURE
+        self._found = False
 
     def enter(self, arguments: Mapping[str, Any]) -> None:
         name = str(arguments["process_name"])
-        found = _is_simulators(name, bool(arguments.get("regex", False)))
-        self._asks_other = not found and self._other is not None
-        self._status = Status.SUCCESS if found else Status.FAILURE
-        self.message = f"the simulator stands for {name}" if found else f"no process {name} is running"
-        if self._asks_other and self._other is not None:
+        self._found = _is_simulators(name, bool(arguments.get("regex", False)))
+        self.message = f"the simulator stands for {name}" if self._found else f"no process {name} is running"
+        if self._other is not None and not self._found:
             self._other.enter(arguments)
 
     def update(self) -> Status:
-        if self._asks_other and self._other is not None:
-            self._status = self._other.update()
-            self.message = self._other.message
-        return self._status
-
-    def cancel(self) -> None:
-        if self._asks_other and self._other is not None:
-            self._other.cancel()
-
-    def shutdown(self) -> None:
-        if self._other is not None:
-            self._other.shutdown()
+        if self._found or self._other is None:
+            return Status.SUCCESS if self._found else Status.FAILURE
+        status = self._other.update()
+        self.message = self._other.message
+        return status
 
 
 def stand_ins(others: Mapping[str, ActionFactory]) -> dict[str, ActionFactory]:
     """Return the actions with nothing left to do by their names in a file.
 
     Args:
-        others: What else the run can do: its `check_process_running`, if any, looks for programs of its own.
+        others: What else the run can do: its immediate `check_process_running`, if any, looks for programs of its own.
     """
     check = others.get("check_process_running")
     return {
@@ -148,7 +124,6 @@ def _is_simulators(name: str, is_regex: bool) -> bool:
     if not is_regex:
         return name in SIMULATOR_PROCESSES or name.startswith("nav2_")
     try:
-        pattern = re.compile(name)
+        return any(re.search(name, process) for process in SIMULATOR_PROCESSES)
     except re.error as error:
         raise ScenarioError(f"{name!r} is no regular expression: {error}") from None
-    return any(pattern.search(process) for process in SIMULATOR_PROCESSES)

@@ -3,9 +3,10 @@
 from collections.abc import Container, Mapping
 from typing import Final
 
-from vastflow.sim.model.faults import Fault
+from vastflow.sim.model.faults import Fault, ScenarioError
 from vastflow.sim.scenario.definition import Call, ScenarioDefinition, behaviors_of
-from vastflow.sim.scenario.tree.ros_graph import lacking_before_a_run
+from vastflow.sim.scenario.evaluation import evaluate
+from vastflow.sim.scenario.tree.ros_graph import REQUIREMENTS, lacking
 
 _NO_SERVICES = "it asks a node for a service, and nothing offers one: the navigation stack runs inside the simulator"
 _NO_CLOCK = "it measures how fast a machine is, and simulated time does not depend on that"
@@ -72,8 +73,14 @@ def unsupported(definition: ScenarioDefinition, known: Container[str]) -> list[F
 
 def _reason(call: Call, known: Container[str], has_robot: bool) -> str:
     """Return why a call can't be run here; empty where it can."""
+    if call.action == "log_check" and call.action in known and not has_robot:
+        return _NO_LOG
     if call.action in known:
-        return _NO_LOG if call.action == "log_check" and not has_robot else lacking_before_a_run(call)
+        names = REQUIREMENTS[call.action][1] if call.action in REQUIREMENTS else ()
+        try:
+            return lacking(call.action, {name: evaluate(call.arguments[name], {}, {}) for name in names})
+        except ScenarioError:  # only a run knows them
+            return ""
     actor, _, name = call.action.rpartition(".")
     families = (reason for start, reason in FAMILIES.items() if name.startswith(start) or actor.startswith(start))
     return REASONS.get(name) or next(families, GENERIC)

@@ -13,7 +13,7 @@ from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Mission
 from vastflow.sim.nav2.navigator.state import ABORTED, EVENT_KINDS, RECOVERIES, RUNNING, SUCCEEDED
-from vastflow.sim.scenario.tree.action import Action, ActionSituation, WorldAction
+from vastflow.sim.scenario.tree.action import ActionSituation, WorldAction, WorldFactory
 from vastflow.sim.scenario.tree.messages import (
     count,
     literal,
@@ -36,13 +36,6 @@ def pose_between(simulation: Simulation, parent: str, robot: str) -> Pose | None
     if parent == "odom":
         return simulation.odometry
     return simulation.estimate if simulation.localized else None
-
-
-def moved(before: Pose, after: Pose, duration_s: float) -> tuple[float, float]:
-    """Return speed (m/s) and yaw rate (rad/s) between two poses, without direction."""
-    turned_rad = math.remainder(after.yaw_rad - before.yaw_rad, math.tau)
-    driven_m = math.hypot(after.x_m - before.x_m, after.y_m - before.y_m)
-    return driven_m / duration_s, abs(turned_rad) / duration_s
 
 
 Line = tuple[str, str]
@@ -75,38 +68,34 @@ class StackLog:
         self._events = self._counted()
         self._status = simulation.status
 
-    def new(self) -> list[Line]:
-        """Return the lines since the last call, or since the start."""
-        return list(self._lines())
-
-    def _lines(self) -> Iterator[Line]:
+    def new(self) -> Iterator[Line]:
+        """Yield all lines since the last call, or since the start."""
         simulation = self._simulation
         told, self._told = simulation.told[self._told :], len(simulation.told)
-        yield from told
         rows = simulation.stack.m[0]["event_rows"][self._events : self._counted()]
         self._events = self._counted()
+        before, self._status = self._status, simulation.status
+        yield from told
         for _, kind, _, _, what, _ in rows.tolist():
             name = EVENT_KINDS[int(kind)]
             yield _RECOVERED[RECOVERIES[int(what)]] if name == "recovery" else _HAPPENED[name]
-        before, self._status = self._status, simulation.status
-        if self._status == before or (before != RUNNING and not told):
+        if simulation.status == before or (before != RUNNING and not told):
             return
-        if self._status == SUCCEEDED:
+        if simulation.status == SUCCEEDED:
             yield "bt_navigator", "Goal succeeded"
-        elif self._status == ABORTED:
+        elif simulation.status == ABORTED:
             yield "bt_navigator", f"Goal failed: {REASONS[simulation.error_code]}"
 
     def _counted(self) -> int:
         return int(self._simulation.stack.m[0]["events"])
 
 
-class RosAction(Action):
+class RosAction(WorldAction):
     """An action on what a ROS machine would have, which it does not begin where that is not here."""
 
     def __init__(self, name: str, simulation: Simulation, situation: ActionSituation) -> None:
+        super().__init__(simulation, situation)
         self._name = name
-        self.simulation = simulation
-        self.situation = situation
 
     def enter(self, arguments: Mapping[str, Any]) -> None:
         if fault := lacking(self._name, arguments):
@@ -116,15 +105,14 @@ class RosAction(Action):
     def begin(self, arguments: Mapping[str, Any]) -> None:
         """Begin with complete arguments."""
 
+    def update(self) -> Status:
+        return Status.SUCCESS
+
 
 class Listening(RosAction):
-    """An action on the messages of one topic."""
+    """An action on the messages of one topic, counted from now on; latched ones are still to come."""
 
-    _topic = ""
-    _seen = 0
-
-    def listen(self, arguments: Mapping[str, Any]) -> None:
-        """Count messages from now on; latched ones are still to come."""
+    def begin(self, arguments: Mapping[str, Any]) -> None:
         self._topic = absolute(str(arguments["topic_name"]))
         self._seen = 0 if TOPICS[self._topic].rhythm == "latched" else count(self.simulation, self._topic)
 
@@ -140,9 +128,6 @@ class Listening(RosAction):
 class WaitForData(Listening):
     """`wait_for_data`: until a message comes on a topic."""
 
-    def begin(self, arguments: Mapping[str, Any]) -> None:
-        self.listen(arguments)
-
     def update(self) -> Status:
         came = self.heard() is not None
         self.message = "" if came else f"waiting for data on {self._topic}"
@@ -153,7 +138,7 @@ class CheckData(Listening):
     """`check_data`: until a message, or a member of it, stands in a relation to a value."""
 
     def begin(self, arguments: Mapping[str, Any]) -> None:
-        self.listen(arguments)
+        super().begin(arguments)
         given = arguments["expected_value"]
         self._expected = literal(given) if arguments["eval_expected_value"] else given
         self._member = str(arguments["member_name"])
@@ -187,16 +172,12 @@ class TopicMonitor(Listening):
     """`topic_monitor`: succeeds at once; from then on a variable has the last message, or a member of it."""
 
     def begin(self, arguments: Mapping[str, Any]) -> None:
-        self.listen(arguments)
+        super().begin(arguments)
         self._variable = str(arguments["target_variable"])
         self._member = str(arguments["member_name"])
-        self.situation.monitors.append(self.look)
+        self.situation.monitors.append(self._look)
 
-    def update(self) -> Status:
-        return Status.SUCCESS
-
-    def look(self) -> None:
-        """Update the variable."""
+    def _look(self) -> None:
         if (found := self.heard()) is not None:
             self.situation.variables[self._variable] = member_of(found, self._member)
 
@@ -216,15 +197,9 @@ class TopicPublish(RosAction):
         self.simulation.published.setdefault(topic, []).append(content)
         self.message = f"published on {topic}"
 
-    def update(self) -> Status:
-        return Status.SUCCESS
-
 
 class Available(RosAction):
     """`wait_for_topics`, `wait_for_nodes` and the like: all that there is here, is there from the start."""
-
-    def update(self) -> Status:
-        return Status.SUCCESS
 
 
 class LogCheck(RosAction):
@@ -266,7 +241,9 @@ class TfMoving(RosAction):
         if self._last is None:
             self._moved_s = now_s
         elif now_s > self._last[0]:
-            speed_mps, rate_radps = moved(self._last[1], here, now_s - self._last[0])
+            before, duration_s = self._last[1], now_s - self._last[0]
+            speed_mps = math.hypot(here.x_m - before.x_m, here.y_m - before.y_m) / duration_s
+            rate_radps = abs(math.remainder(here.yaw_rad - before.yaw_rad, math.tau)) / duration_s
             if speed_mps >= self._least[0] or rate_radps >= self._least[1]:
                 self._moved_s = now_s
         self._last = now_s, here
@@ -308,5 +285,5 @@ _KINDS: Final[Mapping[str, type[RosAction]]] = {
     "differential_drive_robot.tf_close_to": TfCloseTo,
 }
 
-ROS: Final[Mapping[str, WorldAction]] = {name: functools.partial(kind, name) for name, kind in _KINDS.items()}
+ROS: Final[Mapping[str, WorldFactory]] = {name: functools.partial(kind, name) for name, kind in _KINDS.items()}
 """By their names in a file."""
