@@ -1,7 +1,7 @@
 """Abstract scenarios: OpenSCENARIO files by name or by content."""
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -24,19 +24,17 @@ def plain_value(part: Any) -> Value:
         return part
     if isinstance(part, Place):  # without `where`: stored digests of definitions know none
         return {"": "Place", "file": part.file, "line": part.line, "column": part.column}
-    if isinstance(part, BaseModel):
-        names: list[str] = list(type(part).model_fields)
-    elif is_dataclass(part) and not isinstance(part, type):
-        names = [field.name for field in fields(part)]
-    elif isinstance(part, Mapping):
+    if isinstance(part, Mapping):
         return {key: plain_value(value) for key, value in part.items()}
-    elif isinstance(part, tuple | list):
+    if isinstance(part, tuple | list):
         return [plain_value(item) for item in part]
-    elif isinstance(part, set | frozenset):
+    if isinstance(part, set | frozenset):
         return sorted(part)
-    else:
+    is_data = is_dataclass(part) and not isinstance(part, type)
+    if not is_data and not isinstance(part, BaseModel):
         value: Value = part
         return value
+    names = [field.name for field in fields(part)] if is_data else type(part).model_fields
     return {"": type(part).__name__, **{name: plain_value(getattr(part, name)) for name in names}}
 
 
@@ -51,19 +49,15 @@ Abstract: TypeAlias = str | FileContent
 
 
 def shipped_file(name: str) -> Path:
-    """The file behind `builtin:` and a name."""
-    return _beside_shipped(f"{name}.osc")
+    """A file that is shipped with vastflow's scenarios."""
+    spec = find_spec("vastflow.campaigns.scenarios")  # a folder of data: of an editable install `files` finds none
+    places = [Path(place) / name for place in (spec.submodule_search_locations or () if spec else ())]
+    return next(place for place in places if place.is_file())
 
 
 def hall_file() -> Path:
     """The map for scenarios that launch a simulation with a map of its own."""
-    return _beside_shipped("hall.yaml")
-
-
-def _beside_shipped(name: str) -> Path:
-    spec = find_spec("vastflow.campaigns.scenarios")  # a folder of data: of an editable install `files` finds none
-    places = [Path(place) / name for place in (spec.submodule_search_locations or () if spec else ())]
-    return next(place for place in places if place.is_file())
+    return shipped_file("hall.yaml")
 
 
 def abstract_content(file: Path) -> FileContent:
@@ -73,7 +67,7 @@ def abstract_content(file: Path) -> FileContent:
         FileError: what is wrong in the file, or in one that it imports.
         ScenarioError: not one scenario.
     """
-    return FileContent(str(file), definition_digest(_by_name(_only_one(file, read_scenarios(file)))))
+    return FileContent(str(file), definition_digest(_read(file)))
 
 
 def definition_of(abstract: Abstract) -> ScenarioDefinition:
@@ -88,7 +82,11 @@ def definition_of(abstract: Abstract) -> ScenarioDefinition:
 
 def file_of(abstract: Abstract) -> Path:
     """Return the path of an abstract scenario."""
-    return Path(abstract.path) if isinstance(abstract, FileContent) else shipped_file(abstract.removeprefix(BUILTIN))
+    return Path(abstract.path if isinstance(abstract, FileContent) else _shipped(abstract))
+
+
+def _shipped(abstract: str) -> Path:
+    return shipped_file(f"{abstract.removeprefix(BUILTIN)}.osc")
 
 
 @functools.lru_cache(maxsize=CACHED_DEFINITIONS)
@@ -98,25 +96,21 @@ def _defined(abstract: Abstract, path: str) -> ScenarioDefinition:
         if definition_digest(definition) != abstract.digest:
             raise ScenarioError(f"{path} changed since the campaign was read; run the campaign again")
         return definition
-    name = abstract.removeprefix(BUILTIN)
-    if not abstract.startswith(BUILTIN) or name not in SHIPPED:
-        raise ScenarioError(f"expected one of {', '.join(BUILTIN + each for each in SHIPPED)}, got {abstract!r}")
-    return _read(shipped_file(name))
+    if abstract not in (known := [BUILTIN + each for each in SHIPPED]):
+        raise ScenarioError(f"expected one of {', '.join(known)}, got {abstract!r}")
+    return _read(_shipped(abstract))
 
 
 def _read(file: Path) -> ScenarioDefinition:
-    definition: ScenarioDefinition = _by_name(_only_one(file, read_scenarios(file)))
-    return definition
-
-
-def _only_one(file: Path, scenarios: Sequence[ScenarioDefinition]) -> ScenarioDefinition:
-    """The scenario that no other of the file inherits from."""
+    """Return the scenario that no other of the file inherits from, whose places have file names in place of paths."""
+    scenarios = read_scenarios(file)
     bases = {base for scenario in scenarios for base in scenario.bases}
     last = [scenario for scenario in scenarios if scenario.name not in bases]
     if len(last) != 1:
         names = ", ".join(scenario.name for scenario in last)
         raise ScenarioError(f"{file}: expected one scenario to run, got {names}")
-    return last[0]
+    definition: ScenarioDefinition = _by_name(last[0])
+    return definition
 
 
 @functools.lru_cache(maxsize=CACHED_DEFINITIONS)
@@ -135,7 +129,6 @@ def definition_digest(definition: ScenarioDefinition) -> str:
 
 
 def _by_name(part: Any) -> Any:
-    """Return a definition whose places have file names in place of paths."""
     if isinstance(part, Place):
         return replace(part, file=Path(part.file).name)
     if is_dataclass(part) and not isinstance(part, type):

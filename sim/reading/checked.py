@@ -120,10 +120,11 @@ def _checked_digest(scenario: Scenario) -> str:
     except (ValueError, OSError):
         return digest("unchecked", scenario.digest)
     script, robot = checked.script, checked.robot
+    is_files = script.definition is definition_of(scenario.abstract)
     return digest(
         checked.timeout_s,
         checked.situation,
-        _definition_digest(scenario, script),
+        content_digest(scenario.abstract) if is_files else definition_digest(script.definition),
         plain_value(script.values),
         repr((script.start, script.goals, script.rounds, script.obstacles)),  # of numbers and names: five times as fast
         script.topics,
@@ -146,13 +147,6 @@ def _robot(scenario: Scenario, script: Script) -> RobotSetup:
         parameters = parameters.model_copy(update={"robot": _NOT_DESCRIBED})
     difference = difference_of(scenario.environment.get(WORLD_KEY))
     return RobotSetup(content, script.start, parameters, robot, lidar, difference, masks)
-
-
-def _definition_digest(scenario: Scenario, script: Script) -> str:
-    """Return the digest of the script's definition, from the cache if the file's is unchanged."""
-    if script.definition is definition_of(scenario.abstract):
-        return content_digest(scenario.abstract)
-    return definition_digest(script.definition)
 
 
 def _digested(robot: RobotSetup) -> Value:

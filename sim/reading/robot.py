@@ -5,7 +5,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
-from vastflow.sim.model.parameter import ParameterGroup
 from vastflow.sim.model.polygon import Vertices, vertices_of
 from vastflow.sim.model.rates import held_hz
 from vastflow.sim.nav2.parameter_files.interpretation import NO_SMOOTHER, is_omni
@@ -53,13 +52,13 @@ def robot_of(parameters: NavParameters) -> Robot:
     given = parameters.robot
     vertices, radius_m = _body(parameters)
     speed, acceleration, yaw_rate, yaw_acceleration = _limits(parameters)
-    return Robot(
+    return Robot(  # what is given is greater than 0
         radius_m,
-        TURTLEBOT_4.mass_kg if given.mass is None else given.mass,
-        speed if given.max_speed is None else given.max_speed,
-        acceleration if given.max_acceleration is None else given.max_acceleration,
-        yaw_rate if given.max_yaw_rate is None else given.max_yaw_rate,
-        yaw_acceleration if given.max_yaw_acceleration is None else given.max_yaw_acceleration,
+        given.mass or TURTLEBOT_4.mass_kg,
+        given.max_speed or speed,
+        given.max_acceleration or acceleration,
+        given.max_yaw_rate or yaw_rate,
+        given.max_yaw_acceleration or yaw_acceleration,
         vertices,
         *_drive(parameters),
     )
@@ -71,11 +70,12 @@ def lidar_of(parameters: NavParameters) -> Lidar:
     if given == LidarParameters():
         return own
     beams = given.beams or own.beams
-    first_rad, last_rad = own.angle_min_rad, own.angle_max_rad
+    first_rad, last_rad, usual = own.angle_min_rad, own.angle_max_rad, own.mount_xyt
     if given.angle_min is not None and given.angle_max is not None:
-        first_rad, last_rad = given.angle_min, given.angle_max
-    mount = zip((given.x, given.y, given.yaw), _assumed_mount(given), strict=True)
-    x_m, y_m, yaw_rad = (usual if each is None else each for each, usual in mount)
+        # The default mount is at the center if the scanner's angles are given.
+        first_rad, last_rad, usual = given.angle_min, given.angle_max, (0.0, 0.0, 0.0)
+    mount = zip((given.x, given.y, given.yaw), usual, strict=True)
+    x_m, y_m, yaw_rad = (assumed if each is None else each for each, assumed in mount)
     return Lidar(
         beams,
         first_rad,
@@ -90,10 +90,12 @@ def lidar_of(parameters: NavParameters) -> Lidar:
 
 def robot_facts(parameters: NavParameters) -> tuple[RobotFact, ...]:
     """Return the simulator's assumptions about the robot in words."""
+    noise = parameters.lidar_noise
+    of_noise = () if isinstance(noise, GaussianDropoutParameters) else (_given("lidar noise", type(noise).__name__),)
     return (
         *_driving_facts(parameters),
         *_lidar_facts(parameters),
-        *_noise_facts(parameters.lidar_noise),
+        *of_noise,
         *_latency_facts(parameters.latency),
     )
 
@@ -122,11 +124,6 @@ def _body(parameters: NavParameters) -> tuple[Vertices, float]:
     if vertices:
         return vertices, max(math.hypot(x_m, y_m) for x_m, y_m in vertices)
     return (), TURTLEBOT_4.radius_m if costmap.robot_radius == TURTLEBOT_4_RADIUS_M else costmap.robot_radius
-
-
-def _assumed_mount(given: LidarParameters) -> tuple[float, float, float]:
-    """Return the default mount: the TurtleBot 4's, or the center if the scanner's angles are given."""
-    return TURTLEBOT_4_LIDAR.mount_xyt if given.angle_min is None else (0.0, 0.0, 0.0)
 
 
 def _drive(parameters: NavParameters) -> tuple[Drive, float]:
@@ -182,17 +179,15 @@ def _driving_facts(parameters: NavParameters) -> Iterator[RobotFact]:
     if robot.min_turning_radius_m > 0.0:
         radius = f"{robot.min_turning_radius_m:g} m"
         yield RobotFact("turning radius at least", radius, _source(given.min_turning_radius is not None, False))
-    for quantity, unit, described, value, usual in (
-        ("mass", "kg", given.mass, robot.mass_kg, own.mass_kg),
-        ("speed up to", "m/s", given.max_speed, robot.max_speed_mps, own.max_speed_mps),
-        ("acceleration up to", "m/s²", given.max_acceleration, robot.max_acceleration_mps2, own.max_acceleration_mps2),
-        ("yaw rate up to", "rad/s", given.max_yaw_rate, robot.max_yaw_rate_radps, own.max_yaw_rate_radps),
-        (
-            *("yaw acceleration up to", "rad/s²", given.max_yaw_acceleration),
-            *(robot.max_yaw_acceleration_radps2, own.max_yaw_acceleration_radps2),
-        ),
+    for quantity, unit, described, name in (
+        ("mass", "kg", given.mass, "mass_kg"),
+        ("speed up to", "m/s", given.max_speed, "max_speed_mps"),
+        ("acceleration up to", "m/s²", given.max_acceleration, "max_acceleration_mps2"),
+        ("yaw rate up to", "rad/s", given.max_yaw_rate, "max_yaw_rate_radps"),
+        ("yaw acceleration up to", "rad/s²", given.max_yaw_acceleration, "max_yaw_acceleration_radps2"),
     ):
-        yield RobotFact(quantity, f"{value:g} {unit}", _source(described is not None, value == usual))
+        value: float = getattr(robot, name)
+        yield RobotFact(quantity, f"{value:g} {unit}", _source(described is not None, value == getattr(own, name)))
 
 
 def _lidar_facts(parameters: NavParameters) -> Iterator[RobotFact]:
@@ -213,12 +208,7 @@ def _lidar_facts(parameters: NavParameters) -> Iterator[RobotFact]:
     ):
         yield RobotFact(quantity, value, assumed if described is None else "given")
     if lidar.sweeps:
-        yield RobotFact("beams one after the other over", f"{1.0 / lidar.rate_hz:.4g} s a turn", "given")
-
-
-def _noise_facts(noise: ParameterGroup) -> Iterator[RobotFact]:
-    if not isinstance(noise, GaussianDropoutParameters):
-        yield RobotFact("lidar noise", type(noise).__name__, "given")
+        yield _given("beams one after the other over", f"{1.0 / lidar.rate_hz:.4g} s a turn")
 
 
 def _latency_facts(latency: Latency) -> Iterator[RobotFact]:
@@ -231,13 +221,17 @@ def _latency_facts(latency: Latency) -> Iterator[RobotFact]:
         ("commands late by", latency.controller_time, latency.controller_jitter),
     ):
         if least_s or jitter_s:
-            yield RobotFact(quantity, f"{least_s:g} s + {jitter_s:g} s in the mean", "given")
+            yield _given(quantity, f"{least_s:g} s + {jitter_s:g} s in the mean")
     if latency.odometry_rate != IDEAL.odometry_rate:
-        yield RobotFact("odometry at", f"{latency.odometry_rate:g} Hz", "given")
+        yield _given("odometry at", f"{latency.odometry_rate:g} Hz")
     if latency.missed_cycles:
-        yield RobotFact("share of missed controller cycles", f"{latency.missed_cycles:g}", "given")
+        yield _given("share of missed controller cycles", f"{latency.missed_cycles:g}")
     if not latency.smoother_in_step:
-        yield RobotFact("velocity smoother", "out of step with the controller", "given")
+        yield _given("velocity smoother", "out of step with the controller")
+
+
+def _given(quantity: str, value: str) -> RobotFact:
+    return RobotFact(quantity, value, "given")
 
 
 def _source(is_given: bool, is_turtlebots: bool) -> Source:

@@ -5,6 +5,7 @@ import re
 import shlex
 import signal
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,7 +18,6 @@ from vastflow.sim.model.files import Unreadable, read_text, yaml_value
 from vastflow.sim.scenario.definition import EnumValue
 from vastflow.sim.scenario.programs.folders import RunFolders
 from vastflow.sim.scenario.programs.process import ProcessGroup
-from vastflow.sim.scenario.programs.resources import write_resources
 from vastflow.sim.scenario.programs.run import ProcessRun
 from vastflow.sim.scenario.tree.action import Action, ActionFactory, ActionSituation, Immediate
 
@@ -51,42 +51,27 @@ def set_yaml_value(
         raise ValueError(f"expected {right}, got {found}") from None
     except ValueError:
         raise ValueError(f"expected one of type {value_type}, got value {value!r}") from None
+
+    def at(place: Any, key: str) -> str | int:
+        if isinstance(place, dict) and (create_missing or key in place):
+            return key
+        if isinstance(place, list) and key.isdigit() and int(key) < len(place):
+            return int(key)
+        raise ValueError(f"key_path {key_path!r} leads nowhere: there is no {key!r}")
+
     try:
         document = yaml_value(read_text(source, "a YAML file"))
-        document = {} if document is None else document
+        place = document = {} if document is None else document
         *parents, last = key_path.split(".")
-        place = document
         for key in parents:
-            place = _entered(place, key, key_path, create_missing)
-        if not create_missing:
-            _entered(place, last, key_path, False)
-        _put(place, last, typed, key_path)
+            place = place.setdefault(at(place, key), {}) if isinstance(place, dict) else place[at(place, key)]
+        place[at(place, last)] = typed
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_text(yaml.safe_dump(document, sort_keys=False, allow_unicode=True))
     except Unreadable as error:
         raise ValueError(f"{str(source)!r}: {error}") from None
     except OSError as error:
         raise ValueError(f"{error.filename!r}: {error.strerror}") from None
-
-
-def _entered(place: Any, key: str, key_path: str, create_missing: bool) -> Any:
-    if isinstance(place, dict):
-        if key not in place and create_missing:
-            place[key] = {}
-        if key in place:
-            return place[key]
-    elif isinstance(place, list) and key.isdigit() and int(key) < len(place):
-        return place[int(key)]
-    raise ValueError(f"key_path {key_path!r} leads nowhere: there is no {key!r}")
-
-
-def _put(place: Any, key: str, value: Any, key_path: str) -> None:
-    if isinstance(place, dict):
-        place[key] = value
-    elif isinstance(place, list) and key.isdigit() and int(key) < len(place):
-        place[int(key)] = value
-    else:
-        raise ValueError(f"key_path {key_path!r} leads nowhere: there is no {key!r}")
 
 
 SHUTDOWN_TIMEOUT_S: Final = 10.0
@@ -110,16 +95,16 @@ class RunProcess(RunAction):
 
     def __init__(self, run: ProcessRun, situation: ActionSituation) -> None:
         super().__init__(run, situation)
-        self._group: ProcessGroup | None = None
         self._begun: list[ProcessGroup] = []
-        self._awaited = True
-        self._signal = int(signal.SIGTERM)
-        self._timeout_s = SHUTDOWN_TIMEOUT_S
 
     def enter(self, arguments: Mapping[str, Any]) -> None:
-        self._group = None
         self._awaited = arguments.get("wait_for_shutdown", True)
-        self._signal = _signal_number(arguments.get("shutdown_signal", self._signal))
+        given = arguments.get("shutdown_signal", signal.SIGTERM)
+        name = given.member.upper() if isinstance(given, EnumValue) else ""
+        # This machine's number of the signal, if it has one of this name.
+        self._signal = (
+            signal.Signals[name] if name in signal.Signals.__members__ else int(getattr(given, "number", given))
+        )
         self._timeout_s = float(arguments.get("shutdown_timeout", SHUTDOWN_TIMEOUT_S))
         try:
             command = shlex.split(arguments["command"])
@@ -127,30 +112,23 @@ class RunProcess(RunAction):
             raise ScenarioError(f"command {arguments['command']!r}: {str(error).lower()}") from None
         if not command:
             raise ScenarioError("expected a command, got nothing")
-        self._group = self.run.start(command, self.situation.label)
+        self._begun.append(self.run.start(command, self.situation.label))
         self.message = f"running {shlex.join(command)}"
-        self._begun.append(self._group)
         self.situation.log(self.message)
 
     def update(self) -> Status:
-        assert self._group is not None  # `enter` starts it
         if not self._awaited:
             return Status.SUCCESS
-        ended = self._group.poll()
+        group = self._begun[-1]
+        ended = group.poll()
         if ended is None:
             return Status.RUNNING
-        program = Path(self._group.command[0]).name
-        if not ended.reason:
-            self.message = f"{program} exited with code 0"
-            return Status.SUCCESS
-        self._group.log.complete.wait(0.2)  # the last line is the one that says why
-        last = self._group.log.last_line()
-        self.message = f"{program} {ended.reason}" + (f": {last}" if last else "")
-        return Status.FAILURE
+        words = group.with_last_line(ended.reason) if ended.reason else "exited with code 0"
+        self.message = f"{Path(group.command[0]).name} {words}"
+        return Status.FAILURE if ended.reason else Status.SUCCESS
 
     def cancel(self) -> None:
-        if self._group is not None:
-            self._group.stop(self._signal, self._timeout_s)
+        self._begun[-1].stop(self._signal, self._timeout_s)
 
     def shutdown(self) -> None:
         for group in self._begun:
@@ -172,18 +150,17 @@ class ProcessLogCheck(RunAction):
             self._offset = self._group.log.path.stat().st_size
 
     def update(self) -> Status:
+        self._group = self._group or self.run.labeled(self._label)
         if self._group is None:
-            self._group = self.run.labeled(self._label)
-            if self._group is None:
-                self.message = f"no run_process labeled {self._label!r} has begun"
-                return Status.RUNNING
+            self.message = f"no run_process labeled {self._label!r} has begun"
+            return Status.RUNNING
         log = self._group.log
         over = log.complete.is_set() or log.cut
         printed = log.read(self._offset)
-        for value in self._values:
-            if value in printed:
-                self.message = f"{self._label!r} printed {value.decode()!r}"
-                return Status.SUCCESS
+        came = next((value for value in self._values if value in printed), None)
+        if came is not None:
+            self.message = f"{self._label!r} printed {came.decode()!r}"
+            return Status.SUCCESS
         longest = max(map(len, self._values), default=0)
         self._offset += max(0, len(printed) - longest)  # a value may have come in half
         wanted = " or ".join(repr(value.decode()) for value in self._values)
@@ -206,19 +183,14 @@ class CheckProcessRunning(RunAction, Immediate):
             pattern = re.compile(wanted if arguments.get("regex", False) else re.escape(wanted))
         except re.error as error:
             raise ScenarioError(f"{wanted!r} is no regular expression: {error}") from None
-        running = any(pattern.search(text) for text in self._texts())
-        self.message = f"{'a' if running else 'no'} process {wanted!r} of this run is running"
-        return running
-
-    def _texts(self) -> list[str]:
-        texts = []
+        texts = self.run.running_labels()
         for pid in self.run.pids():
-            try:
+            with suppress(psutil.NoSuchProcess, psutil.AccessDenied):
                 process = psutil.Process(pid)
                 texts.append(f"{process.name()} {' '.join(process.cmdline())}")
-            except (psutil.NoSuchProcess, psutil.AccessDenied):
-                continue
-        return texts + self.run.running_labels()
+        running = any(map(pattern.search, texts))
+        self.message = f"{'a' if running else 'no'} process {wanted!r} of this run is running"
+        return running
 
 
 class CheckFileExists(RunAction, Immediate):
@@ -257,7 +229,9 @@ class MonitorResources(RunAction):
             return
         try:
             self._file.parent.mkdir(parents=True, exist_ok=True)
-            write_resources(self.run.resources, self._file)
+            rows = ((f"{row.t_s:.3f}", f"{row.cpu_s:.2f}", row.rss_bytes, row.processes) for row in self.run.resources)
+            lines = (",".join(map(str, row)) + "\n" for row in [("t_s", "cpu_s", "rss_bytes", "processes"), *rows])
+            self._file.write_text("".join(lines))
         except OSError as error:
             self.situation.log(f"monitor_resources could not write {error.filename!r}: {error.strerror}")
 
@@ -288,14 +262,6 @@ class SetYamlValue(RunAction, Immediate):
             return False
         self.message = f"set {arguments['key_path']} to {arguments['value']}"
         return True
-
-
-def _signal_number(value: Any) -> int:
-    """Return this machine's number of a signal."""
-    if isinstance(value, EnumValue):
-        named = getattr(signal, value.member.upper(), None)
-        return int(named) if isinstance(named, signal.Signals) else value.number
-    return int(value)
 
 
 def _written_to(folders: RunFolders, name: str) -> Path | None:

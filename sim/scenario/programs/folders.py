@@ -3,7 +3,7 @@
 import os
 import re
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path, PurePosixPath
@@ -99,10 +99,6 @@ def _files(folder: Path) -> list[Path]:
     return [path for path in folder.rglob("*") if path.is_file()]
 
 
-_NEVER: Final = "__pycache__"
-"""Compiled modules differ from machine to machine; no run needs them."""
-
-
 def files_matching(
     folder: Path, patterns: Sequence[str], leave_out: Callable[[Path], bool] = lambda folder: False
 ) -> RunFiles:
@@ -119,18 +115,21 @@ def files_matching(
         ScenarioError: an absolute pattern, or one that leaves `folder`.
     """
     tests = [_parts(pattern) for pattern in patterns]
-    paths = sorted(_paths(folder, leave_out))
-    matching = [path for path in paths if any(_matches(path.split("/"), parts) for parts in tests)]
-    return tuple((path, FileContent(str(folder / path), file_digest(folder / path))) for path in matching)
+    found = {}
+    for parent, folders, names in os.walk(folder):
+        # Compiled modules differ from machine to machine; no run needs them.
+        folders[:] = [name for name in folders if name != "__pycache__" and not leave_out(Path(parent, name))]
+        for path in (Path(parent, name) for name in names):
+            parts = path.relative_to(folder).parts
+            if path.is_file() and any(_matches(parts, test) for test in tests):
+                found["/".join(parts)] = FileContent(str(path), file_digest(path))
+    return tuple(sorted(found.items(), key=lambda item: item[0]))
 
 
 def unmatched(files: RunFiles, patterns: Sequence[str]) -> tuple[str, ...]:
     """Return the patterns that match no file."""
-    return tuple(
-        pattern
-        for pattern in patterns
-        if not any(_matches(path.split("/"), _parts(pattern)) for path, _content in files)
-    )
+    paths = [path.split("/") for path, _content in files]
+    return tuple(pattern for pattern in patterns if not any(_matches(path, _parts(pattern)) for path in paths))
 
 
 def copy_in(files: RunFiles, folder: Path) -> None:
@@ -149,15 +148,6 @@ def copy_in(files: RunFiles, folder: Path) -> None:
         if file_digest(target) != content.digest:
             raise ScenarioError(f"run file {content.path!r} changed since the campaign was read; run it again")
         target.chmod(target.stat().st_mode | 0o200)
-
-
-def _paths(folder: Path, leave_out: Callable[[Path], bool]) -> Iterator[str]:
-    for parent, folders, names in os.walk(folder):
-        folders[:] = [name for name in folders if name != _NEVER and not leave_out(Path(parent, name))]
-        for name in names:
-            path = Path(parent, name)
-            if path.is_file():
-                yield path.relative_to(folder).as_posix()
 
 
 def _parts(pattern: str) -> tuple[str, ...]:

@@ -1,7 +1,6 @@
 """Outputs: the files and tables that a run left in its folder."""
 
 import os
-import stat
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Final, TypeAlias
@@ -31,79 +30,62 @@ def read_outputs(folder: Path, before: Mapping[str, Stamp]) -> Outputs:
     paths, files are kept up to `MAX_FILE_BYTES` each and `MAX_RUN_BYTES` in all, tables up to `MAX_TABLE_BYTES` and
     `MAX_TABLES_BYTES`; the rest is listed. A link that leads out of `folder`, or to a folder, is not followed.
     """
-    reading = _Reading(folder.resolve())
-    for name, path in _files(folder, reading.lock_out):
-        if before.get(name) != _stamp(path.lstat()):
-            reading.take(name, path)
-    return reading.outputs()
+    kept, root, left_out = _Kept(), folder.resolve(), []
 
+    def lock_out(error: OSError) -> None:
+        kept.notes.append(f"{_printable(os.path.relpath(error.filename, root))}: {error.strerror}")
 
-class _Reading:
-    """Collects outputs within the limits."""
-
-    def __init__(self, root: Path) -> None:
-        self._root = root
-        self._tables: dict[str, Columns] = {}
-        self._files: dict[str, bytes] = {}
-        self._left_out: list[LeftOut] = []
-        self._unlisted = 0
-        self._notes: list[str] = []
-        self._files_bytes = 0
-        self._tables_bytes = 0
-
-    def take(self, name: str, path: Path) -> None:
+    for name, path in _files(folder, lock_out):
+        if before.get(name) == _stamp(path.lstat()):
+            continue
         target = Path(os.path.realpath(path)) if path.is_symlink() else path
-        if path.is_symlink() and not (target.is_relative_to(self._root) and target.is_file()):
-            self._leave(name, 0, "a link that leads to no file of the run's folder")
-            return
-        status = target.stat()
-        if not stat.S_ISREG(status.st_mode):
-            self._leave(name, 0, "not a file but a device, pipe or socket")
-            return
-        try:
-            if name.lower().endswith((".csv", ".parquet")):
-                self._take_table(name, target, status.st_size)
-            else:
-                self._take_file(name, target, status.st_size)
-        except OSError as error:
-            self._leave(name, status.st_size, f"it can't be read: {error.strerror}")
-
-    def lock_out(self, error: OSError) -> None:
-        """Note a folder that can't be listed."""
-        self._notes.append(f"{_printable(os.path.relpath(error.filename, self._root))}: {error.strerror}")
-
-    def _take_table(self, name: str, path: Path, size: int) -> None:
-        if size > MAX_TABLE_BYTES or self._tables_bytes + size > MAX_TABLES_BYTES:
-            self._leave(name, size, _too_large(size > MAX_TABLE_BYTES, MAX_TABLE_BYTES, MAX_TABLES_BYTES))
-            return
-        content = path.read_bytes()
-        stem = name.rpartition(".")[0]
-        called = name if stem in self._tables else stem
-        try:
-            self._tables[called], notes = read_foreign_table(name, content)
-        except ValueError as fault:
-            self._notes.append(f"{name}: {fault}")
-            self._take_file(name, path, size)
-            return
-        self._tables_bytes += size
-        self._notes.extend(f"{name}: {note}" for note in notes)
-
-    def _take_file(self, name: str, path: Path, size: int) -> None:
-        if size > MAX_FILE_BYTES or self._files_bytes + size > MAX_RUN_BYTES:
-            self._leave(name, size, _too_large(size > MAX_FILE_BYTES, MAX_FILE_BYTES, MAX_RUN_BYTES))
-            return
-        self._files[name] = path.read_bytes()
-        self._files_bytes += size
-
-    def _leave(self, name: str, size: int, why: str) -> None:
-        if len(self._left_out) < MAX_LISTED:
-            self._left_out.append(LeftOut(name, size, why))
+        size = 0
+        if path.is_symlink() and not (target.is_relative_to(root) and target.is_file()):
+            why = "a link that leads to no file of the run's folder"
+        elif not target.is_file():
+            why = "not a file but a device, pipe or socket"
         else:
-            self._unlisted += 1
+            size = target.stat().st_size
+            try:
+                why = kept.refusal(name, target, size)
+            except OSError as error:
+                why = f"it can't be read: {error.strerror}"
+        if why:
+            left_out.append(LeftOut(name, size, why))
+    unlisted = len(left_out) - MAX_LISTED
+    more = [f"{unlisted} more files are neither kept nor listed"] if unlisted > 0 else []
+    return Outputs(kept.tables, kept.files, tuple(left_out[:MAX_LISTED]), (*kept.notes, *more))
 
-    def outputs(self) -> Outputs:
-        more = [f"{self._unlisted} more files are neither kept nor listed"] if self._unlisted else []
-        return Outputs(self._tables, self._files, tuple(self._left_out), (*self._notes, *more))
+
+class _Kept:
+    """Outputs within the limits, and notes on them."""
+
+    def __init__(self) -> None:
+        self.tables: dict[str, Columns] = {}
+        self.files: dict[str, bytes] = {}
+        self.notes: list[str] = []
+        self._tables_bytes = self._files_bytes = 0
+
+    def refusal(self, name: str, path: Path, size: int) -> str:
+        """Keep a file, or return why it is not kept."""
+        if name.lower().endswith((".csv", ".parquet")):
+            if size > MAX_TABLE_BYTES or self._tables_bytes + size > MAX_TABLES_BYTES:
+                return _too_large(size, MAX_TABLE_BYTES, MAX_TABLES_BYTES)
+            stem = name.rpartition(".")[0]
+            try:
+                columns, notes = read_foreign_table(name, path.read_bytes())
+            except ValueError as fault:
+                self.notes.append(f"{name}: {fault}")
+            else:
+                self.tables[name if stem in self.tables else stem] = columns
+                self.notes += [f"{name}: {note}" for note in notes]
+                self._tables_bytes += size
+                return ""
+        if size > MAX_FILE_BYTES or self._files_bytes + size > MAX_RUN_BYTES:
+            return _too_large(size, MAX_FILE_BYTES, MAX_RUN_BYTES)
+        self.files[name] = path.read_bytes()
+        self._files_bytes += size
+        return ""
 
 
 def _files(folder: Path, locked: Callable[[OSError], None] | None = None) -> Iterator[tuple[str, Path]]:
@@ -128,5 +110,5 @@ def _stamp(status: os.stat_result) -> Stamp:
     return status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns
 
 
-def _too_large(alone: bool, limit: int, run_limit: int) -> str:
-    return f"larger than {limit >> 20} MiB" if alone else f"the run's {run_limit >> 20} MiB are full"
+def _too_large(size: int, limit: int, run_limit: int) -> str:
+    return f"larger than {limit >> 20} MiB" if size > limit else f"the run's {run_limit >> 20} MiB are full"

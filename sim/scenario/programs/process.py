@@ -23,7 +23,9 @@ from vastflow.sim.scenario.programs.guard import VARIABLE, kill_marked
 from vastflow.sim.scenario.programs.mounts import MountNamespace
 
 MAX_LOG_BYTES: Final = 16 * 2**20
-_READ_BYTES: Final = 1 << 16
+RSS_UNIT_BYTES: Final = 1 if sys.platform == "darwin" else 1024
+_KILL_S: Final = 5.0
+"""How long a process may take to be gone after SIGKILL."""
 
 
 class ProcessLog:
@@ -83,7 +85,7 @@ class ProcessLog:
                 while not self._given_up.is_set():
                     if not readable.poll(100):
                         continue
-                    data = os.read(self._read_end, _READ_BYTES)
+                    data = os.read(self._read_end, 1 << 16)
                     if not data:
                         break
                     if kept := data[: self._max_bytes - written]:
@@ -95,11 +97,6 @@ class ProcessLog:
         finally:
             os.close(self._read_end)
             self.complete.set()
-
-
-RSS_UNIT_BYTES: Final = 1 if sys.platform == "darwin" else 1024
-_KILL_S: Final = 5.0
-"""How long a process may take to be gone after SIGKILL."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,6 +203,12 @@ class ProcessGroup:
         self._end.wait(timeout_s)
         return self._ended
 
+    def with_last_line(self, reason: str) -> str:
+        """Return the reason of the program's end with the last line that it printed."""
+        self.log.complete.wait(0.2)  # the last line is the one that says why
+        last = self.log.last_line()
+        return f"{reason}: {last}" if last else reason
+
     def stop(self, with_signal: int = signal.SIGTERM, timeout_s: float = 10.0) -> Ended:
         """Send `with_signal` to the group, and SIGKILL to the rest after `timeout_s` (s, host time).
 
@@ -213,13 +216,15 @@ class ProcessGroup:
         """
         if self._over is not None:
             return self._over
-        family = self._family()
+        family: list[psutil.Process] = []
+        with suppress(psutil.NoSuchProcess):
+            family = psutil.Process(self.pid).children(recursive=True)
         if self._ended is None:
             until_s = time.monotonic() + timeout_s
             self._signal_group(with_signal)
             if self.wait(timeout_s) is None:
                 self._overdue = f"did not end within {timeout_s:g} s of {_signal_name(with_signal)} and was killed"
-            while time.monotonic() < until_s and any(_in_group(process, self.pid) for process in family):
+            while time.monotonic() < until_s and any(_lives(process, self.pid) for process in family):
                 time.sleep(0.01)
         self._signal_group(signal.SIGKILL)
         kill_all(family)
@@ -241,12 +246,6 @@ class ProcessGroup:
             self._usage = Usage(used.ru_utime + used.ru_stime, used.ru_maxrss * RSS_UNIT_BYTES)
         return self._usage
 
-    def _family(self) -> list[psutil.Process]:
-        try:
-            return psutil.Process(self.pid).children(recursive=True)
-        except psutil.NoSuchProcess:
-            return []
-
     def _signal_group(self, number: int) -> None:
         if self._usage is None:  # while the zombie is there, the group's number is not another's
             with suppress(ProcessLookupError, PermissionError):
@@ -256,7 +255,13 @@ class ProcessGroup:
         """Wait for the end without reaping, which would free the ids of process and group."""
         info = os.waitid(os.P_PID, self.pid, os.WEXITED | os.WNOWAIT)
         assert info is not None  # it blocks
-        self._ended = _ended(info.si_code == os.CLD_EXITED, info.si_status, self._overdue)
+        status, name = info.si_status, _signal_name(info.si_status)
+        if info.si_code == os.CLD_EXITED:
+            self._ended = Ended(status, "", False, f"exited with code {status}" if status else "")
+        elif self._overdue and status == signal.SIGKILL:
+            self._ended = Ended(None, name, True, self._overdue)
+        else:
+            self._ended = Ended(None, name, False, f"was ended by {name}")
         self._end.set()
         if self._on_end is not None:
             self._on_end()
@@ -273,18 +278,13 @@ def kill_all(processes: Iterable[psutil.Process]) -> None:
         time.sleep(0.005)
 
 
-def _lives(process: psutil.Process) -> bool:
+def _lives(process: psutil.Process, group: int | None = None) -> bool:
+    """Whether a process still does something, in a process group if one is given."""
     try:
-        return bool(process.is_running() and process.status() != psutil.STATUS_ZOMBIE)
-    except psutil.NoSuchProcess:
+        lives = bool(process.is_running() and process.status() != psutil.STATUS_ZOMBIE)
+        return lives and (group is None or os.getpgid(process.pid) == group)
+    except (psutil.NoSuchProcess, ProcessLookupError):
         return False
-
-
-def _ended(exited: bool, status: int, overdue: str) -> Ended:
-    if exited:
-        return Ended(status, "", False, f"exited with code {status}" if status else "")
-    name, killed = _signal_name(status), bool(overdue) and status == signal.SIGKILL
-    return Ended(None, name, killed, overdue if killed else f"was ended by {name}")
 
 
 def _signal_name(number: int) -> str:
@@ -292,14 +292,6 @@ def _signal_name(number: int) -> str:
         return signal.Signals(number).name
     except ValueError:  # a real-time signal
         return f"signal {number}"
-
-
-def _in_group(process: psutil.Process, group: int) -> bool:
-    """Whether `process` still does something in `group`."""
-    try:
-        return os.getpgid(process.pid) == group and _lives(process)
-    except ProcessLookupError:
-        return False
 
 
 def _not_started(command: Sequence[str], folders: RunFolders, error: Exception) -> str:

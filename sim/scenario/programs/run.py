@@ -6,8 +6,9 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 import uuid
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,8 +27,7 @@ from vastflow.sim.scenario.programs.folders import OUT, RunFolders, copy_in, han
 from vastflow.sim.scenario.programs.guard import VARIABLE, kill_marked, marked, remove_folder
 from vastflow.sim.scenario.programs.mounts import MountNamespace, can_mount
 from vastflow.sim.scenario.programs.outputs import Stamp, read_outputs, stamps
-from vastflow.sim.scenario.programs.process import RSS_UNIT_BYTES, Ended, ProcessGroup, Usage, kill_all
-from vastflow.sim.scenario.programs.resources import ResourceSampler
+from vastflow.sim.scenario.programs.process import RSS_UNIT_BYTES, ProcessGroup, Usage, kill_all
 
 COMMAND_TIMEOUT_S: Final = 600.0
 """Host time that `pre_command` and `post_command` may take."""
@@ -40,52 +40,58 @@ source "$vastflow_script" "$@" || exit
 command env -0 >"$vastflow_result"
 """
 
-Start = Callable[[Sequence[str], Mapping[str, str], str], ProcessGroup]
-"""Starts a command in an environment under a label, as `vastflow.sim.scenario.programs.run.ProcessRun` does."""
-
-
-def sourced(
-    command: Sequence[str],
-    environment: Mapping[str, str],
-    result: Path,
-    start: Start,
-    timeout_s: float = COMMAND_TIMEOUT_S,
-) -> dict[str, str]:
-    """Return `environment` after bash has sourced a script in it; its background processes run on.
-
-    Args:
-        command: The script and its arguments.
-        result: File to pass it through; it is removed again.
-
-    Raises:
-        ScenarioError: no bash, an exit code other than 0, or no end in time.
-    """
-    script = Path(command[0])
-    try:
-        group = start(["bash", "-c", _SOURCE, "bash", str(result), *command], environment, "pre_command")
-    except ScenarioError as error:
-        raise ScenarioError(f"pre_command: {error}") from None
-    ended = finished(group, timeout_s)
-    if ended.reason:
-        group.log.complete.wait(0.2)
-        last = group.log.last_line()
-        raise ScenarioError(f"pre_command {script.name!r} {ended.reason}" + (f": {last}" if last else ""))
-    if not result.exists():
-        raise ScenarioError(f"pre_command {script.name!r} left the shell that sources it; it must not call exit")
-    entries = [os.fsdecode(entry).partition("=") for entry in result.read_bytes().split(b"\0") if entry]
-    result.unlink()
-    return {name: value for name, _, value in entries if name not in _NOT_TAKEN}
-
-
-def finished(group: ProcessGroup, timeout_s: float) -> Ended:
-    """Wait for the program of `group`, and kill it after `timeout_s`."""
-    if (ended := group.wait(timeout_s)) is not None:
-        return ended
-    ended = group.stop(timeout_s=0.0)
-    return Ended(ended.code, ended.signal, True, f"took longer than {timeout_s:g} s and was killed")
-
-
 MAX_LOGS_BYTES: Final = 64 * 2**20
+SAMPLED_S: Final = 1.0
+
+
+class ResourceSampler:
+    """A thread that samples a run's processes once a second of host time.
+
+    Attributes:
+        rows: The samples so far.
+    """
+
+    def __init__(self, pids: Callable[[], Iterable[int]]) -> None:
+        """Begin; `pids` gives the ids of the run's living processes."""
+        self._pids = pids
+        self._start_s = time.monotonic()
+        self._cpu_s: dict[psutil.Process, float] = {}
+        self.rows = [self._sample()]  # here, not in the thread: a run of milliseconds has a row too
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._sample_on, name="resources", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> tuple[Use, ...]:
+        """Stop sampling and return all rows."""
+        self._stopped.set()
+        self._thread.join()
+        return tuple(self.rows)
+
+    @property
+    def processes(self) -> set[psutil.Process]:
+        """Every process seen so far, whether it lives or not."""
+        return set(self._cpu_s)
+
+    def _sample_on(self) -> None:
+        while True:
+            next_s = self._start_s + len(self.rows) * SAMPLED_S
+            if self._stopped.wait(max(0.0, next_s - time.monotonic())):
+                return
+            self.rows.append(self._sample())
+
+    def _sample(self) -> Use:
+        t_s, rss_bytes, processes = time.monotonic() - self._start_s, 0, 0
+        for pid in self._pids():
+            try:
+                process = psutil.Process(pid)
+                with process.oneshot():
+                    times, rss = process.cpu_times(), process.memory_info().rss
+            except (psutil.NoSuchProcess, psutil.AccessDenied):
+                continue
+            self._cpu_s[process] = times.user + times.system
+            rss_bytes += rss
+            processes += 1
+        return Use(t_s, sum(self._cpu_s.values()), rss_bytes, processes)
 
 
 @dataclass(frozen=True)
@@ -133,8 +139,8 @@ class ProcessRun:
         """Fill the folders and source `pre_command`.
 
         Raises:
-            ScenarioError: a run file changed or is gone.
-            ScenarioError: `pre_command` did; the run is not to be judged.
+            ScenarioError: a run file changed or is gone, or `pre_command` failed: no bash, an exit code other than 0, or no
+                end in time. The run is not to be judged.
         """
         folders = self.folders
         for folder in (folders.config, folders.out, folders.logs):
@@ -149,8 +155,7 @@ class ProcessRun:
             self.environment |= own
         self._before = stamps(folders.out)
         if self._setup.pre_command:
-            result = folders.logs / "environment"
-            self.environment = sourced(self._pre_command(), self.environment, result, self._start_in)
+            self.environment = self._sourced(folders.logs / "environment")
             self._news.clear()
 
     def start(self, command: Sequence[str], label: str = "") -> ProcessGroup:
@@ -195,7 +200,7 @@ class ProcessRun:
     @property
     def resources(self) -> tuple[Use, ...]:
         """The resource samples so far, one a second since the first process."""
-        return self._sampler.rows if self._sampler else ()
+        return tuple(self._sampler.rows) if self._sampler else ()
 
     def close(self) -> ProcessRecord:
         """End everything, let `post_command` run, and read what is left; called once.
@@ -208,7 +213,11 @@ class ProcessRun:
         resources = self._sampler.stop() if self._sampler else ()
         self.end()
         waited_s, sampled_s = sum(usage.cpu_s for usage in self._usages), resources[-1].cpu_s if resources else 0.0
-        usage = Usage(max(waited_s, sampled_s), _peak_bytes(self._usages, resources))
+        # A process begins with its parent's peak for its own, so the system's figure counts only where it is greater than
+        # this process' peak; else the samples are what there is.
+        own = getrusage(RUSAGE_SELF).ru_maxrss * RSS_UNIT_BYTES
+        peaks = [usage.max_rss_bytes for usage in self._usages if usage.max_rss_bytes > own]
+        usage = Usage(max(waited_s, sampled_s), max([*peaks, *(row.rss_bytes for row in resources)], default=0))
         return ProcessRecord(read_outputs(self.folders.out, self._before), self._logs(), resources, usage, post_command)
 
     def end(self) -> None:
@@ -256,13 +265,31 @@ class ProcessRun:
             self._sampler = ResourceSampler(self.pids)
         return group
 
-    def _pre_command(self) -> list[str]:
-        """Return the script and its arguments; a path with blanks needs no quotes."""
+    def _sourced(self, result: Path) -> dict[str, str]:
+        """Return the environment after bash has sourced `pre_command` in it; its background processes run on.
+
+        A path with blanks needs no quotes.
+
+        Args:
+            result: File to pass it through; it is removed again.
+        """
         given = self._setup.pre_command
-        command = [given] if self.folders.path(given).is_file() else _words(given)
-        if not self.folders.path(command[0]).is_file():
-            raise ScenarioError(f"pre_command: there is no file {command[0]!r}")
-        return [self._seen(command[0]), *command[1:]]
+        script, *arguments = [given] if self.folders.path(given).is_file() else _words(given)
+        if not self.folders.path(script).is_file():
+            raise ScenarioError(f"pre_command: there is no file {script!r}")
+        command = ["bash", "-c", _SOURCE, "bash", str(result), self._seen(script), *arguments]
+        try:
+            group = self._start_in(command, self.environment, "pre_command")
+        except ScenarioError as error:
+            raise ScenarioError(f"pre_command: {error}") from None
+        name = Path(script).name
+        if reason := _reason(group):
+            raise ScenarioError(f"pre_command {name!r} {group.with_last_line(reason)}")
+        if not result.exists():
+            raise ScenarioError(f"pre_command {name!r} left the shell that sources it; it must not call exit")
+        entries = [os.fsdecode(entry).partition("=") for entry in result.read_bytes().split(b"\0") if entry]
+        result.unlink()
+        return {name: value for name, _, value in entries if name not in _NOT_TAKEN}
 
     def _post_command(self) -> str:
         try:
@@ -270,7 +297,7 @@ class ProcessRun:
             group = self.start([self._seen(program), *arguments, OUT], "post_command")
         except ScenarioError as error:
             return str(error)
-        return finished(group, COMMAND_TIMEOUT_S).reason
+        return _reason(group)
 
     def _seen(self, program: str) -> str:
         """Return the whole path of a file in the run's folder, else the program's name."""
@@ -286,6 +313,14 @@ class ProcessRun:
             texts.append(LogText(group.label, group.command, text, cut))
             left_bytes -= min(left_bytes, len(content))
         return tuple(texts)
+
+
+def _reason(group: ProcessGroup) -> str:
+    """Return why a command failed, which is killed after `COMMAND_TIMEOUT_S`; empty if it did not."""
+    if (ended := group.wait(COMMAND_TIMEOUT_S)) is not None:
+        return ended.reason
+    group.stop(timeout_s=0.0)
+    return f"took longer than {COMMAND_TIMEOUT_S:g} s and was killed"
 
 
 def _words(command: str) -> list[str]:
@@ -318,28 +353,13 @@ def process_run(
     finally:
         try:
             run.end()
-            _check_room(root)
+            try:
+                with tempfile.TemporaryFile(dir=root) as file:
+                    file.write(b"1" * 4096)
+            except OSError as error:
+                raise OSError(error.errno, error.strerror, str(root)) from None
         finally:
             remove_folder(root)
-
-
-def _check_room(folder: Path) -> None:
-    try:
-        with tempfile.TemporaryFile(dir=folder) as file:
-            file.write(b"1" * 4096)
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(folder)) from None
-
-
-def _peak_bytes(usages: Sequence[Usage], rows: Sequence[Use]) -> int:
-    """Return the greatest memory of the run's processes.
-
-    A process begins with its parent's peak for its own, so the system's figure counts only where it is greater than this
-    process' peak; else the samples are what there is.
-    """
-    own = getrusage(RUSAGE_SELF).ru_maxrss * RSS_UNIT_BYTES
-    peaks = [usage.max_rss_bytes for usage in usages if usage.max_rss_bytes > own]
-    return max([*peaks, *(row.rss_bytes for row in rows)], default=0)
 
 
 def _guarding(mark: str, folder: Path) -> "subprocess.Popen[bytes]":
