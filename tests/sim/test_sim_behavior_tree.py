@@ -101,48 +101,19 @@ def came_to(under_way):
     return (under_way.passed, under_way.now_s) if under_way.ended else None
 
 
-ENDS = {
-    "do serial:\n  wait elapsed(1s)": (True, 1.1),
-    "timeout(2s)\ndo serial:\n  wait elapsed(5s)": (False, 2.2),
-    "timeout(2s)\ndo serial:\n  wait elapsed(2s)": (True, 2.1),
-    "do serial:\n  repeat(3)\n  wait elapsed(1s)": (True, 3.3),
-    "do log('here')": (True, 0.1),
-    "d: time = 0.5s\ndo serial:\n  wait elapsed(d)": (True, 0.6),
-    "do serial:\n  wait elapsed(1s)\n  wait elapsed(1s)\n  log('over')": (True, 2.1),
-    "do parallel:\n  wait elapsed(1s)\n  wait elapsed(2s)": (True, 2.1),
-    "do parallel:\n  wait elapsed(5s)\n  compare(1, '==', 2)": (False, 0.1),
-    "do one_of:\n  wait elapsed(1s)\n  wait elapsed(2s)": (True, 1.1),
-    "do one_of:\n  wait elapsed(1s)\n  compare(1, '==', 2)": (False, 0.1),
-    "do one_of:\n  deed(0.3)\n  deed(0.3, true)": (False, 0.4),
-    "event go\ndo parallel:\n  wait @go\n  serial:\n    wait elapsed(1s)\n    emit go": (True, 1.2),
-    "event go\ndo serial:\n  emit go\n  wait elapsed(1s)\n  wait @go\n  wait @go": (True, 1.1),
-    "var n: int = 0\ndo parallel:\n  wait n >= 3\n  serial:\n    repeat(3)\n    increment(n)": (True, 0.4),
-    "var n: int = 0\ndo parallel:\n  serial:\n    repeat(3)\n    increment(n)\n  wait n >= 3": (True, 0.3),
-    "event go\nvar n: int = 0\ndo parallel:\n  wait @go if n == 2\n  serial:\n    repeat(2)\n    emit go\n"
-    "    wait elapsed(1s)\n    increment(n)": (True, 2.3),
-    "do parallel:\n  wait elapsed(9s)\n  serial:\n    wait elapsed(1s)\n    emit end": (True, 1.1),
-    "do parallel:\n  wait elapsed(9s)\n  serial:\n    wait elapsed(1s)\n    emit fail": (False, 1.1),
-    "do parallel:\n  emit end\n  emit fail": (False, 0.1),
-    "do parallel:\n  emit end\n  deed(fails: true)": (False, 0.1),
-    "do serial:\n  log('a') with:\n    inverter()\n    inverter()": (True, 0.1),
-    "do serial:\n  capture_screen() with:\n    timeout(1s)": (False, 1.2),
-    "do serial:\n  capture_screen() with:\n    inverter()\n    timeout(1s)": (True, 1.2),
-    "do serial:\n  capture_screen() with:\n    timeout(1s)\n    inverter()": (False, 1.2),
-    "do serial:\n  capture_screen() with:\n    until elapsed(1s)": (True, 1.1),
-    "do serial:\n  capture_screen() with:\n    until elapsed(1s)\n    timeout(0.5s)": (False, 0.7),
-    "do deed(0.2) with:\n  until elapsed(0.5s)": (True, 0.3),
-    "do deed(0.2, true) with:\n  until elapsed(0.5s)": (False, 0.3),
-    "event stop\ndo parallel:\n  serial:\n    wait elapsed(0.3s)\n    emit stop\n  capture_screen() with:\n"
-    "    until @stop": (True, 0.4),
-    "do serial:\n  serial:\n    wait elapsed(1s)\n  with:\n    timeout(0.5s)": (False, 0.7),
-    "do serial:\n  repeat()\n  wait elapsed(0.2s)\n  deed(fails: true)": (False, 0.3),
-    "do serial:\n  repeat()\n  wait elapsed(1s)": None,
-}
+def test_scenario_ends_as_its_words_say(golden, tree, journal):
+    def told(body):
+        """What is done to the deeds, and the end."""
+        del journal[:]
+        under_way = tree(body)
+        end = came_to(under_way)
+        reason = under_way.reason
+        code = f" ({reason.error_code})" if reason.error_code else ""
+        why = f": {reason.cause}, {reason.message}{code}" if reason.message else ""
+        deeds = [f"{t_s} s: {who} {what}".replace(":  ", ": ") for t_s, who, what in journal]
+        return [*deeds, f"{end[1]} s: {'passed' if end[0] else 'failed'}{why}" if end else "does not end"]
 
-
-@each_row("body", ENDS)
-def test_scenario_ends_as_its_words_say(tree, body):
-    assert came_to(tree(body)) == ENDS[body]
+    golden("scenarios", "ends", told, key="told")
 
 
 def test_noise_of_floats_does_not_decide_when_a_wait_ends(tree):
@@ -153,55 +124,6 @@ def test_noise_of_floats_does_not_decide_when_a_wait_ends(tree):
 def test_duration_is_what_a_function_says(tree):
     body = "do wait elapsed(random.get_float(0.0, 1.0))"
     assert came_to(tree(body, functions={"random.get_float": lambda *_: 0.7})) == (True, 0.8)
-
-
-@each_row(
-    ("body", "end", "noted"),
-    [
-        (
-            "do serial:\n  a: deed(0.2)\n  b: deed()\n  c: deed(0.3)",
-            (True, 0.6),
-            [(0.1, "a", "enters"), (0.3, "b", "enters"), (0.3, "c", "enters")],
-        ),
-        ("do serial:\n  a: deed(0.2, true)\n  b: deed()", (False, 0.3), [(0.1, "a", "enters")]),
-        (
-            "do parallel:\n  a: deed(0.1)\n  b: deed(0.5)",
-            (True, 0.6),
-            [(0.1, "a", "enters"), (0.1, "b", "enters")],
-        ),
-        (
-            "do parallel:\n  a: deed(9.0)\n  b: deed(0.3, true)\n  c: deed(9.0)",
-            (False, 0.4),
-            [*((0.1, who, "enters") for who in "abc"), (0.4, "a", "is cancelled"), (0.4, "c", "is cancelled")],
-        ),
-        (
-            "do one_of:\n  a: deed(9.0)\n  b: deed(0.3)",
-            (True, 0.4),
-            [(0.1, "a", "enters"), (0.1, "b", "enters"), (0.4, "a", "is cancelled")],
-        ),
-        (
-            (
-                "event go\ndo parallel:\n  serial:\n    wait @go\n    left: deed()\n  serial:\n    wait elapsed(0.3s)\n"
-                "    emit go\n  serial:\n    wait @go\n    right: deed()"
-            ),
-            (True, 0.5),
-            [(0.4, "right", "enters"), (0.5, "left", "enters")],
-        ),
-        ("do serial:\n  emit end\n  a: deed()", (True, 0.1), [(0.1, "a", "enters")]),
-        ("do a: deed() with:\n  repeat(3)", (True, 0.3), [(t_s, "a", "enters") for t_s in (0.1, 0.2, 0.3)]),
-        ("do a: deed(0.2, true) with:\n  retry(3)", (False, 0.9), [(t_s, "a", "enters") for t_s in (0.1, 0.4, 0.7)]),
-        ("do a: deed(0.2) with:\n  retry(3)", (True, 0.3), [(0.1, "a", "enters")]),
-        (
-            "do a: deed(9.0) with:\n  until elapsed(0.5s)",
-            (True, 0.6),
-            [(0.1, "a", "enters"), (0.6, "a", "is cancelled")],
-        ),
-    ],
-)
-def test_actions_are_entered_and_cancelled_in_this_order(tree, journal, body, end, noted):
-    del journal[:]
-    assert came_to(tree(body)) == end
-    assert journal == noted
 
 
 @each_row(
@@ -219,49 +141,6 @@ def test_actions_are_entered_and_cancelled_in_this_order(tree, journal, body, en
 def test_modifier_reads_a_status_as_another(tree, modifier, success, failure, running):
     for deed, end in (("deed()", success), ("deed(fails: true)", failure), ("deed(0.3)", running)):
         assert came_to(tree(f"do {deed} with:\n  {modifier}()")) == end
-
-
-@each_row(
-    ("body", "cause", "message", "error_code", "end_s"),
-    [
-        (
-            "do parallel:\n  wait elapsed(9s)\n  serial:\n    wait elapsed(0.5s)\n    emit fail",
-            *("emit", "emit fail at visit.osc:14:9", 0, 0.6),
-        ),
-        (
-            "timeout(0.25s)\ndo deed(0.3)",
-            *("timeout", "timeout(0.25 s) at visit.osc:10:5 ran out in the tick in which deed succeeded", 0, 0.4),
-        ),
-        (
-            "bot: rover\ntimeout(2s)\ndo parallel:\n  bot.drive(9.0)\n  wait elapsed(5s)",
-            *("timeout", "timeout(2 s) at visit.osc:11:5 ran out while drive was running", 0, 2.2),
-        ),
-        (
-            "timeout(9s)\ntimeout(1s)\ndo wait elapsed(5s)",
-            *("timeout", "timeout(1 s) at visit.osc:11:5 ran out while wait elapsed was running", 0, 1.2),
-        ),
-        (
-            "do deed(fails: true) with:\n  retry(2)",
-            *("action", "goal rejected; deed at visit.osc:10:8", 203, 0.2),
-        ),
-        (
-            "do log('a') with:\n  inverter()",
-            *("behavior", "inverter at visit.osc:11:7 failed: log: success is failure", 0, 0.1),
-        ),
-        (
-            "do serial:\n  log('a')\n  first_leg: deed(0.3, true)",
-            *("action", "goal rejected; first_leg at visit.osc:12:18", 203, 0.4),
-        ),
-    ],
-)
-def test_failure_names_its_cause_and_place(tree, body, cause, message, error_code, end_s):
-    failed = ended(tree(body))
-    assert (failed.reason.cause, failed.reason.message, failed.reason.error_code, failed.now_s) == (
-        cause,
-        message,
-        error_code,
-        end_s,
-    )
 
 
 @each_row(

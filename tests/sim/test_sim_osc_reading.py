@@ -3,7 +3,6 @@
 import pickle
 from pathlib import Path
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
@@ -68,17 +67,12 @@ def scenario(body, *imports, before=""):
     return definition
 
 
-def value(text, type_, before=""):
-    """The default of a parameter of that type which is written as `text`."""
-    (parameter,) = scenario(f"p: {type_} = {text}\ndo log('x')", before=before).parameters
-    return parameter.default
-
-
 def shown(part):
     """A definition in short."""
     match part:
         case Constant(value=value):
-            return repr(value) if not isinstance(value, EnumValue) else str(value)
+            number = float(f"{value:.9g}") if isinstance(value, float) else value
+            return str(value) if isinstance(value, EnumValue) else repr(number)
         case Name(path=path):
             return ".".join(path)
         case Operation(operator=operator, operands=(left, right)):
@@ -158,41 +152,16 @@ def test_tabs_comments_and_line_ends_do_not_matter(tmp_path, text):
     assert shown(definition.root) == "serial[log('x'); log('y')]"
 
 
-@each_row(
-    ("body", "root"),
-    [
-        (
-            "do all: serial:\n    first: log('x')\n    second: wait elapsed(1s)\n    third: emit end",
-            "all: serial[first: log('x'); second: wait elapsed(1.0); third: emit end]",
-        ),
-        (
-            "event e\nc: int = 2\ndo parallel:\n    wait @e\n    wait @e if c == 2\n    emit e",
-            "parallel[wait @e; wait @e if (c == 2); emit e]",
-        ),
-        ("var c: int = 0\ndo wait c == 3", "wait (c == 3)"),
-        ("var c: int = 0\ndo increment(c)", "increment('c')"),
-        (
-            "do log('x') with:\n    until elapsed(5s)\n    timeout(3s)\n    repeat(2)",
-            "until elapsed(5.0) timeout(3.0) repeat(2) log('x')",
-        ),
-        (
-            (
-                "event e\nvar c: int = 0\ndo serial:\n    log('x') with:\n        until @e\n    log('y') with:\n"
-                "        until (c == 1)"
-            ),
-            "serial[until @e log('x'); until (c == 1) log('y')]",
-        ),
-        (
-            "do serial:\n    retry(2)\n    log('x')\nwith:\n    timeout(3s)",
-            "timeout(3.0) retry(2) serial[log('x')]",
-        ),
-        ("do serial:\n    limit: timeout(3s)\n    log('x')", "timeout(3.0) serial[log('x')]"),
-        ("p: pose_3d\ndo log(p.position.x)", "log(p.position.x)"),
-        ("do log('in ' + common.get_output_directory())", "log(('in ' + common.get_output_directory()))"),
-    ],
-)
-def test_body_becomes_this_tree(body, root):
-    assert shown(scenario(body).root) == root
+def test_scenario_defines_parameters_and_a_tree(golden):
+    """What stands above a line `scenario:` is declared before it; a scenario without `do` is about its parameters."""
+
+    def defined(text):
+        before, _, body = text.rpartition("scenario:\n")
+        does = "do " in body
+        definition = scenario(body if does else f"{body}\ndo log('x')", before=before)
+        return [shown(definition.root)] if does else [shown(each.default) for each in definition.parameters]
+
+    golden("scenarios", "definitions", defined, key="defined")
 
 
 @each_row(
@@ -213,72 +182,11 @@ def test_modifier_wraps_a_scenario_a_composition_and_a_call(modifier):
     assert [scenario(body).root.modifier for body in bodies] == [name] * 3
 
 
-@each_row(
-    ("text", "type_", "si"),
-    [
-        ("3s", "time", 3.0),
-        ("250 ms", "time", 0.25),
-        ("2min", "time", 120.0),
-        ("1h", "time", 3600.0),
-        ("36.0kmph", "speed", 10.0),
-        ("0.5mps", "speed", 0.5),
-        ("-90deg", "angle", -1.5707963268),
-        ("1.5e1km", "length", 15000.0),
-        ("1inch", "length", 0.0254),
-        ("-10C", "temperature", 263.15),
-        ("32F", "temperature", 273.15),
-        ("1atm", "pressure", 101325.0),
-        ("2lb", "mass", 0.90718474),
-        ("1mpspsps", "jerk", 1.0),
-        ("180degps", "angular_rate", 3.1415926536),
-    ],
-)
-def test_number_with_a_unit_is_in_si_units(text, type_, si):
-    assert value(text, type_).value == pytest.approx(si, rel=1e-8)
-
-
-COLORS = "enum color: [red, green = 5, blue]\n"
-BOXES = "struct b inherits a:\n    w: c\nstruct a:\n    u: int = 1\nstruct c:\n    v: int = 2\n"
-UP = "struct up inherits position_3d:\n    keep(it.z == 2m)\n"
-
-
-@each_row(
-    ("text", "type_", "before", "default"),
-    [
-        ("0x1F", "int", "", "31"),
-        ("-3", "int", "", "-3"),
-        ("3", "uint", "", "3"),
-        (".5", "float", "", "0.5"),
-        ("1.5e-3", "float", "", "0.0015"),
-        ("true", "bool", "", "True"),
-        ("'it\\'s'", "string", "", '"it\'s"'),
-        ('"a # b"', "string", "", "'a # b'"),
-        ("'''two\n\nlines'''", "string", "", repr("two\n    \n    lines")),
-        ('""', "string", "", "''"),
-        (r"'\d \\ \n'", "string", "", repr(r"\d \ \n")),
-        ("color!blue", "color", COLORS, "color!blue"),
-        ("1 + 2 * 3", "int", "", "(1 + (2 * 3))"),
-        ("[1,\n2]", "list of int", "", "[1, 2]"),
-        ("['a'] + ['b']", "list of string", "", "(['a'] + ['b'])"),
-        ("1m / 2s", "speed", "", "(1.0 / 2.0)"),
-        ("2 * 3s", "time", "", "(2 * 3.0)"),
-        ("3s / 2", "time", "", "(3.0 / 2)"),
-        ("4m / 2m", "float", "", "(4.0 / 2.0)"),
-        ("1 < 2 and 2.5 >= 2", "bool", "", "((1 < 2) and (2.5 >= 2))"),
-        ("[position_2d(1m)]", "list of position_2d", "", "[position_2d(x: 1.0, y: 0.0)]"),
-        ("position_3d(1.0m, 2.0m)", "position_3d", "", "position_3d(x: 1.0, y: 2.0, z: 0.0)"),
-        ("position_3d(y: 2.0m, x: 1.0m)", "position_3d", "", "position_3d(x: 1.0, y: 2.0, z: 0.0)"),
-        ("up()", "up", UP, "up(x: 0.0, y: 0.0, z: 2.0)"),
-        ("b(u: 5)", "b", BOXES, "b(u: 5, w: c(v: 2))"),
-        ("b()", "a", BOXES, "b(u: 1, w: c(v: 2))"),
-    ],
-)
-def test_default_has_this_value(text, type_, before, default):
-    assert shown(value(text, type_, before)) == default
-
-
 def test_enumeration_counts_on_from_given_numbers():
-    assert value("color!blue", "color", COLORS).value == EnumValue("color", "blue", 6)
+    (parameter,) = scenario(
+        "p: color = color!blue\ndo log('x')", before="enum color: [red, green = 5, blue]\n"
+    ).parameters
+    assert parameter.default.value == EnumValue("color", "blue", 6)
 
 
 def test_fields_keep_their_names_units_and_kinds():

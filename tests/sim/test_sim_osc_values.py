@@ -34,105 +34,23 @@ def logged(body, before="", **overrides):
     return lines
 
 
-FH = "box:\n    f: int = 3\n    h: int = f + 1\n"
-INHERITED = "base:\n    x: int = 1\n    y: int = x\n"
-LOADS = "struct load:\n    n: int = 3\n    w: length = 2km\n"
-KEPT = """\
-n: string = 'named'
-do serial:
-    log() with:
-        keep(it.msg == 'kept')
-    log('written') with:
-        keep(it.msg == 'kept over ' + n)
-        timeout(3s)
-"""
-LAPS = """\
-one: rover
-other: rover
-do parallel:
-    serial:
-        increment(one.laps)
-        increment(one.laps)
-    serial:
-        wait one.laps == 3
-        compare(other.laps, '==', 1)
-        log(one.laps)
-"""
-RETRIED = """\
-var n: int = 0
-do serial:
-    serial:
-        increment(n)
-        compare(n, '>', 20)
-    with:
-        retry()
-    log(n)
-"""
-
-
 def log(*values):
     return "do serial:\n" + "".join(f"    log({value})\n" for value in values)
 
 
-@each_row(
-    ("before", "body", "lines"),
-    [
-        ("", f"p: string = q + '!'\nq: string = 'x'\n{log('p')}", ["x!"]),
-        (
-            "global greeting: string = name_ + '!'\nglobal name_: string = 'hall'\n",
-            f"p: string = greeting\n{log('p', 'greeting')}",
-            ["hall!", "hall!"],
-        ),
-        (
-            "global home: pose_3d = pose_3d(position_3d(x: 1.5m))\n",
-            f"p: pose_3d = home\nq: length = home.position.x\n{log('q')}",
-            ["1.5"],
-        ),
-        ("global g: string = 'everyones'\n", f"g: string = 'mine'\n{log('g')}", ["mine"]),
-        (f"global g: int = 3\nstruct {FH.replace('3', 'g')}", f"v: box = box()\n{log('v.f', 'v.h')}", ["3", "4"]),
-        (f"global g: int = 3\nactor {FH.replace('3', 'g')}", f"v: box\n{log('v.f', 'v.h')}", ["3", "4"]),
-        (f"struct {FH}", f"v: box = box(f: 7)\n{log('v.h')}", ["8"]),
-        (
-            f"struct {INHERITED}struct derived inherits base:\n    x: int = 2\n",
-            f"v: derived = derived()\nw: base = base()\n{log('v.x', 'v.y', 'w.x')}",
-            ["2", "2", "1"],
-        ),
-        (
-            f"actor {INHERITED}actor derived inherits base:\n    x: int = 2\n",
-            f"v: derived\nw: base\n{log('v.x', 'v.y', 'w.x')}",
-            ["2", "2", "1"],
-        ),
-        ("", KEPT, ["kept", "kept over named"]),
-        ("actor rover:\n    var laps: int = 1\n", LAPS, ["3"]),
-        ("", RETRIED, ["21"]),
-        ("", f"var p: pose_3d\n{log('p.position.x')}", ["0.0"]),
-        (
-            "actor rover:\n    top: int = limit\nglobal limit: int = 4\n",
-            f"var double: int = bot.top * 2\nbot: rover\n{log('double')}",
-            ["8"],
-        ),
-        (LOADS, log("load.n", "load.w"), ["3", "2000.0"]),
-        (f"{LOADS}actor truck:\n    cargo: load = load(n: 4)\n", log("truck.cargo.n"), ["4"]),
-        ("struct load:\n    n: int = 3\n", f"load: string = 'mine'\n{log('load')}", ["mine"]),
-        ("", f"how: signal = signal!sigint\n{log('how', 'signal!sigterm')}", ["signal!sigint", "signal!sigterm"]),
-        ("", "do serial:\n    emit start\n    log('x')", ["x"]),
-        (
-            "actor rover:\n    def f() -> int is external my.module.f()\nstruct mine:\n    def g() is external my.g()\n",
-            f"def h() -> string is external os.getcwd()\nr: rover\n{log(repr('x'))}",
-            ["x"],
-        ),
-        ("", log("ament.get_package_share_directory('maps') + '/hall.yaml'"), ["/opt/ros/share/maps/hall.yaml"]),
-        ("", "do serial:\n    wait elapsed(random.get_int(1, 2))\n    log('waited')", ["waited"]),
-        ("", "do log('in time') with:\n    timeout(random.get_float(0.1, 0.3))", ["in time"]),
-    ],
-)
-def test_scenario_logs_these_values(before, body, lines):
-    assert logged(body, before) == lines
+def test_scenario_logs_values_of_its_names(golden):
+    """What stands above a line `scenario:` is declared before it."""
+
+    def lines(text):
+        before, _, body = text.rpartition("scenario:\n")
+        return logged(body, before)
+
+    golden("scenarios", "logs", lines, key="lines")
 
 
 def test_values_that_follow_from_others_follow_from_what_is_given():
     assert logged(f"p: string = q + '!'\nq: string = 'x'\n{log('p')}", q="y") == ["y!"]
-    assert logged(f"v: box\n{log('v.h')}", f"struct {FH}", v={"f": 7}) == ["8"]
+    assert logged(f"v: box\n{log('v.h')}", "struct box:\n    f: int = 3\n    h: int = f + 1\n", v={"f": 7}) == ["8"]
 
 
 def test_derived_scenario_may_give_a_parameter_another_default():
