@@ -6,8 +6,9 @@ reads the table and calls the kernel. A call costs some nanoseconds more than on
 """
 
 import functools
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+import inspect
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any, Final, Generic, NamedTuple, TypeVar
 
 import numba
@@ -57,24 +58,21 @@ class Running(Generic[PlugIn]):
     bound: Bound
 
 
-@dataclass(frozen=True)
 class Seam:
-    """The kernels of one kind of plug-in.
+    """The kernels of one kind of plug-in: the main one (parameters, memory, given), and others (memory), which may be left out.
 
-    Attributes:
-        main: Name of the kernel (parameters, memory, given).
+    Args:
+        main: Name of the main kernel.
         given: Type of its last argument.
         returns: Whether it may return a type; `wanted` says in words what it must return.
-        entry: Calls `forwarding(...)` with (layout, given).
-        others: Names of kernels (memory) that a plug-in may leave out, to their entries, which call `forwarding_memory(...)`.
+        entries: What calls `forwarding(...)` with (layout, given), and under the others' names what does with (layout).
     """
 
-    main: str
-    given: Any
-    returns: Callable[[Any], bool]
-    wanted: str
-    entry: Callable[[Any, Any], Any]
-    others: Mapping[str, Callable[[Any], None]] = field(default_factory=dict)
+    def __init__(
+        self, main: str, given: Any, returns: Callable[[Any], bool], wanted: str, **entries: Callable[..., Any]
+    ) -> None:
+        self._main, self._given, self._returns, self._wanted, self._entries = main, given, returns, wanted, entries
+        self._compiled: dict[Any, tuple[list[int], list[int]]] = {}
 
     def running(self, plug_in: PlugIn, memory: Any) -> Running[PlugIn]:
         """Return a plug-in with the memory of one run, its kernels compiled.
@@ -86,44 +84,52 @@ class Seam:
         kind, parameters = type(plug_in), record_of(plug_in)
         arrays = list(_arrays(kind, memory, "memory"))
         types_of_arrays = tuple((array.dtype, array.ndim, array.flags.writeable) for array in arrays)
-        held = _Held((self.main, kind, parameters.dtype, _structure(memory), types_of_arrays), self, parameters, memory)
-        kernels, entries = _machine_code(held)
+        key = kind, parameters.dtype, _structure(memory), types_of_arrays
+        if key not in self._compiled:  # numba takes milliseconds to find what it has compiled
+            self._compiled[key] = self._machine_code(kind, numba.typeof(parameters).dtype, numba.typeof(memory))
+        kernels, entries = self._compiled[key]
         places = [number for array in arrays for number in (array.ctypes.data, *array.shape)]
         unused = [0] * (_MEMORY - _MAIN - len(kernels))
         table = np.array([parameters.ctypes.data, *kernels, *unused, *places], dtype=np.int64)
         return Running(plug_in, parameters, memory, Bound(np.array(entries, dtype=np.int64), table))
 
-    def entries(self, kept: bool) -> tuple[Any, ...]:
-        """Return the entries to compile, uncached for types that another process may not know."""
-        return _entries((self.entry, *self.others.values()), kept)
+    def _machine_code(self, kind: type[ParameterGroup], parameters: Any, memory: Any) -> tuple[list[int], list[int]]:
+        """Return addresses of a plug-in's kernels, and of the entries for its types."""
+        arguments = {name: (memory,) for name in self._entries} | {self._main: (parameters, memory, self._given)}
+        kernels = [self._kernel(kind, name, arguments[name]) for name in self._entries]
+        layout = Layout(parameters, memory, kernels[0].signature.return_type)
+        given = {self._main: (self._given,)}
+        entries = [
+            _compiled_for(_compiler(entry, kind.__module__.startswith("vastflow.")), (layout, *given.get(name, ())))
+            for name, entry in self._entries.items()
+        ]
+        return list(map(_address_of, kernels)), list(map(_address_of, entries))
+
+    def _kernel(self, kind: type[ParameterGroup], name: str, arguments: tuple[Any, ...]) -> Any:
+        """Return a kernel of a plug-in, compiled; raises `ContractError` if it can't be, or returns another type."""
+        kernel, is_main = getattr(kind, name, None), name == self._main
+        if kernel is None and not is_main:
+            kernel = _change_nothing
+        where = f"{line_of(getattr(kernel, 'py_func', kind))}: {kind.__name__}.{name}"
+        if not isinstance(kernel, Dispatcher):
+            raise ContractError(f"{where} is no compiled function; put @kernel above it")
+        if getattr(kernel, "is_part", False):
+            raise ContractError(f"{where} is compiled for its callers alone and has no address; put @kernel above it")
+        try:
+            compiled = _compiled_for(kernel, arguments)
+        except Exception as error:  # noqa: BLE001 - numba raises more than its own errors, KeyError for an unknown parameter
+            words = f"{type(error).__name__}: {' '.join(str(error).split())}"
+            raise ContractError(f"{where} can't be compiled: {words}") from None
+        found = compiled.signature.return_type
+        if not (self._returns(found) if is_main else found == types.none):
+            raise ContractError(f"{where} returns {found}; {self._wanted if is_main else 'nothing'}")
+        return compiled
 
 
 @functools.cache
-def _entries(functions: tuple[Any, ...], kept: bool) -> tuple[Any, ...]:
-    return tuple(addressed(entry) if kept else unkept(entry) for entry in functions)
-
-
-@dataclass(frozen=True, slots=True)
-class _Held:
-    """Parameters and memory that have the same types as others of an equal key."""
-
-    key: tuple[Any, ...]
-    seam: Seam = field(compare=False)
-    parameters: NDArray[np.void] = field(compare=False)
-    memory: Any = field(compare=False)
-
-
-@functools.lru_cache(maxsize=64)
-def _machine_code(held: _Held) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Addresses of a plug-in's kernels, and of the entries for its types: numba takes milliseconds to find them."""
-    seam, kind = held.seam, held.key[1]
-    parameters, memory = numba.typeof(held.parameters).dtype, numba.typeof(held.memory)
-    main = _kernel(seam, kind, seam.main, (parameters, memory, seam.given))
-    kernels = (main, *(_kernel(seam, kind, name, (memory,)) for name in seam.others))
-    layout = Layout(parameters, memory, main.signature.return_type)
-    entry, *others = seam.entries(kind.__module__.startswith("vastflow."))
-    entries = (_compiled_for(entry, (layout, seam.given)), *(_compiled_for(each, (layout,)) for each in others))
-    return tuple(map(_address_of, kernels)), tuple(map(_address_of, entries))
+def _compiler(entry: Callable[..., Any], kept: bool) -> Any:
+    """What compiles an entry; it is not kept for types that another process may not know."""
+    return addressed(entry) if kept else unkept(entry)
 
 
 def _structure(memory: Any) -> Any:
@@ -157,71 +163,55 @@ class _LayoutModel(models.PrimitiveModel):  # type: ignore[misc]
         super().__init__(manager, kind, _WORD.as_pointer())
 
 
-def calling(given: Any, result: Any) -> Any:
-    """Return a function (address of an entry, table, given) for kernels: it calls a plug-in's main kernel."""
+def calling(result: Any, *given: Any) -> Any:
+    """Return a function (address of an entry, table, *given) for kernels: it calls a plug-in's kernel."""
 
-    @intrinsic
-    def call(typing: Any, entry: Any, table: Any, given_type: Any) -> Any:
+    def call(typing: Any, entry: Any, table: Any, *found: Any) -> Any:
         def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
-            layout = context.make_array(call.args[1])(context, builder, values[1]).data
-            return _called(context, builder, result, (_ANY, given), values[0], (layout, values[2]))
+            address, table, *rest = values
+            layout = context.make_array(call.args[1])(context, builder, table).data
+            return _called(context, builder, result, (_ANY, *given), address, (layout, *rest))
 
-        return result(types.int64, table, given), lowered
+        return result(types.int64, table, *given), lowered
 
-    return call
-
-
-@intrinsic
-def call_memory(typing: Any, entry: Any, table: Any) -> Any:
-    """Call a plug-in's kernel (memory) by the address of its entry."""
-
-    def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
-        layout = context.make_array(call.args[1])(context, builder, values[1]).data
-        return _called(context, builder, types.none, (_ANY,), values[0], (layout,))
-
-    return types.none(types.int64, table), lowered
+    return _intrinsic(call, "entry", "table", *(f"given{k}" for k in range(len(given))))
 
 
 def _cast(context: Any, builder: Any, found: Any, value: Any, result: Any) -> Any:
     return context.cast(builder, value, found, result)
 
 
-def forwarding(given: Any, result: Any, convert: Callable[..., Any] = _cast) -> Any:
-    """Return what an entry calls with (layout, given): it reads the table and calls the main kernel.
+def forwarding(number: int, result: Any, *given: Any, convert: Callable[..., Any] = _cast) -> Any:
+    """Return what an entry calls with (layout, *given): it reads the table and calls the kernel.
 
     Args:
-        convert: (context, builder, type, value, `result`) to what the kernel returned as the type `result`.
+        number: Of the kernel in its seam; 0 is the main one, which gets the parameters.
+        convert: (context, builder, type, value, `result`) to what the main kernel returned as the type `result`.
     """
 
-    @intrinsic
-    def forward(typing: Any, layout: Any, given_type: Any) -> Any:
+    def forward(typing: Any, layout: Any, *found: Any) -> Any:
         def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
-            table = values[0]
-            kernel, parameters = (_word(builder, table, place) for place in (_MAIN, _PARAMETERS))
-            record = builder.inttoptr(parameters, context.get_value_type(layout.parameters))
+            table, *rest = values
+            kernel = _word(builder, table, _MAIN + number)
             memory = _view(context, builder, layout.memory, table, iter(range(_MEMORY, 1 << 16)))
-            arguments = (layout.parameters, layout.memory, given)
-            found = _called(context, builder, layout.result, arguments, kernel, (record, memory, values[1]))
-            return convert(context, builder, layout.result, found, result)
+            if number > 0:
+                return _called(context, builder, result, (layout.memory,), kernel, (memory,))
+            record = builder.inttoptr(_word(builder, table, _PARAMETERS), context.get_value_type(layout.parameters))
+            arguments = (layout.parameters, layout.memory, *given)
+            value = _called(context, builder, layout.result, arguments, kernel, (record, memory, *rest))
+            return convert(context, builder, layout.result, value, result)
 
-        return result(layout, given), lowered
+        return result(layout, *given), lowered
 
-    return forward
+    return _intrinsic(forward, "layout", *(f"given{k}" for k in range(len(given))))
 
 
-def forwarding_memory(number: int) -> Any:
-    """Return what the entry of the kernel (memory) of this number, from 1 on, calls with (layout)."""
-
-    @intrinsic
-    def forward(typing: Any, layout: Any) -> Any:
-        def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
-            kernel = _word(builder, values[0], _MAIN + number)
-            memory = _view(context, builder, layout.memory, values[0], iter(range(_MEMORY, 1 << 16)))
-            return _called(context, builder, types.none, (layout.memory,), kernel, (memory,))
-
-        return types.none(layout), lowered
-
-    return forward
+def _intrinsic(function: Callable[..., Any], *names: str) -> Any:
+    """Numba's intrinsic with named arguments, since it can't pass `*found` on."""
+    kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
+    signature = inspect.Signature([inspect.Parameter(name, kind) for name in ("typing", *names)])
+    function.__signature__ = signature  # type: ignore[attr-defined]
+    return intrinsic(function)
 
 
 def _word(builder: Any, table: Any, place: int) -> Any:
@@ -256,31 +246,6 @@ def _arrays(kind: type[ParameterGroup], part: Any, where: str) -> Iterator[NDArr
         found = "an array that is not contiguous" if isinstance(part, np.ndarray) else type(part).__name__
         right = "numpy arrays, (1,) for a number, in a NamedTuple"
         raise ContractError(f"{line_of(kind)}: {where} of {kind.__name__} is {found}; {right}")
-
-
-def _kernel(seam: Seam, kind: type[ParameterGroup], name: str, arguments: tuple[Any, ...]) -> Any:
-    """A kernel of a plug-in, compiled.
-
-    Raises:
-        ContractError: it can't be, or returns another type.
-    """
-    kernel = getattr(kind, name, None)
-    if kernel is None and name in seam.others:
-        kernel = _change_nothing
-    where = f"{line_of(getattr(kernel, 'py_func', kind))}: {kind.__name__}.{name}"
-    if not isinstance(kernel, Dispatcher):
-        raise ContractError(f"{where} is no compiled function; put @kernel above it")
-    if getattr(kernel, "is_part", False):
-        raise ContractError(f"{where} is compiled for its callers alone and has no address; put @kernel above it")
-    try:
-        compiled = _compiled_for(kernel, arguments)
-    except Exception as error:  # noqa: BLE001 - numba raises more than its own errors, KeyError for an unknown parameter
-        words = f"{type(error).__name__}: {' '.join(str(error).split())}"
-        raise ContractError(f"{where} can't be compiled: {words}") from None
-    found = compiled.signature.return_type
-    if not (found == types.none if name in seam.others else seam.returns(found)):
-        raise ContractError(f"{where} returns {found}; {'nothing' if name in seam.others else seam.wanted}")
-    return compiled
 
 
 def _called(

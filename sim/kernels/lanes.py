@@ -6,6 +6,7 @@ They fill one, two or four of the processor's registers, which LLVM sees to: two
 than one. A lane's result is that of the scalar operation, so the bits do not depend on the width of the registers.
 """
 
+import inspect
 import operator
 from collections.abc import Callable
 from typing import Any, Final
@@ -43,17 +44,13 @@ class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]
 
 
 def _define(operation: Callable[..., Any], instruction: str) -> None:
-    """Let lanes be added, subtracted or multiplied lane by lane."""
-
     class Template(ConcreteTemplate):  # type: ignore[misc]
         cases = (signature(LANES, LANES, LANES),)
 
     infer_global(operation)(Template)
-
-    def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
-        return getattr(builder, instruction)(*values)
-
-    lower_builtin(operation, LANES, LANES)(lowered)
+    lower_builtin(operation, LANES, LANES)(
+        lambda context, builder, call, values: getattr(builder, instruction)(*values)
+    )
 
 
 _define(operator.add, "fadd")
@@ -68,206 +65,160 @@ WORDS: Final = types.CPointer(types.uint32)
 
 
 @intrinsic
-def data_of(typing: Any, array: Any) -> Any:
-    """Address of an array's first element.
+def addresses_of(typing: Any, arrays: Any) -> Any:
+    """A named tuple of arrays with the address of each one's first element in its place.
 
     Lanes are loaded from and stored to addresses, since numba counts references to arrays at every call of a kernel, which
     takes longer than what the kernel does with sixteen samples.
     """
+    kind = types.NamedTuple([types.CPointer(each.dtype) for each in arrays.types], arrays.instance_class)
 
     def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
-        return context.make_array(call.args[0])(context, builder, values[0]).data
+        parts = zip(arrays.types, cgutils.unpack_tuple(builder, values[0]), strict=True)
+        addresses = [context.make_array(each)(context, builder, part).data for each, part in parts]
+        return context.make_tuple(builder, kind, addresses)
 
-    return types.CPointer(array.dtype)(array), lowered
+    return kind(arrays), lowered
 
 
-@intrinsic
-def splat(typing: Any, value: Any) -> Any:
+def _operation(result: Any, *takes: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Return a decorator for what emits an operation of kernels: a function of LLVM's builder and the values."""
+
+    def decorate(emit: Callable[..., Any]) -> Any:
+        def typed(typing: Any, *found: Any) -> Any:
+            def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
+                emitted = emit(builder, *values)
+                return context.get_dummy_value() if result is types.none else emitted
+
+            return result(*takes), lowered
+
+        typed.__name__, typed.__doc__ = emit.__name__, emit.__doc__
+        typed.__signature__ = inspect.signature(emit)  # type: ignore[attr-defined]  # numba can't pass `*found` on
+        return intrinsic(typed)
+
+    return decorate
+
+
+@_operation(LANES, types.float64)
+def splat(builder: Any, value: Any) -> Any:
     """The same number in all lanes."""
-
-    def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
-        return _spread(builder, builder.fptrunc(values[0], ir.FloatType()), _FLOATS)
-
-    return LANES(types.float64), lowered
+    return _spread(builder, builder.fptrunc(value, ir.FloatType()), _FLOATS)
 
 
-@intrinsic
-def load(typing: Any, floats: Any, start: Any) -> Any:
+@_operation(LANES, FLOATS, types.intp)
+def load(builder: Any, floats: Any, start: Any) -> Any:
     """Lanes from neighbors among float32 numbers."""
-
-    def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
-        return builder.load(_place(builder, values, _FLOATS), align=4)
-
-    return LANES(FLOATS, types.intp), lowered
+    return builder.load(_place(builder, floats, start, _FLOATS), align=4)
 
 
-@intrinsic
-def load_upper(typing: Any, words: Any, start: Any) -> Any:
+@_operation(LANES, WORDS, types.intp)
+def load_upper(builder: Any, words: Any, start: Any) -> Any:
     """Lanes from neighbors among uint32 words: the bits of each as a float32 number."""
-
-    def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
-        return builder.load(_place(builder, values, _FLOATS), align=4)
-
-    return LANES(WORDS, types.intp), lowered
+    return builder.load(_place(builder, words, start, _FLOATS), align=4)
 
 
-@intrinsic
-def load_lower(typing: Any, words: Any, start: Any) -> Any:
+@_operation(LANES, WORDS, types.intp)
+def load_lower(builder: Any, words: Any, start: Any) -> Any:
     """The same of the lower 16 bits of each as the upper half of a float32 number."""
-
-    def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
-        bits = builder.load(_place(builder, values, _INTS), align=4)
-        return builder.bitcast(builder.shl(bits, ir.Constant(_INTS, [16] * WIDTH)), _FLOATS)
-
-    return LANES(WORDS, types.intp), lowered
+    bits = builder.load(_place(builder, words, start, _INTS), align=4)
+    return builder.bitcast(builder.shl(bits, ir.Constant(_INTS, [16] * WIDTH)), _FLOATS)
 
 
-@intrinsic
-def store(typing: Any, floats: Any, start: Any, lanes: Any) -> Any:
+@_operation(types.none, FLOATS, types.intp, LANES)
+def store(builder: Any, floats: Any, start: Any, lanes: Any) -> None:
     """Write lanes to neighbors among float32 numbers."""
-
-    def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
-        builder.store(values[2], _place(builder, values, _FLOATS), align=4)
-        return context.get_dummy_value()
-
-    return types.none(FLOATS, types.intp, LANES), lowered
+    builder.store(lanes, _place(builder, floats, start, _FLOATS), align=4)
 
 
-@intrinsic
-def lower(typing: Any, a: Any, b: Any) -> Any:
+@_operation(LANES, LANES, LANES)
+def lower(builder: Any, a: Any, b: Any) -> Any:
     """The lower of two numbers in each lane."""
-
-    def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
-        return builder.select(builder.fcmp_ordered("<", *values), *values)
-
-    return LANES(LANES, LANES), lowered
+    return builder.select(builder.fcmp_ordered("<", a, b), a, b)
 
 
-@intrinsic
-def higher(typing: Any, a: Any, b: Any) -> Any:
+@_operation(LANES, LANES, LANES)
+def higher(builder: Any, a: Any, b: Any) -> Any:
     """The higher of two numbers in each lane."""
-
-    def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
-        return builder.select(builder.fcmp_ordered(">", *values), *values)
-
-    return LANES(LANES, LANES), lowered
+    return builder.select(builder.fcmp_ordered(">", a, b), a, b)
 
 
-@intrinsic
-def either(typing: Any, a: Any, b: Any, less: Any, otherwise: Any) -> Any:
+@_operation(LANES, LANES, LANES, LANES, LANES)
+def either(builder: Any, a: Any, b: Any, less: Any, otherwise: Any) -> Any:
     """`less` in lanes where a < b, `otherwise` in the others."""
-
-    def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
-        return builder.select(builder.fcmp_ordered("<", values[0], values[1]), values[2], values[3])
-
-    return LANES(LANES, LANES, LANES, LANES), lowered
+    return builder.select(builder.fcmp_ordered("<", a, b), less, otherwise)
 
 
-@intrinsic
-def any_below(typing: Any, a: Any, b: Any) -> Any:
+@_operation(types.boolean, LANES, LANES)
+def any_below(builder: Any, a: Any, b: Any) -> Any:
     """Whether a < b in any lane."""
-
-    def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
-        flags = builder.bitcast(builder.fcmp_ordered("<", *values), ir.IntType(WIDTH))
-        return builder.icmp_unsigned("!=", flags, ir.Constant(ir.IntType(WIDTH), 0))
-
-    return types.boolean(LANES, LANES), lowered
+    flags = builder.bitcast(builder.fcmp_ordered("<", a, b), ir.IntType(WIDTH))
+    return builder.icmp_unsigned("!=", flags, ir.Constant(ir.IntType(WIDTH), 0))
 
 
-@intrinsic
-def size(typing: Any, a: Any) -> Any:
+@_operation(LANES, LANES)
+def size(builder: Any, a: Any) -> Any:
     """Absolute values."""
-
-    def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
-        return builder.call(_llvm(builder, "fabs"), values)
-
-    return LANES(LANES), lowered
+    return _llvm(builder, "fabs", a)
 
 
-@intrinsic
-def root(typing: Any, a: Any) -> Any:
+@_operation(LANES, LANES)
+def root(builder: Any, a: Any) -> Any:
     """Square roots."""
-
-    def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
-        return builder.call(_llvm(builder, "sqrt"), values)
-
-    return LANES(LANES), lowered
+    return _llvm(builder, "sqrt", a)
 
 
-@intrinsic
-def whole(typing: Any, a: Any) -> Any:
+@_operation(LANES, LANES)
+def whole(builder: Any, a: Any) -> Any:
     """Without what is behind the point."""
-
-    def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
-        return builder.sitofp(builder.fptosi(values[0], _INTS), _FLOATS)
-
-    return LANES(LANES), lowered
+    return builder.sitofp(builder.fptosi(a, _INTS), _FLOATS)
 
 
-@intrinsic
-def store_whole(typing: Any, numbers: Any, start: Any, lanes: Any) -> Any:
+@_operation(types.none, NUMBERS, types.intp, LANES)
+def store_whole(builder: Any, numbers: Any, start: Any, lanes: Any) -> None:
     """Write lanes without what is behind the point to neighbors among uint16 numbers."""
-
-    def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
-        words = builder.fptosi(values[2], _SHORTS)
-        builder.store(words, _place(builder, values, _SHORTS), align=2)
-        return context.get_dummy_value()
-
-    return types.none(NUMBERS, types.intp, LANES), lowered
+    builder.store(builder.fptosi(lanes, _SHORTS), _place(builder, numbers, start, _SHORTS), align=2)
 
 
-@intrinsic
-def store_cells(typing: Any, numbers: Any, start: Any, x: Any, y: Any, columns: Any, rows: Any) -> Any:
+@_operation(types.none, NUMBERS, types.intp, LANES, LANES, types.int64, types.int64)
+def store_cells(builder: Any, numbers: Any, start: Any, x: Any, y: Any, columns: Any, rows: Any) -> None:
     """Write the numbers of the cells that hold points to neighbors among uint16 numbers.
 
     Cell (0, 0) is number 0, a row has `columns` of them and there are `rows` of rows: no more than 65,536 cells in all.
     A point outside counts as in the nearest cell of the border.
     """
+    columns, rows = (builder.trunc(value, ir.IntType(16)) for value in (columns, rows))
 
-    def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
-        columns, rows = (builder.trunc(value, ir.IntType(16)) for value in values[4:])
+    def inside(at: Any, count: Any) -> Any:
+        zero, one = ir.Constant(_SHORTS, [0] * WIDTH), ir.Constant(ir.IntType(16), 1)
+        last = _spread(builder, builder.sub(count, one), _SHORTS)
+        at = builder.fptosi(at, _SHORTS)
+        at = builder.select(builder.icmp_signed(">", at, zero), at, zero)
+        return builder.select(builder.icmp_signed("<", at, last), at, last)
 
-        def inside(at: Any, count: Any) -> Any:
-            zero, one = ir.Constant(_SHORTS, [0] * WIDTH), ir.Constant(ir.IntType(16), 1)
-            last = _spread(builder, builder.sub(count, one), _SHORTS)
-            at = builder.fptosi(at, _SHORTS)
-            at = builder.select(builder.icmp_signed(">", at, zero), at, zero)
-            return builder.select(builder.icmp_signed("<", at, last), at, last)
-
-        row = builder.mul(inside(values[3], rows), _spread(builder, columns, _SHORTS))
-        cells = builder.add(row, inside(values[2], columns))
-        builder.store(cells, _place(builder, values, _SHORTS), align=2)
-        return context.get_dummy_value()
-
-    return types.none(NUMBERS, types.intp, LANES, LANES, types.int64, types.int64), lowered
+    row = builder.mul(inside(y, rows), _spread(builder, columns, _SHORTS))
+    builder.store(builder.add(row, inside(x, columns)), _place(builder, numbers, start, _SHORTS), align=2)
 
 
-@intrinsic
-def gather(typing: Any, table: Any, numbers: Any, start: Any) -> Any:
+@_operation(LANES, FLOATS, NUMBERS, types.intp)
+def gather(builder: Any, table: Any, numbers: Any, start: Any) -> Any:
     """Entries of a float32 table under the numbers of neighbors among uint16 numbers."""
-
-    def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
-        table, numbers, start = values
-        if _GATHERS:
-            places = builder.zext(builder.load(_place(builder, (numbers, start), _SHORTS), align=2), _INTS)
-            kind = ir.FunctionType(_FLOATS, [_FLOATS, table.type, _INTS, _FLAGS, ir.IntType(32)])
-            gathered = cgutils.get_or_insert_function(builder.module, kind, "llvm.x86.avx512.mask.gather.dps.512")
-            none, every = ir.Constant(_FLOATS, ir.Undefined), ir.Constant(_FLAGS, [1] * WIDTH)
-            return builder.call(gathered, (none, table, places, every, ir.Constant(ir.IntType(32), 4)))
-        lanes = ir.Constant(_FLOATS, ir.Undefined)
-        for lane in range(WIDTH):
-            at = builder.add(start, ir.Constant(start.type, lane))
-            number = builder.zext(builder.load(builder.gep(numbers, [at])), ir.IntType(64))
-            entry = builder.load(builder.gep(table, [number]))
-            lanes = builder.insert_element(lanes, entry, ir.Constant(ir.IntType(32), lane))
-        return lanes
-
-    return LANES(FLOATS, NUMBERS, types.intp), lowered
+    lanes, word = ir.Constant(_FLOATS, ir.Undefined), ir.IntType(32)
+    if _GATHERS:
+        places = builder.zext(builder.load(_place(builder, numbers, start, _SHORTS), align=2), _INTS)
+        kind = ir.FunctionType(_FLOATS, [_FLOATS, table.type, _INTS, _FLAGS, word])
+        gathered = cgutils.get_or_insert_function(builder.module, kind, "llvm.x86.avx512.mask.gather.dps.512")
+        every = ir.Constant(_FLAGS, [1] * WIDTH)
+        return builder.call(gathered, (lanes, table, places, every, ir.Constant(word, 4)))
+    for lane in range(WIDTH):
+        at = builder.add(start, ir.Constant(start.type, lane))
+        number = builder.zext(builder.load(builder.gep(numbers, [at])), ir.IntType(64))
+        lanes = builder.insert_element(lanes, builder.load(builder.gep(table, [number])), ir.Constant(word, lane))
+    return lanes
 
 
-def _place(builder: Any, values: Any, kind: Any) -> Any:
-    """Pointer to `kind` from an address and an index, the first two arguments of a call."""
-    return builder.bitcast(builder.gep(values[0], [values[1]]), kind.as_pointer())
+def _place(builder: Any, address: Any, index: Any, kind: Any) -> Any:
+    """Pointer to `kind` from an address and an index."""
+    return builder.bitcast(builder.gep(address, [index]), kind.as_pointer())
 
 
 def _spread(builder: Any, value: Any, kind: Any) -> Any:
@@ -276,6 +227,6 @@ def _spread(builder: Any, value: Any, kind: Any) -> Any:
     return builder.shuffle_vector(first, empty, ir.Constant(_INTS, [0] * WIDTH))
 
 
-def _llvm(builder: Any, name: str) -> Any:
+def _llvm(builder: Any, name: str, value: Any) -> Any:
     kind = ir.FunctionType(_FLOATS, [_FLOATS])
-    return cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{WIDTH}f32")
+    return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{WIDTH}f32"), (value,))

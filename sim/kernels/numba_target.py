@@ -1,7 +1,6 @@
 """Numba's undocumented names: a compilation target of vastflow's own, and a cache of compiled kernels that is checked.
 
 Numba's tested minor versions are those that `pyproject.toml` allows; `tests/proofs/numba_versions.py` runs the kernels' tests on each.
-What controllers' bindings generate code with (`numba.core.cgutils`, `populate_array`) is in `nav2/controllers/binding.py`.
 
 The target compiles for a generic processor, whose code gives the same bits on every host of an architecture (measured). Numba's
 settings, its target "cpu", and what is compiled for that stay as they are: a process that has compiled functions of its own gets
@@ -14,15 +13,13 @@ that follows from its content, in one folder for all installations of a user.
 
 import functools
 import hashlib
-import inspect
 import logging
 import os
 import pickle
 import sys
-import tempfile
+import uuid
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
 
@@ -30,13 +27,9 @@ import numba
 from llvmlite import binding
 from numba import _dynfunc
 from numba.core import types
-from numba.core.caching import (
-    CompileResultCacheImpl,
-    FunctionCache,
-    _CacheLocator,
-    _SourceFileBackedLocatorMixin,
-)
+from numba.core.caching import NullCache
 from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
+from numba.core.compiler import CompileResult
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.cpu import CPUContext
 from numba.core.dispatcher import Dispatcher
@@ -53,7 +46,6 @@ TARGET: Final = "vastflow"
 
 # LLVM's third level costs a fifth more compile time and gains nothing here (measured).
 _OPTIMIZATION: Final = 2
-
 
 AVX2: Final = "+avx2"
 AVX512: Final = "+avx2,+avx512f,+avx512bw,+avx512dq,+avx512vl"
@@ -175,8 +167,8 @@ class _Dispatcher(Dispatcher):
     """A kernel as Python has it.
 
     Attributes:
-        is_part: Whether only compiled functions call it.
-        is_own: Whether it is the simulator's own.
+        is_part: Whether it is compiled for its callers alone: Python can't call it, and it has no address.
+        is_own: Whether it is the simulator's own, and compiled once for all whole numbers that are written in calls of it.
     """
 
     targetdescr = _Target(TARGET)
@@ -184,7 +176,7 @@ class _Dispatcher(Dispatcher):
     is_own = False
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """Resolve a call by a compiled function: for whole numbers in general, not for each literal."""
+        """Resolve a call by a compiled function."""
         if self.is_own:
             args = [unliteral(each) if isinstance(each, types.IntegerLiteral) else each for each in args]
         return super().get_call_template(args, kws)
@@ -204,21 +196,13 @@ class _Dispatcher(Dispatcher):
                 codegen.compiles_part = outer
 
 
-def own(dispatcher: Any) -> Any:
-    """Have a kernel compiled once for all whole numbers that are written in calls of it."""
-    dispatcher.is_own = True
-    return dispatcher
-
-
-def part(dispatcher: Any) -> Any:
-    """Have a function compiled for its callers alone: Python can't call it, and it has no address."""
-    dispatcher.is_part = True
-    return dispatcher
-
-
 def _jit_of_overload(**options: Any) -> Any:
-    decorate = numba.jit(**options, _target=TARGET, no_cfunc_wrapper=True)
-    return lambda function: part(decorate(function))
+    def compile_part(function: Callable[..., Any]) -> Any:
+        dispatcher = numba.jit(**options, _target=TARGET, no_cfunc_wrapper=True)(function)
+        dispatcher.is_part = True
+        return dispatcher
+
+    return compile_part
 
 
 target_registry[TARGET] = _Processor
@@ -232,94 +216,53 @@ _CHECKSUM_BYTES: Final = hashlib.sha256().digest_size
 _OWN: Final = Path(__file__).parents[1]
 
 
-class KernelCache(FunctionCache):  # type: ignore[misc]  # numba has no types
+class KernelCache(NullCache):  # type: ignore[misc]  # numba has no types
     """A kernel's compiled forms, each in a file with a checksum behind its content.
 
+    A file's name tells the kernel, the types, and the processor. Of the kernel's source it tells the code alone: what else may
+    change a form of the simulator's own kernels is in the folder's name, other files are told by size and time of the last change.
+
     Args:
-        function: The kernel as Python has it.
+        function: The kernel as Python has it, from a file.
         folder: Where compiled kernels lie; made when there is one to keep.
     """
 
     def __init__(self, function: Callable[..., Any], folder: Path) -> None:
-        self._impl_class = functools.partial(_Kernel, folder=folder)
-        super().__init__(function)
-        locator = self._impl.locator
-        self._cache_file = _Files(Path(self._cache_path), self._impl.filename_base, locator.get_source_stamp())
+        file, code = Path(function.__code__.co_filename), function.__code__
+        state = None if file.is_relative_to(_OWN) else file.stat()
+        self._folder, self._name = folder, f"{function.__module__}.{function.__qualname__}".replace(".<locals>", "")
+        outside = () if state is None else (str(file), state.st_size, state.st_mtime_ns)
+        self._source = (sys.implementation.cache_tag, code.co_firstlineno, code.co_code, *outside)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return what was compiled for a signature; None if there is none, or it is damaged."""
+        target_context.refresh()
+        content = _sound(self._file(sig, target_context.codegen()))
+        return None if content is None else CompileResult._rebuild(target_context, *pickle.loads(content))
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep what was compiled for a signature; where that is impossible, every process compiles its own."""
+        if data.lifted or data.library.has_dynamic_globals:
+            return
+        content, part = dumps(data._reduce()), self._folder / uuid.uuid4().hex
         try:
-            super().save_overload(sig, data)
+            self._folder.mkdir(parents=True, exist_ok=True)
+            part.write_bytes(content + hashlib.sha256(content).digest())
+            part.replace(self._file(sig, data.codegen))
         except OSError as error:
-            _log_that_nothing_is_kept(self._cache_path, error.strerror)
+            with suppress(OSError):
+                part.unlink(missing_ok=True)
+            _log_that_nothing_is_kept(str(self._folder), str(error.strerror))
+
+    def _file(self, sig: Any, codegen: Any) -> Path:
+        key = hashlib.sha256(str((sig, codegen.magic_tuple(), self._source)).encode())
+        return self._folder / f"{self._name}.{key.hexdigest()[:16]}.nbc"
 
 
 @functools.cache
 def _log_that_nothing_is_kept(folder: str, reason: str) -> None:
     """Once for a folder, not for each of its hundreds of kernels."""
     LOGGER.warning("can't write to %r (%s): every process compiles the kernels again", folder, reason)
-
-
-class _Kernel(CompileResultCacheImpl):  # type: ignore[misc]
-    """Numba's interface to a cached function with a given place."""
-
-    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
-        file = inspect.getfile(function)
-        self._lineno = function.__code__.co_firstlineno
-        self._locator = _Place(file, self._lineno, folder)
-        self._filename_base = self.get_filename_base(f"{Path(file).stem}.{function.__qualname__}", sys.abiflags)
-
-
-class _Place(_SourceFileBackedLocatorMixin, _CacheLocator):  # type: ignore[misc]
-    """Below the folder of kernels: a module of the simulator's by its package, wherever that lies, another by its path."""
-
-    def __init__(self, file: str, line: int, folder: Path) -> None:
-        self._py_file = file
-        self._lineno = line
-        own = Path(file).is_relative_to(_OWN)
-        inner_folder = Path(file).parent.relative_to(_OWN) if own else self.get_suitable_cache_subpath(file)
-        self._folder = folder / inner_folder
-
-    def get_cache_path(self) -> str:
-        return str(self._folder)
-
-
-class _Files:
-    """A kernel's files, one for each compiled form, named by the types and the processor that it is for.
-
-    A file is two pickles, what it was compiled from and for, and what came of it; then the checksum of both.
-
-    Args:
-        stamp: Of the kernel's source.
-    """
-
-    def __init__(self, folder: Path, name: str, stamp: Any) -> None:
-        self._folder = folder
-        self._name = name
-        self._stamp = stamp
-
-    def load(self, key: Any) -> Any:
-        """Return what was compiled for `key`, None if there is none, or it is damaged or outdated."""
-        content = _sound(self._file(key))
-        if content is None:
-            return None
-        pickles = BytesIO(content)
-        return pickle.load(pickles) if pickle.load(pickles) == (self._stamp, key) else None
-
-    def save(self, key: Any, data: Any) -> None:
-        """Keep what was compiled for `key`."""
-        content = dumps((self._stamp, key)) + dumps(data)
-        with tempfile.NamedTemporaryFile(dir=self._folder, delete=False) as file:
-            try:
-                file.write(content + hashlib.sha256(content).digest())
-                file.close()
-                os.replace(file.name, self._file(key))
-            except BaseException:
-                os.unlink(file.name)
-                raise
-
-    def _file(self, key: Any) -> Path:
-        return self._folder / f"{self._name}.{hashlib.sha256(str(key).encode()).hexdigest()[:16]}.nbc"
 
 
 def _sound(file: Path) -> bytes | None:

@@ -8,16 +8,15 @@ import hashlib
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final, TypeVar, cast
 
 import llvmlite
 import numba
 import platformdirs
 
-from vastflow.sim.kernels.numba_target import TARGET, KernelCache, own, part
+from vastflow.sim.kernels.numba_target import TARGET, KernelCache
 
 Function = TypeVar("Function", bound=Callable[..., Any])
-
 
 _IMPORT: Final = re.compile(r"^from (vastflow\.sim[\w.]*) import (\([^)]*\)|.*)", re.MULTILINE)
 
@@ -68,29 +67,28 @@ _compile_inner = numba.njit(**OPTIONS, _target=TARGET, no_cpython_wrapper=True, 
 
 def njit(function: Function) -> Function:
     """Compile a kernel that Python calls, or kernels and Python both."""
-    return _cached(own(_compile(function)), function)
+    return _own(_compile(function), function)
 
 
 def inner(function: Function) -> Function:
     """Compile a kernel that only kernels call, as a part of those."""
-    dispatcher: Function = part(own(_compile_inner(function)))
-    return dispatcher
+    dispatcher: Any = _compile_inner(function)
+    dispatcher.is_own = dispatcher.is_part = True
+    return cast("Function", dispatcher)
 
 
 def addressed(function: Function) -> Function:
     """Compile a kernel that is called by its address."""
-    return _cached(own(_compile_inner(function)), function)
+    return _own(_compile_inner(function), function)
 
 
 def unkept(function: Function) -> Function:
     """Compile what others wrote anew in each process: no file says when a compiled form is out of date."""
-    dispatcher: Function = _compile_inner(function)
-    return dispatcher
+    return cast("Function", _compile_inner(function))
 
 
-def _cached(compiled: Any, function: Function) -> Function:
-    """Return the dispatcher, with numba's option `cache` if the kernel is from a file."""
-    if Path(function.__code__.co_filename).is_file():
-        compiled._cache = KernelCache(function, _FOLDER)
-    dispatcher: Function = compiled
-    return dispatcher
+def _own(dispatcher: Any, function: Function) -> Function:
+    dispatcher.is_own = True
+    if Path(function.__code__.co_filename).is_file() and function.__closure__ is None:
+        dispatcher._cache = KernelCache(function, _FOLDER)
+    return cast("Function", dispatcher)

@@ -110,15 +110,15 @@ def range_to_obstacle(obstacle: Any, x_m: float, y_m: float, dx: float, dy: floa
 
 
 _GIVEN: Final = numba.typeof(Scan(np.zeros(1), np.zeros((1, 2)), 0.0, 0.0))
-_call: Final = calling(_GIVEN, types.none)
-_forward: Final = forwarding(_GIVEN, types.none)
+_call: Final = calling(types.none, _GIVEN)
+_forward: Final = forwarding(0, types.none, _GIVEN)
 
 
 def _perturb_entry(layout: Any, given: Any) -> None:
     _forward(layout, given)
 
 
-_NOISE: Final = Seam("perturb", _GIVEN, lambda found: bool(found == types.none), "nothing", _perturb_entry)
+_NOISE: Final = Seam("perturb", _GIVEN, lambda found: bool(found == types.none), "nothing", perturb=_perturb_entry)
 
 
 def running_noise(noise: LidarNoise, stream: NDArray[np.uint64], beams: int) -> Running[LidarNoise]:

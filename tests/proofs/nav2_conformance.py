@@ -26,7 +26,6 @@ from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.record import record_of
 from vastflow.sim.nav2.controllers import dwb, mppi, rpp
 from vastflow.sim.nav2.controllers.controller import Controller, ControllerInput, Setting
-from vastflow.sim.nav2.controllers.dwb_rollout import along, step_count, sum_headings
 from vastflow.sim.nav2.controllers.local_plan import local_plan
 from vastflow.sim.nav2.controllers.mppi_samples import ROW, next_noise, words_of
 from vastflow.sim.nav2.costmaps.inflation import inflate
@@ -122,7 +121,7 @@ def of_mppi(place: Path) -> Iterator[Distance]:
         assert valid == bool(case["valid"])
         speeds.append(abs(v - case["command"][0]))
         turns.append(abs(w - case["command"][1]))
-        found, theirs = np.asarray(memory.costs)[: parameters.batch_size], case["sample_costs"]
+        found, theirs = np.asarray(memory.space.costs)[: parameters.batch_size], case["sample_costs"]
         free, ours_free = theirs < 0.5 * collision, found < 0.5 * collision
         samples += len(theirs)
         unlike += int(np.count_nonzero(free != ours_free))
@@ -146,11 +145,11 @@ def _with_noise(memory: Any, parameters: Any, seed: int) -> Any:
         filled[:samples] = generator.standard_normal((samples, steps), dtype=np.float32) * np.float32(spread)
         noise.append(np.ascontiguousarray(filled.reshape(groups, ROW, steps).transpose(0, 2, 1)).ravel())
     words = words_of(*noise)
-    at = _noise_place(memory.stream.copy(), memory.next_noise.copy(), len(memory.noise), len(words))
-    all_words = memory.noise.copy()
+    at = _noise_place(memory.stream.copy(), memory.next_noise.copy(), len(memory.space.noise), len(words))
+    all_words = memory.space.noise.copy()
     all_words[at : at + len(words)] = words
     all_words.flags.writeable = False
-    return memory._replace(noise=all_words)
+    return memory._replace(space=memory.space._replace(noise=all_words))
 
 
 # DWB.
@@ -167,15 +166,11 @@ def _dwb_scores(records: Any, memory: Any, window: Any, pose: Any, twist: Any, p
     """Sums (V, W) of the critics, infinite where one of them forbids the trajectory."""
     q = records[0]
     given = ControllerInput(window, OUTLINE, 0.2255, pose, twist, plan, 0.0, goal, DT_S, 0.0)
-    setting, n_speeds, n_turns = dwb.score(q, memory, given)
+    setting, ground, n_speeds, n_turns = dwb.score(q, memory, given)
     scores = memory.scores[:n_speeds, :n_turns].copy()
     for i in range(n_speeds):
         for j in range(n_turns):
-            target = (memory.speeds[i], memory.sideways[i])
-            steps, ground = step_count(q, *target, memory.turns[j]), (window.costs, OUTLINE, 1.0 / window.place[2])
-            sums = memory.sums[: steps + 1]
-            sum_headings(q, sums, setting.yaw_rad, setting.w_radps, memory.turns[j])
-            if not along(q, setting, target, steps, sums, memory.ends[i, j], ground)[0]:
+            if not dwb.followed(q, setting, memory, ground, i, j)[0]:
                 scores[i, j] = np.inf
     return scores
 

@@ -51,7 +51,7 @@ def commanded(records, memory, window, outline, pose, twist, plan, goal, lateral
 @njit
 def scored(records, memory, window, outline, pose, twist, plan, goal, lateral):
     given = ControllerInput(window, outline, 0.2255, pose, twist, plan, 0.0, goal, 0.05, lateral)
-    _, n_speeds, n_turns = dwb.score(records[0], memory, given)
+    _, _, n_speeds, n_turns = dwb.score(records[0], memory, given)
     return n_speeds, n_turns
 
 

@@ -1,5 +1,6 @@
 """Compiled kernels on disk: used while they are whole, compiled again when they are not."""
 
+import importlib
 import logging
 import os
 import shutil
@@ -11,7 +12,6 @@ import pytest
 
 import vastflow
 from vastflow.sim.kernels import numeric
-from vastflow.sim.kernels.numba_target import _Files
 
 
 def double(x):
@@ -74,12 +74,18 @@ def test_damaged_kernel_is_compiled_again_alone(files):
     assert hits(used()) == 2
 
 
-def test_file_that_was_compiled_from_another_source_is_not_used(tmp_path):
-    files = _Files(tmp_path, "double", "the source")
-    files.save("int64", "its machine code")
-    assert files.load("int64") == "its machine code"
-    assert files.load("float64") is None
-    assert _Files(tmp_path, "double", "another source").load("int64") is None
+def test_kernel_is_compiled_again_when_its_file_has_changed(files, tmp_path, monkeypatch):
+    file = tmp_path / "tripled.py"
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def compiled(text):
+        file.write_text(text)
+        sys.modules.pop("tripled", None)
+        kernel = numeric.njit(importlib.import_module("tripled").triple)
+        return kernel(2), hits(kernel)
+
+    text = "def triple(x):\n    return 3 * x\n"
+    assert [compiled(text), compiled(f"{text}\nFACTOR = 3\n")] == [(6, 0), (6, 0)]
 
 
 def test_kernels_that_can_not_be_kept_are_said_once_and_compiled(files, tmp_path, caplog):
@@ -89,7 +95,7 @@ def test_kernels_that_can_not_be_kept_are_said_once_and_compiled(files, tmp_path
         used()
     (line,) = [record.getMessage() for record in caplog.records]
     assert line.startswith(f"can't write to '{tmp_path / 'kernels'}")
-    assert line.endswith("(Not a directory): every process compiles the kernels again")
+    assert line.endswith("(File exists): every process compiles the kernels again")
 
 
 def test_importing_kernels_writes_nothing(files, tmp_path):

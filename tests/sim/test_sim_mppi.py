@@ -195,7 +195,7 @@ def numbers_of(memory, q):
     groups = math.ceil(q.batch_size / 16)
     used = groups * q.time_steps * 16
     start = int(memory.next_noise[0]) - used
-    rows = numbers_in(memory.noise[start : start + used]).reshape(2, groups, q.time_steps, 16)
+    rows = numbers_in(memory.space.noise[start : start + used]).reshape(2, groups, q.time_steps, 16)
     return rows.transpose(1, 3, 2, 0).reshape(groups * 16, q.time_steps, 2)[: q.batch_size]
 
 
@@ -238,7 +238,7 @@ def test_costs_of_the_samples_are_those_of_the_plain_reading():
     memory, win = memory_of(SMALL), window(costs)
     command_of(record_of(SMALL), memory, win, OUTLINE, pose, twist, plan, len(plan), 0.0, goal)
     expected, _ = plain(SMALL, np.zeros((56, 2)), numbers_of(memory, SMALL), win, pose, twist, plan, 0.0, goal)
-    found = np.asarray(memory.costs)[: SMALL.batch_size]
+    found = np.asarray(memory.space.costs)[: SMALL.batch_size]
     near = expected < 100  # a sample on the rim of a cell may count as a collision in one reading alone
     assert near.sum() > 200
     assert np.median(np.abs(found[near] - expected[near])) < 1e-3
@@ -252,7 +252,7 @@ def test_obstacles_critic_prices_the_samples_by_distances_to_obstacles_as_nav2_d
     memory = memory_of(q)
     command_of(record_of(q), memory, win, OUTLINE, pose, twist, plan, len(plan), 0.0, goal)
     expected, _ = plain(q, np.zeros((56, 2)), numbers_of(memory, q), win, pose, twist, plan, 0.0, goal)
-    found = np.asarray(memory.costs)[: q.batch_size]
+    found = np.asarray(memory.space.costs)[: q.batch_size]
     free = expected < 100
     assert 100 < free.sum() < q.batch_size
     assert found[~free].min() > 1e5
@@ -273,7 +273,7 @@ def test_critic_of_speeds_adds_the_costs_of_the_plain_reading(name, power, criti
         q = SMALL.with_values(**{group: values.with_values(enabled=enabled, cost_power=power)})
         memory = memory_of(q)
         command_of(record_of(q), memory, win, OUTLINE, pose, twist, plan, len(plan), goal[2], goal)
-        found.append(np.asarray(memory.costs)[: q.batch_size])
+        found.append(np.asarray(memory.space.costs)[: q.batch_size])
         expected.append(plain(q, np.zeros((56, 2)), numbers_of(memory, q), win, pose, twist, plan, goal[2], goal)[0])
     added = np.subtract(*expected)
     assert np.ptp(added) > 0.1 or (name == "at the goal") == (critic is TURNING_LITTLE)
@@ -287,7 +287,7 @@ def judged_by_headings(q, pose, twist, heading_rad):
     memory.sequence[:] = sequence.T
     command_of(record_of(q), memory, win, OUTLINE, pose, twist, plan, len(plan), 0.0, AHEAD)
     expected, _ = plain(q, sequence, numbers_of(memory, q), win, pose, twist, plan, 0.0, AHEAD)
-    return np.asarray(memory.costs)[: q.batch_size], expected
+    return np.asarray(memory.space.costs)[: q.batch_size], expected
 
 
 @each_row(

@@ -44,7 +44,7 @@ def commands() -> list[str]:
                 record_of(parameters), memory, window, np.zeros((16, 2)), pose, twist, plan, 56, goal[2], goal
             )
             assert found[0]
-            judged = np.asarray(memory.costs)[: parameters.batch_size]
+            judged = np.asarray(memory.space.costs)[: parameters.batch_size]
             lines.append(f"{float(found[1]).hex()} {float(found[2]).hex()} {judged.tobytes().hex()}")
     return lines
 

@@ -7,7 +7,7 @@ import numpy as np
 from numba import types
 from numba.core import cgutils
 
-from vastflow.sim.kernels.binding import Bound, Running, Seam, call_memory, calling, forwarding, forwarding_memory
+from vastflow.sim.kernels.binding import Bound, Running, Seam, calling, forwarding
 from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.nav2.controllers.controller import Controller, ControllerInput, Setting
 from vastflow.sim.nav2.costmaps.window import Window
@@ -15,13 +15,11 @@ from vastflow.sim.nav2.costmaps.window import Window
 RunningController: TypeAlias = Running[Controller]
 
 
-def _example() -> ControllerInput:
-    window = Window(np.zeros((1, 1), dtype=np.uint8), np.zeros(3))
-    pose = (0.0, 0.0, 0.0)
-    return ControllerInput(window, np.zeros((1, 2)), 0.0, pose, (0.0, 0.0), np.zeros((1, 2)), 0.0, pose, 0.0, 0.0)
-
-
-_GIVEN: Final = numba.typeof(_example())
+_POSE: Final = (0.0, 0.0, 0.0)
+_WINDOW: Final = Window(np.zeros((1, 1), dtype=np.uint8), np.zeros(3))
+_GIVEN: Final = numba.typeof(
+    ControllerInput(_WINDOW, np.zeros((1, 2)), 0.0, _POSE, (0.0, 0.0), np.zeros((1, 2)), 0.0, _POSE, 0.0, 0.0)
+)
 _COMMAND: Final = types.Tuple((types.boolean, types.float64, types.float64, types.float64))
 
 
@@ -41,10 +39,11 @@ def _is_command(found: Any) -> bool:
     return valid == types.boolean and all(isinstance(each, types.Integer | types.Float) for each in speeds)
 
 
-_call: Final = calling(_GIVEN, _COMMAND)
-_forward: Final = forwarding(_GIVEN, _COMMAND, _whole_command)
-_forward_reset: Final = forwarding_memory(1)
-_forward_set_plan: Final = forwarding_memory(2)
+_call: Final = calling(_COMMAND, _GIVEN)
+_call_memory: Final = calling(types.none)
+_forward: Final = forwarding(0, _COMMAND, _GIVEN, convert=_whole_command)
+_forward_reset: Final = forwarding(1, types.none)
+_forward_set_plan: Final = forwarding(2, types.none)
 
 
 def _compute_entry(layout: Any, given: Any) -> Any:
@@ -64,8 +63,9 @@ _SEAM: Final = Seam(
     _GIVEN,
     _is_command,
     "(valid, v, ω): a flag and two numbers",
-    _compute_entry,
-    {"reset": _reset_entry, "set_plan": _set_plan_entry},
+    compute_velocity=_compute_entry,
+    reset=_reset_entry,
+    set_plan=_set_plan_entry,
 )
 
 
@@ -83,10 +83,10 @@ def compute_velocity(bound: Bound, given: ControllerInput) -> Any:
 @inner
 def reset(bound: Bound) -> None:
     """Tell the controller that a FollowPath action is over."""
-    call_memory(bound.entries[1], bound.table)
+    _call_memory(bound.entries[1], bound.table)
 
 
 @inner
 def set_plan(bound: Bound) -> None:
     """Tell the controller that the path is a new one."""
-    call_memory(bound.entries[2], bound.table)
+    _call_memory(bound.entries[2], bound.table)

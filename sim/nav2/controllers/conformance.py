@@ -1,5 +1,6 @@
 """The controller's contract, as checks that a controller's author can call in a test."""
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -11,14 +12,8 @@ from numpy.typing import NDArray
 from vastflow.sim.kernels.binding import Bound
 from vastflow.sim.kernels.conformance import REPEATED, SEED, allocations_of, guarded, least_us, must_at
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.kernels.plug_in import ContractError
 from vastflow.sim.nav2.controllers.binding import RunningController, compute_velocity, reset, running, set_plan
-from vastflow.sim.nav2.controllers.controller import (
-    PERIOD_S,
-    Controller,
-    ControllerInput,
-    Setting,
-)
+from vastflow.sim.nav2.controllers.controller import PERIOD_S, Controller, ControllerInput, Setting
 from vastflow.sim.nav2.costmaps.inflation import LETHAL, UNKNOWN, inflate
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, padded_outline
 from vastflow.sim.nav2.costmaps.window import Window, outline_hits
@@ -59,7 +54,16 @@ class PathMoment:
         The path begins at the nearest point.
         """
         pose, twist = pose or self.pose, twist or self.twist
-        window = _window(self, pose)
+        # On a cell grid that is fixed in the odom frame, as in a run.
+        corner = [math.floor(at / RESOLUTION_M) * RESOLUTION_M - CELLS / 2 * RESOLUTION_M for at in pose[:2]]
+        costs = np.full((CELLS, CELLS), UNKNOWN if self.unknown else 0, dtype=np.uint8)
+        for x0, y0, x1, y1 in self.boxes:
+            corners = (np.array([[x0, y0], [x1, y1]]) - corner) / RESOLUTION_M
+            (left, below), (right, above) = np.clip(np.rint(corners), 0, CELLS).astype(int)
+            costs[below:above, left:right] = LETHAL
+        if self.boxes:
+            costs = inflate(costs, RESOLUTION_M, inscribed_radius_m(OUTLINE), 0.7, 3.0)
+        window = Window(costs, np.array([*corner, RESOLUTION_M]))
         first = int(np.argmin(np.hypot(*(self.plan - pose[:2]).T)))
         plan = np.column_stack([self.plan[first:], np.zeros(len(self.plan) - first)])
         plan[-1, 2] = self.goal_yaw_rad
@@ -98,13 +102,10 @@ def sample_situations() -> tuple[PathMoment, ...]:
 
 
 def check_controller(controller: Controller, situations: Sequence[PathMoment] | None = None) -> None:
-    """Call `controller` in several situations and check that it keeps its contract: all of `CHECKS`, in their order.
+    """Run all `CHECKS` on `controller`; raises `AssertionError` with its place, what it did, and what it should do.
 
     Args:
         situations: By default `sample_situations`. Add those that matter to it.
-
-    Raises:
-        AssertionError: where it is written, what it did and what it should do.
     """
     chosen = sample_situations() if situations is None else situations
     for check in CHECKS:
@@ -114,9 +115,7 @@ def check_controller(controller: Controller, situations: Sequence[PathMoment] | 
 def check_kernels(controller: Controller, situations: Sequence[PathMoment]) -> None:
     """Its parameters and memory are what kernels take, and its kernels compile and return what they should."""
     _started(controller)
-    _must(
-        controller.plan_ahead_m > 0.0, type(controller), f"plan_ahead_m must be > 0 m, not {controller.plan_ahead_m!r}"
-    )
+    _must(controller.plan_ahead_m > 0.0, controller, f"plan_ahead_m must be > 0 m, not {controller.plan_ahead_m!r}")
 
 
 def check_commands(controller: Controller, situations: Sequence[PathMoment]) -> None:
@@ -126,7 +125,7 @@ def check_commands(controller: Controller, situations: Sequence[PathMoment]) -> 
         for _ in range(REPEATED):
             valid, v_mps, w_radps = _commanded(found, situation.given())
             right = f"must give a finite command, or none, in {situation.name!r}; found v = {v_mps} m/s, ω = {w_radps} rad/s"
-            _must(not valid or (math.isfinite(v_mps) and math.isfinite(w_radps)), type(controller), right)
+            _must(not valid or (math.isfinite(v_mps) and math.isfinite(w_radps)), controller, right)
 
 
 def check_determinism(controller: Controller, situations: Sequence[PathMoment]) -> None:
@@ -140,17 +139,18 @@ def check_determinism(controller: Controller, situations: Sequence[PathMoment]) 
     right = (
         "must command the same again; it keeps something outside of its memory, or draws from elsewhere than its stream"
     )
-    _must(_bits(alone) == _bits(together) == _bits(_drawn(_started(controller), situations)), type(controller), right)
+    _must(_bits(alone) == _bits(together) == _bits(_drawn(_started(controller), situations)), controller, right)
 
 
 def check_inputs_are_kept(controller: Controller, situations: Sequence[PathMoment]) -> None:
     """It leaves costmap, footprint and path as they are: the rest of the stack reads them."""
     for situation in situations:
         given = situation.given()
-        before = [array.copy() for array in _arrays_of(given)]
+        arrays = given.window.costs, given.window.place, given.outline, given.plan
+        before = [array.copy() for array in arrays]
         _commanded(_started(controller), given)
-        kept = all(np.array_equal(*pair) for pair in zip(before, _arrays_of(given), strict=True))
-        _must(kept, type(controller), f"must not change what it is given in {situation.name!r}")
+        kept = all(map(np.array_equal, before, arrays))
+        _must(kept, controller, f"must not change what it is given in {situation.name!r}")
 
 
 def check_allocations(controller: Controller, situations: Sequence[PathMoment]) -> None:
@@ -159,16 +159,16 @@ def check_allocations(controller: Controller, situations: Sequence[PathMoment]) 
         found, given = _started(controller), situation.given()
         each = allocations_of(lambda times, found=found, given=given: _commanded(found, given, times))  # type: ignore[misc]
         right = f"must allocate nothing in a call, got {each:g} allocations in {situation.name!r}; keep arrays in its memory"
-        _must(each == 0, type(controller), right)
+        _must(each == 0, controller, right)
 
 
-def check_time(controller: Controller, situations: Sequence[PathMoment], most_us: float = MOST_US) -> None:
-    """A call takes at most `most_us` of CPU time, the fastest of several."""
+def check_time(controller: Controller, situations: Sequence[PathMoment]) -> None:
+    """A call takes at most `MOST_US` of CPU time, the fastest of several."""
     for situation in situations:
         found, given = _started(controller), situation.given()
         took_us = least_us(lambda found=found, given=given: _commanded(found, given))  # type: ignore[misc]
-        right = f"must take at most {most_us:g} µs a call, took {took_us:.0f} in {situation.name!r}"
-        _must(took_us <= most_us, type(controller), right)
+        right = f"must take at most {MOST_US:g} µs a call, took {took_us:.0f} in {situation.name!r}"
+        _must(took_us <= MOST_US, controller, right)
 
 
 def check_obstacles(controller: Controller, situations: Sequence[PathMoment]) -> None:
@@ -189,7 +189,7 @@ def check_obstacles(controller: Controller, situations: Sequence[PathMoment]) ->
             right = (
                 f"must not drive into {scene.name}: v = {twist[0]:.2f} m/s, ω = {twist[1]:.2f} rad/s at x = {x_m:.2f} m"
             )
-            _must(not _hits(given.window, OUTLINE, x_m, y_m, yaw_rad), type(controller), right)
+            _must(not _hits(given.window, OUTLINE, x_m, y_m, yaw_rad), controller, right)
             pose = (x_m, y_m, yaw_rad)
 
 
@@ -226,22 +226,16 @@ def _hits(window: Window, outline: Any, x_m: float, y_m: float, yaw_rad: float) 
 
 
 def _started(controller: Controller, seed: int = SEED) -> RunningController:
-    stream = np.array([seed], dtype=np.uint64)
-    setting = Setting(CELLS, CELLS, RESOLUTION_M, 0.25, 0.25, stream, PERIOD_S)
-    try:
-        found = running(controller, setting)
-    except ContractError as error:
-        raise AssertionError(str(error)) from None
-    guarded(type(controller), "reset", lambda: _ended(found.bound))
+    setting = Setting(CELLS, CELLS, RESOLUTION_M, 0.25, 0.25, np.array([seed], dtype=np.uint64), PERIOD_S)
+    found = guarded(controller, "compute_velocity", lambda: running(controller, setting))
+    guarded(controller, "reset", lambda: _ended(found.bound))
     return found
 
 
 def _commanded(found: RunningController, given: ControllerInput, times: int = 1) -> tuple[bool, float, float]:
     """The command of the last of several calls."""
-    command: tuple[bool, float, float] = guarded(
-        type(found.plug_in), "compute_velocity", lambda: _repeated(found.bound, given, times)
-    )
-    return command
+    valid, v_mps, w_radps = guarded(found.plug_in, "compute_velocity", lambda: _repeated(found.bound, given, times))
+    return bool(valid), float(v_mps), float(w_radps)
 
 
 def _drawn(found: RunningController, situations: Sequence[PathMoment]) -> list[tuple[bool, float, float]]:
@@ -249,29 +243,7 @@ def _drawn(found: RunningController, situations: Sequence[PathMoment]) -> list[t
 
 
 def _bits(commands: Sequence[tuple[bool, float, float]]) -> list[tuple[bool, str, str]]:
-    return [(bool(valid), float(v).hex(), float(w).hex()) for valid, v, w in commands]
+    return [(valid, v.hex(), w.hex()) for valid, v, w in commands]
 
 
-def _arrays_of(given: ControllerInput) -> tuple[NDArray[Any], ...]:
-    return given.window.costs, given.window.place, given.outline, given.plan
-
-
-def _window(situation: PathMoment, pose: tuple[float, float, float]) -> Window:
-    """The local costmap round a pose, on a cell grid fixed in the odom frame as in a run."""
-    corner = [math.floor(at / RESOLUTION_M) * RESOLUTION_M - CELLS / 2 * RESOLUTION_M for at in pose[:2]]
-    costs = np.full((CELLS, CELLS), UNKNOWN if situation.unknown else 0, dtype=np.uint8)
-    for x0, y0, x1, y1 in situation.boxes:
-        columns = slice(*(_cell(at, corner[0]) for at in (x0, x1)))
-        rows = slice(*(_cell(at, corner[1]) for at in (y0, y1)))
-        costs[rows, columns] = LETHAL
-    if situation.boxes:
-        costs = inflate(costs, RESOLUTION_M, inscribed_radius_m(OUTLINE), 0.7, 3.0)
-    return Window(costs, np.array([*corner, RESOLUTION_M]))
-
-
-def _cell(at_m: float, corner_m: float) -> int:
-    return min(max(round((at_m - corner_m) / RESOLUTION_M), 0), CELLS)
-
-
-def _must(kept: object, kind: type[Controller], what: str) -> None:
-    must_at(kept, kind, "compute_velocity", what)
+_must = functools.partial(must_at, "compute_velocity")

@@ -29,7 +29,6 @@ from vastflow.sim.nav2.controllers.dwb_critics import (
     grow,
     lay,
     new_path_grid,
-    new_trends,
 )
 from vastflow.sim.nav2.controllers.dwb_rollout import along, possible, roll_out, sample, step_count, sum_headings
 from vastflow.sim.nav2.costmaps.inflation import INSCRIBED
@@ -98,33 +97,30 @@ class _Setting(NamedTuple):
     summed: bool
 
 
-def new_memory(parameters: DwbParameters, rows: int, columns: int) -> DwbMemory:
+def new_memory(q: DwbParameters, rows: int, columns: int) -> DwbMemory:
     """Memory for a local costmap of `rows` × `columns` cells."""
     # Zero comes on top of the samples where they change sign without it.
-    ahead, turns = max(2, parameters.vx_samples) + 1, max(2, parameters.vtheta_samples) + 1
-    strafes = parameters.min_vel_y != 0.0 or parameters.max_vel_y != 0.0
-    aside = max(2, parameters.vy_samples) + 1 if strafes else 1
+    ahead, turns = max(2, q.vx_samples) + 1, max(2, q.vtheta_samples) + 1
+    strafes = q.min_vel_y != 0.0 or q.max_vel_y != 0.0
+    aside = max(2, q.vy_samples) + 1 if strafes else 1
     speeds = ahead * aside
-    fastest_mps = math.hypot(
-        max(abs(parameters.min_vel_x), abs(parameters.max_vel_x)),
-        max(abs(parameters.min_vel_y), abs(parameters.max_vel_y)),
-    )
-    steps_v = math.ceil(fastest_mps * parameters.sim_time / parameters.linear_granularity) + 1
-    steps_w = math.ceil(parameters.max_vel_theta * parameters.sim_time / parameters.angular_granularity) + 1
+    fastest_mps = math.hypot(max(abs(q.min_vel_x), abs(q.max_vel_x)), max(abs(q.min_vel_y), abs(q.max_vel_y)))
+    steps_v = math.ceil(fastest_mps * q.sim_time / q.linear_granularity) + 1
+    steps_w = math.ceil(q.max_vel_theta * q.sim_time / q.angular_granularity) + 1
     return DwbMemory(
         ahead=np.zeros(ahead),
         aside=np.zeros(aside),
         speeds=np.zeros(speeds),
         sideways=np.zeros(speeds),
         turns=np.zeros(turns),
-        order=np.argsort([critic.place for critic in parameters.critics()]),
+        order=np.argsort([critic.place for critic in q.critics()]),
         raw=np.zeros(FOOTPRINT + 1),
         scales=np.zeros(FOOTPRINT + 1),
         scores=np.zeros((speeds, turns)),
         ends=np.zeros((speeds, turns, 5)),
         sums=np.zeros((max(steps_v, steps_w) + 1, 2)),
         grid=new_path_grid(rows, columns),
-        trends=new_trends(),
+        trends=Trends(np.zeros((3, 3), dtype=np.int64), np.zeros(3), np.zeros(2, dtype=np.int64)),
     )
 
 
@@ -138,10 +134,8 @@ def reset(memory: DwbMemory) -> None:
 @addressed
 def compute_velocity(q: Any, memory: DwbMemory, given: ControllerInput) -> Any:
     """Command (valid, v, ω, vy) of the legal sample with the lowest score; not valid when none is legal."""
-    setting, n_speeds, n_turns = score(q, memory, given)
-    i, j = _choose(
-        q, memory, (given.window.costs, given.outline, 1.0 / given.window.place[2]), setting, n_speeds, n_turns
-    )
+    setting, ground, n_speeds, n_turns = score(q, memory, given)
+    i, j = _choose(q, memory, ground, setting, n_speeds, n_turns)
     v, w, vy = (memory.speeds[i], memory.turns[j], memory.sideways[i]) if i >= 0 else (0.0, 0.0, 0.0)
     if q.Oscillation.enabled != 0:
         debrief(q.Oscillation, memory.trends, given.pose, v, w, vy)
@@ -150,32 +144,21 @@ def compute_velocity(q: Any, memory: DwbMemory, given: ControllerInput) -> Any:
 
 @inner
 def score(q: Any, memory: DwbMemory, given: ControllerInput) -> Any:
-    """Score the ends of all samples: the setting, and how many speeds and yaw rates there are."""
-    window, twist, goal = given.window, given.twist, given.goal
+    """Score the ends of all samples: the setting, the ground of `along`, and how many speeds and yaw rates there are."""
     setting = _prepare(q, memory, given)
-    v, w, time_s = twist[0], twist[1], q.sim_time
+    v, vy, w, time_s = setting.v_mps, setting.vy_mps, setting.w_radps, q.sim_time
     n_ahead = sample(memory.ahead, v, q.min_vel_x, q.max_vel_x, q.acc_lim_x, q.decel_lim_x, time_s, q.vx_samples)
-    vy = given.lateral_mps
     n_aside = sample(memory.aside, vy, q.min_vel_y, q.max_vel_y, q.acc_lim_y, q.decel_lim_y, time_s, q.vy_samples)
     n_speeds = n_ahead * n_aside
     for i in range(n_speeds):
         memory.speeds[i], memory.sideways[i] = memory.ahead[i // n_aside], memory.aside[i % n_aside]
     limit = q.max_vel_theta
     n_turns = sample(memory.turns, w, -limit, limit, q.acc_lim_theta, q.decel_lim_theta, time_s, q.vtheta_samples)
-    cells_per_m = 1.0 / window.place[2]
-    roll_out(
-        q,
-        setting,
-        memory.speeds[:n_speeds],
-        memory.sideways[:n_speeds],
-        memory.turns[:n_turns],
-        memory.sums,
-        memory.ends,
-        cells_per_m,
-        goal[2],
-    )
-    _score_ends(q, setting, memory, (window.costs, given.outline, cells_per_m), n_speeds, n_turns)
-    return setting, n_speeds, n_turns
+    cells_per_m = 1.0 / given.window.place[2]
+    roll_out(q, setting, memory, n_speeds, n_turns, cells_per_m, given.goal[2])
+    ground = given.window.costs, given.outline, cells_per_m
+    _score_ends(q, setting, memory, ground, n_speeds, n_turns)
+    return setting, ground, n_speeds, n_turns
 
 
 @inner
@@ -310,7 +293,7 @@ def _score_ends(q: Any, setting: _Setting, memory: DwbMemory, ground: Any, n_spe
 @inner
 def _sum_up(q: Any, setting: _Setting, memory: DwbMemory, ground: Any, i: int, j: int) -> bool:
     """Replace a sample's end costs by the sums over all its poses where they count; False if illegal."""
-    legal, center, outline = _followed(q, setting, memory, ground, i, j)
+    legal, center, outline = followed(q, setting, memory, ground, i, j)
     if q.BaseObstacle.sum_scores != 0:
         memory.raw[OBSTACLE] = center
     if q.ObstacleFootprint.sum_scores != 0:
@@ -319,8 +302,8 @@ def _sum_up(q: Any, setting: _Setting, memory: DwbMemory, ground: Any, i: int, j
 
 
 @inner
-def _followed(q: Any, setting: _Setting, memory: DwbMemory, ground: Any, i: int, j: int) -> Any:
-    """See `along`."""
+def followed(q: Any, setting: _Setting, memory: DwbMemory, ground: Any, i: int, j: int) -> Any:
+    """Follow a sample, see `along`."""
     target = (memory.speeds[i], memory.sideways[i])
     steps = step_count(q, target[0], target[1], memory.turns[j])
     sums = memory.sums[: steps + 1]
@@ -339,13 +322,13 @@ def _choose(q: Any, memory: DwbMemory, ground: Any, setting: _Setting, n_speeds:
                 best, best_i, best_j = scores[i, j], i, j
     if best_i < 0:
         return -1, -1
-    if _followed(q, setting, memory, ground, best_i, best_j)[0]:
+    if followed(q, setting, memory, ground, best_i, best_j)[0]:
         return best_i, best_j
     scores[best_i, best_j] = math.inf
     best, best_i, best_j = math.inf, -1, -1
     for i in range(n_speeds):
         for j in range(n_turns):
-            if scores[i, j] < best and _followed(q, setting, memory, ground, i, j)[0]:
+            if scores[i, j] < best and followed(q, setting, memory, ground, i, j)[0]:
                 best, best_i, best_j = scores[i, j], i, j
     return best_i, best_j
 

@@ -66,15 +66,6 @@ def new_path_grid(rows: int, columns: int) -> PathGrid:
     )
 
 
-def new_trends() -> Trends:
-    """No restriction, not at the goal."""
-    return Trends(
-        signs=np.zeros((3, 3), dtype=np.int64),
-        stood=np.zeros(3),
-        latched=np.zeros(2, dtype=np.int64),
-    )
-
-
 @inner
 def lay(grid: PathGrid, window: Window, plan: Any, n: int, nose_x_m: float, nose_y_m: float) -> Any:
     """Put the sources of a local plan, its first `n` points, on the grid.

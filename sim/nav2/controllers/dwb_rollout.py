@@ -85,28 +85,18 @@ def approach(velocity: float, target: float, acceleration: float, deceleration: 
 
 @inner
 def roll_out(
-    q: Any,
-    setting: Any,
-    speeds: Any,
-    sideways: Any,
-    turns: Any,
-    sums: Any,
-    ends: Any,
-    cells_per_m: float,
-    goal_yaw_rad: float,
+    q: Any, setting: Any, memory: Any, n_speeds: int, n_turns: int, cells_per_m: float, goal_rad: float
 ) -> None:
-    """Write the end of every sample.
-
-    Headings depend on the yaw rate and the number of steps alone, so their sums serve nearly all speeds.
-    """
-    for j in range(turns.shape[0]):
+    """Write the ends of all samples; those of one yaw rate share the sums of their headings."""
+    speeds, sideways, turns, sums, ends = memory.speeds, memory.sideways, memory.turns, memory.sums, memory.ends
+    for j in range(n_turns):
         steps, c, s, heading_error = 0, 0.0, 0.0, 0.0
-        for i in range(speeds.shape[0]):
+        for i in range(n_speeds):
             n = step_count(q, speeds[i], sideways[i], turns[j])
             if n != steps:
                 steps = n
                 c, s, end_rad = sum_headings(q, sums[: steps + 1], setting.yaw_rad, setting.w_radps, turns[j])
-                heading_error = abs(wrapped(goal_yaw_rad - end_rad))
+                heading_error = abs(wrapped(goal_rad - end_rad))
             # Euler steps while the speed changes, then all the rest at once.
             dt_s = q.sim_time / steps
             cells = dt_s * cells_per_m

@@ -4,12 +4,13 @@ import math
 from dataclasses import replace
 from typing import Any, Final
 
-from vastflow.sim.kernels.lanes import data_of, either, load, lower, splat, store
+from vastflow.sim.kernels.lanes import addresses_of, either, load, lower, splat, store
 from vastflow.sim.kernels.numeric import addressed, inner
 from vastflow.sim.nav2.controllers.controller import Controller, ControllerInput, PlanCut, Setting, SpeedLimits
 from vastflow.sim.nav2.controllers.mppi_critics import (
     COLLISION,
     Frame,
+    add_cost,
     cost_values,
     followed_point,
     furthest_point,
@@ -19,7 +20,6 @@ from vastflow.sim.nav2.controllers.mppi_critics import (
     judge_following,
     judge_goal,
     judge_goal_angle,
-    judge_slowness,
     judge_turns,
     judge_twirling,
     lay_frame,
@@ -28,29 +28,32 @@ from vastflow.sim.nav2.controllers.mppi_critics import (
     mark,
     mark_headings,
     obstacle_values,
+    raised,
 )
-from vastflow.sim.nav2.controllers.mppi_memory import MppiMemory, new_memory
-from vastflow.sim.nav2.controllers.mppi_outlines import Room, judge_outlines, lay_room
+from vastflow.sim.nav2.controllers.mppi_outlines import judge_outlines, lay_room
 from vastflow.sim.nav2.controllers.mppi_samples import (
     ROW,
     STEP,
     Draw,
+    MppiMemory,
     Prices,
     Space,
     add_weighted,
     add_weighted_lateral,
     follow,
-    follow_omni,
     missing_speed,
+    new_memory,
     next_noise,
 )
-from vastflow.sim.nav2.controllers.mppi_sequence import limit, limit_lateral, shifted, smooth, steer
 from vastflow.sim.nav2.costmaps.window import Window
 from vastflow.sim.nav2.parameters.mppi import MppiParameters
-from vastflow.sim.world.motion import wrapped
+from vastflow.sim.world.motion import steered, wrapped
 
 NEGLIGIBLE: Final = 1e-9
 """A group of samples of smaller weights than this times the best one's is left out of the mean: 2e-6 of it in all."""
+
+UNSMOOTHED: Final = 20
+"""A sequence of no more steps than this is left as it is."""
 
 
 @addressed
@@ -73,62 +76,43 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
     window, pose, twist, plan, goal = given.window, given.pose, given.twist, given.plan, given.goal
     n = plan.shape[0]
     sequence, history, free, lengths = memory.sequence, memory.history, memory.free, memory.lengths
-    space = Space(
-        data_of(memory.noise),
-        data_of(memory.center),
-        data_of(memory.turns),
-        data_of(memory.track),
-        data_of(memory.ends),
-        data_of(memory.marks),
-        data_of(memory.cells),
-        data_of(memory.frame),
-        data_of(memory.touched),
-        data_of(memory.costs),
-        data_of(memory.weights),
-        data_of(memory.plan),
-        data_of(memory.table_x),
-        data_of(memory.table_y),
-        data_of(memory.sums),
-        data_of(memory.lateral_noise),
-        data_of(memory.lateral_center),
-        data_of(memory.lateral_sums),
-        data_of(memory.headings),
-        data_of(memory.table_yaw),
-    )
+    space = addresses_of(memory.space)
     goal_m = math.hypot(goal[0] - pose[0], goal[1] - pose[1])
     twirling = q.TwirlingCritic.enabled != 0 and goal_m >= memory.goal_tolerance_m[0]
-    values = data_of(memory.values)
     if q.ObstaclesCritic.enabled != 0:
-        obstacle_values(q.ObstaclesCritic, values, goal_m, sequence.shape[1])
+        obstacle_values(q.ObstaclesCritic, space.values, goal_m, sequence.shape[1])
     else:
-        cost_values(q.CostCritic, values, goal_m)
-    frame = lay_frame(space.frame, values, window, pose)
-    room = Room(data_of(memory.near), data_of(memory.lethal), data_of(memory.yaws), 0, 0)
+        cost_values(q.CostCritic, space.values, goal_m)
+    frame = lay_frame(space.frame, space.values, window, pose)
     if q.CostCritic.consider_footprint != 0:
-        room = lay_room(room.near, room.lethal, room.yaws, frame, window, memory.circumscribed_cost[0])
+        lay_room(space.near, space.lethal, frame, window, memory.circumscribed_cost[0])
     prices = _prices(q, memory.unlimited_mps, goal_m)
-    used = sequence.shape[1] * memory.costs.shape[0]
+    used = sequence.shape[1] * memory.space.costs.shape[0]
     rise, fall, turn = q.model_dt * q.ax_max, -q.model_dt * q.ax_min, q.model_dt * q.az_max
     lateral_rise, lateral_fall = q.model_dt * q.ay_max, -q.model_dt * q.ay_min
     radius_m, is_omni = memory.min_turning_radius_m[0], sequence.shape[0] == 3
     for _ in range(1 + (q.retry_attempt_limit if q.retry_scores != 0 else 0)):
-        noise_at = next_noise(memory.stream, memory.next_noise, memory.noise.shape[0], used)
+        noise_at = next_noise(memory.stream, memory.next_noise, memory.space.noise.shape[0], used)
         draw = Draw(noise_at, twist[0], twist[1], rise, fall, turn, given.lateral_mps, lateral_rise, lateral_fall)
-        if _sample(q, space, room, sequence, frame, draw, given, prices, radius_m, goal_m, twirling):
+        if _sample(q, space, sequence, frame, draw, given, prices, radius_m, goal_m, twirling):
             _judge_plan(q, space, sequence.shape[1], frame, window, pose, plan, n, goal_m, free, lengths)
             _weigh(space, q.batch_size, q.temperature)
             _average(space, sequence, q.batch_size, draw)
-            limit(q, sequence)
+            _limit(sequence[0], q.vx_min, q.vx_max, rise, fall)
+            _limit(sequence[1], -q.wz_max, q.wz_max, turn, turn)
             if is_omni:
-                limit_lateral(q, sequence)
+                _limit(sequence[2], -q.vy_max, q.vy_max, lateral_rise, lateral_fall)
             if radius_m > 0.0:
-                steer(sequence, radius_m)
+                for t in range(sequence.shape[1]):
+                    sequence[1, t] = steered(sequence[0, t], sequence[1, t], radius_m)
             shift = 1 if abs(q.model_dt - given.dt_s) < 1e-6 else 0
-            smooth(sequence, history, memory.line, shift)
+            _smooth(sequence, history, memory.line, shift)
             vy_mps = sequence[2, shift] if is_omni else 0.0
             v_mps, w_radps = sequence[0, shift], sequence[1, shift]
             if shift == 1:
-                shifted(sequence)
+                for axis in range(sequence.shape[0]):
+                    for t in range(1, sequence.shape[1]):
+                        sequence[axis, t - 1] = sequence[axis, t]
             return True, v_mps, w_radps, vy_mps
         reset(memory)
     return False, 0.0, 0.0, 0.0
@@ -152,7 +136,6 @@ def _prices(q: Any, unlimited_mps: Any, goal_m: float) -> Prices:
 def _sample(
     q: Any,
     space: Space,
-    room: Room,
     sequence: Any,
     frame: Frame,
     draw: Draw,
@@ -202,15 +185,15 @@ def _sample(
     held = q.VelocityDeadbandCritic.enabled != 0
     for first in range(0, q.batch_size, ROW):
         if is_omni:
-            follow_omni(space, first, steps, draw, start, scale, dt_s, prices)
+            follow(space, space.lateral_center, first, steps, draw, start, scale, dt_s, prices)
         else:
-            follow(space, first, steps, draw, start, scale, dt_s, prices)
+            follow(space, None, first, steps, draw, start, scale, dt_s, prices)
         if min_turning_radius_m > 0.0:
             judge_turns(space, first, steps, scale, min_turning_radius_m, prices.beyond)
         if priced:
             judge_cells(space, first, cells, cell_stride, frame, cell_weight, crash)
             if outlined:
-                judge_outlines(space, room, first, cells, cell_stride, frame, given, motion, cell_weight, crash)
+                judge_outlines(space, first, cells, cell_stride, frame, given, motion, cell_weight, crash)
         if at_goal:
             judge_goal(space, first, steps, goal_cell, goal_weight)
         if turning:
@@ -220,7 +203,7 @@ def _sample(
         if held:
             slowness = q.VelocityDeadbandCritic
             missing = missing_speed(space, first, steps, draw, slowness.deadband_velocities, is_omni)
-            judge_slowness(space, first, missing, slowness.cost_weight * dt_s, slowness.cost_power)
+            add_cost(space, first, raised(missing * splat(slowness.cost_weight * dt_s), slowness.cost_power))
         if aligned:
             mark(space, first, marks, mark_stride)
             if q.PathAlignCritic.use_path_orientations != 0:
@@ -258,7 +241,9 @@ def _judge_plan(
     scale = lay_table(q.PathAlignCritic, space, plan, free, lengths, furthest) if aligned else 0.0
     point = followed_point(q.PathFollowCritic, free, furthest, n)
     ahead = min(furthest + q.PathAngleCritic.offset_from_furthest, n - 1)
-    mode, facing_rad = _angle_mode(q), plan[ahead, 2] if q.PathAngleCritic.mode == 2 else 0.0
+    mode, facing_rad = q.PathAngleCritic.mode, plan[ahead, 2] if q.PathAngleCritic.mode == 2 else 0.0
+    if mode == 1 and abs(q.vx_min) < 1e-6:
+        mode = 0  # a robot that can't reverse has the front towards the path where 1 lets it choose
     if faced:
         towards_rad = math.atan2(plan[ahead, 1] - pose[1], plan[ahead, 0] - pose[0])
         bearing = abs(wrapped(towards_rad - pose[2]))
@@ -279,12 +264,6 @@ def _judge_plan(
             judge_following(space, first, point, follow_weight)
         if faced:
             judge_bearing(space, first, ahead, mode, facing_rad, angle_weight)
-
-
-@inner
-def _angle_mode(q: Any) -> int:
-    """PathAngleCritic's `mode`; a robot that can't reverse has the front towards the path where 1 lets it choose."""
-    return 0 if q.PathAngleCritic.mode == 1 and abs(q.vx_min) < 1e-6 else int(q.PathAngleCritic.mode)
 
 
 @inner
@@ -369,6 +348,42 @@ def _sum_of(sums: Any, first: int) -> float:
     for k in range(first, first + ROW):
         total += sums[k]
     return total
+
+
+@inner
+def _limit(speeds: Any, lowest: float, highest: float, rise: float, fall: float) -> None:
+    """Limit the speeds (T,) of a sequence, and their changes from step to step."""
+    last = 0.0
+    for t in range(speeds.shape[0]):
+        speed = min(max(speeds[t], lowest), highest)
+        if t > 0:
+            slower, faster = (fall, rise) if last > 0.0 else (rise, fall)
+            speed = min(max(speed, last - slower), last + faster)
+        speeds[t] = speed
+        last = speed
+
+
+@inner
+def _smooth(sequence: Any, history: Any, line: Any, shift: int) -> None:
+    """Savitzky-Golay (9 points, quadratic) over all steps but the last, and the command that comes of it into `history`.
+
+    On their left stand the last four commands, on their right the last step as often as needed.
+    """
+    count = sequence.shape[1] - 1
+    if count < UNSMOOTHED:
+        return
+    for axis in range(sequence.shape[0]):
+        for i in range(4):
+            line[i] = history[axis, i]
+        for t in range(count + 4):
+            line[t + 4] = sequence[axis, min(t, count)]
+        for t in range(count):
+            total = 59.0 * line[t + 4] + 54.0 * (line[t + 3] + line[t + 5]) + 39.0 * (line[t + 2] + line[t + 6])
+            total += 14.0 * (line[t + 1] + line[t + 7]) - 21.0 * (line[t] + line[t + 8])
+            sequence[axis, t] = total / 231.0
+        for i in range(3):
+            history[axis, i] = history[axis, i + 1]
+        history[axis, 3] = sequence[axis, shift]
 
 
 @addressed

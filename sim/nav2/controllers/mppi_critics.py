@@ -24,16 +24,12 @@ from vastflow.sim.kernels.lanes import (
     whole,
 )
 from vastflow.sim.kernels.numeric import inner
-from vastflow.sim.nav2.controllers.mppi_samples import ROW, STEP, Space, rows_of
+from vastflow.sim.nav2.controllers.mppi_samples import BINS, ROW, SIDE, STEP, Space, rows_of
 from vastflow.sim.nav2.costmaps.inflation import INSCRIBED, UNKNOWN
 from vastflow.sim.nav2.costmaps.window import Window, cost_at
 
-SIDE: Final = 256
-"""Cells along a side of the cost frame at most: a cell's number has 16 bits."""
 COLLISION: Final = 2.0**40
 """Above all costs, and the same number in 32 bits: 1e12 is greater than itself there."""
-BINS: Final = 8
-"""Entries of the table of the plan for each of its points."""
 FAR: Final = 1e6
 """Where points of the plan are put that are not free (cells)."""
 STRAIGHT_RADPS: Final = 1e-6
@@ -45,6 +41,7 @@ class Frame(NamedTuple):
 
     Attributes:
         left_m, bottom_m: Corner of the border, in the odom frame.
+        column, row: Where that lies in the window.
     """
 
     left_m: float
@@ -52,6 +49,14 @@ class Frame(NamedTuple):
     resolution_m: float
     columns: int
     rows: int
+    column: int
+    row: int
+
+
+@inner
+def add_cost(space: Space, first: int, cost: Any) -> None:
+    """Add to the costs of a group of samples."""
+    store(space.costs, first, load(space.costs, first) + cost)
 
 
 @inner
@@ -99,9 +104,9 @@ def lay_frame(out: Any, values: Any, window: Window, pose: Any) -> Frame:
         for c in range(columns):
             out[begin + 1 + c] = values[window.costs[row + r, column + c]]
         out[begin + 1 + columns] = COLLISION
-    return Frame(
-        left_m + (column - 1) * resolution_m, bottom_m + (row - 1) * resolution_m, resolution_m, width, rows + 2
-    )
+    column, row = column - 1, row - 1
+    left_m, bottom_m = left_m + column * resolution_m, bottom_m + row * resolution_m
+    return Frame(left_m, bottom_m, resolution_m, width, rows + 2, column, row)
 
 
 @inner
@@ -111,7 +116,7 @@ def judge_cells(space: Space, first: int, points: int, stride: int, frame: Frame
     Args:
         weight, crash: What a point's value of 1, and a collision, add.
     """
-    track, cells, costs = space.track, space.cells, space.costs
+    track, cells = space.track, space.cells
     for p in range(points):
         k = p * stride * STEP
         store_cells(cells, p * WIDTH, load(track, k), load(track, k + ROW), frame.columns, frame.rows)
@@ -119,8 +124,7 @@ def judge_cells(space: Space, first: int, points: int, stride: int, frame: Frame
     for p in range(points):
         total = total + gather(space.frame, cells, p * WIDTH)
     store(space.touched, first, total)
-    cost = either(total, splat(COLLISION), total * splat(weight), splat(crash))
-    store(costs, first, load(costs, first) + cost)
+    add_cost(space, first, either(total, splat(COLLISION), total * splat(weight), splat(crash)))
 
 
 @inner
@@ -131,7 +135,7 @@ def judge_turns(space: Space, first: int, steps: int, scale: float, min_radius_m
         scale: Cells that 1 m/s goes in a step.
         weight: Price of 1 m in a step.
     """
-    track, turns, costs = space.track, space.turns, space.costs
+    track, turns = space.track, space.turns
     per_cell, least, most, none = splat(1.0 / scale), splat(STRAIGHT_RADPS), splat(min_radius_m), splat(0.0)
     x, y = load(track, 0), load(track, ROW)
     tighter = none
@@ -141,31 +145,30 @@ def judge_turns(space: Space, first: int, steps: int, scale: float, min_radius_m
         x, y = next_x, next_y
         speed = root(dx * dx + dy * dy) * per_cell
         tighter = tighter + higher(most - speed / higher(size(load(turns, t * ROW)), least), none)
-    store(costs, first, load(costs, first) + tighter * splat(weight))
+    add_cost(space, first, tighter * splat(weight))
 
 
 @inner
 def judge_goal(space: Space, first: int, steps: int, goal: Any, weight: float) -> None:
     """GoalCritic: the distances of the samples' track to the goal."""
-    track, costs = space.track, space.costs
+    track = space.track
     x, y = splat(goal[0]), splat(goal[1])
     total = splat(0.0)
     for k in range(0, steps * STEP, STEP):
         dx, dy = load(track, k) - x, load(track, k + ROW) - y
         total = total + root(dx * dx + dy * dy)
-    store(costs, first, load(costs, first) + total * splat(weight))
+    add_cost(space, first, total * splat(weight))
 
 
 @inner
 def judge_goal_angle(space: Space, first: int, steps: int, dt_s: float, off_rad: float, weight: float) -> None:
     """GoalAngleCritic: the angles between the samples' headings and the goal's, the first of them `off_rad`."""
-    turns, costs = space.turns, space.costs
     dt, off = splat(dt_s), splat(off_rad)
     total = size(off)
     for k in range(0, (steps - 1) * ROW, ROW):
-        off = off + load(turns, k) * dt
+        off = off + load(space.turns, k) * dt
         total = total + size(_wrapped(off))
-    store(costs, first, load(costs, first) + total * splat(weight))
+    add_cost(space, first, total * splat(weight))
 
 
 @inner
@@ -179,22 +182,15 @@ def _wrapped(angle_rad: Any) -> Any:
 @inner
 def judge_twirling(space: Space, first: int, steps: int, w_radps: float, weight: float, power: int) -> None:
     """TwirlingCritic: the mean size of the samples' yaw rates, of which the measured one is the first."""
-    turns, costs = space.turns, space.costs
     total = splat(abs(w_radps))
     for k in range(0, (steps - 1) * ROW, ROW):
-        total = total + size(load(turns, k))
-    store(costs, first, load(costs, first) + _raised(total * splat(weight / steps), power))
+        total = total + size(load(space.turns, k))
+    add_cost(space, first, raised(total * splat(weight / steps), power))
 
 
 @inner
-def judge_slowness(space: Space, first: int, missing: Any, weight: float, power: int) -> None:
-    """VelocityDeadbandCritic: what the samples' speeds miss of those that the robot can hold."""
-    costs = space.costs
-    store(costs, first, load(costs, first) + _raised(missing * splat(weight), power))
-
-
-@inner
-def _raised(cost: Any, power: int) -> Any:
+def raised(cost: Any, power: int) -> Any:
+    """The cost to a power from 1 on."""
     found = cost
     for _ in range(power - 1):
         found = found * cost
@@ -319,7 +315,7 @@ def judge_alignment(
     Args:
         per_rad: Cells that a radian between their headings counts as; 0 where headings do not count.
     """
-    marks, entries, costs = space.marks, space.cells, space.costs
+    marks, entries = space.marks, space.cells
     at = rows_of(first, 3 * points)
     per_cell, last = splat(scale), splat(float(BINS * (furthest - 1)))
     for p in range(points):
@@ -338,8 +334,7 @@ def judge_alignment(
         away = root(square)
         total = total + either(away, far, away, none)
         count = count + either(away, far, one, none)
-    cost = total / higher(count, one) * splat(weight)
-    store(costs, first, load(costs, first) + cost)
+    add_cost(space, first, total / higher(count, one) * splat(weight))
 
 
 @inner
@@ -354,12 +349,11 @@ def followed_point(q: Any, free: Any, furthest: int, n: int) -> int:
 @inner
 def judge_following(space: Space, first: int, point: int, weight: float) -> None:
     """PathFollowCritic: the distance of the samples' ends to a point of the plan."""
-    ends, costs = space.ends, space.costs
+    ends = space.ends
     end = rows_of(first, 4)
     dx = load(ends, end) - splat(space.plan[2 * point])
     dy = load(ends, end + ROW) - splat(space.plan[2 * point + 1])
-    cost = root(dx * dx + dy * dy) * splat(weight)
-    store(costs, first, load(costs, first) + cost)
+    add_cost(space, first, root(dx * dx + dy * dy) * splat(weight))
 
 
 @inner
@@ -369,7 +363,7 @@ def judge_bearing(space: Space, first: int, point: int, mode: int, facing_rad: f
     Args:
         facing_rad: The plan's heading there: with mode 2 the bearing or its opposite counts, whichever is nearer to that.
     """
-    ends, costs = space.ends, space.costs
+    ends = space.ends
     end = rows_of(first, 4)
     dx = splat(space.plan[2 * point]) - load(ends, end)
     dy = splat(space.plan[2 * point + 1]) - load(ends, end + ROW)
@@ -390,4 +384,4 @@ def judge_bearing(space: Space, first: int, point: int, mode: int, facing_rad: f
     angle = slope * (splat(0.9998660) + square * angle)
     angle = either(size(ahead), aside, splat(0.5 * math.pi) - angle, angle)
     angle = either(ahead, none, splat(math.pi) - angle, angle)
-    store(costs, first, load(costs, first) + angle * splat(weight))
+    add_cost(space, first, angle * splat(weight))

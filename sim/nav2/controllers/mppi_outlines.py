@@ -4,7 +4,7 @@ Most outlines of thousands have no lethal cell near them. The cost under the cen
 outline's box holds, which is four sums; lines are drawn for the others alone.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 from vastflow.sim.kernels.lanes import load, splat, store
 from vastflow.sim.kernels.numeric import inner
@@ -16,33 +16,14 @@ from vastflow.sim.nav2.costmaps.inflation import LETHAL
 from vastflow.sim.nav2.costmaps.window import Window, line_hits
 
 
-class Room(NamedTuple):
-    """Tables for judging outlines.
-
-    Attributes:
-        near: uint8, by the number of a frame's cell: whether an outline that has its center there is looked at.
-        lethal: int32, by the number of a frame's cell: lethal cells in its row and below, in its column and left of it.
-        yaws: P times a row of float32: headings of the samples at hand at the points that are looked at (rad).
-        column, row: Where the frame's first cell lies in the window.
-    """
-
-    near: Any
-    lethal: Any
-    yaws: Any
-    column: int
-    row: int
-
-
 @inner
-def lay_room(near: Any, lethal: Any, yaws: Any, frame: Frame, window: Window, circumscribed_cost: float) -> Room:
-    """The room of this cycle's frame.
+def lay_room(near: Any, lethal: Any, frame: Frame, window: Window, circumscribed_cost: float) -> None:
+    """Write a cycle's `near` and `lethal`, see `Space`.
 
     Args:
         circumscribed_cost: The least cost of a center whose outline is looked at; in free space none is.
     """
     least_cost, columns = max(circumscribed_cost, 1.0), frame.columns
-    left = round((frame.left_m - window.place[0]) / frame.resolution_m)
-    below = round((frame.bottom_m - window.place[1]) / frame.resolution_m)
     for k in range(columns):
         near[k], lethal[k] = 1, 0
     for r in range(1, frame.rows - 1):
@@ -50,20 +31,18 @@ def lay_room(near: Any, lethal: Any, yaws: Any, frame: Frame, window: Window, ci
         near[begin], lethal[begin] = 1, 0
         counted = 0
         for c in range(1, columns - 1):
-            cost = window.costs[below + r, left + c]
+            cost = window.costs[frame.row + r, frame.column + c]
             counted += cost == LETHAL
             near[begin + c] = cost >= least_cost
             lethal[begin + c] = lethal[begin + c - columns] + counted
         near[begin + columns - 1] = 1
     for k in range((frame.rows - 1) * columns, frame.rows * columns):
         near[k] = 1
-    return Room(near, lethal, yaws, left, below)
 
 
 @inner
 def judge_outlines(
     space: Space,
-    room: Room,
     first: int,
     points: int,
     stride: int,
@@ -86,25 +65,25 @@ def judge_outlines(
         if space.touched[first + lane] >= COLLISION:
             continue
         for p in range(points):
-            if room.near[space.cells[p * ROW + lane]] == 0:
+            if space.near[space.cells[p * ROW + lane]] == 0:
                 continue
             if not headed:
-                _head(space, room, points, stride, motion)
+                _head(space, points, stride, motion)
                 headed = True
             k = p * stride * STEP + lane
-            x, y, yaw_rad = space.track[k], space.track[k + ROW], room.yaws[p * ROW + lane]
-            if outline_collides(room, frame, given.window, given.outline, x, y, yaw_rad):
+            x, y, yaw_rad = space.track[k], space.track[k + ROW], space.yaws[p * ROW + lane]
+            if outline_collides(space.lethal, frame, given.window, given.outline, x, y, yaw_rad):
                 space.costs[first + lane] += crash - space.touched[first + lane] * weight
                 space.touched[first + lane] = COLLISION
                 break
 
 
 @inner
-def _head(space: Space, room: Room, points: int, stride: int, motion: Any) -> None:
+def _head(space: Space, points: int, stride: int, motion: Any) -> None:
     """Write the headings of the samples at hand."""
     yaw, dt = splat(motion[0]), splat(motion[1])
     for p in range(points):
-        store(room.yaws, p * ROW, yaw)
+        store(space.yaws, p * ROW, yaw)
         if p < points - 1:
             for t in range(p * stride, (p + 1) * stride):
                 yaw = yaw + load(space.turns, t * ROW) * dt
@@ -112,14 +91,13 @@ def _head(space: Space, room: Room, points: int, stride: int, motion: Any) -> No
 
 @inner
 def outline_collides(
-    room: Room, frame: Frame, window: Window, outline: Any, x: float, y: float, yaw_rad: float
+    lethal: Any, frame: Frame, window: Window, outline: Any, x: float, y: float, yaw_rad: float
 ) -> bool:
     """Whether a vertex lies outside the frame, which Nav2 takes for a collision, or an edge meets a lethal cell.
 
     Args:
         x, y: The center, in cells of the frame.
     """
-    columns = frame.columns
     sine, cosine = sincos(yaw_rad)
     c, s = cosine / frame.resolution_m, sine / frame.resolution_m
     least_x, most_x, least_y, most_y = x, x, y, y
@@ -128,9 +106,9 @@ def outline_collides(
         vertex_y = y + (s * outline[k, 0] + c * outline[k, 1])
         least_x, most_x = min(least_x, vertex_x), max(most_x, vertex_x)
         least_y, most_y = min(least_y, vertex_y), max(most_y, vertex_y)
-    if least_x < 1.0 or least_y < 1.0 or most_x >= columns - 1 or most_y >= frame.rows - 1:
+    if least_x < 1.0 or least_y < 1.0 or most_x >= frame.columns - 1 or most_y >= frame.rows - 1:
         return True
-    if not _holds_lethal(room, columns, int(least_x), int(least_y), int(most_x), int(most_y)):
+    if not _holds_lethal(lethal, frame, int(least_x), int(least_y), int(most_x), int(most_y)):
         return False
     last = outline.shape[0] - 1
     first_column, first_row, column, row = 0, 0, 0, 0
@@ -139,23 +117,23 @@ def outline_collides(
         next_row = int(y + (s * outline[k, 0] + c * outline[k, 1]))
         if k == 0:
             first_column, first_row = next_column, next_row
-        elif _edge_hits(room, columns, window, column, row, next_column, next_row):
+        elif _edge_hits(lethal, frame, window, column, row, next_column, next_row):
             return True
         column, row = next_column, next_row
-    return bool(_edge_hits(room, columns, window, first_column, first_row, column, row))
+    return bool(_edge_hits(lethal, frame, window, first_column, first_row, column, row))
 
 
 @inner
-def _edge_hits(room: Room, columns: int, window: Window, column: int, row: int, end_column: int, end_row: int) -> bool:
+def _edge_hits(lethal: Any, frame: Frame, window: Window, column: int, row: int, end_column: int, end_row: int) -> bool:
     """Whether an edge between two cells of the frame meets a lethal cell, by the line of `outline_hits`."""
     left, right, below, top = min(column, end_column), max(column, end_column), min(row, end_row), max(row, end_row)
-    return _holds_lethal(room, columns, left, below, right, top) and line_hits(
-        window.costs, room.column + column, room.row + row, room.column + end_column, room.row + end_row
+    return _holds_lethal(lethal, frame, left, below, right, top) and line_hits(
+        window.costs, frame.column + column, frame.row + row, frame.column + end_column, frame.row + end_row
     )
 
 
 @inner
-def _holds_lethal(room: Room, columns: int, left: int, below: int, right: int, top: int) -> bool:
+def _holds_lethal(lethal: Any, frame: Frame, left: int, below: int, right: int, top: int) -> bool:
     """Whether there is a lethal cell in a box of the frame's cells, those at its ends among them."""
-    lethal, over, under = room.lethal, top * columns, (below - 1) * columns
+    over, under = top * frame.columns, (below - 1) * frame.columns
     return bool(lethal[over + right] - lethal[over + left - 1] != lethal[under + right] - lethal[under + left - 1])

@@ -26,6 +26,7 @@ from vastflow.sim.kernels.lanes import (
 )
 from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.kernels.streams import integer_below
+from vastflow.sim.nav2.parameters.mppi import MppiParameters
 
 ROW: Final = WIDTH
 """Samples in a group."""
@@ -37,8 +38,15 @@ CYCLES_OF_NOISE: Final = 8
 GAP_ROWS: Final = 1024
 
 
+PLAN_POINTS: Final = 1024
+SIDE: Final = 256
+"""Cells along a side of the cost frame at most: a cell's number has 16 bits."""
+BINS: Final = 8
+"""Entries of the table of the plan for each of its points."""
+
+
 class Space(NamedTuple):
-    """Addresses of the working space, all float32 but `noise` and `cells`; G groups, T steps, a row sixteen numbers.
+    """Working space, or its addresses; all float32 unless noted. G groups, T steps, a row sixteen numbers.
 
     Attributes:
         noise: uint32, normal numbers for v and ω, see `noise`.
@@ -47,16 +55,21 @@ class Space(NamedTuple):
         ends: G times a row of x, y, cosine and sine of the heading.
         marks: G times P times a row of x, y and length, for the P points of PathAlignCritic.
         cells: uint16: numbers of cells, or of entries of the table, for the samples at hand.
+        values: (256,) cost by the costmap's cost.
         frame: Cost of a cell.
+        near: uint8, by the number of a frame's cell: whether an outline that has its center there is looked at. This and the next
+            are empty where none is.
+        lethal: int32, by the number of a frame's cell: lethal cells in its row and below, in its column and left of it.
+        yaws: P times a row: headings of the samples at hand at the points whose outlines are looked at (rad).
         touched, costs, weights: G rows: costs under the track, costs in all, weights in the mean.
         plan: n times x and y.
         table_x, table_y: Points of the plan by the length along it.
         sums: T times a row for v, one for ω.
-        headings: G times P times a row, of the marks where their headings count.
-        table_yaw: Headings of the table's points.
-        lateral_noise: Normal numbers for vy of an omni model, see `lateral_noise`.
+        lateral_noise: Normal numbers for vy of an omni model, see `lateral_noise`; this and the next two are empty of others.
         lateral_center: T times vy of the sequence, and what 1 m/s costs by γ.
         lateral_sums: T times a row for vy.
+        headings: G times P times a row, of the marks where their headings count.
+        table_yaw: Headings of the table's points.
     """
 
     noise: Any
@@ -66,7 +79,11 @@ class Space(NamedTuple):
     ends: Any
     marks: Any
     cells: Any
+    values: Any
     frame: Any
+    near: Any
+    lethal: Any
+    yaws: Any
     touched: Any
     costs: Any
     weights: Any
@@ -79,6 +96,96 @@ class Space(NamedTuple):
     lateral_sums: Any
     headings: Any
     table_yaw: Any
+
+
+class MppiMemory(NamedTuple):
+    """State and working space of the controller, of steps T.
+
+    Attributes:
+        sequence: (2, T) float64, the control sequence: v and ω. (3, T) of an omni model: vy as well.
+        history: (2, 4) or (3, 4) float64, the last commands.
+        stream: (1,) uint64.
+        next_noise: (1,) int64, where the next cycle's noise may begin.
+        lengths, free: (n,) float64 and bool: of the plan's points the length so far, and whether they are free.
+        line: (T + 8,) float64, what is smoothed.
+        circumscribed_cost: (1,) float64, see `Setting`.
+        min_turning_radius_m: (1,) float64 of an Ackermann model; 0 of one that turns on the spot.
+        goal_tolerance_m: (1,) float64, the goal checker's `xy_goal_tolerance`.
+        unlimited_mps: (3,) float64, `vx_min`, `vx_max` and `vy_max` without a speed limit.
+    """
+
+    sequence: Any
+    history: Any
+    stream: Any
+    next_noise: Any
+    lengths: Any
+    free: Any
+    line: Any
+    circumscribed_cost: Any
+    min_turning_radius_m: Any
+    goal_tolerance_m: Any
+    unlimited_mps: Any
+    space: Space
+
+
+def new_memory(
+    q: MppiParameters, stream: NDArray[np.uint64], circumscribed_cost: float = 0.0, goal_tolerance_m: float = 0.0
+) -> MppiMemory:
+    """Memory of a controller that draws from `stream` (1,).
+
+    Args:
+        circumscribed_cost: See `Setting`; every outline is looked at where it is 0.
+        goal_tolerance_m: See `MppiMemory`.
+    """
+    steps, groups = q.time_steps, math.ceil(q.batch_size / ROW)
+    axes, lateral_steps = (3, steps) if q.motion_model == "Omni" else (2, 0)
+    frame_cells = SIDE * SIDE if q.CostCritic.consider_footprint else 0
+    marks = (steps - 1) // q.PathAlignCritic.trajectory_point_step
+    oriented = int(q.PathAlignCritic.use_path_orientations)
+    cells = (steps - 1) // (1 if q.ObstaclesCritic.enabled else q.CostCritic.trajectory_point_step) + 1
+
+    def rows(count: int) -> NDArray[np.float32]:
+        return aligned(ROW * count, np.float32)
+
+    return MppiMemory(
+        sequence=np.zeros((axes, steps)),
+        history=np.zeros((axes, 4)),
+        stream=stream,
+        next_noise=np.zeros(1, dtype=np.int64),
+        lengths=np.zeros(PLAN_POINTS),
+        free=np.zeros(PLAN_POINTS, dtype=np.bool_),
+        line=np.zeros(steps + 8),
+        circumscribed_cost=np.array([circumscribed_cost]),
+        min_turning_radius_m=np.array([q.AckermannConstraints.min_turning_r if q.motion_model == "Ackermann" else 0.0]),
+        goal_tolerance_m=np.array([goal_tolerance_m]),
+        unlimited_mps=np.array([q.vx_min, q.vx_max, q.vy_max]),
+        space=Space(
+            noise=noise(ROW * steps * groups, q.vx_std, q.wz_std),
+            center=aligned(4 * steps, np.float32),
+            turns=rows(steps),
+            track=rows(2 * steps),
+            ends=rows(4 * groups),
+            marks=rows(3 * marks * groups),
+            cells=aligned(ROW * max(cells, marks), np.uint16),
+            values=np.zeros(256, dtype=np.float32),
+            frame=np.zeros(SIDE * SIDE, dtype=np.float32),
+            near=np.zeros(frame_cells, dtype=np.uint8),
+            lethal=np.zeros(frame_cells, dtype=np.int32),
+            yaws=rows(cells),
+            touched=rows(groups),
+            costs=rows(groups),
+            weights=rows(groups),
+            plan=aligned(2 * PLAN_POINTS, np.float32),
+            table_x=aligned(BINS * PLAN_POINTS, np.float32),
+            table_y=aligned(BINS * PLAN_POINTS, np.float32),
+            sums=rows(2 * steps),
+            lateral_noise=lateral_noise(ROW * lateral_steps * groups, q.vy_std),
+            lateral_center=aligned(2 * lateral_steps, np.float32),
+            lateral_sums=rows(lateral_steps),
+            headings=rows(oriented * marks * groups),
+            table_yaw=aligned(oriented * BINS * PLAN_POINTS, np.float32),
+        ),
+    )
 
 
 class Draw(NamedTuple):
@@ -184,7 +291,15 @@ def rows_of(first: int, rows: int) -> int:
 
 @inner
 def follow(
-    space: Space, first: int, steps: int, draw: Draw, start: Any, scale: float, dt_s: float, prices: Prices
+    space: Space,
+    lateral: Any,
+    first: int,
+    steps: int,
+    draw: Draw,
+    start: Any,
+    scale: float,
+    dt_s: float,
+    prices: Prices,
 ) -> None:
     """Draw a group of samples and follow it, and begin its costs by what its speeds cost.
 
@@ -192,55 +307,15 @@ def follow(
     limited, as in Nav2.
 
     Args:
+        lateral: `space.lateral_center` of an omni model, whose whole speed ConstraintCritic judges; None of others, for which
+            numba leaves its lines out.
         start: x, y and the heading's cosine and sine after the first step, which goes by the measured speeds.
         scale: Cells that 1 m/s goes in a step.
 
     A heading is a vector that is turned by δ = ω dt. 1 - δ²/2 stands for cos δ and δ - δ³/6 for sin δ: the vector shrinks
     by δ⁴/24 a step, 2e-4 in all for a robot that turns at 1.9 rad/s all the time.
     """
-    center, numbers, turns, track, ends = space.center, space.noise, space.turns, space.track, space.ends
-    middle, half = splat(0.5 * (prices.highest + prices.lowest)), splat(0.5 * (prices.highest - prices.lowest))
-    linear, cubic, squared = splat(dt_s), splat(dt_s * dt_s * dt_s / 6.0), splat(dt_s * dt_s / 2.0)
-    none, one = splat(0.0), splat(1.0)
-    v, w = splat(draw.v_mps), splat(draw.w_radps)
-    x, y = splat(start[0]), splat(start[1])
-    c, s = splat(scale * start[2]), splat(scale * start[3])
-    cost, reached, back = none, none, none
-    store(track, 0, x)
-    store(track, ROW, y)
-    at = draw.noise_at + first * steps
-    last = steps - 1
-    for t in range(last):
-        v, w = _drawn(space, at, splat(center[4 * t]), splat(center[4 * t + 1]), v, w, draw)
-        at += ROW
-        x, y = x + v * c, y + v * s
-        store(turns, t * ROW, w)
-        store(track, (t + 1) * STEP, x)
-        store(track, (t + 1) * STEP + ROW, y)
-        square = w * w
-        sine, cosine = w * (linear - square * cubic), one - square * squared
-        c, s = c * cosine - s * sine, s * cosine + c * sine
-        cost = cost + (v * splat(center[4 * t + 2]) + w * splat(center[4 * t + 3]))
-        reached = reached + higher(size(v - middle), half)
-        back = back + lower(v, none)
-    v = splat(center[4 * last]) + load_upper(numbers, at)
-    w = splat(center[4 * last + 1]) + load_lower(numbers, at)
-    cost = cost + (v * splat(center[4 * last + 2]) + w * splat(center[4 * last + 3]))
-    cost = cost + (reached - splat(float(last)) * half) * splat(prices.beyond)
-    store(space.costs, first, cost - back * splat(prices.backwards))
-    end = first * 4
-    store(ends, end, x)
-    store(ends, end + ROW, y)
-    store(ends, end + 2 * ROW, c)
-    store(ends, end + 3 * ROW, s)
-
-
-@inner
-def follow_omni(
-    space: Space, first: int, steps: int, draw: Draw, start: Any, scale: float, dt_s: float, prices: Prices
-) -> None:
-    """Follow a group of samples of an omni robot, see `follow`; ConstraintCritic judges its whole speed."""
-    center, lateral, turns, track, ends = space.center, space.lateral_center, space.turns, space.track, space.ends
+    center, track, ends = space.center, space.track, space.ends
     middle, half = splat(0.5 * (prices.highest + prices.lowest)), splat(0.5 * (prices.highest - prices.lowest))
     linear, cubic, squared = splat(dt_s), splat(dt_s * dt_s * dt_s / 6.0), splat(dt_s * dt_s / 2.0)
     none, one = splat(0.0), splat(1.0)
@@ -254,23 +329,30 @@ def follow_omni(
     last = steps - 1
     for t in range(last):
         v, w = _drawn(space, at, splat(center[4 * t]), splat(center[4 * t + 1]), v, w, draw)
-        u = _drawn_lateral(space, at, splat(lateral[2 * t]), u, draw)
+        dx, dy, speed = v * c, v * s, v
+        price = v * splat(center[4 * t + 2]) + w * splat(center[4 * t + 3])
+        if lateral is not None:
+            u = _drawn_lateral(space, at, splat(lateral[2 * t]), u, draw)
+            dx, dy, speed = dx - u * s, dy + u * c, root(v * v + u * u)
+            speed = either(v, none, none - speed, speed)
+            price = price + u * splat(lateral[2 * t + 1])
         at += ROW
-        x, y = x + (v * c - u * s), y + (v * s + u * c)
-        store(turns, t * ROW, w)
+        x, y, cost = x + dx, y + dy, cost + price
+        store(space.turns, t * ROW, w)
         store(track, (t + 1) * STEP, x)
         store(track, (t + 1) * STEP + ROW, y)
         square = w * w
         sine, cosine = w * (linear - square * cubic), one - square * squared
         c, s = c * cosine - s * sine, s * cosine + c * sine
-        cost = cost + (v * splat(center[4 * t + 2]) + w * splat(center[4 * t + 3]) + u * splat(lateral[2 * t + 1]))
-        speed = root(v * v + u * u)
-        reached = reached + higher(size(either(v, none, none - speed, speed) - middle), half)
+        reached = reached + higher(size(speed - middle), half)
         back = back + lower(v, none)
     v = splat(center[4 * last]) + load_upper(space.noise, at)
     w = splat(center[4 * last + 1]) + load_lower(space.noise, at)
-    u = splat(lateral[2 * last]) + load(space.lateral_noise, at)
-    cost = cost + (v * splat(center[4 * last + 2]) + w * splat(center[4 * last + 3]) + u * splat(lateral[2 * last + 1]))
+    price = v * splat(center[4 * last + 2]) + w * splat(center[4 * last + 3])
+    if lateral is not None:
+        u = splat(lateral[2 * last]) + load(space.lateral_noise, at)
+        price = price + u * splat(lateral[2 * last + 1])
+    cost = cost + price
     cost = cost + (reached - splat(float(last)) * half) * splat(prices.beyond)
     store(space.costs, first, cost - back * splat(prices.backwards))
     end = first * 4

@@ -13,25 +13,25 @@ from vastflow.sim.nav2.planners.planner import Planner, PlannerInput, PlannerSet
 RunningPlanner: TypeAlias = Running[Planner]
 
 
-def _example() -> PlannerInput:
-    pose = (0.0, 0.0, 0.0)
-    return PlannerInput(np.zeros((1, 1), dtype=np.uint8), np.zeros(3), np.zeros((1, 2)), pose, pose, np.zeros((1, 3)))
-
-
-_GIVEN: Final = numba.typeof(_example())
-_call: Final = calling(_GIVEN, types.int64)
-_forward: Final = forwarding(_GIVEN, types.int64)
+_POSE: Final = (0.0, 0.0, 0.0)
+_GIVEN: Final = numba.typeof(
+    PlannerInput(np.zeros((1, 1), dtype=np.uint8), np.zeros(3), np.zeros((1, 2)), _POSE, _POSE, np.zeros((1, 3)))
+)
+_call: Final = calling(types.int64, _GIVEN)
+_forward: Final = forwarding(0, types.int64, _GIVEN)
 
 
 def _path_entry(layout: Any, given: Any) -> int:
     return int(_forward(layout, given))
 
 
-def _is_number(found: Any) -> bool:
-    return isinstance(types.unliteral(found), types.Integer)
-
-
-_SEAM: Final = Seam("compute_path", _GIVEN, _is_number, "the number of poses, or minus an error code", _path_entry)
+_SEAM: Final = Seam(
+    "compute_path",
+    _GIVEN,
+    lambda found: isinstance(types.unliteral(found), types.Integer),
+    "the number of poses, or minus an error code",
+    compute_path=_path_entry,
+)
 
 
 def running(planner: Planner, setting: PlannerSetting) -> RunningPlanner:

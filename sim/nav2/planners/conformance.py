@@ -1,17 +1,16 @@
 """The planner's contract, as checks that a planner's author can call in a test."""
 
+import functools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vastflow.sim.kernels.binding import Bound
 from vastflow.sim.kernels.conformance import guarded, least_us, must_at
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.kernels.plug_in import ContractError
 from vastflow.sim.nav2.costmaps.inflation import INSCRIBED, LETHAL, inflate
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, outline_of
 from vastflow.sim.nav2.parameters.costmap import global_costmap
@@ -62,11 +61,7 @@ ERRANDS: Final = (
 
 
 def check_planner(planner: Planner) -> None:
-    """Have `planner` find several paths and check that it keeps its contract: all of `CHECKS`, in their order.
-
-    Raises:
-        AssertionError: where it is written, what it did and what it should do.
-    """
+    """Run all `CHECKS` on `planner`; raises `AssertionError` with its place, what it did, and what it should do."""
     for check in CHECKS:
         check(planner)
 
@@ -85,15 +80,14 @@ def check_paths(planner: Planner) -> None:
         for where, pose, wanted in (("begin", path[0], errand.start), ("end", path[-1], errand.goal)):
             away_m = math.dist(pose[:2], wanted[:2])
             _must(away_m <= NEAR_M, planner, f"must {where} within {NEAR_M} m, got {away_m:.2f} m in {errand.name!r}")
-        dearest = max(_costs_along(given.costs, path))
+        dearest = max(int(given.costs[int(y_m / RESOLUTION_M), int(x_m / RESOLUTION_M)]) for x_m, y_m, _ in path)
         _must(dearest < INSCRIBED, planner, f"must keep to free cells, found a cost of {dearest} in {errand.name!r}")
 
 
 def check_determinism(planner: Planner) -> None:
     """It gives the same path to the bit for the same memory and situation, whatever another one has planned."""
-    given = ERRANDS[1].given()
-    alone = _path(_started(planner, given), given)
-    one, other = _started(planner, given), ERRANDS[0].given()
+    given, other = ERRANDS[1].given(), ERRANDS[0].given()
+    alone, one = _path(_started(planner, given), given), _started(planner, given)
     _path(_started(planner, other), other)
     right = "must give the same path again; it keeps something outside of its memory"
     _must(alone == _path(one, ERRANDS[1].given()), planner, right)
@@ -119,14 +113,14 @@ def check_inputs_are_kept(planner: Planner) -> None:
         _must(kept, planner, f"must not change what it is given in {errand.name!r}")
 
 
-def check_time(planner: Planner, most_us: float = MOST_US) -> None:
-    """A plan takes at most `most_us` of CPU time, the fastest of several."""
+def check_time(planner: Planner) -> None:
+    """A plan takes at most `MOST_US` of CPU time, the fastest of several."""
     for errand in ERRANDS:
         given = errand.given()
         found = _started(planner, given)
         took_us = least_us(lambda found=found, given=given: _planned(found, given))  # type: ignore[misc]
-        right = f"must take at most {most_us:g} µs a plan, took {took_us:.0f} in {errand.name!r}"
-        _must(took_us <= most_us, planner, right)
+        right = f"must take at most {MOST_US:g} µs a plan, took {took_us:.0f} in {errand.name!r}"
+        _must(took_us <= MOST_US, planner, right)
 
 
 CHECKS: Final[tuple[Callable[[Planner], None], ...]] = (
@@ -145,15 +139,12 @@ def _once(bound: Bound, given: PlannerInput) -> int:
 
 
 def _started(planner: Planner, given: PlannerInput) -> RunningPlanner:
-    costs: Any = given.costs
-    try:
-        return running(planner, PlannerSetting(costs, costs, global_costmap(), RESOLUTION_M, (0.0, 0.0)))
-    except ContractError as error:
-        raise AssertionError(str(error)) from None
+    setting = PlannerSetting(given.costs, given.costs, global_costmap(), RESOLUTION_M, (0.0, 0.0))
+    return guarded(planner, "compute_path", lambda: running(planner, setting))
 
 
 def _planned(found: RunningPlanner, given: PlannerInput) -> int:
-    return int(guarded(type(found.plug_in), "compute_path", lambda: _once(found.bound, given)))
+    return guarded(found.plug_in, "compute_path", lambda: int(_once(found.bound, given)))
 
 
 def _path(found: RunningPlanner, given: PlannerInput) -> bytes:
@@ -161,10 +152,4 @@ def _path(found: RunningPlanner, given: PlannerInput) -> bytes:
     return bytes(poses.tobytes())
 
 
-def _costs_along(costs: Any, path: NDArray[np.float64]) -> Iterator[int]:
-    for x_m, y_m, _ in path:
-        yield int(costs[int(y_m / RESOLUTION_M), int(x_m / RESOLUTION_M)])
-
-
-def _must(kept: object, planner: Planner, what: str) -> None:
-    must_at(kept, type(planner), "compute_path", what)
+_must = functools.partial(must_at, "compute_path")
