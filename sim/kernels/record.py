@@ -12,7 +12,7 @@ _LISTS: Final = ("zones",)
 
 
 def record_dtype(value: Any) -> np.dtype[np.void]:
-    """Return the record type of a dataclass or a pydantic model.
+    """Return the record type of a dataclass, a pydantic model, or a mapping.
 
     Numbers are float64, whole numbers and flags int64, tuples arrays, and groups records.
 
@@ -22,8 +22,13 @@ def record_dtype(value: Any) -> np.dtype[np.void]:
 
 
 def record_of(value: Any) -> NDArray[np.void]:
-    """Return a (1,) record array with the values of a dataclass or model; groups are nested records."""
+    """Return a (1,) record array with the values of a dataclass, model, or mapping; groups are nested records."""
     return np.array([record_row(value)], dtype=record_dtype(value))
+
+
+def record_row(value: Any) -> Any:
+    """The values as nested tuples, as numpy takes them for a record."""
+    return tuple(record_row(item) if _is_group(item) else item for item in _items(value).values())
 
 
 def _type_of(value: Any) -> Any:
@@ -34,15 +39,10 @@ def _type_of(value: Any) -> Any:
     return np.int64 if isinstance(value, int) else np.float64
 
 
-def record_row(value: Any) -> Any:
-    """The values of a dataclass or a pydantic model as nested tuples, as numpy takes them for a record."""
-    return tuple(record_row(item) if _is_group(item) else item for item in _items(value).values())
-
-
 def _is_group(value: Any) -> bool:
     return isinstance(value, BaseModel) or is_dataclass(value)
 
 
 def _items(value: Any) -> Mapping[str, Any]:
-    every = dict(value) if isinstance(value, BaseModel) else {f.name: getattr(value, f.name) for f in fields(value)}
+    every = {f.name: getattr(value, f.name) for f in fields(value)} if is_dataclass(value) else dict(value)
     return {name: item for name, item in every.items() if not isinstance(item, str) and name not in _LISTS}

@@ -214,8 +214,7 @@ def test_goal_off_the_map_is_told_apart_from_one_without_a_way():
 def test_lower_bounds_are_the_potential_of_the_empty_map():
     desk = Desk(two_doors(), (7.0, 1.5))
     desk.plan(1.0, 3.0)
-    bounds = desk.memory.bounds
-    leg, to_goal = bounds.legs[0], bounds.to_goal[0]
+    leg, to_goal = desk.memory.bounds[0], desk.memory.to_goal[0]
     whole = potential(desk.grids.costs, (140, 30))
     known = to_goal > 0.0
     # NavFn's own order of updates is worth so much: a flood that is cut elsewhere has another.
@@ -233,7 +232,7 @@ def test_lower_bounds_hold_whatever_is_marked():
     desk.cost(slice(50, 70), slice(20, 60), 200)
     desk.cost(slice(20, 30), slice(80, 82), 254)
     marked = potential(desk.grids.costs, (140, 30))
-    assert (desk.memory.bounds.to_goal[0] <= 1.01 * marked).all()
+    assert (desk.memory.to_goal[0] <= 1.01 * marked).all()
 
 
 def test_robot_is_planned_for_where_the_map_has_no_room():

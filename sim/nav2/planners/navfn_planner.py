@@ -13,17 +13,14 @@ import numpy as np
 
 from vastflow.sim.kernels.numeric import addressed, inner
 from vastflow.sim.nav2.parameters.servers import NavFn
-from vastflow.sim.nav2.planners.lower_bound import Bounds, bound_below, covers, new_bounds
+from vastflow.sim.nav2.planners import navfn
 from vastflow.sim.nav2.planners.navfn import (
     NEUTRAL,
     OBSTACLE,
     UNREACHED,
     cell,
-    descend,
-    fill_travel_costs,
     new_potential,
     new_scratch,
-    propagate,
     travel_costs,
 )
 from vastflow.sim.nav2.planners.planner import NO_VALID_PATH, Planner, PlannerInput, PlannerSetting
@@ -41,9 +38,28 @@ WIDER: Final = 1.5
 FARTHER: Final = 1.25
 """So much more than is needed at once new lower bounds reach."""
 
-
 LEG_LENGTHS: Final = 4
 """Points of a leg, in longer edges of the map."""
+
+LEAST_CELL_COST: Final = 0.99 * NEUTRAL
+"""Of a cell's path in a straight line; NavFn's interpolated potential rises 0.5 % less than `NEUTRAL` along a diagonal."""
+
+DETOUR: Final = 1.6
+"""Of a map's paths over the straight line, inflation counted in; where one is longer, the bounds are computed again."""
+
+SPARE_COST: Final = 20 * NEUTRAL
+WIDER_BOUNDS: Final = 2.0
+ATTEMPTS: Final = 3
+"""To bound a path at all, each time among paths `WIDER_BOUNDS` as dear."""
+
+BOUND: Final = np.dtype(
+    [(name, np.float64) for name in ("reach", "detour")]
+    + [(name, np.int64) for name in ("column", "row", "goal_column", "goal_row", "row0", "row1", "column0", "column1")]
+)
+"""What is known of one leg: on paths of at most `reach` from (column, row) to (goal_column, goal_row) all cells have a bound.
+
+Rows row0..row1 and columns column0..column1 hold them all. By `detour` the leg's last plan was dearer than its bound.
+"""
 
 
 class NavFnMemory(NamedTuple):
@@ -51,18 +67,22 @@ class NavFnMemory(NamedTuple):
 
     Attributes:
         travel: (H, W) uint8, its costs of the global costmap.
+        least: (H, W) uint8, its costs with nothing marked and nothing unknown.
         potential: (H, W) float32, what the last flood gave.
         scratch: See `new_scratch`.
-        leg: (L, 2) points of a leg in cells.
-        bounds: Of the legs of a path.
+        leg: (N, 2) points of a leg in cells.
+        to_goal: (L, H, W) float32, what a path from a cell to a leg's goal costs at the least; 0 where nothing is known.
+        bounds: (L,) records of `BOUND`.
         floods: (1,) int64, floods so far.
     """
 
     travel: Any
+    least: Any
     potential: Any
     scratch: Any
     leg: Any
-    bounds: Bounds
+    to_goal: Any
+    bounds: Any
     floods: Any
 
 
@@ -72,7 +92,7 @@ def compute_path(q: Any, memory: NavFnMemory, given: PlannerInput) -> int:
     row0, row1, col0, col1 = given.changed
     rows, columns = memory.travel.shape
     row0, row1, col0, col1 = max(row0, 1), min(row1, rows - 1), max(col0, 1), min(col1, columns - 1)
-    fill_travel_costs(given.costs, q.allow_unknown != 0, row0, row1, col0, col1, memory.travel)
+    navfn.fill_travel_costs(given.costs, q.allow_unknown != 0, row0, row1, col0, col1, memory.travel)
     column, row = cell(given.place, given.start[0], given.start[1])
     n, end_x, end_y = _plan_leg(q, memory, given, column, row, given.goal[0], given.goal[1])
     if n == 0 or n + 1 > given.path.shape[0]:
@@ -81,7 +101,7 @@ def compute_path(q: Any, memory: NavFnMemory, given: PlannerInput) -> int:
 
 
 @inner
-def inside(travel: Any, column: int, row: int) -> bool:
+def _inside(travel: Any, column: int, row: int) -> bool:
     """Whether a cell lies within the map's outermost cells, which NavFn never enters."""
     return column > 0 and row > 0 and column < travel.shape[1] - 1 and row < travel.shape[0] - 1
 
@@ -96,7 +116,7 @@ def _plan_leg(
 
     A goal in an obstacle is replaced by the nearest point that can be reached, as `_nearest` has them.
     """
-    if not inside(memory.travel, column, row):
+    if not _inside(memory.travel, column, row):
         return 0, goal_x_m, goal_y_m
     before = memory.travel[row, column]
     memory.travel[row, column] = NEUTRAL
@@ -109,7 +129,7 @@ def _plan_leg(
         found, x_m, y_m = _nearest(q, memory, given, goal_x_m, goal_y_m, True)
     if found:
         end_column, end_row = cell(given.place, x_m, y_m)
-        n = descend(memory.potential, end_column, end_row, column, row, memory.leg)
+        n = navfn.descend(memory.potential, end_column, end_row, column, row, memory.leg)
     memory.travel[row, column] = before
     return n, x_m, y_m
 
@@ -138,7 +158,7 @@ def _nearest(q: Any, memory: NavFnMemory, given: PlannerInput, x_m: float, y_m: 
 @inner
 def _open(memory: NavFnMemory, given: PlannerInput, x_m: float, y_m: float, reached: bool) -> bool:
     column, row = cell(given.place, x_m, y_m)
-    if not inside(memory.travel, column, row):
+    if not _inside(memory.travel, column, row):
         return False
     return bool(memory.potential[row, column] < UNREACHED if reached else memory.travel[row, column] < OBSTACLE)
 
@@ -150,36 +170,30 @@ def _flood(q: Any, memory: NavFnMemory, leg: int, start: Cell, end: Cell, stop: 
     Otherwise everything that can be reached is flooded.
     """
     # A* does not find the best path, and which one it finds hangs on every cell it has been to.
-    if q.use_astar != 0:
-        memory.floods[0] += 1
-        _propagate(memory, start, stop, True, memory.potential, math.inf)
-        return bool(memory.potential[end[1], end[0]] < UNREACHED)
-    if _flood_within_bounds(memory, leg, start, end, stop):
+    if q.use_astar == 0 and _flood_within_bounds(memory, leg, start, end, stop):
         return True
-    memory.floods[0] += 1
-    _propagate(memory, start, stop, False, memory.potential, math.inf)
+    # Nothing is above infinity, so any array will do for the lower bounds.
+    _propagate(memory, memory.travel, start, stop, q.use_astar != 0, memory.potential, math.inf)
     return bool(memory.potential[end[1], end[0]] < UNREACHED)
 
 
 @inner
-def _propagate(memory: NavFnMemory, start: Cell, stop: Cell, astar: bool, lower: Any, bound: float) -> None:
-    # Nothing is above infinity, so any array will do for the lower bounds then.
+def _propagate(
+    memory: NavFnMemory, travel: Any, start: Cell, stop: Cell, astar: bool, lower: Any, bound: float
+) -> None:
+    memory.floods[0] += 1
     out, scratch = memory.potential, memory.scratch
-    propagate(memory.travel, start[0], start[1], stop[0], stop[1], astar, lower, bound, out, scratch)
+    navfn.propagate(travel, start[0], start[1], stop[0], stop[1], astar, lower, bound, out, scratch)
 
 
 @inner
 def _flood_within_bounds(memory: NavFnMemory, leg: int, start: Cell, end: Cell, stop: Cell) -> bool:
     """The same among paths little dearer than the one to be expected; whether it was among them."""
-    bounds = memory.bounds
-    b, least, to_goal = bounds.legs[leg], bounds.least, bounds.to_goal[leg]
-    (column, row), (end_column, end_row) = start, end
-    if least[row, column] >= OBSTACLE:
+    b, to_goal, (column, row), (end_column, end_row) = memory.bounds[leg], memory.to_goal[leg], start, end
+    if memory.least[row, column] >= OBSTACLE:
         return False
     if b.goal_column != end_column or b.goal_row != end_row or to_goal[row, column] == 0.0:
-        memory.floods[0] += bound_below(
-            b, least, to_goal, column, row, end_column, end_row, 0.0, memory.potential, memory.scratch
-        )
+        _bound_below(memory, leg, start, end, 0.0)
         b.detour = 1.0
     if to_goal[row, column] == 0.0:
         return False
@@ -187,12 +201,9 @@ def _flood_within_bounds(memory: NavFnMemory, leg: int, start: Cell, end: Cell, 
     for _ in range(2):
         margin = max(MARGIN * expected, MARGIN_COST)
         bound = expected + margin
-        if not covers(b, column, row, bound):
-            memory.floods[0] += bound_below(
-                b, least, to_goal, column, row, end_column, end_row, FARTHER * bound, memory.potential, memory.scratch
-            )
-        memory.floods[0] += 1
-        _propagate(memory, start, stop, False, to_goal, bound)
+        if bound + _straight(column, row, b.column, b.row) > b.reach:
+            _bound_below(memory, leg, start, end, FARTHER * bound)
+        _propagate(memory, memory.travel, start, stop, False, to_goal, bound)
         if memory.potential[end_row, end_column] < UNREACHED:
             expected = memory.potential[end_row, end_column]
             # A path that only just fits has been cut at its sides.
@@ -202,6 +213,58 @@ def _flood_within_bounds(memory: NavFnMemory, leg: int, start: Cell, end: Cell, 
         else:
             expected *= WIDER
     return False
+
+
+@inner
+def _bound_below(memory: NavFnMemory, leg: int, start: Cell, end: Cell, reach: float) -> None:
+    """Write lower bounds of the cost from the cells to the end, that of the cell included.
+
+    They are NavFn's potential from the end over the unmarked map. Marks of the scan and unknown cells only make paths dearer, so
+    the bounds hold as long as the end is headed for.
+
+    Cells on no path from the start of at most `reach` have 0, the bound that always holds. `reach` is a wish: it is more where
+    the start would have no bound. Overwrites the potential.
+    """
+    b, to_goal, (column, row), (end_column, end_row) = memory.bounds[leg], memory.to_goal[leg], start, end
+    to_goal[b.row0 : b.row1, b.column0 : b.column1] = 0.0
+    b.column, b.row, b.goal_column, b.goal_row = column, row, end_column, end_row
+    b.reach = max(reach, DETOUR * _straight(column, row, end_column, end_row) + SPARE_COST)
+    for attempt in range(ATTEMPTS):
+        b.reach *= WIDER_BOUNDS if attempt > 0 else 1.0
+        _lay_straight_lines(b, to_goal)
+        _propagate(memory, memory.least, end, (-1, -1), False, to_goal, b.reach)
+        if memory.potential[row, column] < UNREACHED:
+            break
+    for r in range(b.row0, b.row1):
+        for c in range(b.column0, b.column1):
+            value = memory.potential[r, c]
+            to_goal[r, c] = value if value < UNREACHED else 0.0
+
+
+@inner
+def _straight(column: int, row: int, to_column: int, to_row: int) -> float:
+    """The least that a path between two cells costs."""
+    return float(LEAST_CELL_COST * math.hypot(column - to_column, row - to_row))
+
+
+@inner
+def _lay_straight_lines(b: Any, to_start: Any) -> None:
+    """Write straight-line costs to the leg's start into the box of an ellipse.
+
+    On the ellipse, straight lines from the start by a cell to the goal cost `reach`.
+    """
+    rows, columns = to_start.shape
+    half = 0.5 * b.reach / LEAST_CELL_COST
+    across, along = 0.5 * (b.goal_column - b.column), 0.5 * (b.goal_row - b.row)
+    half_width, half_height = math.sqrt(half * half - along * along), math.sqrt(half * half - across * across)
+    b.column0 = max(0, math.floor(b.column + across - half_width) - 2)
+    b.column1 = min(columns, math.ceil(b.column + across + half_width) + 3)
+    b.row0 = max(0, math.floor(b.row + along - half_height) - 2)
+    b.row1 = min(rows, math.ceil(b.row + along + half_height) + 3)
+    for r in range(b.row0, b.row1):
+        for c in range(b.column0, b.column1):
+            away_column, away_row = float(c - b.column), float(r - b.row)
+            to_start[r, c] = LEAST_CELL_COST * math.sqrt(away_column * away_column + away_row * away_row)
 
 
 @inner
@@ -233,11 +296,15 @@ class NavFnPlanner(NavFn, Planner):
     def memory(self, setting: PlannerSetting) -> NavFnMemory:
         """Return the memory of a mission; each of its legs has bounds of its own."""
         shape = setting.costs.shape
+        bounds = np.zeros(setting.legs, dtype=BOUND)
+        bounds["goal_column"] = -1
         return NavFnMemory(
-            travel_costs(setting.costs, self.allow_unknown),
-            new_potential(shape),
-            new_scratch(shape),
-            np.zeros((LEG_LENGTHS * max(shape), 2)),
-            new_bounds(setting.legs, travel_costs(setting.free_costs)),
-            np.zeros(1, dtype=np.int64),
+            travel=travel_costs(setting.costs, self.allow_unknown),
+            least=travel_costs(setting.free_costs),
+            potential=new_potential(shape),
+            scratch=new_scratch(shape),
+            leg=np.zeros((LEG_LENGTHS * max(shape), 2)),
+            to_goal=np.zeros((setting.legs, *shape), dtype=np.float32),  # takes up memory where it is written only
+            bounds=bounds,
+            floods=np.zeros(1, dtype=np.int64),
         )

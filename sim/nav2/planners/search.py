@@ -3,7 +3,6 @@
 import functools
 import heapq
 import math
-from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ from vastflow.sim.nav2.costmaps.inflation import INSCRIBED, UNKNOWN, cost_at_dis
 from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m, inscribed_radius_m, outline_of
 from vastflow.sim.nav2.costmaps.window import Window, outline_hits
 from vastflow.sim.nav2.parameters.costmap import Costmap
-from vastflow.sim.nav2.parameters.servers import SmacPlanner2D, SmacPlannerHybrid, SmootherParameters
+from vastflow.sim.nav2.parameters.servers import SmacPlanner2D, SmacPlannerHybrid
 from vastflow.sim.nav2.planners.curves import shortest
 from vastflow.sim.nav2.planners.planner import PlannerSetting
 
@@ -24,51 +23,6 @@ _ENDLESS: Final = 1 << 40
 
 WHOLE: Final = 252.0
 """The greatest cost of a cell that is free."""
-
-
-@dataclass(frozen=True, slots=True)
-class Search:
-    """Search parameters of kernels: lengths in cells except for the map's frame, times as iterations.
-
-    Attributes:
-        resolution, origin_x, origin_y: Of the map, in meters.
-        bins: Headings a turn is divided into; 1 where a path has none.
-        radius: The least radius of a turn.
-        circumscribed_cost: Below it the whole polygon of a robot is free; the robot is a disc where `polygon` is 0.
-        smoother_iterations: 0 where the path stays as it is searched.
-        table: Edge of the window round the goal in which distances of curves are known.
-    """
-
-    resolution: float
-    origin_x: float
-    origin_y: float
-    tolerance: float
-    allow_unknown: bool
-    max_iterations: int
-    max_on_approach_iterations: int
-    cost_penalty: float
-    smoother_tolerance: float
-    smoother_iterations: int
-    w_data: float
-    w_smooth: float
-    refinements: int
-    polygon: bool = False
-    circumscribed_cost: float = 0.0
-    bins: int = 1
-    radius: float = 1.0
-    reverses: bool = False
-    interpolates: bool = False
-    change_penalty: float = 0.0
-    non_straight_penalty: float = 1.0
-    reverse_penalty: float = 1.0
-    travel_distance_reward: float = 1.0
-    quadratic: bool = False
-    halves: bool = False
-    expansion_ratio: float = 1.0
-    expansion_length: float = 0.0
-    expansion_cost: float = 252.0
-    expansion_override: bool = False
-    table: int = 1
 
 
 @inner
@@ -82,7 +36,7 @@ def has_room(q: Any, given: Any, x: float, y: float, heading_rad: float) -> bool
     """Whether the robot fits at a pose in cells.
 
     Args:
-        q: `Search`.
+        q: See `search_of`.
         given: `PlannerInput`.
     """
     if x < 0.0 or y < 0.0 or x >= given.costs.shape[1] or y >= given.costs.shape[0]:
@@ -114,35 +68,37 @@ class Ground(NamedTuple):
     Attributes:
         values: (h, w) float32: 0 unknown yet, negative in the open set, positive once they are final.
         goal: (3,) float64 x, y in cells and the bin of its heading.
+        part: Cells along the edge of one of `values`.
     """
 
     values: Any
     goal: Any
+    part: int
 
 
 @inner
-def new_ground(q: Any, costs: Any, goal: Any) -> Ground:
-    """Return the ground with only the goal's cell known."""
-    part = 2 if q.halves != 0 else 1
+def new_ground(q: Any, costs: Any, goal: Any) -> Any:
+    """Return the ground with only the goal's cell known, and the open set of `over_ground` with that alone."""
+    part = 2 if q.downsample_obstacle_heuristic != 0 else 1
     rows, columns = (costs.shape[0] + part - 1) // part, (costs.shape[1] + part - 1) // part
     values = np.zeros((rows, columns), dtype=np.float32)
-    values[int(goal[1]) // part, int(goal[0]) // part] = -_TINY
-    return Ground(values, goal)
+    row, column = int(goal[1]) // part, int(goal[0]) // part
+    values[row, column] = -_TINY
+    return Ground(values, goal, part), [(0.0, row * columns + column)]
 
 
 @inner
 def over_ground(q: Any, ground: Ground, waiting: Any, costs: Any, x: int, y: int) -> float:
     """The cost of the best way over the cells from one to the goal; 0 where there is none.
 
-    As in Nav2 it costs no turn, and cells near the map's border, or in an inscribed radius, are not entered. With `q.halves`
-    four cells count as one, of the least cost among them.
+    As in Nav2 it costs no turn, and cells near the map's border, or in an inscribed radius, are not entered. Where the heuristic
+    is downsampled, four cells count as one, of the least cost among them.
 
     Args:
-        waiting: Open set, (expected cost, cell), first as `[(0.0, goal's cell)]`.
+        waiting: Open set, (expected cost, cell).
     """
-    part = 2 if q.halves != 0 else 1
+    values, part = ground.values, ground.part
     column, row = x // part, y // part
-    values = ground.values
     if values[row, column] > 0.0:
         return float(part * values[row, column])
     rows, columns = values.shape
@@ -169,10 +125,8 @@ def over_ground(q: Any, ground: Ground, waiting: Any, costs: Any, x: int, y: int
                 cost = _least(costs, to_x * part, to_y * part, part)
                 if cost >= INSCRIBED:
                     continue
-                share = cost / WHOLE
-                share = share * share if q.quadratic != 0 else share
                 step = 1.0 if dx == 0 or dy == 0 else math.sqrt(2.0)
-                value = np.float32(cells[here] + step * (1.0 + q.cost_penalty * share))
+                value = np.float32(cells[here] + step * (1.0 + q.cost_penalty * cost_share(q, cost)))
                 if cells[there] == 0.0 or -cells[there] > value:
                     cells[there] = -value
                     heapq.heappush(waiting, (value + math.hypot(to_x - column, to_y - row), there))
@@ -182,20 +136,19 @@ def over_ground(q: Any, ground: Ground, waiting: Any, costs: Any, x: int, y: int
 
 
 @inner
+def cost_share(q: Any, cost: float) -> float:
+    """What a cell's cost counts, 1 at the most."""
+    share = cost / WHOLE
+    return share * share if q.use_quadratic_cost_penalty != 0 else share
+
+
+@inner
 def _least(costs: Any, x: int, y: int, part: int) -> int:
     found = int(costs[y, x])
     for row in range(y, min(y + part, costs.shape[0])):
         for column in range(x, min(x + part, costs.shape[1])):
             found = min(found, int(costs[row, column]))
     return found
-
-
-def new_distances(table: int, bins: int) -> NDArray[np.float32]:
-    """Lengths of the shortest curves to a goal from cells of a window; NaN until asked for.
-
-    Nav2 computes all of them before the first plan.
-    """
-    return np.full(table * ((table + 1) // 2) * bins, np.nan, dtype=np.float32)
 
 
 @inner
@@ -228,7 +181,13 @@ def _length(q: Any, x: float, y: float, heading_rad: float) -> float:
 
 
 class SearchMemory(NamedTuple):
-    """The (1,) record of `Search`, and `new_distances`, which runs of a process share."""
+    """A Smac planner's memory.
+
+    Attributes:
+        search: The (1,) record of `search_of`.
+        distances: Lengths of the shortest curves to a goal from cells of a window, which runs of a process share; NaN until asked
+            for. Nav2 computes all of them before the first plan.
+    """
 
     search: Any
     distances: Any
@@ -237,68 +196,54 @@ class SearchMemory(NamedTuple):
 def search_memory(q: SmacPlanner2D | SmacPlannerHybrid, setting: PlannerSetting) -> SearchMemory:
     """Return the memory of a planner with these parameters."""
     search = search_of(q, setting.costmap, setting.resolution_m, setting.origin_xy_m)
-    return SearchMemory(record_of(search), _distances(search.table, search.bins, search.radius, search.reverses))
+    names = ("table", "bins", "radius", "reverses")
+    return SearchMemory(record_of(search), _distances(*(search.get(name, 1) for name in names)))
 
 
 @functools.lru_cache(maxsize=4)
 def _distances(table: int, bins: int, radius: float, reverses: bool) -> NDArray[np.float32]:
-    """Distances for one curve, shared by the runs of a process and filled on demand."""
-    return new_distances(table, bins)
+    return np.full(table * ((table + 1) // 2) * bins, np.nan, dtype=np.float32)
 
 
 def search_of(
     q: SmacPlanner2D | SmacPlannerHybrid, costmap: Costmap, resolution_m: float, origin_xy_m: tuple[float, float]
-) -> Search:
-    """Convert a planner's parameters to cells of a map."""
-    common: dict[str, Any] = {
+) -> dict[str, Any]:
+    """Return the parameters that a planner's kernels get as `q`: its own, and what follows from them on a map.
+
+    Lengths are in cells but for those of the map's frame. In addition to those of Nav2's names:
+
+    - `resolution`, `origin_x`, `origin_y`: Of the map, in meters.
+    - `smooths`, `refinements`: Whether the path is smoothed after the search, and how often again.
+    - `polygon`, `circumscribed_cost`: The robot is a disc where the first is false; below the second its whole polygon is free.
+    - `bins`, `radius`, `reverses`: Headings a turn is divided into, its least radius, and whether the robot may drive backward.
+    - `table`: Edge of the window round the goal in which distances of curves are known.
+    """
+    found: dict[str, Any] = {
+        **dict(q),
         "resolution": resolution_m,
         "origin_x": origin_xy_m[0],
         "origin_y": origin_xy_m[1],
         "tolerance": q.tolerance / resolution_m,
-        "allow_unknown": q.allow_unknown,
-        "max_iterations": _end(q.max_iterations),
-        "max_on_approach_iterations": _end(q.max_on_approach_iterations),
-        **_smoothing(q.smoother),
+        "max_iterations": q.max_iterations if q.max_iterations > 0 else _ENDLESS,
+        "max_on_approach_iterations": q.max_on_approach_iterations if q.max_on_approach_iterations > 0 else _ENDLESS,
+        "smooths": q.smoother.max_iterations > 0 and (isinstance(q, SmacPlanner2D) or q.smooth_path),
+        "refinements": q.smoother.refinement_num if q.smoother.do_refinement else 0,
+        "radius": 1.0,
     }
     if isinstance(q, SmacPlanner2D):
-        return Search(**common, cost_penalty=q.cost_travel_multiplier)
+        return found
     outline, layer = outline_of(costmap), costmap.inflation_layer
     farthest_m, nearest_m = circumscribed_radius_m(outline), inscribed_radius_m(outline)
     edge = int(q.lookup_table_size / resolution_m)
-    if not q.smooth_path:
-        common["smoother_iterations"] = 0
-    return Search(
-        **common,
-        cost_penalty=q.cost_penalty,
-        polygon=bool(vertices_of(costmap.footprint)),
-        circumscribed_cost=cost_at_distance(farthest_m, nearest_m, layer.cost_scaling_factor) if layer.enabled else 0.0,
-        bins=q.angle_quantization_bins,
-        radius=max(q.minimum_turning_radius / resolution_m, 1.0),
-        reverses=q.motion_model_for_search == "REEDS_SHEPP",
-        interpolates=q.allow_primitive_interpolation,
-        change_penalty=q.change_penalty,
-        non_straight_penalty=q.non_straight_penalty,
-        reverse_penalty=q.reverse_penalty,
-        travel_distance_reward=1.0 - q.retrospective_penalty,
-        quadratic=q.use_quadratic_cost_penalty,
-        halves=q.downsample_obstacle_heuristic,
-        expansion_ratio=q.analytic_expansion_ratio,
-        expansion_length=q.analytic_expansion_max_length / resolution_m,
-        expansion_cost=q.analytic_expansion_max_cost,
-        expansion_override=q.analytic_expansion_max_cost_override,
-        table=edge + 1 - edge % 2,
-    )
-
-
-def _smoothing(q: SmootherParameters) -> dict[str, Any]:
     return {
-        "smoother_tolerance": q.tolerance,
-        "smoother_iterations": q.max_iterations,
-        "w_data": q.w_data,
-        "w_smooth": q.w_smooth,
-        "refinements": q.refinement_num if q.do_refinement else 0,
+        **found,
+        "polygon": bool(vertices_of(costmap.footprint)),
+        "circumscribed_cost": (
+            float(cost_at_distance(farthest_m, nearest_m, layer.cost_scaling_factor)) if layer.enabled else 0.0
+        ),
+        "bins": q.angle_quantization_bins,
+        "radius": max(q.minimum_turning_radius / resolution_m, 1.0),
+        "reverses": q.motion_model_for_search == "REEDS_SHEPP",
+        "analytic_expansion_max_length": q.analytic_expansion_max_length / resolution_m,
+        "table": edge + 1 - edge % 2,
     }
-
-
-def _end(iterations: int) -> int:
-    return iterations if iterations > 0 else _ENDLESS

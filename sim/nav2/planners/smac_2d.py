@@ -46,17 +46,12 @@ def compute_path(parameters: Any, memory: SearchMemory, given: PlannerInput) -> 
         given.path[k, 1] = q.origin_y + (at // columns + 0.5) * q.resolution
         given.path[k, 2] = 0.0
         at = parents[at]
-    if q.smoother_iterations > 0 and n > _FEWEST_SMOOTHED:
-        smooth(q, given.costs, given.path[:n], np.empty(0))
-        _align(given.path[:n])
+    if q.smooths != 0 and n > _FEWEST_SMOOTHED:
+        poses = given.path[:n]
+        smooth(q, given.costs, poses, np.empty(0))
+        for k in range(n - 1):
+            poses[k, 2] = math.atan2(poses[k + 1, 1] - poses[k, 1], poses[k + 1, 0] - poses[k, 0])
     return n
-
-
-@inner
-def _align(poses: Any) -> None:
-    """Point each heading but the last along the path, as the smoother does."""
-    for k in range(poses.shape[0] - 1):
-        poses[k, 2] = math.atan2(poses[k + 1, 1] - poses[k, 1], poses[k + 1, 0] - poses[k, 0])
 
 
 @inner
@@ -69,7 +64,7 @@ def search(q: Any, costs: Any, start: int, goal: int) -> Any:
     """(last cell, parents, error code): A* from a cell to another, or to the nearest within the tolerance.
 
     Args:
-        q: `Search`.
+        q: See `search_of`.
         costs: (H, W) uint8.
         start, goal: Cells, row after row.
 
@@ -107,7 +102,7 @@ def search(q: Any, costs: Any, start: int, goal: int) -> Any:
                 if visited[there] or collides(q, cells[there]):
                     continue
                 step = 1.0 if dx == 0 or dy == 0 else math.sqrt(2.0)
-                value = np.float32(known[here] + step * (1.0 + q.cost_penalty * cells[there] / WHOLE))
+                value = np.float32(known[here] + step * (1.0 + q.cost_travel_multiplier * cells[there] / WHOLE))
                 if value >= known[there]:
                     continue
                 known[there], parents[there] = value, here

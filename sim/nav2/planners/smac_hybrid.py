@@ -23,6 +23,7 @@ from vastflow.sim.nav2.planners.search import (
     SearchMemory,
     along_curve,
     center_cost,
+    cost_share,
     has_room,
     new_ground,
     over_ground,
@@ -108,14 +109,14 @@ AHEAD, ASIDE, BINS, KIND, LENGTH = range(5)
 def primitives_of(q: Any) -> Any:
     """Return the motion primitives (P, 5).
 
-    Straight on, left and right at the least radius, arcs between them with `q.interpolates`, and all in reverse.
+    Straight on, left and right at the least radius, arcs between them with `q.allow_primitive_interpolation`, and all in reverse.
 
     The turn's angle is a multiple of a bin, and its chord at least √2 cells, which leaves any cell.
     """
     bin_rad = 2.0 * math.pi / q.bins
     bins = max(math.ceil(2.0 * math.asin(math.sqrt(2.0) / (2.0 * q.radius)) / bin_rad - 1e-9), 1)
     chord = 2.0 * q.radius * math.sin(0.5 * bins * bin_rad)
-    between = bins - 1 if q.interpolates != 0 else 0
+    between = bins - 1 if q.allow_primitive_interpolation != 0 else 0
     found = np.zeros(((3 + 2 * between) * (2 if q.reverses != 0 else 1), 5))
     n = 0
     for backward in range(2 if q.reverses != 0 else 1):
@@ -139,9 +140,7 @@ def primitives_of(q: Any) -> Any:
 @inner
 def price(q: Any, primitive: Any, cost: float, last_turn: float) -> float:
     """Price of a primitive: its length, raised for cost, turning, changes of turn, and reversing."""
-    share = cost / 252.0
-    share = share * share if q.quadratic != 0 else share
-    value = primitive[LENGTH] * (q.travel_distance_reward + q.cost_penalty * share)
+    value = primitive[LENGTH] * ((1.0 - q.retrospective_penalty) + q.cost_penalty * cost_share(q, cost))
     kind = primitive[KIND]
     if kind != FORWARD and kind != REVERSE and last_turn != NO_TURN:
         value *= q.non_straight_penalty + (0.0 if kind == last_turn else q.change_penalty)
@@ -198,7 +197,7 @@ def _curve_to(q: Any, given: Any, nodes: Nodes, node: int, goal: Any, radius: fl
     count = int(length / math.sqrt(2.0))
     poses = np.empty((max(count, 1), 3))
     poses[-1, 0], poses[-1, 1], poses[-1, 2] = goal[0], goal[1], 2.0 * math.pi * goal[2] / q.bins
-    if length > q.expansion_length:
+    if length > q.analytic_expansion_max_length:
         return False, poses, math.inf
     score, step, leaves = 0.0, length / max(count, 1), 0
     for k in range(1, count):
@@ -211,12 +210,12 @@ def _curve_to(q: Any, given: Any, nodes: Nodes, node: int, goal: Any, radius: fl
             return False, poses, math.inf
         cost = center_cost(given.costs, pose[0], pose[1])
         # Costly ground may only be entered for good: from its last segment on, a curve that has left it must not come back.
-        if cost <= q.expansion_cost:
+        if cost <= q.analytic_expansion_max_cost:
             leaves = 2 if leaves == 1 else leaves
         elif leaves == 0:
             leaves = 1
         score += step * (1.0 + q.cost_penalty * cost / WHOLE)
-    if leaves == 2 and not (q.expansion_override != 0 and length < 2.0 * math.pi * radius):
+    if leaves == 2 and not (q.analytic_expansion_max_cost_override != 0 and length < 2.0 * math.pi * radius):
         return False, poses, math.inf
     return True, poses, score
 
@@ -242,7 +241,7 @@ def compute_path(parameters: Any, memory: SearchMemory, given: PlannerInput) -> 
         given.path[k, 0] = q.origin_x + poses[k, 0] * q.resolution
         given.path[k, 1] = q.origin_y + poses[k, 1] * q.resolution
         given.path[k, 2] = poses[k, 2]
-    if q.smoother_iterations > 0 and iterations > 1:
+    if q.smooths != 0 and iterations > 1:
         smooth(q, given.costs, given.path[:n], given.path[:n, 2])
     return int(n)
 
@@ -252,8 +251,8 @@ def search(q: Any, distances: Any, given: PlannerInput) -> Any:
     """(poses, iterations, error code): the path as it is searched, not smoothed.
 
     Args:
-        q: `Search`.
-        distances: See `heuristic.new_distances`.
+        q: See `search_of`.
+        distances: See `SearchMemory`.
 
     Returns:
         poses: (N, 3) x, y in cells and heading in radians, from the start's cell and bin on.
@@ -285,9 +284,7 @@ def _key(q: Any, given: PlannerInput, pose: Any) -> int:
 def _searched(q: Any, distances: Any, given: PlannerInput, start: Any, goal: Any) -> Any:
     """(nodes, last node, poses of the curve from there to the goal, iterations, error code)."""
     primitives = primitives_of(q)
-    nodes, ground = new_nodes(), new_ground(q, given.costs, goal)
-    part = 2 if q.halves != 0 else 1
-    ahead = [(0.0, (int(goal[1]) // part) * ground.values.shape[1] + int(goal[0]) // part)]
+    nodes, (ground, ahead) = new_nodes(), new_ground(q, given.costs, goal)
     first, goal_key = node_of(nodes, _key(q, given, start)), _key(q, given, goal)
     nodes.rows[first, X : HEADING + 1] = start
     nodes.rows[first, PARENT], nodes.rows[first, TURN], nodes.rows[first, STATE] = -1.0, NO_TURN, OPEN
@@ -305,7 +302,7 @@ def _searched(q: Any, distances: Any, given: PlannerInput, start: Any, goal: Any
         if int(row[0]) == goal_key:
             return nodes, node, none, iterations, 0
         closest = min(closest, int(_left(q, distances, given, ground, ahead, row)))
-        pause = max(int(closest / q.expansion_ratio), math.ceil(q.expansion_ratio))
+        pause = max(int(closest / q.analytic_expansion_ratio), math.ceil(q.analytic_expansion_ratio))
         until_expansion = min(until_expansion, pause)
         if until_expansion <= 0:
             until_expansion = pause

@@ -10,16 +10,18 @@ from vastflow.sim.nav2.planners.search import center_cost
 
 _LONGEST: Final = 2.0
 """Times the segment in whose place it comes: a longer curve has a loop in it."""
+_SPANS: Final = (1.0, 2.0, math.pi, 2.0 * math.pi)
+"""How many least radii an end reaches into a segment."""
 
 
 @inner
 def keep_ends(q: Any, costs: Any, points: Any, headings: Any) -> None:
     """Lead a smoothed segment from its first heading and to its last one, in place.
 
-    Each end reaches one, two, π, or 2π least radii into the segment, wherever the curve is the shortest.
+    Each end reaches one of `_SPANS` into the segment, wherever the curve is the shortest.
 
     Args:
-        q: `Search`.
+        q: See `search_of`.
         points: (N, 2) in meters, without a cusp among them.
         headings: (N,) as the search had them (rad); those of the points as they are now after it.
     """
@@ -51,15 +53,13 @@ def _far_end(q: Any, costs: Any, points: Any, headings: Any, at_end: bool, headi
     for k in range(1, last + 1):
         here, before = (last - k, last - k + 1) if at_end else (k, k - 1)
         original_m += math.hypot(points[here, 0] - points[before, 0], points[here, 1] - points[before, 1])
-        if original_m < radius_m * (
-            1.0 if tried == 0 else 2.0 if tried == 1 else math.pi if tried == 2 else 2.0 * math.pi
-        ):
+        if original_m < radius_m * _SPANS[tried]:
             continue
         tried += 1
         length_m = _free_length(q, costs, points, headings, at_end, heading_rad, reversing, k, original_m)
         if 0.0 < length_m < shortest_m:
             best, shortest_m = k, length_m
-        if tried == 4:
+        if tried == len(_SPANS):
             break
     return best
 
@@ -141,7 +141,7 @@ def smooth(q: Any, costs: Any, points: Any, headings: Any) -> None:
     """Smooth a path in place between its cusps, and keep the headings at the ends.
 
     Args:
-        q: `Search`.
+        q: See `search_of`.
         costs: (H, W) global costmap.
         points: (N, 2) in meters.
         headings: (N,) in radians; (0,) of a robot that turns on the spot, whose path is one segment whatever its turns are.
@@ -180,17 +180,17 @@ def _smooth_segment(q: Any, costs: Any, points: Any) -> bool:
 def _relax(q: Any, costs: Any, points: Any) -> bool:
     """Relax the inner points; true if they come to rest before a collision or the last iteration."""
     data, moved = points.copy(), points.copy()
-    iterations, change = 0, q.smoother_tolerance
-    while change >= q.smoother_tolerance:
+    iterations, change = 0, q.smoother.tolerance
+    while change >= q.smoother.tolerance:
         iterations += 1
-        if iterations >= q.smoother_iterations:
+        if iterations >= q.smoother.max_iterations:
             return False
         change = 0.0
         for i in range(1, points.shape[0] - 1):
             for axis in range(2):
                 here = moved[i, axis]
-                to = here + q.w_data * (data[i, axis] - here)
-                to += q.w_smooth * (moved[i + 1, axis] + moved[i - 1, axis] - 2.0 * here)
+                to = here + q.smoother.w_data * (data[i, axis] - here)
+                to += q.smoother.w_smooth * (moved[i + 1, axis] + moved[i - 1, axis] - 2.0 * here)
                 moved[i, axis] = to
                 change += abs(to - here)
             cost = _cost_at(q, costs, moved[i, 0], moved[i, 1])
