@@ -16,33 +16,16 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from vastflow.sim.model.blocks import RUN_INDEX, array_of
 from vastflow.sim.model.recording import Columns, Outputs
 
 MAX_UNPACKED_BYTES: Final = 512 * 2**20
-RUN_INDEX: Final = "run_index"
 _LONG_AGO: Final = (1980, 1, 1, 0, 0, 0)
 _DTYPES: Final[Mapping[str, Any]] = {"double": np.float64, "int64": np.int64, "bool": np.bool_, "string": object}
 
 
-def write_table(columns: Columns) -> bytes:
-    """Write a table as one Parquet file; equal columns give equal bytes."""
-    out = io.BytesIO()
-    pq.write_table(arrow_table(columns), out)
-    return out.getvalue()
-
-
-def read_table(content: bytes) -> dict[str, NDArray[Any]]:
-    """Read a table that `write_table` wrote."""
-    return columns_of(pq.read_table(io.BytesIO(content)))
-
-
-def arrow_table(columns: Columns) -> pa.Table:
-    """Return a table of pyarrow."""
-    return pa.table({name: pa.array(values.tolist(), _type(values)) for name, values in columns.items()})
-
-
 def columns_of(table: pa.Table) -> dict[str, NDArray[Any]]:
-    """Return the columns of a table that `arrow_table` made."""
+    """Return the columns of a table that this module wrote."""
     return {
         name: np.array(table.column(name).to_pylist(), _DTYPES[str(table.column(name).type)])
         for name in table.column_names
@@ -51,10 +34,16 @@ def columns_of(table: pa.Table) -> dict[str, NDArray[Any]]:
 
 def write_outputs(outputs: Mapping[int, Outputs]) -> bytes:
     """Write the outputs of runs, by run index, as one archive; equal outputs give equal bytes."""
+
+    def parquet(columns: Columns) -> bytes:
+        table = io.BytesIO()
+        pq.write_table(_arrow_table(columns), table)
+        return table.getvalue()
+
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
         for run_index, each in sorted(outputs.items()):
-            tables = {f"{run_index}/tables/{name}.parquet": write_table(each.tables[name]) for name in each.tables}
+            tables = {f"{run_index}/tables/{name}.parquet": parquet(table) for name, table in each.tables.items()}
             files = {f"{run_index}/files/{name}": content for name, content in each.files.items()}
             for name, content in sorted({**tables, **files}.items()):
                 archive.writestr(zipfile.ZipInfo(name, _LONG_AGO), content, zipfile.ZIP_DEFLATED)
@@ -70,7 +59,9 @@ def read_outputs(content: bytes) -> dict[int, Outputs]:
             number, kind, name = entry.split("/", 2)
             run_index = int(number)
             if kind == "tables":
-                tables.setdefault(run_index, {})[name.removesuffix(".parquet")] = read_table(archive.read(entry))
+                tables.setdefault(run_index, {})[name.removesuffix(".parquet")] = columns_of(
+                    pq.read_table(io.BytesIO(archive.read(entry)))
+                )
             else:
                 files.setdefault(run_index, {})[name] = archive.read(entry)
     return {run: Outputs(tables.get(run, {}), files.get(run, {})) for run in sorted({*tables, *files})}
@@ -91,13 +82,20 @@ def table(types: Mapping[str, type], rows: Sequence[Sequence[Any]]) -> dict[str,
     }
 
 
-def _type(values: NDArray[Any]) -> Any:
-    return {"f": pa.float64(), "i": pa.int64(), "u": pa.int64(), "b": pa.bool_()}.get(values.dtype.kind, pa.string())
+def _arrow_table(columns: Columns) -> pa.Table:
+    kinds = {"f": pa.float64(), "i": pa.int64(), "u": pa.int64(), "b": pa.bool_()}
+    return pa.table(
+        {name: pa.array(values.tolist(), kinds.get(values.dtype.kind, pa.string())) for name, values in columns.items()}
+    )
 
 
 def write_behaviors(runs: Mapping[int, Columns]) -> bytes:
     """Write tables of equal columns, by run index, as one file; equal tables give equal bytes."""
-    table = arrow_table(_stacked(runs))
+    names = list(next(iter(runs.values()), {}))
+    lengths = [len(next(iter(table.values()), ())) for table in runs.values()]
+    index = np.repeat(np.array(list(runs), dtype=np.int64), lengths)
+    stacked = {name: np.concatenate([table[name] for table in runs.values()]) for name in names}
+    table = _arrow_table({RUN_INDEX: index, **stacked})
     stream = pa.BufferOutputStream()
     with pa.ipc.new_stream(stream, table.schema) as writer:
         writer.write_table(table)
@@ -122,31 +120,15 @@ def behaviors_below(blocks: Sequence[bytes], runs: int) -> pa.Table | None:
     parts = []
     seen: set[int] = set()
     for table in map(read_behaviors, blocks):
-        index = _index(table)
-        parts.append(table.take(_numbers(np.flatnonzero((index < runs) & ~np.isin(index, sorted(seen))))))
+        index = array_of(table.column(RUN_INDEX))
+        new = np.flatnonzero((index < runs) & ~np.isin(index, sorted(seen)))
+        parts.append(table.take(pa.array(new.tolist(), pa.int64())))
         seen.update(index.tolist())
     if not any(part.num_rows for part in parts):
         return None
     whole = pa.concat_tables(parts).combine_chunks()
-    return whole.take(_numbers(np.argsort(_index(whole), kind="stable")))
-
-
-def _stacked(runs: Mapping[int, Columns]) -> Columns:
-    names = list(next(iter(runs.values()), {}))
-    lengths = [len(next(iter(table.values()), ())) for table in runs.values()]
-    index = np.repeat(np.array(list(runs), dtype=np.int64), lengths)
-    return {RUN_INDEX: index, **{name: np.concatenate([table[name] for table in runs.values()]) for name in names}}
-
-
-def _index(table: pa.Table) -> NDArray[np.int64]:
-    """Run index of each row; pyarrow's `to_numpy` would import pandas."""
-    return np.array(np.from_dlpack(table.column(RUN_INDEX).combine_chunks()), dtype=np.int64)
-
-
-def _numbers(rows: NDArray[np.int64]) -> pa.Array:
-    """Row numbers for pyarrow; `pyarrow.array` would import pandas."""
-    numbers = np.ascontiguousarray(rows, dtype=np.int64)
-    return pa.Array.from_buffers(pa.int64(), len(numbers), [None, pa.py_buffer(numbers)])
+    order = np.argsort(array_of(whole.column(RUN_INDEX)), kind="stable")
+    return whole.take(pa.array(order.tolist(), pa.int64()))
 
 
 def read_foreign_table(name: str, content: bytes) -> tuple[Columns, tuple[str, ...]]:
@@ -159,16 +141,13 @@ def read_foreign_table(name: str, content: bytes) -> tuple[Columns, tuple[str, .
         ValueError: it can't be read; says why in one line.
     """
     try:
-        table = _parquet(content) if name.lower().endswith(".parquet") else _csv(content)
-        return _foreign_columns(table)
+        if name.lower().endswith(".parquet"):
+            return _foreign_columns(_parquet(content))
+        # One block: a column's type follows from all of its values, not from those of the first mebibyte.
+        reading = pyarrow.csv.ReadOptions(use_threads=False, block_size=len(content) + 1)
+        return _foreign_columns(pyarrow.csv.read_csv(io.BytesIO(content), reading))
     except (pa.ArrowException, UnicodeDecodeError, OSError) as error:
         raise ValueError(f"not a table: {' '.join(str(error).split())[:300]}") from None
-
-
-def _csv(content: bytes) -> Any:
-    # One block: a column's type follows from all of its values, not from those of the first mebibyte.
-    reading = pyarrow.csv.ReadOptions(use_threads=False, block_size=len(content) + 1)
-    return pyarrow.csv.read_csv(io.BytesIO(content), reading)
 
 
 def _parquet(content: bytes) -> Any:
@@ -209,10 +188,10 @@ def _values(column: Any) -> NDArray[Any] | None:
     if pa.types.is_boolean(kind):
         if column.null_count:
             return _floats(column.cast(pa.uint8()))
-        return _array(column.cast(pa.uint8())).astype(np.bool_)
+        return array_of(column.cast(pa.uint8())).astype(np.bool_)
     if pa.types.is_integer(kind) and not column.null_count:
         try:
-            return _array(column.cast(pa.int64()))
+            return array_of(column.cast(pa.int64()))
         except pa.ArrowInvalid:  # beyond 2**63
             return _floats(column)
     if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind) or pa.types.is_null(kind):
@@ -221,13 +200,5 @@ def _values(column: Any) -> NDArray[Any] | None:
 
 
 def _floats(column: Any, factor: float = 1.0) -> NDArray[np.float64]:
-    values: NDArray[np.float64] = _array(pc.fill_null(column.cast(pa.float64(), safe=False), float("nan")))
+    values: NDArray[np.float64] = array_of(pc.fill_null(column.cast(pa.float64(), safe=False), float("nan")))
     return values * factor
-
-
-def _array(column: Any) -> NDArray[Any]:
-    """Return a column without nulls as an array; pyarrow's `to_numpy` would import pandas, which takes 0.35 s."""
-    chunks = column.combine_chunks()
-    if isinstance(chunks, pa.ChunkedArray):  # which it stays where there is no row
-        chunks = pa.concat_arrays(chunks.chunks) if chunks.num_chunks else pa.array([], column.type)
-    return np.array(np.from_dlpack(chunks))

@@ -26,7 +26,6 @@ Block = bytes | Path
 
 RUN_INDEX: Final = "run_index"
 _ROWS_KEY: Final = b"vastflow.runs"
-_SUFFIXES: Final = ("", ":d1", ":d2")
 _LEVEL: Final = 9
 """Compression level of zstd: the next saves 1 % of the size in four times the time."""
 
@@ -44,9 +43,9 @@ def write_block(rows: Sequence[Mapping[str, Any]], columns: Sequence[Columns]) -
             raise ValueError(f"expected the same columns in all runs of a block, got {names} and {list(run)}")
     lengths = [len(next(iter(run.values()))) if run else 0 for run in columns]
     index = np.repeat(np.array([row[RUN_INDEX] for row in rows], dtype=np.int32), lengths)
-    stored = {RUN_INDEX: index, **dict(_stored(name, [run[name] for run in columns]) for name in names)}
-    encodings = {name: "BYTE_STREAM_SPLIT" if _order(name) else "PLAIN" for name in stored}
-    table = pa.table(stored)
+    stored = dict(_stored(name, np.concatenate([run[name] for run in columns])) for name in names)
+    encodings = {name: "BYTE_STREAM_SPLIT" if _parted(name)[1] else "PLAIN" for name in stored}
+    table = pa.table({RUN_INDEX: index, **stored})
     out = io.BytesIO()
     with pq.ParquetWriter(
         out,
@@ -67,7 +66,7 @@ def read_block(block: Block) -> list[tuple[dict[str, Any], dict[str, NDArray[np.
     """Read a block: each run's row and columns, in order."""
     file = _opened(block)
     rows = _unpacked(file.metadata.metadata[_ROWS_KEY])
-    index, values = _columns(file, file.schema_arrow.names)
+    index, values = _columns(file, file.schema_arrow.names[1:])
     starts, ends = (np.searchsorted(index, [row[RUN_INDEX] for row in rows], side=side) for side in ("left", "right"))
     return [
         (row, {name: column[start:end] for name, column in values.items()})
@@ -83,7 +82,7 @@ def read_rows(block: Block) -> list[dict[str, Any]]:
 def read_columns(block: Block, names: Iterable[str]) -> tuple[NDArray[np.int32], dict[str, NDArray[np.int32]]]:
     """Read some columns over all runs: run index (N,), and name to (N,); raises `KeyError` for an unknown name."""
     file = _opened(block)
-    there = {_name(stored): stored for stored in file.schema_arrow.names}
+    there = {_parted(stored)[0]: stored for stored in file.schema_arrow.names}
     return _columns(file, [there[name] for name in names])
 
 
@@ -102,55 +101,44 @@ def _opened(block: Block) -> Any:
     return pq.ParquetFile(io.BytesIO(block) if isinstance(block, bytes) else block)
 
 
+def array_of(column: Any) -> NDArray[Any]:
+    """Return a column without nulls as an array; pyarrow's `to_numpy` would import pandas, which takes 0.35 s."""
+    chunks = column.combine_chunks()
+    if isinstance(chunks, pa.ChunkedArray):  # which it stays where there is no row
+        chunks = pa.concat_arrays(chunks.chunks) if chunks.num_chunks else pa.array([], column.type)
+    return np.array(np.from_dlpack(chunks))
+
+
 def _columns(file: Any, stored: Sequence[str]) -> tuple[NDArray[np.int32], dict[str, NDArray[np.int32]]]:
     table = file.read(columns=[RUN_INDEX, *stored])
-    found = {_name(name): _restored(_int32(table.column(name)), _order(name)) for name in stored if name != RUN_INDEX}
-    return _int32(table.column(RUN_INDEX)), found
+    values = {}
+    for each in stored:
+        name, order = _parted(each)
+        values[name] = array_of(table.column(each))
+        if order:
+            values[name] = (values[name].view(np.uint32) >> 1).view(np.int32) ^ -(values[name] & 1)
+        for _ in range(order):
+            values[name] = np.cumsum(values[name], dtype=np.int32)
+    return array_of(table.column(RUN_INDEX)), values
 
 
-def _stored(name: str, runs: Sequence[NDArray[np.int32]]) -> tuple[str, NDArray[np.int32]]:
+def _stored(name: str, values: NDArray[np.int32]) -> tuple[str, NDArray[np.int32]]:
     """Return a column's name and values in the form that zstd compresses best."""
-    values = np.concatenate(runs)
-    forms = [values, *(_zigzag(_differences(values, order)) for order in (1, 2))]
+    forms, differences = [values], values
+    for _ in range(2):
+        differences = np.concatenate((differences[:1], differences[1:] - differences[:-1]))
+        forms.append((differences << 1) ^ (differences >> 31))
     codec = pa.Codec("zstd", compression_level=1)
-    lengths = [
-        len(codec.compress(form.tobytes() if order == 0 else _split(form), asbytes=True))
-        for order, form in enumerate(forms)
-    ]
+    # Of differences all first bytes come first, then all second ones, as Parquet's BYTE_STREAM_SPLIT has them.
+    texts = [values.tobytes(), *(form.view(np.uint8).reshape(-1, 4).T.tobytes() for form in forms[1:])]
+    lengths = [len(codec.compress(text, asbytes=True)) for text in texts]
     order = lengths.index(min(lengths))
-    return (name if order == 0 and not _order(name) else f"{name}:d{order}"), forms[order]
+    return f"{name}:d{order}" if order or _parted(name)[0] != name else name, forms[order]
 
 
-def _order(stored: str) -> int:
-    return max(_SUFFIXES.index(suffix) for suffix in _SUFFIXES if stored.endswith(suffix))
-
-
-def _name(stored: str) -> str:
-    return stored[: -len(":d0")] if stored.endswith((":d0", *_SUFFIXES[1:])) else stored
-
-
-def _differences(values: NDArray[np.int32], order: int) -> NDArray[np.int32]:
-    for _ in range(order):
-        values = np.concatenate((values[:1], values[1:] - values[:-1]))
-    return values
-
-
-def _zigzag(values: NDArray[np.int32]) -> NDArray[np.int32]:
-    return (values << 1) ^ (values >> 31)
-
-
-def _restored(codes: NDArray[np.int32], order: int) -> NDArray[np.int32]:
-    if order:
-        unsigned = codes.view(np.uint32)
-        codes = (unsigned >> 1).view(np.int32) ^ -(codes & 1)
-    for _ in range(order):
-        codes = np.cumsum(codes, dtype=np.int32)
-    return codes
-
-
-def _split(values: NDArray[np.int32]) -> bytes:
-    """Return all first bytes, then all second ones, as Parquet's BYTE_STREAM_SPLIT does."""
-    return values.view(np.uint8).reshape(-1, 4).T.tobytes()
+def _parted(stored: str) -> tuple[str, int]:
+    """Return a stored column's name and the order of its differences; `:d0` follows a name that has such an end itself."""
+    return (stored[:-3], int(stored[-1])) if stored.endswith((":d0", ":d1", ":d2")) else (stored, 0)
 
 
 def _packed(rows: Sequence[Mapping[str, Any]]) -> bytes:
@@ -169,8 +157,3 @@ def _unpacked(packed: bytes) -> list[dict[str, Any]]:
         pa.Codec("zstd").decompress(base64.b85decode(text), decompressed_size=int(length), asbytes=True)
     )
     return rows
-
-
-def _int32(column: Any) -> NDArray[np.int32]:
-    """Copy a column to an array; pyarrow's `to_numpy` would import pandas, which costs a worker 0.35 s."""
-    return np.array(np.from_dlpack(column.combine_chunks()), dtype=np.int32)

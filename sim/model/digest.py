@@ -31,11 +31,34 @@ Value: TypeAlias = "bool | int | float | str | FileContent | Sequence[Value] | M
 def canonical(value: Value) -> str:
     """Return the canonical text of `value`: sorted keys, floats as hexadecimal, `1`, `1.0` and `True` distinct.
 
+    The text is JSON as `json.dumps` writes it with sorted keys and no spaces, in one pass: half of instantiation is digests.
+
     Raises:
         TypeError: a type that has no canonical form.
         ValueError: NaN, which is not equal to itself.
     """
-    return _text(value)
+    kind = type(value)
+    if kind is str:
+        return encode_basestring_ascii(value)  # type: ignore[arg-type]
+    if kind is float:
+        return _float_text(value)  # type: ignore[arg-type]
+    if kind is dict:
+        return _map_text(value)  # type: ignore[arg-type]
+    if value is None or isinstance(value, bool):
+        return "null" if value is None else "true" if value else "false"
+    if isinstance(value, str):
+        return encode_basestring_ascii(value)
+    if isinstance(value, int):
+        return int.__repr__(value)
+    if isinstance(value, float):
+        return _float_text(value)
+    if isinstance(value, FileContent):
+        return f'{{"file":{encode_basestring_ascii(value.digest)}}}'
+    if isinstance(value, Mapping):
+        return _map_text(value)
+    if isinstance(value, Sequence) and not isinstance(value, bytes | bytearray):
+        return f"[{','.join([canonical(item) for item in value])}]"
+    raise TypeError(f"{type(value).__name__} has no canonical form; use None, bool, int, float, str, list or dict")
 
 
 def digest(*values: Value) -> str:
@@ -72,32 +95,6 @@ def file_digest(path: str | Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _text(value: Value) -> str:
-    """JSON as `json.dumps` writes it with sorted keys and no spaces, in one pass: half of instantiation is digests."""
-    kind = type(value)
-    if kind is str:
-        return encode_basestring_ascii(value)  # type: ignore[arg-type]
-    if kind is float:
-        return _float_text(value)  # type: ignore[arg-type]
-    if kind is dict:
-        return _map_text(value)  # type: ignore[arg-type]
-    if value is None or isinstance(value, bool):
-        return "null" if value is None else "true" if value else "false"
-    if isinstance(value, str):
-        return encode_basestring_ascii(value)
-    if isinstance(value, int):
-        return int.__repr__(value)
-    if isinstance(value, float):
-        return _float_text(value)
-    if isinstance(value, FileContent):
-        return f'{{"file":{encode_basestring_ascii(value.digest)}}}'
-    if isinstance(value, Mapping):
-        return _map_text(value)
-    if isinstance(value, Sequence) and not isinstance(value, bytes | bytearray):
-        return f"[{','.join([_text(item) for item in value])}]"
-    raise TypeError(f"{type(value).__name__} has no canonical form; use None, bool, int, float, str, list or dict")
-
-
 def _float_text(value: float) -> str:
     if math.isnan(value):
         raise ValueError("NaN has no digest: it is not equal to itself")
@@ -106,15 +103,10 @@ def _float_text(value: float) -> str:
 
 def _map_text(value: Mapping[str, Value]) -> str:
     for key in value:
-        _text_key(key)
-    return _map_of([f"{encode_basestring_ascii(key)}:{_text(value[key])}" for key in sorted(value)])
+        if not isinstance(key, str):
+            raise TypeError(f"a mapping's key must be text, got {key!r}")
+    return _map_of([f"{encode_basestring_ascii(key)}:{canonical(value[key])}" for key in sorted(value)])
 
 
 def _map_of(items: list[str]) -> str:
     return f'{{"map":{{{",".join(items)}}}}}'
-
-
-def _text_key(key: object) -> str:
-    if not isinstance(key, str):
-        raise TypeError(f"a mapping's key must be text, got {key!r}")
-    return key

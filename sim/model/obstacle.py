@@ -101,7 +101,12 @@ TRIGGER_THRESHOLD_KEY: Final = "spawn_trigger_threshold"
 
 def lists_obstacles(value: object) -> bool:
     """True if a value is a list with obstacles."""
-    return isinstance(value, Sequence) and any(isinstance(item, Mapping) and "spawn_pose" in item for item in value)
+    return any(_entries(value))
+
+
+def _entries(value: object) -> Iterator[Mapping[str, Value]]:
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        yield from (entry for entry in value if isinstance(entry, Mapping) and "spawn_pose" in entry)
 
 
 def obstacles_of(environment: Mapping[str, Value]) -> tuple[Obstacle, ...]:
@@ -196,11 +201,6 @@ def _not_negative(value: Value, where: str, what: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < math.inf:
         raise ValueError(f"{where}: expected a {what}, 0 or more, got {value!r}")
     return float(value)
-
-
-def _entries(value: Value) -> Iterator[Mapping[str, Value]]:
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        yield from (entry for entry in value if isinstance(entry, Mapping) and "spawn_pose" in entry)
 
 
 def _arguments(text: str, shape: Shape, where: str) -> dict[str, float]:

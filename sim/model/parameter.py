@@ -29,7 +29,11 @@ class ParameterGroup(BaseModel):
     @field_validator("*", mode="before")
     @classmethod
     def _from_yaml(cls, value: Any, info: ValidationInfo) -> Any:
-        if isinstance(value, float) and value.is_integer() and _field(cls, info.field_name).annotation in _WHOLE:
+        if (
+            isinstance(value, float)
+            and value.is_integer()
+            and cls.model_fields[str(info.field_name)].annotation in _WHOLE
+        ):
             return int(value)
         return tuple(value) if isinstance(value, list) else value
 
@@ -137,7 +141,3 @@ def range_of(field: FieldInfo) -> tuple[float, float]:
     bounds = [bound for mark in items[0].__metadata__ for bound in mark.metadata] if items else field.metadata
     low = next((bound.ge for bound in bounds if hasattr(bound, "ge")), -float("inf"))
     return low, next((bound.le for bound in bounds if hasattr(bound, "le")), float("inf"))
-
-
-def _field(model: type[BaseModel], name: str | None) -> FieldInfo:
-    return model.model_fields[str(name)]
