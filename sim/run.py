@@ -20,8 +20,7 @@ from vastflow.sim.model.archive import table
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.rates import TICK_S
-from vastflow.sim.model.recording import Recording
-from vastflow.sim.model.runlog import RunLog
+from vastflow.sim.model.recording import Recording, RunLog
 from vastflow.sim.model.scenario import ProcessSetup, Scenario
 from vastflow.sim.nav2.navigator.prepared import CACHED_MAPS, prepare
 from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS

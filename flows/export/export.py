@@ -25,7 +25,7 @@ from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.files import yaml_value
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.model.pose import pose_of
-from vastflow.sim.model.runlog import run_log_of
+from vastflow.sim.model.recording import run_log_of
 from vastflow.sim.reading.abstract import BUILTIN
 from vastflow.sim.reading.script import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.tasks.store.artifact import inside

@@ -17,8 +17,7 @@ from vastflow.flows.results.found import FAULT
 from vastflow.oracles.judgement.verdict import run_judgement
 from vastflow.oracles.observation.trace import signal_name
 from vastflow.sim.model.blocks import Columns as Recorded
-from vastflow.sim.model.recording import Columns
-from vastflow.sim.model.runlog import RunLog, Use
+from vastflow.sim.model.recording import Columns, RunLog, Use
 from vastflow.sim.run import PERIOD_S
 
 BRIEFLY: Final = ("simulated_time_s", "wall_time_s", "outcome")

@@ -137,7 +137,7 @@ def _stored(name: str, values: NDArray[np.int32]) -> tuple[str, NDArray[np.int32
 
 
 def _parted(stored: str) -> tuple[str, int]:
-    """Return a stored column's name and the order of its differences; `:d0` follows a name that has such an end itself."""
+    """Return a stored column's name and order of differences; names that end so themselves have `:d0`."""
     return (stored[:-3], int(stored[-1])) if stored.endswith((":d0", ":d1", ":d2")) else (stored, 0)
 
 

@@ -133,7 +133,7 @@ def execute(store: Store, key: str, scenario: Scenario, start: int, stop: int, s
     if (stored := store.find(f"{key}/{start}-{stop}")) is not None:
         return Executed({int(run): float(s) for run, s in stored.info["runs"]}, {})
     from vastflow.sim import run
-    from vastflow.sim.model.runlog import run_log_row
+    from vastflow.sim.model.recording import run_log_row
     from vastflow.sim.run import Execution
 
     whole: list[Execution] = []

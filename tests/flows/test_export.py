@@ -31,8 +31,7 @@ from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.archive import table, write_behaviors, write_outputs
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.faults import UserError
-from vastflow.sim.model.recording import Outputs, Recording, Run
-from vastflow.sim.model.runlog import LogText, RunLog, Use, run_log_row
+from vastflow.sim.model.recording import LogText, Outputs, Recording, Run, RunLog, Use, run_log_row
 from vastflow.sim.run import BEHAVIORS
 from vastflow.sim.world.map_file import load_map
 from vastflow.tasks.engine.engine import RunFault

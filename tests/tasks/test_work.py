@@ -10,8 +10,7 @@ from vastflow.producers.catalog.parameter import ParameterVariationList
 from vastflow.sim import run as simulator
 from vastflow.sim.model.blocks import read_recordings
 from vastflow.sim.model.faults import ScenarioError
-from vastflow.sim.model.recording import Recording, Run
-from vastflow.sim.model.runlog import RunLog
+from vastflow.sim.model.recording import Recording, Run, RunLog
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.run import Execution
 from vastflow.tasks.engine import work

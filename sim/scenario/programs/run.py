@@ -19,8 +19,7 @@ import psutil
 
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.faults import ScenarioError
-from vastflow.sim.model.recording import Outputs
-from vastflow.sim.model.runlog import LogText, Use
+from vastflow.sim.model.recording import LogText, Outputs, Use
 from vastflow.sim.model.scenario import ProcessSetup
 from vastflow.sim.scenario.programs import guard
 from vastflow.sim.scenario.programs.folders import OUT, RunFolders, copy_in, hand_over, named_in
