@@ -73,11 +73,9 @@ class FileError(UserError, ValueError):
     """Files that can't be used, with all their faults by file and place."""
 
     def __init__(self, faults: Iterable[Fault]) -> None:
-        distinct = list(dict.fromkeys(faults))
+        distinct = dict.fromkeys(faults)
         files = list(dict.fromkeys(fault.place.file for fault in distinct))
-        self.faults = tuple(
-            sorted(distinct, key=lambda fault: (files.index(fault.place.file), fault.place.line, fault.place.column))
-        )
+        self.faults = tuple(sorted(distinct, key=lambda f: (files.index(f.place.file), f.place.line, f.place.column)))
         super().__init__(self.faults)  # as argument, so that it can be pickled
 
     def __str__(self) -> str:

@@ -218,16 +218,15 @@ def json_value(content: str | bytes) -> Any:
         if sum(map(text.count, "[{,")) > MOST_JSON_VALUES:
             raise Unreadable(f"more than {MOST_JSON_VALUES:,} values", "fewer values")
         value = json.loads(text)
+    except Unreadable:
+        raise
     except json.JSONDecodeError as error:
         raise Unreadable(f"not JSON: {error.msg}", "a JSON text", (error.lineno, error.colno)) from None
     except RecursionError:
         raise Unreadable(f"more than {MOST_LEVELS} levels deep", "fewer levels") from None
-    except UnicodeDecodeError as error:
-        raise Unreadable(f"not JSON: {error}", "a text in UTF-8") from None
-    except ValueError as error:  # a number of thousands of digits
-        if isinstance(error, Unreadable):
-            raise
-        raise Unreadable(f"not JSON: {error}", "a JSON text") from None
+    except ValueError as error:  # also a number of thousands of digits
+        right = "a text in UTF-8" if isinstance(error, UnicodeDecodeError) else "a JSON text"
+        raise Unreadable(f"not JSON: {error}", right) from None
     _check_levels(value)
     return value
 

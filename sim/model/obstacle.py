@@ -152,22 +152,14 @@ def obstacle_of(
     numbers = _arguments(str(entry.get("xacro_arguments") or ""), shape, where)
     pose = pose_of(entry["spawn_pose"], f"{where}.spawn_pose")
     if shape == "cylinder":
-        length_m = width_m = numbers.get(
-            "diameter", 2 * numbers.get("radius", numbers.get("width", DEFAULT_SIZE_M) / 2)
-        )
+        radius_m = numbers.get("radius", numbers.get("width", DEFAULT_SIZE_M) / 2)
+        length_m = width_m = numbers.get("diameter", 2 * radius_m)
     else:
         width_m = numbers.get("width", numbers.get("box_width", DEFAULT_SIZE_M))
         length_m = numbers.get("length", numbers.get("box_length", width_m))
-    return Obstacle(
-        str(entry.get("entity_name") or where),
-        shape,
-        pose,
-        length_m,
-        width_m,
-        _trigger(entry, where, environment or {}),
-        numbers.get("mass", MASS_KG),
-        numbers.get("friction", FRICTION),
-    )
+    name, trigger = str(entry.get("entity_name") or where), _trigger(entry, where, environment or {})
+    mass_kg, friction = numbers.get("mass", MASS_KG), numbers.get("friction", FRICTION)
+    return Obstacle(name, shape, pose, length_m, width_m, trigger, mass_kg, friction)
 
 
 def has_mass(entry: Mapping[str, Value]) -> bool:
@@ -187,14 +179,14 @@ def _trigger(entry: Mapping[str, Value], where: str, environment: Mapping[str, V
         environment.get(value, value) if isinstance(value, str) else value
         for value in (found["point"], found["threshold"], found.get("delay", 0.0))
     )
-    delay_s = _not_negative(delay, f"{where}.spawn_trigger.delay", "time in seconds")
-    trigger = _trigger_of(point, threshold, f"{where}.spawn_trigger.point", f"{where}.spawn_trigger.threshold")
-    return replace(trigger, delay_s=delay_s)
+    place = f"{where}.spawn_trigger"
+    delay_s = _not_negative(delay, f"{place}.delay", "time in seconds")
+    return _trigger_of(point, threshold, f"{place}.point", f"{place}.threshold", delay_s)
 
 
-def _trigger_of(point: Value, distance: Value, point_where: str, distance_where: str) -> Trigger:
+def _trigger_of(point: Value, distance: Value, point_where: str, distance_where: str, delay_s: float = 0.0) -> Trigger:
     at = pose_of(point, point_where)
-    return Trigger(at.x_m, at.y_m, _not_negative(distance, distance_where, "distance in meters"))
+    return Trigger(at.x_m, at.y_m, _not_negative(distance, distance_where, "distance in meters"), delay_s)
 
 
 def _not_negative(value: Value, where: str, what: str) -> float:
@@ -205,7 +197,7 @@ def _not_negative(value: Value, where: str, what: str) -> float:
 
 def _arguments(text: str, shape: Shape, where: str) -> dict[str, float]:
     sizes: dict[str, float] = {}
-    for part in filter(None, (part.strip() for part in text.replace(",", " ").split())):
+    for part in text.replace(",", " ").split():
         key, found, number = part.partition(":=")
         try:
             sizes[key] = float(number)

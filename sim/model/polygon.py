@@ -53,17 +53,14 @@ def _read(footprint: str) -> Vertices:
         found = ast.literal_eval(footprint.strip())
     except (ValueError, SyntaxError, MemoryError, RecursionError):
         raise ValueError(_FORM) from None
-    if not isinstance(found, list) or len(found) < 3 or not all(map(_is_vertex, found)):
+    if not isinstance(found, list) or len(found) < 3:
         raise ValueError(_FORM)
+    for item in found:
+        if not isinstance(item, list) or [type(part) in (int, float) for part in item] != [True, True]:
+            raise ValueError(_FORM)
+        if not all(abs(part) <= FARTHEST_M for part in item):
+            raise ValueError(_FORM)
     return tuple((float(x), float(y)) for x, y in found)
-
-
-def _is_vertex(item: object) -> bool:
-    if not isinstance(item, list) or len(item) != 2:
-        return False
-    return all(
-        isinstance(part, int | float) and not isinstance(part, bool) and abs(part) <= FARTHEST_M for part in item
-    )
 
 
 def as_array(vertices: Vertices) -> NDArray[np.float64]:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,8 +42,7 @@ def pose_of(value: Value, where: str = "pose") -> Pose:
         position = value.get("position", value)
         orientation = value.get("orientation", value)
         if isinstance(position, Mapping) and isinstance(orientation, Mapping):
-            numbers = [_number(each) for each in (position.get("x"), position.get("y"), orientation.get("yaw", 0.0))]
-            x, y, yaw = numbers
+            x, y, yaw = map(_number, (position.get("x"), position.get("y"), orientation.get("yaw", 0.0)))
             if x is not None and y is not None and yaw is not None:
                 return Pose(x, y, yaw)
     raise ValueError(
@@ -84,13 +83,6 @@ DECIMALS: Final = 9
 """Decimals of a position in a turned grid's frame, so that the border of two cells stays one."""
 
 
-class Turn(NamedTuple):
-    """Cosine and sine of an angle."""
-
-    cos: float
-    sin: float
-
-
 @dataclass(frozen=True, slots=True)
 class GridFrame:
     """A grid's frame: the map's, turned counter-clockwise about the grid's lower left corner.
@@ -102,9 +94,9 @@ class GridFrame:
     yaw_rad: float = 0.0
 
     @property
-    def turn(self) -> Turn:
-        """Turn from the grid to the map."""
-        return Turn(math.cos(self.yaw_rad), math.sin(self.yaw_rad))
+    def turn(self) -> tuple[float, float]:
+        """Cosine and sine of the turn from the grid to the map."""
+        return math.cos(self.yaw_rad), math.sin(self.yaw_rad)
 
     def to_grid(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Return a position of the map in the grid's frame, to the nanometer."""
@@ -126,11 +118,12 @@ class GridFrame:
         """Return points (N, 2) of the map in the grid's frame, to the nanometer."""
         if self.yaw_rad == 0.0:
             return xy_m
-        return np.round(self._turned(xy_m, Turn(self.turn.cos, -self.turn.sin)), DECIMALS)
+        c, s = self.turn
+        return np.round(self._turned(xy_m, c, -s), DECIMALS)
 
     def points_to_map(self, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return points (N, 2) of the grid in the map's frame."""
-        return xy_m if self.yaw_rad == 0.0 else self._turned(xy_m, self.turn)
+        return xy_m if self.yaw_rad == 0.0 else self._turned(xy_m, *self.turn)
 
     def pose_to_grid(self, pose: Pose) -> Pose:
         """Return a pose of the map in the grid's frame."""
@@ -162,7 +155,6 @@ class GridFrame:
             s * s * xx_m2 + 2.0 * c * s * xy_m2 + c * c * yy_m2,
         )
 
-    def _turned(self, xy_m: NDArray[np.float64], turn: Turn) -> NDArray[np.float64]:
-        apart = xy_m - self.corner_xy_m
-        x, y = apart[:, 0], apart[:, 1]
-        return np.column_stack([turn.cos * x - turn.sin * y, turn.sin * x + turn.cos * y]) + self.corner_xy_m
+    def _turned(self, xy_m: NDArray[np.float64], c: float, s: float) -> NDArray[np.float64]:
+        x, y = (xy_m - self.corner_xy_m).T
+        return np.column_stack([c * x - s * y, s * x + c * y]) + self.corner_xy_m

@@ -11,9 +11,6 @@ from vastflow.sim.model.names import nearest
 
 MOST_EXPECTED: Final = 6
 
-BLANKS: Final = re.compile(r"\\s\*|\\b")
-"""In the pattern of a keyword: where blanks may stand, and where it ends."""
-
 
 @dataclass(frozen=True, slots=True)
 class Misfit:
@@ -53,7 +50,8 @@ def spelling(parser: Lark, terminal: str, words: Mapping[str, str]) -> str:
     if terminal in words:
         return words[terminal]
     blanks = re.sub(r"\\s\+|\\s\*(?==)", " ", str(parser.get_terminal(terminal).pattern.value))
-    return f"'{re.sub(BLANKS, '', blanks)}'"
+    # Where blanks may stand, and where the word ends.
+    return "'" + re.sub(r"\\s\*|\\b", "", blanks) + "'"
 
 
 def expectation(got: str, listed: Iterable[str], suggested: Iterable[str] | None = None) -> str:

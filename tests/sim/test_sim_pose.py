@@ -58,7 +58,7 @@ def test_value_that_is_no_pose_is_refused_with_its_place(value, message):
 
 
 @given(FRAMES, METERS, METERS, st.floats(-3, 3))
-def test_pose_returns_from_the_grid_s_frame_to_the_nanometer(frame, x, y, yaw):
+def test_pose_returns_from_grid_frame_to_nanometer(frame, x, y, yaw):
     back = frame.pose_to_map(frame.pose_to_grid(Pose(x, y, yaw)))
     assert (back.x_m, back.y_m, back.yaw_rad) == pytest.approx((x, y, yaw), abs=2e-9)
 
@@ -71,14 +71,14 @@ def test_frame_that_is_not_turned_gives_every_number_back(x, y, corner, yaw):
 
 
 @given(FRAMES, st.lists(st.tuples(METERS, METERS), min_size=1, max_size=5))
-def test_points_go_where_they_go_one_by_one(frame, points):
+def test_points_are_turned_as_one_by_one(frame, points):
     xy_m = np.array(points)
     np.testing.assert_allclose(frame.points_to_grid(xy_m), [frame.to_grid(*point) for point in points], atol=2e-9)
     np.testing.assert_allclose(frame.points_to_map(xy_m), [frame.to_map(*point) for point in points], atol=1e-9)
 
 
 @given(FRAMES, st.floats(0, 1), st.floats(0, 1))
-def test_covariance_returns_from_the_grid_s_frame(frame, xx, yy):
+def test_covariance_returns_from_grid_frame(frame, xx, yy):
     a, b, d = frame.covariance_to_grid(xx, yy)
     c, s = math.cos(frame.yaw_rad), math.sin(frame.yaw_rad)
     turn = np.array([[c, -s], [s, c]])
