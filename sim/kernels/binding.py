@@ -59,7 +59,7 @@ class Running(Generic[PlugIn]):
 
 
 class Seam:
-    """The kernels of one kind of plug-in: the main one (parameters, memory, given), and others (memory), which may be left out.
+    """The kernels of a kind of plug-in: the main one (parameters, memory, given), and optional others (memory).
 
     Args:
         main: Name of the main kernel.
@@ -83,10 +83,9 @@ class Seam:
         """
         kind, parameters = type(plug_in), record_of(plug_in)
         arrays = list(_arrays(kind, memory, "memory"))
-        types_of_arrays = tuple((array.dtype, array.ndim, array.flags.writeable) for array in arrays)
-        key = kind, parameters.dtype, _structure(memory), types_of_arrays
+        key = kind, parameters.dtype, numba.typeof(memory)
         if key not in self._compiled:  # numba takes milliseconds to find what it has compiled
-            self._compiled[key] = self._machine_code(kind, numba.typeof(parameters).dtype, numba.typeof(memory))
+            self._compiled[key] = self._machine_code(kind, numba.typeof(parameters).dtype, key[-1])
         kernels, entries = self._compiled[key]
         places = [number for array in arrays for number in (array.ctypes.data, *array.shape)]
         unused = [0] * (_MEMORY - _MAIN - len(kernels))
@@ -128,13 +127,8 @@ class Seam:
 
 @functools.cache
 def _compiler(entry: Callable[..., Any], kept: bool) -> Any:
-    """What compiles an entry; it is not kept for types that another process may not know."""
+    """Return the compiler of an entry, without a cache for types that another process may not know."""
     return addressed(entry) if kept else unkept(entry)
-
-
-def _structure(memory: Any) -> Any:
-    """Classes of the tuples in a memory, as they are nested."""
-    return (type(memory), *map(_structure, memory)) if isinstance(memory, tuple) else None
 
 
 _WORD: Final = ir.IntType(64)
@@ -267,9 +261,7 @@ def _compiled_for(kernel: Any, arguments: tuple[Any, ...]) -> Any:
 
 
 def _address_of(compiled: Any) -> int:
-    """Address of a compiled kernel's machine code."""
-    found: int = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
-    return found
+    return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
 
 
 @unkept

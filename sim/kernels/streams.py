@@ -68,16 +68,11 @@ AREA: Final = 0.00492867323399
 """Where the tail begins for 256 layers, and each layer's area; the lowest layer is a rectangle and the tail."""
 
 
-def _edges() -> NDArray[np.float64]:
-    """Return the right edge of each layer's rectangle from the lowest up, then 0."""
-    edges = np.zeros(LAYERS + 1)
-    edges[0], edges[1] = AREA * math.exp(0.5 * TAIL * TAIL), TAIL
-    for k in range(2, LAYERS):
-        edges[k] = math.sqrt(-2.0 * math.log(AREA / edges[k - 1] + math.exp(-0.5 * edges[k - 1] ** 2)))
-    return edges
-
-
-EDGES: Final = _edges()
+EDGES: Final = np.zeros(LAYERS + 1)
+"""The right edge of each layer's rectangle from the lowest up, then 0."""
+EDGES[0], EDGES[1] = AREA * math.exp(0.5 * TAIL * TAIL), TAIL
+for _k in range(2, LAYERS):
+    EDGES[_k] = math.sqrt(-2.0 * math.log(AREA / EDGES[_k - 1] + math.exp(-0.5 * EDGES[_k - 1] ** 2)))
 
 
 @inner

@@ -267,7 +267,7 @@ def of_rpp(place: Path) -> Iterator[Distance]:
         plan, end_yaw_rad = _cut(answers, case, parameters)
         points = max(points, abs(len(plan) - int(answers["nav2_plan_points"][case])))
         inscribed_m, _, tolerance_m = answers["inscribed_circumscribed_tolerance"][case].tolist()
-        memory = rpp.new_memory(tolerance_m)
+        memory = rpp.RppMemory(np.zeros(1, dtype=np.int64), np.array([tolerance_m]))
         memory.reached[0] = answers["reached_before"][case]
         pose, twist, goal = (tuple(answers[name][case].tolist()) for name in ("pose_odom", "twist", "goal_odom"))
         outline = answers["footprint"][case].copy()

@@ -16,7 +16,6 @@ from installed import built
 from prefect_versions import pins, proved, resolved
 
 TESTS = (
-    "tests/sim/test_sim_kernel_compilation.py",
     "tests/sim/test_sim_kernel_cache.py",
     "tests/sim/test_sim_golden_runs.py",
 )

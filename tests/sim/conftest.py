@@ -18,9 +18,10 @@ from vastflow.sim.model.scenario import Mission, Scenario, scenario_of
 from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.reading.abstract import abstract_content
+from vastflow.sim.reading.robot import robot_of
 from vastflow.sim.world.map_file import map_content
 from vastflow.sim.world.occupancy import OccupancyMap
-from vastflow.sim.world.robot_model import Lidar, Robot
+from vastflow.sim.world.robot_model import Lidar
 
 CELLS = {".": 0, "#": 100, "?": -1}
 GRAY = {0: 254, 100: 0, -1: 205}
@@ -98,6 +99,7 @@ def over_a_floor() -> Callable[..., Recording]:
     """A run over an empty floor of 14 m × 4 m from (1, 2) along x.
 
     The robot begins with its heading at `yaw_rad`; `cells` says which of the floor's (80, 280) are walls beside its edges.
+    `masks` are those of the keepout and the speed filter.
     """
 
     def run(
@@ -106,12 +108,14 @@ def over_a_floor() -> Callable[..., Recording]:
         yaw_rad: float = 0.0,
         goal_yaw_rad: float = 0.0,
         cells: Any = None,
+        masks: tuple[OccupancyMap | None, ...] = (),
     ) -> Recording:
         floor = np.zeros((80, 280), dtype=np.int8) if cells is None else np.where(cells, 100, 0).astype(np.int8)
         floor[[0, -1]], floor[:, [0, -1]] = 100, 100
-        prepared = prepare(OccupancyMap(floor, RESOLUTION_M, (0.0, 0.0)), Lidar(), parameters)
+        prepared = prepare(OccupancyMap(floor, RESOLUTION_M, (0.0, 0.0)), Lidar(), parameters, None, *masks)
         mission = Mission("navigate_to_pose", (Pose(1.0 + length_m, 2.0, goal_yaw_rad),))
-        return drive(prepared, parameters, Lidar(), Robot(), Pose(1.0, 2.0, yaw_rad), mission, (), (1, 2, 3), 120.0)
+        robot, start = robot_of(parameters), Pose(1.0, 2.0, yaw_rad)
+        return drive(prepared, parameters, Lidar(), robot, start, mission, (), (1, 2, 3), 120.0)
 
     return run
 

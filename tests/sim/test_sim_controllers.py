@@ -11,22 +11,16 @@ import numpy as np
 import pytest
 from table import each_row
 
-from vastflow.sim.loop.drive import drive
 from vastflow.sim.model.faults import FileError
-from vastflow.sim.model.pose import Pose
-from vastflow.sim.model.scenario import Mission
 from vastflow.sim.nav2.controllers import conformance
 from vastflow.sim.nav2.controllers.conformance import CHECKS, check_controller, check_time, sample_situations
 from vastflow.sim.nav2.controllers.controller import Controller
 from vastflow.sim.nav2.controllers.registry import CONTROLLER_PLUG_INS, find_controller, short_names
-from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.navigator.state import with_kernels
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.plug_ins import registry
-from vastflow.sim.world.occupancy import OccupancyMap
-from vastflow.sim.world.robot_model import Lidar, Robot
 
 PAGE = Path(__file__).parents[2] / "docs" / "write-a-controller.md"
 
@@ -88,36 +82,20 @@ def line_of(tmp_path, text: str) -> str:
     return f"{tmp_path / 'own.py'}:{next(k for k, line in enumerate(lines, 1) if text in line)}"
 
 
-def driven(parameters: NavParameters, length_m: float = 10.0):
-    """A run on an empty floor, straight ahead."""
-    cells = np.zeros((80, 280), dtype=np.int8)
-    cells[[0, -1]], cells[:, [0, -1]] = 100, 100
-    prepared = prepare(OccupancyMap(cells, 0.05, (0.0, 0.0)), Lidar(), parameters)
-    start, goal = Pose(1.0, 2.0, 0.0), Pose(1.0 + length_m, 2.0, 0.0)
-    mission = Mission("navigate_to_pose", (goal,))
-    return drive(prepared, parameters, Lidar(), Robot(), start, mission, (), (1, 2, 3), 120.0)
-
-
-# The worked example.
-
-
 @each_row("check", CHECKS)
-def test_page_s_controller_keeps_the_contract(pursuit, check):
+def test_documented_controller_keeps_contract(pursuit, check):
     check(pursuit, sample_situations())
 
 
-def test_page_s_controller_drives_ten_meters_by_its_own_parameters(folder):
+def test_documented_controller_drives_ten_meters_by_its_parameters(folder, over_a_floor):
     parameters = parameters_of({"nav2_params": nav2_file(folder / "my_pursuit.yaml")})
-    found = driven(parameters)
+    found = over_a_floor(parameters)
     assert (type(parameters.controller).__name__, parameters.controller.desired_linear_vel) == ("PurePursuit", 0.45)
     assert found.run.outcome == "succeeded"
     assert found.run.distance_m == pytest.approx(10.0, abs=0.4)
     commands = found.columns["command_speed_mmps"]
     assert np.median(commands[commands > 0]) == 450  # MPPI, the default, drives at 500
-    assert not np.array_equal(commands[:50], driven(NavParameters()).columns["command_speed_mmps"][:50])
-
-
-# Those that are shipped.
+    assert not np.array_equal(commands[:50], over_a_floor(NavParameters()).columns["command_speed_mmps"][:50])
 
 
 def test_shipped_controllers_are_found_by_entry_points():
@@ -130,104 +108,103 @@ def test_shipped_controller_keeps_the_contract(name):
     check_controller(find_controller(short_names()[name])())
 
 
-# Those that are refused.
+SHARED = """
+_SHARED: Any = np.zeros(1)
+compute_velocity = stand
+
+def memory(self, setting: Setting) -> Any:
+    return (self._SHARED,)
+"""
+STAND = "compute_velocity = stand"
 
 
-def test_allocating_controller_is_refused(tmp_path):
-    found = own(tmp_path, "return True, np.zeros(3 + given.plan.shape[0])[2], 0.0\n")
-    said = refused(found)
-    assert said.startswith(line_of(tmp_path, "@kernel"))
-    assert "Own must allocate nothing in a call, got 1 allocations in 'a straight path'" in said
+@each_row(
+    ("body", "members", "at", "message"),
+    [
+        (
+            "return True, np.zeros(3 + given.plan.shape[0])[2], 0.0",
+            STAND,
+            "@kernel",
+            "Own must allocate nothing in a call, got 1 allocations in 'a straight path'",
+        ),
+        (
+            "if given.plan.shape[0] < 3:\n    raise ValueError('no path')\nreturn True, 0.0, 0.0",
+            STAND,
+            "raise",
+            "Own.compute_velocity must not raise, and raised ValueError: no path",
+        ),
+        *(
+            (
+                f"return True, {value} * q.gain, 0.0",
+                STAND,
+                "@kernel",
+                "Own must give a finite command, or none, in 'a straight path'",
+            )
+            for value in ("math.nan", "math.inf")
+        ),
+        (
+            "return True, 0.3 * q.gain, 0.0",
+            STAND,
+            "@kernel",
+            "Own must not drive into a wall across the path: v = 0.30 m/s",
+        ),
+        (
+            "given.window.costs[0, 0] = 7\nreturn True, 0.0, 0.0",
+            STAND,
+            "@kernel",
+            "Own must not change what it is given in 'a straight path'",
+        ),
+        (
+            "memory[0][0] += 0.01\nreturn True, memory[0][0], 0.0",
+            SHARED,
+            "@kernel",
+            "Own must command the same again; it keeps something outside of its memory",
+        ),
+    ],
+)
+def test_conformance_rejects_controller_that_breaks_contract(tmp_path, body, members, at, message):
+    said = refused(own(tmp_path, body, members))
+    assert said.startswith(f"{line_of(tmp_path, at)}: {message}")
 
 
-def test_raising_controller_is_refused_at_its_line(tmp_path):
-    found = own(tmp_path, "if given.plan.shape[0] < 3:\n    raise ValueError('no path')\nreturn True, 0.0, 0.0\n")
-    said = refused(found)
-    assert said == f"{line_of(tmp_path, 'raise')}: Own.compute_velocity must not raise, and raised ValueError: no path"
-
-
-@each_row("value", ["math.nan", "math.inf"])
-def test_controller_whose_command_is_no_number_is_refused(tmp_path, value):
-    said = refused(own(tmp_path, f"return True, {value} * q.gain, 0.0\n"))
-    assert said.startswith(line_of(tmp_path, "@kernel"))
-    assert "Own must give a finite command, or none, in 'a straight path'" in said
-
-
-def test_slow_controller_is_refused(tmp_path):
+def test_conformance_rejects_slow_controller(tmp_path):
     body = "x = 0.0\nfor k in range(3_000_000):\n    x = math.sin(x + k)\nreturn True, 0.0 * x, 0.0\n"
     said = refused(own(tmp_path, body), check_time, sample_situations()[:1])
     assert said.startswith(line_of(tmp_path, "@kernel"))
     assert re.search(r"Own must take at most 2000 µs a call, took \d+ in 'a straight path'", said)
 
 
-def test_controller_that_drives_into_an_obstacle_is_refused(tmp_path):
-    said = refused(own(tmp_path, "return True, 0.3 * q.gain, 0.0\n"))
-    assert said.startswith(line_of(tmp_path, "@kernel"))
-    assert "Own must not drive into a wall across the path: v = 0.30 m/s" in said
-
-
-def test_controller_that_writes_on_the_costmap_is_refused(tmp_path):
-    said = refused(own(tmp_path, "given.window.costs[0, 0] = 7\nreturn True, 0.0, 0.0\n"))
-    assert "Own must not change what it is given in 'a straight path'" in said
-
-
-def test_controller_that_remembers_beside_its_memory_is_refused(tmp_path):
-    members = """
-    _SHARED: ClassVar[Any] = np.zeros(1)
-    compute_velocity = stand
-
-    def memory(self, setting: Setting) -> Any:
-        return (self._SHARED,)
-    """
-    found = own(
-        tmp_path, "memory[0][0] += 0.01\nreturn True, memory[0][0], 0.0\n", members.replace("ClassVar[Any]", "Any")
-    )
-    assert "Own must command the same again; it keeps something outside of its memory" in refused(found)
-
-
-def test_random_numbers_of_its_stream_are_no_fault(tmp_path):
-    members = """
-    compute_velocity = stand
-
-    def memory(self, setting: Setting) -> Any:
-        return (setting.stream,)
-    """
+def test_controller_may_draw_random_numbers_of_its_stream(tmp_path):
+    members = SHARED.replace("_SHARED: Any = np.zeros(1)", "").replace("self._SHARED", "setting.stream")
     check_controller(own(tmp_path, "return True, 0.0, uniform(memory[0])\n", members))
 
 
 @each_row(
-    ("body", "members", "message"),
+    ("result", "members", "message"),
     [
+        ("0.0, 0.0", STAND, r"Own.compute_velocity returns UniTuple\(float64 x 2\); \(valid, v, ω\)"),
+        ("True, q.speed, 0.0", STAND, "Own.compute_velocity can't be compiled: .*speed"),
         (
-            "return 0.0, 0.0\n",
-            "compute_velocity = stand",
-            r"Own.compute_velocity returns UniTuple\(float64 x 2\); \(valid, v, ω\)",
-        ),
-        ("return True, q.speed, 0.0\n", "compute_velocity = stand", "Own.compute_velocity can't be compiled: .*speed"),
-        (
-            "return True, 0.0, 0.0\n",
+            "True, 0.0, 0.0",
             "compute_velocity = math.hypot",
             "Own.compute_velocity is no compiled function; put @kernel above it",
         ),
         (
-            "return True, 0.0, 0.0\n",
+            "True, 0.0, 0.0",
             "from vastflow.sim.kernels.numeric import inner\ncompute_velocity = inner(stand.py_func)",
             "Own.compute_velocity is compiled for its callers alone and has no address; put @kernel above it",
         ),
         (
-            "return True, 0.0, 0.0\n",
-            "compute_velocity = stand\ndef memory(self, setting): return (1.0,)",
+            "True, 0.0, 0.0",
+            f"{STAND}\ndef memory(self, setting): return (1.0,)",
             "memory.0 of Own is float; numpy arrays",
         ),
     ],
 )
-def test_object_that_is_no_controller_is_refused(tmp_path, body, members, message):
-    said = refused(own(tmp_path, body, members), conformance.check_kernels, ())
+def test_conformance_rejects_other_objects(tmp_path, result, members, message):
+    said = refused(own(tmp_path, f"return {result}\n", members), conformance.check_kernels, ())
     assert re.search(message, said)
     assert re.match(r"\S+own\.py:\d+: |math: ", said)
-
-
-# In a parameter file.
 
 
 def faults(tmp_path, plugin: str, more: str = "") -> str:
@@ -266,7 +243,7 @@ def test_parameters_of_a_plug_in_are_checked_at_their_lines(tmp_path, folder):
         ("typo.py:Own", "typo.py', line 1 can't be imported: SyntaxError"),
     ],
 )
-def test_plug_in_that_can_t_be_had_is_a_fault_at_its_line(tmp_path, plugin, message):
+def test_parameter_file_reports_unavailable_plug_in_at_its_line(tmp_path, plugin, message):
     own(tmp_path, "return True, 0.0, 0.0\n")
     (tmp_path / "broken.py").write_text("1 / 0\n")
     (tmp_path / "typo.py").write_text("class Own(\n")
@@ -275,7 +252,7 @@ def test_plug_in_that_can_t_be_had_is_a_fault_at_its_line(tmp_path, plugin, mess
     assert message in said
 
 
-def test_file_s_value_changes_with_the_plug_in_alone(tmp_path, folder):
+def test_parameter_file_digest_changes_with_its_plug_in_alone(tmp_path, folder):
     for name in ("my_pursuit.py", "my_pursuit.yaml"):
         (tmp_path / name).write_text((folder / name).read_text())
     before = nav2_file(tmp_path / "my_pursuit.yaml")
@@ -287,7 +264,7 @@ def test_file_s_value_changes_with_the_plug_in_alone(tmp_path, folder):
     assert before.digest != nav2_file(tmp_path / "my_pursuit.yaml").digest
 
 
-def test_parameters_that_were_read_are_those_that_run(tmp_path, folder):
+def test_parameters_are_those_of_plug_in_when_read(tmp_path, folder):
     for name in ("my_pursuit.py", "my_pursuit.yaml"):
         (tmp_path / name).write_text((folder / name).read_text())
     content = nav2_file(tmp_path / "my_pursuit.yaml")
@@ -313,7 +290,7 @@ def test_key_controller_takes_a_plug_in_that_the_file_lists(tmp_path, folder):
         parameters_of({**system, "controller": "my_pursuit.py:PurePursit"})
 
 
-def test_install_whose_metadata_is_older_than_its_source_says_to_install_again(monkeypatch):
+def test_registry_asks_to_reinstall_when_metadata_is_outdated(monkeypatch):
     monkeypatch.setattr(registry, "_entries", lambda group: {})
     with pytest.raises(
         RuntimeError, match=r"its metadata is older than its source; install it again: pip install -e \."

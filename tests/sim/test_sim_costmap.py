@@ -1,11 +1,13 @@
-"""The obstacle layers: what a scan clears and marks, the rolling window and the merged costmap."""
+"""The costmaps: what a scan clears and marks, the rolling window, inflation, and the Denoise layer."""
 
 import math
 
 import numpy as np
+import scipy.ndimage
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy import ndimage
 from shapely import Point, Polygon
 from table import each_row
 
@@ -17,13 +19,17 @@ from vastflow.sim.nav2.costmaps.costmap import (
     UNSEEN,
     clear_line,
     clear_polygon,
+    denoised,
     merge_window,
     observe,
+    remove_small_groups,
     roll,
 )
 from vastflow.sim.nav2.costmaps.inflation import cost_stamp, inflate, inflation_of
-from vastflow.sim.nav2.costmaps.outline import padded_outline
-from vastflow.sim.nav2.parameters.costmap import ObstacleLayer
+from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, padded_outline
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
+from vastflow.sim.nav2.parameters.costmap import DenoiseLayer, ObstacleLayer
+from vastflow.sim.world.map_file import load_map
 
 RESOLUTION_M = 0.05
 PARAMETERS = (RESOLUTION_M, 0.225498, 0.70, 3.0)
@@ -83,17 +89,11 @@ def test_old_mark_before_the_wall_stays_in_the_local_layer_alone():
         assert seen([2.0], short, layer)[ROW, COLUMN + 39] == left
 
 
-def test_end_between_the_ranges_of_marking_and_clearing_is_cleared():
-    layer = np.full((80, 160), MARKED, dtype=np.uint8)
-    row = seen([2.7], GLOBAL, layer)[ROW]
-    assert (row[COLUMN : COLUMN + 55] == SEEN_FREE).all()
-    assert row[COLUMN + 55] == MARKED
-
-
-def test_clearing_ends_at_its_range_and_nothing_is_marked_beyond():
-    row = seen([3.9])[ROW]
-    assert (row[COLUMN : COLUMN + 61] == SEEN_FREE).all()
-    assert (row[COLUMN + 61 :] == UNSEEN).all()
+@each_row(("range_m", "layer", "cleared"), [(2.7, MARKED, 55), (3.9, UNSEEN, 61)])
+def test_clearing_ends_at_its_range_beyond_that_of_marking(range_m, layer, cleared):
+    row = seen([range_m], GLOBAL, np.full((80, 160), layer, dtype=np.uint8))[ROW]
+    assert (row[COLUMN : COLUMN + cleared] == SEEN_FREE).all()
+    assert (row[COLUMN + cleared :] == layer).all()
 
 
 @each_row(("range_m", "mark"), [(2.45, True), (2.5, True), (2.55, False)])
@@ -190,16 +190,6 @@ def test_under_the_robot_the_cells_of_its_outline_and_those_within_are_cleared(x
         assert layer[int(vertex_y / RESOLUTION_M), int(vertex_x / RESOLUTION_M)] == SEEN_FREE
 
 
-def test_corners_under_the_disc_stay_where_no_line_of_the_outline_passes():
-    layer = np.full((20, 20), MARKED, dtype=np.uint8)
-    polygon_cleared(layer, padded_outline(0.22, 0.01), 0.525, 0.525, 0.0)
-    columns, rows = np.meshgrid(*[np.maximum(np.abs(np.arange(20) - 10.0) - 0.5, 0.0) * RESOLUTION_M] * 2)
-    touched = np.hypot(columns, rows) < 0.23
-    cleared = layer == SEEN_FREE
-    assert not (cleared & ~touched).any()
-    assert 4 <= (touched & ~cleared).sum() <= 12
-
-
 @given(
     arrays(np.uint8, (50, 60), elements=st.sampled_from([0] * 40 + [254, 255])),
     arrays(np.uint8, (50, 60), elements=st.sampled_from([UNSEEN] * 20 + [SEEN_FREE] * 20 + [MARKED])),
@@ -223,3 +213,78 @@ def test_merging_takes_the_window_alone_and_counts_cells_just_outside():
     outside = np.ones(static.shape, dtype=bool)
     outside[15:36, 20:41] = False
     assert (costs[outside] == 7).all()
+
+
+@njit
+def removed(q, lethal, scratch):
+    remove_small_groups(q[0], lethal, scratch)
+
+
+def with_layer(stack, layer):
+    maps = {name: getattr(stack, name).with_values(denoise_layer=layer) for name in ("local_costmap", "global_costmap")}
+    return stack.with_values(**maps)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10_000), st.integers(0, 9), st.sampled_from([4, 8]))
+def test_groups_of_fewer_cells_go_and_all_others_stay(seed, size, connectivity):
+    lethal = np.random.default_rng(seed).random((25, 30)) < 0.25
+    labels, _ = scipy.ndimage.label(lethal, np.ones((3, 3)) if connectivity == 8 else None)
+    sizes = np.bincount(labels.ravel())[labels]
+    layer = DenoiseLayer(minimal_group_size=size, group_connectivity_type=connectivity)
+    cells = lethal.astype(np.uint8)
+    removed(record_of(layer), cells, np.zeros_like(cells))
+    assert np.array_equal(cells != 0, lethal & (sizes >= size))
+    static = np.where(lethal, 254, 255).astype(np.uint8)
+    assert np.array_equal(denoised(static, layer), np.where(lethal & (sizes < size), 0, static))
+
+
+def test_robot_with_the_layer_drives_ten_meters_straight_past_a_speck(
+    over_a_floor,
+):
+    cells = np.zeros((80, 280), dtype=bool)
+    cells[48, 120] = True
+    stack = parameters_of({"controller": "rpp"})
+    found = [over_a_floor(each, cells=cells) for each in (with_layer(stack, DenoiseLayer(minimal_group_size=6)), stack)]
+    assert [each.run.outcome for each in found] == ["succeeded", "succeeded"]
+    aside = [np.abs(each.columns["y_mm"] - 2000).max() for each in found]
+    assert aside[0] < 150 < aside[1]
+
+
+JAZZY = (0.05, inscribed_radius_m(padded_outline(0.22, 0.01)), 0.70, 3.0)
+
+
+def by_formula(costmap, resolution_m, inscribed_m, radius_m, k):
+    """Inflation by the distance of every cell to the nearest lethal one."""
+    lethal = costmap == 254
+    if not lethal.any():
+        return costmap.copy()
+    cells = ndimage.distance_transform_edt(~lethal)
+    cost = np.minimum(np.floor(252 * np.exp(-k * (cells * resolution_m - inscribed_m))), 252)
+    cost = np.where(cells * resolution_m <= inscribed_m, 253, cost)
+    cost = np.where(cells > math.ceil(radius_m / resolution_m), 0, cost)
+    cost = np.where(lethal, 254, cost)
+    return np.where((costmap == 255) & (cost < 253), 255, cost).astype(np.uint8)
+
+
+@given(
+    st.tuples(st.integers(1, 40), st.integers(1, 40)).flatmap(
+        lambda shape: arrays(np.uint8, shape, elements=st.sampled_from([0] * 20 + [254, 254, 255]))
+    ),
+    st.sampled_from([JAZZY, (0.06, 0.181353, 0.45, 4.0), (0.05, 0.225498, 0.1, 3.0), (0.05, 0.225498, 0.0, 10.0)]),
+)
+@settings(max_examples=60, deadline=None)
+def test_cells_have_the_cost_of_the_formula(costmap, parameters):
+    np.testing.assert_array_equal(inflate(costmap, *parameters), by_formula(costmap, *parameters))
+
+
+@each_row("name", ["rooms", "hallways"])
+def test_cells_of_a_map_of_the_dataset_have_the_cost_of_the_formula(shared_map, name):
+    occupancy = load_map(shared_map(name))
+    static = np.where(occupancy.occupied, 254, np.where(occupancy.cells < 0, 255, 0)).astype(np.uint8)
+    np.testing.assert_array_equal(inflate(static, *JAZZY), by_formula(static, *JAZZY))
+
+
+def test_inflation_gives_costs_of_turtlebot_parameters():
+    stamp = cost_stamp(0.06, 0.181353, 0.45, 4.0)
+    assert stamp[8, 8:].tolist()[:9] == [254, 253, 253, 253, 199, 156, 123, 97, 76]

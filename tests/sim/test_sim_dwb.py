@@ -3,32 +3,22 @@
 import math
 from itertools import pairwise
 
+import alone
 import numpy as np
 import pytest
+from alone import CELLS, OUTLINE, RESOLUTION_M, Alone, walls
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.record import record_of
-from vastflow.sim.loop.drive import drive
-from vastflow.sim.model.pose import Pose
-from vastflow.sim.model.scenario import Mission
 from vastflow.sim.nav2.controllers import dwb
-from vastflow.sim.nav2.controllers.controller import ControllerInput
 from vastflow.sim.nav2.controllers.dwb_critics import grow, lay, new_path_grid
-from vastflow.sim.nav2.costmaps.inflation import inflate
-from vastflow.sim.nav2.costmaps.outline import padded_outline
 from vastflow.sim.nav2.costmaps.window import Window, outline_cost
-from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameters.dwb import DwbParameters
-from vastflow.sim.reading.robot import robot_of
-from vastflow.sim.world.occupancy import OccupancyMap
-from vastflow.sim.world.robot_model import Lidar
 
-CELLS, RESOLUTION_M = 60, 0.05
-OUTLINE = padded_outline(0.22, 0.01)
 RECTANGLE = np.array([[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]])
 CORNER = (10.0 / 3.0, -20.0 / 7.0)
 CENTER = (CORNER[0] + 1.512, CORNER[1] + 1.493)
@@ -43,21 +33,8 @@ OMNI = DwbParameters(
 
 
 @njit
-def commanded(records, memory, window, outline, pose, twist, plan, goal, lateral):
-    given = ControllerInput(window, outline, 0.2255, pose, twist, plan, 0.0, goal, 0.05, lateral)
-    return dwb.compute_velocity(records[0], memory, given)
-
-
-@njit
-def scored(records, memory, window, outline, pose, twist, plan, goal, lateral):
-    given = ControllerInput(window, outline, 0.2255, pose, twist, plan, 0.0, goal, 0.05, lateral)
-    _, _, n_speeds, n_turns = dwb.score(records[0], memory, given)
-    return n_speeds, n_turns
-
-
-@njit
-def renewed(memory):
-    dwb.reset(memory)
+def scored(records, memory, given):
+    return dwb.score(records[0], memory, given)[2:]
 
 
 @njit
@@ -77,24 +54,13 @@ def distances(grid, window, plan, n, nose_x, nose_y):
     return out, goal, nose
 
 
-def memory_of(parameters):
-    return dwb.new_memory(parameters, CELLS, CELLS)
-
-
 def window(costs=None):
     costs = np.zeros((CELLS, CELLS), dtype=np.uint8) if costs is None else costs
     return Window(costs, np.array([*CORNER, RESOLUTION_M]))
 
 
-def wall_ahead():
-    costs = np.zeros((CELLS, CELLS), dtype=np.uint8)
-    costs[:, 34:36] = 254
-    return inflate(costs, RESOLUTION_M, 0.22549849971227903, 0.55, 3.0)
-
-
 def straight(bearing=0.0, length_m=1.45, spacing_m=0.025):
-    s = np.arange(0.0, length_m, spacing_m)
-    return np.column_stack([CENTER[0] + s * math.cos(bearing), CENTER[1] + s * math.sin(bearing)])
+    return alone.straight(length_m, bearing, CENTER, spacing_m)
 
 
 def bent(seed, length=58):
@@ -105,20 +71,18 @@ def bent(seed, length=58):
     return np.array(CENTER) + rng.normal(0.0, 0.05, 2) + np.cumsum(steps, axis=0)
 
 
-def command(parameters, costs=None, pose=HERE, twist=(0.0, 0.0), plan=None, goal=AHEAD, memory=None, lateral=0.0):
+def command(parameters, costs=None, pose=HERE, twist=(0.0, 0.0), plan=None, goal=AHEAD, controller=None):
     """The command (valid, v, ω, vy)."""
-    memory, plan = memory or memory_of(parameters), straight() if plan is None else plan
-    return commanded(record_of(parameters), memory, window(costs), OUTLINE, pose, twist, plan, goal, lateral)
+    controller, plan = controller or Alone(parameters, CORNER), straight() if plan is None else plan
+    return controller.command(plan, costs, pose, twist, goal, end_yaw=0.0)
 
 
-def scores(parameters, costs=None, pose=HERE, twist=(0.1, 0.0), plan=None, goal=AHEAD, lateral=0.0, outline=RECTANGLE):
+def scores(parameters, costs=None, pose=HERE, twist=(0.1, 0.0), plan=None, lateral=0.0, outline=RECTANGLE):
     """Return scores (V, W) of samples, infinite for those that are not legal, and the memory."""
-    memory, plan = memory_of(parameters), straight() if plan is None else plan
-    n, m = scored(record_of(parameters), memory, window(costs), outline, pose, twist, plan, goal, lateral)
-    return memory.scores[:n, :m].copy(), memory
-
-
-# Samples.
+    controller, plan = Alone(parameters, CORNER, outline=outline), straight() if plan is None else plan
+    given = controller.given(plan, costs, pose, twist, AHEAD, 0.0, lateral)
+    n, m = scored(record_of(parameters), controller.memory, given)
+    return controller.memory.scores[:n, :m].copy(), controller.memory
 
 
 @each_row("current", [-0.4, 0.0, 0.13, 0.9])
@@ -128,11 +92,6 @@ def test_samples_reach_both_ends_and_hold_zero(current):
     assert 0.0 in memory.turns
     assert np.all(np.diff(memory.turns) > 0.0)
     assert memory.speeds[[0, 19]] == pytest.approx([0.0, 0.26])
-
-
-def test_samples_are_within_reach_of_the_accelerations():
-    _, memory = scores(HUMBLE.with_values(acc_lim_x=0.02, decel_lim_x=-0.05), twist=(0.15, 0.0))
-    assert memory.speeds[[0, 19]] == pytest.approx([0.15 - 0.05 * 1.7, 0.15 + 0.02 * 1.7])
 
 
 def test_samples_below_both_least_speeds_are_illegal():
@@ -165,9 +124,6 @@ def test_sample_to_the_side_ends_to_the_side():
     assert memory.turns[unturned] == pytest.approx(0.0, abs=1e-9)
     end, reach_m = memory.ends[found, unturned, :2] * RESOLUTION_M, 0.3 * OMNI.sim_time
     assert end == pytest.approx((1.512 - reach_m * math.sin(0.5), 1.493 + reach_m * math.cos(0.5)))
-
-
-# Grids.
 
 
 def cell_of(w, x, y):
@@ -210,8 +166,7 @@ def test_path_distances_are_manhattan_from_the_nearest_cell_of_the_plan():
 
 def test_used_grid_gives_the_distances_of_a_new_one():
     grid = new_path_grid(CELLS, CELLS)
-    short = straight(0.3, length_m=0.6)
-    for plan in (short, np.add(short, [0.0, 0.1]), bent(2), bent(2), bent(3)):
+    for plan in (straight(0.3, length_m=0.6), bent(2), bent(2), bent(3)):
         np.testing.assert_array_equal(grown(plan, grid=grid)[0], grown(plan)[0])
 
 
@@ -239,11 +194,8 @@ def test_nose_outside_the_window_is_the_last_point_on_the_way():
     assert nose > goal
 
 
-# Critics.
-
-
 def test_base_obstacle_forbids_inscribed_cost_under_the_robot():
-    costs = wall_ahead()
+    costs = walls((0, CELLS, 34, 36))
     assert command(HUMBLE, costs) == (False, 0.0, 0.0, 0.0)
     blind = HUMBLE.with_values(BaseObstacle=HUMBLE.BaseObstacle.with_values(enabled=False))
     assert command(blind, costs, twist=(0.26, 0.0))[:2] == (True, pytest.approx(0.26))
@@ -357,26 +309,23 @@ def test_sum_scores_adds_the_costs_of_all_poses_and_the_last_twice(name):
     assert poses[i, j] == pytest.approx(math.ceil(0.5 * 1.7 / 0.05) + 2, abs=1.01)
 
 
-# Memory.
-
-
 def test_reached_goal_is_remembered_until_a_reset():
-    memory = memory_of(HUMBLE)
+    controller = Alone(HUMBLE, CORNER)
     near, far = ((CENTER[0] + away, CENTER[1], 1.5) for away in (0.1, 3.0))
-    command(HUMBLE, goal=near, memory=memory)
-    assert command(HUMBLE, goal=far, memory=memory)[1] == 0.0
-    renewed(memory)
-    assert command(HUMBLE, goal=far, memory=memory)[1] == pytest.approx(0.26)
+    command(HUMBLE, goal=near, controller=controller)
+    assert command(HUMBLE, goal=far, controller=controller)[1] == 0.0
+    controller.reset()
+    assert command(HUMBLE, goal=far, controller=controller)[1] == pytest.approx(0.26)
 
 
 def turning_about(parameters, moved_m=0.0, turned_rad=0.0):
     """Turn left, then right as the plan flips, then twice as it flips back and the robot may have moved."""
-    memory, moved = memory_of(parameters), (CENTER[0] + moved_m, CENTER[1], turned_rad)
+    controller, moved = Alone(parameters, CORNER), (CENTER[0] + moved_m, CENTER[1], turned_rad)
     found = []
     for bearing, pose in ((2.0, HERE), (-2.0, HERE), (2.0, moved), (2.0, moved)):
         plan = straight(bearing)
         goal = (*(plan[-1] + 3.0 * (plan[-1] - plan[0])), 0.0)
-        found.append(command(parameters, pose=pose, plan=plan, goal=goal, memory=memory)[2])
+        found.append(command(parameters, pose=pose, plan=plan, goal=goal, controller=controller)[2])
     return [math.copysign(1, w) for w in found]
 
 
@@ -400,10 +349,10 @@ def test_robot_without_oscillation_turns_about_at_once():
 
 
 def test_oscillation_leaves_yaw_rates_of_a_driving_robot_free():
-    memory, turns = memory_of(HUMBLE), []
+    controller, turns = Alone(HUMBLE, CORNER), []
     for y in (2.0, -2.0, 2.0):
         plan, goal = straight(math.atan2(y, 3.0)), (CENTER[0] + 3.0, CENTER[1] + y, 0.0)
-        turns.append(command(HUMBLE, twist=(0.26, 0.0), plan=plan, goal=goal, memory=memory))
+        turns.append(command(HUMBLE, twist=(0.26, 0.0), plan=plan, goal=goal, controller=controller))
     assert all(v > 0.05 for _, v, _, _ in turns)
     assert [math.copysign(1, w) for _, _, w, _ in turns] == [1, -1, 1]
 
@@ -412,17 +361,17 @@ def test_oscillation_forbids_a_change_of_side_until_the_robot_moved():
     only = ("PathDist", "GoalDist", "Oscillation")
     groups = {name: group.with_values(enabled=name in only) for name, group in OMNI if hasattr(group, "place")}
     parameters = OMNI.with_values(max_vel_x=0.0, **groups)
-    memory, lateral = memory_of(parameters), []
+    controller, lateral = Alone(parameters, CORNER), []
     for side in (1, -1, 1):
         goal = (CENTER[0], CENTER[1] + 9.0 * side, 0.0)
         plan = straight(side * math.pi / 2, length_m=1.2)
-        lateral.append(command(parameters, plan=plan, goal=goal, memory=memory)[3])
+        lateral.append(command(parameters, plan=plan, goal=goal, controller=controller)[3])
     assert lateral[0] > 0.1
     assert lateral[1] < -0.1
     assert lateral[2] <= 0.0
 
 
-def test_omni_robot_moves_to_the_side_along_ten_meters():
+def test_omni_robot_moves_to_the_side_along_ten_meters(over_a_floor):
     sideways = {"min_vel_y": -0.3, "max_vel_y": 0.3, "acc_lim_y": 2.5, "decel_lim_y": -2.5}
     stack = {
         "controller": "dwb",
@@ -434,14 +383,10 @@ def test_omni_robot_moves_to_the_side_along_ten_meters():
         "max_accel": [2.5, 2.5, 3.2],
         "max_decel": [-2.5, -2.5, -3.2],
     }
-    floor = np.zeros((120, 280), dtype=np.int8)
-    floor[[0, -1]], floor[:, [0, -1]] = 100, 100
     fastest = []
     for values in (sideways, {}):
         parameters = parameters_of({**stack, **{f"FollowPath.{name}": value for name, value in values.items()}})
-        prepared = prepare(OccupancyMap(floor, 0.05, (0.0, 0.0)), Lidar(), parameters)
-        mission, start = Mission("navigate_to_pose", (Pose(11.0, 3.0),)), Pose(1.0, 3.0, 1.2)
-        found = drive(prepared, parameters, Lidar(), robot_of(parameters), start, mission, (), (1, 2, 3), 90.0)
+        found = over_a_floor(parameters, yaw_rad=1.2)
         assert found.run.outcome == "succeeded"
         assert found.run.distance_m == pytest.approx(10.0, abs=0.5)
         fastest.append(np.abs(found.columns["command_lateral_speed_mmps"]).max())

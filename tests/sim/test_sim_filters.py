@@ -6,17 +6,13 @@ from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.plug_in import ContractError
-from vastflow.sim.loop.drive import drive
 from vastflow.sim.model.faults import FileError, ScenarioError
-from vastflow.sim.model.pose import Pose
-from vastflow.sim.model.scenario import Mission
 from vastflow.sim.nav2.controllers.binding import running
 from vastflow.sim.nav2.controllers.controller import Setting
 from vastflow.sim.nav2.controllers.registry import find_controller
 from vastflow.sim.nav2.controllers.speed_zones import limit_speed, speed_zones
 from vastflow.sim.nav2.costmaps.filters import keep_out_of_window, keepout_mask, on_map, with_keepout
 from vastflow.sim.nav2.costmaps.window import Window
-from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.navigator.state import with_kernels
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.costmaps import masks_of
@@ -25,7 +21,6 @@ from vastflow.sim.nav2.parameter_files.interpretation import interpretation
 from vastflow.sim.nav2.parameters.costmap import KeepoutFilter, SpeedFilter
 from vastflow.sim.reading.checked import checked_digest
 from vastflow.sim.world.occupancy import OccupancyMap
-from vastflow.sim.world.robot_model import Lidar, Robot
 
 RESOLUTION_M = 0.05
 FILE = """
@@ -63,9 +58,6 @@ def floor():
 
 def mask(values, resolution_m=RESOLUTION_M, origin_xy_m=(0.0, 0.0), yaw_rad=0.0):
     return OccupancyMap(np.asarray(values, dtype=np.int8), resolution_m, origin_xy_m, yaw_rad)
-
-
-# What a file says.
 
 
 def test_filter_without_a_mask_is_refused_with_the_line_that_would_be_right():
@@ -125,9 +117,6 @@ def test_digest_depends_on_the_mask_cells_that_a_filter_reads(scenario, saved):
     assert len({checked_digest(scenario(keepout_mask=each)) for each in masks}) == 1
 
 
-# What masks do.
-
-
 def test_keepout_mask_raises_costs_and_unknown_cells():
     keepout = on_map(keepout_mask(mask([[0, 50, 100, -1]]), over := mask([[0, 0, 0, 0]])), over)
     assert keepout.tolist() == [[0, 127, 254, 255]]
@@ -183,7 +172,7 @@ def limits_at(kind, q, values, names):
         ("rpp", ("desired_linear_vel", "rotate_to_heading_angular_vel"), (0.5, 1.8)),
     ],
 )
-def test_limit_in_percent_scales_a_controller_s_speeds_until_there_is_another(kind, names, full):
+def test_speed_limit_in_percent_scales_speeds_of_controller(kind, names, full):
     unscaled = {"ax_max", "min_vel_x", "acc_lim_x", "rotate_to_heading_angular_vel"}
     half = tuple(value if name in unscaled else round(0.5 * value, 6) for name, value in zip(names, full, strict=True))
     # 0 is no limit, -1 changes nothing, and 120 % is out of bounds, which is no limit again.
@@ -191,7 +180,7 @@ def test_limit_in_percent_scales_a_controller_s_speeds_until_there_is_another(ki
     assert limits_at(kind, SpeedFilter(type=1, base=100.0, multiplier=1.0), [20], names) == [full]
 
 
-def test_limit_in_meters_per_second_is_what_each_controller_takes_it_for():
+def test_speed_limit_in_meters_per_second_acts_as_in_nav2():
     """MPPI scales by whatever it is, DWB only downward, and RPP drives at it."""
     q = SpeedFilter(type=2, base=0.0, multiplier=0.01)
     assert limits_at("mppi", q, [25, 100], ("vx_max", "wz_max")) == [(0.25, 0.95), (1.0, 3.8)]
@@ -203,22 +192,14 @@ def test_limit_in_meters_per_second_is_what_each_controller_takes_it_for():
     assert limits_at("rpp", q, [25, 100], ("desired_linear_vel",)) == [(0.25,), (1.0,)]
 
 
-# Where a robot drives.
-
-
-def driven(stack, keepout=None, speed=None, length_m=10.0):
-    prepared = prepare(floor(), Lidar(), stack, None, keepout, speed)
-    mission = Mission("navigate_to_pose", (Pose(1.0 + length_m, 2.0),))
-    return drive(prepared, stack, Lidar(), Robot(), Pose(1.0, 2.0), mission, (), (1, 2, 3), 120.0)
-
-
-def test_robot_with_a_keepout_filter_drives_ten_meters_round_an_area():
+def test_robot_with_a_keepout_filter_drives_ten_meters_round_an_area(over_a_floor):
     """The mask has a rim of 0.4 m that costs, or the path would run along the area's edge."""
     values = np.zeros((80, 280))
     values[20:60, 92:148] = 60
     values[28:52, 100:140] = 100  # from (5.0, 1.4) to (7.0, 2.6)
     stack = parameters_of({"controller": "rpp"})
-    found = [driven(with_filters(stack, keepout_filter=KeepoutFilter()), mask(values)), driven(stack)]
+    kept = over_a_floor(with_filters(stack, keepout_filter=KeepoutFilter()), masks=(mask(values),))
+    found = [kept, over_a_floor(stack)]
     assert [each.run.outcome for each in found] == ["succeeded", "succeeded"]
     within = [
         np.any((np.abs(each.columns["x_mm"] - 6000) < 1000) & (np.abs(each.columns["y_mm"] - 2000) < 600))
@@ -228,12 +209,12 @@ def test_robot_with_a_keepout_filter_drives_ten_meters_round_an_area():
 
 
 @each_row("controller", ["mppi", "dwb", "rpp"])
-def test_robot_with_a_speed_filter_drives_ten_meters_partly_at_half_speed(controller):
+def test_robot_with_a_speed_filter_drives_ten_meters_partly_at_half_speed(over_a_floor, controller):
     values = np.zeros((80, 280))
     values[:, 100:160] = 50  # from x = 5 m to x = 8 m
     stack = parameters_of({"controller": controller})
     slow = with_filters(stack, local=False, speed_filter=SpeedFilter(type=1))
-    found = [driven(slow, speed=mask(values)), driven(stack)]
+    found = [over_a_floor(slow, masks=(None, mask(values))), over_a_floor(stack)]
     assert [each.run.outcome for each in found] == ["succeeded", "succeeded"]
     speeds = []
     for each in found:

@@ -1,4 +1,4 @@
-"""Compiled kernels on disk: used while they are whole, compiled again when they are not."""
+"""Compilation of kernels by a target of our own, and compiled kernels on disk."""
 
 import importlib
 import logging
@@ -8,10 +8,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from table import each_row
 
 import vastflow
-from vastflow.sim.kernels import numeric
+from vastflow.sim.kernels import numba_target, numeric
 
 
 def double(x):
@@ -55,6 +57,9 @@ DAMAGE = {
 @pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE)
 def test_damaged_kernels_are_compiled_again_with_one_line_in_the_log(files, damage, caplog):
     used()
+    files(".nbc")[0].write_bytes(damage(files(".nbc")[0].read_bytes()))
+    with caplog.at_level(logging.ERROR, "vastflow.kernels"):
+        assert hits(used()) == 1
     for file in files(".nbc"):
         file.write_bytes(damage(file.read_bytes()))
     with caplog.at_level(logging.WARNING, "vastflow.kernels"):
@@ -65,13 +70,6 @@ def test_damaged_kernels_are_compiled_again_with_one_line_in_the_log(files, dama
         caplog.clear()
         assert hits(used()) == 2
     assert caplog.records == []
-
-
-def test_damaged_kernel_is_compiled_again_alone(files):
-    used()
-    files(".nbc")[0].write_bytes(b"")
-    assert hits(used()) == 1
-    assert hits(used()) == 2
 
 
 def test_kernel_is_compiled_again_when_its_file_has_changed(files, tmp_path, monkeypatch):
@@ -88,7 +86,7 @@ def test_kernel_is_compiled_again_when_its_file_has_changed(files, tmp_path, mon
     assert [compiled(text), compiled(f"{text}\nFACTOR = 3\n")] == [(6, 0), (6, 0)]
 
 
-def test_kernels_that_can_not_be_kept_are_said_once_and_compiled(files, tmp_path, caplog):
+def test_kernel_cache_warns_once_when_folder_is_not_writable(files, tmp_path, caplog):
     (tmp_path / "kernels").write_text("no folder")
     with caplog.at_level(logging.WARNING, "vastflow.kernels"):
         used()
@@ -120,36 +118,107 @@ print(numba_target.__file__, *counts)
 """
 
 
-@pytest.fixture
-def installation(tmp_path):
-    """Copies the package to a folder of its own; gives what uses kernels there: (their file, loaded, compiled)."""
-
-    def make(name, edit=lambda package: None):
+@pytest.mark.slow
+def test_another_installation_of_the_same_version_compiles_nothing(tmp_path):
+    for name, compiles in (("first", True), ("second", False)):
         package = tmp_path / name / "vastflow"
         shutil.copytree(Path(vastflow.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
-        edit(package)
         environment = {**os.environ, "PYTHONPATH": str(package.parent), "XDG_CACHE_HOME": str(tmp_path / "cache")}
         command = [sys.executable, "-c", USES_KERNELS]
         done = subprocess.run(command, check=True, env=environment, capture_output=True, text=True, timeout=600)
         file, loaded, compiled = done.stdout.split()
         assert Path(file).is_relative_to(package)
-        return int(loaded), int(compiled)
+        assert (int(loaded) == 0, int(compiled) > 0) == (compiles, compiles)
 
-    return make
+
+@pytest.fixture
+def copied(tmp_path, monkeypatch):
+    """A copy of the simulator's source that the cache folder is computed from."""
+    source = Path(numeric.__file__).parents[1]
+    shutil.copytree(source, tmp_path / "sim", ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(numeric, "__file__", str(tmp_path / "sim" / "kernels" / "numeric.py"))
+    return tmp_path / "sim"
+
+
+@each_row(
+    ("module", "line", "is_another"),
+    [
+        *((module, "X = 1", True) for module in ("world/lidar.py", "nav2/planners/navfn.py")),
+        *((module, "X = 1", True) for module in ("world/motion.py", "nav2/parameters/mppi.py")),  # imported by kernels
+        ("nav2/new.py", "", False),
+        ("nav2/new.py", "from vastflow.sim.kernels.numeric import inner", True),
+        ("run.py", "X = 1", False),
+    ],
+)
+def test_edit_changes_the_folder_of_kernels_that_may_follow_from_it(copied, module, line, is_another):
+    before = numeric.kernel_cache_dir()
+    with (copied / module).open("a") as file:
+        file.write(f"\n{line}\n")
+    assert (numeric.kernel_cache_dir() != before) == is_another
+
+
+def test_equal_source_and_numba_have_one_folder_of_kernels(copied, monkeypatch):
+    there = numeric.kernel_cache_dir()
+    monkeypatch.undo()
+    assert numeric.kernel_cache_dir() == there
+    monkeypatch.setattr(numeric.numba, "__version__", "0.0.0")
+    assert numeric.kernel_cache_dir() != there
 
 
 @pytest.mark.slow
-def test_another_installation_of_the_same_version_compiles_nothing(installation):
-    assert installation("first") == (0, 3)
-    loaded, compiled = installation("second")
-    assert loaded > 0 and compiled == 0
+def test_kernels_without_checks_are_not_taken_where_indices_are_checked(tmp_path):
+    file = tmp_path / "beyond.py"
+    file.write_text(
+        "import numpy as np\nfrom vastflow.sim.kernels.numeric import njit\n\n"
+        "@njit\ndef read(values, index):\n    return values[index]\n\nread(np.zeros(3), 3)\n"
+    )
+    said = []
+    for checked in ("0", "1", "0"):
+        environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path), "NUMBA_BOUNDSCHECK": checked}
+        ended = subprocess.run(
+            [sys.executable, file], check=False, env=environment, capture_output=True, text=True, timeout=120
+        )
+        said.append(ended.stderr.splitlines()[-1:])
+    assert said == [[], ["IndexError: index is out of bounds"], []]
 
 
-@pytest.mark.slow
-def test_another_version_of_any_kernel_compiles_its_own(installation):
-    def edit(package):
-        with (package / "sim/kernels/streams.py").open("a") as file:
-            file.write("OTHER = 1\n")
+@pytest.fixture
+def compiled(tmp_path, monkeypatch):
+    """Compiles into a folder of its own."""
+    monkeypatch.setattr(numeric, "_FOLDER", tmp_path / "kernels")
+    return numeric.njit
 
-    installation("first")
-    assert installation("edited", edit) == (0, 3)
+
+def test_expression_of_arrays_is_computed_in_one_loop_as_numpy_does(compiled):
+    values = np.linspace(-1.0, 1.0, 9)
+    assert compiled(lambda a: (a * 2.0 + np.abs(a))[3])(values) == (values * 2.0 + abs(values))[3]
+
+
+def test_part_that_is_called_with_either_flag_is_compiled_for_each(compiled):
+    @numeric.inner
+    def either(x, doubled):
+        return 2.0 * x if doubled else x
+
+    assert compiled(lambda x: either(x, True) - either(x, False))(1.5) == 1.5
+    assert len(either.overloads) == 2
+
+
+def test_part_that_is_called_with_several_whole_numbers_is_compiled_once(compiled):
+    @numeric.inner
+    def plus(x, number):
+        return x + number
+
+    assert compiled(lambda x: plus(x, 1) + plus(x, 2) + plus(x, 3))(0.5) == 7.5
+    assert len(plus.overloads) == 1
+
+
+def test_numba_has_the_names_that_the_target_overrides():
+    ours = {
+        numba_target._Library: ["_optimize_final_module", "_finalize_final_module"],
+        numba_target._Codegen: ["_pass_builder", "_customize_tm_options", "set_env"],
+        numba_target._Context: ["get_executable"],
+        numba_target._Dispatcher: ["get_call_template", "compile"],
+    }
+    for each, names in ours.items():
+        (base,) = each.__bases__
+        assert [name for name in names if not hasattr(base, name)] == []

@@ -59,20 +59,17 @@ def straight(length_m=5.0):
     return [(x, 0.0) for x in np.arange(0.0, length_m + 1e-9, 0.025)]
 
 
-def test_local_plan_starts_at_the_point_nearest_to_the_robot():
-    plan, _ = Follower(straight(), x_m=1.01, y_m=0.2).plan()
-    np.testing.assert_allclose(plan[0], (1.0, 0.0))
-
-
-def test_plan_ends_a_prune_distance_farther_on_where_the_window_allows():
-    plan, _ = Follower(straight(), ahead_m=1.0).plan()
-    np.testing.assert_allclose(plan[-1], (1.0, 0.0), atol=0.026)
-
-
-def test_plan_ends_where_the_path_leaves_the_window():
-    plan, _ = Follower(straight(), ahead_m=10.0).plan()
-    assert plan[-1][0] < 1.5
-    assert plan[-1][0] > 1.5 - 0.026
+@each_row(
+    ("values", "ahead_m", "first", "last"),
+    [
+        ({"x_m": 1.01, "y_m": 0.2}, 1.0, (1.0, 0.0), (2.0, 0.0)),  # from the nearest point, a prune distance on
+        ({}, 10.0, (0.0, 0.0), (1.475, 0.0)),  # to the window's edge
+    ],
+)
+def test_local_plan_begins_at_the_robot_and_ends_ahead_or_at_the_window(values, ahead_m, first, last):
+    plan, _ = Follower(straight(), ahead_m=ahead_m, **values).plan()
+    np.testing.assert_allclose(plan[0], first)
+    np.testing.assert_allclose(plan[-1], last, atol=0.026)
 
 
 def test_points_that_come_back_into_the_window_are_not_taken():
@@ -105,7 +102,7 @@ def test_plan_is_given_in_the_odom_frame():
 
 
 @each_row(("length_m", "end_yaw_rad"), [(1.0, 0.7), (4.0, -0.3)])
-def test_its_end_has_the_goal_s_heading_only_where_it_is_the_goal(length_m, end_yaw_rad):
+def test_local_plan_ends_with_goal_heading_only_at_goal(length_m, end_yaw_rad):
     """Every other pose of NavFn has the map's heading, which localization has turned by 0.3 rad in odom."""
     _, found_rad = Follower(straight(length_m), map_odom=(0.0, 0.0, 0.3), goal_yaw_rad=1.0).plan()
     assert found_rad == pytest.approx(end_yaw_rad)

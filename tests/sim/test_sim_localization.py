@@ -51,7 +51,7 @@ def errors(map_file, **perturbation):
 
 @each_row("name", ["rooms", "hallways"])
 @each_row("noise_m", [0.0, 0.1])
-def test_localization_error_is_that_of_nav2_s_filter(shared_map, name, noise_m):
+def test_localization_errs_as_filter_of_nav2(shared_map, name, noise_m):
     """Upstream's filter, measured: position 0.09 to 0.21 m in the mean, 0.45 m at the 95th percentile, 0.015 rad.
 
     Exact odometry and a likelihood of 0.2 m leave that much, so a smaller error would be as wrong as a larger one.

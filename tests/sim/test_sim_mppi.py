@@ -4,15 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from alone import Alone, straight
 from table import each_row
 
-from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.kernels.record import record_of
-from vastflow.sim.nav2.controllers import mppi
-from vastflow.sim.nav2.controllers.controller import ControllerInput
 from vastflow.sim.nav2.controllers.mppi_samples import noise
-from vastflow.sim.nav2.costmaps.outline import padded_outline
-from vastflow.sim.nav2.costmaps.window import Window
 from vastflow.sim.nav2.parameters.mppi import (
     CostParameters,
     MppiParameters,
@@ -23,7 +18,6 @@ from vastflow.sim.nav2.parameters.mppi import (
 
 PARAMETERS = MppiParameters()
 SMALL = PARAMETERS.with_values(batch_size=400)
-OUTLINE = padded_outline(0.22, 0.01)
 TOLERANCE_M = 0.25
 BY_DISTANCE = {
     "CostCritic": CostParameters(enabled=False),
@@ -31,32 +25,6 @@ BY_DISTANCE = {
 }
 TURNING_LITTLE = {"TwirlingCritic": TwirlingParameters(enabled=True, cost_weight=20.0)}
 TURNING_FAST = {"VelocityDeadbandCritic": VelocityDeadbandParameters(enabled=True, deadband_velocities=(0.1, 0.0, 0.4))}
-
-
-@njit
-def command_of(record, memory, window, outline, pose, twist, plan, n, end_yaw_rad, goal):
-    situation = ControllerInput(window, outline, 0.2255, pose, twist, plan[:n], end_yaw_rad, goal, 0.05, 0.0)
-    return mppi.compute_velocity(record[0], memory, situation)[:3]
-
-
-@njit
-def forgotten(memory):
-    mppi.reset(memory)
-
-
-def memory_of(parameters, seed=7):
-    return mppi.new_memory(parameters, np.array([seed], dtype=np.uint64), goal_tolerance_m=TOLERANCE_M)
-
-
-def window(costs=None):
-    """3 × 3 m round the origin of the odom frame."""
-    costs = np.zeros((60, 60), dtype=np.uint8) if costs is None else costs
-    return Window(costs, np.array([-1.5, -1.5, 0.05]))
-
-
-def straight(length_m=1.4, y_m=0.0):
-    x = np.arange(0.0, length_m, 0.025)
-    return np.column_stack([x, np.full(len(x), y_m)])
 
 
 def bend():
@@ -83,7 +51,7 @@ def avoids_obstacles(q, under, goal_m, inscribed_m=0.1855):
     return q.critical_weight * raw + q.repulsion_weight * (repulsion - repulsion.min()) / under.shape[1]
 
 
-def plain(q, sequence, numbers, win, pose, twist, plan, end_yaw_rad, goal):
+def plain(q, sequence, numbers, map_costs, pose, twist, plan, end_yaw_rad, goal):
     """Costs (K,), controls (K, T, 2) and the next sequence before it is smoothed, as the reference describes them."""
     T, K, dt = q.time_steps, q.batch_size, q.model_dt
     c = sequence[None] + numbers
@@ -104,7 +72,7 @@ def plain(q, sequence, numbers, win, pose, twist, plan, end_yaw_rad, goal):
     def cost_at(px, py):
         column, row = np.floor((px + 1.5) / 0.05).astype(int), np.floor((py + 1.5) / 0.05).astype(int)
         inside = (column >= 0) & (row >= 0) & (column < 60) & (row < 60)
-        return np.where(inside, win.costs[np.clip(row, 0, 59), np.clip(column, 0, 59)], 255).astype(int)
+        return np.where(inside, map_costs[np.clip(row, 0, 59), np.clip(column, 0, 59)], 255).astype(int)
 
     # Without headings of their own the plan's points have the map's.
     headings, plan = plan[:, 2] if plan.shape[1] == 3 else np.zeros(len(plan)), plan[:, :2]
@@ -205,27 +173,37 @@ def numbers_in(words):
     return both.view(np.float32).astype(float)
 
 
-AHEAD = (5.0, 0.0, 0.0)
+def judged(q, costs, pose, twist, plan, goal, v_mps=0.0):
+    """Return the costs of the samples round a sequence of one speed, ours and plain."""
+    controller, sequence = Alone(q), np.column_stack([np.full(56, v_mps), np.zeros(56)])
+    controller.memory.sequence[:] = sequence.T
+    controller.command(plan, costs, pose, twist, goal)
+    numbers = numbers_of(controller.memory, q)
+    expected, _ = plain(q, sequence, numbers, costs, pose, twist, plan, goal[2], goal)
+    return np.asarray(controller.memory.space.costs)[: q.batch_size], expected
+
+
+AHEAD, FREE = (5.0, 0.0, 0.0), np.zeros((60, 60), dtype=np.uint8)
 SITUATIONS = {
-    "open": (np.zeros((60, 60), np.uint8), (0.0, 0.0, 0.0), (0.3, 0.0), straight(), AHEAD),
+    "open": (FREE, (0.0, 0.0, 0.0), (0.3, 0.0), straight(), AHEAD),
     "beside a blob": (blob(42, 34), (0.0, 0.0, 0.1), (0.4, 0.1), straight(), AHEAD),
     "a blob on the plan": (blob(50, 30), (0.0, 0.0, 0.0), (0.2, 0.0), straight(), AHEAD),
-    "a bend": (np.zeros((60, 60), np.uint8), (0.0, 0.1, 0.4), (0.4, 0.5), bend(), AHEAD),
-    "the plan behind": (np.zeros((60, 60), np.uint8), (0.0, 0.0, 2.5), (0.0, 0.0), straight(), AHEAD),
-    "driving backwards": (np.zeros((60, 60), np.uint8), (0.0, 0.0, 0.0), (-0.2, 0.3), straight(), AHEAD),
-    "near the goal": (np.zeros((60, 60), np.uint8), (0.0, 0.0, 0.2), (0.2, 0.0), straight(0.9), (0.9, 0.0, 0.5)),
-    "at the goal": (np.zeros((60, 60), np.uint8), (0.0, 0.0, 1.0), (0.1, 0.0), straight(0.3), (0.3, 0.0, 0.0)),
+    "a bend": (FREE, (0.0, 0.1, 0.4), (0.4, 0.5), bend(), AHEAD),
+    "the plan behind": (FREE, (0.0, 0.0, 2.5), (0.0, 0.0), straight(), AHEAD),
+    "driving backwards": (FREE, (0.0, 0.0, 0.0), (-0.2, 0.3), straight(), AHEAD),
+    "near the goal": (FREE, (0.0, 0.0, 0.2), (0.2, 0.0), straight(0.9), (0.9, 0.0, 0.5)),
+    "at the goal": (FREE, (0.0, 0.0, 1.0), (0.1, 0.0), straight(0.3), (0.3, 0.0, 0.0)),
 }
 
 
 @each_row("name", SITUATIONS)
 def test_three_cycles_give_the_commands_of_the_plain_reading(name):
     costs, pose, twist, plan, goal = SITUATIONS[name]
-    memory, win = memory_of(SMALL), window(costs)
+    controller = Alone(SMALL)
     sequence, history = np.zeros((56, 2)), np.zeros((4, 2))
     for _ in range(3):
-        valid, v, w = command_of(record_of(SMALL), memory, win, OUTLINE, pose, twist, plan, len(plan), goal[2], goal)
-        _, mean = plain(SMALL, sequence, numbers_of(memory, SMALL), win, pose, twist, plan, goal[2], goal)
+        valid, v, w, _ = controller.command(plan, costs, pose, twist, goal)
+        _, mean = plain(SMALL, sequence, numbers_of(controller.memory, SMALL), costs, pose, twist, plan, goal[2], goal)
         after = smoothed(SMALL, mean, history)
         assert valid
         assert (v, w) == pytest.approx(tuple(after[1]), abs=3e-3)
@@ -235,10 +213,7 @@ def test_three_cycles_give_the_commands_of_the_plain_reading(name):
 
 def test_costs_of_the_samples_are_those_of_the_plain_reading():
     costs, pose, twist, plan, goal = SITUATIONS["beside a blob"]
-    memory, win = memory_of(SMALL), window(costs)
-    command_of(record_of(SMALL), memory, win, OUTLINE, pose, twist, plan, len(plan), 0.0, goal)
-    expected, _ = plain(SMALL, np.zeros((56, 2)), numbers_of(memory, SMALL), win, pose, twist, plan, 0.0, goal)
-    found = np.asarray(memory.space.costs)[: SMALL.batch_size]
+    found, expected = judged(SMALL, costs, pose, twist, plan, goal)
     near = expected < 100  # a sample on the rim of a cell may count as a collision in one reading alone
     assert near.sum() > 200
     assert np.median(np.abs(found[near] - expected[near])) < 1e-3
@@ -248,11 +223,8 @@ def test_costs_of_the_samples_are_those_of_the_plain_reading():
 @each_row("goal_m", [5.0, 0.4])
 def test_obstacles_critic_prices_the_samples_by_distances_to_obstacles_as_nav2_does(goal_m):
     costs, pose, twist, plan, _ = SITUATIONS["beside a blob"]
-    goal, win, q = (goal_m, 0.0, 0.0), window(costs), SMALL.with_values(**BY_DISTANCE)
-    memory = memory_of(q)
-    command_of(record_of(q), memory, win, OUTLINE, pose, twist, plan, len(plan), 0.0, goal)
-    expected, _ = plain(q, np.zeros((56, 2)), numbers_of(memory, q), win, pose, twist, plan, 0.0, goal)
-    found = np.asarray(memory.space.costs)[: q.batch_size]
+    q = SMALL.with_values(**BY_DISTANCE)
+    found, expected = judged(q, costs, pose, twist, plan, (goal_m, 0.0, 0.0))
     free = expected < 100
     assert 100 < free.sum() < q.batch_size
     assert found[~free].min() > 1e5
@@ -266,28 +238,21 @@ def test_obstacles_critic_prices_the_samples_by_distances_to_obstacles_as_nav2_d
 @each_row("power", [1, 2])
 @each_row("critic", [TURNING_LITTLE, TURNING_FAST])
 def test_critic_of_speeds_adds_the_costs_of_the_plain_reading(name, power, critic):
-    costs, pose, twist, plan, goal = SITUATIONS[name]
-    win, found, expected = window(costs), [], []
-    (group, values), *_ = critic.items()
-    for enabled in (True, False):
-        q = SMALL.with_values(**{group: values.with_values(enabled=enabled, cost_power=power)})
-        memory = memory_of(q)
-        command_of(record_of(q), memory, win, OUTLINE, pose, twist, plan, len(plan), goal[2], goal)
-        found.append(np.asarray(memory.space.costs)[: q.batch_size])
-        expected.append(plain(q, np.zeros((56, 2)), numbers_of(memory, q), win, pose, twist, plan, goal[2], goal)[0])
-    added = np.subtract(*expected)
-    assert np.ptp(added) > 0.1 or (name == "at the goal") == (critic is TURNING_LITTLE)
-    np.testing.assert_allclose(np.subtract(*found), added, rtol=1e-3, atol=1e-2)
+    ((group, values),) = critic.items()
+    ours, theirs = np.subtract(
+        *(
+            judged(SMALL.with_values(**{group: values.with_values(enabled=on, cost_power=power)}), *SITUATIONS[name])
+            for on in (True, False)
+        )
+    )
+    assert np.ptp(theirs) > 0.1 or (name == "at the goal") == (critic is TURNING_LITTLE)
+    np.testing.assert_allclose(ours, theirs, rtol=1e-3, atol=1e-2)
 
 
 def judged_by_headings(q, pose, twist, heading_rad):
     """Return the costs, ours and plain, of going on along a straight plan whose poses head elsewhere."""
-    plan, win, memory = np.column_stack([straight(), np.full(len(straight()), heading_rad)]), window(), memory_of(q)
-    sequence = np.column_stack([np.full(56, twist[0]), np.zeros(56)])
-    memory.sequence[:] = sequence.T
-    command_of(record_of(q), memory, win, OUTLINE, pose, twist, plan, len(plan), 0.0, AHEAD)
-    expected, _ = plain(q, sequence, numbers_of(memory, q), win, pose, twist, plan, 0.0, AHEAD)
-    return np.asarray(memory.space.costs)[: q.batch_size], expected
+    plan = np.column_stack([straight(), np.full(len(straight()), heading_rad)])
+    return judged(q, SITUATIONS["open"][0], pose, twist, plan, AHEAD, twist[0])
 
 
 @each_row(
@@ -298,7 +263,7 @@ def judged_by_headings(q, pose, twist, heading_rad):
         ("PathAngleCritic", {"mode": 2}, (0.0, 0.0, 2.0), (0.3, 0.1), 0.2),
     ],
 )
-def test_critic_that_is_told_to_looks_at_the_plan_s_headings(name, changed, pose, twist, heading_rad):
+def test_critic_compares_headings_of_plan_when_configured(name, changed, pose, twist, heading_rad):
     q = SMALL.with_values(**{name: getattr(SMALL, name).with_values(**changed)})
     found, expected = judged_by_headings(q, pose, twist, heading_rad)
     # What the sequence itself costs by γ is the same for all samples.
@@ -310,7 +275,7 @@ def test_critic_that_is_told_to_looks_at_the_plan_s_headings(name, changed, pose
 
 
 @each_row(("vx_min", "alike"), [(0.0, True), (-0.35, False)])
-def test_robot_that_can_not_reverse_has_its_front_toward_the_path(vx_min, alike):
+def test_path_angle_critic_keeps_front_of_robot_that_can_not_reverse_toward_path(vx_min, alike):
     found = []
     for mode in (0, 1):
         q = SMALL.with_values(vx_min=vx_min, PathAngleCritic=SMALL.PathAngleCritic.with_values(mode=mode))
@@ -318,14 +283,10 @@ def test_robot_that_can_not_reverse_has_its_front_toward_the_path(vx_min, alike)
     assert np.array_equal(*found) == alike
 
 
-def test_collisions_wherever_it_goes_leave_no_valid_command():
-    memory = memory_of(SMALL)
-    walled = window(np.full((60, 60), 253, dtype=np.uint8))
-    valid, v, w = command_of(
-        record_of(SMALL), memory, walled, OUTLINE, (0.0, 0.0, 0.0), (0.0, 0.0), straight(), 56, 0.0, AHEAD
-    )
-    assert (valid, v, w) == (False, 0.0, 0.0)
-    assert not np.asarray(memory.sequence).any()
+def test_command_is_invalid_when_all_samples_collide():
+    controller = Alone(SMALL)
+    assert controller.command(straight(), np.full((60, 60), 253, dtype=np.uint8), goal=AHEAD)[:3] == (False, 0.0, 0.0)
+    assert not np.asarray(controller.memory.sequence).any()
 
 
 @each_row(("retry_scores", "valid"), [(False, 0), (True, 12)])
@@ -336,47 +297,31 @@ def test_retry_gives_a_command_only_where_critics_judge_it(retry_scores, valid):
     costs[:, 34:] = 253
     found = []
     for seed in range(12):
-        memory = memory_of(parameters, seed + 1)
-        memory.sequence[0] = 0.5
-        found.append(
-            command_of(
-                record_of(parameters),
-                memory,
-                window(costs),
-                OUTLINE,
-                (0.0, 0.0, 0.0),
-                (0.5, 0.0),
-                straight(),
-                56,
-                0.0,
-                AHEAD,
-            )[0]
-        )
-        assert retry_scores or not np.asarray(memory.sequence).any()
+        controller = Alone(parameters, seed=seed + 1)
+        controller.memory.sequence[0] = 0.5
+        found.append(controller.command(straight(), costs, twist=(0.5, 0.0), goal=AHEAD)[0])
+        assert retry_scores or not np.asarray(controller.memory.sequence).any()
     assert sum(found) == valid
 
 
 def test_reset_controller_is_as_new_but_for_its_noise():
-    memory = memory_of(SMALL)
+    controller = Alone(SMALL)
     for _ in range(3):
-        command_of(record_of(SMALL), memory, window(), OUTLINE, (0.0, 0.0, 0.0), (0.2, 0.0), straight(), 56, 0.0, AHEAD)
-    forgotten(memory)
-    assert not np.asarray(memory.sequence).any() and not np.asarray(memory.history).any()
+        controller.command(straight(), twist=(0.2, 0.0), goal=AHEAD)
+    controller.reset()
+    assert not np.asarray(controller.memory.sequence).any() and not np.asarray(controller.memory.history).any()
 
 
 def test_shared_noise_is_normal_and_no_number_follows_from_another():
-    for numbers, spread in zip(numbers_in(noise(112_000, 0.2, 0.4)), (0.2, 0.4), strict=True):
+    v, w = numbers_in(noise(112_000, 0.2, 0.4))
+    for f, g in ((v, w), (np.abs(v), np.abs(w)), (np.abs(v), w), (v, np.abs(w))):
+        assert np.corrcoef(f, g)[0, 1] == pytest.approx(0.0, abs=0.005)
+    for numbers, spread in ((v, 0.2), (w, 0.4)):
         assert numbers.mean() == pytest.approx(0.0, abs=0.003 * spread)
         assert numbers.std() == pytest.approx(spread, rel=0.003)
         assert (numbers**4).mean() == pytest.approx(3.0 * spread**4, rel=0.01)
         for lag in (1, 8, 16, 896, 112_000):
             assert np.corrcoef(numbers[:-lag], numbers[lag:])[0, 1] == pytest.approx(0.0, abs=0.005)
-
-
-def test_noise_of_speed_and_turning_share_a_word_and_nothing_else():
-    v, w = numbers_in(noise(112_000, 0.2, 0.4))
-    for f, g in ((v, w), (np.abs(v), np.abs(w)), (np.abs(v), w), (v, np.abs(w))):
-        assert np.corrcoef(f, g)[0, 1] == pytest.approx(0.0, abs=0.005)
 
 
 @each_row("name", ["open", "beside a blob", "near the goal"])
@@ -386,13 +331,9 @@ def test_commands_from_the_pool_are_spread_like_those_from_fresh_noise(name):
     pooled, fresh = [], []
     rng = np.random.default_rng(1)
     for seed in range(60):
-        memory = memory_of(SMALL, seed * 7919 + 1)
-        result = command_of(
-            record_of(SMALL), memory, window(costs), OUTLINE, pose, twist, plan, len(plan), goal[2], goal
-        )
-        pooled.append(result[1:])
+        pooled.append(Alone(SMALL, seed=seed * 7919 + 1).command(plan, costs, pose, twist, goal)[1:3])
         numbers = rng.standard_normal((SMALL.batch_size, 56, 2)) * (SMALL.vx_std, SMALL.wz_std)
-        _, mean = plain(SMALL, np.zeros((56, 2)), numbers, window(costs), pose, twist, plan, goal[2], goal)
+        _, mean = plain(SMALL, np.zeros((56, 2)), numbers, costs, pose, twist, plan, goal[2], goal)
         fresh.append(smoothed(SMALL, mean, np.zeros((4, 2)))[1])
     pooled, fresh = np.array(pooled), np.array(fresh)
     error = np.hypot(pooled.std(0), fresh.std(0)) / math.sqrt(60)
@@ -405,12 +346,8 @@ LONG = np.array([[0.45, 0.2], [0.45, -0.2], [-0.45, -0.2], [-0.45, 0.2]])
 
 def command_of_long(costs, **critic):
     """Return the command for a robot 0.9 m long at the origin that looks along its path."""
-    parameters = MppiParameters(CostCritic=CostParameters(**critic))
-    record, plan = record_of(parameters), straight()
-    goal = (3.0, 0.0, 0.0)
-    return command_of(
-        record, memory_of(parameters), window(costs), LONG, (0.0, 0.0, 0.0), (0.0, 0.0), plan, len(plan), 0.0, goal
-    )
+    controller = Alone(MppiParameters(CostCritic=CostParameters(**critic)), outline=LONG)
+    return controller.command(straight(), costs, goal=(3.0, 0.0, 0.0))
 
 
 def test_nose_in_a_wall_is_a_collision_of_the_outline_alone():
@@ -429,7 +366,7 @@ def test_inscribed_center_is_no_collision_if_the_outline_is_considered():
 def test_long_robot_between_walls_does_not_turn_where_its_corners_would_meet_them():
     costs = np.full((60, 60), 100, dtype=np.uint8)
     costs[:24], costs[36:] = 254, 254  # 0.3 m to both sides; the corners reach 0.49 m
-    valid, v_mps, w_radps = command_of_long(costs, consider_footprint=True)
+    valid, v_mps, w_radps, _ = command_of_long(costs, consider_footprint=True)
     assert valid
     assert v_mps > 0.02
     assert abs(w_radps) < 0.3

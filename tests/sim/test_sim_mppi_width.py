@@ -9,23 +9,13 @@ import sys
 
 import numpy as np
 import pytest
+from alone import Alone
 from llvmlite import binding
 
 from vastflow.sim.kernels.numba_target import AVX512, widest
-from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.kernels.record import record_of
-from vastflow.sim.nav2.controllers import mppi
-from vastflow.sim.nav2.controllers.controller import ControllerInput
-from vastflow.sim.nav2.costmaps.window import Window
 from vastflow.sim.nav2.parameters.mppi import MppiParameters
 
 FAR, NEAR, THERE = (5.0, 0.0, 0.0), (1.2, 0.1, 1.0), (0.4, 0.0, 1.0)
-
-
-@njit
-def command_of(record, memory, window, outline, pose, twist, plan, n, end_yaw_rad, goal):
-    situation = ControllerInput(window, outline, 0.2255, pose, twist, plan[:n], end_yaw_rad, goal, 0.05, 0.0)
-    return mppi.compute_velocity(record[0], memory, situation)[:3]
 
 
 def commands() -> list[str]:
@@ -33,25 +23,22 @@ def commands() -> list[str]:
     costs = np.zeros((60, 60), dtype=np.uint8)
     costs[36:] = np.linspace(20, 250, 24).astype(np.uint8)[:, None]
     costs[40:, 44:] = 254
-    window = Window(costs, np.array([-1.5, -1.5, 0.05]))
     plan = np.column_stack([np.arange(56) * 0.025, 0.002 * np.arange(56)])
     lines = []
     for parameters in (MppiParameters(), MppiParameters(batch_size=1003, ax_min=-1.0)):
-        memory = mppi.new_memory(parameters, np.array([99], dtype=np.uint64))
+        controller = Alone(parameters, seed=99)
         for k, goal in enumerate((FAR, FAR, FAR, NEAR, THERE)):
             pose, twist = (0.01 * k, 0.02, 0.1 - 0.5 * k), (0.1 * k - 0.1, 0.1)
-            found = command_of(
-                record_of(parameters), memory, window, np.zeros((16, 2)), pose, twist, plan, 56, goal[2], goal
-            )
-            assert found[0]
-            judged = np.asarray(memory.space.costs)[: parameters.batch_size]
-            lines.append(f"{float(found[1]).hex()} {float(found[2]).hex()} {judged.tobytes().hex()}")
+            valid, v, w, _ = controller.command(plan, costs, pose, twist, goal)
+            assert valid
+            judged = np.asarray(controller.memory.space.costs)[: parameters.batch_size]
+            lines.append(f"{float(v).hex()} {float(w).hex()} {judged.tobytes().hex()}")
     return lines
 
 
 def commands_with(features: str) -> list[str]:
     """The commands from a process whose kernels are compiled for these features."""
-    environment = {**os.environ, "NUMBA_CPU_FEATURES": features}
+    environment = {**os.environ, "NUMBA_CPU_FEATURES": features, "PYTHONPATH": os.pathsep.join(sys.path)}
     command = [sys.executable, __file__]
     done = subprocess.run(command, check=False, env=environment, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr

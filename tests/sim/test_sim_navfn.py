@@ -18,7 +18,6 @@ from vastflow.sim.nav2.planners.navfn import (
     propagate,
     travel_costs,
 )
-from vastflow.sim.world.occupancy import OccupancyMap
 
 F = np.float32
 UNREACHED = F(1e10)
@@ -48,7 +47,7 @@ def test_flood_in_used_memory_is_a_flood_in_new_memory(costmap, data):
 
 @given(COSTMAPS, st.floats(50.0, 3000.0), st.data())
 @settings(max_examples=60, deadline=None)
-def test_within_bounds_nothing_is_flooded_that_no_way_of_that_cost_leads_through(costmap, bound, data):
+def test_flood_enters_only_cells_on_paths_within_bound(costmap, bound, data):
     rows, columns = costmap.shape
     root = data.draw(st.integers(1, columns - 2)), data.draw(st.integers(1, rows - 2))
     travel = travel_costs(costmap)
@@ -65,26 +64,18 @@ def test_within_bounds_nothing_is_flooded_that_no_way_of_that_cost_leads_through
     assert not scratch[1].any()
 
 
-def test_way_well_within_bounds_has_the_whole_flood_s_potential():
-    travel = travel_costs(a_wall_with_a_gap())
-    to_goal = potential(a_wall_with_a_gap(), (70, 12))
-    whole = potential(a_wall_with_a_gap(), (8, 8), (70, 12))
+def test_way_within_bounds_has_the_potential_of_the_whole_flood():
+    travel, to_goal = travel_costs(a_wall_with_a_gap()), potential(a_wall_with_a_gap(), (70, 12))
+    whole, out = potential(a_wall_with_a_gap(), (8, 8), (70, 12)), new_potential(travel.shape)
+    least = float(to_goal[8, 8])
+    assert not propagate(travel, 8, 8, 70, 12, False, to_goal, 0.9 * least, out, new_scratch(travel.shape))
     out = new_potential(travel.shape)
-    bound = float(to_goal[8, 8]) + 1500.0
-    assert propagate(travel, 8, 8, 70, 12, False, to_goal, bound, out, new_scratch(travel.shape))
+    assert propagate(travel, 8, 8, 70, 12, False, to_goal, least + 1500.0, out, new_scratch(travel.shape))
     assert out[12, 70] == whole[12, 70]
     assert (out < UNREACHED).sum() < 0.9 * (whole < UNREACHED).sum()
 
 
-def test_narrow_bounds_leave_no_way():
-    travel = travel_costs(a_wall_with_a_gap())
-    to_goal = potential(a_wall_with_a_gap(), (70, 12))
-    bound = 0.9 * float(to_goal[8, 8])
-    out = new_potential(travel.shape)
-    assert not propagate(travel, 8, 8, 70, 12, False, to_goal, bound, out, new_scratch(travel.shape))
-
-
-def test_star_floods_less_and_its_way_is_no_shorter():
+def test_a_star_floods_less_and_finds_no_shorter_path():
     costmap = np.zeros((120, 120), dtype=np.uint8)
     costmap[30:90, 60] = 254
     inflated = inflate(costmap, 0.05, INSCRIBED_M, 0.70, 3.0)
@@ -111,18 +102,11 @@ def test_early_stop_leaves_the_value_that_the_target_had_first():
     assert early == pytest.approx(14438.769, rel=1e-6)
 
 
-def test_travel_costs_are_navfn_s_own():
+def test_travel_costs_match_navfn():
     costmap = np.zeros((3, 12), dtype=np.uint8)
     costmap[1, 1:11] = [0, 1, 60, 128, 201, 252, 253, 254, 255, 100]
     assert travel_costs(costmap, True)[1].tolist() == [254, 50, 50, 98, 152, 210, 251, 254, 254, 253, 130, 254]
     assert travel_costs(costmap, False)[1, 9] == 254
-
-
-def rooms_with_a_door(door_cells):
-    cells = np.zeros((60, 80), dtype=np.int8)
-    cells[:, 39:41] = 100
-    cells[25 : 25 + door_cells, 39:41] = 0
-    return OccupancyMap(cells, 0.05, (0.0, 0.0))
 
 
 @each_row(
@@ -137,7 +121,9 @@ def rooms_with_a_door(door_cells):
     ],
 )
 def test_door_is_passed_from_the_width_that_nav2_passes(resolution_m, radius_m, scaling, robot_radius, cells, passes):
-    static = np.where(rooms_with_a_door(cells).occupied, 254, 0).astype(np.uint8)
+    static = np.zeros((60, 80), dtype=np.uint8)
+    static[:, 39:41] = 254
+    static[25 : 25 + cells, 39:41] = 0
     inscribed_m = inscribed_radius_m(padded_outline(robot_radius, 0.01))
     way = path(inflate(static, resolution_m, inscribed_m, radius_m, scaling), (10, 29), (70, 29))
     assert (len(way) > 0) == passes
@@ -166,15 +152,7 @@ def test_unknown_ground_is_driven_where_it_is_allowed_and_only_there():
     assert len(path(costmap, (5, 15), (35, 15), allow_unknown=False)) == 0
 
 
-def test_way_over_known_ground_is_preferred_to_a_shorter_one_over_unknown():
-    costmap = np.zeros((60, 60), dtype=np.uint8)
-    costmap[20:, 25:35] = 255
-    way = path(costmap, (10, 28), (50, 28))
-    over = (way[:, 0] > 25) & (way[:, 0] < 35)
-    assert way[over, 1].max() < 20.5
-
-
-def test_path_longer_than_navfn_s_cap_is_none():
+def test_path_longer_than_cap_of_navfn_is_not_found():
     """The walk ends after 4 max(H, W) points, although the flood reached the end of the way."""
     costmap = np.zeros((200, 200), dtype=np.uint8)
     costmap[:, 66], costmap[:, 132] = 254, 254

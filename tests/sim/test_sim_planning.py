@@ -1,10 +1,9 @@
 """The global plan beside what NavFn finds afresh: the short form of tests/proofs/path_cost.py, and the planner at its desk."""
 
-import importlib.util
-import sys
 from pathlib import Path
 
 import numpy as np
+import path_cost as proof
 import pytest
 from navfn_paths import path, potential
 from table import each_row
@@ -23,23 +22,12 @@ from vastflow.sim.nav2.planners.planner import GOAL_OUTSIDE, NO_VALID_PATH
 from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Lidar, Robot
 
-PROOF = Path(__file__).parents[1] / "proofs" / "path_cost.py"
 OFFICE = Path(__file__).parents[2] / "campaigns" / "quickstart" / "maps" / "office.yaml"
 RESOLUTION_M = 0.05
 
 
-@pytest.fixture(scope="module")
-def proof():
-    """The proof as a module."""
-    spec = importlib.util.spec_from_file_location("path_cost", PROOF)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
 @each_row("condition", ["nothing else", "boxes", "noise 0.1 m"])
-def test_path_in_closed_loop_costs_as_much_as_a_fresh_one(proof, condition):
+def test_path_in_closed_loop_costs_as_much_as_a_fresh_one(condition):
     configurations = proof.instantiated(OFFICE, condition, 7.0, 3).configurations
     excess = np.concatenate([proof.excesses(configuration.scenario, 0) for configuration in configurations])
     assert len(excess) > 30
@@ -107,7 +95,7 @@ def at_the_wall(way):
     return float(way[np.argmax(way[:, 0] > 80.0), 1] * RESOLUTION_M)
 
 
-def test_plans_on_the_way_are_navfn_s_own():
+def test_replanned_paths_match_navfn():
     desk = Desk(two_doors(), (7.0, 1.5))
     for start in [(1.0, 3.0), (2.0, 2.3), (3.2, 1.7), (4.5, 1.5), (6.0, 1.5)]:
         assert desk.plan(*start) == 0
@@ -115,7 +103,7 @@ def test_plans_on_the_way_are_navfn_s_own():
         assert desk.path[:-1] == pytest.approx(fresh[: len(desk.path) - 1], abs=0.3)
 
 
-def test_plan_with_a_star_is_that_of_navfn_s_a_star():
+def test_plan_with_a_star_matches_navfn():
     desk = Desk(two_doors(), (7.0, 1.5), use_astar=True)
     desk.cost(slice(40, 75), slice(30, 60), 254)
     assert desk.plan(1.0, 3.0) == 0
@@ -136,7 +124,7 @@ def test_way_that_closes_is_left_and_taken_again_as_soon_as_it_opens():
     assert [1.0 < ways[0] < 2.0, 4.0 < ways[1] < 5.0, 1.0 < ways[2] < 2.0] == [True] * 3
 
 
-def test_way_much_longer_than_the_map_s_own_is_found():
+def test_path_much_longer_than_that_of_map_is_found():
     cells = two_doors()
     desk = Desk(cells, (7.0, 1.5))
     desk.cost(slice(2, 112), slice(40, 42), 254)
@@ -187,7 +175,7 @@ def test_path_stays_if_nothing_near_the_goal_can_be_reached():
     np.testing.assert_array_equal(desk.path, before)
 
 
-def test_path_through_goals_is_navfn_s_leg_by_leg():
+def test_path_through_goals_matches_navfn_leg_by_leg():
     goals = (7.0, 1.5), (7.0, 5.0), (1.0, 5.0)
     desk = Desk(two_doors(), *goals, kind="navigate_through_poses")
     for _ in range(2):  # the second time with lower bounds at hand

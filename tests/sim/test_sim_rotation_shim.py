@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.sim.nav2.parameter_files.document import parse
-from vastflow.sim.nav2.parameter_files.interpretation import interpretation
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.nav2.parameters.servers import RotationShim, SmacPlannerHybrid
 
@@ -35,15 +33,6 @@ class StraightOn(Controller):
 '''
 
 
-def read(text):
-    return interpretation(
-        parse(
-            f"controller_server: {{ros__parameters: {{controller_plugins: [FollowPath], FollowPath: {{{text}}}}}}}",
-            "n.yaml",
-        )
-    )
-
-
 def shimmed(name, **values):
     """Nav2's default stack with one of the controllers in a shim."""
     return alone(name).with_values(rotation_shim=RotationShim(enabled=True, **values))
@@ -68,7 +57,7 @@ def first_moves(found):
     )
 
 
-def test_key_controller_keeps_a_file_s_shim_round_the_controller_that_it_names(tmp_path):
+def test_key_controller_keeps_shim_of_file_round_named_controller(tmp_path):
     file = tmp_path / "nav2.yaml"
     file.write_text(
         "controller_server: {ros__parameters: {controller_plugins: [FollowPath], "
@@ -93,7 +82,7 @@ def test_robot_turns_in_place_to_a_path_behind_it_and_drives_ten_meters(name, ov
     assert not np.array_equal(rates[:20], first_moves(over_a_floor(alone(name), yaw_rad=3.0))[1][:20])
 
 
-def test_plug_in_of_one_s_own_drives_in_a_shim(tmp_path, over_a_floor):
+def test_own_plug_in_drives_in_shim(tmp_path, over_a_floor):
     (tmp_path / "own.py").write_text(PLUG_IN)
     file = tmp_path / "nav2.yaml"
     file.write_text(
@@ -117,7 +106,7 @@ def test_acceleration_limits_the_first_turn_and_the_angle_left_the_last(over_a_f
     assert (np.abs(rates) <= np.sqrt(2.0 * 1.0 * (yaw + 0.12))).all()
 
 
-def test_robot_turns_to_the_goal_s_heading_where_the_shim_is_told_so(over_a_floor):
+def test_shim_turns_robot_to_goal_heading_when_configured(over_a_floor):
     stack = shimmed("dwb", rotate_to_goal_heading=True)
     found = over_a_floor(stack, 4.0, goal_yaw_rad=2.5)
     assert found.run.outcome == "succeeded"
@@ -126,7 +115,7 @@ def test_robot_turns_to_the_goal_s_heading_where_the_shim_is_told_so(over_a_floo
     assert found.columns["command_yaw_rate_mradps"][near].max() == pytest.approx(1800)
 
 
-def test_robot_that_can_not_turn_in_place_leaves_the_path_to_the_controller(over_a_floor):
+def test_shim_leaves_path_to_controller_when_robot_can_not_turn(over_a_floor):
     cells = np.zeros((80, 280), dtype=bool)
     cells[45:47, 5:40] = True
     stack = shimmed("rpp")

@@ -1,39 +1,24 @@
-"""Tests of Regulated Pure Pursuit's rules, one by one and against a plain reading of them.
+"""Regulated Pure Pursuit beside a plain reading of it, and the rules that has not.
 
 `test_sim_nav2_conformance` has it beside Nav2's answers.
 """
 
 import math
 
+import alone
 import numpy as np
 import pytest
+from alone import CELLS, INSCRIBED_M, OUTLINE, RESOLUTION_M, Alone, walls
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.kernels.record import record_of
-from vastflow.sim.nav2.controllers import rpp
-from vastflow.sim.nav2.controllers.controller import ControllerInput
-from vastflow.sim.nav2.costmaps.inflation import inflate
-from vastflow.sim.nav2.costmaps.outline import padded_outline
+from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m
 from vastflow.sim.nav2.costmaps.window import Window, outline_hits
 from vastflow.sim.nav2.parameters.rpp import RppParameters
 
-CELLS = 60
-RESOLUTION_M = 0.05
-OUTLINE = padded_outline(0.22, 0.01)
-INSCRIBED_M = 0.22549849971227903
-CIRCUMSCRIBED_M = 0.23414213562373096
-PLACE = np.array([0.0, 0.0, RESOLUTION_M])
-CENTER = (1.512, 1.493)
+CORNER, CENTER = (0.0, 0.0), (1.512, 1.493)
 DEFAULT = RppParameters()
-FREE = np.zeros((CELLS, CELLS), dtype=np.uint8)
-
-
-@njit
-def commanded(records, memory, window, outline, inscribed, pose, twist, plan, n, end_yaw, goal):
-    situation = ControllerInput(window, outline, inscribed, pose, twist, plan[:n], end_yaw, goal, 0.05, 0.0)
-    return rpp.compute_velocity(records[0], memory, situation)
 
 
 @njit
@@ -41,32 +26,13 @@ def hits(window, outline, x, y, yaw):
     return outline_hits(window, outline, x, y, yaw)
 
 
-@njit
-def renewed(memory):
-    rpp.reset(memory)
+def straight(bearing=0.0, start=CENTER, length_m=1.4):
+    return alone.straight(length_m, bearing, start)
 
 
-def walls(*boxes):
-    costs = np.zeros((CELLS, CELLS), dtype=np.uint8)
-    for r0, r1, c0, c1 in boxes:
-        costs[r0:r1, c0:c1] = 254
-    return inflate(costs, RESOLUTION_M, INSCRIBED_M, 0.7, 3.0)
-
-
-def straight(bearing=0.0, start=CENTER, length_m=1.4, spacing_m=0.025):
-    s = np.arange(0.0, length_m, spacing_m)
-    return np.column_stack([start[0] + s * math.cos(bearing), start[1] + s * math.sin(bearing)])
-
-
-def command(plan, costs=FREE, yaw=0.0, twist=(0.5, 0.0), parameters=DEFAULT, memory=None, end_yaw=0.0, at=CENTER):
-    memory = rpp.new_memory(0.25) if memory is None else memory
-    w, goal = Window(costs, PLACE), (*plan[-1], end_yaw)
-    return commanded(
-        record_of(parameters), memory, w, OUTLINE, INSCRIBED_M, (*at, yaw), twist, plan, len(plan), end_yaw, goal
-    )
-
-
-# The plain reading.
+def command(plan, costs=None, yaw=0.0, twist=(0.5, 0.0), parameters=DEFAULT, controller=None, end_yaw=0.0):
+    controller = controller or Alone(parameters, CORNER)
+    return controller.command(plan, costs, (*CENTER, yaw), twist, (*plan[-1], end_yaw))[:3]
 
 
 def plain_carrot(points, lookahead):
@@ -122,11 +88,11 @@ def plain_command(p, costs, pose, twist, plan, end_yaw, at_goal_m):
 
 
 def plain_collision(p, costs, pose, v, w, carrot_m):
-    window = Window(costs, PLACE)
+    window = Window(costs, np.array([*CORNER, RESOLUTION_M]))
     if hits(window, OUTLINE, *pose):
         return True
     if abs(v) < 0.01 and abs(w) > 0.01:
-        dt = 2 * math.sin(RESOLUTION_M / 2 / CIRCUMSCRIBED_M) / abs(w)
+        dt = 2 * math.sin(RESOLUTION_M / 2 / circumscribed_radius_m(OUTLINE)) / abs(w)
     else:
         dt = RESOLUTION_M / abs(v) if v != 0.0 else math.inf
     x, y, yaw = pose
@@ -167,9 +133,6 @@ def test_command_is_that_of_the_plain_reading(seed, yaw, end_yaw, v, w, points, 
     assert got == pytest.approx(expected, abs=1e-9)
 
 
-# Its rules.
-
-
 def test_reversing_looks_no_farther_than_the_goal_at_a_turn_in_place():
     turn = np.linspace(0.0, math.pi, 16)
     around = np.array(CENTER) + [0.4, 0.1] + 0.1 * np.column_stack([np.sin(turn), -np.cos(turn)])
@@ -200,20 +163,20 @@ def test_carrot_is_no_farther_than_the_cusp_if_it_may_reverse():
 
 
 def test_reached_goal_holds_until_a_reset():
-    memory = rpp.new_memory(0.25)
-    command(straight(length_m=0.1), memory=memory)
-    assert command(straight(), memory=memory, end_yaw=1.0)[1] == 0.0
-    renewed(memory)
-    assert command(straight(), memory=memory, end_yaw=1.0)[1] == pytest.approx(0.5)
+    controller = Alone(DEFAULT, CORNER)
+    command(straight(length_m=0.1), controller=controller)
+    assert command(straight(), controller=controller, end_yaw=1.0)[1] == 0.0
+    controller.reset()
+    assert command(straight(), controller=controller, end_yaw=1.0)[1] == pytest.approx(0.5)
 
 
 def test_controller_without_state_forgets_at_once_that_it_was_at_the_goal():
-    memory, stateless = rpp.new_memory(0.25), DEFAULT.with_values(stateful=False)
-    assert command(straight(length_m=0.1), memory=memory, parameters=stateless)[1] == 0.0
-    assert command(straight(), memory=memory, parameters=stateless)[1] == pytest.approx(0.5)
+    controller = Alone(DEFAULT.with_values(stateful=False), CORNER)
+    assert command(straight(length_m=0.1), controller=controller)[1] == 0.0
+    assert command(straight(), controller=controller)[1] == pytest.approx(0.5)
 
 
-def test_wall_beyond_one_second_of_driving_is_not_minded_yet():
+def test_rpp_ignores_wall_beyond_one_second():
     # The last step within a second is at 0.45 m, where the outline reaches 2.192 m, and the wall begins at 2.2 m.
     brisk = DEFAULT.with_values(cost_scaling_dist=0.1)
     assert command(straight(), walls((0, CELLS, 44, 46)), parameters=brisk) == (True, pytest.approx(0.5), 0.0)
@@ -221,7 +184,7 @@ def test_wall_beyond_one_second_of_driving_is_not_minded_yet():
 
 
 def test_turns_in_place_are_checked_in_steps_of_a_cell():
-    costs, found = FREE.copy(), []
+    costs, found = np.zeros((CELLS, CELLS), dtype=np.uint8), []
     for row, column in np.add(np.argwhere(np.ones((11, 11))), [24, 25]):
         costs[row, column] = 254
         found.append(command(straight(3.0), costs, twist=(0.0, 1.7))[0])
@@ -231,6 +194,6 @@ def test_turns_in_place_are_checked_in_steps_of_a_cell():
     assert 20 < found.count(False) < 60
 
 
-def test_wall_is_driven_into_without_collision_detection():
+def test_rpp_drives_into_wall_without_collision_detection():
     blind = DEFAULT.with_values(use_collision_detection=False)
     assert command(straight(), walls((0, CELLS, 42, 44)), parameters=blind)[0]

@@ -1,4 +1,4 @@
-"""The Smac planners: their paths beside exhaustive searches, within their turning radius, and driven."""
+"""The Smac planners: their curves, their paths beside exhaustive searches, within their turning radius, and driven."""
 
 import heapq
 import itertools
@@ -16,10 +16,11 @@ from vastflow.sim.nav2.costmaps.inflation import inflate
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, outline_of
 from vastflow.sim.nav2.navigator.state import with_kernels
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.sim.nav2.parameters.costmap import Costmap, global_costmap
+from vastflow.sim.nav2.parameters.costmap import global_costmap
 from vastflow.sim.nav2.parameters.servers import SmacPlanner2D, SmacPlannerHybrid, SmootherParameters
 from vastflow.sim.nav2.planners import smac_2d, smac_hybrid
 from vastflow.sim.nav2.planners.binding import compute_path, running
+from vastflow.sim.nav2.planners.curves import pose_on, shortest
 from vastflow.sim.nav2.planners.planner import PlannerInput, PlannerSetting
 from vastflow.sim.nav2.planners.search import search_of
 from vastflow.sim.nav2.planners.smac_hybrid import price, primitives_of
@@ -53,6 +54,10 @@ def situation(costs, start, goal, costmap=None, room=4096):
     place = np.array([0.0, 0.0, RESOLUTION_M])
     outline = outline_of(costmap or global_costmap())
     return PlannerInput(costs, place, outline, tuple(map(float, start)), tuple(map(float, goal)), np.zeros((room, 3)))
+
+
+def record(parameters):
+    return record_of(search_of(parameters, global_costmap(), RESOLUTION_M, (0.0, 0.0)))
 
 
 def prepared(parameters, costmap=None):
@@ -105,12 +110,6 @@ def raw_path(parameters, given, costmap=None):
     return poses * [RESOLUTION_M, RESOLUTION_M, 1.0], iterations
 
 
-# What a file says.
-
-
-# SmacPlanner2D.
-
-
 def dijkstra(costs, start, goal, penalty):
     """The least cost from a cell to another over eight neighbors, every cell settled in its order."""
     rows, columns = costs.shape
@@ -148,7 +147,7 @@ def test_path_over_the_cells_costs_what_the_best_of_all_paths_costs(seed, penalt
     free = np.argwhere(costs < 200)
     start, goal = free[draw.integers(len(free), size=2)]
     least = dijkstra(costs, tuple(start), tuple(goal), penalty)
-    search = record_of(search_of(SmacPlanner2D(cost_travel_multiplier=penalty), Costmap(), RESOLUTION_M, (0.0, 0.0)))
+    search = record(SmacPlanner2D(cost_travel_multiplier=penalty))
     last, parents, code = searched_2d(search, costs, start[0] * 60 + start[1], goal[0] * 60 + goal[1])
     if not math.isfinite(least):
         return
@@ -197,9 +196,6 @@ def test_smoother_keeps_the_ends_and_takes_the_corners_away():
     turns = [np.abs(np.diff(np.unwrap(np.arctan2(*np.diff(path, axis=0).T)))).max() for path in (rough, smooth)]
     assert turns[0] > 0.7 and turns[1] < 0.2
     assert np.hypot(*(rough - smooth).T).max() < 0.3
-
-
-# SmacPlannerHybrid.
 
 
 def curvature(poses):
@@ -263,9 +259,8 @@ def test_dubins_path_never_reverses_and_a_reeds_shepp_path_does():
 
 
 def test_path_begins_at_the_start_and_ends_at_the_goal_with_their_headings():
-    costs = costs_of(rooms())
     start, goal = (1.0, 0.8, 0.3), (5.0, 3.2, 1.5)
-    poses, _ = raw_path(SmacPlannerHybrid(), situation(costs, start, goal))
+    poses, _ = raw_path(SmacPlannerHybrid(), situation(costs_of(rooms()), start, goal))
     assert poses[[0, -1], :2] == pytest.approx(np.array([start[:2], goal[:2]]))
     assert poses[[0, -1], 2] == pytest.approx([0.3, 1.5], abs=0.5 * 2.0 * math.pi / 72)
 
@@ -279,14 +274,10 @@ def test_smoothed_path_keeps_the_headings_of_start_and_goal(model, start, goal):
     given = situation(costs_of(rooms(rows=110, columns=120, door=slice(0, 110))), start, goal)
     searched_path, path = path_of(rough, given), path_of(SmacPlannerHybrid(**values), given)
     assert path.shape == searched_path.shape
-    assert path[0] == pytest.approx(searched_path[0])
-    assert path[-1] == pytest.approx(searched_path[-1])
+    assert path[[0, -1]] == pytest.approx(searched_path[[0, -1]])
     assert np.hypot(*(path - searched_path).T).max() > 0.02
     steps = np.diff(path, axis=0)
-    for step, searched_step in (
-        (steps[0], np.diff(searched_path, axis=0)[0]),
-        (steps[-1], np.diff(searched_path, axis=0)[-1]),
-    ):
+    for step, searched_step in zip(steps[[0, -1]], np.diff(searched_path, axis=0)[[0, -1]], strict=True):
         turned = math.remainder(math.atan2(*step[::-1]) - math.atan2(*searched_step[::-1]), 2.0 * math.pi)
         assert abs(turned) <= np.hypot(*step) / 0.8 + math.pi / 72
 
@@ -294,9 +285,7 @@ def test_smoothed_path_keeps_the_headings_of_start_and_goal(model, start, goal):
 @each_row("reversing", [False, True])
 def test_curves_at_the_ends_keep_both_headings_forward_and_in_reverse(reversing):
     radius_m, flip = 0.5, math.pi if reversing else 0.0
-    q = record_of(
-        search_of(SmacPlannerHybrid(minimum_turning_radius=radius_m), global_costmap(), RESOLUTION_M, (0.0, 0.0))
-    )
+    q = record(SmacPlannerHybrid(minimum_turning_radius=radius_m))
     points = np.column_stack([np.linspace(1.0, 5.0, 51), np.full(51, 2.0)])
     headings = np.full(51, flip)
     headings[0], headings[-1] = 0.4 + flip, -0.3 + flip
@@ -311,7 +300,7 @@ def test_curves_at_the_ends_keep_both_headings_forward_and_in_reverse(reversing)
 
 
 def test_curves_are_laid_through_no_obstacle_and_in_no_loop():
-    q = record_of(search_of(SmacPlannerHybrid(minimum_turning_radius=0.5), global_costmap(), RESOLUTION_M, (0.0, 0.0)))
+    q = record(SmacPlannerHybrid(minimum_turning_radius=0.5))
     free, walled = np.zeros((2, 80, 120), dtype=np.uint8)
     walled[41:], walled[:39] = 254, 254
     for costs, heading, to_x_m in ((walled, 0.9, 5.0), (free, math.pi, 1.9)):
@@ -363,7 +352,7 @@ def test_path_on_the_lattice_costs_within_two_percent_of_an_exhaustive_search(mo
     parameters = SmacPlannerHybrid(
         motion_model_for_search=model, angle_quantization_bins=16, analytic_expansion_max_length=0.0
     )
-    q = record_of(search_of(parameters, global_costmap(), RESOLUTION_M, (0.0, 0.0)))
+    q = record(parameters)
     distances = prepared(parameters).memory.distances
     ratios = []
     for start, goal in (((0.8, 0.8, 0.0), (3.2, 2.2)), ((0.8, 2.2, 0.0), (3.2, 0.8)), ((0.6, 1.5, 1.2), (3.4, 1.5))):
@@ -406,16 +395,13 @@ def test_long_robot_passes_a_door_lengthwise_only_where_its_outline_fits():
     assert path_of(q, situation(narrow, start, goal, costmap), costmap) == 208
 
 
-# Driven.
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "planner",
     [SmacPlanner2D(), SmacPlannerHybrid(), SmacPlannerHybrid(motion_model_for_search="REEDS_SHEPP")],
     ids=["2D", "DUBIN", "REEDS_SHEPP"],
 )
-def test_robot_drives_ten_meters_on_a_smac_planner_s_path_round_a_wall(planner, over_a_floor):
+def test_robot_drives_ten_meters_round_wall_on_smac_path(planner, over_a_floor):
     cells = np.zeros((80, 280), dtype=bool)
     cells[20:60, 120:124] = True
     stack = parameters_of({"controller": "rpp"})
@@ -462,3 +448,52 @@ def test_enforced_path_inversion_reverses_to_the_cusp_alone(over_a_floor):
         assert found[enforced].run.outcome == "succeeded"
     assert 0.5 < driven_backward_m(found[True]) < 4.0
     assert driven_backward_m(found[False]) > 8.0
+
+
+LENGTHS = st.floats(-8.0, 8.0)
+ANGLES = st.floats(-math.pi, math.pi)
+
+
+def apart(one, other):
+    return abs(math.remainder(one - other, 2.0 * math.pi))
+
+
+@settings(max_examples=400, deadline=None)
+@given(LENGTHS, LENGTHS, ANGLES, st.booleans())
+def test_curve_ends_at_the_pose_it_is_for(x, y, heading, reverses):
+    curve = shortest(x, y, heading, reverses)
+    end_x, end_y, end_heading, _ = pose_on(curve, curve[0])
+    assert math.hypot(end_x - x, end_y - y) < 1e-6
+    assert apart(end_heading, heading) < 1e-6
+
+
+@settings(max_examples=200, deadline=None)
+@given(LENGTHS, LENGTHS, ANGLES)
+def test_curve_is_no_shorter_than_a_line_and_no_longer_by_reversing(x, y, heading):
+    forward, either = shortest(x, y, heading, False)[0], shortest(x, y, heading, True)[0]
+    assert math.hypot(x, y) - 1e-9 <= either <= forward + 1e-9
+
+
+@settings(max_examples=100, deadline=None)
+@given(LENGTHS, LENGTHS, ANGLES, st.booleans())
+def test_nowhere_on_a_curve_is_a_turn_tighter_than_the_radius(x, y, heading, reverses):
+    curve = shortest(x, y, heading, reverses)
+    step = 0.01
+    poses = np.array([pose_on(curve, along)[:3] for along in np.arange(0.0, curve[0] + step, step)])
+    turned = np.abs(np.remainder(np.diff(poses[:, 2]) + math.pi, 2.0 * math.pi) - math.pi)
+    assert (turned <= step + 1e-9).all()
+    assert (np.hypot(*np.diff(poses[:, :2], axis=0).T) <= step + 1e-9).all()
+
+
+@each_row(
+    ("pose", "dubins", "reeds_shepp"),
+    [
+        ((5.0, 0.0, 0.0), 5.0, 5.0),
+        ((1.0, 1.0, math.pi / 2), math.pi / 2, math.pi / 2),
+        ((0.0, 2.0, math.pi), math.pi, math.pi),
+        ((0.0, 0.0, math.pi), 7.0 * math.pi / 3.0, math.pi),
+    ],
+)
+def test_lengths_that_geometry_gives(pose, dubins, reeds_shepp):
+    assert shortest(*pose, True)[0] == pytest.approx(reeds_shepp)
+    assert shortest(*pose, False)[0] == pytest.approx(dubins)

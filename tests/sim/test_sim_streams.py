@@ -1,22 +1,20 @@
-"""Random streams and the cache of compiled kernels."""
+"""Random streams of runs, and the distributions of their numbers."""
 
 import math
-import os
-import shutil
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import stats
 from table import each_row
 
-from vastflow.sim.kernels import numeric
+from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.streams import (
     AMCL,
     LIDAR,
     SUBSYSTEMS,
+    TAIL,
     normal_pair,
+    normals,
     run_entropy,
     streams_of,
     uniform,
@@ -68,66 +66,34 @@ def test_normal_pairs_are_standard_normal_and_independent():
     assert abs((pairs[:, 0] * pairs[:, 1]).mean()) < 5 / math.sqrt(n)
 
 
-@pytest.fixture
-def copied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of the simulator's source that the cache folder is computed from."""
-    source = Path(numeric.__file__).parents[1]
-    shutil.copytree(source, tmp_path / "sim", ignore=shutil.ignore_patterns("__pycache__"))
-    monkeypatch.setattr(numeric, "__file__", str(tmp_path / "sim" / "kernels" / "numeric.py"))
-    return tmp_path / "sim"
+@njit
+def filled(stream, out):
+    normals(stream, out)
 
 
-def test_equal_source_has_one_folder_of_compiled_kernels_wherever_it_lies(copied, monkeypatch):
-    there = numeric.kernel_cache_dir()
-    monkeypatch.undo()
-    assert numeric.kernel_cache_dir() == there
+def draws(n, seed=1):
+    out = np.empty(n)
+    filled(streams_of([seed])[0], out)
+    return out
 
 
-@pytest.mark.parametrize("module", ["world/lidar.py", "nav2/planners/navfn.py"])
-def test_edited_module_has_another_folder_of_compiled_kernels(copied, module):
-    before = numeric.kernel_cache_dir()
-    (copied / module).write_text((copied / module).read_text() + "\nX = 1\n")
-    assert numeric.kernel_cache_dir() != before
+def test_normals_are_independent_and_of_the_normal_distribution_to_the_tails():
+    n = 1_000_000
+    many = draws(n)
+    assert stats.kstest(many, "norm").pvalue > 1e-3
+    for moment, expected, variance in ((1, 0.0, 1), (2, 1.0, 2), (4, 3.0, 96)):
+        assert (many**moment).mean() == pytest.approx(expected, abs=5 * np.sqrt(variance / n))
+    for beyond in (2.0, 3.0, TAIL, 4.0):
+        share = stats.norm.sf(beyond)
+        for side in (-many, many):
+            assert (side > beyond).mean() == pytest.approx(share, abs=5 * np.sqrt(share / n))
+    for lag in (1, 2, 3):
+        assert np.mean(many[:-lag] * many[lag:]) == pytest.approx(0.0, abs=5 / np.sqrt(n))
 
 
-@pytest.mark.parametrize("module", ["world/motion.py", "nav2/parameters/mppi.py"])
-def test_digest_counts_constants_and_types_of_kernels(copied, module):
-    before = numeric.kernel_cache_dir()
-    (copied / module).write_text((copied / module).read_text() + "\nX = 1\n")
-    assert numeric.kernel_cache_dir() != before
-
-
-def test_edit_that_no_compiled_code_can_follow_from_compiles_nothing_again(copied):
-    before = numeric.kernel_cache_dir()
-    (copied / "run.py").write_text((copied / "run.py").read_text() + "\nX = 1\n")
-    (copied / "nav2" / "new.py").write_text("")
-    assert numeric.kernel_cache_dir() == before
-
-
-def test_new_module_with_kernels_has_another_folder_of_compiled_kernels(copied):
-    before = numeric.kernel_cache_dir()
-    (copied / "nav2" / "new.py").write_text("from vastflow.sim.kernels.numeric import inner\n")
-    assert numeric.kernel_cache_dir() != before
-
-
-def test_another_numba_has_another_folder_of_compiled_kernels(monkeypatch):
-    before = numeric.kernel_cache_dir()
-    monkeypatch.setattr(numeric.numba, "__version__", "0.0.0")
-    assert numeric.kernel_cache_dir() != before
-
-
-@pytest.mark.slow
-def test_kernels_without_checks_are_not_taken_where_indices_are_checked(tmp_path):
-    file = tmp_path / "beyond.py"
-    file.write_text(
-        "import numpy as np\nfrom vastflow.sim.kernels.numeric import njit\n\n"
-        "@njit\ndef read(values, index):\n    return values[index]\n\nread(np.zeros(3), 3)\n"
-    )
-    said = []
-    for checked in ("0", "1", "0"):
-        environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path), "NUMBA_BOUNDSCHECK": checked}
-        ended = subprocess.run(
-            [sys.executable, file], check=False, env=environment, capture_output=True, text=True, timeout=120
-        )
-        said.append(ended.stderr.splitlines()[-1:])
-    assert said == [[], ["IndexError: index is out of bounds"], []]
+def test_normals_continue_where_the_stream_stopped():
+    stream, whole = streams_of([3])[0], draws(1000, seed=3)
+    first, second = np.empty(400), np.empty(600)
+    filled(stream, first)
+    filled(stream, second)
+    np.testing.assert_array_equal(np.concatenate([first, second]), whole)

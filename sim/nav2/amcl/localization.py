@@ -27,17 +27,11 @@ def localize(p: Any, m: Any, cubed: Any, cloud: Cloud) -> None:
 
 @inner
 def update(p: Any, m: Any, ranges_m: Any, directions: Any, cubed: Any, cloud: Cloud) -> None:
-    """Update the filter with one scan taken at the odometry `m.scan_odom_…`.
-
-    Motion is gated; after weighting and resampling comes a new transform map → odom.
+    """Update the filter with one scan taken at the odometry `m.scan_odom_…`, if the robot has moved enough.
 
     At the first scan the particles are drawn round the initial pose (`m.x`, `m.y`, `m.yaw`), with
     `p.initial_covariance` (4,) of xx, xy, yy and yaw, and weighted where they are. `m.localized` is 1 after an update
-    that gave a pose; its covariance is in `m.pose_xx`, `m.pose_xy`, `m.pose_yy` and `m.pose_aa`.
-
-    Args:
-        ranges_m, directions: (B,) readings and (B, 2) unit vectors of their beams in the robot's frame.
-        cubed: AMCL's likelihood field.
+    that gave a pose; its covariance is in `m.pose_xx`, `m.pose_xy`, `m.pose_yy` and `m.pose_aa`. For the scan see `weigh`.
     """
     q, stream, first = p.amcl, m.streams[AMCL], m.first_scan == 1
     if first:

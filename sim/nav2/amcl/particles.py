@@ -20,47 +20,30 @@ LANES: Final = 4
 
 
 class Cloud(NamedTuple):
-    """A particle filter's memory for at most N particles.
+    """A particle filter's memory for at most N particles."""
 
-    Attributes:
-        particles, resampled: (3, N) float64 of x, y, yaw; yaw is not wrapped.
-        headings: (2, N) float64: cos and sin of each yaw, from weighting.
-        weights: (N,) float64, normalized; `cumulative` their running sum.
-        guide: (GUIDE + 1,) int32: for each of GUIDE equal shares of weight, a particle at or before the first in it.
-        frames: (4, N) x, y in cells of the likelihood table, cos and sin of each particle; float32 in the loop.
-        likelihoods: (N,) of the same type: 1 + Σ pz³.
-        points: (2, B) of the same type: end points of beams in the robot's frame, in cells.
-        indices, unsigned: (4, N) int32 scratch, and its bytes as uint32, which spare the test for negative indices.
-        slots, entries: (S,) uint64 and int32: hash table from a bin's key (0 where empty) to its number.
-        bins: (N,) uint64 keys in order of discovery; `labels` (N,) int32 their clusters, -1 while none.
-        sums: (N, 8) float64: weight, x, y, cos, sin, xx, xy, yy of a bin's particles.
-        stack: (N,) int32 scratch of the clustering.
-    """
-
-    particles: Any
+    particles: Any  # particles, resampled: (3, N) float64 of x, y, yaw; yaw is not wrapped.
     resampled: Any
-    headings: Any
-    weights: Any
+    headings: Any  # (2, N) float64: cos and sin of each yaw, from weighting.
+    weights: Any  # (N,) float64, normalized; `cumulative` their running sum.
     cumulative: Any
-    guide: Any
-    frames: Any
-    likelihoods: Any
-    points: Any
+    guide: Any  # (GUIDE + 1,) int32: for each of GUIDE equal shares of weight, a particle at or before the first in it.
+    frames: Any  # (4, N) x, y in cells of the likelihood table, cos and sin of each particle; float32 in the loop.
+    likelihoods: Any  # (N,) of the same type: 1 + Σ pz³.
+    points: Any  # (2, B) of the same type: end points of beams in the robot's frame, in cells.
+    # indices, unsigned: (4, N) int32 scratch, and its bytes as uint32, which spare the test for negative
+    # indices.
     indices: Any
     unsigned: Any
-    slots: Any
+    slots: Any  # slots, entries: (S,) uint64 and int32: hash table from a bin's key (0 where empty) to its number.
     entries: Any
-    bins: Any
+    bins: Any  # (N,) uint64 keys in order of discovery; `labels` (N,) int32 their clusters, -1 while none.
     labels: Any
-    sums: Any
-    stack: Any
+    sums: Any  # (N, 8) float64: weight, x, y, cos, sin, xx, xy, yy of a bin's particles.
+    stack: Any  # (N,) int32 scratch of the clustering.
 
 
-def new_cloud(
-    max_particles: int,
-    beams: int = 360,
-    dtype: type[np.floating[Any]] = np.float32,
-) -> Cloud:
+def new_cloud(max_particles: int, beams: int = 360, dtype: type[np.floating[Any]] = np.float32) -> Cloud:
     """An empty cloud for scans of `beams` beams, which looks beams up with coordinates of `dtype`."""
     n, slots = max_particles, 1 << (2 * max_particles).bit_length()
     indices = np.zeros((4, max_particles), dtype=np.int32)
@@ -98,11 +81,7 @@ def gate(dx_m: float, dy_m: float, dyaw_rad: float, q: Any) -> bool:
 
 @inner
 def spread(cloud: Cloud, n: int, stream: Any, x_m: float, y_m: float, yaw_rad: float, covariance: Any) -> None:
-    """Draw `n` particles of equal weight round a pose.
-
-    Args:
-        covariance: (4,) xx, xy, yy (m²) and yaw (rad²).
-    """
+    """Draw `n` particles of equal weight round a pose; `covariance` (4,) is of xx, xy, yy (m²) and yaw (rad²)."""
     particles, draws, weights = cloud.particles, cloud.resampled, cloud.weights
     xx = math.sqrt(covariance[0])
     xy = covariance[1] / xx if xx > 0.0 else 0.0

@@ -36,9 +36,7 @@ def likelihood_cubed(
     likelihood_max_dist_m: float,
     dtype: type[np.floating[Any]] = np.float32,
 ) -> NDArray[Any]:
-    """Return the table of pz³ for a beam that ends in each cell.
-
-    A frame of at least `FRAME` cells serves beams that end off the map.
+    """Return the table of pz³ by the cell where a beam ends; off the map it has `FRAME` cells.
 
     The table's width is an odd multiple of `WIDTH`, so that its rows do not all begin in one part of the cache.
 

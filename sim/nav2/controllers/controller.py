@@ -20,8 +20,8 @@ class ControllerInput(NamedTuple):
     """A controller's input in each cycle. Poses and points are in the odom frame, in meters and radians.
 
     Attributes:
-        window: The local costmap: `costs` (R, C) uint8, `place` (3,) float64, x and y of the lower left corner and the
-            resolution. 254 is lethal, 253 closer than the inscribed radius to that, 255 unknown; `cost_at` looks a point up.
+        window: The local costmap: 254 is lethal, 253 closer than the inscribed radius to that, 255 unknown; `cost_at` looks a
+            point up.
         outline: (V, 2) float64, the padded footprint in the robot's frame; `outline_hits` puts it on the costmap.
         inscribed_radius_m: Of the footprint.
         pose: (x, y, yaw) by odometry.
@@ -107,7 +107,7 @@ class SpeedLimits:
     """A controller's response to a speed limit (nav2_core, `Controller::setSpeedLimit`).
 
     Attributes:
-        scaled: Names of the parameters that are scaled by it.
+        scaled: Names of its parameters that are scaled.
         full_mps: The speed that a limit in m/s is a share of.
         only_lower: Whether a limit in m/s from there on is left out of account, and what held before holds on.
     """

@@ -42,59 +42,40 @@ ROTATE, OSCILLATION, OBSTACLE, GOAL_ALIGN, PATH_ALIGN, PATH_DIST, GOAL_DIST, PRE
 
 
 class DwbMemory(NamedTuple):
-    """State and working space of the controller.
+    """State and working space of the controller."""
 
-    Attributes:
-        ahead, aside: Samples of the last call, ahead and to the left (m/s).
-        speeds, sideways: (V,) all pairs of them, of each speed ahead those to the left in turn.
-        turns: (W,) samples of the last call.
-        order: (C,) int64, the critics of `raw` and `scales` as the file lists them.
-        raw, scales: (C,) what each critic says of an end, and what a point of it counts.
-        scores: (V, W) of the ends, infinite where a critic forbids it.
-        ends: (V, W, 5): x, y in cells, cosine and sine of the heading, its distance from the goal's.
-        sums: (P, 2) of the cosine and sine of the headings before each step, beginning with 0, of the sample at hand.
-    """
-
-    ahead: Any
+    ahead: Any  # ahead, aside: Samples of the last call, ahead and to the left (m/s).
     aside: Any
-    speeds: Any
+    speeds: Any  # speeds, sideways: (V,) all pairs of them, of each speed ahead those to the left in turn.
     sideways: Any
-    turns: Any
-    order: Any
-    raw: Any
+    turns: Any  # (W,) samples of the last call.
+    order: Any  # (C,) int64, the critics of `raw` and `scales` as the file lists them.
+    raw: Any  # raw, scales: (C,) what each critic says of an end, and what a point of it counts.
     scales: Any
-    scores: Any
-    ends: Any
+    scores: Any  # (V, W) of the ends, infinite where a critic forbids it.
+    ends: Any  # (V, W, 5): x, y in cells, cosine and sine of the heading, its distance from the goal's.
+    # (P, 2) of the cosine and sine of the headings before each step, beginning with 0, of the sample at hand.
     sums: Any
     grid: PathGrid
     trends: Trends
 
 
 class _Setting(NamedTuple):
-    """Values that all samples of a call share; positions are in cells from the window's corner.
-
-    Attributes:
-        v_mps, vy_mps, w_radps: Measured.
-        goal_state: Of `at_goal`.
-        goal, nose: Cells of GoalDist and GoalAlign.
-        bounded: Whether a trajectory may not leave the window.
-        obstructed, outlined: Whether its center, and whether its outline, may not collide.
-        summed: Whether one of them counts at all poses.
-    """
+    """Values that all samples of a call share; positions are in cells from the window's corner."""
 
     x: float
     y: float
     yaw_rad: float
-    v_mps: float
+    v_mps: float  # v_mps, vy_mps, w_radps: Measured.
     vy_mps: float
     w_radps: float
-    goal_state: int
-    goal: int
+    goal_state: int  # Of `at_goal`.
+    goal: int  # goal, nose: Cells of GoalDist and GoalAlign.
     nose: int
-    bounded: bool
-    obstructed: bool
+    bounded: bool  # Whether a trajectory may not leave the window.
+    obstructed: bool  # obstructed, outlined: Whether its center, and whether its outline, may not collide.
     outlined: bool
-    summed: bool
+    summed: bool  # Whether one of them counts at all poses.
 
 
 def new_memory(q: DwbParameters, rows: int, columns: int) -> DwbMemory:
@@ -144,7 +125,7 @@ def compute_velocity(q: Any, memory: DwbMemory, given: ControllerInput) -> Any:
 
 @inner
 def score(q: Any, memory: DwbMemory, given: ControllerInput) -> Any:
-    """Score the ends of all samples: the setting, the ground of `along`, and how many speeds and yaw rates there are."""
+    """Score the ends of all samples: the setting, the ground of `along`, and the numbers of speeds and yaw rates."""
     setting = _prepare(q, memory, given)
     v, vy, w, time_s = setting.v_mps, setting.vy_mps, setting.w_radps, q.sim_time
     n_ahead = sample(memory.ahead, v, q.min_vel_x, q.max_vel_x, q.acc_lim_x, q.decel_lim_x, time_s, q.vx_samples)

@@ -26,32 +26,22 @@ class PathGrid(NamedTuple):
     Nav2's queue hands cells out by their Manhattan distance from the source that reached them first, the latest
     first among equals, obstacles and all; that distance is a cell's value. Cells are numbered
     row by row in the window with a border of one cell round it, whose cells count as reached.
-
-    Attributes:
-        cells: (N, 5) int32: distance or -1, offset from the source, next in the bin, last plan it was a source of.
-        bins: (D,) int32, first waiting cell at each distance, or -1.
-        sources: (2, N) int32, the plan's cells in its order: those the grid grew from, those of now.
-        counts: (5,) int64: sources, new sources and plans; lowest bin that may be filled, highest that was.
     """
 
-    cells: Any
-    bins: Any
-    sources: Any
-    counts: Any
+    cells: Any  # (N, 5) int32: distance or -1, offset from the source, next in the bin, last plan it was a source of.
+    bins: Any  # (D,) int32, first waiting cell at each distance, or -1.
+    sources: Any  # (2, N) int32, the plan's cells in its order: those the grid grew from, those of now.
+    counts: Any  # (5,) int64: sources, new sources and plans; lowest bin that may be filled, highest that was.
 
 
 class Trends(NamedTuple):
-    """Memory of the stateful critics.
+    """Memory of the stateful critics."""
 
-    Attributes:
-        signs: (3, 3) int64, for forward speed, yaw rate, and speed to the left: last sign, only positive allowed, only negative allowed.
-        stood: (3,) float64, pose at the last change of sign.
-        latched: (2,) int64, within the goal's tolerance, slow enough to rotate there.
-    """
-
+    # (3, 3) int64, for forward speed, yaw rate, and speed to the left: last sign, only positive allowed, only
+    # negative allowed.
     signs: Any
-    stood: Any
-    latched: Any
+    stood: Any  # (3,) float64, pose at the last change of sign.
+    latched: Any  # (2,) int64, within the goal's tolerance, slow enough to rotate there.
 
 
 def new_path_grid(rows: int, columns: int) -> PathGrid:
@@ -68,13 +58,10 @@ def new_path_grid(rows: int, columns: int) -> PathGrid:
 
 @inner
 def lay(grid: PathGrid, window: Window, plan: Any, n: int, nose_x_m: float, nose_y_m: float) -> Any:
-    """Put the sources of a local plan, its first `n` points, on the grid.
+    """Put the first `n` points of a local plan on the grid; return the local goal's and its nose's cell.
 
-    The plan counts from where it enters the window to where it leaves it or meets a cell without information.
-
-    Returns:
-        Cells of the local goal: the last that counts of the plan, and of the plan with its last point moved to the
-        nose position. -1 where nothing counts.
+    The plan counts from where it enters the window to where it leaves it or meets a cell without information. The cells are
+    the last that counts of it, and of the plan with its last point moved to the nose position; -1 where nothing counts.
     """
     counts = grid.counts
     counts[_PLAN] += 1

@@ -18,20 +18,9 @@ SAME_VELOCITY: Final = 1e-5
 
 @inner
 def sample(
-    out: Any,
-    current: float,
-    low: float,
-    high: float,
-    acceleration: float,
-    deceleration: float,
-    time_s: float,
-    n: int,
+    out: Any, current: float, low: float, high: float, acceleration: float, deceleration: float, time_s: float, n: int
 ) -> int:
-    """Velocities within reach in `time_s`, evenly spaced with both ends, and 0 where they change sign without it.
-
-    Returns:
-        How many were written to `out`.
-    """
+    """Write velocities within reach in `time_s` to `out`, evenly spaced with both ends, and 0 between signs; their number."""
     current = min(max(current, low), high)
     top = approach(current, high, acceleration, deceleration, time_s)
     bottom = approach(current, low, acceleration, deceleration, time_s)
@@ -74,10 +63,7 @@ def step_count(q: Any, v_mps: float, vy_mps: float, w_radps: float) -> int:
 
 @inner
 def approach(velocity: float, target: float, acceleration: float, deceleration: float, dt_s: float) -> float:
-    """Return the velocity after `dt_s` on the way to a target.
-
-    As in Nav2 the sign of the difference decides, not that of the motion.
-    """
+    """The velocity after `dt_s` on the way to a target; as in Nav2 the sign of the difference decides."""
     if velocity < target:
         return min(target, velocity + acceleration * dt_s)
     return max(target, velocity + deceleration * dt_s)
@@ -137,17 +123,16 @@ def sum_headings(q: Any, sums: Any, yaw_rad: float, w_radps: float, target_radps
 
 @inner
 def along(q: Any, setting: Any, target: Any, steps: int, sums: Any, end: Any, ground: Any) -> Any:
-    """Follow a sample's roll-out from the robot's pose and sum the costs that it meets.
+    """Follow a sample's roll-out from the robot's pose and sum the costs that it meets: (legal, center, outline).
+
+    It is legal if it stays in the window and out of collision. The sums are those of the costs under the center and of the
+    greatest costs under the outline at its poses, where these are looked at.
 
     Args:
         target: The sample's speeds, ahead and to the left.
         sums: Of the sample's headings, as `sum_headings` writes them.
         end: (5,) of the sample, see `DwbMemory.ends`.
         ground: Costs of the window, the robot's outline, cells per meter.
-
-    Returns:
-        (legal, center, outline): whether it stays in the window and out of collision, and if so the sums of the costs under
-        the center and of the greatest costs under the outline at its poses, where these are looked at.
     """
     costs, outline, cells_per_m = ground
     rows, columns = costs.shape

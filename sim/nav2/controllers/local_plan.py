@@ -16,14 +16,9 @@ def renew(p: Any, m: Any, path: Any) -> None:
 
 @inner
 def local_plan(p: Any, m: Any, window: Window, path: Any, out: Any) -> Any:
-    """Write the local plan into `out` (A, 3) as `p.plan_cut` says; return (points, yaw of the last one).
+    """Write the local plan into `out` (A, 3), in the odom frame; return (points, yaw of the last).
 
-    Poses are in the odom frame.
-
-    No point left is Nav2's INVALID_PATH.
-
-    Args:
-        path: (N, 3) whose first `m.path_n` rows are the path's x, y, and yaw in the map's frame.
+    It is cut as `p.plan_cut` says; no point left is Nav2's INVALID_PATH. The first `m.path_n` rows of `path` (N, 3) are x, y, and yaw in the map's frame.
     """
     q = p.plan_cut
     m.path_i = _first(q, m, path)
@@ -45,9 +40,11 @@ def local_plan(p: Any, m: Any, window: Window, path: Any, out: Any) -> Any:
         n += 1
     end_yaw_rad = path[m.path_i + n - 1, 2] if n > 0 else 0.0
     # Nav2 goes on behind a reversal only after the plan up to it is cut once more.
-    if m.path_end < m.path_n and _is_near(q, m, path[m.path_end - 1]):
-        m.path_i = m.path_end
-        m.path_end = _inversion(path, m.path_i, m.path_n)
+    if m.path_end < m.path_n:
+        x, y, yaw = path[m.path_end - 1, 0], path[m.path_end - 1, 1], path[m.path_end - 1, 2]
+        if math.hypot(x - m.x, y - m.y) <= q.inversion_xy_m and abs(wrapped(yaw - m.yaw)) <= q.inversion_yaw_rad:
+            m.path_i = m.path_end
+            m.path_end = _inversion(path, m.path_i, m.path_n)
     return n, wrapped(end_yaw_rad - m.map_odom_yaw)
 
 
@@ -67,13 +64,6 @@ def _inversion(path: Any, first: int, end: int) -> int:
         if before_x * after_x + before_y * after_y < 0.0:
             return int(i + 1)
     return int(end)
-
-
-@inner
-def _is_near(q: Any, m: Any, pose: Any) -> bool:
-    """Whether the robot is within the tolerances of the pose where the path reverses."""
-    away_m = math.hypot(pose[0] - m.x, pose[1] - m.y)
-    return bool(away_m <= q.inversion_xy_m and abs(wrapped(pose[2] - m.yaw)) <= q.inversion_yaw_rad)
 
 
 @inner

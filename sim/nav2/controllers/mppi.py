@@ -36,7 +36,6 @@ from vastflow.sim.nav2.controllers.mppi_samples import (
     STEP,
     Draw,
     MppiMemory,
-    Prices,
     Space,
     add_weighted,
     add_weighted_lateral,
@@ -45,7 +44,6 @@ from vastflow.sim.nav2.controllers.mppi_samples import (
     new_memory,
     next_noise,
 )
-from vastflow.sim.nav2.costmaps.window import Window
 from vastflow.sim.nav2.parameters.mppi import MppiParameters
 from vastflow.sim.world.motion import steered, wrapped
 
@@ -73,29 +71,29 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
     As Nav2 releases it, MPPI tries again then and never takes back the flag that stops the critics, so no further try can
     be valid. With `retry_scores` one is.
     """
-    window, pose, twist, plan, goal = given.window, given.pose, given.twist, given.plan, given.goal
-    n = plan.shape[0]
-    sequence, history, free, lengths = memory.sequence, memory.history, memory.free, memory.lengths
+    pose, twist, goal, sequence = given.pose, given.twist, given.goal, memory.sequence
     space = addresses_of(memory.space)
     goal_m = math.hypot(goal[0] - pose[0], goal[1] - pose[1])
-    twirling = q.TwirlingCritic.enabled != 0 and goal_m >= memory.goal_tolerance_m[0]
     if q.ObstaclesCritic.enabled != 0:
         obstacle_values(q.ObstaclesCritic, space.values, goal_m, sequence.shape[1])
     else:
         cost_values(q.CostCritic, space.values, goal_m)
-    frame = lay_frame(space.frame, space.values, window, pose)
+    frame = lay_frame(space.frame, space.values, given.window, pose)
     if q.CostCritic.consider_footprint != 0:
-        lay_room(space.near, space.lethal, frame, window, memory.circumscribed_cost[0])
-    prices = _prices(q, memory.unlimited_mps, goal_m)
+        lay_room(space.near, space.lethal, frame, given.window, memory.circumscribed_cost[0])
+    lowest, highest, beyond, backwards = _prices(q, memory.unlimited_mps, goal_m)
     used = sequence.shape[1] * memory.space.costs.shape[0]
     rise, fall, turn = q.model_dt * q.ax_max, -q.model_dt * q.ax_min, q.model_dt * q.az_max
     lateral_rise, lateral_fall = q.model_dt * q.ay_max, -q.model_dt * q.ay_min
     radius_m, is_omni = memory.min_turning_radius_m[0], sequence.shape[0] == 3
     for _ in range(1 + (q.retry_attempt_limit if q.retry_scores != 0 else 0)):
         noise_at = next_noise(memory.stream, memory.next_noise, memory.space.noise.shape[0], used)
-        draw = Draw(noise_at, twist[0], twist[1], rise, fall, turn, given.lateral_mps, lateral_rise, lateral_fall)
-        if _sample(q, space, sequence, frame, draw, given, prices, radius_m, goal_m, twirling):
-            _judge_plan(q, space, sequence.shape[1], frame, window, pose, plan, n, goal_m, free, lengths)
+        v, w, vy = twist[0], twist[1], given.lateral_mps
+        draw = Draw(
+            noise_at, v, w, rise, fall, turn, vy, lateral_rise, lateral_fall, lowest, highest, beyond, backwards
+        )
+        if _sample(q, memory, space, frame, draw, given, goal_m):
+            _judge_plan(q, memory, space, frame, given, goal_m)
             _weigh(space, q.batch_size, q.temperature)
             _average(space, sequence, q.batch_size, draw)
             _limit(sequence[0], q.vx_min, q.vx_max, rise, fall)
@@ -106,63 +104,43 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
                 for t in range(sequence.shape[1]):
                     sequence[1, t] = steered(sequence[0, t], sequence[1, t], radius_m)
             shift = 1 if abs(q.model_dt - given.dt_s) < 1e-6 else 0
-            _smooth(sequence, history, memory.line, shift)
-            vy_mps = sequence[2, shift] if is_omni else 0.0
-            v_mps, w_radps = sequence[0, shift], sequence[1, shift]
+            _smooth(sequence, memory.history, memory.line, shift)
+            v, w, vy = sequence[0, shift], sequence[1, shift], sequence[2, shift] if is_omni else 0.0
             if shift == 1:
                 for axis in range(sequence.shape[0]):
                     for t in range(1, sequence.shape[1]):
                         sequence[axis, t - 1] = sequence[axis, t]
-            return True, v_mps, w_radps, vy_mps
+            return True, v, w, vy
         reset(memory)
     return False, 0.0, 0.0, 0.0
 
 
 @inner
-def _prices(q: Any, unlimited_mps: Any, goal_m: float) -> Prices:
-    """Prices of speeds at a distance from the goal.
-
-    As in Nav2, ConstraintCritic keeps the range without a speed limit.
-    """
+def _prices(q: Any, unlimited_mps: Any, goal_m: float) -> Any:
+    """The last four of `Draw`; as in Nav2, ConstraintCritic keeps the range without a speed limit."""
     vx_min_mps, vx_max_mps, vy_max_mps = unlimited_mps[0], unlimited_mps[1], unlimited_mps[2]
     lowest = math.copysign(math.hypot(vx_min_mps, vy_max_mps), vx_min_mps)
     beyond = q.ConstraintCritic.cost_weight * q.model_dt if q.ConstraintCritic.enabled != 0 else 0.0
     forward = q.PreferForwardCritic.enabled != 0 and goal_m >= q.PreferForwardCritic.threshold_to_consider
     backwards = q.PreferForwardCritic.cost_weight * q.model_dt if forward else 0.0
-    return Prices(lowest, math.hypot(vx_max_mps, vy_max_mps), beyond, backwards)
+    return lowest, math.hypot(vx_max_mps, vy_max_mps), beyond, backwards
 
 
 @inner
-def _sample(
-    q: Any,
-    space: Space,
-    sequence: Any,
-    frame: Frame,
-    draw: Draw,
-    given: ControllerInput,
-    prices: Prices,
-    min_turning_radius_m: float,
-    goal_m: float,
-    twirling: bool,
-) -> bool:
+def _sample(q: Any, memory: Any, space: Space, frame: Frame, draw: Draw, given: ControllerInput, goal_m: float) -> bool:
     """Draw and follow all samples, and judge them by everything but the plan: False when every one collides."""
-    pose, twist, goal = given.pose, given.twist, given.goal
+    pose, twist, goal, sequence = given.pose, given.twist, given.goal, memory.sequence
     steps, dt_s, is_omni = sequence.shape[1], q.model_dt, sequence.shape[0] == 3
+    min_turning_radius_m = memory.min_turning_radius_m[0]
+    twirling = q.TwirlingCritic.enabled != 0 and goal_m >= memory.goal_tolerance_m[0]
     _center(q, space, sequence)
-    x_m, y_m = (
-        pose[0] + twist[0] * math.cos(pose[2]) * dt_s,
-        pose[1] + twist[0] * math.sin(pose[2]) * dt_s,
-    )
+    x_m, y_m = pose[0] + twist[0] * math.cos(pose[2]) * dt_s, pose[1] + twist[0] * math.sin(pose[2]) * dt_s
     if is_omni:
         x_m -= given.lateral_mps * math.sin(pose[2]) * dt_s
         y_m += given.lateral_mps * math.cos(pose[2]) * dt_s
     yaw_rad = pose[2] + twist[1] * dt_s
-    start = (
-        (x_m - frame.left_m) / frame.resolution_m,
-        (y_m - frame.bottom_m) / frame.resolution_m,
-        math.cos(yaw_rad),
-        math.sin(yaw_rad),
-    )
+    x, y = (x_m - frame.left_m) / frame.resolution_m, (y_m - frame.bottom_m) / frame.resolution_m
+    start = (x, y, math.cos(yaw_rad), math.sin(yaw_rad))
     scale = dt_s / frame.resolution_m
     priced, cell_stride = q.CostCritic.enabled != 0, q.CostCritic.trajectory_point_step
     avoids_obstacles = q.ObstaclesCritic.enabled != 0
@@ -185,11 +163,11 @@ def _sample(
     held = q.VelocityDeadbandCritic.enabled != 0
     for first in range(0, q.batch_size, ROW):
         if is_omni:
-            follow(space, space.lateral_center, first, steps, draw, start, scale, dt_s, prices)
+            follow(space, space.lateral_center, first, steps, draw, start, scale, dt_s)
         else:
-            follow(space, None, first, steps, draw, start, scale, dt_s, prices)
+            follow(space, None, first, steps, draw, start, scale, dt_s)
         if min_turning_radius_m > 0.0:
-            judge_turns(space, first, steps, scale, min_turning_radius_m, prices.beyond)
+            judge_turns(space, first, steps, scale, min_turning_radius_m, draw.beyond)
         if priced:
             judge_cells(space, first, cells, cell_stride, frame, cell_weight, crash)
             if outlined:
@@ -217,28 +195,18 @@ def _sample(
 
 
 @inner
-def _judge_plan(
-    q: Any,
-    space: Space,
-    steps: int,
-    frame: Frame,
-    window: Window,
-    pose: Any,
-    plan: Any,
-    n: int,
-    goal_m: float,
-    free: Any,
-    lengths: Any,
-) -> None:
+def _judge_plan(q: Any, memory: Any, space: Space, frame: Frame, given: ControllerInput, goal_m: float) -> None:
     """Judge the samples by the local plan."""
+    pose, plan, free = given.pose, given.plan, memory.free
+    steps, n = memory.sequence.shape[1], plan.shape[0]
     aligned = q.PathAlignCritic.enabled != 0 and goal_m >= q.PathAlignCritic.threshold_to_consider
     followed = q.PathFollowCritic.enabled != 0 and goal_m >= q.PathFollowCritic.threshold_to_consider and n > 1
     faced = q.PathAngleCritic.enabled != 0 and goal_m >= q.PathAngleCritic.threshold_to_consider
     if not (aligned or followed or faced):
         return
-    lay_plan(space.plan, free, window, frame, plan, n)
+    lay_plan(space.plan, free, given.window, frame, plan, n)
     furthest = furthest_point(space, q.batch_size, n)
-    scale = lay_table(q.PathAlignCritic, space, plan, free, lengths, furthest) if aligned else 0.0
+    scale = lay_table(q.PathAlignCritic, space, plan, free, memory.lengths, furthest) if aligned else 0.0
     point = followed_point(q.PathFollowCritic, free, furthest, n)
     ahead = min(furthest + q.PathAngleCritic.offset_from_furthest, n - 1)
     mode, facing_rad = q.PathAngleCritic.mode, plan[ahead, 2] if q.PathAngleCritic.mode == 2 else 0.0
@@ -399,7 +367,7 @@ class Mppi(MppiParameters, Controller):
     set_plan = set_plan
 
     def memory(self, setting: Setting) -> MppiMemory:
-        """See `new_memory`."""
+        """The stream, the goal's tolerance, and the circumscribed cost of the run."""
         return new_memory(self, setting.stream, setting.circumscribed_cost, setting.xy_goal_tolerance_m)
 
     def speed_limits(self) -> SpeedLimits:

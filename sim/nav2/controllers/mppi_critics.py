@@ -37,19 +37,14 @@ STRAIGHT_RADPS: Final = 1e-6
 
 
 class Frame(NamedTuple):
-    """The local costmap with a border of collision, as CostCritic or ObstaclesCritic counts it.
+    """The local costmap with a border of collision, as CostCritic or ObstaclesCritic counts it."""
 
-    Attributes:
-        left_m, bottom_m: Corner of the border, in the odom frame.
-        column, row: Where that lies in the window.
-    """
-
-    left_m: float
+    left_m: float  # left_m, bottom_m: Corner of the border, in the odom frame.
     bottom_m: float
     resolution_m: float
     columns: int
     rows: int
-    column: int
+    column: int  # column, row: Where that lies in the window.
     row: int
 
 
@@ -113,8 +108,7 @@ def lay_frame(out: Any, values: Any, window: Window, pose: Any) -> Frame:
 def judge_cells(space: Space, first: int, points: int, stride: int, frame: Frame, weight: float, crash: float) -> None:
     """CostCritic or ObstaclesCritic: the values under `points` points of the samples' track, `stride` steps apart.
 
-    Args:
-        weight, crash: What a point's value of 1, and a collision, add.
+    A point's value of 1 adds `weight`, a collision `crash`.
     """
     track, cells = space.track, space.cells
     for p in range(points):
@@ -131,9 +125,7 @@ def judge_cells(space: Space, first: int, points: int, stride: int, frame: Frame
 def judge_turns(space: Space, first: int, steps: int, scale: float, min_radius_m: float, weight: float) -> None:
     """ConstraintCritic of an Ackermann model: by how much the samples turn tighter than the least radius.
 
-    Args:
-        scale: Cells that 1 m/s goes in a step.
-        weight: Price of 1 m in a step.
+    In a step 1 m/s goes `scale` cells, and 1 m costs `weight`.
     """
     track, turns = space.track, space.turns
     per_cell, least, most, none = splat(1.0 / scale), splat(STRAIGHT_RADPS), splat(min_radius_m), splat(0.0)
@@ -238,10 +230,7 @@ def lay_plan(out: Any, free: Any, window: Window, frame: Frame, plan: Any, n: in
 
 @inner
 def furthest_point(space: Space, samples: int, n: int) -> int:
-    """Return the furthest point of the plan that is nearest to some sample's end.
-
-    The search for each sample begins at the furthest point so far.
-    """
+    """The furthest point of the plan nearest to some sample's end, sought from the furthest so far."""
     plan, ends = space.plan, space.ends
     furthest = 0
     for first in range(0, samples, WIDTH):
@@ -275,10 +264,7 @@ def _nearest(space: Space, sample: int, begin: int, n: int) -> int:
 
 @inner
 def lay_table(q: Any, space: Space, poses: Any, free: Any, lengths: Any, furthest: int) -> float:
-    """The plan's first `furthest` points by the length along it, for PathAlignCritic: entries per cell, 0 for no judgement.
-
-    It is off where too much of the plan is not free.
-    """
+    """The plan's first `furthest` points by the length along it, for PathAlignCritic: entries per cell, 0 where it is off."""
     if q.enabled == 0 or furthest < q.offset_from_furthest or furthest < 1:
         return 0.0
     blocked = 0
@@ -312,8 +298,7 @@ def judge_alignment(
 ) -> None:
     """PathAlignCritic: the mean distance of the samples' marks to the plan's free points as far along it.
 
-    Args:
-        per_rad: Cells that a radian between their headings counts as; 0 where headings do not count.
+    A radian between their headings counts as `per_rad` cells; 0 where headings do not count.
     """
     marks, entries = space.marks, space.cells
     at = rows_of(first, 3 * points)
@@ -360,8 +345,7 @@ def judge_following(space: Space, first: int, point: int, weight: float) -> None
 def judge_bearing(space: Space, first: int, point: int, mode: int, facing_rad: float, weight: float) -> None:
     """PathAngleCritic: the angle between the samples' last headings and the bearing of a point of the plan.
 
-    Args:
-        facing_rad: The plan's heading there: with mode 2 the bearing or its opposite counts, whichever is nearer to that.
+    With mode 2 the bearing or its opposite counts, whichever is nearer to the plan's heading there, `facing_rad`.
     """
     ends = space.ends
     end = rows_of(first, 4)

@@ -9,7 +9,6 @@ from typing import Any
 from vastflow.sim.kernels.lanes import load, splat, store
 from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.kernels.sincos import sincos
-from vastflow.sim.nav2.controllers.controller import ControllerInput
 from vastflow.sim.nav2.controllers.mppi_critics import COLLISION, Frame
 from vastflow.sim.nav2.controllers.mppi_samples import ROW, STEP, Space
 from vastflow.sim.nav2.costmaps.inflation import LETHAL
@@ -18,11 +17,7 @@ from vastflow.sim.nav2.costmaps.window import Window, line_hits
 
 @inner
 def lay_room(near: Any, lethal: Any, frame: Frame, window: Window, circumscribed_cost: float) -> None:
-    """Write a cycle's `near` and `lethal`, see `Space`.
-
-    Args:
-        circumscribed_cost: The least cost of a center whose outline is looked at; in free space none is.
-    """
+    """Write a cycle's `near` and `lethal`, see `Space`; outlines are looked at from a center's cost on."""
     least_cost, columns = max(circumscribed_cost, 1.0), frame.columns
     for k in range(columns):
         near[k], lethal[k] = 1, 0
@@ -47,16 +42,15 @@ def judge_outlines(
     points: int,
     stride: int,
     frame: Frame,
-    given: ControllerInput,
+    given: Any,
     motion: Any,
     weight: float,
     crash: float,
 ) -> None:
-    """Mark samples of a group as colliding if their outline does at one of `points` points of the track.
-
-    The points are `stride` steps apart.
+    """Mark samples of a group as colliding if their outline does at one of `points` points, `stride` steps apart.
 
     Args:
+        given: `ControllerInput`.
         motion: The heading at the track's first point (rad), and the time between two (s).
         weight, crash: As of `judge_cells`, which has judged the centers and left the numbers of their cells.
     """
@@ -68,8 +62,11 @@ def judge_outlines(
             if space.near[space.cells[p * ROW + lane]] == 0:
                 continue
             if not headed:
-                _head(space, points, stride, motion)
-                headed = True
+                yaw, dt, headed = splat(motion[0]), splat(motion[1]), True
+                for t in range((points - 1) * stride + 1):
+                    if t % stride == 0:
+                        store(space.yaws, t // stride * ROW, yaw)
+                    yaw = yaw + load(space.turns, t * ROW) * dt
             k = p * stride * STEP + lane
             x, y, yaw_rad = space.track[k], space.track[k + ROW], space.yaws[p * ROW + lane]
             if outline_collides(space.lethal, frame, given.window, given.outline, x, y, yaw_rad):
@@ -79,25 +76,10 @@ def judge_outlines(
 
 
 @inner
-def _head(space: Space, points: int, stride: int, motion: Any) -> None:
-    """Write the headings of the samples at hand."""
-    yaw, dt = splat(motion[0]), splat(motion[1])
-    for p in range(points):
-        store(space.yaws, p * ROW, yaw)
-        if p < points - 1:
-            for t in range(p * stride, (p + 1) * stride):
-                yaw = yaw + load(space.turns, t * ROW) * dt
-
-
-@inner
 def outline_collides(
     lethal: Any, frame: Frame, window: Window, outline: Any, x: float, y: float, yaw_rad: float
 ) -> bool:
-    """Whether a vertex lies outside the frame, which Nav2 takes for a collision, or an edge meets a lethal cell.
-
-    Args:
-        x, y: The center, in cells of the frame.
-    """
+    """Whether, at (x, y) in cells, a vertex is outside the frame or an edge meets a lethal cell."""
     sine, cosine = sincos(yaw_rad)
     c, s = cosine / frame.resolution_m, sine / frame.resolution_m
     least_x, most_x, least_y, most_y = x, x, y, y

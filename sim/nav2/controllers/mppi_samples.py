@@ -46,85 +46,53 @@ BINS: Final = 8
 
 
 class Space(NamedTuple):
-    """Working space, or its addresses; all float32 unless noted. G groups, T steps, a row sixteen numbers.
+    """Working space, or its addresses; all float32 unless noted. G groups, T steps, a row sixteen numbers."""
 
-    Attributes:
-        noise: uint32, normal numbers for v and ω, see `noise`.
-        center: T times v and ω of the sequence, and what 1 m/s and 1 rad/s cost by γ.
-        turns, track: T times a row of ω, T times one of x and one of y: of the samples at hand.
-        ends: G times a row of x, y, cosine and sine of the heading.
-        marks: G times P times a row of x, y and length, for the P points of PathAlignCritic.
-        cells: uint16: numbers of cells, or of entries of the table, for the samples at hand.
-        values: (256,) cost by the costmap's cost.
-        frame: Cost of a cell.
-        near: uint8, by the number of a frame's cell: whether an outline that has its center there is looked at. This and the next
-            are empty where none is.
-        lethal: int32, by the number of a frame's cell: lethal cells in its row and below, in its column and left of it.
-        yaws: P times a row: headings of the samples at hand at the points whose outlines are looked at (rad).
-        touched, costs, weights: G rows: costs under the track, costs in all, weights in the mean.
-        plan: n times x and y.
-        table_x, table_y: Points of the plan by the length along it.
-        sums: T times a row for v, one for ω.
-        lateral_noise: Normal numbers for vy of an omni model, see `lateral_noise`; this and the next two are empty of others.
-        lateral_center: T times vy of the sequence, and what 1 m/s costs by γ.
-        lateral_sums: T times a row for vy.
-        headings: G times P times a row, of the marks where their headings count.
-        table_yaw: Headings of the table's points.
-    """
-
-    noise: Any
-    center: Any
-    turns: Any
+    noise: Any  # uint32, normal numbers for v and ω, see `noise`.
+    center: Any  # T times v and ω of the sequence, and what 1 m/s and 1 rad/s cost by γ.
+    turns: Any  # turns, track: T times a row of ω, T times one of x and one of y: of the samples at hand.
     track: Any
-    ends: Any
-    marks: Any
-    cells: Any
-    values: Any
-    frame: Any
+    ends: Any  # G times a row of x, y, cosine and sine of the heading.
+    marks: Any  # G times P times a row of x, y and length, for the P points of PathAlignCritic.
+    cells: Any  # uint16: numbers of cells, or of entries of the table, for the samples at hand.
+    values: Any  # (256,) cost by the costmap's cost.
+    frame: Any  # Cost of a cell.
+    # uint8, by the number of a frame's cell: whether an outline that has its center there is looked at. This
+    # and the next are empty where none is.
     near: Any
+    # int32, by the number of a frame's cell: lethal cells in its row and below, in its column and left of it.
     lethal: Any
-    yaws: Any
-    touched: Any
+    yaws: Any  # P times a row: headings of the samples at hand at the points whose outlines are looked at (rad).
+    touched: Any  # touched, costs, weights: G rows: costs under the track, costs in all, weights in the mean.
     costs: Any
     weights: Any
-    plan: Any
-    table_x: Any
+    plan: Any  # n times x and y.
+    table_x: Any  # table_x, table_y: Points of the plan by the length along it.
     table_y: Any
-    sums: Any
+    sums: Any  # T times a row for v, one for ω.
+    # Normal numbers for vy of an omni model, see `lateral_noise`; this and the next two are empty of others.
     lateral_noise: Any
-    lateral_center: Any
-    lateral_sums: Any
-    headings: Any
-    table_yaw: Any
+    lateral_center: Any  # T times vy of the sequence, and what 1 m/s costs by γ.
+    lateral_sums: Any  # T times a row for vy.
+    headings: Any  # G times P times a row, of the marks where their headings count.
+    table_yaw: Any  # Headings of the table's points.
 
 
 class MppiMemory(NamedTuple):
-    """State and working space of the controller, of steps T.
+    """State and working space of the controller, of steps T."""
 
-    Attributes:
-        sequence: (2, T) float64, the control sequence: v and ω. (3, T) of an omni model: vy as well.
-        history: (2, 4) or (3, 4) float64, the last commands.
-        stream: (1,) uint64.
-        next_noise: (1,) int64, where the next cycle's noise may begin.
-        lengths, free: (n,) float64 and bool: of the plan's points the length so far, and whether they are free.
-        line: (T + 8,) float64, what is smoothed.
-        circumscribed_cost: (1,) float64, see `Setting`.
-        min_turning_radius_m: (1,) float64 of an Ackermann model; 0 of one that turns on the spot.
-        goal_tolerance_m: (1,) float64, the goal checker's `xy_goal_tolerance`.
-        unlimited_mps: (3,) float64, `vx_min`, `vx_max` and `vy_max` without a speed limit.
-    """
-
-    sequence: Any
-    history: Any
-    stream: Any
-    next_noise: Any
+    sequence: Any  # (2, T) float64, the control sequence: v and ω. (3, T) of an omni model: vy as well.
+    history: Any  # (2, 4) or (3, 4) float64, the last commands.
+    stream: Any  # (1,) uint64.
+    next_noise: Any  # (1,) int64, where the next cycle's noise may begin.
+    # lengths, free: (n,) float64 and bool: of the plan's points the length so far, and whether they are free.
     lengths: Any
     free: Any
-    line: Any
-    circumscribed_cost: Any
-    min_turning_radius_m: Any
-    goal_tolerance_m: Any
-    unlimited_mps: Any
+    line: Any  # (T + 8,) float64, what is smoothed.
+    circumscribed_cost: Any  # (1,) float64, see `Setting`.
+    min_turning_radius_m: Any  # (1,) float64 of an Ackermann model; 0 of one that turns on the spot.
+    goal_tolerance_m: Any  # (1,) float64, the goal checker's `xy_goal_tolerance`.
+    unlimited_mps: Any  # (3,) float64, `vx_min`, `vx_max` and `vy_max` without a speed limit.
     space: Space
 
 
@@ -189,38 +157,20 @@ def new_memory(
 
 
 class Draw(NamedTuple):
-    """Parameters for drawing controls.
+    """Parameters for drawing controls, and prices of their speeds."""
 
-    Attributes:
-        noise_at: Where this cycle's noise begins.
-        v_mps, w_radps: Measured speeds.
-        rise, fall, turn: How much a step may add to v, take from v, and change ω.
-        vy_mps, lateral_rise, lateral_fall: The same of the speed to an omni model's left.
-    """
-
-    noise_at: int
-    v_mps: float
+    noise_at: int  # Where this cycle's noise begins.
+    v_mps: float  # v_mps, w_radps: Measured speeds.
     w_radps: float
-    rise: float
+    rise: float  # rise, fall, turn: How much a step may add to v, take from v, and change ω.
     fall: float
     turn: float
-    vy_mps: float
+    vy_mps: float  # vy_mps, lateral_rise, lateral_fall: The same of the speed to an omni model's left.
     lateral_rise: float
     lateral_fall: float
-
-
-class Prices(NamedTuple):
-    """Prices of speeds.
-
-    Attributes:
-        lowest, highest: Range of ConstraintCritic.
-        beyond: Price of 1 m/s outside that range, in a step.
-        backwards: Price of 1 m/s backwards.
-    """
-
-    lowest: float
+    lowest: float  # lowest, highest: Range of ConstraintCritic.
     highest: float
-    beyond: float
+    beyond: float  # beyond, backwards: Price of 1 m/s outside that range, in a step, and of 1 m/s backwards.
     backwards: float
 
 
@@ -269,9 +219,7 @@ def aligned(length: int, kind: type[Any]) -> NDArray[Any]:
 
 @inner
 def next_noise(stream: Any, at: Any, length: int, used: int) -> int:
-    """Return the place in `length` numbers where the next cycle begins; it uses `used` of them.
-
-    `at` (1,) is where the last cycle ended.
+    """Return the place in `length` numbers where the next cycle, of `used`, begins; `at` (1,) ended the last.
 
     Cycles follow each other through the noise with random gaps, so those that meet the same numbers again are at least
     six cycles apart, and meet them in another place: at another time, for another sample.
@@ -291,15 +239,7 @@ def rows_of(first: int, rows: int) -> int:
 
 @inner
 def follow(
-    space: Space,
-    lateral: Any,
-    first: int,
-    steps: int,
-    draw: Draw,
-    start: Any,
-    scale: float,
-    dt_s: float,
-    prices: Prices,
+    space: Space, lateral: Any, first: int, steps: int, draw: Draw, start: Any, scale: float, dt_s: float
 ) -> None:
     """Draw a group of samples and follow it, and begin its costs by what its speeds cost.
 
@@ -316,7 +256,7 @@ def follow(
     by δ⁴/24 a step, 2e-4 in all for a robot that turns at 1.9 rad/s all the time.
     """
     center, track, ends = space.center, space.track, space.ends
-    middle, half = splat(0.5 * (prices.highest + prices.lowest)), splat(0.5 * (prices.highest - prices.lowest))
+    middle, half = splat(0.5 * (draw.highest + draw.lowest)), splat(0.5 * (draw.highest - draw.lowest))
     linear, cubic, squared = splat(dt_s), splat(dt_s * dt_s * dt_s / 6.0), splat(dt_s * dt_s / 2.0)
     none, one = splat(0.0), splat(1.0)
     v, w, u = splat(draw.v_mps), splat(draw.w_radps), splat(draw.vy_mps)
@@ -353,8 +293,8 @@ def follow(
         u = splat(lateral[2 * last]) + load(space.lateral_noise, at)
         price = price + u * splat(lateral[2 * last + 1])
     cost = cost + price
-    cost = cost + (reached - splat(float(last)) * half) * splat(prices.beyond)
-    store(space.costs, first, cost - back * splat(prices.backwards))
+    cost = cost + (reached - splat(float(last)) * half) * splat(draw.beyond)
+    store(space.costs, first, cost - back * splat(draw.backwards))
     end = first * 4
     store(ends, end, x)
     store(ends, end + ROW, y)
@@ -379,10 +319,7 @@ def add_weighted_lateral(space: Space, first: int, weight: Any, steps: int, draw
 
 @inner
 def missing_speed(space: Space, first: int, steps: int, draw: Draw, least: Any, is_omni: bool) -> Any:
-    """Draw a group of samples again and sum their shortfall from `least`: v, vy of an omni model, ω.
-
-    The measured speeds count as those of the first step.
-    """
+    """Draw a group of samples again; sum what their speeds, measured first, lack of `least` (v, vy, ω)."""
     center, lateral, none = space.center, space.lateral_center, splat(0.0)
     least_v, least_u, least_w = splat(abs(least[0])), splat(abs(least[1])), splat(abs(least[2]))
     v, w, u = splat(draw.v_mps), splat(draw.w_radps), splat(draw.vy_mps)

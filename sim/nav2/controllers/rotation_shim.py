@@ -10,10 +10,7 @@ from vastflow.sim.world.motion import wrapped
 
 @inner
 def renew(p: Any, m: Any) -> None:
-    """Start with a new path: its heading is due again, and its goal is not reached.
-
-    With `rotate_to_heading_once`, only the first of several paths to one pose has its heading due.
-    """
+    """Start with a new path: its heading is due, with `rotate_to_heading_once` of the first of several to one pose alone."""
     same = m.shim_planned != 0 and m.shim_turns == 0
     same = same and m.shim_end_x == m.goal_x and m.shim_end_y == m.goal_y and m.shim_end_yaw == m.goal_yaw
     m.heading_due, m.shim_at_goal = int(not (same and p.rotation_shim.rotate_to_heading_once != 0)), 0
@@ -24,17 +21,16 @@ def renew(p: Any, m: Any) -> None:
 def turn(p: Any, m: Any, window: Window, path: Any, w_radps: float, dt_s: float) -> Any:
     """(turns, ω): whether the robot turns in place in this cycle, and how fast; else the controller has the turn.
 
-    Args:
-        path: (N, 3) whose first `m.path_n` poses are the path, in the map's frame.
-        w_radps: Yaw rate by odometry.
+    The first `m.path_n` poses of `path` (N, 3) are the path, in the map's frame; `w_radps` is by odometry.
     """
     q = p.rotation_shim
+    w_radps = w_radps if q.closed_loop != 0 else m.shim_w
     if q.rotate_to_goal_heading != 0:
         if math.hypot(m.goal_x - m.x, m.goal_y - m.y) <= p.goal_checker.xy_goal_tolerance:
             m.shim_at_goal = 1
         if m.shim_at_goal != 0:
             angle = wrapped(m.goal_yaw - m.yaw)
-            w = rotation(q, angle, _current(q, m, w_radps), dt_s)
+            w = rotation(q, angle, w_radps, dt_s)
             if _is_free(q, m, window, angle, w, dt_s):
                 m.shim_w = w
                 return True, w
@@ -43,7 +39,7 @@ def turn(p: Any, m: Any, window: Window, path: Any, w_radps: float, dt_s: float)
         threshold = q.angular_disengage_threshold if m.shim_turns != 0 else q.angular_dist_threshold
         if found and abs(bearing) > threshold:
             m.shim_turns = 1
-            w = rotation(q, bearing, _current(q, m, w_radps), dt_s)
+            w = rotation(q, bearing, w_radps, dt_s)
             if _is_free(q, m, window, bearing, w, dt_s):
                 m.shim_w = w
                 return True, w
@@ -62,11 +58,6 @@ def _bearing(q: Any, m: Any, path: Any) -> Any:
                 return True, wrapped(path[i, 2] - m.odom_yaw)
             return True, wrapped(math.atan2(path[i, 1] - m.y, path[i, 0] - m.x) - m.yaw)
     return False, 0.0
-
-
-@inner
-def _current(q: Any, m: Any, w_radps: float) -> float:
-    return w_radps if q.closed_loop != 0 else m.shim_w
 
 
 @inner

@@ -15,20 +15,10 @@ from vastflow.sim.world.motion import wrapped
 
 
 class RppMemory(NamedTuple):
-    """State of the controller.
+    """State of the controller."""
 
-    Attributes:
-        reached: (1,) int64, whether the carrot has been within the goal's tolerance.
-        tolerance_m: (1,) float64, the goal checker's `xy_goal_tolerance`.
-    """
-
-    reached: Any
-    tolerance_m: Any
-
-
-def new_memory(xy_goal_tolerance_m: float) -> RppMemory:
-    """Memory of a controller that works for a goal checker with this tolerance."""
-    return RppMemory(reached=np.zeros(1, dtype=np.int64), tolerance_m=np.array([xy_goal_tolerance_m]))
+    reached: Any  # (1,) int64, whether the carrot has been within the goal's tolerance.
+    tolerance_m: Any  # (1,) float64, the goal checker's `xy_goal_tolerance`.
 
 
 @addressed
@@ -55,7 +45,11 @@ def compute_velocity(q: Any, memory: RppMemory, given: ControllerInput) -> Any:
         bend_ahead, bend_aside = _carrot(pose, plan, n, curvature_lookahead_m)
     direction = -1.0 if q.allow_reversing != 0 and ahead < 0.0 else 1.0
     bearing = math.atan2(bend_aside, bend_ahead) if direction > 0.0 else math.atan2(-bend_aside, -bend_ahead)
-    if q.use_rotate_to_heading != 0 and _is_at_goal(q, memory, carrot_m):
+    # Nav2 looks at the carrot, which near the goal is the plan's end.
+    near = carrot_m < memory.tolerance_m[0]
+    if q.use_rotate_to_heading != 0 and q.stateful != 0 and near:
+        memory.reached[0] = 1
+    if q.use_rotate_to_heading != 0 and (near or memory.reached[0] != 0):
         v, w = 0.0, rotation(q, wrapped(end_yaw_rad - pose[2]), twist[1], given.dt_s)
     elif q.use_rotate_to_heading != 0 and abs(bearing) > q.rotate_to_heading_min_angle:
         v, w = 0.0, rotation(q, bearing, twist[1], given.dt_s)
@@ -94,29 +88,15 @@ def _carrot(pose: Any, plan: Any, n: int, lookahead_m: float) -> Any:
         if square >= lookahead_m * lookahead_m:
             x, y = px, py
             if i > 0:
-                part = _crossing(last_x, last_y, px - last_x, py - last_y, lookahead_m)
-                x, y = last_x + part * (px - last_x), last_y + part * (py - last_y)
+                dx, dy = px - last_x, py - last_y
+                along, square = last_x * dx + last_y * dy, dx * dx + dy * dy
+                inside = lookahead_m * lookahead_m - last_x * last_x - last_y * last_y
+                part = min((math.sqrt(max(along * along + square * inside, 0.0)) - along) / square, 1.0)
+                x, y = last_x + part * dx, last_y + part * dy
             break
         last_x, last_y = px, py
     c, s = math.cos(pose[2]), math.sin(pose[2])
     return c * x + s * y, -s * x + c * y
-
-
-@inner
-def _crossing(x: float, y: float, dx: float, dy: float, radius: float) -> float:
-    """Share of the line (dx, dy) from a point in a circle round the origin up to the circle."""
-    along, square = x * dx + y * dy, dx * dx + dy * dy
-    root = math.sqrt(max(along * along + square * (radius * radius - x * x - y * y), 0.0))
-    return min((root - along) / square, 1.0)
-
-
-@inner
-def _is_at_goal(q: Any, memory: RppMemory, carrot_m: float) -> bool:
-    """Whether to turn to the goal's heading: Nav2 looks at the carrot, which near the goal is the plan's end."""
-    near = carrot_m < memory.tolerance_m[0]
-    if q.stateful != 0 and near:
-        memory.reached[0] = 1
-    return bool(near or memory.reached[0] != 0)
 
 
 @inner
@@ -135,22 +115,15 @@ def _regulated_speed(
         if clearance_m < q.cost_scaling_dist:
             by_cost = desired * q.cost_scaling_gain * clearance_m / q.cost_scaling_dist
     speed = max(min(by_curve, by_cost), q.regulated_linear_scaling_min_speed)
-    if _is_shorter(plan, n, q.approach_velocity_scaling_dist):
-        end_m = math.hypot(plan[n - 1, 0] - pose[0], plan[n - 1, 1] - pose[1])
-        by_approach = speed * end_m / q.approach_velocity_scaling_dist
-        speed = min(speed, max(by_approach, q.min_approach_linear_velocity))
-    return float(min(abs(speed), desired))
-
-
-@inner
-def _is_shorter(plan: Any, n: int, length_m: float) -> bool:
     walked_m = 0.0
     for i in range(1, n):
         dx, dy = plan[i, 0] - plan[i - 1, 0], plan[i, 1] - plan[i - 1, 1]
         walked_m += math.sqrt(dx * dx + dy * dy)
-        if walked_m >= length_m:
-            return False
-    return walked_m < length_m
+    if walked_m < q.approach_velocity_scaling_dist:
+        end_m = math.hypot(plan[n - 1, 0] - pose[0], plan[n - 1, 1] - pose[1])
+        by_approach = speed * end_m / q.approach_velocity_scaling_dist
+        speed = min(speed, max(by_approach, q.min_approach_linear_velocity))
+    return float(min(abs(speed), desired))
 
 
 @inner
@@ -188,8 +161,8 @@ class Rpp(RppParameters, Controller):
     set_plan = reset
 
     def memory(self, setting: Setting) -> RppMemory:
-        """See `new_memory`."""
-        return new_memory(setting.xy_goal_tolerance_m)
+        """The goal checker's tolerance, and no goal reached."""
+        return RppMemory(np.zeros(1, dtype=np.int64), np.array([setting.xy_goal_tolerance_m]))
 
     def speed_limits(self) -> SpeedLimits:
         """Its desired speed alone."""

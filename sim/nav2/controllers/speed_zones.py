@@ -21,21 +21,13 @@ _UNCHANGED: Final = -1.0
 
 
 class SpeedZones(NamedTuple):
-    """A speed filter's mask and the parameters that it scales.
+    """A speed filter's mask and the parameters that it scales."""
 
-    Attributes:
-        mask: Of int8: 0 to 100, -1 where the limit stays what it is.
-        shares: (101,) float64: what the parameters are scaled by at each value; below 0 where nothing changes.
-        parameters: (N,) float64, the running controller's own.
-        scaled: (F,) int64, which of them are scaled.
-        full: (F,) float64, what these are without a limit.
-    """
-
-    mask: Mask
-    shares: Any
-    parameters: Any
-    scaled: Any
-    full: Any
+    mask: Mask  # Of int8: 0 to 100, -1 where the limit stays what it is.
+    shares: Any  # (101,) float64: what the parameters are scaled by at each value; below 0 where nothing changes.
+    parameters: Any  # (N,) float64, the running controller's own.
+    scaled: Any  # (F,) int64, which of them are scaled.
+    full: Any  # (F,) float64, what these are without a limit.
 
 
 def speed_zones(
@@ -48,11 +40,15 @@ def speed_zones(
         return SpeedZones(none, np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros(0))
     parameters = running.parameters.view(np.float64)
     scaled = _places(running, limits)
-    shares = [_share_at(value, q, limits) for value in range(OCCUPIED + 1)]
-    cells = np.ascontiguousarray(mask.cells)
-    return SpeedZones(
-        Mask(cells, mask_place(mask, occupancy)), np.array(shares), parameters, scaled, parameters[scaled]
-    )
+    shares = np.full(OCCUPIED + 1, _UNCHANGED)
+    for value in range(OCCUPIED + 1):
+        limit, is_percentage = (q.base + value * q.multiplier if value > 0 else 0.0), q.type == 1
+        if limit < 0.0 or (is_percentage and limit > 100.0):
+            limit = 0.0  # out of its bounds Nav2 takes a limit for none
+        if (share := limits.share(limit, is_percentage)) is not None:
+            shares[value] = share
+    zones = Mask(np.ascontiguousarray(mask.cells), mask_place(mask, occupancy))
+    return SpeedZones(zones, shares, parameters, scaled, parameters[scaled])
 
 
 def _places(running: RunningController, limits: SpeedLimits) -> NDArray[np.int64]:
@@ -64,14 +60,6 @@ def _places(running: RunningController, limits: SpeedLimits) -> NDArray[np.int64
             right = "names of its own parameters of type float"
             raise ContractError(f"{line_of(kind)}: speed_limits of {kind.__name__} scales {name!r}; {right}")
     return np.array([fields[name][1] // np.dtype(np.float64).itemsize for name in limits.scaled], dtype=np.int64)
-
-
-def _share_at(value: int, q: SpeedFilter, limits: SpeedLimits) -> float:
-    limit, is_percentage = (q.base + value * q.multiplier if value > 0 else 0.0), q.type == 1
-    if limit < 0.0 or (is_percentage and limit > 100.0):
-        limit = 0.0  # out of its bounds Nav2 takes a limit for none
-    found = limits.share(limit, is_percentage)
-    return _UNCHANGED if found is None else float(found)
 
 
 @inner

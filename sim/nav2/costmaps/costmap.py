@@ -22,14 +22,7 @@ MARKED: Final = 2
 
 @njit
 def observe(
-    q: Any,
-    layer: Any,
-    place: Any,
-    sensor: Any,
-    directions: Any,
-    ranges_m: Any,
-    range_min_m: float,
-    range_max_m: float,
+    q: Any, layer: Any, place: Any, sensor: Any, directions: Any, ranges_m: Any, range_min_m: float, range_max_m: float
 ) -> None:
     """One scan into a layer (H, W) uint8 of UNSEEN, SEEN_FREE and MARKED: all clearing first, then all marking.
 
@@ -163,16 +156,11 @@ def roll(layer: Any, scratch: Any, shift_columns: int, shift_rows: int) -> None:
 
 @inner
 def merge_window(
-    static: Any,
-    static_costs: Any,
-    layer: Any,
-    stamp: Any,
-    center_column: int,
-    center_row: int,
-    reach: int,
-    costs: Any,
+    static: Any, static_costs: Any, layer: Any, stamp: Any, center_column: int, center_row: int, reach: int, costs: Any
 ) -> Any:
     """Recompute the master costmap round the robot: static and obstacle layer by maximum, then inflation.
+
+    Returns (row0, row1, col0, col1) of the window that was written.
 
     Args:
         static: (H, W) uint8 of 0, 254, 255.
@@ -180,9 +168,6 @@ def merge_window(
         layer: (H, W) obstacle layer.
         reach: Half edge of the window in cells; outside it `costs` stay as they are.
         costs: (H, W) uint8 master costmap, written in the window.
-
-    Returns:
-        (row0, row1, col0, col1) of the window.
     """
     rows, columns = static.shape
     margin = stamp.shape[0] // 2
@@ -235,11 +220,7 @@ def denoised(static: NDArray[np.uint8], q: DenoiseLayer) -> NDArray[np.uint8]:
 
 @inner
 def remove_small_groups(q: Any, lethal: Any, scratch: Any) -> None:
-    """Set to 0 the flags (R, C) uint8 that stand in groups of fewer than `minimal_group_size`; all at once.
-
-    Args:
-        scratch: (R, C) uint8, overwritten.
-    """
+    """Set to 0 the flags (R, C) uint8 that stand in groups of fewer than `minimal_group_size`; `scratch` is overwritten."""
     rows, columns = lethal.shape
     group = np.empty((max(q.minimal_group_size, 1), 2), dtype=np.int64)
     for row in range(rows):
@@ -254,12 +235,9 @@ def remove_small_groups(q: Any, lethal: Any, scratch: Any) -> None:
 def remove_small_marks(
     q: Any, static: Any, layer: Any, lethal: Any, row0: int, row1: int, col0: int, col1: int, out: Any
 ) -> None:
-    """Copy a window of an obstacle layer into `out` with its small groups of marks freed.
+    """Copy a window of a layer into `out` with small groups of marks freed; `lethal` is overwritten there.
 
-    Both are (H, W). Walls of the static layer count as members of groups.
-
-    Args:
-        lethal: (H, W) uint8, overwritten in the window.
+    Walls of the static layer count as members of groups.
     """
     for row in range(row0, row1):
         for column in range(col0, col1):

@@ -20,15 +20,10 @@ NOTHING: Final = inflation.UNKNOWN
 
 
 class Mask(NamedTuple):
-    """A mask as kernels have it.
+    """A mask as kernels have it."""
 
-    Attributes:
-        cells: (R, C); (0, 0) where there is none.
-        place: (2, 3) float64: (x, y, 1) in the frame of the map's grid to the mask's column and row.
-    """
-
-    cells: Any
-    place: Any
+    cells: Any  # (R, C); (0, 0) where there is none.
+    place: Any  # (2, 3) float64: (x, y, 1) in the frame of the map's grid to the mask's column and row.
 
 
 def keepout_mask(mask: OccupancyMap | None, occupancy: OccupancyMap) -> Mask:
@@ -84,11 +79,7 @@ def keep_out(costs: Any, keepout: Any, row0: int, row1: int, col0: int, col1: in
 
 @inner
 def keep_out_of_window(window: Window, mask: Mask, map_odom: Any) -> None:
-    """Raise a window of the odom frame to a mask, where localization takes it to be.
-
-    Args:
-        map_odom: x, y and yaw of the odom frame in the map's.
-    """
+    """Raise a window of the odom frame to a mask, where localization, `map_odom` (x, y, yaw), takes it to be."""
     c, s = math.cos(map_odom[2]), math.sin(map_odom[2])
     place = window.place
     for row in range(window.costs.shape[0]):

@@ -56,11 +56,7 @@ def inflate(
 
     An unknown cell stays unknown unless its inflated cost is at least 253.
     """
-    return inflated(costmap_u8, cost_stamp(resolution_m, inscribed_radius_m, inflation_radius_m, cost_scaling_factor))
-
-
-def inflated(costmap_u8: NDArray[np.uint8], stamp: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """A costmap as `inflate` makes it, by the cost round one cell that `cost_stamp` gives."""
+    stamp = cost_stamp(resolution_m, inscribed_radius_m, inflation_radius_m, cost_scaling_factor)
     return with_unknown(costmap_u8, inflation_of(costmap_u8, stamp))
 
 
@@ -78,10 +74,7 @@ def with_unknown(costmap_u8: NDArray[np.uint8], costs: NDArray[np.uint8]) -> NDA
 
 @njit
 def stamp_lethal(lethal: Any, stamp: Any, out: Any) -> None:
-    """Raise `out` (H, W) uint8 to `stamp` round every lethal cell (H, W, uint8 flags).
-
-    Cost falls with distance, so that the maximum is exact.
-    """
+    """Raise `out` (H, W) to `stamp` round every lethal cell; exact, as cost falls with distance."""
     rows, columns = lethal.shape
     for row in range(rows):
         for column in range(columns):

@@ -47,18 +47,12 @@ def inscribed_radius_m(outline: NDArray[np.float64]) -> float:
 
 
 def circumscribed_radius_m(outline: NDArray[np.float64]) -> float:
-    """Radius of the smallest circle round the robot's center that holds the outline.
-
-    0.234142 m for 0.22 m and 0.01 m.
-    """
+    """Radius of the smallest circle round the center that holds the outline (0.234142 m for 0.22 and 0.01 m)."""
     return float(np.max(np.hypot(outline[:, 0], outline[:, 1])))
 
 
 def inscribed_radius_of(parameters: NavParameters) -> float:
-    """Radius (m) of the largest disc round the center in the robot's body.
-
-    The body is what `robot` gives, else the local costmap's footprint.
-    """
+    """Radius (m) of the largest disc round the center in the robot's body: that of `robot`, else the local footprint."""
     given, costmap = parameters.robot, parameters.local_costmap
     if given.radius is not None:
         return given.radius

@@ -8,15 +8,10 @@ from vastflow.sim.nav2.costmaps.inflation import FREE, LETHAL, UNKNOWN
 
 
 class Window(NamedTuple):
-    """A rolling window.
+    """A rolling window."""
 
-    Attributes:
-        costs: (R, C) uint8.
-        place: (3,) float64: x, y of the lower left corner in the odom frame, and the resolution, in meters.
-    """
-
-    costs: Any
-    place: Any
+    costs: Any  # (R, C) uint8.
+    place: Any  # (3,) float64: x, y of the lower left corner in the odom frame, and the resolution, in meters.
 
 
 @inner
@@ -57,9 +52,7 @@ def outline_hits(window: Window, outline: Any, x_m: float, y_m: float, yaw_rad: 
 
 @inner
 def outline_cost(costs: Any, outline: Any, x: float, y: float, c: float, s: float) -> int:
-    """Return the greatest cost under the outline (V, 2), or -1.
-
-    -1 where it leaves the grid, or one of its cells is lethal or unknown.
+    """The greatest cost under the outline (V, 2); -1 off the grid, or on a lethal or unknown cell.
 
     The edges are Bresenham lines between the vertices' cells, the closing one drawn from the last vertex to the first
     (dwb_critics, `ObstacleFootprintCritic`).

@@ -13,7 +13,7 @@ import numpy as np
 
 from vastflow.sim.kernels.numeric import inner, njit
 
-NOTHING, LEFT, STRAIGHT, RIGHT = 0, 1, 2, 3
+NOTHING, LEFT, STRAIGHT, RIGHT = range(4)
 
 LSL, LSR, LRL, LRLR, LRSL, LRSR, LSRL, RSRL, LRSLR = range(9)
 WORDS: Final = np.array(
@@ -44,7 +44,8 @@ def shortest(x: float, y: float, heading_rad: float, reverses: bool) -> Any:
     for mirror in range(2):
         side, turn = (-y, -heading_rad) if mirror == 1 else (y, heading_rad)
         if reverses:
-            found = _shorter(_forward_words(x, side, turn), _reversed(_forward_words(-x, side, -turn)))
+            length, word, (a, b, c, d, e) = _forward_words(-x, side, -turn)
+            found = _shorter(_forward_words(x, side, turn), (length, word, (-a, -b, -c, -d, -e)))
         else:
             found = _dubins(x, side, turn)
         if found[0] < best[0]:
@@ -95,13 +96,6 @@ def _shorter(one: Any, other: Any) -> Any:
 
 
 @inner
-def _reversed(found: Any) -> Any:
-    """The curve driven the other direction."""
-    length, word, (a, b, c, d, e) = found
-    return length, word, (-a, -b, -c, -d, -e)
-
-
-@inner
 def _curve(word: int, a: float, b: float, c: float, d: float, e: float) -> Any:
     return abs(a) + abs(b) + abs(c) + abs(d) + abs(e), word, (a, b, c, d, e)
 
@@ -149,9 +143,7 @@ def _lsl(x: float, y: float, phi: float) -> Any:
     u_x, u_y = x - math.sin(phi), y - 1.0 + math.cos(phi)
     t = math.atan2(u_y, u_x)
     v = _within(phi - t)
-    if t < -_ZERO or v < -_ZERO:
-        return _NONE
-    return _curve(LSL, t, math.hypot(u_x, u_y), v, 0.0, 0.0)
+    return _curve(LSL, t, math.hypot(u_x, u_y), v, 0.0, 0.0) if t >= -_ZERO and v >= -_ZERO else _NONE
 
 
 @inner
@@ -164,9 +156,7 @@ def _lsr(x: float, y: float, phi: float) -> Any:
     u = math.sqrt(square - 4.0)
     t = _within(math.atan2(u_y, u_x) + math.atan2(2.0, u))
     v = _within(t - phi)
-    if t < -_ZERO or v < -_ZERO:
-        return _NONE
-    return _curve(LSR, t, u, v, 0.0, 0.0)
+    return _curve(LSR, t, u, v, 0.0, 0.0) if t >= -_ZERO and v >= -_ZERO else _NONE
 
 
 @inner
@@ -250,6 +240,4 @@ def _five_parts(x: float, y: float, phi: float) -> Any:
         return _NONE
     t = _within(math.atan2((4.0 - u) * xi - 2.0 * eta, -2.0 * xi + (u - 4.0) * eta))
     v = _within(t - phi)
-    if t < -_ZERO or v < -_ZERO:
-        return _NONE
-    return _curve(LRSLR, t, -_QUARTER, u, -_QUARTER, v)
+    return _curve(LRSLR, t, -_QUARTER, u, -_QUARTER, v) if t >= -_ZERO and v >= -_ZERO else _NONE

@@ -36,7 +36,7 @@ def new_potential(shape: tuple[int, ...]) -> NDArray[np.float32]:
 def new_scratch(shape: tuple[int, ...]) -> tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.int64]]:
     """Scratch of `propagate`: buffers (3, 10000) int64, pending flags (H, W) uint8, extent (4,) int64 of the last flood.
 
-    The extent (rows from, to, columns from, to) spares the clearing of a large map at every flood.
+    The extent, rows and columns from and to, spares the clearing of a large map at every flood.
     """
     return np.zeros((3, BUFFER_CELLS), dtype=np.int64), np.zeros(shape, dtype=np.uint8), np.zeros(4, dtype=np.int64)
 
@@ -263,11 +263,7 @@ def _gradient(cells: Any, at: int, columns: int) -> Any:
 @inner
 def cell(place: Any, x_m: float, y_m: float) -> Any:
     """NavFn's (column, row) of a point: rounded, so its paths lie half a cell off the costmap's cells."""
-    resolution = place[2]
-    return (
-        math.floor((x_m - place[0]) / resolution + 0.5),
-        math.floor((y_m - place[1]) / resolution + 0.5),
-    )
+    return math.floor((x_m - place[0]) / place[2] + 0.5), math.floor((y_m - place[1]) / place[2] + 0.5)
 
 
 @inner

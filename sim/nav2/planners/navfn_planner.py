@@ -63,27 +63,17 @@ Rows row0..row1 and columns column0..column1 hold them all. By `detour` the leg'
 
 
 class NavFnMemory(NamedTuple):
-    """Memory of NavFn from one plan to the next.
+    """Memory of NavFn from one plan to the next."""
 
-    Attributes:
-        travel: (H, W) uint8, its costs of the global costmap.
-        least: (H, W) uint8, its costs with nothing marked and nothing unknown.
-        potential: (H, W) float32, what the last flood gave.
-        scratch: See `new_scratch`.
-        leg: (N, 2) points of a leg in cells.
-        to_goal: (L, H, W) float32, what a path from a cell to a leg's goal costs at the least; 0 where nothing is known.
-        bounds: (L,) records of `BOUND`.
-        floods: (1,) int64, floods so far.
-    """
-
-    travel: Any
-    least: Any
-    potential: Any
-    scratch: Any
-    leg: Any
+    travel: Any  # (H, W) uint8, its costs of the global costmap.
+    least: Any  # (H, W) uint8, its costs with nothing marked and nothing unknown.
+    potential: Any  # (H, W) float32, what the last flood gave.
+    scratch: Any  # See `new_scratch`.
+    leg: Any  # (N, 2) points of a leg in cells.
+    # (L, H, W) float32, what a path from a cell to a leg's goal costs at the least; 0 where nothing is known.
     to_goal: Any
-    bounds: Any
-    floods: Any
+    bounds: Any  # (L,) records of `BOUND`.
+    floods: Any  # (1,) int64, floods so far.
 
 
 @addressed
@@ -110,9 +100,7 @@ def _inside(travel: Any, column: int, row: int) -> bool:
 def _plan_leg(
     q: Any, memory: NavFnMemory, given: PlannerInput, column: int, row: int, goal_x_m: float, goal_y_m: float
 ) -> Any:
-    """Plan a leg into `memory.leg`, last point first: (points, x, y of its end); no points if impossible.
-
-    Points are in cell units.
+    """Plan a leg into `memory.leg`, last point first, in cells: (points, x, y of its end); no points if impossible.
 
     A goal in an obstacle is replaced by the nearest point that can be reached, as `_nearest` has them.
     """
@@ -165,10 +153,7 @@ def _open(memory: NavFnMemory, given: PlannerInput, x_m: float, y_m: float, reac
 
 @inner
 def _flood(q: Any, memory: NavFnMemory, leg: int, start: Cell, end: Cell, stop: Cell) -> bool:
-    """Flood from a cell until the stop has a value; true if the end has one.
-
-    Otherwise everything that can be reached is flooded.
-    """
+    """Flood from a cell until the stop, or all cells, have a value; true if the end has one."""
     # A* does not find the best path, and which one it finds hangs on every cell it has been to.
     if q.use_astar == 0 and _flood_within_bounds(memory, leg, start, end, stop):
         return True
@@ -249,10 +234,7 @@ def _straight(column: int, row: int, to_column: int, to_row: int) -> float:
 
 @inner
 def _lay_straight_lines(b: Any, to_start: Any) -> None:
-    """Write straight-line costs to the leg's start into the box of an ellipse.
-
-    On the ellipse, straight lines from the start by a cell to the goal cost `reach`.
-    """
+    """Write straight-line costs to the start into the box of the ellipse of ways that cost `reach`."""
     rows, columns = to_start.shape
     half = 0.5 * b.reach / LEAST_CELL_COST
     across, along = 0.5 * (b.goal_column - b.column), 0.5 * (b.goal_row - b.row)
@@ -294,7 +276,7 @@ class NavFnPlanner(NavFn, Planner):
     overlaps = False
 
     def memory(self, setting: PlannerSetting) -> NavFnMemory:
-        """Return the memory of a mission; each of its legs has bounds of its own."""
+        """Each leg of a mission has bounds of its own."""
         shape = setting.costs.shape
         bounds = np.zeros(setting.legs, dtype=BOUND)
         bounds["goal_column"] = -1

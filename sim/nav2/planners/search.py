@@ -33,12 +33,7 @@ def collides(q: Any, cost: int) -> bool:
 
 @inner
 def has_room(q: Any, given: Any, x: float, y: float, heading_rad: float) -> bool:
-    """Whether the robot fits at a pose in cells.
-
-    Args:
-        q: See `search_of`.
-        given: `PlannerInput`.
-    """
+    """Whether the robot fits at a pose in cells."""
     if x < 0.0 or y < 0.0 or x >= given.costs.shape[1] or y >= given.costs.shape[0]:
         return False
     cost = int(given.costs[int(y), int(x)])
@@ -63,17 +58,11 @@ _TINY = 1e-5
 
 
 class Ground(NamedTuple):
-    """The costs from the goal, as far as they were asked for.
+    """The costs from the goal, as far as they were asked for."""
 
-    Attributes:
-        values: (h, w) float32: 0 unknown yet, negative in the open set, positive once they are final.
-        goal: (3,) float64 x, y in cells and the bin of its heading.
-        part: Cells along the edge of one of `values`.
-    """
-
-    values: Any
-    goal: Any
-    part: int
+    values: Any  # (h, w) float32: 0 unknown yet, negative in the open set, positive once they are final.
+    goal: Any  # (3,) float64 x, y in cells and the bin of its heading.
+    part: int  # Cells along the edge of one of `values`.
 
 
 @inner
@@ -136,19 +125,19 @@ def over_ground(q: Any, ground: Ground, waiting: Any, costs: Any, x: int, y: int
 
 
 @inner
-def cost_share(q: Any, cost: float) -> float:
-    """What a cell's cost counts, 1 at the most."""
-    share = cost / WHOLE
-    return share * share if q.use_quadratic_cost_penalty != 0 else share
-
-
-@inner
 def _least(costs: Any, x: int, y: int, part: int) -> int:
     found = int(costs[y, x])
     for row in range(y, min(y + part, costs.shape[0])):
         for column in range(x, min(x + part, costs.shape[1])):
             found = min(found, int(costs[row, column]))
     return found
+
+
+@inner
+def cost_share(q: Any, cost: float) -> float:
+    """The share of `WHOLE` that a cell's cost counts as."""
+    share = cost / WHOLE
+    return share * share if q.use_quadratic_cost_penalty != 0 else share
 
 
 @inner
@@ -181,15 +170,11 @@ def _length(q: Any, x: float, y: float, heading_rad: float) -> float:
 
 
 class SearchMemory(NamedTuple):
-    """A Smac planner's memory.
+    """A Smac planner's memory."""
 
-    Attributes:
-        search: The (1,) record of `search_of`.
-        distances: Lengths of the shortest curves to a goal from cells of a window, which runs of a process share; NaN until asked
-            for. Nav2 computes all of them before the first plan.
-    """
-
-    search: Any
+    search: Any  # The (1,) record of `search_of`.
+    # Lengths of the shortest curves to a goal from cells of a window, which runs of a process share; NaN
+    # until asked for. Nav2 computes all of them before the first plan.
     distances: Any
 
 

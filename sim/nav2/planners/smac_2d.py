@@ -63,13 +63,7 @@ def _cell(q: Any, x_m: float, y_m: float, columns: int) -> int:
 def search(q: Any, costs: Any, start: int, goal: int) -> Any:
     """(last cell, parents, error code): A* from a cell to another, or to the nearest within the tolerance.
 
-    Args:
-        q: See `search_of`.
-        costs: (H, W) uint8.
-        start, goal: Cells, row after row.
-
-    Returns:
-        parents: (H·W,) int64 of the cells that were reached.
+    Cells are counted row after row; `parents` is (H·W,) int64. For `q` see `search_of`.
     """
     rows, columns = costs.shape
     cells = costs.ravel()

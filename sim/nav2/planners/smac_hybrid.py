@@ -42,23 +42,11 @@ _SPREAD: Final = 0x9E3779B97F4A7C15 >> 1
 
 
 class Nodes(NamedTuple):
-    """Nodes in the order they were met.
+    """Nodes in the order they were met."""
 
-    Attributes:
-        rows: (N, 9) float64, of which the first `count[0]` are used.
-        slots: (2 N,) int64, the row of a key and one more, 0 where there is none.
-        count: (1,) int64.
-    """
-
-    rows: Any
-    slots: Any
-    count: Any
-
-
-@inner
-def new_nodes() -> Nodes:
-    """No nodes."""
-    return Nodes(np.zeros((_FIRST, 9)), np.zeros(2 * _FIRST, dtype=np.int64), np.zeros(1, dtype=np.int64))
+    rows: Any  # (N, 9) float64, of which the first `count[0]` are used.
+    slots: Any  # (2 N,) int64, the row of a key and one more, 0 where there is none.
+    count: Any  # (1,) int64.
 
 
 @inner
@@ -154,15 +142,9 @@ _WIDEST = 4.0
 
 @inner
 def expanded(q: Any, given: Any, nodes: Nodes, node: int, goal: Any) -> Any:
-    """Return (found, node, poses): the best curve to the goal and its first node.
+    """Return (found, node, poses): the best curve to the goal, perhaps from a node before the given one.
 
-    That node may lie before the one asked for.
-
-    Args:
-        goal: (3,) x, y in cells and bin.
-
-    Returns:
-        poses: (P, 3) x, y in cells and heading in radians, without the node's own, the goal's last.
+    Poses are (P, 3) x, y in cells and heading in radians, without the node's own, the goal's last; the goal has its bin.
     """
     found, poses, score = _curve_to(q, given, nodes, node, goal, q.radius)
     if not found:
@@ -220,13 +202,6 @@ def _curve_to(q: Any, given: Any, nodes: Nodes, node: int, goal: Any, radius: fl
     return True, poses, score
 
 
-class _Nearest(NamedTuple):
-    """The node with the least left to the goal: (1,) what is left, and (1,) the node."""
-
-    left: Any
-    node: Any
-
-
 @addressed
 def compute_path(parameters: Any, memory: SearchMemory, given: PlannerInput) -> int:
     """The number of poses of the path, which `given.path` then begins with; minus an error code where there is none."""
@@ -248,14 +223,9 @@ def compute_path(parameters: Any, memory: SearchMemory, given: PlannerInput) -> 
 
 @njit
 def search(q: Any, distances: Any, given: PlannerInput) -> Any:
-    """(poses, iterations, error code): the path as it is searched, not smoothed.
+    """(poses, iterations, error code): the path as it is searched, not smoothed, from the start's cell and bin on.
 
-    Args:
-        q: See `search_of`.
-        distances: See `SearchMemory`.
-
-    Returns:
-        poses: (N, 3) x, y in cells and heading in radians, from the start's cell and bin on.
+    Poses are (N, 3) x, y in cells and heading in radians. For `q` see `search_of`, for `distances` `SearchMemory`.
     """
     start, goal = _placed(q, given.start), _placed(q, given.goal)
     alone = np.empty((1, 3))
@@ -284,12 +254,13 @@ def _key(q: Any, given: PlannerInput, pose: Any) -> int:
 def _searched(q: Any, distances: Any, given: PlannerInput, start: Any, goal: Any) -> Any:
     """(nodes, last node, poses of the curve from there to the goal, iterations, error code)."""
     primitives = primitives_of(q)
-    nodes, (ground, ahead) = new_nodes(), new_ground(q, given.costs, goal)
+    nodes = Nodes(np.zeros((_FIRST, 9)), np.zeros(2 * _FIRST, dtype=np.int64), np.zeros(1, dtype=np.int64))
+    ground, ahead = new_ground(q, given.costs, goal)
     first, goal_key = node_of(nodes, _key(q, given, start)), _key(q, given, goal)
     nodes.rows[first, X : HEADING + 1] = start
     nodes.rows[first, PARENT], nodes.rows[first, TURN], nodes.rows[first, STATE] = -1.0, NO_TURN, OPEN
     waiting = [(0.0, first)]
-    nearest = _Nearest(np.full(1, math.inf), np.zeros(1, dtype=np.int64))
+    nearest = [(math.inf, 0)]
     none = np.empty((0, 3))
     iterations, on_approach, until_expansion, closest = 0, 0, 0, 1 << 40
     while len(waiting) > 0 and iterations < q.max_iterations:
@@ -310,14 +281,14 @@ def _searched(q: Any, distances: Any, given: PlannerInput, start: Any, goal: Any
             if found:
                 return nodes, origin, curve, iterations, 0
         until_expansion -= 1
-        if nearest.left[0] < q.tolerance:
+        if nearest[0][0] < q.tolerance:
             on_approach += 1
             if on_approach >= q.max_on_approach_iterations:
-                return nodes, nearest.node[0], none, iterations, 0
+                return nodes, nearest[0][1], none, iterations, 0
         nodes = roomy(nodes, primitives.shape[0])
         _expand(q, distances, given, ground, ahead, nodes, node, primitives, waiting, nearest)
-    if nearest.left[0] < q.tolerance:
-        return nodes, nearest.node[0], none, iterations, 0
+    if nearest[0][0] < q.tolerance:
+        return nodes, nearest[0][1], none, iterations, 0
     code = START_OCCUPIED if iterations == 1 else TIMEOUT if iterations >= q.max_iterations else NO_VALID_PATH
     return nodes, first, none, iterations, code
 
@@ -333,9 +304,13 @@ def _expand(
     node: int,
     primitives: Any,
     waiting: Any,
-    nearest: _Nearest,
+    nearest: Any,
 ) -> None:
-    """Put the nodes that a node's primitives improve into the open set."""
+    """Put the nodes that a node's primitives improve into the open set.
+
+    Args:
+        nearest: What is least left to the goal, and the node, in a list.
+    """
     here = nodes.rows[node]
     heading = 2.0 * math.pi * here[HEADING] / q.bins
     c, s = math.cos(heading), math.sin(heading)
@@ -363,8 +338,8 @@ def _expand(
         row[X], row[Y], row[HEADING], row[VALUE] = x, y, turned, value
         row[PARENT], row[TURN], row[STATE] = node, primitive[KIND], OPEN
         left = _left(q, distances, given, ground, ahead, row)
-        if left < nearest.left[0]:
-            nearest.left[0], nearest.node[0] = left, there
+        if left < nearest[0][0]:
+            nearest[0] = (left, there)
         heapq.heappush(waiting, (value + left, there))
 
 
