@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
 from pydantic import ValidationError
 
@@ -33,7 +33,7 @@ from vastflow.producers.places.ground import MapSearch
 from vastflow.producers.search.reading import read_search
 from vastflow.producers.search.search import Search
 from vastflow.sim.model.digest import FileContent
-from vastflow.sim.model.faults import Fault, FileError, Place
+from vastflow.sim.model.faults import Fault, FileError
 from vastflow.sim.model.scenario import ProcessSetup
 
 __all__ = ["Campaign", "Family", "OracleRequest", "load_campaign", "oracle_requests"]
@@ -145,7 +145,7 @@ def load_campaign(path: str | Path, map_dir: Path | None = None, *, as_v1: bool 
     reader = FamilyReader(
         document, path.parent, abstract, nav2.system, maps, spec.execution.max_configurations, as_v1=as_v1
     )
-    families = [family for family in _families(document, data, reader) if family.name not in reader.unavailable]
+    families = [family for family in _families(document, reader) if family.name not in reader.unavailable]
     searching = None
     if spec.search and not spec.configuration:
         searching = read_search(
@@ -201,36 +201,25 @@ def _without_tolerated(document: Document) -> tuple[dict[str, Any], list[Fault]]
     if not isinstance(families, list):
         return document.data, []
     notes: list[Fault] = []
-    kept: list[Any] = []
+    kept = [*families]
     for i, family in enumerate(families):
-        if not isinstance(family, dict):
-            kept.append(family)
-            continue
-        tolerated = [key for key in family if is_tolerated_in_family(key)]
+        tolerated = [key for key in family if is_tolerated_in_family(key)] if isinstance(family, dict) else []
         for key in tolerated:
             right = f"execution.{key} is for all families" if key in ExecutionSpec.model_fields else ""
             kind: Literal["warning", "unknown key"] = "warning" if right else "unknown key"
             notes.append(document.note(kind, ("configuration", i, key), "has no effect in a family", right))
-        kept.append({key: value for key, value in family.items() if key not in tolerated})
+            kept[i] = {key: value for key, value in kept[i].items() if key not in tolerated}
     return {**document.data, "configuration": kept}, notes
 
 
-def _families(document: Document, data: dict[str, Any], reader: FamilyReader) -> list[Family]:
+def _families(document: Document, reader: FamilyReader) -> Iterator[Family]:
     """Every family as far as it can be read, whatever is wrong elsewhere in the file."""
-    raw = data.get("configuration")
-    families: list[Family] = []
+    raw = document.data.get("configuration")
     for i, entry in enumerate(raw if isinstance(raw, list) else []):
-        if not isinstance(entry, dict):
-            continue
-        dimensions = entry.get("dimensions")
-        families.append(
-            reader.read(
-                ("configuration", i),
-                str(entry.get("name")),
-                dimensions if isinstance(dimensions, dict) else {},
-            )
-        )
-    return families
+        if isinstance(entry, dict):
+            dimensions = entry.get("dimensions")
+            tags = dimensions if isinstance(dimensions, dict) else {}
+            yield reader.read(("configuration", i), str(entry.get("name")), tags)
 
 
 def _family_set_faults(document: Document) -> list[Fault]:
@@ -238,13 +227,8 @@ def _family_set_faults(document: Document) -> list[Fault]:
     raw = document.data.get("configuration")
     search = document.data.get("search")
     if raw and search:
-        what, right = "search beside configuration", "one of the two"
-        return [document.fault(("search",), what, right, "key")]
-    if raw is None and "configuration" not in document.data and search is None:
-        return [
-            Fault(Place(document.file, where="configuration"), "an empty campaign", "a list of families, '- name: ...'")
-        ]
-    if not raw and raw in (None, [], {}) and search is None:
+        return [document.fault(("search",), "search beside configuration", "one of the two", "key")]
+    if raw in (None, [], {}) and search is None:
         return [document.fault(("configuration",), "an empty campaign", "a list of families, '- name: ...'", "key")]
     faults: list[Fault] = []
     lines: dict[str, int] = {}
@@ -253,24 +237,19 @@ def _family_set_faults(document: Document) -> list[Fault]:
         if not isinstance(name, str):
             continue
         where: Location = ("configuration", i, "name")
-        line, _ = document.place(where)
-        clash = next((other for other in lines if _shares_names(name, other)), None)
-        if clash == name:
-            faults.append(
-                document.fault(where, f"a second family {name!r}", f"another name; line {lines[name]} has it")
-            )
-        elif clash is not None:
-            short, long = sorted((name, clash), key=len)
-            what = f"{long!r} is also the name of a configuration of family {short!r}"
-            faults.append(document.fault(where, what, "a name that is not the other's with a number"))
-        lines.setdefault(name, line)
+        for other in lines:
+            short, long = sorted((name, other), key=len)
+            if name == other:
+                what, right = f"a second family {name!r}", f"another name; line {lines[name]} has it"
+            elif re.fullmatch(rf"{re.escape(short)}(-[0-9]+)*", long):  # as the other's configurations are called
+                what = f"{long!r} is also the name of a configuration of family {short!r}"
+                right = "a name that is not the other's with a number"
+            else:
+                continue
+            faults.append(document.fault(where, what, right))
+            break
+        lines.setdefault(name, document.place(where)[0])
     return faults
-
-
-def _shares_names(one: str, other: str) -> bool:
-    """Whether one is the other, or the other followed by numbers as its configurations are."""
-    short, long = sorted((one, other), key=len)
-    return re.fullmatch(rf"{re.escape(short)}(-[0-9]+)*", long) is not None
 
 
 def oracle_requests(evaluation: EvaluationSpec) -> list[OracleRequest]:
@@ -284,8 +263,7 @@ def oracle_requests(evaluation: EvaluationSpec) -> list[OracleRequest]:
 
 def _oracle_faults(document: Document) -> list[Fault]:
     """An oracle asked for twice: its verdicts would be told apart by nothing."""
-    evaluation = document.data.get("evaluation")
-    entries = evaluation.get("oracles") if isinstance(evaluation, dict) else None
+    entries = document.value(("evaluation", "oracles"))
     faults: list[Fault] = []
     seen: set[str] = set()
     for k, entry in enumerate(entries if isinstance(entries, list) else []):
@@ -295,9 +273,6 @@ def _oracle_faults(document: Document) -> list[Fault]:
                 faults.append(document.fault(where, f"a second oracle {name!r}", "one", "key"))
             seen.add(name)
     return faults
-
-
-_RUNS: Final[Location] = ("execution", "runs")
 
 
 def most_configurations(family: Family) -> int:
@@ -313,13 +288,13 @@ def size_faults(document: Document, families: Sequence[Family], execution: Execu
     """More configurations or runs than the file permits, each with the number and the key that permits it."""
     asked = [most_configurations(family) for family in families]
     total, permitted = sum(asked), execution.max_configurations
-    if total > permitted:
-        largest = max(range(len(asked)), key=asked.__getitem__)
-        where = document.known(("configuration", largest, "variations"))
-        what = f"asks for {total:,} configurations" + (f", {max(asked):,} of them here" if max(asked) < total else "")
-        return [document.fault(where, what, _right(permitted, "max_configurations", total), "key")]
-    each = execution.runs.max if isinstance(execution.runs, Sequential) else execution.runs
-    return runs_faults(document, total, execution, each)
+    if total <= permitted:
+        each = execution.runs.max if isinstance(execution.runs, Sequential) else execution.runs
+        return runs_faults(document, total, execution, each)
+    where = document.known(("configuration", asked.index(max(asked)), "variations"))
+    what = f"asks for {total:,} configurations" + (f", {max(asked):,} of them here" if max(asked) < total else "")
+    right = f"at most {permitted:,}, or 'execution: {{max_configurations: {total}}}'"
+    return [document.fault(where, what, right, "key")]
 
 
 def runs_faults(document: Document, configurations: int, execution: ExecutionSpec, runs: int) -> list[Fault]:
@@ -328,11 +303,8 @@ def runs_faults(document: Document, configurations: int, execution: ExecutionSpe
     if total <= execution.max_runs:
         return []
     what = f"asks for {total:,} runs, {runs:,} of each configuration"
-    return [document.fault(document.known(_RUNS), what, _right(execution.max_runs, "max_runs", total), "key")]
-
-
-def _right(permitted: int, key: str, total: int) -> str:
-    return f"at most {permitted:,}, or 'execution: {{{key}: {total}}}'"
+    right = f"at most {execution.max_runs:,}, or 'execution: {{max_runs: {total}}}'"
+    return [document.fault(document.known(("execution", "runs")), what, right, "key")]
 
 
 def infeasible_lengths(campaign: Campaign) -> list[Fault]:

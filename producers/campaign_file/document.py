@@ -53,11 +53,11 @@ class Document:
         return found
 
     def value(self, location: Location) -> Any:
-        """Return the value at a location that the file has."""
+        """Return the value at a location; None if the file has none there."""
         found: Any = self.data
-        for part in location:
+        for part in location if location in self.values else ():
             found = found[part]
-        return found
+        return found if location in self.values else None
 
     def place(self, location: Location, at: Literal["key", "value"] = "value") -> TextPlace:
         """Line and column of the value or its key, or of the nearest thing above that the file has."""
@@ -102,17 +102,17 @@ def read_document(path: str | Path) -> Document:
         raise FileError([Fault(Place(file, *place_of(node), "file"), f"got {found}", right)])
     walk = _Walk(file)
     data = walk.value(node, ())
-    return Document(file, data, walk.keys, walk.values, tuple(walk.faults), tuple(walk.notes), text)
+    faults, notes = (tuple(f for f in walk.faults if f.kind == kind) for kind in ("error", "warning"))
+    return Document(file, data, walk.keys, walk.values, faults, notes, text)
 
 
 class _Walk:
-    """One walk over a composed node graph; `value` of the root fills the positions, faults and notes."""
+    """One walk over a composed node graph; `value` of the root fills the positions and faults."""
 
     def __init__(self, file: str) -> None:
         self.keys: dict[Location, TextPlace] = {}
         self.values: dict[Location, TextPlace] = {}
         self.faults: list[Fault] = []
-        self.notes: list[Fault] = []
         self._file = file
         self._constructor = SafeConstructor()
 
@@ -124,33 +124,22 @@ class _Walk:
             return self._mapping(node, location)
         if isinstance(node, SequenceNode) and node.tag == f"{TAG}seq":
             return [self.value(item, (*location, i)) for i, item in enumerate(node.value)]
-        self._fault(node, location, f"got the tag {_tag(node)}", "no tag")
+        self._fault(node, location, f"got the tag {node.tag.replace(TAG, '!!')}", "no tag")
         return None
 
     def _mapping(self, node: MappingNode, location: Location) -> dict[str, Any]:
         data: dict[str, Any] = {}
-        for key_node, value_node in node.value:
-            if key_node.tag == f"{TAG}merge":
-                continue
+        own = [pair for pair in node.value if pair[0].tag != f"{TAG}merge"]
+        for i, (key_node, value_node) in enumerate([*own, *self._merged(node, location)]):
             key = self._key(key_node, location)
-            if key is None:
-                continue
-            if key in data:
+            if key in data and i < len(own):
                 first, _ = self.keys[(*location, key)]
-                self._fault(
-                    key_node, (*location, key), "a second time the same key", f"one; the first is in line {first}"
-                )
-                continue
-            self._enter(data, key, key_node, value_node, location)
-        for key_node, value_node in self._merged(node, location):
-            key = self._key(key_node, location)
-            if key is not None and key not in data:
-                self._enter(data, key, key_node, value_node, location)
+                right = f"one; the first is in line {first}"
+                self._fault(key_node, (*location, key), "a second time the same key", right)
+            elif key is not None and key not in data:
+                self.keys[(*location, key)] = place_of(key_node)
+                data[key] = self.value(value_node, (*location, key))
         return data
-
-    def _enter(self, data: dict[str, Any], key: str, key_node: Node, value_node: Node, location: Location) -> None:
-        self.keys[(*location, key)] = place_of(key_node)
-        data[key] = self.value(value_node, (*location, key))
 
     def _merged(self, node: MappingNode, location: Location) -> Iterator[tuple[Node, Node]]:
         """Pairs that `<<` brings in, the nearest first."""
@@ -174,50 +163,32 @@ class _Walk:
 
     def _scalar(self, node: ScalarNode, location: Location) -> Any:
         kind, text = node.tag.removeprefix(TAG), node.value
-        plain = not node.style
         if kind in ("str", "timestamp", "value", "merge"):
-            return float(text) if plain and EXPONENT.fullmatch(text) and math.isfinite(float(text)) else text
+            is_number = not node.style and EXPONENT.fullmatch(text) and math.isfinite(float(text))
+            return float(text) if is_number else text
         if kind == "null":
             return None
         try:
-            if kind == "bool":
-                return self._constructor.construct_yaml_bool(node)
-            if kind in ("int", "float"):
-                return self._number(node, kind, location)
+            found = self._constructor.construct_object(node) if kind in MEANING else None
         except (ValueError, KeyError, IndexError, OverflowError):
-            pass
-        else:
-            self._fault(node, location, f"got the tag {_tag(node)}", "no tag")
+            self._fault(node, location, f"got {shown(text)}", f"{MEANING[kind]}, or quotes round a text")
             return None
-        self._fault(node, location, f"got {shown(text)}", f"{MEANING[kind]}, or quotes round a text")
+        if found is None:
+            self._fault(node, location, f"got the tag {node.tag.replace(TAG, '!!')}", "no tag")
+        elif kind == "float" and not math.isfinite(found):
+            self._fault(node, location, f"got {text}", "a finite number")
+        elif kind == "int" and not -(2**63) <= found < 2**63:
+            self._fault(node, location, f"got {shown(text)}", "a whole number of at most 64 bits")
+        else:
+            if kind != "bool" and OCTAL_OR_BASE_60.fullmatch(text):
+                what = f"got {text}, which YAML 1.1 reads as {found}"
+                self._fault(node, location, what, f"write {found}, or quotes for a text", "warning")
+            return found
         return None
 
-    def _number(self, node: ScalarNode, kind: str, location: Location) -> int | float | None:
-        number = (
-            self._constructor.construct_yaml_int(node)
-            if kind == "int"
-            else self._constructor.construct_yaml_float(node)
-        )
-        if isinstance(number, float) and not math.isfinite(number):
-            self._fault(node, location, f"got {node.value}", "a finite number")
-            return None
-        if isinstance(number, int) and not -(2**63) <= number < 2**63:
-            self._fault(node, location, f"got {shown(node.value)}", "a whole number of at most 64 bits")
-            return None
-        if OCTAL_OR_BASE_60.fullmatch(node.value):
-            what = f"got {node.value}, which YAML 1.1 reads as {number}"
-            place, where = place_of(node), path_text(location)
-            self.notes.append(
-                Fault(Place(self._file, *place, where), what, f"write {number}, or quotes for a text", "warning")
-            )
-        return number
-
-    def _fault(self, node: Node, location: Location, what: str, right: str) -> None:
-        self.faults.append(Fault(Place(self._file, *place_of(node), path_text(location)), what, right))
-
-
-def _tag(node: Node) -> str:
-    return str(node.tag).replace(TAG, "!!")
+    def _fault(self, node: Node, location: Location, what: str, right: str, kind: FaultKind = "error") -> None:
+        place = Place(self._file, *place_of(node), path_text(location))
+        self.faults.append(Fault(place, what, right, kind))
 
 
 EXPECTED: Final[Mapping[str, str]] = {
@@ -259,88 +230,65 @@ def faults_of(document: Document, base: Location, model: type[BaseModel], error:
     located = [(document.known((*base, *detail["loc"])), detail) for detail in error.errors(include_url=False)]
     merged: dict[tuple[Location, str], Fault] = {}
     for found, detail in located:
-        if _is_branch(found, base, detail) and any(
-            len(other) > len(found) and other[: len(found)] == found for other, _ in located
-        ):
+        is_branch = len(found) < len(base) + len(detail["loc"])
+        is_branch &= detail["type"] not in ("missing", "extra_forbidden")
+        if is_branch and any(len(other) > len(found) and other[: len(found)] == found for other, _ in located):
             continue
-        fault = _fault(document, base, found, model, detail)
+        fault = _fault(document, found, model, detail)
         key = (found, fault.problem)
-        if key in merged and _is_branch(found, base, detail):
-            fault = _either(merged[key], fault)
+        if key in merged and is_branch:
+            known = merged[key].expected.split(" or ")
+            fault = replace(fault, expected=" or ".join(dict.fromkeys([*known, fault.expected])))
         elif key in merged:
             key = (found, f"{fault.problem}; {fault.expected}")
         merged[key] = fault
     return list(merged.values())
 
 
-def _is_branch(found: Location, base: Location, detail: ErrorDetails) -> bool:
-    return detail["type"] not in ("missing", "extra_forbidden") and len(found) < len(base) + len(detail["loc"])
-
-
-def _either(first: Fault, second: Fault) -> Fault:
-    if second.expected in first.expected.split(" or "):
-        return first
-    return replace(first, expected=f"{first.expected} or {second.expected}")
-
-
-def _fault(document: Document, base: Location, found: Location, model: type[BaseModel], detail: ErrorDetails) -> Fault:
-    kind, context = detail["type"], detail.get("ctx", {})
+def _fault(document: Document, found: Location, model: type[BaseModel], detail: ErrorDetails) -> Fault:
+    kind, context, given = detail["type"], detail.get("ctx", {}), detail["input"]
     if kind == "extra_forbidden":
         known = _model_at(model, detail["loc"][:-1]).model_fields
-        return _at_key(document, found, found[:-1], f"unknown key {found[-1]!r}", did_you_mean(str(found[-1]), known))
+        fault = document.fault(found, f"unknown key {found[-1]!r}", did_you_mean(str(found[-1]), known), "key")
+        return replace(fault, place=replace(fault.place, where=path_text(found[:-1])))
     if kind == "missing":
         name = str(detail["loc"][-1])
         field = _model_at(model, detail["loc"][:-1]).model_fields.get(name)
-        about = (field.description or "").split(";")[0].split(". ")[0].rstrip(".") if field else ""
-        right = f"{name}: {' '.join(about.split())[:1].lower()}{' '.join(about.split())[1:] or '...'}"
-        return _at_key(document, found, found, f"no {name!r}", right)
+        about = ((field and field.description) or "").split(";")[0].split(". ")[0].rstrip(".")
+        right = " ".join(about.split())
+        return document.fault(found, f"no {name!r}", f"{name}: {right[:1].lower()}{right[1:] or '...'}", "key")
     if kind == "second_key":
-        location = (*found, str(context["key"]))
-        return _at_key(document, location, location, *_parted(detail))
+        return document.fault((*found, str(context["key"])), *_parted(detail), "key")
     if "at" in context:
         found = document.known((*found, str(context["at"])))
     if kind in EXPECTED:
         right = EXPECTED[kind].format(**context)
-        if kind == "literal_error" and isinstance(detail["input"], str):
-            right = _nearest(detail["input"], right)
-        if kind == "string_type" and isinstance(detail["input"], int | float):
+        if kind == "literal_error" and isinstance(given, str):
+            hint = did_you_mean(given, [part.strip("' ") for part in right.replace(" or ", ", ").split(",")])
+            right = hint if hint.startswith("did") else right
+        if kind == "string_type" and isinstance(given, int | float):
             right = "text in quotes"
-        return document.fault(found, f"got {shown(detail['input'])}", right)
+        return document.fault(found, f"got {shown(given)}", right)
     # A mapping begins below the key that names it, and the fault is one of the whole.
-    whole_mapping = "at" not in context and isinstance(detail["input"], Mapping)
-    fault = document.fault(found, *_parted(detail), at="key" if whole_mapping else "value")
-    return replace(fault, kind="missing") if kind == MISSING_FILE else fault
-
-
-def _at_key(document: Document, place: Location, where: Location, what: str, right: str) -> Fault:
-    return Fault(Place(document.file, *document.place(place, "key"), path_text(where)), what, right)
+    whole_mapping = "at" not in context and isinstance(given, Mapping)
+    kind_of_fault: FaultKind = "missing" if kind == MISSING_FILE else "error"
+    return document.fault(found, *_parted(detail), "key" if whole_mapping else "value", kind_of_fault)
 
 
 def _parted(detail: ErrorDetails) -> tuple[str, str]:
     """Split a validator's own message into the problem and what would be right."""
-    got = f"got {shown(detail['input'])}"
     error = detail.get("ctx", {}).get("error")
     message = " ".join(str(error if isinstance(error, Exception) else detail["msg"]).split())
     problem, expected = parted(message)
-    return (
-        (problem, expected)
-        if expected or problem.startswith("expected ") or ": expected " in problem
-        else (got, problem)
-    )
-
-
-def _nearest(found: str, expected: str) -> str:
-    names = [part.strip("' ") for part in expected.replace(" or ", ", ").split(",")]
-    hint = did_you_mean(found, names)
-    return hint if hint.startswith("did") else expected
+    is_whole = expected or problem.startswith("expected ") or ": expected " in problem
+    return (problem, expected) if is_whole else (f"got {shown(detail['input'])}", problem)
 
 
 def _model_at(model: type[BaseModel], location: tuple[int | str, ...]) -> type[BaseModel]:
     """The model of what stands at `location`, through lists, unions and mappings."""
     for part in location:
         field = model.model_fields.get(str(part))
-        inner = next(_models_in(field.annotation), None) if field else None
-        model = inner or model
+        model = (next(_models_in(field.annotation), None) if field else None) or model
     return model
 
 

@@ -1,6 +1,5 @@
 """The user's Nav2 parameter file, as `execution.nav2_params` names it: its content, its faults, what is not modeled."""
 
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import Final
 from vastflow.producers.campaign_file.document import Document
 from vastflow.producers.model.faults import Location, shown
 from vastflow.sim.model.digest import Value
-from vastflow.sim.model.faults import Fault, FileError, Place
+from vastflow.sim.model.faults import Fault, FaultKind, FileError, Place
 from vastflow.sim.model.files import is_file
 from vastflow.sim.model.parameter import ParameterLocation
 from vastflow.sim.nav2.parameter_files import document as parameters
@@ -36,7 +35,7 @@ class Nav2Params:
 
 def nav2_params_of(document: Document, base: Path) -> Nav2Params:
     """Read the Nav2 parameter file of a campaign file, which is relative to `base`."""
-    if document.known(WHERE) != WHERE or not isinstance(name := document.value(WHERE), str):
+    if not isinstance(name := document.value(WHERE), str):
         return Nav2Params({})
     path = base / name
     if not is_file(path):
@@ -46,22 +45,20 @@ def nav2_params_of(document: Document, base: Path) -> Nav2Params:
         found = interpretation(frozen(read_nav2_document(path)))
     except FileError as error:
         return Nav2Params({}, error.faults)
-    faults = tuple(_slip(found.document.file, each, near) for each, near in slips(found))
-    return Nav2Params({FILE_KEY: file_value(found.document)}, faults, tuple(notes_of(found)))
-
-
-def _slip(file: str, each: Finding, near: str) -> Fault:
-    return Fault(
-        Place(file, *each.place, short(each.path)), f"unknown key {each.path[-1]!r}", f"did you mean {near!r}?"
+    faults = tuple(
+        Fault(Place(found.document.file, *each.place, short(each.path)), f"unknown key {each.path[-1]!r}", right)
+        for each, near in slips(found)
+        if (right := f"did you mean {near!r}?")
     )
+    return Nav2Params({FILE_KEY: file_value(found.document)}, faults, tuple(notes_of(found)))
 
 
 def notes_of(found: Interpretation) -> Iterator[Fault]:
     """Yield a note for each parameter, or group of parameters, that is not modeled or is built in otherwise."""
     document = found.document
 
-    def warning(path: ParameterLocation, what: str, consequence: str) -> Fault:
-        return Fault(Place(document.file, *document.place(path), short(path)), what, consequence, "warning")
+    def note(path: ParameterLocation, what: str, consequence: str, kind: FaultKind = "warning") -> Fault:
+        return Fault(Place(document.file, *document.place(path), short(path)), what, consequence, kind)
 
     for nodes, consequence in (
         (found.replaced, "as in Nav2 Jazzy's default file"),
@@ -71,31 +68,27 @@ def notes_of(found: Interpretation) -> Iterator[Fault]:
             yield Fault(Place(document.file, 1, 1, "file"), f"has no {', '.join(nodes)}", consequence, "warning")
     critics = critics_of(found.parameters.controller).values()
     if critics and not any(critic.enabled for critic in critics):
-        node = document.node("controller_server") or ()
-        place = Place(document.file, *document.place(node), "controller_server")
+        place = Place(document.file, *document.place(document.node("controller_server") or ()), "controller_server")
         yield Fault(place, "enables no critic of its controller", "it will not follow a path", "warning")
     for path in document.repeated:
-        yield warning(path, "a second time", "this value counts")
+        yield note(path, "a second time", "this value counts")
     for path, why in found.reader.unused.items():
         if path[-1] == "robot_radius" and path in document.values:
-            yield warning(path, f"got {shown(document.values[path])}, which has no effect", why)
+            yield note(path, f"got {shown(document.values[path])}, which has no effect", why)
     for path, held in found.reader.held.items():
         if path in document.values:
             what = f"got {shown(document.values[path])}, which is no whole number of ticks of 50 ms"
-            yield warning(path, what, f"runs at {held:g} Hz")
-    said = [finding for finding in findings(found) if finding.status in ("not modeled", "differs")]
-    sizes = Counter(finding.about for finding in said)
-    for about, size in sizes.items():
-        first = next(finding for finding in said if finding.about == about)
-        yield _note(document, first, size)
-
-
-def _note(document: parameters.ParameterDocument, finding: Finding, size: int) -> Fault:
-    if finding.status == "differs":
-        what, right = f"got {shown(finding.value)}, which is not modeled", f"{shown(finding.used)} is built in"
-    else:
-        what, right = "not modeled" if size == 1 else f"its {size} parameters are not modeled", finding.why
-    return Fault(Place(document.file, *document.place(finding.about), short(finding.about)), what, right, "not modeled")
+            yield note(path, what, f"runs at {held:g} Hz")
+    groups: dict[ParameterLocation, list[Finding]] = {}
+    for finding in findings(found):
+        if finding.status in ("not modeled", "differs"):
+            groups.setdefault(finding.about, []).append(finding)
+    for about, (first, *others) in groups.items():
+        if first.status == "differs":
+            what, right = f"got {shown(first.value)}, which is not modeled", f"{shown(first.used)} is built in"
+        else:
+            what, right = f"its {len(others) + 1} parameters are not modeled" if others else "not modeled", first.why
+        yield note(about, what, right, "not modeled")
 
 
 def short(path: ParameterLocation) -> str:

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
 
-from vastflow.producers.campaign_file import plug_in_file
 from vastflow.producers.campaign_file.document import Document
 from vastflow.producers.model.faults import NOT_EXECUTED, Location
 from vastflow.sim.model.faults import Fault
+from vastflow.sim.model.files import is_file
 from vastflow.sim.model.names import did_you_mean
 
 COMMAND: Final = "command"
@@ -33,6 +33,28 @@ UNTOUCHED: Final[Mapping[str, str]] = {"compress": "the campaign directory stays
 StepKind: TypeAlias = Literal["command", "plug-in", "recorded", "not executed", "unknown"]
 
 
+def plug_in_complaint(reference: str, base: Path) -> str | None:
+    """Return what is wrong with `file.py:Class`, relative to `base`; None if the file has such a class.
+
+    Nothing is executed: a name that the file imports or assigns counts, whatever stands behind it.
+    """
+    name, _, class_name = reference.rpartition(":")
+    if not is_file(base / name):
+        return f"got {reference!r}, and there is no such file"
+    try:
+        module = ast.parse((base / name).read_bytes())
+    except (SyntaxError, ValueError, RecursionError, OSError) as error:
+        return f"{name} can't be read as Python: {' '.join(str(error).split())}"
+    for node in ast.walk(module):
+        match node:
+            case ast.ClassDef(name=found) | ast.Name(id=found, ctx=ast.Store()) if found == class_name:
+                return None
+            case ast.ImportFrom(names=aliases) | ast.Import(names=aliases):
+                if class_name in [alias.asname or alias.name.partition(".")[0] for alias in aliases]:
+                    return None
+    return f"no class {class_name!r} in {name}"
+
+
 @dataclass(frozen=True, slots=True)
 class ProcessingStep:
     """A step of `results_processing.postprocessing`.
@@ -47,7 +69,7 @@ class ProcessingStep:
     @property
     def kind(self) -> StepKind:
         """The treatment of the step."""
-        if plug_in_file.names_file(self.name):
+        if ".py:" in self.name:
             return "plug-in"
         if self.name == COMMAND:
             return "command"
@@ -69,7 +91,7 @@ class ProcessingStep:
     def complaint(self, base: Path) -> str | None:
         """Return the obstacle to a step, as far as known without executing it, or None."""
         if self.kind == "plug-in":
-            return plug_in_file.plug_in_complaint(f"{self.file}:{self.name.rpartition(':')[2]}", base)
+            return plug_in_complaint(f"{self.file}:{self.name.rpartition(':')[2]}", base)
         if self.kind == "unknown":
             known = [*RECORDED, *UNTOUCHED, COMMAND]
             return f"no step is called {self.name!r}; {did_you_mean(self.name, known)}, or file.py:Class"
@@ -88,11 +110,8 @@ class ProcessingStep:
         if not self.file or not (base / self.file).is_file():
             return
         file = base / self.file
-        if self.kind == "plug-in":
-            yield from _with_imported(file)
-            return
-        yield file
-        arguments = self.parameters.get("args")
+        yield from _with_imported(file) if self.kind == "plug-in" else (file,)
+        arguments = self.parameters.get("args") if self.kind != "plug-in" else None
         for argument in arguments if isinstance(arguments, list) else ():
             if isinstance(argument, str) and argument and (base / argument).is_file():
                 yield base / argument
@@ -118,19 +137,17 @@ def _with_imported(file: Path) -> Iterator[Path]:
     folder, found = file.parent, [file]
     for each in found:
         yield each
-        for name in _imported(each):
+        imported: list[str] = []
+        with suppress(SyntaxError, ValueError, RecursionError, OSError):
+            for node in ast.walk(ast.parse(each.read_bytes())):
+                if isinstance(node, ast.Import):
+                    imported += [alias.name for alias in node.names]
+                elif isinstance(node, ast.ImportFrom) and node.module:
+                    imported.append(node.module)
+        for name in imported:
             beside = folder.joinpath(*name.split("."))
             for candidate in (beside.with_suffix(".py"), beside / "__init__.py"):
                 if candidate.is_file() and candidate not in found:
                     found.append(candidate)
             if beside.is_dir():
                 found += [each for each in sorted(beside.glob("*.py")) if each not in found]
-
-
-def _imported(file: Path) -> Iterator[str]:
-    with suppress(SyntaxError, ValueError, RecursionError, OSError):
-        for node in ast.walk(ast.parse(file.read_bytes())):
-            if isinstance(node, ast.Import):
-                yield from (alias.name for alias in node.names)
-            elif isinstance(node, ast.ImportFrom) and node.module:
-                yield node.module

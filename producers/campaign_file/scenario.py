@@ -1,6 +1,6 @@
 """The scenario a campaign names: its abstract scenario, and what the programs of its runs are given."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Final
@@ -50,7 +50,7 @@ class AbstractScenario:
         if self.definition is None:
             return ((MAP_KEY,), (START_KEY,), (GOAL_KEY, GOALS_KEY))
         groups: list[Group] = [(MAP_KEY,)] if self.in_world and not self.launches_own_map else []
-        calls = {call.action.rpartition(".")[2] for call in calls_of(self.definition.root)}
+        calls = {action.rpartition(".")[2] for action in self.actions}
         if self.in_world and "init_nav2" not in calls and START_KEY not in self.parameters:
             groups.append((START_KEY,))
         for parameter in self.definition.parameters:
@@ -59,18 +59,20 @@ class AbstractScenario:
         return groups
 
     @property
+    def actions(self) -> frozenset[str]:
+        """Names of the actions that it calls."""
+        return frozenset(call.action for call in calls_of(self.definition.root)) if self.definition else frozenset()
+
+    @property
     def launches_own_map(self) -> bool:
         """Whether it launches a simulation with a map that no parameter names."""
-        if self.definition is None or MAP_KEY in self.parameters:
-            return False
-        return any(call.action == "ros_launch" for call in calls_of(self.definition.root))
+        return MAP_KEY not in self.parameters and "ros_launch" in self.actions
 
     @property
     def optional_objects(self) -> tuple[str, ...]:
         """Its parameters of objects to spawn, of which there may be none."""
-        return (
-            tuple(each.name for each in self.definition.parameters if is_optional_list(each)) if self.definition else ()
-        )
+        parameters = self.definition.parameters if self.definition else ()
+        return tuple(each.name for each in parameters if is_optional_list(each))
 
     def goal_keys(self, keys: Collection[str]) -> tuple[str, ...]:
         """Return the keys whose goals the robot visits in turn although the file's scenario has one goal."""
@@ -81,7 +83,7 @@ class AbstractScenario:
     @property
     def in_world(self) -> bool:
         """Whether it does anything in the simulated world."""
-        return self.definition is None or any(call.action in WORLDLY for call in calls_of(self.definition.root))
+        return self.definition is None or not self.actions.isdisjoint(WORLDLY)
 
     @property
     def parameters(self) -> frozenset[str]:
@@ -106,8 +108,7 @@ FROM_GOAL: Final = AbstractScenario("", "", None)
 
 def abstract_scenario_of(document: Document, base: Path) -> tuple[AbstractScenario | None, list[Fault]]:
     """Read what `execution.scenario_file` names, or say everything that is wrong with it."""
-    execution = document.data.get("execution")
-    name = execution.get("scenario_file") if isinstance(execution, Mapping) else None
+    name = document.value(WHERE)
     if not isinstance(name, str):
         return FROM_GOAL, []
     if name.startswith(BUILTIN):
@@ -125,20 +126,14 @@ def abstract_scenario_of(document: Document, base: Path) -> tuple[AbstractScenar
         return None, [replace(fault, place=replace(fault.place, where="scenario")) for fault in error.faults]
     except ScenarioError as error:
         return None, [document.fault(WHERE, str(error), "")]
-    lacking = [
-        replace(u, place=replace(u.place, file=str(file), where="scenario")) for u in unsupported(definition, ACTIONS)
-    ]
-    drawn = [
-        Fault(
-            replace(p.place, file=str(file), where="scenario"),
-            f"the default of parameter {p.name} is not known before a run",
-            "a value, or a var in place of a parameter",
-        )
-        for p in definition.parameters
-        if p.default is not None and default_of(definition, p.name) is None
-    ]
-    faults = [*lacking, *drawn]
-    return (None, faults) if faults else (AbstractScenario(name, content, definition), [])
+    faults = list(unsupported(definition, ACTIONS))
+    for p in definition.parameters:
+        if p.default is not None and default_of(definition, p.name) is None:
+            what = f"the default of parameter {p.name} is not known before a run"
+            faults.append(Fault(p.place, what, "a value, or a var in place of a parameter"))
+    if faults:
+        return None, [replace(each, place=replace(each.place, file=str(file), where="scenario")) for each in faults]
+    return AbstractScenario(name, content, definition), []
 
 
 KEYS: Final = ("run_files", "env", "pre_command", "post_command")
@@ -153,7 +148,7 @@ def programs_of(
     them counts.
     """
     given = [key for key in KEYS if getattr(execution, key)]
-    if not _starts_programs(abstract):
+    if abstract.actions.isdisjoint(PROCESSES):
         why = "the scenario starts no program"
         return None, [document.note("not executed", ("execution", key), "has no effect", why) for key in given], []
     scripts, notes, faults = _scripts(document, base, execution)
@@ -165,7 +160,11 @@ def programs_of(
         document.note("warning", ("execution", "run_files"), f"no file matches {pattern!r}")
         for pattern in unmatched(files, execution.run_files)
     ]
-    environment = {name: _text(value) for entry in execution.env for name, value in entry.items()}
+    environment = {  # YAML's `true` is `true`, as a shell would have it
+        name: str(value).lower() if isinstance(value, bool) else "" if value is None else str(value)
+        for entry in execution.env
+        for name, value in entry.items()
+    }
     folder = PurePosixPath(execution.scenario_file or "").parent
     own = {path: FileContent(str(base / path), file_digest(base / path)) for path in scripts}
     setup = ProcessSetup(
@@ -185,8 +184,8 @@ def _scripts(document: Document, base: Path, execution: ExecutionSpec) -> tuple[
     faults: list[Fault] = []
     for key in ("pre_command", "post_command"):
         command = getattr(execution, key) or ""
-        program = command if _is_file(base, command) else _program(command)
-        if program is None or (key == "post_command" and "/" not in program and not _is_file(base, program)):
+        program = command if _is_file(base, command) else (command.split() or [""])[0]
+        if not program or (key == "post_command" and "/" not in program and not _is_file(base, program)):
             continue  # nothing, or a program that PATH leads to
         where: Location = ("execution", key)
         if _is_file(base, program):
@@ -215,23 +214,9 @@ def run_files(base: Path, patterns: Sequence[str]) -> RunFiles:
     Raises:
         ScenarioError: a pattern that can't be used.
     """
-    return files_matching(base, patterns, _is_left_by_a_campaign)
 
+    def is_left_by_a_campaign(folder: Path) -> bool:
+        written = all(is_file(folder / name) for name in ("campaign.vast", "metadata.json"))
+        return written or is_file(folder / "_config" / "campaign.vast")
 
-def _is_left_by_a_campaign(folder: Path) -> bool:
-    written = all(is_file(folder / name) for name in ("campaign.vast", "metadata.json"))
-    return written or is_file(folder / "_config" / "campaign.vast")
-
-
-def _starts_programs(abstract: AbstractScenario) -> bool:
-    definition = abstract.definition
-    return definition is not None and any(call.action in PROCESSES for call in calls_of(definition.root))
-
-
-def _program(command: str | None) -> str | None:
-    return command.split()[0] if command and command.split() else None
-
-
-def _text(value: object) -> str:
-    """A variable as a shell would have it: YAML's `true` is `true`."""
-    return str(value).lower() if isinstance(value, bool) else "" if value is None else str(value)
+    return files_matching(base, patterns, is_left_by_a_campaign)

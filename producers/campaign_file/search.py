@@ -49,28 +49,23 @@ class SearchDimension(Section):
         known = _KEYS[self.type]
         for key in sorted(self.model_fields_set - {"type"} - known):
             right = did_you_mean(key, known) if known else "its type alone"
-            raise _wrong(
-                "{key!r} has no meaning for type {kind}; {right}", key=key, kind=self.type, right=right, at=key
-            )
+            raise _wrong(f"{key!r} has no meaning for type {self.type}; {right}", at=key)
         if self.type == "choice" and self.values is None:
-            raise _wrong("a choice without values; values: [...]")
-        if self.type in ("float", "int"):
-            self._check_range()
-        return self
-
-    def _check_range(self) -> None:
+            raise ValueError("a choice without values; values: [...]")
+        if self.type not in ("float", "int"):
+            return self
         if self.low is None or self.high is None:
-            raise _wrong("a range without both bounds; low and high")
+            raise ValueError("a range without both bounds; low and high")
         if self.low > self.high:
-            raise _wrong("low {low:g} is greater than high {high:g}; low <= high", low=self.low, high=self.high)
-        if self.type == "int":
-            for name, bound in (("low", self.low), ("high", self.high)):
-                if not bound.is_integer():
-                    raise _wrong("expected a whole number, as type int has, got {bound:g}", bound=bound, at=name)
+            raise ValueError(f"low {self.low:g} is greater than high {self.high:g}; low <= high")
+        for name, bound in (("low", self.low), ("high", self.high)):
+            if self.type == "int" and not bound.is_integer():
+                raise _wrong(f"expected a whole number, as type int has, got {bound:g}", at=name)
         if self.log and self.low <= 0:
-            raise _wrong("low {low:g} on a logarithmic scale; low > 0", low=self.low)
+            raise ValueError(f"low {self.low:g} on a logarithmic scale; low > 0")
         if self.log and self.step not in (None, 1):
-            raise _wrong("log and step are both given; one of them")
+            raise ValueError("log and step are both given; one of them")
+        return self
 
     @property
     def first(self) -> Any:
@@ -97,13 +92,11 @@ class Quantity(Section):
     @model_validator(mode="after")
     def _whole(self) -> Self:
         if self.metric is not None and self.oracle is None:
-            raise _wrong("metric without oracle; the oracle that measures it")
+            raise ValueError("metric without oracle; the oracle that measures it")
         if self.metric is None and self.model_fields_set & {"aggregate", "q"}:
-            raise _wrong("aggregate without metric; a failure rate has none")
+            raise ValueError("aggregate without metric; a failure rate has none")
         if (self.aggregate == "quantile") != (self.q is not None):
-            raise _wrong(
-                "aggregate {how} {but} q; quantile with q", how=self.aggregate, but="and" if self.q else "without"
-            )
+            raise ValueError(f"aggregate {self.aggregate} {'and' if self.q else 'without'} q; quantile with q")
         return self
 
 
@@ -125,7 +118,15 @@ class Objective(Section):
     """Whether the search looks for its greatest or its least value."""
 
 
-class Budget(Section):
+class _Criterion(Section):
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        if not self.model_fields_set:
+            raise ValueError(f"expected one of {', '.join(type(self).model_fields)}, got {shown({})}")
+        return self
+
+
+class Budget(_Criterion):
     """The budget of the search."""
 
     batches: Count | None = None
@@ -138,11 +139,6 @@ class Budget(Section):
     """Runs of all points together."""
     simulated_hours: Positive | None = None
     """Not part of version 1 elsewhere."""
-
-    @model_validator(mode="after")
-    def _one(self) -> Self:
-        _check_not_empty(self)
-        return self
 
 
 class NoImprovement(Section):
@@ -165,15 +161,15 @@ class StopMetric(Section):
     """What it is compared with, in the unit of the number."""
 
 
-def _patience(value: Any) -> Any:
-    return {"patience": value} if isinstance(value, int) and not isinstance(value, bool) else value
-
-
 def _target(value: Any) -> Any:
     return value["value"] if isinstance(value, Mapping) and set(value) == {"value"} else value
 
 
-class Stopping(Section):
+def _patience(value: Any) -> Any:
+    return {"patience": value} if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+class Stopping(_Criterion):
     """When the search ends before its budget is spent."""
 
     target_objective: Annotated[Number, BeforeValidator(_target)] | None = None
@@ -182,11 +178,6 @@ class Stopping(Section):
     """When the objective stands still: a number of batches, or `{patience, min_delta}`."""
     metric: StopMetric | None = None
     """When a number that the strategy reports passes a value."""
-
-    @model_validator(mode="after")
-    def _one(self) -> Self:
-        _check_not_empty(self)
-        return self
 
 
 def _entries(value: Any) -> Any:
@@ -240,9 +231,9 @@ class SearchSpec(Section):
     @model_validator(mode="after")
     def _ends(self) -> Self:
         if not self.budget and not self.stopping:
-            raise _wrong("neither budget nor stopping; at least one of them")
+            raise ValueError("neither budget nor stopping; at least one of them")
         if len(self.objectives) > 1:
-            raise _wrong("expected one, got {n} objectives", n=len(self.objectives), at="objectives")
+            raise _wrong(f"expected one, got {len(self.objectives)} objectives", at="objectives")
         return self
 
     @property
@@ -256,15 +247,8 @@ class SearchSpec(Section):
         return self.objective.direction
 
 
-def _check_not_empty(criterion: Section) -> None:
-    if not criterion.model_fields_set:
-        known = ", ".join(type(criterion).model_fields)
-        raise _wrong("expected one of {known}, got {found}", found=shown({}), known=known)
-
-
-def _wrong(message: str, **context: Any) -> PydanticCustomError:
-    """An error whose text is made here, for pydantic's own has no formats."""
-    return PydanticCustomError("search", "{said}", {"said": message.format(**context), **context})
+def _wrong(said: str, at: str) -> PydanticCustomError:
+    return PydanticCustomError("search", "{said}", {"said": said, "at": at})
 
 
 SEARCH: Final[Location] = ("search",)

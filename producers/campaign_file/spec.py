@@ -37,13 +37,10 @@ MAX_NAME: Final = 100
 
 def _family_name(name: str) -> str:
     """Names become names of files, so besides the format's rules none may hold a separator."""
-    wrong = sorted({c for c in name if c in '_./\\:*?"<>|' or c.isspace() or not c.isprintable() or c != c.lower()})
+    wrong = any(c in '_./\\:*?"<>|' or c.isspace() or not c.isprintable() or c != c.lower() for c in name)
     if wrong or not name or name.startswith("-") or len(name) > MAX_NAME:
-        raise PydanticCustomError(
-            "family_name",
-            "expected lowercase letters, digits and hyphens, such as 'rooms-noise', at most 100, got {found}",
-            {"found": repr(name[:MAX_NAME])},
-        )
+        right = "lowercase letters, digits and hyphens, such as 'rooms-noise', at most 100"
+        raise ValueError(f"expected {right}, got {name[:MAX_NAME]!r}")
     return name
 
 
@@ -52,18 +49,14 @@ def _inside(path: str) -> str:
     for part in PurePosixPath(path).parts:
         depth += -1 if part == ".." else 1
         if part == "/" or depth < 0:
-            raise PydanticCustomError(
-                "outside", "expected a path below the campaign file's folder, got {found}", {"found": repr(path)}
-            )
+            raise ValueError(f"expected a path below the campaign file's folder, got {path!r}")
     return path
 
 
 def _one_env(entry: dict[str, Any]) -> dict[str, Any]:
-    for name in entry:
-        if name in RESERVED_ENV:
-            raise PydanticCustomError(
-                "reserved", "{name} is set for every run; another name", {"name": name, "at": name}
-            )
+    if name := next((name for name in entry if name in RESERVED_ENV), None):
+        said = f"{name} is set for every run; another name"
+        raise PydanticCustomError("reserved", "{said}", {"said": said, "at": name})
     return entry
 
 
@@ -239,9 +232,7 @@ class Notebooks(Section):
 
 def _one_tab(entry: dict[str, Notebooks]) -> dict[str, Notebooks]:
     if len(entry) != 1:
-        raise PydanticCustomError(
-            "tab", "expected one, as 'Tab: ...', got {found} tabs in one entry", {"found": len(entry)}
-        )
+        raise ValueError(f"expected one, as 'Tab: ...', got {len(entry)} tabs in one entry")
     return entry
 
 
@@ -330,27 +321,21 @@ def campaign_schema() -> dict[str, Any]:
         "additionalProperties": False,
     }
     schemas["FamilySpec"]["properties"]["variations"]["items"] = variation
-    campaign = schemas.pop("CampaignSpec")
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        **campaign,
-        "title": TITLE,
-        "$defs": {name: schemas[name] for name in sorted(_named(campaign, schemas))},
-    }
-
-
-def _named(said: Any, schemas: dict[str, Any]) -> set[str]:
-    """Return the names of all definitions that are referred to, directly or through others."""
-    found: set[str] = set()
-    waiting = [said]
-    while waiting:
+    campaign, used = schemas.pop("CampaignSpec"), set[str]()
+    waiting: list[Any] = [campaign]
+    while waiting:  # the definitions that are referred to, directly or through others
         value = waiting.pop()
         if isinstance(value, dict):
             waiting += value.values()
             name = str(value.get("$ref", "")).removeprefix(_PLACE)
-            if name in schemas and name not in found:
-                found.add(name)
+            if name in schemas and name not in used:
+                used.add(name)
                 waiting.append(schemas[name])
         elif isinstance(value, (list, tuple)):
             waiting += value
-    return found
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **campaign,
+        "title": TITLE,
+        "$defs": {name: schemas[name] for name in sorted(used)},
+    }

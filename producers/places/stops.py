@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Final, TypeAlias
 
 from pydantic import AfterValidator, BeforeValidator, Field
-from pydantic_core import PydanticCustomError
 
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.pose import Pose, pose_of, written_pose_of
@@ -16,43 +15,36 @@ PATH_KEY: Final = "_path"
 PATH_LENGTH_KEY: Final = "_path_length"
 
 
-def _start(value: Any) -> Any:
-    return _key(value) if isinstance(value, str) else _pose(value)
-
-
 def _goals(value: Any) -> Any:
     if isinstance(value, str):
         return _key(value)
     if isinstance(value, dict):
-        return (_pose(value),)
-    if not isinstance(value, list) or not value:
-        raise PydanticCustomError(
-            "goals", "expected a key such as '@goal_poses', or a list of poses, got {found}", {"found": repr(value)}
-        )
+        return (written_pose_of(value),)
+    if not isinstance(value, list | tuple) or not value:
+        raise ValueError(f"expected a key such as '@goal_poses', or a list of poses, got {value!r}")
     return tuple(_pose(item) for item in value)
 
 
 def _key(value: str) -> str:
     key = value.removeprefix("@")
     if not key or key.startswith("_"):
-        raise PydanticCustomError(
-            "key", "expected the name of a parameter, such as '@start_pose', got {found}", {"found": repr(value)}
-        )
+        raise ValueError(f"expected the name of a parameter, such as '@start_pose', got {value!r}")
     return key
 
 
 def _pose(value: Any) -> Pose:
-    if isinstance(value, Pose):
-        return value
-    try:
-        return written_pose_of(value)
-    except ValueError as error:
-        raise PydanticCustomError("pose", "{error}", {"error": str(error)}) from None
+    return value if isinstance(value, Pose) else written_pose_of(value)
 
 
 KeyParameter: TypeAlias = Annotated[str, Field(min_length=1), AfterValidator(_key)]
 """`@key` or key of a value that a producer writes (without the @ once read)."""
-StartParameter: TypeAlias = Annotated[str | Pose, BeforeValidator(_start, json_schema_input_type=str | dict[str, Any])]
+StartParameter: TypeAlias = Annotated[
+    str | Pose,
+    BeforeValidator(
+        lambda value: _key(value) if isinstance(value, str) else _pose(value),
+        json_schema_input_type=str | dict[str, Any],
+    ),
+]
 """`@key` of the configuration's key that holds the start (without the @ once read), or the pose itself."""
 GoalsParameter: TypeAlias = Annotated[
     str | tuple[Pose, ...],

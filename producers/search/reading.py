@@ -8,8 +8,8 @@ from typing import Any, Literal
 
 from pydantic import TypeAdapter, ValidationError
 
-from vastflow.producers.campaign_file import plug_in_file
 from vastflow.producers.campaign_file.document import Document, faults_of
+from vastflow.producers.campaign_file.postprocessing import plug_in_complaint
 from vastflow.producers.campaign_file.search import FAILURE_RATE, METRICS, SEARCH, Quantity, SearchSpec, marker_faults
 from vastflow.producers.campaign_file.sections import Sequential
 from vastflow.producers.campaign_file.spec import ExecutionSpec
@@ -95,7 +95,7 @@ class _Reading:
         self.unexecutable.append(self._document.fault(where, what, right, at))
 
     def _has_class(self, where: Location, name: str, at: Literal["key", "value"] = "value") -> bool:
-        complaint = plug_in_file.plug_in_complaint(name, self._base)
+        complaint = plug_in_complaint(name, self._base)
         if complaint is not None:
             self._fault(where, complaint, _PLUG_IN, at)
         return complaint is None
@@ -103,7 +103,7 @@ class _Reading:
     def is_left_out(self, k: int, name: str) -> bool:
         """Whether a producer of the template is one of a file that is no producer of ours; that is said."""
         where: Location = (*SEARCH, "variations", k, name)
-        if not plug_in_file.names_file(name):
+        if ".py:" not in name:
             return False
         if self._has_class(where, name, "key"):
             try:
@@ -118,7 +118,7 @@ class _Reading:
         extract, found = self._spec.extract, {FAILURE_RATE: Quantity()}
         if extract is None:
             return found
-        if plug_in_file.names_file(extract.plugin):
+        if ".py:" in extract.plugin:
             where: Location = (*_EXTRACT, "plugin")
             if self._has_class(where, extract.plugin):
                 what = f"{extract.plugin!r} is {NOT_EXECUTED}"
@@ -139,12 +139,12 @@ class _Reading:
     def strategy(self) -> tuple[type[Strategy[Any]], Any] | None:
         """The strategy's class and its parameters."""
         name, where = self._spec.strategy, (*SEARCH, "strategy")
-        if plug_in_file.names_file(name) and not self._has_class(where, name):
+        if ".py:" in name and not self._has_class(where, name):
             return None
         try:
             kind = find_strategy(name, self._base)
         except PlugInError as error:
-            say = self._not_here if plug_in_file.names_file(name) else self._fault
+            say = self._not_here if ".py:" in name else self._fault
             say(where, error.what, error.right)
             return None
         except Exception as error:  # noqa: BLE001 - whatever a user's file raises while it is imported
