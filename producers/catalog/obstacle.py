@@ -3,25 +3,33 @@
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from typing import Annotated, Any, Final, Literal, Self, TypeAlias, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
-from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from vastflow.producers.model import producer
-from vastflow.producers.model.configuration import DRAW, Fragment, Rejection
+from vastflow.producers.model.configuration import DRAW, REQUESTED, Fragment, Rejection
 from vastflow.producers.model.numbers import DEFAULT_ROBOT_DIAMETER_M, Amount, Count, NotNegatives, Positive, Seed
-from vastflow.producers.model.producer import Draws, Producer
-from vastflow.producers.places.cells import centerd_cells
-from vastflow.producers.places.ground import Ground, MapParameter, map_needed
-from vastflow.producers.places.placement import MAX_ATTEMPTS, Line, Site, Wanted, is_connected, place
-from vastflow.producers.places.site import LIST_KEY, SiteRequest
-from vastflow.producers.places.stops import KeyParameter
+from vastflow.producers.model.producer import ROOM_KEY, Draws, Producer
+from vastflow.producers.places.clearance import shortest_path_properties
+from vastflow.producers.places.ground import MapParameter, ground_of, map_key, map_needed, map_of, room_of
+from vastflow.producers.places.placement import Site, Wanted, place, place_as_v1
+from vastflow.producers.places.stops import (
+    GOAL_KEY,
+    GOALS_KEY,
+    PATH_KEY,
+    PATH_LENGTH_KEY,
+    START_KEY,
+    KeyParameter,
+    given_goals,
+    given_start,
+    goals_key,
+    start_key,
+)
 from vastflow.sim.model.digest import Value, digest
 from vastflow.sim.model.obstacle import Obstacle, obstacle_of
+from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Dimension
 
 MOST_OBSTACLES: Final = 1_000
@@ -30,16 +38,18 @@ ROUNDING: Final = 1e-9
 """What floor(amount_per_m × length) forgives, so that 0.29/m on 100 m is 29."""
 
 
+LIST_KEY: Final = "static_objects"
+"""The usual key of a list of obstacles."""
+LISTS_KEY: Final = "_obstacles"
+"""Key to list of the obstacles that producers placed so far, for those that place more."""
 AS_V1: Final = "as_v1"
 """Key of the validation context by which every producer of a file places as version 1 does, whatever the file says."""
 
 
-def _of_the_file(value: Any, info: ValidationInfo) -> Any:
-    return AS_V1 if (info.context or {}).get(AS_V1) else value
-
-
 Placement: TypeAlias = Annotated[
-    Literal["constructive", "as_v1"], BeforeValidator(_of_the_file), Field(validate_default=True)
+    Literal["constructive", "as_v1"],
+    BeforeValidator(lambda value, info: AS_V1 if (info.context or {}).get(AS_V1) else value),
+    Field(validate_default=True),
 ]
 """How places are found: so that all stand free, or as version 1 of RoboVAST does."""
 
@@ -81,11 +91,8 @@ class ObstacleConfig(BaseModel):
     def _check(self) -> Self:
         if (self.amount is None) == (self.amount_per_m is None):
             found = "neither amount nor amount_per_m is" if self.amount is None else "amount and amount_per_m are both"
-            raise PydanticCustomError("amount", "{found} given; one of them", {"found": found})
-        try:
-            self.pattern()
-        except ValueError as error:
-            raise PydanticCustomError("size", "{error}", {"error": str(error)}) from None
+            raise ValueError(f"{found} given; one of them")
+        self.pattern()
         return self
 
     @property
@@ -95,15 +102,12 @@ class ObstacleConfig(BaseModel):
 
     def pattern(self) -> Obstacle:
         """An obstacle of this kind, wherever it stands."""
-        return obstacle_of(
-            {"spawn_pose": {"x": 0.0, "y": 0.0}, "model": self.model, "xacro_arguments": self.xacro_arguments},
-            "xacro_arguments",
-        )
-
-    @property
-    def n_choices(self) -> int:
-        """Number of `choices`."""
-        return len(self.amount_per_m or (None,)) * len(self.max_distance)
+        entry: dict[str, Value] = {
+            "spawn_pose": {"x": 0.0, "y": 0.0},
+            "model": self.model,
+            "xacro_arguments": self.xacro_arguments,
+        }
+        return obstacle_of(entry, "xacro_arguments")
 
     def choices(self) -> list["ObstacleConfig"]:
         """Every combination of its listed values, as configs of one value each."""
@@ -115,11 +119,8 @@ class ObstacleConfig(BaseModel):
 
     def requested(self) -> dict[str, Value]:
         """Return the requested values of a config of one value each."""
-        amount: dict[str, Value] = (
-            {"amount": self.amount} if self.amount_per_m is None else {"amount_per_m": self.amount_per_m[0]}
-        )
         return {
-            **amount,
+            **({"amount": self.amount} if self.amount_per_m is None else {"amount_per_m": self.amount_per_m[0]}),
             "max_distance": self.max_distance[0],
             "model": self.model,
             "xacro_arguments": self.xacro_arguments,
@@ -127,9 +128,8 @@ class ObstacleConfig(BaseModel):
 
     def wanted(self, length_m: float) -> Wanted:
         """The obstacles on a path of `length_m`, of a config of one value each."""
-        amount = self.amount or 0
-        if self.amount_per_m is not None:
-            amount = math.floor(self.amount_per_m[0] * length_m + ROUNDING)
+        per_m = self.amount_per_m
+        amount = (self.amount or 0) if per_m is None else math.floor(per_m[0] * length_m + ROUNDING)
         return Wanted(amount, self.pattern(), self.max_distance[0])
 
 
@@ -161,7 +161,12 @@ class ObstacleProducer(Producer[O]):
 
     @property
     def reads(self) -> tuple[str, ...]:
-        return self._request.reads
+        """The keys of the map, the path, start and goals, and of the lists of obstacles that are there already."""
+        start, goals = self._stops
+        keys = (map_key(self.parameters.map_file), ROOM_KEY, PATH_KEY, PATH_LENGTH_KEY, start_key(start))
+        return tuple(
+            dict.fromkeys((*keys, goals_key(goals), GOAL_KEY, GOALS_KEY, LISTS_KEY, LIST_KEY, self.parameters.name))
+        )
 
     @property
     def needs(self) -> tuple[str, ...]:
@@ -173,7 +178,10 @@ class ObstacleProducer(Producer[O]):
 
     @property
     def most_choices(self) -> int:
-        return self.parameters.count * math.prod(config.n_choices for config in self.parameters.obstacle_configs)
+        return self.parameters.count * math.prod(
+            len(config.amount_per_m or (None,)) * len(config.max_distance)
+            for config in self.parameters.obstacle_configs
+        )
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -189,7 +197,7 @@ class ObstacleProducer(Producer[O]):
         """
         site = self._site(inputs)
         for given in self._given:
-            for kinds in combinations(self.parameters.obstacle_configs):
+            for kinds in itertools.product(*(config.choices() for config in self.parameters.obstacle_configs)):
                 for number in range(1, self.parameters.count + 1):
                     configs: list[Value] = [kind.requested() for kind in kinds]
                     requested: dict[str, Value] = {**given, "obstacle_configs": configs, "placement": number}
@@ -206,11 +214,38 @@ class ObstacleProducer(Producer[O]):
         return [{}]
 
     @property
-    def _request(self) -> SiteRequest:
-        return SiteRequest(self.parameters.name, self.parameters.map_file, self.parameters.robot_diameter)
+    def _stops(self) -> tuple[str | Pose, str | tuple[Pose, ...]]:
+        """Keys of the path's ends, or the poses themselves."""
+        return START_KEY, GOALS_KEY
 
     def _site(self, inputs: Mapping[str, Value]) -> Site | str:
-        return self._request.site(inputs)
+        """Return the site, or why there is no path or an obstacle can't be read."""
+        start_at, goals_at = self._stops
+        map_file = map_of(inputs, self.parameters.map_file)
+        if isinstance(map_file, Rejection):
+            return map_file.reason
+        try:
+            start = given_start(inputs, start_at)
+            goals = next(filter(None, (given_goals(inputs, key) for key in (goals_at, GOALS_KEY, GOAL_KEY))), ())
+            standing = _standing(_lists(inputs, self.parameters.name))
+        except ValueError as error:
+            return str(error)
+        ground = ground_of(map_file, self.parameters.robot_diameter, room_of(inputs))
+        stops = [(pose.x_m, pose.y_m) for pose in ((start, *goals) if start is not None and goals else ())]
+        for stop in stops:
+            if not ground.occupancy.contains(*ground.occupancy.cell_of(*stop)):
+                return f"the start or a goal, ({stop[0]:g}, {stop[1]:g}), lies beyond the map"
+        if PATH_KEY in inputs and PATH_LENGTH_KEY in inputs and {type(start_at), type(goals_at)} == {str}:
+            path_xy_m, length_m = np.array(inputs[PATH_KEY], dtype=np.float64), float(inputs[PATH_LENGTH_KEY])  # type: ignore[arg-type]
+            return Site(ground, path_xy_m, length_m, stops or [tuple(path_xy_m[0]), tuple(path_xy_m[-1])], standing)
+        if not stops:
+            return f"there is no path to place obstacles at: no {START_KEY} with {GOAL_KEY} or {GOALS_KEY} was written before"
+        from vastflow.sim.world import octile
+
+        path = octile.shortest_path(ground.occupancy, ground.passable, np.array(stops))
+        if path is None:
+            return f"there is no path from the start to the goals for {ground.robot_text}"
+        return Site(ground, *path, stops, standing)
 
     def _part(self, site: Site, kinds: Sequence[ObstacleConfig], given: Mapping[str, Any]) -> Site | str:
         """Return the part of a site where obstacles may stand, or why there is none."""
@@ -227,20 +262,65 @@ class ObstacleProducer(Producer[O]):
         obstacles = find(site, wanted, draws(int(digest(dict(requested))[:16], 16)))
         if isinstance(obstacles, str):
             return obstacles
-        kind_of_each = itertools.chain.from_iterable([k] * w.amount for k, w in zip(kinds, wanted, strict=True))
+        kind_of_each = (kind for kind, each in zip(kinds, wanted, strict=True) for _ in range(each.amount))
         taken = {obstacle.name for obstacle in site.standing}
         names = (name for i in itertools.count(len(site.standing)) if (name := f"obstacle_{i}") not in taken)
-        return [_entry(name, k, o) for name, k, o in zip(names, kind_of_each, obstacles, strict=False)]
+        return [
+            {
+                "entity_name": name,
+                "model": kind.model,
+                "spawn_pose": obstacle.pose.value(),
+                "xacro_arguments": kind.xacro_arguments,
+            }
+            for name, kind, obstacle in zip(names, kind_of_each, obstacles, strict=False)
+        ]
 
     def _fragments(
         self,
         inputs: Mapping[str, Value],
         site: Site,
-        entries: list[dict[str, Value]],
+        entries: Sequence[Mapping[str, Value]],
         given: Mapping[str, Any],
         asked: Mapping[str, Value],
     ) -> Iterator[Fragment]:
-        yield Fragment(self._request.written(inputs, site, entries, asked))
+        """Yield the list with `entries` at its end, notes on it and on what was `asked`, and the path's surroundings."""
+        name, lists = self.parameters.name, _lists(inputs, self.parameters.name)
+        mine: list[Value] = [*lists.get(name, ()), *entries]
+        placed = _standing({name: entries})
+        is_known = PATH_KEY in inputs and not placed and not site.standing
+        around = {} if is_known else shortest_path_properties(site, placed)
+        # A second producer of the same list does not overwrite what was requested of the first.
+        note = f"{REQUESTED}{name}{'+' if name in lists else ''}"
+        yield Fragment({name: mine, LISTS_KEY: {**lists, name: mine}, note: {**asked}, **around})
+
+
+def _lists(inputs: Mapping[str, Value], name: str) -> dict[str, list[Value]]:
+    """Lists of obstacles so far by their keys, that called `name` among them.
+
+    Raises:
+        ValueError: one of them is no list.
+    """
+    noted = inputs.get(LISTS_KEY)
+    found = dict(noted) if isinstance(noted, Mapping) else {}
+    found |= {key: inputs[key] for key in (LIST_KEY, name) if key in inputs}
+    lists: dict[str, list[Value]] = {}
+    for key, value in found.items():
+        match value:
+            case [*entries]:
+                lists[key] = entries
+            case _:
+                raise ValueError(f"{key}: expected a list of obstacles, got {value!r}")
+    return lists
+
+
+def _standing(lists: Mapping[str, Sequence[Value]]) -> tuple[Obstacle, ...]:
+    """Every obstacle of the lists, those that will appear too: a later one must leave them their place."""
+    return tuple(
+        obstacle_of({name: value for name, value in entry.items() if name != "spawn_trigger"}, f"{key}[{i}]")
+        for key, entries in lists.items()
+        for i, entry in enumerate(entries)
+        if isinstance(entry, Mapping) and "spawn_pose" in entry
+    )
 
 
 class ObstacleVariation(ObstacleProducer[ObstacleParameters]):
@@ -253,91 +333,9 @@ class ObstacleVariation(ObstacleProducer[ObstacleParameters]):
     Parameters = ObstacleParameters
 
 
-def combinations(configs: Sequence[ObstacleConfig]) -> Iterator[tuple[ObstacleConfig, ...]]:
-    """Every combination of the configs' listed values, as configs of one value each."""
-    return itertools.product(*(config.choices() for config in configs))
-
-
 def asked_for(kinds: Sequence[ObstacleConfig], number: int) -> dict[str, Value]:
     """The listed values that a placement stands for, each under its name in the file, and its number among equals."""
-    several = len(kinds) > 1
-    return {
-        **{
-            f"{name} of kind {k}" if several else name: value
-            for k, kind in enumerate(kinds, start=1)
-            for name, value in kind.requested().items()
-        },
-        DRAW: number,
-    }
-
-
-def _entry(name: str, config: ObstacleConfig, obstacle: Obstacle) -> dict[str, Value]:
-    return {
-        "entity_name": name,
-        "model": config.model,
-        "spawn_pose": obstacle.pose.value(),
-        "xacro_arguments": config.xacro_arguments,
-    }
-
-
-FROM_STOPS: Final = 2.0
-"""Least distance of a center from start and goals, in diameters of the robot."""
-FROM_EACH_OTHER: Final = 1.5
-"""Least distance of two centers, in diameters of the robot."""
-TRIES_FOR_EACH: Final = 100
-"""Places tried for one kind of obstacle, for each that is wanted of it."""
-
-
-def place_as_v1(site: Site, wanted: Sequence[Wanted], rng: np.random.Generator) -> list[Obstacle] | str:
-    """Draw a place for every obstacle in turn; or say why version 1 would find none.
-
-    Places are drawn as `vastflow.producers.places.placement.place` draws them. One will do where the center is far enough
-    from the stops and from other centers. A whole set will do where a path remains: it is drawn `MAX_ATTEMPTS` times at most.
-    """
-    total = sum(each.amount for each in wanted)
-    if total == 0:
-        return []
-    most, blocking = 0, 0
-    for _ in range(MAX_ATTEMPTS):
-        obstacles = list(_drawn(site, wanted, rng))
-        most = max(most, len(obstacles))
-        if len(obstacles) < total:
-            continue
-        if is_connected(site, _around(site.ground, (*site.standing, *obstacles))):
-            return obstacles
-        blocking += 1
-    if blocking:
-        return f"as version 1 places them, {blocking} of {MAX_ATTEMPTS} sets of {total} obstacles left no path to the goals"
-    return f"as version 1 places them, at most {most} of {total} obstacles found room in {MAX_ATTEMPTS} attempts"
-
-
-def _drawn(site: Site, wanted: Sequence[Wanted], rng: np.random.Generator) -> Iterator[Obstacle]:
-    """One set, as far as places are found."""
-    line = Line.along(site.path_xy_m)
-    diameter_m = site.ground.robot_diameter_m
-    centers: list[tuple[float, float]] = []
-    for each in wanted:
-        left = each.amount
-        for _ in range(TRIES_FOR_EACH * each.amount):
-            if not left:
-                break
-            pose = line.draw(each.max_distance_m, rng)
-            center = pose.x_m, pose.y_m
-            if any(math.dist(center, stop) < FROM_STOPS * diameter_m for stop in site.stops_xy_m):
-                continue
-            if any(math.dist(center, other) < FROM_EACH_OTHER * diameter_m for other in centers):
-                continue
-            centers.append(center)
-            left -= 1
-            yield replace(each.pattern, pose=pose)
-
-
-def _around(ground: Ground, obstacles: Sequence[Obstacle]) -> NDArray[np.bool_]:
-    """The passable cells (H, W) when obstacles stand, each grown by the robot's radius to all sides."""
-    passable = ground.passable.copy()
-    for obstacle in obstacles:
-        length_m, width_m = (side_m + ground.robot_diameter_m for side_m in (obstacle.length_m, obstacle.width_m))
-        grown = replace(obstacle, length_m=length_m, width_m=width_m)
-        cells = centerd_cells(ground.occupancy, grown.footprint())
-        passable[cells[:, 0], cells[:, 1]] = False
-    return passable
+    asked: dict[str, Value] = {}
+    for k, kind in enumerate(kinds, start=1):
+        asked |= {f"{name} of kind {k}" if kinds[1:] else name: value for name, value in kind.requested().items()}
+    return {**asked, DRAW: number}

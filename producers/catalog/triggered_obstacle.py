@@ -7,16 +7,14 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
 from vastflow.producers.catalog.obstacle import ObstacleConfig, ObstacleParameters, ObstacleProducer
 from vastflow.producers.model.configuration import Fragment
 from vastflow.producers.model.numbers import NotNegatives, Positives
-from vastflow.producers.places.placement import Site
-from vastflow.producers.places.site import SiteRequest
+from vastflow.producers.places.placement import Line, Site
 from vastflow.producers.places.stops import GOAL_KEY, START_KEY, GoalsParameter, KeyParameter, StartParameter
 from vastflow.sim.model.digest import Value
-from vastflow.sim.model.pose import pose_of
+from vastflow.sim.model.pose import Pose, pose_of
 from vastflow.sim.model.scenario import Dimension
 
 
@@ -51,11 +49,11 @@ class TriggeredObstacleParameters(ObstacleParameters):
     def _check_one(self) -> Self:
         keys = [self.name, *self.trigger_keys]
         if len(set(keys)) < len(keys):
-            raise PydanticCustomError("keys", "expected three different keys, got {keys}", {"keys": ", ".join(keys)})
+            raise ValueError(f"expected three different keys, got {', '.join(keys)}")
         amounts = [config.amount for config in self.obstacle_configs]
         total = sum(amount or 0 for amount in amounts)
         if total > 1 or (total < 1 and None not in amounts):
-            raise PydanticCustomError("amount", "expected one obstacle for one trigger, got {total}", {"total": total})
+            raise ValueError(f"expected one obstacle for one trigger, got {total}")
         return self
 
 
@@ -87,9 +85,8 @@ class ObstacleVariationWithDistanceTrigger(ObstacleProducer[TriggeredObstaclePar
         return [{"trigger_distance": distance_m} for distance_m in self.parameters.trigger_distance]
 
     @property
-    def _request(self) -> SiteRequest:
-        asked = self.parameters
-        return SiteRequest(asked.name, asked.map_file, asked.robot_diameter, asked.start_pose, asked.goal_pose)
+    def _stops(self) -> tuple[str | Pose, str | tuple[Pose, ...]]:
+        return self.parameters.start_pose, self.parameters.goal_pose
 
     def _site(self, inputs: Mapping[str, Value]) -> Site | str:
         asked = self.parameters
@@ -121,31 +118,26 @@ class ObstacleVariationWithDistanceTrigger(ObstacleProducer[TriggeredObstaclePar
         self,
         inputs: Mapping[str, Value],
         site: Site,
-        entries: list[dict[str, Value]],
+        entries: Sequence[Mapping[str, Value]],
         given: Mapping[str, Any],
         asked: Mapping[str, Value],
     ) -> Iterator[Fragment]:
         point, threshold = self.parameters.spawn_trigger_point, self.parameters.spawn_trigger_threshold
         trigger: dict[str, Value] = {"point": point, "threshold": threshold}
         place = pose_of(entries[0]["spawn_pose"])
+        written = {point: {"x": place.x_m, "y": place.y_m, "z": 0.0}, threshold: given["trigger_distance"]}
         for delay_s in self.parameters.spawn_delay_s:
-            delay: dict[str, Value] = {}
             if any(self.parameters.spawn_delay_s):
-                trigger["delay"], delay[self.parameters.delay_key] = self.parameters.delay_key, delay_s
-            entry: dict[str, Value] = {**entries[0], "spawn_trigger": dict(trigger)}
-            yield Fragment(
-                {
-                    **self._request.written(inputs, site, [entry], {**given, "spawn_delay_s": delay_s, **asked}),
-                    point: {"x": place.x_m, "y": place.y_m, "z": 0.0},
-                    threshold: given["trigger_distance"],
-                    **delay,
-                }
-            )
+                trigger["delay"], written[self.parameters.delay_key] = self.parameters.delay_key, delay_s
+            entry = {**entries[0], "spawn_trigger": dict(trigger)}
+            requested = {**given, "spawn_delay_s": delay_s, **asked}
+            for fragment in super()._fragments(inputs, site, [entry], given, requested):
+                yield Fragment({**fragment.values, **written})
 
 
 def beyond(path_xy_m: NDArray[np.float64], distance_m: float) -> NDArray[np.float64]:
     """The rest (M, 2) of a polyline (N, 2) from `distance_m` along it; empty where it is shorter."""
-    along_m = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(path_xy_m, axis=0).T))))
+    along_m = Line.along(path_xy_m).along_m
     if along_m[-1] < distance_m:
         return np.empty((0, 2))
     cut = [np.interp(distance_m, along_m, axis) for axis in path_xy_m.T]

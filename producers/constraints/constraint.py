@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
 from vastflow.producers.constraints.expression import ConstraintExpression, ExpressionName, NotEvaluable
-from vastflow.producers.constraints.quantities import QUANTITIES, Quantities, may_write_for
+from vastflow.producers.constraints.quantities import QUANTITIES, may_write_for, quantity
 from vastflow.producers.model.configuration import ExcludedInstance, Partial
 from vastflow.producers.model.producer import Producer
 from vastflow.sim.model.digest import Value
@@ -49,7 +49,6 @@ class Checker:
 
     def __init__(self, family: str) -> None:
         self._family = family
-        self._quantities = Quantities()
         self._faults: dict[str, list[Fault]] = {}
 
     def excluded(self, partial: Partial, constraints: Sequence[Constraint]) -> ExcludedInstance | None:
@@ -96,10 +95,7 @@ class Checker:
             if key in partial.values:
                 return _inside(name, partial.values[key], within)
         if name.text in QUANTITIES:
-            try:
-                return self._quantities.of(name.text, partial)
-            except NotEvaluable as error:
-                raise NotEvaluable(f"{name.text}: {error}") from None
+            return quantity(name.text, partial)
         raise NotEvaluable(f"it has no {name.text!r}")
 
 

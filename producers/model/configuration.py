@@ -1,11 +1,11 @@
 """Configurations and rejected instances: what instantiation yields."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
 from vastflow.sim.model.digest import Value, digest
-from vastflow.sim.model.scenario import Dimension, Scenario
+from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension, Scenario
 
 REQUESTED: Final = "_requested_"
 """Before the key of a drawn value: provenance of what the file requested there, by the file's names. The report compares it."""
@@ -71,6 +71,16 @@ class Partial:
     def restricted(self, keys: tuple[str, ...]) -> dict[str, Value]:
         """The values of `keys` that are present: all that a producer sees."""
         return {key: self.values[key] for key in keys if key in self.values}
+
+    def obstacles(self) -> Iterator[tuple[str, Mapping[str, Value]]]:
+        """Yield place and entry of each obstacle in lists of the environment, whatever their keys."""
+        for key, value in self.values.items():
+            if (self.dimensions.get(key) or DIMENSION_OF_KEY.get(key)) == "environment" and isinstance(
+                value, list | tuple
+            ):
+                for i, entry in enumerate(value):
+                    if isinstance(entry, Mapping) and "spawn_pose" in entry:
+                        yield f"{key}[{i}]", entry
 
 
 @dataclass(frozen=True, slots=True)

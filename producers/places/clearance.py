@@ -3,15 +3,13 @@
 import functools
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from shapely.geometry import LineString
 
-from vastflow.producers.places.cells import centerd_cells, shortest_path
-from vastflow.producers.places.ground import Ground
+from vastflow.producers.places.ground import Ground, touched_cells
 from vastflow.producers.places.placement import Site, around
 from vastflow.producers.places.route import corners
 from vastflow.sim.model.digest import Value
@@ -35,19 +33,8 @@ _EVERY: Final = 2
 _OF_A_CELL: Final = 0.5
 
 Cells = NDArray[np.int64]
-
-
-@dataclass(frozen=True, eq=False)
-class Clearance:
-    """The distance from each cell to the nearest one that is not free.
-
-    Attributes:
-        cells: (H, W) in cells between centers.
-        nearest: (2, H, W) row and column of that cell.
-    """
-
-    cells: NDArray[np.float64] = field(repr=False)
-    nearest: NDArray[np.int32] = field(repr=False)
+Clearance: TypeAlias = tuple[NDArray[np.float64], NDArray[np.int32]]
+"""The distance (H, W) from each cell to the nearest one that is not free, in cells between centers; row and column (2, H, W) of that."""
 
 
 def clearance_of(free: NDArray[np.bool_]) -> Clearance:
@@ -55,7 +42,7 @@ def clearance_of(free: NDArray[np.bool_]) -> Clearance:
     from scipy import ndimage
 
     distance, nearest = ndimage.distance_transform_edt(np.pad(free, 1, constant_values=False), return_indices=True)
-    return Clearance(distance[1:-1, 1:-1], nearest[:, 1:-1, 1:-1] - 1)
+    return distance[1:-1, 1:-1], nearest[:, 1:-1, 1:-1] - 1
 
 
 @functools.lru_cache(maxsize=4)
@@ -76,29 +63,29 @@ def path_properties(
     occupancy = ground.occupancy
     free = occupancy.free.copy() if obstacles else occupancy.free
     for obstacle in obstacles:
-        covered = centerd_cells(occupancy, obstacle.footprint())
-        free[covered[:, 0], covered[:, 1]] = False
+        free[tuple(touched_cells(occupancy, obstacle.footprint(), 0.0).T)] = False
     clearance = clearance_of(free) if obstacles else _clearance_on(occupancy)
-    room_m = (clearance.cells[tuple(cells[list(stops)].T)] - _OF_A_CELL) * occupancy.resolution_m
+    room_m = (clearance[0][tuple(cells[list(stops)].T)] - _OF_A_CELL) * occupancy.resolution_m
     narrowest = narrowest_passage_cells(clearance, cells)
     turns = corners(cells)
     path = LineString(occupancy.centers_of(turns if len(turns) > 1 else np.repeat(turns, 2, axis=0)))
-    found: dict[str, Value] = {
+    passable = clearance[0] > ground.radius_cells if obstacles else ground.passable
+    return {
         START_CLEARANCE_KEY: round(float(room_m[0]), 3),
         GOAL_CLEARANCE_KEY: round(float(room_m[1:].min()), 3),
-        TURNING_KEY: round(
-            turning_rad(turns, clearance.cells > ground.radius_cells if obstacles else ground.passable), 3
-        ),
+        TURNING_KEY: round(turning_rad(turns, passable), 3),
         NEAR_KEY: sum(path.distance(obstacle.footprint()) <= NEAR_M for obstacle in obstacles),
+        NARROWEST_KEY: None if narrowest is None else round(narrowest * occupancy.resolution_m, 3),
     }
-    return {**found, NARROWEST_KEY: None if narrowest is None else round(narrowest * occupancy.resolution_m, 3)}
 
 
 def shortest_path_properties(site: Site, obstacles: Sequence[Obstacle]) -> dict[str, Value]:
     """Return `path_properties` of the shortest path round all obstacles; without a path each value is None."""
+    from vastflow.sim.world import octile
+
     occupancy = site.ground.occupancy
     everything = (*site.standing, *obstacles)
-    path = shortest_path(occupancy, around(site.ground, everything), np.array(site.stops_xy_m))
+    path = octile.shortest_path(occupancy, around(site.ground, everything), np.array(site.stops_xy_m))
     if path is None:
         return dict.fromkeys((NARROWEST_KEY, START_CLEARANCE_KEY, GOAL_CLEARANCE_KEY, TURNING_KEY, NEAR_KEY))
     cells = np.floor(occupancy.in_cells(path[0])).astype(np.int64)
@@ -117,20 +104,20 @@ def narrowest_passage_cells(clearance: Clearance, cells: Cells) -> float | None:
     passage; in a corner they are not, which is how spurs of a medial axis are told from its trunk (the object angle of Attali and
     Montanvert, Computer Vision and Image Understanding 67 (1997) 261).
     """
-    rows, columns = clearance.cells.shape
+    distance, nearest = clearance
     cells = cells[::_EVERY]
     here = cells.astype(np.float64)
-    first = clearance.nearest[:, cells[:, 0], cells[:, 1]].T.astype(np.float64)
+    first = nearest[:, cells[:, 0], cells[:, 1]].T.astype(np.float64)
     away = here - first
     away /= np.maximum(np.hypot(away[:, 0], away[:, 1]), 1.0)[:, None]
     width = np.inf
     for step in itertools.count(1):
         at = np.rint(here + step * away).astype(np.int64)
-        inside = (at >= 0).all(axis=1) & (at < (rows, columns)).all(axis=1)
+        inside = ((at >= 0) & (at < distance.shape)).all(axis=1)
         here, first, away, at = here[inside], first[inside], away[inside], at[inside]
         if not len(here):
             break
-        other = clearance.nearest[:, at[:, 0], at[:, 1]].T.astype(np.float64)
+        other = nearest[:, at[:, 0], at[:, 1]].T.astype(np.float64)
         to_first, to_other = first - at, other - at
         far, near = np.hypot(*to_first.T), np.hypot(*to_other.T)
         cosine = np.where(near > 0, (to_first * to_other).sum(axis=1) / np.maximum(far * near, 1.0), -1.0)
@@ -138,9 +125,8 @@ def narrowest_passage_cells(clearance: Clearance, cells: Cells) -> float | None:
         facing = met & (cosine <= _FACING)
         if facing.any():
             width = min(width, float(np.hypot(*(first - other)[facing].T).min()) - 2 * _OF_A_CELL)
-        going = ~met & (
-            far <= width + 2 * _OF_A_CELL
-        )  # what faces each other is farther apart than either is from here
+        # What faces each other is farther apart than either is from here.
+        going = ~met & (far <= width + 2 * _OF_A_CELL)
         here, first, away = here[going], first[going], away[going]
     return width if np.isfinite(width) else None
 
@@ -152,16 +138,10 @@ def turning_rad(cells: Cells, passable: NDArray[np.bool_]) -> float:
     """
     kept = [cells[0]]
     for k in range(2, len(cells)):
-        if not _is_seen(kept[-1], cells[k], passable):
+        straight = np.linspace(kept[-1], cells[k], 2 * int(np.abs(cells[k] - kept[-1]).max()) + 1)
+        if not passable[tuple(np.rint(straight).astype(np.int64).T)].all():
             kept.append(cells[k - 1])
     legs = np.diff(np.array([*kept, cells[-1]]), axis=0)
     headings = np.arctan2(legs[:, 0], legs[:, 1])[np.any(legs != 0, axis=1)]
     turns = np.diff(headings)
     return float(np.abs((turns + np.pi) % (2 * np.pi) - np.pi).sum())
-
-
-def _is_seen(one: Cells, other: Cells, passable: NDArray[np.bool_]) -> bool:
-    """Whether the straight line between two cells stays on passable cells."""
-    between = np.linspace(one, other, 2 * int(np.abs(other - one).max()) + 1)
-    at = np.rint(between).astype(np.int64)
-    return bool(passable[at[:, 0], at[:, 1]].all())

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import PlainSerializer, PlainValidator, ValidationInfo, WithJsonSchema
 from pydantic_core import PydanticCustomError
+from shapely.geometry import Polygon
+from shapely.geometry.polygon import orient
 
 from vastflow.producers.model.configuration import Rejection
 from vastflow.producers.model.faults import MISSING_FILE
@@ -50,36 +52,23 @@ class MapSearch:
             ValueError: the name is none that a file can have.
         """
         path = self.base / name
-        if is_file(path):
+        if is_file(path) or (self.map_dir is None and os.path.lexists(path)):
             return map_content(path)
         if self.map_dir is None:
-            if os.path.lexists(path):
-                return map_content(path)
-            raise MissingMap(
-                f"{path}: no such file; a map is a map_server YAML file, here or at this place in a folder that --map-dir names"
-            )
-        there = [self.map_dir / end for end in _ends(name)]
-        borrowed = next((each for each in there if is_file(each)), None)
+            right = "a map is a map_server YAML file, here or at this place in a folder that --map-dir names"
+            raise MissingMap(f"{path}: no such file; {right}")
+        parts = Path(name).parts
+        ends = ["/".join(parts[k:]) for k in range(1, len(parts))] if Path(name).is_absolute() else [name]
+        there = [self.map_dir / end for end in ends]
+        borrowed = next(filter(is_file, there), None)
         if borrowed is None:
-            offered = self._offered()
+            files = [file for depth in ("*", "*/*", "*/*/*") for file in self.map_dir.glob(f"{depth}.yaml")]
+            offered = sorted(file.relative_to(self.map_dir).as_posix() for file in files)
             right = did_you_mean(name, offered) if offered else f"another --map-dir; {self.map_dir} has no map"
             raise MissingMap(f"{path}: no such file, and no {there[-1]}; {right}")
         found = map_content(borrowed)
         self.borrowed[found.path] = name
         return found
-
-    def _offered(self) -> list[str]:
-        """Return the names of possible maps in `map_dir`, at most two folders deep."""
-        assert self.map_dir is not None
-        patterns = ("*.yaml", "*/*.yaml", "*/*/*.yaml")
-        found = [file for pattern in patterns for file in self.map_dir.glob(pattern)]
-        return sorted(Path(os.path.relpath(file, self.map_dir)).as_posix() for file in found)
-
-
-def _ends(name: str) -> list[str]:
-    """Return the paths to look for below another folder; of an absolute path its ends, the longest first."""
-    parts = Path(name).parts
-    return ["/".join(parts[k:]) for k in range(1, len(parts))] if Path(name).is_absolute() else [name]
 
 
 MAP_KEY: Final = "map_file"
@@ -137,7 +126,8 @@ def ground_of(map_file: FileContent, robot_diameter_m: float, room_m: float = 0.
     Raises:
         MapError: the file can't be read any more, or holds another map than when the campaign was read.
     """
-    from skimage.measure import label  # half a second with what follows, see `vastflow.producers.places.cells`
+    # Half a second for these, also where others import them in functions: none where all paths are in the store.
+    from skimage.measure import label
 
     from vastflow.sim.world import octile
 
@@ -178,6 +168,30 @@ def occupancy_of(map_file: FileContent) -> OccupancyMap:
     return occupancy
 
 
+def touched_cells(occupancy: OccupancyMap, area: Polygon, reach_cells: float = 0.5) -> NDArray[np.int64]:
+    """(K, 2) row and column of the map's cells, walls or not, that a convex area touches.
+
+    Args:
+        reach_cells: Distance from a cell's center to the sides of the square that counts; 0: the center lies in the area.
+    """
+    outline = occupancy.frame.points_to_grid(np.array(orient(area).exterior.coords))
+    occupancy = occupancy.upright
+    (left, bottom), (right, top) = outline.min(axis=0).tolist(), outline.max(axis=0).tolist()
+    first = np.maximum(occupancy.cell_of(left, bottom), 0)
+    last = np.minimum(occupancy.cell_of(right, top), np.array(occupancy.shape) - 1)
+    if np.any(last < first):  # it lies beside the map, however far
+        return np.empty((0, 2), dtype=np.int64)
+    rows, columns = np.mgrid[first[0] : last[0] + 1, first[1] : last[1] + 1]
+    cells = np.column_stack((rows.ravel(), columns.ravel()))
+    centers = (cells[:, ::-1] + 0.5) * occupancy.resolution_m + occupancy.origin_xy_m
+    sides = np.diff(outline, axis=0)
+    normals = np.column_stack((sides[:, 1], -sides[:, 0]))
+    # Separating axes: the grid's own are the bounds above. A tenth of the time of one shapely box a cell.
+    beyond = centers @ normals.T - np.sum(outline[:-1] * normals, axis=1)
+    most = np.abs(normals).sum(axis=1) * occupancy.resolution_m * reach_cells
+    return np.asarray(cells[~np.any(beyond > most, axis=1)])
+
+
 def map_of(inputs: Mapping[str, Value], parameter: FileContent | str | None) -> FileContent | Rejection:
     """The map a producer works on: its own parameter, the key that names, or the configuration's `map_file`."""
     if isinstance(parameter, FileContent):
@@ -209,31 +223,23 @@ def map_value(value: Any, info: ValidationInfo) -> FileContent:
     """Read a path as a map, by the validation context's `maps`, else relative to its `base`, the campaign file's folder.
 
     Raises:
-        PydanticCustomError: no text, or no map there.
+        ValueError: no text, or no map there.
     """
     if isinstance(value, FileContent):
         return value
-    if not isinstance(value, str):
-        raise PydanticCustomError(
-            "map_file", "expected the path of a map_server YAML file, got {found}", {"found": repr(value)}
-        )
-    try:
-        return _search(info).content(value)
-    except MapError as error:
-        kind = MISSING_FILE if isinstance(error, MissingMap) else "map_file"
-        raise PydanticCustomError(kind, "{error}", {"error": str(error)}) from None
-
-
-def _search(info: ValidationInfo) -> MapSearch:
+    if not (isinstance(value, str) and value):
+        raise ValueError(f"expected the path of a map_server YAML file, got {value!r}")
     context = info.context or {}
-    found = context.get("maps")
-    return found if isinstance(found, MapSearch) else MapSearch(Path(context.get("base", ".")))
+    search: MapSearch = context.get("maps") or MapSearch(Path(context.get("base", ".")))
+    try:
+        return search.content(value)
+    except MissingMap as error:
+        raise PydanticCustomError(MISSING_FILE, "{error}", {"error": str(error)}) from None
 
 
 def _map_parameter(value: Any, info: ValidationInfo) -> FileContent | str | None:
-    if value is None or (isinstance(value, str) and value.startswith("@")):
-        return value
-    return map_value(value, info)
+    is_key = value is None or (isinstance(value, str) and value.startswith("@"))
+    return value if is_key else map_value(value, info)
 
 
 def serializable(value: Value) -> Value:

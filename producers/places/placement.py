@@ -1,9 +1,8 @@
 """Placement of obstacles along a path, by their outlines, so that none overlaps anything and a path remains."""
 
-import itertools
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final, Self, TypeAlias
@@ -12,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely.geometry import Point, Polygon
 
-from vastflow.producers.places.cells import touched_cells
-from vastflow.producers.places.ground import Ground
+from vastflow.producers.places.ground import Ground, touched_cells
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.world.occupancy import OccupancyMap
@@ -47,34 +45,26 @@ class ObstacleOutline:
         """Least distance from the center to the outline, or a little less."""
         return min(self.obstacle.length_m, self.obstacle.width_m) / 2 * POLYGON
 
-    def nearer_to(self, point: Position, distance_m: float) -> bool:
-        """Whether the area is nearer to a point than `distance_m`, which is more than 0."""
-        apart_m = math.dist(self.center_m, point)
-        if apart_m - self.least_m < distance_m - ROUNDING_M:
+    def nearer_than(self, distance_m: float, other: "ObstacleOutline | Position") -> bool:
+        """Whether the area is nearer to another, or to a point, than `distance_m`, which is more than 0."""
+        center_m, least_m, most_m = (
+            (other, 0.0, 0.0)
+            if isinstance(other, tuple)
+            else (other.center_m, other.least_m, other.obstacle.circumradius_m)
+        )
+        apart_m = math.dist(self.center_m, center_m)
+        if apart_m - self.least_m - least_m < distance_m - ROUNDING_M:
             return True
-        if apart_m - self.obstacle.circumradius_m > distance_m + ROUNDING_M:
+        if apart_m - self.obstacle.circumradius_m - most_m > distance_m + ROUNDING_M:
             return False
-        return bool(self.footprint.distance(Point(point)) < distance_m)
-
-    def nearer_than(self, distance_m: float, other: "ObstacleOutline") -> bool:
-        """Whether two areas are nearer to each other than `distance_m`, which is more than 0."""
-        apart_m = math.dist(self.center_m, other.center_m)
-        if apart_m - self.least_m - other.least_m < distance_m - ROUNDING_M:
-            return True
-        if apart_m - self.obstacle.circumradius_m - other.obstacle.circumradius_m > distance_m + ROUNDING_M:
-            return False
-        return bool(self.footprint.distance(other.footprint) < distance_m)
+        area = Point(other) if isinstance(other, tuple) else other.footprint
+        return bool(self.footprint.distance(area) < distance_m)
 
     def leaves(self, occupancy: OccupancyMap) -> bool:
         """Whether its center, corners or middles of sides are off the free cells; if not, other parts may be."""
-        rows, columns = occupancy.shape
-        for x_m, y_m in self._marks:
-            row, column = occupancy.cell_of(x_m, y_m)
-            if not (0 <= row < rows and 0 <= column < columns and occupancy.free[row, column]):
-                return True
-        return False
+        cells = (occupancy.cell_of(*mark) for mark in self._marks())
+        return not all(occupancy.contains(*cell) and occupancy.free[cell] for cell in cells)
 
-    @property
     def _marks(self) -> list[Position]:
         """The corners first, for they are off the free cells most often."""
         obstacle, (x_m, y_m) = self.obstacle, self.center_m
@@ -182,7 +172,7 @@ def place(site: Site, wanted: Sequence[Wanted], rng: np.random.Generator) -> lis
         return "the obstacles that are there already leave no path to the goals"
     for _ in range(MAX_ATTEMPTS):
         layout = _Layout(site, passable, refusals)
-        if all(layout.add(pattern, rng) for pattern in _each(wanted)):
+        if all(layout.add(each, rng) for each in wanted for _ in range(each.amount)):
             return layout.obstacles
         most = max(most, len(layout.obstacles))
     total = refusals.total()
@@ -191,10 +181,6 @@ def place(site: Site, wanted: Sequence[Wanted], rng: np.random.Generator) -> lis
         f"at most {most} of {sum(w.amount for w in wanted)} obstacles found room in {MAX_ATTEMPTS} attempts of "
         f"{MAX_TRIES} tries each; of the places tried {causes}"
     )
-
-
-def _each(wanted: Sequence[Wanted]) -> Iterable[Wanted]:
-    return itertools.chain.from_iterable(itertools.repeat(w, w.amount) for w in wanted)
 
 
 class _Layout:
@@ -212,18 +198,17 @@ class _Layout:
         """Place one more; False where no place was found."""
         for _ in range(MAX_TRIES):
             obstacle = replace(wanted.pattern, pose=self._line.draw(wanted.max_distance_m, rng))
-            refusal = self._refusal(obstacle)
+            refusal = self._refusal(ObstacleOutline(obstacle))
             if refusal is None:
                 self.obstacles.append(obstacle)
                 return True
             self._refusals[refusal] += 1
         return False
 
-    def _refusal(self, obstacle: Obstacle) -> str | None:
+    def _refusal(self, outline: ObstacleOutline) -> str | None:
         ground, stops = self._site.ground, self._site.stops_xy_m
-        outline = ObstacleOutline(obstacle)
         clear_m = max(ground.robot_diameter_m / 2 + MARGIN_M, ground.room_m + ROUNDING_M)
-        if any(outline.nearer_to(stop, clear_m) for stop in stops):
+        if any(outline.nearer_than(clear_m, stop) for stop in stops):
             return "left no room for the robot at its start or goals"
         if math.dist(outline.center_m, stops[0]) < self._site.from_start_m:
             return f"lay within {self._site.from_start_m:g} m of the start"
@@ -245,9 +230,8 @@ def is_connected(site: Site, passable: NDArray[np.bool_]) -> bool:
     occupancy = site.ground.occupancy
     stops = np.array([occupancy.cell_of(*stop) for stop in site.stops_xy_m])
     margin = math.ceil(NEIGHBORHOOD_M / occupancy.resolution_m)
-    near = np.array([occupancy.cell_of(*point) for point in site.path_xy_m.tolist()])
-    corner = np.maximum(np.minimum(near.min(axis=0), stops.min(axis=0)) - margin, 0)
-    far_corner = np.maximum(near.max(axis=0), stops.max(axis=0)) + margin
+    near = np.concatenate((stops, [occupancy.cell_of(*point) for point in site.path_xy_m.tolist()]))
+    corner, far_corner = np.maximum(near.min(axis=0) - margin, 0), near.max(axis=0) + margin
     window = passable[corner[0] : far_corner[0], corner[1] : far_corner[1]]
     return _joined(window, stops - corner) or _joined(passable, stops)
 
@@ -255,8 +239,7 @@ def is_connected(site: Site, passable: NDArray[np.bool_]) -> bool:
 def _joined(passable: NDArray[np.bool_], cells: NDArray[np.int64]) -> bool:
     from skimage.measure import label
 
-    labels = label(passable, connectivity=2)
-    numbers = labels[cells[:, 0], cells[:, 1]]
+    numbers = label(passable, connectivity=2)[tuple(cells.T)]
     return bool(numbers[0] > 0 and np.all(numbers == numbers[0]))
 
 
@@ -267,7 +250,7 @@ def covered_cells(ground: Ground, footprint: Polygon) -> NDArray[np.int64] | Non
     if not (occupancy.contains(*at.min(axis=0)) and occupancy.contains(*at.max(axis=0))):
         return None
     cells = touched_cells(occupancy, footprint)
-    return cells if occupancy.free[cells[:, 0], cells[:, 1]].all() else None
+    return cells if occupancy.free[tuple(cells.T)].all() else None
 
 
 def around(ground: Ground, obstacles: Sequence[Obstacle]) -> NDArray[np.bool_]:
@@ -292,3 +275,65 @@ def without(passable: NDArray[np.bool_], covered: NDArray[np.int64], radius_cell
     less = passable.copy()
     less[window] &= ndimage.distance_transform_edt(uncovered) > radius_cells
     return less
+
+
+FROM_STOPS: Final = 2.0
+"""Least distance of a center from start and goals, in diameters of the robot."""
+FROM_EACH_OTHER: Final = 1.5
+"""Least distance of two centers, in diameters of the robot."""
+TRIES_FOR_EACH: Final = 100
+"""Places tried for one kind of obstacle, for each that is wanted of it."""
+
+
+def place_as_v1(site: Site, wanted: Sequence[Wanted], rng: np.random.Generator) -> list[Obstacle] | str:
+    """Draw a place for every obstacle in turn; or say why version 1 would find none.
+
+    Places are drawn as `place` draws them. One will do where the center is far enough
+    from the stops and from other centers. A whole set will do where a path remains: it is drawn `MAX_ATTEMPTS` times at most.
+    """
+    total = sum(each.amount for each in wanted)
+    if total == 0:
+        return []
+    most, blocking = 0, 0
+    for _ in range(MAX_ATTEMPTS):
+        obstacles = list(_drawn_as_v1(site, wanted, rng))
+        most = max(most, len(obstacles))
+        if len(obstacles) < total:
+            continue
+        if is_connected(site, _around_as_v1(site.ground, (*site.standing, *obstacles))):
+            return obstacles
+        blocking += 1
+    if blocking:
+        return f"as version 1 places them, {blocking} of {MAX_ATTEMPTS} sets of {total} obstacles left no path to the goals"
+    return f"as version 1 places them, at most {most} of {total} obstacles found room in {MAX_ATTEMPTS} attempts"
+
+
+def _drawn_as_v1(site: Site, wanted: Sequence[Wanted], rng: np.random.Generator) -> Iterator[Obstacle]:
+    """One set, as far as places are found."""
+    line = Line.along(site.path_xy_m)
+    diameter_m = site.ground.robot_diameter_m
+    centers: list[tuple[float, float]] = []
+    for each in wanted:
+        left = each.amount
+        for _ in range(TRIES_FOR_EACH * each.amount):
+            if not left:
+                break
+            pose = line.draw(each.max_distance_m, rng)
+            center = pose.x_m, pose.y_m
+            if any(math.dist(center, stop) < FROM_STOPS * diameter_m for stop in site.stops_xy_m):
+                continue
+            if any(math.dist(center, other) < FROM_EACH_OTHER * diameter_m for other in centers):
+                continue
+            centers.append(center)
+            left -= 1
+            yield replace(each.pattern, pose=pose)
+
+
+def _around_as_v1(ground: Ground, obstacles: Sequence[Obstacle]) -> NDArray[np.bool_]:
+    """The passable cells (H, W) when obstacles stand, each grown by the robot's radius to all sides."""
+    passable = ground.passable.copy()
+    for obstacle in obstacles:
+        length_m, width_m = (side_m + ground.robot_diameter_m for side_m in (obstacle.length_m, obstacle.width_m))
+        grown = replace(obstacle, length_m=length_m, width_m=width_m)
+        passable[tuple(touched_cells(ground.occupancy, grown.footprint(), 0.0).T)] = False
+    return passable

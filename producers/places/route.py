@@ -12,7 +12,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.producers.places.cells import descend, distance_field
 from vastflow.producers.places.ground import Ground
 
 Cell = tuple[int, int]
@@ -86,8 +85,10 @@ def corners(cells: NDArray[np.int64]) -> NDArray[np.int64]:
 
 def shortest_leg(ground: Ground, start: Cell, end: Cell) -> Leg | None:
     """The shortest leg between two passable cells; None where they are not connected."""
-    field = distance_field(ground.passable, *end)
-    return leg_of(ground, descend(field, *start)) if math.isfinite(field[start]) else None
+    from vastflow.sim.world import octile
+
+    field = octile.distance_field(ground.passable, *end)
+    return leg_of(ground, octile.descend(field, *start)) if math.isfinite(field[start]) else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,18 +124,22 @@ class Reach:
 
     def leg_to(self, end: Cell) -> Leg:
         """The leg to a cell that is reached."""
-        path = descend(self.field, end[0] - self.corner[0], end[1] - self.corner[1])[::-1]
+        from vastflow.sim.world import octile
+
+        path = octile.descend(self.field, end[0] - self.corner[0], end[1] - self.corner[1])[::-1]
         return leg_of(self.ground, path + np.array(self.corner))
 
 
 def reach_of(ground: Ground, start: Cell, limit_m: float) -> Reach:
     """The shortest paths of at most `limit_m` from a passable cell."""
+    from vastflow.sim.world import octile
+
     limit_cells = max(limit_m + 2 * FIELD_ERROR_M, 0.0) / ground.occupancy.resolution_m
     # A path does not leave the square of its length round the start, so no more than that is looked at.
     side = math.ceil(min(limit_cells, sum(ground.passable.shape))) + 1
     top, left = max(start[0] - side, 0), max(start[1] - side, 0)
     window = ground.passable[top : start[0] + side + 1, left : start[1] + side + 1]
-    field = distance_field(window, start[0] - top, start[1] - left, limit_cells)
+    field = octile.distance_field(window, start[0] - top, start[1] - left, limit_cells)
     return Reach(ground, start, (top, left), field)
 
 
@@ -171,7 +176,7 @@ def draw_legs(ground: Ground, start: Cell, n: int, request: LegRequest, rng: np.
 
 def farthest_m(ground: Ground, start: Cell) -> float:
     """Length (m) of the longest shortest path from `start`."""
-    field = distance_field(ground.passable, *start)
+    field = reach_of(ground, start, math.inf).field
     return float(np.max(field, where=np.isfinite(field), initial=0.0)) * ground.occupancy.resolution_m
 
 
@@ -203,11 +208,13 @@ class StartSearch:
     def draw(self, rng: np.random.Generator) -> list[Leg] | None:
         """The legs of a route; None where there is none, or none was found (`gave_up`)."""
         order = rng.permutation(len(self._possible))
-        at = 0
-        while not self.gave_up:
-            at = self._next_possible(order, at)
-            if at == len(order):
-                return None
+        at, size = 0, 64  # most starts are possible as a rule, and a gather over a large map takes as long as a leg
+        while at < len(order) and not self.gave_up:
+            found = np.flatnonzero(self._possible[order[at : at + size]])
+            if not found.size:
+                at, size = at + size, 4 * size
+                continue
+            at, size = at + int(found[0]), 64
             legs = draw_legs(self._ground, self._cell(order[at]), self._n_legs, self._request, rng)
             if legs is not None:
                 return legs
@@ -215,36 +222,17 @@ class StartSearch:
             self.gave_up = self._failed >= MAX_STARTS and bool(self._possible.any())
         return None
 
-    def _next_possible(self, order: NDArray[np.int64], at: int) -> int:
-        """Index in `order`, from `at`, of the first start that is still possible; its length where none is."""
-        size = (
-            64  # at first, for most starts are possible as a rule, and a gather over a large map takes as long as a leg
-        )
-        while at < len(order):
-            found = np.flatnonzero(self._possible[order[at : at + size]])
-            if found.size:
-                return at + int(found[0])
-            at += size
-            size *= 4
-        return len(order)
-
     def _learn(self, start: int) -> None:
         distance_m = self._exclude_round(start)
         self._possible[start] = False
         self._failed += 1
         component = int(self._ground.component[start])
         if component not in self._scouted:
+            # From both ends and the middle of a component most is proved, and its extent seen.
             self._scouted.add(component)
-            self._scout(distance_m)
-
-    def _scout(self, distance_m: NDArray[np.float64]) -> None:
-        """Look from both ends and the middle of a component: from there most is proved, and its extent seen."""
-        end = _farthest(distance_m)
-        from_end_m = self._exclude_round(end)
-        other_end = _farthest(from_end_m)
-        from_other_m = self._exclude_round(other_end)
-        off_middle = np.maximum(from_end_m, from_other_m)
-        self._exclude_round(int(np.argmin(off_middle)))
+            from_end_m = self._exclude_round(_farthest(distance_m))
+            from_other_m = self._exclude_round(_farthest(from_end_m))
+            self._exclude_round(int(np.argmin(np.maximum(from_end_m, from_other_m))))
 
     def _exclude_round(self, start: int) -> NDArray[np.float64]:
         """Drop the starts that can be proved to have no goal from what `start` sees; its distances (N,) in m."""
@@ -252,7 +240,7 @@ class StartSearch:
         resolution_m = ground.occupancy.resolution_m
         rows, columns = ground.cells[:, 0], ground.cells[:, 1]
         row, column = self._cell(start)
-        distance_m = distance_field(ground.passable, row, column)[rows, columns] * np.float64(resolution_m)
+        distance_m = reach_of(ground, (row, column), math.inf).lengths_m(ground.cells)
         straight_m = np.hypot(rows - row, columns - column) * resolution_m
         slack_m = np.maximum(
             np.abs(distance_m - request.length_m) - request.tolerance_m, request.min_distance_m - straight_m

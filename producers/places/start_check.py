@@ -2,18 +2,18 @@
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import islice
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from shapely.geometry import MultiPoint, Polygon
+from shapely.geometry import MultiPoint
 
 from vastflow.producers.model.configuration import Fragment, Partial, RejectedInstance
 from vastflow.producers.model.producer import ROOM_KEY, Producer, draws_of, may_list_obstacles
-from vastflow.producers.places.cells import touched_cells
-from vastflow.producers.places.ground import MAP_KEY, occupancy_of
+from vastflow.producers.places.ground import MAP_KEY, occupancy_of, touched_cells
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.sim.model.digest import FileContent, Value, canonical
 from vastflow.sim.model.faults import FileError
@@ -60,47 +60,42 @@ class StartCheck:
         if not stops or not isinstance(map_file, FileContent):
             return None
         system = {key: value for key, value in partial.values.items() if _is_of_footprint(key)}
-        standing = _standing(partial) if START_KEY in stops else ()
-        content = canonical(
-            [map_file, {key: pose.value() for key, pose in stops.items()}, system, [*map(str, standing)]]
-        )
+        standing = [*_standing(partial)] if START_KEY in stops else []
+        poses = {key: pose.value() for key, pose in stops.items()}
+        content = canonical([map_file, poses, system, [*map(str, standing)]])
         if content not in self._known:
             self._known[content] = self._reason(map_file, stops, system, standing)
         reason = self._known[content]
-        if reason is None:
-            return None
-        poses: dict[str, Value] = {key: pose.value() for key, pose in stops.items()}
-        return RejectedInstance(self._family, partial.name, LABEL, reason, {}, {MAP_KEY: map_file, **poses})
+        inputs: dict[str, Value] = {MAP_KEY: map_file, **poses}
+        return RejectedInstance(self._family, partial.name, LABEL, reason, {}, inputs) if reason else None
 
     def _reason(
         self,
         map_file: FileContent,
         stops: Mapping[str, Pose],
         system: Mapping[str, Value],
-        standing: Iterable[Obstacle],
+        standing: Sequence[Obstacle],
     ) -> str | None:
         occupancy = occupancy_of(map_file)
         for key, pose in stops.items():
             if not occupancy.contains(*occupancy.cell_of(pose.x_m, pose.y_m)):
                 return f"{key} ({pose.x_m:g}, {pose.y_m:g}) lies outside of the map"
-            if (outline := self._outline_of(system)) is None:
+            parameters = canonical(dict(system))
+            if parameters not in self._outlines:
+                self._outlines[parameters] = _outline(system)
+            if (outline := self._outlines[parameters]) is None:
                 continue
-            area = _placed(outline, pose)
-            cells = touched_cells(occupancy, area)
-            place = f"the {_what(system)} does not fit at {key} ({pose.x_m:g}, {pose.y_m:g}): "
-            reach = f"it reaches {circumscribed_radius_m(outline):.3f} m from its center, "
-            if occupancy.occupied[cells[:, 0], cells[:, 1]].any():
-                return f"{place}{reach}into a wall"
-            touched = (o.name for o in standing if key == START_KEY and area.intersects(o.footprint()))
-            if name := next(touched, None):
-                return f"{place}{reach}into {name}"
+            c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
+            area = MultiPoint(outline @ np.array([[c, s], [-s, c]]) + np.array([pose.x_m, pose.y_m])).convex_hull
+            into = next((o.name for o in standing if key == START_KEY and area.intersects(o.footprint())), None)
+            if occupancy.occupied[tuple(touched_cells(occupancy, area).T)].any():
+                into = "a wall"
+            if into:
+                has_body = f"{ROBOT_KEY}.radius" in system or f"{ROBOT_KEY}.polygon" in system
+                what = f"{'robot or the ' if has_body else ''}local costmap's footprint"
+                reach = f"it reaches {circumscribed_radius_m(outline):.3f} m from its center, into {into}"
+                return f"the {what} does not fit at {key} ({pose.x_m:g}, {pose.y_m:g}): {reach}"
         return None
-
-    def _outline_of(self, system: Mapping[str, Value]) -> NDArray[np.float64] | None:
-        key = canonical(dict(system))
-        if key not in self._outlines:
-            self._outlines[key] = _outline(system)
-        return self._outlines[key]
 
 
 def room_m(values: Mapping[str, Value], producers: Iterable[Producer[Any]]) -> float:
@@ -127,11 +122,6 @@ def _outline(system: Mapping[str, Value]) -> NDArray[np.float64] | None:
         return local_outline(system)
     except FileError:  # the run says what is wrong with it
         return None
-
-
-def _what(system: Mapping[str, Value]) -> str:
-    has_body = f"{ROBOT_KEY}.radius" in system or f"{ROBOT_KEY}.polygon" in system
-    return "robot or the local costmap's footprint" if has_body else "local costmap's footprint"
 
 
 def _size(value: Value) -> float:
@@ -174,25 +164,9 @@ def _pose(key: str, value: Value) -> Iterator[tuple[str, Pose]]:
         return
 
 
-def _standing(partial: Partial) -> tuple[Obstacle, ...]:
-    """The obstacles that are there from the beginning, under whatever keys."""
-    found = []
-    for key, value in partial.values.items():
-        if (partial.dimensions.get(key) or DIMENSION_OF_KEY.get(key)) != "environment" or not isinstance(
-            value, list | tuple
-        ):
-            continue
-        for i, entry in enumerate(value):
-            if isinstance(entry, Mapping) and "spawn_pose" in entry and "spawn_trigger" not in entry:
-                try:
-                    found.append(obstacle_of(entry, f"{key}[{i}]"))
-                except ValueError:  # the simulator says what is wrong with it
-                    continue
-    return tuple(found)
-
-
-def _placed(outline: NDArray[np.float64], pose: Pose) -> Polygon:
-    """The convex hull of an outline at a pose."""
-    c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
-    turned = outline @ np.array([[c, s], [-s, c]])
-    return MultiPoint(turned + np.array([pose.x_m, pose.y_m])).convex_hull
+def _standing(partial: Partial) -> Iterator[Obstacle]:
+    """Yield the obstacles that are there from the beginning; the simulator says what is wrong with others."""
+    for where, entry in partial.obstacles():
+        if "spawn_trigger" not in entry:
+            with suppress(ValueError):
+                yield obstacle_of(entry, where)

@@ -311,16 +311,12 @@ obstacles = boxes | cylinders
 distances = st.sampled_from([0.05, 0.225, 0.4])
 
 
-@given(obstacles, near, near, distances)
-def test_outline_is_as_near_to_a_point_as_its_polygon(obstacle, x, y, distance):
-    found = ObstacleOutline(obstacle).nearer_to((x, y), distance)
-    assert found == (obstacle.footprint().distance(Point(x, y)) < distance)
-
-
 @given(obstacles, obstacles, distances)
 def test_outlines_are_as_near_as_their_polygons(one, other, distance):
-    found = ObstacleOutline(one).nearer_than(distance, ObstacleOutline(other))
-    assert found == (one.footprint().distance(other.footprint()) < distance)
+    outline, place = ObstacleOutline(one), (other.pose.x_m, other.pose.y_m)
+    near_other = one.footprint().distance(other.footprint()) < distance
+    assert outline.nearer_than(distance, ObstacleOutline(other)) == near_other
+    assert outline.nearer_than(distance, place) == (one.footprint().distance(Point(place)) < distance)
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ import shapely.affinity
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.model.configuration import Configuration
-from vastflow.producers.places.cells import touched_cells
+from vastflow.producers.places.ground import touched_cells
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.recording import Recording
 from vastflow.sim.reading.checked import checked_of
