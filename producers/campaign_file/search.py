@@ -254,7 +254,6 @@ def _wrong(said: str, at: str) -> PydanticCustomError:
 SEARCH: Final[Location] = ("search",)
 
 _MARKER: Final = re.compile(r"\$(?:\{(?P<braced>.*)\}|(?P<bare>[A-Za-z_][\w.-]*))", re.DOTALL)
-_ESCAPE: Final = "$$"
 
 
 def marker_of(value: object) -> str | None:
@@ -286,14 +285,12 @@ def with_point(
     template = {part: search.get(part) or [] for part in ("parameters", "variations")}
     named = {name for _, name in _markers(template, SEARCH)}
     filled = {part: [_filled(entry, point) for entry in entries] for part, entries in template.items()}
-    filled["parameters"] += [{name: value} for name, value in point.items() if name not in named]
     filled["variations"] = [{} if k in left_out else entry for k, entry in enumerate(filled["variations"])]
-    values = dict(document.values)
-    for k, entry in enumerate(filled["parameters"][len(template["parameters"]) :], len(template["parameters"])):
-        (name,) = entry
-        values[(*SEARCH, "parameters", k, name)] = document.place((*SEARCH, "search_space", name))
-        values[(*SEARCH, "parameters", k)] = values[(*SEARCH, "parameters", k, name)]
-    values.setdefault((*SEARCH, "parameters"), document.place(SEARCH))
+    values = {(*SEARCH, "parameters"): document.place(SEARCH), **document.values}
+    for name in (name for name in point if name not in named):
+        where = (*SEARCH, "parameters", len(filled["parameters"]))
+        values[where] = values[(*where, name)] = document.place((*SEARCH, "search_space", name))
+        filled["parameters"].append({name: point[name]})
     return replace(document, data={**document.data, "search": filled}, values=values)
 
 
@@ -311,7 +308,7 @@ def _filled(value: Any, point: Mapping[str, Any]) -> Any:
         return {key: _filled(item, point) for key, item in value.items()}
     if isinstance(value, list):
         return [_filled(item, point) for item in value]
-    if isinstance(value, str) and value.startswith(_ESCAPE):
+    if isinstance(value, str) and value.startswith("$$"):
         return value[1:]
     name = marker_of(value)
     return value if name is None else point.get(name, value)

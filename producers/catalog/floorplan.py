@@ -1,7 +1,6 @@
 """The producers of environments: floor plans as they are written, and with drawn dimensions."""
 
 import functools
-import itertools
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
@@ -45,11 +44,8 @@ F = TypeVar("F", PlanFile, VariationFile)
 def _some(value: Any) -> Any:
     # A least length of the field would complain a second time of a list whose files are wrong.
     if isinstance(value, list | tuple) and not value:
-        raise PydanticCustomError("floorplan", "expected the path of at least one file, got an empty list")
+        raise ValueError("expected the path of at least one file, got an empty list")
     return value
-
-
-AtLeastOne = BeforeValidator(_some)
 
 
 def _read(read: Callable[[Path], F], kind: type[F]) -> Callable[[Any, ValidationInfo], F]:
@@ -58,50 +54,35 @@ def _read(read: Callable[[Path], F], kind: type[F]) -> Callable[[Any, Validation
     Files that were read are kept in the context's `plans`.
     """
 
-    def checked(file: Path) -> F:
-        try:
-            found = read(file)
-            if isinstance(found, PlanFile):
-                found.building()
-            else:
-                found.variation()
-        except FileError as error:
-            code = MISSING_FILE if all(fault.kind == "missing" for fault in error.faults) else "floorplan"
-            raise PydanticCustomError(code, "{error}", {"error": error.brief}) from None
-        return found
-
     def validate(value: Any, info: ValidationInfo) -> F:
         if isinstance(value, kind):
             return value
-        if not isinstance(value, str):
-            raise PydanticCustomError("floorplan", "expected the path of a file, got {found}", {"found": repr(value)})
+        if type(value) is not str:
+            raise ValueError(f"expected the path of a file, got {value!r}")
         context = info.context or {}
         known = context.get("plans", {})  # a file may be named a hundred times, and reading it builds its plan
         if (kind, value) not in known:
-            known[kind, value] = checked(Path(context.get("base", "."), value))
+            try:
+                read_file = read(Path(context.get("base", "."), value))
+                _ = read_file.building() if isinstance(read_file, PlanFile) else read_file.variation()
+            except FileError as error:
+                code = MISSING_FILE if all(fault.kind == "missing" for fault in error.faults) else "floorplan"
+                raise PydanticCustomError(code, "{error}", {"error": error.brief}) from None
+            known[kind, value] = read_file
         found: F = known[kind, value]
         return found.called(value)  # where the campaign lies is no part of what it says
 
     return validate
 
 
-def _name(file: PlanFile | VariationFile) -> str:
-    return file.name
+_SERIALIZED: Final = PlainSerializer(lambda file: file.name, return_type=str)
+_TEXT: Final = WithJsonSchema({"type": "string"})
 
-
-Plan: TypeAlias = Annotated[
-    PlanFile,
-    PlainValidator(_read(read_plan_file, PlanFile)),
-    PlainSerializer(_name, return_type=str),
-    WithJsonSchema({"type": "string"}),
-]
+Plan: TypeAlias = Annotated[PlanFile, PlainValidator(_read(read_plan_file, PlanFile)), _SERIALIZED, _TEXT]
 """The path of a `.fpm` file, relative to the campaign file; its text once read."""
 
 VariedPlan: TypeAlias = Annotated[
-    VariationFile,
-    PlainValidator(_read(read_variation_file, VariationFile)),
-    PlainSerializer(_name, return_type=str),
-    WithJsonSchema({"type": "string"}),
+    VariationFile, PlainValidator(_read(read_variation_file, VariationFile)), _SERIALIZED, _TEXT
 ]
 """The path of a `.variation` file, relative to the campaign file; its text and its plan's once read."""
 
@@ -119,7 +100,7 @@ class EnvironmentParameters(producer.Parameters):
     @model_validator(mode="after")
     def _check_name(self) -> Self:
         if len(set(self.keys)) < 2 or not all(self.keys):
-            raise PydanticCustomError("name", "name: expected two names, got {found}", {"found": repr(list(self.name))})
+            raise ValueError(f"name: expected two names, got {list(self.name)!r}")
         return self
 
     @property
@@ -166,7 +147,7 @@ def _drawn_notes(file: VariationFile, seeds: range) -> tuple[Fault, ...]:
 class FloorplanGenerationParameters(EnvironmentParameters):
     """Parameters of `FloorplanGeneration`."""
 
-    floorplans: Annotated[tuple[Plan, ...], AtLeastOne]
+    floorplans: Annotated[tuple[Plan, ...], BeforeValidator(_some)]
     """FloorPlan DSL files (`.fpm`), relative to the campaign file."""
 
 
@@ -192,7 +173,7 @@ class FloorplanGeneration(EnvironmentProducer[FloorplanGenerationParameters]):
 class FloorplanVariationParameters(EnvironmentParameters):
     """Parameters of `FloorplanVariation`."""
 
-    variation_files: Annotated[tuple[VariedPlan, ...], AtLeastOne]
+    variation_files: Annotated[tuple[VariedPlan, ...], BeforeValidator(_some)]
     """Variation DSL files (`.variation`), relative to the campaign file."""
     num_variations: Count = 1
     """Buildings drawn from each file."""
@@ -203,9 +184,7 @@ class FloorplanVariationParameters(EnvironmentParameters):
     def _check_seed(self) -> Self:
         last = self.seed + self.num_variations - 1
         if last > GREATEST_SEED:
-            raise PydanticCustomError(
-                "seed", "the last seed is {last}; at most {most}", {"last": last, "most": GREATEST_SEED}
-            )
+            raise ValueError(f"the last seed is {last}; at most {GREATEST_SEED}")
         return self
 
 
@@ -223,10 +202,8 @@ class FloorplanVariation(EnvironmentProducer[FloorplanVariationParameters]):
         """Notes of the varied plans, as written and as drawn."""
         seeds = range(self.parameters.seed, self.parameters.seed + self.parameters.num_variations)
         files = dict.fromkeys(self.parameters.variation_files)
-        written = itertools.chain.from_iterable(
-            _plan_notes(plan) for plan in dict.fromkeys(file.plan for file in files)
-        )
-        return (*written, *itertools.chain.from_iterable(_drawn_notes(file, seeds) for file in files))
+        written = [note for plan in dict.fromkeys(file.plan for file in files) for note in _plan_notes(plan)]
+        return (*written, *(note for file in files for note in _drawn_notes(file, seeds)))
 
     @property
     def most_choices(self) -> int:

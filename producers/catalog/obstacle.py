@@ -221,10 +221,8 @@ class ObstacleProducer(Producer[O]):
     def _site(self, inputs: Mapping[str, Value]) -> Site | str:
         """Return the site, or why there is no path or an obstacle can't be read."""
         start_at, goals_at = self._stops
-        map_file = map_of(inputs, self.parameters.map_file)
-        if isinstance(map_file, Rejection):
-            return map_file.reason
         try:
+            map_file = map_of(inputs, self.parameters.map_file)
             start = given_start(inputs, start_at)
             goals = next(filter(None, (given_goals(inputs, key) for key in (goals_at, GOALS_KEY, GOAL_KEY))), ())
             standing = _standing(_lists(inputs, self.parameters.name))

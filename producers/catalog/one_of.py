@@ -1,6 +1,7 @@
 """The producer that offers alternatives: the union of what other producers yield."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeAlias, get_args
 
@@ -26,17 +27,14 @@ def _child(value: Any, info: ValidationInfo) -> Producer[Any]:
     if isinstance(value, Producer):
         return value
     if not isinstance(value, Mapping) or len(value) != 1:
-        raise PydanticCustomError("child", "expected one 'Producer: {parameters}', got {found}", {"found": repr(value)})
+        raise ValueError(f"expected one 'Producer: {{parameters}}', got {value!r}")
     ((name, given),) = value.items()
     try:
         kind = find_producer(name, Path((info.context or {}).get("base", ".")))
-    except PlugInError as error:
-        raise PydanticCustomError("child", "{why}", {"why": str(error), "at": name}) from None
     except Exception as error:
-        what = f"{name!r} can't be imported: {type(error).__name__}: {error}"
-        raise PydanticCustomError(
-            "child", "{what}; a producer that can be imported", {"what": what, "at": name}
-        ) from error
+        why = f"{name!r} can't be imported: {type(error).__name__}: {error}; a producer that can be imported"
+        said = str(error) if isinstance(error, PlugInError) else why
+        raise PydanticCustomError("child", "{said}", {"said": said, "at": name}) from error
     try:
         return kind(kind.Parameters.model_validate({} if given is None else given, context=info.context))
     except ValidationError as error:
@@ -46,28 +44,23 @@ def _child(value: Any, info: ValidationInfo) -> Producer[Any]:
 
 def _below(name: str, kind: type[Producer[Any]], detail: ErrorDetails) -> InitErrorDetails:
     """Return a child's error at its place below the child's name; errors about keys become text."""
-    known, key = kind.Parameters.model_fields, str(detail["loc"][-1]) if detail["loc"] else ""
+    key = str(detail["loc"][-1]) if detail["loc"] else ""
     context = detail.get("ctx", {})
     what: str | PydanticCustomError = detail["type"]
     if detail["type"] == "extra_forbidden" and len(detail["loc"]) == 1:
-        what = PydanticCustomError(
-            "child", "unknown key {key}; {right}", {"key": repr(key), "right": did_you_mean(key, known)}
-        )
+        said = f"unknown key {key!r}; {did_you_mean(key, kind.Parameters.model_fields)}"
+        what = PydanticCustomError("child", "{said}", {"said": said})
     elif detail["type"] == "missing":
-        what = PydanticCustomError("child", "no {key}; it has no default", {"key": repr(key)})
+        what = PydanticCustomError("child", "{said}", {"said": f"no {key!r}; it has no default"})
     elif detail["type"] not in PYDANTICS_OWN:
-        what = PydanticCustomError(detail["type"], "{message}", {**context, "message": detail["msg"]})
+        what = PydanticCustomError(detail["type"], "{said}", {**context, "said": detail["msg"]})
     return InitErrorDetails(type=what, loc=(name, *detail["loc"]), input=detail["input"], ctx=context)
-
-
-def _plain_child(child: Producer[Any]) -> Any:
-    return {type(child).__name__: child.parameters.model_dump(mode="json")}
 
 
 Child: TypeAlias = Annotated[
     Producer[Any],
     PlainValidator(_child),
-    PlainSerializer(_plain_child, return_type=Any),
+    PlainSerializer(lambda child: {type(child).__name__: child.parameters.model_dump(mode="json")}, return_type=Any),
     WithJsonSchema({"type": "object", "minProperties": 1, "maxProperties": 1}),
 ]
 
@@ -103,11 +96,11 @@ class OneOfVariation(Producer[OneOfParameters]):
     @property
     def writes(self) -> Mapping[str, Dimension | None]:
         """The keys that any child writes; of different dimensions for a key, the first of `PRECEDENCE`."""
-        tags: dict[str, list[Dimension | None]] = {}
+        tags: dict[str, Dimension | None] = {}
         for child in self.children:
             for key, tag in child.writes.items():
-                tags.setdefault(key, []).append(tag)
-        return {key: self.parameters.dimension or min(found, key=PRECEDENCE.index) for key, found in tags.items()}
+                tags[key] = min(tags.get(key, tag), tag, key=PRECEDENCE.index)
+        return {key: self.parameters.dimension or tag for key, tag in tags.items()}
 
     @property
     def notes(self) -> tuple[Fault, ...]:
@@ -127,6 +120,5 @@ class OneOfVariation(Producer[OneOfParameters]):
         for child in self.children:
             for item in evaluate(child, {key: inputs[key] for key in child.reads if key in inputs}):
                 if isinstance(item, Rejection):
-                    yield Rejection(f"{type(child).__name__}: {item.reason}", item.requested)
-                else:
-                    yield item
+                    item = replace(item, reason=f"{type(child).__name__}: {item.reason}")
+                yield item

@@ -4,12 +4,11 @@ import itertools
 import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any, Final, Self, TypeAlias, TypeVar
 
 import numpy as np
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
 from vastflow.producers.model import producer
 from vastflow.producers.model.configuration import REQUESTED, Fragment, Rejection
@@ -72,6 +71,10 @@ UNPROVED: Final = "nor proved impossible"
 """What a rejection says that another draw may contradict."""
 
 
+Drawer: TypeAlias = Callable[[np.random.Generator], list[Leg] | str]
+"""Draws the legs of one path, or says why there is none."""
+
+
 class LengthParameters(producer.Parameters):
     """Base of the parameters of paths of a promised length."""
 
@@ -105,10 +108,8 @@ class PathProducer(Producer[P]):
     @property
     def writes(self) -> Mapping[str, Dimension | None]:
         tag = self.parameters.dimension or "task"
-        own_map: dict[str, Dimension | None] = (
-            {MAP_KEY: "environment"} if isinstance(self.parameters.map_file, FileContent) else {}
-        )
-        return {start_key(self.parameters.start_pose): tag, self.goals_key: tag, **own_map}
+        written: dict[str, Dimension | None] = {start_key(self.parameters.start_pose): tag, self.goals_key: tag}
+        return {**written, MAP_KEY: "environment"} if isinstance(self.parameters.map_file, FileContent) else written
 
     def _values(
         self, inputs: Mapping[str, Value], ground: Ground, start: Pose, goals: Sequence[Pose], legs: Sequence[Leg]
@@ -144,11 +145,9 @@ class PathParameters(LengthParameters):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.num_goal_poses is not None and self.num_goal_poses_per_m is not None:
-            raise PydanticCustomError("goals", "num_goal_poses and num_goal_poses_per_m are both given; one of them")
+            raise ValueError("num_goal_poses and num_goal_poses_per_m are both given; one of them")
         if self.goal_poses == GOAL_KEY and (self.num_goal_poses_per_m is not None or (self.num_goal_poses or 1) > 1):
-            raise PydanticCustomError(
-                "goals", "goal_poses is '@goal_pose', which holds one goal; '@goal_poses' for several"
-            )
+            raise ValueError("goal_poses is '@goal_pose', which holds one goal; '@goal_poses' for several")
         return self
 
 
@@ -169,20 +168,13 @@ class PathVariationRandom(PathProducer[PathParameters]):
 
     @property
     def reads(self) -> tuple[str, ...]:
-        return (
-            map_key(self.parameters.map_file),
-            ROOM_KEY,
-            start_key(self.parameters.start_pose),
-            self.goals_key,
-        )
+        asked = self.parameters
+        return map_key(asked.map_file), ROOM_KEY, start_key(asked.start_pose), self.goals_key
 
     @property
     def most_choices(self) -> int:
-        return (
-            self.parameters.num_paths
-            * len(self.parameters.path_length)
-            * len(self.parameters.num_goal_poses_per_m or (None,))
-        )
+        asked = self.parameters
+        return asked.num_paths * len(asked.path_length) * len(asked.num_goal_poses_per_m or (None,))
 
     def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
         """Yield `num_paths` paths for each number of goals and, within it, for each length.
@@ -190,31 +182,29 @@ class PathVariationRandom(PathProducer[PathParameters]):
         A path depends on the seed, what is read, its length, its number of goals and its number among
         equals; another length in the list leaves it as it is.
         """
+        asked, goals = self.parameters, tuple[Pose, ...]()
         try:
-            start = given_start(inputs, self.parameters.start_pose)
-            goals = given_goals(inputs, self.parameters.goal_poses)
+            start, goals = given_start(inputs, asked.start_pose), given_goals(inputs, asked.goal_poses)
+            map_file = map_of(inputs, asked.map_file)
         except ValueError as error:
-            yield from (Rejection(str(error), requested) for requested in self._requests(()))
+            yield from (Rejection(str(error), requested) for requested in self._requests(goals))
             return
-        map_file = map_of(inputs, self.parameters.map_file)
-        if isinstance(map_file, Rejection):
-            yield from (Rejection(map_file.reason, requested) for requested in self._requests(goals))
-            return
-        task = _Task(
-            ground_of(map_file, self.parameters.robot_diameter, room_of(inputs)), start, goals, self.parameters
-        )
-        for (length_m, n_goals), instances in itertools.groupby(self._requests(goals), _size):
-            draw = task.drawer(length_m, n_goals)
-            for requested in instances:
-                rng = draws(int(digest(requested)[:16], 16))
-                legs = draw(rng)
-                if isinstance(legs, str):
-                    yield Rejection(legs, requested)
-                else:
-                    size = {name: requested[name] for name in ("path_length", "num_goal_poses")}
-                    yield Fragment({**self._path(inputs, task, legs, rng), REQUESTED + self.goals_key: size})
+        ground = ground_of(map_file, asked.robot_diameter, room_of(inputs))
+        drawer: Drawer | None = None
+        for requested in self._requests(goals):
+            if drawer is None or requested["path"] == 1:
+                drawer = self._drawer(ground, start, goals, requested["path_length"], requested["num_goal_poses"])
+            rng = draws(int(digest(requested)[:16], 16))
+            legs = drawer(rng)
+            if isinstance(legs, str):
+                yield Rejection(legs, requested)
+                continue
+            begin = start or Pose(*center_m(ground, legs[0].start), float(rng.uniform(-math.pi, math.pi)))
+            ends = goals or tuple(Pose(*center_m(ground, leg.end), _arrival_rad(ground, leg)) for leg in legs)
+            size = {name: requested[name] for name in ("path_length", "num_goal_poses")}
+            yield Fragment({**self._values(inputs, ground, begin, ends, legs), REQUESTED + self.goals_key: size})
 
-    def _requests(self, goals: Sequence[Pose]) -> Iterator[dict[str, Value]]:
+    def _requests(self, goals: Sequence[Pose]) -> Iterator[dict[str, Any]]:
         asked = self.parameters
         for per_m in asked.num_goal_poses_per_m or (None,):
             for length_m in asked.path_length:
@@ -222,13 +212,43 @@ class PathVariationRandom(PathProducer[PathParameters]):
                 for path in range(1, asked.num_paths + 1):
                     yield {"path_length": length_m, "num_goal_poses": n_goals, "path": path}
 
-    def _path(
-        self, inputs: Mapping[str, Value], task: "_Task", legs: Sequence[Leg], rng: np.random.Generator
-    ) -> dict[str, Value]:
-        ground = task.ground
-        start = task.start or Pose(*center_m(ground, legs[0].start), float(rng.uniform(-math.pi, math.pi)))
-        goals = task.goals or tuple(Pose(*center_m(ground, leg.end), _arrival_rad(ground, leg)) for leg in legs)
-        return self._values(inputs, ground, start, goals, legs)
+    def _drawer(
+        self, ground: Ground, start: Pose | None, goals: Sequence[Pose], length_m: float, n_goals: int
+    ) -> Drawer:
+        """Return what draws paths of this length through so many goals, on a ground with the stops that are given."""
+        asked, tolerance_m = self.parameters, self.parameters.path_length_tolerance
+        if n_goals > MOST_GOALS:
+            return _always(f"a path of {length_m:g} m was to have {n_goals} goals; at most {MOST_GOALS}")
+        for name, pose in (("start", start), *((f"goal {i}", goal) for i, goal in enumerate(goals, 1))):
+            if pose is not None and not ground.stands(pose.x_m, pose.y_m):
+                return _always(f"the given {name} ({pose.x_m:g}, {pose.y_m:g}) is no place for {ground.robot_text}")
+        if goals:
+            return _to_given_goals(ground, start, goals, LegRequest(length_m, tolerance_m, asked.min_distance))
+        request = LegRequest(length_m / n_goals, tolerance_m / n_goals, asked.min_distance)
+        what = f"{legs_text(n_goals)} of {length_text(request.length_m, request.tolerance_m)}"
+        if asked.min_distance > request.length_m + request.tolerance_m:
+            return _always(f"a {what} can't lead {asked.min_distance:g} m away in a straight line")
+        what = f"{what} and >= {asked.min_distance:g} m in a straight line"
+        robot = ground.stopping_robot_text
+        if start is not None:
+            cell = ground.occupancy.cell_of(start.x_m, start.y_m)
+            return lambda rng: (
+                draw_legs(ground, cell, n_goals, request, rng)
+                or (
+                    f"from the given start there is no {what} for {robot}; "
+                    f"the longest shortest path from there is {farthest_m(ground, cell):.2f} m"
+                )
+            )
+        search = StartSearch(ground, n_goals, request)
+
+        def anywhere(rng: np.random.Generator) -> list[Leg] | str:
+            if legs := search.draw(rng):
+                return legs
+            unproved = f"for {robot} no {what} was found from {MAX_STARTS} starts, {UNPROVED}"
+            reason = unproved if search.gave_up else f"this map has no {what} for {robot}"
+            return f"{reason}; the longest shortest path found is {search.longest_m:.2f} m"
+
+        return anywhere
 
 
 def path_values(ground: Ground, legs: Sequence[Leg]) -> dict[str, Value]:
@@ -242,107 +262,35 @@ def path_values(ground: Ground, legs: Sequence[Leg]) -> dict[str, Value]:
     }
 
 
-Drawer: TypeAlias = Callable[[np.random.Generator], "list[Leg] | str"]
-"""Draws the legs of one path, or says why there is none."""
+def _to_given_goals(ground: Ground, start: Pose | None, goals: Sequence[Pose], request: LegRequest) -> Drawer:
+    legs: list[Leg] = []
+    cells = [ground.occupancy.cell_of(pose.x_m, pose.y_m) for pose in ((start,) if start else ()) + tuple(goals)]
+    for one, other in itertools.pairwise(cells):
+        leg = shortest_leg(ground, one, other)
+        if leg is None:
+            return _always(f"there is no path for {ground.robot_text} through the given poses")
+        legs.append(leg)
+    given_m = sum(leg.length_m for leg in legs)
+    length = length_text(request.length_m, request.tolerance_m)
+    if start is not None:
+        return _always(legs if request.admits(given_m) else f"the given poses are {given_m:.2f} m apart, not {length}")
+    if given_m > request.length_m + request.tolerance_m:
+        return _always(f"the given goals alone are {given_m:.2f} m apart, more than {length}")
+    rest = replace(request, length_m=request.length_m - given_m)
 
+    def to_given_goals(rng: np.random.Generator) -> list[Leg] | str:
+        if leg := draw_leg(ground, cells[0], rest, rng):
+            return [leg.reversed(), *legs]
+        return (
+            f"no start is {length_text(rest.length_m, rest.tolerance_m)} from the first given goal for "
+            f"{ground.stopping_robot_text}; the longest shortest path from there is {farthest_m(ground, cells[0]):.2f} m"
+        )
 
-@dataclass(frozen=True, slots=True)
-class _Task:
-    """The ground on which paths are drawn, and the stops that are given."""
-
-    ground: Ground
-    start: Pose | None
-    goals: tuple[Pose, ...]
-    asked: PathParameters
-
-    def drawer(self, length_m: float, n_goals: int) -> Drawer:
-        """Return what draws paths of this length through so many goals."""
-        asked, ground = self.asked, self.ground
-        if n_goals > MOST_GOALS:
-            return _always(f"a path of {length_m:g} m was to have {n_goals} goals; at most {MOST_GOALS}")
-        for name, pose in (("start", self.start), *((f"goal {i}", goal) for i, goal in enumerate(self.goals, 1))):
-            if pose is not None and not ground.stands(pose.x_m, pose.y_m):
-                return _always(
-                    f"the given {name} ({pose.x_m:g}, {pose.y_m:g}) is no place for {self.ground.robot_text}"
-                )
-        if self.goals:
-            return self._to_given_goals(length_m)
-        request = LegRequest(length_m / n_goals, asked.path_length_tolerance / n_goals, asked.min_distance)
-        what = f"{legs_text(n_goals)} of {length_text(request.length_m, request.tolerance_m)}"
-        if asked.min_distance > request.length_m + request.tolerance_m:
-            return _always(f"a {what} can't lead {asked.min_distance:g} m away in a straight line")
-        what = f"{what} and >= {asked.min_distance:g} m in a straight line"
-        if self.start is None:
-            return self._anywhere(n_goals, request, what)
-        start = self._cell(self.start)
-
-        def from_given_start(rng: np.random.Generator) -> list[Leg] | str:
-            return draw_legs(ground, start, n_goals, request, rng) or (
-                f"from the given start there is no {what} for {self.ground.stopping_robot_text}; "
-                f"the longest shortest path from there is {farthest_m(ground, start):.2f} m"
-            )
-
-        return from_given_start
-
-    def _anywhere(self, n_goals: int, request: LegRequest, what: str) -> Drawer:
-        search = StartSearch(self.ground, n_goals, request)
-
-        def anywhere(rng: np.random.Generator) -> list[Leg] | str:
-            legs = search.draw(rng)
-            if legs is not None:
-                return legs
-            if search.gave_up:
-                return (
-                    f"for {self.ground.stopping_robot_text} no {what} was found from {MAX_STARTS} starts, {UNPROVED}; "
-                    f"the longest shortest path found is {search.longest_m:.2f} m"
-                )
-            return f"this map has no {what} for {self.ground.stopping_robot_text}; the longest shortest path found is {search.longest_m:.2f} m"
-
-        return anywhere
-
-    def _to_given_goals(self, length_m: float) -> Drawer:
-        asked, ground = self.asked, self.ground
-        legs: list[Leg] = []
-        for one, other in itertools.pairwise(((self.start,) if self.start else ()) + self.goals):
-            leg = shortest_leg(ground, self._cell(one), self._cell(other))
-            if leg is None:
-                return _always(f"there is no path for {self.ground.robot_text} through the given poses")
-            legs.append(leg)
-        given_m = sum(leg.length_m for leg in legs)
-        if self.start is not None:
-            if LegRequest(length_m, asked.path_length_tolerance, 0.0).admits(given_m):
-                return _always(legs)
-            return _always(
-                f"the given poses are {given_m:.2f} m apart, not {length_text(length_m, asked.path_length_tolerance)}"
-            )
-        if given_m > length_m + asked.path_length_tolerance:
-            return _always(
-                f"the given goals alone are {given_m:.2f} m apart, more than {length_text(length_m, asked.path_length_tolerance)}"
-            )
-        first_goal = self._cell(self.goals[0])
-        request = LegRequest(length_m - given_m, asked.path_length_tolerance, asked.min_distance)
-
-        def to_given_goals(rng: np.random.Generator) -> list[Leg] | str:
-            leg = draw_leg(ground, first_goal, request, rng)
-            if leg is not None:
-                return [leg.reversed(), *legs]
-            return (
-                f"no start is {length_text(request.length_m, request.tolerance_m)} from the first given goal for "
-                f"{self.ground.stopping_robot_text}; the longest shortest path from there is {farthest_m(ground, first_goal):.2f} m"
-            )
-
-        return to_given_goals
-
-    def _cell(self, pose: Pose) -> Cell:
-        return self.ground.occupancy.cell_of(pose.x_m, pose.y_m)
+    return to_given_goals
 
 
 def _always(answer: list[Leg] | str) -> Drawer:
     return lambda rng: answer
-
-
-def _size(requested: Mapping[str, Any]) -> tuple[float, int]:
-    return requested["path_length"], requested["num_goal_poses"]
 
 
 def legs_text(n_legs: int) -> str:

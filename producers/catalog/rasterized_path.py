@@ -12,13 +12,7 @@ from vastflow.producers.catalog.path import LengthParameters, PathProducer, cent
 from vastflow.producers.model.configuration import REQUESTED, Fragment, Rejection
 from vastflow.producers.model.numbers import Goals, Number, Positive
 from vastflow.producers.model.producer import ROOM_KEY, Draws
-from vastflow.producers.places.ground import (
-    Ground,
-    ground_of,
-    map_key,
-    map_of,
-    room_of,
-)
+from vastflow.producers.places.ground import Ground, ground_of, map_key, map_of, room_of
 from vastflow.producers.places.route import FIELD_ERROR_M, Cell, Leg, LegRequest, Reach, reach_of
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, given_start, start_key
 from vastflow.sim.model.digest import Value
@@ -71,13 +65,10 @@ class PathVariationRasterized(PathProducer[RasterParameters]):
         requests: list[dict[str, Value]] = [
             {"path_length": m, "num_goal_poses": asked.num_goal_poses} for m in asked.path_length
         ]
-        map_file = map_of(inputs, asked.map_file)
         try:
-            start = given_start(inputs, asked.start_pose)
+            start, map_file = given_start(inputs, asked.start_pose), map_of(inputs, asked.map_file)
         except ValueError as error:
-            start, map_file = None, Rejection(str(error))
-        if isinstance(map_file, Rejection):
-            yield from (Rejection(map_file.reason, requested) for requested in requests)
+            yield from (Rejection(str(error), requested) for requested in requests)
             return
         ground = ground_of(map_file, asked.robot_diameter, room_of(inputs))
         raster = self._raster(ground, start)
@@ -88,13 +79,12 @@ class PathVariationRasterized(PathProducer[RasterParameters]):
         shares = [LegRequest(m / n_goals, asked.path_length_tolerance / n_goals, 0.0) for m in asked.path_length]
         legs = raster.legs(shares, n_goals)
         for requested, share in zip(requests, shares, strict=True):
-            n_paths = 0
-            for path in _paths(raster.starts, legs[share], n_goals):
-                n_paths += 1
+            paths = [path for cell in raster.starts for path in _paths(legs[share], cell, n_goals)]
+            for path in paths:
                 begin, *goals = (Pose(*center_m(ground, cell)) for cell in (path[0].start, *(leg.end for leg in path)))
                 values = self._values(inputs, ground, start or begin, goals, path)
                 yield Fragment({**values, REQUESTED + self.goals_key: requested})
-            if reason := raster.left_out(share, n_goals, n_paths):
+            if reason := raster.left_out(share, n_goals, len(paths)):
                 yield Rejection(reason, requested)
 
     def _raster(self, ground: Ground, start: Pose | None) -> "_Raster | str":
@@ -204,19 +194,13 @@ def _admitted(reach: Reach, points: NDArray[np.int64], request: LegRequest) -> I
             yield leg
 
 
-def _paths(starts: Sequence[Cell], legs: Mapping[Cell, list[Leg]], n_goals: int) -> Iterator[list[Leg]]:
-    for start in starts:
-        if n_goals == 1:
-            yield from ([leg] for leg in legs.get(start, ()))
-        elif path := _path(legs, start, n_goals):
-            yield path
-
-
-def _path(legs: Mapping[Cell, list[Leg]], start: Cell, n_goals: int) -> list[Leg]:
-    """Return the path from a start, or [] if it has no first leg.
+def _paths(legs: Mapping[Cell, list[Leg]], start: Cell, n_goals: int) -> list[list[Leg]]:
+    """Return the paths from a start: one of each leg, or with several goals one at most.
 
     A given start off the raster has no path back to it.
     """
+    if n_goals == 1:
+        return [[leg] for leg in legs.get(start, ())]
     path: list[Leg] = []
     passed = {start}
     for _ in range(n_goals):
@@ -225,4 +209,4 @@ def _path(legs: Mapping[Cell, list[Leg]], start: Cell, n_goals: int) -> list[Leg
             return []
         path.append(next((leg for leg in onward if leg.end not in passed), onward[0]))
         passed.add(path[-1].end)
-    return path
+    return [path]

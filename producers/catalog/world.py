@@ -1,11 +1,11 @@
 """The producer of worlds that are not as the robot's map has them."""
 
+import itertools
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Final
 
 import numpy as np
 from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
 
 from vastflow.producers.model import producer
 from vastflow.producers.model.configuration import Fragment, Rejection
@@ -49,16 +49,11 @@ class WorldParameters(producer.Parameters):
     @model_validator(mode="after")
     def _check(self) -> "WorldParameters":
         if max(self.missing_furniture) > 1.0:
-            found = {"found": f"{max(self.missing_furniture):g}"}
-            raise PydanticCustomError(
-                "share", "missing_furniture: expected a probability from 0 to 1, got {found}", found
-            )
+            found = f"{max(self.missing_furniture):g}"
+            raise ValueError(f"missing_furniture: expected a probability from 0 to 1, got {found}")
         if (widest := max(self.wall_offset)) > (most := STEEPEST * self.correlation_length):
-            raise PydanticCustomError(
-                "offset",
-                "wall_offset: expected at most {most} at a correlation_length of {length} m, got {found}, at which walls tear",
-                {"found": f"{widest:g}", "most": f"{most:g}", "length": f"{self.correlation_length:g}"},
-            )
+            right = f"expected at most {most:g} at a correlation_length of {self.correlation_length:g} m"
+            raise ValueError(f"wall_offset: {right}, got {widest:g}, at which walls tear")
         return self
 
 
@@ -87,35 +82,32 @@ class WorldVariation(Producer[WorldParameters]):
 
         A world depends on the seed, what is read, its offset, its share and its number among equals.
         """
-        for offset_m in self.parameters.wall_offset:
-            for missing in self.parameters.missing_furniture:
-                noted: dict[str, Value] = {OFFSET_KEY: offset_m, MISSING_KEY: missing}
-                if not offset_m and not missing:
-                    yield Fragment(noted)
-                    continue
-                for number in range(1, self.parameters.count + 1):
-                    requested: dict[str, Value] = {
-                        "wall_offset": offset_m,
-                        "correlation_length": self.parameters.correlation_length,
-                        "missing_furniture": missing,
-                        "world": number,
-                    }
-                    world = self._world(inputs, requested, draws(int(digest(requested)[:16], 16)))
-                    yield (
-                        Rejection(world, requested) if isinstance(world, str) else Fragment({WORLD_KEY: world, **noted})
-                    )
+        for offset_m, missing in itertools.product(self.parameters.wall_offset, self.parameters.missing_furniture):
+            noted: dict[str, Value] = {OFFSET_KEY: offset_m, MISSING_KEY: missing}
+            if not offset_m and not missing:
+                yield Fragment(noted)
+                continue
+            for number in range(1, self.parameters.count + 1):
+                requested: dict[str, Value] = {
+                    "wall_offset": offset_m,
+                    "correlation_length": self.parameters.correlation_length,
+                    "missing_furniture": missing,
+                    "world": number,
+                }
+                world = self._world(inputs, requested, draws(int(digest(requested)[:16], 16)))
+                yield Rejection(world, requested) if isinstance(world, str) else Fragment({WORLD_KEY: world, **noted})
 
     def _world(
         self, inputs: Mapping[str, Value], requested: Mapping[str, Value], rng: np.random.Generator
     ) -> dict[str, Value] | str:
         """The first world drawn in which the robot finds a path; or why there is none."""
-        map_file = map_of(inputs, None)
-        if isinstance(map_file, Rejection):
-            return map_file.reason
         try:
-            stops = _stops(inputs)
+            map_file = map_of(inputs)
+            start = given_start(inputs, START_KEY)
+            goals = given_goals(inputs, GOALS_KEY) or given_goals(inputs, GOAL_KEY)
         except ValueError as error:
             return str(error)
+        stops = {"the start": start, **{f"goal {i}": goal for i, goal in enumerate(goals, 1)}}
         asked = {name: value for name, value in requested.items() if name != "world"}
         reason = ""
         for _ in range(TRIES):
@@ -127,7 +119,7 @@ class WorldVariation(Producer[WorldParameters]):
                 return value
         return f"in none of {TRIES} worlds that were drawn does the robot find a path; in the last one {reason}"
 
-    def _blocked(self, world: OccupancyMap, stops: Mapping[str, Pose]) -> str:
+    def _blocked(self, world: OccupancyMap, stops: Mapping[str, Pose | None]) -> str:
         """Why the robot finds no path in a world; empty where it does."""
         from skimage.measure import label  # half a second with what follows
 
@@ -135,17 +127,9 @@ class WorldVariation(Producer[WorldParameters]):
 
         radius_cells = octile.whole_cells(self.parameters.robot_diameter / 2, world.resolution_m)
         passable = octile.inflated_free(world.free, radius_cells)
-        cells = {name: world.cell_of(pose.x_m, pose.y_m) for name, pose in stops.items()}
+        cells = {name: world.cell_of(pose.x_m, pose.y_m) for name, pose in stops.items() if pose}
         for name, cell in cells.items():
             if not world.contains(*cell) or not passable[cell]:
                 return f"a wall stands at {name}"
         labels = label(passable, connectivity=2)
-        if len({int(labels[cell]) for cell in cells.values()}) > 1:
-            return "walls part the start from a goal"
-        return ""
-
-
-def _stops(inputs: Mapping[str, Value]) -> dict[str, Pose]:
-    start = given_start(inputs, START_KEY)
-    goals = next(filter(None, (given_goals(inputs, key) for key in (GOALS_KEY, GOAL_KEY))), ())
-    return {**({} if start is None else {"the start": start}), **{f"goal {i}": goal for i, goal in enumerate(goals, 1)}}
+        return "walls part the start from a goal" if len({int(labels[cell]) for cell in cells.values()}) > 1 else ""

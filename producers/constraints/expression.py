@@ -22,7 +22,6 @@ from vastflow.producers.constraints.operations import (
     called,
     compared,
     kind_of,
-    spelled,
 )
 from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.names import did_you_mean
@@ -88,7 +87,7 @@ class ConstraintExpression:
         """
         found = self._evaluate(look)
         if not isinstance(found, bool):
-            raise NotEvaluable(f"the whole is {spelled(kind_of(found))}, not true or false")
+            raise NotEvaluable(f"the whole is {kind_of(found)}, not true or false")
         return found
 
 
@@ -104,8 +103,8 @@ def expression_of(text: str) -> ConstraintExpression:
         raise _fault(0, "got nothing", "an expression such as 'robot_radius < 0.3'")
     tree = _Tree(text, _UNLIKE_PYTHON.sub(_in_python, text))
     whole = tree.parsed()
-    if (kind := tree.kind(whole)) not in (None, "truth"):
-        raise tree.fault(whole, f"the whole is {spelled(kind)}", "a comparison: true or false")
+    if (kind := tree.kind(whole)) not in ("a value", "true or false"):
+        raise tree.fault(whole, f"the whole is {kind}", "a comparison: true or false")
     names: dict[str, ExpressionName] = {}
     for name in tree.leaves.values():
         if isinstance(name, ExpressionName):
@@ -159,7 +158,7 @@ class _Tree:
         except (RecursionError, MemoryError):
             raise _too_deep(0) from None
 
-    def kind(self, node: ast.expr, depth: int = 1) -> ValueKind | None:
+    def kind(self, node: ast.expr, depth: int = 1) -> ValueKind:
         """Return the kind of a node's value as far as it is known without values.
 
         Raises:
@@ -178,21 +177,23 @@ class _Tree:
                 self.leaves[node] = value
                 return kind_of(value)
             case ast.List():
-                return "list"
+                return "a list"
             case ast.Call():
                 return self._checked_call(node, kinds)
             case ast.BinOp(op=operator):
-                if not set(kinds) <= {None, "number"}:
-                    raise self._unlike(operands[0], SYMBOLS[type(operator)], kinds, "numbers on both sides")
-                return "number"
+                if not {*kinds} <= {"a value", "a number"}:
+                    what = f"got {kinds[0]} {SYMBOLS[type(operator)]} {kinds[1]}"
+                    raise self._unlike(operands[0], what, "numbers on both sides")
+                return "a number"
             case ast.Compare(ops=relations):
                 for relation, two, their_kinds in zip(relations, pairwise(operands), pairwise(kinds), strict=True):
                     self._check_relation(SYMBOLS[type(relation)], two, their_kinds)
-                return "truth"
-        takes: ValueKind = "number" if isinstance(node, ast.UnaryOp) and type(node.op) in SYMBOLS else "truth"
+                return "true or false"
+        is_sign = isinstance(node, ast.UnaryOp) and type(node.op) in SYMBOLS
+        takes: ValueKind = "a number" if is_sign else "true or false"
         for each, kind in zip(operands, kinds, strict=True):
-            if kind not in (None, takes):
-                raise self.fault(each, f"got {spelled(kind)}", spelled(takes))
+            if kind not in ("a value", takes):
+                raise self.fault(each, f"got {kind}", takes)
         return takes
 
     def _operands(self, node: ast.expr) -> Sequence[ast.expr]:
@@ -231,10 +232,9 @@ class _Tree:
             case ast.BinOp(op=operator):
                 symbol, (left, right) = SYMBOLS[type(operator)], parts
                 return lambda look: arithmetic(symbol, left(look), right(look))
-            case ast.BoolOp(op=ast.And()):
-                return lambda look: all(_truth("and", part(look)) for part in parts)
-            case ast.BoolOp():
-                return lambda look: any(_truth("or", part(look)) for part in parts)
+            case ast.BoolOp(op=operator):
+                holds, word = (all, "and") if isinstance(operator, ast.And) else (any, "or")
+                return lambda look: holds(_truth(word, part(look)) for part in parts)
             case ast.IfExp():
                 left, right = parts
                 return lambda look: not _truth("implies", left(look)) or _truth("implies", right(look))
@@ -243,14 +243,14 @@ class _Tree:
                 return lambda look: _all_hold(parts[0](look), links, look)
         return lambda look: [part(look) for part in parts]
 
-    def _leaf(self, node: ast.expr) -> ValueKind | None:
+    def _leaf(self, node: ast.expr) -> ValueKind:
         """Remember a name, or text in quotes."""
         at, written = self._place(node), self._written(node)
         if (quoted := _UNLIKE_PYTHON.fullmatch(written)) and quoted["quoted"]:
             inner = quoted[0][1:-1]
             is_key = written[0] == "`"
             self.leaves[node] = ExpressionName(inner, at, ((inner, ()),)) if is_key else inner
-            return None if is_key else "text"
+            return "a value" if is_key else "text"
         written = "".join(written.split())
         if not _NAME.fullmatch(written):
             raise _unexpected(self.text, at)
@@ -258,39 +258,40 @@ class _Tree:
         named = next((i for i, part in enumerate(parts) if isinstance(part, int)), len(parts))
         readings = tuple((".".join(map(str, parts[:n])), tuple(parts[n:])) for n in range(named, 0, -1))
         self.leaves[node] = ExpressionName(written, at, readings)
-        return None
+        return "a value"
 
-    def _checked_call(self, node: ast.Call, kinds: Sequence[ValueKind | None]) -> ValueKind:
+    def _checked_call(self, node: ast.Call, kinds: Sequence[ValueKind]) -> ValueKind:
         name = self._written(node.func)
         if name == "defined":
             if len(kinds) != 1 or not isinstance(self.leaves.get(node.args[0]), ExpressionName):
                 raise self.fault(node, "got 'defined' of something else", "defined of one name")
-            return "truth"
+            return "true or false"
         if name not in FUNCTIONS:
             raise self.fault(node, f"no function {name!r}", did_you_mean(name, FUNCTIONS))
-        (least, most), takes = FUNCTIONS[name].arguments, FUNCTIONS[name].takes
+        _, least, most, takes = FUNCTIONS[name]
         if not least <= len(kinds) <= most:
             several = f"{least}" if least == most else f"{least} or more" if most > 2 else f"{least} or {most}"
             raise self.fault(node, f"{name} of {len(kinds)} values", f"{name} of {several}")
         for argument, kind in zip(node.args, kinds, strict=True):
-            if kind not in (None, *takes):
-                raise self.fault(argument, f"{name} of {spelled(kind)}", " or ".join(map(spelled, takes)))
-        return "number"
+            if kind not in ("a value", *takes):
+                raise self.fault(argument, f"{name} of {kind}", " or ".join(takes))
+        return "a number"
 
-    def _check_relation(self, symbol: str, operands: Sequence[ast.expr], kinds: Sequence[ValueKind | None]) -> None:
+    def _check_relation(self, symbol: str, operands: Sequence[ast.expr], kinds: Sequence[ValueKind]) -> None:
         if symbol in ("in", "not in"):
-            if kinds[1] not in (None, "list"):
-                raise self.fault(operands[1], f"got {spelled(kinds[1])}", f"a list after {symbol!r}")
-        elif "list" in kinds:
-            raise _fault(self._place_after(operands[0]), f"{symbol!r} of a list", "'in'")
-        elif None not in kinds and kinds[0] != kinds[1]:
-            raise self._unlike(operands[0], symbol, kinds, "values of one kind")
-        elif "truth" in kinds and symbol not in ("==", "!="):
-            raise _fault(self._place_after(operands[0]), f"{symbol!r} of true and false", "'==', 'and' or 'or'")
+            if kinds[1] not in ("a value", "a list"):
+                raise self.fault(operands[1], f"got {kinds[1]}", f"a list after {symbol!r}")
+        elif "a list" in kinds:
+            raise self._unlike(operands[0], f"{symbol!r} of a list", "'in'")
+        elif "a value" not in kinds and kinds[0] != kinds[1]:
+            raise self._unlike(operands[0], f"got {kinds[0]} {symbol} {kinds[1]}", "values of one kind")
+        elif "true or false" in kinds and symbol not in ("==", "!="):
+            raise self._unlike(operands[0], f"{symbol!r} of true and false", "'==', 'and' or 'or'")
 
-    def _unlike(self, left: ast.expr, symbol: str, kinds: Sequence[ValueKind | None], right: str) -> FileError:
-        what = f"got {spelled(kinds[0])} {symbol} {spelled(kinds[1])}"
-        return _fault(self._place_after(left), what, right)
+    def _unlike(self, left: ast.expr, what: str, right: str) -> FileError:
+        """Return a fault at the operator behind an operand."""
+        behind = self._offset(left.end_col_offset or 0)
+        return _fault(len(self.text) - len(self.text[behind:].lstrip(" \n\t)")), what, right)
 
     def fault(self, node: ast.expr, what: str, right: str) -> FileError:
         """Return a fault at a node."""
@@ -299,14 +300,8 @@ class _Tree:
     def _place(self, node: ast.expr) -> int:
         return self._offset(node.col_offset)
 
-    def _place_after(self, node: ast.expr) -> int:
-        """Return where the operator behind an operand stands."""
-        behind = self._offset(node.end_col_offset or 0)
-        return len(self.text) - len(self.text[behind:].lstrip(" \n\t)"))
-
     def _written(self, node: ast.expr) -> str:
-        end = self._offset(node.end_col_offset or 0)
-        return self.text[self._place(node) : end]
+        return self.text[self._place(node) : self._offset(node.end_col_offset or 0)]
 
     def _offset(self, column: int) -> int:
         """Return the place in the text of a character of what was parsed."""
@@ -325,7 +320,7 @@ def _too_deep(offset: int) -> FileError:
 
 def _truth(word: str, value: Any) -> bool:
     if not isinstance(value, bool):
-        raise NotEvaluable(f"{word!r} of {spelled(kind_of(value))} {repr(value)[:40]}")
+        raise NotEvaluable(f"{word!r} of {kind_of(value)} {repr(value)[:40]}")
     return value
 
 

@@ -7,7 +7,7 @@ levels that its block's table completes, every row is admissible and every admis
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from random import Random
 from typing import Final, TypeAlias
 
@@ -37,22 +37,14 @@ def covering_array(blocks: Sequence[FactorBlock], level_counts: Sequence[int], s
     varied = designed_factors(blocks)
     missing = admissible_tuples(blocks, level_counts, varied, min(strength, len(varied)))
     greedy = _Greedy(blocks, level_counts, varied, missing)
-    rows = []
-    while (row := greedy.next_row()) is not None:
-        rows.append(row)
+    rows = list(iter(greedy.next_row, None))
     return np.unique(np.array(rows, dtype=np.int64).reshape(len(rows), len(level_counts)), axis=0)
 
 
 def designed_factors(blocks: Sequence[FactorBlock]) -> tuple[int, ...]:
     """Factors with more than one admissible level, ascending."""
-    return tuple(
-        sorted(
-            factor
-            for block in blocks
-            for place, factor in enumerate(block.factors)
-            if len(np.unique(block.table[:, place])) > 1
-        )
-    )
+    columns = ((f, block.table[:, k]) for block in blocks for k, f in enumerate(block.factors))
+    return tuple(sorted(factor for factor, levels in columns if len(np.unique(levels)) > 1))
 
 
 def admissible_tuples(
@@ -88,7 +80,7 @@ class _Greedy:
         self, blocks: Sequence[FactorBlock], level_counts: Sequence[int], varied: Sequence[int], missing: Cover
     ) -> None:
         self._blocks = blocks
-        self._block_of = {f: b for b, block in enumerate(blocks) for f in block.factors}
+        self._places = {f: (b, k) for b, block in enumerate(blocks) for k, f in enumerate(block.factors)}
         self._level_counts = level_counts
         self._varied = varied
         self._missing = {combo: flags.copy() for combo, flags in missing.items()}
@@ -105,7 +97,7 @@ class _Greedy:
         weight = self._weights()
         best: tuple[int, list[int]] = (-1, [])
         for c in range(CANDIDATES if combos else 1):
-            candidate = _Candidate(self._blocks, self._block_of)
+            candidate = _Candidate(self._blocks, self._places)
             gain = 0
             if combos:
                 combo = combos[c % min(len(combos), CANDIDATES)]
@@ -117,7 +109,7 @@ class _Greedy:
                 gain = 1
             gain += self._fill(candidate, weight, c)
             if gain > best[0]:
-                best = gain, candidate.row(len(self._level_counts))
+                best = gain, candidate.row()
         self._cover(best[1])
         return best[1]
 
@@ -169,56 +161,25 @@ class _Greedy:
 class _Candidate:
     """A row that grows; every step leaves at least one row of each block's table."""
 
-    def __init__(self, blocks: Sequence[FactorBlock], block_of: dict[int, int]) -> None:
+    def __init__(self, blocks: Sequence[FactorBlock], places: Mapping[int, tuple[int, int]]) -> None:
         self.levels: dict[int, int] = {}
         self._blocks = blocks
-        self._block_of = block_of
-        self._live: dict[int, NDArray[np.int64]] = {}
+        self._places = places
+        self._live = [block.table for block in blocks]
 
     def take(self, factor: int, level: int) -> None:
-        b = self._block_of[factor]
-        block = self._blocks[b]
+        b, column = self._places[factor]
         self.levels[factor] = level
-        if len(block.factors) > 1:
-            live = self._live.get(b, block.table)
-            self._live[b] = live[live[:, block.factors.index(factor)] == level]
+        self._live[b] = self._live[b][self._live[b][:, column] == level]
 
     def allowed(self, factor: int, n: int) -> NDArray[np.bool_]:
-        b = self._block_of[factor]
-        block = self._blocks[b]
-        live = self._live.get(b, block.table)
-        return np.bincount(live[:, block.factors.index(factor)], minlength=n) > 0
+        b, column = self._places[factor]
+        return np.bincount(self._live[b][:, column], minlength=n) > 0
 
-    def row(self, n: int) -> list[int]:
-        for b, block in enumerate(self._blocks):
-            first = self._live.get(b, block.table)[0]
-            for factor, level in zip(block.factors, first.tolist(), strict=True):
-                self.levels.setdefault(factor, level)
-        return [self.levels[f] for f in range(n)]
-
-
-def verify(rows: NDArray[np.int64], blocks: Sequence[FactorBlock], strength: int) -> None:
-    """Check an array in the plainest way, apart from what made it.
-
-    Raises:
-        RuntimeError: a row is not admissible, or an admissible combination is in no row.
-    """
-    listed = [tuple(row) for row in rows.tolist()]
-    tables = [(block.factors, set(map(tuple, block.table.tolist()))) for block in blocks]
-    for row in listed:
-        for factors, table in tables:
-            if tuple(row[f] for f in factors) not in table:
-                raise RuntimeError(f"row {row} is not admissible in factors {factors}")
-    if any(not table for _, table in tables):
-        return
-    n_factors = sum(len(factors) for factors, _ in tables)
-    for combo in itertools.combinations(range(n_factors), min(strength, n_factors)):
-        covered = {tuple(row[f] for f in combo) for row in listed}
-        inside = [(factors, {tuple(row[factors.index(f)] for f in combo if f in factors) for row in table})
-                  for factors, table in tables if set(factors) & set(combo)]  # fmt: skip
-        owned = [f for factors, _ in inside for f in combo if f in factors]
-        places = [owned.index(f) for f in combo]
-        for parts in itertools.product(*(part for _, part in inside)):
-            flat = tuple(itertools.chain(*parts))
-            if tuple(flat[place] for place in places) not in covered:
-                raise RuntimeError(f"levels {flat} of factors {owned} are in no row")
+    def row(self) -> list[int]:
+        first = {
+            f: n
+            for block, live in zip(self._blocks, self._live, strict=True)
+            for f, n in zip(block.factors, live[0].tolist(), strict=True)
+        }
+        return [level for _, level in sorted({**first, **self.levels}.items())]

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -22,15 +22,21 @@ def sampled(blocks: Sequence[FactorBlock], n_factors: int, asked: Sample) -> NDA
     ones leave, by the share of the block's admissible rows that have them: without dependences and constraints that
     is the plain floor(u × levels), with them no point is lost. Points that meet a row again are drawn anew.
     """
-    size = min(asked.size, product_of(blocks))
+    space = product_of(blocks)
+    size = min(asked.size, space)
     rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([asked.seed])))
+    more = (rng.random(n_factors) for _ in itertools.count()) if size * DENSE <= space else ()
     rows: dict[tuple[int, ...], None] = {}
-    for point in itertools.chain(_points(asked, n_factors, rng), _others(blocks, n_factors, size, rng)):
+    for point in itertools.chain(_points(asked, n_factors, rng), more):
         if len(rows) == size:
             break
         rows.setdefault(_row(blocks, n_factors, point))
-    if len(rows) < size:
-        _fill(rows, blocks, n_factors, size, rng)
+    if len(rows) < size:  # the space is at most `DENSE` times as large
+        factors = [f for block in blocks for f in block.factors]
+        places = sorted(range(n_factors), key=factors.__getitem__)
+        every = (list(itertools.chain(*parts)) for parts in itertools.product(*(b.table.tolist() for b in blocks)))
+        rest = [row for levels in every if (row := tuple(levels[place] for place in places)) not in rows]
+        rows.update(dict.fromkeys(rest[k] for k in rng.permutation(len(rest))[: size - len(rows)]))
     return np.array(sorted(rows), dtype=np.int64).reshape(len(rows), n_factors)
 
 
@@ -47,14 +53,6 @@ def _points(asked: Sample, n_factors: int, rng: np.random.Generator) -> NDArray[
     return points
 
 
-def _others(
-    blocks: Sequence[FactorBlock], n_factors: int, size: int, rng: np.random.Generator
-) -> Iterator[NDArray[np.float64]]:
-    """More points, where most of them meet a row that is not there yet."""
-    while size * DENSE <= product_of(blocks):
-        yield rng.random(n_factors)
-
-
 def _row(blocks: Sequence[FactorBlock], n_factors: int, point: NDArray[np.float64]) -> tuple[int, ...]:
     levels = [0] * n_factors
     for block in blocks:
@@ -66,23 +64,3 @@ def _row(blocks: Sequence[FactorBlock], n_factors: int, point: NDArray[np.float6
             live = live[np.searchsorted(column, chosen, "left") : np.searchsorted(column, chosen, "right")]
             levels[factor] = chosen
     return tuple(levels)
-
-
-def _fill(
-    rows: dict[tuple[int, ...], None],
-    blocks: Sequence[FactorBlock],
-    n_factors: int,
-    size: int,
-    rng: np.random.Generator,
-) -> None:
-    """Add rows drawn from all that are not there yet; the space is at most `DENSE` times the size."""
-    rest = []
-    for parts in itertools.product(*(block.table.tolist() for block in blocks)):
-        levels = [0] * n_factors
-        for block, part in zip(blocks, parts, strict=True):
-            for factor, level in zip(block.factors, part, strict=True):
-                levels[factor] = level
-        if tuple(levels) not in rows:
-            rest.append(tuple(levels))
-    for k in rng.permutation(len(rest))[: size - len(rows)]:
-        rows.setdefault(rest[k])

@@ -92,7 +92,7 @@ class DesignSpace:
         gates: list[Constraint | StartCheck] = [*constraints, *([] if start_check is None else [start_check])]
         self._touched = [(gate, [i for i, p in enumerate(producers) if gate.touched_by(p)]) for gate in gates]
         self._checker = checker
-        self._verdicts: list[dict[Levels, bool]] = [{} for _ in gates]
+        self._verdicts: dict[tuple[int, Levels], bool] = {}
         self._most = most
         self._grown = 0
 
@@ -202,18 +202,15 @@ class DesignSpace:
 
     def _keeps(self, c: int, factors: tuple[int, ...], levels: Levels) -> bool:
         """Whether a combination of the factors that gate `c` depends on passes it."""
-        verdicts = self._verdicts[c]
-        if levels not in verdicts:
+        if (c, levels) not in self._verdicts:
             gate, partial = self._touched[c][0], self._partial(factors, levels)
-            if isinstance(gate, StartCheck):
-                rejected = gate.rejected(partial)
-                verdicts[levels] = rejected is None
-                self.rejections += [] if rejected is None else [rejected]
-            else:
-                excluded = self._checker.excluded(partial, [gate])
-                verdicts[levels] = excluded is None
-                self.excluded += [] if excluded is None else [excluded]
-        return verdicts[levels]
+            found = gate.rejected(partial) if isinstance(gate, StartCheck) else self._checker.excluded(partial, [gate])
+            if isinstance(found, RejectedInstance):
+                self.rejections.append(found)
+            elif found is not None:
+                self.excluded.append(found)
+            self._verdicts[c, levels] = found is None
+        return self._verdicts[c, levels]
 
     def _partial(self, factors: Sequence[int], levels: Levels, upto: int | None = None) -> Partial:
         """The fixed values with the chosen fragments; `*` for factors below `upto` or the last that have none."""

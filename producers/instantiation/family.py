@@ -23,8 +23,7 @@ from vastflow.producers.campaign_file.scenario_values import (
 from vastflow.producers.campaign_file.sections import CARTESIAN, Design, DesignSpec, robot_places
 from vastflow.producers.campaign_file.spec import ExecutionSpec, FamilySpec, StartCheckKind, is_tolerated_in_family
 from vastflow.producers.catalog.parameter import ParameterVariationList
-from vastflow.producers.constraints.constraint import Constraint
-from vastflow.producers.constraints.reading import fault_of, read_constraints, unknown_names
+from vastflow.producers.constraints.constraint import Constraint, fault_of, read_constraints, unknown_names
 from vastflow.producers.instantiation.family_checks import DataFlow, Link, constraint_faults
 from vastflow.producers.instantiation.growth import Family
 from vastflow.producers.model.configuration import Fragment

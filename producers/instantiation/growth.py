@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vastflow.producers.campaign_file.sections import CARTESIAN, DesignSpec
 from vastflow.producers.campaign_file.spec import ExecutionSpec, StartCheckKind
 from vastflow.producers.constraints.constraint import NOWHERE, Checker, Constraint
-from vastflow.producers.designs.covering_array import covering_array, verify
+from vastflow.producers.designs.covering_array import covering_array
 from vastflow.producers.designs.sample import sampled
 from vastflow.producers.designs.space import DesignSpace, FactorBlock, TooLarge
 from vastflow.producers.instantiation.coverage import FamilyCount
@@ -126,9 +126,7 @@ class DesignGrowth:
             return sampled(blocks, len(levels), design.sample)
         if design.t_way is None:
             raise ValueError("a design that is neither a covering array nor a sample")
-        rows = covering_array(blocks, levels, design.t_way.strength)
-        verify(rows, blocks, design.t_way.strength)
-        return rows
+        return covering_array(blocks, levels, design.t_way.strength)
 
     def _too_large(self, error: TooLarge) -> FileError:
         what = f"the design of family {self._family.name!r} is too large: {error}"

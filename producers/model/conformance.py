@@ -42,14 +42,11 @@ def check_declarations(producer: Producer[Any], inputs: Inputs) -> None:
 
 def check_items(producer: Producer[Any], inputs: Inputs) -> None:
     """It yields fragments that write only declared keys, and rejections with a reason, of values that have a digest."""
-    name = type(producer).__name__
-    for item in (item for values in inputs for item in _evaluated(producer, values)):
-        if isinstance(item, Rejection):
+    for items in (_evaluated(producer, values) for values in inputs):
+        _digest(items)
+        for item in (item for item in items if isinstance(item, Rejection)):
             told = isinstance(item.reason, str) and item.reason.strip()
-            must(told, f"{name} must say why it rejects, in `Rejection.reason`")
-            digest(dict(item.requested))
-        else:
-            digest(dict(item.values))
+            must(told, f"{type(producer).__name__} must say why it rejects, in `Rejection.reason`")
 
 
 def check_inputs_are_kept(producer: Producer[Any], inputs: Inputs) -> None:
@@ -72,8 +69,7 @@ def check_determinism(producer: Producer[Any], inputs: Inputs) -> None:
         first = [_digest(_evaluated(producer, values)) for values in inputs]
         again = [_digest(_evaluated(producer, values)) for values in reversed(inputs)][::-1]
         twin = type(producer)(producer.parameters)
-        of_twin = [_digest(_evaluated(twin, values)) for values in inputs]
-        must(first == again == of_twin, same)
+        must(first == again == [_digest(_evaluated(twin, values)) for values in inputs], same)
         must(not used(), f"{name} must not use a global generator; draw from `draws` alone")
 
 

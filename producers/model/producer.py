@@ -3,6 +3,7 @@
 import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, ClassVar, Final, Generic, TypeVar, get_args
 
@@ -146,27 +147,21 @@ def evaluate(producer: Producer[Any], inputs: Mapping[str, Value]) -> list[Fragm
     given = _files([producer.parameters, inputs]) if snapshot is not None else ()
     with plug_in_code(), watched(snapshot, given):
         items = list(itertools.islice(producer.produce(inputs, draws_of(producer, inputs)), most + 1))
+    name, writes = type(producer).__name__, producer.writes
     if len(items) > most:
-        what = f"{type(producer).__name__} yields more than {most:,} choices for one input"
-        raise PlugInError(what, "as many as its `most_choices`")
-    _check(type(producer).__name__, items, producer.writes)
-    return items
-
-
-def _check(name: str, items: Sequence[object], writes: Mapping[str, Dimension | None]) -> None:
-    """Raise PlugInError where a producer yields what instantiation would drop, or mistake."""
+        raise PlugInError(f"{name} yields more than {most:,} choices for one input", "as many as its `most_choices`")
     for item in items:
         if not isinstance(item, Fragment | Rejection):
             raise PlugInError(f"{name} yields a {type(item).__name__}", "Fragment({key: value}) or Rejection(reason)")
-        for key, value in item.values.items() if isinstance(item, Fragment) else ():
-            if key.startswith("_"):
-                continue
+        written = item.values if isinstance(item, Fragment) else {}
+        for key in (key for key in written if not key.startswith("_")):
             if key not in writes:
                 what = f"{name} writes {key!r}, which it does not declare"
                 raise PlugInError(what, "every key in `writes`, or one that begins with _ for provenance")
-            if writes[key] not in (None, "environment") and lists_obstacles(value):
+            if writes[key] not in (None, "environment") and lists_obstacles(written[key]):
                 what = f"{name} writes obstacles under {key!r} as {writes[key]}, where no simulator looks for them"
                 raise PlugInError(what, "environment")
+    return items
 
 
 def tags_of(producer: Producer[Any], items: Iterable[Fragment | Rejection]) -> dict[str, Dimension]:
@@ -193,7 +188,12 @@ def _files(value: object) -> Iterator[str]:
     """Paths of the files that a producer is given, and of maps' pictures."""
     if isinstance(value, FileContent):
         yield value.path
-        yield from _picture(Path(value.path))
+        header = Path(value.path)
+        if header.suffix in (".yaml", ".yml"):
+            with suppress(Unreadable):
+                content = yaml_value(read_text(header))
+                if isinstance(content, dict) and isinstance(content.get("image"), str):
+                    yield str(header.parent / content["image"])
     elif isinstance(value, BaseModel):
         yield from _files([getattr(value, name) for name in type(value).model_fields])
     elif isinstance(value, Mapping):
@@ -201,15 +201,6 @@ def _files(value: object) -> Iterator[str]:
     elif isinstance(value, Sequence) and not isinstance(value, str | bytes):
         for item in value:
             yield from _files(item)
-
-
-def _picture(header: Path) -> Iterator[str]:
-    try:
-        content = yaml_value(read_text(header)) if header.suffix in (".yaml", ".yml") else None
-    except Unreadable:
-        return
-    if isinstance(content, dict) and isinstance(content.get("image"), str):
-        yield str(header.parent / content["image"])
 
 
 def draws_of(producer: Producer[Any], inputs: Mapping[str, Value]) -> Draws:

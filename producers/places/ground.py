@@ -15,7 +15,6 @@ from pydantic_core import PydanticCustomError
 from shapely.geometry import Polygon
 from shapely.geometry.polygon import orient
 
-from vastflow.producers.model.configuration import Rejection
 from vastflow.producers.model.faults import MISSING_FILE
 from vastflow.producers.model.producer import ROOM_KEY
 from vastflow.sim.model.digest import FileContent, Value
@@ -192,15 +191,16 @@ def touched_cells(occupancy: OccupancyMap, area: Polygon, reach_cells: float = 0
     return np.asarray(cells[~np.any(beyond > most, axis=1)])
 
 
-def map_of(inputs: Mapping[str, Value], parameter: FileContent | str | None) -> FileContent | Rejection:
-    """The map a producer works on: its own parameter, the key that names, or the configuration's `map_file`."""
-    if isinstance(parameter, FileContent):
-        return parameter
-    key = map_key(parameter)
-    found = inputs.get(key)
-    if isinstance(found, FileContent):
-        return found
-    return Rejection(f"the configuration's {key} is {found!r}, not a map file", {})
+def map_of(inputs: Mapping[str, Value], parameter: FileContent | str | None = None) -> FileContent:
+    """The map a producer works on: its own parameter, the key that names, or the configuration's `map_file`.
+
+    Raises:
+        ValueError: there is none.
+    """
+    found = parameter if isinstance(parameter, FileContent) else inputs.get(map_key(parameter))
+    if not (found and isinstance(found, FileContent)):
+        raise ValueError(f"the configuration's {map_key(parameter)} is {found!r}, not a map file")
+    return found
 
 
 def room_of(inputs: Mapping[str, Value]) -> float:

@@ -4,8 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Final, Self, TypeAlias
+from typing import Final, NamedTuple, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,68 +13,29 @@ from shapely.geometry import Point, Polygon
 from vastflow.producers.places.ground import Ground, touched_cells
 from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.model.pose import Pose
-from vastflow.sim.world.occupancy import OccupancyMap
 
 Position: TypeAlias = tuple[float, float]
 
 ROUNDING_M: Final = 1e-9
 """How near to a bound the polygons are asked."""
-POLYGON: Final = 0.998
-"""Least distance from the center to the outline of a cylinder's polygon, in radii: cos(pi / 64) and some."""
 
 
-@dataclass(frozen=True)
-class ObstacleOutline:
-    """The floor area of an obstacle."""
+class Outline(NamedTuple):
+    """An area of the floor in a circle round its center."""
 
-    obstacle: Obstacle
+    center_m: Position
+    radius_m: float
+    area: Polygon | Point
 
-    @cached_property
-    def center_m(self) -> Position:
-        """Its center."""
-        return self.obstacle.pose.x_m, self.obstacle.pose.y_m
+    def nearer_than(self, distance_m: float, other: "Outline") -> bool:
+        """Whether two areas are nearer to each other than `distance_m`, which is more than 0."""
+        gap_m = math.dist(self.center_m, other.center_m) - self.radius_m - other.radius_m
+        return gap_m <= distance_m + ROUNDING_M and bool(self.area.distance(other.area) < distance_m)
 
-    @cached_property
-    def footprint(self) -> Polygon:
-        """The area."""
-        return self.obstacle.footprint()
 
-    @cached_property
-    def least_m(self) -> float:
-        """Least distance from the center to the outline, or a little less."""
-        return min(self.obstacle.length_m, self.obstacle.width_m) / 2 * POLYGON
-
-    def nearer_than(self, distance_m: float, other: "ObstacleOutline | Position") -> bool:
-        """Whether the area is nearer to another, or to a point, than `distance_m`, which is more than 0."""
-        center_m, least_m, most_m = (
-            (other, 0.0, 0.0)
-            if isinstance(other, tuple)
-            else (other.center_m, other.least_m, other.obstacle.circumradius_m)
-        )
-        apart_m = math.dist(self.center_m, center_m)
-        if apart_m - self.least_m - least_m < distance_m - ROUNDING_M:
-            return True
-        if apart_m - self.obstacle.circumradius_m - most_m > distance_m + ROUNDING_M:
-            return False
-        area = Point(other) if isinstance(other, tuple) else other.footprint
-        return bool(self.footprint.distance(area) < distance_m)
-
-    def leaves(self, occupancy: OccupancyMap) -> bool:
-        """Whether its center, corners or middles of sides are off the free cells; if not, other parts may be."""
-        cells = (occupancy.cell_of(*mark) for mark in self._marks())
-        return not all(occupancy.contains(*cell) and occupancy.free[cell] for cell in cells)
-
-    def _marks(self) -> list[Position]:
-        """The corners first, for they are off the free cells most often."""
-        obstacle, (x_m, y_m) = self.obstacle, self.center_m
-        if obstacle.shape == "cylinder":
-            r_m = self.least_m
-            return [(x_m, y_m), (x_m + r_m, y_m), (x_m - r_m, y_m), (x_m, y_m + r_m), (x_m, y_m - r_m)]
-        cos, sin = math.cos(obstacle.pose.yaw_rad), math.sin(obstacle.pose.yaw_rad)
-        # By as little inside that rounding puts none of them into a cell that the area does not touch.
-        u_m, v_m = obstacle.length_m / 2 - ROUNDING_M, obstacle.width_m / 2 - ROUNDING_M
-        around = ((1, 1), (1, -1), (-1, 1), (-1, -1), (1, 0), (-1, 0), (0, 1), (0, -1), (0, 0))
-        return [(x_m + a * u_m * cos - b * v_m * sin, y_m + a * u_m * sin + b * v_m * cos) for a, b in around]
+def outline_of(obstacle: Obstacle) -> Outline:
+    """Return the area on which an obstacle stands."""
+    return Outline((obstacle.pose.x_m, obstacle.pose.y_m), obstacle.circumradius_m, obstacle.footprint())
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,30 +151,31 @@ class _Layout:
         self._site = site
         self._refusals = refusals
         self._line = Line.along(site.path_xy_m)
-        self._outlines = [ObstacleOutline(obstacle) for obstacle in site.standing]
+        self._stops = [Outline(stop, 0.0, Point(stop)) for stop in site.stops_xy_m]
+        self._outlines = [outline_of(obstacle) for obstacle in site.standing]
         self._passable = passable
 
     def add(self, wanted: Wanted, rng: np.random.Generator) -> bool:
         """Place one more; False where no place was found."""
         for _ in range(MAX_TRIES):
             obstacle = replace(wanted.pattern, pose=self._line.draw(wanted.max_distance_m, rng))
-            refusal = self._refusal(ObstacleOutline(obstacle))
+            refusal = self._refusal(outline_of(obstacle))
             if refusal is None:
                 self.obstacles.append(obstacle)
                 return True
             self._refusals[refusal] += 1
         return False
 
-    def _refusal(self, outline: ObstacleOutline) -> str | None:
-        ground, stops = self._site.ground, self._site.stops_xy_m
+    def _refusal(self, outline: Outline) -> str | None:
+        ground, from_start_m = self._site.ground, self._site.from_start_m
         clear_m = max(ground.robot_diameter_m / 2 + MARGIN_M, ground.room_m + ROUNDING_M)
-        if any(outline.nearer_than(clear_m, stop) for stop in stops):
+        if any(outline.nearer_than(clear_m, stop) for stop in self._stops):
             return "left no room for the robot at its start or goals"
-        if math.dist(outline.center_m, stops[0]) < self._site.from_start_m:
-            return f"lay within {self._site.from_start_m:g} m of the start"
+        if math.dist(outline.center_m, self._site.stops_xy_m[0]) < from_start_m:
+            return f"lay within {from_start_m:g} m of the start"
         if any(outline.nearer_than(MARGIN_M, other) for other in self._outlines):
             return "came too close to another obstacle"
-        covered = None if outline.leaves(ground.occupancy) else covered_cells(ground, outline.footprint)
+        covered = covered_cells(ground, outline.area)
         if covered is None:
             return "lay on walls or unknown space"
         passable = without(self._passable, covered, ground.radius_cells)
@@ -248,6 +209,8 @@ def covered_cells(ground: Ground, footprint: Polygon) -> NDArray[np.int64] | Non
     occupancy = ground.occupancy
     at = np.floor(occupancy.in_cells(np.array(footprint.exterior.coords))).astype(np.int64)
     if not (occupancy.contains(*at.min(axis=0)) and occupancy.contains(*at.max(axis=0))):
+        return None
+    if not occupancy.free[tuple(at.T)].all():  # at the corners, which are off the free cells most often
         return None
     cells = touched_cells(occupancy, footprint)
     return cells if occupancy.free[tuple(cells.T)].all() else None

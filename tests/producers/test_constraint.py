@@ -6,7 +6,7 @@ from table import each_row
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.campaign_file.sections import CARTESIAN, DesignSpec, Sample, TWay
-from vastflow.producers.constraints.reading import place_inside
+from vastflow.producers.constraints.constraint import place_inside
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.model.configuration import Fragment
 from vastflow.producers.model.producer import Parameters, Producer

@@ -12,7 +12,6 @@ from vastflow.producers.designs.covering_array import (
     covering_array,
     designed_factors,
     lower_bound,
-    verify,
 )
 from vastflow.producers.designs.space import FactorBlock, TooLarge
 
@@ -57,17 +56,11 @@ def test_covering_array_is_admissible_and_complete(space, strength):
     assert len(set(rows)) == len(rows)
     for combo in itertools.combinations(range(len(counts)), min(strength, len(counts))):
         assert {tuple(row[f] for f in combo) for row in rows} == {tuple(row[f] for f in combo) for row in every}
-    verify(np.array(rows, dtype=np.int64).reshape(len(rows), len(counts)), blocks, strength)
 
 
 def test_ten_factors_of_four_levels_take_at_most_32_rows(loops):
     found = []
-
-    def made():
-        found.append(covering_array(free([4] * 10), [4] * 10, 2))
-        verify(found[-1], free([4] * 10), 2)
-
-    assert loops(made) < 40
+    assert loops(lambda: found.append(covering_array(free([4] * 10), [4] * 10, 2))) < 40
     assert len(found[0]) <= 32
 
 
@@ -92,14 +85,6 @@ def test_space_of_one_or_of_no_configuration_is_one_row_or_none():
 def test_same_space_gives_the_same_rows():
     one, other = (covering_array(free([4, 3, 3, 2]), [4, 3, 3, 2], 2).tolist() for _ in range(2))
     assert one == other
-
-
-def test_missing_tuple_and_a_wrong_row_are_found():
-    blocks = free([2, 2])
-    with pytest.raises(RuntimeError, match=r"levels \(1, 1\) of factors \[0, 1\] are in no row"):
-        verify(np.array([[0, 0], [0, 1], [1, 0]]), blocks, 2)
-    with pytest.raises(RuntimeError, match=r"row .* is not admissible"):
-        verify(np.array([[0, 0], [0, 1], [1, 0], [1, 1]]), [FactorBlock((0, 1), np.array([[0, 0], [0, 1], [1, 0]]))], 2)
 
 
 def test_more_tuples_than_can_be_looked_after_are_refused():

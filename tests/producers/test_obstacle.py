@@ -2,7 +2,6 @@
 
 import itertools
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from vastflow.producers.model.configuration import Fragment, Rejection
 from vastflow.producers.model.conformance import check_producer
 from vastflow.producers.model.producer import evaluate
 from vastflow.producers.places.ground import ground_of
-from vastflow.producers.places.placement import Line, ObstacleOutline, covered_cells, without
+from vastflow.producers.places.placement import Line, covered_cells, outline_of, without
 from vastflow.sim.model.obstacle import Obstacle, obstacle_of, obstacles_of
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.world import octile
@@ -300,8 +299,6 @@ def test_obstacle_producers_keep_the_contract(site):
     check_producer(producer, [{**site, "noise": 0.1}, {"noise": 1}])
 
 
-# Outlines answer as their polygons do
-
 near = st.floats(-1.5, 1.5).map(lambda value: round(value, 6))
 sizes = st.sampled_from([0.1, 0.3, 0.5, 0.8])
 poses = st.builds(Pose, near, near, st.floats(-math.pi, math.pi).map(lambda value: round(value, 6)))
@@ -313,21 +310,5 @@ distances = st.sampled_from([0.05, 0.225, 0.4])
 
 @given(obstacles, obstacles, distances)
 def test_outlines_are_as_near_as_their_polygons(one, other, distance):
-    outline, place = ObstacleOutline(one), (other.pose.x_m, other.pose.y_m)
-    near_other = one.footprint().distance(other.footprint()) < distance
-    assert outline.nearer_than(distance, ObstacleOutline(other)) == near_other
-    assert outline.nearer_than(distance, place) == (one.footprint().distance(Point(place)) < distance)
-
-
-@pytest.fixture(scope="module")
-def small_ground(drawn_map):
-    """A room of 2 m x 2 m round the origin with walls in it and an unknown corner."""
-    rows = ["." * 40] * 10 + ["." * 20 + "#" * 3 + "." * 17] * 20 + ["." * 30 + "?" * 10] * 10
-    return ground_of(drawn_map(*rows), 0.2)
-
-
-@given(obstacles)
-def test_outline_leaves_free_cells_only_if_its_polygon_does(small_ground, obstacle):
-    moved = replace(obstacle, pose=replace(obstacle.pose, y_m=obstacle.pose.y_m - 1.0))
-    if ObstacleOutline(moved).leaves(small_ground.occupancy):
-        assert covered_cells(small_ground, moved.footprint()) is None
+    nearer = one.footprint().distance(other.footprint()) < distance
+    assert outline_of(one).nearer_than(distance, outline_of(other)) == nearer
