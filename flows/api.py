@@ -11,7 +11,7 @@ from vastflow.flows.run.computing import Computing
 from vastflow.flows.run.judged import Judged, begin, look, through
 from vastflow.flows.run.prepared import PreparedCampaign, open_run
 from vastflow.flows.run.reporting import current, reported
-from vastflow.flows.terminal.notebook import notebook_display
+from vastflow.flows.terminal.progress import notebook_display
 from vastflow.tasks.engine.progress import Observer
 from vastflow.tasks.store.store import Lost
 

@@ -18,9 +18,8 @@ from prefect.client.schemas.objects import State
 from prefect.runtime import flow_run
 from prefect.states import Cancelled, Completed, Failed
 
-from vastflow.flows.flow_runs.mapped import compute, instantiate
 from vastflow.flows.flow_runs.pages import Page, outcome_text, publish
-from vastflow.flows.flow_runs.task_runs import TaskRuns, task_runs_of
+from vastflow.flows.flow_runs.task_runs import TaskRuns, compute, instantiate, task_runs_of
 from vastflow.flows.pool.campaign import pool_of
 from vastflow.flows.pool.shard import compute_bundle
 from vastflow.flows.request.run_request import RunRequest

@@ -9,7 +9,7 @@ import typer
 
 from vastflow.flows.terminal.ending import Interruptible, writing
 from vastflow.flows.terminal.options import PlaceOfResults
-from vastflow.flows.terminal.words import count_text
+from vastflow.flows.terminal.progress import count_text
 from vastflow.sim.model.faults import UserError
 
 if TYPE_CHECKING:

@@ -72,7 +72,7 @@ def requested(source: Path, asked: Mapping[str, Any]) -> Iterator[RunRequest]:
             raise UserError(f"{flag}: expected a campaign file, got {source}, which is run as it was before")
     asked_request(source, asked)  # report wrong options before anything is read
     directory = _directory(source)
-    from vastflow.flows.request.asked import asked_of
+    from vastflow.flows.request.run_request import asked_of
     from vastflow.flows.results.inputs import replica
     from vastflow.sim.model.files import read_json
 
@@ -150,8 +150,8 @@ def computing() -> "Iterator[Display]":
 
 def _show(found: "Results") -> None:
     from vastflow.flows.cli.show import report_line
-    from vastflow.flows.terminal.display import duration_text
     from vastflow.flows.terminal.outcome import outcome
+    from vastflow.flows.terminal.progress import duration_text
     from vastflow.flows.terminal.table import printed
     from vastflow.oracles.evidence.evidence import evidence_of
     from vastflow.oracles.results.tables import read_tables

@@ -12,7 +12,7 @@ import typer
 from vastflow.flows.results.address import check_directory
 from vastflow.flows.terminal.ending import Interruptible
 from vastflow.flows.terminal.options import AsJson, DryRun, command_group
-from vastflow.flows.terminal.words import count_text
+from vastflow.flows.terminal.progress import count_text
 from vastflow.sim.model.faults import UserError
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import typer
 
 from vastflow.flows.terminal.ending import BAD_INPUT
 from vastflow.flows.terminal.options import AsV1, CampaignFile, MapDir
-from vastflow.flows.terminal.words import count_text
+from vastflow.flows.terminal.progress import count_text
 
 
 def _print_schema(asked: bool) -> None:

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Final, Literal, TypeAlias
 
-from vastflow.flows.request.campaign_keys import recorded_keys
+from vastflow.flows.request.campaign_file import recorded_keys
 from vastflow.flows.results.provenance import campaign_changes
-from vastflow.flows.terminal.words import count_text
+from vastflow.flows.terminal.progress import count_text
 from vastflow.oracles.evidence.pairing import Pairing, pairing_of
 from vastflow.oracles.evidence.varied import varied_rows
 from vastflow.oracles.results.executed import KeptFiles, environment_names

@@ -1,16 +1,18 @@
-"""Task runs of a flow run: mapped over shards, awaited, logged, and recorded by Prefect's server."""
+"""Task runs of a flow run: stages mapped over shards, awaited, logged, and recorded by Prefect's server."""
 
 import logging
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, Final
 
 from vastflow.tasks.engine.engine import Engine, RunFault
+from vastflow.tasks.engine.evaluation import packed
+from vastflow.tasks.engine.instantiation import EvaluationRequest, Instantiated, Instantiator
 from vastflow.tasks.engine.pool import PoolClosed
 from vastflow.tasks.engine.progress import Observer, Reporter, Tally
-from vastflow.tasks.engine.shards import Shard
+from vastflow.tasks.engine.shards import ProducerShard, Shard, shard_ranges
 from vastflow.tasks.prefect.adapter import sent_only
 from vastflow.tasks.prefect.server import drain, is_embedded
 
@@ -37,14 +39,10 @@ def quiet_task_runs(engine: Engine, flow_run_id: str) -> Iterator[None]:
     logger = logging.getLogger(TASK_RUNS)
     logger.addFilter(is_said)
     try:
-        with sent_only(TASK_RUNS, _worth_sending):
+        with sent_only(TASK_RUNS, lambda each: each.levelno >= logging.WARNING or not each.name.startswith(TASK_RUNS)):
             yield
     finally:
         logger.removeFilter(is_said)
-
-
-def _worth_sending(record: logging.LogRecord) -> bool:
-    return record.levelno >= logging.WARNING or not record.name.startswith(TASK_RUNS)
 
 
 MOST_UNRECORDED: Final = 1000
@@ -185,3 +183,46 @@ def task_runs_of(
                         task_runs.cancel()
                 raise
             task_runs.record()
+
+
+def instantiate(task_runs: TaskRuns, instantiator: Instantiator) -> Instantiated:
+    """Evaluate each producer once per distinct input.
+
+    C^i = { c ⊕ f : c ∈ C^{i-1}, f ∈ p_i(c) }
+
+    Raises:
+        FileError: a constraint can't be evaluated, constraints leave nothing, or a design is too large.
+        Lost: an evaluation is damaged.
+    """
+
+    def evaluated(requests: Sequence[EvaluationRequest]) -> Mapping[str, str]:
+        shards = [shard for request in requests for shard in _producer_shards(request)]
+        return {key: error for future in task_runs.map("evaluate", shards) for key, error in future.result().items()}
+
+    return instantiator.instantiated(evaluated)
+
+
+def compute(task_runs: TaskRuns, shards: Sequence[Shard]) -> None:
+    """Execute, observe, and judge shards, each through all stages as soon as possible, and wait for all."""
+    recordings: list[PrefectFuture[Any]] = []
+    traces: list[PrefectFuture[Any]] = []
+    verdicts: list[PrefectFuture[Any]] = []
+    for shard in shards:
+        recordings += task_runs.map("execute", [shard])
+        traces += task_runs.map("observe", [shard], recordings[-1:])
+        verdicts += task_runs.map("judge", [shard], traces[-1:])
+    task_runs.wait(shards, recordings, traces, verdicts)
+
+
+def _producer_shards(request: EvaluationRequest) -> list[ProducerShard]:
+    evaluations, sent = request.evaluations, packed(request.producer)
+    name = f"{request.family} by {type(request.producer).__name__}"
+    parts = shard_ranges([each.key.rpartition("/")[2] for each in evaluations])
+    if len(parts) == 1:
+        return [ProducerShard(request.family, name, sent, evaluations)]
+    shards = []
+    for part in parts:
+        places = f"{part.start + 1}" if len(part) == 1 else f"{part.start + 1}–{part.stop}"
+        some = [evaluations[i] for i in part]
+        shards.append(ProducerShard(request.family, f"{name}, {places} of {len(evaluations)}", sent, some))
+    return shards

@@ -7,7 +7,7 @@ from typing import Any
 
 import pyarrow.compute as pc
 
-from vastflow.flows.results.found import FAULT
+from vastflow.flows.results.tables import FAULT
 from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
 from vastflow.oracles.results.schema import read_columns, table_rows
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
@@ -39,7 +39,7 @@ class Failing:
         oracle: The oracle whose failures count.
         subject: The scenario, with files in the campaign directory.
         campaign: The data of the campaign file.
-        places: See `vastflow.flows.request.asked.Asked`.
+        places: See `vastflow.flows.request.run_request.Asked`.
         assumed: Keys of the subject that neither the campaign nor its parameter file contains.
     """
 

@@ -11,13 +11,12 @@ from typing import Final, TypeAlias
 
 from PIL import Image
 
-from vastflow.flows.flow_runs.mapped import compute
+from vastflow.flows.flow_runs.task_runs import compute
 from vastflow.flows.minimization.candidate_file import BuiltCandidate, candidate_files, placed
 from vastflow.flows.minimization.failing import Failing, NotMinimized, failing_configuration
 from vastflow.flows.minimization.minimized import Minimized, comment_of
 from vastflow.flows.plan.pictures import plan_view_of
-from vastflow.flows.request.campaign_file import OpenCampaign
-from vastflow.flows.request.campaign_keys import campaign_keys
+from vastflow.flows.request.campaign_file import OpenCampaign, campaign_keys
 from vastflow.flows.request.stopping import Stopping
 from vastflow.flows.run.computing import Computing, computing, told
 from vastflow.flows.search.progress import PointRuns

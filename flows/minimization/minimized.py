@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from vastflow.flows.minimization.candidate_file import FILE
 from vastflow.flows.minimization.failing import Failing
-from vastflow.flows.terminal.words import count_text
+from vastflow.flows.terminal.progress import count_text
 from vastflow.oracles.statistics.classes import StoppingRule
 from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, interval
 from vastflow.producers.minimization.circumstance import LEVELS, Circumstance

@@ -12,14 +12,13 @@ from rich.text import Text
 
 from vastflow.flows.plan.plan import Plan, plan_of, whys
 from vastflow.flows.plan.text import UNITS, stages_json, why_json
-from vastflow.flows.request.asked import asked_of
-from vastflow.flows.request.campaign_keys import recorded_keys
-from vastflow.flows.request.run_request import RunRequest
+from vastflow.flows.request.campaign_file import recorded_keys
+from vastflow.flows.request.run_request import RunRequest, asked_of
 from vastflow.flows.results.inputs import replica
 from vastflow.flows.results.past import PARTS, Past, newest_past, past_of, writers, written_scenario
 from vastflow.flows.results.provenance import campaign_changes, change_text, value_changes
+from vastflow.flows.terminal.progress import count_text
 from vastflow.flows.terminal.table import terminal_table
-from vastflow.flows.terminal.words import count_text
 from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.producers.model.faults import shown

@@ -10,14 +10,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from vastflow.flows.plan.reasons import HereEvaluator, Reasons, Step
-from vastflow.flows.request.campaign_file import campaign_name, read_campaign
-from vastflow.flows.request.campaign_keys import campaign_keys
+from vastflow.flows.request.campaign_file import campaign_keys, campaign_name, read_campaign
 from vastflow.flows.request.configurations import Selection, distinct_configurations, narrowed
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.request.stopping import stopping_of
 from vastflow.flows.results.past import Past, newest_past, past_of
 from vastflow.flows.results.provenance import STAGES, DueReason, ReasonKind, Stage, ingredients_row, origin_row
-from vastflow.flows.terminal.words import count_text
+from vastflow.flows.terminal.progress import count_text
 from vastflow.producers.instantiation.family import robots_json
 from vastflow.producers.model.configuration import Configuration
 from vastflow.producers.places.stops import PATH_LENGTH_KEY
@@ -190,7 +189,8 @@ def plan_of(request: RunRequest, environments: Path, since: Path | None = None) 
     runs = campaign.runs_asked(request.runs, request.sample)
     configurations = [] if campaign.unexecutable else distinct_configurations(instantiation, runs)
     index = Index(store, keys)
-    stopping = stopping_of(campaign.sequential) if request.runs is None else None
+    sequential = campaign.sequential if request.runs is None else None
+    stopping = None if sequential is None else stopping_of(sequential)
     reasons.configurations = {each.name: each for each in found.instantiation.configurations}
     steps = list(evaluator.steps.values())
     for configuration in configurations:
@@ -205,7 +205,7 @@ def plan_of(request: RunRequest, environments: Path, since: Path | None = None) 
     return Plan(
         name=name,
         runs=runs,
-        least=None if stopping is None else stopping.rule.min_runs,
+        least=None if sequential is None else sequential.min,
         past=past,
         configurations=instantiation.configurations,
         coverage=found.instantiation.coverage,

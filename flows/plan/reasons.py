@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from vastflow.flows.request.asked import asked_of
+from vastflow.flows.request.run_request import asked_of
 from vastflow.flows.results.past import PARTS, Past, values_of, writers, written_scenario
 from vastflow.flows.results.provenance import (
     DueReason,

@@ -19,10 +19,9 @@ from prefect.client.schemas.objects import State
 from prefect.runtime import flow_run
 from prefect.states import Completed, Failed
 
-from vastflow.flows.flow_runs.mapped import compute
 from vastflow.flows.flow_runs.pages import ProgressBar, key_of, tolerated
-from vastflow.flows.flow_runs.task_runs import task_runs_of
-from vastflow.flows.request.campaign_keys import campaign_keys
+from vastflow.flows.flow_runs.task_runs import compute, task_runs_of
+from vastflow.flows.request.campaign_file import campaign_keys
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.oracles.judgement.oracle import OracleError
 from vastflow.tasks.engine.engine import Engine, RunFault

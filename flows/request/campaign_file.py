@@ -1,7 +1,8 @@
 """The campaign file for flows: read and checked with its oracles, its notes, and its store."""
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
@@ -13,11 +14,14 @@ from vastflow.producers.campaign import Campaign, OracleRequest, load_campaign, 
 from vastflow.producers.campaign_file.document import Document, read_document
 from vastflow.producers.campaign_file.spec import EvaluationSpec
 from vastflow.producers.model.faults import AS_DRAWN, Location
+from vastflow.sim.model.digest import FileContent, Value, digest
 from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.nav2.parameter_files.parameter_file import plug_ins_in
 from vastflow.sim.plug_ins.loading import snapshot_behind
-from vastflow.tasks.engine.evaluation import producers_in
+from vastflow.tasks.engine.evaluation import content_of, producers_in
+from vastflow.tasks.keys.keys import EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE, Keys, numeric_class
+from vastflow.tasks.keys.source import SourceTree
 from vastflow.tasks.store.store import Store, open_store
 
 MOST_OF_A_FILE: Final = 4
@@ -65,20 +69,18 @@ def read_campaign(
     try:
         campaign = load_campaign(path, map_dir, as_v1=as_v1)
     except FileError as error:
-        raise FileError([*error.faults, *_faults_beside(path)]) from None
+        beside: list[Fault] = []  # those of the oracles
+        with suppress(FileError, ValidationError):  # said already
+            document = read_document(path)
+            evaluation = EvaluationSpec.model_validate(document.data.get("evaluation") or {})
+            beside = list(_faults(oracle_requests(evaluation), document, path.resolve().parent))
+        raise FileError([*error.faults, *beside]) from None
     if faults := list(_faults(campaign.oracles, campaign.document, campaign.path.parent)):
         raise FileError(faults)
     requests = [(request.name, request.parameters) for request in campaign.oracles]
     oracles = oracles_of(requests, campaign.path.parent)
     unknown = [note for note in campaign.notes if strict and note.kind == "unknown key"]
-    faults = [
-        Fault(
-            Place(note.place.file, note.place.line, note.place.column, note.place.where),
-            note.problem,
-            "no such key, with --strict",
-        )
-        for note in unknown
-    ]
+    faults = [Fault(note.place, note.problem, "no such key, with --strict") for note in unknown]
     if faults := [*faults, *_quantity_faults(campaign, oracles)]:
         raise FileError(faults)
     return replace(campaign, notes=(*campaign.notes, *_hidden(campaign, oracles))), oracles
@@ -96,16 +98,6 @@ def _hidden(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Iterator[Faul
         file = base / os.path.relpath(hidden.file, base)
         what = f"{hidden.what} is in no key: an edit of it goes unnoticed"
         yield Fault(Place(str(file), hidden.line, 1, hidden.name), what, "a parameter is noticed", "warning")
-
-
-def _faults_beside(path: Path) -> list[Fault]:
-    """The faults of the oracles in a file that has others."""
-    try:
-        document = read_document(path)
-        evaluation = EvaluationSpec.model_validate(document.data.get("evaluation") or {})
-    except (FileError, ValidationError):  # said already
-        return []
-    return list(_faults(oracle_requests(evaluation), document, path.resolve().parent))
 
 
 def _faults(requests: Iterable[OracleRequest], document: Document, base: Path) -> Iterator[Fault]:
@@ -162,8 +154,8 @@ class OpenCampaign:
 
     @property
     def name(self) -> str:
-        """`metadata.name`, else the file's stem."""
-        return str(self.campaign.spec.metadata.get("name") or self.path.stem)
+        """See `campaign_name`."""
+        return campaign_name(self.campaign)
 
 
 def open_campaign(
@@ -185,3 +177,54 @@ def open_campaign(
         what = "a search proposes its configurations by what their runs come to"
         raise FileError([campaign.fault(("search",), what, "vastflow run, which has all stages", "key")])
     return OpenCampaign(campaign, oracles, open_store(store))
+
+
+def campaign_keys(tree: SourceTree, seed: int, oracles: Sequence[Oracle[Any]]) -> Keys:
+    """Keys of the artifacts that this process would compute.
+
+    Args:
+        seed: `execution.seed`.
+    """
+    sources = tree.files()  # before they are read: what is edited in between is found out, too
+    judge_source = [tree.digest(*JUDGE_SOURCE), *(tree.plug_in_digest(type(oracle)) for oracle in oracles)]
+    return Keys(
+        numeric=numeric_class(),
+        execute_source=tree.digest(*EXECUTE_SOURCE),
+        observe_source=tree.digest(*OBSERVE_SOURCE),
+        judge_source=digest(judge_source),
+        seed=seed,
+        oracles=[[oracle.name, content_of(oracle.parameters)] for oracle in oracles],
+        sources=sources,
+    )
+
+
+def recorded_keys(metadata: Mapping[str, Any]) -> Keys:
+    """Keys of the artifacts that a campaign directory was made of.
+
+    Args:
+        metadata: Its `metadata.json`.
+
+    Raises:
+        KeyError: it does not say.
+    """
+    source = metadata["source"]
+    return Keys(
+        numeric=metadata["numeric_class"],
+        execute_source=source["execute"],
+        observe_source=source["observe"],
+        judge_source=source["judge"],
+        seed=metadata["seed"],
+        oracles=[[oracle["name"], recorded_value(oracle["parameters"])] for oracle in metadata["oracles"]],
+    )
+
+
+def recorded_value(plain: Any) -> Value:
+    """A value from JSON as a campaign directory has it: `{"file": digest}` is a file, wherever it lies now."""
+    if isinstance(plain, Mapping):
+        if plain.keys() == {"file"}:
+            return FileContent("", str(plain["file"]))
+        return {key: recorded_value(item) for key, item in plain.items()}
+    if isinstance(plain, list):
+        return [recorded_value(item) for item in plain]
+    value: Value = plain
+    return value

@@ -123,11 +123,8 @@ class Stopping:
         ]
 
 
-def stopping_of(sequential: Sequential | None) -> Stopping | None:
-    """The stopping that a campaign file asks for; None where the number of runs is fixed."""
-    if sequential is None:
-        return None
+def stopping_of(sequential: Sequential) -> Stopping:
+    """The stopping that a campaign file asks for."""
     stop = sequential.stop
-    return Stopping(
-        StoppingRule(sequential.min, sequential.max, ClassBounds(stop.systematic, stop.reliable), stop.error)
-    )
+    bounds = ClassBounds(stop.systematic, stop.reliable)
+    return Stopping(StoppingRule(sequential.min, sequential.max, bounds, stop.error))

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from vastflow.flows.request.asked import asked_of
-from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.flows.request.campaign_keys import recorded_keys
+from vastflow.flows.request.campaign_file import read_campaign, recorded_keys
+from vastflow.flows.request.run_request import asked_of
 from vastflow.flows.results.inputs import replica
 from vastflow.oracles.results.schema import table_rows
 from vastflow.oracles.results.unusable import reading

@@ -10,8 +10,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
-from vastflow.flows.request.asked import SEARCH, SEQUENTIAL
 from vastflow.flows.request.configurations import Runs
+from vastflow.flows.request.run_request import SEARCH, SEQUENTIAL
 from vastflow.flows.results.directory import directory_name
 from vastflow.flows.results.inputs import Inputs
 from vastflow.oracles.judgement.oracle import Oracle

@@ -11,8 +11,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from vastflow.flows.request.asked import Asked
 from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.request.run_request import Asked
 from vastflow.oracles.judgement.oracle import Oracle
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.producers.campaign import Campaign

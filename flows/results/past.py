@@ -12,7 +12,7 @@ from pydantic import AfterValidator, ConfigDict, Field, Json, TypeAdapter, Valid
 from pydantic_core import PydanticCustomError
 from typing_extensions import TypedDict
 
-from vastflow.flows.request.asked import asked_of
+from vastflow.flows.request.run_request import asked_of
 from vastflow.flows.results.provenance import Stage
 from vastflow.oracles.results.schema import table_rows
 from vastflow.oracles.results.unusable import UnusableDirectory, reading

@@ -22,11 +22,10 @@ from PIL import Image
 from vastflow.flows.request.campaign_file import campaign_name, terminal_lines
 from vastflow.flows.request.configurations import Runs, runs_of
 from vastflow.flows.results.directory import NewDirectory
-from vastflow.flows.results.found import StoredResult, one_block
 from vastflow.flows.results.inputs import Inputs
 from vastflow.flows.results.provenance import origin_row
 from vastflow.flows.results.summary import Results, Summary, Work
-from vastflow.flows.results.tables import RunTables, write_instantiation
+from vastflow.flows.results.tables import RunTables, StoredResult, one_block, write_instantiation
 from vastflow.oracles.results.executed import NAMED_FILES
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.floorplan.environment import MESH, PLAN, PROVENANCE

@@ -28,17 +28,15 @@ if TYPE_CHECKING:
     from vastflow.flows.flow_runs.task_runs import TaskRuns
 
 
-class Clock:
-    """Wall time since it was made, and CPU time of this process and its ended children."""
+def stopwatch(tally: Tally) -> Callable[[], Work]:
+    """Start a clock; what it returns is the work since then, of this process and its ended children."""
+    began_s, before_s = time.perf_counter(), sum(os.times()[:4])
 
-    def __init__(self) -> None:
-        self._began_s = time.perf_counter()
-        self._before_s = sum(os.times()[:4])
+    def work() -> Work:
+        done, cpu_s = tally.progress(), sum(os.times()[:4]) - before_s
+        return Work(done.executed, done.reused, done.simulated_s, cpu_s, time.perf_counter() - began_s)
 
-    def work(self, tally: Tally) -> Work:
-        """Return the work done since then."""
-        done, cpu_s = tally.progress(), sum(os.times()[:4]) - self._before_s
-        return Work(done.executed, done.reused, done.simulated_s, cpu_s, time.perf_counter() - self._began_s)
+    return work
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,25 +1,24 @@
 """A campaign that is ready to run: its file is checked, its store open, its keys made."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vastflow.flows.request.asked import SEQUENTIAL, Asked
-from vastflow.flows.request.campaign_file import OpenCampaign, read_campaign
-from vastflow.flows.request.campaign_keys import campaign_keys
-from vastflow.flows.request.run_request import RunRequest
+from vastflow.flows.request.campaign_file import OpenCampaign, campaign_keys, read_campaign
+from vastflow.flows.request.run_request import SEQUENTIAL, Asked, RunRequest
 from vastflow.flows.results.address import Delivery, delivery_to
 from vastflow.flows.results.inputs import Inputs, inputs_of
 from vastflow.flows.results.provenance import ingredients_row
-from vastflow.flows.run.computing import Clock, Computing, computing, told
+from vastflow.flows.results.summary import Work
+from vastflow.flows.run.computing import Computing, computing, stopwatch, told
 from vastflow.flows.search.progress import PointRuns, SearchProgress, search_progress
 from vastflow.producers.campaign import Campaign
 from vastflow.sim.model.faults import FileError
 from vastflow.tasks.engine.instantiation import Instantiator
 from vastflow.tasks.engine.process import few_collections
-from vastflow.tasks.engine.progress import Observer, Tally
+from vastflow.tasks.engine.progress import Observer
 from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.keys.source import SourceTree, installed_tree
 from vastflow.tasks.store.store import Store, open_store
@@ -37,6 +36,7 @@ class PreparedCampaign:
         delivery: Where the campaign directory is made, and where it is to be.
         search: The search that proposes configurations; None where the file lists them.
         stopping: Says how many runs a configuration wants; None where that is fixed.
+        work: What the call has done so far.
     """
 
     request: RunRequest
@@ -49,7 +49,7 @@ class PreparedCampaign:
     keys: Keys = field(repr=False)
     search: SearchProgress | None = field(repr=False)
     stopping: "Stopping | PointRuns | None"
-    clock: Clock = field(repr=False)
+    work: Callable[[], Work] = field(repr=False)
 
     @property
     def campaign(self) -> Campaign:
@@ -75,65 +75,49 @@ class PreparedCampaign:
         return Instantiator(points, self.store, self.keys, self.tree, refuse_empty=False)
 
 
-def prepared(request: RunRequest, tally: Tally, clock: Clock) -> PreparedCampaign:
-    """Read and check the campaign of a request, find its store, and make its keys.
-
-    Raises:
-        FileError: faults of the file.
-        StoreError: the store can't be used.
-    """
-    map_dir = None if request.map_dir is None else Path(request.map_dir)
-    campaign, oracles = read_campaign(Path(request.campaign), map_dir, as_v1=request.as_v1, strict=request.strict)
-    if campaign.unexecutable:
-        raise FileError(campaign.unexecutable)
-    inputs = inputs_of(campaign, oracles)
-    store = open_store(request.store)
-    delivery = delivery_to(request.results, store)
-    tree = installed_tree()
-    keys = campaign_keys(tree, campaign.seed, oracles)
-    stopping = _stopping(campaign) if request.runs is None else None
-    runs = campaign.runs_asked(request.runs, request.sample)
-    asked = Asked(campaign.path.name, runs, request.only, inputs.places, request.sample, request.as_v1)
-    rule = {} if stopping is None else {SEQUENTIAL: stopping.as_json}
-    search = search_progress(campaign, request, stopping, runs, store, inputs.campaign, tally)
-    return PreparedCampaign(
-        request,
-        OpenCampaign(campaign, oracles, store),
-        inputs,
-        asked,
-        {"asked": asked.as_json(), **rule, **ingredients_row(tree, campaign.families, oracles)},
-        delivery,
-        tree,
-        keys,
-        search,
-        stopping if search is None else search.runs,
-        clock,
-    )
-
-
-def _stopping(campaign: Campaign) -> "Stopping | None":
-    if campaign.sequential is None:
-        return None
-    from vastflow.flows.request.stopping import stopping_of  # imports statistics, which take a moment
-
-    return stopping_of(campaign.sequential)
-
-
 @contextmanager
 def open_run(request: RunRequest, observer: Observer | None = None) -> Iterator[tuple[PreparedCampaign, Computing]]:
-    """Prepare the campaign of a request, and make what computes it.
+    """Read and check the campaign of a request, find its store, make its keys, and open what computes it.
 
     Args:
         observer: Is shown the progress, from one thread.
 
     Raises:
-        FileError, StoreError: as of `prepared`.
-        StoreError: this machine lacks something that a computation needs.
+        FileError: faults of the file.
+        StoreError: the store can't be used, or this machine lacks something that a computation needs.
     """
-    clock = Clock()
     with told(observer) as tally, few_collections():
-        run = prepared(request, tally, clock)
-        with computing(
-            run.opened, run.keys, run.opened.oracles, tally, workers=request.workers, stopping=run.stopping
-        ) as computes:
+        work = stopwatch(tally)
+        map_dir = None if request.map_dir is None else Path(request.map_dir)
+        campaign, oracles = read_campaign(Path(request.campaign), map_dir, as_v1=request.as_v1, strict=request.strict)
+        if campaign.unexecutable:
+            raise FileError(campaign.unexecutable)
+        inputs = inputs_of(campaign, oracles)
+        store = open_store(request.store)
+        delivery = delivery_to(request.results, store)
+        tree = installed_tree()
+        keys = campaign_keys(tree, campaign.seed, oracles)
+        stopping, rule = None, {}
+        if request.runs is None and campaign.sequential is not None:
+            from vastflow.flows.request.stopping import stopping_of  # imports statistics, which take a moment
+
+            stopping = stopping_of(campaign.sequential)
+            rule = {SEQUENTIAL: stopping.as_json}
+        runs = campaign.runs_asked(request.runs, request.sample)
+        asked = Asked(campaign.path.name, runs, request.only, inputs.places, request.sample, request.as_v1)
+        search = search_progress(campaign, request, stopping, runs, store, inputs.campaign, tally)
+        run = PreparedCampaign(
+            request,
+            OpenCampaign(campaign, oracles, store),
+            inputs,
+            asked,
+            {"asked": asked.as_json(), **rule, **ingredients_row(tree, campaign.families, oracles)},
+            delivery,
+            tree,
+            keys,
+            search,
+            stopping if search is None else search.runs,
+            work,
+        )
+        with computing(run.opened, keys, oracles, tally, workers=request.workers, stopping=run.stopping) as computes:
             yield run, computes

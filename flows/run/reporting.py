@@ -4,13 +4,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
-from vastflow.flows.request.asked import SEARCH
 from vastflow.flows.request.campaign_file import terminal_lines
+from vastflow.flows.request.run_request import SEARCH
 from vastflow.flows.results.current_report import KEY, newest_sealed, report_key, seal, written_by
 from vastflow.flows.results.directory import new_directory
-from vastflow.flows.results.found import StoredResult
 from vastflow.flows.results.results import metadata_of, write_results
 from vastflow.flows.results.summary import Results, Summary
+from vastflow.flows.results.tables import StoredResult
 from vastflow.flows.run.computing import Computing
 from vastflow.flows.run.judged import Judged
 from vastflow.flows.run.prepared import PreparedCampaign
@@ -65,7 +65,7 @@ def reported(run: PreparedCampaign, computing: Computing, judged: Judged) -> Res
             record=record,
             faults=judged.faults,
             created=computing.created,
-            work=lambda: run.clock.work(computing.tally),
+            work=run.work,
             report=report,
             threads=1 if store_address(run.request.store) is None else _REMOTE_READERS,
         )
@@ -93,8 +93,7 @@ def current(run: PreparedCampaign, computing: Computing, judged: Judged) -> Resu
         return None
     counts = metadata["counts"]
     oracles = {name: Counts(**each) for name, each in counts["oracles"].items()}
-    work = asdict(run.clock.work(computing.tally))
-    done = {**counts, **work, "oracles": oracles, "results": str(directory)}
+    done = {**counts, **asdict(run.work()), "oracles": oracles, "results": str(directory)}
     return Results(directory, Summary(**done), (), tuple(terminal_lines(run.campaign.notes)))
 
 

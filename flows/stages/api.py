@@ -1,22 +1,21 @@
 """The Python API, stage by stage: `instantiate`, `execute`, `observe` and `judge`, each a call that blocks."""
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
-from vastflow.flows.flow_runs.mapped import instantiate as instantiated
-from vastflow.flows.request.campaign_file import OpenCampaign, open_campaign
-from vastflow.flows.request.campaign_keys import campaign_keys
+from vastflow.flows.flow_runs.task_runs import instantiate as instantiated
+from vastflow.flows.request.campaign_file import OpenCampaign, campaign_keys, open_campaign
 from vastflow.flows.request.configurations import Selection, distinct_configurations, narrowed
 from vastflow.flows.run.computing import computing, told
-from vastflow.flows.stages.values import Configurations, Recordings, Traces, Verdicts
+from vastflow.flows.stages.values import Configurations, Recordings, StageResult, Traces, Verdicts
 from vastflow.oracles.judgement.oracle import Oracle, OracleError, oracle_of, oracles_of
 from vastflow.sim.model.faults import Fault, FileError, Place
-from vastflow.tasks.engine.engine import Rows, RunFault
-from vastflow.tasks.engine.index import ConfigurationRuns, FoundRuns
+from vastflow.tasks.engine.engine import RunFault
+from vastflow.tasks.engine.index import FoundRuns
 from vastflow.tasks.engine.instantiation import Instantiated, Instantiator
 from vastflow.tasks.engine.progress import Observer
 from vastflow.tasks.engine.shards import Shard, missing_shards
@@ -102,15 +101,9 @@ def execute(
     selection = Selection((only,) if isinstance(only, str) else tuple(only or ()))
     narrow = narrowed(Instantiated(configurations.instantiation), selection, opened.file)
     chosen = replace(configurations, instantiation=narrow.instantiation)
-    wanted = opened.campaign.runs_asked(runs)
-    executed = distinct_configurations(chosen.instantiation, wanted)
     keys = campaign_keys(installed_tree(), opened.campaign.seed, opened.oracles)
-
-    def recorded(found: FoundRuns) -> bool:
-        return not found.missing_runs
-
-    blocks, faults = _computed("execute", opened, keys, opened.oracles, executed, recorded, workers, observer)
-    return Recordings(chosen, wanted, keys, blocks, (*configurations.faults, *faults))
+    before = StageResult(chosen, opened.campaign.runs_asked(runs), keys, {}, configurations.faults)
+    return Recordings(*_computed("execute", before, opened.oracles, workers, observer))
 
 
 def observe(recordings: Recordings, *, workers: int | None = None, observer: Observer | None = None) -> Traces:
@@ -124,17 +117,7 @@ def observe(recordings: Recordings, *, workers: int | None = None, observer: Obs
         StoreError: the store can't be used.
         PrefectUnavailable: Prefect's API can't be started.
     """
-    opened = recordings.configurations.opened
-    executed = distinct_configurations(recordings.configurations.instantiation, recordings.runs)
-    fresh = campaign_keys(installed_tree(), opened.campaign.seed, opened.oracles)
-    keys = replace(recordings.keys, observe_source=fresh.observe_source, sources=fresh.sources)
-
-    def observed(found: FoundRuns) -> bool:
-        _check(opened, found, [each.block.key for each in recordings.blocks[found.configuration.name]], "execute")
-        return all(each.trace for each in found.stored)
-
-    blocks, faults = _computed("observe", opened, keys, opened.oracles, executed, observed, workers, observer)
-    return Traces(recordings.configurations, recordings.runs, keys, blocks, (*recordings.faults, *faults))
+    return Traces(*_computed("observe", recordings, recordings.configurations.opened.oracles, workers, observer))
 
 
 def judge(
@@ -159,87 +142,78 @@ def judge(
     """
     opened = traces.configurations.opened
     asked = opened.oracles if oracles is None else _asked(opened, oracles)
-    executed = distinct_configurations(traces.configurations.instantiation, traces.runs)
-    fresh = campaign_keys(installed_tree(), opened.campaign.seed, asked)
-    keys = replace(traces.keys, judge_source=fresh.judge_source, oracles=fresh.oracles, sources=fresh.sources)
-
-    def judged(found: FoundRuns) -> bool:
-        known = traces.blocks[found.configuration.name]
-        keys = [key for each in known if each.trace for key in (each.block.key, each.trace.key)]
-        _check(opened, found, keys, "execute and observe")
-        return all(each.verdicts for each in found.stored if each.trace)
-
-    blocks, faults = _computed("judge", opened, keys, asked, executed, judged, workers, observer)
-    names = tuple(oracle.name for oracle in asked)
-    return Verdicts(traces.configurations, traces.runs, keys, blocks, (*traces.faults, *faults), names)
+    return Verdicts(*_computed("judge", traces, asked, workers, observer), tuple(oracle.name for oracle in asked))
 
 
 def _computed(
-    stage: str,
-    opened: OpenCampaign,
-    keys: Keys,
-    oracles: Sequence[Oracle[Any]],
-    configurations: Sequence[ConfigurationRuns],
-    complete: Callable[[FoundRuns], bool],
-    workers: int | None,
-    observer: Observer | None,
-) -> tuple[dict[str, tuple[Stored, ...]], tuple[RunFault, ...]]:
-    """Compute missing results of a stage; return stored blocks by configuration, and faults.
+    stage: str, before: StageResult, oracles: Sequence[Oracle[Any]], workers: int | None, observer: Observer | None
+) -> tuple[Configurations, int, Keys, dict[str, tuple[Stored, ...]], tuple[RunFault, ...]]:
+    """Compute missing results of a stage; return the fields of its result.
 
     Args:
-        complete: Whether the store has everything of a configuration.
-
-    Raises:
-        StoreError: the store can't be used.
-        PrefectUnavailable: Prefect's API can't be had.
+        before: Of the stage before.
     """
+    configurations, opened = before.configurations, before.configurations.opened
+    executed = distinct_configurations(configurations.instantiation, before.runs)
+    fresh = campaign_keys(installed_tree(), opened.campaign.seed, oracles)
+    keys = replace(before.keys, **{name: getattr(fresh, name) for name in _KEYS[stage]})
+
+    def complete(found: FoundRuns) -> bool:
+        """Whether the store has everything of a configuration."""
+        if stage == "execute":
+            return not found.missing_runs
+        name, traced = found.configuration.name, stage == "judge"
+        known = [each for each in before.blocks[name] if each.trace or not traced]
+        if not _keys(found.stored, traced=True).issuperset(_keys(known, traced)):
+            what, stages = ("recordings or traces", "execute and observe") if traced else ("recordings", "execute")
+            raise Lost(f"{what} of {name} are not in the store {opened.store.place!r} any more; {stages} again")
+        return all(each.verdicts if traced else each.trace for each in found.stored if each.trace or not traced)
+
     with told(observer) as tally, computing(opened, keys, oracles, tally, stage=stage, workers=workers) as run:
-        tally.expect({each.name: each.runs for each in configurations})
+        tally.expect({each.name: each.runs for each in executed})
 
         def scanned() -> tuple[dict[str, FoundRuns], list[FoundRuns]]:
             tally.begin("scanning")
-            found, broken = run.engine.scan(configurations), run.engine.broken
+            found, broken = run.engine.scan(executed), run.engine.broken
             return found, [each for name, each in found.items() if not complete(each) and name not in broken]
 
         def mapped(shards: Sequence[Shard], found: Mapping[str, FoundRuns], task_runs: "TaskRuns") -> None:
-            rows = [] if stage == "execute" else [_rows(shards, found, observed=stage == "judge")]
-            task_runs.wait(shards, task_runs.map(stage, shards, *rows))
+            rows = [[_rows(found[each.name], stage) for each in shard.configurations] for shard in shards]
+            task_runs.wait(shards, task_runs.map(stage, shards, *([] if stage == "execute" else [rows])))
 
         for _ in run.engine.attempts():
             found, missing = scanned()
             if missing:
                 if stage == "execute":
                     run.engine.begin(missing, run.workers)
-                shards = missing_shards(configurations, {each.configuration.name for each in missing})
+                shards = missing_shards(executed, {each.configuration.name for each in missing})
                 with suppress(Lost):
                     run.run_alone(partial(mapped, shards, found))
                 found, missing = scanned()
             if not missing:
                 break
-        return {name: each.stored for name, each in found.items()}, run.engine.faults
+        blocks = {name: each.stored for name, each in found.items()}
+        return configurations, before.runs, keys, blocks, (*before.faults, *run.engine.faults)
 
 
-def _check(opened: OpenCampaign, found: FoundRuns, keys: Sequence[str], stages: str) -> None:
-    """Raise `Lost` where one of `keys` is not in the store."""
-    there = {artifact.key for each in found.stored for artifact in (each.recordings, each.trace) if artifact}
-    if not there.issuperset(keys):
-        what = "recordings" if stages == "execute" else "recordings or traces"
-        name, place = found.configuration.name, opened.store.place
-        raise Lost(f"{what} of {name} are not in the store {place!r} any more; {stages} again")
+_KEYS: Final[Mapping[str, Sequence[str]]] = {
+    "execute": ("sources",),
+    "observe": ("observe_source", "sources"),
+    "judge": ("judge_source", "oracles", "sources"),
+}
+"""Stage to the fields of keys that it takes from the code of today, those of earlier stages being as they were."""
 
 
-def _rows(shards: Sequence[Shard], found: Mapping[str, FoundRuns], *, observed: bool = False) -> list[Rows]:
-    """Start, stop, and content digests of each shard's blocks, as `Engine.observe` takes them, or `Engine.judge` those observed."""
+def _keys(blocks: Sequence[Stored], traced: bool) -> set[str]:
+    return {each.recordings.key for each in blocks} | {each.trace.key for each in blocks if each.trace and traced}
+
+
+def _rows(found: FoundRuns, stage: str) -> list[list[Any]]:
+    """Start, stop, and content digests of blocks, as `Engine.observe` takes them, or `Engine.judge` those observed."""
     return [
-        [
-            [
-                [each.block.start, each.block.stop, each.block.content, *([each.trace.content] if each.trace else [])]
-                for each in found[configuration.name].stored
-                if each.trace or not observed
-            ]
-            for configuration in shard.configurations
-        ]
-        for shard in shards
+        [each.block.start, each.block.stop, each.block.content, *([each.trace.content] if each.trace else [])]
+        for each in found.stored
+        if each.trace or stage == "observe"
     ]
 
 

@@ -3,17 +3,17 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final
+from itertools import groupby
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import pyarrow as pa
 
 from vastflow.flows.request.campaign_file import OpenCampaign
-from vastflow.flows.results.found import StoredResult, complete
-from vastflow.flows.results.tables import configuration_row, run_columns, verdict_columns
-from vastflow.flows.terminal.words import count_text
+from vastflow.flows.results.tables import StoredResult, complete, configuration_row, run_columns, verdict_columns
+from vastflow.flows.terminal.progress import count_text
 from vastflow.oracles.evidence.rates import Counts, counts_of
 from vastflow.oracles.judgement.verdict import Verdict, run_judgement
-from vastflow.oracles.results.schema import CONFIGURATIONS, RUNS, VERDICTS, column_table
+from vastflow.oracles.results.schema import CONFIGURATIONS, RUNS, VERDICTS, Columns, column_table
 from vastflow.producers.instantiation.instantiate import Instantiation
 from vastflow.producers.model.configuration import Configuration, ExcludedInstance, RejectedInstance
 from vastflow.sim.model.blocks import read_rows
@@ -26,6 +26,8 @@ from vastflow.tasks.store.artifact import Stored
 if TYPE_CHECKING:
     from vastflow.oracles.observation.trace import Trace
     from vastflow.sim.model.recording import Recording
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, repr=False)
@@ -106,15 +108,7 @@ def faults_text(faults: Sequence[RunFault]) -> str:
 
 
 METRICS: Final = pa.schema(
-    {
-        "configuration": pa.string(),
-        "family": pa.string(),
-        "run_index": pa.int32(),
-        "oracle": pa.string(),
-        "metric": pa.string(),
-        "value": pa.float64(),
-        "unit": pa.string(),
-    }
+    [*list(VERDICTS)[:4], ("metric", pa.string()), ("value", pa.float64()), ("unit", pa.string())]
 )
 
 
@@ -144,7 +138,7 @@ class StageResult:
     @property
     def said(self) -> str:
         """The state of the runs, for `repr`."""
-        raise NotImplementedError
+        return "not executed"
 
     def __repr__(self) -> str:
         size = f"{count_text(len(self.blocks), 'configuration')} × {count_text(self.runs, 'run')}"
@@ -155,6 +149,10 @@ class StageResult:
         blocks = [each for each in self.blocks[name] if each.trace or not observed]
         faults = [fault for fault in self.faults if fault.configuration in ("", name)]
         return StoredResult(self.configurations.opened.store, blocks, self.runs, faults)
+
+    def wanted(self, found: Mapping[int, T]) -> list[T]:
+        """Return what was found of runs by index, in order and without runs that are not wanted."""
+        return [found[index] for index in sorted(found) if index < self.runs]
 
 
 class Recordings(StageResult):
@@ -174,21 +172,18 @@ class Recordings(StageResult):
             UserError: there is none of this name.
             Lost: something is no longer in the store or damaged; `execute` computes it again.
         """
-        from vastflow.sim.model.archive import columns_of, read_behaviors, read_outputs
-        from vastflow.sim.model.blocks import read_recordings
-        from vastflow.sim.model.recording import Outputs
+        from vastflow.sim.model.archive import columns_of, read_behaviors
 
         stored = self.stored(self.configurations.executed_as(name).name)
-        written = {index: each for block in stored.outputs for index, each in read_outputs(block).items()}
         found = {}
-        for block, behavior in zip(stored.recordings, stored.behaviors, strict=True):
+        for behavior, recordings in zip(stored.behaviors, _recordings(stored), strict=True):
             behaviors = columns_of(read_behaviors(behavior))
-            for recording in read_recordings(block):
+            indices = behaviors.pop("run_index")
+            for recording in recordings:
                 index = recording.run.run_index
-                own = {key: column[behaviors["run_index"] == index] for key, column in behaviors.items()}
-                del own["run_index"]
-                found[index] = replace(recording, behaviors=own, outputs=written.get(index, Outputs()))
-        return [found[index] for index in sorted(found) if index < self.runs]
+                own = {key: column[indices == index] for key, column in behaviors.items()}
+                found[index] = replace(recording, behaviors=own)
+        return self.wanted(found)
 
     def table(self) -> pa.Table:
         """Return a row for each recorded run, as in `runs.parquet` but without causes.
@@ -196,12 +191,12 @@ class Recordings(StageResult):
         Raises:
             Lost: as `of`.
         """
-        return column_table(RUNS, (run_columns(self.configurations[name], self._rows(name)) for name in self.blocks))
 
-    def _rows(self, name: str) -> list[dict[str, Any]]:
-        """Rows of a configuration's wanted runs, in order."""
-        found = {row["run_index"]: row for block in self.stored(name).recordings for row in read_rows(block)}
-        return [found[index] for index in sorted(found) if index < self.runs]
+        def columns(name: str) -> Columns:
+            rows = {row["run_index"]: row for block in self.stored(name).recordings for row in read_rows(block)}
+            return run_columns(self.configurations[name], self.wanted(rows))
+
+        return column_table(RUNS, map(columns, self.blocks))
 
 
 class Traces(StageResult):
@@ -217,19 +212,16 @@ class Traces(StageResult):
             Lost: something is no longer in the store or damaged; `execute` and `observe` compute it again.
         """
         from vastflow.oracles.observation.trace import trace_of
-        from vastflow.sim.model.archive import read_outputs
-        from vastflow.sim.model.blocks import read_block, read_recordings
-        from vastflow.sim.model.recording import Outputs
+        from vastflow.sim.model.blocks import read_block
 
         stored = self.stored(self.configurations.executed_as(name).name, observed=True)
-        written = {index: each for block in stored.outputs for index, each in read_outputs(block).items()}
-        found = {}
-        for block, trace in zip(stored.recordings, stored.traces, strict=True):
-            for recording, (row, columns) in zip(read_recordings(block), read_block(trace), strict=True):
-                index = recording.run.run_index
-                whole = replace(recording, outputs=written.get(index, Outputs()))
-                found[index] = trace_of(whole, row, columns)
-        return [found[index] for index in sorted(found) if index < self.runs]
+        return self.wanted(
+            {
+                recording.run.run_index: trace_of(recording, row, columns)
+                for block, recordings in zip(stored.traces, _recordings(stored), strict=True)
+                for recording, (row, columns) in zip(recordings, read_block(block), strict=True)
+            }
+        )
 
     def table(self, name: str) -> pa.Table:
         """The signals of a configuration's runs under each other, in SI units, behind a column `run_index`.
@@ -244,6 +236,17 @@ class Traces(StageResult):
             index = pa.array([trace.run.run_index] * len(trace), pa.int32())
             parts.append(pa.table({"run_index": index, **{key: pa.array(trace[key]) for key in trace.columns}}))
         return pa.concat_tables(parts, promote_options="default") if parts else pa.table({})
+
+
+def _recordings(stored: StoredResult) -> "Iterator[list[Recording]]":
+    """Yield the recordings of each block with the outputs of their programs."""
+    from vastflow.sim.model.archive import read_outputs
+    from vastflow.sim.model.blocks import read_recordings
+    from vastflow.sim.model.recording import Outputs
+
+    written = {index: each for block in stored.outputs for index, each in read_outputs(block).items()}
+    for block in stored.recordings:
+        yield [replace(each, outputs=written.get(each.run.run_index, Outputs())) for each in read_recordings(block)]
 
 
 @dataclass(frozen=True, repr=False)
@@ -287,11 +290,9 @@ class Verdicts(StageResult):
             raise ValueError(f"expected an oracle that judged, {', '.join(self.oracles)}, got {oracle!r}")
         counts = {}
         for name in self.blocks:
-            said: dict[int, list[Verdict]] = {}
-            for verdict in self.of(name):
-                if oracle in (None, verdict.oracle):
-                    said.setdefault(verdict.run_index, []).append(verdict)
-            counts[name] = counts_of(run_judgement(each.judgement for each in run) for run in said.values())
+            said = [each for each in self.of(name) if oracle in (None, each.oracle)]
+            runs = groupby(said, lambda verdict: verdict.run_index)
+            counts[name] = counts_of(run_judgement(each.judgement for each in run) for _, run in runs)
         return counts
 
     def table(self) -> pa.Table:

@@ -7,9 +7,9 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from vastflow.flows.request.asked import SEARCH, SEQUENTIAL
+from vastflow.flows.request.run_request import SEARCH, SEQUENTIAL
+from vastflow.flows.terminal.progress import count_text
 from vastflow.flows.terminal.table import terminal_table
-from vastflow.flows.terminal.words import count_text
 from vastflow.oracles.evidence.causes import standstills_of
 from vastflow.oracles.evidence.evidence import Evidence
 from vastflow.oracles.evidence.rates import LEVEL, Counts

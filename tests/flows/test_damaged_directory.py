@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.__main__ import app
-from vastflow.flows.request.asked import Asked
 from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.request.run_request import Asked
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.past import newest_past, past_of
 from vastflow.flows.results.provenance import ingredients_row

@@ -8,9 +8,16 @@ from types import SimpleNamespace
 import pytest
 from rich.console import Console
 
-from vastflow.flows.terminal.display import Display, duration_text, phase_text, plain_line, view
-from vastflow.flows.terminal.notebook import NotebookDisplay, notebook_display
-from vastflow.flows.terminal.pace import Meter, Pace
+from vastflow.flows.terminal.display import Display, view
+from vastflow.flows.terminal.progress import (
+    Meter,
+    NotebookDisplay,
+    Pace,
+    duration_text,
+    notebook_display,
+    phase_text,
+    plain_line,
+)
 from vastflow.tasks.engine.progress import Progress
 
 

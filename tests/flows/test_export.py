@@ -22,9 +22,9 @@ from vastflow.flows.export.export import Exported, export
 from vastflow.flows.export.junit import Case, Flaw, Suite
 from vastflow.flows.export.run import recording_csv
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.flows.results.found import FAULT, complete
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.summary import Work
+from vastflow.flows.results.tables import FAULT, complete
 from vastflow.oracles.judgement.verdict import Metric, Verdict
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.producers.instantiation.instantiate import instantiate

@@ -4,9 +4,8 @@ import shutil
 
 import pytest
 
-from vastflow.flows.request.asked import Asked
-from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.flows.request.campaign_keys import campaign_keys
+from vastflow.flows.request.campaign_file import campaign_keys, read_campaign
+from vastflow.flows.request.run_request import Asked
 from vastflow.flows.results.inputs import inputs_of, replica
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.tasks.keys.source import installed_tree

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from vastflow.flows.request.asked import SEQUENTIAL
 from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.request.run_request import SEQUENTIAL
 from vastflow.flows.results import current_report
 from vastflow.flows.results.current_report import report_key
 from vastflow.flows.results.inputs import inputs_of

@@ -12,9 +12,9 @@ from table import each_row
 from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.flows.results.found import complete, one_block
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.summary import Work
+from vastflow.flows.results.tables import complete, one_block
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.judgement.verdict import Metric, Verdict
 from vastflow.oracles.observation.trace import NOWHERE_MM

@@ -16,9 +16,8 @@ from table import each_row
 from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows import api
-from vastflow.flows.request.asked import Asked, asked_of
-from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.flows.request.campaign_keys import campaign_keys, recorded_keys
+from vastflow.flows.request.campaign_file import campaign_keys, read_campaign, recorded_keys
+from vastflow.flows.request.run_request import Asked, asked_of
 from vastflow.flows.results.directory import ABANDONED_S, WRITER, left_behind, new_directory, sweep, writer_of
 from vastflow.flows.results.inputs import inputs_of, replica
 from vastflow.flows.results.provenance import ingredients_row

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from vastflow.flows.request.campaign_file import campaign_name, read_campaign
-from vastflow.flows.request.campaign_keys import campaign_keys
+from vastflow.flows.request.campaign_file import campaign_keys, campaign_name, read_campaign
 from vastflow.flows.request.configurations import distinct_configurations
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.faults import FileError

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vastflow.flows.request.asked import SEQUENTIAL
+from vastflow.flows.request.run_request import SEQUENTIAL
 from vastflow.flows.request.stopping import MOST_ROUNDS, Stopping, stopping_of
 from vastflow.oracles.evidence.findings import STOPPING, stopping_rule
 from vastflow.oracles.statistics.classes import ClassBounds, StoppingRule
@@ -101,10 +101,6 @@ def test_rule_is_the_files_and_metadata_has_it():
     assert row == {"min": 4, "max": 30, "error": 0.1, "systematic": 0.3, "reliable": 0.9}
     assert STOPPING == SEQUENTIAL
     assert stopping_rule({SEQUENTIAL: row}) == stopping.rule == StoppingRule(4, 30, ClassBounds(0.3, 0.9), 0.1)
-
-
-def test_fixed_number_of_runs_has_no_stopping():
-    assert stopping_of(None) is None
 
 
 def test_rule_without_room_is_refused():

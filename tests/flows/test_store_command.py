@@ -11,9 +11,8 @@ import pytest
 from command_line import DOCS, called, options_of, refused
 from whole_directory import ConfigurationResult, write_results
 
-from vastflow.flows.request.asked import Asked
-from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.flows.request.campaign_keys import campaign_keys
+from vastflow.flows.request.campaign_file import campaign_keys, read_campaign
+from vastflow.flows.request.run_request import Asked
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.provenance import ingredients_row
 from vastflow.flows.results.summary import Work

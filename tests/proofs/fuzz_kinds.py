@@ -167,8 +167,8 @@ def laid_out(folder: Path) -> None:
 def _campaign_directory(file: Path, results: Path) -> None:
     from whole_directory import ConfigurationResult, write_results
 
-    from vastflow.flows.request.asked import Asked
     from vastflow.flows.request.campaign_file import read_campaign
+    from vastflow.flows.request.run_request import Asked
     from vastflow.flows.results.inputs import inputs_of
     from vastflow.flows.results.provenance import ingredients_row
     from vastflow.flows.results.summary import Work

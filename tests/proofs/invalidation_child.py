@@ -12,8 +12,7 @@ import platform
 import sys
 from pathlib import Path
 
-from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.flows.request.campaign_keys import campaign_keys
+from vastflow.flows.request.campaign_file import campaign_keys, read_campaign
 from vastflow.flows.request.configurations import distinct_configurations
 from vastflow.tasks.engine.engine import Engine
 from vastflow.tasks.engine.evaluation import packed

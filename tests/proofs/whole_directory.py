@@ -17,7 +17,7 @@ from vastflow.tasks.engine.engine import RunFault
 
 @dataclass(frozen=True, slots=True)
 class ConfigurationResult:
-    """A `vastflow.flows.results.found.StoredResult` of values."""
+    """A `vastflow.flows.results.tables.StoredResult` of values."""
 
     recordings: Sequence[bytes] = ()
     traces: Sequence[bytes] = ()
