@@ -71,12 +71,7 @@ def campaign(request: RunRequest) -> State[Any]:
 def flow_of(
     run: PreparedCampaign, computing: Computing, judged: Judged | None, deliver: Callable[[Results], object]
 ) -> Flow[[RunRequest], State[Any]]:
-    """The flow of a campaign that this process has prepared.
-
-    Args:
-        judged: What is known of the campaign; None for nothing.
-        deliver: Is given the results.
-    """
+    """Return the flow of a campaign that this process has prepared; `deliver` is given the results."""
 
     @flow(name=FLOW, flow_run_name=computing.title, persist_result=False)
     def campaign(request: RunRequest) -> State[Any]:
@@ -92,11 +87,7 @@ def _ended(
     renames: bool,
     deliver: Callable[[Results], object] = lambda results: None,
 ) -> State[Any]:
-    """The state in which the flow run ends.
-
-    Args:
-        renames: Whether the flow run is named after the size of the campaign.
-    """
+    """Return the final state of the flow run, which `renames` names after the size of the campaign."""
     size = run.asked.runs, run.stopping is not None
     page = Page(run.name, str(flow_run.id), get_run_logger().info, size if renames else None)
     try:

@@ -3,7 +3,7 @@
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
@@ -11,9 +11,6 @@ from vastflow.flows.results.address import check_directory
 from vastflow.flows.terminal.ending import Interruptible, writing
 from vastflow.flows.terminal.options import AsJson, OracleName, Out
 from vastflow.oracles.results.unusable import reading
-
-if TYPE_CHECKING:
-    from vastflow.flows.comparison.campaigns import Compared
 
 Target = Literal["these", "others"]
 
@@ -53,6 +50,7 @@ def compare(
         check_directory(directory)
     with Interruptible("interrupted"):
         from vastflow.flows.comparison.campaigns import compared
+        from vastflow.flows.comparison.pictures import draw
         from vastflow.flows.comparison.text import compared_json, compared_report, compared_text
         from vastflow.flows.terminal.table import printed
         from vastflow.oracles.results.tables import read_tables
@@ -63,7 +61,7 @@ def compare(
             found = compared(then, read_tables(after), oracle, margin, target)
         folder = out or after / "comparisons" / before.resolve().name
         with writing(folder, "--out"):
-            drawn, undrawn = _drawn(found, pictures, folder)
+            drawn, undrawn = draw(found, pictures, folder)
         if junit is not None:
             with writing(junit, "--junit"):
                 junit.write_bytes(compared_report(found))
@@ -75,22 +73,3 @@ def compare(
             print(f"not drawn: {', '.join(names)}: {why}", file=sys.stderr)
     if gate:
         raise typer.Exit(found.gate.exit_code)
-
-
-def _drawn(found: "Compared", most: int, folder: Path) -> tuple[dict[str, Path], dict[str, list[str]]]:
-    """Return pictures by configuration of the candidate, and the others' names by the reason why they can't be drawn."""
-    drawn: dict[str, Path] = {}
-    undrawn: dict[str, list[str]] = {}
-    from vastflow.flows.comparison.pictures import NotDrawn, picture_of
-
-    for change in found.changes[:most]:
-        name = found.pairing.matches[change.configuration].after
-        try:
-            content = picture_of(found, change)
-        except NotDrawn as error:
-            undrawn.setdefault(str(error), []).append(name)
-            continue
-        folder.mkdir(parents=True, exist_ok=True)
-        drawn[name] = folder / f"{name}.png"
-        drawn[name].write_bytes(content)
-    return drawn, undrawn

@@ -3,7 +3,7 @@
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import Annotated, Final
 
 import typer
 
@@ -11,11 +11,6 @@ from vastflow.flows.terminal.ending import Interruptible, writing
 from vastflow.flows.terminal.options import PlaceOfResults
 from vastflow.flows.terminal.progress import count_text
 from vastflow.sim.model.faults import UserError
-
-if TYPE_CHECKING:
-    from vastflow.flows.export.export import Exported
-
-_NOT_EXPORTED: Final = ("traces", "figures")
 
 PERIOD_S: Final = 5.0
 """Time between two lines of progress."""
@@ -35,33 +30,25 @@ def export(
 
     With JUnit reports, CSV files, logs, and output files of programs.
     """
+    said_s = time.monotonic()
+
+    def progress(done: int, of: int) -> None:
+        nonlocal said_s
+        if time.monotonic() - said_s >= PERIOD_S:
+            said_s = time.monotonic()
+            print(f"{done} of {of} configurations exported", file=sys.stderr)
+
     with Interruptible(f"interrupted; {folder} is as it was"):
         from vastflow.flows.export.export import export as lay_out
         from vastflow.flows.results.address import at_hand, check_directory
 
-        with at_hand(results, _NOT_EXPORTED) as directory:
+        with at_hand(results, ("traces", "figures")) as directory:
             check_directory(directory)
             try:
                 with writing(folder):
-                    exported = lay_out(directory, folder, only or (), _Progress())
+                    exported = lay_out(directory, folder, only or (), progress)
             except UserError as error:  # where the directory is a copy, it is the address that the user knows
                 raise UserError(str(error).replace(str(directory), results)) from None
-    print(_said(exported))
-
-
-class _Progress:
-    """Prints the progress of an export now and then."""
-
-    def __init__(self) -> None:
-        self._said_s = time.monotonic()
-
-    def __call__(self, done: int, of: int) -> None:
-        if time.monotonic() - self._said_s >= PERIOD_S:
-            self._said_s = time.monotonic()
-            print(f"{done} of {of} configurations exported", file=sys.stderr)
-
-
-def _said(exported: "Exported") -> str:
     runs = sum(len(suite.cases) for suite in exported.suites)
     failed, broken, unjudged = (
         sum(suite.count(kind) for suite in exported.suites) for kind in ("failure", "error", "skipped")
@@ -70,4 +57,4 @@ def _said(exported: "Exported") -> str:
     named = ", ".join(f"{n} {what}" for what, n in counts.items() if n or what in ("passed", "failed"))
     alike = f", {exported.duplicates} equal to another" if exported.duplicates else ""
     configurations = count_text(len(exported.suites) + exported.duplicates, "configuration")
-    return f"{configurations}{alike}; {runs} runs: {named}\nexported: {exported.folder}"
+    print(f"{configurations}{alike}; {runs} runs: {named}\nexported: {exported.folder}")

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import Annotated
 
 import typer
 
@@ -14,22 +14,17 @@ from vastflow.flows.terminal.ending import BAD_INPUT, check_writable, writing
 from vastflow.flows.terminal.options import command_group
 from vastflow.sim.model.faults import UserError
 
-if TYPE_CHECKING:
-    from vastflow.producers.floorplan.building import Building
-
 floorplan = command_group("Draw floor plans (.fpm) and their variations (.variation).")
 
 PlanArgument = Annotated[Path, typer.Argument(metavar="FILE.fpm", help="Floor plan.")]
 Out = Annotated[Path, typer.Option(help="Folder to write to; created if it does not exist.")]
-
-SMALLEST_RESOLUTION_M: Final = 0.001
 
 
 @floorplan.command()
 def render(
     file: PlanArgument,
     out: Out,
-    resolution: Annotated[float, typer.Option(min=SMALLEST_RESOLUTION_M, help="Cell size of the map (m).")] = 0.05,
+    resolution: Annotated[float, typer.Option(min=0.001, help="Cell size of the map (m).")] = 0.05,
     laser_height: Annotated[
         float, typer.Option(min=0.0, help="Height of the laser, where the map is cut (m).")
     ] = 0.193,
@@ -47,7 +42,7 @@ def render(
 
     plan = read_plan_file(file)
     building = plan.building()
-    _note(building)
+    print(*(f"{note}\n" for note in building.notes), sep="", end="", file=sys.stderr)
     _write(out, rendered(building, plan.text, str(file), resolution, laser_height))
 
 
@@ -61,7 +56,7 @@ def geometry(file: PlanArgument) -> None:
     from vastflow.producers.floorplan.rendering import geometry_of
 
     building = read_plan_file(file).building()
-    _note(building)
+    print(*(f"{note}\n" for note in building.notes), sep="", end="", file=sys.stderr)
     print(json.dumps(geometry_of(building)))
 
 
@@ -98,18 +93,12 @@ def variations(
             print(f"{file}: not written: {error.brief}", file=sys.stderr)
             continue
         _write(out, {name: sample.text.encode()})
-        for line in terminal_lines(
-            [replace(note, place=replace(note.place, file=str(out / name))) for note in building.notes]
-        ):
+        notes = [replace(note, place=replace(note.place, file=str(out / name))) for note in building.notes]
+        for line in terminal_lines(notes):
             print(line, file=sys.stderr)
         written += 1
     if not written:
         raise typer.Exit(BAD_INPUT)
-
-
-def _note(building: "Building") -> None:
-    for note in building.notes:
-        print(note, file=sys.stderr)
 
 
 def _write(out: Path, files: Mapping[str, bytes]) -> None:

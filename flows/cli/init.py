@@ -13,9 +13,6 @@ import typer
 from vastflow.flows.terminal.ending import check_writable, writing
 from vastflow.sim.model.faults import UserError
 
-_SHIPPED: Final = "vastflow.campaigns.quickstart"
-_CAMPAIGN: Final = "quickstart.vast"
-_MAP: Final = ("maps/office.yaml", "maps/office.pgm")
 _LONGEST_PATH_M: Final = 10.0
 _SHORTEST_PATH_M: Final = 1.0
 _TEMPLATE: Final = Path(__file__).with_name("random_paths.vast.j2")
@@ -39,13 +36,14 @@ def init(
     if nav2_params is not None and map_file is None:
         raise UserError("--params: requires --map")
     check_writable(folder)
-    name = _CAMPAIGN if map_file is None else f"{map_file.stem}.vast"
+    name = "quickstart.vast" if map_file is None else f"{map_file.stem}.vast"
     campaign = folder / name
     command = shlex.quote(str(campaign))
     if map_file is None:
-        quickstart = files(_SHIPPED)
+        quickstart = files("vastflow.campaigns.quickstart")
         text = quickstart.joinpath(name).read_text(encoding="utf-8").replace(f"campaigns/quickstart/{name}", command)
-        written = {name: text.encode(), **{each: quickstart.joinpath(each).read_bytes() for each in _MAP}}
+        maps = {each: quickstart.joinpath(each).read_bytes() for each in ("maps/office.yaml", "maps/office.pgm")}
+        written = {name: text.encode(), **maps}
     else:
         written = {name: _random_paths(folder, map_file, nav2_params, command).encode()}
     if taken := [str(folder / each) for each in written if os.path.lexists(folder / each)]:

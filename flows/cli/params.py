@@ -3,7 +3,7 @@
 import json
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
@@ -33,44 +33,35 @@ def params(
 
     Each parameter of the file with the value that the simulator uses, or with what it does instead.
     """
-    from vastflow.producers.campaign_file.nav2_parameters import short
-    from vastflow.producers.model.faults import shown
     from vastflow.sim.nav2.parameter_files.findings import findings
     from vastflow.sim.nav2.parameter_files.interpretation import interpretation
     from vastflow.sim.nav2.parameter_files.parameter_file import read_nav2_document
 
     found = interpretation(read_nav2_document(file))
     rows = findings(found)
+    counted = Counter[str](row.status for row in rows)
+    counts = {status: counted[status] for status in MEANING}
     if as_json:
-        print(json.dumps(_as_json(found, rows)))
-        return
-    from vastflow.flows.terminal.table import printed, terminal_table
-
-    lines = [(str(row.place[0]), short(row.path), shown(row.value, 40), _said(row)) for row in rows]
-    printed([terminal_table((), ("line",), ("parameter", "value", "simulator"), lines), ""])
-    print(*_summary(found, rows), sep="\n")
+        print(json.dumps(_as_json(found, rows, counts)))
+    else:
+        _print(found, rows, counts)
 
 
-def _as_json(found: "Interpretation", rows: Sequence["Finding"]) -> Mapping[str, Any]:
+def _as_json(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping[str, int]) -> Mapping[str, Any]:
     from vastflow.sim.nav2.parameter_files.document import dotted
     from vastflow.sim.nav2.parameter_files.findings import left_out
     from vastflow.sim.reading.robot import lidar_of, robot_facts, robot_of
 
+    parameters = []
+    for row in rows:
+        place = {"path": dotted(row.path), "line": row.place[0], "column": row.place[1]}
+        # JSON has no infinity, which a parameter that is not modeled may be
+        value = str(row.value) if isinstance(row.value, float) and not math.isfinite(row.value) else row.value
+        parameters.append({**place, "value": value, "status": row.status, "used": row.used, "why": row.why})
     return {
         "file": found.document.file,
-        "counts": _counts(rows),
-        "parameters": [
-            {
-                "path": dotted(row.path),
-                "line": row.place[0],
-                "column": row.place[1],
-                "value": _finite(row.value),
-                "status": row.status,
-                "used": row.used,
-                "why": row.why,
-            }
-            for row in rows
-        ],
+        "counts": counts,
+        "parameters": parameters,
         "robot": asdict(robot_of(found.parameters)),
         "lidar": asdict(lidar_of(found.parameters)),
         "robot_facts": [asdict(fact) for fact in robot_facts(found.parameters)],
@@ -80,35 +71,27 @@ def _as_json(found: "Interpretation", rows: Sequence["Finding"]) -> Mapping[str,
     }
 
 
-def _finite(value: Any) -> Any:
-    """JSON has no infinity, which a parameter that is not modeled may be."""
-    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _counts(rows: Sequence["Finding"]) -> Mapping[str, int]:
-    counted = Counter[str](row.status for row in rows)
-    return {status: counted[status] for status in MEANING}
-
-
-def _said(row: "Finding") -> str:
+def _print(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping[str, int]) -> None:
+    from vastflow.flows.terminal.table import printed, terminal_table
+    from vastflow.producers.campaign_file.nav2_parameters import short
     from vastflow.producers.model.faults import shown
-
-    if row.status == "differs":
-        return f"differs: {shown(row.used)} is built in"
-    if row.status == "modeled" and row.used != row.value:
-        return f"modeled: {shown(row.used)}"
-    return f"{row.status}: {row.why}" if row.why else row.status
-
-
-def _summary(found: "Interpretation", rows: Sequence["Finding"]) -> Iterator[str]:
     from vastflow.sim.nav2.parameter_files.findings import left_out
     from vastflow.sim.reading.robot import robot_facts, robot_words
 
-    for status, count in _counts(rows).items():
-        yield f"{count:>4}  {status}: {MEANING[status]}"
-    yield f"{len(left_out(found)):>4}  more are modeled, with Nav2's defaults"
+    lines = []
+    for row in rows:
+        said = f"{row.status}: {row.why}" if row.why else row.status
+        if row.status == "differs":
+            said = f"differs: {shown(row.used)} is built in"
+        elif row.status == "modeled" and row.used != row.value:
+            said = f"modeled: {shown(row.used)}"
+        lines.append((str(row.place[0]), short(row.path), shown(row.value, 40), said))
+    printed([terminal_table((), ("line",), ("parameter", "value", "simulator"), lines), ""])
+    for status, count in counts.items():
+        print(f"{count:>4}  {status}: {MEANING[status]}")
+    print(f"{len(left_out(found)):>4}  more are modeled, with Nav2's defaults")
     if found.replaced:
-        yield f"not in the file, with Nav2 Jazzy's defaults: {', '.join(found.replaced)}"
+        print(f"not in the file, with Nav2 Jazzy's defaults: {', '.join(found.replaced)}")
     if found.left_away:
-        yield f"not in the file and not simulated: {', '.join(found.left_away)}"
-    yield from robot_words(robot_facts(found.parameters))
+        print(f"not in the file and not simulated: {', '.join(found.left_away)}")
+    print(*robot_words(robot_facts(found.parameters)), sep="\n")

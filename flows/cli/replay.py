@@ -2,9 +2,8 @@
 
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -39,9 +38,9 @@ class ShownTicks:
 
     first: int
     last: int | None
-    strip: tuple[int, ...]
-    film: tuple[int, ...]
-    notes: tuple[str, ...]
+    strip: Sequence[int]
+    film: Sequence[int]
+    notes: Sequence[str]
 
 
 def replay(
@@ -67,9 +66,11 @@ def replay(
     bit for bit.
     """
     check_directory(results)
-    from vastflow.flows.results.provenance import versions
+    from vastflow.flows.results.provenance import origin_differences, versions
     from vastflow.oracles.replay.recorded import recorded_run
     from vastflow.sim.replay import first_difference
+    from vastflow.tasks.keys.keys import EXECUTE_SOURCE, numeric_class
+    from vastflow.tasks.keys.source import installed_tree
 
     folder = out or results / "replays" / f"{configuration}-{run}"
     with reading(results):
@@ -83,7 +84,7 @@ def replay(
     for note in asked.notes:
         print(note, file=sys.stderr)
     title = f"{configuration}, run {run}"
-    differs = _differences(recorded.metadata)
+    differs = origin_differences(recorded.metadata, numeric_class(), installed_tree().digest(*EXECUTE_SOURCE))
     for words in differs:
         print(f"{title}: {words}; the run executed here may differ", file=sys.stderr)
     with Interruptible("interrupted"):
@@ -97,22 +98,21 @@ def replay(
             made = versions(recorded.metadata, same_origin=not differs)
             print(f"{title}: NOT THE RECORDED RUN: {difference}\n{made}", file=sys.stderr)
         with writing(folder, "--out"):
-            written = _written(folder, _story(title, recorded, replayed, difference), replayed, ticks, asked)
+            written = _drawn(folder, _story(title, recorded, replayed, difference), replayed, ticks, asked)
     if as_json:
         equality = {"equal": difference is None, "difference": difference and str(difference), "differs": differs}
         print(json.dumps({**equality, **written}))
-    else:
-        _say(title, configuration, recorded, replayed, difference is None, written)
+        raise typer.Exit(0 if difference is None else 1)
+    if recorded.configuration != configuration:
+        print(f"{configuration} has the content of {recorded.configuration}, whose runs were recorded")
+    if difference is None:
+        print(f"{title}: executed again, equal to the recording bit for bit")
+    ran = replayed.recording.run
+    print(f"{ran.outcome.replace('_', ' ')}{': ' if ran.reason else ''}{ran.reason}, {ran.simulated_s:.2f} s simulated")
+    print(f"strip: {written['strip']}\nframes: {len(written['frames'])} in {folder / FRAMES}")
+    if written["video"]:
+        print(f"film: {written['video']}")
     raise typer.Exit(0 if difference is None else 1)
-
-
-def _differences(metadata: Mapping[str, Any]) -> list[str]:
-    """Return differences of code and machine to where the run was recorded."""
-    from vastflow.flows.results.provenance import origin_differences
-    from vastflow.tasks.keys.keys import EXECUTE_SOURCE, numeric_class
-    from vastflow.tasks.keys.source import installed_tree
-
-    return origin_differences(metadata, numeric_class(), installed_tree().digest(*EXECUTE_SOURCE))
 
 
 def _asked(
@@ -136,17 +136,10 @@ def _asked(
         raise UserError(
             f"{len(strip)} pictures are too many for a strip, which has {MOST} at the most; --video makes a film"
         )
-    options: dict[str, Sequence[float | None]] = {
-        "--at": at_s,
-        "--every": [every_s],
-        "--from": [from_s],
-        "--to": [to_s],
-    }
-    notes = [rounded(what, [t_s for t_s in times if t_s is not None]) for what, times in options.items()]
-    film = tuple(regular) if video else ()
-    return ShownTicks(
-        span.first, None if to_s is None else span.last, tuple(sorted(strip)), film, tuple(chain.from_iterable(notes))
-    )
+    given = [*(("--at", t_s) for t_s in at_s), ("--every", every_s), ("--from", from_s), ("--to", to_s)]
+    notes = [note for option, t_s in given if t_s is not None for note in rounded(option, [t_s])]
+    last = None if to_s is None else span.last
+    return ShownTicks(span.first, last, sorted(strip), regular if video else [], notes)
 
 
 def _executed(recorded: "RecordedRun", asked: ShownTicks) -> "tuple[Replay, list[int]]":
@@ -200,7 +193,7 @@ def _story(title: str, recorded: "RecordedRun", replayed: "Replay", difference: 
     )
 
 
-def _written(folder: Path, story: "Story", replayed: "Replay", ticks: list[int], asked: ShownTicks) -> dict[str, Any]:
+def _drawn(folder: Path, story: "Story", replayed: "Replay", ticks: list[int], asked: ShownTicks) -> dict[str, Any]:
     """Write the pictures and return their paths as `--json` prints them."""
     from vastflow.oracles.figures.style import png
     from vastflow.oracles.replay.still import still_images, strip_figure, write_film
@@ -220,23 +213,3 @@ def _written(folder: Path, story: "Story", replayed: "Replay", ticks: list[int],
             print(f"drawing a film of {len(film)} pictures", file=sys.stderr)
         write_film(folder / FILM, story, film)
     return {"frames": frames, "strip": str(folder / STRIP), "video": str(folder / FILM) if film else None}
-
-
-def _say(
-    title: str,
-    configuration: str,
-    recorded: "RecordedRun",
-    replayed: "Replay",
-    equal: bool,
-    written: Mapping[str, Any],
-) -> None:
-    if recorded.configuration != configuration:
-        print(f"{configuration} has the content of {recorded.configuration}, whose runs were recorded")
-    if equal:
-        print(f"{title}: executed again, equal to the recording bit for bit")
-    run = replayed.recording.run
-    print(f"{run.outcome.replace('_', ' ')}{': ' if run.reason else ''}{run.reason}, {run.simulated_s:.2f} s simulated")
-    print(f"strip: {written['strip']}")
-    print(f"frames: {len(written['frames'])} in {Path(written['strip']).with_name(FRAMES)}")
-    if written["video"]:
-        print(f"film: {written['video']}")

@@ -14,11 +14,11 @@ from vastflow.flows.request.run_request import NAMES, RunRequest, request_of
 from vastflow.flows.results.address import check_directory, meant_address
 from vastflow.flows.terminal.ending import FAULT, Interruptible, check_writable
 from vastflow.flows.terminal.options import AsJson, asking
+from vastflow.flows.terminal.progress import count_text
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.sim.model.faults import UserError
 
 if TYPE_CHECKING:
-    from vastflow.flows.results.summary import Results
     from vastflow.flows.terminal.display import Display
 
 
@@ -82,17 +82,12 @@ def requested(source: Path, asked: Mapping[str, Any]) -> Iterator[RunRequest]:
     only = f", only {', '.join(before.only)}" if before.only else ""
     only += "" if before.sample is None else f", a sample of {before.sample}"
     only += ", obstacles as version 1 of RoboVAST places them" if before.as_v1 else ""
-    runs = f"{before.runs} run{'' if before.runs == 1 else 's'} of each configuration{' at most' * before.sequential}"
+    runs = f"{count_text(before.runs, 'run')} of each configuration{' at most' * before.sequential}"
     print(f"{title} from the inputs in {directory}, {runs}{only}", file=sys.stderr)
-    selected = {
-        "runs": before.fixed_runs,
-        "results": directory.parent,
-        "only": before.only,
-        "sample": before.sample,
-        "as_v1": before.as_v1,
-    }
+    selected = {name: getattr(before, name) for name in ("only", "sample", "as_v1")} | {"runs": before.fixed_runs}
     with replica(directory, before) as laid_out:
-        yield asked_request(laid_out.file, {**asked, **selected, "map_dir": laid_out.map_dir})
+        places = {"results": directory.parent, "map_dir": laid_out.map_dir}
+        yield asked_request(laid_out.file, {**asked, **selected, **places})
 
 
 def asked_request(file: Path, asked: Mapping[str, Any]) -> RunRequest:
@@ -118,7 +113,19 @@ def run_and_show(request: RunRequest, as_json: bool, *, open_report: bool = Fals
     if as_json:
         print(found.summary.json_text())
     else:
-        _show(found)
+        from vastflow.flows.cli.show import report_line
+        from vastflow.flows.terminal.outcome import outcome
+        from vastflow.flows.terminal.progress import duration_text
+        from vastflow.flows.terminal.table import printed
+        from vastflow.oracles.evidence.evidence import evidence_of
+        from vastflow.oracles.results.tables import read_tables
+
+        tables, summary = read_tables(found.directory), found.summary
+        printed(outcome(tables, evidence_of(tables)))
+        print(f"{summary.executed} runs executed, {summary.reused} from the store, in {duration_text(summary.wall_s)}")
+        print(report_line(found.directory))
+        if is_address(summary.results):
+            print(f"uploaded to {summary.results}; the local copy stays for a day")
     if open_report and not os.environ.get("CI"):
         import webbrowser
 
@@ -148,32 +155,22 @@ def computing() -> "Iterator[Display]":
                 raise typer.Exit(FAULT) from None
 
 
-def _show(found: "Results") -> None:
-    from vastflow.flows.cli.show import report_line
-    from vastflow.flows.terminal.outcome import outcome
-    from vastflow.flows.terminal.progress import duration_text
-    from vastflow.flows.terminal.table import printed
-    from vastflow.oracles.evidence.evidence import evidence_of
-    from vastflow.oracles.results.tables import read_tables
-    from vastflow.tasks.store.store import is_address
-
-    tables, summary = read_tables(found.directory), found.summary
-    printed(outcome(tables, evidence_of(tables)))
-    print(f"{summary.executed} runs executed, {summary.reused} from the store, in {duration_text(summary.wall_s)}")
-    print(report_line(found.directory))
-    if is_address(summary.results):
-        print(f"uploaded to {summary.results}; the local copy stays for a day")
-
-
 def _directory(results: Path) -> Path:
     """Return the campaign directory, or a half written one if there is no complete one."""
-    from vastflow.flows.results.directory import left_behind
+    from vastflow.flows.results.directory import left_behind, writer_of
 
     if meant_address(results):
         check_directory(results)
     half = left_behind(results)
     if half is not None and (half == results or not results.exists()):
-        return _half_written(half)
+        if writer := writer_of(half):
+            raise UnusableDirectory(f"{half}: process {writer} is writing it; wait for it or end it first")
+        if not all((half / name).is_file() for name in ("campaign.vast", "metadata.json")):
+            raise UnusableDirectory(
+                f"{half}: incomplete campaign directory; `vastflow run` with the campaign file computes only what is missing"
+            )
+        print(f"{half} was left incomplete by a killed process", file=sys.stderr)
+        return half
     if not results.exists():
         raise UnusableDirectory(
             f"{results}: no such folder; `vastflow run` with the campaign file of an interrupted campaign computes only "
@@ -181,16 +178,3 @@ def _directory(results: Path) -> Path:
         )
     check_directory(results)
     return results
-
-
-def _half_written(half: Path) -> Path:
-    from vastflow.flows.results.directory import writer_of
-
-    if writer := writer_of(half):
-        raise UnusableDirectory(f"{half}: process {writer} is writing it; wait for it or end it first")
-    if not all((half / name).is_file() for name in ("campaign.vast", "metadata.json")):
-        raise UnusableDirectory(
-            f"{half}: incomplete campaign directory; `vastflow run` with the campaign file computes only what is missing"
-        )
-    print(f"{half} was left incomplete by a killed process", file=sys.stderr)
-    return half

@@ -2,14 +2,11 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
 from vastflow.flows.terminal.options import command_group
-
-if TYPE_CHECKING:
-    from vastflow.sim.scenario.definition import EnumValue, Field, ScenarioDefinition
 
 scenario = command_group("Look at scenario files (.osc, OpenSCENARIO DSL).")
 
@@ -41,25 +38,19 @@ def parameters(file: ScenarioArgument) -> None:
 
     Name, type, whether it is a list, and default in SI units; null if a value is required.
     """
+    from vastflow.sim.scenario.language.parameters import default_of
     from vastflow.sim.scenario.language.reading import read_scenarios
 
-    listed = [
-        {"scenario": definition.name, "parameters": [_described(definition, one) for one in definition.parameters]}
-        for definition in read_scenarios(file)
-    ]
-    print(json.dumps(listed, indent=2, default=_member))
-
-
-def _described(definition: "ScenarioDefinition", parameter: "Field") -> dict[str, Any]:
-    from vastflow.sim.scenario.language.parameters import default_of
-
-    return {
-        "name": parameter.name,
-        "type": parameter.type.name,
-        "is_list": parameter.type.is_list,
-        "default": default_of(definition, parameter.name),
-    }
-
-
-def _member(value: "EnumValue") -> str:
-    return value.member
+    listed = []
+    for definition in read_scenarios(file):
+        described = [
+            {
+                "name": each.name,
+                "type": each.type.name,
+                "is_list": each.type.is_list,
+                "default": default_of(definition, each.name),
+            }
+            for each in definition.parameters
+        ]
+        listed.append({"scenario": definition.name, "parameters": described})
+    print(json.dumps(listed, indent=2, default=lambda value: value.member))  # of an enumeration

@@ -5,7 +5,7 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -17,11 +17,6 @@ from vastflow.sim.model.faults import UserError
 
 if TYPE_CHECKING:
     from vastflow.tasks.store.store import Holding, Store
-
-DAMAGED: Final = 1
-
-_READERS: Final = 8
-_LOCAL: Final = ("environments", "prefect", "logs", "bundles", "results")
 
 store = command_group("Inspect, verify, and clean the store, where results are cached.")
 
@@ -39,7 +34,8 @@ def info(place: StoreOption = None, as_json: AsJson = False) -> None:
         from vastflow.flows.results.cleaning import folder_bytes
 
         holdings = opened.holdings()
-        local = {name: folder_bytes(opened.local / name) for name in _LOCAL}
+        names = ("environments", "prefect", "logs", "bundles", "results")
+        local = {name: folder_bytes(opened.local / name) for name in names}
     found = _counted(holdings, time.time())
     if as_json:
         print(json.dumps({"store": opened.place, **found, "local": {"folder": str(opened.local), **local}}))
@@ -66,7 +62,7 @@ def verify(
     """
     from concurrent.futures import ThreadPoolExecutor
 
-    with Interruptible("interrupted; nothing more is discarded"), ThreadPoolExecutor(_READERS) as readers:
+    with Interruptible("interrupted; nothing more is discarded"), ThreadPoolExecutor(8) as readers:
         opened = _opened(place, read_only=not repair)
         holdings = [holding for holding in opened.holdings() if holding.whole]
         keys = [holding.key for holding in holdings]
@@ -83,7 +79,7 @@ def verify(
         discarded = "; deleted, to be computed again" if repair and faults else ""
         print(f"{count_text(len(holdings), 'artifact')} read, {len(faults)} damaged{discarded}")
     if faults and not repair:
-        raise typer.Exit(DAMAGED)
+        raise typer.Exit(1)
 
 
 @store.command()
@@ -108,7 +104,13 @@ def gc(
     """
     if not keep and older_than is None:
         raise UserError("store gc: expected --keep, --older-than, or both, got neither")
-    directories = _directories(keep or [])
+    directories = []
+    for folder in keep or []:
+        inside = sorted(file.parent for file in folder.glob("[!.]*/metadata.json"))
+        if not inside or (folder / "metadata.json").exists():
+            check_directory(folder, "--keep")
+            inside = [folder]
+        directories += inside
     with Interruptible("interrupted; deleted artifacts are computed again when they are needed"):
         opened = _opened(place, read_only=dry_run)
         from vastflow.flows.results.cleaning import DAY_S, clean, cleaning, references
@@ -145,33 +147,24 @@ def _counted(holdings: "Sequence[Holding]", now_s: float) -> dict[str, Any]:
 
     whole = [holding for holding in holdings if holding.whole]
     by_stage = {stage: [holding for holding in whole if holding.stage == stage] for stage in STAGES}
-    return {
-        **_sums(whole, now_s),
-        "unfinished": len(holdings) - len(whole),
-        "stages": {stage: _sums(some, now_s) for stage, some in by_stage.items()},
-    }
 
+    def sums(some: "Sequence[Holding]") -> dict[str, Any]:
+        ages = [round(max(0.0, now_s - holding.written_s) / 86400, 4) for holding in some]
+        size = sum(holding.size_bytes for holding in some)
+        oldest, newest = max(ages, default=None), min(ages, default=None)
+        return {"artifacts": len(some), "bytes": size, "oldest_days": oldest, "newest_days": newest}
 
-def _sums(holdings: "Sequence[Holding]", now_s: float) -> dict[str, Any]:
-    ages = [round(max(0.0, now_s - holding.written_s) / 86400, 4) for holding in holdings]
-    return {
-        "artifacts": len(holdings),
-        "bytes": sum(holding.size_bytes for holding in holdings),
-        "oldest_days": max(ages, default=None),
-        "newest_days": min(ages, default=None),
-    }
+    stages = {stage: sums(some) for stage, some in by_stage.items()}
+    return {**sums(whole), "unfinished": len(holdings) - len(whole), "stages": stages}
 
 
 def _print_stages(found: dict[str, Any]) -> None:
     from vastflow.flows.terminal.table import printed, terminal_table
 
-    rows = [
-        (
-            *(name, f"{row['artifacts']:,}", _size_text(row["bytes"])),
-            *(_age_text(row["oldest_days"]), _age_text(row["newest_days"])),
-        )
-        for name, row in [*found["stages"].items(), ("all", found)]
-    ]
+    rows = []
+    for name, row in [*found["stages"].items(), ("all", found)]:
+        ages = (_age_text(row["oldest_days"]), _age_text(row["newest_days"]))
+        rows.append((name, f"{row['artifacts']:,}", _size_text(row["bytes"]), *ages))
     printed([terminal_table(("stage",), ("artifacts", "size", "oldest", "newest"), rows=rows)])
 
 
@@ -189,18 +182,6 @@ def _age_text(days: float | None) -> str:
         if number >= 1:
             return f"{number:.0f} {unit}"
     return "< 1 min"
-
-
-def _directories(keep: Sequence[Path]) -> list[Path]:
-    found = []
-    for folder in keep:
-        inside = sorted(file.parent for file in folder.glob("[!.]*/metadata.json"))
-        if inside and not (folder / "metadata.json").exists():
-            found += inside
-        else:
-            check_directory(folder, "--keep")
-            found.append(folder)
-    return found
 
 
 def _opened(place: str | None, *, read_only: bool) -> "Store":

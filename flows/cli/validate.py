@@ -2,12 +2,14 @@
 
 import json
 import sys
-from typing import Annotated
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 
 from vastflow.flows.terminal.ending import BAD_INPUT
-from vastflow.flows.terminal.options import AsV1, CampaignFile, MapDir
+from vastflow.flows.terminal.options import CampaignFile, asking
 from vastflow.flows.terminal.progress import count_text
 
 
@@ -19,11 +21,10 @@ def _print_schema(asked: bool) -> None:
         raise typer.Exit
 
 
+@asking("map_dir", "as_v1", "strict")
 def validate(
     file: CampaignFile,
-    map_dir: MapDir = None,
-    as_v1: AsV1 = False,
-    strict: Annotated[bool, typer.Option("--strict", help="Refuse files with unknown keys.")] = False,
+    asked: Mapping[str, Any],
     schema: Annotated[
         bool,
         typer.Option(
@@ -45,8 +46,9 @@ def validate(
     from vastflow.tasks.engine.machine_check import check_numba
 
     check_numba()
+    map_dir = None if asked["map_dir"] is None else Path(asked["map_dir"])
     with looking_only():
-        campaign, oracles = read_campaign(file, map_dir, as_v1=as_v1, strict=strict)
+        campaign, oracles = read_campaign(file, map_dir, as_v1=asked["as_v1"], strict=asked["strict"])
         infeasible = infeasible_lengths(campaign)
     unexecutable = {(fault.place.file, fault.place.line, fault.place.column) for fault in campaign.unexecutable}
     notes = [

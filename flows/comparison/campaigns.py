@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Final, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 from vastflow.flows.request.campaign_file import recorded_keys
 from vastflow.flows.results.provenance import campaign_changes
@@ -28,14 +28,10 @@ from vastflow.oracles.statistics.comparison import (
 )
 from vastflow.oracles.statistics.intervals import needed
 from vastflow.producers.campaign_file.document import Document, read_document
-from vastflow.sim.model.files import TextPlace
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS
 from vastflow.sim.nav2.parameter_files.document import read_document as read_parameters
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
-
-_PAIRED: Final = ("environment", "task")
-"""Dimensions of a scenario that are equal in every pair."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,11 +47,7 @@ class Given:
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """A parameter with different values in baseline and candidate.
-
-    Attributes:
-        configurations: Number of pairs of configurations.
-    """
+    """A parameter with different values in a number of pairs of configurations."""
 
     parameter: str
     before: Given
@@ -90,7 +82,9 @@ class _Side:
     def given(self, name: str) -> dict[str, Given]:
         """Return the system parameters of a configuration by name."""
         content = self._tables.configurations.contents[self._places[name]]
-        parts = {key: value for key, value in content.items() if key not in _PAIRED}
+        parts = {
+            key: value for key, value in content.items() if key not in ("environment", "task")
+        }  # equal in every pair
         system = parts.pop("system", None) or {}
         text = json.dumps([system, parts], sort_keys=True)
         if text not in self._known:
@@ -110,17 +104,16 @@ class _Side:
                 yield ".".join(location), Given(_text(value), f"{path.relative_to(self._tables.directory)}:{line}")
 
     def _placed(self, key: str, value: Any) -> Given:
-        """Return a value with its line in the campaign file, or the line of its name."""
-        lines = [] if self._file is None else list(_named(self._file, key, value))
+        """Return a value with the first line of the campaign file that gives it, or else names its parameter."""
+        name, file = key.rpartition(".")[2], self._file
+        if file is None:
+            return Given(_text(value))
+        lines = [
+            (file.value(location) != value, place)
+            for location, place in file.values.items()
+            if location and (location[-1] == name or file.value(location) == name)
+        ]
         return Given(_text(value), f"campaign.vast:{min(lines)[1][0]}" if lines else "")
-
-
-def _named(document: Document, key: str, value: Any) -> Iterator[tuple[bool, TextPlace]]:
-    """Yield whether the value differs, and the place, for each mention of a parameter in a file."""
-    *_, name = key.split(".")
-    for location, place in document.values.items():
-        if location and (location[-1] == name or document.value(location) == name):
-            yield document.value(location) != value, place
 
 
 def _flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
@@ -145,10 +138,6 @@ Status: TypeAlias = Literal[
     "not judged",
     "new faults",
 ]
-
-HOLDS: Final = 0
-DOES_NOT_HOLD: Final = 1
-CANT_BE_CLAIMED: Final = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,8 +174,8 @@ class Gate:
 
     @property
     def exit_code(self) -> int:
-        """The exit code of the command."""
-        return HOLDS if self.holds else CANT_BE_CLAIMED if self.status == "too few paths" else DOES_NOT_HOLD
+        """0 if the gate holds, 4 if it can't be claimed, and 1 if it does not hold."""
+        return 0 if self.holds else 4 if self.status == "too few paths" else 1
 
     @cached_property
     def status(self) -> Status:
@@ -292,57 +281,32 @@ def compared(
     if whole is None:
         raise UnusableDirectory(f"{before.directory} and {after.directory}: nothing to compare: {_why(pairing)}")
     each = {name: found for name in pairing.oracles if (found := difference(pairing.pairs(name), target)) is not None}
-    factors, _ = factors_of(_rows(after, [match.after for match in pairing.matches]))
-    faults = _new_faults(before, after, pairing)
-    same = same_keys(before, after, pairing)
-    gate = Gate(pairing, whole, target, margin, oracle, faults, same)
-    levels = by_level(factors, pairs, target)
-    return Compared(
-        before,
-        after,
-        pairing,
-        oracle,
-        whole,
-        each,
-        changes(pairs),
-        levels,
-        gate,
-        differences(before, after, pairing),
-        campaign_changes(before.metadata, after.metadata),
+    table = after.configurations
+    maps = environment_names(after.directory, table.environments)
+    places = {name: k for k, name in enumerate(table.names)}
+    chosen = [places[match.after] for match in pairing.matches]
+    varied = zip(chosen, varied_rows(table, chosen, maps), strict=True)
+    factors, _ = factors_of([{"family": table.families[k], **row} for k, row in varied])
+    faulty = [Counter(fault["configuration"] for fault in each.metadata.get("faults", [])) for each in (before, after)]
+    new_faults = sum(faulty[1][match.after] for match in pairing.matches if not faulty[0][match.before])
+    rows = [each.configurations for each in (before, after)]
+    checked = [dict(zip(each.names, each.table["checked_digest"].to_pylist(), strict=True)) for each in rows]
+    same_keys = recorded_keys(before.metadata) == recorded_keys(after.metadata) and all(
+        checked[0][match.before] == checked[1][match.after] for match in pairing.matches
     )
-
-
-def same_keys(before: Tables, after: Tables, pairing: Pairing) -> bool:
-    """Whether the runs of two campaigns have the same keys: equal scenarios, code, oracles, seed and kind of machine."""
-    then, now = recorded_keys(before.metadata), recorded_keys(after.metadata)
-    if then != now:
-        return False
-    scenarios = [_checked(tables) for tables in (before, after)]
-    return all(scenarios[0][match.before] == scenarios[1][match.after] for match in pairing.matches)
-
-
-def _checked(tables: Tables) -> dict[str, str]:
-    found = tables.configurations.table.select(["name", "checked_digest"])
-    return {row["name"]: row["checked_digest"] for row in found.to_pylist()}
-
-
-def _new_faults(before: Tables, after: Tables, pairing: Pairing) -> int:
-    then, now = (_faulty(tables) for tables in (before, after))
-    return sum(now[match.after] for match in pairing.matches if not then[match.before])
-
-
-def _faulty(tables: Tables) -> Counter[str]:
-    return Counter(fault["configuration"] for fault in tables.metadata.get("faults", []))
-
-
-def _rows(tables: Tables, names: Sequence[str]) -> list[dict[str, Any]]:
-    """Return the family and the varied parameters of these configurations."""
-    found = tables.configurations
-    places = {name: k for k, name in enumerate(found.names)}
-    maps = environment_names(tables.directory, found.environments)
-    chosen = [places[name] for name in names]
-    rows = varied_rows(found, chosen, maps)
-    return [{"family": found.families[k], **row} for k, row in zip(chosen, rows, strict=True)]
+    return Compared(
+        before=before,
+        after=after,
+        pairing=pairing,
+        oracle=oracle,
+        whole=whole,
+        oracles=each,
+        changes=changes(pairs),
+        levels=by_level(factors, pairs, target),
+        gate=Gate(pairing, whole, target, margin, oracle, new_faults, same_keys),
+        differences=differences(before, after, pairing),
+        campaign_differences=campaign_changes(before.metadata, after.metadata),
+    )
 
 
 def _why(pairing: Pairing) -> str:

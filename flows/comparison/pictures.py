@@ -1,6 +1,7 @@
 """Pictures of a comparison: a configuration's runs in baseline and candidate on the map."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,8 +13,6 @@ from vastflow.oracles.figures.style import png
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
 from vastflow.oracles.results.tables import CODES, Tables
-from vastflow.oracles.statistics.comparison import Change
-from vastflow.sim.model.faults import UserError
 from vastflow.sim.world.map_file import load_map
 
 if TYPE_CHECKING:
@@ -22,31 +21,38 @@ if TYPE_CHECKING:
     from vastflow.oracles.judgement.verdict import Judgement
 
 
-class NotDrawn(UserError, ValueError):
-    """The reason why a configuration has no picture."""
+def draw(found: Compared, most: int, folder: Path) -> tuple[dict[str, Path], dict[str, list[str]]]:
+    """Draw the most changed configurations, the first changed run of each highlighted.
 
-
-def picture_of(found: Compared, change: Change) -> bytes:
-    """Return a PNG of a changed configuration with its first changed run highlighted.
-
-    Raises:
-        NotDrawn: no map, or nothing was recorded.
+    Returns:
+        Pictures by configuration of the candidate, and the names of others by the reason why they can't be drawn.
     """
-    pairing, match = found.pairing, found.pairing.matches[change.configuration]
-    mine = np.flatnonzero(pairing.configuration == change.configuration)
-    said = [side[mine] for side in pairing.judged(found.oracle)]
-    differs = np.flatnonzero(said[0] != said[1])
-    runs = [side[mine] for side in (pairing.run_before, pairing.run_after)]
-    campaigns = ((found.before, match.before, change.before, "A"), (found.after, match.after, change.after, "B"))
-    sides = []
-    for k, (tables, name, passes, letter) in enumerate(campaigns):
-        judged = dict(zip(runs[k].tolist(), said[k].tolist(), strict=True))
-        strong = int(runs[k][differs[0]]) if len(differs) else None
-        created = str(tables.metadata.get("created", "")).replace("T", " ")
-        run = "" if strong is None else f"; strong: run {strong}"
-        title = f"{letter}: {passes} of {change.pairs} passed ({created}{run})"
-        sides.append(_side(tables, name, title, judged, strong))
-    return png(pair_figure(match.after, (sides[0], sides[1])))
+    drawn: dict[str, Path] = {}
+    undrawn: dict[str, list[str]] = {}
+    pairing = found.pairing
+    for change in found.changes[:most]:
+        match = pairing.matches[change.configuration]
+        mine = np.flatnonzero(pairing.configuration == change.configuration)
+        said = [side[mine] for side in pairing.judged(found.oracle)]
+        differs = np.flatnonzero(said[0] != said[1])
+        runs = [side[mine] for side in (pairing.run_before, pairing.run_after)]
+        campaigns = ((found.before, match.before, change.before, "A"), (found.after, match.after, change.after, "B"))
+        sides = []
+        try:
+            for k, (tables, name, passes, letter) in enumerate(campaigns):
+                judged = dict(zip(runs[k].tolist(), said[k].tolist(), strict=True))
+                strong = int(runs[k][differs[0]]) if len(differs) else None
+                created = str(tables.metadata.get("created", "")).replace("T", " ")
+                run = "" if strong is None else f"; strong: run {strong}"
+                title = f"{letter}: {passes} of {change.pairs} passed ({created}{run})"
+                sides.append(_side(tables, name, title, judged, strong))
+        except (OSError, ValueError, KeyError) as error:
+            undrawn.setdefault(" ".join(str(error).split()), []).append(match.after)
+            continue
+        folder.mkdir(parents=True, exist_ok=True)
+        drawn[match.after] = folder / f"{match.after}.png"
+        drawn[match.after].write_bytes(png(pair_figure(match.after, (sides[0], sides[1]))))
+    return drawn, undrawn
 
 
 def _side(tables: Tables, name: str, title: str, judged: dict[int, int], strong: int | None) -> Case:
@@ -54,16 +60,13 @@ def _side(tables: Tables, name: str, title: str, judged: dict[int, int], strong:
     k = found.names.index(name)
     environment = found.environments[k]
     if environment is None:
-        raise NotDrawn("it has no map")
-    try:
-        walks = read_walks(tables.directory, name)
-        scenario = scenario_of_row(found.row(k), KeptFiles(tables.directory))
-        occupancy = load_map(tables.directory / "environments" / environment / "map.yaml")
-        situation, zones = situation_of(scenario), zones_of([scenario])
-    except (OSError, ValueError, KeyError) as error:
-        raise NotDrawn(" ".join(str(error).split())) from None
+        raise ValueError("it has no map")
+    walks = read_walks(tables.directory, name)
+    scenario = scenario_of_row(found.row(k), KeptFiles(tables.directory))
+    occupancy = load_map(tables.directory / "environments" / environment / "map.yaml")
+    situation, zones = situation_of(scenario), zones_of([scenario])
     if walks is None:
-        raise NotDrawn(f"{tables.directory} has no recording of it")
+        raise ValueError(f"{tables.directory} has no recording of it")
     words: dict[int, Judgement] = {code: word for word, code in CODES.items()}
     shown = [run for run in range(len(walks.run_index)) if int(walks.run_index[run]) in judged]
     paths: Sequence[tuple[Judgement, NDArray[Any]]] = [

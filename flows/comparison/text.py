@@ -14,7 +14,6 @@ from vastflow.flows.export.junit import Case, Flaw, Suite, campaign_report
 from vastflow.flows.terminal.progress import count_text
 from vastflow.flows.terminal.table import terminal_table
 from vastflow.oracles.evidence.causes import standstills_of
-from vastflow.oracles.results.tables import Tables
 from vastflow.oracles.statistics.comparison import Change, RateDifference
 
 MOST_CHANGES: Final = 12
@@ -25,16 +24,23 @@ MOST_DIFFERENT: Final = 16
 
 def compared_text(found: Compared, drawn: Mapping[str, Path]) -> Iterator[RenderableType]:
     """Yield pairs, differences, changed configurations, levels of factors, and the gate."""
-    yield Text(f"A  {_campaign(found.before)}")
-    yield Text(f"B  {_campaign(found.after)}")
-    yield ""
-    yield Text(_paired(found))
+    for letter, tables in (("A", found.before), ("B", found.after)):
+        created = str(tables.metadata.get("created", "")).replace("T", " ")
+        yield Text(f"{letter}  {tables.metadata.get('name', '')}, {created}, {tables.directory}")
+    matches, pairs = found.pairing.matches, found.whole.pairs
+    other = sum(match.how == "other system" for match in matches)
+    how = f"{other:,} of them with another system" if other else "all equal"
+    not_judged = len(found.pairing.configuration) - pairs
+    lost = f", {not_judged:,} more not judged both times" if not_judged else ""
+    paired = f"{count_text(len(matches), 'configuration')} paired ({how}), {count_text(pairs, 'pair')} of runs{lost}"
+    yield from ("", Text(paired))
     for line in _unpaired(found):
         yield Text(line, "yellow")
     yield from _different(found)
-    yield ""
-    yield _differences(found)
-    yield from _standstills(found)
+    yield from ("", _differences(found))
+    for letter, tables in (("A", found.before), ("B", found.after)):
+        if (stood := standstills_of(tables)).runs:
+            yield Text(f"{letter}  {stood.text}", "yellow")
     for title, worse in (("newly failing", True), ("newly passing", False)):
         if shown := found.shown(worse=worse):
             named = count_text(len(shown), "configuration")
@@ -52,7 +58,12 @@ def compared_text(found: Compared, drawn: Mapping[str, Path]) -> Iterator[Render
 
 def compared_json(found: Compared, drawn: Mapping[str, Path]) -> dict[str, Any]:
     """Return the comparison as JSON values."""
-    pairing = found.pairing
+    pairing, changes = found.pairing, []
+    for change in found.changes:
+        match = pairing.matches[change.configuration]
+        picture = str(drawn[match.after]) if match.after in drawn else None
+        own = {"configuration": match.after, "was": match.before, "worse": change.worse, "picture": picture}
+        changes.append({**asdict(change), **own})
     return {
         "before": str(found.before.directory),
         "after": str(found.after.directory),
@@ -75,7 +86,7 @@ def compared_json(found: Compared, drawn: Mapping[str, Path]) -> dict[str, Any]:
         "campaign_differs": list(found.campaign_differences),
         "difference": asdict(found.whole),
         "oracles": {name: asdict(one) for name, one in found.oracles.items()},
-        "changes": [_change_json(found, change, drawn) for change in found.changes],
+        "changes": changes,
         "stood_still": {
             "before": standstills_of(found.before).runs,
             "after": standstills_of(found.after).runs,
@@ -104,32 +115,6 @@ def share(rate: float) -> str:
 def points(interval: tuple[float, float]) -> str:
     """Return the ends of an interval of a difference in percentage points."""
     return f"{100 * interval[0]:+.1f} to {100 * interval[1]:+.1f}"
-
-
-def _change_json(found: Compared, change: Change, drawn: Mapping[str, Path]) -> dict[str, Any]:
-    match = found.pairing.matches[change.configuration]
-    picture = str(drawn[match.after]) if match.after in drawn else None
-    return {
-        **asdict(change),
-        "configuration": match.after,
-        "was": match.before,
-        "worse": change.worse,
-        "picture": picture,
-    }
-
-
-def _campaign(tables: Tables) -> str:
-    metadata = tables.metadata
-    return f"{metadata.get('name', '')}, {str(metadata.get('created', '')).replace('T', ' ')}, {tables.directory}"
-
-
-def _paired(found: Compared) -> str:
-    matches = found.pairing.matches
-    other = sum(match.how == "other system" for match in matches)
-    how = f"{other:,} of them with another system" if other else "all equal"
-    not_judged = len(found.pairing.configuration) - found.whole.pairs
-    lost = f", {not_judged:,} more not judged both times" if not_judged else ""
-    return f"{count_text(len(matches), 'configuration')} paired ({how}), {count_text(found.whole.pairs, 'pair')} of runs{lost}"
 
 
 def _unpaired(found: Compared) -> Iterator[str]:
@@ -171,12 +156,6 @@ def _differences(found: Compared) -> Table:
 
 def _rates(one: RateDifference) -> tuple[str, ...]:
     return share(one.before), share(one.after), f"{100 * one.difference:+.1f}", points(one.interval)
-
-
-def _standstills(found: Compared) -> Iterator[Text]:
-    for letter, tables in (("A", found.before), ("B", found.after)):
-        if (stood := standstills_of(tables)).runs:
-            yield Text(f"{letter}  {stood.text}", "yellow")
 
 
 def _changes(found: Compared, title: str, changes: Sequence[Change], most: int) -> Iterator[RenderableType]:
@@ -233,19 +212,14 @@ def compared_report(found: Compared) -> bytes:
     stated |= {"target": gate.target, "status": gate.status, "paths": str(whole.paths), "needed": str(gate.needed)}
     flaw = None if gate.holds else Flaw("error" if gate.status == "too few paths" else "failure", gate.text)
     case = Case("non-inferiority", "comparison", 0.0, properties=stated, flaw=flaw)
-    return campaign_report("compare", [Suite("gate", [case]), Suite("configurations", _cases(found))])
-
-
-def _cases(found: Compared) -> list[Case]:
     changed = {change.configuration: change for change in found.changes}
     cases = []
     for k, match in enumerate(found.pairing.matches):
-        change = changed.get(k)
-        flaw, stated = None, {"was": match.before, "paired": match.how}
-        if change is not None:
+        newly, more = None, {"was": match.before, "paired": match.how}
+        if (change := changed.get(k)) is not None:
             passes = f"{change.before} of {change.pairs} before, {change.after} after"
-            stated |= {"passes": passes, "adjusted_p": f"{change.adjusted:.4g}"}
+            more |= {"passes": passes, "adjusted_p": f"{change.adjusted:.4g}"}
             if change.shown and change.worse:
-                flaw = Flaw("failure", f"newly failing: {passes}")
-        cases.append(Case(match.after, "configurations", 0.0, properties=stated, flaw=flaw))
-    return cases
+                newly = Flaw("failure", f"newly failing: {passes}")
+        cases.append(Case(match.after, "configurations", 0.0, properties=more, flaw=newly))
+    return campaign_report("compare", [Suite("gate", [case]), Suite("configurations", cases)])

@@ -6,15 +6,15 @@ import zipfile
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Final
 
 import yaml
 
-from vastflow.flows.export.junit import Case, Suite, campaign_report
-from vastflow.flows.export.run import ExportedRun, brief, case_of, files_of, table_csv
+from vastflow.flows.export.junit import Suite, campaign_report
+from vastflow.flows.export.run import ExportedRun, case_of, files_of, table_csv
 from vastflow.flows.results.tables import KeptLogs
 from vastflow.oracles.results.executed import KeptFiles
 from vastflow.oracles.results.schema import behaviors_of, table_of
@@ -32,10 +32,7 @@ from vastflow.tasks.store.artifact import inside
 
 
 class ExportSource:
-    """Reads the data of a campaign directory that an export needs.
-
-    Every method raises `UnusableDirectory` if a file is missing or damaged.
-    """
+    """Reads what an export needs; every method raises `UnusableDirectory` if a file is missing or damaged."""
 
     def __init__(self, directory: Path) -> None:
         self._directory = directory
@@ -76,11 +73,7 @@ class ExportSource:
         return self._names[digest]
 
     def values_of(self, row: Mapping[str, Any], shared: str) -> dict[str, Any]:
-        """Return the values of a configuration's parameters, with files as paths.
-
-        Args:
-            shared: Path of the folder with the shared files in the values.
-        """
+        """Return the values of a configuration's parameters, with files as paths in the folder `shared`."""
         scenario = row["scenario"]
         with reading(self._directory):
             values = {**scenario["environment"], **scenario["task"], **scenario["system"]}
@@ -165,22 +158,15 @@ def _posed(key: str, value: Any) -> Any:
     return value
 
 
+BRIEFLY: Final = ("simulated_time_s", "wall_time_s", "outcome")
+"""Properties that a case keeps in a report of many."""
 SHARED: Final = "_config"
 """Folder of files that all configurations share; no configuration has this name."""
-
-REPORT: Final = "test.xml"
-VALUES: Final = "scenario.config"
-DUPLICATE: Final = "duplicate_of"
 
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """The result of an export.
-
-    Attributes:
-        duplicates: Number of configurations that equal another, whose runs are exported once.
-        suites: A suite for each other configuration.
-    """
+    """The result of an export: a suite for each configuration, but for duplicates of others, which are counted."""
 
     folder: Path
     duplicates: int
@@ -207,24 +193,38 @@ def export(
     """
     refuse(folder)
     source = ExportSource(results)
-    chosen = _chosen(source.configurations, only, results)
+    rows = source.configurations
+    for pattern in only:
+        if not any(_fits(row, pattern) for row in rows):
+            names = list(dict.fromkeys(name for row in rows for name in (row["family"], row["name"])))
+            hint = did_you_mean(pattern, names, "it has none", listed="it has")
+            raise UnusableDirectory(f"{results}: no family or configuration matches {pattern!r}; {hint}")
+    chosen = [row for row in rows if not only or any(_fits(row, pattern) for pattern in only)]
     suites = []
     with _filled(folder) as place:
         for name, path in source.shared_files():
             shutil.copyfile(path, _below(place / SHARED, name))
         for done, row in enumerate(chosen):
             progress(done, len(chosen))
+            home = place / row["name"]
             values = {source.scenario_of(row): source.values_of(row, f"../{SHARED}")}
-            _write(
-                place, f"{row['name']}/{VALUES}", yaml.safe_dump(values, sort_keys=False, allow_unicode=True).encode()
-            )
+            text = yaml.safe_dump(values, sort_keys=False, allow_unicode=True)
+            _below(place, f"{row['name']}/scenario.config").write_text(text, encoding="utf-8")
             if row["duplicate_of"] is not None:
-                _write(place, f"{row['name']}/{DUPLICATE}", f"{row['duplicate_of']}\n".encode())
+                _below(home, "duplicate_of").write_text(f"{row['duplicate_of']}\n", encoding="utf-8")
                 continue
-            suites.append(Suite(row["name"], [_write_run(place, run) for run in source.runs_of(row)]))
+            cases = []
+            for run in source.runs_of(row):
+                case = case_of(run)
+                for name, content in files_of(run, case):
+                    _below(home, f"{run.run_index}/{name}").write_bytes(content)
+                # a report of many runs with all properties would take hundreds of megabytes
+                few = {name: case.properties[name] for name in BRIEFLY if name in case.properties}
+                cases.append(replace(case, properties=few))
+            suites.append(Suite(row["name"], cases))
             for run_index, name, content in source.outputs_of(row):
-                _write(place, f"{row['name']}/{run_index}/{outputs}{name}", content)
-        (place / REPORT).write_bytes(campaign_report(source.campaign, suites))
+                _below(home, f"{run_index}/{outputs}{name}").write_bytes(content)
+        (place / "test.xml").write_bytes(campaign_report(source.campaign, suites))
     return Exported(folder, len(chosen) - len(suites), suites)
 
 
@@ -237,32 +237,12 @@ def refuse(folder: Path) -> None:
         raise UserError(f"{folder}: expected a new or an empty folder, got a file or a broken link")
 
 
-def _chosen(rows: Sequence[Mapping[str, Any]], only: Sequence[str], results: Path) -> list[Mapping[str, Any]]:
-    for pattern in only:
-        if not any(_fits(row, pattern) for row in rows):
-            names = list(dict.fromkeys(name for row in rows for name in (row["family"], row["name"])))
-            hint = did_you_mean(pattern, names, "it has none", listed="it has")
-            raise UnusableDirectory(f"{results}: no family or configuration matches {pattern!r}; {hint}")
-    return [row for row in rows if not only or any(_fits(row, pattern) for pattern in only)]
-
-
 def _fits(row: Mapping[str, Any], pattern: str) -> bool:
     return fnmatchcase(row["name"], pattern) or fnmatchcase(row["family"], pattern)
 
 
-def _write_run(place: Path, run: ExportedRun) -> Case:
-    case = case_of(run)
-    for name, content in files_of(run, case):
-        _write(place, f"{run.configuration}/{run.run_index}/{name}", content)
-    return brief(case)
-
-
-def _write(place: Path, name: str, content: bytes) -> None:
-    _below(place, name).write_bytes(content)
-
-
 def _below(place: Path, name: str) -> Path:
-    """Return the path of the file `name`, whose folder is created."""
+    """Return the path of the file `name`, whose folder is made."""
     try:
         file = inside(place, name)
     except ValueError as error:

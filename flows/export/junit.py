@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 
 FlawKind: TypeAlias = Literal["failure", "error", "skipped"]
 
+_COUNTED: Final[Mapping[str, FlawKind]] = {"failures": "failure", "errors": "error", "skipped": "skipped"}
 _NO_XML: Final = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that XML does not allow, even escaped."""
 
@@ -71,9 +72,9 @@ def campaign_report(name: str, suites: Sequence[Suite]) -> bytes:
 def _suite(suite: Suite) -> ElementTree.Element:
     started_s = min((case.started_s for case in suite.cases if case.started_s is not None), default=None)
     # The format's times have no zone; UTC is what its schema asks for.
-    when = "" if started_s is None else f"{datetime.fromtimestamp(started_s, UTC):%Y-%m-%dT%H:%M:%S}"
-    timestamp = {"timestamp": when} if when else {}
-    element = ElementTree.Element("testsuite", {"name": _xml(suite.name), **_totals([suite]), **timestamp})
+    element = ElementTree.Element("testsuite", {"name": _xml(suite.name), **_totals([suite])})
+    if started_s is not None:
+        element.set("timestamp", f"{datetime.fromtimestamp(started_s, UTC):%Y-%m-%dT%H:%M:%S}")
     element.extend(map(_case, suite.cases))
     return element
 
@@ -81,9 +82,7 @@ def _suite(suite: Suite) -> ElementTree.Element:
 def _totals(suites: Sequence[Suite]) -> dict[str, str]:
     return {
         "tests": str(sum(len(suite.cases) for suite in suites)),
-        "failures": str(sum(suite.count("failure") for suite in suites)),
-        "errors": str(sum(suite.count("error") for suite in suites)),
-        "skipped": str(sum(suite.count("skipped") for suite in suites)),
+        **{name: str(sum(suite.count(kind) for suite in suites)) for name, kind in _COUNTED.items()},
         "time": f"{sum(suite.time_s for suite in suites):.6f}",
     }
 

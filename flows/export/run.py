@@ -3,7 +3,7 @@
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 from typing import Any, Final
 
@@ -19,9 +19,6 @@ from vastflow.oracles.observation.trace import signal_name
 from vastflow.sim.model.blocks import Columns as Recorded
 from vastflow.sim.model.recording import Columns, RunLog, Use
 from vastflow.sim.run import PERIOD_S
-
-BRIEFLY: Final = ("simulated_time_s", "wall_time_s", "outcome")
-"""Properties that a case keeps in a report of many."""
 
 STATUS_NUMBERS: Final = {"INVALID": 1, "RUNNING": 2, "SUCCESS": 3, "FAILURE": 4}
 """Numbers of ROS messages for the status of a behavior."""
@@ -81,16 +78,12 @@ def case_of(run: ExportedRun) -> Case:
     )
 
 
-def brief(case: Case) -> Case:
-    """Return the case with few properties, since a report of many runs would take hundreds of megabytes."""
-    return replace(case, properties={name: case.properties[name] for name in BRIEFLY if name in case.properties})
-
-
 def files_of(run: ExportedRun, case: Case) -> Iterator[tuple[str, bytes]]:
     """Yield path below the run's folder and content of each file except its programs' outputs."""
     yield "test.xml", suite_report(Suite(run.configuration, [case]))
     if run.recorded:
-        yield "recording.csv", recording_csv(run.recorded)
+        signals = {signal_name(name): _si(name, column) for name, column in run.recorded.items()}
+        yield "recording.csv", table_csv(pa.table(signals))
         if all(f"{prefix}{name}" in run.recorded for prefix in FRAMES.values() for name in _POSE):
             yield "poses.csv", poses_csv(run.recorded)
     if run.behaviors:
@@ -99,15 +92,13 @@ def files_of(run: ExportedRun, case: Case) -> Iterator[tuple[str, bytes]]:
         yield "behaviors.csv", _csv(numbered[[*_CSV, "line", "column"]].rename(columns=_RENAMED))
         yield "behaviors.jsonl", _behavior_lines(run, rows)
     if run.log is not None:
-        yield "resources.csv", _csv(_resources(run.log))
+        # of the run's programs, else of the worker that simulated it
+        series = run.log.resources or [Use(run.log.wall_s, run.log.cpu_s, run.log.max_rss_bytes, 1)]
+        uses = [(round(use.t_s, 3), round(use.cpu_s, 3), use.rss_bytes, use.processes) for use in series]
+        yield "resources.csv", _csv(pd.DataFrame(uses, columns=["t_s", "cpu_s", "rss_bytes", "processes"]))
         for name, text in _logs(run.log):
             yield f"logs/{name}", text.encode(errors="replace")
         yield "logs/host.json", f"{json.dumps(run.host, indent=1)}\n".encode()
-
-
-def recording_csv(recorded: Recorded) -> bytes:
-    """Return the columns of a recording in SI units as CSV, one row a sample."""
-    return table_csv(pa.table({signal_name(name): _si(name, column) for name, column in recorded.items()}))
 
 
 def poses_csv(recorded: Recorded) -> bytes:
@@ -191,13 +182,6 @@ def _behavior_lines(run: ExportedRun, rows: pd.DataFrame) -> bytes:
     for row in rows.assign(file=run.scenario_file)[list(_LINE)].rename(columns=_LINE).to_dict("records"):
         lines.append({**row, "parent_id": None if row["parent_id"] < 0 else row["parent_id"]})
     return "".join(f"{json.dumps(line, ensure_ascii=False)}\n" for line in lines).encode(errors="replace")
-
-
-def _resources(log: RunLog) -> pd.DataFrame:
-    """Return the series of the run's programs, else one row for the worker that simulated it."""
-    series = log.resources or [Use(log.wall_s, log.cpu_s, log.max_rss_bytes, 1)]
-    rows = [(round(use.t_s, 3), round(use.cpu_s, 3), use.rss_bytes, use.processes) for use in series]
-    return pd.DataFrame(rows, columns=["t_s", "cpu_s", "rss_bytes", "processes"])
 
 
 def _logs(log: RunLog) -> Iterator[tuple[str, str]]:

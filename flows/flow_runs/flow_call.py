@@ -113,7 +113,12 @@ class FlowCall:
                     break
                 except Exception as error:  # what a flow raises is in its state: this is of Prefect itself
                     LOGGER.warning("Prefect's API failed the flow", exc_info=True)
-                    unavailable = PrefectUnavailable(_refusal(configured, self._log, error))
+                    said = redacted(" ".join(str(error).split()))[:200] or type(error).__name__
+                    where, help_ = "embedded API", f"see {self._log}"
+                    if configured:
+                        where = f"API at {redacted(configured)}"
+                        help_ = "start it (`prefect server start`), or unset PREFECT_API_URL"
+                    unavailable = PrefectUnavailable(f"Prefect's {where} failed ({said}); {help_}")
                     if done():
                         self._tally.notice(f"all is computed, but Prefect's pages do not show the end: {unavailable}")
                         return
@@ -125,13 +130,6 @@ class FlowCall:
                     end_services(SENDING_S if ended else GONE_S)
             if not state.is_completed() and not done():
                 raise state.result(raise_on_failure=False)
-
-
-def _refusal(configured: str | None, log: Path, error: Exception) -> str:
-    said = redacted(" ".join(str(error).split()))[:200] or type(error).__name__
-    if configured is None:
-        return f"Prefect's embedded API failed ({said}); see {log}"
-    return f"Prefect's API at {redacted(configured)} failed ({said}); start it (`prefect server start`), or unset PREFECT_API_URL"
 
 
 class _Thread:

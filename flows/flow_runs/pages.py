@@ -17,13 +17,11 @@ from prefect.client.schemas.actions import ArtifactCreate, ArtifactUpdate
 from prefect.runtime import flow_run
 
 from vastflow.flows.results.summary import Results
-from vastflow.oracles.evidence.evidence import Group, evidence_of
+from vastflow.oracles.evidence.evidence import evidence_of
 from vastflow.oracles.evidence.rates import LEVEL
 from vastflow.oracles.results.tables import read_tables
 from vastflow.tasks.engine.progress import Phase, Progress
 from vastflow.tasks.prefect.containers import label_of
-from vastflow.tasks.prefect.deployment import TAG
-from vastflow.tasks.prefect.orphans import process_tags
 from vastflow.tasks.prefect.server import is_embedded
 
 LOGGER: Final = logging.getLogger("vastflow.artifacts")
@@ -65,11 +63,7 @@ class ProgressBar:
         with get_client(sync_client=True) as client:
             if self._id is None:
                 artifact = ArtifactCreate(
-                    key=self._key,
-                    type="progress",
-                    data=shown[0],
-                    description=text,
-                    flow_run_id=self._flow_run_id,
+                    key=self._key, type="progress", data=shown[0], description=text, flow_run_id=self._flow_run_id
                 )
                 self._id = client.create_artifact(artifact).id
             else:
@@ -80,7 +74,6 @@ class Page:
     """The page of a flow run that runs a campaign, as an observer of the campaign.
 
     Args:
-        name: The campaign's.
         say: Writes a line of the flow run's log.
         asked: Runs of each configuration, and whether these are its most; None keeps the flow run's name.
     """
@@ -112,9 +105,8 @@ class Page:
             )
         if self._asked and progress.runs_total and count != self._named:  # a search comes to more and more
             runs, at_most = self._asked
-            if self._sent(
-                lambda: _rename(self._flow_run_id, f"{self._name}, {size_text(count, count * runs, at_most)}")
-            ):
+            name = f"{self._name}, {size_text(count, count * runs, at_most)}"
+            if self._sent(lambda: update(self._flow_run_id, name=name)):
                 self._named = count
         new_phase = progress.phase != self._phase
         if new_phase and progress.phase in _SAID:
@@ -147,7 +139,6 @@ def publish(found: Results, name: str, reports: str | None = None) -> None:
     """Publish a table of results and a link to the report on the current flow run's page.
 
     Args:
-        name: The campaign's.
         reports: Web address of the results folder; None links to the file, which a browser opens on its own machine only.
     """
     if is_embedded():
@@ -162,11 +153,7 @@ def publish(found: Results, name: str, reports: str | None = None) -> None:
 
 
 def show_text(key: str, text: str, about: str) -> None:
-    """Show a text in Markdown on the page of the flow run that calls this; none where nobody sees it.
-
-    Args:
-        key: As of `ProgressBar`.
-    """
+    """Show a text in Markdown on the page of the flow run that calls this; none where nobody sees it."""
     if not is_embedded():
         with tolerated():
             _create(key, "markdown", text, about)
@@ -175,9 +162,22 @@ def show_text(key: str, text: str, about: str) -> None:
 def result_rows(found: Results) -> list[dict[str, Any]]:
     """Rows of the report's first table: one for each family and, if there are several, one for all."""
     tables = read_tables(found.directory)
-    whole = evidence_of(tables)[None]
-    rows = [_row(family, group) for family, group in whole.families.items()]
-    return rows if len(rows) == 1 else [*rows, _row("all", whole.campaign)]
+    whole, rows = evidence_of(tables)[None], []
+    for name, group in [*whole.families.items(), *([("all", whole.campaign)] if len(whole.families) != 1 else [])]:
+        counts = group.counts
+        low, high = counts.interval.thousandths
+        row = {
+            "family": name,
+            "configurations": group.configurations,
+            "runs": counts.judged + counts.not_judged,
+            "passed": counts.passed,
+            "failed": counts.failed,
+            "not judged": counts.not_judged,
+            "success": "–" if counts.rate is None else f"{100 * counts.rate:.1f} %",
+            f"{100 * LEVEL:.0f} % interval": f"{low / 10:.1f} – {high / 10:.1f} %" if counts.judged else "–",
+        }
+        rows.append(row)
+    return rows
 
 
 def progress_text(progress: Progress) -> str:
@@ -200,10 +200,10 @@ def key_of(name: str) -> str:
     return label_of(name) or "campaign"
 
 
-def tag(flow_run_id: str, name: str) -> None:
-    """Give a flow run of this process the tags by which all flow runs of a campaign are found."""
+def update(flow_run_id: str, **fields: Any) -> None:
+    """Set fields of a flow run, such as `name` and `tags`."""
     with get_client(sync_client=True) as client:
-        client.update_flow_run(UUID(flow_run_id), tags=[TAG, key_of(name), *process_tags()])
+        client.update_flow_run(UUID(flow_run_id), **fields)
 
 
 @contextmanager
@@ -217,28 +217,7 @@ def tolerated() -> Iterator[list[Exception]]:
         LOGGER.warning("Prefect does not show the campaign's progress or results: %s", error)
 
 
-def _row(name: str, group: Group) -> dict[str, Any]:
-    counts = group.counts
-    low, high = counts.interval.thousandths
-    interval = f"{low / 10:.1f} – {high / 10:.1f} %" if counts.judged else "–"
-    return {
-        "family": name,
-        "configurations": group.configurations,
-        "runs": counts.judged + counts.not_judged,
-        "passed": counts.passed,
-        "failed": counts.failed,
-        "not judged": counts.not_judged,
-        "success": "–" if counts.rate is None else f"{100 * counts.rate:.1f} %",
-        f"{100 * LEVEL:.0f} % interval": interval,
-    }
-
-
 def _create(key: str, kind: str, data: str, description: str) -> None:
     of = UUID(str(flow_run.id))
     with get_client(sync_client=True) as client:
         client.create_artifact(ArtifactCreate(key=key, type=kind, data=data, description=description, flow_run_id=of))
-
-
-def _rename(flow_run_id: str, name: str) -> None:
-    with get_client(sync_client=True) as client:
-        client.update_flow_run(UUID(flow_run_id), name=name)

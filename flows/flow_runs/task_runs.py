@@ -53,11 +53,7 @@ CANCEL_S: Final = 5.0
 
 
 class TaskRuns:
-    """The task runs of the flow run that makes this object.
-
-    Args:
-        engine: What they compute with.
-    """
+    """The task runs of the flow run that makes this object."""
 
     def __init__(self, engine: Engine) -> None:
         from prefect.runtime import flow_run
@@ -158,17 +154,17 @@ def task_runs_of(
     """Open the task runs of the current flow run, tagged with the campaign's name.
 
     Args:
-        name: The campaign's.
         tally: Its progress is shown on `page`.
     """
     from prefect.runtime import flow_run
 
-    from vastflow.flows.flow_runs.pages import INTERVAL_S, tag, tolerated
-    from vastflow.tasks.prefect.orphans import mark_orphans, untagged
+    from vastflow.flows.flow_runs.pages import INTERVAL_S, key_of, tolerated, update
+    from vastflow.tasks.prefect.deployment import TAG
+    from vastflow.tasks.prefect.orphans import mark_orphans, process_tags, untagged
 
     with untagged(), quiet_task_runs(engine, str(flow_run.id)):
         with tolerated():
-            tag(str(flow_run.id), name)
+            update(str(flow_run.id), tags=[TAG, key_of(name), *process_tags()])
             mark_orphans()
         task_runs = TaskRuns(engine)
         with Reporter(tally or Tally(), page, INTERVAL_S):

@@ -65,7 +65,6 @@ def explained(directory: Path, name: str, *, store: str | None = None, since: Pa
 
     Raises:
         UnusableDirectory: there is no such configuration, or a directory is damaged.
-        StoreError: the store can't be used.
     """
     past = past_of(directory)
     if name not in past.by_name:

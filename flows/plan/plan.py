@@ -92,14 +92,12 @@ class Plan:
     """The plan of a run.
 
     Attributes:
-        name: The campaign's.
         runs: Of each configuration; the maximum where `least` is given.
         least: Minimum number of runs where they end when a configuration's class is decided; what is due of an undecided one is
             then an upper bound.
         past: The earlier campaign that reasons are told from.
         configurations: The selected ones with their provenance, duplicates included.
         coverage: Of the whole campaign: requested, excluded, rejected with reasons, and realized instances.
-        robots: Of the families, see `vastflow.producers.instantiation.family`.
         sampled_from: Number of distinct configurations that the sample is drawn from; None without a sample.
         steps: What a run finds in the store, and what it computes.
         estimate: Of the runs that are due.

@@ -78,12 +78,7 @@ def why_json(plan: Plan) -> list[dict[str, Any]]:
 
 
 def plan_text(plan: Plan, *, why: bool = False, coverage: bool = False) -> Iterator[RenderableType]:
-    """Format the plan for people.
-
-    Args:
-        why: Whether reasons are told.
-        coverage: Whether dimensions and pairs of producers are listed.
-    """
+    """Format the plan, with the reasons (`why`), or with dimensions and pairs of producers (`coverage`)."""
     yield from coverage_text(plan.coverage, details=coverage)
     yield ""
     if not plan.unexecutable:

@@ -17,13 +17,7 @@ class BasePostprocessingPlugin:
     """Base of plug-ins: called with the results' folder, they return their success and a message."""
 
     def __call__(self, results_dir: str, config_dir: str, **kwargs: Any) -> tuple[bool, str]:
-        """Process a campaign's results.
-
-        Args:
-            results_dir: Folder of the campaign.
-            config_dir: Folder with the campaign file and what it names.
-            kwargs: The parameters that the campaign file has.
-        """
+        """Process a campaign's results with the parameters of the campaign file; see `Request` for the folders."""
         raise NotImplementedError(f"{type(self).__name__} has no __call__")
 
     def get_files_to_copy(self, config_dir: str, params: dict[str, Any]) -> list[str]:
@@ -94,11 +88,7 @@ class Request:
 
 
 def called(request: Request) -> tuple[bool, str]:
-    """Run the plug-in; return its success and its message.
-
-    Raises:
-        Exception: whatever its code raises.
-    """
+    """Run the plug-in; return its success and its message. Raises whatever its code raises."""
     file = Path(request.file)
     sys.path[:0] = [str(file.parent), request.config]
     offer()

@@ -6,22 +6,27 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import IO, Any, Final, Literal, Self
+from typing import Any, Final, Literal
 
 from vastflow.flows.export.export import SHARED, export
 from vastflow.flows.postprocessing.plug_in import Request
+from vastflow.flows.results.results import write_json
 from vastflow.flows.results.summary import Results
 from vastflow.producers.campaign_file.postprocessing import CONFIG, ProcessingStep
 from vastflow.sim.model.digest import digest, file_digest
+from vastflow.sim.model.files import read_json
 from vastflow.tasks.engine.engine import RunFault
 
 FOLDER: Final = "postprocessing"
+STAGE: Final = "postprocessing"
 STEPS: Final = "steps.json"
+_SAID: Final = 2000
+"""Characters of what a step's process writes that are kept, the last ones."""
 
 
 @dataclass(frozen=True)
@@ -43,40 +48,6 @@ class Processed:
     key: str = ""
 
 
-def write_processed(directory: Path, steps: list[Processed]) -> None:
-    """Say in the campaign directory what became of the steps."""
-    text = json.dumps({"steps": [asdict(step) for step in steps]}, indent=2, ensure_ascii=False) + "\n"
-    (directory / FOLDER).mkdir(exist_ok=True)
-    (directory / FOLDER / STEPS).write_text(text, encoding="utf-8", errors="backslashreplace")
-
-
-def earlier(directory: Path, key: str) -> tuple[Path, Processed] | None:
-    """Return the newest neighboring folder with intact files of a step of this key."""
-    for folder in sorted(directory.parent.glob(f"*/{FOLDER}"), key=lambda each: each.parent.name[-20:], reverse=True):
-        for step in _steps(folder / STEPS):
-            if step.key == key and step.outcome == "done" and _whole(folder, step):
-                return folder, step
-    return None
-
-
-def _steps(file: Path) -> Iterator[Processed]:
-    try:
-        rows = json.loads(file.read_text(encoding="utf-8"))["steps"]
-        yield from [Processed(**row) for row in rows]
-    except (OSError, ValueError, KeyError, TypeError):
-        return
-
-
-def _whole(folder: Path, step: Processed) -> bool:
-    """Whether its files are there as they were written: a user may have edited them."""
-    return all((folder / name).is_file() and file_digest(folder / name) == own for name, own in step.files.items())
-
-
-STAGE: Final = "postprocessing"
-_SAID: Final = 2000
-"""Characters of what a step's process writes that are kept, the last ones."""
-
-
 def postprocessed(written: Results, steps: Sequence[ProcessingStep], base: Path) -> Results:
     """Run the steps over a written campaign directory, and add faults for failed steps.
 
@@ -88,19 +59,24 @@ def postprocessed(written: Results, steps: Sequence[ProcessingStep], base: Path)
     """
     if not steps:
         return written
-    directory = written.directory
-    with _Copies(directory, base) as copies:
-        done = list(_each(directory, steps, base, copies, _key_of(directory)))
-    write_processed(directory, done)
+    directory, file = written.directory, written.directory / "metadata.json"
+    metadata = read_json(file)
+    report = metadata.get("report")
+    key = digest(STAGE, report) if isinstance(report, str) else ""
+    with TemporaryDirectory(prefix="vastflow-", ignore_cleanup_errors=True) as aside:
+        copy = _Copy(directory, Path(aside).resolve() / directory.name)
+        done = list(_each(steps, base, copy, key))
+    (directory / FOLDER).mkdir(exist_ok=True)
+    write_json(directory / FOLDER / STEPS, {"steps": [asdict(step) for step in done]})
     faults = [RunFault("", None, STAGE, f"{step.name}: {step.message}") for step in done if step.outcome == "failed"]
     if faults:
-        _say(directory, faults)
+        renewed = file.with_name(f".{file.name}")
+        write_json(renewed, {**metadata, "faults": [*metadata.get("faults", []), *map(asdict, faults)]})
+        renewed.replace(file)
     return replace(written, faults=(*written.faults, *faults))
 
 
-def _each(
-    directory: Path, steps: Sequence[ProcessingStep], base: Path, copies: "_Copies", key: str
-) -> Iterator[Processed]:
+def _each(steps: Sequence[ProcessingStep], base: Path, copy: "_Copy", key: str) -> Iterator[Processed]:
     for step in steps:
         if step.instead:
             yield Processed(step.name, "recorded" if step.kind == "recorded" else "not executed", step.instead)
@@ -110,77 +86,62 @@ def _each(
             yield said
             continue
         key = digest(key, step.name, step.parameters, [file_digest(file) for file in step.files(base)]) if key else ""
-        if key and (found := earlier(directory, key)):
+        if key and (found := _earlier(copy.directory, key)):
             folder, said = found
-            copies.take(folder, said.files)
+            copy.keep(folder, said.files)
         else:
-            before = copies.there()
-            done, message = _run(step, copies.folder)
-            written = copies.take_new(before)
-            said = replace(said, outcome="done" if done else "failed", message=message, files=written, key=key)
+            before = copy.state()
+            done, message = _run(step, copy.folder)
+            new = sorted(name for name, state in copy.state().items() if before.get(name) != state)
+            copy.keep(copy.folder, new)
+            files = {name: file_digest(copy.folder / name) for name in new}
+            said = replace(said, outcome="done" if done else "failed", message=message, files=files, key=key)
             if not done:
                 key = ""  # what follows may build on what it left half done
         yield said
 
 
-class _Copies:
+def _earlier(directory: Path, key: str) -> tuple[Path, Processed] | None:
+    """Return the newest neighboring folder with a step of this key, and its files as they were written."""
+    for folder in sorted(directory.parent.glob(f"*/{FOLDER}"), key=lambda each: each.parent.name[-20:], reverse=True):
+        with suppress(OSError, ValueError, KeyError, TypeError):
+            for step in (Processed(**row) for row in read_json(folder / STEPS)["steps"]):
+                if step.key == key and step.outcome == "done":
+                    files = step.files.items()  # a user may have edited them
+                    if all((folder / name).is_file() and file_digest(folder / name) == own for name, own in files):
+                        return folder, step
+    return None
+
+
+@dataclass(frozen=True)
+class _Copy:
     """The copy of a campaign's results that steps run over, made when the first one needs it.
 
     Files that steps wrote go from it into the campaign directory, and from there into the copy of a later step.
     """
 
-    def __init__(self, directory: Path, base: Path) -> None:
-        self._directory = directory
-        self._base = base
-        self._temporary: TemporaryDirectory[str] | None = None
-        self._folder = Path()
+    directory: Path
+    folder: Path
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._temporary is not None:
-            self._temporary.cleanup()
-
-    @property
-    def folder(self) -> Path:
-        """The copy, with all that steps have written before."""
-        if self._temporary is None:
-            self._temporary = TemporaryDirectory(prefix="vastflow-", ignore_cleanup_errors=True)
-            self._folder = Path(self._temporary.name).resolve() / self._directory.name
-            export(self._directory, self._folder, outputs="")
-            kept = self._directory / FOLDER
+    def state(self) -> Mapping[str, tuple[int, int]]:
+        """Place of each file of the copy to its size and time; makes the copy."""
+        if not self.folder.exists():
+            export(self.directory, self.folder, outputs="")
+            kept = self.directory / FOLDER
             if kept.is_dir():
-                shutil.copytree(kept, self._folder, dirs_exist_ok=True)
-        return self._folder
-
-    def there(self) -> Mapping[str, tuple[int, int]]:
-        """Place of each file of the copy to its size and time."""
+                shutil.copytree(kept, self.folder, dirs_exist_ok=True)
         files = (path for path in self.folder.rglob("*") if path.is_file() and not path.is_symlink())
         return {
             path.relative_to(self.folder).as_posix(): (path.stat().st_size, path.stat().st_mtime_ns) for path in files
         }
 
-    def take_new(self, before: Mapping[str, tuple[int, int]]) -> dict[str, str]:
-        """Keep the files that are not as they were before; place to digest."""
-        new = [name for name, state in self.there().items() if before.get(name) != state]
-        self._keep(self.folder, new)
-        return {name: file_digest(self.folder / name) for name in sorted(new)}
-
-    def take(self, folder: Path, names: Mapping[str, str]) -> None:
-        """Keep files that the same step wrote for another campaign directory."""
-        self._keep(folder, names)
-        if self._temporary is not None:
-            _copy(folder, self._folder, names)
-
-    def _keep(self, folder: Path, names: Sequence[str] | Mapping[str, str]) -> None:
-        _copy(folder, self._directory / FOLDER, names)
-
-
-def _copy(source: Path, target: Path, names: Sequence[str] | Mapping[str, str]) -> None:
-    for name in names:
-        (target / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(source / name, target / name)
+    def keep(self, source: Path, names: Iterable[str]) -> None:
+        """Keep files that a step wrote into its copy, or for another campaign directory."""
+        copied = source == self.folder or not self.folder.exists()
+        for target in (self.directory / FOLDER, *([] if copied else [self.folder])):
+            for name in names:
+                (target / name).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(source / name, target / name)
 
 
 def _run(step: ProcessingStep, copy: Path) -> tuple[bool, str]:
@@ -198,14 +159,14 @@ def _run(step: ProcessingStep, copy: Path) -> tuple[bool, str]:
                 f"{config}/{each.removeprefix(CONFIG)}" if each.startswith(CONFIG) else each for each in arguments
             ]
             code, said = _process([str(file), *arguments, str(copy)], copy, "")
-            return code == 0, said if code == 0 else f"{_ended(code)}{': ' if said else ''}{_last_line(said)}"
+            return code == 0, said if code == 0 else _ended(code, "", said)
         answer = Path(aside) / "answer.json"
         class_name = step.name.rpartition(":")[2]
         request = Request(str(file), class_name, dict(step.parameters), str(copy), str(config), str(answer))
         command = [sys.executable, "-m", "vastflow.flows.postprocessing.plug_in"]
         code, said = _process(command, copy, json.dumps(asdict(request)))
         if not answer.is_file():
-            return False, f"its process {_ended(code)} without an answer{': ' if said else ''}{_last_line(said)}"
+            return False, f"its process {_ended(code, ' without an answer', said)}"
         done, message = json.loads(answer.read_text(encoding="utf-8"))
         return bool(done), str(message)
 
@@ -226,51 +187,17 @@ def _process(command: Sequence[str], folder: Path, request: str) -> tuple[int, s
             )
         except OSError as error:
             return 126, f"{Path(command[0]).name} can't be started: {error.strerror or error}"
-        with _ended_with_its_group(process):
+        try:
             process.communicate(request.encode())
-        return process.returncode, _end_of(log)
+        finally:
+            with suppress(ProcessLookupError, PermissionError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+        log.seek(max(0, log.seek(0, os.SEEK_END) - _SAID))
+        return process.returncode, log.read().decode("utf-8", "replace").strip()
 
 
-@contextmanager
-def _ended_with_its_group(process: "subprocess.Popen[bytes]") -> Iterator[None]:
-    try:
-        yield
-    finally:
-        with suppress(ProcessLookupError, PermissionError):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
-
-
-def _end_of(log: IO[bytes]) -> str:
-    log.seek(max(0, log.seek(0, os.SEEK_END) - _SAID))
-    return log.read().decode("utf-8", "replace").strip()
-
-
-def _last_line(said: str) -> str:
-    return said.rpartition("\n")[2].strip()
-
-
-def _ended(code: int) -> str:
-    return f"was ended by signal {-code}" if code < 0 else f"ended with code {code}"
-
-
-def _metadata(directory: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((directory / "metadata.json").read_text(encoding="utf-8"))
-    return found
-
-
-def _key_of(directory: Path) -> str:
-    """Return the digest of a campaign directory from its report key; empty without one."""
-    report = _metadata(directory).get("report")
-    return digest(STAGE, report) if isinstance(report, str) else ""
-
-
-def _say(directory: Path, faults: Sequence[RunFault]) -> None:
-    """Put the steps' faults among those of the campaign."""
-    file, found = directory / "metadata.json", _metadata(directory)
-    found["faults"] = [*found.get("faults", []), *map(asdict, faults)]
-    renewed = file.with_name(f".{file.name}")
-    renewed.write_text(
-        json.dumps(found, indent=2, ensure_ascii=False) + "\n", encoding="utf-8", errors="backslashreplace"
-    )
-    renewed.replace(file)
+def _ended(code: int, how: str, said: str) -> str:
+    ended = f"was ended by signal {-code}" if code < 0 else f"ended with code {code}"
+    last = said.rpartition("\n")[2].strip()
+    return f"{ended}{how}{': ' if said else ''}{last}"

@@ -59,8 +59,7 @@ def read_campaign(
     """The campaign at `path` and the oracles that judge it, `success` first.
 
     Args:
-        map_dir: Folder of maps that are not beside the file.
-        as_v1: Whether obstacles are placed as version 1 of RoboVAST does, whatever the file says.
+        map_dir, as_v1: See `RunRequest`.
         strict: Whether keys that nothing knows are faults.
 
     Raises:
@@ -132,11 +131,7 @@ def campaign_name(campaign: Campaign) -> str:
 
 @dataclass(frozen=True)
 class OpenCampaign:
-    """A campaign as its file was when it was read, and where its results are.
-
-    Attributes:
-        oracles: Those the file asks for, `success` first.
-    """
+    """A campaign as its file was when it was read, its oracles, `success` first, and where its results are."""
 
     campaign: Campaign = field(repr=False)
     oracles: tuple[Oracle[Any], ...] = field(repr=False)
@@ -163,9 +158,6 @@ def open_campaign(
 ) -> OpenCampaign:
     """Read a campaign file and open the store.
 
-    Args:
-        as_v1: Whether obstacles are placed as version 1 of RoboVAST does, whatever the file says.
-
     Raises:
         FileError: every fault of the file, or why this version can't run it.
         StoreError: the store can't be used.
@@ -180,11 +172,7 @@ def open_campaign(
 
 
 def campaign_keys(tree: SourceTree, seed: int, oracles: Sequence[Oracle[Any]]) -> Keys:
-    """Keys of the artifacts that this process would compute.
-
-    Args:
-        seed: `execution.seed`.
-    """
+    """Keys of the artifacts that this process would compute; `seed` is `execution.seed`."""
     sources = tree.files()  # before they are read: what is edited in between is found out, too
     judge_source = [tree.digest(*JUDGE_SOURCE), *(tree.plug_in_digest(type(oracle)) for oracle in oracles)]
     return Keys(
@@ -199,14 +187,7 @@ def campaign_keys(tree: SourceTree, seed: int, oracles: Sequence[Oracle[Any]]) -
 
 
 def recorded_keys(metadata: Mapping[str, Any]) -> Keys:
-    """Keys of the artifacts that a campaign directory was made of.
-
-    Args:
-        metadata: Its `metadata.json`.
-
-    Raises:
-        KeyError: it does not say.
-    """
+    """Keys of the artifacts that a campaign directory was made of; raises `KeyError` if its `metadata.json` does not say."""
     source = metadata["source"]
     return Keys(
         numeric=metadata["numeric_class"],

@@ -16,13 +16,7 @@ from vastflow.tasks.engine.instantiation import Instantiated, UnknownName, selec
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """The selected part of a campaign.
-
-    Attributes:
-        only: Names of families or configurations; empty for all.
-        sample: How many distinct configurations of these, at most; None for all.
-        seed: Of the sample.
-    """
+    """The selected part of a campaign: named families or configurations, of these a sample by a seed; by default all."""
 
     only: Sequence[str] = ()
     sample: int | None = None
@@ -71,12 +65,7 @@ def runs_of(runs: Runs, name: str) -> int:
 
 
 def narrowed(instantiated: Instantiated, selection: Selection, file: str) -> Instantiated:
-    """Select families and configurations by name, then sample them.
-
-    Faults remain that may concern one of these.
-
-    Args:
-        file: The campaign file as the user named it, for the message.
+    """Select families and configurations of a file by name, then sample them; faults remain that may concern one.
 
     Raises:
         FileError: nothing is called so, or there is nothing to run.
@@ -116,12 +105,9 @@ def requirements(found: Instantiation) -> Iterator[str]:
 def distinct_configurations(instantiation: Instantiation, runs: int) -> list[ConfigurationRuns]:
     """One for each configuration that is no duplicate, in order, with `runs` runs wanted of it."""
     configurations = []
-    places: dict[str, int] = {}
-    for configuration in instantiation.configurations:
-        family = configuration.family
-        places[family] = places.get(family, 0) + 1
-        if configuration.duplicate_of is None:
-            configurations.append(
-                ConfigurationRuns(configuration.name, family, places[family], configuration.scenario, runs)
-            )
+    places: Counter[str] = Counter()
+    for each in instantiation.configurations:
+        places[each.family] += 1
+        if each.duplicate_of is None:
+            configurations.append(ConfigurationRuns(each.name, each.family, places[each.family], each.scenario, runs))
     return configurations

@@ -21,12 +21,7 @@ OneOrMore: TypeAlias = Annotated[int, Field(ge=1)]
 
 @dataclass(frozen=True, slots=True)
 class OnCommandLine:
-    """Option of a request's field, where it does not follow from the field's name.
-
-    Attributes:
-        metavar: Stands for the value in the help; None for one that follows from the type.
-        flag: Of the option; None for the field's name with hyphens.
-    """
+    """Option of a request's field, where the word for its value or its name does not follow from the field."""
 
     metavar: str | None = None
     flag: str | None = None
@@ -56,7 +51,9 @@ class RunRequest(BaseModel):
         None,
         description="Folder of maps that are not beside the campaign file, at the same relative paths.",
     )
-    as_v1: bool = Field(False, description="Place all obstacles as RoboVAST version 1 does.")
+    as_v1: Annotated[bool, OnCommandLine(flag="--as-v1")] = Field(
+        False, description="Place all obstacles as RoboVAST version 1 does."
+    )
     strict: bool = Field(False, description="Treat unknown keys in the file as errors.")
     pool: Annotated[str | None, OnCommandLine("NAME")] = Field(
         None, description="Prefect work pool that computes missing results; default: this machine."
@@ -143,12 +140,9 @@ class Asked:
     """The request of a finished campaign.
 
     Attributes:
-        file: Name of the campaign file.
         runs: Of each configuration, at most where they end by a rule.
-        only: Names of families or configurations; empty for all.
         places: File from outside of the campaign file's folder, relative to that, to its place below `inputs/`.
-        sample: How many distinct configurations, drawn from those; None for all.
-        as_v1: Whether every obstacle was placed as version 1 of RoboVAST does, whatever the file says.
+        only, sample, as_v1: See `RunRequest`.
         sequential: Whether they end by the file's rule.
     """
 
@@ -173,10 +167,6 @@ class Asked:
 
 
 def asked_of(metadata: Mapping[str, Any]) -> Asked:
-    """Return the request of a campaign directory.
-
-    Raises:
-        KeyError, TypeError: its `metadata.json` does not say.
-    """
+    """Return the request of a campaign directory; raises `KeyError` or `TypeError` if its `metadata.json` does not say."""
     said = metadata["asked"]
     return Asked(**{**said, "only": tuple(said["only"])}, sequential=bool(metadata.get(SEQUENTIAL)))

@@ -26,9 +26,6 @@ class Stopping:
 
     Looks are on a fixed grid, and each uses the runs before it alone. So the number of runs follows from the judgements, whatever
     else the store holds, whoever computed it and in which order.
-
-    Attributes:
-        rule: Decides at each look.
     """
 
     rule: StoppingRule
@@ -96,15 +93,13 @@ class Stopping:
         """The next look, after `runs`, at which something may be decided."""
         key = runs, passed, judged
         if key not in self._found:
-            later = (look for look in self.looks if look > runs)
-            self._found[key] = next(
-                look for look in later if look >= self.most or self._may_decide(passed, judged, look - runs)
-            )
-        return self._found[key]
 
-    def _may_decide(self, passed: int, judged: int, more: int) -> bool:
-        """Whether `more` runs can decide."""
-        return any(any(self._decided[judged + k][passed : passed + k + 1]) for k in range(more + 1))
+            def may_decide(more: int) -> bool:
+                return any(any(self._decided[judged + k][passed : passed + k + 1]) for k in range(more + 1))
+
+            later = (look for look in self.looks if look > runs)
+            self._found[key] = next(look for look in later if look >= self.most or may_decide(look - runs))
+        return self._found[key]
 
     @cached_property
     def _found(self) -> dict[tuple[int, int, int], int]:

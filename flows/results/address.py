@@ -27,12 +27,7 @@ METADATA: Final = "metadata.json"
 
 @dataclass(frozen=True, slots=True)
 class Delivery:
-    """The local folder of a new campaign directory, and its destination.
-
-    Attributes:
-        folder: On this machine.
-        address: None where it stays there.
-    """
+    """The local folder of a new campaign directory, and its destination; None where it stays there."""
 
     folder: Path
     address: str | None = None
@@ -64,11 +59,7 @@ class Delivery:
 
 
 def delivery_to(results: str | os.PathLike[str], store: Store) -> Delivery:
-    """Return the delivery to a folder or an address.
-
-    Raises:
-        StoreError: it is an address that can't be written.
-    """
+    """Return the delivery to a folder or an address; raises `StoreError` if the address can't be written."""
     address = os.fspath(results).rstrip("/")
     if not is_address(address):
         return Delivery(Path(os.fspath(results).removeprefix("file://")))
@@ -153,14 +144,7 @@ def meant_address(path: Path) -> str | None:
 
 
 def check_directory(results: Path, option: str = "") -> None:
-    """Check that a path is a campaign directory.
-
-    Args:
-        option: That gave the path, for the message, such as `--since`.
-
-    Raises:
-        UnusableDirectory: it is none; says where one is.
-    """
+    """Raise `UnusableDirectory` unless a path, given by `option`, is a campaign directory; says where one is."""
     right = "a folder that `vastflow run` wrote"
     if (results / METADATA).is_file():
         return

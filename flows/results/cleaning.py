@@ -25,12 +25,7 @@ from vastflow.tasks.store.store import WRITING_S, Holding, Lost, Store, StoreErr
 
 @dataclass(frozen=True, slots=True)
 class References:
-    """Artifacts that campaign directories were made of.
-
-    Attributes:
-        keys: Of those that are in the store.
-        evaluations: Whether the keys of producers' evaluations are among them; else it is not known which those are.
-    """
+    """Keys of the stored artifacts that campaign directories were made of; those of evaluations may not be known."""
 
     keys: frozenset[str]
     evaluations: bool
@@ -105,17 +100,11 @@ _ENVIRONMENT: Final = re.compile(rb"[0-9a-f]{64}")
 
 @dataclass(frozen=True, slots=True)
 class Cleaning:
-    """Artifacts to remove and artifacts to keep.
+    """Artifacts to remove and to keep, and folders of environments that no artifact names any more, with their size."""
 
-    Attributes:
-        removed, kept: Artifacts, and what was left unfinished.
-        environments: Folders of environments that no artifact names any more.
-        environments_bytes: Their size.
-    """
-
-    removed: tuple[Holding, ...]
-    kept: tuple[Holding, ...]
-    environments: tuple[Path, ...]
+    removed: Sequence[Holding]
+    kept: Sequence[Holding]
+    environments: Sequence[Path]
     environments_bytes: int
 
 
@@ -137,8 +126,7 @@ def cleaning(store: Store, referred: References | None, older_than_s: float, now
         )
         (removed if holding.written_s < before_s and not stays else kept).append(holding)
     environments = _unnamed_environments(store, kept, before_s)
-    size = sum(folder_bytes(folder) for folder in environments)
-    return Cleaning(tuple(removed), tuple(kept), tuple(environments), size)
+    return Cleaning(removed, kept, environments, sum(map(folder_bytes, environments)))
 
 
 def clean(store: Store, chosen: Cleaning) -> None:

@@ -92,10 +92,7 @@ _text: Final = json.JSONEncoder(separators=(",", ":"), default=_plain).encode
 
 
 def seal(directory: Path) -> None:
-    """Record sizes and times of a finished campaign directory's files, to detect later changes.
-
-    Without the note the next run writes a directory of its own.
-    """
+    """Record sizes and times of a finished campaign directory's files; without them the next run writes its own."""
     with suppress(OSError):
         (directory / _FILES).write_text(json.dumps(_states(directory), separators=(",", ":")), encoding="utf-8")
 

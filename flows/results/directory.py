@@ -34,12 +34,7 @@ _OURS: Final = re.compile(r"\..+-\d{4}-\d\d-\d\d-\d{6}(-\d+)?\.partial")
 
 @dataclass(frozen=True, slots=True)
 class NewDirectory:
-    """A campaign directory that is being written.
-
-    Attributes:
-        partial: Where to write.
-        final: Where everything will be once it is whole.
-    """
+    """A campaign directory that is written to `partial`, and will be at `final` once it is whole."""
 
     partial: Path
     final: Path

@@ -36,7 +36,6 @@ class Inputs:
     """Everything that was read; a user may edit the files while the campaign runs.
 
     Attributes:
-        campaign: The campaign file.
         files: Place below `inputs/` to content: maps with their pictures, Nav2 parameter files, the scenario file and
             what it imports, floor plans and their variations, run files, plug-ins with all that they use.
         maps: Digest to map.
@@ -78,30 +77,22 @@ def inputs_of(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Inputs:
         beside = Path(path) if borrowed is None else base / borrowed
         picture = str(yaml_value(read_text(path))["image"])
         kept.keep(Path(path), Path(path).parent / picture, at=[beside, beside.parent / picture])
-    for plan_file in dict.fromkeys(name for producer in producers for name in _plan_files(producer.parameters)):
-        kept.keep(base / plan_file)
-    if isinstance(campaign.abstract, FileContent):
-        for scenario_file in files_of(Path(campaign.abstract.path)):
-            kept.keep(scenario_file)
-    for _, run_file in campaign.programs.files if campaign.programs else ():
-        kept.keep(Path(run_file.path))
+    others = [base / name for producer in producers for name in _plan_files(producer.parameters)]
+    others += files_of(Path(campaign.abstract.path)) if isinstance(campaign.abstract, FileContent) else []
+    others += [Path(file.path) for _, file in (campaign.programs.files if campaign.programs else ())]
+    others += [file for step in steps_of(campaign.spec.results_processing.postprocessing) for file in step.files(base)]
+    for other in dict.fromkeys(others):
+        kept.keep(other)
     for plug_in in (*producers, *oracles):
         if (snapshot := snapshot_behind(type(plug_in))) is not None:
             kept.keep_snapshot(snapshot)
-    for step in steps_of(campaign.spec.results_processing.postprocessing):
-        for step_file in step.files(base):
-            kept.keep(step_file)
     maps = {key: load_map(file) for key, file in map_files.items()}
     return Inputs(campaign.path.read_bytes(), kept.files, maps, kept.places)
 
 
 @dataclass
 class _Kept:
-    """The files read so far, see `Inputs`.
-
-    Attributes:
-        base: The campaign file's folder.
-    """
+    """The files read so far, see `Inputs`."""
 
     base: Path
     files: dict[str, bytes] = field(default_factory=dict)

@@ -120,11 +120,7 @@ PARTS = ("environment", "task", "system")
 
 @dataclass(frozen=True)
 class Past:
-    """A campaign directory.
-
-    Attributes:
-        metadata: Its `metadata.json`.
-    """
+    """A campaign directory with its `metadata.json`."""
 
     directory: Path
     metadata: Mapping[str, Any] = field(repr=False)
@@ -180,11 +176,7 @@ class Past:
 
 
 def past_of(directory: Path) -> Past:
-    """The campaign of a directory.
-
-    Raises:
-        UnusableDirectory: it can't be read.
-    """
+    """Read and check a campaign directory, or raise `UnusableDirectory`."""
     with reading(directory):
         past = Past(directory, read_json(directory / "metadata.json"))
         _check(_METADATA, past.metadata, "metadata.json")
@@ -197,7 +189,6 @@ def newest_past(results: Path, name: str, before: str | None = None) -> Past | N
     """The newest campaign of this name in a folder of campaign directories; damaged ones are passed over.
 
     Args:
-        name: The campaign's.
         before: Only those that began before this time, in ISO form.
     """
     found = []

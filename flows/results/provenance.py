@@ -33,12 +33,6 @@ def value_changes(then: Any, now: Any, path: str = "") -> Iterator[tuple[str, An
         yield path, then, now
 
 
-def flat_changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[tuple[str, Any, Any]]:
-    """Return name, old, and new value of each difference between two mappings; None if absent."""
-    names = dict.fromkeys([*now, *then])
-    return [(name, then.get(name), now.get(name)) for name in names if then.get(name) != now.get(name)]
-
-
 def _of_mappings(value: Any) -> bool:
     return isinstance(value, list) and all(isinstance(item, Mapping) for item in value)
 
@@ -89,9 +83,7 @@ def origin_differences(metadata: Mapping[str, Any], numeric: str, execute_source
     """Return reasons why a replay may differ from the recording; empty if bytes must be equal.
 
     Args:
-        metadata: Of the campaign directory.
-        numeric: The numeric class of this process.
-        execute_source: Source digest of the simulator as it is installed here.
+        numeric, execute_source: Numeric class of this process, and source digest of the simulator as it is installed here.
     """
     found = []
     recorded_source = metadata["source"]["execute"]
@@ -109,11 +101,7 @@ def origin_differences(metadata: Mapping[str, Any], numeric: str, execute_source
 
 
 def versions(metadata: Mapping[str, Any], same_origin: bool) -> str:
-    """Describe the recording and the executing version, and the libraries that differ.
-
-    Args:
-        same_origin: Whether `origin_differences` found none.
-    """
+    """Describe the recording and the executing version; `same_origin` where `origin_differences` found none."""
     here = importlib.metadata.version("vastflow")
     words = [f"recorded by vastflow {metadata['vastflow']}, executed by vastflow {here}", *_other_versions(metadata)]
     host = {key: metadata["host"][key] for key in ("machine", "system")}
@@ -215,7 +203,7 @@ def ingredients_row(tree: SourceTree, families: Sequence[Family], oracles: Seque
 def _plug_in_row(
     tree: SourceTree, plug_in: Oracle[Any] | Producer[Any], name: str, sources: dict[str, Any]
 ) -> dict[str, Any]:
-    """A plug-in's row; its source, shared by all of the same code, goes into `sources`."""
+    """A plug-in's row; its source goes into `sources`."""
     kinds = dict.fromkeys(type(each) for each in (plug_in, *producers_in(plug_in.parameters)))
     source = "+".join(tree.plug_in_digest(kind)[:_DIGITS] for kind in kinds)
     if source not in sources:
@@ -227,17 +215,13 @@ def _plug_in_row(
 
 
 def _source(code: Code) -> dict[str, dict[str, str]]:
-    data = {f"data of {name}": value for name, value in code.data.items()}
-    files = {_file_name(name): value[:_DIGITS] for name, value in {**code.modules, **data}.items()}
+    files = {}
+    for name, value in {**code.modules, **{f"data of {name}": value for name, value in code.data.items()}}.items():
+        place = name.removeprefix("data of ")
+        own = place == PLUG_IN or place.startswith(f"{PLUG_IN}/")  # what lies beside a campaign
+        beside = f"its {place.removeprefix(PLUG_IN).removeprefix('/') or 'file'}"
+        files[beside if own else name.removeprefix("vastflow.")] = value[:_DIGITS]
     return {"files": files, "libraries": dict(code.libraries)}
-
-
-def _file_name(name: str) -> str:
-    """`sim.world.lidar` of a module, `its file` or `its helper.py` of what lies beside a campaign."""
-    place = name.removeprefix("data of ")
-    if place == PLUG_IN or place.startswith(f"{PLUG_IN}/"):
-        return f"its {place.removeprefix(PLUG_IN).removeprefix('/') or 'file'}"
-    return name.removeprefix("vastflow.")
 
 
 def stage_ingredients(metadata: Mapping[str, Any], stage: Stage) -> dict[str, tuple[ReasonKind, Any]]:
@@ -302,6 +286,10 @@ def campaign_changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[st
 
 def _source_changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     """Names of files, and libraries with both versions."""
-    files = [name for name, _, _ in flat_changes(then["files"], now["files"])]
-    libraries = flat_changes(then["libraries"], now["libraries"])
-    return [*files, *(f"{name} {a or 'none'} is now {b or 'none'}" for name, a, b in libraries)]
+
+    def changed(part: str) -> list[str]:
+        return [name for name in {**now[part], **then[part]} if then[part].get(name) != now[part].get(name)]
+
+    old, new = then["libraries"], now["libraries"]
+    libraries = (f"{name} {old.get(name) or 'none'} is now {new.get(name) or 'none'}" for name in changed("libraries"))
+    return [*changed("files"), *libraries]

@@ -19,11 +19,9 @@ class Work:
     """The work of one call, without the results found in the store.
 
     Attributes:
-        executed: Runs that were simulated.
-        reused: Runs whose recordings were in the store.
+        executed, reused: Runs that were simulated, and those whose recordings were in the store.
         simulated_s: Simulated time of the executed runs, so that `simulated_s / cpu_s` is a speed.
         cpu_s: CPU time of all processes of the call.
-        wall_s: Time since the call.
     """
 
     executed: int

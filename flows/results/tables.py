@@ -59,14 +59,7 @@ _COPIED_OF: Final = itemgetter(*_COPIED)
 
 
 class StoredResult:
-    """Stored artifacts of a configuration, read on demand.
-
-    Reading raises `vastflow.tasks.store.store.Lost` where something is damaged.
-
-    Args:
-        stored: Its blocks.
-        runs: Runs that are wanted.
-    """
+    """Stored artifacts of a configuration, read on demand; reading raises `Lost` where something is damaged."""
 
     def __init__(self, store: Store, stored: Sequence[Stored], runs: int, faults: Sequence[RunFault]) -> None:
         self.faults = faults
@@ -207,9 +200,6 @@ class RunTables:
     """Writes `runs.parquet`, `verdicts.parquet`, `behaviors.parquet`, and the run logs part by part, and counts.
 
     Few runs are in memory at a time.
-
-    Args:
-        oracles: Names of the oracles, in order.
 
     Attributes:
         stood_still: Number of failed runs whose robot was sent and never moved.

@@ -41,13 +41,7 @@ def stopwatch(tally: Tally) -> Callable[[], Work]:
 
 @dataclass(frozen=True, slots=True)
 class Computing:
-    """The computation of a call.
-
-    Attributes:
-        name: The campaign's.
-        stage: Of the Python API; empty for the whole campaign.
-        log: File for what would be said on the terminal otherwise.
-    """
+    """The computation of a campaign, or of a `stage` of the Python API, with a log instead of the terminal."""
 
     name: str
     stage: str
@@ -63,12 +57,7 @@ class Computing:
         return f"{self.stage} {self.name} {self.created:%Y-%m-%d %H:%M:%S}".lstrip()
 
     def run(self, flow: Callable[[], Any], done: Callable[[], bool] = lambda: False) -> None:
-        """Call a flow, see `FlowCall.run`.
-
-        Raises:
-            StoreError: the store can't be used.
-            PrefectUnavailable: Prefect's API can't be had.
-        """
+        """Call a flow, see `FlowCall.run`; a `StoreError` comes before what follows from it."""
         try:
             FlowCall(self.engine, self.tally, self.log).run(flow, done)
         except Exception:
@@ -77,11 +66,7 @@ class Computing:
             raise
 
     def run_alone(self, body: "Callable[[TaskRuns], None]") -> None:
-        """Run a flow of this stage alone; `body` maps its task runs.
-
-        Raises:
-            StoreError, PrefectUnavailable: as of `run`.
-        """
+        """Run a flow of this stage alone; `body` maps its task runs."""
 
         def called() -> Any:
             from prefect import flow
@@ -119,11 +104,6 @@ def computing(
     stopping: RunsWanted | None = None,
 ) -> Iterator[Computing]:
     """Open the computation of a call with a log in the store's local folder, and close it.
-
-    Args:
-        keys: Of what is computed.
-        oracles: Those that judge, if any do.
-        stopping: None where the number of runs of a configuration is fixed.
 
     Raises:
         StoreError: this machine lacks something that a computation needs.

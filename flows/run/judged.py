@@ -49,11 +49,7 @@ Completes = Callable[[Judged | None], Judged | None]
 
 
 def scanned(run: PreparedCampaign, computing: Computing, instantiated: Instantiated) -> Judged:
-    """Select the requested configurations, and scan the store for their results.
-
-    Raises:
-        FileError: a name in `only` is unknown.
-    """
+    """Select the requested configurations, and scan the store for their results."""
     if run.search is None:
         selection = Selection(run.asked.only, run.asked.sample, run.campaign.seed)
         instantiated = narrowed(instantiated, selection, run.opened.file)

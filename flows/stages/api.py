@@ -148,11 +148,7 @@ def judge(
 def _computed(
     stage: str, before: StageResult, oracles: Sequence[Oracle[Any]], workers: int | None, observer: Observer | None
 ) -> tuple[Configurations, int, Keys, dict[str, tuple[Stored, ...]], tuple[RunFault, ...]]:
-    """Compute missing results of a stage; return the fields of its result.
-
-    Args:
-        before: Of the stage before.
-    """
+    """Compute missing results of a stage after that of `before`; return the fields of its result."""
     configurations, opened = before.configurations, before.configurations.opened
     executed = distinct_configurations(configurations.instantiation, before.runs)
     fresh = campaign_keys(installed_tree(), opened.campaign.seed, oracles)

@@ -74,21 +74,13 @@ class Configurations:
         return iter(self.instantiation.configurations)
 
     def __getitem__(self, name: str) -> Configuration:
-        """The configuration called `name`.
-
-        Raises:
-            UserError: there is none.
-        """
+        """The configuration called `name`; raises `UserError` for an unknown name, as all methods do."""
         if name not in self._named:
             raise UserError(f"expected the name of a configuration, got {name!r}; {did_you_mean(name, self._named)}")
         return self._named[name]
 
     def executed_as(self, name: str) -> Configuration:
-        """The configuration whose runs are those of `name`: an earlier one of the same content, or itself.
-
-        Raises:
-            UserError: there is none.
-        """
+        """The configuration whose runs are those of `name`: an earlier one of the same content, or itself."""
         found = self[name]
         return found if found.duplicate_of is None else self[found.duplicate_of]
 
@@ -115,6 +107,9 @@ METRICS: Final = pa.schema(
 @dataclass(frozen=True, repr=False)
 class StageResult:
     """The result of a stage for a campaign's runs.
+
+    Methods that read the store raise `Lost` where something is no longer there or damaged; this stage and those before
+    compute it again.
 
     Attributes:
         configurations: The executed configurations.
@@ -166,12 +161,7 @@ class Recordings(StageResult):
         return f"{len(runs)} recorded"
 
     def of(self, name: str) -> "list[Recording]":
-        """The recordings of a configuration's runs in order, read from the store.
-
-        Raises:
-            UserError: there is none of this name.
-            Lost: something is no longer in the store or damaged; `execute` computes it again.
-        """
+        """The recordings of a configuration's runs in order, read from the store."""
         from vastflow.sim.model.archive import columns_of, read_behaviors
 
         stored = self.stored(self.configurations.executed_as(name).name)
@@ -186,11 +176,7 @@ class Recordings(StageResult):
         return self.wanted(found)
 
     def table(self) -> pa.Table:
-        """Return a row for each recorded run, as in `runs.parquet` but without causes.
-
-        Raises:
-            Lost: as `of`.
-        """
+        """Return a row for each recorded run, as in `runs.parquet` but without causes."""
 
         def columns(name: str) -> Columns:
             rows = {row["run_index"]: row for block in self.stored(name).recordings for row in read_rows(block)}
@@ -205,12 +191,7 @@ class Traces(StageResult):
     said = "observed"
 
     def of(self, name: str) -> "list[Trace]":
-        """The traces of a configuration's runs in order, read from the store.
-
-        Raises:
-            UserError: there is none of this name.
-            Lost: something is no longer in the store or damaged; `execute` and `observe` compute it again.
-        """
+        """The traces of a configuration's runs in order, read from the store."""
         from vastflow.oracles.observation.trace import trace_of
         from vastflow.sim.model.blocks import read_block
 
@@ -227,9 +208,6 @@ class Traces(StageResult):
         """The signals of a configuration's runs under each other, in SI units, behind a column `run_index`.
 
         A signal that some run does not have is null there.
-
-        Raises:
-            UserError, Lost: as `of`.
         """
         parts = []
         for trace in self.of(name):
@@ -267,12 +245,7 @@ class Verdicts(StageResult):
     def of(self, name: str) -> list[Verdict]:
         """A verdict for each run that was asked for and each oracle: run by run, oracles in their order.
 
-        What a fault kept from being judged is `not judged`, with the fault as its reason.
-
-        Raises:
-            UserError: there is none of this name.
-            Lost: something is no longer in the store or damaged; `judge` computes it again.
-        """
+        What a fault kept from being judged is `not judged`, with the fault as its reason."""
         found = self.stored(self.configurations.executed_as(name).name)
         return complete(found, self.runs, self.oracles)
 
@@ -296,21 +269,13 @@ class Verdicts(StageResult):
         return counts
 
     def table(self) -> pa.Table:
-        """A row for each run and oracle, as `verdicts.parquet` of a campaign directory.
-
-        Raises:
-            Lost: as `of`.
-        """
+        """A row for each run and oracle, as `verdicts.parquet` of a campaign directory."""
         return column_table(
             VERDICTS, (verdict_columns(self.configurations[name], self.of(name)) for name in self.blocks)
         )
 
     def metrics(self) -> pa.Table:
-        """A row for each run, oracle and metric; a value that could not be had is null.
-
-        Raises:
-            Lost: as `of`.
-        """
+        """A row for each run, oracle and metric; a value that could not be had is null."""
         rows = [
             {
                 "configuration": name,

@@ -7,6 +7,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any, Final, Self
@@ -19,8 +20,6 @@ BAD_INPUT: Final = 2
 """Exit code of a user's mistake, wrong options included."""
 FAULT: Final = 3
 """Exit code of a broken run, worker, Prefect, or plug-in."""
-
-
 INTERRUPTED: Final = 130
 
 
@@ -33,7 +32,7 @@ class Interruptible:
 
     def __init__(self, last_words: str) -> None:
         self._last_words = last_words
-        self._say: Callable[[str], object] = _print
+        self._say: Callable[[str], object] = partial(print, file=sys.stderr, flush=True)
         self._lock = threading.Lock()
         self._interrupted = False
         self._said = False
@@ -66,10 +65,6 @@ class Interruptible:
             if not self._said:
                 self._said = True
                 self._say(self._last_words)
-
-
-def _print(words: str) -> None:
-    print(words, file=sys.stderr, flush=True)
 
 
 @contextmanager

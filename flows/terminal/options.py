@@ -33,24 +33,6 @@ DryRun: TypeAlias = Annotated[bool, typer.Option("--dry-run", help="Print what w
 Context: TypeAlias = Annotated[
     str | None, typer.Option(metavar="NAME", help="Cluster whose resources apply; default: the first in the file.")
 ]
-AsV1: TypeAlias = Annotated[bool, typer.Option("--as-v1", help="Place all obstacles as RoboVAST version 1 does.")]
-
-
-def _checked(folder: Path | None) -> Path | None:
-    if folder is not None and not folder.is_dir():
-        raise UserError(f"--map-dir: expected a folder of maps, got {str(folder)!r}, which does not exist")
-    return folder
-
-
-MapDir: TypeAlias = Annotated[
-    Path | None,
-    typer.Option(
-        "--map-dir",
-        metavar="FOLDER",
-        callback=_checked,
-        help="Folder of maps that are not beside the campaign file, at the same relative paths.",
-    ),
-]
 
 
 def command_group(title: str) -> typer.Typer:
@@ -59,8 +41,6 @@ def command_group(title: str) -> typer.Typer:
 
 
 _TYPES: Final[Mapping[str, Any]] = {"integer": int, "number": float, "string": str, "boolean": bool, "array": list[str]}
-_OWN: Final[Mapping[str, Any]] = {"map_dir": MapDir, "as_v1": AsV1}
-"""Options that are declared above, since commands without a run have them too."""
 
 
 def asking(*names: str, **defaults: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -85,26 +65,28 @@ def asking(*names: str, **defaults: Any) -> Callable[[Callable[..., None]], Call
 
 
 def _option(name: str, defaults: Mapping[str, Any]) -> Parameter:
-    about, schema = RunRequest.model_fields[name], _schema(name)
+    about, schema = RunRequest.model_fields[name], _schemas()[name]
+    schema = next((each for each in schema.get("anyOf", ()) if each["type"] != "null"), schema)  # of the value
     default = defaults.get(name, None if schema["type"] == "array" else about.get_default())
-    if name in _OWN:
-        return Parameter(name, Parameter.POSITIONAL_OR_KEYWORD, default=default, annotation=_OWN[name])
     said = next((each for each in about.metadata if isinstance(each, OnCommandLine)), OnCommandLine())
     flags = () if said.flag is None else (said.flag,)
-    option = typer.Option(*flags, metavar=said.metavar, min=schema.get("minimum"), help=about.description)
+    check = _map_dir if name == "map_dir" else None
+    option = typer.Option(
+        *flags, metavar=said.metavar, min=schema.get("minimum"), help=about.description, callback=check
+    )
     kind: Any = _TYPES[schema["type"]]
     annotated: Any = Annotated  # made of values here, which a checker of types can't follow
     annotation = annotated[kind | None if default is None else kind, option]
     return Parameter(name, Parameter.POSITIONAL_OR_KEYWORD, default=default, annotation=annotation)
 
 
-def _schema(name: str) -> Mapping[str, Any]:
-    """Return type and bounds of a field, for an optional one those of its value."""
-    schema: Mapping[str, Any] = _schemas()[name]
-    return next((each for each in schema.get("anyOf", ()) if each["type"] != "null"), schema)
-
-
 @functools.cache
 def _schemas() -> Mapping[str, Any]:
     properties: Mapping[str, Any] = RunRequest.model_json_schema()["properties"]
     return properties
+
+
+def _map_dir(folder: str | None) -> str | None:
+    if folder is not None and not Path(folder).is_dir():
+        raise UserError(f"--map-dir: expected a folder of maps, got {folder!r}, which does not exist")
+    return folder

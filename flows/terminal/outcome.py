@@ -36,7 +36,12 @@ def outcome(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator
     if searched := tables.metadata.get(SEARCH):
         yield Text(found_text(searched), "bold")
     if len(tables.oracles) > 1:
-        yield Text("  ".join(f"{name} {_share(evidence[name].campaign.counts)}" for name in tables.oracles), "dim")
+        shares = []
+        for name in tables.oracles:
+            own = evidence[name].campaign.counts
+            unjudged = f" ({own.not_judged} not judged)" if own.not_judged else ""
+            shares.append(f"{name} {own.passed}/{own.judged}{unjudged}")
+        yield Text("  ".join(shares), "dim")
     if (stood := standstills_of(tables)).runs:
         yield Text(stood.text, "yellow")
     if sampled_from := tables.metadata.get("counts", {}).get("sampled_from"):
@@ -61,15 +66,9 @@ def details(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator
     yield ""
     yield _table(("configuration",), [((name,), counts) for name, counts in evidence[None].configurations.items()])
     if tables.rejections:
-        yield ""
-        yield rejection_table(tables)
-
-
-def rejection_table(tables: Tables) -> Table:
-    """Return the table of rejections by family, producer, and reason, most frequent first."""
-    reasons = Counter((row["family"], row["producer"], row["reason"]) for row in tables.rejections)
-    rows = [(*rejected, str(times)) for rejected, times in reasons.most_common()]
-    return terminal_table(("family", "producer", "reason"), ("times",), rows=rows)
+        reasons = Counter((row["family"], row["producer"], row["reason"]) for row in tables.rejections)
+        rows = [(*rejected, str(times)) for rejected, times in reasons.most_common()]
+        yield from ("", terminal_table(("family", "producer", "reason"), ("times",), rows=rows))
 
 
 def rate_text(counts: Counts) -> str:
@@ -94,10 +93,6 @@ def _table(first: Sequence[str], rows: Sequence[tuple[Sequence[str], Counts]]) -
     ]
     numbers = (*first[1:], *counted, f"success [{100 * LEVEL:.0f} % interval]")
     return terminal_table(first[:1], numbers, rows=cells)
-
-
-def _share(counts: Counts) -> str:
-    return f"{counts.passed}/{counts.judged}" + (f" ({counts.not_judged} not judged)" if counts.not_judged else "")
 
 
 def _faults(tables: Tables) -> Iterator[RenderableType]:

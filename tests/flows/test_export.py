@@ -20,7 +20,7 @@ from vastflow.flows.cli import export as export_command
 from vastflow.flows.export import export as layout
 from vastflow.flows.export.export import Exported, export
 from vastflow.flows.export.junit import Case, Flaw, Suite
-from vastflow.flows.export.run import recording_csv
+from vastflow.flows.export.run import ExportedRun, case_of, files_of
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.summary import Work
@@ -156,7 +156,8 @@ def test_exported_files_are_as_in_golden_file(exported, small_room, request):
 
 def test_recording_csv_has_recorded_decimals():
     recorded = np.arange(-70_000, 70_000, 7, dtype=np.int32)
-    rows = [*csv.reader(io.StringIO(recording_csv({"x_mm": recorded}).decode()))][1:]
+    run = ExportedRun("c", "room-1", 0, [], None, None, recorded={"x_mm": recorded})
+    _, *rows = csv.reader(io.StringIO(dict(files_of(run, case_of(run)))["recording.csv"].decode()))
     assert [round(float(x_m) * 1000) for (x_m,) in rows] == recorded.tolist()
     assert max(len(x_m) for (x_m,) in rows) <= len("-70.000")
 
