@@ -1,11 +1,9 @@
 """The shipped quickstart campaign."""
 
-import runpy
 from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 from scipy import ndimage
 
 from vastflow.flows.request.campaign_file import read_campaign
@@ -36,34 +34,21 @@ def paths(instantiation, family):
     return list(dict.fromkeys((str(task["start_pose"]), str(task["goal_pose"])) for task in tasks))
 
 
-def test_campaign_has_no_notes(campaign):
-    assert (campaign.notes, campaign.unexecutable) == ((), ())
-
-
-def test_campaign_has_two_families_of_twelve_and_sequential_runs(campaign, instantiation):
+def test_quickstart_has_two_families_of_twelve_and_sequential_runs(campaign, instantiation):
+    assert (campaign.notes, campaign.unexecutable, instantiation.rejections) == ((), (), ())
+    assert [c.name for c in instantiation.configurations if c.duplicate_of] == []
     sizes = {f.name: sum(c.family == f.name for c in instantiation.configurations) for f in campaign.families}
     assert sizes == {"sensor-noise": 12, "clutter": 12}
     assert (campaign.sequential.min, campaign.sequential.max) == (5, 12)
     assert set(stopping_of(campaign.sequential).rule.decidable) == {"reliable", "systematic", "flaky"}
 
 
-def test_everything_it_asks_for_can_be_built_and_nothing_twice(instantiation):
-    assert instantiation.rejections == ()
-    assert [c.name for c in instantiation.configurations if c.duplicate_of] == []
-
-
-def test_its_families_share_their_first_three_paths_as_its_comment_says(instantiation):
+def test_families_of_quickstart_share_first_three_paths(instantiation):
     assert paths(instantiation, "clutter")[:3] == paths(instantiation, "sensor-noise")
     assert len(paths(instantiation, "clutter")) == 4
 
 
-def test_its_map_is_what_its_drawing_says():
-    drawing = runpy.run_path(str(Path(__file__).parent / "draw_office.py"))
-    with Image.open(OFFICE.with_suffix(".pgm")) as shipped:
-        np.testing.assert_array_equal(np.asarray(shipped), drawing["office"]())
-
-
-def test_rooms_of_the_map_can_be_reached():
+def test_rooms_of_quickstart_map_are_connected():
     office = load_map(OFFICE)
     rooms, _ = ndimage.label(passable(office, 0.25), np.ones((3, 3)))
     sizes = np.bincount(rooms.ravel())[1:]

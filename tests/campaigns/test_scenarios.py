@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from datetime import datetime
 from pathlib import Path
 
 import pytest
@@ -10,7 +9,6 @@ from table import each_row
 from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.figures.scene import scenes_of
 from vastflow.oracles.judgement.judge import judge_block
@@ -25,7 +23,6 @@ from vastflow.sim.reading.abstract import BUILTIN, SHIPPED, abstract_content, de
 from vastflow.sim.reading.vocabulary import ACTIONS
 from vastflow.sim.run import run
 from vastflow.sim.scenario.tree.support import unsupported
-from vastflow.tasks.keys.keys import Keys
 
 SCENARIOS = Path(__file__).parents[2] / "campaigns" / "scenarios"
 WORK = Work(executed=1, reused=0, simulated_s=30.0, cpu_s=1.0, wall_s=1.0)
@@ -98,16 +95,11 @@ def results(tmp_path_factory):
     traces = observe_block(scenario, recorded)
     verdicts = judge_block(scenario, recorded, traces, oracles).verdicts
     written = write_results(
+        campaign.path,
         tmp_path_factory.mktemp("results"),
-        campaign,
-        inputs_of(campaign, oracles),
-        replace(found, configurations=(configuration,)),
-        lambda _: ConfigurationResult([recorded], [traces], verdicts),
+        ConfigurationResult([recorded], [traces], verdicts),
+        instantiation=replace(found, configurations=(configuration,)),
         runs=1,
-        oracles=[oracle.name for oracle in oracles],
-        keys=Keys("x86_64", "e" * 64, "o" * 64, "j" * 64, 0, []),
-        created=datetime(2026, 11, 21),
-        work=lambda: WORK,
         report=write_report,
     )
     assert written.faults == ()

@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
-from PIL import Image
+from room import drawn_room
 
 CAMPAIGN = """\
 version: 1
@@ -29,10 +28,6 @@ execution:
 def small_room(tmp_path: Path) -> Path:
     """Path of a campaign file with two configurations of two runs."""
     folder = tmp_path / "campaign"
-    folder.mkdir()
-    cells = np.full((120, 120), 254, dtype=np.uint8)
-    cells[[0, -1], :] = cells[:, [0, -1]] = 0
-    Image.fromarray(cells).save(folder / "room.pgm")
-    (folder / "room.yaml").write_text("{image: room.pgm, resolution: 0.05, origin: [0.0, 0.0, 0.0]}\n")
+    drawn_room(folder)
     (folder / "room.vast").write_text(CAMPAIGN)
     return folder / "room.vast"

@@ -90,33 +90,17 @@ def edited(path, old, new):
     path.write_text(text.replace(old, new))
 
 
-def missing_map(path):
-    edited(path, "room.yaml", "cellar.yaml")
+MISSING_MAP = ("room.yaml", "cellar.yaml")
+BAD_FILES = [
+    (MISSING_MAP, "cellar.yaml"),
+    (("      - goal_pose: {x: 3.0, y: 1.0, yaw: 0.0}\n", ""), "goal_pose"),
+    (("execution:", "evaluation: {oracles: [performence]}\nexecution:"), "did you mean 'performance'?"),
+]
 
 
-def missing_image(path):
-    path.with_name("room.pgm").unlink()
-
-
-def missing_goal(path):
-    edited(path, "      - goal_pose: {x: 3.0, y: 1.0, yaw: 0.0}\n", "")
-
-
-def unknown_oracle(path):
-    path.write_text(path.read_text() + "evaluation:\n  oracles:\n    - performence\n")
-
-
-BAD_FILES = {
-    missing_map: "cellar.yaml",
-    missing_image: "room.pgm",
-    missing_goal: "goal_pose",
-    unknown_oracle: "did you mean 'performance'?",
-}
-
-
-@pytest.mark.parametrize(("spoil", "words"), BAD_FILES.items(), ids=[spoil.__name__ for spoil in BAD_FILES])
-def test_bad_file_exits_with_2_and_writes_nothing(here, spoil, words):
-    spoil(Path(ROOM))
+@pytest.mark.parametrize(("edit", "words"), BAD_FILES)
+def test_bad_file_exits_with_2_and_writes_nothing(here, edit, words):
+    edited(Path(ROOM), *edit)
     before = sorted(here.rglob("*"))
     for command in ("validate", "run"):
         file, line, column, rest = refused(command, ROOM).split(":", 3)
@@ -126,7 +110,7 @@ def test_bad_file_exits_with_2_and_writes_nothing(here, spoil, words):
 
 
 def test_validate_reports_all_faults_at_once_and_a_wrong_section_once(small_room):
-    missing_map(small_room)
+    edited(small_room, *MISSING_MAP)
     text = small_room.read_text().replace("  runs: 2", "  rums: 2")
     for oracles, place in (("[success: {allow_missed: perhaps}]", "allow_missed"), ("{1: 2}", "evaluation.oracles")):
         small_room.write_text(f"{text}evaluation:\n  oracles: {oracles}\n")
@@ -250,26 +234,19 @@ def test_entry_module_imports_nothing_heavy():
     assert (done.returncode, done.stdout, done.stderr) == (0, "\n", "")
 
 
-USER_ERRORS = [
-    "oracles.results.unusable.UnusableDirectory",
-    "sim.model.faults.FileError",
-    "tasks.store.artifact.StoreError",
-]
-
-
 def error_class(name):
     module, _, error = f"vastflow.{name}".rpartition(".")
     return getattr(importlib.import_module(module), error)
 
 
 def test_errors_with_exit_code_2_are_user_errors():
-    assert [name for name in USER_ERRORS if not issubclass(error_class(name), UserError)] == []
+    named = (
+        "oracles.results.unusable.UnusableDirectory",
+        "sim.model.faults.FileError",
+        "tasks.store.artifact.StoreError",
+    )
+    assert all(issubclass(error_class(name), UserError) for name in named)
     others = ("tasks.prefect.server.PrefectUnavailable", "flows.request.work_pool.WorkersFailed")
     assert not any(issubclass(error_class(name), UserError) for name in others)
-
-
-def test_store_error_keeps_its_words_from_worker():
-    sent = StoreError("/store: no space left on the device; free some")
-    come = pickle.loads(pickle.dumps(sent))
-    assert (type(come), str(come)) == (StoreError, str(sent)) and isinstance(come, OSError)
-    assert pickle.loads(pickle.dumps(StoreError(errno.ENOSPC, "no space"))).errno == errno.ENOSPC
+    come = pickle.loads(pickle.dumps(StoreError(errno.ENOSPC, "no space")))  # from a worker
+    assert (type(come), come.errno) == (StoreError, errno.ENOSPC) and isinstance(come, OSError)

@@ -11,10 +11,6 @@ from whole_directory import ConfigurationResult, write_results
 from vastflow.flows.plan import plan as plans
 from vastflow.flows.plan.explain import explained as explained_configuration
 from vastflow.flows.request.campaign_file import campaign_keys, read_campaign
-from vastflow.flows.request.run_request import Asked
-from vastflow.flows.results.inputs import inputs_of
-from vastflow.flows.results.provenance import ingredients_row
-from vastflow.flows.results.summary import Work
 from vastflow.oracles.judgement.verdict import Verdict, write_verdicts
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.producers.instantiation.instantiate import instantiate
@@ -50,28 +46,13 @@ class Place:
     def run(self, runs=2):
         """Write a campaign directory, with a block of recordings, a trace and verdicts of each configuration."""
         campaign, oracles = read_campaign(self.path)
-        inputs, keys = inputs_of(campaign, oracles), campaign_keys(self._tree, campaign.seed, oracles)
-        found = instantiate(campaign)
-        index = Index(open_store(self.store), keys)
-        for configuration in found.configurations:
-            stored(index, ConfigurationRuns(configuration.name, configuration.family, 1, configuration.scenario, runs))
+        index = Index(open_store(self.store), campaign_keys(self._tree, campaign.seed, oracles))
+        for each in instantiate(campaign).configurations:
+            stored(index, ConfigurationRuns(each.name, each.family, 1, each.scenario, runs))
         self._created += timedelta(hours=1)
+        found = ConfigurationResult([block(runs)])
         return write_results(
-            self.results,
-            campaign,
-            inputs,
-            found,
-            lambda configuration: ConfigurationResult([block(runs)]),
-            runs=runs,
-            oracles=["success"],
-            keys=keys,
-            record={
-                "asked": Asked(self.path.name, runs, (), inputs.places).as_json(),
-                **ingredients_row(self._tree, campaign.families, oracles),
-            },
-            created=self._created,
-            work=lambda: Work(0, 0, 0.0, 0.0, 0.0),
-            report=lambda directory: None,
+            self.path, self.results, found, runs=runs, tree=self._tree, created=self._created
         ).directory
 
 

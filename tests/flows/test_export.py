@@ -4,7 +4,6 @@ import csv
 import io
 import json
 import re
-from datetime import datetime
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -12,22 +11,19 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import yaml
-from command_line import called
+from command_line import called, refused
+from hypothesis import example, given
+from hypothesis import strategies as st
 from table import each_row
 from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.cli import export as export_command
 from vastflow.flows.export import export as layout
 from vastflow.flows.export.export import Exported, export
-from vastflow.flows.export.junit import Case, Flaw, Suite
+from vastflow.flows.export.junit import Case, Flaw, Suite, campaign_report, suite_report
 from vastflow.flows.export.run import ExportedRun, case_of, files_of
-from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.flows.results.inputs import inputs_of
-from vastflow.flows.results.summary import Work
-from vastflow.flows.results.tables import FAULT, complete
 from vastflow.oracles.judgement.verdict import Metric, Verdict
 from vastflow.oracles.results.unusable import UnusableDirectory
-from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.archive import table, write_behaviors, write_outputs
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.faults import UserError
@@ -35,9 +31,7 @@ from vastflow.sim.model.recording import LogText, Outputs, Recording, Run, RunLo
 from vastflow.sim.run import BEHAVIORS
 from vastflow.sim.world.map_file import load_map
 from vastflow.tasks.engine.engine import RunFault
-from vastflow.tasks.keys.keys import Keys
 
-KEYS = Keys("x86_64; glibc 2.36; avx2 fma; ", "e" * 64, "o" * 64, "j" * 64, 0, [])
 OUTPUTS = Outputs(
     {"positions": {"t": np.array([0.5, np.nan]), "n": np.array([1, 2]), "who": np.array(["a", 'b "c"'])}},
     {"notes/read.me": b"\x00\xff", "scan.pcd": b"1"},
@@ -104,20 +98,7 @@ def whole():
 
 
 def campaign_directory(file, root, found, oracles=("success", "safety", "performance")):
-    campaign, own = read_campaign(file)
-    return write_results(
-        root,
-        campaign,
-        inputs_of(campaign, own),
-        instantiate(campaign),
-        lambda configuration: found,
-        runs=2,
-        oracles=oracles,
-        keys=KEYS,
-        created=datetime(2026, 11, 21),
-        work=lambda: Work(4, 0, 30.0, 2.0, 1.5),
-        report=lambda directory: None,
-    ).directory
+    return write_results(file, root, found, oracles=oracles).directory
 
 
 @pytest.fixture
@@ -203,12 +184,6 @@ def test_report_tells_failures_faults_and_missing_verdicts_apart(small_room, tmp
         assert [path.name for path in (tmp_path / "out/room-1/0").iterdir()] == ["test.xml"]
 
 
-def test_reason_of_missing_verdict_begins_as_export_expects():
-    faults = [RunFault("room", 0, "judge", "KeyError: 'x'")]
-    reasons = [verdict.reason for verdict in complete(ConfigurationResult(faults=faults), 2, ["success"])]
-    assert len(reasons) == 2 and all(reason.startswith(FAULT) for reason in reasons)
-
-
 def test_export_names_original_of_duplicate_and_has_no_runs_of_it(small_room, tmp_path):
     small_room.write_text(small_room.read_text().replace("[0.0, 0.02]", "[0.0, 0.0]"))
     done = export(campaign_directory(small_room, tmp_path / "results", whole()), tmp_path / "out")
@@ -218,21 +193,14 @@ def test_export_names_original_of_duplicate_and_has_no_runs_of_it(small_room, tm
 
 
 def test_export_takes_patterns_of_families_and_configurations(results, tmp_path):
-    for k, (patterns, names) in enumerate(
-        [
-            (["room"], ["room-1", "room-2"]),
-            (["*-2"], ["room-2"]),
-            (["room-1"], ["room-1"]),
-            (["*1", "*2"], ["room-1", "room-2"]),
-        ]
-    ):
+    both = ["room-1", "room-2"]
+    for k, (patterns, names) in enumerate([(["room"], both), (["*-2"], both[1:]), (["*1", "*2"], both)]):
         folder = tmp_path / f"out{k}"
         assert [suite.name for suite in export(results, folder, patterns).suites] == names
         assert sorted(path.name for path in folder.glob("room*")) == names
     for pattern, hint in (("rom-1", "did you mean 'room-1'"), ("kitchen*", "it has room, room-1, room-2")):
-        with pytest.raises(
-            UnusableDirectory, match=re.escape(f"no family or configuration matches {pattern!r}; {hint}")
-        ):
+        words = re.escape(f"no family or configuration matches {pattern!r}; {hint}")
+        with pytest.raises(UnusableDirectory, match=words):
             export(results, tmp_path / "none", ["room-1", pattern])
     assert not (tmp_path / "none").exists()
 
@@ -255,44 +223,32 @@ def test_export_names_scenario_as_in_its_file(small_room, tmp_path):
     assert (tmp_path / "out/_config/rounds.osc").read_text() == text
 
 
-def test_export_fills_empty_folder_that_stays_the_same(results, tmp_path):
+def test_export_fills_empty_folder_in_place(results, tmp_path):
     (tmp_path / "there/out").mkdir(parents=True)
     before = (tmp_path / "there/out").stat().st_ino
     export(results, tmp_path / "there/out")
     assert (tmp_path / "there/out").stat().st_ino == before
-    assert sorted(path.name for path in (tmp_path / "there/out").iterdir()) == [
-        "_config",
-        "room-1",
-        "room-2",
-        "test.xml",
-    ]
+    assert {path.name for path in (tmp_path / "there/out").iterdir()} == {"_config", "room-1", "room-2", "test.xml"}
     assert [path.name for path in (tmp_path / "there").iterdir()] == ["out"]
 
 
 @pytest.mark.parametrize("existing", [True, False])
-def test_export_that_ends_early_leaves_nothing(results, tmp_path, existing):
+def test_interrupted_export_leaves_nothing_and_overwrites_nothing(results, tmp_path, existing):
     def interrupt(done, of):
         raise KeyboardInterrupt
+
+    def write(done, of):
+        folder.mkdir(exist_ok=True)
+        (folder / "test.xml").write_text("mine")
 
     folder = tmp_path / "there/out"
     (folder if existing else folder.parent).mkdir(parents=True)
     with pytest.raises(KeyboardInterrupt):
         export(results, folder, progress=interrupt)
     assert [path.name for path in (tmp_path / "there").rglob("*")] == ["out"][:existing]
-
-
-@pytest.mark.parametrize("existing", [True, False])
-def test_export_does_not_overwrite_what_appears_meanwhile(results, tmp_path, existing):
-    if existing:
-        (tmp_path / "out").mkdir()
-
-    def write(done, of):
-        (tmp_path / "out").mkdir(exist_ok=True)
-        (tmp_path / "out/test.xml").write_text("mine")
-
     with pytest.raises(UserError, match="expected a new or an empty folder, got one with files"):
-        export(results, tmp_path / "out", progress=write)
-    assert [(path.name, path.read_text()) for path in (tmp_path / "out").iterdir()] == [("test.xml", "mine")]
+        export(results, folder, progress=write)
+    assert [(path.name, path.read_text()) for path in folder.iterdir()] == [("test.xml", "mine")]
 
 
 def test_export_refuses_output_outside_of_folder(small_room, tmp_path):
@@ -350,5 +306,32 @@ def test_export_command_refuses_folder_that_cannot_be_made(tmp_path, monkeypatch
 
     (tmp_path / "metadata.json").write_text("{}")
     monkeypatch.setattr(layout, "export", export)
-    done = called("export", tmp_path, "out")
-    assert (done.exit_code, done.stderr) == (2, "out: can't be written (Permission denied); name another folder\n")
+    words = "out: can't be written (Permission denied); name another folder"
+    assert refused("export", tmp_path, "out") == words
+
+
+def totals(element):
+    return [element.get(key) for key in ("tests", "failures", "errors", "skipped", "time")]
+
+
+def test_junit_reports_count_flaws_of_each_kind():
+    flaws = [None, Flaw("failure", "late"), Flaw("error", "fault"), Flaw("skipped", "no path")]
+    room = Suite("größe", [Case(f"room/{k}", "c", 0.25, flaw=flaw) for k, flaw in enumerate(flaws)])
+    suite = ElementTree.fromstring(suite_report(room))
+    assert (totals(suite), suite.get("timestamp")) == (["4", "1", "1", "1", "1.000000"], None)
+    assert [[child.tag for child in case] for case in suite] == [[], ["failure"], ["error"], ["skipped"]]
+    assert "größe".encode() in suite_report(room)
+    root = ElementTree.fromstring(campaign_report("c", [room, Suite("hall", room.cases[:1])]))
+    assert totals(root) == ["5", "1", "1", "1", "1.250000"]
+
+
+@example("\x1b[31mred\x1b[0m")
+@example("\x00")
+@example("half \ud800 a pair")
+@example("\ufffe")
+@given(st.text(st.characters(exclude_categories=())))
+def test_junit_report_of_any_text_is_xml(text):
+    case = Case(text, text, 0.0, None, {text: text}, Flaw("error", text, text))
+    root = ElementTree.fromstring(campaign_report(text, [Suite(text, [case])]))
+    assert root.find("testsuite/testcase/error") is not None
+    assert ("\ufffd" in root.get("name")) >= (text in ("\x00", "\ufffe"))

@@ -1,9 +1,8 @@
 """A scenario that can't work: a fault of its runs, and no failure of anything."""
 
 import pytest
-from typer.testing import CliRunner
+from command_line import called
 
-from vastflow.flows.__main__ import app
 from vastflow.oracles.results.tables import read_tables
 
 pytestmark = pytest.mark.slow
@@ -28,21 +27,16 @@ execution: {runs: 2, scenario_file: tool.osc}
 """
 
 
-@pytest.fixture
-def tools(tmp_path):
+def test_program_that_cannot_be_started_is_fault_and_in_no_rate(tmp_path):
     (tmp_path / "tool.osc").write_text(SCENARIO)
     (tmp_path / "tools.vast").write_text(CAMPAIGN)
 
-    places = ("--results", str(tmp_path / "results"), "--store", str(tmp_path / "store"), "--workers", "1")
-    return CliRunner().invoke(app, ["run", str(tmp_path / "tools.vast"), *places]), tmp_path / "results"
-
-
-def test_program_that_can_not_be_started_is_a_fault_and_in_no_rate(tools):
-    called, results = tools
-    assert called.exit_code == 3
+    places = ("--results", tmp_path / "results", "--store", tmp_path / "store", "--workers", 1)
+    done = called("run", tmp_path / "tools.vast", *places)
+    assert done.exit_code == 3
     why = "'no-such-tool' could not be started: no program of this name in PATH; run_process at tool.osc:7:9"
-    assert f"fault: tool-2 run 0, execute: {why}" in called.stdout
-    (directory,) = results.iterdir()
+    assert f"fault: tool-2 run 0, execute: {why}" in done.stdout
+    (directory,) = (tmp_path / "results").iterdir()
     tables = read_tables(directory)
     counts = tables.metadata["counts"]
     assert (counts["passed"], counts["failed"], counts["not_judged"], counts["executed"]) == (2, 2, 2, 4)

@@ -51,22 +51,11 @@ def frame(directory):
     return wide_table(read_tables(directory))
 
 
-def test_success_by_factor_is_two_lines(tmp_path):
-    write(tmp_path, {"quiet": ("f", {"noise": 0.0}, "pppp"), "loud": ("f", {"noise": 0.4}, "ppff")})
-    runs = frame(tmp_path)
-    assert runs.groupby("noise")["passed"].mean().to_dict() == {0.0: 1.0, 0.4: 0.5}
-
-
 def test_frame_has_a_row_per_run_with_factors_outcome_and_verdicts(tmp_path):
     runs = frame(write(tmp_path, {"a": ("f", {"noise": 0.4, "map": "rooms"}, "pf")}))
     row = runs.iloc[1].to_dict()
-    assert (row["configuration"], row["family"], row["run_index"], row["noise"], row["map"]) == (
-        "a",
-        "f",
-        1,
-        0.4,
-        "rooms",
-    )
+    said = {"configuration": "a", "family": "f", "run_index": 1, "noise": 0.4, "map": "rooms"}
+    assert {name: row[name] for name in said} == said
     assert (row["outcome"], row["distance_m"], row["safety.min_distance (m)"]) == ("reached", 1.5, pytest.approx(0.1))
     assert (row["passed"], row["passed.success"], row["passed.safety"]) == (False, True, False)
 
@@ -78,41 +67,35 @@ def test_frame_leaves_out_runs_that_were_not_judged(tmp_path):
     assert runs["safety.min_distance (m)"].isna().tolist() == [False, True]
 
 
-def test_run_without_a_recording_has_a_row_in_which_nothing_happened(tmp_path):
+def test_frame_has_row_without_outcome_for_unrecorded_run(tmp_path):
     runs = frame(write(tmp_path, {"a": ("f", {"noise": 1}, "pn")}, unrecorded={("a", 1)}))
     assert runs["distance_m"].isna().tolist() == [False, True]
     assert runs["outcome"].isna().tolist() == [False, True]
     assert runs["noise"].tolist() == [1.0, 1.0]
 
 
-def test_factor_that_is_named_like_another_column_says_that_it_is_a_factor(tmp_path):
-    runs = frame(write(tmp_path, {"a": ("f", {"passed": 3, "outcome": 2}, "p")}))
-    assert runs["factor.passed"].tolist() == [3.0] and runs["passed"].tolist() == [True]
+def test_frame_prefixes_factor_named_like_other_column(tmp_path):
+    runs = frame(write(tmp_path, {"a": ("f", {"factor.passed": 1, "passed": 3, "outcome": 2}, "p")}))
+    assert (runs["factor.passed"].tolist(), runs["factor.factor.passed"].tolist()) == ([1.0], [3.0])
     assert runs["factor.outcome"].tolist() == [2.0] and runs["outcome"].tolist() == ["reached"]
+    assert runs["passed"].tolist() == [True]
 
 
-def test_factor_of_numbers_and_texts_is_text_and_missing_where_absent(tmp_path):
+def test_frame_writes_factor_of_numbers_and_texts_as_text(tmp_path):
     families = {"a": ("f", {"speed": 0.5}, "p"), "b": ("g", {"speed": "fast"}, "p"), "c": ("h", {}, "p")}
     runs = frame(write(tmp_path, families))
     assert runs["speed"].tolist()[:2] == ["0.5", "fast"]
     assert runs["speed"].isna().tolist() == [False, False, True]
 
 
-def test_run_takes_few_bytes(tmp_path):
-    said = "p" * 20
-    runs = frame(write(tmp_path, {f"c{k}": ("f", {"noise": k % 3, "map": f"m{k % 7}"}, said) for k in range(548)}))
-    assert len(runs) == 10_960
-    assert runs.memory_usage(deep=True).sum() < 200 * len(runs)  # bytes a run, so 22 MB for 109,600
-
-
-def test_file_beside_the_report_says_what_the_frame_says(tmp_path):
+def test_wide_file_equals_frame(tmp_path):
     families = {"a": ("f", {"speed": 0.5, "map": "rooms"}, "pfn"), "b": ("g", {"speed": "fast"}, "p")}
     write(tmp_path, families, unrecorded={("a", 1)})
     write_wide(tmp_path, wide_table(read_tables(tmp_path)))
     pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / WIDE_FILE), frame(tmp_path), check_categorical=False)
 
 
-def test_success_by_factor_is_two_lines_of_a_notebook_beside_the_file(tmp_path, monkeypatch):
+def test_notebook_computes_success_by_factor_in_two_lines(tmp_path, monkeypatch):
     write(tmp_path, {"quiet": ("f", {"noise": 0.0}, "pppn"), "loud": ("f", {"noise": 0.4}, "ppff")})
     write_wide(tmp_path, wide_table(read_tables(tmp_path)))
     monkeypatch.chdir(tmp_path)
@@ -123,12 +106,6 @@ def test_success_by_factor_is_two_lines_of_a_notebook_beside_the_file(tmp_path, 
     assert runpy.run_path("cells.py")["success"].to_dict() == {0.0: 1.0, 0.4: 0.5}
 
 
-def test_name_that_is_taken_twice_over_still_has_a_column_of_its_own(tmp_path):
-    runs = frame(write(tmp_path, {"a": ("f", {"factor.passed": 1, "passed": 2}, "p")}))
-    assert (runs["factor.passed"].tolist(), runs["factor.factor.passed"].tolist()) == ([1.0], [2.0])
-    assert runs["passed"].tolist() == [True]
-
-
-def test_folder_that_is_no_campaign_directory_is_refused(tmp_path):
+def test_frame_refuses_other_folder(tmp_path):
     with pytest.raises(OSError, match="configurations"):
         frame(tmp_path)

@@ -1,10 +1,13 @@
-"""Commands that only look at a campaign execute nothing of it that has an effect."""
+"""Commands that only look at a campaign: plug-ins have no effects, end no command, and pipes are refused."""
+
+import os
 
 import pytest
+from command_line import called, refused
 from table import each_row
-from typer.testing import CliRunner
 
-from vastflow.flows.__main__ import app
+from vastflow.sim.plug_ins.effects import PlugInExit, plug_in_code
+from vastflow.tasks.engine.work import Broken, answered
 
 CAMPAIGN = """\
 version: 1
@@ -28,7 +31,9 @@ NOTEBOOK = """\
             "source": "import os; os.system('touch MARK'); verdicts = []"}],
  "metadata": {}, "nbformat": 4, "nbformat_minor": 5}
 """
+SCENARIO = 'import osc.helpers\nscenario x:\n    word: string = ""\n    do run_process("touch MARK")\n'
 PRODUCER = """\
+import sys
 from vastflow.producers.model.configuration import Fragment
 from vastflow.producers.model.producer import Parameters, Producer
 {imported}
@@ -37,12 +42,32 @@ class Words(Producer[Parameters]):
     reads = ()
     writes = {{"word": None}}
 
+    def __init__(self, parameters):
+        super().__init__(parameters)
+        {made}
+
     def produce(self, inputs, draws):
         {produced}
         yield Fragment({{"word": "a"}})
 """
-TOUCH = "open({mark!r}, 'w')"
-COMMANDS = (["validate"], ["plan"], ["plan", "--why", "--coverage"])
+ORACLE = """
+import sys
+from vastflow.oracles.judgement.oracle import Oracle, Parameters
+{imported}
+class Leaver(Oracle):
+    Parameters = Parameters
+    metrics = {{}}
+
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+        {made}
+"""
+COMMANDS = ("validate", "plan", "plan --why --coverage")
+EXIT = "its code raised SystemExit(0), which would end vastflow"
+
+
+def code(text, **places):
+    return text.format(**{"imported": "", "made": "pass", "produced": "pass", **places})
 
 
 @pytest.fixture
@@ -52,19 +77,13 @@ def looked(tmp_path, monkeypatch):
     folder.mkdir()
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "store"))
-    (folder / "x.vast").write_text(CAMPAIGN)
-    (folder / "touch.sh").write_text(f"touch {mark}")
-    (folder / "own_oracle.ipynb").write_text(NOTEBOOK.replace("MARK", str(mark)))
-    (folder / "scenario.osc").write_text(
-        f'import osc.helpers\nscenario x:\n    word: string = ""\n    do run_process("touch {mark}")\n'
-    )
+    texts = {"x.vast": CAMPAIGN, "touch.sh": "touch MARK", "own_oracle.ipynb": NOTEBOOK, "scenario.osc": SCENARIO}
 
-    def look(command, imported="", produced="pass"):
-        texts = {"imported": imported.format(mark=str(mark)), "produced": produced.format(mark=str(mark))}
-        (folder / "own.py").write_text(PRODUCER.format(**texts))
-        result = CliRunner().invoke(app, [*command, str(folder / "x.vast")])
-        left = {path.name for path in folder.iterdir()} - {"__pycache__"}
-        assert left == {"x.vast", "touch.sh", "own_oracle.ipynb", "scenario.osc", "own.py"}
+    def look(command, **places):
+        for name, text in {**texts, "own.py": code(PRODUCER, **places)}.items():
+            (folder / name).write_text(text.replace("MARK", str(mark)))
+        result = called(*command.split(), folder / "x.vast")
+        assert {path.name for path in folder.iterdir()} - {"__pycache__"} == {*texts, "own.py"}
         return result.exit_code, result.output, mark.exists()
 
     return look
@@ -78,8 +97,106 @@ def test_looking_executes_no_script_program_notebook_or_step(looked, command):
 
 @each_row("command", COMMANDS)
 @each_row("when", ["imported", "produced"])
-def test_plug_in_has_no_effects_and_is_told(looked, command, when):
-    code, said, is_marked = looked(command, **{when: TOUCH})
-    assert not is_marked
-    assert code == 2
+def test_looking_refuses_effects_of_plug_in(looked, command, when):
+    code, said, is_marked = looked(command, **{when: "open('MARK', 'w')"})
+    assert (code, is_marked) == (2, False)
     assert "EffectRefused: it would write to a file" in said
+
+
+@each_row(("statement", "raised"), [("sys.exit(0)", "SystemExit(0)"), ("raise GeneratorExit", "GeneratorExit")])
+@each_row("place", ["imported", "made", "produced"])
+def test_producer_that_ends_process_is_fault_of_file(tmp_path, place, statement, raised):
+    (tmp_path / "own.py").write_text(code(PRODUCER, **{place: statement}))
+    file = tmp_path / "c.vast"
+    file.write_text("version: 1\nconfiguration:\n  - name: a\n    variations: [{'own.py:Words': {}}]\n")
+    line = refused("validate", file)
+    assert line.startswith(f"{file}:4:19: configuration[0].variations[0].own.py:Words: ")
+    assert f"its code raised {raised}, which would end vastflow" in line
+
+
+@each_row(
+    ("place", "statement", "words"),
+    [
+        ("imported", "sys.exit(0)", EXIT),
+        ("made", "sys.exit(0)", EXIT),
+        ("made", "1 / 0", "it raised ZeroDivisionError: division by zero; an oracle that can be made"),
+    ],
+)
+def test_oracle_that_ends_process_or_raises_is_fault_of_file(tmp_path, place, statement, words):
+    (tmp_path / "plug.py").write_text(code(ORACLE, **{place: statement}))
+    file = tmp_path / "c.vast"
+    file.write_text("version: 1\nconfiguration:\n  - name: a\nevaluation: {oracles: ['plug.py:Leaver']}\n")
+    result = called("validate", file)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert f"{file}:4:" in result.stderr and words in result.stderr
+
+
+def test_plug_in_code_turns_exits_alone_into_errors():
+    for raised, caught, words in (
+        (KeyboardInterrupt(), KeyboardInterrupt, ""),
+        (LookupError("own"), LookupError, "own"),
+        (SystemExit("words"), PlugInExit, r"SystemExit\('words'\)"),
+    ):
+        with pytest.raises(caught, match=words), plug_in_code():
+            raise raised
+
+    def judge():
+        raise SystemExit(0)
+
+    assert answered(judge) == Broken(f"PlugInExit: {EXIT}")
+
+
+def test_command_exits_with_3_for_exit_from_anywhere_else(monkeypatch, tmp_path):
+    def leave(*arguments, **named):
+        raise SystemExit(0)
+
+    monkeypatch.setattr("vastflow.flows.request.campaign_file.read_campaign", leave)
+    result = called("validate", tmp_path / "c.vast")
+    assert result.exit_code == 3
+    assert "a plug-in's code raised SystemExit(0), which would end vastflow" in result.stderr
+
+
+POSES = "{start_pose: {x: 1, y: 1, yaw: 0}}, {goal_pose: {x: 2, y: 1, yaw: 0}}"
+ROOM = f"configuration: [{{name: a, parameters: [{POSES}]}}]"
+NAMED = {
+    "map": ROOM.replace("[{st", "[{map_file: pipe}, {st"),
+    "picture": ROOM.replace("[{st", "[{map_file: of_pipe.yaml}, {st"),
+    "endless picture": ROOM.replace("[{st", "[{map_file: of_zero.yaml}, {st"),
+    "plan": ROOM.replace("]}]", "], variations: [{FloorplanGeneration: {floorplans: [pipe]}}]}]"),
+    "producer": ROOM.replace("]}]", "], variations: [{'pipe.py:A': {}}]}]"),
+    "oracle": f"{ROOM}\nevaluation: {{oracles: ['pipe.py:A']}}",
+    "notebook": f"{ROOM}\nevaluation: {{oracles: [pipe.ipynb]}}",
+    "scenario": f"{ROOM}\nexecution: {{scenario_file: pipe.osc}}",
+    "parameters": f"{ROOM}\nexecution: {{nav2_params: pipe}}",
+}
+
+
+@pytest.fixture
+def pipes(tmp_path, monkeypatch):
+    for name in ("pipe", "pipe.osc", "pipe.py", "pipe.ipynb"):
+        os.mkfifo(tmp_path / name)
+    for name, image in (("of_pipe", "pipe"), ("of_zero", "/dev/zero")):
+        (tmp_path / f"{name}.yaml").write_text(f"{{image: {image}, resolution: 0.05, origin: [0, 0, 0]}}")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("what", NAMED)
+def test_validate_refuses_campaign_that_names_pipe(pipes, what):
+    (pipes / "c.vast").write_text(NAMED[what])
+    result = called("validate", "c.vast")
+    assert (result.exit_code, result.stdout, "c.vast:" in result.stderr) == (2, "", True)
+
+
+@each_row(
+    "arguments",
+    [
+        "validate pipe",
+        "scenario check pipe.osc",
+        "floorplan geometry pipe",
+        "floorplan variations pipe --out drawn",
+        "params pipe",
+    ],
+)
+def test_command_refuses_pipe(pipes, arguments):
+    assert "can't be read: it is a pipe" in refused(*arguments.split())

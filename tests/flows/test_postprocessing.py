@@ -12,17 +12,11 @@ from whole_directory import ConfigurationResult, write_results
 from vastflow.flows.export.run import poses_csv
 from vastflow.flows.postprocessing.postprocess import postprocessed
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.flows.results.inputs import inputs_of
-from vastflow.flows.results.summary import Work
 from vastflow.oracles.judgement.verdict import Verdict
 from vastflow.producers.campaign_file.postprocessing import steps_of
-from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.archive import write_outputs
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.recording import Outputs, Recording, Run
-from vastflow.tasks.keys.keys import Keys
-
-KEYS = Keys("x86_64; glibc 2.36; avx2 fma; ", "e" * 64, "o" * 64, "j" * 64, 0, [])
 
 PLUG_IN = """\
 from pathlib import Path
@@ -87,25 +81,14 @@ class Campaign:
         self.count += 1
         text = self.file.read_text().partition("results_processing")[0]
         self.file.write_text(text + f"results_processing:\n  postprocessing: {json.dumps(steps)}\n")
-        campaign, oracles = read_campaign(self.file)
+        campaign, _ = read_campaign(self.file)
         outputs = {run: Outputs({}, {"drive.log": b"12345" * (run + 1)}) for run in range(2)}
         rows = [Recording(Run(run, "7", "succeeded", 0, "", 7.5, 5.0, 0, 0), {}) for run in range(2)]
         verdicts = [Verdict("success", 0, "pass"), Verdict("success", 1, "fail", "late")]
         found = ConfigurationResult([write_recordings(rows)], verdicts=verdicts, outputs=[write_outputs(outputs)])
-        written = write_results(
-            self.root,
-            campaign,
-            inputs_of(campaign, oracles),
-            instantiate(campaign),
-            lambda configuration: found,
-            runs=2,
-            oracles=("success",),
-            keys=KEYS,
-            record={"report": report} if report else {},
-            created=datetime(2026, 11, 21, 10, 0, self.count),
-            work=lambda: Work(4, 0, 30.0, 2.0, 1.5),
-            report=lambda directory: None,
-        )
+        created = datetime(2026, 11, 21, 10, 0, self.count)
+        record = {"report": report} if report else {}
+        written = write_results(self.file, self.root, found, record=record, created=created)
         before = contents(written.directory, "metadata.json")
         steps = steps_of(campaign.spec.results_processing.postprocessing)
         results = postprocessed(written, steps, self.file.parent)

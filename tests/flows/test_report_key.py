@@ -114,18 +114,17 @@ def test_facts_of_a_call_are_in_no_key(asked, facts):
     assert report_key(**{**asked, "metadata": {**METADATA, **facts}}) == report_key(**asked)
 
 
-def test_report_key_holds_an_oracles_description(asked, monkeypatch):
-    before = report_key(**asked)
-    monkeypatch.setattr(type(asked["oracles"][0]), "__doc__", "Another sentence.")
-    assert report_key(**asked) != before
-
-
-@pytest.mark.parametrize("library", ["jinja2", "markupsafe", "matplotlib"])
-def test_libraries_that_draw_and_lay_out_are_in_the_key(asked, monkeypatch, library):
-    before = report_key(**asked)
-    version = importlib.metadata.version
-    monkeypatch.setattr(importlib.metadata, "version", lambda name: "0" if name == library else version(name))
-    assert report_key(**asked) != before
+def test_report_key_has_description_of_oracles_and_libraries_of_report(asked, monkeypatch):
+    before, version = report_key(**asked), importlib.metadata.version
+    with monkeypatch.context() as patch:
+        patch.setattr(type(asked["oracles"][0]), "__doc__", "Another sentence.")
+        assert report_key(**asked) != before
+    for library in ("jinja2", "markupsafe", "matplotlib"):
+        with monkeypatch.context() as patch:
+            patch.setattr(
+                importlib.metadata, "version", lambda name, own=library: "0" if name == own else version(name)
+            )
+            assert report_key(**asked) != before
 
 
 @pytest.mark.parametrize("name", ["tables.py", "report.html.j2", "report.css", "report.js"])

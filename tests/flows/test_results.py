@@ -2,34 +2,30 @@
 
 import hashlib
 import json
+import math
 import shutil
-from datetime import datetime
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
 from table import each_row
 from whole_directory import ConfigurationResult, write_results
 
-from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.flows.results.inputs import inputs_of
-from vastflow.flows.results.summary import Work
+from vastflow.flows.results.results import write_map
 from vastflow.flows.results.tables import complete, one_block
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.judgement.verdict import Metric, Verdict
 from vastflow.oracles.observation.trace import NOWHERE_MM
 from vastflow.oracles.page.report import write_report
 from vastflow.oracles.results.tables import read_tables
-from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.blocks import read_block, read_recordings, write_block, write_recordings
 from vastflow.sim.model.recording import Event, Recording, Run
-from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.map_file import LARGEST_CELL_M, LEAST_CELL_M, load_map
+from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.tasks.engine.engine import RunFault
-from vastflow.tasks.keys.keys import Keys
-
-CREATED = datetime(2026, 11, 21, 6, 5, 4)
-KEYS = Keys("x86_64; glibc 2.36; avx2 fma; ", "e" * 64, "o" * 64, "j" * 64, 0, [])
-WORK = Work(executed=3, reused=1, simulated_s=30.0, cpu_s=2.0, wall_s=1.5)
 
 
 def recording(run_index):
@@ -47,21 +43,8 @@ def found_of(runs, judgement="pass"):
     return ConfigurationResult(blocks_of(runs), blocks_of(runs), verdicts)
 
 
-def written(path, root, found, report=lambda directory: None, runs=2):
-    campaign, oracles = read_campaign(path)
-    return write_results(
-        root,
-        campaign,
-        inputs_of(campaign, oracles),
-        instantiate(campaign),
-        found,
-        runs=runs,
-        oracles=[oracle.name for oracle in oracles],
-        keys=KEYS,
-        created=CREATED,
-        work=lambda: WORK,
-        report=report,
-    )
+def written(path, root, found, report=lambda directory: None):
+    return write_results(path, root, found, report=report)
 
 
 @each_row(
@@ -75,15 +58,15 @@ def written(path, root, found, report=lambda directory: None, runs=2):
         [range(2), range(1, 8)],
     ],
 )
-def test_file_has_the_same_bytes_however_the_runs_were_blocked(blocking):
+def test_joined_blocks_have_equal_bytes_for_any_cut(blocking):
     assert one_block(blocks_of(*blocking), 5) == write_recordings([recording(k) for k in range(5)])
 
 
-def test_block_without_wanted_runs_gives_no_file():
+def test_joined_blocks_are_empty_without_wanted_runs():
     assert (one_block(blocks_of(range(5, 8)), 5), one_block([], 5)) == (b"", b"")
 
 
-def test_traces_of_runs_that_met_other_classes_of_obstacles_become_one_block():
+def test_joined_blocks_fill_signals_that_some_runs_lack():
     near, far = (np.full(3, 7, dtype=np.int32), np.full(3, NOWHERE_MM, dtype=np.int32))
     without = write_block([{"run_index": 0}], [{"localization_error_mm": near}])
     having = write_block([{"run_index": 1}], [{"localization_error_mm": near, "separation_mm/box": near}])
@@ -92,7 +75,7 @@ def test_traces_of_runs_that_met_other_classes_of_obstacles_become_one_block():
     assert second["separation_mm/box"].tolist() == near.tolist()
 
 
-def test_runs_have_a_verdict_of_every_oracle_and_faults_a_reason():
+def test_complete_fills_missing_verdicts_with_faults():
     result = ConfigurationResult(
         verdicts=[Verdict("safety", 0, "pass"), Verdict("success", 0, "pass"), Verdict("success", 9, "fail")],
         faults=[RunFault("room-1", 1, "execute", "MemoryError: 3 GB")],
@@ -111,7 +94,7 @@ def whole(configuration):
     return found_of(range(2))
 
 
-def test_directory_is_complete_when_the_campaigns_files_are_gone(small_room, tmp_path):
+def test_directory_is_complete_without_campaign_files(small_room, tmp_path):
     digest, campaign = load_map(small_room.with_name("room.yaml")).digest, small_room.read_bytes()
     directory = written(small_room, tmp_path / "results", whole).directory
     shutil.rmtree(small_room.parent)
@@ -132,20 +115,7 @@ def test_directory_is_complete_when_the_campaigns_files_are_gone(small_room, tmp
     assert rows == [(name, k, 1) for name in ("room-1", "room-2") for k in (0, 1)]
 
 
-def test_request_is_recorded_as_the_campaign_was_read(small_room, tmp_path):
-    before = small_room.read_bytes()
-
-    def edited_meanwhile(configuration):
-        small_room.write_text("edited")
-        small_room.with_name("room.yaml").write_text("edited")
-        return found_of(range(2))
-
-    directory = written(small_room, tmp_path, edited_meanwhile).directory
-    assert (directory / "campaign.vast").read_bytes() == before
-    assert (directory / "inputs/room.yaml").read_text().startswith("{image")
-
-
-def test_summary_counts_runs_and_each_oracles_verdicts(small_room, tmp_path):
+def test_summary_counts_runs_and_verdicts_by_oracle(small_room, tmp_path):
     def found(configuration):
         return found_of(range(2), "pass" if configuration.name == "room-1" else "fail")
 
@@ -156,23 +126,18 @@ def test_summary_counts_runs_and_each_oracles_verdicts(small_room, tmp_path):
     assert summary.oracles == {"success": Counts(2, 2, 0)}
 
 
-def test_reasons_may_hold_what_no_text_file_can(small_room, tmp_path):
+def test_results_escape_what_text_files_lack(small_room, tmp_path):
     said = "no file a\udcff.csv"
     fault = RunFault("room-2", None, "judge", said)
-
-    def found(configuration):
-        verdicts = [Verdict("success", k, "fail", said) for k in range(2)]
-        if configuration.name == "room-2":
-            return ConfigurationResult(faults=[fault])
-        return ConfigurationResult(verdicts=verdicts)
-
-    results = written(small_room, tmp_path, found, write_report)
+    failed = ConfigurationResult(verdicts=[Verdict("success", k, "fail", said) for k in range(2)])
+    found = {"room-1": failed, "room-2": ConfigurationResult(faults=[fault])}
+    results = written(small_room, tmp_path, lambda configuration: found[configuration.name], write_report)
     assert results.faults == (fault,)
     assert json.loads((results.directory / "metadata.json").read_text())["faults"][0]["error"] == said
     assert "no file a\\udcff.csv" in (results.directory / "report.html").read_text()
 
 
-def test_metadata_has_the_summary_and_our_own_faults(small_room, tmp_path):
+def test_metadata_has_summary_and_faults(small_room, tmp_path):
     fault = RunFault("room-1", 1, "execute", "MemoryError: 3 GB")
 
     def found(configuration):
@@ -195,7 +160,7 @@ def test_metadata_has_the_summary_and_our_own_faults(small_room, tmp_path):
     assert pq.read_metadata(results.directory / "runs.parquet").num_rows == 3
 
 
-def test_duplicate_is_listed_and_has_no_recordings_of_its_own(small_room, tmp_path):
+def test_duplicate_is_listed_without_recordings(small_room, tmp_path):
     small_room.write_text(small_room.read_text().replace("[0.0, 0.02]", "[0.0, 0.0]"))
     asked = []
 
@@ -209,7 +174,7 @@ def test_duplicate_is_listed_and_has_no_recordings_of_its_own(small_room, tmp_pa
     assert read_tables(results.directory).configurations.duplicate_of == [None, "room-1"]
 
 
-def test_report_is_made_before_the_directory_appears(small_room, tmp_path):
+def test_report_is_written_before_directory_appears(small_room, tmp_path):
     seen = []
 
     def report(directory):
@@ -231,7 +196,7 @@ def test_interrupt_leaves_no_directory(small_room, tmp_path):
     assert list((tmp_path / "results").iterdir()) == []
 
 
-def test_directories_of_the_same_runs_hold_the_same_bytes(small_room, tmp_path):
+def test_directories_of_equal_runs_have_equal_bytes(small_room, tmp_path):
     one = written(small_room, tmp_path / "one", whole).directory
     other = written(
         small_room,
@@ -246,20 +211,27 @@ def test_directories_of_the_same_runs_hold_the_same_bytes(small_room, tmp_path):
     assert digests(one) == digests(other)
 
 
-def test_producer_beside_the_campaign_file_is_kept(small_room, tmp_path):
-    small_room.with_name("own.py").write_text(
-        "from vastflow.producers.catalog.parameter import ParameterVariationList\n\n\nclass Own(ParameterVariationList):\n    pass\n"
+METERS = st.floats(-1e3, 1e3, allow_nan=False)
+RESOLUTIONS = st.sampled_from([0.05, 0.025, 0.1, 1.0, LEAST_CELL_M, LARGEST_CELL_M, 1 / 3])
+
+
+@pytest.mark.parametrize("values", [(0, 100, -1), tuple(range(-1, 101))], ids=["trinary", "scale"])
+def test_written_map_equals_original(tmp_path_factory, values):
+    @given(
+        arrays(np.int8, array_shapes(min_dims=2, max_dims=2, max_side=12), elements=st.sampled_from(values)),
+        RESOLUTIONS,
+        st.tuples(METERS, METERS),
+        st.sampled_from([0.0, 0.3, -math.pi / 4, math.pi / 4, 1e-4]),
     )
-    small_room.write_text(small_room.read_text().replace("ParameterVariationList", "own.py:Own"))
-    directory = written(small_room, tmp_path, whole).directory
-    assert (directory / "inputs/own.py").read_text().startswith("from vastflow")
+    def check(cells, resolution_m, origin_xy_m, yaw_rad):
+        occupancy = OccupancyMap(cells, resolution_m, origin_xy_m, yaw_rad)
+        directory = tmp_path_factory.mktemp("map")
+        write_map(directory, occupancy)
+        assert load_map(directory / "map.yaml").digest == occupancy.digest
+
+    check()
 
 
-def test_map_from_elsewhere_is_kept_with_its_picture(small_room, tmp_path):
-    shutil.move(small_room.parent, tmp_path / "maps")
-    path = tmp_path / "c" / "room.vast"
-    path.parent.mkdir()
-    path.write_text((tmp_path / "maps/room.vast").read_text().replace("room.yaml", "../maps/room.yaml"))
-    directory = written(path, tmp_path / "results", whole).directory
-    (kept,) = (directory / "inputs").glob("*/room.yaml")
-    assert load_map(kept).digest == load_map(tmp_path / "maps/room.yaml").digest
+def test_trinary_map_has_the_gray_values_of_map_saver(tmp_path):
+    write_map(tmp_path / "e", OccupancyMap(np.array([[0, 100, -1]], dtype=np.int8), 0.05, (0.0, 0.0)))
+    assert (tmp_path / "e/map.pgm").read_bytes().endswith(bytes([254, 0, 205]))

@@ -6,29 +6,22 @@ import shutil
 import subprocess
 import sys
 import time
-from datetime import datetime
 from pathlib import Path
 
 import psutil
 import pytest
 from command_line import called, refused
 from table import each_row
-from whole_directory import ConfigurationResult, write_results
+from whole_directory import CREATED, ConfigurationResult, write_results
 
 from vastflow.flows import api
 from vastflow.flows.request.campaign_file import campaign_keys, read_campaign, recorded_keys
-from vastflow.flows.request.run_request import Asked, asked_of
+from vastflow.flows.request.run_request import asked_of
 from vastflow.flows.results.directory import ABANDONED_S, WRITER, left_behind, new_directory, sweep, writer_of
-from vastflow.flows.results.inputs import inputs_of, replica
-from vastflow.flows.results.provenance import ingredients_row
-from vastflow.flows.results.summary import Summary, Work
-from vastflow.oracles.evidence.rates import Counts
+from vastflow.flows.results.inputs import replica
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.tasks.keys.source import installed_tree
-
-CREATED = datetime(2026, 11, 21, 6, 5, 4)
-SUMMARY = Summary(2, 0, 0, 4, 0, 4, 4, 0, 0, 0.0, 3.0, 2.0, "results/x", {"success": Counts(4, 0, 0)})
 
 
 @pytest.fixture(scope="module")
@@ -64,24 +57,9 @@ def directory(small_room, tmp_path, tree):
     return written(small_room, tmp_path / "results", tree)
 
 
-def written(path, root, tree, only=(), sample=None, map_dir=None, as_v1=False):
-    campaign, oracles = read_campaign(path, map_dir, as_v1=as_v1)
-    inputs, keys = inputs_of(campaign, oracles), campaign_keys(tree, campaign.seed, oracles)
-    asked = Asked(path.name, 3, tuple(only), inputs.places, sample, as_v1)
-    return write_results(
-        root,
-        campaign,
-        inputs,
-        instantiate(campaign),
-        lambda configuration: ConfigurationResult(),
-        runs=3,
-        oracles=["success"],
-        keys=keys,
-        record={"asked": asked.as_json(), **ingredients_row(tree, campaign.families, oracles)},
-        created=CREATED,
-        work=lambda: Work(0, 0, 0.0, 0.0, 0.0),
-        report=lambda directory: None,
-    ).directory
+def written(path, root, tree, map_dir=None, as_v1=False, **asked):
+    found = ConfigurationResult()
+    return write_results(path, root, found, runs=3, tree=tree, map_dir=map_dir, as_v1=as_v1, asked=asked).directory
 
 
 @pytest.fixture
@@ -99,10 +77,6 @@ def asked_again(monkeypatch):
     return calls
 
 
-def resumed(*arguments):
-    return called("run", *arguments)
-
-
 def test_run_repeats_campaign_from_its_own_inputs(directory, small_room, tmp_path, asked_again):
     digests = [c.scenario.digest for c in instantiate(read_campaign(small_room)[0]).configurations]
     shutil.rmtree(small_room.parent)
@@ -110,7 +84,7 @@ def test_run_repeats_campaign_from_its_own_inputs(directory, small_room, tmp_pat
     said = json.loads(called("plan", directory, "--store", tmp_path / "store", "--json").stdout)
     assert (said["file"], said["compared_with"]) == (str(directory), str(directory))
     assert (said["runs"], said["stages"]["execute"]) == (3, {"reused": 0, "computed": 6})
-    result = resumed(directory, "--store", tmp_path / "store", "--workers", 2)
+    result = called("run", directory, "--store", tmp_path / "store", "--workers", 2)
     assert f"small_room of 2026-11-21 06:05:04 from the inputs in {directory}, 3 runs of each" in result.stderr
     (call,) = asked_again
     assert call["digests"] == digests
@@ -126,7 +100,7 @@ def test_run_repeats_campaign_from_its_own_inputs(directory, small_room, tmp_pat
     ],
 )
 def test_run_of_directory_keeps_its_selection(small_room, tmp_path, tree, asked_again, asked, words):
-    assert words in resumed(written(small_room, tmp_path / "results", tree, **asked)).stderr
+    assert words in called("run", written(small_room, tmp_path / "results", tree, **asked)).stderr
     (name, value), *_ = asked.items()
     assert asked_again[-1][name] == (tuple(value) if name == "only" else value)
     assert asked_again[-1]["as_v1"] is ("as_v1" in asked)
@@ -140,7 +114,7 @@ def test_run_of_directory_keeps_its_selection(small_room, tmp_path, tree, asked_
         ("/opt/elsewhere/maps/room.yaml", "maps"),
     ],
 )
-def test_maps_of_another_folder_or_machine_are_among_inputs(name, folder, small_room, tmp_path, tree, asked_again):
+def test_inputs_have_maps_of_other_folders(name, folder, small_room, tmp_path, tree, asked_again):
     maps = tmp_path / "somewhere" / "maps"
     for place in (maps, tmp_path / "somewhere" / folder):
         place.mkdir(parents=True, exist_ok=True)
@@ -150,11 +124,11 @@ def test_maps_of_another_folder_or_machine_are_among_inputs(name, folder, small_
     directory = written(small_room, tmp_path / "results", tree, map_dir=maps)
     digests = [c.scenario.digest for c in instantiate(read_campaign(small_room, maps)[0]).configurations]
     shutil.rmtree(tmp_path / "somewhere")
-    resumed(directory)
+    called("run", directory)
     assert asked_again[0]["digests"] == digests
 
 
-def test_floor_plans_and_their_variations_are_among_the_inputs(tmp_path, tree, asked_again):
+def test_inputs_have_floor_plans_and_variations(tmp_path, tree, asked_again):
     folder = tmp_path / "campaign"
     folder.mkdir()
     shutil.copytree(FLOORPLANS, tmp_path / "floorplans")
@@ -162,18 +136,11 @@ def test_floor_plans_and_their_variations_are_among_the_inputs(tmp_path, tree, a
     directory = written(folder / "plans.vast", tmp_path / "results", tree)
     shutil.rmtree(tmp_path / "floorplans")
     shutil.rmtree(folder)
-    assert "damaged" not in resumed(directory).stderr
+    assert "damaged" not in called("run", directory).stderr
     assert len(asked_again[0]["digests"]) == 2
 
 
-def test_copy_of_the_inputs_is_gone_afterwards(directory):
-    with replica(directory, asked_of(json.loads((directory / "metadata.json").read_text()))) as laid_out:
-        folder = laid_out.file.parent
-        assert laid_out.file.name == "room.vast" and (folder / "../maps/room.yaml").is_file()
-    assert not folder.exists()
-
-
-def test_file_named_from_the_root_that_is_another_by_now_is_refused(small_room, tmp_path, tree):
+def test_replica_refuses_changed_file_with_absolute_path(small_room, tmp_path, tree):
     outside = tmp_path / "room.yaml"
     shutil.move(small_room.with_name("room.yaml"), outside)
     shutil.move(small_room.with_name("room.pgm"), tmp_path)
@@ -181,7 +148,9 @@ def test_file_named_from_the_root_that_is_another_by_now_is_refused(small_room, 
     directory = written(small_room, tmp_path / "results", tree)
     asked = asked_of(json.loads((directory / "metadata.json").read_text()))
     with replica(directory, asked) as laid_out:
-        assert laid_out.file.is_file()
+        folder = laid_out.file.parent
+        assert laid_out.file.name == "room.vast" and laid_out.file.is_file()
+    assert not folder.exists()
     outside.write_text(outside.read_text().replace("0.05", "0.1"))
     with (
         pytest.raises(UnusableDirectory, match=r"room\.yaml is another file now than in its inputs; put back"),
@@ -192,12 +161,12 @@ def test_file_named_from_the_root_that_is_another_by_now_is_refused(small_room, 
 
 def test_run_refuses_directory_whose_inputs_are_deleted(directory):
     shutil.rmtree(directory / "inputs")
-    said = resumed(directory)
+    said = called("run", directory)
     assert said.exit_code == 2
     assert f"{directory}: its inputs can't be read any more: {directory}/campaign.vast:" in said.stderr
 
 
-def test_keys_of_a_campaign_follow_from_its_directory(directory, small_room, tree):
+def test_recorded_keys_equal_keys_of_campaign(directory, small_room, tree):
     campaign, oracles = read_campaign(small_room)
     metadata = json.loads((directory / "metadata.json").read_text())
     keys = campaign_keys(tree, campaign.seed, oracles)
@@ -230,7 +199,7 @@ def gone_pid():
 
 def test_run_finds_incomplete_directory_by_either_name(half, directory, asked_again):
     for name in (half, directory):
-        assert f"{half} was left incomplete by a killed process" in resumed(name).stderr
+        assert f"{half} was left incomplete by a killed process" in called("run", name).stderr
     assert [call["runs"] for call in asked_again] == [3, 3]
     me = psutil.Process()
     writer = {"host": os.uname().nodename, "pid": me.pid, "began_s": me.create_time()}

@@ -1,17 +1,54 @@
 """The request of a run: one model behind the command line, Python, deployments and schedules."""
 
 import inspect
+import json
+import shutil
+import subprocess
+import sys
 
 import pytest
+import yaml
+from command_line import called, refused
 from prefect.exceptions import ParameterTypeError
 from table import each_row
-from typer.testing import CliRunner
 
 from vastflow.flows import run_campaign
-from vastflow.flows.__main__ import app
 from vastflow.flows.campaign import campaign
 from vastflow.flows.request.run_request import NAMES, RunRequest, request_of
 from vastflow.flows.request.work_pool import WorkPool
+from vastflow.sim.model.faults import FileError
+
+CLUTTER = """
+  - name: clutter
+    parameters:
+      - map_file: room.yaml
+    variations:
+      - PathVariationRandom: {path_length: 2.0, robot_diameter: 0.35, goal_poses: "@goal_pose"}
+      - ObstacleVariation:
+          obstacle_configs: [{amount: 1, max_distance: 3.0, args: "width:=9.0, length:=0.02"}]
+execution:"""
+"""A board of 9 m finds no room in a room of 4 m, unless it may stand in its walls."""
+
+
+@each_row(
+    ("statement", "unwanted"),
+    [
+        ("import vastflow.flows", {"numba", "prefect"}),
+        ("from vastflow.flows import run_campaign", {"prefect"}),
+        ("import vastflow.tasks.engine.work, vastflow.tasks.engine.pool", {"numba", "prefect"}),
+    ],
+)
+def test_imports_load_neither_prefect_nor_numba(statement, unwanted):
+    script = f"{statement}; import sys; print(*{unwanted!r} & sys.modules.keys())"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=240, check=True)
+    assert done.stdout.split() == []
+
+
+def test_python_call_refuses_bad_file_and_writes_nothing(tmp_path):
+    (tmp_path / "x.vast").write_text("version: 1\nconfiguraton: []\n")
+    with pytest.raises(FileError, match=r"x\.vast:2:1: .*did you mean 'configuration'"):
+        run_campaign(tmp_path / "x.vast", results=tmp_path / "results", store=tmp_path / "store")
+    assert [file.name for file in tmp_path.iterdir()] == ["x.vast"]
 
 
 def test_request_goes_through_json_unchanged(tmp_path):
@@ -20,42 +57,79 @@ def test_request_goes_through_json_unchanged(tmp_path):
     assert (request.only, request.pool, request.shards) == (("hall",), "lab", 4)
 
 
-def test_fields_have_a_description():
-    assert [name for name, about in RunRequest.model_fields.items() if not about.description] == []
-
-
-def test_command_has_an_option_for_each_field_with_the_words_of_the_field():
-    said = " ".join(CliRunner().invoke(app, ["run", "--help"], env={"COLUMNS": "400"}).output.split())
+def test_command_python_call_and_flow_take_the_fields_of_a_request():
+    said = " ".join(called("run", "--help", COLUMNS="400").output.split())
     for name in NAMES:
         if name != "reports":
             flag = "--pool-wait" if name == "pool_wait_s" else f"--{name.replace('_', '-')}"
-            assert f"{flag} " in said
-            assert RunRequest.model_fields[name].description in said
-
-
-def test_python_call_takes_what_the_request_has():
+            assert f"{flag} " in said and RunRequest.model_fields[name].description in said
     assert [*inspect.signature(run_campaign).parameters] == ["campaign", "observer", *NAMES]
-
-
-def test_flow_takes_the_request_and_nothing_else():
     assert [*campaign.parameters.properties] == ["request"]
     with pytest.raises(ParameterTypeError, match=r"request\.runs_each: Extra inputs are not permitted"):
         campaign.validate_parameters({"request": {"campaign": "x.vast", "runs_each": 3}})
 
 
 @each_row(
-    ("options", "words"),
+    ("options", "error", "words"),
     [
-        ({"runs": 0}, "^runs is at least 1, got 0$"),
-        ({"shards": 2}, "^--shards: only with --pool, whose shards it is about$"),
-        ({"pool": ""}, "^--pool: expected the name of a work pool, got an empty name$"),
+        ({"runs": 0}, ValueError, "^runs is at least 1, got 0$"),
+        ({"shards": 2}, ValueError, "^--shards: only with --pool, whose shards it is about$"),
+        ({"pool": ""}, ValueError, "^--pool: expected the name of a work pool, got an empty name$"),
+        ({"run": 2}, TypeError, r"expected an option of runs, results, store.*, got 'run'"),
     ],
 )
-def test_option_out_of_bounds_is_told_with_what_was_found(options, words):
-    with pytest.raises(ValueError, match=words):
-        request_of("x.vast", options)
+def test_request_refuses_wrong_option(options, error, words):
+    with pytest.raises(error, match=words):
+        run_campaign("x.vast", **options)
 
 
-def test_option_that_there_is_not_is_told_with_those_there_are():
-    with pytest.raises(TypeError, match=r"expected an option of runs, results, store.*, got 'run'"):
-        request_of("x.vast", {"run": 2})
+def deployed(file, *options):
+    """The parameters of the deployment that `deploy` would make."""
+    result = called("deploy", file, "--pool", "p", "--dry-run", *options)
+    deployment, _ = yaml.safe_load(result.stdout.split("---")[0])["deployments"]
+    return deployment["parameters"]["request"]
+
+
+def test_option_as_v1_places_obstacles_as_version_1_does(small_room, tmp_path, monkeypatch):
+    monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "store"))
+    small_room.write_text(small_room.read_text().replace("\nexecution:", CLUTTER))
+    said, as_v1 = called("validate", small_room), called("validate", small_room, "--as-v1")
+    assert "version 1 of RoboVAST places them otherwise, as does --as-v1" in said.stdout
+    assert "without --as-v1 they keep clear" in as_v1.stdout
+    for options, unrealisable, configurations, given in (((), 1, 2, None), (("--as-v1",), 0, 3, True)):
+        plan = json.loads(called("plan", small_room, "--results", tmp_path, "--json", *options).stdout)
+        assert (plan["coverage"]["unrealisable"], plan["configurations"]) == (unrealisable, configurations)
+        assert deployed(small_room, *options).get("as_v1") is given
+
+
+@pytest.fixture
+def apart(small_room, tmp_path, monkeypatch):
+    """A campaign file whose map lies in another folder, and that folder."""
+    monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "store"))
+    maps = tmp_path / "maps" / "halls"
+    maps.mkdir(parents=True)
+    for name in ("room.yaml", "room.pgm"):
+        shutil.move(small_room.with_name(name), maps / name)
+    small_room.write_text(small_room.read_text().replace("room.yaml", "halls/room.yaml"))
+    return small_room, maps.parent
+
+
+def test_map_dir_is_searched_for_maps_that_are_not_beside_the_file(apart, tmp_path):
+    file, maps = apart
+    assert called("validate", file, "--map-dir", maps).exit_code == 0
+    assert "--map-dir" in refused("validate", file)
+    options = ["--map-dir", maps, "--sample", 1, "--results", tmp_path]
+    said = json.loads(called("plan", file, *options, "--json").stdout)
+    assert (said["coverage"]["realised"], said["configurations"], said["sampled_from"]) == (2, 1, 2)
+    assert said["stages"]["execute"] == {"reused": 0, "computed": 2}
+    assert "a sample of 1 of 2 distinct configurations" in called("plan", file, *options).stdout
+    request = deployed(file, "--map-dir", maps, "--sample", 3)
+    assert (request["map_dir"], request["sample"]) == (str(maps), 3)
+
+
+@each_row("command", ["run", "validate", "plan", "deploy --pool p"])
+def test_map_dir_must_exist(command, apart):
+    file, maps = apart
+    name, *options = command.split()
+    words = f"--map-dir: expected a folder of maps, got '{maps / 'none'}'"
+    assert words in refused(name, file, "--map-dir", maps / "none", *options)

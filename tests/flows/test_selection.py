@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.flows.api import run_campaign
 from vastflow.flows.request.configurations import EVERYTHING, Selection, narrowed, sampled
 from vastflow.producers.instantiation.instantiate import Instantiation, mark_duplicates
 from vastflow.producers.model.configuration import Configuration
@@ -55,13 +54,13 @@ def test_sample_has_each_family_in_proportion(size, seed):
 
 
 @each_row(("size", "seats"), [(12, {"a": 12}), (13, {"a": 12, "b": 1}), (38, {"a": 36, "b": 2})])
-def test_shares_are_rounded_by_websters_method(size, seats):
+def test_sample_rounds_shares_by_websters_method(size, seats):
     """The first of the small family has the place 0.5 / 4, between the large one's 12th and 13th."""
     found = sampled(instantiation(a=list(range(96)), b=list(range(100, 104))), size, 0)
     assert Counter(each.family for each in found.configurations) == seats
 
 
-def test_sample_follows_from_content_and_seed_and_not_from_names_or_order():
+def test_sample_depends_on_content_and_seed_only():
     renamed = instantiation(z=list(reversed(range(60))))
     plain = instantiation(a=list(range(60)))
 
@@ -71,12 +70,12 @@ def test_sample_follows_from_content_and_seed_and_not_from_names_or_order():
     assert digests(sampled(renamed, 20, 1)) == digests(sampled(plain, 20, 1)) != digests(sampled(plain, 20, 2))
 
 
-def test_new_configuration_moves_only_itself_into_a_sample():
+def test_new_configuration_replaces_at_most_one_of_sample():
     before, after = instantiation(a=list(range(60))), instantiation(a=[*range(60), 99])
     assert len(distinct(sampled(before, 20, 1)) - distinct(sampled(after, 20, 1))) <= 1
 
 
-def test_sample_keeps_the_order_and_the_duplicates_of_what_is_in_it():
+def test_sample_keeps_order_and_duplicates():
     found = sampled(instantiation(a=[5, 6, 7, 5, 6, 5]), 1, 0)
     assert len(distinct(found)) == 1
     (first, *others) = found.configurations
@@ -85,8 +84,10 @@ def test_sample_keeps_the_order_and_the_duplicates_of_what_is_in_it():
     assert found.sampled_from == 3
 
 
-def test_sample_of_more_than_there_are_is_all():
+def test_selection_is_everything_by_default_and_for_larger_sample():
     assert names(sampled(LARGE, 1000, 0)) == names(LARGE)
+    assert narrowed(Instantiated(LARGE), EVERYTHING, FILE).instantiation is LARGE
+    assert LARGE.sampled_from is None
 
 
 def test_sample_is_drawn_from_what_is_selected_by_name():
@@ -95,16 +96,6 @@ def test_sample_is_drawn_from_what_is_selected_by_name():
     assert {each.family for each in found.configurations} == {"b"}
 
 
-def test_selection_is_everything_by_default():
-    assert narrowed(Instantiated(LARGE), EVERYTHING, FILE).instantiation is LARGE
-    assert LARGE.sampled_from is None
-
-
-def test_unknown_name_is_refused_with_the_nearest():
+def test_selection_refuses_unknown_name():
     with pytest.raises(FileError, match="no family or configuration 'aa'"):
         narrowed(Instantiated(LARGE), Selection(["aa"], 5), FILE)
-
-
-def test_sample_of_none_is_a_mistake_of_the_caller(tmp_path):
-    with pytest.raises(ValueError, match="sample is at least 1, got 0"):
-        run_campaign(tmp_path / "none.vast", sample=0)

@@ -1,16 +1,12 @@
 """Campaigns that stop when classes are decided, with a real Prefect: numbers, order, and files."""
 
 import json
-import os
 import re
-import signal
-import subprocess
-import sys
-import time
 from collections import Counter
 
 import pyarrow.parquet as pq
 import pytest
+from command_line import called
 from planned import planned
 
 from vastflow.flows import run_campaign
@@ -141,20 +137,19 @@ def content(result):
     return {name: file.read_bytes() for file, name in files if file.is_file() and name.startswith(parts)}
 
 
-def test_configurations_end_where_the_rule_says(first):
+def test_sequential_campaign_ends_where_the_rule_decides(first):
     assert first.faults == ()
     assert runs_of(first) == runs_of(first, "verdicts") == ENDS
     assert (first.summary.runs, first.summary.executed, first.summary.reused) == (58, 58, 0)
     assert first.summary.passed + first.summary.failed == 58
-
-
-def test_metadata_has_the_rule_and_the_most(first):
     said = metadata_of(first)
     assert said["sequential"] == {"min": 5, "max": 20, "error": 0.05, "systematic": 0.2, "reliable": 0.8}
     assert (said["asked"]["runs"], said["counts"]["runs"]) == (20, 58)
+    past = past_of(first.directory)
+    assert ([past.runs_of(name) for name in past.by_name], past.runs) == (list(ENDS.values()), 20)
 
 
-def test_report_has_the_classes_of_the_rule_and_what_was_saved(first):
+def test_report_has_classes_and_saved_runs(first):
     evidence = json.loads((first.directory / "evidence.json").read_text())
     assert Counter(evidence["classes"]["configurations"].values()) == Counter(
         ["reliable", "systematic", "flaky", "undecided"]
@@ -164,20 +159,20 @@ def test_report_has_the_classes_of_the_rule_and_what_was_saved(first):
     assert "22 of 80 runs were saved" in report
 
 
-def test_again_nothing_is_computed_and_prefect_does_not_start(first, run, no_prefect):
+def test_repeated_campaign_computes_nothing(first, run, no_prefect):
     again = run()
     assert (again.summary.executed, again.summary.reused, again.summary.runs) == (0, 58, 58)
     assert metadata_of(again)["report"] == metadata_of(first)["report"]
     assert content(again) == content(first)
 
 
-def test_worker_alone_gives_the_same_as_two(first, run):
+def test_verdicts_are_equal_for_any_workers(first, run):
     alone = run(store="alone", workers=1)
     assert alone.summary.executed == 58
     assert judgements_of(alone) == judgements_of(first)
 
 
-def test_store_with_all_runs_of_a_fixed_campaign_gives_the_same(first, run, monkeypatch):
+def test_runs_of_fixed_campaign_are_reused(first, run, monkeypatch):
     fixed = run("20", store="fixed")
     assert (fixed.summary.runs, fixed.summary.executed) == (80, 80)
     assert "sequential" not in metadata_of(fixed)
@@ -189,7 +184,7 @@ def test_store_with_all_runs_of_a_fixed_campaign_gives_the_same(first, run, monk
     assert runs_of(ended) == ENDS
 
 
-def test_runs_of_the_command_line_are_fixed_and_the_rule_continues(first, place):
+def test_option_runs_fixes_their_number(first, place):
     file = file_of(place, SEQUENTIAL)
     fixed = run_campaign(file, runs=3, results=place / "results", store=place / "few", workers=2)
     assert runs_of(fixed) == dict.fromkeys(KINDS, 3)
@@ -199,7 +194,7 @@ def test_runs_of_the_command_line_are_fixed_and_the_rule_continues(first, place)
     assert judgements_of(found) == judgements_of(first)
 
 
-def test_larger_most_goes_on_and_a_smaller_one_computes_nothing(run, first):
+def test_larger_maximum_adds_runs_and_smaller_one_none(run, first):
     larger = run("{min: 5, max: 40, stop: {}}")
     ends = runs_of(larger)
     assert ends["open"] > 20 and all(ends[kind] >= ENDS[kind] for kind in KINDS)
@@ -209,7 +204,7 @@ def test_larger_most_goes_on_and_a_smaller_one_computes_nothing(run, first):
     assert content(smaller) == content(first)
 
 
-def test_configuration_without_verdicts_has_the_most_runs(run):
+def test_unjudged_configuration_has_maximum_of_runs(run):
     found = run(store="faulty", kinds=("silent", "breaks"))
     assert runs_of(found, "verdicts") == {"silent": 20, "breaks": 10}
     assert {fault.configuration for fault in found.faults} == {"kind-2"}
@@ -229,48 +224,8 @@ def test_plan_of_sequential_campaign_is_an_upper_bound(place, run, first):
     assert (fixed.found("judge"), fixed.least) == (8, None)
 
 
-def test_past_knows_how_many_runs_each_configuration_had(first):
-    past = past_of(first.directory)
-    assert [past.runs_of(name) for name in past.by_name] == list(ENDS.values())
-    assert past.runs == 20
-
-
-SCRIPT = """
-import signal
-import sys
-
-from vastflow.flows import run_campaign
-
-signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job of a shell ignores it
-run_campaign(sys.argv[1], results=sys.argv[2], store=sys.argv[3], workers=2)
-"""
-
-
-def test_interrupted_campaign_goes_on_where_it_was(place, run, first, prefect_home):
-    file = file_of(place, SEQUENTIAL)
-    store = place / "interrupted"
-    process = subprocess.Popen(
-        [sys.executable, "-c", SCRIPT, str(file), str(place / "results"), str(store)],
-        env={**os.environ, "PREFECT_HOME": str(prefect_home(place / "interrupted-prefect"))},
-        stderr=subprocess.PIPE,
-    )
-    until_s = time.monotonic() + 120
-    while not list((store / "judge").rglob("manifest")) and time.monotonic() < until_s and process.poll() is None:
-        time.sleep(0.05)
-    process.send_signal(signal.SIGINT)
-    process.communicate(timeout=240)
-    gone_on = run(store="interrupted")
-    assert gone_on.summary.executed + gone_on.summary.reused == 58
-    assert gone_on.summary.reused > 0
-    assert judgements_of(gone_on) == judgements_of(first)
-
-
-def test_run_of_a_directory_ends_by_the_same_rule(place, first, no_prefect, capsys):
-    from typer.testing import CliRunner
-
-    from vastflow.flows.__main__ import app
-
-    answer = CliRunner().invoke(app, ["run", str(first.directory), "--store", str(place / "store")])
+def test_run_of_directory_uses_the_same_rule(place, first, no_prefect, capsys):
+    answer = called("run", first.directory, "--store", place / "store")
     assert answer.exit_code == 0, answer.output
     assert "20 runs of each configuration at most" in answer.output
     assert re.search(r"58 runs of at most 80, 22 saved", answer.output)

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from room import drawn_room
 from table import each_row
 
 from vastflow.flows import execute, instantiate, judge, observe, run_campaign
@@ -119,44 +120,31 @@ def count(place, stage):
     return len(list((place / "store" / stage).rglob("manifest")))
 
 
-def test_instantiating_gives_configurations_by_name_and_executes_nothing(place, configurations):
+def test_instantiate_names_configurations_and_executes_nothing(place, configurations):
     assert configurations.names == ("left-1-1", "left-1-2", "left-2-1", "left-2-2", "right-1-1")
     assert configurations["left-2-1"].factors["first"] == 2
     assert configurations["left-1-2"].duplicate_of == "left-1-1"
     assert configurations.table().column("name").to_pylist() == list(configurations.names)
-    assert (count(place, "execute"), repr(configurations)) == (
-        0,
-        "<small: 5 configurations, 0 instances rejected, 0 excluded>",
-    )
-
-
-def test_unknown_configuration_is_answered_with_the_nearest(configurations):
+    assert count(place, "execute") == 0
+    assert repr(configurations) == "<small: 5 configurations, 0 instances rejected, 0 excluded>"
     with pytest.raises(UserError, match="expected the name of a configuration, got 'left-1-3'; did you mean 'left-1-"):
         configurations["left-1-3"]
 
 
-def test_stages_execute_distinct_configurations_and_read_them_by_name(place, recordings):
+def test_execute_records_distinct_configurations_and_reads_them_by_name(place, recordings):
     assert repr(recordings) == "<small: 3 configurations × 2 runs, 6 recorded>"
     assert [recording.run.run_index for recording in recordings.of("right-1-1")] == [0, 1]
     assert [r.digest for r in recordings.of("left-1-2")] == [r.digest for r in recordings.of("left-1-1")]
     assert count(place, "observe") == 0
-
-
-def test_table_of_runs_has_a_row_for_each_that_was_recorded(recordings):
     rows = recordings.table().select(["configuration", "family", "run_index", "outcome"]).to_pylist()
-    assert [tuple(row.values()) for row in rows] == [
-        (name, name.partition("-")[0], run, "succeeded")
-        for name in ("left-1-1", "left-2-1", "right-1-1")
-        for run in (0, 1)
-    ]
+    names = ("left-1-1", "left-2-1", "right-1-1")
+    expected = [(name, name.partition("-")[0], run, "succeeded") for name in names for run in (0, 1)]
+    assert [tuple(row.values()) for row in rows] == expected
 
 
-def test_traces_are_of_the_same_runs(traces):
+def test_observe_and_judge_give_traces_and_verdicts_of_file_oracles(traces, verdicts):
     assert [trace.run.run_index for trace in traces.of("left-2-2")] == [0, 1]
     assert traces.table("left-2-2").num_rows == 0  # nothing has signals without a robot
-
-
-def test_verdicts_are_those_of_the_files_oracles(verdicts):
     assert verdicts.oracles == ("success", "own.py:Even")
     assert [(v.oracle, v.run_index, v.judgement) for v in verdicts.of("right-1-1")] == [
         ("success", 0, "pass"),
@@ -169,9 +157,6 @@ def test_verdicts_are_those_of_the_files_oracles(verdicts):
     assert verdicts.table().num_rows == 12
     index = [row["value"] for row in verdicts.metrics().to_pylist() if row["metric"] == "index"]
     assert index == [0, 1] * 3
-
-
-def test_oracle_that_did_not_judge_has_no_counts(verdicts):
     with pytest.raises(ValueError, match=r"expected an oracle that judged, success, own\.py:Even, got 'safety'"):
         verdicts.counts("safety")
 
@@ -186,7 +171,7 @@ def test_campaign_finds_what_the_stages_computed(place, verdicts, no_prefect):
     assert (result.summary.executed, result.summary.reused) == (0, 6)
 
 
-def test_more_runs_of_one_family_compute_the_difference(place, configurations, verdicts):
+def test_execute_computes_only_added_runs(place, configurations, verdicts):
     before = count(place, "execute")
     more = execute(configurations, runs=3, only="right", workers=2)
     assert (more.names, len(more.of("right-1-1"))) == (("right-1-1",), 3)
@@ -203,14 +188,10 @@ def odd(place, traces, verdicts):
     return verdicts, [stage for stage, number in before.items() if count(place, stage) != number]
 
 
-def test_judging_by_other_parameters_executes_nothing(odd):
+def test_judge_by_other_parameters_executes_nothing_and_returns_faults(odd):
     verdicts, computed = odd
     assert computed == ["judge"]
     assert verdicts.counts("own.py:Even")["right-1-1"] == Counts(passed=1, not_judged=1)
-
-
-def test_fault_of_ours_is_in_the_result_and_its_run_is_not_judged(odd):
-    verdicts, _ = odd
     assert [(fault.run_index, fault.stage, fault.error) for fault in verdicts.faults] == [
         (0, "judge", "ValueError: this one")
     ] * 3
@@ -227,22 +208,24 @@ def test_fault_of_ours_is_in_the_result_and_its_run_is_not_judged(odd):
         (["success", {"own.py:Even": {"rest": 1}}], r"oracles\[1\]\.rest: unknown key 'rest'"),
     ],
 )
-def test_oracle_that_is_not_there_is_a_fault_with_its_place(traces, oracles, said):
+def test_judge_refuses_unknown_oracle_with_its_place(traces, oracles, said):
     with pytest.raises(FileError, match=said):
         judge(traces, oracles=oracles)
 
 
-def test_name_in_only_that_nothing_has_is_a_fault(configurations):
-    with pytest.raises(FileError, match="only: no family or configuration 'rigth'; did you mean 'right'"):
-        execute(configurations, only="rigth")
+@each_row(
+    ("options", "error", "said"),
+    [
+        ({"only": "rigth"}, FileError, "only: no family or configuration 'rigth'; did you mean 'right'"),
+        ({"runs": 0}, ValueError, "runs is at least 1, got 0"),
+    ],
+)
+def test_execute_refuses_wrong_options(configurations, options, error, said):
+    with pytest.raises(error, match=said):
+        execute(configurations, **options)
 
 
-def test_fewer_than_one_run_is_none(configurations):
-    with pytest.raises(ValueError, match="runs is at least 1, got 0"):
-        execute(configurations, runs=0)
-
-
-def test_deleted_artifacts_are_reported_as_lost_with_the_remedy(place, configurations, tmp_path):
+def test_stages_report_deleted_artifacts_as_lost(place, configurations, tmp_path):
     shutil.copytree(place / "store", tmp_path / "store")
     (tmp_path / "own.py").write_text(ORACLE)
     for name in ("small.vast", "nothing.osc"):
@@ -257,16 +240,12 @@ def test_deleted_artifacts_are_reported_as_lost_with_the_remedy(place, configura
 
 
 @pytest.mark.slow
-def test_examples_of_the_page_run_in_a_plain_script_without_a_guard(tmp_path, prefect_home):
+def test_examples_of_page_run_in_plain_script(tmp_path, prefect_home):
     """One process with all of the page's examples, on a campaign whose names are the quickstart's."""
     examples = re.findall(r"^```python\n(.*?)^```$", EXAMPLES.read_text(), re.MULTILINE | re.DOTALL)
     assert len(examples) >= 5
     folder = tmp_path / "campaigns" / "quickstart"
-    folder.mkdir(parents=True)
-    side = 60
-    cells = bytes(0 if x in (0, side - 1) or y in (0, side - 1) else 254 for y in range(side) for x in range(side))
-    (folder / "room.pgm").write_bytes(b"P5 %d %d 255\n" % (side, side) + cells)
-    (folder / "room.yaml").write_text("{image: room.pgm, resolution: 0.05, origin: [0, 0, 0]}")
+    drawn_room(folder, 60)
     (folder / "quickstart.vast").write_text(QUICKSTART)
     (tmp_path / "examples.py").write_text("\n".join(examples))
     home = {"PREFECT_HOME": str(prefect_home(tmp_path / "prefect"))}

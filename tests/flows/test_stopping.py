@@ -5,6 +5,7 @@ import json
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.flows.request.run_request import SEQUENTIAL
 from vastflow.flows.request.stopping import MOST_ROUNDS, Stopping, stopping_of
@@ -31,33 +32,33 @@ def stop(stopping, said):
     return runs
 
 
-def test_runs_that_all_end_alike_end_where_the_rule_shows_a_class():
-    assert (stop(USUAL, ["pass"] * 20), stop(USUAL, ["fail"] * 20)) == (14, 14)
+@each_row(
+    ("said", "ends"),
+    [
+        (["pass"] * 20, 14),
+        (["fail"] * 20, 14),
+        ([*["pass"] * 4, "fail"] * 4, 20),  # undecided
+        (["not judged", *["pass"] * 19], 15),  # a run, and no evidence
+        (["not judged"] * 20, 20),
+    ],
+)
+def test_runs_end_where_the_rule_shows_a_class(said, ends):
+    assert stop(USUAL, said) == ends
 
 
-def test_runs_that_end_both_ways_end_when_neither_bound_may_be_theirs():
+def test_flaky_runs_end_before_others():
     said = ["pass", "fail"] * 10
     ended = stop(USUAL, said)
-    assert USUAL.rule.decision(said[:ended].count("pass"), ended) == "flaky"
-    assert ended < 14
+    assert ended < 14 and USUAL.rule.decision(said[:ended].count("pass"), ended) == "flaky"
 
 
-def test_undecided_configuration_has_the_most_runs():
-    assert stop(USUAL, [*["pass"] * 4, "fail"] * 4) == 20
-
-
-def test_run_that_is_not_judged_counts_as_a_run_and_not_as_evidence():
-    assert stop(USUAL, ["not judged", *["pass"] * 19]) == 15
-    assert stop(USUAL, ["not judged"] * 20) == 20
-
-
-def test_run_of_which_nothing_is_known_lets_nothing_after_it_count():
+def test_unknown_run_hides_later_ones():
     said = known(["pass"] * 20)
     del said[3]
     assert USUAL.wanted(said) == USUAL.wanted({}) < 14
 
 
-def test_looks_are_from_the_least_to_the_most_runs_and_few():
+def test_looks_are_few_and_include_minimum_and_maximum():
     assert USUAL.looks == tuple(range(5, 21))
     for rule in (StoppingRule(5, 60), StoppingRule(5, 200), StoppingRule(3, 3)):
         looks = Stopping(rule).looks
@@ -67,7 +68,7 @@ def test_looks_are_from_the_least_to_the_most_runs_and_few():
 
 @given(st.sampled_from(RULES), RUNS)
 @settings(max_examples=60, deadline=None)
-def test_runs_end_at_the_first_look_at_which_the_rule_decides(stopping, said):
+def test_runs_end_at_first_deciding_look(stopping, said):
     said = (said + ["not judged"] * stopping.most)[: stopping.most]
 
     def decided(look):
@@ -80,7 +81,7 @@ def test_runs_end_at_the_first_look_at_which_the_rule_decides(stopping, said):
 
 @given(st.sampled_from(RULES), RUNS, RUNS)
 @settings(max_examples=60, deadline=None)
-def test_later_runs_change_nothing_and_earlier_ones_only_add(stopping, said, later):
+def test_wanted_runs_grow_only_with_earlier_runs(stopping, said, later):
     wanted = stopping.wanted(known(said))
     assert stopping.rule.min_runs <= wanted <= stopping.most
     assert wanted <= stopping.wanted(known(said + later))
@@ -90,12 +91,12 @@ def test_later_runs_change_nothing_and_earlier_ones_only_add(stopping, said, lat
 
 @given(RUNS, st.integers(1, 20))
 @settings(max_examples=60, deadline=None)
-def test_blocks_of_runs_beyond_the_wanted_ones_do_not_count(said, gap):
+def test_blocks_beyond_a_gap_do_not_count(said, gap):
     beyond = {run: each for run, each in known(said + ["fail"] * 20).items() if run != gap - 1}
     assert USUAL.wanted(beyond) == USUAL.wanted({run: each for run, each in beyond.items() if run < gap})
 
 
-def test_rule_is_the_files_and_metadata_has_it():
+def test_rule_of_file_is_in_metadata():
     stopping = stopping_of(Sequential(min=4, max=30, stop=Stop(error=0.1, systematic=0.3, reliable=0.9)))
     row = json.loads(json.dumps(stopping.as_json))
     assert row == {"min": 4, "max": 30, "error": 0.1, "systematic": 0.3, "reliable": 0.9}
@@ -103,6 +104,6 @@ def test_rule_is_the_files_and_metadata_has_it():
     assert stopping_rule({SEQUENTIAL: row}) == stopping.rule == StoppingRule(4, 30, ClassBounds(0.3, 0.9), 0.1)
 
 
-def test_rule_without_room_is_refused():
+def test_rule_refuses_minimum_above_maximum():
     with pytest.raises(ValueError, match="1 <= min_runs <= max_runs must hold, got 5 and 3"):
         StoppingRule(5, 3)

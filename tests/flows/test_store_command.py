@@ -5,17 +5,12 @@ import os
 import re
 import shutil
 import time
-from datetime import datetime
 
 import pytest
 from command_line import DOCS, called, options_of, refused
 from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.request.campaign_file import campaign_keys, read_campaign
-from vastflow.flows.request.run_request import Asked
-from vastflow.flows.results.inputs import inputs_of
-from vastflow.flows.results.provenance import ingredients_row
-from vastflow.flows.results.summary import Work
 from vastflow.sim.reading.checked import checked_digest
 from vastflow.tasks.engine import work
 from vastflow.tasks.engine.evaluation import packed
@@ -49,11 +44,9 @@ def ran(tmp_path, small_room, store, tree):
     """Gives what `vastflow run` would leave of an edited campaign, with runs in which nothing happened."""
 
     def run(name, old="", new=""):
-        text = small_room.read_text()
-        small_room.write_text(text.replace(old, new).replace("name: small_room", f"name: {name}"))
-        campaign, oracles = read_campaign(small_room)
-        inputs = inputs_of(campaign, oracles)
-        small_room.write_text(text)
+        file = small_room.with_name(f"{name}.vast")
+        file.write_text(small_room.read_text().replace(old, new).replace("name: small_room", f"name: {name}"))
+        campaign, oracles = read_campaign(file)
         keys = campaign_keys(tree, campaign.seed, oracles)
 
         def evaluate(requests):
@@ -68,21 +61,8 @@ def ran(tmp_path, small_room, store, tree):
             recordings = store.put(f"{keys.recordings(scenario)}/0-2", {"recordings.parquet": scenario.encode()})
             trace = store.put(keys.trace(scenario, recordings.content), {"traces.parquet": b"trace"})
             store.put(keys.verdicts(scenario, recordings.content, trace.content), {"verdicts.json": b"[]"})
-        asked = Asked(campaign.path.name, campaign.runs, (), inputs.places)
-        return write_results(
-            tmp_path / "results",
-            campaign,
-            inputs,
-            instantiation,
-            lambda configuration: ConfigurationResult(),
-            runs=campaign.runs,
-            oracles=[oracle.name for oracle in oracles],
-            keys=keys,
-            record={"asked": asked.as_json(), **ingredients_row(tree, campaign.families, oracles)},
-            created=datetime(2026, 11, 21),
-            work=lambda: Work(4, 0, 12.0, 1.0, 1.0),
-            report=lambda directory: None,
-        ).directory
+        found = ConfigurationResult()
+        return write_results(file, tmp_path / "results", found, instantiation=instantiation, tree=tree).directory
 
     return run
 
@@ -112,14 +92,8 @@ def test_info_counts_artifacts_and_bytes_by_stage(ran, store):
     grow_old(store, 3)
     ran("two", "0.02", "0.05")
     found = reported("info")
-    assert {stage: row["artifacts"] for stage, row in found["stages"].items()} == {
-        "evaluate": 2,
-        "search": 0,
-        "execute": 3,
-        "observe": 3,
-        "judge": 3,
-        "bundle": 0,
-    }
+    counts = {"evaluate": 2, "search": 0, "execute": 3, "observe": 3, "judge": 3, "bundle": 0}
+    assert {stage: row["artifacts"] for stage, row in found["stages"].items()} == counts
     assert (found["artifacts"], found["unfinished"]) == (11, 0)
     assert found["bytes"] == sum(row["bytes"] for row in found["stages"].values()) > 0
     assert 2.9 < found["oldest_days"] < 3.1 and found["newest_days"] < 0.1
@@ -143,17 +117,12 @@ def test_verify_names_what_is_damaged_and_repair_discards_it(ran, store):
     result = called("store", "verify", "--repair")
     assert (result.exit_code, "2 damaged; deleted, to be computed again" in result.stdout) == (0, True)
     assert keys_in(store) == before - keys
-    assert called("store", "verify").exit_code == 0
-
-
-def test_verify_finds_copy_of_another_artifact(ran, store):
-    ran("one")
     one, other, *_ = sorted(key for key in keys_in(store) if key.startswith("judge"))
     shutil.rmtree(store.local / one)
     shutil.copytree(store.local / other, store.local / one)
     result = called("store", "verify")
     assert result.exit_code == 1
-    assert result.stdout == f"{one}: it is a copy of {other}\n7 artifacts read, 1 damaged\n"
+    assert result.stdout == f"{one}: it is a copy of {other}\n5 artifacts read, 1 damaged\n"
 
 
 def test_gc_keeps_what_campaign_was_made_of_and_deletes_the_rest(ran, store):

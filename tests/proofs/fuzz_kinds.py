@@ -6,7 +6,6 @@ import random
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import Final
 
@@ -168,40 +167,15 @@ def _campaign_directory(file: Path, results: Path) -> None:
     from whole_directory import ConfigurationResult, write_results
 
     from vastflow.flows.request.campaign_file import read_campaign
-    from vastflow.flows.request.run_request import Asked
-    from vastflow.flows.results.inputs import inputs_of
-    from vastflow.flows.results.provenance import ingredients_row
-    from vastflow.flows.results.summary import Work
     from vastflow.oracles.judgement.verdict import Metric, Verdict
-    from vastflow.producers.instantiation.instantiate import instantiate
-    from vastflow.tasks.keys.keys import Keys
     from vastflow.tasks.keys.source import installed_tree
 
-    campaign, oracles = read_campaign(file)
-    names = [oracle.name for oracle in oracles]
-    written = write_results(
-        results,
-        campaign,
-        inputs_of(campaign, oracles),
-        instantiate(campaign),
-        lambda configuration: ConfigurationResult(
-            verdicts=[
-                Verdict(name, k, "fail" if k == 1 else "pass", "1.2 m off" * (k == 1), {"way": Metric(1.5, "m")})
-                for k in range(3)
-                for name in names
-            ]
-        ),
-        runs=3,
-        oracles=names,
-        keys=Keys("x86_64; glibc 2.36; ; ", "e" * 64, "o" * 64, "j" * 64, 0, []),
-        record={
-            "asked": Asked("every.vast", 3).as_json(),
-            **ingredients_row(installed_tree(), campaign.families, oracles),
-        },
-        created=datetime(2026, 11, 21, 6, 5, 4),
-        work=lambda: Work(4, 0, 30.0, 2.0, 1.5),
-        report=lambda place: None,
-    )
+    verdicts = [
+        Verdict(oracle.name, k, "fail" if k == 1 else "pass", "1.2 m off" * (k == 1), {"way": Metric(1.5, "m")})
+        for k in range(3)
+        for oracle in read_campaign(file)[1]
+    ]
+    written = write_results(file, results, ConfigurationResult(verdicts=verdicts), runs=3, tree=installed_tree())
     metadata = written.directory / "metadata.json"  # the same in whatever folder, so that mutants are
     metadata.write_text(metadata.read_text().replace(str(results.parent), "/campaigns"))
 

@@ -6,7 +6,10 @@ import sys
 
 from bench_show import shown
 from command_line import called, refused
+from paper_page import main
 from table import each_row
+from typer import Typer
+from typer.testing import CliRunner
 
 from vastflow.flows.cli import development
 
@@ -39,9 +42,27 @@ def test_dev_command_becomes_its_script(command, script, monkeypatch, tmp_path):
         assert "expected a clone of vastflow's repository" in refused("dev", *command.split())
 
 
-def test_measurements_are_json_or_table():
+def test_bench_shows_measurements_as_json_or_table():
     found = {"controller": "mppi", "x_real_time": 250.123, "map": {"seed": 20}, "profile": {"lidar": 0.3}}
     assert json.loads(shown(found, as_json=True)) == found
     assert shown(found, as_json=False) == (
         "controller     mppi\nx_real_time    250.1\nmap.seed       20\nprofile.lidar  0.3"
     )
+
+
+@each_row(
+    ("metadata", "words"),
+    [
+        (None, "not a campaign directory"),
+        ({"name": "quickstart"}, "campaign 'quickstart' is none of the paper's"),
+        ({"name": "paper-safety"}, "damaged campaign directory"),
+    ],
+)
+def test_paper_refuses_other_directories(tmp_path, metadata, words):
+    if metadata:
+        (tmp_path / "metadata.json").write_text(json.dumps(metadata))
+    script = Typer()
+    script.command()(main)
+    result = CliRunner().invoke(script, [str(tmp_path)])
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert words in result.stderr and len(result.stderr.splitlines()) == 1

@@ -1,4 +1,4 @@
-"""Prefect's pages of a campaign; requests to the API are intercepted."""
+"""Prefect's pages of a campaign, and logs of its task runs; requests to the API are intercepted."""
 
 import json
 import logging
@@ -9,6 +9,8 @@ from uuid import uuid4
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from prefect.logging.configuration import setup_logging
+from prefect.logging.handlers import APILogHandler
 from table import each_row
 
 from vastflow.flows.flow_runs import pages
@@ -23,6 +25,7 @@ from vastflow.flows.flow_runs.pages import (
     size_text,
     tolerated,
 )
+from vastflow.flows.flow_runs.task_runs import TASK_RUNS, quiet_task_runs
 from vastflow.flows.results.summary import Results, Summary
 from vastflow.tasks.engine.progress import Progress
 
@@ -75,7 +78,7 @@ def clock(monkeypatch):
     return clock
 
 
-def test_progress_is_one_artifact_updated_now_and_then_and_at_its_end(client, clock):
+def test_progress_bar_updates_one_artifact_at_intervals_and_at_end(client, clock):
     bar = ProgressBar("x-progress", str(uuid4()))
     bar.show(0.0, "0 of 4")
     bar.show(0.25, "1 of 4")
@@ -121,21 +124,21 @@ def running(configurations, runs, done=0, **more):
         ([running(24, 120)], None, []),
     ],
 )
-def test_flow_run_is_named_by_size_unless_a_name_was_given(client, clock, states, asked, names):
+def test_page_renames_flow_run_by_size_unless_named(client, clock, states, asked, names):
     client.sent.clear()
     lines = told(client, *states, asked=asked)
     assert [sent[1] for sent in client.sent if sent[0] == "rename"] == names
     assert sum("configurations" in line for line in lines) == 1
 
 
-def test_log_has_a_line_for_a_phase_and_none_for_a_run(client, clock):
+def test_page_logs_phases_and_no_runs(client, clock):
     states = [running(1000, 100_000, done) for done in range(0, 100_001, 100)]
     lines = told(client, Progress("instantiating"), *states, Progress("reporting", runs_total=100_000))
     assert len(lines) == 4
     assert lines[-1] == "writing the report"
 
 
-def test_api_that_refuses_is_left_alone_for_a_while_and_then_asked_again(client, clock, caplog):
+def test_page_pauses_after_refused_request(client, clock, caplog):
     lines = []
     page = Page("Two rooms", str(uuid4()), lines.append, (2, False))
     client.error = RuntimeError("gone")
@@ -164,7 +167,7 @@ def finished(monkeypatch):
     return Results(Path("results/x-1"), summary, (), ())
 
 
-def test_results_and_report_are_shown_on_the_page(client, finished):
+def test_publish_shows_results_and_report(client, finished):
     publish(finished, "Two rooms")
     outcome = outcome_text(finished)
     assert outcome == ("2 configurations × 2 runs: 3 passed, 1 failed, 0 not judged; 4 runs executed, 0 from the store")
@@ -178,13 +181,13 @@ def test_results_and_report_are_shown_on_the_page(client, finished):
     assert client.sent[1][2] == "[report.html](https://lab.example/results/x-1/report.html)"
 
 
-def test_campaign_is_not_lost_because_the_api_refuses_its_results(client, finished, caplog):
+def test_publish_tolerates_refusing_api(client, finished, caplog):
     client.error = RuntimeError("gone")
     publish(finished, "x")
     assert "does not show the campaign's progress or results: gone" in caplog.text
 
 
-def test_interruption_is_not_tolerated():
+def test_tolerated_raises_interrupts():
     with pytest.raises(KeyboardInterrupt, match="now"), tolerated():
         raise KeyboardInterrupt("now")
 
@@ -207,12 +210,38 @@ def test_interruption_is_not_tolerated():
         ),
     ],
 )
-def test_size_and_progress_in_words(said, text):
+def test_pages_describe_size_and_progress(said, text):
     assert said == text
 
 
 @given(st.text())
-def test_key_is_one_that_prefect_takes_whatever_a_campaign_is_called(name):
+def test_key_of_any_name_is_valid(name):
     key = key_of(name)
     assert key
     assert set(key) <= set("abcdefghijklmnopqrstuvwxyz0123456789-")
+
+
+@pytest.fixture
+def passes():
+    """Whether the API's handler takes a record of a logger and level."""
+    logger = logging.getLogger(TASK_RUNS)
+    handler = APILogHandler()
+    logger.addHandler(handler)
+    yield lambda name, level: bool(handler.filter(logging.LogRecord(name, level, "", 0, "said", (), None)))
+    logger.removeHandler(handler)
+
+
+def test_task_runs_send_only_warnings_and_nothing_of_ended_campaign(passes):
+    with quiet_task_runs(SimpleNamespace(closed=False), "x"):
+        sent = [passes(TASK_RUNS, level) for level in (logging.INFO, logging.WARNING)]
+        assert (sent, passes("prefect.flow_runs", logging.INFO)) == ([False, True], True)
+    assert passes(TASK_RUNS, logging.INFO)
+    logger = logging.getLogger(TASK_RUNS)
+    with quiet_task_runs(SimpleNamespace(closed=True), "x"):
+        said = [bool(logger.filter(logging.makeLogRecord({"flow_run_id": each, "msg": "x"}))) for each in ("x", "y")]
+    assert said == [False, True]
+
+
+def test_prefect_has_its_handler_at_logger_of_task_runs():
+    setup_logging()
+    assert any(isinstance(handler, APILogHandler) for handler in logging.getLogger(TASK_RUNS).handlers)
