@@ -10,16 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
 
+from vastflow.oracles.evidence import findings
 from vastflow.oracles.evidence.causes import criteria_json, criteria_of
-from vastflow.oracles.evidence.findings import (
-    findings_json,
-    findings_of,
-    shape_of,
-    stopping_rule,
-    weighted_counts,
-    weighted_rate,
-    weights_of,
-)
 from vastflow.oracles.evidence.rates import Counts, Interval, clustered, counts_of, pooled, wilson
 from vastflow.oracles.evidence.searched import found_text
 from vastflow.oracles.evidence.varied import chosen_rows, matched_sets, named, path_property_rows, varied_rows
@@ -68,21 +60,21 @@ def test_clustered_is_never_narrower_than_interval_of_pooled_runs(clusters):
 
 def test_weights_count_configurations_with_their_duplicates():
     rows = [("a-1", None), ("a-2", None), ("a-3", "a-1"), ("b-1", "a-1"), ("b-2", None)]
-    assert weights_of(rows) == {"a-1": 3, "a-2": 1, "b-2": 1}
-    assert weighted_counts({"a": Counts(1, 0)}, {"a": 2, "gone": 9}) == {"a": Counts(2, 0)}
-    assert weighted_rate({"a": Counts(2, 0), "b": Counts(0, 2, 1)}, {"a": 6}).counts == Counts(12, 2, 1)
+    assert findings.weights_of(rows) == {"a-1": 3, "a-2": 1, "b-2": 1}
+    assert findings.weighted_counts({"a": Counts(1, 0)}, {"a": 2, "gone": 9}) == {"a": Counts(2, 0)}
+    assert findings.weighted_rate({"a": Counts(2, 0), "b": Counts(0, 2, 1)}, {"a": 6}).counts == Counts(12, 2, 1)
     # Kish: (6 · 2 + 1 · 2)² / (36 · 2 + 1 · 2) = 196 / 74 effective runs of the four.
     effective = 196 / 74
-    found = weighted_rate({"a": Counts(2, 0), "b": Counts(0, 2)}, {"a": 6})
+    found = findings.weighted_rate({"a": Counts(2, 0), "b": Counts(0, 2)}, {"a": 6})
     assert found.interval == wilson(12 / 14 * effective, effective)
-    assert weighted_rate({"a": Counts(3, 1)}, {"a": 5}).clustered is None
-    assert weighted_rate({"a": Counts(4, 0), "b": Counts(4, 0)}, {"a": 3}).interval.high == 1.0
-    assert weighted_rate({"a": Counts(0, 4), "b": Counts(0, 4)}, {"a": 3}).interval.low == 0.0
+    assert findings.weighted_rate({"a": Counts(3, 1)}, {"a": 5}).clustered is None
+    assert findings.weighted_rate({"a": Counts(4, 0), "b": Counts(4, 0)}, {"a": 3}).interval.high == 1.0
+    assert findings.weighted_rate({"a": Counts(0, 4), "b": Counts(0, 4)}, {"a": 3}).interval.low == 0.0
 
 
 @given(st.dictionaries(st.sampled_from("abcdef"), counted, max_size=6))
 def test_equal_weights_change_nothing(counts):
-    plain, heavy = weighted_rate(counts, {}), weighted_rate(counts, dict.fromkeys(counts, 4))
+    plain, heavy = findings.weighted_rate(counts, {}), findings.weighted_rate(counts, dict.fromkeys(counts, 4))
     whole = pooled(counts.values())
     assert plain.counts == whole
     assert heavy.rate == plain.rate == whole.rate
@@ -93,7 +85,7 @@ def test_equal_weights_change_nothing(counts):
 
 @each_row("counts", [{}, {"a": Counts(0, 0, 3)}])
 def test_weighted_rate_needs_judged_runs(counts):
-    found = weighted_rate(counts, {"a": 2})
+    found = findings.weighted_rate(counts, {"a": 2})
     assert (found.rate, found.interval, found.clustered) == (None, Interval(0.0, 1.0), None)
 
 
@@ -149,14 +141,14 @@ def test_findings_compare_families_with_same_keys(synthetic_campaign, add):
         add(f"{('east', 'west')[k % 2]}-{k}", 4 * (k // 2 % 2), factors={"noise": (0.0, 0.4)[k // 2 % 2]})
     for k in range(2):
         add(f"other-{k}", k, factors={"boxes": k})
-    found = findings_of(read_tables(synthetic_campaign.write()))
+    found = findings.findings_of(read_tables(synthetic_campaign.write()))
     assert [design.families for design in found.designs] == [("east", "west"), ("other",)]
     noise, family = found.designs[0].analysis.factors
     assert (noise.name, noise.highest, noise.lowest, noise.difference) == ("noise", "0.4", "0.0", 1.0)
     assert family.name == "family"
-    assert shape_of(found) == {"always": 7, "never": 6, "mixed": 1}
+    assert findings.shape_of(found) == {"always": 7, "never": 6, "mixed": 1}
     assert (found.total_failures.failures, found.total_failures.of_failures) == (24, 25)
-    said = json.loads(json.dumps(findings_json(found), allow_nan=False))
+    said = json.loads(json.dumps(findings.findings_json(found), allow_nan=False))
     assert set(said) == {"classes", "total_failures", "dispersion", "factors", "weighted", "saved"}
     assert (said["weighted"], said["saved"]) == (None, None)
 
@@ -167,7 +159,7 @@ def test_requested_length_of_path_is_factor(synthetic_campaign, add):
         asked = 5.0 * (1 + k // 6)
         noted = {"_path_length": asked + 0.01 * (k % 6), "_requested_goal_pose": {"path_length": asked}}
         add(f"way-{k}", k // 6, task=task, provenance=noted, factors=task)
-    (design,) = findings_of(read_tables(synthetic_campaign.write())).designs
+    (design,) = findings.findings_of(read_tables(synthetic_campaign.write())).designs
     (factor,) = design.analysis.factors
     assert (factor.name, factor.these.p_value, factor.others.shown) == ("path_length", None, True)
     assert [level.level for level in factor.levels] == ["5.0", "10.0", "15.0", "20.0"]
@@ -179,14 +171,14 @@ def test_matched_sets_have_first_runs_of_stopped_campaign(synthetic_campaign, ad
         given = {"robot_radius": radius}
         add(f"r-{radius}", failed, runs, factors=given, system=given)
     synthetic_campaign.metadata["sequential"] = {"min": 4, "max": 12}
-    (design,) = findings_of(read_tables(synthetic_campaign.write())).designs
+    (design,) = findings.findings_of(read_tables(synthetic_campaign.write())).designs
     assert [(level.failed, level.runs) for level in design.analysis.factors[0].levels] == [(0, 4), (3, 4)]
 
 
 def test_stopping_rule_is_read_from_metadata():
-    rule = stopping_rule({"sequential": {"min": 4, "max": 30, "reliable": 0.9}})
+    rule = findings.stopping_rule({"sequential": {"min": 4, "max": 30, "reliable": 0.9}})
     assert (rule.min_runs, rule.max_runs, rule.bounds.reliable, rule.bounds.systematic) == (4, 30, 0.9, 0.2)
-    assert stopping_rule({}) is None
+    assert findings.stopping_rule({}) is None
 
 
 @pytest.fixture

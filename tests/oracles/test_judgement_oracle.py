@@ -11,16 +11,9 @@ import pytest
 from table import each_row
 
 from vastflow.oracles.catalog.safety import Safety
+from vastflow.oracles.judgement import verdict
 from vastflow.oracles.judgement.conformance import CHECKS, check_oracle, sample_runs
 from vastflow.oracles.judgement.oracle import Oracle, OracleError, Parameters, known_oracles, oracle_of, oracles_of
-from vastflow.oracles.judgement.verdict import (
-    Metric,
-    RunQuantity,
-    Verdict,
-    read_verdicts,
-    run_judgement,
-    write_verdicts,
-)
 
 OWN = """
 from vastflow.oracles.judgement.oracle import Oracle, Parameters
@@ -166,27 +159,29 @@ def test_conformance_finds_broken_contract(broken, message):
 
 
 VERDICTS = [
-    Verdict("success", 0, "pass", "", {"time": Metric(12.5, "s"), "final_distance": Metric(None, "m")}),
-    Verdict("performance", 0, "not judged", "no reference path: the scenario has no map", {}),
+    verdict.Verdict(
+        "success", 0, "pass", "", {"time": verdict.Metric(12.5, "s"), "final_distance": verdict.Metric(None, "m")}
+    ),
+    verdict.Verdict("performance", 0, "not judged", "no reference path: the scenario has no map", {}),
 ]
 
 
 def test_verdicts_have_one_written_form():
-    written = write_verdicts(VERDICTS)
+    written = verdict.write_verdicts(VERDICTS)
     assert written == (
         rb'[{"judgement":"pass","metrics":"{\"final_distance\":{\"value\":null,\"unit\":\"m\"},'
         rb'\"time\":{\"value\":12.5,\"unit\":\"s\"}}","oracle":"success","reason":"","run_index":0},'
         rb'{"judgement":"not judged","metrics":"{}","oracle":"performance",'
         rb'"reason":"no reference path: the scenario has no map","run_index":0}]'
     )
-    read = read_verdicts(written)
-    assert read == VERDICTS and write_verdicts(read) == written
-    assert read[0].metrics["time"] == Metric(12.5, "s") and list(read[0].metrics) == ["final_distance", "time"]
+    read = verdict.read_verdicts(written)
+    assert read == VERDICTS and verdict.write_verdicts(read) == written
+    assert read[0].metrics["time"] == verdict.Metric(12.5, "s") and list(read[0].metrics) == ["final_distance", "time"]
     assert repr(read[1].metrics) == "{}" and VERDICTS[0].metrics == read[0].metrics != VERDICTS[1].metrics
-    said = [Verdict("success", 0, "fail", "a program wrote \ud800")]
-    assert read_verdicts(write_verdicts(said)) == said
+    said = [verdict.Verdict("success", 0, "fail", "a program wrote \ud800")]
+    assert verdict.read_verdicts(verdict.write_verdicts(said)) == said
     with pytest.raises(ValueError, match="not JSON compliant"):
-        write_verdicts([Verdict("success", 0, "pass", "", {"time": Metric(float("nan"), "s")})])
+        verdict.write_verdicts([verdict.Verdict("success", 0, "pass", "", {"time": verdict.Metric(float("nan"), "s")})])
 
 
 @each_row(
@@ -200,26 +195,26 @@ def test_verdicts_have_one_written_form():
     ],
 )
 def test_run_judgement_joins_oracles(judgements, together):
-    assert run_judgement(judgements) == together
+    assert verdict.run_judgement(judgements) == together
 
 
 @each_row(
     ("quantity", "samples", "value"),
     [
-        (RunQuantity(), [1.0, 0.0], 0.5),
-        (RunQuantity("success"), [1.0, 0.0], 0.5),
-        (RunQuantity("success", "time"), [4.0, 1.0, 2.0], 7 / 3),
-        (RunQuantity("success", "time", "median"), [4.0, 1.0, 2.0], 2.0),
-        (RunQuantity("success", "time", "min"), [4.0, 1.0, 2.0], 1.0),
-        (RunQuantity("success", "time", "max"), [4.0, 1.0, 2.0], 4.0),
-        (RunQuantity("success", "time", "quantile", 0.25), [4.0, 1.0, 2.0], 1.5),
-        (RunQuantity("success", "distance"), [], None),
+        (verdict.RunQuantity(), [1.0, 0.0], 0.5),
+        (verdict.RunQuantity("success"), [1.0, 0.0], 0.5),
+        (verdict.RunQuantity("success", "time"), [4.0, 1.0, 2.0], 7 / 3),
+        (verdict.RunQuantity("success", "time", "median"), [4.0, 1.0, 2.0], 2.0),
+        (verdict.RunQuantity("success", "time", "min"), [4.0, 1.0, 2.0], 1.0),
+        (verdict.RunQuantity("success", "time", "max"), [4.0, 1.0, 2.0], 4.0),
+        (verdict.RunQuantity("success", "time", "quantile", 0.25), [4.0, 1.0, 2.0], 1.5),
+        (verdict.RunQuantity("success", "distance"), [], None),
     ],
 )
 def test_run_quantity_aggregates_runs_that_have_it(quantity, samples, value):
     judgements = {0: ("fail", 4.0), 1: ("pass", 1.0), 2: ("not judged", 2.0), 9: ("fail", 8.0)}
     verdicts = [
-        Verdict("success", run, judgement, "", {"time": Metric(time_s, "s")})
+        verdict.Verdict("success", run, judgement, "", {"time": verdict.Metric(time_s, "s")})
         for run, (judgement, time_s) in judgements.items()
     ]
     assert quantity.samples(verdicts, range(3)) == samples

@@ -13,17 +13,8 @@ from table import each_row
 
 from vastflow.oracles.figures.scene import Zones
 from vastflow.oracles.figures.style import COLORS, GOAL_COLOR, INK
+from vastflow.oracles.replay import still
 from vastflow.oracles.replay.close_up import BELIEF_COLOR, bands, draw_close_up, ground
-from vastflow.oracles.replay.still import (
-    FRAME_MS,
-    LAST_MS,
-    _image,
-    ranges_text,
-    still_images,
-    strip_figure,
-    write_film,
-    write_head,
-)
 from vastflow.oracles.replay.story import FOLLOWED_M, Story, view_of
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Event, Run
@@ -150,23 +141,23 @@ def texts(figure):
 
 
 def test_strip_numbers_pictures_and_tells_happenings(occupancy):
-    said = texts(strip_figure(a_story(occupancy), [a_snapshot(tick) for tick in (0, 20, 31, 59)]))
+    said = texts(still.strip_figure(a_story(occupancy), [a_snapshot(tick) for tick in (0, 20, 31, 59)]))
     numbered = [text for text in said if text.endswith(" s") and text[0].isdigit()]
     assert numbered == ["1   0.00 s", "2   1.00 s", "3   1.55 s", "4   2.95 s"]
     assert {"recovery: spin", "touches wall at 0.20 m/s", "room-1, run 0"} <= {*said}
     assert any("aborted: no valid command" in text for text in said)
     assert not any("NOT THE RECORDED RUN" in text for text in said)
-    other = strip_figure(a_story(occupancy, warning="row 3 (0.30 s), x_mm"), [a_snapshot(0)])
+    other = still.strip_figure(a_story(occupancy, warning="row 3 (0.30 s), x_mm"), [a_snapshot(0)])
     assert "NOT THE RECORDED RUN: row 3 (0.30 s), x_mm" in texts(other)
-    assert ranges_text([1, 3, 4, 5, 8]) == "1, 3–5, 8"
+    assert still.ranges_text([1, 3, 4, 5, 8]) == "1, 3–5, 8"
 
 
 def test_stills_have_one_size_and_zones_of_masks(occupancy):
-    stills = [*still_images(a_story(occupancy), [a_snapshot(tick) for tick in (0, 20, 40)])]
+    stills = [*still.still_images(a_story(occupancy), [a_snapshot(tick) for tick in (0, 20, 40)])]
     assert len({still.size for still in stills}) == 1
     assert len({still.tobytes() for still in stills}) == 3
     zones = Zones((OccupancyMap(np.full((10, 10), 100, dtype=np.int8), 0.1, (0.5, 2.0)),))
-    (tinted,) = still_images(replace(a_story(occupancy), zones=zones), [a_snapshot(0)])
+    (tinted,) = still.still_images(replace(a_story(occupancy), zones=zones), [a_snapshot(0)])
     plain, tinted = (np.asarray(still, dtype=int) for still in (stills[0], tinted))
     assert np.count_nonzero((plain != tinted).any(axis=2)) > 2000
 
@@ -174,7 +165,7 @@ def test_stills_have_one_size_and_zones_of_masks(occupancy):
 @pytest.fixture(scope="module")
 def film(occupancy, tmp_path_factory):
     file = tmp_path_factory.mktemp("film") / "film.gif"
-    write_film(file, a_story(occupancy), [a_snapshot(tick) for tick in (0, 20, 40, 59)])
+    still.write_film(file, a_story(occupancy), [a_snapshot(tick) for tick in (0, 20, 40, 59)])
     return file
 
 
@@ -182,15 +173,15 @@ def film(occupancy, tmp_path_factory):
 def test_image_of_any_width_keeps_rows(width_in):
     figure = Figure(figsize=(width_in, 1.0), dpi=100)
     figure.add_artist(Rectangle((0.5, 0.0), 0.01, 1.0, color="black"))
-    rows = np.asarray(_image(figure).convert("L"))[5:-5]
+    rows = np.asarray(still._image(figure).convert("L"))[5:-5]
     assert (rows == rows[0]).all() and rows[0].min() == 0
 
 
 def test_headline_is_wrapped_to_page(occupancy):
     story = a_story(occupancy)
     long = replace(story, run=replace(story.run, reason="no valid command, " * 9))
-    for figure in (strip_figure(long, [a_snapshot(0)]), Figure(figsize=(9.7, 6.0))):
-        write_head(figure, long)
+    for figure in (still.strip_figure(long, [a_snapshot(0)]), Figure(figsize=(9.7, 6.0))):
+        still.write_head(figure, long)
         ending = next(text for text in figure.texts if text.get_text().startswith("aborted: "))
         assert ending.get_window_extent().x1 < figure.bbox.x1
 
@@ -202,7 +193,7 @@ def test_film_shows_all_pictures_in_true_colors(film):
         for k in range(picture.n_frames):
             picture.seek(k)
             shown.append(picture.info["duration"])
-    assert shown == [FRAME_MS] * 3 + [LAST_MS]
+    assert shown == [still.FRAME_MS] * 3 + [still.LAST_MS]
     assert {FREE, rgb(GOAL_COLOR), rgb(COLORS["fail"])} <= colors
 
 

@@ -7,21 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.oracles.replay.story import (
-    FEWEST,
-    FRAMES,
-    Span,
-    doing,
-    happening,
-    highlights,
-    numbers,
-    rounded,
-    span_of,
-    step_of,
-    tick_at,
-    tick_of,
-    whole_run,
-)
+from vastflow.oracles.replay import story
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.recording import Event, Run
@@ -54,13 +40,13 @@ def a_moment(**changes):
     ],
 )
 def test_doing_is_told_in_words(changes, words):
-    assert doing(a_moment(**changes), a_run()) == words
+    assert story.doing(a_moment(**changes), a_run()) == words
 
 
 def test_doing_and_numbers_tell_ending_and_motion():
-    assert doing(a_moment(activity="ended"), a_run(outcome="aborted")) == "mission given up"
-    assert numbers(a_moment(recoveries=1)) == "0.25 m/s, 29°/s · localization 12 cm off · 1 recovery"
-    assert numbers(a_moment(speed_mps=-0.001, yaw_rate_radps=0.0)).startswith("0.00 m/s ·")
+    assert story.doing(a_moment(activity="ended"), a_run(outcome="aborted")) == "mission given up"
+    assert story.numbers(a_moment(recoveries=1)) == "0.25 m/s, 29°/s · localization 12 cm off · 1 recovery"
+    assert story.numbers(a_moment(speed_mps=-0.001, yaw_rate_radps=0.0)).startswith("0.00 m/s ·")
 
 
 @each_row(
@@ -79,25 +65,25 @@ def test_doing_and_numbers_tell_ending_and_motion():
     ],
 )
 def test_happening_is_told_in_words(kind, what, value, words):
-    assert happening(Event(1.0, kind, 0.0, 0.0, what, value)) == words
+    assert story.happening(Event(1.0, kind, 0.0, 0.0, what, value)) == words
 
 
 def test_tick_of_contact_is_after_it():
-    assert tick_of(Event(1.35, "recovery", 0.0, 0.0, "spin")) == 27
-    assert tick_of(Event(1.36, "contact", 0.0, 0.0, "wall")) == 28
+    assert story.tick_of(Event(1.35, "recovery", 0.0, 0.0, "spin")) == 27
+    assert story.tick_of(Event(1.36, "contact", 0.0, 0.0, "wall")) == 28
 
 
 def test_highlights_are_spread_and_prefer_contacts():
-    chosen = highlights(a_run(), 0, 700)
-    assert (len(chosen), chosen[0], chosen[-1]) == (FEWEST, 0, 700)
+    chosen = story.highlights(a_run(), 0, 700)
+    assert (len(chosen), chosen[0], chosen[-1]) == (story.FEWEST, 0, 700)
     assert max(b - a for a, b in pairwise(chosen)) <= 700 // 4
     crowd = [Event(0.5 * k, "recovery", 0.0, 0.0, "spin") for k in range(1, 100)]
     contact = Event(20.26, "contact", 0.0, 0.0, "wall")
-    assert tick_of(contact) in highlights(a_run(*crowd, contact), 0, 1000)
+    assert story.tick_of(contact) in story.highlights(a_run(*crowd, contact), 0, 1000)
     at_once = [Event(10.0 + 0.05 * k, "recovery", 0.0, 0.0, "spin") for k in range(4)]
-    assert len({*range(200, 204)} & {*highlights(a_run(*at_once), 0, 1000)}) == 1
+    assert len({*range(200, 204)} & {*story.highlights(a_run(*at_once), 0, 1000)}) == 1
     moved = Event(20.0, "obstacle_moved", 0.0, 0.0, "box", 0.1)
-    assert 400 not in highlights(a_run(moved), 0, 701)
+    assert 400 not in story.highlights(a_run(moved), 0, 701)
 
 
 KINDS = st.sampled_from(["contact", "recovery", "plan_failed", "other"])
@@ -106,23 +92,27 @@ KINDS = st.sampled_from(["contact", "recovery", "plan_failed", "other"])
 @given(st.integers(0, 400), st.integers(0, 1200), st.lists(st.tuples(st.floats(0, 60), KINDS)))
 def test_highlights_increase_within_span(first, length, events):
     run = a_run(*(Event(t_s, kind, 0.0, 0.0, "wait") for t_s, kind in events))
-    chosen = highlights(run, first, first + length)
-    assert len(chosen) <= FRAMES
+    chosen = story.highlights(run, first, first + length)
+    assert len(chosen) <= story.FRAMES
     assert chosen == sorted(set(chosen))
     assert (chosen[0], chosen[-1]) == (first, first + length)
 
 
 def test_times_become_ticks_and_impossible_ones_are_refused():
-    assert whole_run(2.0) == Span(0, 39)
-    whole = whole_run(30.0)
-    assert [tick_at("--at", t_s, whole) for t_s in (0.0, 12.35, 12.37, 29.99, 30.0)] == [0, 247, 247, 599, 599]
-    assert span_of(1.0, 2.0, whole).every(step_of(0.3)) == [20, 26, 32, 38, 40]
-    assert rounded("--at", [12.35, 12.37]) == ["--at 12.37: the nearest tick of 50 ms is 12.35 s"]
+    assert story.whole_run(2.0) == story.Span(0, 39)
+    whole = story.whole_run(30.0)
+    assert [story.tick_at("--at", t_s, whole) for t_s in (0.0, 12.35, 12.37, 29.99, 30.0)] == [0, 247, 247, 599, 599]
+    assert story.span_of(1.0, 2.0, whole).every(story.step_of(0.3)) == [20, 26, 32, 38, 40]
+    assert story.rounded("--at", [12.35, 12.37]) == ["--at 12.37: the nearest tick of 50 ms is 12.35 s"]
     odd = float("nan"), float("inf")
     for make, values, message in (
-        (lambda t_s: tick_at("--at", t_s, whole), (-0.1, 30.1, *odd), r"a time of the run, from 0 to 30\.00 s, got"),
-        (lambda to_s: span_of(9.0, to_s, whole), (4.0,), "--to: expected a time after --from 9, got 4"),
-        (step_of, (0.0, -1.0, *odd), "--every: expected a time above 0 s, got"),
+        (
+            lambda t_s: story.tick_at("--at", t_s, whole),
+            (-0.1, 30.1, *odd),
+            r"a time of the run, from 0 to 30\.00 s, got",
+        ),
+        (lambda to_s: story.span_of(9.0, to_s, whole), (4.0,), "--to: expected a time after --from 9, got 4"),
+        (story.step_of, (0.0, -1.0, *odd), "--every: expected a time above 0 s, got"),
     ):
         for value in values:
             with pytest.raises(UserError, match=message):

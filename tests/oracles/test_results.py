@@ -14,17 +14,9 @@ from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.oracles.judgement.verdict import run_judgement
+from vastflow.oracles.results import schema
 from vastflow.oracles.results.executed import NAMED_FILES, KeptFiles
 from vastflow.oracles.results.factors import blocks_of, factors_of
-from vastflow.oracles.results.schema import (
-    BEHAVIORS_FILE,
-    VERDICTS,
-    behaviors_of,
-    codes,
-    floats,
-    integers,
-    read_columns,
-)
 from vastflow.oracles.results.tables import CODES, ConfigurationTable, VerdictTable
 from vastflow.sim.model.digest import file_digest
 
@@ -38,7 +30,7 @@ def verdict(configuration="a", run_index=0, oracle="success", judgement="pass", 
 
 
 def table_of(rows, names=NAMES):
-    return VerdictTable(pa.Table.from_pylist(rows, VERDICTS), names)
+    return VerdictTable(pa.Table.from_pylist(rows, schema.VERDICTS), names)
 
 
 said = st.dictionaries(
@@ -94,18 +86,20 @@ def test_reasons_are_those_of_one_judgement_and_unknown_words_are_refused():
 
 def test_table_in_row_groups_reads_as_whole(tmp_path):
     rows = [verdict(NAMES[k % 3], k, reason=f"r{k % 4}", time=float(k)) for k in range(50)]
-    pq.write_table(pa.Table.from_pylist(rows, VERDICTS), tmp_path / "v.parquet", row_group_size=7)
-    read = VerdictTable(read_columns(tmp_path / "v.parquet", "configuration", "oracle", "judgement", "reason"), NAMES)
+    pq.write_table(pa.Table.from_pylist(rows, schema.VERDICTS), tmp_path / "v.parquet", row_group_size=7)
+    read = VerdictTable(
+        schema.read_columns(tmp_path / "v.parquet", "configuration", "oracle", "judgement", "reason"), NAMES
+    )
     assert read.counts(None).tolist() == table_of(rows).counts(None).tolist()
     assert read.metrics("success")["time"].values.tolist() == table_of(rows).metrics("success")["time"].values.tolist()
 
 
 def test_null_is_empty_text_or_nan():
-    found, known = codes(pa.chunked_array([["a", None], ["a", ""]]))
+    found, known = schema.codes(pa.chunked_array([["a", None], ["a", ""]]))
     assert [known[k] for k in found] == ["a", "", "a", ""]
-    assert np.isnan(floats(pa.array([None, 1.0])[0:1])).all()
-    assert floats(pa.array([1.0, None, 3.0]).slice(2)).tolist() == [3.0]
-    assert integers(pa.chunked_array([pa.array([1, 2, 3]).slice(1), [4]])).tolist() == [2, 3, 4]
+    assert np.isnan(schema.floats(pa.array([None, 1.0])[0:1])).all()
+    assert schema.floats(pa.array([1.0, None, 3.0]).slice(2)).tolist() == [3.0]
+    assert schema.integers(pa.chunked_array([pa.array([1, 2, 3]).slice(1), [4]])).tolist() == [2, 3, 4]
 
 
 def test_columns_of_configurations_are_decoded():
@@ -123,15 +117,15 @@ def test_columns_of_configurations_are_decoded():
 def test_behaviors_of_configuration_are_read_from_every_row_group(tmp_path):
     said = {"t_s": [0.5, 1.5, 2.5, 3.5], "name": ["drive", "wait", "", "drive"]}
     table = pa.table({"configuration": ["a", "b", "b", "c"], "run_index": [0, 0, 1, 0], **said})
-    pq.write_table(table, tmp_path / BEHAVIORS_FILE, row_group_size=2)
-    found = {name: column.tolist() for name, column in behaviors_of(tmp_path, "b").items()}
+    pq.write_table(table, tmp_path / schema.BEHAVIORS_FILE, row_group_size=2)
+    found = {name: column.tolist() for name, column in schema.behaviors_of(tmp_path, "b").items()}
     assert found == {"run_index": [0, 1], "t_s": [1.5, 2.5], "name": ["wait", ""]}
-    assert [behaviors_of(tmp_path, name)["t_s"].tolist() for name in ("c", "a")] == [[3.5], [0.5]]
-    assert [column.dtype for column in behaviors_of(tmp_path, "a").values()] == [np.int64, np.float64, object]
-    assert behaviors_of(tmp_path, "d") == behaviors_of(tmp_path / "elsewhere", "a") == {}
-    (tmp_path / BEHAVIORS_FILE).write_bytes(b"damaged")
+    assert [schema.behaviors_of(tmp_path, name)["t_s"].tolist() for name in ("c", "a")] == [[3.5], [0.5]]
+    assert [column.dtype for column in schema.behaviors_of(tmp_path, "a").values()] == [np.int64, np.float64, object]
+    assert schema.behaviors_of(tmp_path, "d") == schema.behaviors_of(tmp_path / "elsewhere", "a") == {}
+    (tmp_path / schema.BEHAVIORS_FILE).write_bytes(b"damaged")
     with pytest.raises(ValueError, match="Parquet"):
-        behaviors_of(tmp_path, "b")
+        schema.behaviors_of(tmp_path, "b")
 
 
 def test_kept_files_are_found_by_digest(tmp_path):

@@ -8,17 +8,10 @@ from hypothesis import strategies as st
 from scipy.stats import betabinom, binomtest
 from table import each_row
 
+from vastflow.oracles.statistics import intervals
 from vastflow.oracles.statistics.dispersion import chance_of_at_least, dispersion
-from vastflow.oracles.statistics.intervals import (
-    clopper_pearson_intervals,
-    clustered_interval,
-    mean_interval,
-    needed,
-    normal_quantile,
-    wilson_intervals,
-)
 
-METHODS = (("wilson", wilson_intervals), ("exact", clopper_pearson_intervals))
+METHODS = (("wilson", intervals.wilson_intervals), ("exact", intervals.clopper_pearson_intervals))
 
 
 @given(st.integers(1, 300), st.floats(0, 1), st.sampled_from([0.8, 0.95, 0.99]))
@@ -36,15 +29,17 @@ def test_intervals_are_published_ones():
     passed, judged = [81, 15, 0, 1], [263, 148, 20, 29]
     wilson = [[0.2553, 0.3662], [0.0624, 0.1605], [0.0, 0.1611], [0.0061, 0.1718]]
     exact = [[0.2527, 0.3676], [0.0578, 0.1617], [0.0, 0.1684], [0.0009, 0.1776]]
-    assert wilson_intervals(passed, judged) == pytest.approx(np.array(wilson), abs=5e-5)
-    assert clopper_pearson_intervals(passed, judged) == pytest.approx(np.array(exact), abs=5e-5)
+    assert intervals.wilson_intervals(passed, judged) == pytest.approx(np.array(wilson), abs=5e-5)
+    assert intervals.clopper_pearson_intervals(passed, judged) == pytest.approx(np.array(exact), abs=5e-5)
 
 
 def test_intervals_end_exactly_at_zero_and_one():
     # (a/2)^(1/n) and 1 - (a/2)^(1/n) by hand; n / (n + z²) and 1 - that.
-    edge, z = 0.025 ** (1 / 20), normal_quantile(0.95)
-    assert clopper_pearson_intervals([20, 0], [20, 20]) == pytest.approx(np.array([[edge, 1.0], [0.0, 1 - edge]]))
-    low, high = wilson_intervals([5, 0], [5, 5])
+    edge, z = 0.025 ** (1 / 20), intervals.normal_quantile(0.95)
+    assert intervals.clopper_pearson_intervals([20, 0], [20, 20]) == pytest.approx(
+        np.array([[edge, 1.0], [0.0, 1 - edge]])
+    )
+    low, high = intervals.wilson_intervals([5, 0], [5, 5])
     assert (low[1], high[0]) == (1.0, 0.0)
     assert (low[0], 1 - high[1]) == pytest.approx((5 / (5 + z * z),) * 2)
     for _, ours in METHODS:
@@ -52,9 +47,9 @@ def test_intervals_end_exactly_at_zero_and_one():
 
 
 def test_intervals_of_many_configurations_take_one_call_and_refuse_impossible_counts():
-    intervals = wilson_intervals(np.arange(5480) % 21, np.full(5480, 20))
-    assert intervals.shape == (5480, 2)
-    assert intervals[7] == pytest.approx(wilson_intervals(7, 20))
+    many = intervals.wilson_intervals(np.arange(5480) % 21, np.full(5480, 20))
+    assert many.shape == (5480, 2)
+    assert many[7] == pytest.approx(intervals.wilson_intervals(7, 20))
     for _, ours in METHODS:
         with pytest.raises(ValueError, match=r"0\.\.n, got 6 of 5"):
             ours([1, 6, 7], [5, 5, 5])
@@ -64,7 +59,7 @@ def test_intervals_of_many_configurations_take_one_call_and_refuse_impossible_co
 def test_mean_interval_of_extreme_values_is_exact_interval_of_rate(worst, best):
     if n := worst + best:
         expected = binomtest(best, n).proportion_ci(0.95, "exact")
-        found = mean_interval(np.repeat([-1.0, 1.0], [worst, best]))
+        found = intervals.mean_interval(np.repeat([-1.0, 1.0], [worst, best]))
         assert found == pytest.approx((2 * expected.low - 1, 2 * expected.high - 1), abs=1e-5)
 
 
@@ -72,7 +67,7 @@ def test_mean_interval_of_extreme_values_is_exact_interval_of_rate(worst, best):
 def test_mean_interval_is_quantile_under_dirichlet_weights(values):
     weights = np.random.default_rng(5).dirichlet(np.ones(len(values) + 1), 100_000)
     seen, unseen = weights[:, 1:] @ np.array(values), weights[:, 0]
-    low, high = mean_interval(values)
+    low, high = intervals.mean_interval(values)
     # Shares of draws have a standard error of sqrt(0.025 · 0.975 / 100,000) = 0.0005.
     assert np.mean(seen - unseen < low) == pytest.approx(0.025, abs=0.0025)
     assert np.mean(seen + unseen > high) == pytest.approx(0.025, abs=0.0025)
@@ -80,7 +75,7 @@ def test_mean_interval_is_quantile_under_dirichlet_weights(values):
 
 @given(st.lists(st.floats(-1, 1), min_size=1, max_size=40))
 def test_mean_interval_holds_mean_within_bounds(values):
-    low, high = mean_interval(values)
+    low, high = intervals.mean_interval(values)
     assert -1.0 <= low <= np.mean(values) + 1e-9
     assert np.mean(values) - 1e-9 <= high <= 1.0
 
@@ -88,17 +83,17 @@ def test_mean_interval_holds_mean_within_bounds(values):
 def test_mean_interval_of_many_values_is_normal():
     values = np.random.default_rng(6).choice([-1.0, 0.0, 1.0], 109_600, p=[0.1, 0.85, 0.05])
     half = 1.96 * values.std() / len(values) ** 0.5
-    assert mean_interval(values) == pytest.approx((values.mean() - half, values.mean() + half), abs=2e-5)
+    assert intervals.mean_interval(values) == pytest.approx((values.mean() - half, values.mean() + half), abs=2e-5)
 
 
 def test_mean_interval_refuses_values_beyond_one_and_zeros_rule_out_margin():
     for values in ([0.5, 1.5], []):
         with pytest.raises(ValueError, match=r"values within -1\.\.1, got \["):
-            mean_interval(values)
+            intervals.mean_interval(values)
     for margin in (0.005, 0.02, 0.1, 0.5):
-        least = needed(margin)
-        assert mean_interval(np.zeros(least))[0] > -margin > mean_interval(np.zeros(least - 1))[0]
-    assert (needed(0.0), needed(1.0)) == (None, 1)
+        least = intervals.needed(margin)
+        assert intervals.mean_interval(np.zeros(least))[0] > -margin > intervals.mean_interval(np.zeros(least - 1))[0]
+    assert (intervals.needed(0.0), intervals.needed(1.0)) == (None, 1)
 
 
 # Boys among the first 12 children of 6115 families with 13 (Saxony, A. Geißler 1889; Lindsey and Altham 1998).
@@ -150,7 +145,7 @@ def test_dispersion_recovers_planted_distribution():
     found = dispersion(passed, judged)
     assert (found.alpha, found.beta) == pytest.approx((0.6, 0.3), abs=0.02)
     assert found.icc == pytest.approx(1 / 1.9, abs=0.01)
-    assert found.interval == clustered_interval(passed, judged)
+    assert found.interval == intervals.clustered_interval(passed, judged)
     assert found.interval.low < 2 / 3 < found.interval.high
 
 
@@ -177,7 +172,7 @@ rows = st.integers(2, 30).flatmap(
 
 
 def ends(passed, judged):
-    found = clustered_interval(passed, judged)
+    found = intervals.clustered_interval(passed, judged)
     return found.low, found.high
 
 
@@ -200,8 +195,8 @@ def test_clustered_interval_covers_rates_of_few_clusters(clusters):
 def test_clustered_interval_lies_between_limits_and_mirrors_failures(row):
     passed, runs = np.array(row[0]), row[1]
     low, high = ends(passed, np.full(len(passed), runs))
-    of_runs = clopper_pearson_intervals(passed.sum(), runs * len(passed))
-    of_clusters = clopper_pearson_intervals(passed.sum() / runs, len(passed))
+    of_runs = intervals.clopper_pearson_intervals(passed.sum(), runs * len(passed))
+    of_clusters = intervals.clopper_pearson_intervals(passed.sum() / runs, len(passed))
     assert of_clusters[0] - 1e-9 <= low <= of_runs[0] + 1e-9
     assert of_runs[1] - 1e-9 <= high <= of_clusters[1] + 1e-9
     assert ends(runs - passed, np.full(len(passed), runs)) == pytest.approx((1 - high, 1 - low), abs=1e-9)
@@ -210,9 +205,9 @@ def test_clustered_interval_lies_between_limits_and_mirrors_failures(row):
 @each_row(
     ("passed", "judged", "expected", "within"),
     [
-        ([20] * 9 + [0], [20] * 10, clopper_pearson_intervals(9, 10), 0.02),  # clusters that agree count once
+        ([20] * 9 + [0], [20] * 10, intervals.clopper_pearson_intervals(9, 10), 0.02),  # clusters that agree count once
         ([20] * 6, [20] * 6, (0.025 ** (1 / 6), 1.0), 1e-9),
-        ([1] * 27 + [0] * 3, [1] * 30, clopper_pearson_intervals(27, 30), 1e-3),  # single runs
+        ([1] * 27 + [0] * 3, [1] * 30, intervals.clopper_pearson_intervals(27, 30), 1e-3),  # single runs
     ],
 )
 @pytest.mark.slow
@@ -226,14 +221,14 @@ def test_clustered_interval_of_unequal_clusters_is_wide():
     assert ends([20] * 9 + [19], [20] * 10)[0] < 0.9
     low, high = ends([1000, 0, 0, 0], [1000, 10, 10, 10])
     assert low < 0.25 and high > 1000 / 1030
-    assert clustered_interval([4, 0], [5, 0]) is None
+    assert intervals.clustered_interval([4, 0], [5, 0]) is None
     assert ends([4, 3, 0], [5, 5, 0]) == ends([4, 3], [5, 5])
 
 
 @pytest.mark.slow
 def test_clustered_interval_of_many_clusters_is_as_narrow_as_their_spread():
     passed, judged = np.random.default_rng(4).binomial(20, 0.85, 5480), np.full(5480, 20)
-    of_runs = clopper_pearson_intervals(passed.sum(), 5480 * 20)
+    of_runs = intervals.clopper_pearson_intervals(passed.sum(), 5480 * 20)
     assert np.ptp(ends(passed, judged)) == pytest.approx(np.ptp(of_runs), rel=0.05)
     # Of 5,480 clusters of B(0.6, 0.3) the mean has a standard error of sqrt(2/9 · (0.526 + 0.474/20) / 5480) = 0.0047.
     passed = np.random.default_rng(1).binomial(20, np.random.default_rng(2).beta(0.6, 0.3, 5480))
