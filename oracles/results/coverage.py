@@ -75,16 +75,14 @@ def counts(part: Coverage) -> tuple[int, ...]:
 
 def excluded(coverage: Coverage) -> Iterator[Loss]:
     for family, part in coverage["families"].items():
-        for constraint, times in part["excluded_by"].items():
-            yield Loss(family, constraint, "", times)
+        yield from (Loss(family, constraint, "", times) for constraint, times in part["excluded_by"].items())
 
 
 def unrealisable(coverage: Coverage) -> Iterator[Loss]:
     """Requests rejected by each producer, by reason; the last row counts unlisted reasons."""
     for family, part in coverage["families"].items():
         for producer, said in part["unrealisable_by"].items():
-            for reason, times in said["reasons"].items():
-                yield Loss(family, producer, reason, times)
+            yield from (Loss(family, producer, reason, times) for reason, times in said["reasons"].items())
             if said["reasons_not_listed"]:
                 rest = said["count"] - sum(said["reasons"].values())
                 yield Loss(family, producer, f"{said['reasons_not_listed']:,} other reasons", rest)

@@ -192,20 +192,9 @@ def changes(pairs: Pairs, error: float = 0.05) -> list[Change]:
     adjusted = np.ones_like(p_values)
     able = 2.0 * 0.5 ** (lost + gained) <= error
     adjusted[able] = false_discovery_control(p_values[able])
-    found = [
-        Change(
-            configuration=int(known[k]),
-            pairs=int(sizes[k]),
-            before=int(before[k]),
-            after=int(before[k] - lost[k] + gained[k]),
-            lost=int(lost[k]),
-            gained=int(gained[k]),
-            p_value=float(p_values[k]),
-            adjusted=float(adjusted[k]),
-            shown=bool(adjusted[k] <= error),
-        )
-        for k in np.flatnonzero(lost + gained > 0)
-    ]
+    columns = (known, sizes, before, before - lost + gained, lost, gained, p_values, adjusted, adjusted <= error)
+    discordant = lost + gained > 0
+    found = [Change(*row) for row in zip(*(column[discordant].tolist() for column in columns), strict=True)]
     return sorted(found, key=lambda one: (one.adjusted, one.p_value, -abs(one.after - one.before), one.configuration))
 
 

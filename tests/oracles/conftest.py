@@ -1,8 +1,10 @@
 """A small campaign directory with hand-built recordings."""
 
 import json
-from collections.abc import Mapping, Sequence
+import shutil
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,11 +15,12 @@ from PIL import Image
 
 from vastflow.oracles.judgement.judge import judge_block
 from vastflow.oracles.judgement.oracle import oracles_of
+from vastflow.oracles.judgement.verdict import metrics_text
 from vastflow.oracles.observation.observe import observe_block
 from vastflow.oracles.results.schema import CONFIGURATIONS, JUDGED_RUNS, REJECTIONS, VERDICTS, json_text, write_table
 from vastflow.sim.loop.standstill import STOOD_STILL
 from vastflow.sim.model.blocks import write_recordings
-from vastflow.sim.model.recording import Event, Recording, Run
+from vastflow.sim.model.recording import Recording, Run
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.world.map_file import map_content
 
@@ -46,14 +49,7 @@ def walled_room(width_m: float, height_m: float) -> np.ndarray:
 
 
 def a_recording(
-    xy_m: Sequence[tuple[float, float]] | np.ndarray,
-    *,
-    run_index: int = 0,
-    outcome: str = "succeeded",
-    reason: str = "",
-    error_xy_m: tuple[float, float] = (0.0, 0.0),
-    missed_goals: int = 0,
-    events: tuple[Event, ...] = (),
+    xy_m, *, run_index=0, outcome="succeeded", reason="", error_xy_m=(0.0, 0.0), missed_goals=0, events=()
 ) -> Recording:
     """A run along `xy_m` at a row every 0.1 s, its estimate wrong by `error_xy_m`."""
     xy = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2)
@@ -99,22 +95,9 @@ class SyntheticCampaign:
     verdicts: list[dict[str, Any]] = field(default_factory=list)
 
     def add(
-        self,
-        name: str,
-        family: str,
-        map_file: Path,
-        task: Mapping[str, Any],
-        *,
-        recordings: Sequence[Recording] = (),
-        obstacles: Sequence[Mapping[str, Any]] = (),
-        factors: Mapping[str, Any] | None = None,
-        oracles: Sequence[tuple[str, Mapping[str, Any]]] = (),
-        duplicate_of: str | None = None,
-        fault: str | None = None,
-        runs: int = 0,
-        provenance: Mapping[str, Any] | None = None,
-        system: Mapping[str, Any] | None = None,
-    ) -> None:
+        self, name, family, map_file, task, *, recordings=(), obstacles=(), factors=None, oracles=(), duplicate_of=None,
+        fault=None, runs=0, provenance=None, system=None,
+    ) -> None:  # fmt: skip
         """A configuration, its recordings judged by `oracles`; with `fault` its `runs` are not judged."""
         file = map_content(map_file)
         environment = {"map_file": file, "static_objects": list(obstacles)}
@@ -137,11 +120,10 @@ class SyntheticCampaign:
             return
         judges = oracles_of(oracles)
         if fault is not None:
-            for run_index in range(runs):
-                for judge in judges:
-                    self._verdict(name, family, run_index, judge.name, "not judged", fault, {})
+            for run_index, judge in product(range(runs), judges):
+                self._verdict(name, family, run_index, judge.name, "not judged", fault)
             return
-        self._copy_map(file.digest, map_file)
+        shutil.copytree(map_file.parent, self.directory / "environments" / file.digest, dirs_exist_ok=True)
         block = write_recordings(recordings)
         traces = observe_block(scenario, block)
         for folder, content in (("recordings", block), ("traces", traces)):
@@ -149,8 +131,8 @@ class SyntheticCampaign:
             (self.directory / folder / f"{name}.parquet").write_bytes(content)
         judged = judge_block(scenario, block, traces, judges)
         for verdict in judged.verdicts:
-            metrics = {key: {"value": m.value, "unit": m.unit} for key, m in verdict.metrics.items()}
-            self._verdict(name, family, verdict.run_index, verdict.oracle, verdict.judgement, verdict.reason, metrics)
+            said = verdict.oracle, verdict.judgement, verdict.reason, metrics_text(verdict.metrics)
+            self._verdict(name, family, verdict.run_index, *said)
         for run in (recording.run for recording in recordings):
             row = {"configuration": name, "family": family, **{key: getattr(run, key) for key in _RUN_COLUMNS}}
             row["contacts"] = sum(event.kind == "contact" for event in run.events)
@@ -178,26 +160,18 @@ class SyntheticCampaign:
             **self.metadata,
         }
         (self.directory / "metadata.json").write_text(json.dumps(metadata))
-        for table, rows, schema in (
-            ("configurations", self.configurations, CONFIGURATIONS),
-            ("rejections", self.rejections, REJECTIONS),
-            ("runs", self.runs, JUDGED_RUNS),
-            ("verdicts", self.verdicts, VERDICTS),
-        ):
-            write_table(self.directory / f"{table}.parquet", schema, rows)
+        schemas = {
+            "configurations": CONFIGURATIONS,
+            "rejections": REJECTIONS,
+            "runs": JUDGED_RUNS,
+            "verdicts": VERDICTS,
+        }
+        for table, schema in schemas.items():
+            write_table(self.directory / f"{table}.parquet", schema, getattr(self, table))
         return self.directory
 
-    def _verdict(self, name, family, run_index, oracle, judgement, reason, metrics):
-        row = {"configuration": name, "family": family, "run_index": run_index, "oracle": oracle}
-        self.verdicts.append({**row, "judgement": judgement, "reason": reason, "metrics": json.dumps(metrics)})
-
-    def _copy_map(self, environment: str, map_file: Path) -> None:
-        place = self.directory / "environments" / environment
-        place.mkdir(parents=True, exist_ok=True)
-        header = map_file.read_text()
-        image = header.split("image:", 1)[1].split("\n", 1)[0].strip()
-        (place / "map.yaml").write_text(header.replace(image, "map.pgm"))
-        (place / "map.pgm").write_bytes((map_file.parent / image).read_bytes())
+    def _verdict(self, *values):
+        self.verdicts.append(dict(zip(VERDICTS.names, (*values, "{}")[:7], strict=True)))
 
 
 _RUN_COLUMNS = (
