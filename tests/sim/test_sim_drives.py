@@ -20,9 +20,8 @@ from vastflow.sim.reading.robot import robot_facts, robot_of, robot_words
 from vastflow.sim.run import run
 from vastflow.sim.world.motion import arc, moved
 from vastflow.sim.world.occupancy import OccupancyMap
-from vastflow.sim.world.physics import World
+from vastflow.sim.world.physics import WallIndex, World
 from vastflow.sim.world.robot_model import Lidar, Robot
-from vastflow.sim.world.walls import WallIndex
 
 ACKERMANN = {"FollowPath.motion_model": "Ackermann", "FollowPath.AckermannConstraints.min_turning_r": 0.5}
 OMNI = {

@@ -26,10 +26,9 @@ from vastflow.sim.world.motion import (
     wrapped,
 )
 from vastflow.sim.world.occupancy import OccupancyMap
-from vastflow.sim.world.physics import World
+from vastflow.sim.world.physics import WallIndex, World
 from vastflow.sim.world.robot_model import Robot
 from vastflow.sim.world.skip_table import skip_table_of
-from vastflow.sim.world.walls import WallIndex
 
 DT_S = 0.01
 ROBOT = Robot()

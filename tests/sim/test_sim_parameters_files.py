@@ -11,11 +11,10 @@ from table import each_row
 
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.parameter import ParameterGroup
-from vastflow.sim.nav2.parameter_files.built_in import TABLES, BuiltIn
 from vastflow.sim.nav2.parameter_files.chosen import check_key, parameters_of
 from vastflow.sim.nav2.parameter_files.controller_server import critics_of
 from vastflow.sim.nav2.parameter_files.document import dotted, parse, read_document
-from vastflow.sim.nav2.parameter_files.findings import findings, left_out
+from vastflow.sim.nav2.parameter_files.findings import TABLES, BuiltIn, findings, left_out
 from vastflow.sim.nav2.parameter_files.interpretation import document_of, interpretation
 from vastflow.sim.nav2.parameter_files.nodes import (
     FILTERS,

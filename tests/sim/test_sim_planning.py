@@ -12,7 +12,7 @@ from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.streams import streams_of
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Mission
-from vastflow.sim.nav2.navigator.planning import plan
+from vastflow.sim.nav2.navigator.behavior import plan
 from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.navigator.state import give, new_stack, set_pose
 from vastflow.sim.nav2.parameters.servers import NavFn

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from vastflow.sim.world.occupancy import OccupancyMap
-from vastflow.sim.world.walls import WallIndex, wall_rectangles
+from vastflow.sim.world.physics import WallIndex, wall_rectangles
 
 GRIDS = st.tuples(st.integers(1, 16), st.integers(1, 16)).flatmap(
     lambda shape: arrays(np.int8, shape, elements=st.sampled_from([0, 100, 100, -1]))

@@ -14,9 +14,8 @@ from vastflow.sim.model.obstacle import Obstacle, Trigger
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.world.motion import FREE, MOVING, TOUCHING, arc
 from vastflow.sim.world.occupancy import OccupancyMap
-from vastflow.sim.world.physics import GRAVITY_MPS2, TRACTION, World
+from vastflow.sim.world.physics import GRAVITY_MPS2, TRACTION, WallIndex, World
 from vastflow.sim.world.robot_model import Robot
-from vastflow.sim.world.walls import WallIndex
 
 DT_S = 0.01
 TICK_S = 0.05

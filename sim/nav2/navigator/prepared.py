@@ -20,9 +20,9 @@ from vastflow.sim.nav2.parameters.costmap import Costmap
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.world.difference import WorldDifference, world_of
 from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.physics import WallIndex
 from vastflow.sim.world.robot_model import Lidar
 from vastflow.sim.world.skip_table import SkipTable, skip_table_of
-from vastflow.sim.world.walls import WallIndex
 
 Cells: TypeAlias = NDArray[np.uint8]
 

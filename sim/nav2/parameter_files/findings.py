@@ -1,16 +1,21 @@
-"""Findings: for each parameter of a file, whether it is modeled, and what is done where it is not."""
+"""Findings: for each parameter of a file, whether it is modeled, and what is done where it is not.
 
+What the simulator does in place of a parameter has the values of Nav2 Jazzy's default file, or of Nav2's code where the file leaves
+them out. A parameter that is in no table here is not modeled.
+"""
+
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.files import TextPlace
 from vastflow.sim.model.names import SLIP, nearest
-from vastflow.sim.model.parameter import ParameterLocation
-from vastflow.sim.nav2.parameter_files.built_in import ANY, IN_EVERY_NODE, TABLES, UNUSED_NODES, nav2_names
+from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument, node_of
 from vastflow.sim.nav2.parameter_files.interpretation import Interpretation
+from vastflow.sim.nav2.parameter_files.nodes import class_name
 from vastflow.sim.nav2.parameter_files.reader import Reader
 
 Status: TypeAlias = Literal["modeled", "built in", "no effect", "differs", "not modeled"]
@@ -116,3 +121,288 @@ def _is_unlisted(document: ParameterDocument, plugin: ParameterLocation) -> bool
 def _nearest(path: ParameterLocation, groups: Mapping[ParameterLocation, str]) -> ParameterLocation | None:
     """The longest path among `groups` that `path` is or is below of."""
     return next((path[:n] for n in range(len(path), 0, -1) if path[:n] in groups), None)
+
+
+@dataclass(frozen=True, slots=True)
+class BuiltIn:
+    """Behavior of the simulator that no file changes.
+
+    Attributes:
+        values: Values that mean just that; the first is what a file would say. Without any, every value does.
+        low, high: Range of numbers that mean the same, in place of `values`.
+        includes: Names that a list must have, in place of `values`.
+        prefixed: Whether text before one of the `values` makes no difference, as the robot's name before a frame.
+    """
+
+    values: tuple[Value, ...] = ()
+    low: float = -math.inf
+    high: float = math.inf
+    includes: tuple[str, ...] = ()
+    prefixed: bool = False
+
+    def agrees(self, value: Value) -> bool:
+        """Whether a file that has `value` asks for what is done anyway."""
+        if self.prefixed:
+            return isinstance(value, str) and value.endswith(tuple(map(str, self.values)))
+        if self.values:
+            return any(_equal(value, own) for own in self.values)
+        if self.includes:
+            return isinstance(value, Sequence) and set(self.includes) <= set(map(str, value))
+        if self == ANY:
+            return True
+        return isinstance(value, int | float) and not isinstance(value, bool) and self.low <= value <= self.high
+
+    @property
+    def value(self) -> Value:
+        """The value that a file would have, or the range in words."""
+        if self.values:
+            return list(own) if isinstance(own := self.values[0], tuple) else own
+        if self.includes:
+            return list(self.includes)
+        return f"{self.low:g} or more" if math.isfinite(self.low) else f"{self.high:g} or less"
+
+
+ANY: Final = BuiltIn()
+
+
+def nav2_names() -> frozenset[str]:
+    """Last names of all parameters that are modeled or in a table here, whatever node or plug-in has them."""
+    groups = [ParameterGroup]
+    for group in groups:
+        groups += group.__subclasses__()
+    tabled = (name.removesuffix(".*").rpartition(".")[2] for table in TABLES.values() for name in table)
+    return frozenset([*tabled, *IN_EVERY_NODE, *(name for group in groups for name in group.model_fields)])
+
+
+def _equal(value: Value, own: Value) -> bool:
+    if isinstance(value, str) and isinstance(own, str):
+        # Of a file's name the folder does not matter.
+        return class_name(value) == class_name(own) or (bool(own) and value.endswith(f"/{own}"))
+    if isinstance(value, bool) or isinstance(own, bool):
+        return value is own
+    if isinstance(value, Sequence) and isinstance(own, Sequence):
+        return list(value) == list(own)
+    return value == own
+
+
+def only(*values: Value) -> BuiltIn:
+    return BuiltIn(values)
+
+
+def _any(*names: str) -> dict[str, BuiltIn]:
+    return dict.fromkeys(names, ANY)
+
+
+LASER_HEIGHT_M: Final = 0.193
+
+IN_EVERY_NODE: Final[Mapping[str, BuiltIn]] = _any(
+    "use_sim_time",
+    "bond_heartbeat_period",
+    "use_realtime_priority",
+    "enable_stamped_cmd_vel",
+    "action_server_result_timeout",
+)
+
+UNUSED_NODES: Final[Mapping[str, str]] = {
+    "map_server": "the campaign gives the map",
+    **dict.fromkeys(
+        ("filter_mask_server", "keepout_filter_mask_server", "speed_filter_mask_server"),
+        "the campaign gives the mask: keepout_mask, speed_mask",
+    ),
+    "map_saver": "no mission calls it",
+    "smoother_server": "the default behavior trees do not call it",
+    "docking_server": "no mission calls it",
+    "route_server": "no mission calls it",
+    "loopback_simulator": "another simulator",
+}
+"""Nodes that have no effect on the missions, and why."""
+
+_FRAMES: Final = (
+    *("global_frame", "local_frame", "robot_base_frame"),
+    *("base_frame_id", "odom_frame_id", "global_frame_id"),
+)
+_BEHAVIORS: Final = {
+    "spin": "Spin",
+    "backup": "BackUp",
+    "back_up": "BackUp",
+    "wait": "Wait",
+    "drive_on_heading": "DriveOnHeading",
+    "assisted_teleop": "AssistedTeleop",
+}
+
+_COSTMAP: Final[Mapping[str, BuiltIn]] = {
+    **_any("robot_base_frame", "always_send_full_costmap", "transform_tolerance", "initial_transform_timeout"),
+    **_any("origin_x", "origin_y", "map_topic"),
+    "lethal_cost_threshold": only(100),
+    "unknown_cost_value": only(255),
+    "trinary_costmap": only(True),
+    "use_maximum": only(False),
+}
+_OBSTACLE_LAYER: Final[Mapping[str, BuiltIn]] = {
+    **_any("tf_filter_tolerance", "track_unknown_space"),  # this is the costmap's
+    "combination_method": only(1),
+    "min_obstacle_height": BuiltIn(high=LASER_HEIGHT_M),
+    "max_obstacle_height": BuiltIn(low=LASER_HEIGHT_M),
+}
+# Searches end after a number of iterations, and not by the clock.
+_SMAC: Final = _any("max_planning_time", "terminal_checking_interval", "downsampling_factor", "viz_expansions")
+
+TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
+    "amcl": {
+        **_any(*_FRAMES, "scan_topic", "map_topic", "save_pose_rate", "transform_tolerance", "random_seed"),
+        **_any("z_max", "z_short", "lambda_short", "first_map_only", "service_introspection_mode"),
+        **_any("do_beamskip", "beam_skip_distance", "beam_skip_threshold", "beam_skip_error_threshold"),
+        # The mission publishes where the robot starts.
+        **_any("set_initial_pose", "always_reset_initial_pose", "initial_pose.*"),
+        "laser_model_type": only("likelihood_field"),
+        "recovery_alpha_fast": only(0.0),
+        "recovery_alpha_slow": only(0.0),
+        "tf_broadcast": only(True),
+        "freespace_downsampling": only(False),
+    },
+    "bt_navigator": {
+        **_any(*_FRAMES, "odom_topic", "transform_tolerance", "filter_duration", "default_server_timeout"),
+        **_any("wait_for_service_timeout", "service_introspection_mode", "plugin_lib_names", "error_code_names"),
+        **_any("error_code_name_prefixes", "always_reload_bt_xml", "enable_groot_monitoring"),
+        **_any("groot_zmq_publisher_port", "groot_zmq_server_port", "goal_blackboard_id", "path_blackboard_id"),
+        "bt_loop_duration": BuiltIn(high=50.0),  # ms: trees are ticked once in a tick of the stack
+        "navigators": BuiltIn(includes=("navigate_to_pose", "navigate_through_poses")),
+        "navigate_to_pose.plugin": only("nav2_bt_navigator::NavigateToPoseNavigator"),
+        "navigate_through_poses.plugin": only("nav2_bt_navigator::NavigateThroughPosesNavigator"),
+        "default_nav_to_pose_bt_xml": only("navigate_to_pose_w_replanning_and_recovery.xml", ""),
+        "default_nav_through_poses_bt_xml": only("navigate_through_poses_w_replanning_and_recovery.xml", ""),
+    },
+    "controller_server": {
+        **_any("odom_topic", "odom_duration", "speed_limit_topic"),
+        "costmap_update_timeout": only(0.30),
+        "publish_zero_velocity": only(True),
+    },
+    "FeasiblePathHandler": {**_any("minimum_rotation_angle"), "reject_unit_path": only(False)},
+    "local_costmap": {**_COSTMAP, "global_frame": BuiltIn(("odom",), prefixed=True), "rolling_window": only(True)},
+    "global_costmap": {
+        **_COSTMAP,
+        **_any("publish_frequency", "width", "height", "resolution"),
+        "global_frame": BuiltIn(("map",), prefixed=True),
+        "rolling_window": only(False),
+    },
+    "StaticLayer": {
+        **_any("map_subscribe_transient_local", "map_topic", "subscribe_to_updates", "transform_tolerance"),
+        # These are the costmap's: Nav2 does not look for them here.
+        **_any("track_unknown_space", "use_maximum", "lethal_cost_threshold", "unknown_cost_value", "trinary_costmap"),
+        "footprint_clearing_enabled": only(False),
+    },
+    "ObstacleLayer": _OBSTACLE_LAYER,
+    "VoxelLayer": {
+        **_OBSTACLE_LAYER,
+        **_any("publish_voxel_map"),
+        # Of the slices only the scan's is ever used: it must be among them, whatever its height is.
+        "origin_z": only(0.0),
+        "z_resolution": BuiltIn(low=0.05),
+        "z_voxels": BuiltIn(low=4),
+        "mark_threshold": only(0),
+        "unknown_threshold": only(15),
+    },
+    "scan": {
+        **_any("topic", "sensor_frame", "transport_type", "expected_update_rate", "tf_filter_tolerance"),
+        "min_obstacle_height": BuiltIn(high=LASER_HEIGHT_M),
+        "max_obstacle_height": BuiltIn(low=LASER_HEIGHT_M),
+        "inf_is_valid": only(False),
+        "observation_persistence": only(0.0),
+        "raytrace_min_range": only(0.0),
+    },
+    "KeepoutFilter": _any("transform_tolerance", "filter_info_topic", "lethal_override_cost"),
+    "SpeedFilter": {
+        **_any("transform_tolerance", "filter_info_topic", "speed_limit_topic", "path_topic", "odom_topic"),
+        **_any("max_decel", "min_lookahead", "max_lookahead"),
+    },
+    # A mask is among the campaign's parameters, and a keepout filter takes its values as they are.
+    "filter info": _any("filter_info_topic", "mask_topic", "type", "base", "multiplier"),
+    "InflationLayer": {"inflate_unknown": only(False), "inflate_around_unknown": only(False)},
+    "planner_server": {
+        **_any("expected_planner_frequency", "service_introspection_mode"),
+        "costmap_update_timeout": only(1.0),
+    },
+    "NavfnPlanner": {"use_final_approach_orientation": only(False)},
+    "SmacPlanner2D": {
+        **_SMAC,
+        "use_final_approach_orientation": only(False),
+        "motion_model_for_search": only("MOORE", "2D"),  # of Humble and before: eight neighbors, as since then
+    },
+    "SmacPlannerHybrid": {
+        **_SMAC,
+        **_any("cache_obstacle_heuristic", "debug_visualizations", "coarse_search_resolution"),
+        "goal_heading_mode": only("DEFAULT"),
+    },
+    "MPPI": {
+        **_any("visualize", "TrajectoryVisualizer.*", "publish_critics_stats", "publish_optimal_trajectory"),
+        **_any("transform_tolerance"),
+        "iteration_count": only(1),
+        "retry_attempt_limit": only(1),
+        "reset_period": only(1.0),
+        "regenerate_noises": only(True),
+        "open_loop": only(False),
+    },
+    "MPPI critic": {
+        # A disc collides where its center is inscribed, so the costs short of a collision never come to count.
+        **_any("near_collision_cost", "critical_cost", "inflation_layer_name"),
+        "cost_power": only(1),
+        "symmetric_yaw_tolerance": only(False),
+    },
+    "DWB": {
+        **_any("transform_tolerance", "debug_trajectory_details", "short_circuit_trajectory_evaluation", "stateful"),
+        **_any("default_critic_namespaces", "time_granularity"),
+        **_any("publish_evaluation", "publish_global_plan", "publish_transformed_plan", "publish_local_plan"),
+        **_any("publish_trajectories", "publish_cost_grid_pc", "marker_lifetime"),
+        "trajectory_generator_name": only("dwb_plugins::StandardTrajectoryGenerator", "StandardTrajectoryGenerator"),
+        "prune_plan": only(True),
+        "shorten_transformed_plan": only(True),
+        "include_last_point": only(True),
+        "discretize_by_time": only(False),
+        "limit_vel_cmd_in_traj": only(False),
+        "split_path": only(False),
+    },
+    "DWB critic": {
+        "lookahead_time": only(-1.0),
+        "aggregation_type": only("last"),
+        "oscillation_reset_time": only(-1.0),
+    },
+    "RPP": {
+        **_any("transform_tolerance", "inversion_xy_tolerance", "inversion_yaw_tolerance", "cancel_deceleration"),
+        "interpolate_curvature_after_goal": only(False),
+        "use_cancel_deceleration": only(False),
+        "use_interpolation": only(True),
+    },
+    "behavior_server": {
+        **_any(*_FRAMES, "costmap_topic", "footprint_topic", "local_costmap_topic", "local_footprint_topic"),
+        **_any("global_costmap_topic", "global_footprint_topic", "transform_tolerance", "projection_time"),
+        **_any("transform_timeout"),
+        "cycle_frequency": only(10.0),
+        "behavior_plugins": BuiltIn(includes=("spin", "backup", "wait")),
+        # Of Galactic and before, as the classes of nav2_recoveries.
+        "recovery_plugins": BuiltIn(includes=("spin", "wait")),
+        **{
+            f"{name}.plugin": only(f"nav2_behaviors::{class_}", f"nav2_recoveries::{class_}")
+            for name, class_ in _BEHAVIORS.items()
+        },
+    },
+    "waypoint_follower": _any("loop_rate", "global_frame_id"),
+    "velocity_smoother": {
+        **_any("odom_topic"),
+        "smoothing_frequency": only(20.0),
+        "scale_velocities": only(False),
+        "deadband_velocity": only((0.0, 0.0, 0.0)),
+    },
+    "collision_monitor": {
+        **_any(*_FRAMES, "cmd_vel_in_topic", "cmd_vel_out_topic", "state_topic", "transform_tolerance"),
+        **_any("stop_pub_timeout"),
+        "base_shift_correction": only(True),
+    },
+    "approach polygon": _any("footprint_topic", "visualize", "polygon_pub_topic"),
+    "zone": _any("footprint_topic", "visualize", "polygon_pub_topic", "polygon_sub_topic"),
+    "monitored scan": {
+        **_any("topic", "sensor_frame", "transport_type"),
+        "min_height": BuiltIn(high=LASER_HEIGHT_M),
+        "max_height": BuiltIn(low=LASER_HEIGHT_M),
+    },
+}
+"""Kind of a group to its parameters; `name.*` stands for all below a name."""
