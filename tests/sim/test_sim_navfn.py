@@ -75,7 +75,7 @@ def test_way_within_bounds_has_the_potential_of_the_whole_flood():
     assert (out < UNREACHED).sum() < 0.9 * (whole < UNREACHED).sum()
 
 
-def test_a_star_floods_less_and_finds_no_shorter_path():
+def test_astar_floods_less_and_finds_no_shorter_path():
     costmap = np.zeros((120, 120), dtype=np.uint8)
     costmap[30:90, 60] = 254
     inflated = inflate(costmap, 0.05, INSCRIBED_M, 0.70, 3.0)

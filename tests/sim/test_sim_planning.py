@@ -103,7 +103,7 @@ def test_replanned_paths_match_navfn():
         assert desk.path[:-1] == pytest.approx(fresh[: len(desk.path) - 1], abs=0.3)
 
 
-def test_plan_with_a_star_matches_navfn():
+def test_plan_with_astar_matches_navfn():
     desk = Desk(two_doors(), (7.0, 1.5), use_astar=True)
     desk.cost(slice(40, 75), slice(30, 60), 254)
     assert desk.plan(1.0, 3.0) == 0
