@@ -5,6 +5,7 @@ import io
 import json
 import re
 from pathlib import Path
+from typing import get_type_hints
 from xml.etree import ElementTree
 
 import numpy as np
@@ -28,7 +29,7 @@ from vastflow.sim.model.archive import table, write_behaviors, write_outputs
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.recording import LogText, Outputs, Recording, Run, RunLog, Use, run_log_row
-from vastflow.sim.run import BEHAVIORS
+from vastflow.sim.scenario.tree.tree import StatusChange
 from vastflow.sim.world.map_file import load_map
 from vastflow.tasks.engine.engine import RunFault
 
@@ -56,7 +57,7 @@ def behaviors(status="SUCCESS", message=""):
         (7.5, 0, -1, 0, "patrol", "Sequence", status, "", 3, 10),
         (7.5, 1, 0, 0, "nav_to_pose", "Navigate", status, message, 5, 9),
     ]
-    return table(BEHAVIORS, rows)
+    return table(get_type_hints(StatusChange), rows)
 
 
 def recording(run_index):
