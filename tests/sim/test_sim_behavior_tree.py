@@ -103,7 +103,7 @@ def came_to(under_way):
 
 def test_scenario_ends_as_its_words_say(golden, tree, journal):
     def told(body):
-        """What is done to the deeds, and the end."""
+        """Return what is done to the deeds, and the end."""
         del journal[:]
         under_way = tree(body)
         end = came_to(under_way)

@@ -153,7 +153,7 @@ def test_tabs_comments_and_line_ends_do_not_matter(tmp_path, text):
 
 
 def test_scenario_defines_parameters_and_a_tree(golden):
-    """What stands above a line `scenario:` is declared before it; a scenario without `do` is about its parameters."""
+    """Declarations stand above a line `scenario:`; a scenario without `do` is about its parameters."""
 
     def defined(text):
         before, _, body = text.rpartition("scenario:\n")

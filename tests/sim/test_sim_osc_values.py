@@ -39,7 +39,7 @@ def log(*values):
 
 
 def test_scenario_logs_values_of_its_names(golden):
-    """What stands above a line `scenario:` is declared before it."""
+    """Declarations stand above a line `scenario:`."""
 
     def lines(text):
         before, _, body = text.rpartition("scenario:\n")

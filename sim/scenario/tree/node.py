@@ -75,7 +75,7 @@ def running_leaves(node: Behaviour) -> Iterator[Behaviour]:
 
 
 class Condition:
-    """What a `wait` or an `until` awaits, in one run; evaluation of what a user wrote may raise `ScenarioError`.
+    """Condition of a `wait` or an `until` in one run; evaluation of what a user wrote may raise `ScenarioError`.
 
     Attributes:
         words: How it is written, in short.
