@@ -51,7 +51,7 @@ def quantity(name: str, partial: Partial) -> int | float:
 
 
 def _path(partial: Partial) -> tuple[Points, float]:
-    """Points and octile length (m) of the path that was drawn, or else of the shortest one between start and goals."""
+    """Points and octile length (m) of the path that was drawn, else of the shortest from start to goals."""
     values: Mapping[str, Any] = partial.values
     if PATH_KEY in values and PATH_LENGTH_KEY in values:
         return tuple((float(x_m), float(y_m)) for x_m, y_m in values[PATH_KEY]), float(values[PATH_LENGTH_KEY])
@@ -94,7 +94,7 @@ def _clearances_on(map_file: FileContent, path: Points) -> tuple[float, float, f
 
 @functools.lru_cache(MOST_MAPS)
 def _distance_m(map_file: FileContent) -> NDArray[np.float64]:
-    """Distance (H, W) from the center of a cell to the near side of the nearest wall's cell; infinite without walls."""
+    """Distance (H, W) from cells' centers to the near side of the nearest wall's cell; infinite without walls."""
     from scipy import ndimage
 
     occupancy = occupancy_of(map_file)
