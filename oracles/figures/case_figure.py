@@ -129,8 +129,7 @@ def _draw(axes: Axes, case: Case, alpha: Callable[[int], float | None]) -> list[
     maps.draw_floor(axes, case.occupancy, case.zones)
     if case.world is not None:
         maps.draw_walls(axes, case.world)
-    axes.set_xticks([])
-    axes.set_yticks([])
+    axes.set(xticks=[], yticks=[])
     maps.draw_obstacles(axes, case.obstacles, alpha=0.7)
     for judgement in _JUDGEMENTS:
         lines = [line for k, (said, line) in enumerate(case.paths) if said == judgement and k != case.chosen]

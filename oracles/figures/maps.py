@@ -73,10 +73,8 @@ def draw_zones(axes: Axes, zones: Zones) -> None:
     """Tint keepout and speed zones by the values of their masks."""
     for masks, color in ((zones.keepout, style.KEEPOUT_COLOR), (zones.speed, style.SPEED_COLOR)):
         for mask in masks:
-            row, end_row, column, end_column = known_cells(mask)
-            picture = np.empty((end_row - row, end_column - column, 4), dtype=np.uint8)
-            picture[:] = [round(255 * part) for part in to_rgba(color)]
-            values = np.maximum(mask.cells[row:end_row, column:end_column], cell_values.FREE)
+            values = np.maximum(mask.cells[known_cells(mask)], cell_values.FREE)
+            picture = np.tile(np.array(_rgba(color), np.uint8), (*values.shape, 1))
             picture[..., 3] = np.rint(255 * _ZONE_ALPHA * values / cell_values.OCCUPIED)
             _show(axes, mask, picture)
 
@@ -91,12 +89,14 @@ def zone_handles(zones: Zones) -> list[Patch]:
 
 
 def draw_walls(axes: Axes, world: OccupancyMap) -> None:
-    row, end_row, column, end_column = known_cells(world)
-    picture = np.zeros((end_row - row, end_column - column, 4), dtype=np.uint8)
-    picture[world.occupied[row:end_row, column:end_column]] = [
-        round(255 * part) for part in to_rgba(style.OBSTACLE_COLOR)
-    ]
+    occupied = world.occupied[known_cells(world)]
+    picture = np.zeros((*occupied.shape, 4), dtype=np.uint8)
+    picture[occupied] = _rgba(style.OBSTACLE_COLOR)
     _show(axes, world, picture)
+
+
+def _rgba(color: str) -> list[int]:
+    return [round(255 * part) for part in to_rgba(color)]
 
 
 def draw_lines(
@@ -156,8 +156,7 @@ def _show(axes: Axes, occupancy: OccupancyMap, picture: NDArray[np.uint8]) -> No
 
 def _picture(occupancy: OccupancyMap) -> NDArray[np.uint8]:
     """The known part of the map as a picture of at most a figure's resolution."""
-    row, end_row, column, end_column = known_cells(occupancy)
-    cells = occupancy.cells[row:end_row, column:end_column]
+    cells = occupancy.cells[known_cells(occupancy)]
     picture = np.empty((*cells.shape, 3), dtype=np.uint8)
     picture[:] = WALL  # everything a robot can't be sure to drive on, but for unknown cells
     picture[cells == cell_values.UNKNOWN] = UNKNOWN
@@ -240,8 +239,7 @@ def all_maps_figure(scenes: Sequence[Scene], titles: Sequence[str]) -> Figure:
             bottom_in = size_in[1] - 0.35 - (row + 1) * row_in - 0.1 * row
             axes = style.place(figure, left_in, bottom_in, width_in, row_in)
             draw_floor(axes, scene.occupancy, scene.zones)
-            axes.set_xticks([])
-            axes.set_yticks([])
+            axes.set(xticks=[], yticks=[])
             if row == 0:
                 # On a large map the blur is smaller than a pixel; the rings show where to look.
                 rings: dict[str, Any] = {

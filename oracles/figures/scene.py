@@ -164,19 +164,20 @@ def scenes_of(tables: Tables) -> list[Scene]:
 
 def known_extent_m(occupancy: OccupancyMap, margin_m: float) -> tuple[float, float, float, float]:
     """x0, x1, y0, y1 of what is known of the map, with a margin."""
-    row, end_row, column, end_column = known_cells(occupancy)
-    corners = occupancy.corners_of(np.array([(r, c) for r in (row, end_row) for c in (column, end_column)]))
+    rows, columns = known_cells(occupancy)
+    ends = [(r, c) for r in (rows.start, rows.stop) for c in (columns.start, columns.stop)]
+    corners = occupancy.corners_of(np.array(ends))
     (x0, y0), (x1, y1) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
     return x0 - margin_m, x1 + margin_m, y0 - margin_m, y1 + margin_m
 
 
-def known_cells(occupancy: OccupancyMap) -> tuple[int, int, int, int]:
-    """Row and column ranges (start, stop, start, stop) of the known part of the map."""
+def known_cells(occupancy: OccupancyMap) -> tuple[slice, slice]:
+    """Rows and columns of the known part of the map, all where nothing is known."""
     known = occupancy.cells >= 0
-    rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
-    if not rows.size:
-        return 0, known.shape[0], 0, known.shape[1]
-    return int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
+    found = [np.flatnonzero(known.any(axis=axis)) for axis in (1, 0)]
+    ends = [(at[0], at[-1] + 1) if at.size else (0, n) for at, n in zip(found, known.shape, strict=True)]
+    rows, columns = (slice(int(first), int(stop)) for first, stop in ends)
+    return rows, columns
 
 
 def _scene(tables: Tables, environment: str, runs: Counts, files: KeptFiles) -> Scene:

@@ -2,56 +2,65 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from vastflow.oracles.evidence.causes import CauseCount
 from vastflow.oracles.evidence.findings import Findings
 from vastflow.oracles.judgement.cause import CAUSES
 from vastflow.oracles.page.facts import Facts
 from vastflow.oracles.page.pictures import case_picture, cause_picture
-from vastflow.oracles.page.section import Block, Card, Column, Details, Group, Section, Table, columns, paragraph, soft
-from vastflow.oracles.page.words import capital, percent, plural, sentence, tag
+from vastflow.oracles.page.section import Column, Section, Table, columns
+from vastflow.oracles.page.words import percent, plural
 from vastflow.oracles.results.tables import FAIL, Tables
 from vastflow.oracles.statistics.intervals import wilson_intervals
 
 CASES: Final = 9
 _CASES_OF_A_FAMILY: Final = 2
-_CASES_AT_ONCE: Final = 6
-_CAUSES_AT_ONCE: Final = 8
 _KINDS: Final = 12
 _NUMBER: Final = re.compile(r"\d+(?:\.\d+)?")
 
 
 def why_section(facts: Facts) -> Section | None:
     """Why runs failed; None where none did."""
-    content = [*_causes(facts), *_kinds(facts)]
-    return Section("why", "Why", "Why runs failed", content=content, folded=False) if content else None
+    kinds = failure_kinds(facts.failures)
+    if not kinds:
+        return None
+    rows = [
+        [
+            row["oracle"],
+            Markup("{} <small>(for example)</small>").format(row["reason"]) if row["reasons"] > 1 else row["reason"],
+            row["runs"],
+            percent(row["runs"] / facts.evidence[row["oracle"]].campaign.counts.failed),
+            row["configurations"],
+        ]
+        for row in kinds[:_KINDS]
+    ]
+    numbers = columns("number", "Runs", "Of its failures", "Configurations")
+    drawn = [cause_picture(facts.tables, each, facts.files) for each in facts.causes]
+    values = {
+        "causes": list(zip(facts.causes, drawn, strict=True)),
+        "meanings": CAUSES,
+        "kinds": Table([Column("Oracle", "name"), Column("Why", "long"), *numbers], rows),
+        "of_kinds": len(kinds),
+    }
+    figures = [picture for picture in drawn if picture is not None]
+    return Section("why", "Why", "Why runs failed", folded=False, values=values, figures=figures)
 
 
 def worst_section(facts: Facts) -> Section | None:
     """The worst configurations; None where no run failed."""
     found = [_case(facts, k) for k in cases(facts.tables, facts.findings)]
-    if not found:
-        return None
-    content: list[Block] = [
-        soft(
-            "The failure rates whose 95 % intervals begin highest, at most two of a family while there are others; "
-            '<a href="#all">all that failed</a>. '
-            "The command replays the first failed run from the campaign directory, bit for bit; run it there."
-        ),
-        Group("cases", found[:_CASES_AT_ONCE]),
-    ]
-    if rest := found[_CASES_AT_ONCE:]:
-        content.append(Details(f"{len(rest)} more", [Group("cases", rest)]))
-    return Section("worst", "Worst", "Worst configurations", content=content, folded=False)
+    figures = [case["picture"] for case in found if case["picture"] is not None]
+    title, values = "Worst configurations", {"cases": found}
+    return Section("worst", "Worst", title, folded=False, values=values, figures=figures) if found else None
 
 
 def failed_section(facts: Facts) -> Section | None:
+    """The failed runs of each configuration with the words of each oracle; None where none failed."""
     found = facts.failures.groupby(["configuration", "oracle"], observed=True).reason.agg(["size", "first", "nunique"])
     rows = []
     for (name, oracle), (n, reason, reasons) in zip(found.index, found.itertuples(index=False), strict=True):
@@ -91,61 +100,6 @@ def failure_kinds(failures: pd.DataFrame) -> list[Mapping[str, Any]]:
     return rows
 
 
-def _causes(facts: Facts) -> Iterator[Block]:
-    if not facts.causes:
-        return
-    yield soft(
-        'At most one cause a run, by a <a href="#method">fixed precedence</a>. Orange is where the robot was, dashed where it took '
-        "itself to be. The command replays the run from the campaign directory."
-    )
-    cards = [_cause(facts, each) for each in facts.causes]
-    yield Group("cases causes", cards[:_CAUSES_AT_ONCE])
-    if rest := cards[_CAUSES_AT_ONCE:]:
-        yield Details(plural(len(rest), "rarer cause"), [Group("cases causes", rest)])
-
-
-def _cause(facts: Facts, count: CauseCount) -> Card:
-    picture = cause_picture(facts.tables, count, facts.files)
-    stood = count.cause == "stood still" and count.runs == facts.stood.runs
-    share, where = percent(count.runs / facts.all.failed), plural(count.configurations, "configuration")
-    text = paragraph("<b>{}</b>, {} of failures, in {}", plural(count.runs, "run"), share, where)
-    text += soft("{}", sentence(facts.stood.text if stood else CAUSES[count.cause]))
-    return Card(
-        capital(count.cause), text + _replay(picture is not None, count.configuration, count.run_index), picture
-    )
-
-
-def _replay(recorded: bool, configuration: str, run_index: int) -> Markup:
-    return Markup("<code>vastflow replay . {} {}</code>").format(configuration, run_index) if recorded else Markup("")
-
-
-def _kinds(facts: Facts) -> Iterator[Block]:
-    found = failure_kinds(facts.failures)
-    if not found:
-        return
-    rows = [
-        [
-            row["oracle"],
-            Markup("{} <small>(for example)</small>").format(row["reason"]) if row["reasons"] > 1 else row["reason"],
-            row["runs"],
-            percent(row["runs"] / facts.evidence[row["oracle"]].campaign.counts.failed),
-            row["configurations"],
-        ]
-        for row in found[:_KINDS]
-    ]
-    numbers = columns("number", "Runs", "Of its failures", "Configurations")
-    content: list[Block] = [
-        soft(
-            "Reasons that differ in their numbers alone are one row, with the first of them; each configuration's own are under "
-            '<a href="#failures">failed runs</a>.\nA run that several oracles failed is in several rows.'
-        ),
-        Table([Column("Oracle", "name"), Column("Why", "long"), *numbers], rows),
-    ]
-    if len(found) > _KINDS:
-        content.append(soft("And {}.", plural(len(found) - _KINDS, "rarer kind")))
-    yield Details(f"What each oracle said: {plural(len(found), 'kind')} of reasons", content)
-
-
 def cases(tables: Tables, findings: Findings) -> list[int]:
     """Indices of the worst configurations by the lower bounds of their failure rates, spread over families."""
     failed, judged = findings.counts[:, 1], findings.counts[:, 0] + findings.counts[:, 1]
@@ -163,19 +117,21 @@ def cases(tables: Tables, findings: Findings) -> list[int]:
     return chosen
 
 
-def _case(facts: Facts, configuration: int) -> Card:
+def _case(facts: Facts, configuration: int) -> dict[str, Any]:
     """One of the worst configurations, by its index."""
     found, verdicts = facts.tables.configurations, facts.tables.verdicts
-    rows = verdicts.rows_of(configuration)
-    failed_run = rows.start + int(np.flatnonzero(verdicts.together[rows] == FAIL)[0])
+    name, rows = found.names[configuration], verdicts.rows_of(configuration)
     place = int(np.searchsorted(found.distinct, configuration))
     passed, failed, _ = facts.findings.counts[place].tolist()
-    name, picture = found.names[configuration], case_picture(facts.tables, configuration, facts.files)
     varied = [f"{key} {value}" for key in facts.varied if (value := facts.factor(configuration, key))]
-    runs = plural(passed + failed, "run")
-    text = paragraph("{} · {} of {} failed", tag(facts.findings.classes.names[place]), failed, runs)
-    text += soft("{}", " · ".join(varied[:6]))
     reasons = facts.failures[facts.failures.configuration == name].drop_duplicates("oracle")  # the first of each
-    said = zip(reasons.oracle, reasons.reason, strict=True)
-    text += Markup("").join(paragraph("<b>{}</b>: {}", *each) for each in said)
-    return Card(name, text + _replay(picture is not None, name, int(verdicts.run_index[failed_run])), picture)
+    return {
+        "name": name,
+        "class": facts.findings.classes.names[place],
+        "failed": failed,
+        "judged": passed + failed,
+        "varied": " · ".join(varied[:6]),
+        "reasons": list(zip(reasons.oracle, reasons.reason, strict=True)),
+        "run_index": int(verdicts.run_index[rows][verdicts.together[rows] == FAIL][0]),
+        "picture": case_picture(facts.tables, configuration, facts.files),
+    }

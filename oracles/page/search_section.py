@@ -12,7 +12,7 @@ from vastflow.oracles.evidence.searched import found_text
 from vastflow.oracles.figures.charts import archive_figure, boundary_figure, progress_figure
 from vastflow.oracles.page.facts import Facts
 from vastflow.oracles.page.pictures import case_picture, picture
-from vastflow.oracles.page.section import Block, Group, Picture, Section, paragraph, soft
+from vastflow.oracles.page.section import Picture, Section
 from vastflow.oracles.page.words import number
 
 CELLS_DRAWN: Final = 4
@@ -24,15 +24,16 @@ def search_section(facts: Facts) -> Section | None:
     said = facts.metadata.get("search")
     if not said:
         return None
-    content: list[Block] = [paragraph("<strong>{}</strong>", found_text(said))]
-    if point := (said["best"] or {"point": {}})["point"]:
-        is_number = {name: isinstance(v, int | float) and not isinstance(v, bool) for name, v in point.items()}
-        values = [f"{name} = {number(value) if is_number[name] else value}" for name, value in point.items()]
-        content.append(paragraph(", ".join(["<code>{}</code>"] * len(values)), *values))
-    chosen = "The strategy chose the points, so rates over all of them say nothing of the space."
-    content.append(soft("{} {}", _searched(said), chosen))
-    content.append(Group("pair", [*_pictures(facts.tables.directory, said), *_cell_pictures(facts, said)]))
-    return Section("search", "Search", "What the search found", content=content, folded=False)
+    point = (said["best"] or {"point": {}})["point"]
+    is_number = {name: isinstance(v, int | float) and not isinstance(v, bool) for name, v in point.items()}
+    values: dict[str, Any] = {
+        "found": found_text(said),
+        "point": [f"{name} = {number(value) if is_number[name] else value}" for name, value in point.items()],
+        "searched": _searched(said),
+        "pictures": [*_pictures(facts.tables.directory, said), *_cell_pictures(facts, said)],
+    }
+    title, figures = "What the search found", values["pictures"]
+    return Section("search", "Search", title, folded=False, values=values, figures=figures)
 
 
 def _searched(said: Mapping[str, Any]) -> str:

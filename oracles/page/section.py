@@ -2,9 +2,9 @@
 
 import base64
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, Literal, TypeAlias, Union
+from typing import Any, Final, Literal, TypeAlias
 
 from markupsafe import Markup
 
@@ -115,33 +115,7 @@ class Picture:
         return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
 
 
-Block: TypeAlias = Union[Markup, Picture, Table, "Card", "Group", "Details"]
-
-
-@dataclass(frozen=True, eq=False)
-class Card:
-    """A picture with text beside it."""
-
-    title: str
-    text: Markup
-    picture: Picture | None
-
-
-@dataclass(frozen=True, eq=False)
-class Group:
-    """Blocks beside each other, as the style sheet arranges the class `style`."""
-
-    style: str
-    content: Sequence[Block]
-
-
-@dataclass(frozen=True, eq=False)
-class Details:
-    """Blocks that are hidden until a reader opens them."""
-
-    summary: str
-    content: Sequence[Block]
-    open: bool = False
+Block: TypeAlias = Markup | Picture | Table
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,32 +143,7 @@ class Section:
     @property
     def pictures(self) -> list[Picture]:
         """All of its pictures, in their order."""
-        return [*self.figures, *_pictures(self.content)]
-
-
-def paragraph(text: str, *values: object) -> Markup:
-    """A paragraph of HTML; `values` are escaped."""
-    return Markup(f"<p>{text}</p>\n").format(*values)
-
-
-def soft(text: str, *values: object) -> Markup:
-    """A paragraph that explains what stands beside it."""
-    return Markup(f'<p class="soft">{text}</p>\n').format(*values)
-
-
-def heading(text: str) -> Markup:
-    """A heading inside a section."""
-    return Markup("<h3>{}</h3>\n").format(text)
-
-
-def _pictures(content: Iterable[Block]) -> Iterator[Picture]:
-    for block in content:
-        if isinstance(block, Picture):
-            yield block
-        elif isinstance(block, Card):
-            yield from () if block.picture is None else (block.picture,)
-        elif isinstance(block, Group | Details):
-            yield from _pictures(block.content)
+        return [*self.figures, *(block for block in self.content if isinstance(block, Picture))]
 
 
 def rate_cell(counts: Counts) -> list[float]:

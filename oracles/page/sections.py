@@ -2,7 +2,7 @@
 
 import inspect
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -24,16 +24,11 @@ from vastflow.oracles.page.section import (
     MAX_ROWS,
     Block,
     Column,
-    Details,
-    Group,
     Section,
     Table,
     columns,
     configuration_cells,
-    heading,
-    paragraph,
     rate_cell,
-    soft,
 )
 from vastflow.oracles.page.words import percent, plural, short
 from vastflow.oracles.results import coverage
@@ -56,38 +51,23 @@ def maps_section(facts: Facts) -> Section | None:
     """The section on where runs failed; None for a campaign without maps."""
     if not facts.maps:
         return None
-    content: list[Block] = []
     rows = [[facts.names[key], rate_cell(counts)] for key, counts in environment_counts(facts.tables).items()]
-    if len(rows) > 1:
-        content.append(Table([Column("Map"), Column("All oracles", "rate")], rows, "environments"))
-        content += [soft("The {} maps with most failures are drawn.", MAX_SCENES)] if len(rows) > MAX_SCENES else []
-    content += _scenes(facts)
-    if len(facts.scenes) > 1:
-        overview = pictures.all_maps_picture(facts.scenes, [facts.names[scene.environment] for scene in facts.scenes])
-        content = [overview, Details("Each map", content)]
-    if rows := facts.places:
-        head = [Column("Map", "choice"), Column("Place"), Column("Failed of visits", "rate")]
-        explained = soft(
-            "Of the runs that came through a cell of 0.25 m, the share that failed there, where it is shown to be above the map's mean; "
-            "the worst of neighbors, at most three a map."
-        )
-        summary = f"{plural(len(rows), 'place')} that runs fail at more often than elsewhere"
-        shares = Table(head, rows, "places", style="share")
-        content.append(Details(summary, [explained, shares], open=len(rows) <= 3))
-    return Section("maps", "Where", "Where it happened", content=content, folded=False)
-
-
-def _scenes(facts: Facts) -> Iterator[Block]:
-    for scene in facts.scenes:
-        name, (height, width) = facts.names[scene.environment], scene.occupancy.shape
-        resolution_m = scene.occupancy.resolution_m
-        size = f"{width * resolution_m:.1f} m × {height * resolution_m:.1f} m"
-        yield Markup('<h3>{} <span class="soft">{}</span></h3>\n').format(name, size)
+    scenes, names = [], [facts.names[scene.environment] for scene in facts.scenes]
+    for scene, name in zip(facts.scenes, names, strict=True):
+        height_m, width_m = (scene.occupancy.resolution_m * n for n in scene.occupancy.shape)
         drawn = [replace(picture, detail=True) for picture in pictures.map_pictures(scene, name)]
-        density = [picture for picture in drawn if picture.density]
-        lines = Group("pair", [picture for picture in drawn if not picture.density])
-        yield Group("pair", density)
-        yield Details("Trajectories", [lines]) if density else lines
+        scenes.append((name, f"{width_m:.1f} m × {height_m:.1f} m", drawn))
+    overview = [pictures.all_maps_picture(facts.scenes, names)] if len(scenes) > 1 else []
+    head = [Column("Map", "choice"), Column("Place"), Column("Failed of visits", "rate")]
+    values = {
+        "overview": overview,
+        "environments": Table([Column("Map"), Column("All oracles", "rate")], rows, "environments"),
+        "most": MAX_SCENES,
+        "scenes": scenes,
+        "places": Table(head, facts.places, "places", style="share"),
+    }
+    figures = [*overview, *(picture for _, _, drawn in scenes for picture in drawn)]
+    return Section("maps", "Where", "Where it happened", folded=False, values=values, figures=figures)
 
 
 def factors_section(facts: Facts) -> Section | None:
@@ -117,7 +97,7 @@ def configurations_section(facts: Facts) -> Section:
     failing = int(np.count_nonzero(facts.findings.counts[:, 1]))
     table: Block = Table(head, rows, "configurations", "evidence.json", failing=failing)
     summary = f"{plural(failing, 'configuration')} with failures, of {len(rows):,}" if failing else "none failed"
-    return Section("all", "Configurations", "Configurations", summary, [table if rows else paragraph("None.")])
+    return Section("all", "Configurations", "Configurations", summary, [table if rows else Markup("<p>None.</p>\n")])
 
 
 def rates_section(facts: Facts) -> Section:
@@ -179,11 +159,14 @@ def measured_section(facts: Facts) -> Section:
         if s.n
     ]
     head = [Column("Oracle", "choice"), Column("Metric"), *columns("number", "Smallest", "Median", "Greatest")]
-    content: list[Block] = [Table([*head, Column("Unit"), Column("Runs", "number")], rows, "metrics")]
-    if thresholds := list(pictures.threshold_pictures(facts.criteria)):
-        content += [heading("Criteria that separate nothing"), Group("pair", thresholds)]
-    content += _bases(facts.tables)
-    return Section("measured", "Measured", "Measured", plural(len(rows), "metric"), content)
+    thresholds = list(pictures.threshold_pictures(facts.criteria))
+    values = {
+        "metrics": Table([*head, Column("Unit"), Column("Runs", "number")], rows, "metrics"),
+        "thresholds": thresholds,
+        "bases": _bases(facts.tables),
+    }
+    summary = plural(len(rows), "metric")
+    return Section("measured", "Measured", "Measured", summary, values=values, figures=thresholds)
 
 
 def method_section(facts: Facts) -> Section:
@@ -206,11 +189,9 @@ def _explanation(oracle: str) -> Mapping[str, Any]:
     }
 
 
-def _bases(tables: Tables) -> Iterator[Block]:
-    """A table of all bases of the robustness oracle."""
-    if ROBUSTNESS not in tables.oracles:
-        return
-    metrics = tables.verdicts.metrics(ROBUSTNESS)
+def _bases(tables: Tables) -> Table:
+    """The errors on all bases of the robustness oracle; without rows where it did not judge."""
+    metrics = tables.verdicts.metrics(ROBUSTNESS) if ROBUSTNESS in tables.oracles else {}
     judged_by = oracle_parameters(tables, ROBUSTNESS).get("basis", DEFAULT_BASIS)
     rows: list[list[Any]] = []
     for name, means in _BASES.items():
@@ -222,15 +203,9 @@ def _bases(tables: Tables) -> Iterator[Block]:
             quantiles = np.quantile(values, (0.5, 0.95, 1.0)).tolist()
             said = f"{name}, judged by" if name == judged_by else name
             rows.append([said, means, *quantiles, percent(float((values > threshold).mean())), len(values)])
-    if rows:
-        yield heading("Localization error on every basis")
-        yield soft(
-            "A threshold on summed error depends on what is summed. "
-            "The campaign judges by the basis in bold; the others say what they would."
-        )
-        numbers = columns("number", "Median (m)", "95 % below (m)", "Greatest (m)", "Runs above the threshold", "Runs")
-        totals = [k for k, row in enumerate(rows) if row[0].endswith("judged by")]
-        yield Table([Column("Basis", "name"), Column("Means"), *numbers], rows, totals=totals)
+    numbers = columns("number", "Median (m)", "95 % below (m)", "Greatest (m)", "Runs above the threshold", "Runs")
+    totals = [k for k, row in enumerate(rows) if row[0].endswith("judged by")]
+    return Table([Column("Basis", "name"), Column("Means"), *numbers], rows, totals=totals)
 
 
 def coverage_section(facts: Facts) -> Section | None:

@@ -6,7 +6,7 @@ from statistics import NormalDist
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vastflow.oracles.statistics.intervals import Floats, Interval, clustered_interval, counts
 
@@ -100,37 +100,30 @@ def _tarone(x: Floats, n: Floats) -> float:
 def _fitted(x: Floats, n: Floats, start: float) -> tuple[float, float] | None:
     """Most likely alpha and beta; None at the limit of equal configurations."""
     from scipy.optimize import minimize
+    from scipy.special import betaln, psi
 
     (x, n), times = np.unique(np.stack((x, n)), axis=1, return_counts=True)
+
+    def loss(at: Floats) -> tuple[float, Floats]:
+        """Beta-binomial loss and its gradient at the logit of the mean and the logarithm of alpha + beta."""
+        mu, size = 1 / (1 + math.exp(-at[0])), math.exp(at[1])
+        a, b = mu * size, (1 - mu) * size
+        value = betaln(x + a, n - x + b) - betaln(a, b)
+        both = psi(a + b) - psi(n + a + b)
+        by_a, by_b = psi(x + a) - psi(a) + both, psi(n - x + b) - psi(b) + both
+        by_mean = (times * (by_a - by_b)).sum() * size * mu * (1 - mu)
+        by_size = (times * (by_a * mu + by_b * (1 - mu))).sum() * size
+        return -float((times * value).sum()), -np.array([by_mean, by_size])
+
     mean, icc = float((times * x).sum() / (times * n).sum()), min(max(start, 1e-3), 0.9)
     begin = np.array([math.log(mean / (1 - mean)), math.log(1 / icc - 1)])
-
-    def against(at: Floats) -> tuple[float, Floats]:
-        return _minus_log_likelihood(x, n, times, at)
-
     limits = [(begin[0] - 6.0, begin[0] + 6.0), (math.log(_LEAST_SIZE), math.log(_LARGEST_SIZE))]
     exactly = {"ftol": 1e-15, "gtol": 1e-9, "maxiter": 1000}
-    found = minimize(against, begin, jac=True, method="L-BFGS-B", bounds=limits, options=exactly)
-    without = against(np.array([begin[0], limits[1][1]]))[0]
-    if found.fun >= without - 1e-6:
+    found = minimize(loss, begin, jac=True, method="L-BFGS-B", bounds=limits, options=exactly)
+    if found.fun >= loss(np.array([begin[0], limits[1][1]]))[0] - 1e-6:
         return None
     mu, size = 1 / (1 + math.exp(-found.x[0])), math.exp(found.x[1])
     return mu * size, (1 - mu) * size
-
-
-def _minus_log_likelihood(x: Floats, n: Floats, times: NDArray[np.intp], at: Floats) -> tuple[float, Floats]:
-    """Beta-binomial loss and its gradient at the logit of the mean and the logarithm of alpha + beta."""
-    from scipy.special import betaln, psi
-
-    mu, size = 1 / (1 + math.exp(-at[0])), math.exp(at[1])
-    a, b = mu * size, (1 - mu) * size
-    value = betaln(x + a, n - x + b) - betaln(a, b)
-    both = psi(a + b) - psi(n + a + b)
-    by_a, by_b = psi(x + a) - psi(a) + both, psi(n - x + b) - psi(b) + both
-    slopes = np.array(
-        [(times * (by_a - by_b)).sum() * size * mu * (1 - mu), (times * (by_a * mu + by_b * (1 - mu))).sum() * size]
-    )
-    return -float((times * value).sum()), -slopes
 
 
 _JEFFREYS: Final = 0.5

@@ -24,15 +24,7 @@ from vastflow.flows.results.tables import (
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.judgement.verdict import Metric, Verdict, read_verdicts, write_verdicts
 from vastflow.oracles.results import schema
-from vastflow.oracles.results.schema import (
-    CONFIGURATIONS,
-    REJECTIONS,
-    RUNS,
-    VERDICTS,
-    behaviors_of,
-    json_text,
-    write_table,
-)
+from vastflow.oracles.results.schema import CONFIGURATIONS, REJECTIONS, RUNS, VERDICTS, json_text, write_table
 from vastflow.producers.model.configuration import Configuration, RejectedInstance, Step
 from vastflow.sim.model.archive import write_behaviors
 from vastflow.sim.model.digest import FileContent
@@ -189,7 +181,7 @@ def test_run_tables_write_equal_bytes_for_any_blocks(tmp_path):
         for each in ("one", "other")
     )
     assert one == other and len(one) == 3
-    assert behaviors_of(tmp_path / "other", "room-1")["run_index"].tolist() == [0, 1, 2]
+    assert schema.behaviors_of(tmp_path / "other", "room-1")["run_index"].tolist() == [0, 1, 2]
 
 
 @pytest.mark.parametrize("rows", [1, 5, 100])

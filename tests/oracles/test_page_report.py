@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from markupsafe import Markup
 from matplotlib.figure import Figure
 from PIL import Image
 from table import each_row
@@ -30,7 +31,7 @@ from vastflow.oracles.page.headline import headline_html
 from vastflow.oracles.page.pictures import picture
 from vastflow.oracles.page.report import write_report
 from vastflow.oracles.page.search_section import CELLS_DRAWN, search_section
-from vastflow.oracles.page.section import Column, Section, Table, rate_cell, rate_html, soft
+from vastflow.oracles.page.section import Column, Section, Table, rate_cell, rate_html
 from vastflow.oracles.page.sections import rejection_rows
 from vastflow.oracles.page.words import number, percent, points, span
 from vastflow.oracles.results.tables import read_tables
@@ -350,7 +351,8 @@ def test_report_shows_added_section_with_its_figure_and_table(directory: Path, m
     def battery(facts: Facts) -> Section:
         drawn = picture("battery", "Charge", "Charge of each run", "At the end.", Figure())
         table = Table([Column("Run"), Column("Charge (%)", "number")], [["noisy-1 <0>", 12]])
-        return Section("battery", "Battery", "How full the battery was", "1 run", [soft("Of {}.", "A&B"), drawn, table])
+        said = Markup("<p>Of {}.</p>").format("A&B")
+        return Section("battery", "Battery", "How full the battery was", "1 run", [said, drawn, table])
 
     monkeypatch.setattr(report, "SECTIONS", (*report.SECTIONS, battery))
     write_report(directory)
