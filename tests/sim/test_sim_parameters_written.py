@@ -32,7 +32,8 @@ def varied(draw, default):
             chosen = get_args(field.annotation) if get_origin(field.annotation) is Literal else ()
             values[name] = draw(st.sampled_from(chosen) if chosen else values_of(value, *range_of(field)))
     if values.get("enabled", getattr(default, "enabled", True)) is False:
-        return type(default)(enabled=False, **{name: value for name, value in default if name == "place"})
+        own = ("place", "scale", "cost_weight", "threshold_to_consider")  # of critics that share a class
+        return type(default)(enabled=False, **{name: value for name, value in default if name in own})
     if "max_particles" in values or "min_particles" in values:
         values |= {"min_particles": 1}
     if isinstance(default, MppiParameters) and values["CostCritic"].enabled:

@@ -172,7 +172,7 @@ def _critics(reader: Reader, place: ParameterLocation, algorithm: str, default: 
         reader.kinds[loaded[kind]] = f"{algorithm} critic"
         given: dict[str, Any] = {"place": places[kind]} if kind in places else {}
         given["enabled"] = algorithm != "MPPI" or reader.plain((*loaded[kind], "enabled"), True)
-        parts[kind] = reader.group(type(critic), loaded[kind], given=given)
+        parts[kind] = reader.group(type(critic), loaded[kind], given=given, left_out=critic)
     return parts
 
 

@@ -75,13 +75,14 @@ class Reader:
         given: Mapping[str, Any] | None = None,
         left_out: Group | None = None,
     ) -> Group:
-        """The parameters below `prefix`; those the document leaves out are as in `left_out`, or as in Nav2's code.
+        """The parameters below `prefix`; those the document leaves out are as in Nav2's code.
 
         What is wrong becomes faults, and then the values mean nothing.
 
         Args:
             elsewhere: Parameter to the path it has where that is not below `prefix`.
             given: Values that are not to be read.
+            left_out: Defaults of Nav2's code that the model does not say.
         """
         values: dict[str, Any] = dict(given or {})
         paths: dict[str, ParameterLocation] = {}
@@ -101,7 +102,7 @@ class Reader:
                     self.fault(path, f"got {shown(text)}", f"one of {', '.join(source.texts)}")
                 values[name] = source.texts.get(text, source.texts[usual])
             else:
-                usual = getattr(left_out, name, field.default if source.code is None else source.code)
+                usual = getattr(left_out, name, field.default) if source.code is None else source.code
                 values[name] = self.document.values.get(path, usual)
                 paths[name] = path
                 self.fields[path] = model, name

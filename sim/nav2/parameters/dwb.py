@@ -26,37 +26,27 @@ class OscillationCritic(DwbCritic):
     x_only_threshold: float = parameter(0.05, -1.0, 10.0)
 
 
-class BaseObstacleCritic(DwbCritic):
-    """Cost under the center at the last pose, or at all of them with `sum_scores`; it may collide at none."""
+class ObstacleCritic(DwbCritic):
+    """Cost at the last pose, or at all of them with `sum_scores`; none of them may collide.
+
+    BaseObstacle's is under the center, ObstacleFootprint's the greatest under the outline.
+    """
 
     scale: float = parameter(0.02, 0.0, 1e6, code=1.0)
     sum_scores: bool = parameter(False)
 
 
-class GoalAlignCritic(DwbCritic):
-    """Distance of a point ahead of the robot (m) to one ahead of the local goal."""
-
-    scale: float = parameter(24.0, 0.0, 1e6, code=1.0)
-    forward_point_distance: float = parameter(0.1, 0.0, 10.0, code=0.325)
-
-
-class PathAlignCritic(DwbCritic):
-    """Distance of a point ahead of the robot (m) to the local plan."""
+class AlignCritic(DwbCritic):
+    """Distance of a point ahead of the robot (m) to the local plan, or to a point ahead of the local goal."""
 
     scale: float = parameter(32.0, 0.0, 1e6, code=1.0)
     forward_point_distance: float = parameter(0.1, 0.0, 10.0, code=0.325)
 
 
-class PathDistCritic(DwbCritic):
-    """Distance to the local plan."""
+class DistCritic(DwbCritic):
+    """Distance to the local plan, or to its end."""
 
     scale: float = parameter(32.0, 0.0, 1e6, code=1.0)
-
-
-class GoalDistCritic(DwbCritic):
-    """Distance to the end of the local plan."""
-
-    scale: float = parameter(24.0, 0.0, 1e6, code=1.0)
 
 
 class PreferForwardCritic(DwbCritic):
@@ -73,13 +63,6 @@ class TwirlingCritic(DwbCritic):
     """Yaw rate."""
 
     scale: float = parameter(0.0, 0.0, 1e6)
-
-
-class ObstacleFootprintCritic(DwbCritic):
-    """Greatest cost under the outline, as BaseObstacle's under the center; it may meet nothing lethal or unknown."""
-
-    scale: float = parameter(1.0, 0.0, 1e6)
-    sum_scores: bool = parameter(False)
 
 
 class DwbParameters(ParameterGroup):
@@ -115,14 +98,14 @@ class DwbParameters(ParameterGroup):
     forward_prune_distance: float = parameter(2.0, 0.0, 100.0)
     RotateToGoal: RotateToGoalCritic = RotateToGoalCritic()
     Oscillation: OscillationCritic = OscillationCritic(place=1)
-    BaseObstacle: BaseObstacleCritic = BaseObstacleCritic(place=2)
-    GoalAlign: GoalAlignCritic = GoalAlignCritic(place=3)
-    PathAlign: PathAlignCritic = PathAlignCritic(place=4)
-    PathDist: PathDistCritic = PathDistCritic(place=5)
-    GoalDist: GoalDistCritic = GoalDistCritic(place=6)
+    BaseObstacle: ObstacleCritic = ObstacleCritic(place=2)
+    GoalAlign: AlignCritic = AlignCritic(scale=24.0, place=3)
+    PathAlign: AlignCritic = AlignCritic(place=4)
+    PathDist: DistCritic = DistCritic(place=5)
+    GoalDist: DistCritic = DistCritic(scale=24.0, place=6)
     PreferForward: PreferForwardCritic = PreferForwardCritic(enabled=False, place=7)
     Twirling: TwirlingCritic = TwirlingCritic(enabled=False, place=8)
-    ObstacleFootprint: ObstacleFootprintCritic = ObstacleFootprintCritic(enabled=False, place=9)
+    ObstacleFootprint: ObstacleCritic = ObstacleCritic(scale=1.0, enabled=False, place=9)
 
     def critics(self) -> tuple[DwbCritic, ...]:
         """The groups of the critics, as they stand above."""

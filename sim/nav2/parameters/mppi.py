@@ -55,17 +55,14 @@ class ObstaclesParameters(MppiCritic):
     cost_scaling_factor: float = parameter(10.0, 0.0, 1e3)
 
 
-class GoalParameters(MppiCritic):
-    """Distance of all points to the goal, within a distance of it (m)."""
+class ThresholdParameters(MppiCritic):
+    """A critic within a distance of the goal (m), or PreferForwardCritic beyond it.
+
+    GoalCritic judges the distance of all points to the goal, GoalAngleCritic their heading against the goal's, and PreferForwardCritic
+    driving backwards.
+    """
 
     cost_weight: float = parameter(5.0, 0.0, 1e6)
-    threshold_to_consider: float = parameter(1.4, 0.0, 1e3)
-
-
-class GoalAngleParameters(MppiCritic):
-    """Heading of all points against the goal's, within a distance of it (m)."""
-
-    cost_weight: float = parameter(3.0, 0.0, 1e6)
     threshold_to_consider: float = parameter(0.5, 0.0, 1e3)
 
 
@@ -104,13 +101,6 @@ class PathAngleParameters(MppiCritic):
     mode: int = parameter(0, 0, 2)
 
 
-class PreferForwardParameters(MppiCritic):
-    """Driving backwards, farther than a distance from the goal (m)."""
-
-    cost_weight: float = parameter(5.0, 0.0, 1e6)
-    threshold_to_consider: float = parameter(0.5, 0.0, 1e3)
-
-
 class TwirlingParameters(MppiCritic):
     """Turning, as long as the robot is farther from the goal than the goal checker allows."""
 
@@ -118,10 +108,9 @@ class TwirlingParameters(MppiCritic):
     cost_weight: float = parameter(10.0, 0.0, 1e6)
 
 
-class VelocityDeadbandParameters(MppiCritic):
+class VelocityDeadbandParameters(TwirlingParameters):
     """Speeds short of these: forward and to the left (m/s), and turning (rad/s)."""
 
-    cost_power: int = parameter(1, 1, 10)
     cost_weight: float = parameter(35.0, 0.0, 1e6)
     deadband_velocities: tuple[float, float, float] = parameter((0.0, 0.0, 0.0))
 
@@ -167,11 +156,11 @@ class MppiParameters(ParameterGroup):
     ConstraintCritic: ConstraintParameters = ConstraintParameters()
     CostCritic: CostParameters = CostParameters()
     ObstaclesCritic: ObstaclesParameters = ObstaclesParameters(enabled=False)
-    GoalCritic: GoalParameters = GoalParameters()
-    GoalAngleCritic: GoalAngleParameters = GoalAngleParameters()
+    GoalCritic: ThresholdParameters = ThresholdParameters(threshold_to_consider=1.4)
+    GoalAngleCritic: ThresholdParameters = ThresholdParameters(cost_weight=3.0)
     PathAlignCritic: PathAlignParameters = PathAlignParameters()
     PathFollowCritic: PathFollowParameters = PathFollowParameters()
     PathAngleCritic: PathAngleParameters = PathAngleParameters()
-    PreferForwardCritic: PreferForwardParameters = PreferForwardParameters()
+    PreferForwardCritic: ThresholdParameters = ThresholdParameters()
     TwirlingCritic: TwirlingParameters = TwirlingParameters(enabled=False)
     VelocityDeadbandCritic: VelocityDeadbandParameters = VelocityDeadbandParameters(enabled=False)
