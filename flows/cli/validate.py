@@ -3,7 +3,6 @@
 import json
 import sys
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -46,9 +45,8 @@ def validate(
     from vastflow.tasks.engine.machine_check import check_numba
 
     check_numba()
-    map_dir = None if asked["map_dir"] is None else Path(asked["map_dir"])
     with looking_only():
-        campaign, oracles = read_campaign(file, map_dir, as_v1=asked["as_v1"], strict=asked["strict"])
+        campaign, oracles = read_campaign(file, **asked)
         infeasible = infeasible_lengths(campaign)
     unexecutable = {(fault.place.file, fault.place.line, fault.place.column) for fault in campaign.unexecutable}
     notes = [

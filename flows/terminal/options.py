@@ -86,7 +86,7 @@ def _schemas() -> Mapping[str, Any]:
     return properties
 
 
-def _map_dir(folder: str | None) -> str | None:
+def _map_dir(folder: str | None) -> Path | None:
     if folder is not None and not Path(folder).is_dir():
         raise UserError(f"--map-dir: expected a folder of maps, got {folder!r}, which does not exist")
-    return folder
+    return None if folder is None else Path(folder)

@@ -61,6 +61,9 @@ class Leaver(Oracle):
     def __init__(self, *arguments):
         super().__init__(*arguments)
         {made}
+
+    def judge(self, trace, situation):
+        pass
 """
 COMMANDS = ("validate", "plan", "plan --why --coverage")
 EXIT = "its code raised SystemExit(0), which would end vastflow"
@@ -133,7 +136,7 @@ def test_oracle_that_ends_process_or_raises_is_fault_of_file(tmp_path, place, st
 
 def test_plug_in_code_turns_exits_alone_into_errors():
     for raised, caught, words in (
-        (KeyboardInterrupt(), KeyboardInterrupt, ""),
+        (KeyboardInterrupt("now"), KeyboardInterrupt, "now"),
         (LookupError("own"), LookupError, "own"),
         (SystemExit("words"), PlugInExit, r"SystemExit\('words'\)"),
     ):
