@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from vastflow.flows.plan.reasons import HereEvaluator, Reasons, Step
 from vastflow.flows.request.campaign_file import campaign_keys, campaign_name, read_campaign
-from vastflow.flows.request.configurations import Selection, distinct_configurations, narrowed
+from vastflow.flows.request.configurations import distinct_configurations, narrowed
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.request.stopping import stopping_of
 from vastflow.flows.results.past import Past, newest_past, past_of
@@ -182,7 +182,7 @@ def plan_of(request: RunRequest, environments: Path, since: Path | None = None) 
             break
     else:
         raise Lost("what the producers made is lost again and again")
-    chosen = narrowed(found, Selection(request.only, request.sample, campaign.seed), campaign.document.file)
+    chosen = narrowed(found, campaign.document.file, request.only, request.sample, campaign.seed)
     instantiation = chosen.instantiation
     runs = campaign.runs_asked(request.runs, request.sample)
     configurations = [] if campaign.unexecutable else distinct_configurations(instantiation, runs)

@@ -1,9 +1,9 @@
 """Configurations of a call: the selected ones, and the distinct ones among them."""
 
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Final, TypeAlias
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Final
 
 from vastflow.producers.instantiation.instantiate import Instantiation
 from vastflow.producers.model.configuration import Configuration
@@ -12,18 +12,6 @@ from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.names import did_you_mean
 from vastflow.tasks.engine.index import ConfigurationRuns
 from vastflow.tasks.engine.instantiation import Instantiated, UnknownName, selected
-
-
-@dataclass(frozen=True, slots=True)
-class Selection:
-    """The selected part of a campaign: named families or configurations, of these a sample by a seed; by default all."""
-
-    only: Sequence[str] = ()
-    sample: int | None = None
-    seed: int = 0
-
-
-EVERYTHING: Final = Selection()
 
 
 def sampled(instantiation: Instantiation, size: int, seed: int) -> Instantiation:
@@ -51,36 +39,29 @@ def sampled(instantiation: Instantiation, size: int, seed: int) -> Instantiation
     )
 
 
-Runs: TypeAlias = int | Mapping[str, int]
-"""Runs of each configuration that is no duplicate: indices 0 to this number - 1. The same of all, or by name."""
-
-
 MOST_REASONS: Final = 3
 """Reasons that are said of one producer; more are counted."""
 
 
-def runs_of(runs: Runs, name: str) -> int:
-    """Return the number of runs of one configuration."""
-    return runs if isinstance(runs, int) else runs[name]
-
-
-def narrowed(instantiated: Instantiated, selection: Selection, file: str) -> Instantiated:
-    """Select families and configurations of a file by name, then sample them; faults remain that may concern one.
+def narrowed(
+    instantiated: Instantiated, file: str, only: Sequence[str] = (), sample: int | None = None, seed: int = 0
+) -> Instantiated:
+    """Select named families and configurations of a file, then a sample; keep the faults that may concern them.
 
     Raises:
         FileError: nothing is called so, or there is nothing to run.
     """
     found, faults = instantiated.instantiation, instantiated.faults
-    if selection.only:
+    if only:
         try:
-            found = selected(found, selection.only)
+            found = selected(found, only)
         except UnknownName as error:
             why = next((str(fault) for fault in faults if fault.concerns(error.name)), None)
             right = "a family that can be made" if why else did_you_mean(error.name, error.known)
             raise FileError([Fault(Place(file, 1, 1, "only"), why or str(error), right)]) from None
-        faults = tuple(fault for fault in faults if any(map(fault.concerns, selection.only)))
-    if selection.sample is not None:
-        found = sampled(found, selection.sample, selection.seed)
+        faults = tuple(fault for fault in faults if any(map(fault.concerns, only)))
+    if sample is not None:
+        found = sampled(found, sample, seed)
     if not found.configurations and not faults:
         raise FileError(
             Fault(Place(file, 1, 1, "configuration"), f"nothing to run: {why}", "a requirement that can be met")

@@ -10,7 +10,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
-from vastflow.flows.request.configurations import Runs
 from vastflow.flows.request.run_request import SEARCH, SEQUENTIAL
 from vastflow.flows.results.directory import directory_name
 from vastflow.flows.results.inputs import Inputs
@@ -42,7 +41,7 @@ def report_key(
     metadata: Mapping[str, Any],
     instantiation: Instantiation,
     contents: Iterable[Sequence[Any]],
-    runs: Runs,
+    runs: Mapping[str, int],
     oracles: Sequence[Oracle[Any]],
 ) -> str:
     """Digest of all that the campaign directory of a campaign without faults follows from.

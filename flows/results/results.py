@@ -20,7 +20,6 @@ import yaml
 from PIL import Image
 
 from vastflow.flows.request.campaign_file import campaign_name, terminal_lines
-from vastflow.flows.request.configurations import Runs, runs_of
 from vastflow.flows.results.directory import NewDirectory
 from vastflow.flows.results.inputs import Inputs
 from vastflow.flows.results.provenance import origin_row
@@ -56,7 +55,7 @@ def write_results(
     instantiation: Instantiation,
     found: Callable[[Configuration], StoredResult],
     *,
-    runs: Runs,
+    runs: Mapping[str, int],
     oracles: Sequence[str],
     keys: Keys,
     record: Mapping[str, Any],
@@ -94,7 +93,7 @@ def write_results(
     distinct = [each for each in instantiation.configurations if each.duplicate_of is None]
     with RunTables(place, oracles) as tables:
         for configuration, result in _written(place, distinct, found, runs, threads):
-            tables.add(configuration, result, runs_of(runs, configuration.name))
+            tables.add(configuration, result, runs[configuration.name])
     excluded_by: dict[str, Counter[str]] = {}
     for instance in instantiation.excluded:
         excluded_by.setdefault(instance.family, Counter())[instance.constraint] += 1
@@ -103,7 +102,7 @@ def write_results(
         rejected=len(instantiation.rejections),
         excluded=len(instantiation.excluded),
         duplicates=len(instantiation.configurations) - len(distinct),
-        runs=sum(runs_of(runs, each.name) for each in distinct),
+        runs=sum(runs[each.name] for each in distinct),
         **asdict(tables.counts()),
         **asdict(work()),
         results=str(directory.final),
@@ -163,7 +162,7 @@ def _written(
     place: Path,
     configurations: Iterable[Configuration],
     found: Callable[[Configuration], StoredResult],
-    runs: Runs,
+    runs: Mapping[str, int],
     threads: int,
 ) -> Iterator[tuple[Configuration, StoredResult]]:
     """Write the files of configurations; yield each configuration with its results afterwards."""
@@ -178,7 +177,7 @@ def _written(
             ("outputs", "zip", result.outputs, one_archive),
         ):
             whole = result.exact and len(blocks) == 1
-            if content := blocks[0] if whole else join(blocks, runs_of(runs, name)):
+            if content := blocks[0] if whole else join(blocks, runs[name]):
                 os.makedirs(f"{place}/{folder}", exist_ok=True)
                 # pathlib and a buffer take as long as the file system
                 with open(f"{place}/{folder}/{name}.{suffix}", "wb", buffering=0) as file:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from vastflow.flows.request.configurations import Runs, Selection, distinct_configurations, narrowed
+from vastflow.flows.request.configurations import distinct_configurations, narrowed
 from vastflow.flows.run.computing import Computing
 from vastflow.flows.run.prepared import PreparedCampaign
 from vastflow.tasks.engine.engine import Engine, RunFault, block_size
@@ -21,7 +21,7 @@ class Judged:
     found: Mapping[str, FoundRuns]
 
     @property
-    def runs(self) -> Runs:
+    def runs(self) -> Mapping[str, int]:
         """Number of runs by configuration."""
         return {name: each.configuration.runs for name, each in self.found.items()}
 
@@ -51,8 +51,8 @@ Completes = Callable[[Judged | None], Judged | None]
 def scanned(run: PreparedCampaign, computing: Computing, instantiated: Instantiated) -> Judged:
     """Select the requested configurations, and scan the store for their results."""
     if run.search is None:
-        selection = Selection(run.asked.only, run.asked.sample, run.campaign.seed)
-        instantiated = narrowed(instantiated, selection, run.opened.file)
+        asked = run.asked
+        instantiated = narrowed(instantiated, run.opened.file, asked.only, asked.sample, run.campaign.seed)
     else:
         instantiated = run.search.named(instantiated)
     configurations = distinct_configurations(instantiated.instantiation, run.asked.runs)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from vastflow.flows.flow_runs.task_runs import instantiate as instantiated
 from vastflow.flows.request.campaign_file import OpenCampaign, campaign_keys, open_campaign
-from vastflow.flows.request.configurations import Selection, distinct_configurations, narrowed
+from vastflow.flows.request.configurations import distinct_configurations, narrowed
 from vastflow.flows.run.computing import computing, told
 from vastflow.flows.stages.values import Configurations, Recordings, StageResult, Traces, Verdicts
 from vastflow.oracles.judgement.oracle import Oracle, OracleError, oracle_of, oracles_of
@@ -98,8 +98,8 @@ def execute(
     if runs is not None and runs < 1:
         raise ValueError(f"runs is at least 1, got {runs}")
     opened = configurations.opened
-    selection = Selection((only,) if isinstance(only, str) else tuple(only or ()))
-    narrow = narrowed(Instantiated(configurations.instantiation), selection, opened.file)
+    names = (only,) if isinstance(only, str) else tuple(only or ())
+    narrow = narrowed(Instantiated(configurations.instantiation), opened.file, names)
     chosen = replace(configurations, instantiation=narrow.instantiation)
     keys = campaign_keys(installed_tree(), opened.campaign.seed, opened.oracles)
     before = StageResult(chosen, opened.campaign.runs_asked(runs), keys, {}, configurations.faults)

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.flows.request.configurations import EVERYTHING, Selection, narrowed, sampled
+from vastflow.flows.request.configurations import narrowed, sampled
 from vastflow.producers.instantiation.instantiate import Instantiation, mark_duplicates
 from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.faults import FileError
@@ -86,16 +86,16 @@ def test_sample_keeps_order_and_duplicates():
 
 def test_selection_is_everything_by_default_and_for_larger_sample():
     assert names(sampled(LARGE, 1000, 0)) == names(LARGE)
-    assert narrowed(Instantiated(LARGE), EVERYTHING, FILE).instantiation is LARGE
+    assert narrowed(Instantiated(LARGE), FILE).instantiation is LARGE
     assert LARGE.sampled_from is None
 
 
 def test_sample_is_drawn_from_what_is_selected_by_name():
-    found = narrowed(Instantiated(LARGE), Selection(["b"], 7, 0), FILE).instantiation
+    found = narrowed(Instantiated(LARGE), FILE, ["b"], 7).instantiation
     assert (len(names(found)), found.sampled_from) == (7, 30)
     assert {each.family for each in found.configurations} == {"b"}
 
 
 def test_selection_refuses_unknown_name():
     with pytest.raises(FileError, match="no family or configuration 'aa'"):
-        narrowed(Instantiated(LARGE), Selection(["aa"], 5), FILE)
+        narrowed(Instantiated(LARGE), FILE, ["aa"], 5)
