@@ -41,11 +41,7 @@ __all__ = ["Campaign", "Family", "OracleRequest", "load_campaign", "oracle_reque
 
 @dataclass(frozen=True, slots=True)
 class OracleRequest:
-    """An oracle that the file asks for.
-
-    Attributes:
-        location: Where its parameters stand.
-    """
+    """An oracle that the file asks for, and the location of its parameters."""
 
     name: str
     parameters: Mapping[str, Any]
@@ -62,8 +58,6 @@ class Campaign:
         programs: What the programs of a run are given; None where the scenario starts none.
         runs: Repetitions of each configuration, at most.
         sequential: When they end before; None where each configuration has all of them.
-        seed: Of the runs' noise.
-        timeout_s: Simulated time after which a run ends as timed out.
         notes: Warnings, and keys that are not executed by this version; then what of the Nav2 parameter file is not
             modeled.
         unavailable: What is missing of each family that lacks files or goals; it is not among the families.

@@ -22,11 +22,7 @@ WHERE: Final[Location] = ("execution", FILE_KEY)
 
 @dataclass(frozen=True, slots=True)
 class Nav2Params:
-    """The Nav2 parameter file of a campaign file.
-
-    Attributes:
-        system: What it adds to every family's system dimension; empty without a file that can be used.
-    """
+    """The Nav2 parameter file of a campaign: what every family's system has from it, its faults, its notes."""
 
     system: Mapping[str, Value]
     faults: tuple[Fault, ...] = ()
@@ -45,10 +41,10 @@ def nav2_params_of(document: Document, base: Path) -> Nav2Params:
         found = interpretation(frozen(read_nav2_document(path)))
     except FileError as error:
         return Nav2Params({}, error.faults)
+    file = found.document.file
     faults = tuple(
-        Fault(Place(found.document.file, *each.place, short(each.path)), f"unknown key {each.path[-1]!r}", right)
+        Fault(Place(file, *each.place, short(each.path)), f"unknown key {each.path[-1]!r}", f"did you mean {near!r}?")
         for each, near in slips(found)
-        if (right := f"did you mean {near!r}?")
     )
     return Nav2Params({FILE_KEY: file_value(found.document)}, faults, tuple(notes_of(found)))
 

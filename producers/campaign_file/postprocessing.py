@@ -57,11 +57,7 @@ def plug_in_complaint(reference: str, base: Path) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class ProcessingStep:
-    """A step of `results_processing.postprocessing`.
-
-    Attributes:
-        name: `file.py:Class`, `command`, or a name that RoboVAST has.
-    """
+    """A step of `results_processing.postprocessing`, called `file.py:Class`, `command`, or as in RoboVAST."""
 
     name: str
     parameters: Mapping[str, Any]
@@ -95,15 +91,15 @@ class ProcessingStep:
         if self.kind == "unknown":
             known = [*RECORDED, *UNTOUCHED, COMMAND]
             return f"no step is called {self.name!r}; {did_you_mean(self.name, known)}, or file.py:Class"
-        if self.kind == "command":
-            if not self.file:
-                return "a command without a script; script: FILE"
-            arguments = self.parameters.get("args")
-            if arguments is not None and not isinstance(arguments, list):
-                return f"args: expected a list, got {arguments!r}"
-            if not (base / self.file).is_file():
-                return f"got the script {self.file!r}, and there is no such file"
-        return None
+        if self.kind != "command":
+            return None
+        if not self.file:
+            return "a command without a script; script: FILE"
+        arguments = self.parameters.get("args")
+        if arguments is not None and not isinstance(arguments, list):
+            return f"args: expected a list, got {arguments!r}"
+        is_there = (base / self.file).is_file()
+        return None if is_there else f"got the script {self.file!r}, and there is no such file"
 
     def files(self, base: Path) -> Iterator[Path]:
         """Yield the existing files that the step runs, imports from beside it, or takes as arguments."""

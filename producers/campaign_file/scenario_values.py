@@ -1,6 +1,6 @@
 """Values of a scenario that are known when the campaign file is read, checked against what the simulator takes."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import TypeAlias
 
@@ -33,11 +33,7 @@ Complaint: TypeAlias = tuple[str, str]
 def complaint_of(
     key: str, value: Value, dimension: Dimension, system: Mapping[str, Value] | None = None
 ) -> Complaint | None:
-    """Return what is wrong with a value that the simulator reads; None if it is right or not read.
-
-    Args:
-        system: What else of the system dimension is known, such as its Nav2 parameter file.
-    """
+    """Return what is wrong with a value that the simulator reads, beside the rest of `system`; None if nothing is."""
     if key in (START_KEY, GOAL_KEY):
         return _pose_complaint(value)
     if key == GOALS_KEY:
@@ -60,11 +56,7 @@ def dimension_of(key: str, value: Value, given: Dimension | None) -> Dimension:
 
 
 def unread_keys(system: Mapping[str, Value], varied: Collection[str]) -> tuple[str, ...]:
-    """Return the keys of the system dimension that nothing in the simulator reads, sorted.
-
-    Args:
-        varied: Keys that producers write, so that their values are not known: whatever they may be.
-    """
+    """Return the keys of the system dimension that nothing reads, whatever the values of `varied` keys, sorted."""
     found: list[set[str]] = []
     for each in _contexts(system, varied):
         with suppress(FileError):  # another controller than those varied need not suit the rest
@@ -74,10 +66,10 @@ def unread_keys(system: Mapping[str, Value], varied: Collection[str]) -> tuple[s
 
 def intended(key: str, system: Mapping[str, Value], varied: Collection[str], others: Collection[str]) -> str | None:
     """The key that one which nothing reads was probably meant to be; None where it resembles none that is known."""
+    meant: list[str | None] = []
     with suppress(FileError):
         meant = [intended_key(each, key, {*others, *DIMENSION_OF_KEY}) for each in _contexts(system, varied)]
-        return next(filter(None, meant), None)
-    return None
+    return next(filter(None, meant), None)
 
 
 def replaced_by(key: str, system: Mapping[str, Value], varied: Collection[str]) -> str:
@@ -109,21 +101,20 @@ def mask_complaints(system: Mapping[str, Value], written: Collection[str]) -> It
 def _pose_complaint(value: Value) -> Complaint | None:
     if not isinstance(value, Mapping):
         return f"got {shown(value)}", "a pose, {x, y, yaw} or {position: {x, y}, orientation: {yaw}}"
-    try:
-        written_pose_of(value, "")
-    except ValueError as error:
-        return parted(str(error).removeprefix(": "))
-    return None
+    return _said_by(lambda: written_pose_of(value, ""))
 
 
 def _obstacle_complaint(value: Value) -> Complaint | None:
     if not isinstance(value, Mapping) or "spawn_pose" not in value:
         return f"got {shown(value)}", "an obstacle, {entity_name, model, spawn_pose, xacro_arguments}"
+    return _said_by(lambda: (obstacle_of(value), written_pose_of(value["spawn_pose"], "obstacle.spawn_pose")))
+
+
+def _said_by(read: Callable[[], object]) -> Complaint | None:
     try:
-        obstacle_of(value)
-        written_pose_of(value["spawn_pose"], "obstacle.spawn_pose")
+        read()
     except ValueError as error:
-        return parted(str(error))
+        return parted(str(error).removeprefix(": "))
     return None
 
 

@@ -276,10 +276,7 @@ def with_point(
 ) -> Document:
     """The file with the template as a family would have it, each dimension at its value of a point.
 
-    Places stay. A dimension that no marker names is a parameter of the scenario.
-
-    Args:
-        left_out: Places of producers that can't be had here, of which the template then has none.
+    Places stay. A dimension that no marker names is a parameter of the scenario. Producers at `left_out` can't be had here.
     """
     search = document.data["search"]
     template = {part: search.get(part) or [] for part in ("parameters", "variations")}

@@ -35,11 +35,7 @@ class Section(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class Unexecuted:
-    """Marks a field that the format has and this version does nothing with.
-
-    Attributes:
-        consequence: What that means for the user, such as what is done in its place; may be empty.
-    """
+    """Marks a field that this version does nothing with, and the consequence for the user, which may be empty."""
 
     consequence: str = ""
 
@@ -91,7 +87,6 @@ NamedSteps: TypeAlias = Annotated[
 """A list of `- name` or `- name: {parameters}`; always `{name: parameters}` once read."""
 FreeForm: TypeAlias = Annotated[dict[str, Any], EmptyIsMap]
 """Any mapping."""
-
 
 MOST_STRENGTH: Final = 6
 
@@ -147,7 +142,6 @@ class DesignSpec(Section):
 Design = Annotated[DesignSpec, BeforeValidator(_named_kind, json_schema_input_type=Literal["cartesian"] | DesignSpec)]
 CARTESIAN: Final = DesignSpec(cartesian=Section())
 
-
 Rate: TypeAlias = Annotated[Number, Field(gt=0, lt=1)]
 
 
@@ -190,7 +184,6 @@ Repetitions: TypeAlias = Annotated[
     Annotated[Count, Tag("number")] | Annotated[Sequential, Tag("sequential")],
     Discriminator(lambda value: "sequential" if isinstance(value, Mapping | Sequential) else "number"),
 ]
-
 
 Quantity: TypeAlias = Annotated[Any, WithJsonSchema({"type": ["number", "null"]})]
 """A quantity of a robot; `vastflow.sim.nav2.parameters.robot` reads and checks it."""

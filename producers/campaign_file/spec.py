@@ -62,7 +62,6 @@ def _one_env(entry: dict[str, Any]) -> dict[str, Any]:
 
 PerCluster: TypeAlias = list[dict[str, Count]]
 
-
 _EXPRESSIONS = {"type": "object", "additionalProperties": {"type": "string"}}
 
 Constraints: TypeAlias = Annotated[

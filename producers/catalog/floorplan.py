@@ -2,9 +2,9 @@
 
 import functools
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, Final, Self, TypeAlias, TypeVar
 
@@ -24,7 +24,7 @@ from vastflow.producers.floorplan.environment import keep_environment
 from vastflow.producers.floorplan.files import PlanFile, VariationFile, read_plan_file, read_variation_file
 from vastflow.producers.floorplan.grid import LASER_HEIGHT_M, RESOLUTION_M, grid_of
 from vastflow.producers.floorplan.reading import plan_of
-from vastflow.producers.floorplan.variation import GREATEST_SEED, Variation
+from vastflow.producers.floorplan.variation import GREATEST_SEED
 from vastflow.producers.model import producer
 from vastflow.producers.model.configuration import Fragment, Rejection
 from vastflow.producers.model.faults import AS_DRAWN, MISSING_FILE
@@ -139,9 +139,34 @@ def _plan_notes(plan: PlanFile) -> tuple[Fault, ...]:
     return tuple(plan.building().notes)
 
 
+MOST_LOOKED_AT: Final = 50
+"""Of one variation's plans: a plan of 75 rooms takes a fiftieth of a second, whenever its campaign is read."""
+_NUMBER: Final = re.compile(r"-?\d+(\.\d+)?(e[-+]\d+)?")
+
+
 @functools.lru_cache(maxsize=16)
 def _drawn_notes(file: VariationFile, seeds: range) -> tuple[Fault, ...]:
-    return tuple(drawn_notes(file.variation(), seeds, _plan_notes(file.plan)))
+    """Note each kind that drawn plans have and the written one has not, with the first plan's seed and numbers.
+
+    The place is that in the plan as it is written. Plans that can't be built have no notes.
+    """
+    variation, said = file.variation(), {_kind(note) for note in _plan_notes(file.plan)}
+    found: dict[tuple[int, int, str, str], list[tuple[int, Fault]]] = {}
+    looked_at, noted = seeds[:MOST_LOOKED_AT], list[Fault]()
+    for seed in looked_at:
+        with suppress(FileError):
+            notes = build(plan_of(variation.plan, variation.numbers(variation.sample(seed)))).notes
+            for kind, note in {_kind(note): note for note in notes if _kind(note) not in said}.items():
+                found.setdefault(kind, []).append((seed, note))
+    for (seed, note), *others in found.values():
+        several = f" and in {len(others)} more of the first {len(looked_at)} variations" if others else ""
+        noted.append(replace(note, problem=f"{AS_DRAWN} {seed}{several}: {note.problem}"))
+    return tuple(noted)
+
+
+def _kind(note: Fault) -> tuple[int, int, str, str]:
+    """Equal for notes that differ in numbers only."""
+    return note.place.line, note.place.column, note.place.where, _NUMBER.sub("#", note.problem)
 
 
 class FloorplanGenerationParameters(EnvironmentParameters):
@@ -217,38 +242,3 @@ class FloorplanVariation(EnvironmentProducer[FloorplanVariationParameters]):
                 sample = variation.sample(self.parameters.seed + k)
                 requested: dict[str, Value] = {"file": file.name, "seed": sample.seed, "drawn": dict(sample.values)}
                 yield self._made(PlanFile(f"{file.plan.name} with seed {sample.seed}", sample.text), requested)
-
-
-MOST_LOOKED_AT: Final = 50
-"""Of one variation's plans: a plan of 75 rooms takes a fiftieth of a second, whenever its campaign is read."""
-
-_NUMBER: Final = re.compile(r"-?\d+(\.\d+)?(e[-+]\d+)?")
-
-
-def drawn_notes(variation: Variation, seeds: Collection[int], known: Collection[Fault] = ()) -> Iterator[Fault]:
-    """Yield one note for each kind that some of the plans have, with the seeds and the first plan's numbers.
-
-    Its place is that in the plan as it is written. Plans that can't be built have none.
-
-    Args:
-        known: Notes of the plan as it is written, which are not said again.
-    """
-    found: dict[tuple[int, int, str, str], list[tuple[int, Fault]]] = {}
-    said = {_kind(note) for note in known}
-    for seed in islice(seeds, MOST_LOOKED_AT):
-        try:
-            notes = build(plan_of(variation.plan, variation.numbers(variation.sample(seed)))).notes
-        except FileError:
-            continue
-        for kind, note in {_kind(note): note for note in notes if _kind(note) not in said}.items():
-            found.setdefault(kind, []).append((seed, note))
-    looked_at = min(len(seeds), MOST_LOOKED_AT)
-    for plans in found.values():
-        seed, note = plans[0]
-        others = f" and in {len(plans) - 1} more of the first {looked_at} variations" if plans[1:] else ""
-        yield replace(note, problem=f"{AS_DRAWN} {seed}{others}: {note.problem}")
-
-
-def _kind(note: Fault) -> tuple[int, int, str, str]:
-    """Equal for notes that differ in numbers only."""
-    return note.place.line, note.place.column, note.place.where, _NUMBER.sub("#", note.problem)

@@ -37,7 +37,6 @@ MOST_OBSTACLES: Final = 1_000
 ROUNDING: Final = 1e-9
 """What floor(amount_per_m × length) forgives, so that 0.29/m on 100 m is 29."""
 
-
 LIST_KEY: Final = "static_objects"
 """The usual key of a list of obstacles."""
 LISTS_KEY: Final = "_obstacles"
@@ -45,14 +44,12 @@ LISTS_KEY: Final = "_obstacles"
 AS_V1: Final = "as_v1"
 """Key of the validation context by which every producer of a file places as version 1 does, whatever the file says."""
 
-
 Placement: TypeAlias = Annotated[
     Literal["constructive", "as_v1"],
     BeforeValidator(lambda value, info: AS_V1 if (info.context or {}).get(AS_V1) else value),
     Field(validate_default=True),
 ]
 """How places are found: so that all stand free, or as version 1 of RoboVAST does."""
-
 
 DIFFERS: Final[Mapping[str, str]] = {
     "constructive": "obstacles keep clear of walls and of each other; version 1 of RoboVAST places them otherwise, as does "
@@ -293,11 +290,7 @@ class ObstacleProducer(Producer[O]):
 
 
 def _lists(inputs: Mapping[str, Value], name: str) -> dict[str, list[Value]]:
-    """Lists of obstacles so far by their keys, that called `name` among them.
-
-    Raises:
-        ValueError: one of them is no list.
-    """
+    """Lists of obstacles so far by their keys, that called `name` among them; a ValueError where one is none."""
     noted = inputs.get(LISTS_KEY)
     found = dict(noted) if isinstance(noted, Mapping) else {}
     found |= {key: inputs[key] for key in (LIST_KEY, name) if key in inputs}

@@ -66,10 +66,8 @@ from vastflow.sim.model.scenario import Dimension
 ARRIVAL_M: Final = 0.5
 """The end of a leg whose direction is the goal's yaw: long enough that a grid step does not decide it."""
 
-
 UNPROVED: Final = "nor proved impossible"
 """What a rejection says that another draw may contradict."""
-
 
 Drawer: TypeAlias = Callable[[np.random.Generator], list[Leg] | str]
 """Draws the legs of one path, or says why there is none."""

@@ -23,11 +23,7 @@ NOWHERE: Final = Place("campaign", where="constraints")
 
 @dataclass(frozen=True, slots=True)
 class Constraint:
-    """A named expression.
-
-    Attributes:
-        name: In the report, with the number of what it excluded.
-    """
+    """A named expression; the report has its name with the number of what it excluded."""
 
     name: str
     expression: ConstraintExpression

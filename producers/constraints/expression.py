@@ -69,11 +69,7 @@ class ExpressionName:
 
 @dataclass(frozen=True, slots=True)
 class ConstraintExpression:
-    """An expression that is true or false of a configuration.
-
-    Attributes:
-        names: In order of appearance, each once.
-    """
+    """An expression that is true or false of a configuration, and its names, each once, as they appear."""
 
     text: str
     names: tuple[ExpressionName, ...]
@@ -140,11 +136,7 @@ class _Tree:
     leaves: dict[ast.expr, Any] = field(default_factory=dict)
 
     def parsed(self) -> ast.expr:
-        """Return the root.
-
-        Raises:
-            FileError: Python can't parse it.
-        """
+        """Return the root, or raise the fault for which Python can't parse it."""
         for at, depth in enumerate(accumulate((each in "([") - (each in ")]") for each in self.python.lstrip())):
             if depth > MOST_NESTED:
                 raise _too_deep(self._offset(at))
@@ -159,13 +151,9 @@ class _Tree:
             raise _too_deep(0) from None
 
     def kind(self, node: ast.expr, depth: int = 1) -> ValueKind:
-        """Return the kind of a node's value as far as it is known without values.
-
-        Raises:
-            FileError: the node is not in the language, or has operands of the wrong kind.
-        """
+        """Return the kind of a node's value, or raise the fault of a node that is not in the language."""
         if depth > MOST_NESTED:
-            raise _too_deep(self._place(node))
+            raise _too_deep(self._offset(node.col_offset))
         operands = self._operands(node)
         kinds = [self.kind(each, depth + 1) for each in operands]
         match node:
@@ -211,7 +199,7 @@ class _Tree:
                 return left, right
             case ast.Compare(left=left, ops=operators, comparators=others) if {*map(type, operators)} <= SYMBOLS.keys():
                 return left, *others
-        raise _unexpected(self.text, self._place(node))
+        raise _unexpected(self.text, self._offset(node.col_offset))
 
     def evaluator(self, node: ast.expr) -> Evaluate:
         """Return what evaluates a node that `kind` has seen."""
@@ -245,7 +233,7 @@ class _Tree:
 
     def _leaf(self, node: ast.expr) -> ValueKind:
         """Remember a name, or text in quotes."""
-        at, written = self._place(node), self._written(node)
+        at, written = self._offset(node.col_offset), self._written(node)
         if (quoted := _UNLIKE_PYTHON.fullmatch(written)) and quoted["quoted"]:
             inner = quoted[0][1:-1]
             is_key = written[0] == "`"
@@ -295,13 +283,10 @@ class _Tree:
 
     def fault(self, node: ast.expr, what: str, right: str) -> FileError:
         """Return a fault at a node."""
-        return _fault(self._place(node), what, right)
-
-    def _place(self, node: ast.expr) -> int:
-        return self._offset(node.col_offset)
+        return _fault(self._offset(node.col_offset), what, right)
 
     def _written(self, node: ast.expr) -> str:
-        return self.text[self._place(node) : self._offset(node.end_col_offset or 0)]
+        return self.text[self._offset(node.col_offset) : self._offset(node.end_col_offset or 0)]
 
     def _offset(self, column: int) -> int:
         """Return the place in the text of a character of what was parsed."""

@@ -166,39 +166,25 @@ class DesignSpace:
     def _combinations(self, factors: tuple[int, ...]) -> list[Levels]:
         """Every combination of levels of `factors` (closed, ascending) that can be built and is not excluded."""
         found: list[Levels] = [()]
-        checked = set(self._within(()))
-        found = self._kept(found, (), sorted(checked))
-        for n, i in enumerate(factors):
-            factor, before = self._factors[i], factors[:n]
-            places = [before.index(j) for j in factor.depends]
-            grown = []
-            for levels in found:
-                items = factor.choices.get(tuple(levels[place] for place in places), ())
-                grown += [(*levels, k) for k, item in enumerate(items) if isinstance(item, Fragment)]
-                if len(grown) > self._most:
-                    raise TooLarge(type(factor.producer).__name__)
-            ready = [c for c in self._within(factors[: n + 1]) if c not in checked]
-            checked.update(ready)
-            found = self._kept(grown, factors[: n + 1], ready)
+        checked: set[int] = set()
+        for n in range(len(factors) + 1):
+            if n:
+                factor, before = self._factors[factors[n - 1]], factors[: n - 1]
+                places = [before.index(j) for j in factor.depends]
+                grown = []
+                for levels in found:
+                    items = factor.choices.get(tuple(levels[place] for place in places), ())
+                    grown += [(*levels, k) for k, item in enumerate(items) if isinstance(item, Fragment)]
+                    if len(grown) > self._most:
+                        raise TooLarge(type(factor.producer).__name__)
+                found = grown
+            for c, (_, touched) in enumerate(self._touched):
+                own = self._closed(touched)
+                if c not in checked and max(touched, default=-1) < self._grown and {*own} <= {*factors[:n]}:
+                    checked.add(c)
+                    places = [factors.index(i) for i in own]
+                    found = [levels for levels in found if self._keeps(c, own, tuple(levels[p] for p in places))]
         return found
-
-    def _within(self, factors: Sequence[int]) -> list[int]:
-        """Constraints that depend on no other factors."""
-        known = set(factors)
-        return [
-            c
-            for c, (_, touched) in enumerate(self._touched)
-            if all(i < self._grown for i in touched) and known.issuperset(self._closed(touched))
-        ]
-
-    def _kept(self, combinations: list[Levels], factors: tuple[int, ...], constraints: Sequence[int]) -> list[Levels]:
-        for c in constraints:
-            own = self._closed(self._touched[c][1])
-            places = [factors.index(i) for i in own]
-            combinations = [
-                levels for levels in combinations if self._keeps(c, own, tuple(levels[place] for place in places))
-            ]
-        return combinations
 
     def _keeps(self, c: int, factors: tuple[int, ...], levels: Levels) -> bool:
         """Whether a combination of the factors that gate `c` depends on passes it."""

@@ -60,13 +60,10 @@ class Draws:
 
 
 class Producer(ABC, Generic[P]):
-    """An ordered producer. A subclass names its parameter model and is a pure function of what it reads.
-
-    Attributes:
-        Parameters: The pydantic model of what stands below the producer's name in the campaign file.
-    """
+    """An ordered producer. A subclass names its parameter model and is a pure function of what it reads."""
 
     Parameters: ClassVar[type[Parameters]]
+    """The pydantic model of what stands below the producer's name in the campaign file."""
 
     def __init__(self, parameters: P) -> None:
         self.parameters = parameters
@@ -167,9 +164,7 @@ def evaluate(producer: Producer[Any], inputs: Mapping[str, Value]) -> list[Fragm
 def tags_of(producer: Producer[Any], items: Iterable[Fragment | Rejection]) -> dict[str, Dimension]:
     """Dimension of each key that differs from the usual one: as the producer declares it, or by what it wrote.
 
-    Args:
-        items: All that it yielded, for whatever input: a key under which one of them lists obstacles is of the
-            environment in all, in those with an empty list too.
+    A key under which one of all its items lists obstacles is of the environment in all, in those with an empty list too.
     """
     tags = {key: tag for key, tag in producer.writes.items() if tag is not None}
     for item in items:

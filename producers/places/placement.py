@@ -62,14 +62,11 @@ class Line:
         at_m = rng.uniform(0.0, length_m)
         across_m = rng.uniform(-max_distance_m, max_distance_m)
         yaw_rad = rng.uniform(-math.pi, math.pi)
-        x_m, y_m = (float(one) for one in self.corners_m[0])
+        x_m, y_m = (float(np.interp(at_m, self.along_m, axis)) for axis in self.corners_m.T)
         heading_rad = yaw_rad  # where the path is a single point
         if length_m > 0.0:
-            i = min(int(np.searchsorted(self.along_m, at_m, side="right")) - 1, len(self.along_m) - 2)
-            (x_m, y_m), (next_x_m, next_y_m) = self.corners_m[i].tolist(), self.corners_m[i + 1].tolist()
-            step_x_m, step_y_m = next_x_m - x_m, next_y_m - y_m
-            share = (at_m - float(self.along_m[i])) / (float(self.along_m[i + 1]) - float(self.along_m[i]))
-            x_m, y_m = x_m + step_x_m * share, y_m + step_y_m * share
+            i = int(np.searchsorted(self.along_m[1:-1], at_m, side="right"))
+            step_x_m, step_y_m = (self.corners_m[i + 1] - self.corners_m[i]).tolist()
             heading_rad = math.atan2(step_y_m, step_x_m)
         x_m, y_m = x_m - across_m * math.sin(heading_rad), y_m + across_m * math.cos(heading_rad)
         return Pose(round(x_m, 6), round(y_m, 6), round(float(yaw_rad), 6))
@@ -107,12 +104,7 @@ class Site:
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """A number of like obstacles.
-
-    Attributes:
-        pattern: One of them, wherever it stands.
-        max_distance_m: Greatest distance of a center from the path.
-    """
+    """A number of obstacles like `pattern`, and the greatest distance of their centers from the path."""
 
     amount: int
     pattern: Obstacle
@@ -125,8 +117,7 @@ def place(site: Site, wanted: Sequence[Wanted], rng: np.random.Generator) -> lis
     A center lies uniformly along the path and uniformly to its left or right, its yaw is uniform. Places that
     won't do are drawn again, `MAX_TRIES` times for each obstacle and `MAX_ATTEMPTS` times for the whole set.
     """
-    refusals: Counter[str] = Counter()
-    most = 0
+    refusals, most = Counter[str](), 0
     passable = around(site.ground, site.standing)
     if site.standing and not is_connected(site, passable):
         return "the obstacles that are there already leave no path to the goals"
@@ -208,9 +199,8 @@ def covered_cells(ground: Ground, footprint: Polygon) -> NDArray[np.int64] | Non
     """Return row and column (K, 2) of cells that a convex `footprint` touches; None unless all are free."""
     occupancy = ground.occupancy
     at = np.floor(occupancy.in_cells(np.array(footprint.exterior.coords))).astype(np.int64)
-    if not (occupancy.contains(*at.min(axis=0)) and occupancy.contains(*at.max(axis=0))):
-        return None
-    if not occupancy.free[tuple(at.T)].all():  # at the corners, which are off the free cells most often
+    inside = occupancy.contains(*at.min(axis=0)) and occupancy.contains(*at.max(axis=0))
+    if not inside or not occupancy.free[tuple(at.T)].all():  # corners are off the free cells most often
         return None
     cells = touched_cells(occupancy, footprint)
     return cells if occupancy.free[tuple(cells.T)].all() else None
@@ -232,9 +222,9 @@ def without(passable: NDArray[np.bool_], covered: NDArray[np.int64], radius_cell
     margin = radius_cells + 1
     corner = np.maximum(covered.min(axis=0) - margin, 0)
     far_corner = np.minimum(covered.max(axis=0) + margin + 1, passable.shape)
-    window = (slice(corner[0], far_corner[0]), slice(corner[1], far_corner[1]))
+    window = tuple(map(slice, corner, far_corner))
     uncovered = np.ones(tuple(far_corner - corner), dtype=np.bool_)
-    uncovered[covered[:, 0] - corner[0], covered[:, 1] - corner[1]] = False
+    uncovered[tuple((covered - corner).T)] = False
     less = passable.copy()
     less[window] &= ndimage.distance_transform_edt(uncovered) > radius_cells
     return less
@@ -255,17 +245,16 @@ def place_as_v1(site: Site, wanted: Sequence[Wanted], rng: np.random.Generator) 
     from the stops and from other centers. A whole set will do where a path remains: it is drawn `MAX_ATTEMPTS` times at most.
     """
     total = sum(each.amount for each in wanted)
-    if total == 0:
-        return []
     most, blocking = 0, 0
+    if not total:
+        return []
     for _ in range(MAX_ATTEMPTS):
         obstacles = list(_drawn_as_v1(site, wanted, rng))
         most = max(most, len(obstacles))
-        if len(obstacles) < total:
-            continue
-        if is_connected(site, _around_as_v1(site.ground, (*site.standing, *obstacles))):
-            return obstacles
-        blocking += 1
+        if len(obstacles) == total:
+            if is_connected(site, _around_as_v1(site.ground, (*site.standing, *obstacles))):
+                return obstacles
+            blocking += 1
     if blocking:
         return f"as version 1 places them, {blocking} of {MAX_ATTEMPTS} sets of {total} obstacles left no path to the goals"
     return f"as version 1 places them, at most {most} of {total} obstacles found room in {MAX_ATTEMPTS} attempts"
@@ -275,7 +264,7 @@ def _drawn_as_v1(site: Site, wanted: Sequence[Wanted], rng: np.random.Generator)
     """One set, as far as places are found."""
     line = Line.along(site.path_xy_m)
     diameter_m = site.ground.robot_diameter_m
-    centers: list[tuple[float, float]] = []
+    taken = [(stop, FROM_STOPS * diameter_m) for stop in site.stops_xy_m]
     for each in wanted:
         left = each.amount
         for _ in range(TRIES_FOR_EACH * each.amount):
@@ -283,13 +272,10 @@ def _drawn_as_v1(site: Site, wanted: Sequence[Wanted], rng: np.random.Generator)
                 break
             pose = line.draw(each.max_distance_m, rng)
             center = pose.x_m, pose.y_m
-            if any(math.dist(center, stop) < FROM_STOPS * diameter_m for stop in site.stops_xy_m):
-                continue
-            if any(math.dist(center, other) < FROM_EACH_OTHER * diameter_m for other in centers):
-                continue
-            centers.append(center)
-            left -= 1
-            yield replace(each.pattern, pose=pose)
+            if all(math.dist(center, other) >= least_m for other, least_m in taken):
+                taken.append((center, FROM_EACH_OTHER * diameter_m))
+                left -= 1
+                yield replace(each.pattern, pose=pose)
 
 
 def _around_as_v1(ground: Ground, obstacles: Sequence[Obstacle]) -> NDArray[np.bool_]:

@@ -53,12 +53,7 @@ class Leg:
 
 @dataclass(frozen=True, slots=True)
 class LegRequest:
-    """The requirements of each leg.
-
-    Attributes:
-        length_m, tolerance_m: Octile length, `length_m` ± `tolerance_m`.
-        min_distance_m: Least straight distance of its ends.
-    """
+    """The requirements of each leg: octile length `length_m` ± `tolerance_m`, and least straight distance of its ends."""
 
     length_m: float
     tolerance_m: float
@@ -115,12 +110,11 @@ class Reach:
 
     def around(self, length_m: float, error_m: float) -> NDArray[np.int64]:
         """The cells (N, 2) whose path is `length_m` ± `error_m` long, in reading order."""
-        resolution_m = self.ground.occupancy.resolution_m
-        least, most = (length_m - error_m) / resolution_m, (length_m + error_m) / resolution_m
+        resolution_m = np.float64(self.ground.occupancy.resolution_m)
         # In single precision first, with a cell to spare: it is the whole field.
-        near = np.flatnonzero((self.field >= least - 1.0) & (self.field <= most + 1.0))
-        exact = np.abs(self.field.ravel()[near] * np.float64(resolution_m) - length_m) <= error_m
-        return np.asarray(np.column_stack(np.unravel_index(near[exact], self.field.shape)) + np.array(self.corner))
+        near = np.argwhere(np.abs(self.field - np.float32(length_m / resolution_m)) <= error_m / resolution_m + 1.0)
+        exact = np.abs(self.field[tuple(near.T)] * resolution_m - length_m) <= error_m
+        return np.asarray(near[exact] + self.corner)
 
     def leg_to(self, end: Cell) -> Leg:
         """The leg to a cell that is reached."""
