@@ -32,6 +32,14 @@ def drawn_map(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., FileCon
     return write
 
 
+@pytest.fixture(scope="session")
+def grid_map(drawn_map: Callable[..., FileContent]) -> Callable[..., FileContent]:
+    """Write a map of 0.5 m cells with walls where an array of booleans, its first row below, is true."""
+    return lambda walls: drawn_map(
+        *("".join("#" if wall else "." for wall in row) for row in walls[::-1]), resolution_m=0.5
+    )
+
+
 @pytest.fixture
 def shared_map() -> Callable[[str], FileContent]:
     """One of the five maps of the paper's dataset, which lie beside the repository where they are."""

@@ -5,15 +5,13 @@ import math
 
 import numpy as np
 import pytest
+from families import made
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from shapely import contains_xy
 from shapely.geometry import LineString, Point
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.catalog.obstacle import ObstacleVariation
-from vastflow.producers.catalog.path import PathVariationRandom
-from vastflow.producers.catalog.triggered_obstacle import ObstacleVariationWithDistanceTrigger
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.model.configuration import Fragment, Rejection
 from vastflow.producers.model.producer import evaluate
@@ -27,8 +25,8 @@ CORRIDOR = ["?" * 16, "?" + "." * 14 + "?", "?" + "." * 14 + "?", "?" * 16]
 NARROW = ["?" * 16, "?" + "." * 14 + "?", "?" * 16]
 
 
-def obstacles(kind=ObstacleVariation, **parameters):
-    return kind(kind.Parameters.model_validate({"placement": "as_v1", "robot_diameter": DIAMETER_M, **parameters}))
+def obstacles(name="ObstacleVariation", **parameters):
+    return made(name, {"placement": "as_v1", "robot_diameter": DIAMETER_M, **parameters})
 
 
 def boxes(amount, max_distance=0.3, side=0.8):
@@ -36,8 +34,8 @@ def boxes(amount, max_distance=0.3, side=0.8):
 
 
 def with_path(content, length):
-    asked = PathVariationRandom.Parameters(path_length=length, goal_poses="@goal_pose", robot_diameter=DIAMETER_M)
-    (item,) = evaluate(PathVariationRandom(asked), {"map_file": content})
+    asked = {"path_length": length, "goal_poses": "@goal_pose", "robot_diameter": DIAMETER_M}
+    (item,) = evaluate(made("PathVariationRandom", asked), {"map_file": content})
     return {"map_file": content, **item.values}
 
 
@@ -96,12 +94,9 @@ def test_box_stands_in_the_wall_where_none_would_find_room(narrow):
     assert not all(occupancy.free[occupancy.cell_of(*corner)] for corner in corners)
 
 
-def test_set_that_leaves_no_path_is_drawn_ten_times_and_then_rejected(narrow):
+def test_set_without_room_or_path_is_drawn_ten_times_and_then_rejected(narrow, wide):
     (item,) = evaluate(obstacles(obstacle_configs=boxes(1, max_distance=0.0)), narrow)
     assert item.reason == "as version 1 places them, 10 of 10 sets of 1 obstacles left no path to the goals"
-
-
-def test_more_centers_than_the_path_holds_are_rejected_with_how_many_it_held(wide):
     (item,) = evaluate(obstacles(obstacle_configs=boxes(60, max_distance=0.0, side=0.05)), wide)
     assert item.reason.startswith("as version 1 places them, at most ")
     assert item.reason.endswith(" of 60 obstacles found room in 10 attempts")
@@ -114,9 +109,9 @@ def test_obstacle_may_appear_where_the_robot_is(wide):
         "spawn_trigger_threshold": "threshold",
         "trigger_distance": 0.1,
     }
-    kind = ObstacleVariationWithDistanceTrigger
-    assert isinstance(evaluate(obstacles(kind, **asked), wide)[0], Fragment)
-    (constructive,) = evaluate(obstacles(kind, placement="constructive", **asked), wide)
+    name = "ObstacleVariationWithDistanceTrigger"
+    assert isinstance(evaluate(obstacles(name, **asked), wide)[0], Fragment)
+    (constructive,) = evaluate(obstacles(name, placement="constructive", **asked), wide)
     assert "would appear where the robot is" in constructive.reason
 
 
@@ -158,12 +153,9 @@ def test_file_that_does_not_choose_is_told_that_the_two_differ(file):
     assert "without --as-v1 they keep clear" in note.expected
 
 
-@pytest.mark.parametrize("chosen", ["seed: 1, placement: as_v1", "seed: 1, placement: constructive"])
-def test_file_that_chooses_is_told_nothing(file, chosen):
-    file.write_text(file.read_text().replace("seed: 1", chosen))
-    assert load_campaign(file).notes == ()
-
-
-def test_file_without_any_obstacle_is_told_nothing(file):
-    file.write_text(file.read_text().replace("amount: 1", "amount_per_m: 0.0"))
+@pytest.mark.parametrize(
+    "changed", ["seed: 1, placement: as_v1", "seed: 1, placement: constructive", "amount_per_m: 0"]
+)
+def test_file_that_chooses_or_has_no_obstacle_is_told_nothing(file, changed):
+    file.write_text(file.read_text().replace("seed: 1" if "seed" in changed else "amount: 1", changed))
     assert load_campaign(file).notes == ()

@@ -65,14 +65,13 @@ def test_file_that_is_no_text_is_one_fault(tmp_path: Path) -> None:
     assert fatal(tmp_path, b"ok: 1\na: \xff\n").startswith("c.vast:2:4: file: ")
 
 
-def test_file_that_is_not_there_is_a_fault(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match=r"none\.vast:1:1: file: no such file; the path of a \.vast file"):
-        read_document(tmp_path / "none.vast")
-
-
-def test_folder_in_place_of_a_file_is_a_fault(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="can't be read"):
-        read_document(tmp_path)
+@each_row(
+    ("name", "fault"),
+    [("none.vast", r"none\.vast:1:1: file: no such file; the path of a \.vast file"), ("", "can't be read")],
+)
+def test_path_of_no_file_is_a_fault(tmp_path: Path, name: str, fault: str) -> None:
+    with pytest.raises(FileError, match=fault):
+        read_document(tmp_path / name)
 
 
 @each_row(

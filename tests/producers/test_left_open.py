@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from families import write_map
 from table import each_row
 
 from vastflow.producers.campaign import Campaign, load_campaign
@@ -44,8 +45,7 @@ Load = Callable[..., Campaign]
 @pytest.fixture
 def load(tmp_path: Path) -> Load:
     def load_text(parameters: str, own: str = "", execution: str = "") -> Campaign:
-        (tmp_path / "room.yaml").write_text("image: room.pgm\nresolution: 0.05\norigin: [0.0, 0.0, 0.0]\n")
-        (tmp_path / "room.pgm").write_bytes(b"P5\n40 20\n255\n" + bytes([255]) * 800)
+        write_map(tmp_path)
         (tmp_path / "go.osc").write_text(SCENARIO.format(parameters=own))
         (tmp_path / "c.vast").write_text(FILE.format(parameters=parameters, execution=execution))
         return load_campaign(tmp_path / "c.vast")
@@ -90,28 +90,16 @@ def test_simulation_with_its_own_map_is_replaced_by_a_hall(load: Load) -> None:
     assert isinstance(found, FileContent)
     hall = load_map(found.path)
     assert hall.shape == (1200, 1200) and hall.occupied.any()
+    fits = passable(hall, 0.3)
+    assert all(fits[hall.cell_of(float(x), float(y))] for x in range(-29, 30) for y in range(-29, 30))
     (note,) = said(campaign)
     assert note.startswith("launches a simulation with a map of its own, which is not here; the robot drives in a hall")
 
 
-def test_hall_has_room_at_every_whole_meter(load: Load) -> None:
-    found = load(GOAL).families[0].values["map_file"]
-    assert isinstance(found, FileContent)
-    hall = load_map(found.path)
-    fits = passable(hall, 0.3)
-    assert all(fits[hall.cell_of(float(x), float(y))] for x in range(-29, 30) for y in range(-29, 30))
-
-
-def test_map_that_the_family_names_is_the_world(load: Load) -> None:
-    campaign = load(GOAL + MAP)
-    found = campaign.families[0].values["map_file"]
-    assert isinstance(found, FileContent) and Path(found.path).name == "room.yaml"
-    assert said(campaign) == []
-
-
-def test_scenario_that_takes_its_map_from_the_family_needs_one(load: Load) -> None:
-    with pytest.raises(FileError, match=r"go.osc needs map_file, which nothing writes"):
-        load(GOAL, own="    map_file: string\n")
+@each_row(("own", "key"), [("    map_file: string\n", "map_file"), ("    speed: float\n", "speed")])
+def test_scenario_needs_its_parameters_without_a_value_from_the_family(load: Load, own: str, key: str) -> None:
+    with pytest.raises(FileError, match=rf"go.osc needs {key}, which nothing writes"):
+        load(GOAL, own=own)
 
 
 @each_row(
@@ -123,6 +111,8 @@ def test_scenario_that_takes_its_map_from_the_family_needs_one(load: Load) -> No
 )
 def test_several_goals_are_visited_in_turn(load: Load, goals: str, given: str) -> None:
     campaign = load(goals + MAP)
+    found = campaign.families[0].values["map_file"]
+    assert isinstance(found, FileContent) and Path(found.path).name == "room.yaml"
     assert said(campaign) == [f"takes one goal_pose, and there are {given}; the robot is sent to each of them in turn"]
     assert not [note for note in campaign.notes if note.kind == "unknown key"]
 
@@ -130,11 +120,6 @@ def test_several_goals_are_visited_in_turn(load: Load, goals: str, given: str) -
 def test_objects_to_spawn_that_nobody_gives_are_none(load: Load) -> None:
     campaign = load(GOAL + MAP, own="    static_objects: list of spawn_entity\n")
     assert said(campaign) == ["takes static_objects, which nothing writes; it spawns none of them there"]
-
-
-def test_another_parameter_without_a_value_is_a_fault_as_before(load: Load) -> None:
-    with pytest.raises(FileError, match=r"go.osc needs speed, which nothing writes"):
-        load(GOAL + MAP, own="    speed: float\n")
 
 
 def test_family_without_goals_is_unavailable(load: Load) -> None:

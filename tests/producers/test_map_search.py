@@ -4,6 +4,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from table import each_row
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.campaign_file.scenario import run_files
@@ -44,14 +45,6 @@ def places(tmp_path, drawn_map):
     return base, maps
 
 
-def test_map_is_found_in_the_folder_of_maps(places):
-    base, maps = places
-    search = MapSearch(base, maps)
-    found = search.content("halls/map.yaml")
-    assert found.path == str(maps / "halls" / "map.yaml")
-    assert search.borrowed == {found.path: "halls/map.yaml"}
-
-
 def test_map_beside_the_file_comes_before_one_in_the_folder_of_maps(places):
     base, maps = places
     shutil.copytree(maps / "halls", base / "halls")
@@ -66,14 +59,22 @@ def test_missing_map_names_the_option(places):
         load_campaign(base / "two.vast")
 
 
-def test_map_in_neither_place_says_both_and_the_nearest_there_is(places):
+@each_row(
+    ("name", "folder", "said"),
+    [
+        ("hall/map.yaml", "maps", r"hall/map\.yaml: no such file, and no .*; did you mean 'halls/map\.yaml'\?"),
+        ("/opt/other.yaml", "maps", r"/opt/other\.yaml: no such file, and no .*maps/other\.yaml; known: "),
+        ("map.yaml", "empty", r"another --map-dir; .*empty has no map"),
+    ],
+)
+def test_map_in_neither_place_says_both_and_the_nearest_there_is(places, name, folder, said):
     base, maps = places
-    with pytest.raises(MapError, match=r"hall/map\.yaml: no such file, and no .*; did you mean 'halls/map\.yaml'\?"):
-        MapSearch(base, maps).content("hall/map.yaml")
+    with pytest.raises(MapError, match=said):
+        MapSearch(base, maps.parent / folder).content(name)
 
 
-@pytest.mark.parametrize("name", ["/opt/share/halls/map.yaml", "/halls/map.yaml"])
-def test_absolute_path_of_another_machine_is_found_by_its_longest_end(places, name):
+@pytest.mark.parametrize("name", ["halls/map.yaml", "/opt/share/halls/map.yaml", "/halls/map.yaml"])
+def test_folder_of_maps_is_searched_by_the_longest_end_of_a_path(places, name):
     base, maps = places
     shutil.copy(base / "beside.yaml", maps / "map.yaml")
     search = MapSearch(base, maps)
@@ -82,31 +83,15 @@ def test_absolute_path_of_another_machine_is_found_by_its_longest_end(places, na
     assert search.borrowed == {found.path: name}
 
 
-def test_absolute_path_with_no_end_in_the_folder_of_maps_is_missing_there(places):
-    base, maps = places
-    with pytest.raises(MapError, match=r"/opt/other\.yaml: no such file, and no .*maps/other\.yaml; known: "):
-        MapSearch(base, maps).content("/opt/other.yaml")
-
-
-def test_folder_without_maps_says_so(places, tmp_path):
-    base, _ = places
-    (tmp_path / "empty").mkdir()
-    with pytest.raises(MapError, match=r"another --map-dir; .*empty has no map"):
-        MapSearch(base, tmp_path / "empty").content("map.yaml")
-
-
 def test_folder_of_maps_is_in_no_digest(places):
     base, maps = places
-    apart = instantiate(load_campaign(base / "two.vast", maps))
+    campaign = load_campaign(base / "two.vast", maps)
+    assert set(campaign.borrowed_maps.values()) == {"halls/map.yaml"}
+    apart = instantiate(campaign)
     shutil.copytree(maps / "halls", base / "halls")
     beside = instantiate(load_campaign(base / "two.vast"))
     assert apart.configurations
     assert [c.scenario.digest for c in apart.configurations] == [c.scenario.digest for c in beside.configurations]
-
-
-def test_maps_of_producers_and_of_alternatives_are_looked_for_likewise(places):
-    base, maps = places
-    assert set(load_campaign(base / "two.vast", maps).borrowed_maps.values()) == {"halls/map.yaml"}
 
 
 # Files that a campaign gives its programs: never copies that campaigns left beside it

@@ -1,16 +1,14 @@
 """A campaign's Nav2 parameter file: what it means for the families, its faults and notes with their places."""
 
 import re
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
+from families import write_map
 
-from vastflow.producers.campaign import Campaign, load_campaign
+from vastflow.producers.campaign import load_campaign
 from vastflow.producers.campaign_file.scenario_values import complaint_of, unread_keys
 from vastflow.producers.instantiation.instantiate import instantiate
-from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
@@ -42,29 +40,22 @@ local_costmap:
       robot_radius: 0.3
 """
 
-Load = Callable[..., Campaign]
-
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    (tmp_path / "room.yaml").write_text("{image: room.pgm, resolution: 0.05, origin: [0.0, 0.0, 0.0]}")
-    (tmp_path / "room.pgm").write_bytes(b"P5\n40 20\n255\n" + bytes([255]) * 800)
+def load(tmp_path):
+    write_map(tmp_path)
     (tmp_path / "mine").mkdir()
-    return tmp_path
 
-
-@pytest.fixture
-def load(folder: Path) -> Load:
-    def load_text(nav2: str, parameters: str = "", variations: str = "    []") -> Campaign:
+    def load_text(nav2, parameters="", variations="    []", name="mine/nav2.yaml"):
         text = CAMPAIGN.replace("PARAMETERS\n", parameters).replace("VARIATIONS", variations)
-        (folder / "c.vast").write_text(text)
-        (folder / "mine" / "nav2.yaml").write_text(nav2)
-        return load_campaign(folder / "c.vast")
+        (tmp_path / "c.vast").write_text(text.replace("mine/nav2.yaml", name))
+        (tmp_path / "mine" / "nav2.yaml").write_text(nav2)
+        return load_campaign(tmp_path / "c.vast")
 
     return load_text
 
 
-def faults(load: Load, *arguments: str) -> list[str]:
+def faults(load, *arguments):
     with pytest.raises(FileError) as caught:
         load(*arguments)
     return [
@@ -72,7 +63,7 @@ def faults(load: Load, *arguments: str) -> list[str]:
     ]
 
 
-def said(load: Load, *arguments: str) -> list[str]:
+def said(load, *arguments):
     """The notes on a campaign and its parameter file, or the faults."""
     try:
         found = load(*arguments).notes
@@ -81,18 +72,12 @@ def said(load: Load, *arguments: str) -> list[str]:
     return [re.sub(r"/\S*/", "", str(each)) for each in found]
 
 
-def system(campaign: Campaign) -> Any:
-    (configuration,) = instantiate(campaign).configurations
-    return configuration.scenario.system
+def test_file_is_in_every_scenarios_system_by_its_content(load, tmp_path):
+    (configuration,) = instantiate(load(NAV2)).configurations
+    assert configuration.scenario.system["nav2_params"] == nav2_file(tmp_path / "mine" / "nav2.yaml")
 
 
-def test_file_is_in_every_scenarios_system_by_its_content(load: Load, folder: Path) -> None:
-    value = system(load(NAV2))["nav2_params"]
-    assert isinstance(value, FileContent)
-    assert value == nav2_file(folder / "mine" / "nav2.yaml")
-
-
-def test_comment_in_the_file_changes_no_scenario_and_a_value_does(load: Load) -> None:
+def test_comment_in_the_file_changes_no_scenario_and_a_value_does(load):
     digests = [
         instantiate(load(text)).configurations[0].scenario.digest
         for text in (NAV2, f"# Mine.\n{NAV2}", NAV2.replace("0.3", "0.31"))
@@ -100,7 +85,7 @@ def test_comment_in_the_file_changes_no_scenario_and_a_value_does(load: Load) ->
     assert digests[0] == digests[1] != digests[2]
 
 
-def test_fixed_and_varied_parameters_rewrite_the_file(load: Load) -> None:
+def test_fixed_and_varied_parameters_rewrite_the_file(load):
     campaign = load(
         NAV2,
         "  - local_costmap.robot_radius: 0.25\n",
@@ -111,12 +96,12 @@ def test_fixed_and_varied_parameters_rewrite_the_file(load: Load) -> None:
     assert [p.controller.desired_linear_vel for p in found] == [0.2, 0.3]  # type: ignore[union-attr]
 
 
-def test_notes_and_faults_of_a_parameter_file_have_place_and_message(golden, load: Load) -> None:
+def test_notes_and_faults_of_a_parameter_file_have_place_and_message(golden, load):
     golden("campaign_files", "nav2_params", lambda text: said(load, text))
 
 
-def test_notes_and_faults_of_parameters_beside_a_file_have_place_and_message(golden, load: Load) -> None:
-    def of_parameters(lines: str) -> list[str]:
+def test_notes_and_faults_of_parameters_beside_a_file_have_place_and_message(golden, load):
+    def of_parameters(lines):
         return [
             each for each in said(load, NAV2, "".join(f"  {line}\n" for line in lines.splitlines())) if each[0] == "c"
         ]
@@ -124,22 +109,15 @@ def test_notes_and_faults_of_parameters_beside_a_file_have_place_and_message(gol
     golden("campaign_files", "nav2_values", of_parameters)
 
 
-def test_file_that_is_not_there_is_a_fault_of_the_campaign(load: Load, folder: Path) -> None:
-    load(NAV2)
-    (folder / "mine" / "nav2.yaml").unlink()
-    with pytest.raises(
-        FileError, match=r"c.vast:\d+:16: execution.nav2_params: expected .*got 'mine/nav2.yaml', and there"
-    ):
-        load_campaign(folder / "c.vast")
-
-
-def test_name_that_is_no_text_is_one_fault(load: Load, folder: Path) -> None:
-    load(NAV2)
-    text = (folder / "c.vast").read_text().replace("mine/nav2.yaml", "3")
-    (folder / "c.vast").write_text(text)
-    with pytest.raises(FileError, match=r"execution\.nav2_params: expected text in quotes, got 3") as caught:
-        load_campaign(folder / "c.vast")
-    assert len(caught.value.faults) == 1
+@pytest.mark.parametrize(
+    ("name", "fault"),
+    [
+        ("mine/none.yaml", "expected a Nav2 parameter file, got 'mine/none.yaml', and there is no such file"),
+        ("3", "expected text in quotes, got 3"),
+    ],
+)
+def test_name_of_no_file_is_one_fault(load, name, fault):
+    assert faults(load, NAV2, "", "    []", name) == [f"c.vast:10:16: execution.nav2_params: {fault}"]
 
 
 KEPT_OUT = """\
@@ -149,7 +127,7 @@ global_costmap:
 """
 
 
-def test_mask_is_read_as_a_map_is_fixed_or_produced(load: Load) -> None:
+def test_mask_is_read_as_a_map_is_fixed_or_produced(load):
     produced = "  - ParameterVariationList: {name: keepout_mask, values: [room.yaml]}"
     for campaign in (load(KEPT_OUT, "  - keepout_mask: room.yaml\n"), load(KEPT_OUT, "", produced)):
         (configuration,) = instantiate(campaign).configurations
@@ -158,19 +136,19 @@ def test_mask_is_read_as_a_map_is_fixed_or_produced(load: Load) -> None:
     assert "c.vast:7:19: configuration[0].parameters[3].keepout_mask: " in found
 
 
-def test_produced_values_are_checked_with_the_controller_they_are_for(load: Load) -> None:
+def test_produced_values_are_checked_with_the_controller_they_are_for(load):
     producer = "  - ParameterVariationList: {name: max_vel_theta, values: [1.0, -1.0]}"
     (found,) = faults(load, NAV2, "", producer)
     assert "values[1]: expected a number in [0, 100], got -1.0" in found
 
 
-def test_keys_of_a_controller_are_read_where_the_controller_varies() -> None:
+def test_keys_of_a_controller_are_read_where_the_controller_varies():
     assert unread_keys({}, ["controller", "desired_linear_vel", "max_vel_x", "sped"]) == ("sped",)
     assert unread_keys({"controller": "dwb"}, ["desired_linear_vel", "max_vel_x"]) == ("desired_linear_vel",)
     assert unread_keys({"critics": ["PathDist"]}, ["controller"]) == ()
 
 
-def test_controller_that_does_not_go_with_the_critics_is_refused() -> None:
+def test_controller_that_does_not_go_with_the_critics_is_refused():
     fixed = {"controller": "dwb", "critics": ["PathDist", "GoalDist"]}
     assert complaint_of("controller", "dwb", "system", fixed) is None
     found = complaint_of("controller", "mppi", "system", fixed)

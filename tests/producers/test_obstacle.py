@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from shapely.geometry import LineString, Point, box
 from table import each_row
+from walks import leaves_a_path
 
 from vastflow.producers.catalog.obstacle import ObstacleVariation
 from vastflow.producers.catalog.path import PathVariationRandom
@@ -20,7 +21,6 @@ from vastflow.producers.places.placement import Line, covered_cells, outline_of,
 from vastflow.sim.model.obstacle import Obstacle, obstacle_of, obstacles_of
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.world import octile
-from vastflow.sim.world.map_file import load_map
 
 PILLARS = [
     "????????????????????????",
@@ -78,7 +78,6 @@ def test_obstacles_stand_free_near_the_path_and_leave_a_path(
     if isinstance(item, Rejection):
         assert f"of {amount} obstacles found room" in item.reason
         return
-    occupancy = load_map(site["map_file"].path)
     obstacles = placed(item)
     footprints = [obstacle.footprint() for obstacle in obstacles]
     assert len(obstacles) == amount
@@ -88,17 +87,10 @@ def test_obstacles_stand_free_near_the_path_and_leave_a_path(
     stops = [pose["position"] for pose in (site["start_pose"], *site["goal_poses"])]
     gaps = [footprint.distance(Point(stop["x"], stop["y"])) for stop in stops for footprint in footprints]
     assert all(gap >= robot_diameter / 2 + 0.05 for gap in gaps)
-    free = occupancy.free.copy()
-    for footprint in footprints:
-        first, last = occupancy.cell_of(*footprint.bounds[:2]), occupancy.cell_of(*footprint.bounds[2:])
-        for row, column in itertools.product(range(first[0], last[0] + 1), range(first[1], last[1] + 1)):
-            x, y = occupancy.center_of(row, column)
-            if footprint.intersects(box(x - 0.025, y - 0.025, x + 0.025, y + 0.025)):
-                assert occupancy.free[row, column]
-                free[row, column] = False
-    passable = octile.inflated_free(free, math.ceil(robot_diameter / 2 / occupancy.resolution_m))
-    way = octile.shortest_path(occupancy, passable, np.array([(stop["x"], stop["y"]) for stop in stops]))
-    assert way is not None
+    assert all(
+        covered_cells(ground_of(site["map_file"], robot_diameter), footprint) is not None for footprint in footprints
+    )
+    assert leaves_a_path(site["map_file"], footprints, [(stop["x"], stop["y"]) for stop in stops], robot_diameter)
 
 
 @given(
@@ -151,12 +143,6 @@ def test_poses_are_drawn_within_max_distance_of_the_path(max_distance, seed):
 def test_path_of_a_single_point_has_obstacles_round_it():
     pose = Line.along(np.array([[1.0, 2.0]])).draw(0.5, np.random.default_rng(0))
     assert math.dist((pose.x_m, pose.y_m), (1.0, 2.0)) <= 0.5 + 1e-5
-
-
-def test_amount_per_meter_is_rounded_down(site):
-    length = site["_path_length"]
-    (item,) = evaluate(obstacle_variation({"amount_per_m": 0.3, "max_distance": 1}), site)
-    assert len(placed(item)) == math.floor(0.3 * length)
 
 
 def test_listed_amounts_and_distances_are_combined_and_each_placed_count_times(site):
@@ -222,10 +208,13 @@ def test_obstacles_that_would_close_a_corridor_are_rejected_with_the_reason(draw
         (("_path", "start_pose"), {}, "there is no path to place obstacles at: no start_pose with goal_pose"),
         (("_path",), {"start_pose": {"x": -0.9, "y": -1.9}}, "there is no path from the start to the goals"),
         ((), {"start_pose": 3}, "start_pose: "),
+        ((), {"goal_poses": [{"x": 99.0, "y": 0.0}]}, "the start or a goal, (99, 0), lies beyond the map"),
+        ((), {"static_objects": 7}, "static_objects: expected a list of obstacles, got 7"),
+        ((), {"static_objects": [{"spawn_pose": 3}]}, "static_objects[0].spawn_pose: "),
         (("map_file",), {}, "map_file is None, not a map file"),
     ],
 )
-def test_configuration_without_a_path_is_rejected_with_the_reason(site, without_keys, extra, reason):
+def test_unsuitable_configuration_is_rejected_with_the_reason(site, without_keys, extra, reason):
     inputs = {key: value for key, value in {**site, **extra}.items() if key not in without_keys}
     items = evaluate(obstacle_variation({"amount": 1, "max_distance": 0}, count=2), inputs)
     assert [type(item) for item in items] == [Rejection, Rejection]
@@ -272,24 +261,6 @@ def test_obstacles_that_stand_in_the_only_way_are_named_as_the_reason(drawn_map)
     producer = obstacle_variation({"amount": 1, "max_distance": 0, "args": "width:=0.2"})
     (item,) = evaluate(producer, {**corridor(drawn_map, 2, -1.5), **there})
     assert item.reason == "the obstacles that are there already leave no path to the goals"
-
-
-@each_row(
-    ("there", "reason"),
-    [
-        (7, "static_objects: expected a list of obstacles, got 7"),
-        ([{"spawn_pose": 3}], r"static_objects[0].spawn_pose: "),
-    ],
-)
-def test_list_that_is_none_of_obstacles_is_a_rejection_with_its_reason(site, there, reason):
-    (item,) = evaluate(obstacle_variation({"amount": 1, "max_distance": 1}), {**site, "static_objects": there})
-    assert reason in item.reason
-
-
-def test_goal_beyond_the_map_is_a_rejection_with_its_reason(site):
-    inputs = {**site, "goal_poses": [{"x": 99.0, "y": 0.0}]}
-    (item,) = evaluate(obstacle_variation({"amount": 1, "max_distance": 1}), inputs)
-    assert item.reason == "the start or a goal, (99, 0), lies beyond the map"
 
 
 def test_obstacle_producers_keep_the_contract(site):

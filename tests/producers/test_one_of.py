@@ -1,7 +1,9 @@
 """Alternatives."""
 
-from vastflow.producers.catalog.one_of import OneOfVariation
-from vastflow.producers.catalog.parameter import ParameterVariationDistributionUniform
+from pathlib import Path
+
+from families import made
+
 from vastflow.producers.model.configuration import Fragment, Rejection
 from vastflow.producers.model.conformance import check_producer
 from vastflow.producers.model.producer import evaluate
@@ -11,9 +13,8 @@ UNIFORM = {"ParameterVariationDistributionUniform": {"name": "b", "num_variation
 OBSTACLES = {"ObstacleVariation": {"obstacle_configs": [{"amount": 1, "max_distance": 0.3}]}}
 
 
-def one_of(*children, **others):
-    parameters = {"variations": list(children), **others}
-    return OneOfVariation(OneOfVariation.Parameters.model_validate(parameters))
+def one_of(*children, base=Path(), **others):
+    return made("OneOfVariation", {"variations": list(children), **others}, base)
 
 
 def test_children_are_joined_one_after_the_other():
@@ -22,22 +23,15 @@ def test_children_are_joined_one_after_the_other():
 
 
 def test_child_yields_what_it_yields_alone():
-    alone = ParameterVariationDistributionUniform(
-        ParameterVariationDistributionUniform.Parameters.model_validate(
-            UNIFORM["ParameterVariationDistributionUniform"]
-        )
-    )
+    (alone,) = (made(*child) for child in UNIFORM.items())
     assert evaluate(one_of(LIST, UNIFORM), {})[2:] == evaluate(alone, {})
 
 
 def test_union_declares_what_its_children_do():
     producer = one_of(LIST, OBSTACLES)
-    assert set(producer.writes) == {"a", "static_objects"}
+    assert producer.writes == {"a": "system", "static_objects": "environment"}
     assert producer.needs == ("map_file",)
     assert "_path" in producer.reads
-
-
-def test_its_dimension_goes_for_all_children():
     assert one_of(LIST, OBSTACLES, dimension="task").writes == {"a": "task", "static_objects": "task"}
 
 
@@ -57,10 +51,8 @@ def test_child_may_be_a_class_of_a_file_beside_the_campaign(tmp_path):
         "from vastflow.producers.catalog.parameter import ParameterVariationList\n\n\n"
         "class Mine(ParameterVariationList):\n    pass\n"
     )
-    parameters = OneOfVariation.Parameters.model_validate(
-        {"variations": [{"mine.py:Mine": {"name": "c", "values": [1]}}]}, context={"base": tmp_path}
-    )
-    assert evaluate(OneOfVariation(parameters), {}) == [Fragment({"c": 1})]
+    producer = one_of({"mine.py:Mine": {"name": "c", "values": [1]}}, base=tmp_path)
+    assert evaluate(producer, {}) == [Fragment({"c": 1})]
 
 
 def test_alternatives_keep_the_contract():

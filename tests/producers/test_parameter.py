@@ -1,37 +1,30 @@
 """Listed and drawn values."""
 
 import statistics
+from pathlib import Path
 
 import pytest
+from families import made
 from pydantic import ValidationError
 from table import each_row
 
-from vastflow.producers.catalog.parameter import (
-    ParameterVariationDistributionGaussian,
-    ParameterVariationDistributionUniform,
-    ParameterVariationList,
-)
 from vastflow.producers.model.conformance import check_producer
 from vastflow.producers.model.producer import evaluate
 from vastflow.sim.model.digest import FileContent, digest
 
 
-def listed(**parameters):
-    return ParameterVariationList(ParameterVariationList.Parameters.model_validate(parameters))
+def listed(base=Path(), **parameters):
+    return made("ParameterVariationList", parameters, base)
 
 
 def uniform(**parameters):
-    parameters = {"name": "a", "num_variations": 5, "min": 0.0, "max": 1.0, **parameters}
-    return ParameterVariationDistributionUniform(
-        ParameterVariationDistributionUniform.Parameters.model_validate(parameters)
-    )
+    asked = {"name": "a", "num_variations": 5, "min": 0.0, "max": 1.0, **parameters}
+    return made("ParameterVariationDistributionUniform", asked)
 
 
 def gaussian(**parameters):
-    parameters = {"name": "a", "num_variations": 5, "mean": 0.0, "std": 1.0, "seed": 3, **parameters}
-    return ParameterVariationDistributionGaussian(
-        ParameterVariationDistributionGaussian.Parameters.model_validate(parameters)
-    )
+    asked = {"name": "a", "num_variations": 5, "mean": 0.0, "std": 1.0, "seed": 3, **parameters}
+    return made("ParameterVariationDistributionGaussian", asked)
 
 
 def values(producer):
@@ -64,30 +57,21 @@ def test_listed_obstacles_are_of_the_environment_whatever_their_key():
 
 def test_values_of_map_file_are_maps_relative_to_the_campaign_file(drawn_map):
     content = drawn_map("..", "..")
-    folder = content.path.rpartition("/")[0]
-    parameters = ParameterVariationList.Parameters.model_validate(
-        {"name": "map_file", "values": ["map.yaml"]}, context={"base": folder}
-    )
+    parameters = listed(Path(content.path).parent, name="map_file", values=["map.yaml"]).parameters
     assert parameters.values == [FileContent(content.path, content.digest)]
     assert parameters.model_dump(mode="json")["values"] == [{"file": content.digest}]
 
 
-def test_uniform_values_lie_between_the_bounds():
+def test_uniform_values_lie_between_the_bounds_and_reach_them():
     assert all(2.0 <= value <= 3.0 for value in values(uniform(min=2.0, max=3.0, num_variations=200)))
-
-
-def test_uniform_whole_numbers_reach_both_bounds():
     assert set(values(uniform(min=1, max=3, type="int", num_variations=100))) == {1, 2, 3}
+    assert [float(value) for value in values(uniform(type="str"))] == values(uniform())
 
 
 def test_uniform_bool_is_true_with_probability_max():
     assert not any(values(uniform(max=0.0, type="bool", num_variations=50)))
     assert all(values(uniform(max=1.0, type="bool", num_variations=50)))
     assert statistics.mean(values(uniform(max=0.2, type="bool", num_variations=500))) == pytest.approx(0.2, abs=0.06)
-
-
-def test_uniform_text_is_the_number_as_text():
-    assert [float(value) for value in values(uniform(type="str"))] == values(uniform())
 
 
 def test_gaussian_values_have_the_mean_and_deviation_asked_for():
@@ -101,11 +85,8 @@ def test_gaussian_values_beyond_a_bound_are_set_to_it_and_the_others_stay():
     assert clipped == [min(max(value, -0.5), 0.5) for value in free]
 
 
-def test_gaussian_whole_numbers_are_rounded():
+def test_gaussian_whole_numbers_are_rounded_and_bools_true_from_the_mean_upwards():
     assert values(gaussian(std=10.0, type="int")) == [round(value) for value in values(gaussian(std=10.0))]
-
-
-def test_gaussian_bool_is_true_from_the_mean_upwards():
     assert values(gaussian(std=0.0, type="bool")) == [True] * 5
     assert values(gaussian(type="bool")) == [value >= 0.0 for value in values(gaussian())]
 
@@ -115,13 +96,9 @@ def test_more_variations_leave_the_first_ones_as_they_are():
     assert values(gaussian(num_variations=9))[:5] == values(gaussian())
 
 
-def test_seed_changes_what_is_drawn():
-    assert values(uniform(seed=1)) != values(uniform(seed=2))
-
-
-def test_keys_with_one_seed_draw_different_numbers():
+def test_another_seed_or_key_draws_different_numbers():
     other = [fragment.values["b"] for fragment in evaluate(uniform(name="b"), {})]
-    assert other != values(uniform())
+    assert other != values(uniform()) != values(uniform(seed=1))
 
 
 @each_row("producer", [listed(name="a", values=[1]), uniform(), gaussian()])

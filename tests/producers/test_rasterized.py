@@ -3,13 +3,12 @@
 import itertools
 import math
 
-import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from skimage.graph import MCP_Geometric
 from table import each_row
+from walks import is_walked, walks
 
 from vastflow.producers.catalog.rasterized_path import PathVariationRasterized, raster_points
 from vastflow.producers.model.configuration import Fragment, Rejection
@@ -19,20 +18,9 @@ from vastflow.producers.places.ground import ground_of
 from vastflow.sim.model.pose import Pose, pose_of
 from vastflow.sim.world.map_file import load_map
 
-RESOLUTION_M = 0.5
-
 
 def rasterized(**parameters):
     return PathVariationRasterized(PathVariationRasterized.Parameters.model_validate(parameters))
-
-
-@pytest.fixture(scope="module")
-def grid_map(drawn_map):
-    def write(walls):
-        rows = ["".join("#" if wall else "." for wall in row) for row in walls[::-1]]
-        return drawn_map(*rows, resolution_m=RESOLUTION_M)
-
-    return write
 
 
 @pytest.fixture(scope="module")
@@ -68,28 +56,19 @@ def test_exactly_the_pairs_of_the_promised_length_are_there_in_order(
 ):
     content = grid_map(walls)
     occupancy = load_map(content.path)
-    blocked = np.argwhere(np.pad(~occupancy.free, 1, constant_values=True)) - 1
-    passable = np.array(
-        [[np.hypot(*(blocked - (r, c)).T).min() > math.ceil(robot_diameter / 2 / RESOLUTION_M) for c in range(walls.shape[1])]
-         for r in range(walls.shape[0])]
-    )  # fmt: skip
-    points = [tuple(p) for p in raster_points(ground_of(content, robot_diameter), size, offset, 0.0).tolist()]
-    assert all(passable[point] for point in points)
-    expected = {length: [] for length in lengths}
-    for start in points:
-        meters = (
-            MCP_Geometric(np.where(passable, 1.0, -1.0), fully_connected=True).find_costs([start])[0] * RESOLUTION_M
-        )
-        for length, goal in itertools.product(lengths, points):
-            if goal != start and abs(meters[goal] - length) <= tolerance + 1e-9:
-                expected[length].append((start, goal, meters[goal]))
-    producer = rasterized(
-        path_length=lengths,
-        path_length_tolerance=tolerance,
-        raster_size=size,
-        raster_offset_x=offset,
-        robot_diameter=robot_diameter,
-    )
+    passable, cells, distance_m = walks(content, robot_diameter)
+    points = raster_points(ground_of(content, robot_diameter), size, offset, 0.0).tolist()
+    number = {cell: i for i, cell in enumerate(map(tuple, cells.tolist()))}
+    expected = {
+        length: [
+            (tuple(start), tuple(goal), meters)
+            for start, goal in itertools.permutations(points, 2)
+            if abs((meters := distance_m[number[tuple(start)], number[tuple(goal)]]) - length) <= tolerance + 1e-9
+        ]
+        for length in lengths
+    }
+    asked = {"path_length_tolerance": tolerance, "raster_size": size, "raster_offset_x": offset}
+    producer = rasterized(path_length=lengths, robot_diameter=robot_diameter, **asked)
     paths, rejections = split(evaluate(producer, {"map_file": content}))
     wanted = [pair for length in lengths for pair in expected[length]]
     ends = [tuple(tuple(occupancy.cell_of(pose.x_m, pose.y_m)) for pose in stops(item)) for item in paths]
@@ -99,9 +78,7 @@ def test_exactly_the_pairs_of_the_promised_length_are_there_in_order(
         assert [tuple(path[0]), tuple(path[-1])] == places(item)
         assert item.values["_path_length"] == pytest.approx(meters)
         assert sum(math.dist(one, other) for one, other in itertools.pairwise(path)) == pytest.approx(meters)
-        for (x0, y0), (x1, y1) in itertools.pairwise(path):
-            for t in np.linspace(0.0, 1.0, round(max(abs(x1 - x0), abs(y1 - y0)) / RESOLUTION_M) + 1):
-                assert passable[occupancy.cell_of(x0 + t * (x1 - x0), y0 + t * (y1 - y0))]
+        assert is_walked(path, passable, occupancy)
     n_pairs = len(points) * (len(points) - 1)
     if n_pairs:
         missing = [n_pairs - len(expected[length]) for length in lengths]
@@ -194,12 +171,6 @@ def test_impossible_raster_is_rejected_for_each_length(hall, parameters, inputs,
     items = evaluate(producer, {"map_file": hall, **inputs})
     assert [type(item) for item in items] == [Rejection, Rejection]
     assert reason in items[0].reason
-
-
-def test_map_of_its_own_becomes_the_configurations_map(hall):
-    producer = rasterized(path_length=3, raster_size=1, map_file=hall.path)
-    assert evaluate(producer, {})[0].values["map_file"] == hall
-    assert (producer.needs, producer.writes["map_file"]) == ((), "environment")
 
 
 def test_raster_producers_keep_the_contract(hall, drawn_map):

@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
+from families import write_map
 from table import each_row
 
 from vastflow.producers.campaign import load_campaign, most_configurations
@@ -18,8 +19,7 @@ UNIFORM = "ParameterVariationDistributionUniform: {name: %s, min: 0, max: 1, num
 
 
 def campaign(folder: Path, *producers: str, execution: str = "", families: int = 1) -> Path:
-    (folder / "map.pgm").write_bytes(b"P5 40 40 255\n" + b"\xfe" * 1600)
-    (folder / "map.yaml").write_text("{image: map.pgm, resolution: 0.05, origin: [0, 0, 0]}")
+    write_map(folder, "map", rows=40)
     file = folder / "c.vast"
     lines = "".join(f"      - {producer}\n" for producer in producers)
     poses = "" if "Path" in lines else ", {start_pose: {x: 0.5, y: 1, yaw: 0}}, {goal_pose: {x: 1.5, y: 1, yaw: 0}}"

@@ -6,17 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from shapely.geometry import box
 from table import each_row
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.places.ground import ground_of
 from vastflow.producers.places.start_check import room_m
-from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.pose import pose_of
 from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m, padded_outline
-from vastflow.sim.world.octile import inflated_free
 
 WALLED = ["#" * 10, *["#" + "." * 8 + "#"] * 6, "#" * 10]
 """A room of 8 m x 6 m between walls, from (0, -1) to (8, 5) with cells of 1 m, drawn in cells of 0.05 m."""
@@ -121,30 +118,23 @@ def test_local_costmaps_footprint_counts(made, more, free):
 
 
 @pytest.mark.parametrize(
-    ("radius", "padding", "more", "free"),
+    ("radius", "padding", "more", "yaw", "free"),
     [
-        (0.2, 0.0, "", True),
-        (0.3, 0.0, "", False),
-        (0.2, 0.1, "", False),
-        (0.2, 0.0, 'footprint: "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"', False),
-        (0.2, 0.0, 'footprint: "[[.2, .4], [.2, -.4], [-.2, -.4], [-.2, .4]]"', True),
-        (0.2, 0.1, 'footprint: "[[.2, .4], [.2, -.4], [-.2, -.4], [-.2, .4]]"', False),
-        (0.2, 0.0, 'footprint: "[]"', True),
+        (0.2, 0.0, "", 0.0, True),
+        (0.3, 0.0, "", 0.0, False),
+        (0.2, 0.1, "", 0.0, False),
+        (0.2, 0.0, 'footprint: "[[.2, .4], [.2, -.4], [-.2, -.4], [-.2, .4]]"', 0.0, True),
+        (0.2, 0.0, 'footprint: "[[.2, .4], [.2, -.4], [-.2, -.4], [-.2, .4]]"', math.pi / 2, False),
+        (0.2, 0.1, 'footprint: "[[.2, .4], [.2, -.4], [-.2, -.4], [-.2, .4]]"', 0.0, False),
+        (0.2, 0.0, 'footprint: "[]"', 0.0, True),
     ],
 )
-def test_radius_polygon_and_padding_are_those_of_the_systems_parameter_file(
-    made, tmp_path, radius, padding, more, free
+def test_turned_radius_polygon_and_padding_are_those_of_the_systems_parameter_file(
+    made, tmp_path, radius, padding, more, yaw, free
 ):
     (tmp_path / "nav2.yaml").write_text(NAV2.format(radius=radius, padding=padding, more=more))
-    assert fits(made(poses((0.27, 2.0)), "execution:\n  nav2_params: nav2.yaml\n")) is free
-
-
-def test_polygon_turns_with_the_robot(made, tmp_path):
-    long = 'footprint: "[[0.5, 0.1], [0.5, -0.1], [-0.5, -0.1], [-0.5, 0.1]]"'
-    (tmp_path / "nav2.yaml").write_text(NAV2.format(radius=0.1, padding=0.0, more=long))
-    execution = "execution:\n  nav2_params: nav2.yaml\n"
-    assert not fits(made(poses((0.27, 2.0)), execution))
-    assert fits(made(poses((0.27, 2.0)).replace("yaw: 0.0", f"yaw: {math.pi / 2}", 1), execution))
+    turned = poses((0.27, 2.0)).replace("yaw: 0.0", f"yaw: {yaw}", 1)
+    assert fits(made(turned, "execution:\n  nav2_params: nav2.yaml\n")) is free
 
 
 def test_radius_that_a_later_producer_varies_is_looked_at_on_the_finished_configuration(made):
@@ -215,18 +205,14 @@ def test_drawn_stops_pass_the_start_check(made, lines):
     assert least[0] < DISC_M < least[1]
 
 
-def test_drawn_stops_fit_the_largest_robot(made):
+def test_drawn_stops_fit_the_largest_robot_and_are_else_the_same(made):
+    """The footprint narrows what is drawn and seeds nothing: two systems can be compared path by path."""
     found = made(PATHS.format(seed=3) + RADII)
     assert found.rejections == ()
     assert min(gap_m(pose) for c in found.configurations for pose in stops(c)) >= 0.46
-
-
-def test_larger_robot_gets_the_same_stops(made):
-    """The footprint narrows what is drawn and seeds nothing: two systems can be compared path by path."""
-    larger = "  - ParameterVariationList: {name: robot_radius, values: [0.23]}\n"
+    larger = RADII.replace("[0.1, 0.45]", "[0.23]")
     one, other = (made(PATHS.format(seed=3) + more).configurations for more in ("", larger))
-    same = [stops(a) == stops(b) for a, b in zip(one, other, strict=True)]
-    assert sum(same) > 25
+    assert sum(stops(a) == stops(b) for a, b in zip(one, other, strict=True)) > 25
 
 
 @given(
@@ -239,33 +225,12 @@ def test_stop_is_as_far_from_every_wall_as_was_asked(drawn_map, walls, room_m):
     for row, column in walls:
         rows[row][column] = "#"
     ground = ground_of(drawn_map(*("".join(row) for row in rows)), 0.05, room_m)
-    squares = [
-        box(x - 0.025, y - 0.025, x + 0.025, y + 0.025)
-        for x, y in (ground.occupancy.center_of(int(r), int(c)) for r, c in np.argwhere(ground.occupancy.occupied))
-    ]
-    for row, column in np.argwhere(ground.passable):
-        x, y = ground.occupancy.center_of(int(row), int(column))
-        nearest = min(
-            math.dist((x, y), (min(max(x, s.bounds[0]), s.bounds[2]), min(max(y, s.bounds[1]), s.bounds[3])))
-            for s in squares
-        )
-        if abs(nearest - room_m) > 1e-9:
-            assert ground.stops[row, column] == (nearest > room_m or not room_m)
-
-
-def test_papers_maps_have_one_start_in_22_without_room(shared_map):
-    """The share of cells for a robot 0.35 m across; with its radius rounded down it was one in 15."""
-    cells, tight, rounded_down, tight_then = 0, 0, 0, 0
-    for name in ("hallways", "rooms", "hospital", "office", "university"):
-        map_file = shared_map(name)
-        ground, everywhere = ground_of(map_file, 0.35, DISC_M), ground_of(map_file, 1e-9, DISC_M)
-        before = inflated_free(ground.occupancy.free, 3.5)
-        cells, rounded_down = cells + ground.passable.sum(), rounded_down + before.sum()
-        tight, tight_then = (
-            tight + (ground.passable & ~ground.stops).sum(),
-            tight_then + (before & ~everywhere.stops).sum(),
-        )
-    assert (tight / cells, tight_then / rounded_down) == pytest.approx((0.0451, 0.0673), abs=0.0001)
+    cells = np.argwhere(ground.passable)
+    # From a center to the nearest side of a wall's square, in cells.
+    off = np.maximum(np.abs(cells[:, None] - np.argwhere(ground.occupancy.occupied)) - 0.5, 0.0)
+    nearest_m = np.hypot(off[..., 0], off[..., 1]).min(axis=1) * 0.05
+    clear = np.abs(nearest_m - room_m) > 1e-9
+    np.testing.assert_array_equal(ground.stops[tuple(cells[clear].T)], (nearest_m[clear] > room_m) | (not room_m))
 
 
 def test_room_is_that_of_the_largest_outline():
@@ -280,20 +245,13 @@ def test_obstacles_leave_the_robots_own_room_at_its_stops(made, room):
     assert [r.reason for r in found.rejections if r.producer == "start_check"] == []
     assert len(found.configurations) > 20
     loose = made("  start_check: none\n" + PATHS.format(seed=5) + boxes)
-    areas = [(pose, c.scenario.environment["static_objects"]) for c in loose.configurations for pose in stops(c)[:1]]
     nearest = min(
-        math.dist((p.x_m, p.y_m), tuple(o["spawn_pose"]["position"].values())[:2])
-        for p, listed in areas
-        for o in listed
+        math.dist((start.x_m, start.y_m), tuple(o["spawn_pose"]["position"].values())[:2])
+        for c in loose.configurations
+        for start in stops(c)[:1]
+        for o in c.scenario.environment["static_objects"]
     )
     assert nearest < DISC_M + 0.22
-
-
-def test_anything_else_than_the_two_is_refused(made):
-    with pytest.raises(
-        FileError, match=r"made.vast:4:16: configuration\[0\].start_check: got 'no'; did you mean 'none'\?"
-    ):
-        made("  start_check: 'no'\n" + poses((4.0, 2.0)))
 
 
 @each_row("start", [(9.3, 2.0), (-1.4, 2.0), (1e9, 100.0)])

@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from shapely.geometry import LineString, Point
 from table import each_row
+from walks import leaves_a_path
 
 from vastflow.producers.catalog.obstacle import ObstacleVariation
 from vastflow.producers.catalog.path import PathVariationRandom
@@ -17,8 +18,6 @@ from vastflow.producers.model.configuration import Fragment, Rejection
 from vastflow.producers.model.conformance import check_producer
 from vastflow.producers.model.producer import evaluate
 from vastflow.sim.model.obstacle import Trigger, obstacles_of
-from vastflow.sim.world import octile
-from vastflow.sim.world.map_file import load_map
 
 KEYS = {"spawn_trigger_point": "@spawn_trigger_point", "spawn_trigger_threshold": "@spawn_trigger_threshold"}
 BOX = {"amount": 1, "max_distance": 0.6, "args": "width:=0.4"}
@@ -85,19 +84,13 @@ def test_triggered_obstacle_keeps_its_distances_and_leaves_a_path(
         )
         <= max_distance + 0.02
     )
-    occupancy = load_map(site["map_file"].path)
-    free = occupancy.free.copy()
-    for row, column in np.argwhere(free):
-        x, y = occupancy.center_of(row, column)
-        near = [abs(x - o.pose.x_m) < 0.4 and abs(y - o.pose.y_m) < 0.4 for o in obstacles]
-        if any(n and f.distance(Point(x, y)) < 0.03 for n, f in zip(near, footprints, strict=True)):
-            free[row, column] = False
-    passable = octile.inflated_free(free, math.ceil(0.35 / 2 / occupancy.resolution_m))
-    assert octile.shortest_path(occupancy, passable, np.array(stops)) is not None
+    assert leaves_a_path(site["map_file"], footprints, stops, 0.35)
 
 
 def test_usual_keys_are_written_as_the_scenario_reads_them(site):
     (item,) = evaluate(triggered(), site)
+    (taken,) = evaluate(triggered(), {**site, **item.values})
+    assert taken.reason.startswith("spawn_trigger_point is written already, for another trigger")
     (entry,) = item.values["static_objects"]
     assert not [key for key in item.values if "delay" in key or key == "goal_poses"]
     position = entry["spawn_pose"]["position"]
@@ -140,11 +133,6 @@ def test_static_one_after_it_leaves_it_its_place(site):
     assert all(one.distance(other) >= 0.05 for one, other in itertools.combinations(footprints, 2))
 
 
-def test_trigger_whose_keys_are_taken_is_rejected(site):
-    (item,) = evaluate(triggered(), {**site, "spawn_trigger_threshold": 2.0})
-    assert item.reason.startswith("spawn_trigger_threshold is written already, for another trigger")
-
-
 def test_distances_are_outermost_and_each_is_placed_count_times(site):
     producer = triggered({**BOX, "max_distance": [0.3, 0.9]}, trigger_distance=[1.0, 2.0], count=3)
     items = evaluate(producer, site)
@@ -153,12 +141,8 @@ def test_distances_are_outermost_and_each_is_placed_count_times(site):
 
 
 def test_another_distance_leaves_other_placements(site):
-    assert evaluate(triggered(trigger_distance=[1.5, 1.0]), site)[1:] == evaluate(triggered(), site)
-
-
-def test_amount_per_meter_that_comes_to_one_is_one(site):
-    (item,) = evaluate(triggered({"amount_per_m": 0.12, "max_distance": 0.5}), site)
-    assert len(item.values["static_objects"]) == 1
+    per_m = {"amount_per_m": 0.12, "max_distance": 0.5}
+    assert evaluate(triggered(per_m, trigger_distance=[1.5, 1.0]), site)[1:] == evaluate(triggered(per_m), site)
 
 
 @each_row(
@@ -201,10 +185,7 @@ def test_rest_of_a_path_is_as_long_as_what_is_cut_off_leaves(distance):
     rest = beyond(path, distance)
     assert np.hypot(*np.diff(rest, axis=0).T).sum() == pytest.approx(8.0 - distance)
     np.testing.assert_array_equal(rest[-1], path[-1])
-
-
-def test_rest_of_a_short_path_is_empty():
-    assert len(beyond(np.array([[0.0, 0.0], [3.0, 0.0]]), 3.1)) == 0
+    assert len(beyond(path, 8.1)) == 0
 
 
 def test_trigger_producers_keep_the_contract(site):
