@@ -12,6 +12,7 @@ from vastflow.producers.model.faults import NOT_EXECUTED, Location
 from vastflow.sim.model.faults import Fault
 from vastflow.sim.model.files import is_file
 from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.plug_ins.neighbors import PlugInError, neighbors_of
 
 COMMAND: Final = "command"
 CONFIG: Final = "/config/"
@@ -102,15 +103,18 @@ class ProcessingStep:
         return None if is_there else f"got the script {self.file!r}, and there is no such file"
 
     def files(self, base: Path) -> Iterator[Path]:
-        """Yield the existing files that the step runs, imports from beside it, or takes as arguments."""
-        if not self.file or not (base / self.file).is_file():
-            return
+        """Yield the existing files that the step runs, uses of those beside it, or takes as arguments."""
         file = base / self.file
-        yield from _with_imported(file) if self.kind == "plug-in" else (file,)
+        if not self.file or not file.is_file():
+            return
         arguments = self.parameters.get("args") if self.kind != "plug-in" else None
-        for argument in arguments if isinstance(arguments, list) else ():
-            if isinstance(argument, str) and argument and (base / argument).is_file():
-                yield base / argument
+        given = [each for each in (arguments if isinstance(arguments, list) else ()) if isinstance(each, str) and each]
+        used = [file, *(base / each for each in given if (base / each).is_file())]
+        if self.kind == "plug-in":
+            with suppress(PlugInError):  # `complaint` says what is wrong with it
+                found = neighbors_of(file)
+                used = [*found.modules, *found.data]
+        yield from used
 
 
 def steps_of(named: Sequence[Mapping[str, Mapping[str, Any]]]) -> tuple[ProcessingStep, ...]:
@@ -126,24 +130,3 @@ def step_notes(document: Document, steps: Sequence[ProcessingStep], base: Path, 
             yield document.note("not executed", where, f"{step.name}: {NOT_EXECUTED}", step.instead)
         elif complaint := step.complaint(base):
             yield document.note("warning", where, complaint, "the campaign runs without this step, and ends with 3")
-
-
-def _with_imported(file: Path) -> Iterator[Path]:
-    """A Python file and the modules beside it that it imports, these with theirs."""
-    folder, found = file.parent, [file]
-    for each in found:
-        yield each
-        imported: list[str] = []
-        with suppress(SyntaxError, ValueError, RecursionError, OSError):
-            for node in ast.walk(ast.parse(each.read_bytes())):
-                if isinstance(node, ast.Import):
-                    imported += [alias.name for alias in node.names]
-                elif isinstance(node, ast.ImportFrom) and node.module:
-                    imported.append(node.module)
-        for name in imported:
-            beside = folder.joinpath(*name.split("."))
-            for candidate in (beside.with_suffix(".py"), beside / "__init__.py"):
-                if candidate.is_file() and candidate not in found:
-                    found.append(candidate)
-            if beside.is_dir():
-                found += [each for each in sorted(beside.glob("*.py")) if each not in found]
