@@ -30,8 +30,6 @@ class Type:
 
 @dataclass(frozen=True, slots=True)
 class EnumValue:
-    """A member of an enumeration."""
-
     type: str
     member: str
     number: int
@@ -58,8 +56,6 @@ class Name:
 
 @dataclass(frozen=True, slots=True)
 class ListOf:
-    """A list."""
-
     items: "tuple[Expression, ...]"
     place: Place
 
@@ -151,8 +147,6 @@ Awaited: TypeAlias = Elapsed | Happened | Holds
 
 @dataclass(frozen=True, slots=True)
 class Composition:
-    """`serial`, `parallel` or `one_of`."""
-
     kind: Literal["serial", "parallel", "one_of"]
     children: "tuple[Behavior, ...]"
     label: str
@@ -180,8 +174,6 @@ class Call:
 
 @dataclass(frozen=True, slots=True)
 class Wait:
-    """`wait` until something holds."""
-
     until: Awaited
     label: str
     place: Place

@@ -39,25 +39,27 @@ def evaluate(expression: Expression, names: Mapping[str, Any], functions: Mappin
     match expression:
         case Constant(value=value):
             return value
-        case Name():
-            return _named(expression, names)
+        case Name(path=path, place=place):
+            found: Any = names
+            for depth, part in enumerate(path):
+                if not isinstance(found, Mapping) or part not in found:
+                    raise ScenarioError(f"{place}: {'.'.join(path[: depth + 1])} has no value")
+                found = found[part]
+            return found
         case Struct(members=members):
             return {name: evaluate(member, names, functions) for name, member in members.items()}
         case ListOf(items=items):
             return [evaluate(item, names, functions) for item in items]
         case Operation():
             return _operation(expression, names, functions)
-        case External():
-            return _external(expression, names, functions)
-
-
-def _named(name: Name, names: Mapping[str, Any]) -> Any:
-    value: Any = names
-    for depth, part in enumerate(name.path):
-        if not isinstance(value, Mapping) or part not in value:
-            raise ScenarioError(f"{name.place}: {'.'.join(name.path[: depth + 1])} has no value")
-        value = value[part]
-    return value
+        case External(function=name, arguments=given, place=place):
+            arguments = [evaluate(argument, names, functions) for argument in given]
+            if name not in functions:
+                raise ScenarioError(f"{place}: {name}() is not available here")
+            try:
+                return functions[name](*arguments)
+            except (TypeError, ValueError, ArithmeticError, LookupError, OSError) as error:
+                raise ScenarioError(f"{place}: {name}() can't be done: {error}") from None
 
 
 def _operation(operation: Operation, names: Mapping[str, Any], functions: Mapping[str, Callable[..., Any]]) -> Any:
@@ -102,15 +104,3 @@ def names_in(expression: Expression) -> tuple[str, ...]:
 def text_of(value: Any) -> str:
     """Return a value as a program's argument."""
     return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def _external(call: External, names: Mapping[str, Any], functions: Mapping[str, Callable[..., Any]]) -> Any:
-    function = functions.get(call.function)
-    if function is None:
-        raise ScenarioError(f"{call.place}: {call.function}() is not available here")
-    arguments = [evaluate(argument, names, functions) for argument in call.arguments]
-    try:
-        value = function(*arguments)
-    except (TypeError, ValueError, ArithmeticError, LookupError, OSError) as error:
-        raise ScenarioError(f"{call.place}: {call.function}() can't be done: {error}") from None
-    return value

@@ -1,29 +1,47 @@
 """From a scenario's syntax to its definition."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, TypeGuard
 
 from vastflow.sim.model.faults import Fault, Place
 from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.scenario.definition import (
     Actor,
+    Awaited,
     Behavior,
+    Call,
     Composition,
+    Elapsed,
+    Emit,
+    Expression,
     Field,
+    Happened,
+    Holds,
     Modified,
     ScenarioDefinition,
     Type,
     Until,
+    Wait,
 )
 from vastflow.sim.scenario.evaluation import names_in
 from vastflow.sim.scenario.language import syntax
-from vastflow.sim.scenario.language.behaviors import ENDING, BehaviorChecker, changed
-from vastflow.sim.scenario.language.declarations import Declarations
-from vastflow.sim.scenario.language.expressions import Visible
+from vastflow.sim.scenario.language.declarations import BOOL, Compound, Declarations
+from vastflow.sim.scenario.language.declaring import declaring, library_names
+from vastflow.sim.scenario.language.expressions import Faulty, Visible
+from vastflow.sim.scenario.language.members import MemberChecker
 
 MOST_LEVELS: Final = 150
 """Compositions and modifiers in one another; digests of definitions, and trees, are made by functions that call themselves."""
+
+ENDING: Final = ("end", "fail", "start")
+"""Events that every scenario has; nothing follows from the last."""
+
+MODIFIERS: Final = (
+    *("repeat", "retry", "timeout", "inverter", "failure_is_running", "failure_is_success"),
+    *("running_is_failure", "running_is_success", "success_is_failure", "success_is_running"),
+)
+"""Those that are executed; others can be declared and not used."""
 
 
 def checked(text: syntax.Compound, declared: Declarations, faults: list[Fault]) -> ScenarioDefinition | None:
@@ -33,11 +51,12 @@ def checked(text: syntax.Compound, declared: Declarations, faults: list[Fault]) 
     return definition if len(faults) == before else None
 
 
-class _Scenario(BehaviorChecker):
-    """Checks one scenario, with all that it inherits."""
+class _Scenario(MemberChecker):
+    """Checks one scenario, with all that it inherits, and what it does: compositions, actions, waits, and modifiers."""
 
     def __init__(self, declared: Declarations, faults: list[Fault]) -> None:
         super().__init__(declared, faults)
+        self._events: list[str] = []
         self._fields: dict[str, Field] = dict(declared.globals)
         self._own: set[str] = set()
         self._types: dict[str, Type] = {}
@@ -56,12 +75,11 @@ class _Scenario(BehaviorChecker):
         self._refuse_circles()
         self.names = self._visible()
         done = self._done(chain)
-        root = None if done is None else self.attempt(self.behavior, done.behavior)
-        applied = [member for member in members if isinstance(member, syntax.Act)]
-        for member in applied:
-            if not self.is_modifier(member):
+        root = None if done is None else self.attempt(self._behavior, done.behavior)
+        for member in members:
+            if isinstance(member, syntax.Act) and not self._is_modifier(member):
                 self._misplaced(member)
-        root = self.wrapped(root, [member for member in applied if self.is_modifier(member)])
+        root = self._wrapped(root, members)
         if root is not None and (deep := _too_deep(root)) is not None:
             self.fault(deep, f"got more than {MOST_LEVELS} compositions and modifiers in one another", "fewer")
             return None
@@ -80,7 +98,7 @@ class _Scenario(BehaviorChecker):
             parameters=tuple(parameters),
             variables=tuple(variables),
             actors=tuple(actor for actor in actors if actor is not None),
-            events=tuple(self.events),
+            events=tuple(self._events),
             root=root,
             place=text.name.place,
             structs={name: struct.members for name, struct in self.declared.structs.items()},
@@ -116,10 +134,10 @@ class _Scenario(BehaviorChecker):
             case syntax.Field():
                 self._field(member)
             case syntax.Event(name):
-                if name.text in self._fields or name.text in self.events or name.text in ENDING:
+                if name.text in self._fields or name.text in self._events or name.text in ENDING:
                     self.fault(name.place, f"'{name}' is declared already", "another name")
                 elif self.allowed(name):
-                    self.events.append(name.text)
+                    self._events.append(name.text)
             case syntax.Keep():
                 self._fields = self.keep(member, self._fields)
             case syntax.Method():
@@ -131,7 +149,7 @@ class _Scenario(BehaviorChecker):
         members = self.fields(text)
         self._faulty |= {name.text for name in text.names} - {member.name for member in members}
         for member in members:
-            if member.name in self._own or member.name in self.events:
+            if member.name in self._own or member.name in self._events:
                 self.fault(member.place, f"{member.name!r} is declared already", "another name")
                 continue
             self._own.add(member.name)
@@ -189,12 +207,167 @@ class _Scenario(BehaviorChecker):
             self.fault(place, "got a value for an actor", "'keep' below it")
         for item in text.keeps:
             members = self.keep(item, members)
-        values, missing = self.declared.filled(changed(members, declared.members), declared.members, place)
+        values, missing = self.declared.filled(_changed(members, declared.members), declared.members, place)
         if without := next((member.name for member in missing if not member.is_variable), ""):
             right = f"'with:' and below it 'keep(it.{without} == …)'"
             self.fault(place, f"{name!r} has no value for {without!r}", right)
             return None
         return Actor(name, (type_.name, *declared.bases), values, self.declared.variables_of(type_), place)
+
+    def _behavior(self, text: syntax.Behavior) -> Behavior:
+        """Return the checked behavior with the modifiers beside it and below `with:`, the first outermost.
+
+        `until` stands outside of them.
+        """
+        if isinstance(text, syntax.Refused):
+            self.refuse(text)
+        for item in text.modifiers:
+            if isinstance(item, syntax.Keep) and not isinstance(text, syntax.Act):
+                self.fault(item.place, "got 'keep' where nothing has members", "'keep' below an action")
+        child = self.attempt(self._bare, text)
+        child = self._wrapped(child, text.members if isinstance(text, syntax.Composition) else ())
+        if [self.attempt(self.refuse, item) for item in text.modifiers if isinstance(item, syntax.Refused)]:
+            child = None
+        child = self._applied(child, [item for item in text.modifiers if isinstance(item, syntax.Call)])
+        for until in reversed([item for item in text.modifiers if isinstance(item, syntax.Until)]):
+            awaited = self.attempt(self._awaited, until.awaited)
+            child = None if child is None or awaited is None else Until(awaited, child, until.place)
+        if child is None:
+            raise Faulty
+        return child
+
+    def _bare(self, text: syntax.Composition | syntax.Act | syntax.Wait | syntax.Emit) -> Behavior:
+        label = text.label.text if text.label else ""
+        match text:
+            case syntax.Composition():
+                members = [member for member in text.members if not self._is_modifier(member)]
+                if not members:
+                    self.fail(text.place, f"got an empty {text.kind}", "one action or more in it")
+                return Composition(text.kind, tuple(self.each(self._behavior, members)), label, text.place)
+            case syntax.Act():
+                return self._act(text, label)
+            case syntax.Wait():
+                return Wait(self._awaited(text.awaited), label, text.place)
+            case syntax.Emit():
+                self._check_event(text.event, (*self._events, *ENDING))
+                return Emit(text.event.text, label, text.place)
+
+    def _is_modifier(self, text: syntax.Member | syntax.Behavior) -> TypeGuard[syntax.Act]:
+        """Whether a part of a body or composition calls a modifier."""
+        path = str(text.call.path) if isinstance(text, syntax.Act) else ""
+        return path in self.declared.modifiers and path not in self.declared.actions
+
+    def _wrapped(self, child: Behavior | None, members: Iterable[syntax.Member | syntax.Behavior]) -> Behavior | None:
+        """Return `child` with the modifiers among the parts of its body, the first outermost."""
+        calls = []
+        for text in (member for member in members if self._is_modifier(member)):
+            if text.modifiers:
+                self.fault(text.call.place, "got a modifier of a modifier", "one after the other")
+            calls.append(text.call)
+        return self._applied(child, calls)
+
+    def _applied(self, child: Behavior | None, calls: Sequence[syntax.Call]) -> Behavior | None:
+        for call in reversed(calls):
+            name = str(call.path)
+            arguments = self.attempt(self._modifier_arguments, call, name)
+            child = None if child is None or arguments is None else Modified(name, arguments, child, call.place)
+        return child
+
+    def _modifier_arguments(self, call: syntax.Call, name: str) -> Mapping[str, Expression]:
+        modifier = self.declared.modifiers.get(name)
+        if modifier is None:
+            hint = did_you_mean(name, self.declared.modifiers, "'import osc.helpers', which declares the modifiers")
+            self.fail(call.place, f"unknown modifier {name!r}", hint)
+        if name not in MODIFIERS:
+            self.fault(call.place, f"modifier {name!r} can't be executed", "a modifier of osc.helpers")
+        return self._arguments(call, modifier, name)
+
+    def _arguments(
+        self, call: syntax.Call, declared: Compound, whose: str, keeps: Sequence[syntax.Keep] = ()
+    ) -> Mapping[str, Expression]:
+        """Return all arguments of a call; what `keep` says takes the place of what stands in the brackets."""
+        given = self.arguments(call, declared.members, whose)
+        members = {
+            name: replace(member, default=given.get(name, member.default)) for name, member in declared.members.items()
+        }
+        for keep in keeps:
+            members = self.keep(keep, members)
+        return self.complete(_changed(members, declared.members), declared.members, call.place, whose)
+
+    def _act(self, text: syntax.Act, label: str) -> Behavior:
+        words = text.call.path.words
+        action = self._action(words[0]) if len(words) == 1 else self._action_of(words)
+        keeps = [item for item in text.modifiers if isinstance(item, syntax.Keep)]
+        arguments = self._arguments(text.call, action, str(text.call.path), keeps)
+        # The library action that an action inherits from is what is done, or else the action itself.
+        chain = (action, *(self.declared.actions[base][0] for base in action.bases))
+        name = next((each.name for each in chain if each.origin in library_names()), action.name)
+        return Call(name, words[0].text if len(words) == 2 else "", arguments, label, text.call.place)
+
+    def _action(self, name: syntax.Word) -> Compound:
+        known = self.declared.actions.get(name.text, ())
+        if not known:
+            self.fail(name.place, f"unknown action '{name}'", self._right_action(name.text))
+        if len(known) > 1:
+            origins = " and ".join(action.origin for action in known)
+            right = "one import of them, or an action of another name"
+            self.fail(name.place, f"'{name}' is declared by {origins}", right)
+        return known[0]
+
+    def _right_action(self, name: str) -> str:
+        if owners := [action for action in self.declared.actions if action.endswith(f".{name}")]:
+            actor = Type(owners[0].partition(".")[0], "actor")
+            instances = (key for key, type_ in self.names.types.items() if self.declared.is_a(type_, actor))
+            return f"it is an action of {actor}: {next(instances, 'instance')}.{name}(…)"
+        if libraries := declaring(name):
+            return f"'import {libraries[0]}', which declares it"
+        if name in self.declared.scenarios:
+            return "an action; a scenario can be inherited from and not be called"
+        return did_you_mean(name, [action for action in self.declared.actions if "." not in action], "an import")
+
+    def _action_of(self, words: Sequence[syntax.Word]) -> Compound:
+        instance, name = words[0], words[-1]
+        type_ = self.names.types.get(instance.text)
+        if instance.text in self.names.faulty:
+            raise Faulty
+        if len(words) > 2 or type_ is None or type_.kind != "actor":
+            actors = [key for key, of in self.names.types.items() if of.kind == "actor"]
+            hint = did_you_mean(instance.text, actors, "an instance, declared as 'name: actor' in the scenario")
+            self.fail(instance.place, f"unknown actor instance '{instance}'", hint)
+        chain = (type_.name, *self.declared.actors[type_.name].bases)
+        for actor in chain:
+            if known := self.declared.actions.get(f"{actor}.{name}"):
+                return known[0]
+        own = [action.partition(".")[2] for action in self.declared.actions if action.partition(".")[0] in chain]
+        libraries = [library for actor in chain for library in declaring(f"{actor}.{name}")]
+        hint = f"'import {libraries[0]}', which declares it" if libraries else did_you_mean(name.text, own)
+        self.fail(name.place, f"{type_.name} has no action '{name}'", hint)
+
+    def _check_event(self, name: syntax.Word, known: Sequence[str]) -> None:
+        if name.text not in known:
+            right = did_you_mean(name.text, known, f"'event {name}' in the scenario")
+            self.fail(name.place, f"unknown event '{name}'", right)
+
+    def _awaited(self, text: syntax.Awaited) -> Awaited:
+        event, condition = text.event, text.condition
+        if event is None and isinstance(condition, syntax.Call) and str(condition.path) == "elapsed":
+            return self._elapsed(condition)
+        if event is not None:
+            if len(event.words) > 1:
+                self.fail(event.place, f"got event {event}", "an event of the scenario")
+            self._check_event(event.words[0], self._events)
+        held = None if condition is None else self.assigned(condition, BOOL, "a condition")
+        if event is not None:
+            return Happened(str(event), held, text.place)
+        assert held is not None
+        return Holds(held, text.place)
+
+    def _elapsed(self, call: syntax.Call) -> Awaited:
+        if len(call.arguments) != 1 or call.arguments[0].name is not None:
+            self.fail(call.place, "got elapsed without one duration", "elapsed(3s)")
+        text = call.arguments[0].value
+        take = self.given if isinstance(text, syntax.Call) else self.assigned
+        return Elapsed(take(text, Type("time", "physical"), "a duration"), call.place)
 
 
 def _too_deep(root: Behavior) -> Place | None:
@@ -210,3 +383,9 @@ def _too_deep(root: Behavior) -> Place | None:
             case Modified() | Until():
                 waiting.append((behavior.child, level + 1))
     return None
+
+
+def _changed(members: Mapping[str, Field], declared: Mapping[str, Field]) -> dict[str, Expression]:
+    """Return the defaults of members that are not the declared ones."""
+    defaults = ((name, member.default) for name, member in members.items())
+    return {name: value for name, value in defaults if value is not None and value is not declared[name].default}

@@ -52,10 +52,21 @@ def read_text(text: str, file: str, folder: Path) -> tuple[ScenarioDefinition, .
     Raises:
         FileError: as for `read_scenarios`.
     """
+    reader = _Reader((folder / Path(file).name).resolve())
     try:
-        return _read(text, file, folder)
+        parsed = parse(text, file)
+        declarations = reader.declarations(parsed, file, folder)
+        scenarios = [
+            each for each in parsed.declarations if isinstance(each, syntax.Compound) and each.kind == "scenario"
+        ]
+        if not scenarios:
+            reader.faults.append(Fault(Place(file, 1, 1), "got no scenario", "'scenario name:' and what it does"))
+        definitions = [checked(scenario, declarations, reader.faults) for scenario in scenarios]
     except RecursionError:
         raise FileError([Fault(Place(file), "got an expression that is too long", "several shorter ones")]) from None
+    if reader.faults:
+        raise FileError(reader.faults)
+    return tuple(definition for definition in definitions if definition is not None)
 
 
 def files_of(path: Path) -> tuple[Path, ...]:
@@ -65,73 +76,50 @@ def files_of(path: Path) -> tuple[Path, ...]:
         FileError: one of them can't be read, or is not in the language.
     """
     found: dict[Path, Path] = {}
-    _find(path, Place(str(path), 1, 1), found)
+    waiting = [(path, Place(str(path), 1, 1))]
+    while waiting:
+        file, place = waiting.pop(0)
+        if file.resolve() not in found:
+            found[file.resolve()] = file
+            imports = parse(_content(file, place), str(file)).imports
+            waiting[:0] = [(file.parent / part.target, part.place) for part in imports if part.is_file]
     return tuple(found.values())
 
 
-def _find(path: Path, place: Place, found: dict[Path, Path]) -> None:
-    if path.resolve() in found:
-        return
-    found[path.resolve()] = path
-    for part in parse(_content(path, place), str(path)).imports:
+class _Reader:
+    """Reads the declarations of a file and of those that it imports, each once; faults are collected."""
+
+    def __init__(self, file: Path) -> None:
+        self.faults: list[Fault] = []
+        self._read = {file: Declarations()}  # one that is being read has none yet
+
+    def declarations(self, text: syntax.File, file: str, folder: Path) -> Declarations:
+        imported = Declarations()
+        for part in text.imports:
+            for name in imported.include(self._imported(part, folder)):
+                what = f"{name!r} is declared by an import above too"
+                self.faults.append(Fault(part.place, what, "one of the imports"))
+        return declared(text, imported, file, self.faults)
+
+    def _imported(self, part: syntax.Import, folder: Path) -> Declarations:
+        path, name = folder / part.target, part.target
         if part.is_file:
-            _find(path.parent / part.target, part.place, found)
-
-
-def _read(text: str, file: str, folder: Path) -> tuple[ScenarioDefinition, ...]:
-    faults: list[Fault] = []
-    parsed = parse(text, file)
-    read: dict[Path, Declarations] = {(folder / Path(file).name).resolve(): Declarations()}
-    declarations = _declarations(parsed, file, folder, read, faults)
-    scenarios = [part for part in parsed.declarations if isinstance(part, syntax.Compound) and part.kind == "scenario"]
-    if not scenarios:
-        faults.append(Fault(Place(file, 1, 1), "got no scenario", "'scenario name:' and what it does"))
-    definitions = [checked(scenario, declarations, faults) for scenario in scenarios]
-    if faults:
-        raise FileError(faults)
-    return tuple(definition for definition in definitions if definition is not None)
-
-
-def _declarations(
-    text: syntax.File, file: str, folder: Path, read: dict[Path, Declarations], faults: list[Fault]
-) -> Declarations:
-    """Return the declarations of a file and its imports; a file in `read` that is being read has none yet."""
-    imported = Declarations()
-    for part in text.imports:
-        clashing = imported.include(_imported(part, folder, read, faults))
-        for name in clashing:
-            faults.append(Fault(part.place, f"{name!r} is declared by an import above too", "one of the imports"))
-    return declared(text, imported, file, faults)
-
-
-def _imported(part: syntax.Import, folder: Path, read: dict[Path, Declarations], faults: list[Fault]) -> Declarations:
-    if part.is_file:
-        return _imported_file(part, folder, read, faults)
-    if part.target in library_names():
-        return library(part.target)
-    if part.target in ABSENT:
-        what = f"library {part.target} is about {ABSENT[part.target]}, which vastflow does not have"
-        faults.append(Fault(part.place, what, "a scenario without it"))
-    else:
-        right = did_you_mean(part.target, library_names())
-        faults.append(Fault(part.place, f"unknown library {part.target!r}", right))
-    return Declarations()
-
-
-def _imported_file(
-    part: syntax.Import, folder: Path, read: dict[Path, Declarations], faults: list[Fault]
-) -> Declarations:
-    path = folder / part.target
-    try:
-        resolved = path.resolve()
-        if resolved not in read:
-            read[resolved] = Declarations()
-            parsed = parse(_content(path, part.place), str(path))
-            read[resolved] = _declarations(parsed, str(path), path.parent, read, faults)
-    except FileError as error:
-        faults.extend(error.faults)
+            try:
+                if (key := path.resolve()) not in self._read:
+                    self._read[key] = Declarations()
+                    parsed = parse(_content(path, part.place), str(path))
+                    self._read[key] = self.declarations(parsed, str(path), path.parent)
+                return self._read[key]
+            except FileError as error:
+                self.faults += error.faults
+        elif name in library_names():
+            return library(name)
+        elif name in ABSENT:
+            what = f"library {name} is about {ABSENT[name]}, which vastflow does not have"
+            self.faults.append(Fault(part.place, what, "a scenario without it"))
+        else:
+            self.faults.append(Fault(part.place, f"unknown library {name!r}", did_you_mean(name, library_names())))
         return Declarations()
-    return read[resolved]
 
 
 def _content(path: Path, place: Place) -> str:

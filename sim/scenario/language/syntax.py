@@ -25,8 +25,6 @@ class Physical(NamedTuple):
 
 
 class Enumerator(NamedTuple):
-    """`type!member`."""
-
     type: Word
     member: Word
     place: Place
@@ -58,8 +56,6 @@ class Call(NamedTuple):
 
 
 class ListOf(NamedTuple):
-    """`[a, b]`."""
-
     items: "tuple[Expression, ...]"
     place: Place
 
@@ -106,8 +102,6 @@ class Awaited(NamedTuple):
 
 
 class Until(NamedTuple):
-    """`until` in a `with:` block."""
-
     awaited: Awaited
     place: Place
 
@@ -128,8 +122,6 @@ class Field(NamedTuple):
 
 
 class Event(NamedTuple):
-    """`event name`."""
-
     name: Word
 
 
@@ -150,8 +142,6 @@ class Act(NamedTuple):
 
 
 class Wait(NamedTuple):
-    """`wait …`."""
-
     label: Word | None
     awaited: Awaited
     modifiers: With
@@ -159,8 +149,6 @@ class Wait(NamedTuple):
 
 
 class Emit(NamedTuple):
-    """`emit event`."""
-
     label: Word | None
     event: Word
     modifiers: With
@@ -181,8 +169,6 @@ Behavior: TypeAlias = Composition | Act | Wait | Emit | Refused
 
 
 class Do(NamedTuple):
-    """`do` and what is done."""
-
     behavior: Behavior
     place: Place
 
