@@ -109,7 +109,7 @@ def test_program_that_is_given_up_gets_the_signal_of_its_call(entered, run):
     assert action.update() is Status.RUNNING
     until_printed(run, "sim")
     action.cancel()
-    assert run.labeled("sim").poll().code == 7
+    assert run.labeled("sim").failure == "exited with code 7"
 
 
 def test_action_that_is_repeated_starts_its_program_again(entered, run):

@@ -51,7 +51,7 @@ def begun(request, tmp_path, monkeypatch):
 
 def printed(run, *command):
     group = run.start(command)
-    assert group.wait(120).reason == "", group.log.read()
+    assert group.wait(120) == "", group.log.read()
     group.stop()
     return group.log.read().decode()
 

@@ -174,7 +174,7 @@ def test_runs_side_by_side_do_not_touch_each_other(begun):
         assert one.pids().isdisjoint(other.pids())
         assert not one.close().outputs.files
         assert one.pids() == set()
-        assert survivor.poll() is None
+        assert survivor.failure is None
         assert survivor.pid in other.pids()
 
 

@@ -120,12 +120,12 @@ class RunProcess(RunAction):
         if not self._awaited:
             return Status.SUCCESS
         group = self._begun[-1]
-        ended = group.poll()
-        if ended is None:
+        failure = group.failure
+        if failure is None:
             return Status.RUNNING
-        words = group.with_last_line(ended.reason) if ended.reason else "exited with code 0"
+        words = group.with_last_line(failure) if failure else "exited with code 0"
         self.message = f"{Path(group.command[0]).name} {words}"
-        return Status.FAILURE if ended.reason else Status.SUCCESS
+        return Status.FAILURE if failure else Status.SUCCESS
 
     def cancel(self) -> None:
         self._begun[-1].stop(self._signal, self._timeout_s)

@@ -66,14 +66,14 @@ class RunFolders:
     def rewrite_files(self) -> None:
         """Rewrite both copies of the run files that are texts, without a NUL."""
         for folder in (self.config, self.out):
-            for path in _files(folder):
+            for path in filter(Path.is_file, folder.rglob("*")):
                 content = path.read_bytes()
                 if _NAMED.search(content) and b"\0" not in content:
                     path.write_bytes(self._rewritten(content))
 
     def named_in_files(self) -> bool:
         """Whether a run file has one of the names."""
-        return any(_NAMED.search(path.read_bytes()) for path in _files(self.config))
+        return any(_NAMED.search(path.read_bytes()) for path in filter(Path.is_file, self.config.rglob("*")))
 
     def _rewritten(self, content: bytes) -> bytes:
         return _NAME.sub(lambda found: os.fsencode(self.mounts[f"/{found[1].decode()}"]), content)
@@ -93,10 +93,6 @@ def below_config(name: str) -> str | None:
     if plain.is_relative_to(CONFIG):
         plain = plain.relative_to(CONFIG)
     return None if plain.is_absolute() or plain.parts[:1] == ("..",) else plain.as_posix()
-
-
-def _files(folder: Path) -> list[Path]:
-    return [path for path in folder.rglob("*") if path.is_file()]
 
 
 def files_matching(
@@ -133,11 +129,7 @@ def unmatched(files: RunFiles, patterns: Sequence[str]) -> tuple[str, ...]:
 
 
 def copy_in(files: RunFiles, folder: Path) -> None:
-    """Copy `files` below `folder`, executable where they were.
-
-    Raises:
-        ScenarioError: a file is gone, or holds something else than when it was resolved.
-    """
+    """Copy `files` below `folder`, executable where they were; ScenarioError for one that is gone or changed."""
     for path, content in files:
         target = folder / path
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -177,11 +169,7 @@ def handed_name(key: str, content: FileContent) -> str:
 
 
 def hand_over(handed: Mapping[str, FileContent], folder: Path) -> None:
-    """Copy the files by key below `folder`, a map with its picture.
-
-    Raises:
-        ScenarioError: one is gone, or a map holds something else than when the campaign was read.
-    """
+    """Copy the files by key below `folder`, a map with its picture; ScenarioError if one is gone or a map changed."""
     for key, content in handed.items():
         source, target = Path(content.path), folder / handed_name(key, content)
         target.parent.mkdir(parents=True, exist_ok=True)

@@ -32,7 +32,6 @@ class ProcessLog:
     """Drains a program's pipe into a file and drops the excess, so that the program never blocks.
 
     Attributes:
-        path: The file.
         cut: Whether something was dropped.
         complete: Set once the pipe has been read to its end and the file is whole.
     """
@@ -100,30 +99,8 @@ class ProcessLog:
 
 
 @dataclass(frozen=True, slots=True)
-class Ended:
-    """The end of a process.
-
-    Attributes:
-        code: Exit code; None where a signal ended it.
-        signal: Name of the signal that ended it, such as `SIGSEGV`; empty where none did.
-        killed: It was told to stop, did not in time, and was killed.
-        reason: In words; empty for exit code 0.
-    """
-
-    code: int | None
-    signal: str
-    killed: bool
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
 class Usage:
-    """The resources that a process and its awaited children used.
-
-    Attributes:
-        cpu_s: Processor time.
-        max_rss_bytes: Greatest resident memory of one of them.
-    """
+    """Processor time of a process and its awaited children, and the greatest resident memory of one of them."""
 
     cpu_s: float
     max_rss_bytes: int
@@ -141,6 +118,7 @@ class ProcessGroup:
         label: What the scenario calls it.
         pid: Of the program itself, and of its session and group.
         log: Its standard output and error.
+        failure: How the program ended in words, empty for exit code 0; None while it runs.
     """
 
     def __init__(
@@ -171,8 +149,8 @@ class ProcessGroup:
         self._mark = mark
         self._on_end = on_end
         self._overdue = ""
-        self._ended: Ended | None = None
-        self._over: Ended | None = None
+        self.failure: str | None = None
+        self._is_over = False
         self._usage: Usage | None = None
         self._end = threading.Event()
         try:
@@ -194,32 +172,28 @@ class ProcessGroup:
         self.log.begin()
         threading.Thread(target=self._await_end, name=f"end of {self.pid}", daemon=True).start()
 
-    def poll(self) -> Ended | None:
-        """Return the end of the program, or None while it runs."""
-        return self._ended
-
-    def wait(self, timeout_s: float | None = None) -> Ended | None:
-        """Wait for the end of the program; None if it still runs after `timeout_s` (s)."""
+    def wait(self, timeout_s: float | None = None) -> str | None:
+        """Wait for the end of the program, at most `timeout_s` (s), and return `failure`."""
         self._end.wait(timeout_s)
-        return self._ended
+        return self.failure
 
-    def with_last_line(self, reason: str) -> str:
-        """Return the reason of the program's end with the last line that it printed."""
+    def with_last_line(self, failure: str) -> str:
+        """Return a failure of the program with the last line that it printed."""
         self.log.complete.wait(0.2)  # the last line is the one that says why
         last = self.log.last_line()
-        return f"{reason}: {last}" if last else reason
+        return f"{failure}: {last}" if last else failure
 
-    def stop(self, with_signal: int = signal.SIGTERM, timeout_s: float = 10.0) -> Ended:
+    def stop(self, with_signal: int = signal.SIGTERM, timeout_s: float = 10.0) -> None:
         """Send `with_signal` to the group, and SIGKILL to the rest after `timeout_s` (s, host time).
 
         Does nothing to a program that has ended, but kills what it left behind.
         """
-        if self._over is not None:
-            return self._over
+        if self._is_over:
+            return
         family: list[psutil.Process] = []
         with suppress(psutil.NoSuchProcess):
             family = psutil.Process(self.pid).children(recursive=True)
-        if self._ended is None:
+        if self.failure is None:
             until_s = time.monotonic() + timeout_s
             self._signal_group(with_signal)
             if self.wait(timeout_s) is None:
@@ -229,13 +203,10 @@ class ProcessGroup:
         self._signal_group(signal.SIGKILL)
         kill_all(family)
         left = kill_marked(self._mark)
-        ended = self.wait(_KILL_S)
-        if ended is None:
+        if self.wait(_KILL_S) is None:
             raise RuntimeError(f"process {self.pid} ({self.command[0]}) is still there {_KILL_S:g} s after SIGKILL")
         self.log.close(1.0)
-        if not left:  # nobody is there who could start anything more
-            self._over = ended
-        return ended
+        self._is_over = not left  # else somebody is there who could start something more
 
     def release(self) -> Usage:
         """Stop and reap the process; its id may be reused from then on."""
@@ -255,13 +226,12 @@ class ProcessGroup:
         """Wait for the end without reaping, which would free the ids of process and group."""
         info = os.waitid(os.P_PID, self.pid, os.WEXITED | os.WNOWAIT)
         assert info is not None  # it blocks
-        status, name = info.si_status, _signal_name(info.si_status)
+        status = info.si_status
         if info.si_code == os.CLD_EXITED:
-            self._ended = Ended(status, "", False, f"exited with code {status}" if status else "")
-        elif self._overdue and status == signal.SIGKILL:
-            self._ended = Ended(None, name, True, self._overdue)
+            self.failure = f"exited with code {status}" if status else ""
         else:
-            self._ended = Ended(None, name, False, f"was ended by {name}")
+            killed = self._overdue if status == signal.SIGKILL else ""
+            self.failure = killed or f"was ended by {_signal_name(status)}"
         self._end.set()
         if self._on_end is not None:
             self._on_end()

@@ -150,31 +150,44 @@ class ProcessRun:
         self._named = self._named or folders.named_in_files()
         if self._named and not can_mount():
             folders.rewrite_files()
-            own = {name: folders.rewritten(value) for name, value in self._setup.environment.items()}
-            self.environment |= own
+            self.environment |= {name: folders.rewritten(value) for name, value in self._setup.environment.items()}
         self._before = stamps(folders.out)
         if self._setup.pre_command:
             self.environment = self._sourced(folders.logs / "environment")
             self._news.clear()
 
     def start(self, command: Sequence[str], label: str = "") -> ProcessGroup:
-        """Start `command` in the run's folder.
-
-        Raises:
-            ScenarioError: there is no such program, or it can't be executed.
-        """
-        return self._start_in(command, self.environment, label)
+        """Start `command` in the run's folder; ScenarioError if it can't be."""
+        if self._guard is None:
+            self._guard = _guarding(self._mark, self.folders.out.parent)
+        named = self._named or named_in(command)
+        if named and not can_mount():
+            command = [self.folders.rewritten(word) for word in command]
+        elif named and self._namespace is None:
+            self._namespace = MountNamespace.of(self.folders.mounts)
+        number = len(self._groups)
+        group = ProcessGroup(
+            command,
+            folders=self.folders,
+            namespace=self._namespace if named else None,
+            environment=self.environment,
+            log_file=self.folders.logs / f"{number}.log",
+            mark=f"{self._mark}{number}.",
+            label=label,
+            on_end=self._news.set,
+        )
+        self._groups.append(group)
+        if self._sampler is None:
+            self._sampler = ResourceSampler(self.pids)
+        return group
 
     @property
     def waiting(self) -> bool:
         """True if a command still runs, so that host time has to pass."""
-        return any(group.poll() is None for group in self._groups)
+        return any(group.failure is None for group in self._groups)
 
     def wait(self, timeout_s: float) -> None:
-        """Return as soon as a command has ended since the last call, at the latest after `timeout_s` of host time.
-
-        At once where none runs.
-        """
+        """Return once a command has ended since the last call, none runs, or `timeout_s` of host time is over."""
         if self.waiting:
             self._news.wait(timeout_s)
         self._news.clear()
@@ -185,13 +198,13 @@ class ProcessRun:
 
     def running_labels(self) -> list[str]:
         """Return the labels of the running commands."""
-        return [group.label for group in self._groups if group.label and group.poll() is None]
+        return [group.label for group in self._groups if group.label and group.failure is None]
 
     def pids(self) -> set[int]:
         """Return the ids of all living processes of the run."""
         pids = set(marked(self._mark))
         for group in tuple(self._groups):
-            if group.poll() is None:
+            if group.failure is None:
                 with suppress(psutil.NoSuchProcess):
                     pids |= {group.pid, *(child.pid for child in psutil.Process(group.pid).children(recursive=True))}
         return pids
@@ -220,11 +233,7 @@ class ProcessRun:
         return ProcessRecord(read_outputs(self.folders.out, self._before), self._logs(), resources, usage, post_command)
 
     def end(self) -> None:
-        """Leave nothing running; may be called again.
-
-        Raises:
-            RuntimeError: some process could not be killed.
-        """
+        """Leave nothing running, or raise RuntimeError; may be called again."""
         left = kill_marked(self._mark)  # all at once first, so that none is spared should another not end
         if len(self._usages) < len(self._groups):
             self._usages = [group.release() for group in self._groups]
@@ -240,37 +249,10 @@ class ProcessRun:
         if left:
             raise RuntimeError(f"processes {sorted(left)} of a run could not be killed")
 
-    def _start_in(self, command: Sequence[str], environment: Mapping[str, str], label: str) -> ProcessGroup:
-        if self._guard is None:
-            self._guard = _guarding(self._mark, self.folders.out.parent)
-        named = self._named or named_in(command)
-        if named and not can_mount():
-            command = [self.folders.rewritten(word) for word in command]
-        elif named and self._namespace is None:
-            self._namespace = MountNamespace.of(self.folders.mounts)
-        number = len(self._groups)
-        group = ProcessGroup(
-            command,
-            folders=self.folders,
-            namespace=self._namespace if named else None,
-            environment=environment,
-            log_file=self.folders.logs / f"{number}.log",
-            mark=f"{self._mark}{number}.",
-            label=label,
-            on_end=self._news.set,
-        )
-        self._groups.append(group)
-        if self._sampler is None:
-            self._sampler = ResourceSampler(self.pids)
-        return group
-
     def _sourced(self, result: Path) -> dict[str, str]:
-        """Return the environment after bash has sourced `pre_command` in it; its background processes run on.
+        """Return the environment after bash has sourced `pre_command`, which leaves it in the file `result`.
 
-        A path with blanks needs no quotes.
-
-        Args:
-            result: File to pass it through; it is removed again.
+        Background processes of the script run on. Its path needs no quotes for blanks.
         """
         given = self._setup.pre_command
         script, *arguments = [given] if self.folders.path(given).is_file() else _words(given)
@@ -278,12 +260,12 @@ class ProcessRun:
             raise ScenarioError(f"pre_command: there is no file {script!r}")
         command = ["bash", "-c", _SOURCE, "bash", str(result), self._seen(script), *arguments]
         try:
-            group = self._start_in(command, self.environment, "pre_command")
+            group = self.start(command, "pre_command")
         except ScenarioError as error:
             raise ScenarioError(f"pre_command: {error}") from None
         name = Path(script).name
-        if reason := _reason(group):
-            raise ScenarioError(f"pre_command {name!r} {group.with_last_line(reason)}")
+        if failure := _failure(group):
+            raise ScenarioError(f"pre_command {name!r} {group.with_last_line(failure)}")
         if not result.exists():
             raise ScenarioError(f"pre_command {name!r} left the shell that sources it; it must not call exit")
         entries = [os.fsdecode(entry).partition("=") for entry in result.read_bytes().split(b"\0") if entry]
@@ -296,7 +278,7 @@ class ProcessRun:
             group = self.start([self._seen(program), *arguments, OUT], "post_command")
         except ScenarioError as error:
             return str(error)
-        return _reason(group)
+        return _failure(group)
 
     def _seen(self, program: str) -> str:
         """Return the whole path of a file in the run's folder, else the program's name."""
@@ -314,10 +296,10 @@ class ProcessRun:
         return tuple(texts)
 
 
-def _reason(group: ProcessGroup) -> str:
+def _failure(group: ProcessGroup) -> str:
     """Return why a command failed, which is killed after `COMMAND_TIMEOUT_S`; empty if it did not."""
-    if (ended := group.wait(COMMAND_TIMEOUT_S)) is not None:
-        return ended.reason
+    if (failure := group.wait(COMMAND_TIMEOUT_S)) is not None:
+        return failure
     group.stop(timeout_s=0.0)
     return f"took longer than {COMMAND_TIMEOUT_S:g} s and was killed"
 
