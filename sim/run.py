@@ -28,12 +28,11 @@ from vastflow.sim.reading.checked import MAP_KEY, CheckedScenario, RobotSetup, c
 from vastflow.sim.scenario.programs.actions import PROCESSES, process_actions
 from vastflow.sim.scenario.programs.folders import CONFIG, OUT
 from vastflow.sim.scenario.programs.run import ProcessRun, process_run
-from vastflow.sim.scenario.tree.entities import ENTITIES
 from vastflow.sim.scenario.tree.helpers import HELPERS, helper_functions
-from vastflow.sim.scenario.tree.navigation import NAVIGATION
 from vastflow.sim.scenario.tree.stand_ins import stand_ins
 from vastflow.sim.scenario.tree.topics import ROS
 from vastflow.sim.scenario.tree.tree import ScenarioTree, StatusChange
+from vastflow.sim.scenario.tree.world import WORLD
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import OccupancyMap
 
@@ -180,7 +179,7 @@ def _tree(
     own = {**HELPERS, **(process_actions(programs) if programs else {})}
     actions = {**own, **stand_ins(own)}
     if simulation:
-        worldly = {**ENTITIES, **NAVIGATION, **ROS}
+        worldly = {**WORLD, **ROS}
         actions |= {name: functools.partial(action, simulation) for name, action in worldly.items()}
     rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([*entropy, _SCENARIO_STREAM])))
     below_config = checked.programs.scenario_folder if checked.programs else ""

@@ -40,9 +40,8 @@ from vastflow.sim.run import run
 from vastflow.sim.scenario.language.declaring import library, library_names
 from vastflow.sim.scenario.language.reading import read_scenarios
 from vastflow.sim.scenario.tree.modifier import MODIFIERS
-from vastflow.sim.scenario.tree.ros_graph import TOPICS
 from vastflow.sim.scenario.tree.stand_ins import stand_ins
-from vastflow.sim.scenario.tree.support import unsupported
+from vastflow.sim.scenario.tree.support import TOPICS, unsupported
 
 ROOT = Path(__file__).parents[2]
 OFFICE = ROOT / "campaigns" / "quickstart" / "maps"

@@ -10,7 +10,7 @@ import numpy as np
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S
-from vastflow.sim.scenario.tree.ros_graph import TOPICS
+from vastflow.sim.scenario.tree.support import TOPICS
 
 if TYPE_CHECKING:  # helpers read members without a simulator
     from vastflow.sim.loop.simulation import Simulation

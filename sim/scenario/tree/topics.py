@@ -23,7 +23,7 @@ from vastflow.sim.scenario.tree.messages import (
     velocity_in,
     with_members,
 )
-from vastflow.sim.scenario.tree.ros_graph import TOPICS, TRUE_FRAME, absolute, lacking
+from vastflow.sim.scenario.tree.support import TOPICS, TRUE_FRAME, absolute, lacking
 
 
 def pose_between(simulation: Simulation, parent: str, robot: str) -> Pose | None:

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Mapping
-from collections.abc import Sequence as Ordered
 from contextlib import ExitStack
 from typing import Any, NamedTuple, TypeVar
 
@@ -62,28 +61,26 @@ class StatusChange(NamedTuple):
 class Sequence(composites.Sequence, Node):
     """Children one after another, with memory: the next begins in the tick in which one succeeds."""
 
-    def __init__(self, name: str, children: Ordered[Behaviour], place: Place, state: RunState) -> None:
-        super().__init__(name, True, children)
-        self.belongs(place, state)
-
 
 class Parallel(composites.Parallel, Node):
     """All children in each tick, those that succeeded not again; fails with the first failure, succeeds with the last."""
-
-    def __init__(self, name: str, children: Ordered[Behaviour], place: Place, state: RunState) -> None:
-        super().__init__(name, ParallelPolicy.SuccessOnAll(synchronise=True), children)
-        self.belongs(place, state)
 
 
 class OneOf(composites.Parallel, Node):
     """All children in each tick; the first success ends it with success and cancels the rest, one failure fails it."""
 
-    def __init__(self, name: str, children: Ordered[Behaviour], place: Place, state: RunState) -> None:
-        super().__init__(name, ParallelPolicy.SuccessOnOne(), children)
-        self.belongs(place, state)
 
-
-_COMPOSITIONS: Mapping[str, Callable[..., Node]] = {"serial": Sequence, "parallel": Parallel, "one_of": OneOf}
+def _composed(kind: str, name: str, children: list[Behaviour], place: Place, state: RunState) -> Node:
+    node: Node
+    match kind:
+        case "serial":
+            node = Sequence(name, True, children)
+        case "parallel":
+            node = Parallel(name, ParallelPolicy.SuccessOnAll(synchronise=True), children)
+        case _:
+            node = OneOf(name, ParallelPolicy.SuccessOnOne(), children)
+    node.belongs(place, state)
+    return node
 
 
 class ScenarioTree:
@@ -130,7 +127,7 @@ class ScenarioTree:
         _declare(definition, self._state)
         self._actions: list[Action] = []
         top = _node(definition.root, self._state, actions, self._actions)
-        self._root = Sequence(definition.name, [top], definition.place, self._state)
+        self._root = _composed("serial", definition.name, [top], definition.place, self._state)
         self._nodes = _preorder(self._root)
         numbers = {node.id: i for i, node in enumerate(self._nodes)}
         self._homes = {child.id: (numbers[node.id], k) for node in self._nodes for k, child in enumerate(node.children)}
@@ -253,8 +250,8 @@ def _declare(definition: ScenarioDefinition, state: RunState) -> None:
 def _node(behavior: Behavior, state: RunState, actions: Mapping[str, ActionFactory], made: list[Action]) -> Node:
     match behavior:
         case Composition(kind, children, label, place):
-            below = [_node(child, state, actions, made) for child in children]
-            return _COMPOSITIONS[kind](label or kind, below, place, state)
+            below: list[Behaviour] = [_node(child, state, actions, made) for child in children]
+            return _composed(kind, label or kind, below, place, state)
         case Call():
             action = _implementation(actions, behavior.action, "action", behavior.place)(
                 ActionSituation(
