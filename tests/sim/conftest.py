@@ -73,6 +73,14 @@ def two_rooms(saved: Callable[[OccupancyMap], FileContent], two_rooms_map: Occup
     return saved(two_rooms_map)
 
 
+@pytest.fixture(scope="session")
+def walled_off(saved: Callable[[OccupancyMap], FileContent]) -> FileContent:
+    """The two rooms with their door walled up."""
+    cells = rooms_cells()
+    cells[:, 82:86] = 100
+    return saved(OccupancyMap(cells, RESOLUTION_M, (0.0, 0.0)))
+
+
 def rooms_cells() -> np.ndarray:
     cells = np.zeros((108, 168), dtype=np.int8)
     cells[:4], cells[-4:], cells[:, :4], cells[:, -4:] = 100, 100, 100, 100

@@ -7,8 +7,6 @@ import pytest
 
 from vastflow.sim.model.recording import si
 from vastflow.sim.run import run
-from vastflow.sim.world.map_file import load_map
-from vastflow.sim.world.occupancy import OccupancyMap
 
 ROUND = ["clear both costmaps", "spin", "wait", "back up", "clear both costmaps", "spin"]
 
@@ -39,14 +37,6 @@ def cage(x, y, half):
         crate(x, y + off, 2 * half, 0.2, "north"),
         crate(x, y - off, 2 * half, 0.2, "south"),
     ]
-
-
-@pytest.fixture(scope="module")
-def walled_off(saved, two_rooms):
-    """The two rooms with their door walled up."""
-    cells = load_map(two_rooms.path).cells.copy()
-    cells[:, 82:86] = 100
-    return saved(OccupancyMap(cells, 0.05, (0.0, 0.0)))
 
 
 @pytest.fixture(scope="module")

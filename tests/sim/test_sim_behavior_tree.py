@@ -6,7 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from py_trees.common import Status
+from recorded import bodies
 from table import each_row
 
 from vastflow.sim.model.faults import ScenarioError
@@ -31,19 +34,15 @@ scenario visit:
 
 
 class Deed(Action):
-    """Takes some seconds and ends as told; notes in a journal what is done to it."""
-
-    journal: list
+    """Takes some seconds and ends as told."""
 
     def __init__(self, situation):
         self.situation = situation
-        self.who = situation.label
 
     def enter(self, arguments):
         self.arguments = arguments
         self.end_s = self.situation.clock.now_s + arguments["lasts"]
         self.message = ""
-        self.note("enters")
 
     def update(self):
         if self.situation.clock.now_s < self.end_s - 1e-9:
@@ -53,17 +52,8 @@ class Deed(Action):
             return Status.FAILURE
         return Status.SUCCESS
 
-    def cancel(self):
-        self.note("is cancelled")
-
-    def shutdown(self):
-        self.note("is shut down")
-
     def wakes_s(self):
         return self.end_s
-
-    def note(self, what):
-        self.journal.append((self.situation.clock.now_s, self.who, what))
 
 
 @pytest.fixture
@@ -72,19 +62,40 @@ def journal():
 
 
 @pytest.fixture
-def tree(journal):
-    """Builds the tree of a scenario with a body, with deeds that write into the journal."""
+def noted(journal):
+    """A deed that notes in the journal what is done to it."""
 
     class Noted(Deed):
-        pass
+        def enter(self, arguments):
+            super().enter(arguments)
+            self.note("enters")
 
-    Noted.journal = journal
+        def cancel(self):
+            self.note("is cancelled")
 
-    def build(body, *, actions=None, functions=None, period_s=0.1, **values):
-        definition = read_text(HEAD + textwrap.indent(textwrap.dedent(body), "    "), "visit.osc", Path())[0]
-        known = {**HELPERS, **stand_ins({}), "deed": Noted, "rover.drive": Noted, **(actions or {})}
-        functions = functions or helper_functions(np.random.default_rng(0), "/config", "/out")
-        return ScenarioTree(definition, bound(definition, values), known, functions, period_s=period_s)
+        def shutdown(self):
+            self.note("is shut down")
+
+        def note(self, what):
+            journal.append((self.situation.clock.now_s, self.situation.label, what))
+
+    return Noted
+
+
+def tree_of(text, actions, functions=None, period_s=0.1, **values):
+    definition = read_text(text, "visit.osc", Path())[0]
+    functions = functions or helper_functions(np.random.default_rng(1), "/config", "/out")
+    known = {**HELPERS, **stand_ins({}), **actions}
+    return ScenarioTree(definition, bound(definition, values), known, functions, period_s=period_s)
+
+
+@pytest.fixture
+def tree(noted):
+    """Builds the tree of a scenario with a body, with deeds that write into the journal."""
+
+    def build(body, *, actions=None, **options):
+        known = {"deed": noted, "rover.drive": noted, **(actions or {})}
+        return tree_of(HEAD + textwrap.indent(textwrap.dedent(body), "    "), known, **options)
 
     return build
 
@@ -166,25 +177,23 @@ def test_declaration_without_a_value_is_refused_with_its_place(tree):
         tree("var share: float = 1 / 0\ndo log('x')")
 
 
-def test_action_of_an_actor_sees_the_actors_members_and_its_name(tree, journal):
+def test_action_of_an_actor_sees_the_actors_members_and_its_name(tree, noted):
     seen = []
 
-    class Look(Deed):
+    class Look(noted):
         def enter(self, arguments):
             super().enter(arguments)
             seen.append(self.situation.actor)
 
-    Look.journal = journal
     ended(tree("bot: rover\ndo bot.drive()", actions={"rover.drive": Look}))
     assert seen == [{"namespace": "north", "name": "bot"}]
 
 
-def test_exception_of_an_action_is_passed_on_after_each_shutdown(tree, journal):
-    class Broken(Deed):
+def test_exception_of_an_action_is_passed_on_after_each_shutdown(tree, journal, noted):
+    class Broken(noted):
         def update(self):
             raise OSError("no such simulator")
 
-    Broken.journal = journal
     under_way = tree("bot: rover\ndo parallel:\n  a: deed(9.0)\n  b: bot.drive()", actions={"rover.drive": Broken})
     with pytest.raises(OSError, match="no such simulator"):
         under_way.tick()
@@ -193,13 +202,12 @@ def test_exception_of_an_action_is_passed_on_after_each_shutdown(tree, journal):
     assert [(who, what) for _, who, what in journal[2:]] == [("a", "is shut down"), ("b", "is shut down")]
 
 
-def test_exception_in_one_shutdown_keeps_no_other_from_its_own(tree, journal):
-    class Stuck(Deed):
+def test_exception_in_one_shutdown_keeps_no_other_from_its_own(tree, journal, noted):
+    class Stuck(noted):
         def shutdown(self):
             super().shutdown()
             raise OSError("does not stop")
 
-    Stuck.journal = journal
     under_way = tree("bot: rover\ndo serial:\n  a: bot.drive()\n  b: deed()", actions={"rover.drive": Stuck})
     with pytest.raises(OSError, match="does not stop"):
         under_way.shutdown()
@@ -263,3 +271,124 @@ def test_period_is_a_whole_number_of_microseconds(tree):
 def test_action_that_nothing_implements_is_refused_with_its_place(tree):
     with pytest.raises(ValueError, match=r"visit\.osc:10:8: nothing implements the action run_process"):
         tree("do run_process('x')")
+
+
+TICKS = 120
+RANDOM = (
+    "import osc.helpers\naction timed:\n    lasts: float\n    fails: bool = false\n    counts: bool = false\n"
+    + "".join(f"action {name} inherits timed\n" for name in ("lingering", "watching", "mission"))
+    + "scenario random:\n    var n: float = 0.0\n    var mission_end_s: float = 9.0\n    event red\n    event green\n    do serial:\n"
+)
+
+
+class Timed(Deed):
+    """Ends after a given time, and says so; may change a variable when it does."""
+
+    def update(self):
+        status = super().update()
+        if self.arguments["counts"] and status is not Status.RUNNING:
+            self.situation.variables["n"] += 1
+        return status
+
+
+class Lingering(Timed):
+    """Changes a variable once its time is over, and runs on."""
+
+    def enter(self, arguments):
+        super().enter(arguments)
+        self.is_over = False
+
+    def update(self):
+        if not self.is_over and self.situation.clock.now_s >= self.end_s:
+            self.situation.variables["n"] += 1
+            self.is_over = True
+        return Status.RUNNING
+
+    def wakes_s(self):
+        return math.inf if self.is_over else self.end_s
+
+
+class Watching(Timed):
+    """Ends after a given time, and says nothing of when."""
+
+    def wakes_s(self):
+        return -math.inf
+
+
+class Mission(Timed):
+    """Ends when the mission does, which nobody knows beforehand."""
+
+    def update(self):
+        over = self.situation.clock.now_s >= self.situation.variables["mission_end_s"]
+        return Status.RUNNING if not over else Status.FAILURE if self.arguments["fails"] else Status.SUCCESS
+
+    def wakes_s(self):
+        return math.inf
+
+
+ACTIONS = {"timed": Timed, "lingering": Lingering, "watching": Watching, "mission": Mission}
+
+seconds = st.sampled_from([0.0, 0.05, 0.1, 0.25, 0.3, 0.7, 1.0, 1.1, 2.0]) | st.integers(0, 300).map(lambda n: n / 100)
+conditions = st.integers(0, 4).map("(n >= {}.0)".format) | st.sampled_from([0.5, 0.9, 0.97]).map(
+    "(random.get_float(0.0, 1.0) > {})".format
+)
+events = st.sampled_from(["@red", "@green"])
+awaited = st.one_of(
+    seconds.map("elapsed({}s)".format), events, st.builds("({} if {})".format, events, conditions), conditions
+)
+leaves = st.one_of(
+    st.builds(
+        "{}({}, {}, {})".format,
+        st.sampled_from(["timed", "timed", "lingering", "watching", "mission"]),
+        seconds,
+        st.sampled_from(["false", "false", "false", "true"]),
+        st.sampled_from(["false", "true"]),
+    ),
+    awaited.map("wait {}".format),
+    st.sampled_from(["emit red", "emit green", "emit red", "emit green", "emit end", "emit fail", "increment(n)"]),
+)
+BODIES = bodies(leaves, seconds, awaited, max_leaves=12)
+
+
+def random_tree(body, mission_end_s=9.0):
+    return tree_of(RANDOM.replace("9.0", str(mission_end_s)) + textwrap.indent(body, " " * 8) + "\n", ACTIONS)
+
+
+@settings(max_examples=60, deadline=None)
+@given(BODIES, st.integers(1, TICKS))
+def test_leaving_out_ticks_that_change_nothing_changes_no_outcome(body, mission_end):
+    every, leaping = random_tree(body, mission_end / 10), random_tree(body, mission_end / 10)
+    while not every.ended and every.number < TICKS:
+        every.tick()
+    while not leaping.ended and leaping.number < every.number:
+        number = min(leaping.next_tick(), every.number)
+        leaping.tick(int(min(number, mission_end) if leaping.number < mission_end else number))
+    assert leaping.changes == every.changes
+    assert (leaping.ended, leaping.passed, leaping.number) == (every.ended, every.passed, every.number)
+    assert (leaping.reason.message, leaping.reason.cause) == (every.reason.message, every.reason.cause)
+    if every.ended:
+        assert leaping.next_tick() == math.inf
+
+
+def test_ticks_are_left_out_while_all_wait_for_time():
+    tree = random_tree("parallel:\n    wait elapsed(4s)\n    wait elapsed(7s)\nwith:\n    timeout(5s)")
+    made = []
+    while not tree.ended:
+        tree.tick(int(tree.next_tick()))
+        made.append(tree.number)
+    assert made == [1, 2, 41, 42, 52]
+    assert not tree.passed
+
+
+def test_scenario_that_waits_for_the_mission_alone_is_woken_by_nothing():
+    tree = random_tree("mission(0.0)")
+    tree.tick()
+    tree.tick()
+    assert tree.next_tick() == math.inf
+
+
+def test_variable_that_a_running_action_changes_is_seen_at_the_next_tick():
+    tree = random_tree("one_of:\n    wait n >= 1.0\n    lingering(3.0)")
+    while not tree.ended:
+        tree.tick(int(tree.next_tick()))
+    assert (tree.passed, tree.now_s) == (True, 3.2)

@@ -158,8 +158,12 @@ def test_scenario_defines_parameters_and_a_tree(golden):
     def defined(text):
         before, _, body = text.rpartition("scenario:\n")
         does = "do " in body
-        definition = scenario(body if does else f"{body}\ndo log('x')", before=before)
-        return [shown(definition.root)] if does else [shown(each.default) for each in definition.parameters]
+        definition = scenario(body if does else f"{body}\ndo log('x')", "ros", "nav2", "gazebo", before=before)
+        defaults = [f"{each.name}: {shown(each.default)}" for each in definition.parameters if each.default]
+        members = [
+            f"{each.name}.{name}: {shown(value)}" for each in definition.actors for name, value in each.members.items()
+        ]
+        return [*defaults, *members, *([shown(definition.root)] if does else [])]
 
     golden("scenarios", "definitions", defined, key="defined")
 
@@ -191,19 +195,11 @@ def test_enumeration_counts_on_from_given_numbers():
 
 def test_fields_keep_their_names_units_and_kinds():
     definition = scenario(
-        "v: speed = 36.0kmph\n|a name|: int = 3\nvar c: int = 0\ndo log('x')", before="global g: int = 1\n"
+        "v: speed = 36.0kmph\n|a name|: int = 3\nvar c: int = 0\nw: speed = 36kmph\nkeep(it.w == 5mps)\ndo log('x')",
+        before="global g: int = 1\n",
     )
-    assert [(p.name, p.unit) for p in definition.parameters] == [("v", "kmph"), ("a name", "")]
+    assert [(p.name, p.unit) for p in definition.parameters] == [("v", "kmph"), ("a name", ""), ("w", "mps")]
     assert [v.name for v in definition.variables] == ["g", "c"]
-
-
-def test_keep_sets_a_member_of_a_parameter_an_actor_and_a_scenario():
-    body = "p: pose_3d with:\n    keep(it.position.x == 3m)\nbot: differential_drive_robot with:\n    keep(it.namespace == 'r1')\n"
-    definition = scenario(body + "v: speed = 36kmph\nkeep(it.v == 5mps)\ndo log('x')", "ros")
-    p, v = definition.parameters
-    assert p.default.members["position"].members["x"].value == 3.0
-    assert (v.default.value, v.unit) == (5.0, "mps")
-    assert definition.actors[0].members["namespace"].value == "r1"
 
 
 def test_derived_scenario_inherits_what_it_does_not_say_itself():
@@ -214,18 +210,6 @@ def test_derived_scenario_inherits_what_it_does_not_say_itself():
     assert [p.name for p in derived.parameters] == ["n", "k"]
     assert derived.root == base.root
     assert shown(other.root) == "timeout(3.0) log('y')"
-
-
-def test_action_of_ones_own_inherits_parameters():
-    before = "actor rover inherits osc_actor\naction move:\n    speed_limit: speed = 1mps\n"
-    before += "action rover.drive_to inherits move:\n    goal: pose_3d\n"
-    root = scenario("r: rover\ndo r.drive_to(goal: pose_3d())", before=before).root
-    assert (root.action, list(root.arguments)) == ("rover.drive_to", ["speed_limit", "goal"])
-
-
-def test_action_is_found_on_what_the_actor_inherits_from():
-    root = scenario("bot: differential_drive_robot\ndo bot.spawn(pose_3d(), 'box.sdf')", "ros", "gazebo").root
-    assert (root.action, root.actor) == ("osc_actor.spawn", "bot")
 
 
 def test_structs_units_and_enums_in_scope_belong_to_the_definition():

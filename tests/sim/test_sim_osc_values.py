@@ -1,5 +1,6 @@
-"""Values of names: globals, members, defaults, `keep`, and variables of actors."""
+"""Values of names and expressions: globals, members, defaults, variables, and operators at a moment of a run."""
 
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,8 @@ from table import each_row
 
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.reading.abstract import abstract_content, definition_of
+from vastflow.sim.scenario.definition import EnumValue
+from vastflow.sim.scenario.evaluation import evaluate
 from vastflow.sim.scenario.language.parameters import bound
 from vastflow.sim.scenario.language.reading import read_text
 from vastflow.sim.scenario.tree.helpers import HELPERS, helper_functions
@@ -59,13 +62,6 @@ def test_derived_scenario_may_give_a_parameter_another_default():
     assert bound(derived, {}) == {"p": "b", "v": 1.0}
 
 
-def test_actor_of_ones_own_acts_as_its_base_with_its_own_defaults():
-    before = "actor courier inherits differential_drive_robot:\n    namespace: string = 'courier'\n"
-    definition = read("bot: courier\ndo bot.nav_to_pose(pose_3d())", before)
-    assert definition.actors[0].members["namespace"].value == "courier"
-    assert (definition.root.action, definition.root.actor) == ("differential_drive_robot.nav_to_pose", "bot")
-
-
 def test_action_of_ones_own_does_what_it_inherits_from_with_its_own_defaults():
     before = (
         "global dock: pose_3d = pose_3d(position_3d(x: 2.0m))\n"
@@ -80,67 +76,6 @@ def test_action_of_ones_own_does_what_it_inherits_from_with_its_own_defaults():
     assert logged("do serial:\n    cheer()\n    cheer('again')\n    sigh()", before) == ["done", "again", "alas"]
 
 
-def test_keep_gives_a_member_of_an_argument_and_leaves_the_others():
-    body = """\
-g: pose_3d = pose_3d(position_3d(x: 1m))
-bot: differential_drive_robot
-do serial:
-    bot.nav_to_pose() with:
-        keep(it.goal_pose.position.x == 3m)
-    bot.nav_to_pose(g) with:
-        keep(it.goal_pose.position.y == 4m)
-"""
-    definition = read(body)
-    first, second = (call.arguments["goal_pose"].members["position"].members for call in definition.root.children)
-    assert (first["x"].value, first["y"].value) == (3.0, 0.0)
-    assert (second["x"].path, second["y"].value) == (("g", "position", "x"), 4.0)
-
-
-@each_row(
-    ("call", "name", "value"),
-    [
-        ("bot.odometry_distance_traveled(2)", "distance", 2),
-        ("bot.odometry_distance_traveled(2.5)", "distance", 2.5),
-        ("bot.tf_close_to(0.5, position_3d(x: 1, y: 2.0))", "threshold", 0.5),
-        ("log('x') with:\n    timeout(10)", "duration", 10),
-        ("log(key_value('a', 3))", "msg", "3"),
-        ("log(key_value('a', false))", "msg", "false"),
-        ("log(random.get_float(1, 2))", "msg", None),
-    ],
-)
-def test_plain_numbers_of_a_call_stand_for_si_units_and_texts(call, name, value):
-    argument = read(f"bot: differential_drive_robot\ndo {call}", "").root.arguments[name]
-    if value is not None:
-        found = argument.members["value"] if name == "msg" else argument
-        assert found.value == value and type(found.value) is type(value)
-
-
-def test_plain_number_that_keep_gives_is_in_si_units():
-    body = """\
-g: pose_3d with:
-    keep(it.position.x == 2)
-bot: differential_drive_robot
-do serial:
-    log(g.position.x)
-    log('') with:
-        keep(it.msg == 5)
-    bot.odometry_distance_traveled() with:
-        keep(it.distance == 3)
-"""
-    definition = read(body)
-    (parameter,) = definition.parameters
-    travel = definition.root.children[2]
-    assert parameter.default.members["position"].members["x"].value == 2
-    assert travel.arguments["distance"].value == 3
-
-
-def test_omitted_list_is_empty_and_omitted_pose_at_the_origin():
-    body = "bot: differential_drive_robot\ndo serial:\n    bot.init_nav2()\n    bag_record()"
-    init, bag = read(body).root.children
-    assert init.arguments["initial_pose"].members["position"].members["x"].value == 0.0
-    assert bag.arguments["topics"].items == ()
-
-
 def test_scenario_that_no_other_inherits_from_is_run(tmp_path):
     file = tmp_path / "trial.osc"
     base = f"{HEAD}scenario base:\n    p: string = 'a'\n    do log(p)\n"
@@ -149,3 +84,87 @@ def test_scenario_that_no_other_inherits_from_is_run(tmp_path):
     file.write_text(f"{base}scenario other:\n    do log('x')\n")
     with pytest.raises(ScenarioError, match="expected one scenario to run, got base, other"):
         abstract_content(file)
+
+
+def expression(text):
+    """The argument of a log."""
+    body = "    p: pose_3d\n    var n: int = 0\n    f: float = 0.5\n    texts: list of string = ['a']\n"
+    source = f"import osc.helpers\nimport osc.os\nscenario a:\n{body}    do log({text})\n"
+    return read_text(source, "a.osc", Path())[0].root.arguments["msg"]
+
+
+def value(text, functions=None, **names):
+    return evaluate(expression(text), names, functions or {})
+
+
+@each_row(
+    ("text", "result"),
+    [
+        ("1 + 2 * 3", 7),
+        ("(1 + 2) * 3", 9),
+        ("7 - 2 - 1", 4),
+        ("7 / 2", 3.5),
+        ("7 % 4", 3),
+        ("-(2 + 1)", -3),
+        ("'a' + 'b'", "ab"),
+        ("2 * 3s", 6.0),
+        ("1km / 500m", 2.0),
+        ("1 == 1.0", True),
+        ("'a' != 'b'", True),
+        ("1m < 1km", True),
+        ("2 <= 2", True),
+        ("3 > 4", False),
+        ("3 >= 4", False),
+        ("2 in [1, 2]", True),
+        ("3 in [1, 2]", False),
+        ("true and false", False),
+        ("true or false", True),
+        ("not true", False),
+        ("not false and false", False),
+        ("signal!sigterm == signal!sigterm", True),
+        ("[1m, 2m]", [1.0, 2.0]),
+        ("position_2d(y: 3m)", {"x": 0.0, "y": 3.0}),
+        ("signal!sigint", EnumValue("signal", "sigint", 2)),
+    ],
+)
+def test_expression_of_constants_has_a_value(text, result):
+    assert value(text) == result
+
+
+def test_names_are_looked_up_when_it_is_evaluated():
+    assert value("n + 1", n=4) == 5
+    assert value("p.position.x", p={"position": {"x": 2.0}}) == 2.0
+
+
+def test_right_side_is_looked_at_only_where_it_matters():
+    assert value("false and 1 / n == 1.0", n=0) is False
+    assert value("true or 1 / n == 1.0", n=0) is True
+
+
+def test_functions_get_the_values_of_their_arguments():
+    assert value("random.get_int(1, 2 + 3)", {"random.get_int": lambda a, b: a + b}) == 6
+
+
+@each_row(
+    ("text", "words"),
+    [
+        ("1 / n", "a.osc:8:14: '/' can't be done: "),
+        ("1 % n", "a.osc:8:14: '%' can't be done: "),
+        ("1.5e308 * 10.0", "a.osc:8:20: '\\*' gives a number that is too large"),
+        ("p.position.x", "a.osc:8:12: p has no value"),
+        ("os.abspath('a')", r"a.osc:8:12: os.abspath\(\) is not available here"),
+        ("random.get_int(5, 1)", r"a.osc:8:12: random.get_int\(\) can't be done: empty range"),
+    ],
+)
+def test_expression_without_a_value_says_where_and_why(text, words):
+    def empty(a, b):
+        raise ValueError("empty range")
+
+    with pytest.raises(ScenarioError, match=words):
+        value(text, {"random.get_int": empty}, n=0)
+
+
+def test_evaluation_error_survives_the_way_to_another_process():
+    with pytest.raises(ScenarioError, match="can't be done") as raised:
+        value("1 / 0")
+    assert str(pickle.loads(pickle.dumps(raised.value))) == str(raised.value)

@@ -10,16 +10,6 @@ from table import each_row
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.recording import si
 from vastflow.sim.run import run
-from vastflow.sim.world.map_file import load_map
-from vastflow.sim.world.occupancy import OccupancyMap
-
-
-@pytest.fixture(scope="module")
-def walled_off(saved, two_rooms):
-    """The two rooms with their door walled up."""
-    cells = load_map(two_rooms.path).cells.copy()
-    cells[:, 82:86] = 100
-    return saved(OccupancyMap(cells, 0.05, (0.0, 0.0)))
 
 
 def at(recording, t_s, name):

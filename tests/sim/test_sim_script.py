@@ -1,5 +1,7 @@
 """Scripts: what a scenario's runs are to do, as far as that is known before one."""
 
+from pathlib import Path
+
 import pytest
 from table import each_row
 
@@ -86,6 +88,13 @@ def test_scenario_file_counts_by_what_it_defines_and_in_which_lines(tmp_path):
         contents[name] = abstract_content(tmp_path / name / "go.osc")
     assert contents["one"] == contents["elsewhere"] == contents["commented"]
     assert len({contents[name].digest for name in ("one", "moved", "other")}) == 3
+
+
+def test_file_is_read_once_for_all_its_scenarios_and_fast(staged, loops):
+    scenario = staged("robot.nav_to_pose(beyond)\nlog('there')")
+    assert script_of(scenario).definition is script_of(scenario).definition is definition_of(scenario.abstract)
+    assert loops(lambda: abstract_content(Path(scenario.abstract.path))) < 4
+    assert loops(lambda: script_of(scenario), 10) < 0.2
 
 
 def test_file_that_changed_since_it_was_read_is_refused(tmp_path):

@@ -2,8 +2,7 @@
 
 A file passes through three forms, each a set of frozen values: `syntax`, what is written, with places (`grammar`, `building`);
 `declarations`, what names mean (`declaring`); `definition`, what scenarios do with names resolved, types agreed and units turned
-into SI (`checking` and the checkers of members, expressions and what is done). This module leads
-through them.
+into SI (`checking`, which extends `members` and `expressions`). This module leads through them.
 """
 
 from collections.abc import Mapping

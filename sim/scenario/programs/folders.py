@@ -169,7 +169,11 @@ def handed_name(key: str, content: FileContent) -> str:
 
 
 def hand_over(handed: Mapping[str, FileContent], folder: Path) -> None:
-    """Copy the files by key below `folder`, a map with its picture; ScenarioError if one is gone or a map changed."""
+    """Copy the files by key below `folder`, a map with its picture.
+
+    Raises:
+        ScenarioError: one is gone, or a map changed since the campaign was read.
+    """
     for key, content in handed.items():
         source, target = Path(content.path), folder / handed_name(key, content)
         target.parent.mkdir(parents=True, exist_ok=True)
