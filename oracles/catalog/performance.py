@@ -42,12 +42,7 @@ class Performance(Oracle[PerformanceParameters]):
     """
 
     Parameters = PerformanceParameters
-    metrics: ClassVar[Mapping[str, str]] = {
-        "rmse": "m",
-        "threshold": "m",
-        "reference_length": "m",
-        "length_ratio": "1",
-    }
+    metrics: ClassVar[Mapping[str, str]] = {"rmse": "m", "threshold": "m", "reference_length": "m", "length_ratio": "1"}
 
     def judge(self, trace: Trace, situation: Situation) -> Verdict:
         reference = trace.reference

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.oracles.figures.scene import NO_ZONES, Zones
+from vastflow.oracles.figures.scene import NO_ZONES, Zones, known_extent_m
 from vastflow.oracles.figures.style import COLORS
 from vastflow.oracles.judgement.verdict import Judgement
 from vastflow.sim.loop.simulation import REASONS
@@ -20,7 +20,7 @@ from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.recording import Event, Run
 from vastflow.sim.replay import Activity, Box, Moment
-from vastflow.sim.world.occupancy import UNKNOWN, OccupancyMap
+from vastflow.sim.world.occupancy import OccupancyMap
 
 SLOW_S: Final = 3.0
 """Time without progress that is told."""
@@ -219,12 +219,8 @@ class Story:
     @cached_property
     def known(self) -> Box:
         """Bounds of the known part of the map, with a margin."""
-        known = self.occupancy.cells != UNKNOWN
-        rows, columns = (np.flatnonzero(known.any(axis=axis)) for axis in (1, 0))
-        ends = [(row, column) for row in rows[[0, -1]] for column in columns[[0, -1]]]
-        centers = self.occupancy.centers_of(np.array(ends))
-        (x0, y0), (x1, y1) = centers.min(axis=0).tolist(), centers.max(axis=0).tolist()
-        return Box(x0 - _EDGE_M, y0 - _EDGE_M, x1 + _EDGE_M, y1 + _EDGE_M)
+        x0, x1, y0, y1 = known_extent_m(self.occupancy, _EDGE_M - self.occupancy.resolution_m / 2)
+        return Box(x0, y0, x1, y1)
 
     @cached_property
     def true_xy_m(self) -> NDArray[np.float64]:

@@ -162,10 +162,7 @@ def _posterior(x: Floats, n: Floats, level: float) -> tuple[float, float]:
     likelihood = _likelihood(x, n, p, q)
     tail = (1 - level) / 2
     # The prior of a logit is p(1 - p) times that of the rate.
-    return (
-        _quantile(likelihood * q * apart, logit, tail),
-        _quantile(likelihood * p * apart, logit, 1 - tail),
-    )
+    return (_quantile(likelihood * q * apart, logit, tail), _quantile(likelihood * p * apart, logit, 1 - tail))
 
 
 def _likelihood(x: Floats, n: Floats, p: Floats, q: Floats) -> Floats:

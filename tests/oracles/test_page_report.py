@@ -351,7 +351,7 @@ def test_report_shows_added_section_with_its_figure_and_table(directory: Path, m
     def battery(facts: Facts) -> Section:
         drawn = picture("battery", "Charge", "Charge of each run", "At the end.", Figure())
         table = Table([Column("Run"), Column("Charge (%)", "number")], [["noisy-1 <0>", 12]])
-        said = Markup("<p>Of {}.</p>").format("A&B")
+        said = Markup("<p>Of {}.</p>\n").format("A&B")
         return Section("battery", "Battery", "How full the battery was", "1 run", [said, drawn, table])
 
     monkeypatch.setattr(report, "SECTIONS", (*report.SECTIONS, battery))
