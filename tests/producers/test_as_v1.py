@@ -76,7 +76,7 @@ def test_centers_keep_their_distances_and_leave_a_path(wide, amount, max_distanc
     passable = octile.inflated_free(occupancy.free, math.ceil(DIAMETER_M / 2 / occupancy.resolution_m))
     # A box grown by the radius has the corners of a box: cap and join are square.
     grown = [each.footprint().buffer(DIAMETER_M / 2, join_style="mitre") for each in placed]
-    centers_m = octile.path_xy_m(occupancy, np.argwhere(np.ones(occupancy.shape)))
+    centers_m = occupancy.centers_of(np.argwhere(np.ones(occupancy.shape)))
     for each in grown:
         passable &= ~contains_xy(each.buffer(-1e-6), *centers_m.T).reshape(occupancy.shape)
     assert octile.shortest_path(occupancy, passable, np.array(stops)) is not None
