@@ -23,7 +23,7 @@ from vastflow.flows.flow_runs.pages import ProgressBar, key_of, tolerated
 from vastflow.flows.flow_runs.task_runs import compute, task_runs_of
 from vastflow.flows.request.campaign_file import campaign_keys
 from vastflow.flows.request.run_request import RunRequest
-from vastflow.oracles.judgement.oracle import OracleError
+from vastflow.oracles.judgement.registry import OracleError
 from vastflow.tasks.engine.engine import Engine, RunFault
 from vastflow.tasks.engine.index import Index
 from vastflow.tasks.engine.pool import Pool, cores

@@ -12,7 +12,8 @@ from vastflow.flows.request.campaign_file import OpenCampaign, campaign_keys, op
 from vastflow.flows.request.configurations import distinct_configurations, narrowed
 from vastflow.flows.run.computing import computing, told
 from vastflow.flows.stages.values import Configurations, Recordings, StageResult, Traces, Verdicts
-from vastflow.oracles.judgement.oracle import Oracle, OracleError, oracle_of, oracles_of
+from vastflow.oracles.judgement.oracle import Oracle
+from vastflow.oracles.judgement.registry import OracleError, oracle_of, oracles_of
 from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.tasks.engine.engine import RunFault
 from vastflow.tasks.engine.index import FoundRuns

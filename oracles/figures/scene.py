@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.oracles.evidence.rates import Counts
-from vastflow.oracles.judgement.oracle import SUCCESS
+from vastflow.oracles.judgement.registry import SUCCESS
 from vastflow.oracles.observation.obstacle_tracks import spawned_by
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.results.executed import KeptFiles, scenario_of_row

@@ -5,7 +5,7 @@ import contextlib
 import io
 import math
 import traceback
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Final, Literal, get_args
@@ -208,6 +208,9 @@ class NotebookOracle(Oracle[Parameters]):
     cells: ClassVar[Sequence[CodeCell]]
     snapshot: ClassVar[Snapshot]
 
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        return _restored, (self.snapshot, self.name, self.parameters.model_dump(), self.base)
+
     def judge(self, trace: Trace, situation: Situation) -> Verdict:
         return self.judge_all([trace], situation)[0]
 
@@ -273,6 +276,11 @@ class NotebookOracle(Oracle[Parameters]):
         }
         reason = "" if row["judgement"] == "pass" else str(row["reason"])
         return self._verdict(trace, row["judgement"], reason, values)
+
+
+def _restored(snapshot: Snapshot, name: str, parameters: Mapping[str, Any], base: Path) -> NotebookOracle:
+    found = notebook_oracle(snapshot)
+    return found(found.Parameters.model_validate(parameters), name, base)
 
 
 def notebook_oracle(snapshot: Snapshot) -> type[NotebookOracle]:

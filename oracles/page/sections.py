@@ -16,7 +16,7 @@ from vastflow.oracles.evidence.findings import stopping_rule
 from vastflow.oracles.figures.scene import MAX_SCENES, environment_counts
 from vastflow.oracles.figures.style import CLASS_COLORS
 from vastflow.oracles.judgement.cause import CAUSES
-from vastflow.oracles.judgement.oracle import known_oracles, oracle_class
+from vastflow.oracles.judgement.registry import known_oracles, oracle_class
 from vastflow.oracles.page import pictures
 from vastflow.oracles.page.facts import Facts
 from vastflow.oracles.page.failures import kind_of

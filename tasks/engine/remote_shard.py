@@ -14,7 +14,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from vastflow.oracles.judgement.oracle import Oracle, oracle_of
+from vastflow.oracles.judgement.oracle import Oracle
+from vastflow.oracles.judgement.registry import oracle_of
 from vastflow.sim.model.digest import FileContent, Value, digest
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.files import Unreadable, read_text, yaml_value

@@ -11,7 +11,7 @@ from table import each_row
 from vastflow.flows import run_campaign
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.oracles.judgement.judge import judge_block
-from vastflow.oracles.judgement.oracle import oracle_of
+from vastflow.oracles.judgement.registry import oracle_of
 from vastflow.oracles.observation.observe import observe_block
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.observation.trace import trace_of

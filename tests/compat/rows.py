@@ -15,7 +15,8 @@ import yaml
 
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.oracles.judgement.judge import judge_block
-from vastflow.oracles.judgement.oracle import Oracle, oracles_of
+from vastflow.oracles.judgement.oracle import Oracle
+from vastflow.oracles.judgement.registry import oracles_of
 from vastflow.oracles.judgement.verdict import run_judgement
 from vastflow.oracles.observation.observe import observe_block
 from vastflow.producers.campaign_file.postprocessing import steps_of

@@ -10,7 +10,7 @@ from vastflow.flows.request.run_request import SEQUENTIAL
 from vastflow.flows.results import current_report
 from vastflow.flows.results.current_report import report_key
 from vastflow.flows.results.inputs import inputs_of
-from vastflow.oracles.judgement.oracle import oracle_of
+from vastflow.oracles.judgement.registry import oracle_of
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.model.configuration import ExcludedInstance, RejectedInstance, Step
 from vastflow.tasks.keys.keys import Keys

@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 from vastflow.oracles.judgement.judge import judge_block
-from vastflow.oracles.judgement.oracle import oracles_of
+from vastflow.oracles.judgement.registry import oracles_of
 from vastflow.oracles.judgement.verdict import metrics_text
 from vastflow.oracles.observation.observe import observe_block
 from vastflow.oracles.results.schema import CONFIGURATIONS, JUDGED_RUNS, REJECTIONS, VERDICTS, json_text, write_table

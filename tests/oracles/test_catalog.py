@@ -11,7 +11,7 @@ from table import each_row
 from vastflow.oracles.catalog.navigation import spectral_arc_length, stops
 from vastflow.oracles.catalog.performance import path_rmse_m, resampled
 from vastflow.oracles.catalog.robustness import full_meters
-from vastflow.oracles.judgement.oracle import OracleError, oracle_of
+from vastflow.oracles.judgement.registry import OracleError, oracle_of
 from vastflow.oracles.observation.obstacle_tracks import obstacle_tracks_of
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.observation.trace import NoReference, Reference, Trace

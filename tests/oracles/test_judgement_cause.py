@@ -11,7 +11,7 @@ from table import each_row
 from vastflow.oracles.evidence.causes import causes_of
 from vastflow.oracles.judgement.cause import cause_of
 from vastflow.oracles.judgement.judge import judge_block
-from vastflow.oracles.judgement.oracle import oracles_of
+from vastflow.oracles.judgement.registry import oracles_of
 from vastflow.oracles.judgement.verdict import Verdict
 from vastflow.oracles.observation.observe import observe_block
 from vastflow.oracles.observation.trace import NoReference, Trace

@@ -10,7 +10,8 @@ from table import each_row
 
 from vastflow.oracles.judgement.conformance import CHECKS, SampleRun, sample_runs
 from vastflow.oracles.judgement.notebook import SIGNALS, run_tables
-from vastflow.oracles.judgement.oracle import Oracle, OracleError, oracle_of
+from vastflow.oracles.judgement.oracle import Oracle
+from vastflow.oracles.judgement.registry import OracleError, oracle_of
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.tasks.keys.source import installed_tree
 

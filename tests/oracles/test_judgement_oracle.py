@@ -13,7 +13,8 @@ from table import each_row
 from vastflow.oracles.catalog.safety import Safety
 from vastflow.oracles.judgement import verdict
 from vastflow.oracles.judgement.conformance import CHECKS, check_oracle, sample_runs
-from vastflow.oracles.judgement.oracle import Oracle, OracleError, Parameters, known_oracles, oracle_of, oracles_of
+from vastflow.oracles.judgement.oracle import Oracle, Parameters
+from vastflow.oracles.judgement.registry import OracleError, known_oracles, oracle_of, oracles_of
 
 OWN = """
 from vastflow.oracles.judgement.oracle import Oracle, Parameters

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.oracles.judgement.judge import judge_block
-from vastflow.oracles.judgement.oracle import oracles_of
+from vastflow.oracles.judgement.registry import oracles_of
 from vastflow.oracles.observation.observe import ScenarioObserver, observe_block
 from vastflow.oracles.observation.obstacle_tracks import obstacle_tracks_of
 from vastflow.oracles.observation.situation import Situation, situation_of

@@ -251,7 +251,7 @@ def _parameters(file: Path) -> None:
 
 def _notebook(file: Path) -> None:
     from vastflow.oracles.judgement.notebook import notebook_code
-    from vastflow.oracles.judgement.oracle import oracle_of
+    from vastflow.oracles.judgement.registry import oracle_of
 
     oracle_of(file.name, {}, file.parent)
     notebook_code(file)
@@ -304,7 +304,7 @@ def _directory(file: Path) -> None:
 
 def kinds(folder: Path) -> list[Kind]:
     """All kinds; `folder` was laid out."""
-    from vastflow.oracles.judgement.oracle import OracleError
+    from vastflow.oracles.judgement.registry import OracleError
     from vastflow.sim.model.faults import FileError, ScenarioError
     from vastflow.sim.model.files import Unreadable
     from vastflow.sim.world.map_file import MapError

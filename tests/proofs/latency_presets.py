@@ -20,7 +20,8 @@ import numpy as np
 import yaml
 
 from vastflow.oracles.judgement.judge import judge_block
-from vastflow.oracles.judgement.oracle import Oracle, oracles_of
+from vastflow.oracles.judgement.oracle import Oracle
+from vastflow.oracles.judgement.registry import oracles_of
 from vastflow.oracles.observation.observe import observe_block
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiation.instantiate import instantiate

@@ -23,7 +23,8 @@ import yaml
 from vastflow.oracles.catalog.safety import READINGS
 from vastflow.oracles.evidence.rates import Counts, counts_of
 from vastflow.oracles.judgement.judge import judge_block
-from vastflow.oracles.judgement.oracle import Oracle, oracles_of
+from vastflow.oracles.judgement.oracle import Oracle
+from vastflow.oracles.judgement.registry import oracles_of
 from vastflow.oracles.judgement.verdict import Judgement, run_judgement
 from vastflow.oracles.observation.observe import observe_block
 from vastflow.producers.campaign import Campaign, load_campaign

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from vastflow.oracles.judgement.oracle import oracles_of
+from vastflow.oracles.judgement.registry import oracles_of
 from vastflow.sim.model.scenario import Scenario
 from vastflow.tasks.engine import work
 from vastflow.tasks.engine.engine import Engine, RunFault, block_size

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vastflow.oracles.judgement.oracle import OracleError, oracle_of
+from vastflow.oracles.judgement.registry import OracleError, oracle_of
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.observation.trace import NoReference, Trace
 from vastflow.producers.model.producer import draws_of, evaluate, find_producer

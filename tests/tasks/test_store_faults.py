@@ -10,7 +10,7 @@ from concurrent.futures import Future
 
 import pytest
 
-from vastflow.oracles.judgement.oracle import oracles_of
+from vastflow.oracles.judgement.registry import oracles_of
 from vastflow.sim.model.scenario import Scenario
 from vastflow.tasks.engine import work
 from vastflow.tasks.engine.engine import Engine, judgements

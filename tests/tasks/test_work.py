@@ -4,7 +4,7 @@ import pickle
 import numpy as np
 import pytest
 
-from vastflow.oracles.judgement.oracle import oracles_of
+from vastflow.oracles.judgement.registry import oracles_of
 from vastflow.oracles.judgement.verdict import read_verdicts
 from vastflow.producers.catalog.parameter import ParameterVariationList
 from vastflow.sim import run as simulator

@@ -37,7 +37,7 @@ class ObstacleCritic(DwbCritic):
 
 
 class AlignCritic(DwbCritic):
-    """Distance of a point ahead of the robot (m) to the local plan, or to a point ahead of the local goal."""
+    """Distance (m) of a point ahead of the robot to the local plan, or to one ahead of its goal."""
 
     scale: float = parameter(32.0, 0.0, 1e6, code=1.0)
     forward_point_distance: float = parameter(0.1, 0.0, 10.0, code=0.325)
