@@ -32,29 +32,19 @@ PlugIn = TypeVar("PlugIn", bound=ParameterGroup)
 
 
 class Bound(NamedTuple):
-    """A plug-in as the loop has it.
+    """A plug-in as the loop has it."""
 
-    Attributes:
-        entries: (K,) int64, addresses of the entries of its kernels.
-        table: (T,) int64, what the entries find the plug-in's kernels, parameters and memory by.
-    """
-
-    entries: Any
-    table: Any
+    entries: Any  # (K,) int64, addresses of the entries of its kernels.
+    table: Any  # (T,) int64, what the entries find the plug-in's kernels, parameters and memory by.
 
 
 @dataclass(frozen=True, eq=False)
 class Running(Generic[PlugIn]):
-    """A plug-in for one run. It owns the memory that `bound` points to and must outlive its kernels.
-
-    Attributes:
-        parameters: (1,) record of its parameters.
-        memory: What its `memory` made.
-    """
+    """A plug-in for one run. It owns the memory that `bound` points to and must outlive its kernels."""
 
     plug_in: PlugIn
-    parameters: NDArray[np.void]
-    memory: Any
+    parameters: NDArray[np.void]  # (1,) record of its parameters.
+    memory: Any  # What its `memory` made.
     bound: Bound
 
 

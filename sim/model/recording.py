@@ -150,34 +150,22 @@ def si(fixed_point: NDArray[np.int32]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, slots=True)
 class Use:
-    """Resource usage of a run's processes at a moment.
+    """Resource usage of a run's processes at a moment."""
 
-    Attributes:
-        t_s: Host time since the first sample.
-        cpu_s: CPU time of all processes seen so far.
-        rss_bytes: Resident memory of live processes; shared pages count for each.
-        processes: Number of live processes.
-    """
-
-    t_s: float
-    cpu_s: float
-    rss_bytes: int
-    processes: int
+    t_s: float  # Host time since the first sample.
+    cpu_s: float  # CPU time of all processes seen so far.
+    rss_bytes: int  # Resident memory of live processes; shared pages count for each.
+    processes: int  # Number of live processes.
 
 
 @dataclass(frozen=True, slots=True)
 class LogText:
-    """Output of one command.
+    """Output of one command."""
 
-    Attributes:
-        label: Name in the scenario, or `pre_command`, `post_command`; may be empty.
-        cut: True if there was more.
-    """
-
-    label: str
+    label: str  # Name in the scenario, or `pre_command`, `post_command`; may be empty.
     command: tuple[str, ...]
     text: str = field(repr=False)
-    cut: bool
+    cut: bool  # True if there was more.
 
 
 @dataclass(frozen=True, slots=True)

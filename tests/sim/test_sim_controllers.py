@@ -39,24 +39,13 @@ from vastflow.sim.model.parameter import parameter
 """
 
 
-def page_file(name: str) -> str:
-    """A file of the page on controllers."""
-    (text,) = re.findall(rf"^```\w+ {re.escape(name)}\n((?:.*\n)*?)^```$", PAGE.read_text(), re.MULTILINE)
-    return text
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+@pytest.fixture
+def folder(tmp_path):
     """The files of the page."""
-    found = tmp_path_factory.mktemp("page")
     for name in ("my_pursuit.py", "my_pursuit.yaml"):
-        (found / name).write_text(page_file(name))
-    return found
-
-
-@pytest.fixture(scope="module")
-def pursuit(folder):
-    return find_controller("my_pursuit.py:PurePursuit", folder)()
+        (text,) = re.findall(rf"^```\w+ {re.escape(name)}\n((?:.*\n)*?)^```$", PAGE.read_text(), re.MULTILINE)
+        (tmp_path / name).write_text(text)
+    return tmp_path
 
 
 def own(tmp_path, body: str, members: str = "compute_velocity = stand") -> Controller:
@@ -83,8 +72,8 @@ def line_of(tmp_path, text: str) -> str:
 
 
 @each_row("check", CHECKS)
-def test_documented_controller_keeps_contract(pursuit, check):
-    check(pursuit, sample_situations())
+def test_documented_controller_keeps_contract(folder, check):
+    check(find_controller("my_pursuit.py:PurePursuit", folder)(), sample_situations())
 
 
 def test_documented_controller_drives_ten_meters_by_its_parameters(folder, over_a_floor):
@@ -215,12 +204,11 @@ def faults(tmp_path, plugin: str, more: str = "") -> str:
     return str(raised.value)
 
 
-def test_parameters_of_a_plug_in_are_checked_at_their_lines(tmp_path, folder):
-    (tmp_path / "my_pursuit.py").write_text((folder / "my_pursuit.py").read_text())
+def test_parameters_of_a_plug_in_are_checked_at_their_lines(folder):
     said = faults(
-        tmp_path, "my_pursuit.py:PurePursuit", "lookahead_dist: 9.0\nlookahed: 1\nmax_angular_vel: fast\n"
+        folder, "my_pursuit.py:PurePursuit", "lookahead_dist: 9.0\nlookahed: 1\nmax_angular_vel: fast\n"
     ).splitlines()
-    at = f"{tmp_path}/nav2.yaml"
+    at = f"{folder}/nav2.yaml"
     name = "controller_server.ros__parameters.FollowPath"
     assert [line.partition(": ")[0] for line in said] == [f"{at}:6:23", f"{at}:7:17", f"{at}:8:24"]
     assert f"{name}.lookahead_dist: expected a number in [0.1, 3], got 9.0" in said[0]
@@ -252,37 +240,24 @@ def test_parameter_file_reports_unavailable_plug_in_at_its_line(tmp_path, plugin
     assert message in said
 
 
-def test_parameter_file_digest_changes_with_its_plug_in_alone(tmp_path, folder):
-    for name in ("my_pursuit.py", "my_pursuit.yaml"):
-        (tmp_path / name).write_text((folder / name).read_text())
-    before = nav2_file(tmp_path / "my_pursuit.yaml")
-    assert before.digest == nav2_file(folder / "my_pursuit.yaml").digest
-    (tmp_path / "other.py").write_text("")
-    assert before == nav2_file(tmp_path / "my_pursuit.yaml")
-    text = (tmp_path / "my_pursuit.py").read_text()
-    (tmp_path / "my_pursuit.py").write_text(text.replace("2.0 * v", "1.9 * v"))
-    assert before.digest != nav2_file(tmp_path / "my_pursuit.yaml").digest
-
-
-def test_parameters_are_those_of_plug_in_when_read(tmp_path, folder):
-    for name in ("my_pursuit.py", "my_pursuit.yaml"):
-        (tmp_path / name).write_text((folder / name).read_text())
-    content = nav2_file(tmp_path / "my_pursuit.yaml")
-    text = (tmp_path / "my_pursuit.py").read_text()
-    (tmp_path / "my_pursuit.py").write_text(
-        text.replace("desired_linear_vel: float = parameter(0.4", "later: float = parameter(0.4")
-    )
+def test_parameters_and_digest_are_those_of_plug_in_when_read(folder):
+    content, file = nav2_file(folder / "my_pursuit.yaml"), folder / "my_pursuit.py"
+    (folder / "other.py").write_text("")
+    assert content == nav2_file(folder / "my_pursuit.yaml")
+    text = file.read_text()
+    file.write_text(text.replace("desired_linear_vel: float = parameter(0.4", "later: float = parameter(0.4"))
     assert "later" not in type(parameters_of({"nav2_params": content}).controller).model_fields
+    file.write_text(text.replace("2.0 * v", "1.9 * v"))
+    assert content.digest != nav2_file(folder / "my_pursuit.yaml").digest
 
 
-def test_key_controller_takes_a_plug_in_that_the_file_lists(tmp_path, folder):
-    (tmp_path / "my_pursuit.py").write_text((folder / "my_pursuit.py").read_text())
-    (tmp_path / "both.yaml").write_text(
+def test_key_controller_takes_a_plug_in_that_the_file_lists(folder):
+    (folder / "both.yaml").write_text(
         "controller_server:\n  ros__parameters:\n    controller_plugins: [FollowPath, Own]\n"
         "    FollowPath: {plugin: 'nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController'}\n"
         "    Own: {plugin: 'my_pursuit.py:PurePursuit', lookahead_dist: 0.9}\n"
     )
-    system = {"nav2_params": nav2_file(tmp_path / "both.yaml")}
+    system = {"nav2_params": nav2_file(folder / "both.yaml")}
     assert type(parameters_of(system).controller).__name__ == "RppParameters"
     chosen = parameters_of({**system, "controller": "my_pursuit.py:PurePursuit"}).controller
     assert (type(chosen).__name__, chosen.lookahead_dist) == ("PurePursuit", 0.9)

@@ -29,7 +29,6 @@ from vastflow.sim.nav2.costmaps.inflation import cost_stamp, inflate, inflation_
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, padded_outline
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameters.costmap import DenoiseLayer, ObstacleLayer
-from vastflow.sim.world.map_file import load_map
 
 RESOLUTION_M = 0.05
 PARAMETERS = (RESOLUTION_M, 0.225498, 0.70, 3.0)
@@ -276,13 +275,6 @@ def by_formula(costmap, resolution_m, inscribed_m, radius_m, k):
 @settings(max_examples=60, deadline=None)
 def test_cells_have_the_cost_of_the_formula(costmap, parameters):
     np.testing.assert_array_equal(inflate(costmap, *parameters), by_formula(costmap, *parameters))
-
-
-@each_row("name", ["rooms", "hallways"])
-def test_cells_of_a_map_of_the_dataset_have_the_cost_of_the_formula(shared_map, name):
-    occupancy = load_map(shared_map(name))
-    static = np.where(occupancy.occupied, 254, np.where(occupancy.cells < 0, 255, 0)).astype(np.uint8)
-    np.testing.assert_array_equal(inflate(static, *JAZZY), by_formula(static, *JAZZY))
 
 
 def test_inflation_gives_costs_of_turtlebot_parameters():

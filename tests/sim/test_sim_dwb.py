@@ -259,13 +259,11 @@ def test_outline_cost_is_the_greatest_on_the_border_of_a_rectangle(seed, at, hal
     assert found == max(box[0].max(), box[-1].max(), box[:, 0].max(), box[:, -1].max())
 
 
-@each_row(
-    ("cell", "cost", "expected"), [((10, 12), 253, 253), ((10, 12), 254, -1), ((10, 12), 255, -1), ((10, 10), 254, 0)]
-)
-def test_outline_may_not_meet_lethal_and_unknown_cells(cell, cost, expected):
-    costs = np.zeros((20, 20), dtype=np.uint8)
-    costs[cell] = cost
-    assert cost_under(costs, 8.0 * RECTANGLE * (1.0, 1.5), 10.5, 10.5, 1.0, 0.0) == expected
+def test_outline_may_not_meet_lethal_and_unknown_cells():
+    for cell, cost, expected in (((10, 12), 253, 253), ((10, 12), 254, -1), ((10, 12), 255, -1), ((10, 10), 254, 0)):
+        costs = np.zeros((20, 20), dtype=np.uint8)
+        costs[cell] = cost
+        assert cost_under(costs, 8.0 * RECTANGLE * (1.0, 1.5), 10.5, 10.5, 1.0, 0.0) == expected
 
 
 def with_footprint(enabled):
@@ -341,11 +339,8 @@ def turning_about(parameters, moved_m=0.0, turned_rad=0.0):
 )
 def test_oscillation_forbids_another_turn_about_until_the_robot_moved(moved_m, turned_rad, expected):
     assert turning_about(IN_PLACE, moved_m, turned_rad) == expected
-
-
-def test_robot_without_oscillation_turns_about_at_once():
     free = IN_PLACE.with_values(Oscillation=HUMBLE.Oscillation.with_values(enabled=False))
-    assert turning_about(free) == [1, -1, 1, 1]
+    assert turning_about(free, moved_m, turned_rad) == [1, -1, 1, 1]
 
 
 def test_oscillation_leaves_yaw_rates_of_a_driving_robot_free():

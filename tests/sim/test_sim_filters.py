@@ -117,17 +117,13 @@ def test_digest_depends_on_the_mask_cells_that_a_filter_reads(scenario, saved):
     assert len({checked_digest(scenario(keepout_mask=each)) for each in masks}) == 1
 
 
-def test_keepout_mask_raises_costs_and_unknown_cells():
+def test_keepout_mask_raises_costs_and_unknown_cells_where_its_yaml_says():
     keepout = on_map(keepout_mask(mask([[0, 50, 100, -1]]), over := mask([[0, 0, 0, 0]])), over)
     assert keepout.tolist() == [[0, 127, 254, 255]]
     assert with_keepout(np.array([[10, 10, 10, 10]], dtype=np.uint8), keepout).tolist() == [[10, 127, 254, 10]]
     assert with_keepout(np.full((1, 4), 255, dtype=np.uint8), keepout).tolist() == [[0, 127, 254, 255]]
-
-
-def test_mask_of_other_cells_and_another_corner_lies_where_its_yaml_says():
-    """Cells of 0.1 m from (0.1, 0.05) on cover columns 2 and 3 of the finer map from row 1."""
-    over = mask(np.zeros((4, 6)))
-    found = on_map(keepout_mask(mask([[100]], 0.1, (0.1, 0.05)), over), over)
+    # Cells of 0.1 m from (0.1, 0.05) on cover columns 2 and 3 of the finer map from row 1.
+    found = on_map(keepout_mask(mask([[100]], 0.1, (0.1, 0.05)), over := mask(np.zeros((4, 6)))), over)
     assert np.argwhere(found == 254).tolist() == [[1, 2], [1, 3], [2, 2], [2, 3]]
 
 

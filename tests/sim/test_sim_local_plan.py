@@ -130,20 +130,17 @@ def test_plan_begins_with_the_last_of_equally_near_points():
     assert len(Follower(twice, x_m=1.0).plan()[0]) == 2
 
 
-# Where the path reverses.
-
 TO_INVERSION = PlanCut(search_m=5.0, in_window=True, to_inversion=True, inversion_xy_m=0.2, inversion_yaw_rad=0.4)
 THERE_AND_BACK = [(x, 0.0) for x in np.arange(0.0, 0.9, 0.05)] + [(x, 0.1) for x in np.arange(0.8, -0.4, -0.05)]
 CUSP = (0.85, 0.0)
 
 
-def test_path_counts_to_its_first_reversal():
-    plan, _ = Follower(THERE_AND_BACK, cut=TO_INVERSION).plan()
+def test_local_plan_ends_at_first_reversal_when_constrained():
+    robot = Follower(THERE_AND_BACK, cut=TO_INVERSION)
+    robot.path[17, 2] = 0.3
+    plan, yaw_rad = robot.plan()
     np.testing.assert_allclose(plan[-1], CUSP)
-    assert len(plan) == 18
-
-
-def test_points_behind_a_reversal_are_taken_at_once_without_the_constraint():
+    assert (len(plan), yaw_rad) == (18, pytest.approx(0.3))
     plan, _ = Follower(THERE_AND_BACK, cut=PlanCut(search_m=5.0, in_window=True)).plan()
     assert len(plan) == len(THERE_AND_BACK)
 
@@ -156,9 +153,3 @@ def test_next_segment_follows_once_the_robot_is_at_the_reversal(x_m, yaw_rad, go
     np.testing.assert_allclose(before[-1], CUSP)
     after, _ = robot.plan()
     np.testing.assert_allclose(after[-1], THERE_AND_BACK[-1] if goes_on else CUSP)
-
-
-def test_segment_ends_with_the_heading_of_the_pose_where_the_path_reverses():
-    robot = Follower(THERE_AND_BACK, cut=TO_INVERSION)
-    robot.path[17, 2] = 0.3
-    assert robot.plan()[1] == pytest.approx(0.3)

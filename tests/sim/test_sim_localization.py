@@ -62,12 +62,6 @@ def test_localization_errs_as_filter_of_nav2(shared_map, name, noise_m):
     assert 0.003 < turned_rad.mean() < 0.04
 
 
-def test_filter_loses_its_place_without_nine_beams_of_ten(shared_map):
-    map_file = shared_map("rooms")
-    full, few = errors(map_file)[0], errors(map_file, laserscan_random_drop_percentage=0.9)[0]
-    assert few.mean() > 2.5 * full.mean()
-
-
 def test_pose_is_published_at_the_first_scan_and_then_after_each_gate(shared_map):
     recording = recordings(shared_map("rooms"))[0]
     published = poses(recording)[recording.columns["localized"] == 1]

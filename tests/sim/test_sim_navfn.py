@@ -96,10 +96,15 @@ def a_wall_with_a_gap():
     return inflate(costmap, 0.05, INSCRIBED_M, 0.70, 3.0)
 
 
-def test_early_stop_leaves_the_value_that_the_target_had_first():
+def test_potential_is_that_of_nav2_and_of_its_early_stop():
+    """The last value is that of Nav2's own planner for a wall with a door."""
     full, early = (potential(a_wall_with_a_gap(), (8, 8), stop)[3, 45] for stop in (None, (45, 3)))
     assert full == pytest.approx(9363.865, rel=1e-6)
     assert early == pytest.approx(14438.769, rel=1e-6)
+    costmap = np.zeros((81, 81), dtype=np.uint8)
+    costmap[[0, -1]] = costmap[:, [0, -1]] = costmap[40] = 254
+    costmap[40, 36:45] = 0
+    assert potential(inflate(costmap, 0.05, INSCRIBED_M, 0.70, 3.0), (40, 15), (40, 65))[65, 40] == 5611.0
 
 
 def test_travel_costs_match_navfn():
@@ -160,13 +165,3 @@ def test_path_longer_than_cap_of_navfn_is_not_found():
     assert potential(costmap, (165, 190))[10, 33] < UNREACHED
     assert len(path(costmap, (33, 10), (165, 190))) == 0
     assert len(path(costmap, (33, 10), (100, 100))) > 0
-
-
-def test_potential_behind_a_nine_cell_door_is_that_of_nav2():
-    """A value of Nav2's own planner: 81 x 81 cells, lethal border, a wall with a door, Jazzy's inflation."""
-    costmap = np.zeros((81, 81), dtype=np.uint8)
-    costmap[[0, -1]] = costmap[:, [0, -1]] = 254
-    costmap[40] = 254
-    costmap[40, 36:45] = 0
-    inflated = inflate(costmap, 0.05, 0.22549849971227903, 0.70, 3.0)
-    assert potential(inflated, (40, 15), (40, 65))[65, 40] == 5611.0

@@ -199,7 +199,7 @@ def test_goal_off_the_map_is_told_apart_from_one_without_a_way():
     assert Desk(two_doors(), (9.0, 1.5)).plan(1.0, 3.0) == GOAL_OUTSIDE
 
 
-def test_lower_bounds_are_the_potential_of_the_empty_map():
+def test_lower_bounds_are_the_potential_of_the_empty_map_and_hold_with_marks():
     desk = Desk(two_doors(), (7.0, 1.5))
     desk.plan(1.0, 3.0)
     leg, to_goal = desk.memory.bounds[0], desk.memory.to_goal[0]
@@ -212,15 +212,9 @@ def test_lower_bounds_are_the_potential_of_the_empty_map():
     on_a_way = (whole < UNREACHED) & (whole > 0.0) & (whole + away <= leg["reach"] - 254)
     assert on_a_way.sum() > 1000
     assert known[on_a_way].all()
-
-
-def test_lower_bounds_hold_whatever_is_marked():
-    desk = Desk(two_doors(), (7.0, 1.5))
-    desk.plan(1.0, 3.0)
     desk.cost(slice(50, 70), slice(20, 60), 200)
     desk.cost(slice(20, 30), slice(80, 82), 254)
-    marked = potential(desk.grids.costs, (140, 30))
-    assert (desk.memory.to_goal[0] <= 1.01 * marked).all()
+    assert (to_goal <= 1.01 * potential(desk.grids.costs, (140, 30))).all()
 
 
 def test_robot_is_planned_for_where_the_map_has_no_room():

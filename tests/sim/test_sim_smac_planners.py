@@ -285,12 +285,7 @@ def test_smoothed_path_keeps_the_headings_of_start_and_goal(model, start, goal):
 @each_row("reversing", [False, True])
 def test_curves_at_the_ends_keep_both_headings_forward_and_in_reverse(reversing):
     radius_m, flip = 0.5, math.pi if reversing else 0.0
-    q = record(SmacPlannerHybrid(minimum_turning_radius=radius_m))
-    points = np.column_stack([np.linspace(1.0, 5.0, 51), np.full(51, 2.0)])
-    headings = np.full(51, flip)
-    headings[0], headings[-1] = 0.4 + flip, -0.3 + flip
-    kept = points.copy()
-    ends_kept(q, np.zeros((80, 120), dtype=np.uint8), kept, headings)
+    kept, points = kept_ends(5.0, 0.4 + flip, -0.3 + flip, flip)
     assert kept[[0, -1]] == pytest.approx(points[[0, -1]])
     along = np.arctan2(*np.diff(kept, axis=0).T[::-1])
     turned = np.abs(np.diff(along)) / 0.08
@@ -299,15 +294,19 @@ def test_curves_at_the_ends_keep_both_headings_forward_and_in_reverse(reversing)
     assert np.array_equal(kept[20:31], points[20:31])
 
 
+def kept_ends(to_x_m, first, last, between=0.0, costs=None):
+    """A straight path with other headings at its ends, kept by a radius of 0.5 m, and as it was."""
+    points, headings = np.column_stack([np.linspace(1.0, to_x_m, 51), np.full(51, 2.0)]), np.full(51, between)
+    kept, headings[0], headings[-1] = points.copy(), first, last
+    costs = np.zeros((80, 120), dtype=np.uint8) if costs is None else costs
+    ends_kept(record(SmacPlannerHybrid(minimum_turning_radius=0.5)), costs, kept, headings)
+    return kept, points
+
+
 def test_curves_are_laid_through_no_obstacle_and_in_no_loop():
-    q = record(SmacPlannerHybrid(minimum_turning_radius=0.5))
-    free, walled = np.zeros((2, 80, 120), dtype=np.uint8)
+    walled = np.zeros((80, 120), dtype=np.uint8)
     walled[41:], walled[:39] = 254, 254
-    for costs, heading, to_x_m in ((walled, 0.9, 5.0), (free, math.pi, 1.9)):
-        points = np.column_stack([np.linspace(1.0, to_x_m, 51), np.full(51, 2.0)])
-        kept, headings = points.copy(), np.zeros(51)
-        headings[0] = heading
-        ends_kept(q, costs, kept, headings)
+    for kept, points in (kept_ends(5.0, 0.9, 0.0, costs=walled), kept_ends(1.9, math.pi, 0.0)):
         assert kept == pytest.approx(points, abs=1e-9)
 
 
