@@ -19,11 +19,9 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from vastflow.producers.floorplan.building import build
 from vastflow.producers.floorplan.environment import keep_environment
 from vastflow.producers.floorplan.files import PlanFile, VariationFile, read_plan_file, read_variation_file
 from vastflow.producers.floorplan.grid import LASER_HEIGHT_M, RESOLUTION_M, grid_of
-from vastflow.producers.floorplan.reading import plan_of
 from vastflow.producers.floorplan.variation import GREATEST_SEED
 from vastflow.producers.model import producer
 from vastflow.producers.model.configuration import Fragment, Rejection
@@ -155,7 +153,7 @@ def _drawn_notes(file: VariationFile, seeds: range) -> tuple[Fault, ...]:
     looked_at, noted = seeds[:MOST_LOOKED_AT], list[Fault]()
     for seed in looked_at:
         with suppress(FileError):
-            notes = build(plan_of(variation.plan, variation.numbers(variation.sample(seed)))).notes
+            notes = variation.building(variation.sample(seed)).notes
             for kind, note in {_kind(note): note for note in notes if _kind(note) not in said}.items():
                 found.setdefault(kind, []).append((seed, note))
     for (seed, note), *others in found.values():

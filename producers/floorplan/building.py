@@ -20,7 +20,16 @@ from vastflow.producers.floorplan.geometry import (
     wall_frame,
     wall_outlines,
 )
-from vastflow.producers.floorplan.reading import FeatureKind, FloorPlan, Opening, OpeningKind, PlanFrame, PlanSpace
+from vastflow.producers.floorplan.reading import (
+    FeatureKind,
+    FloorPlan,
+    Opening,
+    OpeningKind,
+    PlanFrame,
+    PlanSpace,
+    plan_of,
+)
+from vastflow.producers.floorplan.syntax import PlanText
 from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.files import TextPlace
 
@@ -73,8 +82,8 @@ class Hole:
 
     Attributes:
         walls: The names of those it cuts; nothing else is cut.
-        shape: (x, z) in the frame of the first wall; it goes `depth_m` deep into that wall's +y.
-        frame: That wall's.
+        shape: (x, z) in `frame`, that of the first wall: x along it from its middle, z up from the floor. It goes
+            `depth_m` deep into that wall's +y.
         outline: Of all it takes away, seen from above.
         bottom_m, top_m: Lowest and highest point of the shape; a bottom below the floor is as good as 0.
     """
@@ -144,13 +153,16 @@ def _bounds(parts: Iterable[Room | Wall | SolidBlock]) -> tuple[float, float, fl
     return min(xs), min(ys), max(xs), max(ys)
 
 
-def build(plan: FloorPlan) -> Building:
+def build(text: PlanText, drawn: Mapping[int, float] | None = None) -> Building:
     """The building of a plan.
 
+    Args:
+        drawn: Numbers that take the place of those in the text, by where these begin.
+
     Raises:
-        FileError: spaces placed by each other in a circle, a corner too sharp for walls.
+        FileError: every fault in the text; else spaces placed by each other in a circle, or a too sharp corner.
     """
-    return _Builder(plan).building()
+    return _Builder(plan_of(text, drawn)).building()
 
 
 class _Builder:

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Final
 
 from vastflow.producers.floorplan.building import Building, build
-from vastflow.producers.floorplan.reading import plan_of, read_plan
 from vastflow.producers.floorplan.syntax import parse
 from vastflow.producers.floorplan.variation import Variation, parse_variation, variation_of
 from vastflow.sim.model import files
@@ -26,21 +25,13 @@ class PlanFile:
         return replace(self, name=name)
 
     def building(self) -> Building:
-        """Return the building that the plan describes.
-
-        Raises:
-            FileError: its faults.
-        """
-        return build(read_plan(self.text, self.name))
+        """Return the building that the plan describes; raises as `build` does."""
+        return build(parse(self.text, self.name))
 
 
 @dataclass(frozen=True, slots=True)
 class VariationFile:
-    """A variation's text, the name of its file, and the plan that it imports.
-
-    Attributes:
-        imported: The plan's path as the file has it.
-    """
+    """A variation's text, the name of its file, and the plan that it imports by the path `imported`."""
 
     name: str
     text: str
@@ -52,13 +43,9 @@ class VariationFile:
         return replace(self, name=name, plan=self.plan.called(str(Path(name).parent / self.imported)))
 
     def variation(self) -> Variation:
-        """The variation on its plan, which is known to be one that can be built.
-
-        Raises:
-            FileError: faults of the plan or of the variation.
-        """
+        """The variation on its plan, which is known to be one that can be built; raises faults of both."""
         plan = parse(self.plan.text, self.plan.name)
-        build(plan_of(plan))
+        build(plan)
         return variation_of(parse_variation(self.text, self.name), plan)
 
 
@@ -71,11 +58,7 @@ def _read_text(path: str | Path) -> str:
 
 
 def read_plan_file(path: str | Path) -> PlanFile:
-    """The file at `path`, unchecked.
-
-    Raises:
-        FileError: it can't be read.
-    """
+    """The file at `path`, unchecked; a FileError where it can't be read."""
     return PlanFile(str(path), _read_text(path))
 
 

@@ -16,7 +16,7 @@ from vastflow.producers.floorplan.geometry import (
     rectangle,
     signed_area,
 )
-from vastflow.producers.floorplan.syntax import FrameText, Part, PlanText, Quantity, parse
+from vastflow.producers.floorplan.syntax import FrameText, Part, PlanText, Quantity
 from vastflow.sim.model.faults import Fault, FaultKind, FileError, Place
 from vastflow.sim.model.files import TextPlace
 from vastflow.sim.model.names import did_you_mean
@@ -73,11 +73,7 @@ class PlanSpace:
 
 @dataclass(frozen=True, slots=True)
 class Feature:
-    """A column or divider, solid from the floor to its height.
-
-    Attributes:
-        space: The space it is declared in; None where it stands outside of all.
-    """
+    """A column or divider, declared in `space` or, where that is None, outside of all."""
 
     kind: FeatureKind
     name: str
@@ -90,11 +86,7 @@ class Feature:
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """A hole through one wall or two.
-
-    Attributes:
-        outline: (x, z) in the frame of the first of `walls`: x along the wall from its middle, z up from the floor.
-    """
+    """A hole through one wall or two: `outline` is (x, z) in the frame of the first, as in `building.Hole`."""
 
     kind: OpeningKind
     name: str
@@ -105,12 +97,7 @@ class Opening:
 
 @dataclass(frozen=True, slots=True)
 class FloorPlan:
-    """A floor plan that is right as far as its words go.
-
-    Attributes:
-        file: Its name for messages.
-        notes: What its author should know of it.
-    """
+    """A floor plan that is right as far as its words go."""
 
     name: str
     file: str
@@ -147,23 +134,11 @@ RULES: Final[Mapping[str, _Rules]] = {
 }
 
 
-def read_plan(text: str, file: str) -> FloorPlan:
-    """The floor plan that `text` describes.
-
-    Raises:
-        FileError: every fault in it, or the first where it is not in the language at all.
-    """
-    return plan_of(parse(text, file))
-
-
 def plan_of(text: PlanText, drawn: Mapping[int, float] | None = None) -> FloorPlan:
-    """The floor plan of a parsed text.
+    """The floor plan of a parsed text; raises a FileError of every fault in it.
 
     Args:
         drawn: Numbers that take the place of those in the text, by where these begin.
-
-    Raises:
-        FileError: every fault in it.
     """
     reader = _Reader(text, drawn or {})
     plan = reader.plan()
@@ -184,10 +159,7 @@ class _Section(NamedTuple):
 
 
 class _Reader:
-    """Reader of one plan.
-
-    A value that is wrong is NaN or a stand-in; with a fault, no plan leaves this module.
-    """
+    """A value that is wrong is NaN or a stand-in; with a fault, no plan leaves this module."""
 
     def __init__(self, text: PlanText, drawn: Mapping[int, float]) -> None:
         self.faults: list[Fault] = []

@@ -203,14 +203,11 @@ def _number(value: float) -> float:
 
 
 def render(building: Building, text: str, source: str, resolution_m: float, laser_height_m: float) -> dict[str, bytes]:
-    """Place in the folder to content: map, mesh, picture, plan and provenance.
+    """Place in the folder to content: map, mesh, picture, plan and provenance; raises as `grid_of` does.
 
     Args:
         text: Of the plan.
         source: Where it was read from.
-
-    Raises:
-        FileError: the map would have too many cells.
     """
     name = building.name
     grid = grid_of(building, resolution_m, laser_height_m)

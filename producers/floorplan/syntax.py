@@ -38,11 +38,7 @@ NUMBER_AT_END: Final = re.compile(r"(?<![\w.])[0-9][0-9.eE+-]*$")
 
 
 def parsed(parser: Lark, text: str, file: str) -> Any:
-    """Parse a text.
-
-    Raises:
-        FileError: nothing; where and why.
-    """
+    """Parse a text; raises a FileError of the first place where it is not in the language."""
     try:
         return parser.parse(text)
     except UnexpectedInput as error:
@@ -171,14 +167,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class PlanText:
-    """A floor plan as it is written.
-
-    Attributes:
-        file: Its name for messages.
-        text: All of it.
-        token: Its name.
-        sections: In the order of the file; features that stand in a space are parts of that.
-    """
+    """A floor plan as it is written; `token` is its name."""
 
     file: str
     text: str
@@ -236,9 +225,5 @@ def _parser() -> Lark:
 
 
 def parse(text: str, file: str) -> PlanText:
-    """The parts of a floor plan's text.
-
-    Raises:
-        FileError: it is not in the language; the first place where it is not.
-    """
+    """The parts of a floor plan's text; raises as `parsed` does."""
     return PlanText(file, text, *parsed(_parser(), text, file))

@@ -9,6 +9,7 @@ from typing import Any, Final, Literal, TypeAlias
 import numpy as np
 from lark import Lark, Token, Transformer
 
+from vastflow.producers.floorplan.building import Building, build
 from vastflow.producers.floorplan.syntax import Part, PlanText, Quantity, parsed
 from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.names import did_you_mean
@@ -46,12 +47,7 @@ Path: TypeAlias = tuple[Token, ...]
 
 @dataclass(frozen=True, slots=True)
 class Distribution:
-    """The distribution of a number.
-
-    Attributes:
-        values: Those to choose from; mean and standard deviation of a normal distribution.
-        probabilities: Of each value of a discrete distribution; otherwise empty.
-    """
+    """The distribution of a number: values, with their probabilities if it is discrete, or mean and std."""
 
     kind: Literal["uniform", "discrete", "normal"]
     values: tuple[float, ...]
@@ -83,13 +79,7 @@ class Distribution:
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """A number that is drawn.
-
-    Attributes:
-        path: A variable, or a space, feature or opening.
-        attribute: Which number of it; empty for a variable.
-        token: The kind of its distribution.
-    """
+    """A number that is drawn: a variable or an attribute; `token` is the keyword of its distribution."""
 
     path: Path
     attribute: Path
@@ -102,13 +92,7 @@ class Item:
 
 @dataclass(frozen=True, slots=True)
 class VariationText:
-    """A variation file as it is written.
-
-    Attributes:
-        file: Its name for messages.
-        imported: Path of the plan, relative to the file.
-        imported_at: Line and column where it stands.
-    """
+    """A variation file as it is written; the path of the plan is relative to it."""
 
     file: str
     imported: str
@@ -183,12 +167,7 @@ GREATEST_SEED: Final = 2**32 - 1
 
 @dataclass(frozen=True, slots=True)
 class Varied:
-    """A number of the plan's text that is drawn.
-
-    Attributes:
-        name: As the variation file has it, such as `study.post.height`.
-        start, end: Where the number stands in the plan's text.
-    """
+    """A number of the plan's text that is drawn, called as in the variation file, such as `study.post.height`."""
 
     name: str
     distribution: Distribution
@@ -212,23 +191,14 @@ class PlanSample:
 
 @dataclass(frozen=True, slots=True)
 class Variation:
-    """A variation file and the plan it varies.
-
-    Attributes:
-        source: The variation file's name.
-        varied: In the order of the file, which is that of drawing.
-    """
+    """A variation file and the plan it varies, with the numbers in the order of drawing, that of the file."""
 
     source: str
     plan: PlanText
     varied: tuple[Varied, ...]
 
     def sample(self, seed: int) -> PlanSample:
-        """The plan with every varied number drawn anew from `RandomState(seed)`.
-
-        Args:
-            seed: 0 to `GREATEST_SEED`.
-        """
+        """The plan with every varied number drawn anew from `RandomState(seed)`, of at most `GREATEST_SEED`."""
         rng = np.random.RandomState(seed)
         drawn = [(varied, varied.distribution.draw(rng)) for varied in self.varied]
         text = [f"// Variation of the floor plan {self.plan.token}, drawn from {self.source}\n// Seed {seed}\n"]
@@ -239,9 +209,9 @@ class Variation:
         values = {varied.name: value for varied, value in drawn}
         return PlanSample(seed, values, "".join([*text, self.plan.text[behind:]]))
 
-    def numbers(self, sample: PlanSample) -> dict[int, float]:
-        """Return the numbers of a sample by their place in the plan's text; as `plan_of` takes them."""
-        return {each.start: sample.values[each.name] for each in self.varied}
+    def building(self, sample: PlanSample) -> Building:
+        """The building of a sample with places of the plan as it is written; raises as `build` does."""
+        return build(self.plan, {each.start: sample.values[each.name] for each in self.varied})
 
 
 def variation_of(text: VariationText, plan: PlanText) -> Variation:

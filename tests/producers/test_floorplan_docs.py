@@ -27,19 +27,12 @@ def folder(tmp_path):
         yield tmp_path
 
 
-def test_pages_plan_is_a_building_with_nothing_to_note(folder):
+def test_pages_plan_and_variation_are_what_it_says(folder):
     building = read_plan_file(folder / "rooms.fpm").building()
-    assert building.notes == ()
-    assert [hole.name for hole in building.holes] == ["study_door", "north_window"]
-
-
-def test_pages_variation_varies_what_it_says(folder):
+    assert (building.notes, [hole.name for hole in building.holes]) == ((), ["study_door", "north_window"])
     variation = read_variation_file(folder / "rooms.variation").variation()
-    assert [varied.name for varied in variation.varied] == [
-        "door",
-        "study.location.translation.x",
-        "study.desk.shape.width",
-    ]
+    names = ["door", "study.location.translation.x", "study.desk.shape.width"]
+    assert [varied.name for varied in variation.varied] == names
 
 
 def test_pages_producers_build_every_configuration(folder):

@@ -1,31 +1,21 @@
 """Floor plans as occupancy grids: what is drawn where, and that the files are ROS maps."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import yaml
+from floor_plans import DOOR, EXAMPLE, ROOM, built
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.producers.floorplan.building import build
 from vastflow.producers.floorplan.grid import grid_of
-from vastflow.producers.floorplan.reading import read_plan
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import FREE, OCCUPIED, UNKNOWN
 
-EXAMPLE = Path(__file__).with_name("test_floorplan_example.fpm").read_text()
-
-ROOM = """\
-Floor plan: p Defaults: walls: thickness: 0.2 m height: 2.5 m
-Space a: shape: Rectangle width=4.0 m, length=3.0 m location: wrt: world of: this
-"""
-
 
 def grid(text, **options):
-    return grid_of(build(read_plan(text, "p.fpm")), **options)
+    return grid_of(built(text), **options)
 
 
 def at(found, x, y):
@@ -43,15 +33,12 @@ def test_example_has_the_documented_size_and_origin():
 
 def test_example_has_free_rooms_occupied_walls_and_unknown_outside():
     found = grid(EXAMPLE)
-    places = {
-        (1, 2): FREE,
-        (7, 1): FREE,
-        (1, 3.1): OCCUPIED,
-        (7.6, 2): OCCUPIED,
-        (6.5, 2.15): OCCUPIED,
-        (-3, 0): UNKNOWN,
-    }
-    assert {place: at(found, *place) for place in places} == places
+    for value, places in (
+        (FREE, [(1, 2), (7, 1)]),
+        (OCCUPIED, [(1, 3.1), (7.6, 2), (6.5, 2.15)]),
+        (UNKNOWN, [(-3, 0)]),
+    ):
+        assert {at(found, *place) for place in places} == {value}
 
 
 def test_door_is_open_through_both_walls_and_closed_beside():
@@ -84,7 +71,7 @@ def test_round_door_is_as_wide_as_at_laser_height():
 
 
 def test_door_opens_a_cell_beyond_both_faces():
-    text = ROOM + "Entryway d: shape: Rectangle width=1 m, height=2 m location: in: a.walls[0] translation: z: 1 m\n"
+    text = ROOM + DOOR
     closed = text.replace("Entryway", "Window")
     opened = (grid(text).gray != grid(closed).gray).any(axis=1).sum()
     assert opened == pytest.approx(0.2 / 0.05 + 2, abs=1)

@@ -5,17 +5,14 @@ import shutil
 from pathlib import Path
 
 import numpy as np
-import pytest
-import shapely
+from floor_plans import FLOOR_PLANS
 from table import each_row
 
 from vastflow.producers.floorplan.environment import solid_digest
 from vastflow.producers.floorplan.files import PlanFile, read_plan_file, read_variation_file
 from vastflow.producers.floorplan.grid import grid_of
-from vastflow.producers.floorplan.mesh import is_closed, mesh_of, volume_of
+from vastflow.producers.floorplan.mesh import is_closed, mesh_of
 from vastflow.sim.world.occupancy import FREE, OCCUPIED
-
-FOLDER = Path(__file__).parents[2] / "campaigns" / "floorplans"
 
 DIGESTS = {
     "corridors": (
@@ -47,7 +44,7 @@ CLINIC = Path(__file__).with_name("test_floorplan_clinic.fpm2")
 
 @each_row("name", sorted(DIGESTS))
 def test_shipped_plans_keep_their_digests(name):
-    building = read_plan_file(FOLDER / f"{name}.fpm").building()
+    building = read_plan_file(FLOOR_PLANS / f"{name}.fpm").building()
     assert (solid_digest(building), grid_of(building).occupancy.digest) == DIGESTS[name]
 
 
@@ -69,20 +66,6 @@ def test_plan_with_every_kind_of_part_is_built_with_notes():
             "cut to that; within ±2 m"
         ),
     ]
-
-
-def test_opening_leaves_unnamed_walls_whole():
-    text = CLINIC.read_text()
-    closed = text[: text.index("    Entryway main")] + text[text.index("    Defaults:") :]
-    whole, cut = (PlanFile("p", each).building() for each in (closed, text))
-    names = {wall for hole in cut.holes for wall in hole.walls}
-    named = shapely.union_all([shapely.Polygon(wall.outline) for wall in cut.walls if wall.name in names])
-    gone_m3 = volume_of(mesh_of(whole)) - volume_of(mesh_of(cut))
-    assert 0.0 < gone_m3 < named.area * 3.0
-    for hole in cut.holes:
-        others = [shapely.Polygon(wall.outline) for wall in cut.walls if wall.name not in hole.walls]
-        taken = shapely.Polygon(hole.outline)
-        assert sum(shapely.intersection(taken, other).area for other in others) < 1e-3, hole.name
 
 
 def test_mesh_is_closed_and_doors_are_as_wide_as_their_walls():
@@ -129,25 +112,3 @@ over_the_corner: { pose.translation.x : uniform([-1.9, 1.9]) }
         *("lobby.wall_thickness", "lobby.counter.height", "lobby_ward.location.translation.x"),
         "over_the_corner.pose.translation.x",
     ]
-
-
-@each_row("door_width_m", [0.5, 1.0, 2.0])
-def test_varied_door_wider_than_its_varied_wall_is_as_wide_as_that(tmp_path, door_width_m):
-    (tmp_path / "cells.fpm").write_text("""\
-Floor plan: cells
-    Defaults: walls: thickness: 0.1 m height: 2.0 m
-    var door = 2.0 m
-    var wide = 2.0 m
-    Space a: shape: Rectangle width=wide, length=3.0 m location: wrt: world of: this
-    Space b: shape: Rectangle width=wide, length=3.0 m location: wrt: a.walls[0] of: this.walls[2] spaced
-    Entryway d: shape: Rectangle width=door, height=2.0 m
-        location: in: a.walls[0] and b.walls[2] translation: x: 0.0 m, y: 0.0 m, z: 0.0 m
-""")
-    (tmp_path / "cells.variation").write_text(
-        f'import "cells.fpm"\ndoor : uniform([{door_width_m}])\nwide : uniform([0.6, 0.8])'
-    )
-    variation = read_variation_file(tmp_path / "cells.variation").variation()
-    for sample in map(variation.sample, range(3)):
-        (hole,) = PlanFile("p", sample.text).building().holes
-        ((x0, x1),) = hole.section(0.2)
-        assert x1 - x0 == pytest.approx(min(door_width_m, sample.values["wide"]))

@@ -1,41 +1,27 @@
 """The FloorPlan DSL as text: what is accepted, and what is said of what is not."""
 
 import re
-from pathlib import Path
 
 import pytest
+from floor_plans import DOOR, EXAMPLE, ROOM, built
 from table import each_row
 
-from vastflow.producers.floorplan.building import build
 from vastflow.producers.floorplan.files import read_plan_file
-from vastflow.producers.floorplan.reading import read_plan
 from vastflow.producers.floorplan.rendering import picture_of
 from vastflow.sim.model.faults import FileError
 
-EXAMPLE = Path(__file__).with_name("test_floorplan_example.fpm").read_text()
-
-ROOM = """\
-Floor plan: p
-Defaults: walls: thickness: 0.2 m height: 2.5 m
-Space a: shape: Rectangle width=4.0 m, length=3.0 m location: wrt: world of: this
-"""
-DOOR = "Entryway d: shape: Rectangle width=1.0 m, height=2.0 m location: in: a.walls[0] translation: z: 1.0 m\n"
 SECOND = "Space b: shape: Rectangle width=2.0 m, length=2.0 m location: {location}\n"
 POST = "Column c: shape: Rectangle width=0.4 m, length=0.4 m height: 2.0 m location: {location}\n"
 
 
-def building(text):
-    return build(read_plan(text, "p.fpm"))
-
-
 def room(text, name="a"):
-    (found,) = [each for each in building(text).rooms if each.name == name]
+    (found,) = [each for each in built(text).rooms if each.name == name]
     return found.outline
 
 
 def complaints(text):
     with pytest.raises(FileError) as caught:
-        building(text)
+        built(text)
     return str(caught.value).splitlines()
 
 
@@ -65,24 +51,21 @@ def changed(old, new, text=ROOM):
     ],
 )
 def test_model_of_the_language_is_accepted_however_it_is_laid_out(text):
-    assert building(text).rooms
+    assert built(text).rooms
 
 
-def test_openings_variables_and_defaults_may_stand_anywhere():
+def test_parts_may_stand_anywhere_and_a_space_be_named_before_it_is_defined():
     head, defaults, space = ROOM.splitlines(keepends=True)
-    plan = building(head + DOOR.replace("1.0 m,", "wide,") + space + "var wide = 1.2 m\n" + defaults)
-    assert plan.holes[0].section(1.0) == ((-0.6, 0.6),)
+    second = SECOND.format(location="wrt: a of: this translation: x: 9.0 m")
+    text = head + DOOR.replace("1.0 m,", "wide,") + second + space + "var wide = 1.2 m\n" + defaults
+    assert built(text).holes[0].section(1.0) == ((-0.6, 0.6),)
+    assert room(text, "b")[0][0] == 8
 
 
-def test_space_may_be_named_before_it_is_defined():
-    head, defaults, space = ROOM.splitlines(keepends=True)
-    assert (
-        room(head + defaults + SECOND.format(location="wrt: a of: this translation: x: 9.0 m") + space, "b")[0][0] == 8
-    )
-
-
-def test_space_may_have_the_name_of_a_keyword():
-    assert room(ROOM.replace("Space a", "Space Space"), "Space") == ((-2, 1.5), (2, 1.5), (2, -1.5), (-2, -1.5))
+@each_row("name", ["Space", "from"])
+def test_space_may_have_the_name_of_a_keyword(name):
+    outline = room(ROOM.replace("Space a", f"Space {name}"), name)
+    assert outline == ((-2, 1.5), (2, 1.5), (2, -1.5), (-2, -1.5))
 
 
 def test_world_is_the_world_even_where_a_space_has_that_name():
@@ -101,13 +84,12 @@ def test_angle_without_a_unit_is_in_radians_and_a_length_in_meters():
 
 
 def test_space_has_its_own_wall_values_first_and_the_defaults_for_the_rest():
-    walls = building(ROOM.rstrip() + " walls: height: 4.0 m").walls
-    assert {(wall.thickness_m, wall.height_m) for wall in walls} == {(0.2, 4.0)}
-
-
-def test_plan_without_defaults_is_fine_where_every_space_says_both():
     head, _, space = ROOM.splitlines(keepends=True)
-    assert building(head + space + "walls: thickness: 0.1 m height: 2.0 m").walls[0].height_m == 2.0
+    for text, values in (
+        (ROOM.rstrip() + " walls: height: 4.0 m", (0.2, 4.0)),
+        (head + space + "walls: thickness: 0.1 m height: 2.0 m", (0.1, 2.0)),
+    ):
+        assert {(wall.thickness_m, wall.height_m) for wall in built(text).walls} == {values}
 
 
 def test_polygons_last_point_may_repeat_the_first():
@@ -116,19 +98,16 @@ def test_polygons_last_point_may_repeat_the_first():
 
 
 def test_circular_space_and_a_circular_column_are_polygons_on_their_circle():
-    plan = building(changed("Rectangle width=4.0 m, length=3.0 m", "Circle radius=2.0 m") + POST.format(
+    plan = built(changed("Rectangle width=4.0 m, length=3.0 m", "Circle radius=2.0 m") + POST.format(
         location="wrt: a").replace("Rectangle width=0.4 m, length=0.4 m", "Circle radius=0.3 m"))  # fmt: skip
     assert len(plan.walls) == len(plan.rooms[0].outline) == len(plan.obstacles[0].outline) >= 32
     assert plan.rooms[0].outline[0] == (0, 2)
 
 
-def test_parts_of_a_features_location_may_come_in_any_order():
-    plan = building(ROOM + POST.format(location="rotation: z: 0 deg translation: x: 1.0 m wrt: a.walls[1]"))
+def test_feature_stands_where_it_says_whatever_the_order_of_its_location():
+    plan = built(ROOM + POST.format(location="rotation: z: 0 deg translation: x: 1.0 m wrt: a.walls[1]"))
     assert plan.obstacles[0].outline[2] == pytest.approx((1.8, -1.2))
-
-
-def test_feature_outside_of_all_spaces_stands_where_it_says():
-    (post,) = building(ROOM + POST.format(location="wrt: a translation: x: 1.0 m")).obstacles
+    (post,) = built(ROOM + POST.format(location="wrt: a translation: x: 1.0 m")).obstacles
     assert (post.name, post.kind, post.outline[0]) == ("c", "Column", (0.8, 0.2))
 
 
@@ -140,11 +119,7 @@ def test_faults_of_a_floor_plan_have_place_and_message(golden):
 
 
 def test_notes_on_a_floor_plan_have_place_and_message(golden):
-    golden("floor_plans", "notes", lambda text: list(map(str, building(text).notes)))
-
-
-def test_space_may_have_the_name_of_a_word_of_version_1():
-    assert room(ROOM.replace("Space a", "Space from"), "from")[0] == (-2, 1.5)
+    golden("floor_plans", "notes", lambda text: list(map(str, built(text).notes)))
 
 
 @each_row(
@@ -156,8 +131,8 @@ def test_space_may_have_the_name_of_a_word_of_version_1():
     ],
 )
 def test_opening_accepts_zero_on_other_axes(location):
-    plain = building(ROOM + DOOR.replace("z: 1.0 m", "x: 0.5 m, z: 1.0 m"))
-    said = building(ROOM + DOOR.replace("translation: z: 1.0 m", location) + "var none = 0.0 m")
+    plain = built(ROOM + DOOR.replace("z: 1.0 m", "x: 0.5 m, z: 1.0 m"))
+    said = built(ROOM + DOOR.replace("translation: z: 1.0 m", location) + "var none = 0.0 m")
     assert said.holes == plain.holes
     assert said.notes == ()
 
@@ -165,13 +140,13 @@ def test_opening_accepts_zero_on_other_axes(location):
 def test_space_and_feature_accept_zero_on_other_axes():
     moved = "translation: x: 1.0 m, y: 2.0 m, z: 0.0 m rotation: x: 0.0 deg, y: 0.0 deg, z: 30.0 deg"
     text = changed("of: this", f"of: this {moved}") + POST.format(location=f"wrt: a {moved}")
-    said = building(text)
-    plain = building(text.replace(", z: 0.0 m", "").replace("x: 0.0 deg, y: 0.0 deg, ", ""))
+    said = built(text)
+    plain = built(text.replace(", z: 0.0 m", "").replace("x: 0.0 deg, y: 0.0 deg, ", ""))
     assert (said.walls, said.obstacles) == (plain.walls, plain.obstacles)
 
 
 def test_door_as_wide_as_its_wall_is_allowed():
-    plan = building(ROOM + DOOR.replace("1.0 m,", "4.0 m,"))
+    plan = built(ROOM + DOOR.replace("1.0 m,", "4.0 m,"))
     assert plan.holes[0].section(1.0) == ((-2.0, 2.0),)
     assert plan.notes == ()
 
@@ -189,17 +164,14 @@ def test_door_as_wide_as_its_wall_is_allowed():
     ],
 )
 def test_opening_is_cut_to_its_wall(old, new, sections):
-    found = [hole.section(1.0)[0] for hole in building(ROOM + DOOR.replace(old, new)).holes]
+    found = [hole.section(1.0)[0] for hole in built(ROOM + DOOR.replace(old, new)).holes]
     assert found == [pytest.approx(each) for each in sections]
 
 
 def test_long_chain_of_spaces_is_placed_whatever_their_order():
-    spaces = [
-        f"Space s{k}: shape: Rectangle width=1 m, length=2 m location: wrt: s{k + 1} of: this translation: x: 1 m\n"
-        for k in range(999)
-    ]
-    plan = building(ROOM.replace("Space a", "Space s999") + "".join(spaces))
-    assert next(r for r in plan.rooms if r.name == "s0").outline[0] == (998.5, 1)
+    size = "shape: Rectangle width=1 m, length=2 m"
+    spaces = [f"Space s{k}: {size} location: wrt: s{k + 1} of: this translation: x: 1 m\n" for k in range(999)]
+    assert room(ROOM.replace("Space a", "Space s999") + "".join(spaces), "s0")[0] == (998.5, 1)
 
 
 def test_missing_file_is_a_fault_and_so_is_one_that_is_no_text(tmp_path):
@@ -213,5 +185,5 @@ def test_missing_file_is_a_fault_and_so_is_one_that_is_no_text(tmp_path):
 
 
 def test_picture_shows_two_rooms_in_one_place():
-    plan = building(ROOM + ROOM.partition("\n")[2].partition("\n")[2].replace("Space a", "Space b"))
+    plan = built(ROOM + ROOM.partition("\n")[2].partition("\n")[2].replace("Space a", "Space b"))
     assert picture_of(plan).startswith(b"\x89PNG")

@@ -2,32 +2,23 @@
 
 import math
 from collections import Counter
-from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
+from floor_plans import EXAMPLE, FLOOR_PLANS, ROOM, built
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.producers.floorplan.building import build
 from vastflow.producers.floorplan.mesh import is_closed, mesh_of, stl, volume_of
-from vastflow.producers.floorplan.reading import read_plan
 
-EXAMPLE = Path(__file__).with_name("test_floorplan_example.fpm").read_text()
-FLOOR_PLANS = sorted((Path(__file__).parents[2] / "campaigns" / "floorplans").glob("*.fpm"))
-
-ROOM = """\
-Floor plan: p Defaults: walls: thickness: 0.2 m height: 2.5 m
-Space a: shape: Rectangle width=4.0 m, length=3.0 m location: wrt: world of: this {more}
-"""
 RING_M2 = 4.4 * 3.4 - 4.0 * 3.0
 
 
 def written(text):
     """The triangles (N, 3, 3) of the STL file of a plan, as another program reads them."""
-    content = stl(mesh_of(build(read_plan(text, "p.fpm"))))
+    content = stl(mesh_of(built(text)))
     count = int.from_bytes(content[80:84], "little")
     assert len(content) == 84 + 50 * count
     records = np.frombuffer(content[84:], dtype=np.uint8).reshape(count, 50)
@@ -58,7 +49,7 @@ def test_example_is_one_watertight_solid_of_the_documented_measures():
     assert corners.max(axis=0) == pytest.approx((7.8, 3.2, 2.5), abs=1e-6)
 
 
-@each_row("file", FLOOR_PLANS)
+@each_row("file", sorted(FLOOR_PLANS.glob("*.fpm")))
 def test_mesh_of_every_plan_of_ours_is_watertight(file):
     assert is_watertight(written(file.read_text()))
 
@@ -75,15 +66,14 @@ def test_mesh_of_every_plan_of_ours_is_watertight(file):
 )
 @each_row("kind", ["Entryway", "Window"])
 def test_opening_of_any_shape_is_cut_out_of_its_wall(kind, shape, location, hole_m2):
-    triangles = written(ROOM.format(more="") + f"{kind} d: shape: {shape} location: in: a.walls[1] {location}")
+    triangles = written(ROOM + f"{kind} d: shape: {shape} location: in: a.walls[1] {location}")
     assert is_watertight(triangles)
     assert volume(triangles) == pytest.approx(RING_M2 * 2.5 - hole_m2 * 0.2, abs=5e-4)
 
 
 def test_opening_cuts_the_walls_it_names_and_no_others():
     rooms = (
-        ROOM.format(more="")
-        + "Space b: shape: Rectangle width=4 m, length=3 m location: wrt: a.walls[0] of: this.walls[2] spaced\n"
+        ROOM + "Space b: shape: Rectangle width=4 m, length=3 m location: wrt: a.walls[0] of: this.walls[2] spaced\n"
     )
     door = "Entryway d: shape: Rectangle width=1 m, height=2 m location: in: a.walls[0]{also} translation: z: 1 m"
     one, both = (volume(written(rooms + door.format(also=also))) for also in ("", " and b.walls[2]"))
@@ -91,18 +81,17 @@ def test_opening_cuts_the_walls_it_names_and_no_others():
     assert volume(written(rooms)) - both == pytest.approx(0.8, abs=3e-4)
 
 
-def test_columns_and_dividers_are_solid_to_their_height_and_are_not_cut():
-    post = "Column c: shape: Rectangle width=0.5 m, length=0.5 m height: 1.0 m location: wrt: a\n"
-    assert volume(written(ROOM.format(more="") + post)) == pytest.approx(RING_M2 * 2.5 + 0.25, abs=1e-4)
-
-
-def test_column_that_stands_half_in_a_wall_counts_once():
-    post = "Column c: shape: Rectangle width=0.2 m, length=0.2 m height: 1.0 m location: wrt: a.walls[0]\n"
-    assert volume(written(ROOM.format(more="") + post)) == pytest.approx(RING_M2 * 2.5 + 0.02, abs=1e-4)
+@each_row(
+    ("side_m", "at", "more_m3"),
+    [(0.5, "a", 0.25), (0.2, "a.walls[0]", 0.02)],  # one half in a wall counts once
+)
+def test_column_is_solid_to_its_height_and_is_not_cut(side_m, at, more_m3):
+    post = f"Column c: shape: Rectangle width={side_m} m, length={side_m} m height: 1.0 m location: wrt: {at}\n"
+    assert volume(written(ROOM + post)) == pytest.approx(RING_M2 * 2.5 + more_m3, abs=1e-4)
 
 
 def test_mesh_is_closed_only_where_every_edge_has_two_triangles():
-    triangles = mesh_of(build(read_plan(EXAMPLE, "p.fpm")))
+    triangles = mesh_of(built(EXAMPLE))
     assert is_closed(triangles)
     assert not is_closed(triangles[1:])
     assert not is_closed(np.concatenate([triangles, triangles[:1]]))
@@ -115,7 +104,7 @@ def test_solids_that_touch_along_an_edge_alone_stay_closed():
         f"Column c{int(2 * x)}{int(2 * y) + 1}: shape: Rectangle width=0.5 m, length=0.5 m height: {h} m location: wrt: a translation: x: {x} m, y: {y} m\n"
         for x, y, h in ((0, 0, 1.0), (0.5, 0.5, 1.0), (1.0, 0.0, 0.5), (0.5, -0.5, 2.0))
     )
-    triangles = written(ROOM.format(more="") + posts)
+    triangles = written(ROOM + posts)
     assert is_watertight(triangles)
     assert volume(triangles) == pytest.approx(RING_M2 * 2.5 + 0.25 * 4.5, abs=3e-4)
 
@@ -128,14 +117,14 @@ def test_solids_that_touch_along_an_edge_alone_stay_closed():
 def test_neighbors_however_they_are_turned_and_shifted_are_one_watertight_solid(
     turn, theirs, own, shift, thick, thin, height
 ):
-    text = ROOM.format(more=f"rotation: z: {turn!r} walls: thickness: {thick!r} m")
+    text = ROOM.strip() + f" rotation: z: {turn!r} walls: thickness: {thick!r} m\n"
     text += (
         f"Space b: shape: Rectangle width=2.5 m, length=2.0 m location: wrt: a.walls[{theirs}] of: this.walls[{own}] "
     )
     text += f"translation: x: {shift!r} m spaced walls: thickness: {thin!r} m height: {height} m\n"
     text += "Entryway d: shape: Rectangle width=0.8 m, height=2 m "
     text += f"location: in: b.walls[{own}] and a.walls[{theirs}] translation: z: 1 m"
-    plan = build(read_plan(text, "p.fpm"))
+    plan = built(text)
     triangles = written(text)
     assert is_watertight(triangles)
     solid = sum(shapely.Polygon(wall.outline).area * wall.height_m for wall in plan.walls)

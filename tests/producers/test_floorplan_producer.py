@@ -14,7 +14,6 @@ from vastflow.producers.floorplan import environment, files
 from vastflow.producers.floorplan.building import build
 from vastflow.producers.floorplan.environment import environments_folder, environments_in
 from vastflow.producers.floorplan.files import PlanFile, read_variation_file
-from vastflow.producers.floorplan.reading import plan_of
 from vastflow.producers.model.configuration import Fragment, Rejection
 from vastflow.producers.model.conformance import check_producer
 from vastflow.producers.model.producer import evaluate
@@ -51,8 +50,13 @@ def variation(base, **parameters):
     return FloorplanVariation(FloorplanVariation.Parameters.model_validate(given, context={"base": base}))
 
 
+def only(producer):
+    (fragment,) = evaluate(producer, {})
+    return fragment
+
+
 def test_plan_yields_its_map_and_its_mesh(base):
-    (fragment,) = evaluate(generation(base), {})
+    fragment = only(generation(base))
     map_file, mesh_file = fragment.values["map_file"], fragment.values["mesh_file"]
     assert map_content(map_file.path) == map_file
     assert load_map(map_file.path).shape == (95, 240)
@@ -63,12 +67,12 @@ def test_plan_yields_its_map_and_its_mesh(base):
 def test_map_and_mesh_go_to_the_keys_that_the_parameters_name(base):
     producer = generation(base, name=["@map", "mesh"])
     assert dict(producer.writes) == {"map": "environment", "mesh": "environment"}
-    assert {"map", "mesh"} < set(evaluate(producer, {})[0].values)
+    assert {"map", "mesh"} < set(only(producer).values)
 
 
 def test_resolution_and_height_of_the_laser_are_the_users(base):
     coarse, low, high = (
-        evaluate(generation(base, **options), {})[0].values["map_file"]
+        only(generation(base, **options)).values["map_file"]
         for options in ({"resolution": 0.1}, {}, {"laser_height": 0.7})
     )
     assert load_map(coarse.path).resolution_m == 0.1
@@ -89,27 +93,18 @@ def test_variations_have_the_documented_numbers_and_the_seed_of_their_place(base
     assert [fragment.values["_floorplan"]["seed"] for fragment in found] == [7, 8, 9]
     drawn = [fragment.values["_floorplan"]["drawn"]["study.location.translation.x"] for fragment in found]
     assert drawn == [0.34, 0.02, -0.05]
-    assert len({fragment.values["map_file"] for fragment in found}) == 3
-
-
-def test_another_seed_or_number_of_variations_leaves_the_others_as_they_are(base):
-    def maps(**parameters):
-        return [fragment.values["map_file"].digest for fragment in evaluate(variation(base, **parameters), {})]
-
-    assert maps(num_variations=3, seed=7)[1:] == maps(num_variations=2, seed=8)
+    maps = [fragment.values["map_file"].digest for fragment in found]
+    assert len(set(maps)) == 3
+    others = evaluate(variation(base, num_variations=2, seed=8), {})
+    assert [fragment.values["map_file"].digest for fragment in others] == maps[1:]
 
 
 def test_environment_has_everything_and_says_where_it_came_from(base, store):
-    (fragment,) = evaluate(variation(base, seed=8), {})
+    fragment = only(variation(base, seed=8))
     (folder,) = store.iterdir()
     assert Path(fragment.values["map_file"].path).parent == folder
-    assert {file.name for file in folder.iterdir()} == {
-        "map.yaml",
-        "map.pgm",
-        "mesh.stl",
-        "floorplan.fpm",
-        "provenance.json",
-    }
+    names = {"map.yaml", "map.pgm", "mesh.stl", "floorplan.fpm", "provenance.json"}
+    assert {file.name for file in folder.iterdir()} == names
     assert "// Seed 8" in (folder / "floorplan.fpm").read_text()
     assert json.loads((folder / "provenance.json").read_text())["seed"] == 8
 
@@ -123,16 +118,6 @@ def test_unbuildable_numbers_are_rejected_with_their_seed(base):
     assert all(item.requested["drawn"]["gap"] == -5.0 for item in rejected)
     assert "Entryway door: the width is -5 m; at least 0.001 m" in rejected[0].reason
     assert f"with seed {rejected[0].requested['seed']}:" in rejected[0].reason
-
-
-def test_plan_notes_are_given_by_both_producers(base):
-    plan = base / "test_floorplan_example.fpm"
-    plan.write_text(plan.read_text().replace("width=gap", "width=9.0 m"))
-    for made in (generation(base), variation(base)):
-        (note,) = made.notes
-        assert str(note).startswith(
-            f"{plan.name}:40:14: warning: Entryway door: it reaches from -4.6 m to 4.4 m along study."
-        )
 
 
 def test_notes_on_drawn_plans_name_their_seeds(base):
@@ -162,7 +147,7 @@ def test_drawn_plan_is_noted_as_its_text_is(base):
     for seed in range(4):
         sample = found.sample(seed)
         as_text = PlanFile("p.fpm", sample.text).building()
-        as_drawn = build(plan_of(found.plan, found.numbers(sample)))
+        as_drawn = found.building(sample)
         assert (as_drawn.walls, as_drawn.obstacles, as_drawn.holes) == (as_text.walls, as_text.obstacles, as_text.holes)
 
 
@@ -192,6 +177,8 @@ def test_campaign_warns_of_what_is_cut_in_its_plans_once(base):
     )
     (warning,) = [note for note in load_campaign(base / "c.vast").notes if note.place.file == plan.name]
     assert warning.problem.endswith("and is cut to that")
+    for made in (generation(base), variation(base)):
+        assert [str(note) for note in made.notes] == [str(warning)]
 
 
 def test_plan_that_is_too_large_for_the_resolution_is_a_rejection(base):
@@ -204,20 +191,16 @@ def test_floor_plan_producers_keep_the_contract(base):
     check_producer(variation(base, num_variations=2), [{}, {"noise": 0.1}])
 
 
-def test_folder_of_the_campaign_changes_nothing(base, tmp_path):
+def test_content_of_parameters_is_that_of_plan_and_variation_wherever_they_lie(base, tmp_path):
     moved = tmp_path / "elsewhere"
     moved.mkdir()
     for file in base.glob("test_floorplan_example.*"):
         shutil.copy(file, moved)
-    assert content_of(variation(base).parameters) == content_of(variation(moved).parameters)
-    assert content_of(generation(base).parameters) == content_of(generation(moved).parameters)
-
-
-def test_plan_behind_a_variation_counts_as_much_as_the_variation(base):
-    before = content_of(variation(base).parameters)
-    plan = base / "test_floorplan_example.fpm"
+    for made in (variation, generation):
+        assert content_of(made(base).parameters) == content_of(made(moved).parameters)
+    plan = moved / "test_floorplan_example.fpm"
     plan.write_text(plan.read_text().replace("height: 2.5 m", "height: 2.6 m"))
-    assert content_of(variation(base).parameters) != before
+    assert content_of(variation(base).parameters) != content_of(variation(moved).parameters)
 
 
 def test_parameters_name_no_files_so_that_what_was_read_is_what_is_built(base):
@@ -240,29 +223,22 @@ def test_environment_of_a_worker_is_readable_elsewhere(base, tmp_path, monkeypat
     worker.start()
     worker.join(120)
     (fragment,) = read_evaluation(kept.read("evaluate/00/key", FRAGMENTS), {})
-    assert fragment == evaluate(generation(base), {})[0]
+    assert fragment == only(generation(base))
     assert map_content(fragment.values["map_file"].path) == fragment.values["map_file"]
     assert Path(fragment.values["map_file"].path).is_relative_to(tmp_path / "store")
 
 
-def test_same_environment_is_kept_once(base, store):
-    first, second = (evaluate(generation(base), {})[0].values["map_file"] for _ in range(2))
-    assert first.path == second.path
-    assert len(list(store.iterdir())) == 1
-
-
-@pytest.mark.parametrize("damage", ["shorten", "remove", "replace"])
-def test_damaged_environment_is_made_anew(base, store, damage):
-    map_file = evaluate(generation(base), {})[0].values["map_file"]
+def test_environment_is_kept_once_and_made_anew_where_it_is_damaged(base, store):
+    map_file = only(generation(base)).values["map_file"]
     picture = Path(map_file.path).with_name("map.pgm")
-    if damage == "shorten":
-        picture.write_bytes(picture.read_bytes()[:-9])
-    elif damage == "remove":
+    content = picture.read_bytes()
+    for damaged in (content, content[:-9], None, bytes(len(content))):
         picture.unlink()
-    else:
-        picture.write_bytes(bytes(len(picture.read_bytes())))
-    assert map_content(evaluate(generation(base), {})[0].values["map_file"].path) == map_file
-    assert len(list(store.iterdir())) == 1
+        if damaged is not None:
+            picture.write_bytes(damaged)
+        again = only(generation(base)).values["map_file"]
+        assert (again.path, map_content(again.path)) == (map_file.path, map_file)
+        assert len(list(store.iterdir())) == 1
 
 
 def test_environments_are_kept_in_the_store_or_where_a_worker_says(tmp_path, monkeypatch):

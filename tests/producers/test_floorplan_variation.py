@@ -4,18 +4,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from floor_plans import EXAMPLE as PLAN
+from floor_plans import built
 from table import each_row
 
-from vastflow.producers.floorplan.building import build
 from vastflow.producers.floorplan.files import read_variation_file
-from vastflow.producers.floorplan.reading import read_plan
 from vastflow.producers.floorplan.rendering import geometry_of
 from vastflow.producers.floorplan.syntax import parse
 from vastflow.producers.floorplan.variation import Distribution, parse_variation, variation_of
 from vastflow.sim.model.faults import FileError
 
 FILE = Path(__file__).with_name("test_floorplan_example.variation")
-PLAN = Path(__file__).with_name("test_floorplan_example.fpm").read_text()
 HEAD = 'import "flat.fpm"\n'
 
 
@@ -58,7 +57,7 @@ def test_sample_text_has_plan_seed_and_drawn_numbers():
 
 def test_varied_plan_with_features_is_built():
     # Upstream's writer loses `of: this.walls[0]` and writes features that its parser refuses.
-    geometry = geometry_of(build(read_plan(read_variation_file(FILE).variation().sample(9).text, "flat_9.fpm")))
+    geometry = geometry_of(built(read_variation_file(FILE).variation().sample(9).text))
     assert geometry["obstacles"]["post"]["height"] == 0.6
     assert geometry["walls"]["study-wall-0"]["polygon"][0][0] == pytest.approx(4.2)
     assert geometry["spaces"]["study"][0] == pytest.approx((4.3, 3.05))
@@ -82,7 +81,7 @@ def test_documented_attributes_can_be_varied():
         study: { defaults.wall.thickness : uniform([0.25]) }
         door: { shape.height : uniform([2.1]) location.translation.z : uniform([1.05]) }
     """
-    building = build(read_plan(variation(items).sample(0).text, "p"))
+    building = built(variation(items).sample(0).text)
     assert len(variation(items).varied) == 8
     assert building.holes[0].top_m == pytest.approx(2.1)
 
@@ -124,7 +123,7 @@ def test_fault_of_the_imported_plan_is_said_of_the_plan(tmp_path):
 def test_sample_that_makes_no_building_is_drawn_all_the_same():
     sample = variation("gap : uniform([-9.0])").sample(0)
     with pytest.raises(FileError, match=r"Entryway door: the width is -9 m; at least 0.001 m"):
-        build(read_plan(sample.text, "flat_0.fpm"))
+        built(sample.text)
 
 
 def test_standard_deviation_of_minus_zero_is_zero():

@@ -205,6 +205,7 @@ def _scenario(file: Path) -> None:
 
 def _plan(file: Path) -> None:
     from vastflow.producers.floorplan.files import read_plan_file
+    from vastflow.producers.floorplan.mesh import is_closed, mesh_of
     from vastflow.producers.floorplan.rendering import geometry_of, render
 
     plan = read_plan_file(file)
@@ -212,6 +213,7 @@ def _plan(file: Path) -> None:
     json.dumps(geometry_of(building))
     if len(plan.text) % 20 == 0:
         render(building, plan.text, str(file), 0.25, 0.193)
+        assert is_closed(mesh_of(building))
 
 
 def _variation(file: Path) -> None:
