@@ -68,11 +68,7 @@ class CandidateFiles:
     folder: Path
 
     def built(self, candidate: Candidate, runs: int = 1, comment: str = "") -> BuiltCandidate:
-        """Write a candidate's campaign file for `runs` runs and read it as `vastflow run` does.
-
-        Raises:
-            NotBuilt: the file has a fault, or start or goal is not free.
-        """
+        """Write a candidate's campaign file and read it as `vastflow run` does; raises NotBuilt where that fails."""
         try:
             values = self.failing.subject.reduced(candidate.kept, dict(candidate.levels))
         except ValueError as error:
@@ -97,7 +93,7 @@ class CandidateFiles:
             execution[FILE_KEY] = placed(failing.campaign["execution"][FILE_KEY], failing.places)
             del values[FILE_KEY]
         for key in values.keys() & _MAPS.keys():
-            values[key] = f"{_MAPS[key]}/{Path(_path(values[key])).name}"
+            values[key] = f"{_MAPS[key]}/{Path(values[key].path).name}"
         tags = {key: subject.dimensions[key] for key in values}
         family: dict[str, Any] = {
             "name": FAMILY,
@@ -125,7 +121,9 @@ def candidate_files(failing: Failing) -> Iterator[CandidateFiles]:
         if (failing.directory / "inputs").is_dir():
             shutil.copytree(failing.directory / "inputs", folder, dirs_exist_ok=True)
         for key in failing.subject.values.keys() & _MAPS.keys():
-            map_file = Path(_path(failing.subject.values[key]))
+            content = failing.subject.values[key]
+            assert isinstance(content, FileContent)
+            map_file = Path(content.path)
             picture = str(yaml_value(read_text(map_file))["image"])
             (folder / _MAPS[key]).mkdir(exist_ok=True)
             for file in (map_file, map_file.parent / picture):
@@ -144,10 +142,6 @@ def placed(value: Any, places: Mapping[str, str]) -> Any:
     file, separator, kind = value.partition(".py:")
     path = os.path.normpath(f"{file}.py" if separator else file)
     return value if path not in places else f"{places[path]}:{kind}" if separator else places[path]
-
-
-def _path(value: Any) -> str:
-    return value.path if isinstance(value, FileContent) else str(value)
 
 
 def _plain(value: Any) -> Any:

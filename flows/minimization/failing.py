@@ -83,25 +83,19 @@ def failing_configuration(directory: Path, name: str, oracle: str | None, rate: 
 
 
 def _missing(directory: Path, name: str, known: list[str]) -> NotMinimized:
-    for row in table_rows(directory / "rejections.parquet"):
-        if row["parent"] == name:
-            return NotMinimized(
-                f"{directory}: expected a configuration that fails, got {name}, which was rejected: {row['reason']}"
-            )
+    gone = {
+        row["parent"]: f"which was rejected: {row['reason']}" for row in table_rows(directory / "rejections.parquet")
+    }
     for row in table_rows(directory / "exclusions.parquet"):
-        if row["name"] == name:
-            what = f"{name}, which the constraint {row['constraint']} excludes"
-            return NotMinimized(f"{directory}: expected a configuration that fails, got {what}")
+        gone.setdefault(row["name"], f"which the constraint {row['constraint']} excludes")
+    if name in gone:
+        return NotMinimized(f"{directory}: expected a configuration that fails, got {name}, {gone[name]}")
     hint = did_you_mean(name, known, "it has none", listed="it has")
     return NotMinimized(f"{directory}: no configuration {name!r}; {hint}")
 
 
 def _failing_oracle(directory: Path, name: str, oracle: str | None, rate: float) -> str:
-    """Return the oracle whose failures count.
-
-    Raises:
-        NotMinimized: the configuration passes or was not judged.
-    """
+    """Return the oracle whose failures count; raises NotMinimized if the configuration passes or was not judged."""
     table = read_columns(directory / "verdicts.parquet")
     rows = table.filter(pc.equal(table.column("configuration"), name)).to_pylist()
     said: dict[str, list[str]] = {}

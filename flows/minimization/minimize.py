@@ -46,12 +46,9 @@ _APART: Final = 0.2
 
 @dataclass(frozen=True)
 class FailureTest(Stopping):
-    """Ends the runs of a candidate when it is known to fail, or not to.
+    """Ends the runs of a candidate when it is known to fail by the oracle, or not to.
 
     A failing candidate has the rule's class *systematic*, whose bound is the success rate `1 - rate`.
-
-    Attributes:
-        oracle: The oracle whose failures count.
     """
 
     oracle: str
@@ -62,11 +59,7 @@ class FailureTest(Stopping):
         return 1.0 - self.rule.bounds.systematic
 
     def judged(self, index: Index, verdicts: Artifact) -> Mapping[int, str]:
-        """Return the oracle's judgement by run index.
-
-        Raises:
-            Lost: the verdicts are damaged.
-        """
+        """Return the oracle's judgement by run index; raises `Lost` if the verdicts are damaged."""
         found = read_verdicts(index.store.load(verdicts, VERDICTS))
         return {each.run_index: each.judgement for each in found if each.oracle == self.oracle}
 
@@ -74,12 +67,6 @@ class FailureTest(Stopping):
         """Return the decision after so many runs."""
         claim = self.rule.decision(judged - failed, judged) if judged else None
         return "fails" if claim == "systematic" else "does not fail" if claim in ("reliable", "flaky") else "undecided"
-
-
-def failure_test(oracle: str, rate: float, error: float = ERROR) -> FailureTest:
-    """Return the test for a failure rate of `rate` or more."""
-    passes = 1.0 - rate
-    return FailureTest(StoppingRule(LEAST_RUNS, MOST_RUNS, ClassBounds(passes, passes + _APART * rate), error), oracle)
 
 
 Compute: TypeAlias = Callable[[Sequence[Shard]], None]
@@ -118,11 +105,7 @@ class Trials:
         return outcome
 
     def confirm(self, candidate: Candidate) -> Outcome:
-        """Return whether a candidate that failed fails at the rate on fresh runs, too, without a test.
-
-        Raises:
-            Lost: as in `judge`.
-        """
+        """Return whether a failing candidate fails on fresh runs at the rate, without a test; raises as `judge`."""
         self.runs.confirmed = self.configurations[candidate].name
         failed, judged = self._counts(candidate, self.used[candidate])
         fails = judged > 0 and failed / judged >= self.test.rate - 1e-9
@@ -186,16 +169,13 @@ def _text(subject: Subject, candidate: Candidate) -> str:
 
 def before_and_after(before: Configuration, after: Configuration) -> bytes:
     """Return a PNG of two plan views side by side."""
-    pictures = []
-    for title, configuration in (("before", before), ("minimized", after)):
-        view = replace(plan_view_of(configuration), title=title)
-        pictures.append(Image.open(io.BytesIO(png(plan_view_figure(view)))).convert("RGB"))
-    width, height = sum(each.width for each in pictures), max(each.height for each in pictures)
-    both = Image.new("RGB", (width, height), "white")
-    x = 0
-    for each in pictures:
-        both.paste(each, (x, 0))
-        x += each.width
+    first, second = (
+        Image.open(io.BytesIO(png(plan_view_figure(replace(plan_view_of(configuration), title=title)))))
+        for title, configuration in (("before", before), ("minimized", after))
+    )
+    both = Image.new("RGB", (first.width + second.width, max(first.height, second.height)), "white")
+    both.paste(first, (0, 0))
+    both.paste(second, (first.width, 0))
     out = io.BytesIO()
     both.save(out, format="png")
     return out.getvalue()
@@ -235,7 +215,8 @@ def minimize_configuration(
             raise NotMinimized(f"{failing.directory}: {failing.name} can't be built from its inputs: {error}") from None
         opened = OpenCampaign(before.campaign, before.oracles, open_store(store))
         keys = campaign_keys(installed_tree(), before.campaign.seed, before.oracles)
-        test = failure_test(placed(failing.oracle, failing.places), rate)
+        rule = StoppingRule(LEAST_RUNS, MOST_RUNS, ClassBounds(1.0 - rate, 1.0 - rate + _APART * rate), ERROR)
+        test = FailureTest(rule, placed(failing.oracle, failing.places))
         runs = PointRuns(test, test.most, CONFIRMING_RUNS)
         with (
             told(observer) as tally,

@@ -60,34 +60,28 @@ def comment_of(failing: Failing, minimum: Minimum) -> str:
 
 def minimized_text(found: Minimized, written: list[str]) -> Iterator[str]:
     """Yield lines for the terminal."""
-    minimum, subject, gone = found.minimum, found.failing.subject, taken_away(found)
+    minimum, gone = found.minimum, taken_away(found)
+    paths = [each for each in found.failing.subject.circumstances if not each.can_be_left_out]
+    parts = {
+        "can't be removed, thus the cause:": [
+            f"{each.text}{_level(minimum, each)}; without it: {said.text}" for each, said in minimum.cause.items()
+        ]
+        or [NOTHING],
+        "kept, since it could not be tried without:": [
+            f"{each.text}; {said.reason}" for each, said in minimum.not_tried.items()
+        ],
+        f"removed: {count_text(len(gone), 'value')}": _in_file(found, gone),
+        "shorter:": [f"{each.text}{level}" for each in paths if (level := _level(minimum, each))],
+    }
     yield f"{found.failing.name} by {found.failing.oracle}, minimized: {_confirmed(minimum)}"
     yield ""
-    yield "can't be removed, thus the cause:"
-    for each, said in minimum.cause.items():
-        yield f"  {each.text}{_level(minimum, each)}; without it: {said.text}"
-    if not minimum.cause:
-        yield f"  {NOTHING}"
-    for title, lines in (
-        (
-            "kept, since it could not be tried without:",
-            [f"{c.text}; {o.reason}" for c, o in minimum.not_tried.items()],
-        ),
-        (f"removed: {count_text(len(gone), 'value')}", _in_file(found, gone)),
-        (
-            "shorter:",
-            [
-                f"{c.text}{_level(minimum, c)}"
-                for c in subject.circumstances
-                if not c.can_be_left_out and _level(minimum, c)
-            ],
-        ),
-    ):
+    for title, lines in parts.items():
         if lines:
             yield title
             yield from (f"  {line}" for line in lines)
     yield ""
-    yield f"{found.runs} runs of {len(minimum.tried)} candidates, {found.executed} executed; error of a trial at most {found.rule.error:.0%}"
+    error = f"error of a trial at most {found.rule.error:.0%}"
+    yield f"{found.runs} runs of {len(minimum.tried)} candidates, {found.executed} executed; {error}"
     yield from written
 
 

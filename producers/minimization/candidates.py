@@ -27,13 +27,7 @@ class NotBuilt(UserError, ValueError):
 
 @dataclass(frozen=True)
 class Candidates:
-    """Makes scenarios of candidates.
-
-    Attributes:
-        whole: The scenario of which nothing is left out.
-        abstract: What its abstract scenario needs.
-        start_check: Checks the start and the goals; None where the family has no such check.
-    """
+    """Makes scenarios of candidates of the `whole`; without `start_check`, start and goals are not checked."""
 
     subject: Subject
     whole: Scenario

@@ -61,12 +61,7 @@ Levels: TypeAlias = Mapping[Circumstance, int]
 
 @dataclass(frozen=True)
 class Subject:
-    """A scenario that fails.
-
-    Attributes:
-        values: Key to value, maps as `FileContent`.
-        dimensions: Dimension of each key.
-    """
+    """A scenario that fails: value and dimension of each key, maps as `FileContent`."""
 
     values: Mapping[str, Value]
     dimensions: Mapping[str, Dimension] = field(repr=False)
@@ -77,11 +72,7 @@ class Subject:
         return tuple(each for kind in (self._objects, self._world, self._task, self._system) for each in kind())
 
     def reduced(self, kept: Collection[Circumstance], levels: Levels) -> dict[str, Value]:
-        """The values with these circumstances alone, some of them nearer to their default.
-
-        Raises:
-            ValueError: an obstacle stands where the shorter path would begin or end.
-        """
+        """The values with these circumstances alone, some nearer to their default; raises as `shortened` does."""
         values = dict(self.values)
         nearer = [each for each in self.circumstances if each in levels]  # in an order that is always the same
         for each in nearer:
@@ -89,8 +80,7 @@ class Subject:
                 _bring_nearer(values, each, levels[each] / LEVELS)
         gone = [each for each in self.circumstances if each.can_be_left_out and each not in kept]
         for key in {each.key for each in gone}:
-            items = {each.item for each in gone if each.key == key}
-            _leave_out(values, key, items)
+            _leave_out(values, key, {each.item for each in gone if each.key == key})
         _drop_idle_trigger(values)
         for each in nearer:
             if each.kind == "path":
@@ -99,11 +89,10 @@ class Subject:
 
     def _objects(self) -> Iterator[Circumstance]:
         for key, value in self.values.items():
-            for k, entry in enumerate(_listed(value)) if self.dimensions[key] == "environment" else ():
-                if isinstance(entry, Mapping) and "spawn_pose" in entry:
-                    at = pose_of(entry["spawn_pose"])
-                    name = entry.get("entity_name") or f"{key}[{k}]"
-                    yield Circumstance("obstacle", key, k, f"obstacle {name} at ({at.x_m:.2f}, {at.y_m:.2f})")
+            for k, entry in _obstacles(value) if self.dimensions[key] == "environment" else ():
+                at = pose_of(entry["spawn_pose"])
+                name = entry.get("entity_name") or f"{key}[{k}]"
+                yield Circumstance("obstacle", key, k, f"obstacle {name} at ({at.x_m:.2f}, {at.y_m:.2f})")
 
     def _world(self) -> Iterator[Circumstance]:
         world = self.values.get(WORLD_KEY)
@@ -159,26 +148,30 @@ def _bring_nearer(values: dict[str, Any], circumstance: Circumstance, share: flo
 
 def _leave_out(values: dict[str, Any], key: str, items: Collection[int | str | None]) -> None:
     found = values[key]
-    if isinstance(found, Mapping) and None not in items:
-        left = {name: item for name, item in found.items() if name not in items}
-        values[key] = left
-        if key == WORLD_KEY and not any(left.get(part) for part in WORLD_PARTS):
-            del values[key]
-    elif None not in items:
-        values[key] = [item for k, item in enumerate(found) if k not in items]
-    else:
+    if None in items:
         del values[key]
+    elif isinstance(found, Mapping):
+        values[key] = {name: item for name, item in found.items() if name not in items}
+        if key == WORLD_KEY and not any(values[key].get(part) for part in WORLD_PARTS):
+            del values[key]
+    else:
+        values[key] = [item for k, item in enumerate(found) if k not in items]
+
+
+def _obstacles(value: Any) -> Iterator[tuple[int, Mapping[str, Any]]]:
+    """Yield the obstacles in a list with their places; none where something else stands."""
+    for k, entry in enumerate(_listed(value)):
+        if isinstance(entry, Mapping) and "spawn_pose" in entry:
+            yield k, entry
 
 
 def _drop_idle_trigger(values: dict[str, Any]) -> None:
     """Without the obstacle that stands at the trigger's point there is nothing to set off."""
     if TRIGGER_POINT_KEY not in values:
         return
-    entries = [entry for value in values.values() for entry in _listed(value)]
-    obstacles = [entry for entry in entries if isinstance(entry, Mapping) and "spawn_pose" in entry]
     point = pose_of(values[TRIGGER_POINT_KEY])
-    at = {(pose.x_m, pose.y_m) for pose in (pose_of(each["spawn_pose"]) for each in obstacles)}
-    if (point.x_m, point.y_m) not in at:
+    at = [pose_of(each["spawn_pose"]) for value in values.values() for _, each in _obstacles(value)]
+    if (point.x_m, point.y_m) not in {(pose.x_m, pose.y_m) for pose in at}:
         del values[TRIGGER_POINT_KEY]
         values.pop(TRIGGER_THRESHOLD_KEY, None)
 
@@ -240,17 +233,14 @@ def _along(ground: Ground, start: Pose, end: Pose) -> list[Pose] | None:
     last = len(points) - 1
     poses = []
     for k, (x_m, y_m) in enumerate(points):
-        i, j = (k, min(k + ahead, last)) if k < last else (max(k - ahead, 0), k)
-        yaw_rad = math.atan2(points[j][1] - points[i][1], points[j][0] - points[i][0])
-        poses.append(Pose(round(x_m, 3), round(y_m, 3), round(yaw_rad, 3)))
+        (x0, y0), (x1, y1) = (points[i] for i in ((k, min(k + ahead, last)) if k < last else (max(k - ahead, 0), k)))
+        poses.append(Pose(round(x_m, 3), round(y_m, 3), round(math.atan2(y1 - y0, x1 - x0), 3)))
     return poses
 
 
 def _check_free(values: dict[str, Any], pose: Pose, radius_m: float) -> None:
-    entries = [entry for value in values.values() if isinstance(value, list | tuple) for entry in value]
-    for entry in entries:
-        if isinstance(entry, dict) and "spawn_pose" in entry:
-            obstacle = obstacle_of(entry)
-            if obstacle.footprint().distance(Point(pose.x_m, pose.y_m)) < radius_m:
-                at = f"({pose.x_m:g}, {pose.y_m:g})"
-                raise ValueError(f"the path would begin or end at {at}, where {obstacle.name} stands")
+    for _, entry in (found for value in values.values() for found in _obstacles(value)):
+        obstacle = obstacle_of(entry)
+        if obstacle.footprint().distance(Point(pose.x_m, pose.y_m)) < radius_m:
+            at = f"({pose.x_m:g}, {pose.y_m:g})"
+            raise ValueError(f"the path would begin or end at {at}, where {obstacle.name} stands")

@@ -1,7 +1,8 @@
 """Minimization by delta debugging: what of a failing scenario its failure needs, asked of whoever tells whether a candidate fails."""
 
 import itertools
-from collections.abc import Callable, Sequence
+from bisect import bisect_left
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias, TypeVar
 
@@ -23,15 +24,20 @@ class Candidate:
     kept: frozenset[Circumstance]
     levels: frozenset[tuple[Circumstance, int]] = frozenset()
 
+    def with_these(self, kept: Collection[Circumstance]) -> "Candidate":
+        """Return the candidate with these circumstances alone, at the same levels."""
+        levels = frozenset(pair for pair in self.levels if pair[0] in kept or not pair[0].can_be_left_out)
+        return Candidate(frozenset(kept), levels)
+
+    def nearer(self, circumstance: Circumstance, level: int) -> "Candidate":
+        """Return the candidate with one more circumstance at a level."""
+        own = () if level == LEVELS else ((circumstance, level),)
+        return Candidate(self.kept, self.levels.union(own))
+
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The outcome of a candidate.
-
-    Attributes:
-        failed, judged: Of its runs.
-        reason: Why it was not tried; empty where it was.
-    """
+    """The outcome of a candidate: its failed and judged runs, or why it was not tried."""
 
     standing: Standing
     failed: int = 0
@@ -75,11 +81,7 @@ class Minimum:
 
 @dataclass(frozen=True)
 class Unconfirmed:
-    """An unconfirmed failure.
-
-    Attributes:
-        outcome: Of the scenario that was given; what it lacks to be called failing.
-    """
+    """An unconfirmed failure: the outcome of what was given, and that of fresh runs if there were any."""
 
     outcome: Outcome
     confirmation: Outcome | None = None
@@ -96,23 +98,6 @@ class Unconfirmed:
 Judge: TypeAlias = Callable[[Candidate], Outcome]
 
 
-@dataclass
-class _Trials:
-    """Outcomes of candidates, each judged once."""
-
-    judge: Judge
-    refused: set[Candidate] = field(default_factory=set)
-    known: dict[Candidate, Outcome] = field(default_factory=dict)
-
-    def outcome(self, candidate: Candidate) -> Outcome:
-        if candidate not in self.known:
-            self.known[candidate] = self.judge(candidate)
-        return self.known[candidate]
-
-    def fails(self, candidate: Candidate) -> bool:
-        return candidate not in self.refused and self.outcome(candidate).standing == "fails"
-
-
 def minimize(circumstances: tuple[Circumstance, ...], judge: Judge, confirm: Judge) -> Minimum | Unconfirmed:
     """The smallest scenario that fails, as far as delta debugging finds it.
 
@@ -120,56 +105,42 @@ def minimize(circumstances: tuple[Circumstance, ...], judge: Judge, confirm: Jud
     is asked once more what can be left out. What was found is confirmed; where it is not, the search goes on as if it had not failed.
 
     Args:
-        judge: Says whether a candidate fails.
+        judge: Says whether a candidate fails; is asked once of each.
         confirm: Says it of a candidate that failed, by runs that `judge` did not use.
     """
-    trials = _Trials(judge)
+    refused: set[Candidate] = set()
+    known: dict[Candidate, Outcome] = {}
+
+    def outcome(candidate: Candidate) -> Outcome:
+        if candidate not in known:
+            known[candidate] = judge(candidate)
+        return known[candidate]
+
+    def fails(candidate: Candidate) -> bool:
+        return candidate not in refused and outcome(candidate).standing == "fails"
+
+    def with_fewest(candidate: Candidate) -> Candidate:
+        things = [each for each in circumstances if each in candidate.kept]
+        return candidate.with_these(ddmin(things, lambda kept: fails(candidate.with_these(kept))))
+
+    def nearest(candidate: Candidate, each: Circumstance) -> Candidate:
+        return candidate.nearer(each, least_level(lambda level: fails(candidate.nearer(each, level))))
+
     whole = Candidate(frozenset(each for each in circumstances if each.can_be_left_out))
     confirmation = None
-    while trials.fails(whole):
-        found = _minimum(circumstances, whole, trials)
+    while fails(whole):
+        found = with_fewest(whole)
+        for each in circumstances:
+            if each.default is not None and (each in found.kept or not each.can_be_left_out):
+                found = nearest(found, each)
+        found = with_fewest(found)
         confirmation = confirm(found)
         if confirmation.standing == "fails":
-            without = {each: trials.outcome(_without(found, each)) for each in circumstances if each in found.kept}
-            return Minimum(found, without, trials.known, confirmation)
-        trials.refused.add(found)
-    return Unconfirmed(trials.outcome(whole), confirmation)
-
-
-def _minimum(circumstances: tuple[Circumstance, ...], whole: Candidate, trials: _Trials) -> Candidate:
-    found = _left(circumstances, whole, trials)
-    for each in circumstances:
-        if each.default is not None and (each in found.kept or not each.can_be_left_out):
-            found = _nearer(found, each, trials)
-    return _left(circumstances, found, trials)
-
-
-def _left(circumstances: tuple[Circumstance, ...], candidate: Candidate, trials: _Trials) -> Candidate:
-    """The candidate with as few circumstances as fail at its levels."""
-
-    def with_these(kept: tuple[Circumstance, ...]) -> Candidate:
-        levels = frozenset(
-            (each, level) for each, level in candidate.levels if each in kept or not each.can_be_left_out
-        )
-        return Candidate(frozenset(kept), levels)
-
-    things = [each for each in circumstances if each in candidate.kept]
-    return with_these(ddmin(things, lambda kept: trials.fails(with_these(tuple(kept)))))
-
-
-def _nearer(candidate: Candidate, circumstance: Circumstance, trials: _Trials) -> Candidate:
-    """The candidate with one circumstance as near to its default as fails."""
-
-    def at(level: int) -> Candidate:
-        own = () if level == LEVELS else ((circumstance, level),)
-        return Candidate(candidate.kept, candidate.levels.union(own))
-
-    return at(least_level(lambda level: trials.fails(at(level))))
-
-
-def _without(candidate: Candidate, circumstance: Circumstance) -> Candidate:
-    levels = frozenset((each, level) for each, level in candidate.levels if each != circumstance)
-    return Candidate(candidate.kept - {circumstance}, levels)
+            kept = [each for each in circumstances if each in found.kept]
+            without = {each: outcome(found.with_these(found.kept - {each})) for each in kept}
+            return Minimum(found, without, known, confirmation)
+        refused.add(found)
+    return Unconfirmed(outcome(whole), confirmation)
 
 
 T = TypeVar("T")
@@ -188,9 +159,10 @@ def ddmin(things: Sequence[T], fails: Callable[[Sequence[T]], bool]) -> tuple[T,
     if not left or fails(()):
         return ()
     while len(left) > 1:
-        pieces = _split(left, parts)
+        cuts = [len(left) * k // parts for k in range(parts + 1)]
+        pieces = [left[start:stop] for start, stop in itertools.pairwise(cuts)]
         # Of two pieces each is the complement of the other.
-        subsets = [*pieces, *(_complement(left, piece) for piece in pieces if parts > 2)]
+        subsets = [*pieces, *(tuple(each for each in left if each not in piece) for piece in pieces if parts > 2)]
         found = next((k for k, subset in enumerate(subsets) if fails(subset)), None)
         if found is not None:
             left, parts = subsets[found], 2 if found < parts else parts - 1
@@ -203,21 +175,4 @@ def ddmin(things: Sequence[T], fails: Callable[[Sequence[T]], bool]) -> tuple[T,
 
 def least_level(fails: Callable[[int], bool]) -> int:
     """The least of the levels 1 to `LEVELS` that fails, by bisection: `LEVELS` does, and 0 is taken not to."""
-    passes, least = 0, LEVELS
-    while least - passes > 1:
-        middle = (passes + least) // 2
-        if fails(middle):
-            least = middle
-        else:
-            passes = middle
-    return least
-
-
-def _split(things: tuple[T, ...], parts: int) -> list[tuple[T, ...]]:
-    """`things` in order, in parts of about equal size."""
-    cuts = [len(things) * k // parts for k in range(parts + 1)]
-    return [things[start:stop] for start, stop in itertools.pairwise(cuts)]
-
-
-def _complement(things: tuple[T, ...], piece: tuple[T, ...]) -> tuple[T, ...]:
-    return tuple(each for each in things if each not in piece)
+    return 1 + bisect_left(range(1, LEVELS), True, key=fails)
