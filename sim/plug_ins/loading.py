@@ -15,7 +15,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 from vastflow.sim.model.digest import Value, digest, file_digest
 from vastflow.sim.plug_ins.effects import plug_in_code, watched
@@ -38,11 +38,7 @@ def package_name(snapshot: Snapshot) -> str:
 
 
 def module_of(snapshot: Snapshot) -> ModuleType:
-    """The module of a plug-in's file, executed once in a process; raises whatever its code raises.
-
-    Raises:
-        PlugInError: the snapshot is damaged, or the code read a file that is not declared.
-    """
+    """The module of a plug-in's file, executed once in a process; raises whatever its code raises."""
     open_package(snapshot)
     with plug_in_code(), watched(snapshot):
         return importlib.import_module(module_name(snapshot))  # waits while another thread executes it
@@ -111,10 +107,6 @@ class SnapshotLoader(importlib.machinery.SourceFileLoader):
         super().__init__(fullname, str(path))
         self.snapshot = snapshot
 
-    def create_module(self, spec: importlib.machinery.ModuleSpec) -> ModuleType | None:
-        """Python's own."""
-        return None
-
     def exec_module(self, module: ModuleType) -> None:
         """Execute the copy; a folder without `__init__.py` has nothing to execute."""
         if Path(self.path).is_file():
@@ -140,17 +132,16 @@ class _Finder:
             return None
         snapshot, own = loader.snapshot, ".".join(parts)
         places = {_dotted(place): place for place in snapshot.modules}
-        if own in places:
-            snapshot.read(places[own])
-            file = snapshot.folder / places[own]
-            is_package = [str(file.parent)] if file.name == "__init__.py" else None
-            return importlib.util.spec_from_file_location(
-                name, file, loader=SnapshotLoader(name, file, snapshot), submodule_search_locations=is_package
-            )
-        if any(each.startswith(f"{own}.") for each in places):
+        if own not in places:
             folder = SnapshotLoader(name, snapshot.folder, snapshot)
-            return importlib.machinery.ModuleSpec(name, folder, is_package=True)
-        return None
+            is_folder = any(each.startswith(f"{own}.") for each in places)
+            return importlib.machinery.ModuleSpec(name, folder, is_package=True) if is_folder else None
+        snapshot.read(places[own])
+        file = snapshot.folder / places[own]
+        package = [str(file.parent)] if file.name == "__init__.py" else None
+        return importlib.util.spec_from_file_location(
+            name, file, loader=SnapshotLoader(name, file, snapshot), submodule_search_locations=package
+        )
 
 
 def _dotted(place: str) -> str:
@@ -162,9 +153,6 @@ def _dotted(place: str) -> str:
 
 
 OWN: Final = "vastflow."
-
-_Stamp: TypeAlias = tuple[str, int, int]
-"""Path, size (bytes) and time of the last change (ns since 1970) of a file."""
 
 
 def code_value(kind: type) -> Value:
@@ -185,7 +173,8 @@ def code_value(kind: type) -> Value:
 
 
 @functools.lru_cache(maxsize=16)
-def _content(files: tuple[_Stamp, ...]) -> str:
+def _content(files: tuple[tuple[str, int, int], ...]) -> str:
+    """Return the digest of files by path, size, and time of the last change (ns since 1970)."""
     return hashlib.sha256("".join(file_digest(file) for file, _, _ in files).encode()).hexdigest()
 
 

@@ -6,7 +6,7 @@ import io
 import os
 import sys
 import tokenize
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -42,13 +42,7 @@ class PlugInError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Hidden:
-    """Something that a result may follow from and nobody can follow.
-
-    Attributes:
-        line: From 1.
-        name: What is called, such as `os.getenv`.
-        what: What comes from there.
-    """
+    """Something that a result may follow from and nobody can follow: what comes from a call such as `os.getenv`."""
 
     file: Path
     line: int
@@ -215,39 +209,30 @@ def _files(names: list[str], module: Path) -> Iterator[Path]:
             raise PlugInError(f"got {name!r} in {FILES} of {module.name}", "a path relative to the plug-in's folder")
         place = module.parent / name
         if not _PATTERN.isdisjoint(name):
-            yield from sorted(_normal(each) for each in module.parent.glob(name) if each.is_file())
+            found = [each for each in module.parent.glob(name) if each.is_file()]
         elif place.is_dir():
-            yield from sorted(_normal(each) for each in place.rglob("*") if each.is_file())
+            found = [each for each in place.rglob("*") if each.is_file()]
         elif place.exists():
-            yield _normal(place)
+            found = [place]
         else:
             raise PlugInError(f"{module.name}: no file {name!r} of its {FILES}", f"a file beside {str(module)!r}")
-
-
-def _normal(path: Path) -> Path:
-    return Path(os.path.abspath(path))
+        yield from sorted(Path(os.path.abspath(each)) for each in found)
 
 
 def _hidden(nodes: list[ast.AST], module: Path) -> Iterator[Hidden]:
     """Reads of the environment, and programs that are started."""
-    names: Mapping[str, str] = _aliases(nodes)
+    meant: dict[str, str] = {}  # by a name that is imported
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            meant |= {alias.asname: alias.name for alias in node.names if alias.asname}
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            meant |= {alias.asname or alias.name: f"{node.module}.{alias.name}" for alias in node.names}
     for node in nodes:
         if not isinstance(node, ast.Attribute | ast.Name):
             continue
         first, _, rest = ast.unparse(node).partition(".")
-        name = names.get(first, first) + (f".{rest}" if rest else "")
+        name = meant.get(first, first) + (f".{rest}" if rest else "")
         if name in _ENVIRONMENT:
             yield Hidden(module, node.lineno, name, "what it reads of the environment")
         elif name in _PROGRAMS or (name.startswith(f"{_PROGRAMS_OF}.") and name.count(".") == 1):
             yield Hidden(module, node.lineno, name, "what another program reads")
-
-
-def _aliases(nodes: list[ast.AST]) -> Mapping[str, str]:
-    """Name in the module to what it stands for, of what is imported."""
-    found: dict[str, str] = {}
-    for node in nodes:
-        if isinstance(node, ast.Import):
-            found.update({alias.asname: alias.name for alias in node.names if alias.asname})
-        elif isinstance(node, ast.ImportFrom) and not node.level:
-            found.update({alias.asname or alias.name: f"{node.module}.{alias.name}" for alias in node.names})
-    return found

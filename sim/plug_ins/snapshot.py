@@ -74,11 +74,7 @@ class Snapshot:
         return os.path.relpath(place, self.home or ".").replace(os.sep, "/")
 
     def read(self, place: str) -> bytes:
-        """A copy's content.
-
-        Raises:
-            PlugInError: it is not what was copied.
-        """
+        """A copy's content; a PlugInError if it is not what was copied."""
         try:
             content = (self.folder / place).read_bytes()
         except OSError:
@@ -88,22 +84,14 @@ class Snapshot:
         return content
 
     def check(self) -> None:
-        """Compare every copy with what was copied.
-
-        Raises:
-            PlugInError: one of them is another.
-        """
+        """Read every copy."""
         for place in self.files:
             self.read(place)
 
 
 @dataclass(frozen=True, slots=True)
 class PlugInFile(FileContent):
-    """A file that names plug-ins of its author's, or is one, with them as they were when it was read.
-
-    Attributes:
-        plug_ins: `file.py:Class` as it is named, to the copy that is run.
-    """
+    """A file that names plug-ins or is one, with the copy of each `file.py:Class`."""
 
     plug_ins: Mapping[str, Snapshot] = field(compare=False, default_factory=dict)
 
