@@ -25,7 +25,7 @@ from vastflow.producers.campaign_file.spec import (
 )
 from vastflow.producers.catalog.path import UNPROVED, PathVariationRandom
 from vastflow.producers.instantiation.family import FamilyReader
-from vastflow.producers.instantiation.growth import Family
+from vastflow.producers.instantiation.instantiate import Family
 from vastflow.producers.model.configuration import Rejection
 from vastflow.producers.model.faults import NOT_EXECUTED, Location
 from vastflow.producers.model.producer import evaluate

@@ -24,7 +24,7 @@ from vastflow.flows.results.provenance import (
 from vastflow.flows.results.tables import configuration_row
 from vastflow.oracles.results.schema import Row, json_text
 from vastflow.producers.floorplan.environment import environments_in
-from vastflow.producers.instantiation.growth import Family
+from vastflow.producers.instantiation.instantiate import Family
 from vastflow.producers.model.configuration import Configuration
 from vastflow.producers.model.producer import Producer, evaluate
 from vastflow.sim.model.digest import Value

@@ -8,7 +8,7 @@ from typing import Any, Final, Literal, TypeAlias, get_args
 
 from vastflow.oracles.judgement.oracle import Oracle
 from vastflow.oracles.results.schema import plain
-from vastflow.producers.instantiation.growth import Family
+from vastflow.producers.instantiation.instantiate import Family
 from vastflow.producers.model.faults import shown
 from vastflow.producers.model.producer import Producer
 from vastflow.tasks.engine.evaluation import content_of, producers_in

@@ -14,8 +14,7 @@ from vastflow.flows.request.stopping import Stopping
 from vastflow.oracles.judgement.verdict import RunQuantity, Verdict, read_verdicts
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.campaign_file.search import SearchSpec
-from vastflow.producers.instantiation.growth import Family
-from vastflow.producers.instantiation.instantiate import Instantiation
+from vastflow.producers.instantiation.instantiate import Family, Instantiation
 from vastflow.producers.search.criteria import Criterion, best_of, criteria
 from vastflow.producers.search.search import Search
 from vastflow.producers.search.strategy import FAMILY, Evaluation, Proposal, Strategy, asked
@@ -31,13 +30,9 @@ from vastflow.tasks.store.store import Store
 
 @dataclass
 class PointRuns:
-    """The number of runs of a point, see `vastflow.tasks.engine.engine.RunsWanted`.
+    """The number of runs of a point, see `vastflow.tasks.engine.engine.RunsWanted`: `runs`, or fewer by a rule.
 
-    Confirming runs follow those of the search, so that it never used their indices.
-
-    Attributes:
-        rule: Ends a point's runs when its class is decided; None for `runs` each.
-        confirmed: Name of the confirmed point, which has `confirm` more runs; empty before.
+    The point named `confirmed`, empty before, has `confirm` more, whose indices the search never used.
     """
 
     rule: Stopping | None
@@ -54,16 +49,13 @@ class PointRuns:
         """Return the number of runs of a point with these judgements."""
         return self.runs if self.rule is None else self.rule.wanted(judgements)
 
-    def used(self, index: Index, configuration: ConfigurationRuns) -> tuple[ConfigurationRuns, list[Stored]]:
-        """Return the configuration with the runs that the search uses, and their stored blocks."""
-        if self.rule is not None:
-            return self.rule.stored(index, configuration)
-        configuration = replace(configuration, runs=self.runs)
-        return configuration, index.stored(configuration)
-
     def stored(self, index: Index, configuration: ConfigurationRuns) -> tuple[ConfigurationRuns, list[Stored]]:
         """Return the configuration with the runs that it needs now, and their stored blocks."""
-        configuration, stored = self.used(index, configuration)
+        if self.rule is not None:
+            configuration, stored = self.rule.stored(index, configuration)
+        else:
+            configuration = replace(configuration, runs=self.runs)
+            stored = index.stored(configuration)
         if configuration.name != self.confirmed or not FoundRuns(configuration, tuple(stored)).complete:
             return configuration, stored
         more = replace(configuration, runs=configuration.runs + self.confirm)
@@ -75,12 +67,9 @@ _BATCHES: Final = "batches"
 
 @dataclass
 class BatchClock:
-    """Measures a budget of time.
+    """Measures a budget of time; without a key there is none.
 
-    The number of batches that fit the budget is stored, so that a search with the same key has as many and the same result.
-
-    Attributes:
-        key: Key of this search in the store; empty without a budget of time.
+    The number of batches that fit it is stored, so that a search with the same key has as many and the same result.
     """
 
     store: Store
@@ -103,13 +92,6 @@ class BatchClock:
     def _kept(self) -> int | None:
         found = self.store.find(self.key)
         return None if found is None else int(found.info[_BATCHES])
-
-
-def clock_of(store: Store, spec: SearchSpec, *content: Any) -> BatchClock:
-    """Return the clock of a search, whose results follow from `content`, values that have a digest."""
-    timed = any(each.time is not None for each in spec.budget)
-    hashed = digest("search", *content)
-    return BatchClock(store, f"search/{hashed[:2]}/{hashed}" if timed else "")
 
 
 BROKEN: Final = "a point broke twice"
@@ -194,11 +176,7 @@ class SearchProgress:
         return replace(campaign, families=tuple(map(self._family, self.proposals)))
 
     def named(self, instantiated: Instantiated) -> Instantiated:
-        """Return the instantiated points, named as their proposals.
-
-        Raises:
-            FileError: the template makes several configurations of a point.
-        """
+        """Return the instantiated points, named as their proposals; raises as `Search.instantiation`."""
         made: Instantiation = self.search.instantiation(self.proposals, instantiated.instantiation)
         return replace(instantiated, instantiation=made)
 
@@ -217,13 +195,14 @@ class SearchProgress:
         Raises:
             Lost: verdicts are damaged.
         """
-        if (instantiated.faults or not set(broken).isdisjoint(found)) and not self._again:
+        is_broken = bool(instantiated.faults) or not set(broken).isdisjoint(found)
+        if is_broken and not self._again:
             self._again = True
             return True
         if self.ended_by:
             self._confirm(found, index, broken)
             return False
-        if instantiated.faults or not set(broken).isdisjoint(found):
+        if is_broken:
             return self._end(BROKEN)
         told = self._evaluations(instantiated.instantiation, found, index)
         evaluations = [each for each in told if each.proposal.family == FAMILY]
@@ -255,12 +234,9 @@ class SearchProgress:
         self.ended_by, self._again = why, False
         self.clock.keep(len(self.batches))
         told = [each.proposal for each in (*self.evaluations, *self.baseline)]
-        if why != BROKEN:
-            self.proposals = told
-            if (best := self.best) is not None:
-                self.runs.confirmed = best.proposal.name
-        else:
-            self.proposals = [*told, *self.proposals]
+        self.proposals = [*told, *(self.proposals if why == BROKEN else ())]
+        if why != BROKEN and (best := self.best) is not None:
+            self.runs.confirmed = best.proposal.name
         return bool(self.proposals)
 
     def _family(self, proposal: Proposal) -> Family:
@@ -309,8 +285,7 @@ class SearchProgress:
         best = self.best
         if best is None or best.objective is None or best.proposal.name in broken or not self.runs.confirm:
             return
-        name = best.proposal.name
-        if (configuration := found.get(name)) is None:
+        if (configuration := found.get(best.proposal.name)) is None:
             return
         fresh = range(best.runs, configuration.configuration.runs)
         samples = self._quantities[self.search.spec.objective.name].samples(verdicts_of(configuration, index), fresh)
@@ -318,11 +293,7 @@ class SearchProgress:
 
 
 def verdicts_of(found: FoundRuns, index: Index) -> list[Verdict]:
-    """Return all verdicts on a configuration's runs.
-
-    Raises:
-        Lost: they are damaged.
-    """
+    """Return all verdicts on a configuration's runs; raises `Lost` if they are damaged."""
     contents = (index.store.load(each.verdicts, VERDICTS) for each in found.stored if each.verdicts)
     return [verdict for content in contents for verdict in read_verdicts(content)]
 
@@ -343,13 +314,14 @@ def search_progress(
         content: Content of the campaign file.
 
     Raises:
-        FileError: the request selects configurations, which a search does not know before.
-        UserError: its strategy needs a library that is not installed.
+        UserError: the request selects configurations, which a search does not know, or a library is not installed.
     """
     if (search := campaign.search) is None:
         return None
     if part := next((name for name in ("only", "sample") if getattr(request, name)), None):
         right = f"no --{part}, since a search proposes its configurations one after the other"
         raise FileError([campaign.fault(("search",), f"got --{part}", right, "key")])
-    clock = clock_of(store, search.spec, hashlib.sha256(content).hexdigest(), runs)
+    timed = any(each.time is not None for each in search.spec.budget)
+    hashed = digest("search", hashlib.sha256(content).hexdigest(), runs)
+    clock = BatchClock(store, f"search/{hashed[:2]}/{hashed}" if timed else "")
     return SearchProgress(search, PointRuns(stopping, runs, search.spec.confirm), clock, tally)

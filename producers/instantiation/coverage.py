@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, TypeAlias, get_args
 
@@ -24,6 +24,7 @@ MOST_LISTED: Final = 100
 """Reasons of a producer, and pairs of factors, that are listed one by one; totals are of all."""
 
 _Contents: TypeAlias = dict[Dimension, set[frozenset[tuple[str, str]]]]
+"""The distinct contents of each dimension."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,33 +62,34 @@ def coverage_of(
       that can be built and is not excluded (`admissible`), and how many of these are in one of the configurations
       (`covered`, as `share`). A choice is a place among all a producer yields for an input.
     """
+    texts, parts = Texts(), dict[str, dict[str, Any]]()
+    contents: _Contents = {dimension: set() for dimension in get_args(Dimension)}
     by_family: dict[str, list[Configuration]] = {family.name: [] for family in families}
     for configuration in configurations:
         by_family[configuration.family].append(configuration)
-    texts = Texts()
-    contents = {name: _contents(of_family, texts) for name, of_family in by_family.items()}
-    parts = {
-        family.name: _family(
+    for family in families:
+        own = by_family[family.name]
+        found: _Contents = {
+            dimension: {
+                frozenset([(key, texts(value)) for key, value in getattr(each.scenario, dimension).items()])
+                for each in own
+            }
+            for dimension in contents
+        }
+        parts[family.name] = _family(
             family,
-            by_family[family.name],
+            own,
             [instance for instance in rejections if instance.family == family.name],
             [instance for instance in excluded if instance.family == family.name],
-            contents[family.name],
+            found,
         )
-        for family in families
-    }
+        contents = {dimension: contents[dimension] | found[dimension] for dimension in contents}
     unseen = sum(part["valid"] for part in parts.values()) - sum(part["realised"] for part in parts.values())
     realised = sum(configuration.duplicate_of is None for configuration in configurations)
-    totals = [part["t_way"] for part in parts.values() if part["t_way"]]
     return {
         **_counts(configurations, rejections, excluded, realised + unseen),
-        "excluded_by": _excluded_by(excluded),
-        "unrealisable_by": _unrealisable_by(rejections),
-        "dimensions": {
-            dimension: {"distinct": len(set().union(*(each[dimension] for each in contents.values())))}
-            for dimension in get_args(Dimension)
-        },
-        "t_way": _tuples(*(sum(part[key] for part in totals) for key in ("combinations", "admissible", "covered"))),
+        "dimensions": {dimension: {"distinct": len(distinct)} for dimension, distinct in contents.items()},
+        "t_way": {"strength": STRENGTH, **_sums([part["t_way"] for part in parts.values() if part["t_way"]])},
         "families": parts,
     }
 
@@ -101,17 +103,15 @@ def _family(
 ) -> dict[str, Any]:
     duplicates = sum(configuration.duplicate_of is not None for configuration in configurations)
     space = len(configurations) if family.blocks is None else product_of(family.blocks)
-    levels = _levels(configurations, len(family.producers))
+    choices = [[step.choice - 1 for step in configuration.steps] for configuration in configurations]
+    levels = np.array(choices, dtype=np.int64).reshape(len(choices), len(family.producers))
+    labels = _labels(family.producers)
     return {
         **_counts(configurations, rejections, excluded, space - duplicates + len(rejections)),
         "design": _design(family, len(configurations)),
-        "factors": [
-            {"name": label, "levels": n} for label, n in zip(_labels(family.producers), family.levels, strict=True)
-        ],
-        "excluded_by": _excluded_by(excluded),
-        "unrealisable_by": _unrealisable_by(rejections),
-        "dimensions": _dimensions(family, contents, levels),
-        "t_way": _t_way(family, levels),
+        "factors": [{"name": label, "levels": n} for label, n in zip(labels, family.levels, strict=True)],
+        "dimensions": _dimensions(family, labels, contents, levels),
+        "t_way": _t_way(family, labels, levels),
     }
 
 
@@ -123,6 +123,9 @@ def _counts(
 ) -> dict[str, Any]:
     duplicates = sum(configuration.duplicate_of is not None for configuration in configurations)
     realised = len(configurations) - duplicates
+    reasons: dict[str, Counter[str]] = {}
+    for instance in rejections:
+        reasons.setdefault(instance.producer, Counter())[instance.reason] += 1
     return {
         "requested": len(configurations) + len(rejections) + len(excluded),
         "excluded": len(excluded),
@@ -131,29 +134,20 @@ def _counts(
         "realised": realised,
         "valid": valid,
         "share": _share(realised, valid),
+        "excluded_by": dict(Counter(instance.constraint for instance in excluded)),
+        "unrealisable_by": {
+            producer: {
+                "count": counted.total(),
+                "reasons": dict(counted.most_common(MOST_LISTED)),
+                "reasons_not_listed": max(0, len(counted) - MOST_LISTED),
+            }
+            for producer, counted in reasons.items()
+        },
     }
 
 
 def _share(part: int, whole: int) -> float | None:
     return part / whole if whole else None
-
-
-def _excluded_by(excluded: Iterable[ExcludedInstance]) -> dict[str, int]:
-    return dict(Counter(instance.constraint for instance in excluded))
-
-
-def _unrealisable_by(rejections: Iterable[RejectedInstance]) -> dict[str, Any]:
-    reasons: dict[str, Counter[str]] = {}
-    for instance in rejections:
-        reasons.setdefault(instance.producer, Counter())[instance.reason] += 1
-    return {
-        producer: {
-            "count": counted.total(),
-            "reasons": dict(counted.most_common(MOST_LISTED)),
-            "reasons_not_listed": max(0, len(counted) - MOST_LISTED),
-        }
-        for producer, counted in reasons.items()
-    }
 
 
 def _design(family: FamilyCount, rows: int) -> dict[str, Any]:
@@ -180,42 +174,26 @@ def _labels(producers: Sequence[Producer[Any]]) -> list[str]:
     return labels
 
 
-def _levels(configurations: Sequence[Configuration], n_factors: int) -> NDArray[np.int64]:
-    """(N, n_factors) the choice of each configuration, from 0."""
-    rows = [[step.choice - 1 for step in configuration.steps] for configuration in configurations]
-    return np.array(rows, dtype=np.int64).reshape(len(rows), n_factors)
-
-
-def _contents(configurations: Iterable[Configuration], texts: Texts) -> _Contents:
-    """The distinct contents of each dimension."""
-    found: _Contents = {dimension: set() for dimension in get_args(Dimension)}
-    for configuration in configurations:
-        for dimension, contents in found.items():
-            content = getattr(configuration.scenario, dimension)
-            contents.add(frozenset([(key, texts(value)) for key, value in content.items()]))
-    return found
-
-
-def _dimensions(family: FamilyCount, contents: _Contents, levels: NDArray[np.int64]) -> dict[str, dict[str, Any]]:
-    labels = _labels(family.producers)
-    found: dict[str, dict[str, Any]] = {}
+def _dimensions(
+    family: FamilyCount, labels: Sequence[str], contents: _Contents, levels: NDArray[np.int64]
+) -> dict[str, dict[str, Any]]:
     of_environment = {key for content in contents["environment"] for key, _ in content}
+    written = [
+        {
+            tag or DIMENSION_OF_KEY.get(key, "environment" if key in of_environment else "system")
+            for key, tag in producer.writes.items()
+        }
+        for producer in family.producers
+    ]
+    found: dict[str, dict[str, Any]] = {}
     for dimension, distinct in contents.items():
-        factors = tuple(
-            i
-            for i, producer in enumerate(family.producers)
-            if any(
-                (tag or DIMENSION_OF_KEY.get(key, "environment" if key in of_environment else "system")) == dimension
-                for key, tag in producer.writes.items()
-            )
-        )
+        factors = tuple(i for i, dimensions in enumerate(written) if dimension in dimensions)
         counted = _counted(family, levels, factors)
         found[dimension] = {"factors": [labels[i] for i in factors], "distinct": len(distinct), **counted}
     return found
 
 
-def _t_way(family: FamilyCount, levels: NDArray[np.int64]) -> dict[str, Any]:
-    labels = _labels(family.producers)
+def _t_way(family: FamilyCount, labels: Sequence[str], levels: NDArray[np.int64]) -> dict[str, Any]:
     varied = [i for i, n in enumerate(family.levels) if n > 1]
     pairs = [
         {"factors": [labels[i] for i in pair], **_counted(family, levels, pair)}
@@ -223,19 +201,15 @@ def _t_way(family: FamilyCount, levels: NDArray[np.int64]) -> dict[str, Any]:
     ]
     if not pairs:
         return {}
-    sums = (sum(pair[key] for pair in pairs) for key in ("combinations", "admissible", "covered"))
     pairs.sort(key=lambda pair: (pair["share"] is None, pair["share"], pair["admissible"] / pair["combinations"]))
-    return {**_tuples(*sums), "pairs": pairs[:MOST_LISTED], "pairs_not_listed": max(0, len(pairs) - MOST_LISTED)}
+    listed = {"pairs": pairs[:MOST_LISTED], "pairs_not_listed": max(0, len(pairs) - MOST_LISTED)}
+    return {"strength": STRENGTH, **_sums(pairs), **listed}
 
 
-def _tuples(combinations: int, admissible: int, covered: int) -> dict[str, Any]:
-    return {
-        "strength": STRENGTH,
-        "combinations": combinations,
-        "admissible": admissible,
-        "covered": covered,
-        "share": _share(covered, admissible),
-    }
+def _sums(counted: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    counted = list(counted)
+    sums = {key: sum(each[key] for each in counted) for key in ("combinations", "admissible", "covered")}
+    return {**sums, "share": _share(sums["covered"], sums["admissible"])}
 
 
 def _counted(family: FamilyCount, levels: NDArray[np.int64], factors: tuple[int, ...]) -> dict[str, Any]:

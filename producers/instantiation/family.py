@@ -25,7 +25,7 @@ from vastflow.producers.campaign_file.spec import ExecutionSpec, FamilySpec, Sta
 from vastflow.producers.catalog.parameter import ParameterVariationList
 from vastflow.producers.constraints.constraint import Constraint, fault_of, read_constraints, unknown_names
 from vastflow.producers.instantiation.family_checks import DataFlow, Link, constraint_faults
-from vastflow.producers.instantiation.growth import Family
+from vastflow.producers.instantiation.instantiate import Family
 from vastflow.producers.model.configuration import Fragment
 from vastflow.producers.model.faults import NOT_EXECUTED, Location, path_text, shown
 from vastflow.producers.model.producer import (
@@ -105,7 +105,11 @@ class FamilyReader:
         self._remarked: set[str] = set()
         self._maps: dict[str, FileContent] = {}
         self._overridden, self._overrides = self._fixed(OVERRIDES)
-        self._refuse_unknown_overrides()
+        if abstract is not None:
+            for key in self._overridden.keys() - abstract.parameters:
+                what = f"{key!r} is no parameter of {abstract.name or 'a navigation mission'}"
+                right = did_you_mean(key, abstract.parameters, "a scenario_file with it")
+                self._fault(self._overridden[key], what, right, at="key")
 
     def read(self, location: Location, name: str, dimensions: Mapping[str, Dimension]) -> Family:
         """The family at `location`, with all that is right of it; what is not is among the faults."""
@@ -129,16 +133,14 @@ class FamilyReader:
         self._check_fixed(flow, values, tags, system)
         unknown = self._document.value(location).keys() - FamilySpec.model_fields.keys()
         if whole and all(map(is_tolerated_in_family, unknown)):  # what could not be read may write anything
-            self.faults += flow.faults()
-            self._check_mission(flow)
-            self._check_names(constraints, {*self._system, *flow.written})
+            self._check_flow(flow, constraints)
         given = {key: tag for key, tag in tags.items() if tag != DIMENSION_OF_KEY.get(key, "system")}
         producers = tuple(link.producer for link in links)
         design = (*location, "design")
         place = Place(self._document.file, *self._document.place(design, "key"), path_text(design))
         left_open = self._left_open(self._abstract, flow) if self._abstract and whole else {}
         fixed = {**self._system, **left_open, **values}
-        start_check = self._start_check((*location, "start_check"))
+        start_check: StartCheckKind = "none" if self._given((*location, "start_check")) == "none" else "footprint"
         if start_check == "footprint" and any(ROOM_KEY in producer.reads for producer in producers):
             fixed[ROOM_KEY] = room_m(fixed, producers)
         family = Family(
@@ -157,32 +159,38 @@ class FamilyReader:
             self.faults += constraint_faults(family, refuse_empty=self._refuse_empty)
         return family
 
-    def _refuse_unknown_overrides(self) -> None:
-        if self._abstract is None:
-            return
-        known = self._abstract.parameters
-        for key, where in self._overridden.items():
-            if key not in known:
-                what = f"{key!r} is no parameter of {self._abstract.name or 'a navigation mission'}"
-                self._fault(where, what, did_you_mean(key, known) if known else "a scenario_file with it", at="key")
+    def _check_flow(self, flow: DataFlow, constraints: Sequence[Constraint]) -> None:
+        self.faults += flow.faults()
+        self.faults += flow.mission_faults(self._abstract) if self._abstract else ()
+        for constraint in constraints:
+            for name, what, right in unknown_names(constraint, {*self._system, *flow.written}):
+                self.faults.append(fault_of(self._document, constraint, name.offset, what, right))
+
+    def _note_remarks(self, links: Sequence[Link]) -> None:
+        for link in links:
+            for remark in link.producer.remarks:
+                if remark not in self._remarked:  # each once a file
+                    self._remarked.add(remark)
+                    self.notes.append(self._document.note("warning", link.location, *parted(remark)))
 
     def _fault(self, location: Location, what: str, right: str, *, at: Any = "value") -> None:
         self.faults.append(self._document.fault(location, what, right, at))
 
+    def _given(self, location: Location) -> Any:
+        """The value at `location`; None without one."""
+        return self._document.value(location) if self._document.known(location) == location else None
+
     def _listed(self, location: Location) -> list[Any]:
         """The list at `location`, or an empty one; the model has said so where something else stands there."""
-        found = self._document.value(location) if self._document.known(location) == location else None
+        found = self._given(location)
         return found if isinstance(found, list) else []
-
-    def _entries(self, location: Location) -> Iterator[tuple[Location, str, Any]]:
-        for k, entry in enumerate(self._listed(location)):
-            for key, value in entry.items() if isinstance(entry, dict) else ():
-                yield (*location, k, key), key, value
 
     def _fixed(self, location: Location) -> tuple[dict[str, Location], dict[str, Value]]:
         places: dict[str, Location] = {}
         values: dict[str, Value] = {}
-        for where, key, value in self._entries(location):
+        entries = [entry if isinstance(entry, dict) else {} for entry in self._listed(location)]
+        for k, key, value in [(k, *item) for k, entry in enumerate(entries) for item in entry.items()]:
+            where = (*location, k, key)
             if key in places:
                 line, _ = self._document.place(places[key], "key")
                 self._fault(where, f"a second {key!r}", f"one; the first is in line {line}", at="key")
@@ -230,11 +238,8 @@ class FamilyReader:
         good = {key: value for key, value in system.items() if not complaints.get(key)}
         if found := combined_complaint(good):
             key, complaint = found
-            where = (
-                *flow.location,
-                ROBOT_KEY if key.startswith(f"{ROBOT_KEY}.") and key in flow.fixed else "parameters",
-            )
-            self._fault(where, *complaint, at="key")
+            section = ROBOT_KEY if key.startswith(f"{ROBOT_KEY}.") and key in flow.fixed else "parameters"
+            self._fault((*flow.location, section), *complaint, at="key")
         for _, complaint in mask_complaints(good, flow.written):
             self._fault((*flow.location, "parameters"), *complaint, at="key")
 
@@ -256,35 +261,29 @@ class FamilyReader:
         return links, len(links) == len(raw)
 
     def _producer(self, location: Location, name: str, given: Any, system: Mapping[str, Value]) -> Producer[Any] | None:
+        verb, right = "can't be imported:", "a producer that can be imported"
+        kind: type[Producer[Any]] | None = None
         try:
             kind = find_producer(name, self._base)
-        except PlugInError as error:
-            self._fault(location, error.what, error.right, at="key")
-            return None
-        except Exception as error:  # noqa: BLE001 - whatever a user's file raises while it is imported
-            what = f"{name!r} can't be imported: {type(error).__name__}: {error}"
-            self._fault(location, what, "a producer that can be imported", at="key")
-            return None
-        if given is not None and not isinstance(given, dict):
-            self._fault(location, f"got {shown(given)}", f"the parameters of {name} as a mapping")
-            return None
-        try:
+            if given is not None and not isinstance(given, dict):
+                self._fault(location, f"got {shown(given)}", f"the parameters of {name} as a mapping")
+                return None
+            verb, right = "raised", "a producer that follows vastflow.producers.model.producer.Producer"
             with plug_in_code():
                 producer = kind(kind.Parameters.model_validate(given or {}, context=self._context))
                 check_declared(producer)
                 self._check_produced(location, producer, system)
                 self.notes += producer.notes
-        except ValidationError as error:
-            self.faults += faults_of(self._document, location, kind.Parameters, error)
-            return None
         except PlugInError as error:
             self._fault(location, error.what, error.right, at="key")
-            return None
-        except Exception as error:  # noqa: BLE001 - a user's class
-            what = f"{name!r} raised {type(error).__name__}: {error}"
-            self._fault(location, what, "a producer that follows vastflow.producers.model.producer.Producer", at="key")
-            return None
-        return producer
+        except Exception as error:  # noqa: BLE001 - whatever a user's file or class raises
+            if kind is not None and isinstance(error, ValidationError):
+                self.faults += faults_of(self._document, location, kind.Parameters, error)
+            else:
+                self._fault(location, f"{name!r} {verb} {type(error).__name__}: {error}", right, at="key")
+        else:
+            return producer
+        return None
 
     def _check_produced(self, location: Location, producer: Producer[Any], system: Mapping[str, Value]) -> None:
         """Look at the values of a producer that depends on nothing, such as a list of them."""
@@ -308,39 +307,19 @@ class FamilyReader:
         own, own_faults = read_constraints(self._document, (*location, "constraints"))
         self.faults += [*faults, *own_faults]
         named = {constraint.name for constraint in constraints}
-        for constraint in own:
-            if constraint.name in named:
-                self.faults.append(
-                    Fault(
-                        constraint.place,
-                        f"a second constraint {constraint.name!r}",
-                        "another name; the campaign has it",
-                    )
-                )
+        self.faults += [
+            Fault(constraint.place, f"a second constraint {constraint.name!r}", "another name; the campaign has it")
+            for constraint in own
+            if constraint.name in named
+        ]
         return [*constraints, *own]
-
-    def _check_names(self, constraints: Sequence[Constraint], written: set[str]) -> None:
-        for constraint in constraints:
-            for name, what, right in unknown_names(constraint, written):
-                self.faults.append(fault_of(self._document, constraint, name.offset, what, right))
 
     def _design(self, location: Location) -> DesignSpec:
         """The design; the model has said what is wrong with one that is none."""
-        if self._document.known(location) != location:
-            return CARTESIAN
         try:
-            return _DESIGN.validate_python(self._document.value(location))
+            return _DESIGN.validate_python(self._given(location))
         except ValidationError:
             return CARTESIAN
-
-    def _start_check(self, location: Location) -> StartCheckKind:
-        """Return the file's start check; the model reports other values."""
-        given = self._document.value(location) if self._document.known(location) == location else None
-        return "none" if given == "none" else "footprint"
-
-    def _check_mission(self, flow: DataFlow) -> None:
-        if self._abstract is not None:
-            self.faults += flow.mission_faults(self._abstract)
 
     def _left_open(self, abstract: AbstractScenario, flow: DataFlow) -> dict[str, Value]:
         """Return defaults for what the scenario needs and the family leaves open; each is noted once."""
@@ -366,15 +345,6 @@ class FamilyReader:
         note = self._document.note("warning", WHERE, what, right)
         if note not in self.notes:
             self.notes.append(note)
-
-    def _note_remarks(self, links: Sequence[Link]) -> None:
-        """Fault the producers' remarks, each once a file."""
-        for link in links:
-            for remark in link.producer.remarks:
-                if remark not in self._remarked:
-                    self._remarked.add(remark)
-                    what, right = parted(remark)
-                    self.notes.append(self._document.note("warning", link.location, what, right))
 
     def _note_unread(
         self, flow: DataFlow, tags: Mapping[str, Dimension], system: Mapping[str, Value], abstract: AbstractScenario
@@ -425,16 +395,11 @@ def _lines(family: Family) -> Iterator[str]:
     try:
         parameters = parameters_of(system)
         yield from robot_words(robot_facts(parameters))
-        radii_m = inscribed_radius_of(parameters), robot_of(parameters).radius_m
-        yield "oracles without a radius of their own: performance takes {:.3g} m (inscribed), safety {:.3g} m (circumscribed)".format(
-            *radii_m
-        )
+        inner_m, outer_m = inscribed_radius_of(parameters), robot_of(parameters).radius_m
+        own = f"performance takes {inner_m:.3g} m (inscribed), safety {outer_m:.3g} m (circumscribed)"
+        yield f"oracles without a radius of their own: {own}"
     except FileError:  # with what producers write it may be right, and the run says where it isn't
         return
-    varied = dict.fromkeys(key for producer in family.producers for key in producer.writes if _is_of_robot(key))
-    if varied:
+    written = dict.fromkeys(key for producer in family.producers for key in producer.writes)
+    if varied := [k for k in written if k.startswith(f"{ROBOT_KEY}.") or k.rpartition(".")[2] in FOOTPRINT_NAMES]:
         yield f"varied: {', '.join(varied)}"
-
-
-def _is_of_robot(key: str) -> bool:
-    return key.startswith(f"{ROBOT_KEY}.") or key.rpartition(".")[2] in FOOTPRINT_NAMES

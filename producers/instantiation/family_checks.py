@@ -8,11 +8,10 @@ from typing import Any, Final
 from vastflow.producers.campaign_file.document import Document
 from vastflow.producers.campaign_file.scenario import AbstractScenario
 from vastflow.producers.campaign_file.scenario_values import LOOPS_KEY
-from vastflow.producers.constraints.constraint import Checker, Constraint
+from vastflow.producers.constraints.constraint import Checker
 from vastflow.producers.constraints.quantities import QUANTITIES
 from vastflow.producers.designs.space import DesignSpace, TooLarge
-from vastflow.producers.instantiation.growth import Family
-from vastflow.producers.instantiation.instantiate import contradictions
+from vastflow.producers.instantiation.instantiate import Family, contradictions
 from vastflow.producers.model.configuration import Fragment, Rejection
 from vastflow.producers.model.faults import Location, shown
 from vastflow.producers.model.producer import Producer, draws_of
@@ -35,13 +34,7 @@ class Link:
 
 @dataclass(frozen=True, slots=True)
 class DataFlow:
-    """A family's keys.
-
-    Attributes:
-        location: Of the family.
-        fixed: Key to the location of each fixed parameter.
-        links: The producers in order.
-    """
+    """The keys of a family: those of its fixed parameters, with their places, and those of its producers."""
 
     document: Document
     location: Location
@@ -124,21 +117,22 @@ MOST_LOOKED_AT: Final = 20_000
 def constraint_faults(family: Family, *, refuse_empty: bool = True) -> list[Fault]:
     """Constraints on plain values that can't be evaluated for some of them, or that leave nothing between them.
 
-    Only producers are asked that read nothing and build nothing, and only constraints are looked at that name
-    nothing else.
-
-    Args:
-        refuse_empty: Whether it is a fault to leave nothing.
+    Producers that read or build something are not asked, and constraints that name anything else are left out.
     """
-    known = [producer for producer in family.producers if _is_plain(producer)]
-    constraints = [c for c in family.constraints if _is_foreseeable(c, family)]
-    producers = [producer for producer in known if any(c.touched_by(producer) for c in constraints)]
+    others = [producer for producer in family.producers if not _is_plain(producer)]
+    constraints = [
+        c
+        for c in family.constraints
+        if not any(name.text in QUANTITIES or name.text.startswith("_") for name in c.expression.names)
+        and not any(map(c.touched_by, others))
+    ]
+    touched = [producer for producer in family.producers if any(c.touched_by(producer) for c in constraints)]
     if not constraints:
         return []
     checker = Checker(family.name)
-    space = DesignSpace(family.name, family.values, family.dimensions, producers, constraints, checker, MOST_LOOKED_AT)
+    space = DesignSpace(family.name, family.values, family.dimensions, touched, constraints, checker, MOST_LOOKED_AT)
     try:
-        for producer in producers:
+        for producer in touched:
             space.join({digest: _first(producer, inputs) for digest, inputs in space.inputs().items()})
         blocks = space.blocks()
         checker.raise_faults()
@@ -151,11 +145,7 @@ def constraint_faults(family: Family, *, refuse_empty: bool = True) -> list[Faul
 
 
 def _first(producer: Producer[Any], inputs: Mapping[str, Value]) -> list[Fragment | Rejection]:
-    """Return what `evaluate` gives, as far as it is looked at.
-
-    Raises:
-        TooLarge: there is more.
-    """
+    """Return what `evaluate` gives; raises `TooLarge` where that is more than is looked at."""
     items = list(itertools.islice(producer.produce(inputs, draws_of(producer, inputs)), MOST_LOOKED_AT + 1))
     if len(items) > MOST_LOOKED_AT:
         raise TooLarge(type(producer).__name__)
@@ -164,10 +154,3 @@ def _first(producer: Producer[Any], inputs: Mapping[str, Value]) -> list[Fragmen
 
 def _is_plain(producer: Producer[Any]) -> bool:
     return not producer.reads and "environment" not in producer.writes.values()
-
-
-def _is_foreseeable(constraint: Constraint, family: Family) -> bool:
-    names = constraint.expression.names
-    return not any(name.text in QUANTITIES or name.text.startswith("_") for name in names) and all(
-        _is_plain(producer) for producer in family.producers if constraint.touched_by(producer)
-    )

@@ -6,13 +6,20 @@ tasks over those inputs: a family's `Growth` gives the inputs of the next produc
 """
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, TypeAlias
 
-from vastflow.producers.constraints.constraint import Checker, Constraint, step_of
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.producers.campaign_file.sections import CARTESIAN, DesignSpec
+from vastflow.producers.campaign_file.spec import ExecutionSpec, StartCheckKind
+from vastflow.producers.constraints.constraint import NOWHERE, Checker, Constraint, step_of
+from vastflow.producers.designs.covering_array import covering_array
+from vastflow.producers.designs.sample import sampled
+from vastflow.producers.designs.space import DesignSpace, FactorBlock, TooLarge
 from vastflow.producers.instantiation.coverage import FamilyCount, coverage_of
-from vastflow.producers.instantiation.growth import DesignGrowth, Family, Grown
 from vastflow.producers.model.configuration import (
     Configuration,
     ExcludedInstance,
@@ -24,15 +31,62 @@ from vastflow.producers.model.configuration import (
     restricted_digest,
 )
 from vastflow.producers.model.producer import Producer, evaluate, tags_of
+from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.start_check import StartCheck
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY
 from vastflow.sim.model.digest import FileContent, Texts, Value
-from vastflow.sim.model.faults import Fault, FileError
+from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.scenario import Dimension, ProcessSetup, scenario_of
 
 
+@dataclass(frozen=True, slots=True)
+class Family:
+    """A scenario family F, ready to be instantiated.
+
+    Attributes:
+        values: K: the fixed parameters, maps as `FileContent`.
+        dimensions: Dimension of each fixed parameter that differs from the usual one of its key.
+        producers: Π, in order.
+        constraints: φ.
+        design: Which combinations of the producers' choices become configurations.
+        place: Where the design stands, for messages.
+        max_configurations: How many there may be.
+        overrides: Values that take the place of those of every configuration.
+        start_check: Whether the robot's own footprint must fit where they begin and end.
+    """
+
+    name: str
+    values: Mapping[str, Value]
+    dimensions: Mapping[str, Dimension]
+    producers: tuple[Producer[Any], ...]
+    constraints: tuple[Constraint, ...] = ()
+    design: DesignSpec = CARTESIAN
+    place: Place = NOWHERE
+    max_configurations: int = ExecutionSpec().max_configurations
+    overrides: Mapping[str, Value] = field(default_factory=dict)
+    start_check: StartCheckKind = "none"
+
+    @property
+    def drives(self) -> bool:
+        """Whether a robot may drive in its configurations: without a map nothing does."""
+        return any(MAP_KEY in keys for keys in (self.values, self.overrides, *(each.writes for each in self.producers)))
+
+
+@dataclass(frozen=True, slots=True)
+class Grown:
+    """A family that went through all its producers: its complete partial configurations and its counts."""
+
+    partials: Sequence[Partial]
+    rejections: Sequence[RejectedInstance]
+    excluded: Sequence[ExcludedInstance]
+    count: FamilyCount
+
+
 class InstantiableCampaign(Protocol):
-    """The interface of `vastflow.producers.campaign.Campaign` that instantiation uses."""
+    """The interface of `vastflow.producers.campaign.Campaign` that instantiation uses.
+
+    `abstract` is empty for a mission to the goals of each configuration; `timeout_s` is simulated time.
+    """
 
     @property
     def families(self) -> Sequence[Family]: ...
@@ -79,15 +133,11 @@ def instantiate(campaign: InstantiableCampaign) -> Instantiation:
 def instantiation_of(
     campaign: InstantiableCampaign, grown: Sequence[Grown], *, refuse_empty: bool = True
 ) -> Instantiation:
-    """Configurations and coverage of all families, each grown.
-
-    Raises:
-        FileError: constraints alone exclude everything there is, and `refuse_empty`.
-    """
+    """Configurations and coverage of grown families; by default a FileError if constraints exclude everything."""
     configurations = mark_duplicates(
         configuration
         for family, each in zip(campaign.families, grown, strict=True)
-        for configuration in finish(family, each.partials, campaign.abstract, campaign.timeout_s, campaign.programs)
+        for configuration in _finished(family, each.partials, campaign)
     )
     excluded = tuple(instance for each in grown for instance in each.excluded)
     rejections = tuple(instance for each in grown for instance in each.rejections)
@@ -119,6 +169,9 @@ class CartesianGrowth:
     `inputs` and `join` are called in turn for each producer, then `grown`; each raises a FileError where a constraint can't
     be evaluated. `inputs` gives digest and restricted input of all that the next producer must be evaluated on; `join` takes what
     `evaluate` gave for each digest, and drops what has no result.
+
+    Children are called `<parent>-<k>`, k from 1 for each parent; a rejection takes no number. A parent for which the
+    producer yielded nothing at all is a rejected instance too, so that none is lost in silence.
     """
 
     def __init__(self, family: Family) -> None:
@@ -130,29 +183,60 @@ class CartesianGrowth:
         self._rejections: list[RejectedInstance] = []
         self._excluded: list[ExcludedInstance] = []
         self._levels: list[int] = []
-        self._partials = self._kept(start(family))
+        self._partials = self._kept([Partial(family.name, dict(family.values), dict(family.dimensions))])
 
     def inputs(self) -> dict[str, dict[str, Value]]:
-        return distinct_inputs(self._family.producers[len(self._levels)], self._partials)
+        found: dict[str, dict[str, Value]] = {}
+        for _, digest, restricted in self._restricted():
+            found.setdefault(digest, restricted)
+        return found
 
     def join(self, results: Mapping[str, Sequence[Fragment | Rejection]]) -> None:
         producer = self._family.producers[len(self._levels)]
-        self._check_size(producer, results)
-        children, rejected = join(self._family, producer, self._partials, results)
-        self._rejections += rejected
-        self._levels.append(max(map(len, results.values()), default=0))
+        most = max(map(len, results.values()), default=0)
+        self._check_size(type(producer).__name__, most, results)
+        written = tags_of(producer, itertools.chain.from_iterable(results.values()))
+        label = type(producer).__name__
+        offered = {digest: _offered(label, items, written) for digest, items in results.items()}
+        children: list[Partial] = []
+        for parent, digest, restricted in self._restricted():
+            if digest not in offered:
+                continue
+            fragments, rejections = offered[digest]
+            self._rejections += [
+                RejectedInstance(self._family.name, parent.name, label, each.reason, each.requested, restricted)
+                for each in rejections
+            ]
+            for suffix, values, tags, step in fragments:
+                dimensions = {**parent.dimensions, **tags} if tags else parent.dimensions
+                children.append(
+                    Partial(parent.name + suffix, {**parent.values, **values}, dimensions, (*parent.steps, step))
+                )
+        self._levels.append(most)
         self._partials = self._kept(children)
 
-    def _check_size(self, producer: Producer[Any], results: Mapping[str, Sequence[Fragment | Rejection]]) -> None:
+    def _restricted(self) -> Iterator[tuple[Partial, str, dict[str, Value]]]:
+        """Yield each partial configuration with what the next producer reads of it, and the digest of that."""
+        reads = self._family.producers[len(self._levels)].reads
+        known: dict[
+            tuple[tuple[str, int], ...], str
+        ] = {}  # equal objects once, since siblings share their parents' values
+        for partial in self._partials:
+            restricted = partial.restricted(reads)
+            key = tuple((name, id(value)) for name, value in restricted.items())
+            if key not in known:
+                known[key] = restricted_digest(restricted)
+            yield partial, known[key], restricted
+
+    def _check_size(self, label: str, most: int, results: Mapping[str, Sequence[Fragment | Rejection]]) -> None:
         """Most producers have told before how many there are at most; this is for those that have not."""
-        most = self._family.max_configurations
-        if len(self._partials) * max(map(len, results.values()), default=0) <= most:
+        limit = self._family.max_configurations
+        if len(self._partials) * most <= limit:
             return
-        digest_of = _Digests()
-        total = sum(len(results.get(digest_of(each.restricted(producer.reads)), ())) for each in self._partials)
-        if total > most:
-            what = f"{type(producer).__name__} makes {total:,} configurations of family {self._family.name!r}"
-            right = f"at most {most:,}, or 'execution: {{max_configurations: {total}}}'"
+        total = sum(len(results.get(digest, ())) for _, digest, _ in self._restricted())
+        if total > limit:
+            what = f"{label} makes {total:,} configurations of family {self._family.name!r}"
+            right = f"at most {limit:,}, or 'execution: {{max_configurations: {total}}}'"
             raise FileError([Fault(self._family.place, what, right)])
 
     def grown(self) -> Grown:
@@ -179,6 +263,70 @@ class CartesianGrowth:
         return kept
 
 
+class DesignGrowth:
+    """The growth by a covering array or sample.
+
+    Every producer is evaluated on all combinations of what it reads; then the design's rows are chosen.
+
+    The rows are of those combinations only that can be built and are not excluded, so no row is lost. What producers
+    rejected and constraints excluded on the way is told, each partial combination once.
+    """
+
+    def __init__(self, family: Family) -> None:
+        self._family = family
+        self._checker = Checker(family.name)
+        self._space = DesignSpace(
+            family.name,
+            family.values,
+            family.dimensions,
+            family.producers,
+            family.constraints,
+            self._checker,
+            start_check=StartCheck(family.name, family.overrides) if family.start_check == "footprint" else None,
+        )
+
+    def inputs(self) -> dict[str, dict[str, Value]]:
+        try:
+            found = self._space.inputs()
+        except TooLarge as error:
+            raise self._too_large(error) from None
+        self._checker.raise_faults()
+        return found
+
+    def join(self, results: Mapping[str, Sequence[Fragment | Rejection]]) -> None:
+        self._space.join(results)
+
+    def grown(self) -> Grown:
+        try:
+            blocks = self._space.blocks()
+            self._checker.raise_faults()
+            rows = self._rows(blocks)
+        except TooLarge as error:
+            raise self._too_large(error) from None
+        partials = [self._space.partial(row) for row in rows.tolist()]
+        for partial in partials:
+            if broken := self._checker.excluded(partial, self._family.constraints):
+                raise RuntimeError(f"{partial.name} breaks {broken.constraint}")
+        self._checker.raise_faults()
+        levels = tuple(self._space.level_counts)
+        count = FamilyCount(self._family.name, self._family.producers, self._family.design, levels, blocks)
+        return Grown(partials, self._space.rejections, self._space.excluded, count)
+
+    def _rows(self, blocks: Sequence[FactorBlock]) -> NDArray[np.int64]:
+        design, levels = self._family.design, self._space.level_counts
+        if design.sample is not None:
+            return sampled(blocks, len(levels), design.sample)
+        if design.t_way is None:
+            raise ValueError("a design that is neither a covering array nor a sample")
+        return covering_array(blocks, levels, design.t_way.strength)
+
+    def _too_large(self, error: TooLarge) -> FileError:
+        what = f"the design of family {self._family.name!r} is too large: {error}"
+        return FileError(
+            [Fault(self._family.place, what, "fewer choices, or constraints that tie fewer producers together")]
+        )
+
+
 Growth: TypeAlias = CartesianGrowth | DesignGrowth
 """A family under way through its producers."""
 
@@ -188,121 +336,44 @@ def growth_of(family: Family) -> Growth:
     return CartesianGrowth(family) if family.design.cartesian is not None else DesignGrowth(family)
 
 
-def start(family: Family) -> list[Partial]:
-    """C^0: the fixed parameters alone."""
-    return [Partial(family.name, dict(family.values), dict(family.dimensions))]
-
-
-def distinct_inputs(producer: Producer[Any], partials: Iterable[Partial]) -> dict[str, dict[str, Value]]:
-    """Digest to input of everything `producer` must be evaluated on, in order of appearance."""
-    reads = producer.reads
-    inputs: dict[str, dict[str, Value]] = {}
-    digest_of = _Digests()
-    for partial in partials:
-        restricted = partial.restricted(reads)
-        inputs.setdefault(digest_of(restricted), restricted)
-    return inputs
-
-
-def join(
-    family: Family,
-    producer: Producer[Any],
-    partials: Iterable[Partial],
-    results: Mapping[str, Sequence[Fragment | Rejection]],
-) -> tuple[list[Partial], list[RejectedInstance]]:
-    """C^i: each partial configuration with each fragment of its restricted input; one without results is dropped.
-
-    Children are called `<parent>-<k>`, k from 1 for each parent; a rejection takes no number. A parent for
-    which the producer yielded nothing at all is a rejected instance too, so that none is lost in silence.
-
-    Args:
-        results: Digest of the restricted input (as `distinct_inputs` has it) to what `evaluate` gave.
-    """
-    children: list[Partial] = []
-    rejected: list[RejectedInstance] = []
-    label = type(producer).__name__
-    reads, digest_of = producer.reads, _Digests()
-    written = tags_of(producer, itertools.chain.from_iterable(results.values()))
-    offered = {digest: _offered(label, items, written) for digest, items in results.items()}
-    for parent in partials:
-        inputs = parent.restricted(reads)
-        digest = digest_of(inputs)
-        if digest not in offered:
-            continue
-        fragments, rejections = offered[digest]
-        for item in rejections:
-            rejected.append(RejectedInstance(family.name, parent.name, label, item.reason, item.requested, inputs))
-        for suffix, values, tags, step in fragments:
-            dimensions = {**parent.dimensions, **tags} if tags else parent.dimensions
-            children.append(
-                Partial(parent.name + suffix, {**parent.values, **values}, dimensions, (*parent.steps, step))
-            )
-    return children, rejected
-
-
-_Offered = list[tuple[str, Mapping[str, Value], Mapping[str, Dimension], Step]]
-
-
 def _offered(
     label: str, items: Sequence[Fragment | Rejection], tags: Mapping[str, Dimension]
-) -> tuple[_Offered, list[Rejection]]:
+) -> tuple[list[tuple[str, Mapping[str, Value], dict[str, Dimension], Step]], list[Rejection]]:
     """Return the name's suffix, values, tags and step of each fragment of one input, and the rejections."""
-    fragments: _Offered = []
-    for place, item in enumerate(items, 1):
-        if isinstance(item, Fragment):
-            own = {key: tags[key] for key in item.values if key in tags}
-            fragments.append((f"-{len(fragments) + 1}", item.values, own, Step(label, tuple(item.values), place)))
+    places = [(place, item) for place, item in enumerate(items, 1) if isinstance(item, Fragment)]
+    fragments = [
+        (
+            f"-{k}",
+            item.values,
+            {key: tags[key] for key in item.values if key in tags},
+            Step(label, tuple(item.values), place),
+        )
+        for k, (place, item) in enumerate(places, 1)
+    ]
     rejections = [item for item in items if isinstance(item, Rejection)]
-    if not items:
-        rejections.append(Rejection(f"{label} yielded nothing for this input"))
-    return fragments, rejections
+    return fragments, rejections if items else [Rejection(f"{label} yielded nothing for this input")]
 
 
-class _Digests:
-    """Digests of restricted inputs; equal objects are digested once, since siblings share their parents' values."""
-
-    def __init__(self) -> None:
-        self._known: dict[tuple[tuple[str, int], ...], str] = {}
-
-    def __call__(self, restricted: Mapping[str, Value]) -> str:
-        """The digest; the values must outlive this object."""
-        key = tuple((name, id(value)) for name, value in restricted.items())
-        if key not in self._known:
-            self._known[key] = restricted_digest(restricted)
-        return self._known[key]
-
-
-def finish(
-    family: Family,
-    partials: Iterable[Partial],
-    abstract: str | FileContent,
-    timeout_s: float,
-    programs: ProcessSetup | None = None,
-) -> list[Configuration]:
-    """The configurations of a family's complete partial configurations.
-
-    Args:
-        abstract: The abstract scenario; empty: navigate_to_pose with a `goal_pose`, else navigate_through_poses.
-        timeout_s: Simulated time after which a run ends.
-    """
-    chosen = [replace(partial, values={**partial.values, **family.overrides}) for partial in partials]
-    return [
-        Configuration(
+def _finished(family: Family, partials: Iterable[Partial], campaign: InstantiableCampaign) -> Iterator[Configuration]:
+    """Yield the configurations of a family's complete partial configurations."""
+    for partial in partials:
+        values = {**partial.values, **family.overrides}
+        single = GOAL_KEY in values and GOALS_KEY not in values
+        mission = "builtin:navigate_to_pose" if single else "builtin:navigate_through_poses"
+        yield Configuration(
             name=partial.name,
             family=family.name,
             scenario=scenario_of(
-                partial.values,
+                values,
                 partial.dimensions,
-                abstract=abstract or _abstract_of(partial),
-                timeout_s=timeout_s,
-                programs=programs,
+                abstract=campaign.abstract or mission,
+                timeout_s=campaign.timeout_s,
+                programs=campaign.programs,
             ),
-            factors={key: value for key, value in partial.values.items() if not key.startswith("_")},
-            provenance={key: value for key, value in partial.values.items() if key.startswith("_")},
+            factors={key: value for key, value in values.items() if not key.startswith("_")},
+            provenance={key: value for key, value in values.items() if key.startswith("_")},
             steps=partial.steps,
         )
-        for partial in chosen
-    ]
 
 
 def mark_duplicates(configurations: Iterable[Configuration]) -> list[Configuration]:
@@ -316,8 +387,3 @@ def mark_duplicates(configurations: Iterable[Configuration]) -> list[Configurati
         same = duplicate_of == configuration.duplicate_of
         marked.append(configuration if same else replace(configuration, duplicate_of=duplicate_of))
     return marked
-
-
-def _abstract_of(partial: Partial) -> str:
-    single = GOAL_KEY in partial.values and GOALS_KEY not in partial.values
-    return "builtin:navigate_to_pose" if single else "builtin:navigate_through_poses"

@@ -13,11 +13,7 @@ Kind = type[Strategy[Any]]
 
 
 def check_strategy(kind: Kind, parameters: Parameters, problem: Problem) -> None:
-    """Let a strategy search and check that it keeps its contract: all of `CHECKS`, in their order.
-
-    Raises:
-        AssertionError: what it did and what it should do.
-    """
+    """Check all of `CHECKS`, in their order; raises an AssertionError at the first that fails."""
     for check in CHECKS:
         check(kind, parameters, problem)
 
@@ -61,10 +57,7 @@ CHECKS: Final[tuple[Callable[[Kind, Parameters, Problem], None], ...]] = (
 
 
 def _asked(kind: Kind, parameters: Parameters, problem: Problem, *, feasible: bool = True) -> list[Sequence[Point]]:
-    """Return the points of some batches of a search.
-
-    Every fifth is rejected; of the others the objective is the sum of their coordinates.
-    """
+    """Return the points of some batches, of which every fifth is rejected."""
     strategy, number = kind(parameters, problem), 0
     batches: list[Sequence[Point]] = []
     for batch in range(BATCHES):

@@ -20,13 +20,7 @@ _OPERATORS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Criterion:
-    """A criterion as it stands after a batch.
-
-    Attributes:
-        limit: Such as `5 batches`.
-        text: Such as `batches 3 of 5`.
-        met: Whether it ends the search.
-    """
+    """A criterion after a batch, such as `5 batches` with the text `batches 3 of 5`."""
 
     limit: str
     text: str
@@ -34,12 +28,7 @@ class Criterion:
 
 
 def plan_text(spec: SearchSpec, runs: int, *, at_most: bool = False) -> str:
-    """Return a line on what a search would do.
-
-    Args:
-        runs: Of each point.
-        at_most: Whether these are its most.
-    """
+    """Return a line on what a search would do with so many runs of each point."""
     most = "up to " if at_most else ""
     ends = " or ".join(each.limit for each in criteria(spec, (), {}, 0.0))
     confirm = f", then {spec.confirm} fresh runs of the best" if spec.confirm else ""
@@ -74,12 +63,7 @@ def runs_until(evaluations: Sequence[Evaluation], objective: float, direction: s
 def criteria(
     spec: SearchSpec, batches: Sequence[Sequence[Evaluation]], metrics: Mapping[str, float], elapsed_s: float
 ) -> Iterator[Criterion]:
-    """Each criterion of a search after the batches that there are.
-
-    Args:
-        metrics: What the strategy reports.
-        elapsed_s: Time on the clock.
-    """
+    """Each criterion of a search, by its strategy's metrics and the time on the clock."""
     told = [each for batch in batches for each in batch]
     judged = sum(each.objective is not None for each in told)
     runs, hours = sum(each.runs for each in told), sum(each.simulated_s for each in told) / 3600.0

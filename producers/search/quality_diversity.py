@@ -146,11 +146,7 @@ class QualityDiversity(Strategy[QdParameters]):
         )
 
     def _emitted(self, first: int, count: int, seed: int) -> NDArray[np.float64]:
-        """Return steps from the archive, in turn from cells drawn evenly and from the best of several.
-
-        Args:
-            first: Which of all steps the first one is.
-        """
+        """Return steps from the archive, in turn from cells drawn evenly and from the best of several."""
         draws, found = np.random.default_rng(seed), self._archive.data(["solution", "objective"])
         points, gains = np.asarray(found["solution"], dtype=np.float64), np.asarray(found["objective"])
         cells = draws.integers(len(gains), size=(2, count, _DRAWN))

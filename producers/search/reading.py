@@ -13,7 +13,7 @@ from vastflow.producers.campaign_file.postprocessing import plug_in_complaint
 from vastflow.producers.campaign_file.search import FAILURE_RATE, METRICS, SEARCH, Quantity, SearchSpec, marker_faults
 from vastflow.producers.campaign_file.sections import Sequential
 from vastflow.producers.campaign_file.spec import ExecutionSpec
-from vastflow.producers.instantiation.growth import Family
+from vastflow.producers.instantiation.instantiate import Family
 from vastflow.producers.model.faults import NOT_EXECUTED, Location
 from vastflow.producers.model.producer import find_producer
 from vastflow.producers.search.boundary import Boundary, boundary_complaint
@@ -48,12 +48,7 @@ class SearchReading:
 def read_search(
     document: Document, spec: SearchSpec, execution: ExecutionSpec, base: Path, reader: ReadsFamilies
 ) -> SearchReading:
-    """Read the search of a file whose section has the right form.
-
-    Args:
-        base: Folder that names of files are relative to.
-        reader: Reads the families that the template is at points.
-    """
+    """Read the search of a file whose section has the right form; names of files are relative to `base`."""
     reading = _Reading(document, spec, base)
     reading.faults += marker_faults(document, spec)
     left_out = [k for k, entry in enumerate(spec.variations) for name in entry if reading.is_left_out(k, name)]

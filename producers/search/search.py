@@ -8,8 +8,7 @@ from vastflow.producers.campaign_file.document import Document
 from vastflow.producers.campaign_file.search import SEARCH, Quantity, SearchSpec, with_point
 from vastflow.producers.instantiation.coverage import FamilyCount, coverage_of
 from vastflow.producers.instantiation.family import FamilyReader
-from vastflow.producers.instantiation.growth import Family
-from vastflow.producers.instantiation.instantiate import Instantiation, mark_duplicates
+from vastflow.producers.instantiation.instantiate import Family, Instantiation, mark_duplicates
 from vastflow.producers.model.configuration import Configuration
 from vastflow.producers.search.sampling import Random, SamplingParameters
 from vastflow.producers.search.space import Point, Space
@@ -28,11 +27,7 @@ class ReadsFamilies(Protocol):
 
 @dataclass(frozen=True)
 class Search:
-    """A search that has no fault.
-
-    Attributes:
-        quantities: Numbers of a point that `extract` gives, by name.
-    """
+    """A search that has no fault; `quantities` are the numbers of a point that `extract` gives, by name."""
 
     spec: SearchSpec
     space: Space
@@ -48,11 +43,7 @@ class Search:
         return self.kind.measures(self.parameters)
 
     def strategy(self) -> Strategy[Any]:
-        """The strategy at its beginning.
-
-        Raises:
-            UserError: it needs a library that is not installed.
-        """
+        """The strategy at its beginning; a UserError if it needs a library that is not installed."""
         return self.kind(self.parameters, self._problem)
 
     def baseline(self, proposals: Sequence[Proposal]) -> list[Proposal]:
@@ -118,11 +109,7 @@ class Search:
 def family_at(
     document: Document, spec: SearchSpec, reader: ReadsFamilies, point: Point, name: str, left_out: Sequence[int] = ()
 ) -> tuple[Family, list[Fault]]:
-    """The template at a point as a family, and what is wrong with it there.
-
-    Args:
-        left_out: Places of producers that can't be had here.
-    """
+    """The template at a point as a family, without the producers `left_out`, and what is wrong with it there."""
     families = reader(with_point(document, spec, point, left_out))
     family = families.read(SEARCH, name, {})
     return family, [*families.faults, *families.unavailable.get(name, ())]

@@ -52,14 +52,19 @@ class Space:
 
 def levels_of(dimension: SearchDimension) -> int | None:
     """Return the number of values; None if they are continuous, unless there is but one."""
-    if dimension.type == "bool":
-        return 2
-    if dimension.values is not None:
-        return len(dimension.values)
-    low, high = _bounds(dimension)
     if dimension.type == "float":
-        return 1 if low == high else None
-    return int(high - low) // (dimension.step or 1) + 1
+        return 1 if dimension.low == dimension.high else None
+    return len(_values(dimension))
+
+
+def _values(dimension: SearchDimension) -> Sequence[Value]:
+    """The values of a dimension of another type than `float`, in order."""
+    if dimension.type == "bool":
+        return (False, True)
+    if dimension.values is not None:
+        return dimension.values
+    low, high = _bounds(dimension)
+    return range(int(low), int(high) + 1, dimension.step or 1)
 
 
 def _bounds(dimension: SearchDimension) -> tuple[float, float]:
@@ -67,47 +72,45 @@ def _bounds(dimension: SearchDimension) -> tuple[float, float]:
     return dimension.low, dimension.high
 
 
-def _value(dimension: SearchDimension, u: float) -> Value:
-    if dimension.type in ("choice", "bool"):
-        values: Sequence[Value] = (False, True) if dimension.values is None else dimension.values
-        return values[min(int(u * len(values)), len(values) - 1)]
+def _is_scaled(dimension: SearchDimension) -> bool:
+    """Whether values lie along a scale of real numbers, in place of sharing the axis equally."""
+    return dimension.type == "float" or dimension.log
+
+
+def _scale(dimension: SearchDimension) -> tuple[float, float]:
+    """The ends of the scale; an integer on a logarithmic scale takes half a step to both sides."""
     low, high = _bounds(dimension)
-    if dimension.type == "float":
-        found = (
-            math.exp(math.log(low) + u * (math.log(high) - math.log(low))) if dimension.log else low + u * (high - low)
-        )
-        return low if u == 0.0 else high if u == 1.0 else min(max(found, low), high)
-    if dimension.log:
-        edges = math.log(low - 0.5), math.log(high + 0.5)
-        return int(min(max(round(math.exp(edges[0] + u * (edges[1] - edges[0]))), low), high))
-    count, step = levels_of(dimension) or 1, dimension.step or 1
-    return int(low) + min(int(u * count), count - 1) * step
+    half = 0.5 if dimension.type == "int" else 0.0
+    return (math.log(low - half), math.log(high + half)) if dimension.log else (low, high)
+
+
+def _value(dimension: SearchDimension, u: float) -> Value:
+    if not _is_scaled(dimension):
+        values = _values(dimension)
+        return values[min(int(u * len(values)), len(values) - 1)]
+    (low, high), (start, stop) = _bounds(dimension), _scale(dimension)
+    along = start + u * (stop - start)
+    found = min(max(math.exp(along) if dimension.log else along, low), high)
+    if dimension.type == "int":
+        return round(found)
+    return low if u == 0.0 else high if u == 1.0 else found
 
 
 def _coordinate(dimension: SearchDimension, value: Value) -> float:
-    if dimension.type in ("choice", "bool"):
-        values: Sequence[Value] = (False, True) if dimension.values is None else dimension.values
+    if not _is_scaled(dimension):
+        values = _values(dimension)
         return (values.index(value) + 0.5) / len(values)
-    low, high = _bounds(dimension)
     assert isinstance(value, int | float)
-    if dimension.type == "int":
-        if dimension.log:
-            edges = math.log(low - 0.5), math.log(high + 0.5)
-            return (math.log(value) - edges[0]) / (edges[1] - edges[0])
-        return ((value - low) / (dimension.step or 1) + 0.5) / (levels_of(dimension) or 1)
-    if low == high:
-        return 0.5
-    if dimension.log:
-        return (math.log(value) - math.log(low)) / (math.log(high) - math.log(low))
-    return (value - low) / (high - low)
+    start, stop = _scale(dimension)
+    return 0.5 if start == stop else ((math.log(value) if dimension.log else value) - start) / (stop - start)
 
 
 def _contains(dimension: SearchDimension, value: Value) -> bool:
-    if dimension.type == "bool":
-        return isinstance(value, bool)
-    if dimension.values is not None:
-        return value in dimension.values
-    low, high = _bounds(dimension)
-    if isinstance(value, bool) or not isinstance(value, int if dimension.type == "int" else int | float):
+    if dimension.type == "choice":
+        return value in _values(dimension)
+    if (dimension.type == "bool") != isinstance(value, bool):
         return False
-    return low <= value <= high and (dimension.type == "float" or (value - low) % (dimension.step or 1) == 0)
+    if dimension.type == "float":
+        low, high = _bounds(dimension)
+        return isinstance(value, int | float) and low <= value <= high
+    return isinstance(value, int) and value in _values(dimension)

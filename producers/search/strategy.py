@@ -75,12 +75,7 @@ class Parameters(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """The problem that a strategy searches.
-
-    Attributes:
-        direction: What is looked for: the greatest or the least value of the objective.
-        per_batch: Most points of a batch.
-    """
+    """The problem that a strategy searches; `per_batch` is the most points of a batch."""
 
     space: Space
     direction: Literal["maximize", "minimize"] = "maximize"
@@ -98,11 +93,7 @@ class Problem:
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """A cell of an archive: the best point whose measures lie in it.
-
-    Attributes:
-        index: Its place on the grid, one number for each measure; its number alone in an archive that is no grid.
-    """
+    """A cell of an archive, by its place on the grid, with the best point in it."""
 
     index: tuple[int, ...]
     evaluation: Evaluation
@@ -133,11 +124,7 @@ class Strategy(ABC, Generic[P]):
 
     @abstractmethod
     def ask(self, batch: int, count: int) -> Sequence[Point]:
-        """Up to `count` points of the space; none where there is nothing left to ask.
-
-        Args:
-            batch: From 0; each is asked once, in order, and told before the next.
-        """
+        """Up to `count` points of the space, once for each batch from 0; none to end the search."""
 
     @abstractmethod
     def tell(self, evaluations: Sequence[Evaluation]) -> None:
@@ -177,11 +164,7 @@ def asked(strategy: Strategy[Any], batch: int, count: int) -> list[Point]:
 
 
 def find_strategy(name: str, base: Path) -> type[Strategy[Any]]:
-    """The class called `name` in the entry-point group, or `file.py:Class` relative to `base`.
-
-    Raises:
-        PlugInError: see `vastflow.sim.plug_ins.registry.plug_in_class`; and whatever its code raises.
-    """
+    """The class called `name` in the entry-point group, or `file.py:Class`; raises as `plug_in_class`."""
     found: type[Strategy[Any]] = plug_in_class(GROUP, "strategy", Strategy, name, base)
     return found
 

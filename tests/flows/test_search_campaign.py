@@ -108,11 +108,7 @@ def file_of(place, more=BATCHES, strategy="random", runs="3", limit=12, broken="
 
 
 def computed(file, place, store, workers=2, calls=math.inf):
-    """A campaign as the flow computes it, without Prefect: each stage by the engine alone.
-
-    Args:
-        calls: After so many calls of a stage it is interrupted.
-    """
+    """A campaign as the flow computes it, without Prefect; interrupted after so many calls of a stage."""
     numbers = itertools.count()
 
     def made(stage, *given):
@@ -147,10 +143,9 @@ def evaluated(engine, requests):
 
 @pytest.fixture(scope="module")
 def run(place):
-    def run(store="store", workers=2, calls=math.inf, **parts):
-        return computed(file_of(place, **parts), place, store, workers, calls)
-
-    return run
+    return lambda store="store", workers=2, calls=math.inf, **parts: computed(
+        file_of(place, **parts), place, store, workers, calls
+    )
 
 
 @pytest.fixture(scope="module")
@@ -194,10 +189,7 @@ def test_flow_finds_same_and_repeats_nothing(place, first, prefect_home, monkeyp
 
     assert content(called()) == content(first)
 
-    def refuse(*_):
-        raise AssertionError("Prefect was started")
-
-    monkeypatch.setattr(flow_call.FlowCall, "run", refuse)
+    monkeypatch.setattr(flow_call.FlowCall, "run", lambda *_: pytest.fail("Prefect was started"))
     again = called()
     assert again.summary.executed == 0 and content(again) == content(first)
 
@@ -215,14 +207,13 @@ def test_greater_budget_continues_smaller_one(run, first):
     assert more.summary.executed == 4 * 3 + confirming
 
 
+ARCHIVE = "{archive: {measures: {x: {low: 1, high: 11, bins: 5}, n: {low: -0.5, high: 3.5, bins: 4}}}}"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("library", "strategy", "parameters"),
-    [
-        ("numpy", "random", "{}"),
-        ("optuna", "optuna", "{n_startup_trials: 4}"),
-        ("ribs", "qd", "{archive: {measures: {x: {low: 1, high: 11, bins: 5}, n: {low: -0.5, high: 3.5, bins: 4}}}}"),
-    ],
+    [("numpy", "random", "{}"), ("optuna", "optuna", "{n_startup_trials: 4}"), ("ribs", "qd", ARCHIVE)],
 )
 def test_interrupted_search_finds_same(run, library, strategy, parameters):
     pytest.importorskip(library)
@@ -237,6 +228,9 @@ def test_interrupted_search_finds_same(run, library, strategy, parameters):
     assert content(again) == content(whole)
     if strategy == "qd":
         assert content(again, "archive") == content(whole, "archive")
+        cells, told = rows(whole, "archive"), {row["configuration"]: json.loads(row["point"]) for row in rows(whole)}
+        places, points = [json.loads(row["cell"]) for row in cells], [told[row["configuration"]] for row in cells]
+        assert places == sorted(places) == [[int((point["x"] - 1) / 2), point["n"]] for point in points]
 
 
 def test_point_without_robot_cannot_be_minimized(first):
@@ -297,19 +291,6 @@ def test_batches_that_fit_time_are_repeated_and_survive_gc(place, run):
     assert store.holdings() == []
 
 
-@pytest.mark.slow
-def test_archive_has_worst_point_of_each_cell(run):
-    pytest.importorskip("ribs")
-    archive = "{archive: {measures: {x: {low: 1, high: 11, bins: 5}, n: {low: -0.5, high: 3.5, bins: 4}}}}"
-    result = run(strategy="qd", more=f"{BATCHES}\n  strategy_parameters: {archive}")
-    cells, told = rows(result, "archive"), {row["configuration"]: row for row in rows(result)}
-    places = [json.loads(row["cell"]) for row in cells]
-    assert places == sorted(places)
-    for cell in cells:
-        point = json.loads(told[cell["configuration"]]["point"])
-        assert json.loads(cell["cell"]) == [int((point["x"] - 1) / 2), point["n"]]
-
-
 def test_metric_of_oracle_is_objective(run):
     result = run(objective="badness")
     assert all(
@@ -319,27 +300,16 @@ def test_metric_of_oracle_is_objective(run):
 
 
 @each_row(
-    ("extract", "only", "fault"),
+    ("oracle", "metric", "only", "fault"),
     [
-        (
-            "{oracle: own.py:Pocket, metric: badness}",
-            "point-0001",
-            "search: expected no --only, since a search proposes",
-        ),
-        (
-            "{oracle: safety, metric: x}",
-            None,
-            "search.extract.params.badness.oracle: no oracle 'safety' judges this campaign",
-        ),
-        (
-            "{oracle: own.py:Pocket, metric: bad}",
-            None,
-            "badness.metric: no metric 'bad' of oracle own.py:Pocket; did you mean",
-        ),
+        ("own.py:Pocket", "badness", "point-0001", "search: expected no --only, since a search proposes"),
+        ("safety", "x", None, "search.extract.params.badness.oracle: no oracle 'safety' judges this campaign"),
+        ("own.py:Pocket", "bad", None, "badness.metric: no metric 'bad' of oracle own.py:Pocket; did you mean"),
     ],
 )
-def test_search_refuses_selection_and_unknown_numbers(place, extract, only, fault):
+def test_search_refuses_selection_and_unknown_numbers(place, oracle, metric, only, fault):
     file = file_of(place)
-    file.write_text(file.read_text().replace("{oracle: own.py:Pocket, metric: badness}", extract))
+    text = file.read_text().replace("oracle: own.py:Pocket, metric: badness", f"oracle: {oracle}, metric: {metric}")
+    file.write_text(text)
     with pytest.raises(FileError, match=re.escape(fault)):
         run_campaign(file, results=place / "results", store=place / "store", only=only)

@@ -34,28 +34,17 @@ def test_instances_are_counted_once_with_their_cause():
 
 
 def test_dimensions_count_distinct_contents_and_choices():
-    part = coverage(levels("a", 1, 2, 3), Wide(Parameters()), levels("loops", 1, 2, dimension="task"))["families"][
-        "rooms"
-    ]
-    found = part["dimensions"]
+    whole = coverage(levels("a", 1, 2, 3), Wide(Parameters()), levels("loops", 1, 2, dimension="task"))
+    found = whole["families"]["rooms"]["dimensions"]
     assert {name: each["distinct"] for name, each in found.items()} == {"environment": 1, "task": 2, "system": 2}
-    assert found["system"] == {
-        "factors": ["a"],
-        "distinct": 2,
-        "combinations": 3,
-        "admissible": 2,
-        "covered": 2,
-        "share": 1.0,
-    }
+    counts = {"combinations": 3, "admissible": 2, "covered": 2, "share": 1.0}
+    assert found["system"] == {"factors": ["a"], "distinct": 2, **counts}
 
 
 def test_pairs_of_choices_are_counted():
-    part = coverage(levels("a", 1, 2, 3), levels("b", 1, 2), levels("c", 1), other="a != 1 or b != 1")["families"][
-        "rooms"
-    ]
-    assert part["t_way"]["pairs"] == [
-        {"factors": ["a", "b"], "combinations": 6, "admissible": 5, "covered": 5, "share": 1.0}
-    ]
+    found = coverage(levels("a", 1, 2, 3), levels("b", 1, 2), levels("c", 1), other="a != 1 or b != 1")
+    counts = {"combinations": 6, "admissible": 5, "covered": 5, "share": 1.0}
+    assert found["families"]["rooms"]["t_way"]["pairs"] == [{"factors": ["a", "b"], **counts}]
 
 
 def test_family_of_nothing_is_still_told_of():

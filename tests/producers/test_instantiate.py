@@ -6,15 +6,7 @@ import pytest
 from families import Campaign, made
 from table import each_row
 
-from vastflow.producers.instantiation.growth import Family
-from vastflow.producers.instantiation.instantiate import (
-    distinct_inputs,
-    finish,
-    instantiate,
-    join,
-    mark_duplicates,
-    start,
-)
+from vastflow.producers.instantiation.instantiate import Family, growth_of, instantiate, instantiation_of
 from vastflow.producers.model import producer as producer_module
 from vastflow.producers.model.configuration import Fragment, Rejection
 from vastflow.producers.model.producer import Producer, check_declared, evaluate
@@ -119,15 +111,13 @@ def test_producer_that_says_nothing_does_not_lose_a_configuration_in_silence(pic
 
 def test_steps_give_the_same_as_instantiate():
     chain = family_of(noise(1, 2), noise(3))
-    partials = start(chain)
+    growth = growth_of(chain)
     for step in chain.producers:
-        inputs = distinct_inputs(step, partials)
+        inputs = growth.inputs()
         assert len(inputs) == 1
         # Tasks may be done in any order.
-        results = {key: evaluate(step, value) for key, value in reversed(inputs.items())}
-        partials, rejected = join(chain, step, partials, results)
-        assert rejected == []
-    assert tuple(mark_duplicates(finish(chain, partials, "", 60.0))) == configurations(chain)
+        growth.join({key: evaluate(step, value) for key, value in reversed(inputs.items())})
+    assert instantiation_of(Campaign((chain,)), [growth.grown()]).configurations == configurations(chain)
 
 
 def test_provenance_and_steps_are_kept_beside_the_scenario(picky):
@@ -145,12 +135,15 @@ def test_producer_and_the_file_tag_dimensions():
     assert (only.scenario.environment, only.scenario.task, only.scenario.system) == ({"b": 2}, {"a": 1}, {"c": 3})
 
 
+GOAL = {"x": 1, "y": 1}
+
+
 @each_row(
     ("values", "abstract", "expected"),
     [
-        ({"goal_pose": {"x": 1, "y": 1}}, "", "builtin:navigate_to_pose"),
-        ({"goal_poses": [{"x": 1, "y": 1}]}, "", "builtin:navigate_through_poses"),
-        ({"goal_poses": [{"x": 1, "y": 1}]}, "builtin:follow_waypoints", "builtin:follow_waypoints"),
+        ({"goal_pose": GOAL}, "", "builtin:navigate_to_pose"),
+        ({"goal_poses": [GOAL]}, "", "builtin:navigate_through_poses"),
+        ({"goal_poses": [GOAL]}, "builtin:follow_waypoints", "builtin:follow_waypoints"),
     ],
 )
 def test_mission_follows_from_the_goal(values, abstract, expected):
@@ -189,21 +182,17 @@ def test_impossible_request_leaves_the_rest_of_the_campaign(hall):
     assert ["200 m" in r.reason for r in found.rejections] == [True]
 
 
-def test_same_seed_gives_the_same_paths_whatever_else_varies(hall):
+def test_same_seed_gives_the_same_paths_and_obstacles_whatever_else_varies(hall):
     values = {"map_file": hall}
-    alone = configurations(family_of(paths(num_paths=2), values=values))
-    after = configurations(family_of(noise(1, 2), paths(num_paths=2), values=values))
-    before = configurations(family_of(paths(num_paths=2), noise(1, 2, 3), values={**values, "robot_radius": 0.2}))
-    tasks = [c.scenario.task for c in alone]
-    assert [c.scenario.task for c in after] == tasks * 2
-    assert [c.scenario.task for c in before] == [task for task in tasks for _ in range(3)]
-
-
-def test_same_seed_gives_the_same_obstacles_whatever_else_varies(hall):
     obstacles = {"ObstacleVariation": {"obstacle_configs": [{"amount": 3, "max_distance": 0.5}], "seed": 4}}
-    alone = configurations(family_of(paths(), obstacles, values={"map_file": hall}))
-    crossed = configurations(family_of(paths(), noise(1, 2), obstacles, values={"map_file": hall}))
-    assert [c.scenario.environment for c in crossed] == [alone[0].scenario.environment] * 2
+    alone = configurations(family_of(paths(num_paths=2), obstacles, values=values))
+    after = configurations(family_of(noise(1, 2), paths(num_paths=2), obstacles, values=values))
+    before = configurations(
+        family_of(paths(num_paths=2), noise(1, 2, 3), obstacles, values={**values, "robot_radius": 0.2})
+    )
+    parts = [(c.scenario.task, c.scenario.environment) for c in alone]
+    assert [(c.scenario.task, c.scenario.environment) for c in after] == parts * 2
+    assert [(c.scenario.task, c.scenario.environment) for c in before] == [part for part in parts for _ in range(3)]
 
 
 def test_drawn_configuration_is_pinned(hall):

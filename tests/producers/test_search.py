@@ -103,32 +103,15 @@ def test_faults_of_a_search_have_place_and_message(golden, said: Said) -> None:
 
 
 def test_criterion_that_is_a_number_is_short_for_its_main_field() -> None:
-    spec = SearchSpec.model_validate(
-        {
-            "strategy": "random",
-            "search_space": {"a": {"type": "bool"}},
-            "budget": {"batches": 3},
-            "stopping": [{"no_improvement": 5}],
-        }
-    )
+    given = {"budget": {"batches": 3}, "stopping": [{"no_improvement": 5}]}
+    spec = SearchSpec.model_validate({"strategy": "random", "search_space": {"a": {"type": "bool"}}, **given})
     assert spec.budget == [Budget(batches=3)]
     assert spec.stopping[0].no_improvement == NoImprovement(patience=5)
 
 
-@each_row(
-    ("text", "name"),
-    [
-        ("$a", "a"),
-        ("${a b}", "a b"),
-        ("${a{b}", "a{b"),
-        ("$FollowPath.max_vel-x", "FollowPath.max_vel-x"),
-        ("$$a", None),
-        ("$a/x", None),
-        ("a$b", None),
-        ("@a", None),
-        ("$1", None),
-        (3, None),
-    ],
-)
+MARKERS = {"$a": "a", "${a b}": "a b", "${a{b}": "a{b", "$FollowPath.max_vel-x": "FollowPath.max_vel-x"}
+
+
+@each_row(("text", "name"), [*MARKERS.items(), *((text, None) for text in ("$$a", "$a/x", "a$b", "@a", "$1", 3))])
 def test_marker_is_a_whole_text(text: object, name: str | None) -> None:
     assert marker_of(text) == name

@@ -32,18 +32,3 @@ def test_driven_strategy_finds_a_narrow_pocket_with_a_third_of_randoms_runs(proo
 
 def test_boundary_needs_a_fifth_of_a_grids_runs(proof):
     assert proof.boundary(1)
-
-
-def test_pockets_lie_inside_and_are_drawn_independently(proof):
-    volumes = (0.01, 0.002)
-    places = [proof.pockets_of(seed, volumes) for seed in range(20)]
-    assert all(
-        np.all((each.centers - each.halves[:, None] >= 0) & (each.centers + each.halves[:, None] <= 1))
-        for each in places
-    )
-    hit = [
-        each.metric(np.random.default_rng([seed, batch]).random(6)) <= 1
-        for seed, each in enumerate(places)
-        for batch in range(9)
-    ]
-    assert sum(hit) < 10

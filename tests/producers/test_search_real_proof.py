@@ -3,7 +3,6 @@
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 PROOFS = Path(__file__).parents[1] / "proofs"
@@ -18,15 +17,9 @@ def proof(one_server, tmp_path_factory):
             patch.delitem(sys.modules, name, raising=False)
         import search_real
 
-        for name, value in {"PER_BATCH": 2, "RUNS": 1, "CONFIRMING_RUNS": 1, "CONFIRMING_FAILURES": 1}.items():
-            patch.setattr(search_real, name, value)
-        for name, value in {
-            "NOISES": 3,
-            "PASSAGES": 3,
-            "GRID_RUNS": 1,
-            "BOUNDARY_BATCH": 2,
-            "BOUNDARY_RUNS": 1,
-        }.items():
+        sizes = {"PER_BATCH": 2, "RUNS": 1, "CONFIRMING_RUNS": 1, "CONFIRMING_FAILURES": 1, "NOISES": 3}
+        sizes |= {"PASSAGES": 3, "GRID_RUNS": 1, "BOUNDARY_BATCH": 2, "BOUNDARY_RUNS": 1}
+        for name, value in sizes.items():
             patch.setattr(search_real, name, value)
         yield search_real
 
@@ -52,13 +45,3 @@ def test_grid_and_search_prefer_a_wide_passage(proof, place):
     assert rates.shape == (3, 3) and rates[:, 0].mean() > rates[:, -1].mean()
     expected = proof.searched_rates(place, 0, runs=2)
     assert expected.shape[0] == expected.shape[1] > 3
-
-
-def test_curve_is_as_far_from_another_as_its_passages_are(proof):
-    along = np.linspace(0.0, 1.0, 41)
-    falling = np.clip(0.5 + 10.0 * (0.4 - along), 0.0, 1.0)
-    fine, coarse = np.tile(falling, (41, 1)), np.tile(falling[::20], (3, 1))
-    assert proof.passage_of(fine) == pytest.approx([0.4] * 3)
-    assert proof.distance(proof.passage_of(fine), proof.passage_of(coarse)) == pytest.approx(0.15)  # 0.4 against 0.25
-    assert proof.distance(np.full(3, np.nan), proof.passage_of(coarse)) == 1.0
-    assert proof.distance(np.full(3, np.nan), np.full(3, np.nan)) == 0.0

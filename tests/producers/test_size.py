@@ -8,8 +8,7 @@ from families import write_map
 from table import each_row
 
 from vastflow.producers.campaign import load_campaign, most_configurations
-from vastflow.producers.instantiation.growth import Family, Grown
-from vastflow.producers.instantiation.instantiate import growth_of, instantiate
+from vastflow.producers.instantiation.instantiate import Family, Grown, growth_of, instantiate
 from vastflow.producers.model.configuration import Fragment
 from vastflow.producers.model.producer import evaluate
 from vastflow.sim.model.faults import FileError

@@ -6,8 +6,7 @@ from pathlib import Path
 from vastflow.producers.campaign_file.sections import CARTESIAN
 from vastflow.producers.constraints.constraint import Constraint
 from vastflow.producers.constraints.expression import expression_of
-from vastflow.producers.instantiation.growth import Family
-from vastflow.producers.instantiation.instantiate import instantiate
+from vastflow.producers.instantiation.instantiate import Family, instantiate
 from vastflow.producers.model.producer import find_producer
 
 
