@@ -29,8 +29,8 @@ from vastflow.flows.run.judged import Judged, computed, look, scanned, through
 from vastflow.flows.run.prepared import PreparedCampaign, open_run
 from vastflow.flows.run.reporting import reported
 from vastflow.flows.search.batch_flow import compute_batch
+from vastflow.tasks.engine.executor import PoolClosed
 from vastflow.tasks.engine.index import FoundRuns
-from vastflow.tasks.engine.pool import PoolClosed
 from vastflow.tasks.engine.shards import Shard
 from vastflow.tasks.prefect.adapter import is_generated_name
 from vastflow.tasks.prefect.deployment import FLOW

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from vastflow.tasks.engine.engine import Engine, RunFault
 from vastflow.tasks.engine.evaluation import packed
+from vastflow.tasks.engine.executor import PoolClosed
 from vastflow.tasks.engine.instantiation import EvaluationRequest, Instantiated, Instantiator
-from vastflow.tasks.engine.pool import PoolClosed
 from vastflow.tasks.engine.progress import Observer, Reporter, Tally
 from vastflow.tasks.engine.shards import ProducerShard, Shard, shard_ranges
 from vastflow.tasks.prefect.adapter import sent_only

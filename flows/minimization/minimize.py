@@ -28,7 +28,6 @@ from vastflow.producers.minimization.candidates import Candidates, NotBuilt
 from vastflow.producers.minimization.circumstance import Subject
 from vastflow.producers.minimization.minimize import Candidate, Minimum, Outcome, Standing, Unconfirmed, minimize
 from vastflow.producers.model.configuration import Configuration
-from vastflow.tasks.engine.engine import block_size
 from vastflow.tasks.engine.index import ConfigurationRuns, FoundRuns, Index
 from vastflow.tasks.engine.progress import Observer
 from vastflow.tasks.engine.shards import Shard, missing_shards
@@ -150,7 +149,6 @@ class Trials:
                 raise Lost(f"results of {name}")
             runs = found.configuration.runs
             self.run.tally.begin("running")
-            engine.block_runs = block_size(found.missing_runs, self.run.workers)
             self.compute(missing_shards([found.configuration], {name}))
             engine.check()
 

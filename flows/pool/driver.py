@@ -14,8 +14,8 @@ from typing import Final, Protocol
 from vastflow.flows.pool.service import Seen
 from vastflow.flows.request.work_pool import WorkersFailed, WorkPool, shard_count
 from vastflow.tasks.engine.engine import Engine, RunFault, judgements
+from vastflow.tasks.engine.executor import PoolClosed
 from vastflow.tasks.engine.index import ConfigurationRuns, missing
-from vastflow.tasks.engine.pool import PoolClosed
 from vastflow.tasks.engine.progress import Tally
 from vastflow.tasks.engine.remote_shard import read_part
 from vastflow.tasks.engine.shards import Shard, shard_ranges

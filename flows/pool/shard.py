@@ -1,7 +1,6 @@
 """Computation of a bundle on a worker of a pool. Importing it imports Prefect."""
 
 import itertools
-import pickle
 import platform
 import shutil
 import tempfile
@@ -80,7 +79,7 @@ def _computed(store: Store, bundle: Bundle, workers: int) -> State[Any]:
         # No listing: of a store with 10,000s of artifacts these are few, and a fresh container has copies of no manifest.
         tally = Tally()
         tally.expect({configuration.name: configuration.runs for configuration in bundle.configurations})
-        engine = Engine(Index(store, own), Pool(workers, log), tally, pickle.dumps(bundle.oracles))
+        engine = Engine(Index(store, own), Pool(workers, log), tally, bundle.oracles)
         stack.callback(engine.close)
         task_runs = stack.enter_context(task_runs_of(bundle.campaign, engine))
         missing = {name: each for name, each in engine.scan(bundle.configurations).items() if not each.complete}
@@ -88,7 +87,7 @@ def _computed(store: Store, bundle: Bundle, workers: int) -> State[Any]:
         get_run_logger().info("%d configurations, %d of %d runs to execute", len(bundle.configurations), absent, wanted)
         report = Report(engine, str(flow_run.id))
         with _beating(bundle, tally, report):
-            engine.begin(missing.values(), workers)
+            engine.begin(missing.values())
             shards = missing_shards(bundle.configurations, missing, TASK_RUNS)
             compute(task_runs, shards)
         report.add(bundle.configurations, last=True)

@@ -1,7 +1,6 @@
 """The computation of a call: an engine with its workers, the progress, and a log."""
 
 import os
-import pickle
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -46,7 +45,6 @@ class Computing:
     name: str
     stage: str
     engine: Engine = field(repr=False)
-    workers: int
     tally: Tally = field(repr=False)
     log: Path
     created: datetime
@@ -61,8 +59,8 @@ class Computing:
         try:
             FlowCall(self.engine, self.tally, self.log).run(flow, done)
         except Exception:
-            if self.engine.store_error is not None:  # what else broke follows from it
-                raise self.engine.store_error from None
+            if self.engine.ended_by is not None:  # what else broke follows from it
+                raise self.engine.ended_by from None
             raise
 
     def run_alone(self, body: "Callable[[TaskRuns], None]") -> None:
@@ -113,8 +111,8 @@ def computing(
     log = campaign_log.new_log(opened.store.local / "logs", label, created)
     with campaign_log.own_log(log):
         check_machine()
-        engine = Engine(Index(opened.store, keys), Pool(count, log), tally, pickle.dumps(tuple(oracles)), stopping)
+        engine = Engine(Index(opened.store, keys), Pool(count, log), tally, oracles, stopping)
         try:
-            yield Computing(opened.name, stage, engine, count, tally, log, created)
+            yield Computing(opened.name, stage, engine, tally, log, created)
         finally:
             engine.close()

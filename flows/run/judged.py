@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from vastflow.flows.request.configurations import distinct_configurations, narrowed
 from vastflow.flows.run.computing import Computing
 from vastflow.flows.run.prepared import PreparedCampaign
-from vastflow.tasks.engine.engine import Engine, RunFault, block_size
+from vastflow.tasks.engine.engine import Engine, RunFault
 from vastflow.tasks.engine.index import FoundRuns
 from vastflow.tasks.engine.instantiation import Instantiated
 from vastflow.tasks.engine.shards import Shard, missing_shards
@@ -102,7 +102,7 @@ def begin(run: PreparedCampaign, computing: Computing, judged: Judged | None) ->
         driving = (family for family in run.campaign.families if family.drives)
         computing.engine.warm_up({**family.values, **family.overrides} for family in driving)
     else:
-        computing.engine.begin(judged.incomplete(computing.engine), computing.workers)
+        computing.engine.begin(judged.incomplete(computing.engine))
 
 
 def computed(
@@ -122,7 +122,6 @@ def computed(
     due, cut = judged.incomplete(engine), [each.configuration for each in judged.found.values()]
     while due:
         computing.tally.begin("running")
-        engine.block_runs = block_size(sum(each.missing_runs for each in due), computing.workers)
         before = {each.configuration.name: each.configuration.runs for each in due}
         compute(due, missing_shards(cut, before))
         engine.check()

@@ -182,7 +182,7 @@ def _computed(
             found, missing = scanned()
             if missing:
                 if stage == "execute":
-                    run.engine.begin(missing, run.workers)
+                    run.engine.begin(missing)
                 shards = missing_shards(executed, {each.configuration.name for each in missing})
                 with suppress(Lost):
                     run.run_alone(partial(mapped, shards, found))

@@ -1,4 +1,4 @@
-"""The engine: computes the artifacts of a campaign that the store lacks, in a pool of worker processes.
+"""The engine: computes the artifacts of a campaign that the store lacks, by units that an executor runs.
 
 Prefect is not needed here: `vastflow.tasks.prefect.stages` puts its tasks round these methods.
 """
@@ -6,21 +6,22 @@ Prefect is not needed here: `vastflow.tasks.prefect.stages` puts its tasks round
 import threading
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Final, Generic, Protocol, TypeAlias, TypeVar
 
+from vastflow.oracles.judgement.oracle import Oracle
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.nav2.parameter_files.chosen import CONTROLLER_KEY, parameters_of
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 from vastflow.tasks.engine import work
 from vastflow.tasks.engine.evaluation import PackedProducer
-from vastflow.tasks.engine.index import ConfigurationRuns, FoundRuns, Index, missing, run_blocks
+from vastflow.tasks.engine.executor import ClusterError, Executor, PoolClosed, Priority, WorkerDied
+from vastflow.tasks.engine.index import ConfigurationRuns, FoundRuns, Index, missing
 from vastflow.tasks.engine.instantiation import Evaluation
-from vastflow.tasks.engine.pool import Pool, PoolClosed, Priority, WorkerDied
 from vastflow.tasks.engine.progress import Tally
-from vastflow.tasks.engine.work import Broken, Executed, WorkStage
+from vastflow.tasks.engine.units import Feeder, Unit, Units
+from vastflow.tasks.engine.work import Broken, Computed, Executed, WorkStage
 from vastflow.tasks.store.artifact import Block, Stored
 from vastflow.tasks.store.store import Artifact, StoreError
 
@@ -39,9 +40,6 @@ def controllers_in(systems: Iterable[Mapping[str, Value]]) -> list[dict[str, Val
 
 ATTEMPTS: Final = 3
 """Maximum number of attempts at artifacts that the store loses."""
-
-MOST_RUNS_A_BLOCK: Final = 20
-_BLOCKS_A_WORKER: Final = 4
 
 Rows: TypeAlias = list[list[list[Any]]]
 """Start, stop, and content digests of each block of each configuration."""
@@ -91,44 +89,38 @@ class RunsWanted(Protocol):
         """Return the configuration with the runs that are wanted by now, and what the store has of these."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Job:
-    """Runs in the pool."""
-
-    start: int
-    stop: int
-    future: "Future[Any]"
-
-
 class Engine:
-    """Brings one campaign's artifacts into the store, stage by stage, by a pool of worker processes.
-
-    A stage computes only what the store lacks, and keeps faults.
+    """Brings one campaign's artifacts into the store, stage by stage; a stage computes only what the store lacks.
 
     Args:
-        oracles: The pickled oracles.
+        oracles: Those that judge.
         stopping: None where the number of runs of a configuration is fixed.
 
     Attributes:
         index: The campaign's artifacts in the store.
-        block_runs: Maximum number of runs of a new block, see `block_size`.
-        store_error: The error that made the store unusable and ended everything.
+        ended_by: The error that ended everything: the store or the cluster can't be used.
     """
 
     def __init__(
-        self, index: Index, pool: Pool, tally: Tally, oracles: bytes, stopping: RunsWanted | None = None
+        self,
+        index: Index,
+        executor: Executor,
+        tally: Tally,
+        oracles: Sequence[Oracle[Any]],
+        stopping: RunsWanted | None = None,
     ) -> None:
         self.index = index
-        self.block_runs = MOST_RUNS_A_BLOCK
-        self.store_error: StoreError | None = None
+        self.ended_by: StoreError | ClusterError | None = None
         self._store = index.store.for_sources(index.keys.sources)
-        self._pool = pool
+        self._executor = executor
         self._tally = tally
-        self._oracles = oracles
+        self._oracles = executor.shared(tuple(oracles))
         self._stopping = stopping
         self._lock = threading.Lock()
-        self._warm: Future[Any] | None = None
-        self._executing: dict[tuple[str, int], list[_Job]] = {}
+        self._ready: Future[Any] | None = None
+        self._feeder = Feeder(lambda: executor.workers, self._execute)
+        self._executing: dict[tuple[str, int], Units] = {}
+        self._made: set[str] = set()
         self._faults: list[RunFault] = []
 
     @property
@@ -144,31 +136,31 @@ class Engine:
 
     @property
     def workers(self) -> int:
-        """Maximum number of worker processes."""
-        return self._pool.workers
+        """Number of workers."""
+        return self._executor.workers
 
     @property
     def closed(self) -> bool:
         """True once the campaign was ended or its store is unusable."""
-        return self._pool.closed
+        return self._executor.closed
 
     def close(self) -> None:
-        """End the workers and all jobs. May be called twice."""
-        self._pool.close()
+        """End the workers and all units. May be called twice."""
+        self._executor.close()
 
     def rest(self) -> None:
-        """Let idle workers go; the next job starts new ones."""
-        self._pool.rest()
+        """Let idle workers go; the next unit starts new ones."""
+        self._executor.rest()
 
     def check(self) -> None:
         """Raise an error if the engine is closed.
 
         Raises:
-            StoreError: the store can't be used.
+            StoreError, ClusterError: the store or the cluster can't be used.
             PoolClosed: the campaign was ended.
         """
-        if self.store_error is not None:
-            raise self.store_error
+        if self.ended_by is not None:
+            raise self.ended_by
         if self.closed:
             raise PoolClosed
 
@@ -203,32 +195,36 @@ class Engine:
                     self._tally.judge(each.name, judgements(one.verdicts))
         return scanned
 
-    def begin(self, found: Iterable[FoundRuns], workers: int) -> None:
-        """Hand the missing runs to the workers, after the compilation of kernels where a robot drives.
+    def begin(self, found: Iterable[FoundRuns]) -> None:
+        """Let workers compute missing runs, after the compilation of kernels where a robot drives."""
+        absent = [each.configuration for each in found if each.missing_runs]
+        self.warm_up(configuration.scenario.system for configuration in absent if configuration.drives)
+        self.start(absent)
+
+    def warm_up(self, systems: Iterable[Mapping[str, Value]]) -> None:
+        """Compile the kernels for some systems.
 
         Args:
-            workers: Number of workers, each of which gets several blocks.
+            systems: System dimensions of scenarios in which a robot drives.
         """
-        absent = [each for each in found if each.missing_runs]
-        self.warm_up(each.configuration.scenario.system for each in absent if each.configuration.drives)
-        self.block_runs = block_size(sum(each.missing_runs for each in absent), workers)
-        self.start([each.configuration for each in absent])
+        if needed := controllers_in(systems):
+            self._ready = self._executor.prepare(work.answered, work.compile_kernels, needed)
 
-    def start(self, configurations: Sequence[ConfigurationRuns]) -> None:
-        """Hand the missing runs of configurations to the workers, in order, from a thread."""
-
-        def start() -> None:
-            with suppress(PoolClosed, StoreError):  # who waits for it meets the same
-                for configuration in configurations:
-                    self.start_executing(configuration)
-
-        threading.Thread(target=start, daemon=True).start()
+    def start(self, configurations: Sequence[ConfigurationRuns]) -> list[Units]:
+        """Let workers compute the missing runs of configurations, once per wanted number of runs."""
+        with self._lock:
+            keys = [(each.name, each.runs) for each in configurations]
+            new = [each for key, each in zip(keys, configurations, strict=True) if key not in self._executing]
+            wanted = [(each, missing(self.index.blocks(each), each.runs)) for each in new]
+            for configuration, units in zip(new, self._feeder.add(wanted), strict=True):
+                self._executing[configuration.name, configuration.runs] = units
+            return [self._executing[key] for key in keys]
 
     def forget(self, configurations: Collection[str]) -> None:
-        """Forget faults and jobs of configurations, so that they are computed again when asked for."""
+        """Forget faults and units of configurations, so that they are computed again when asked for."""
         with self._lock:
             self._faults = [fault for fault in self._faults if fault.configuration not in configurations]
-            self._executing = {key: jobs for key, jobs in self._executing.items() if key[0] not in configurations}
+            self._executing = {key: units for key, units in self._executing.items() if key[0] not in configurations}
 
     def add_faults(self, faults: Sequence[RunFault]) -> None:
         """Add faults from elsewhere."""
@@ -249,61 +245,58 @@ class Engine:
         errors = {key: answer.error for key, answer in answers.items() if isinstance(answer, Broken)}
         return StageOutcome(errors, len(evaluations) - len(jobs), len(evaluations))
 
-    def warm_up(self, systems: Iterable[Mapping[str, Value]]) -> None:
-        """Compile the kernels for some systems in one worker, as two at once would compile the same.
-
-        Args:
-            systems: System dimensions of scenarios in which a robot drives.
-        """
-        if needed := controllers_in(systems):
-            self._warm = self._submit(Priority.EVALUATE, work.compile_kernels, needed)
-
-    def start_executing(self, configuration: ConfigurationRuns) -> list["_Job"]:
-        """Hand the missing runs of a configuration to the pool, once per wanted number of runs."""
-        if self._warm is not None and configuration.drives:
-            self._answer(self._warm)
-        with self._lock:
-            key = configuration.name, configuration.runs
-            if key not in self._executing:
-                wanted = missing(self.index.blocks(configuration), configuration.runs)
-                self._executing[key] = [
-                    self._start(configuration, start, stop) for start, stop in run_blocks(wanted, self.block_runs)
-                ]
-            return self._executing[key]
-
-    def _start(self, configuration: ConfigurationRuns, start: int, stop: int) -> "_Job":
-        keys = self.index.keys
-        home = keys.recordings(configuration.checked)
-        future = self._submit(
-            Priority.EXECUTE, work.execute, self._store, home, configuration.scenario, start, stop, keys.seed
-        )
-        future.add_done_callback(lambda done: self._count(configuration, done))
-        return _Job(start, stop, future)
-
-    def _count(self, configuration: ConfigurationRuns, done: "Future[Any]") -> None:
-        if done.exception() is None and isinstance(answer := done.result(), Executed):
-            self._tally.execute(configuration.name, answer.simulated_s)
-
     def execute(self, configurations: Sequence[ConfigurationRuns]) -> StageOutcome[Rows]:
         """Execute missing runs; return start, stop, and content digest of each configuration's blocks."""
-        started = [(configuration, list(self.start_executing(configuration))) for configuration in configurations]
-        there = sum(not jobs for _, jobs in started)
-        for configuration, jobs in started:
-            for job in jobs:
-                answer = self._answer(job.future)
-                if isinstance(answer, Broken) and answer.died and job.stop - job.start > 1:
-                    # One run may have killed the workers of all: each gets a block of its own.
-                    jobs += [self._start(configuration, run, run + 1) for run in range(job.start, job.stop)]
+        started = [(units.configuration, units.wait()) for units in self.start(configurations)]
+        there = sum(not units for _, units in started)
+        for configuration, begun in started:
+            units, told = list(begun), True
+            for unit in units:
+                answer = self._answer(unit.future)
+                told = told and isinstance(answer, Computed)
+                if isinstance(answer, Broken) and answer.died and unit.stop - unit.start > 1:
+                    # One run may have killed the workers of all: each gets a unit of its own.
+                    runs = range(unit.start, unit.stop)
+                    units += [Unit(run, run + 1, self._execute(configuration, run, run + 1)) for run in runs]
                 elif isinstance(answer, Broken):
-                    self._fault(configuration, range(job.start, job.stop), "execute", answer)
+                    self._fault(configuration, range(unit.start, unit.stop), "execute", answer)
                 elif isinstance(answer, Executed):
                     for run_index, error in answer.broken.items():
                         self._fault(configuration, [run_index], "execute", error)
-            if jobs:
+                    for stage, block, error in answer.later if isinstance(answer, Computed) else ():
+                        self._fault(configuration, range(*block), stage, error)
+            if units and not told:
                 self.index.store.changed(self.index.keys.recordings(configuration.checked))
         found = [self.index.blocks(configuration) for configuration in configurations]
         rows = [[[block.start, block.stop, block.content] for block in blocks] for blocks in found]
         return StageOutcome(rows, there, len(configurations))
+
+    def _execute(self, configuration: ConfigurationRuns, start: int, stop: int) -> "Future[Any]":
+        """Hand a unit to the executor, one of a cluster with all stages."""
+        if self._ready is not None and configuration.drives:
+            self._answer(self._ready)
+        keys, scenario = self.index.keys, configuration.scenario
+        priority, checked = Priority.EXECUTE, configuration.checked
+        if self._executor.whole_units:
+            unit = self._store, keys, checked, scenario, start, stop, self._oracles
+            future = self._submit(priority, work.compute, *unit)
+        else:
+            recordings = keys.recordings(checked)
+            future = self._submit(priority, work.execute, self._store, recordings, scenario, start, stop, keys.seed)
+        future.add_done_callback(lambda done: self._count(configuration, done))
+        return future
+
+    def _count(self, configuration: ConfigurationRuns, done: "Future[Any]") -> None:
+        if done.cancelled() or done.exception() is not None or not isinstance(answer := done.result(), Executed):
+            return
+        self._tally.execute(configuration.name, answer.simulated_s)
+        self._feeder.took(configuration.family, len(answer.simulated_s), answer.took_s)
+        if isinstance(answer, Computed):
+            self.index.store.learn(answer.artifacts)
+            self._made.update(artifact.key for artifact in answer.artifacts)
+            for artifact in answer.artifacts:
+                if artifact.key.startswith("judge/"):
+                    self._tally.judge(configuration.name, judgements(artifact))
 
     def observe(self, configurations: Sequence[ConfigurationRuns], recorded: Rows) -> StageOutcome[Rows]:
         """Observe recorded blocks; rows gain the content digest of the trace."""
@@ -353,7 +346,8 @@ class Engine:
             if stage == "judge":
                 for _, verdicts in found:
                     self._tally.judge(configuration.name, judgements(verdicts) if verdicts is not None else {})
-        return StageOutcome(made, jobs.count(None), len(blocks))
+        there = sum(job is None and key not in self._made for key, job in zip(keys, jobs, strict=True))
+        return StageOutcome(made, there, len(blocks))
 
     def _blocks(self, configurations: Sequence[ConfigurationRuns], rows: Rows) -> list[tuple[ConfigurationRuns, Block]]:
         return [
@@ -370,7 +364,7 @@ class Engine:
         self._tally.judge(configuration.name, dict.fromkeys(runs, "not judged"))
 
     def _submit(self, priority: Priority, function: Callable[..., Any], *arguments: Any) -> "Future[Any]":
-        return self._pool.submit(priority, work.answered, function, *arguments)
+        return self._executor.submit(work.answered, function, *arguments, priority=priority)
 
     def _answer(self, job: "Future[Any]") -> Any:
         """Return the answer of a job; the death of a worker is `Broken` like other errors."""
@@ -378,19 +372,14 @@ class Engine:
             return job.result()
         except PoolClosed:
             raise
-        except StoreError as error:
-            self.store_error = error
-            self._pool.close()  # the other jobs would find out one by one
+        except (StoreError, ClusterError) as error:
+            self.ended_by = error
+            self._executor.close()  # the other jobs would find out one by one
             raise
         except WorkerDied as error:
             return Broken(str(error), died=True)
         except Exception as error:  # noqa: BLE001 - what can't be pickled, say: one configuration's fault
             return work.broken(error)
-
-
-def block_size(runs: int, workers: int) -> int:
-    """Return the maximum number of runs of a block, so that every worker gets several blocks."""
-    return max(1, min(MOST_RUNS_A_BLOCK, -(-runs // (_BLOCKS_A_WORKER * workers))))
 
 
 def judgements(verdicts: Artifact) -> dict[int, str]:

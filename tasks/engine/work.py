@@ -1,4 +1,4 @@
-"""Jobs of worker processes: one stage of one block of runs, from the store and into it.
+"""Units of workers: one stage, or all, of one block of runs, from the store and into it.
 
 Simulator, oracles, and producers are imported when they are needed, so that a worker starts fast. Nothing raises but
 `StoreError`: errors are answers, and nothing is stored then.
@@ -8,12 +8,12 @@ import importlib.metadata
 import json
 import logging
 import os
-import pickle
 import platform
 import tempfile
+import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, ParamSpec, TypeAlias, TypeVar
 
@@ -22,9 +22,12 @@ from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.plug_ins.effects import plug_in_code
 from vastflow.tasks.engine.evaluation import FRAGMENTS, PackedProducer, write_evaluation
+from vastflow.tasks.engine.executor import Pickled
+from vastflow.tasks.engine.index import run_blocks
 from vastflow.tasks.engine.machine_check import check_temporary
 from vastflow.tasks.engine.process import few_collections
-from vastflow.tasks.store.store import Lost, Store, StoreError
+from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.store.store import Artifact, Lost, Store, StoreError
 
 if TYPE_CHECKING:
     from vastflow.sim.model.recording import Recording
@@ -63,10 +66,25 @@ class Executed:
     Attributes:
         simulated_s: Run index to simulated time of the stored runs.
         broken: Run index to the cause of the others.
+        took_s: Wall time.
     """
 
     simulated_s: Mapping[int, float]
     broken: Mapping[int, Broken]
+    took_s: float = field(default=0.0, compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Computed(Executed):
+    """The outcome of a block that went through all stages.
+
+    Attributes:
+        artifacts: Recordings, traces, and verdicts that are stored now.
+        later: Stage, start and stop, and cause where recorded runs have no verdict.
+    """
+
+    artifacts: tuple[Artifact, ...] = ()
+    later: tuple[tuple[WorkStage, tuple[int, int], Broken], ...] = ()
 
 
 def broken(error: BaseException) -> Broken:
@@ -124,12 +142,13 @@ def compile_kernels(systems: Sequence[Mapping[str, Value]] = ({},)) -> None:
             run(Scenario("builtin:navigate_to_pose", 20.0, {"map_file": map_content(room)}, poses, system), 0, 0)
 
 
-def execute(store: Store, key: str, scenario: Scenario, start: int, stop: int, seed: int) -> Executed | Broken:
+def execute(store: Store, key: str, scenario: Scenario, start: int, stop: int, seed: int) -> Executed:
     """Execute runs `start` to `stop` - 1 of a scenario and store those that end, in blocks without a gap.
 
     A stored block is not executed again: another worker may have died before its answer arrived.
     """
     _log_plainly()
+    began_s = time.monotonic()
     if (stored := store.find(f"{key}/{start}-{stop}")) is not None:
         return Executed({int(run): float(s) for run, s in stored.info["runs"]}, {})
     from vastflow.sim import run
@@ -161,7 +180,43 @@ def execute(store: Store, key: str, scenario: Scenario, start: int, stop: int, s
             errors[run_index] = executed or Broken("an artifact that it needs is lost")
             keep()
     keep()
-    return Executed(simulated_s, errors)
+    return Executed(simulated_s, errors, time.monotonic() - began_s)
+
+
+def compute(
+    store: Store, keys: Keys, checked: str, scenario: Scenario, start: int, stop: int, oracles: Pickled
+) -> Computed:
+    """Execute, observe, and judge runs `start` to `stop` - 1 of a scenario; its arguments are those of the stages.
+
+    Args:
+        checked: See `vastflow.sim.reading.checked.checked_digest`.
+    """
+    began_s = time.monotonic()
+    home = keys.recordings(checked)
+    executed = execute(store, home, scenario, start, stop, keys.seed)
+    artifacts: list[Artifact] = []
+    later: list[tuple[WorkStage, tuple[int, int], Broken]] = []
+    for block in run_blocks(sorted(executed.simulated_s), stop - start):
+        if (recordings := store.find(f"{home}/{block[0]}-{block[1]}")) is None:
+            continue
+        artifacts.append(recordings)
+        trace_key = keys.trace(checked, recordings.content)
+        stage: WorkStage = "observe"
+        error = None
+        if (trace := store.find(trace_key)) is None:
+            error = answered(observe, store, recordings.key, trace_key, scenario)
+            trace = store.find(trace_key)
+        if trace is not None:
+            artifacts.append(trace)
+            stage = "judge"
+            verdicts_key = keys.verdicts(checked, recordings.content, trace.content)
+            if (verdicts := store.find(verdicts_key)) is None:
+                error = answered(judge, store, recordings.key, trace_key, verdicts_key, scenario, oracles)
+                verdicts = store.find(verdicts_key)
+            artifacts += [verdicts] if verdicts else []
+        if isinstance(error, Broken):
+            later.append((stage, block, error))
+    return Computed(executed.simulated_s, executed.broken, time.monotonic() - began_s, tuple(artifacts), tuple(later))
 
 
 def observe(store: Store, recording_key: str, key: str, scenario: Scenario) -> None:
@@ -172,11 +227,11 @@ def observe(store: Store, recording_key: str, key: str, scenario: Scenario) -> N
     store.put(key, {TRACES: observe_block(scenario, store.read(recording_key, RECORDINGS))})
 
 
-def judge(store: Store, recording_key: str, trace_key: str, key: str, scenario: Scenario, oracles: bytes) -> None:
+def judge(store: Store, recording_key: str, trace_key: str, key: str, scenario: Scenario, oracles: Pickled) -> None:
     """Judge one block and store the verdicts, with the judgement of each run and the causes of failures.
 
     Args:
-        oracles: Pickled, so that a plug-in that can't be imported is an error of this job alone.
+        oracles: Pickled, so that a plug-in that can't be imported is an error of this unit alone.
     """
     _log_plainly()
     from vastflow.oracles.judgement.judge import judge_block
@@ -185,7 +240,7 @@ def judge(store: Store, recording_key: str, trace_key: str, key: str, scenario: 
     recordings, traces = store.read(recording_key, RECORDINGS), store.read(trace_key, TRACES)
     recorded = store.find(recording_key)
     outputs = store.load(recorded, OUTPUTS) if recorded is not None and OUTPUTS in recorded.files else None
-    judged = judge_block(scenario, recordings, traces, pickle.loads(oracles), outputs)
+    judged = judge_block(scenario, recordings, traces, oracles.opened(), outputs)
     said: dict[int, list[Any]] = {}
     for verdict in judged.verdicts:
         said.setdefault(verdict.run_index, []).append(verdict.judgement)

@@ -13,7 +13,7 @@ from prefect.client.schemas.objects import State
 from prefect.states import Cancelled, Completed
 
 from vastflow.tasks.engine.engine import Engine, Rows, StageOutcome
-from vastflow.tasks.engine.pool import PoolClosed
+from vastflow.tasks.engine.executor import PoolClosed
 from vastflow.tasks.engine.shards import ProducerShard, Shard
 
 CACHED: Final = "Cached"

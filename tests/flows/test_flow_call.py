@@ -1,7 +1,5 @@
 """A flow whose Prefect API fails: restarted if embedded, reported if it is the user's."""
 
-import pickle
-
 import pytest
 from table import each_row
 
@@ -45,7 +43,7 @@ def made(tmp_path, monkeypatch):
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
     index = Index(open_store(tmp_path / "store"), Keys("numeric", "e", "o", "j", 0, []))
     tally = Tally()
-    return FlowCall(Engine(index, Pool(1), tally, pickle.dumps(())), tally, tmp_path / "log")
+    return FlowCall(Engine(index, Pool(1), tally, ()), tally, tmp_path / "log")
 
 
 class Flow:
@@ -97,7 +95,7 @@ def test_configured_server_starts_no_other(tmp_path, monkeypatch):
     monkeypatch.setattr(flow_call, "configured_url", lambda: "http://127.0.0.1:9/api")
     index = Index(open_store(tmp_path / "store"), Keys("numeric", "e", "o", "j", 0, []))
     tally = Tally()
-    FlowCall(Engine(index, Pool(1), tally, pickle.dumps(())), tally, tmp_path / "log").run(Flow(0))
+    FlowCall(Engine(index, Pool(1), tally, ()), tally, tmp_path / "log").run(Flow(0))
 
 
 def test_finished_flow_is_not_restarted_when_its_api_fails(made):

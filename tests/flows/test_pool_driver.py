@@ -122,7 +122,7 @@ def driver_of(tmp_path):
         tally.expect({each.name: RUNS for each in configurations})
         workers = Workers(store, act, online)
         workers.tally, workers.pool, workers.said = tally, pools[-1], []
-        engine = Engine(Index(store, KEYS), pools[-1], tally, b"")
+        engine = Engine(Index(store, KEYS), pools[-1], tally, ())
         times = {"poll_s": 0.0, "silent_s": 9.0, **times}
         return Driver(workers, workers.packed, engine, tally, pool, workers.said.append, **times), engine, workers
 

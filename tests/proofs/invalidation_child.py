@@ -7,7 +7,6 @@ With `--wait` it says `keyed` when the keys are made, and goes on with the next 
 
 import argparse
 import json
-import pickle
 import platform
 import sys
 from pathlib import Path
@@ -42,7 +41,7 @@ def main() -> None:
     store, tree = open_store(asked.store), source.installed_tree()
     keys = campaign_keys(tree, campaign.seed, oracles)
     pool = Pool(1, asked.store / "workers.log")
-    engine = Engine(Index(store, keys), pool, Tally(), pickle.dumps(oracles))
+    engine = Engine(Index(store, keys), pool, Tally(), oracles)
     errors = {}
 
     def evaluator(requests):

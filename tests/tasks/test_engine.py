@@ -6,13 +6,13 @@ import pytest
 
 from vastflow.oracles.judgement.registry import oracles_of
 from vastflow.sim.model.scenario import Scenario
-from vastflow.tasks.engine import work
-from vastflow.tasks.engine.engine import Engine, RunFault, block_size
+from vastflow.tasks.engine import units, work
+from vastflow.tasks.engine.engine import Engine, RunFault
+from vastflow.tasks.engine.executor import ClusterError, LocalPickle, PoolClosed, WorkerDied
 from vastflow.tasks.engine.index import ConfigurationRuns, Index
-from vastflow.tasks.engine.pool import PoolClosed, WorkerDied
 from vastflow.tasks.engine.progress import Tally
 from vastflow.tasks.engine.shards import Shard
-from vastflow.tasks.engine.work import Broken, Executed
+from vastflow.tasks.engine.work import Broken, Computed, Executed
 from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.store.store import StoreError, open_store
 
@@ -24,11 +24,20 @@ def configuration(name, runs=2):
 class Pool:
     """Does jobs at once in this thread with stand-ins for the stages; `answers` says what becomes of a configuration."""
 
+    workers = 1
+    closed = whole_units = False
+
     def __init__(self):
         self.done = []
         self.answers = {}
 
-    def submit(self, priority, function, *arguments):
+    def shared(self, value):
+        return LocalPickle(pickle.dumps(value))
+
+    def prepare(self, function, *arguments):
+        return self.submit(function, *arguments, priority=0)
+
+    def submit(self, function, *arguments, priority):
         assert function is work.answered
         future = Future()
         try:
@@ -66,7 +75,8 @@ def pool():
 
 
 @pytest.fixture
-def engine(tmp_path, pool):
+def engine(tmp_path, pool, monkeypatch):
+    monkeypatch.setattr(units, "_UNITS_A_WORKER", 1)
     index = Index(open_store(tmp_path), Keys("numeric", "e", "o", "j", 0, []))
     tally = Tally()
     tally.expect({"a": 2, "b": 2})
@@ -105,7 +115,7 @@ def test_stored_artifacts_are_not_computed(engine, pool):
 
 
 def test_configuration_started_early_is_not_started_again(engine, pool):
-    engine.start_executing(configuration("a"))
+    engine.start([configuration("a")])
     engine.execute([configuration("a")])
     assert pool.done == [("execute", "a")]
 
@@ -159,21 +169,15 @@ def test_closed_pool_ends_the_stage(engine, pool):
         engine.execute([configuration("a")])
 
 
-def test_block_is_short_enough_for_every_worker_to_have_several():
-    assert block_size(20, 2) == 3
-    assert block_size(120, 2) == 15
-    assert block_size(109_600, 2) == 20
-    assert block_size(1, 8) == 1
-
-
-def test_unusable_store_ends_everything_and_is_no_fault_of_a_configuration(engine, pool):
-    pool.answers["observe", "a"] = StoreError("store: the disk is full")
+@pytest.mark.parametrize("kind", [StoreError, ClusterError])
+def test_unusable_store_or_cluster_ends_everything_without_fault(engine, pool, kind):
+    pool.answers["observe", "a"] = kind("store: the disk is full")
     pool.close = lambda: pool.done.append("closed")
     configurations = [configuration("a"), configuration("b")]
     recorded = engine.execute(configurations)
-    with pytest.raises(StoreError, match="the disk is full"):
+    with pytest.raises(kind, match="the disk is full"):
         engine.observe(configurations, recorded.made)
-    assert str(engine.store_error) == "store: the disk is full"
+    assert str(engine.ended_by) == "store: the disk is full"
     assert pool.done[-1] == "closed"
     assert engine.faults == ()
 
@@ -186,3 +190,28 @@ def test_task_run_that_is_interrupted_ends_as_cancelled():
 
     state = stages.execute.fn(Shard([]), SimpleNamespace(execute=execute))
     assert (state.name, state.message) == ("Cancelled", "the campaign was ended before this was computed")
+
+
+def test_whole_unit_leaves_nothing_to_the_other_stages(engine, pool):
+    def compute(store, keys, checked, scenario, start, stop, oracles):
+        home = keys.recordings(checked)
+        made = [store.put(f"{home}/{start}-{stop}", {"recordings.parquet": b"recordings"})]
+        made.append(store.put(keys.trace(checked, made[0].content), {"traces.parquet": b"trace"}))
+        key, info = keys.verdicts(checked, made[0].content, made[1].content), {"runs": [[0, "pass"], [1, "fail"]]}
+        made.append(store.put(key, {"verdicts.json": b"[]"}, info))
+        return Computed({run: 10.0 for run in range(start, stop)}, {}, 1.0, tuple(made))
+
+    pool.whole_units = True
+    pool.answers["compute", "a"] = compute
+    outcomes = through(engine, [configuration("a")])
+    assert pool.done == [("compute", "a")]
+    assert there(outcomes) == [(0, 1), (0, 1), (0, 1)], "it was made now"
+    assert (engine.tally.progress().passed, engine.tally.progress().failed) == (1, 1)
+
+
+def test_whole_unit_tells_which_stage_broke(engine, pool):
+    pool.whole_units = True
+    later = (("judge", (0, 2), Broken("ValueError: x")),)
+    pool.answers["compute", "a"] = Computed({0: 1.0, 1: 1.0}, {}, 1.0, (), later)
+    engine.execute([configuration("a")])
+    assert engine.faults == tuple(RunFault("a", run, "judge", "ValueError: x") for run in (0, 1))

@@ -10,7 +10,8 @@ import psutil
 import pytest
 
 from vastflow.tasks.engine import pool as pool_module
-from vastflow.tasks.engine.pool import MANY, Pool, PoolClosed, Priority, WorkerDied, _Pace
+from vastflow.tasks.engine.executor import PoolClosed, Priority, WorkerDied
+from vastflow.tasks.engine.pool import MANY, Pool, _Pace
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -63,21 +64,23 @@ def append(log, name):
 
 
 def test_job_gives_its_result(pool):
-    assert pool.submit(Priority.EXECUTE, square, 7).result(120) == 49
+    assert pool.submit(square, 7, priority=Priority.EXECUTE).result(120) == 49
 
 
 def test_exception_of_a_job_reaches_the_caller(pool):
     with pytest.raises(ZeroDivisionError, match="division"):
-        pool.submit(Priority.EXECUTE, divmod, 1, 0).result(120)
+        pool.submit(divmod, 1, 0, priority=Priority.EXECUTE).result(120)
 
 
 def test_judgement_overtakes_executions_that_wait(tmp_path):
     pool = Pool(1)
     try:
         log, gate = tmp_path / "log", tmp_path / "gate"
-        first = [pool.submit(Priority.EXECUTE, wait_for, gate, log, "execute") for _ in range(2)]  # fill the pool
-        later = [pool.submit(Priority.EXECUTE, append, log, "execute") for _ in range(3)]
-        judge = pool.submit(Priority.JUDGE, append, log, "judge")
+        first = [
+            pool.submit(wait_for, gate, log, "execute", priority=Priority.EXECUTE) for _ in range(2)
+        ]  # fill the pool
+        later = [pool.submit(append, log, "execute", priority=Priority.EXECUTE) for _ in range(3)]
+        judge = pool.submit(append, log, "judge", priority=Priority.JUDGE)
         gate.touch()
         for future in [*first, *later, judge]:
             future.result(120)
@@ -87,7 +90,7 @@ def test_judgement_overtakes_executions_that_wait(tmp_path):
 
 
 def test_few_short_jobs_are_done_by_one_worker(pool):
-    assert len({pool.submit(Priority.EXECUTE, os.getpid).result(120) for _ in range(5)}) == 1
+    assert len({pool.submit(os.getpid, priority=Priority.EXECUTE).result(120) for _ in range(5)}) == 1
 
 
 def test_more_workers_pay_where_jobs_would_take_longer_than_a_process_to_start():
@@ -103,7 +106,9 @@ def test_more_workers_pay_where_jobs_would_take_longer_than_a_process_to_start()
 
 def test_long_jobs_get_a_worker_each(pool, tmp_path, monkeypatch):
     monkeypatch.setattr(pool_module, "FIRST_ANSWER_S", 1.0)
-    jobs = [pool.submit(Priority.EXECUTE, meet, tmp_path, each, other) for each, other in (("a", "b"), ("b", "a"))]
+    jobs = [
+        pool.submit(meet, tmp_path, each, other, priority=Priority.EXECUTE) for each, other in (("a", "b"), ("b", "a"))
+    ]
     assert [job.result(120) for job in jobs] == [True, True]
 
 
@@ -111,8 +116,11 @@ def test_pool_starts_all_workers_for_many_jobs(tmp_path, monkeypatch):
     monkeypatch.setattr(pool_module, "FIRST_ANSWER_S", 1000.0)
     pool = Pool(2)
     try:
-        met = [pool.submit(Priority.JUDGE, meet, tmp_path, each, other) for each, other in (("a", "b"), ("b", "a"))]
-        rest = [pool.submit(Priority.EXECUTE, square, x) for x in range(MANY * 2)]
+        met = [
+            pool.submit(meet, tmp_path, each, other, priority=Priority.JUDGE)
+            for each, other in (("a", "b"), ("b", "a"))
+        ]
+        rest = [pool.submit(square, x, priority=Priority.EXECUTE) for x in range(MANY * 2)]
         assert [job.result(120) for job in met] == [True, True]
         assert [job.result(120) for job in rest] == [x * x for x in range(MANY * 2)]
     finally:
@@ -120,12 +128,12 @@ def test_pool_starts_all_workers_for_many_jobs(tmp_path, monkeypatch):
 
 
 def test_job_whose_worker_was_killed_is_done_by_another(pool, tmp_path):
-    assert pool.submit(Priority.EXECUTE, die_once, tmp_path / "mark").result(120) == "done"
+    assert pool.submit(die_once, tmp_path / "mark", priority=Priority.EXECUTE).result(120) == "done"
 
 
 def test_job_that_kills_every_worker_fails_alone(pool):
-    poison = pool.submit(Priority.EXECUTE, die)
-    others = [pool.submit(Priority.EXECUTE, square, i) for i in range(20)]
+    poison = pool.submit(die, priority=Priority.EXECUTE)
+    others = [pool.submit(square, i, priority=Priority.EXECUTE) for i in range(20)]
     assert [future.result(120) for future in others] == [i * i for i in range(20)]
     with pytest.raises(WorkerDied, match="died 3 times"):
         poison.result(120)
@@ -133,8 +141,8 @@ def test_job_that_kills_every_worker_fails_alone(pool):
 
 def test_closing_ends_waiting_and_running_jobs_at_once(tmp_path):
     pool = Pool(1)
-    running = pool.submit(Priority.EXECUTE, wait_for, tmp_path / "never", tmp_path / "log", "late")
-    waiting = [pool.submit(Priority.EXECUTE, square, i) for i in range(5)]
+    running = pool.submit(wait_for, tmp_path / "never", tmp_path / "log", "late", priority=Priority.EXECUTE)
+    waiting = [pool.submit(square, i, priority=Priority.EXECUTE) for i in range(5)]
     time.sleep(1.0)
     pool.close()
     assert not (tmp_path / "log").exists()
@@ -145,7 +153,7 @@ def test_closing_ends_waiting_and_running_jobs_at_once(tmp_path):
 
 def test_closing_leaves_no_worker():
     pool = Pool(2)
-    workers = {pool.submit(Priority.EXECUTE, os.getpid).result(120) for _ in range(4)}
+    workers = {pool.submit(os.getpid, priority=Priority.EXECUTE).result(120) for _ in range(4)}
     pool.close()
     assert not any(psutil.pid_exists(pid) for pid in workers)
 
@@ -154,7 +162,7 @@ def test_job_for_a_closed_pool_ends_at_once():
     pool = Pool(1)
     pool.close()
     with pytest.raises(PoolClosed):
-        pool.submit(Priority.JUDGE, square, 2).result(60)
+        pool.submit(square, 2, priority=Priority.JUDGE).result(60)
 
 
 def test_workers_end_with_a_parent_that_is_killed(tmp_path):
@@ -162,9 +170,10 @@ def test_workers_end_with_a_parent_that_is_killed(tmp_path):
     script.write_text(
         textwrap.dedent("""
         import os, time
-        from vastflow.tasks.engine.pool import Pool, Priority
+        from vastflow.tasks.engine.executor import Priority
+        from vastflow.tasks.engine.pool import Pool
         pool = Pool(2)
-        print(*{pool.submit(Priority.EXECUTE, os.getpid).result(120) for _ in range(4)}, flush=True)
+        print(*{pool.submit(os.getpid, priority=Priority.EXECUTE).result(120) for _ in range(4)}, flush=True)
         time.sleep(600)
         """)
     )
@@ -185,14 +194,14 @@ def test_output_of_a_worker_goes_to_the_log(tmp_path):
     log = tmp_path / "log"
     pool = Pool(1, log)
     try:
-        pool.submit(Priority.EXECUTE, _say, "hello from a worker").result(120)
+        pool.submit(_say, "hello from a worker", priority=Priority.EXECUTE).result(120)
     finally:
         pool.close()
     assert "hello from a worker" in log.read_text()
 
 
 def test_workers_do_not_import_prefect(pool):
-    assert pool.submit(Priority.EXECUTE, _loaded, "prefect").result(120) is False
+    assert pool.submit(_loaded, "prefect", priority=Priority.EXECUTE).result(120) is False
 
 
 def _say(text):

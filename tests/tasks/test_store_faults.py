@@ -12,8 +12,9 @@ import pytest
 
 from vastflow.oracles.judgement.registry import oracles_of
 from vastflow.sim.model.scenario import Scenario
-from vastflow.tasks.engine import work
+from vastflow.tasks.engine import units, work
 from vastflow.tasks.engine.engine import Engine, judgements
+from vastflow.tasks.engine.executor import LocalPickle
 from vastflow.tasks.engine.index import ConfigurationRuns, Index, missing
 from vastflow.tasks.engine.progress import Tally
 from vastflow.tasks.engine.work import BEHAVIORS, RECORDINGS, RUN_LOG, TRACES, VERDICTS, Executed
@@ -30,10 +31,16 @@ CONFIGURATIONS = [
 class Pool:
     """Does the stages at once, without a simulator, and counts them; another process's store is a copy."""
 
+    workers = 1
+    closed = whole_units = False
+
     def __init__(self):
         self.done = 0
 
-    def submit(self, priority, function, stage, store, *arguments):
+    def shared(self, value):
+        return LocalPickle(pickle.dumps(value))
+
+    def submit(self, function, stage, store, *arguments, priority):
         self.done += 1
         future = Future()
         try:
@@ -64,7 +71,7 @@ def campaign(store):
     index = Index(store, Keys("numeric", "e", "o", "j", 0, []))
     for _ in range(4):
         store.refresh()
-        shop = Engine(index, pool, Tally(), pickle.dumps(oracles_of([])))
+        shop = Engine(index, pool, Tally(), oracles_of([]))
         recorded = shop.execute(CONFIGURATIONS).made
         observed = shop.observe(CONFIGURATIONS, recorded).made
         shop.judge(CONFIGURATIONS, observed)
@@ -106,7 +113,8 @@ def damage(files, rng):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["folder", "memory", "s3"])
-def test_random_damage_is_noticed_and_healed(kind, request, tmp_path, raw):
+def test_random_damage_is_noticed_and_healed(kind, request, tmp_path, raw, monkeypatch):
+    monkeypatch.setattr(units, "_UNITS_A_WORKER", 1)
     if kind == "folder":
         store = open_store(tmp_path / "store")
     else:

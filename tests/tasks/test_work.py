@@ -15,7 +15,9 @@ from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.run import Execution
 from vastflow.tasks.engine import work
 from vastflow.tasks.engine.evaluation import packed, read_evaluation
+from vastflow.tasks.engine.executor import LocalPickle
 from vastflow.tasks.engine.work import Broken, Executed, answered
+from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.store.store import StoreError, open_store
 
 POSE = {"position": {"x": 0.0, "y": 0.0}, "orientation": {"yaw": 0.0}}
@@ -129,7 +131,7 @@ def test_judging_leaves_what_all_oracles_say_beside_the_verdicts(store, simulate
     simulate()
     work.execute(store, "execute/ab/key", SCENARIO, 0, 2, 0)
     work.observe(store, "execute/ab/key/0-2", "observe/ab/key", SCENARIO)
-    oracles = pickle.dumps(oracles_of([]))
+    oracles = LocalPickle(pickle.dumps(oracles_of([])))
     work.judge(store, "execute/ab/key/0-2", "observe/ab/key", "judge/ab/key", SCENARIO, oracles)
     assert store.find("judge/ab/key").info == {"runs": [[0, "pass"], [1, "pass"]], "causes": []}
     assert [verdict.run_index for verdict in read_verdicts(store.read("judge/ab/key", work.VERDICTS))] == [0, 1]
@@ -139,7 +141,9 @@ def test_oracle_that_cannot_be_unpickled_is_an_answer(store, simulate):
     simulate()
     work.execute(store, "execute/ab/key", SCENARIO, 0, 1, 0)
     work.observe(store, "execute/ab/key/0-1", "observe/ab/key", SCENARIO)
-    answer = answered(work.judge, store, "execute/ab/key/0-1", "observe/ab/key", "judge/ab/key", SCENARIO, b"junk")
+    answer = answered(
+        work.judge, store, "execute/ab/key/0-1", "observe/ab/key", "judge/ab/key", SCENARIO, LocalPickle(b"junk")
+    )
     assert isinstance(answer, Broken)
 
 
@@ -156,3 +160,20 @@ def test_store_that_cannot_be_used_is_no_answer(store):
 
     with pytest.raises(StoreError, match="the disk is full"):
         answered(put)
+
+
+def test_whole_unit_goes_through_all_stages(store, simulate):
+    simulate(breaking={1})
+    keys, oracles = Keys("numeric", "e", "o", "j", 0, []), LocalPickle(pickle.dumps(oracles_of([])))
+    computed = work.compute(store, keys, "checked", SCENARIO, 0, 4, oracles)
+    assert (sorted(computed.simulated_s), list(computed.broken), computed.later) == ([0, 2, 3], [1], ())
+    assert [each.key.partition("/")[0] for each in computed.artifacts] == ["execute", "observe", "judge"] * 2
+    simulate(breaking=range(4))
+    assert work.compute(store, keys, "checked", SCENARIO, 2, 4, oracles).artifacts == computed.artifacts[3:]
+
+
+def test_whole_unit_tells_which_stage_broke(store, simulate):
+    simulate()
+    keys = Keys("numeric", "e", "o", "j", 0, [])
+    ((stage, block, broken),) = work.compute(store, keys, "checked", SCENARIO, 0, 2, LocalPickle(b"junk")).later
+    assert (stage, block, broken.error.partition(":")[0]) == ("judge", (0, 2), "UnpicklingError")

@@ -1,0 +1,96 @@
+"""Executors: where units of work run, in processes of this machine or on a cluster."""
+
+import pickle
+from collections.abc import Callable
+from concurrent.futures import Future, InvalidStateError
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, Protocol
+
+
+class Priority(IntEnum):
+    """Priorities of units: the nearest to a verdict goes first."""
+
+    EVALUATE = 0
+    JUDGE = 1
+    OBSERVE = 2
+    EXECUTE = 3
+
+
+class Pickled(Protocol):
+    """A value that is pickled once for all units, and opened where they run."""
+
+    def opened(self) -> Any:
+        """Return the value; raises what unpickling it raises."""
+
+
+@dataclass(frozen=True, slots=True)
+class LocalPickle:
+    """A pickled value for another process of this machine."""
+
+    content: bytes
+
+    def opened(self) -> Any:
+        """See `Pickled`."""
+        return pickle.loads(self.content)
+
+
+class WorkerDied(RuntimeError):
+    """The process of a unit died each time, at last with this unit alone."""
+
+
+class PoolClosed(RuntimeError):
+    """The executor was closed before this unit was done."""
+
+    def __init__(self) -> None:
+        super().__init__("the campaign was ended before this was computed")
+
+
+class ClusterError(RuntimeError):
+    """The cluster can't compute the campaign; says why and what would help."""
+
+
+class Executor(Protocol):
+    """Runs units; it outlives the death of its workers. Futures are those of `concurrent.futures`.
+
+    Attributes:
+        whole_units: True if a unit should go through all stages, as its worker is far from the store and from here.
+    """
+
+    whole_units: bool
+
+    @property
+    def workers(self) -> int:
+        """Number of units that run at the same time at most."""
+
+    @property
+    def closed(self) -> bool:
+        """True if it takes no more units."""
+
+    def submit(self, function: Callable[..., Any], /, *arguments: Any, priority: Priority) -> "Future[Any]":
+        """Queue a call of a module-level function; a canceled one that has not begun never does.
+
+        The future ends with its result, its exception, `WorkerDied`, `ClusterError`, or `PoolClosed`.
+        """
+
+    def shared(self, value: object) -> Pickled:
+        """Return a value for the arguments of many units."""
+
+    def prepare(self, function: Callable[..., Any], /, *arguments: Any) -> "Future[Any]":
+        """Call a function before the units that need what it leaves on their machines; they wait for the future."""
+
+    def rest(self) -> None:
+        """Let idle workers go, if no unit is open; the next unit starts new ones."""
+
+    def close(self) -> None:
+        """End the workers, and all open units with `PoolClosed`. May be called twice."""
+
+
+def end(future: "Future[Any]", error: BaseException | None, result: Any = None) -> None:
+    """End a future with an error or a result, unless it has ended before."""
+    with suppress(InvalidStateError):
+        if error is None:
+            future.set_result(result)
+        else:
+            future.set_exception(error)
