@@ -32,7 +32,7 @@ def run_campaign(
     Args:
         campaign: The campaign file, or all that is asked as a `RunRequest`.
         observer: Is shown the progress, from one thread; by default the cell of a notebook that calls, if one does.
-        options: Fields of `RunRequest`, such as `runs=5`; `only` may be one name. `pool` may be a `WorkPool`.
+        options: Fields of `RunRequest`, such as `runs=5`; `only` may be one name, `cluster` a `distributed.Client`.
 
     Raises:
         FileError: faults of the file, or a name in `only` that nothing has.
@@ -40,8 +40,7 @@ def run_campaign(
         ResultsError: the campaign directory can't be written; nothing of it is left, and everything is in the store.
         StoreError: this machine lacks something that a computation needs, such as a home that can be written.
         PrefectUnavailable: Prefect's API can't be started, or stayed away.
-        UserError: there is no such pool, or no API of Prefect is configured.
-        WorkersFailed: the pool's workers can't compute the campaign.
+        ClusterError: the Dask cluster can't compute the campaign.
         ValueError, TypeError: an option is out of its bounds, or there is none of that name.
     """
     with open_run(request_of(campaign, options), observer or notebook_display()) as (run, computing):
@@ -61,12 +60,7 @@ setattr(run_campaign, "__signature__", signature(run_campaign).replace(parameter
 
 def _computed(run: PreparedCampaign, computing: Computing, judged: Judged | None) -> Results:
     """Call the flow, and let the workers begin while Prefect starts."""
-    if run.request.pool is not None:
-        from vastflow.flows.request.work_pool import check_api
-
-        check_api(computing.log)
-    else:
-        begin(run, computing, judged)
+    begin(run, computing, judged)
     results: list[Results] = []
     known = [judged]  # for the flow's first call: another begins with what the store has by then
 

@@ -2,9 +2,9 @@
 
     instantiate ──▶ execute ──▶ observe ──▶ judge ──▶ report
 
-It is the only one: `vastflow run` calls it, deployments and schedules run it, with a work pool it drives the pool's workers. Each stage
-maps a Prefect task over shards of what is missing in the store, and is chained shard by shard: nothing waits for a whole stage. Of a
-search each batch of points goes through the first four, as a child of the flow run, before the next is proposed.
+It is the only one: `vastflow run` calls it, deployments and schedules run it. Each stage maps a Prefect task over shards of what is
+missing in the store, and is chained shard by shard: nothing waits for a whole stage. Of a search each batch of points goes through
+the first four, as a child of the flow run, before the next is proposed.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,8 +20,6 @@ from prefect.states import Cancelled, Completed, Failed
 
 from vastflow.flows.flow_runs.pages import Page, outcome_text, publish
 from vastflow.flows.flow_runs.task_runs import TaskRuns, compute, instantiate, task_runs_of
-from vastflow.flows.pool.campaign import pool_of
-from vastflow.flows.pool.shard import compute_bundle
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.results.summary import Results
 from vastflow.flows.run.computing import Computing
@@ -40,7 +38,7 @@ from vastflow.tasks.store.store import Lost
 def _title() -> str:
     """The file's name until the campaign is read. A name that was given stays."""
     request, name = flow_run.parameters["request"], str(flow_run.name)
-    return _stem(request) if request.bundle is None and is_generated_name(name) else name
+    return _stem(request) if is_generated_name(name) else name
 
 
 def _stem(request: RunRequest) -> str:
@@ -51,19 +49,14 @@ def _stem(request: RunRequest) -> str:
 def campaign(request: RunRequest) -> State[Any]:
     """Run a campaign and write its report. What the store has is not computed again.
 
-    A request with a bundle is one of another run of this flow, to which this process's pool lends its workers: the bundle's
-    configurations go through the same stages, and their campaign's report is written there.
-
     Args:
         request: The campaign file, and what of it is run, how and where.
 
     Raises:
         FileError: faults of the campaign file.
         StoreError: the store can't be used.
-        UserError, WorkersFailed: the work pool that was asked can't compute it.
+        ClusterError: the Dask cluster that was asked can't compute it.
     """
-    if request.bundle is not None:
-        return compute_bundle(request, request.bundle)
     with open_run(request) as (run, computing):
         return _ended(run, computing, None, flow_run.name == _stem(request))
 
@@ -105,30 +98,27 @@ def _ended(
 
 def _results(run: PreparedCampaign, computing: Computing, judged: Judged | None, task_runs: TaskRuns) -> Results:
     """Compute what is missing, stage by stage, and report the whole campaign."""
-    with pool_of(run, computing) as pool:
 
-        def stages(task_runs: TaskRuns, judged: Judged | None) -> Judged:
-            if judged is None:
-                computing.tally.begin("instantiating")
-                judged = scanned(run, computing, instantiate(task_runs, run.instantiator))
-            return computed(judged, computing, partial(pool.compute if pool else _compute, task_runs))
+    def stages(task_runs: TaskRuns, judged: Judged | None) -> Judged:
+        if judged is None:
+            computing.tally.begin("instantiating")
+            judged = scanned(run, computing, instantiate(task_runs, run.instantiator))
+        return computed(judged, computing, partial(_compute, task_runs))
 
-        def completed(judged: Judged | None) -> Judged:
-            if run.search is None:
-                return stages(task_runs, judged)
-            if judged is not None and not judged.incomplete(computing.engine):
-                return judged
-            return compute_batch(
-                run.name, run.search, computing.engine, computing.tally, partial(stages, judged=judged)
-            )
+    def completed(judged: Judged | None) -> Judged:
+        if run.search is None:
+            return stages(task_runs, judged)
+        if judged is not None and not judged.incomplete(computing.engine):
+            return judged
+        return compute_batch(run.name, run.search, computing.engine, computing.tally, partial(stages, judged=judged))
 
-        for attempt in computing.engine.attempts():
-            # A damaged artifact is found when it is read, and computed again by the next attempt.
-            with suppress(Lost):
-                known = look(run, computing) if attempt or judged is None else judged
-                found = through(run, computing, known, completed)
-                assert found is not None
-                return reported(run, computing, found)
+    for attempt in computing.engine.attempts():
+        # A damaged artifact is found when it is read, and computed again by the next attempt.
+        with suppress(Lost):
+            known = look(run, computing) if attempt or judged is None else judged
+            found = through(run, computing, known, completed)
+            assert found is not None
+            return reported(run, computing, found)
     raise AssertionError("attempts end with an error")
 
 

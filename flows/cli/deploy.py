@@ -3,6 +3,7 @@
 import shlex
 import sys
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
@@ -10,21 +11,21 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from vastflow.flows.cli.run import asked_request
-from vastflow.flows.request.run_request import NAMES
-from vastflow.flows.request.work_pool import NO_API
+from vastflow.flows.request.run_request import NAMES, USE_A_CLUSTER
 from vastflow.flows.terminal.ending import FAULT
 from vastflow.flows.terminal.options import CampaignFile, Context, DryRun, asking
 from vastflow.sim.model.faults import UserError
 from vastflow.tasks.prefect.deployment import DATA, IMAGE, NAME, PoolType
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
+    from vastflow.producers.campaign import Campaign
     from vastflow.tasks.prefect.containers import RunDescription
-    from vastflow.tasks.prefect.deployment import Deployment, ShardDeployment
+    from vastflow.tasks.prefect.deployment import Deployment
 
-OPTIONS: Final = tuple(name for name in NAMES if name not in ("pool", "shards", "pool_wait_s"))
-"""Fields of the request; its pool is `--shards-in` here, for `--pool` is that of the deployment."""
+NO_API: Final = (
+    "no API of Prefect is configured; start one by `prefect server start`, and name it by "
+    "`prefect config set PREFECT_API_URL=http://127.0.0.1:4200/api`"
+)
 
 MOST_IN_A_CONFIG_MAP: Final = 2**20
 
@@ -39,7 +40,7 @@ class Format(StrEnum):
     kubernetes = "kubernetes"
 
 
-@asking(*OPTIONS, results=None)
+@asking(*NAMES, results=None)
 def deploy(
     file: CampaignFile,
     asked: Mapping[str, Any],
@@ -56,13 +57,7 @@ def deploy(
     image: Annotated[str, typer.Option(help="Image with vastflow, for docker and kubernetes.")] = IMAGE,
     queue: Annotated[str, typer.Option(help="Queue of Kueue, for kubernetes.")] = NAME,
     context: Context = None,
-    shards_in: Annotated[
-        str | None,
-        typer.Option(
-            metavar="POOL",
-            help="Work pool whose workers compute the runs; created with the same --type if it does not exist.",
-        ),
-    ] = None,
+    shards_in: Annotated[str | None, typer.Option(hidden=True)] = None,
     dry_run: DryRun = False,
     format_: Annotated[
         Format | None,
@@ -74,32 +69,33 @@ def deploy(
 ) -> None:
     """Create or change a Prefect deployment of a campaign, and its work pool.
 
-    A worker of the pool then runs the whole campaign on its machine. With --shards-in it drives the campaign, and the
-    workers of that pool compute the runs.
+    A worker of the pool then runs the whole campaign on its machine. With --cluster it drives the campaign, and the
+    workers of that Dask cluster compute the runs.
     """
+    if shards_in is not None:
+        raise UserError(f"--shards-in: {USE_A_CLUSTER}")
     if format_ is not None:
         _describe(file, format_, context, asked["map_dir"], as_v1=asked["as_v1"])
         return
     if pool is None:
         raise UserError("--pool: expected the name of a work pool, or --format, got neither")
-    from vastflow.flows.pool.service import described, requested_cores
     from vastflow.flows.request.campaign_file import campaign_name, read_campaign
     from vastflow.sim.model.faults import FileError
     from vastflow.tasks.prefect.adapter import import_prefect
-    from vastflow.tasks.prefect.deployment import Deployment, ShardDeployment, description_of
+    from vastflow.tasks.prefect.deployment import CPU, Deployment, description_of
 
     map_dir = asked["map_dir"]
     campaign, _ = read_campaign(file, map_dir, as_v1=asked["as_v1"])
     if campaign.unexecutable:
         raise FileError(campaign.unexecutable)
-    description = described(campaign, context)
-    place = _place(file, kind)
     title = campaign_name(campaign)
+    description = _described(campaign, title, context)
+    place = _place(file, kind)
+    cores = description.main.needs.cpu or CPU if kind is PoolType.kubernetes else None
     here = {
         "map_dir": None if map_dir is None else _place(map_dir, kind),
         "results": asked["results"] or _results(kind),
-        "workers": asked["workers"] or requested_cores(kind, description),
-        "pool": shards_in,
+        "workers": asked["workers"] or cores,
     }
     request = asked_request(Path(place), {**asked, **here})
     deployment = Deployment(
@@ -113,7 +109,7 @@ def deploy(
             place,
             campaign.runs_asked(request.runs),
             str(campaign.spec.metadata.get("description") or ""),
-            shards_in,
+            request.cluster,
             least=campaign.sequential.min if request.runs is None and campaign.sequential is not None else None,
         ),
         job_variables=_job_variables(kind, description, image, queue),
@@ -121,27 +117,31 @@ def deploy(
         timezone=timezone,
     )
 
-    def shards(of: PoolType) -> ShardDeployment:
-        return ShardDeployment(shards_in or pool, _own_variables(of, image, queue))
-
     import_prefect()
     _check_schedule(deployment)
     if dry_run:
-        _print(deployment, shards(kind), kind)
+        _print(deployment, kind)
     else:
-        _register(deployment, shards_in or pool, shards, kind)
+        _register(deployment, kind)
+
+
+def _described(campaign: "Campaign", title: str, context: str | None) -> "RunDescription":
+    """Return the run description of a campaign, with vastflow's image where the file names none."""
+    from vastflow.tasks.prefect.container_keys import describe
+
+    execution = campaign.spec.execution
+    if execution.image is None and not execution.secondary_containers:
+        execution = execution.model_copy(update={"image": IMAGE})
+    spec = campaign.spec.model_copy(update={"execution": execution})
+    return describe(replace(campaign, spec=spec), title, context)
 
 
 def _job_variables(kind: PoolType, description: "RunDescription", image: str, queue: str) -> dict[str, Any]:
+    """Return the variables of a pool's template that the options and the campaign set."""
     from vastflow.tasks.prefect.deployment import job_variables
 
-    return _own_variables(kind, image, queue) | job_variables(kind, description)
-
-
-def _own_variables(kind: PoolType, image: str, queue: str) -> dict[str, Any]:
-    """Return the variables of a pool's template that the options set."""
     own: dict[str, Any] = {} if kind is PoolType.process else {"image": image}
-    return own | ({"queue": queue} if kind is PoolType.kubernetes else {})
+    return own | ({"queue": queue} if kind is PoolType.kubernetes else {}) | job_variables(kind, description)
 
 
 def _place(file: Path, kind: PoolType) -> str:
@@ -163,8 +163,8 @@ def _results(kind: PoolType) -> str:
 def _check_schedule(deployment: "Deployment") -> None:
     from zoneinfo import available_timezones
 
-    from vastflow.flows.pool.service import is_cron
     from vastflow.sim.model.names import did_you_mean
+    from vastflow.tasks.prefect.registration import is_cron
 
     if deployment.cron is None:
         return
@@ -177,25 +177,19 @@ def _check_schedule(deployment: "Deployment") -> None:
         raise UserError(f"--timezone: expected a time zone, got {deployment.timezone!r}; {hint}")
 
 
-def _print(deployment: "Deployment", shards: "ShardDeployment", kind: PoolType) -> None:
-    from vastflow.flows.pool.service import pool_template
+def _print(deployment: "Deployment", kind: PoolType) -> None:
     from vastflow.tasks.prefect.manifests import yaml_text
+    from vastflow.tasks.prefect.registration import pool_template
 
     print("# prefect.yaml")
-    print(yaml_text({"deployments": [deployment.as_yaml(), shards.as_yaml()]}), end="")
-    template = pool_template(kind)
-    for name in dict.fromkeys((deployment.pool, shards.pool)):
-        print("---\n# work pool")
-        print(yaml_text({"name": name, "type": kind.value, "base_job_template": template}), end="")
+    print(yaml_text({"deployments": [deployment.as_yaml()]}), end="")
+    print("---\n# work pool")
+    pool = {"name": deployment.pool, "type": kind.value, "base_job_template": pool_template(kind)}
+    print(yaml_text(pool), end="")
 
 
-def _register(
-    deployment: "Deployment", shards_in: str, shards: "Callable[[PoolType], ShardDeployment]", kind: PoolType
-) -> None:
-    """Make or change everything, and ask a busy API again.
-
-    The pool of the shards may exist, and be of another type.
-    """
+def _register(deployment: "Deployment", kind: PoolType) -> None:
+    """Make or change deployment and pool, and ask a busy API again."""
     from vastflow.tasks.prefect.server import configured_url, redacted
 
     url = configured_url()
@@ -207,18 +201,13 @@ def _register(
     from prefect.exceptions import PrefectHTTPStatusError
 
     from vastflow.flows.campaign import campaign
-    from vastflow.flows.pool.service import register_flow, register_pool, type_of_pool
     from vastflow.tasks.prefect import retry
+    from vastflow.tasks.prefect.registration import register_flow, register_pool
 
-    def registered() -> tuple[str, dict[str, bool]]:
+    def registered() -> tuple[str, bool]:
         with get_client(sync_client=True) as client:
-            new = {deployment.pool: register_pool(client, deployment.pool, kind)}
-            theirs = type_of_pool(client, shards_in) or kind
-            if shards_in != deployment.pool:
-                new[shards_in] = register_pool(client, shards_in, theirs)
-            found = register_flow(client, deployment.as_yaml(), campaign)
-            register_flow(client, shards(theirs).as_yaml(), campaign)
-            return found, new
+            is_new = register_pool(client, deployment.pool, kind)
+            return register_flow(client, deployment.as_yaml(), campaign), is_new
 
     def say(text: str) -> None:
         print(f"Prefect's API at {url} {redacted(text)}", file=sys.stderr)
@@ -231,14 +220,12 @@ def _register(
                     say(f"does not answer: {unhealthy}")
                     raise typer.Exit(FAULT)
             busy = f"is busy; trying again for up to {patience}"
-            found, new = retry.retried(registered, retry.IN_BETWEEN_S, missed=lambda _: say(busy))
+            found, is_new = retry.retried(registered, retry.IN_BETWEEN_S, missed=lambda _: say(busy))
     except (httpx.TransportError, PrefectHTTPStatusError) as error:
         say(f"was busy for {patience}; deploy again later" if retry.is_away(error) else f"did not take it: {error}")
         raise typer.Exit(FAULT) from None
-    for name, is_new in new.items():
-        made = "made" if is_new else "found"
-        room = " --limit 2" if shards_in == name == deployment.request.get("pool") else ""
-        print(f"{made} the work pool {name}; start a worker: prefect worker start --pool {name}{room}")
+    pool = deployment.pool
+    print(f"{'made' if is_new else 'found'} the work pool {pool}; start a worker: prefect worker start --pool {pool}")
     print(f"{campaign.name}/{deployment.name}: {url.removesuffix('/api')}/deployments/deployment/{found}")
     print(f"run it: prefect deployment run '{campaign.name}/{deployment.name}'")
 

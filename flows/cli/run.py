@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 OPTIONS: Final = tuple(name for name in NAMES if name != "reports")
-MACHINE: Final = ("store", "workers", "pool", "shards", "pool_wait_s")
+MACHINE: Final = ("store", "workers", "cluster")
 """Options that choose where runs are computed, the only ones that a campaign directory takes."""
 
 
@@ -145,12 +145,12 @@ def computing() -> "Iterator[Display]":
 
         with Display() as display:
             interruptible.last_words_by(display.close)
-            from vastflow.flows.request.work_pool import WorkersFailed
+            from vastflow.tasks.engine.executor import ClusterError
             from vastflow.tasks.prefect.server import PrefectUnavailable
 
             try:
                 yield display
-            except (PrefectUnavailable, WorkersFailed) as error:
+            except (PrefectUnavailable, ClusterError) as error:
                 display.close(f"{error}; {going_on}")
                 raise typer.Exit(FAULT) from None
 

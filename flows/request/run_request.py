@@ -1,19 +1,17 @@
 """The request: all that a run of a campaign is asked, in plain JSON values.
 
-One model behind the command `run`, `run_campaign`, the form on Prefect's pages, schedules and the flow runs of a work pool: an
+One model behind the command `run`, `run_campaign`, the form on Prefect's pages, and schedules: an
 option is a field here, and the place that uses it.
 """
 
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from inspect import Parameter
-from typing import Annotated, Any, Final, Self, TypeAlias
+from typing import Annotated, Any, Final, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, field_validator, model_validator
-from pydantic.json_schema import SkipJsonSchema
-
-from vastflow.flows.request.work_pool import WorkPool
 
 Text: TypeAlias = Annotated[str, StringConstraints(min_length=1)]
 OneOrMore: TypeAlias = Annotated[int, Field(ge=1)]
@@ -55,20 +53,13 @@ class RunRequest(BaseModel):
         False, description="Place all obstacles as RoboVAST version 1 does."
     )
     strict: bool = Field(False, description="Treat unknown keys in the file as errors.")
-    pool: Annotated[str | None, OnCommandLine("NAME")] = Field(
-        None, description="Prefect work pool that computes missing results; default: this machine."
-    )
-    shards: Annotated[OneOrMore | None, OnCommandLine("N")] = Field(
-        None, description="With --pool: approximate number of shards; default: one per 20 runs, at most 50."
-    )
-    pool_wait_s: Annotated[Annotated[float, Field(ge=1)] | None, OnCommandLine("SECONDS", "--pool-wait")] = Field(
-        None, description="With --pool: end if no worker takes work for this long; default: wait."
+    cluster: Annotated[Text | None, OnCommandLine("ADDRESS")] = Field(
+        None,
+        description="Dask cluster that computes missing runs: tcp://…, tls://…, a scheduler file, or local:N for N workers here; "
+        "default: $DASK_SCHEDULER_ADDRESS, else this machine.",
     )
     reports: Annotated[Text | None, OnCommandLine("URL")] = Field(
         None, description="Web address of the results folder, for links to reports."
-    )
-    bundle: SkipJsonSchema[Text | None] = Field(
-        None, description="Key of stored configurations to compute for another run; set by vastflow only."
     )
 
     @field_validator("campaign", "results", "store", "map_dir", mode="before")
@@ -81,17 +72,35 @@ class RunRequest(BaseModel):
     def _several(cls, names: Any) -> Any:
         return () if names is None else (names,) if isinstance(names, str) else names
 
-    @model_validator(mode="after")
-    def _checked(self) -> Self:
-        if self.pool == "":
-            raise ValueError("--pool: expected the name of a work pool, got an empty name")
-        given = {"--shards": self.shards, "--pool-wait": self.pool_wait_s}
-        if self.pool is None and (alone := next((name for name, value in given.items() if value is not None), None)):
-            raise ValueError(f"{alone}: only with --pool, whose shards it is about")
-        return self
+    @field_validator("cluster", mode="before")
+    @classmethod
+    def _address(cls, cluster: Any) -> Any:
+        """Return the address of a cluster, which may be given as a `distributed.Client`."""
+        address = getattr(getattr(cluster, "scheduler", None), "address", cluster)
+        address = os.fspath(address) if isinstance(address, os.PathLike) else address
+        if isinstance(address, str) and not _CLUSTER.fullmatch(address) and not os.path.isfile(address):
+            raise ValueError(
+                f"--cluster: expected tcp://HOST:PORT, tls://HOST:PORT, a scheduler file, or local:N, got {address!r}"
+            )
+        return address
+
+    @model_validator(mode="before")
+    @classmethod
+    def _current(cls, fields: Any) -> Any:
+        if isinstance(fields, Mapping) and (old := next(filter(fields.get, RETIRED), None)):
+            raise ValueError(f"{old}: {USE_A_CLUSTER}")
+        return fields
 
 
-NAMES: Final = tuple(name for name in RunRequest.model_fields if name not in ("campaign", "bundle"))
+_CLUSTER: Final = re.compile(r"(tcp|tls|ws|wss|ucx|inproc)://\S+|local:[1-9]\d*")
+
+RETIRED: Final = ("pool", "shards", "pool_wait_s", "bundle")
+USE_A_CLUSTER: Final = (
+    "work pools run whole campaigns and no longer compute shards; to share the runs of a campaign, start a Dask cluster and "
+    "give its address with --cluster"
+)
+
+NAMES: Final = tuple(name for name in RunRequest.model_fields if name != "campaign")
 """What beside the campaign file a user may ask."""
 
 
@@ -102,10 +111,8 @@ def request_of(campaign: "str | os.PathLike[str] | RunRequest", options: Mapping
         ValueError: an option is out of its bounds, in words such as `runs is at least 1, got 0`.
         TypeError: there is no such option.
     """
-    if unknown := sorted(options.keys() - set(NAMES)):
+    if unknown := sorted(options.keys() - {*NAMES, *RETIRED}):
         raise TypeError(f"expected an option of {', '.join(NAMES)}, got {unknown[0]!r}")
-    if isinstance(pool := options.get("pool"), WorkPool):
-        options = {**options, "pool": pool.name, "shards": pool.shards, "pool_wait_s": pool.wait_s}
     try:
         if isinstance(campaign, RunRequest):
             return RunRequest.model_validate({**campaign.model_dump(), **options})
@@ -113,7 +120,7 @@ def request_of(campaign: "str | os.PathLike[str] | RunRequest", options: Mapping
     except ValidationError as error:
         first = error.errors()[0]
         name, found = ".".join(map(str, first["loc"])), first["input"]
-        if not name:
+        if first["type"] == "value_error":
             raise ValueError(first["msg"].removeprefix("Value error, ")) from None
         bound = first.get("ctx", {}).get("ge")
         said = f"is at least {bound:g}" if bound is not None else first["msg"].lower()

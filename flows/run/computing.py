@@ -14,14 +14,17 @@ from vastflow.flows.request.campaign_file import OpenCampaign
 from vastflow.flows.results.directory import directory_name
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.judgement.oracle import Oracle
+from vastflow.sim.model.faults import UserError
 from vastflow.tasks.engine import process
 from vastflow.tasks.engine.engine import Engine, RunsWanted
+from vastflow.tasks.engine.executor import Executor
 from vastflow.tasks.engine.index import Index
 from vastflow.tasks.engine.machine_check import check_machine
 from vastflow.tasks.engine.pool import Pool, cores
 from vastflow.tasks.engine.progress import Observer, Reporter, Tally
 from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.prefect import campaign_log
+from vastflow.tasks.store.store import Store
 
 if TYPE_CHECKING:
     from vastflow.flows.flow_runs.task_runs import TaskRuns
@@ -100,19 +103,31 @@ def computing(
     stage: str = "",
     workers: int | None = None,
     stopping: RunsWanted | None = None,
+    cluster: str | None = None,
 ) -> Iterator[Computing]:
     """Open the computation of a call with a log in the store's local folder, and close it.
 
     Raises:
         StoreError: this machine lacks something that a computation needs.
     """
-    created, count = datetime.now(), workers or cores()
+    created = datetime.now()
     label = f"{directory_name(opened.name)}-{stage}" if stage else directory_name(opened.name)
     log = campaign_log.new_log(opened.store.local / "logs", label, created)
     with campaign_log.own_log(log):
         check_machine()
-        engine = Engine(Index(opened.store, keys), Pool(count, log), tally, oracles, stopping)
+        executor: Executor = Pool(workers or cores(), log)
+        if cluster is not None:
+            executor = _cluster(cluster, opened.store, executor, tally, log)
+        engine = Engine(Index(opened.store, keys), executor, tally, oracles, stopping)
         try:
             yield Computing(opened.name, stage, engine, tally, log, created)
         finally:
             engine.close()
+
+
+def _cluster(address: str, store: Store, local: Executor, tally: Tally, log: Path) -> Executor:
+    try:
+        from vastflow.tasks.engine.dask_cluster import DaskCluster
+    except ImportError as error:
+        raise UserError(f"--cluster: needs Dask ({error}); pip install 'vastflow[dask]'") from None
+    return DaskCluster(address, store, local, tally.notice, log)

@@ -1,5 +1,6 @@
 """A campaign that is ready to run: its file is checked, its store open, its keys made."""
 
+import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -119,5 +120,13 @@ def open_run(request: RunRequest, observer: Observer | None = None) -> Iterator[
             stopping if search is None else search.runs,
             work,
         )
-        with computing(run.opened, keys, oracles, tally, workers=request.workers, stopping=run.stopping) as computes:
+        with computing(
+            run.opened,
+            keys,
+            oracles,
+            tally,
+            workers=request.workers,
+            stopping=run.stopping,
+            cluster=request.cluster or os.environ.get("DASK_SCHEDULER_ADDRESS"),
+        ) as computes:
             yield run, computes

@@ -3,10 +3,11 @@
 Prefect is not needed here: `vastflow.tasks.prefect.stages` puts its tasks round these methods.
 """
 
+import functools
 import threading
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, Generic, Protocol, TypeAlias, TypeVar
 
 from vastflow.oracles.judgement.oracle import Oracle
@@ -16,7 +17,7 @@ from vastflow.sim.nav2.parameter_files.chosen import CONTROLLER_KEY, parameters_
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 from vastflow.tasks.engine import work
 from vastflow.tasks.engine.evaluation import PackedProducer
-from vastflow.tasks.engine.executor import ClusterError, Executor, PoolClosed, Priority, WorkerDied
+from vastflow.tasks.engine.executor import ClusterError, Executor, Pickled, PoolClosed, Priority, WorkerDied
 from vastflow.tasks.engine.index import ConfigurationRuns, FoundRuns, Index, missing
 from vastflow.tasks.engine.instantiation import Evaluation
 from vastflow.tasks.engine.progress import Tally
@@ -114,7 +115,7 @@ class Engine:
         self._store = index.store.for_sources(index.keys.sources)
         self._executor = executor
         self._tally = tally
-        self._oracles = executor.shared(tuple(oracles))
+        self._given = tuple(oracles)
         self._stopping = stopping
         self._lock = threading.Lock()
         self._ready: Future[Any] | None = None
@@ -122,6 +123,10 @@ class Engine:
         self._executing: dict[tuple[str, int], Units] = {}
         self._made: set[str] = set()
         self._faults: list[RunFault] = []
+
+    @functools.cached_property
+    def _oracles(self) -> Pickled:
+        return self._executor.shared(self._given)
 
     @property
     def faults(self) -> tuple[RunFault, ...]:
@@ -275,7 +280,7 @@ class Engine:
         """Hand a unit to the executor, one of a cluster with all stages."""
         if self._ready is not None and configuration.drives:
             self._answer(self._ready)
-        keys, scenario = self.index.keys, configuration.scenario
+        keys, scenario = replace(self.index.keys, sources=None), configuration.scenario
         priority, checked = Priority.EXECUTE, configuration.checked
         if self._executor.whole_units:
             unit = self._store, keys, checked, scenario, start, stop, self._oracles

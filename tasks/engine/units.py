@@ -18,7 +18,7 @@ MOST_S: Final = 20.0
 """Expected time of a unit: a shorter one costs more than it is worth, behind a longer one others wait."""
 
 _UNITS_A_WORKER: Final = 4
-_UNDER_WAY: Final = 5
+_IN_FLIGHT: Final = 5
 """Units under way for each worker; those behind are put in order by what a run costs when their turn comes."""
 
 
@@ -113,7 +113,7 @@ class Feeder:
         self._backlog = Backlog()
         self._ready = threading.Condition()
         self._feeds = False
-        self._under_way = 0
+        self._in_flight = 0
 
     def add(self, wanted: Iterable[tuple[ConfigurationRuns, Sequence[int]]]) -> list[Units]:
         """Add missing runs of configurations; nothing is begun before all are known."""
@@ -137,12 +137,12 @@ class Feeder:
     def _feed(self) -> None:
         while True:
             with self._ready:
-                while self._under_way >= _UNDER_WAY * (workers := self._workers()):
+                while self._in_flight >= _IN_FLIGHT * (workers := self._workers()):
                     self._ready.wait(1.0)
                 if (taken := self._backlog.take(workers)) is None:
                     self._feeds = False
                     return
-                self._under_way += 1
+                self._in_flight += 1
             units, start, stop = taken
             try:
                 future = self._submit(units.configuration, start, stop)
@@ -157,5 +157,5 @@ class Feeder:
 
     def _landed(self, *_: Any) -> None:
         with self._ready:
-            self._under_way -= 1
+            self._in_flight -= 1
             self._ready.notify()

@@ -40,7 +40,7 @@ SERVER_SETTINGS: Final[Mapping[str, str]] = {
 }
 """Settings of an embedded server; the user's environment has precedence."""
 
-ApiRoute: TypeAlias = Literal["/flow_runs/bulk_set_state", "/flow_runs/count", "/task_runs/count"]
+ApiRoute: TypeAlias = Literal["/task_runs/count"]
 """Routes for which Prefect's client has no complete method."""
 
 
@@ -71,20 +71,6 @@ def database_url() -> str | None:
 
     url = get_current_settings().server.database.connection_url
     return url.get_secret_value() if url else None
-
-
-def current_flow() -> Any:
-    """Return the flow whose run this code is in.
-
-    Raises:
-        RuntimeError: there is none.
-    """
-    from prefect.context import FlowRunContext
-
-    context = FlowRunContext.get()
-    if context is None or context.flow is None:
-        raise RuntimeError("called outside of a flow run")
-    return context.flow
 
 
 def current_tags() -> frozenset[str]:

@@ -17,12 +17,6 @@ ENTRYPOINT: Final = "vastflow.flows.campaign.campaign"
 """A module's function, found wherever vastflow is installed."""
 TAG: Final = "vastflow"
 
-OTHER_CODE: Final = "OtherCode"
-STORE_AWAY: Final = "StoreAway"
-"""Names of the states in which a shard's flow run ends where the worker can't compute it and another one might."""
-BAR: Final = "shard"
-"""How the key of a shard's progress artifact ends; the artifact's age says whether the flow run lives."""
-
 STEP: Final = "prefect.deployments.steps.set_working_directory"
 
 
@@ -67,44 +61,12 @@ class Deployment:
         }
 
 
-@dataclass(frozen=True, slots=True)
-class ShardDeployment:
-    """The deployment by which workers of a pool compute shards of any campaign."""
-
-    pool: str
-    job_variables: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def path(self) -> str:
-        """Names of flow and deployment, as Prefect joins them."""
-        return f"{FLOW}/{self.name}"
-
-    @property
-    def name(self) -> str:
-        """Name of the deployment."""
-        return f"{self.pool}-shards"
-
-    def as_yaml(self) -> dict[str, Any]:
-        """An entry of `deployments` in a `prefect.yaml`; workers need no folder, as all is in the store."""
-        return {
-            "name": self.name,
-            "description": "Computes shards of the campaigns that are run with this work pool. Nobody else has to run it.\n",
-            "tags": [TAG],
-            "entrypoint": ENTRYPOINT,
-            "parameters": {},
-            "enforce_parameter_schema": False,
-            "schedules": [],
-            "pull": [],
-            "work_pool": {"name": self.pool, "job_variables": dict(self.job_variables)},
-        }
-
-
 def description_of(
     campaign: str,
     file: str,
     runs: int,
     about: str = "",
-    shards_in: str | None = None,
+    cluster: str | None = None,
     least: int | None = None,
 ) -> str:
     """Return a deployment's page in Markdown.
@@ -113,7 +75,7 @@ def description_of(
         file: The campaign file, as the worker finds it.
         runs: Runs of each configuration, the maximum if `least` is given.
         about: The campaign file's own description.
-        shards_in: Work pool whose workers compute the runs.
+        cluster: Address of a Dask cluster that computes the runs.
         least: Runs after which a configuration may end by a rule.
     """
     each = f"{runs} run{'s'[: runs != 1]} of each configuration"
@@ -124,8 +86,8 @@ def description_of(
         "computed again."
     )
     machine = "The whole campaign runs on the machine of the worker that takes it."
-    if shards_in is not None:
-        machine = f"Workers of the work pool **{shards_in}** compute the runs."
+    if cluster is not None:
+        machine = f"Workers of the Dask cluster at `{cluster}` compute the runs."
     where = (
         f"{machine} A flow run that Prefect shows as *Failed* has a fault, in its campaign file or in its runs; runs that the robot "
         "failed are in the report."

@@ -7,10 +7,9 @@ gone. Importing this module imports Prefect.
 import os
 import platform
 import re
-import time
 from collections.abc import Collection
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import psutil
 from prefect import tags
@@ -24,19 +23,10 @@ from prefect.client.schemas.filters import (
 from prefect.client.schemas.objects import StateType
 from prefect.states import Crashed
 
-from vastflow.tasks.prefect.adapter import current_tags, exact_tags, post
-
-if TYPE_CHECKING:
-    from prefect.client.orchestration import SyncPrefectClient
+from vastflow.tasks.prefect.adapter import current_tags, exact_tags
 
 MESSAGE: Final = "Its process was killed or ran out of memory. What was finished is in the store."
 
-CALLED_OFF_S: Final = 30.0
-"""Maximum wait for workers to end a killed campaign's shards; they look every 10 s."""
-
-_ENDED: Final = ("COMPLETED", "FAILED", "CRASHED", "CANCELLED")
-_AT_A_TIME: Final = 50
-_POLL_S: Final = 0.5
 _SAME_S: Final = 2.0
 """Tolerance between two readings of when a process began."""
 
@@ -66,7 +56,7 @@ def is_orphan(names: Collection[str]) -> bool:
 
 
 def mark_orphans() -> None:
-    """Mark orphans of this host as crashed, and cancel their flow runs in a work pool.
+    """Mark orphans of this host as crashed.
 
     Raises:
         httpx.TransportError, PrefectHTTPStatusError: the API is away, or refused a request.
@@ -80,21 +70,6 @@ def mark_orphans() -> None:
         for flow_run in client.read_flow_runs(flow_run_filter=of_host):
             if is_orphan(flow_run.tags):
                 client.set_flow_run_state(flow_run.id, Crashed(message=MESSAGE), force=True)
-                _call_off(client, str(flow_run.id))
-
-
-def _call_off(client: "SyncPrefectClient", flow_run_id: str) -> None:
-    """Cancel shards that a flow run asked of a work pool, and wait until workers have ended them."""
-
-    def shards(*others: str) -> dict[str, Any]:
-        of_parent = {"parent_flow_run_id": {"any_": [flow_run_id]}, "deployment_id": {"is_null_": False}}
-        return {"flow_runs": {**of_parent, "state": {"type": {"not_any_": [*_ENDED, *others]}}}}
-
-    deadline = time.monotonic() + CALLED_OFF_S
-    while post(client, "/flow_runs/count", shards()) and time.monotonic() < deadline:
-        cancelling = {"state": {"type": "CANCELLING"}, "limit": _AT_A_TIME}
-        post(client, "/flow_runs/bulk_set_state", {**shards("CANCELLING"), **cancelling})
-        time.sleep(_POLL_S)
 
 
 def _is_gone(pid: int, began_s: float) -> bool:

@@ -20,7 +20,7 @@ from vastflow.producers.campaign import load_campaign
 from vastflow.tasks.engine import work
 from vastflow.tasks.prefect import deployment
 from vastflow.tasks.prefect.containers import memory_bytes
-from vastflow.tasks.prefect.deployment import Deployment, ShardDeployment, description_of
+from vastflow.tasks.prefect.deployment import Deployment, description_of
 from vastflow.tasks.prefect.manifests import filled, template
 
 ROOT = Path(__file__).parents[2]
@@ -63,42 +63,28 @@ def test_prefect_reads_deployments_and_their_parameters():
     assert {each.work_pool.name for each in read.deployments} == {"lab", "docker", "cluster"}
     for each in read.deployments:
         assert each.entrypoint == deployment.ENTRYPOINT
-        if each.parameters:
-            (schedule,) = each.schedules
-            assert isinstance(schedule, RawScheduleConfig)
-            assert (each.concurrency_limit.limit, each.concurrency_limit.collision_strategy) == (1, "ENQUEUE")
-            assert campaign.validate_parameters(each.parameters)["request"].campaign == CAMPAIGN
+        (schedule,) = each.schedules
+        assert isinstance(schedule, RawScheduleConfig)
+        assert (each.concurrency_limit.limit, each.concurrency_limit.collision_strategy) == (1, "ENQUEUE")
+        assert campaign.validate_parameters(each.parameters)["request"].campaign == CAMPAIGN
 
 
 def test_deployments_are_what_the_command_makes_of_the_same_campaign():
     runs = load_campaign(ROOT / CAMPAIGN).runs
     for each in entries():
         pool, variables = each["work_pool"]["name"], each["work_pool"]["job_variables"]
-        if not each["parameters"]:
-            assert each == ShardDeployment(pool, variables).as_yaml()
-        else:
-            (schedule,), (step,) = each["schedules"], each["pull"]
-            made = Deployment(
-                name=each["name"],
-                campaign="quickstart",
-                request=each["parameters"]["request"],
-                pool=pool,
-                folder=step[deployment.STEP]["directory"],
-                description=description_of("quickstart", CAMPAIGN, runs),
-                job_variables=variables,
-                cron=schedule["cron"],
-            )
-            assert each == made.as_yaml()
-
-
-def test_pools_have_deployments_for_shards():
-    shards = [each for each in entries() if not each["parameters"]]
-    assert [(each["name"], each["work_pool"]["name"]) for each in shards] == [
-        ("lab-shards", "lab"),
-        ("docker-shards", "docker"),
-        ("cluster-shards", "cluster"),
-    ]
-    assert all("concurrency_limit" not in each and each["schedules"] == [] for each in shards)
+        (schedule,), (step,) = each["schedules"], each["pull"]
+        made = Deployment(
+            name=each["name"],
+            campaign="quickstart",
+            request=each["parameters"]["request"],
+            pool=pool,
+            folder=step[deployment.STEP]["directory"],
+            description=description_of("quickstart", CAMPAIGN, runs),
+            job_variables=variables,
+            cron=schedule["cron"],
+        )
+        assert each == made.as_yaml()
 
 
 def test_templates_of_pools_agree_with_deployments_options_and_each_other():
@@ -121,9 +107,24 @@ def test_templates_of_pools_agree_with_deployments_options_and_each_other():
     )
 
 
-def test_kubernetes_knows_namespace_and_volume():
-    for manifest in documents("kubernetes/namespace.yaml"):
+@pytest.mark.parametrize("file", ["namespace.yaml", "dask.yaml"])
+def test_kubernetes_knows_manifests_of_kustomization(file):
+    for manifest in documents(f"kubernetes/{file}"):
         kubernetes_validate.validate(manifest, kubernetes_validate.latest_version(), strict=True)
+    assert file in documents("kubernetes/kustomization.yaml")[0]["resources"]
+
+
+def test_workers_find_their_scheduler_in_the_queue_of_campaigns():
+    scheduler, service, workers = documents("kubernetes/dask.yaml")
+    assert service["spec"]["selector"] == scheduler["spec"]["selector"]["matchLabels"]
+    (port,) = service["spec"]["ports"]
+    (container,) = workers["spec"]["template"]["spec"]["containers"]
+    assert f"tcp://{service['metadata']['name']}:{port['port']}" in container["args"]
+    queue = documents("kueue/queues.yaml")[2]["metadata"]
+    assert workers["metadata"]["labels"] == {"kueue.x-k8s.io/queue-name": queue["name"]}
+    assert workers["metadata"]["namespace"] == queue["namespace"]
+    (image,) = documents("kubernetes/kustomization.yaml")[0]["images"]
+    assert {image["name"]} == {container["image"], scheduler["spec"]["template"]["spec"]["containers"][0]["image"]}
 
 
 def test_queues_have_kueues_fields_and_belong_together():
@@ -168,7 +169,7 @@ def test_image_installs_as_the_readme_does_and_compiles_the_kernels():
     readme = (ROOT / "README.md").read_text()
     assert "python3 -m venv .venv && .venv/bin/pip install -c deployments/constraints.txt -e ." in readme
     assert (
-        "python3 -m venv .venv && .venv/bin/pip install --no-cache-dir -c deployments/constraints.txt -e ."
+        "python3 -m venv .venv && .venv/bin/pip install --no-cache-dir -c deployments/constraints.txt -e '.[dask]'"
         in DOCKERFILE
     )
     assert f"from {work.__name__} import {work.compile_kernels.__name__};" in DOCKERFILE

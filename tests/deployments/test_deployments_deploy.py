@@ -18,7 +18,6 @@ from vastflow.flows.cli import deploy as deploy_command
 from vastflow.flows.cli.deploy import MOST_IN_A_CONFIG_MAP, NO_API
 from vastflow.producers.campaign_file.spec import ExecutionSpec
 from vastflow.tasks.prefect import retry
-from vastflow.tasks.prefect.adapter import flow_schema
 from vastflow.tasks.prefect.deployment import PoolType, base_job_template
 from vastflow.tasks.prefect.manifests import compose_file, config_map_keys, pod_template
 
@@ -38,22 +37,25 @@ def file(campaign_file, tmp_path, monkeypatch):
 def printed(*arguments):
     result = called("deploy", *arguments, "--dry-run")
     assert result.exit_code == 0, result.output
-    written, *pools = yaml.safe_load_all(result.stdout)
-    return [DeploymentConfig.model_validate(each) for each in written["deployments"]], pools
+    written, pool = yaml.safe_load_all(result.stdout)
+    (deployment,) = written["deployments"]
+    return DeploymentConfig.model_validate(deployment), pool
 
 
 def test_dry_run_prints_deployment_and_pool(file, tmp_path):
     schedule = ("--schedule", "0 2 * * *", "--timezone", "Asia/Tokyo")
     request = {"runs": 2, "only": "rooms", "workers": 1, "store": "s3://bucket", "reports": "https://lab.example"}
+    request["cluster"] = "tcp://scheduler:8786"
     options = (word for name, value in request.items() for word in (f"--{name}", value))
-    (deployment, _), (pool,) = printed(file, "--pool", "lab", *schedule, *options)
+    deployment, pool = printed(file, "--pool", "lab", *schedule, *options)
     assert (deployment.name, deployment.work_pool.name, pool["type"]) == ("Two_rooms", "lab", "process")
     assert deployment.tags == ["vastflow", "two-rooms"]
     assert (deployment.schedules[0].cron, deployment.schedules[0].timezone) == ("0 2 * * *", "Asia/Tokyo")
     places = {"campaign": str(tmp_path / "rooms.vast"), "results": str(tmp_path / "results")}
     assert deployment.parameters["request"] == {**request, **places, "only": ["rooms"]}
     campaign_flow.validate_parameters(deployment.parameters)
-    (deployment, _), _ = printed(file, "--pool", "lab")
+    assert "Workers of the Dask cluster at `tcp://scheduler:8786` compute the runs." in deployment.description
+    deployment, _ = printed(file, "--pool", "lab")
     assert deployment.schedules == [] and "7 runs of each configuration" in deployment.description
 
 
@@ -63,26 +65,22 @@ def test_description_of_campaign_with_stopping_rule_has_least_and_most_runs(camp
         ((), "5 to 20 runs of each configuration, which ends when its class is decided, and writes its report"),
         (("--runs", 1), "1 run of each configuration, and writes its report"),
     ):
-        (deployment, _), _ = printed(file, "--pool", "lab", *options)
+        deployment, _ = printed(file, "--pool", "lab", *options)
         assert said in deployment.description
 
 
 def test_deployment_to_cluster_has_resources_of_file_and_paths_of_image(file):
-    (deployment, shards), (pool,) = printed(file, *CLUSTER, "--shards-in", "cluster")
+    deployment, pool = printed(file, *CLUSTER)
     own = {"image": "ghcr.io/me/vastflow:7", "queue": "nightly"}
     assert deployment.work_pool.job_variables == {**own, "cpu": "3", "memory": "6Gi"}
-    assert shards.work_pool.job_variables == own
-    request = {"campaign": "rooms.vast", "results": "/data/results", "workers": 3, "pool": "cluster"}
+    request = {"campaign": "rooms.vast", "results": "/data/results", "workers": 3}
     assert deployment.parameters["request"] == request
     assert pool["base_job_template"] == base_job_template(PoolType.kubernetes)
 
 
-def test_shards_go_to_pool_of_their_own(file):
-    (campaign, shards), (pool, farm) = printed(file, "--pool", "lab", "--shards-in", "farm")
-    assert campaign.parameters["request"]["pool"] == "farm"
-    assert "Workers of the work pool **farm** compute the runs." in campaign.description
-    assert (shards.name, shards.work_pool.name, shards.parameters) == ("farm-shards", "farm", {})
-    assert (pool["name"], farm["name"]) == ("lab", "farm")
+def test_deploy_names_new_option_instead_of_retired_one(file):
+    said = refused("deploy", file, "--pool", "lab", "--shards-in", "farm", "--dry-run")
+    assert said.startswith("--shards-in: work pools run whole campaigns") and said.endswith("with --cluster")
 
 
 def test_deploy_refuses_wrong_options_and_files(campaign_file, golden, tmp_path):
@@ -111,9 +109,8 @@ def test_deploy_says_what_to_do_without_api(file, monkeypatch):
     assert refused("deploy", file, "--pool", "lab") == NO_API
 
 
-def test_deploy_is_cheap_to_import_and_form_shows_no_internal_field():
+def test_deploy_is_cheap_to_import():
     assert not any(name.startswith("prefect") for name in vars(deploy_command))
-    assert "bundle" not in str(flow_schema(campaign_flow)["definitions"]["RunRequest"]["properties"])
 
 
 @pytest.fixture

@@ -110,7 +110,7 @@ def test_deployment_has_a_schedule_a_limit_and_parameters_that_a_form_can_show(a
     schema = deployment.parameter_openapi_schema
     assert schema["required"] == ["request"]
     properties = schema["definitions"]["RunRequest"]["properties"]
-    assert set(properties) == set(RunRequest.model_fields) - {"bundle"}  # internal
+    assert set(properties) == set(RunRequest.model_fields)
     assert all("description" in about for about in properties.values())
     assert deployment.enforce_parameter_schema
 

@@ -246,7 +246,7 @@ def test_errors_with_exit_code_2_are_user_errors():
         "tasks.store.artifact.StoreError",
     )
     assert all(issubclass(error_class(name), UserError) for name in named)
-    others = ("tasks.prefect.server.PrefectUnavailable", "flows.request.work_pool.WorkersFailed")
+    others = ("tasks.prefect.server.PrefectUnavailable", "tasks.engine.executor.ClusterError")
     assert not any(issubclass(error_class(name), UserError) for name in others)
     come = pickle.loads(pickle.dumps(StoreError(errno.ENOSPC, "no space")))  # from a worker
     assert (type(come), come.errno) == (StoreError, errno.ENOSPC) and isinstance(come, OSError)

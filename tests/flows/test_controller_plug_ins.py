@@ -1,4 +1,4 @@
-"""A campaign with a plug-in controller: its copy, its bundle, and warnings of inputs outside the key."""
+"""A campaign with a plug-in controller: its copy, its parcel, and warnings of inputs outside the key."""
 
 import re
 import shutil
@@ -11,9 +11,7 @@ from vastflow.flows.results.inputs import inputs_of
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.tasks.engine.index import ConfigurationRuns
-from vastflow.tasks.engine.remote_shard import Packer, unpacked
-from vastflow.tasks.keys.keys import Keys
+from vastflow.tasks.engine.parcel import Packer
 from vastflow.tasks.store.store import open_store
 
 PAGE = Path(__file__).parents[2] / "docs" / "write-a-controller.md"
@@ -79,17 +77,11 @@ def test_campaign_directory_keeps_controller_as_read(campaign_file, tmp_path):
     assert (kept.parent / "my_pursuit.yaml").is_file()
 
 
-def test_remote_workers_get_controller_as_read(campaign_file, tmp_path):
-    keys = Keys("x86; glibc", "a", "b", "c", 7, [["success", {}]])
-    campaign, oracles = read_campaign(campaign_file)
-    made = instantiate(campaign).configurations
-    configurations = [ConfigurationRuns(each.name, "room", k, each.scenario, 1) for k, each in enumerate(made)]
+def test_remote_workers_get_controller_as_read(campaign_file, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    scenarios = scenarios_of(campaign_file)
     next(campaign_file.parent.parent.rglob("my_pursuit.py")).write_text("raise SystemExit\n")
     store = open_store(tmp_path / "store")
-    key = Packer(store, "x", keys, oracles, campaign_file.parent).packed(configurations)
+    parcel = Packer(store).packed(scenarios)
     shutil.rmtree(campaign_file.parent)
-    found = unpacked(store, key, tmp_path / "elsewhere")
-    assert controllers(configuration.scenario for configuration in found.configurations) == [
-        "RppParameters",
-        "PurePursuit",
-    ]
+    assert controllers(parcel.opened(store)) == ["RppParameters", "PurePursuit"]

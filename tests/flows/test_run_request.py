@@ -5,6 +5,7 @@ import json
 import shutil
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -15,7 +16,6 @@ from table import each_row
 from vastflow.flows import run_campaign
 from vastflow.flows.campaign import campaign
 from vastflow.flows.request.run_request import NAMES, RunRequest, request_of
-from vastflow.flows.request.work_pool import WorkPool
 from vastflow.sim.model.faults import FileError
 
 CLUTTER = """
@@ -52,17 +52,16 @@ def test_python_call_refuses_bad_file_and_writes_nothing(tmp_path):
 
 
 def test_request_goes_through_json_unchanged(tmp_path):
-    request = request_of(tmp_path / "x.vast", {"runs": 3, "only": "hall", "pool": WorkPool("lab", 4)})
+    request = request_of(tmp_path / "x.vast", {"runs": 3, "only": "hall", "cluster": "tcp://lab:8786"})
     assert RunRequest.model_validate_json(request.model_dump_json()) == request
-    assert (request.only, request.pool, request.shards) == (("hall",), "lab", 4)
+    assert (request.only, request.cluster) == (("hall",), "tcp://lab:8786")
 
 
 def test_command_python_call_and_flow_take_the_fields_of_a_request():
     said = " ".join(called("run", "--help", COLUMNS="400").output.split())
     for name in NAMES:
         if name != "reports":
-            flag = "--pool-wait" if name == "pool_wait_s" else f"--{name.replace('_', '-')}"
-            assert f"{flag} " in said and RunRequest.model_fields[name].description in said
+            assert f"--{name.replace('_', '-')} " in said and RunRequest.model_fields[name].description in said
     assert [*inspect.signature(run_campaign).parameters] == ["campaign", "observer", *NAMES]
     assert [*campaign.parameters.properties] == ["request"]
     with pytest.raises(ParameterTypeError, match=r"request\.runs_each: Extra inputs are not permitted"):
@@ -73,8 +72,9 @@ def test_command_python_call_and_flow_take_the_fields_of_a_request():
     ("options", "error", "words"),
     [
         ({"runs": 0}, ValueError, "^runs is at least 1, got 0$"),
-        ({"shards": 2}, ValueError, "^--shards: only with --pool, whose shards it is about$"),
-        ({"pool": ""}, ValueError, "^--pool: expected the name of a work pool, got an empty name$"),
+        ({"pool": "lab"}, ValueError, "^pool: work pools run whole campaigns .* with --cluster$"),
+        ({"cluster": "lab:8786"}, ValueError, "^--cluster: expected tcp://HOST:PORT, .* got 'lab:8786'$"),
+        ({"cluster": "local:0"}, ValueError, "^--cluster: expected .* or local:N, got 'local:0'$"),
         ({"run": 2}, TypeError, r"expected an option of runs, results, store.*, got 'run'"),
     ],
 )
@@ -83,10 +83,19 @@ def test_request_refuses_wrong_option(options, error, words):
         run_campaign("x.vast", **options)
 
 
+def test_cluster_may_be_client_or_scheduler_file(tmp_path):
+    (tmp_path / "scheduler.json").write_text("{}")
+    client = SimpleNamespace(scheduler=SimpleNamespace(address="tls://lab:1"))
+    asked = [
+        request_of("x.vast", {"cluster": each}).cluster for each in (client, tmp_path / "scheduler.json", "local:3")
+    ]
+    assert asked == ["tls://lab:1", str(tmp_path / "scheduler.json"), "local:3"]
+
+
 def deployed(file, *options):
     """The parameters of the deployment that `deploy` would make."""
     result = called("deploy", file, "--pool", "p", "--dry-run", *options)
-    deployment, _ = yaml.safe_load(result.stdout.split("---")[0])["deployments"]
+    (deployment,) = yaml.safe_load(result.stdout.split("---")[0])["deployments"]
     return deployment["parameters"]["request"]
 
 

@@ -3,7 +3,7 @@
 A campaign, with `--robot` one in which a robot drives, is run once undisturbed. Then, for each point, it is run anew with an
 empty store, one of its processes is killed at a random time, and it is run or resumed to its end. One call kills in three
 settings, unless fewer are named: Prefect's API embedded; a real `prefect server start`, which comes back at once, after 5 s, or
-when the campaign has ended; and with that server a work pool, whose workers are processes that execute the runs.
+when the campaign has ended; and with that server a Dask cluster, whose workers execute the runs.
 `killed_points.py` has the victims, and how points are spread over the time that a victim is there.
 
 At each point, afterwards:
@@ -115,14 +115,14 @@ def _died_and_gone_on(
     """All of a point but the looking; gives where it happened.
 
     Args:
-        crews: Gets what ends the workers of a pool.
+        crews: Gets what ends the cluster.
     """
-    with_pool = point.setting == "pool"
+    with_cluster = point.setting == "cluster"
     for again in range(AGAIN):
         place = Place(
-            lab, f"{point.kind.replace('/', '-')}-{point.number}-{again}", api.url if api else None, with_pool
+            lab, f"{point.kind.replace('/', '-')}-{point.number}-{again}", api.url if api else None, with_cluster
         )
-        crew = Crew(place) if with_pool else None
+        crew = Crew(place) if with_cluster else None
         if crew:
             crews.callback(crew.stop)
         life = place.begin()
@@ -154,7 +154,7 @@ def _outlived(life: Life, point: Point, api: Api | None, crew: Crew | None) -> N
         time.sleep(back_s)
         api.start()
     if crew:
-        crew.complete()
+        crew.complete(point.victim)
     point.exit_code = life.end()
     point.after_s = time.monotonic() - killed_s
     if api and back_s == ENDS_S:
@@ -192,7 +192,7 @@ def _has_come(life: Life, point: Point) -> bool:
 
 def _doomed(life: Life, point: Point, crew: Crew | None) -> list[list[psutil.Process]]:
     """Groups of processes of which one is to be killed, if there are any now."""
-    if point.victim not in OF_A_CREW:
+    if crew is None or point.victim not in OF_A_CREW:
         return [[each] for each in life.victims(point.victim)]
     there = crew.victims(point.victim) if crew else []
     if point.victim not in IN_FLIGHT:
@@ -347,12 +347,10 @@ def proven(
 
 
 def _there(lab: Lab, setting: Setting, api: Api) -> dict[str, tuple[float, float]]:
-    """Watch a campaign with a configured API, whose server and pool outlive the flow."""
-    with_pool = setting == "pool"
-    if with_pool:
-        api.make_pool()
-    place = Place(lab, f"watched-{setting}", api.url, with_pool)
-    crew = Crew(place) if with_pool else None
+    """Watch a campaign with a configured API, whose server and cluster outlive the flow."""
+    with_cluster = setting == "cluster"
+    place = Place(lab, f"watched-{setting}", api.url, with_cluster)
+    crew = Crew(place) if with_cluster else None
     try:
         return dict.fromkeys(VICTIMS[setting], watched(place)["flow"])
     finally:

@@ -26,7 +26,6 @@ from vastflow.tasks.prefect.adapter import SERVER_SETTINGS
 WORKERS = 2
 CONFIGURATIONS = 30
 RUNS = 4
-POOL = "lab"
 MARK = "VASTFLOW_PROOF"
 TRACE = "VASTFLOW_PROOF_TRACE"
 ENDS_S = 420.0
@@ -183,16 +182,16 @@ class Place:
 
     Args:
         api: Address of an API to be configured; without one each life has its own, embedded.
-        pool: Whether runs are executed by workers of the work pool `POOL`.
+        cluster: Whether workers of a Dask cluster execute the runs.
     """
 
-    def __init__(self, lab: Lab, name: str, api: str | None = None, pool: bool = False) -> None:
+    def __init__(self, lab: Lab, name: str, api: str | None = None, cluster: bool = False) -> None:
         self.folder = lab.folder / name
         self.folder.mkdir()
         self.mark = uuid.uuid4().hex
         self._lab = lab
         self.api = api
-        self._pool = pool
+        self._cluster = cluster
         if lab.home.exists():
             shutil.copytree(lab.home, self.folder / "prefect")
 
@@ -203,6 +202,10 @@ class Place:
     @property
     def results(self) -> Path:
         return self.folder / "results"
+
+    @property
+    def scheduler_file(self) -> Path:
+        return self.folder / "scheduler.json"
 
     @property
     def database(self) -> Path:
@@ -229,8 +232,8 @@ class Place:
         """Start `vastflow` with these arguments, else a campaign, the lab's if none is given."""
         asked = arguments or ("run", str(campaign or self._lab.campaign), "--results", str(self.results))
         options = ["--workers", str(WORKERS), "--json"]
-        if self._pool:
-            options += ["--pool", POOL, "--shards", "4", "--workers", "1"]
+        if self._cluster:
+            options += ["--cluster", str(self.scheduler_file)]
         return Life(self, [sys.executable, "-m", "vastflow.flows", *asked, *options])
 
     def trace(self) -> list[dict[str, Any]]:
@@ -363,13 +366,6 @@ class Api:
             time.sleep(0.2)
         raise RuntimeError(f"Prefect's server did not start: {(self._folder / 'log').read_text()[-2000:]}")
 
-    def make_pool(self) -> None:
-        """Make the work pool `POOL`."""
-        content = json.dumps({"name": POOL, "type": "process"}).encode()
-        request = urllib.request.Request(f"{self.url}/work_pools/", content, {"Content-Type": "application/json"})
-        with urllib.request.urlopen(request, timeout=30):
-            pass
-
     def kill(self) -> None:
         """kill -9, with all that it started."""
         if self._process is not None:
@@ -381,45 +377,62 @@ class Api:
 
 
 class Crew:
-    """The workers of the work pool `POOL`, each limited to one flow run."""
+    """A Dask cluster: a scheduler, and workers of one thread, each with the process that watches over it."""
 
     def __init__(self, place: Place) -> None:
         self._place = place
-        self._workers = [self._started() for _ in range(WORKERS)]
+        self._begin()
 
     def victims(self, kind: str) -> list[list[psutil.Process]]:
-        """Return the processes to kill: a worker (`crew`), its flow run (`shard`), or all of both (`node`)."""
+        """Return the processes to kill."""
+        if kind == "scheduler":
+            return [[self._scheduler]] if self._scheduler.poll() is None else []
         there = [worker for worker in self._workers if worker.poll() is None]
-        if kind == "crew":
+        if kind == "nanny":
             return [[worker] for worker in there]
         found = []
         for worker in there:
             with contextlib.suppress(psutil.Error):
-                if kind == "shard":
-                    found += [[child] for child in worker.children()]
-                elif below := worker.children(recursive=True):
-                    found.append([worker, *below])
+                below = [each for each in worker.children(recursive=True) if "spawn_main" in " ".join(each.cmdline())]
+                if below:
+                    found.append(below if kind == "worker" else [worker, *below])
         return found
 
-    def complete(self) -> None:
-        """Start a worker for each that is gone, as whatever watches over them would."""
-        self._workers = [worker if worker.poll() is None else self._started() for worker in self._workers]
+    def complete(self, victim: str) -> None:
+        """Start what is gone, as whatever watches over it would; workers end with their scheduler."""
+        if victim == "scheduler":
+            self.stop()
+            self._begin()
+        self._workers = [worker if worker.poll() is None else self._worker() for worker in self._workers]
 
     def stop(self) -> None:
-        """Kill the workers and all their processes, before they take shards of the next point."""
-        for worker in self._workers:
+        """Kill the cluster."""
+        every = [self._scheduler, *self._workers]
+        for process in every:
             with contextlib.suppress(psutil.Error):
-                for process in [worker, *worker.children(recursive=True)]:
+                for each in [process, *process.children(recursive=True)]:
                     with contextlib.suppress(psutil.Error):
-                        process.kill()
-        psutil.wait_procs(self._workers, timeout=10)
+                        each.kill()
+        psutil.wait_procs(every, timeout=10)
 
-    def _started(self) -> psutil.Popen:
+    def _begin(self) -> None:
+        self._place.scheduler_file.unlink(missing_ok=True)
+        self._scheduler = self._started("scheduler", "--port", "0")
+        deadline = time.monotonic() + 120
+        while not self._place.scheduler_file.exists() and time.monotonic() < deadline:
+            time.sleep(0.1)
+        self._workers = [self._worker() for _ in range(WORKERS)]
+
+    def _worker(self) -> psutil.Popen:
+        return self._started("worker", "--nthreads", "1", "--memory-limit", "0", "--death-timeout", "30")
+
+    def _started(self, *arguments: str) -> psutil.Popen:
+        file = ["--scheduler-file", str(self._place.scheduler_file), "--no-dashboard"]
         with open(self._place.folder / "crew", "ab") as log:
             return psutil.Popen(
-                [sys.executable, "-m", "prefect", "worker", "start", "--pool", POOL, "--limit", "1"],
+                [sys.executable, "-m", "dask", *arguments, *file],
                 cwd=self._place.folder,
-                env={**self._place.environment(), "PREFECT_WORKER_QUERY_SECONDS": "2"},
+                env=self._place.environment(),
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,

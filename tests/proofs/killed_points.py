@@ -9,19 +9,19 @@ from typing import Literal, TypeAlias
 
 from killed_life import CONFIGURATIONS, ENDS_S
 
-Setting: TypeAlias = Literal["embedded", "server", "pool"]
-"""Prefect's API as the campaign starts it; a configured server; that, and a work pool whose workers execute the runs."""
+Setting: TypeAlias = Literal["embedded", "server", "cluster"]
+"""Prefect's API as the campaign starts it; a configured server; that, and a Dask cluster whose workers execute the runs."""
 
 VICTIMS: dict[Setting, tuple[str, ...]] = {
     "embedded": ("flow", "worker", "server"),
     "server": ("flow", "server"),
-    "pool": ("flow", "server", "crew", "shard", "node"),
+    "cluster": ("flow", "server", "nanny", "worker", "node", "scheduler"),
 }
-"""The flow's process; a process of its pool; Prefect's server. Of a work pool: a worker (`crew`), the process of the flow run
-that it started (`shard`), and all that is below a worker with it, at once, as when a machine is gone (`node`)."""
+"""The flow's process; a process of its pool; Prefect's server. Of a Dask cluster: the process that watches over a worker, the
+worker itself, both at once, as when a machine is gone (`node`), and the scheduler."""
 
-OF_A_CREW = ("crew", "shard", "node")
-IN_FLIGHT = ("shard", "node")
+OF_A_CREW = ("nanny", "worker", "node", "scheduler")
+IN_FLIGHT = ("node",)
 """They are killed while they execute a block of runs."""
 
 STARTING, REPORTING = 0.2, 0.8

@@ -57,7 +57,7 @@ def test_last_units_are_short():
     assert units[-8:] == [1] * 8
 
 
-def test_feeder_keeps_few_units_under_way():
+def test_feeder_keeps_few_units_in_flight():
     futures, fed = [], threading.Semaphore(0)
 
     def submit(configuration, start, stop):
@@ -85,5 +85,5 @@ def test_error_of_feeder_reaches_who_waits():
         units.wait()
 
 
-def test_nothing_missing_is_complete_at_once():
+def test_units_are_complete_at_once_where_nothing_is_missing():
     assert Feeder(lambda: 1, lambda *_: Future()).add([(configuration("a"), [])])[0].wait() == []

@@ -1,1 +1,0 @@
-"""A campaign's shards in a work pool of Prefect."""

@@ -1,0 +1,516 @@
+"""A Dask cluster as executor: its scheduler hands units to workers that share only the store with this machine.
+
+Results are in the store; what comes back is small. Producers are evaluated on this machine, where the files that they make have to be.
+Importing this module imports Dask.
+"""
+
+import asyncio
+import ctypes
+import functools
+import hashlib
+import json
+import os
+import pickle
+import platform
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import distributed
+import platformdirs
+from distributed.diagnostics.plugin import WorkerPlugin
+from distributed.scheduler import KilledWorker
+
+from vastflow.sim.model.digest import digest
+from vastflow.tasks.engine.executor import ClusterError, Executor, Pickled, PoolClosed, Priority, WorkerDied, end
+from vastflow.tasks.engine.parcel import Packer, Parcel, content_of
+from vastflow.tasks.keys.keys import EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE, numeric_class
+from vastflow.tasks.keys.source import installed_tree
+from vastflow.tasks.store.source_files import SourceFiles
+from vastflow.tasks.store.store import Store, StoreError, store_address
+
+LOCAL: Final = "local:"
+"""Begins the address of a cluster of this machine's own, with the number of its workers."""
+
+CONNECT_S: Final = 20.0
+AWAY_S: Final = 600.0
+"""Time that the scheduler may be away, when the campaign begins and later."""
+
+NO_WORKER_S: Final = 10.0
+_WATCH_S: Final = 1.0
+_END_S: Final = 2.0
+_GROUP: Final = "vastflow"
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """What a worker gets.
+
+    Attributes:
+        code: Digest of the code that it must have.
+        place: The store's.
+        unit: Function and arguments.
+        before: A call without which none is to be made; once for each machine.
+    """
+
+    code: str
+    place: str
+    unit: Parcel
+    before: Parcel | None
+
+
+@dataclass(frozen=True, slots=True)
+class OtherCode:
+    """The answer of a worker that has other code."""
+
+    worker: str
+    code: str
+
+
+@dataclass(frozen=True, slots=True)
+class SharedParcel:
+    """A parcel in the store, see `vastflow.tasks.engine.executor.Pickled`."""
+
+    place: str
+    sha256: str
+
+    def opened(self) -> Any:
+        """Return the value; the parcel is read once in a process."""
+        parcel, store = _shared(self.place, self.sha256)
+        return parcel.opened(store)
+
+
+class Interrupted(BaseException):
+    """Raised in the thread of a unit that nobody waits for any more."""
+
+
+def code() -> tuple[str, SourceFiles]:
+    """Return the digest of all that runs, traces, and verdicts follow from here, and its files."""
+    tree = installed_tree()
+    files = tree.files()
+    stages = (tree.digest(*each) for each in (EXECUTE_SOURCE, OBSERVE_SOURCE, JUDGE_SOURCE))
+    return digest(numeric_class(), *stages), files
+
+
+_own_code = functools.lru_cache(maxsize=1)(code)
+
+
+@functools.lru_cache(maxsize=4)
+def _store(place: str) -> Store:
+    if store_address(place) is None and not os.path.isdir(place):
+        right = "a folder that all machines share under one path, or an address such as s3://bucket/prefix"
+        raise StoreError(f"store: {place!r} is not a folder on {platform.node()}; expected {right}")
+    return Store(place, sources=_own_code()[1])
+
+
+@functools.lru_cache(maxsize=16)
+def _shared(place: str, sha256: str) -> tuple[Parcel, Store]:
+    store = _store(place)
+    parcel: Parcel = pickle.loads(content_of(store, sha256))
+    return parcel, store
+
+
+def run_unit(message: bytes) -> Any:
+    """Run a unit on a worker."""
+    received: Message = pickle.loads(message)
+    worker = distributed.get_worker()
+    if (own := _own_code()[0]) != received.code:
+        return OtherCode(worker.address, own)
+    with _interruptible(worker.get_current_task()):
+        store = _store(received.place)
+        if received.before is not None:
+            _called_once(received.before, store)
+        function, *arguments = received.unit.opened(store)
+        return function(*arguments)
+
+
+_RUNNING: Final[dict[Any, int]] = {}
+_RUNNING_LOCK: Final = threading.Lock()
+
+
+@contextmanager
+def _interruptible(key: Any) -> Iterator[None]:
+    with _RUNNING_LOCK:
+        _RUNNING[key] = threading.get_ident()
+    try:
+        yield
+    finally:
+        with _RUNNING_LOCK:
+            del _RUNNING[key]
+
+
+def _interrupt(key: Any) -> None:
+    with _RUNNING_LOCK:
+        if (thread := _RUNNING.get(key)) is not None:
+            ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(Interrupted))
+
+
+_CALLED: Final[set[bytes]] = set()
+_CALLED_LOCK: Final = threading.Lock()
+
+
+def _called_once(before: Parcel, store: Store) -> None:
+    """Make a call once in this process, and not at the same time as another process of this machine."""
+    if before.content in _CALLED:
+        return
+    with _CALLED_LOCK, _machine_lock():
+        if before.content not in _CALLED:
+            function, *arguments = before.opened(store)
+            function(*arguments)
+            _CALLED.add(before.content)
+
+
+@contextmanager
+def _machine_lock() -> Iterator[None]:
+    folder = Path(platformdirs.user_cache_dir("vastflow"))
+    folder.mkdir(parents=True, exist_ok=True)
+    with open(folder / "kernels.lock", "ab") as file:
+        with suppress(ImportError):  # elsewhere two may compile the same
+            import fcntl
+
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+class UnitPlugin(WorkerPlugin):
+    """Prepares workers, those that join later too, and interrupts units that nobody waits for any more."""
+
+    def __init__(self, name: str, before: bytes | None) -> None:
+        self.name = name
+        self._before = before
+
+    async def setup(self, worker: Any) -> None:
+        """Make the call that units need, in a thread beside the worker's event loop."""
+        if self._before is not None:
+            await asyncio.get_running_loop().run_in_executor(None, self._prepare, self._before)
+
+    def transition(self, key: Any, start: str, finish: str, **_: Any) -> None:
+        """Interrupt a unit that was canceled while it ran."""
+        if start == "executing" and finish == "released":
+            _interrupt(key)
+
+    @staticmethod
+    def _prepare(message: bytes) -> None:
+        received: Message = pickle.loads(message)
+        if _own_code()[0] == received.code and received.before is not None:
+            _called_once(received.before, _store(received.place))
+
+
+def _identity(dask_worker: Any) -> str:
+    return _own_code()[0]
+
+
+@dataclass(slots=True)
+class _Job:
+    number: int
+    message: bytes
+    priority: Priority
+    outcome: "Future[Any]" = field(default_factory=Future)
+    future: Any = None
+    sent: int = 0
+    is_suspect: bool = False
+
+
+class DaskCluster:
+    """The executor of a Dask cluster; it connects when the first unit comes.
+
+    Args:
+        address: `tcp://…`, `tls://…`, a scheduler file, or `local:N`.
+        store: The store that the workers share.
+        local: Evaluates producers.
+        notice: Is given lines for the user.
+        log: File that takes what workers of `local:N` print.
+    """
+
+    whole_units = True
+
+    def __init__(
+        self, address: str, store: Store, local: Executor, notice: Callable[[str], None], log: Path | None = None
+    ) -> None:
+        self.closed = False
+        self._address = address
+        self._place = store.place if store_address(store.place) else os.path.abspath(store.place)
+        self._packer = Packer(store)
+        self._local = local
+        self._notice = notice
+        self._log = log
+        self._lock = threading.RLock()
+        self._client: Any = None
+        self._error: ClusterError | None = None
+        self._server: subprocess.Popen[bytes] | None = None
+        self._threads = 0
+        self._before: Parcel | None = None
+        self._open: dict[int, _Job] = {}
+        self._suspects: list[_Job] = []
+        self._numbers = 0
+        self._connecting: threading.Thread | None = None
+
+    @property
+    def workers(self) -> int:
+        """Number of threads of the workers, at least one; workers may come and go."""
+        return max(self._threads, 1)
+
+    def submit(self, function: Callable[..., Any], /, *arguments: Any, priority: Priority) -> "Future[Any]":
+        """See `vastflow.tasks.engine.executor.Executor`."""
+        if priority is Priority.EVALUATE:
+            return self._local.submit(function, *arguments, priority=priority)
+        try:
+            message = self._message(self._packer.packed((function, *arguments)))
+        except Exception as error:  # noqa: BLE001 - what can't be sent is a fault of one configuration
+            failed: Future[Any] = Future()
+            failed.set_exception(error)
+            return failed
+        with self._lock:
+            self._numbers += 1
+            job = _Job(self._numbers, message, priority)
+            job.outcome.add_done_callback(lambda outcome: self._forget(job) if outcome.cancelled() else None)
+            if self.closed or self._error is not None:
+                end(job.outcome, self._error or PoolClosed())
+                return job.outcome
+            self._open[job.number] = job
+            if self._client is not None:
+                self._send(job)
+            else:
+                self._connect()
+        return job.outcome
+
+    def shared(self, value: object) -> Pickled:
+        """See `Executor`; the value is in the store."""
+        return SharedParcel(self._place, self._packer.put(pickle.dumps(self._packer.packed(value))))
+
+    def prepare(self, function: Callable[..., Any], /, *arguments: Any) -> "Future[Any]":
+        """See `Executor`; each worker makes the call when it joins, and no unit begins there before."""
+        with self._lock:
+            self._before = self._packer.packed((function, *arguments))
+            if self._client is not None:
+                self._register(self._client)
+            else:
+                self._connect()
+        ready: Future[Any] = Future()
+        ready.set_result(None)
+        return ready
+
+    def rest(self) -> None:
+        """See `Executor`; workers stay."""
+        self._local.rest()
+
+    def close(self) -> None:
+        """See `Executor`; units under way on workers are interrupted."""
+        with self._lock:
+            if self.closed:
+                return
+            self.closed = True
+            client, self._client = self._client, None
+            jobs = [*self._open.values()]
+            self._open.clear()
+        for job in jobs:
+            end(job.outcome, PoolClosed())
+        if client is not None:
+            with suppress(Exception):
+                client.cancel([job.future for job in jobs if job.future is not None], asynchronous=False)
+            with suppress(Exception):
+                client.close(_END_S)
+        self._local.close()
+        if self._server is not None:
+            self._server.kill()
+            self._server.wait()
+
+    def _message(self, unit: Parcel) -> bytes:
+        return pickle.dumps(Message(_own_code()[0], self._place, unit, self._before))
+
+    def _forget(self, job: _Job) -> None:
+        with self._lock:
+            self._open.pop(job.number, None)
+            if job.future is not None:
+                job.future.cancel()
+
+    def _connect(self) -> None:
+        """Connect from a thread, and send all that is open then."""
+        if self._connecting is None:
+            self._connecting = threading.Thread(target=self._connected, name="vastflow cluster", daemon=True)
+            self._connecting.start()
+
+    def _connected(self) -> None:
+        deadline_s, told = time.monotonic() + AWAY_S, False
+        while not self.closed:
+            try:
+                client = self._opened()
+            except ClusterError as error:
+                self._fail(error)
+                return
+            except Exception as error:  # noqa: BLE001 - whatever a network raises
+                if time.monotonic() > deadline_s:
+                    self._fail(ClusterError(f"{self._away(error)}; it did not come back within {AWAY_S:.0f} s"))
+                    return
+                if not told:
+                    told = True
+                    self._notice(f"{self._away(error)}; waiting up to {AWAY_S:.0f} s")
+                time.sleep(_WATCH_S)
+                continue
+            with self._lock:
+                self._connecting = None
+                if self.closed:
+                    break
+                self._client = client
+                for job in self._open.values():
+                    if not (job.is_suspect and job in self._suspects[1:]):
+                        self._send(job)
+            self._watch(client)
+            return
+        with suppress(UnboundLocalError, Exception):
+            client.close(_END_S)
+
+    def _away(self, error: Exception) -> str:
+        said = " ".join(str(error).split())[:200]
+        return f"--cluster: no Dask scheduler answers at {self._address!r} ({type(error).__name__}: {said})"
+
+    def _opened(self) -> Any:
+        """Return a client whose workers have this code.
+
+        Raises:
+            ClusterError: one of them has not.
+        """
+        client = distributed.Client(self._scheduler(), timeout=CONNECT_S, set_as_default=False, name=_GROUP)
+        try:
+            answers = client.run(_identity, on_error="return")
+            for worker, answer in answers.items():
+                if isinstance(answer, Exception):
+                    said = f"{type(answer).__name__}: {' '.join(str(answer).split())[:200]}"
+                    raise ClusterError(
+                        f"worker {worker} can't run this vastflow ({said}); install the same version there"
+                    )
+                if answer != _own_code()[0]:
+                    raise ClusterError(self._other(OtherCode(worker, answer)))
+            self._register(client)
+        except BaseException:
+            client.close(_END_S)
+            raise
+        return client
+
+    def _other(self, other: OtherCode) -> str:
+        return (
+            f"worker {other.worker} has other code ({other.code[:12]}) than this campaign ({_own_code()[0][:12]}); give all "
+            "workers the same version of vastflow and its libraries, on one kind of machine"
+        )
+
+    def _register(self, client: Any) -> None:
+        before = None if self._before is None else self._message(Parcel(b"", ()))
+        name = f"{_GROUP}-{hashlib.sha256(before or b'').hexdigest()[:16]}"
+        # From a thread: workers that can't be reached must hold up nobody.
+        register = functools.partial(client.register_plugin, UnitPlugin(name, before), name=name)
+        threading.Thread(target=_quietly, args=(register,), daemon=True).start()
+
+    def _scheduler(self) -> str:
+        if not self._address.startswith(LOCAL):
+            file = Path(self._address)
+            return str(json.loads(file.read_text())["address"]) if file.is_file() else self._address
+        if self._server is None:
+            number = int(self._address.removeprefix(LOCAL))
+            script = f"from {__name__} import serve; serve({number})"
+            with open(self._log or os.devnull, "ab") as log:
+                self._server = subprocess.Popen(
+                    [sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log
+                )
+        assert self._server.stdout is not None
+        address = self._server.stdout.readline().decode().strip()
+        if not address:
+            raise ClusterError(f"--cluster: {self._address} did not start; see {self._log}")
+        self._address = address
+        return address
+
+    def _watch(self, client: Any) -> None:
+        """Count the workers as long as this client is in use."""
+        lonely_s, told = time.monotonic(), False
+        while self._client is client:
+            with suppress(Exception):
+                self._threads = sum(client.nthreads().values())
+                if self._threads:
+                    lonely_s, told = time.monotonic(), False
+                elif time.monotonic() - lonely_s > NO_WORKER_S and not told:
+                    told = True
+                    self._notice(f"no worker at {self._address}; start one: dask worker {self._address} --nthreads 1")
+            time.sleep(_WATCH_S)
+
+    def _send(self, job: _Job) -> None:
+        job.sent += 1
+        key = _GROUP, f"{hashlib.sha256(job.message).hexdigest()}-{job.number}-{job.sent}"
+        with suppress(Exception):  # a client that has just lost its scheduler; all open jobs are sent to the next
+            job.future = self._client.submit(
+                run_unit, job.message, key=key, priority=-int(job.priority), pure=False, fifo_timeout="0 ms"
+            )
+            job.future.add_done_callback(functools.partial(self._landed, job))
+
+    def _landed(self, job: _Job, future: Any) -> None:
+        """Take the result of a job, or try again."""
+        with self._lock:
+            if self.closed or job.future is not future or job.number not in self._open:
+                return
+        result: Any = None
+        error: Exception | None = None
+        try:
+            result = future.result()
+        except Exception as raised:  # noqa: BLE001 - of the unit, or of the network
+            error = raised
+            if future.status != "error":
+                self._lost()
+                return
+        with self._lock:
+            if isinstance(result, OtherCode):
+                self._notice(f"{self._other(result)}; it gets no more units")
+                with suppress(Exception):
+                    self._client.retire_workers([result.worker], close_workers=True)
+                self._send(job)
+                return
+            if isinstance(error, KilledWorker):
+                if not job.is_suspect:
+                    job.is_suspect = True
+                    self._suspects.append(job)
+                    if len(self._suspects) == 1:
+                        self._send(job)
+                    return
+                error = WorkerDied("each worker process that ran this died, at last with no other suspect beside it")
+            self._open.pop(job.number, None)
+            if job in self._suspects:
+                self._suspects.remove(job)
+                if self._suspects:
+                    self._send(self._suspects[0])
+        end(job.outcome, error, result)
+
+    def _lost(self) -> None:
+        """The scheduler is gone, and what it knew with it: connect again, to it or to the next one at its address."""
+        with self._lock:
+            client, self._client = self._client, None
+            if client is None or self.closed:
+                return
+            threading.Thread(target=_quietly, args=(functools.partial(client.close, _END_S),), daemon=True).start()
+            self._connect()
+
+    def _fail(self, error: ClusterError) -> None:
+        with self._lock:
+            self._error = error
+            jobs = [*self._open.values()]
+            self._open.clear()
+        for job in jobs:
+            end(job.outcome, error)
+
+
+def _quietly(call: Callable[[], Any]) -> None:
+    with suppress(Exception):
+        call()
+
+
+def serve(workers: int) -> None:
+    """Serve a cluster of this machine's own until standard input ends; prints the scheduler's address."""
+    with distributed.LocalCluster(
+        n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None, memory_limit=0
+    ) as cluster:
+        print(cluster.scheduler_address, flush=True)
+        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+        sys.stdin.buffer.read()

@@ -1,0 +1,386 @@
+"""Campaigns on a Dask cluster of real processes: a scheduler, and workers that find it by its file."""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import psutil
+import pyarrow.parquet as pq
+import pytest
+
+from vastflow.flows import run_campaign
+from vastflow.tasks.engine import dask_cluster
+from vastflow.tasks.engine.executor import ClusterError
+from vastflow.tasks.store.remote_files import RemoteFiles
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(580)]
+
+END_S = 200
+
+ROOM = """
+version: 1
+metadata: {name: pooled}
+configuration:
+  - name: room
+    parameters:
+      - map_file: ../maps/room.yaml
+      - start_pose: {x: 1.0, y: 1.5, yaw: 0.0}
+      - goal_pose: {x: 1.6, y: 1.5, yaw: 0.0}
+    variations:
+      - ParameterVariationList:
+          name: laserscan_gaussian_noise_std_deviation
+          values: [0.0, 0.01, 0.02]
+execution: {runs: 2, timeout: 30}
+evaluation:
+  oracles:
+    - own_oracle.py:Distance: {least_m: 0.1}
+"""
+ORACLE = """
+from vastflow.oracles.judgement.oracle import Oracle, Parameters
+
+
+class DistanceParameters(Parameters):
+    least_m: float
+
+
+class Distance(Oracle[DistanceParameters]):
+    Parameters = DistanceParameters
+    metrics = {"distance": "m"}
+
+    def judge(self, trace, situation):
+        distance_m = trace.run.distance_m
+        if distance_m < self.parameters.least_m:
+            return self.failed(trace, "did not move", distance=distance_m)
+        return self.passed(trace, distance=distance_m)
+"""
+
+PROGRAMS = """
+version: 1
+metadata: {{name: programs}}
+configuration:
+  - name: step
+    variations:
+      - ParameterVariationList:
+          name: command
+          values: {commands}
+execution: {{scenario_file: step.osc, runs: 1, timeout: 60, run_files: [step.py]}}
+"""
+SEARCH = """
+version: 1
+metadata: {name: sought}
+search:
+  strategy: random
+  search_space: {x: {type: float, low: 1, high: 11}}
+  per_batch: 2
+  budget: [{batches: 2}]
+  confirm: 2
+execution: {scenario_file: wait.osc, runs: 1, timeout: 6}
+"""
+SLEEPS = """
+version: 1
+metadata: {name: asleep}
+search:
+  strategy: random
+  search_space: {x: {type: float, low: 2, high: 3}}
+  per_batch: 4
+  budget: [{batches: 2}]
+  confirm: 0
+execution: {scenario_file: sleep.osc, runs: 1, timeout: 60}
+"""
+SLEEP_OSC = """
+import osc.helpers
+
+scenario sleep_x:
+    x: string
+    do serial:
+        run_process('sleep ' + x)
+"""
+WAIT_OSC = """
+import osc.helpers
+
+scenario wait_x:
+    timeout(6s)
+    x: time
+    do serial:
+        wait elapsed(x)
+"""
+STEP_OSC = """
+import osc.helpers
+
+scenario step:
+    command: string
+    do serial:
+        run_process(command)
+"""
+STEP = """
+import os, pathlib, signal, sys, time
+import psutil
+
+number, place, how = int(sys.argv[1]), pathlib.Path(sys.argv[2]), sys.argv[3]
+with open(place / "executed", "a") as executed:
+    executed.write(f"{number}\\n")
+marker = place / f"marker-{number}"
+if how == "poison" or (how == "once" and not marker.exists()):
+    marker.touch()
+    next(p for p in psutil.Process().parents() if any("spawn_main" in part for part in p.cmdline())).kill()
+    time.sleep(30)
+if how == "slow":
+    time.sleep(2)
+"""
+
+
+class Cluster:
+    """`dask scheduler` and `dask worker` processes."""
+
+    def __init__(self, folder):
+        self.folder, self.processes = folder, []
+        self.file = folder / "scheduler.json"
+        self.begin()
+
+    def begin(self):
+        self.file.unlink(missing_ok=True)
+        self.scheduler = self.started("scheduler", "--port", "0")
+        wait_until(self.file.exists)
+
+    def worker(self, **variables):
+        return self.started("worker", "--nthreads", "1", "--memory-limit", "0", **variables)
+
+    def started(self, *arguments, **variables):
+        file = ("--scheduler-file", str(self.file), "--no-dashboard")
+        with open(self.folder / "log", "ab") as log:
+            process = psutil.Popen(
+                [sys.executable, "-m", "dask", *arguments, *file],
+                cwd=self.folder,
+                env={**os.environ, **variables},
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+            )
+        self.processes.append(process)
+        return process
+
+    def kill(self):
+        for process in self.processes:
+            with contextlib.suppress(psutil.Error):
+                for each in [*process.children(recursive=True), process]:
+                    each.kill()
+        psutil.wait_procs(self.processes, timeout=20)
+        self.processes.clear()
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    (tmp_path / "dask").mkdir()
+    made = Cluster(tmp_path / "dask")
+    yield made
+    made.kill()
+
+
+@pytest.fixture
+def room(tmp_path):
+    """A campaign whose map lies beside its folder, with an oracle of its own."""
+    side = 60
+    cells = bytes(0 if x in (0, side - 1) or y in (0, side - 1) else 254 for y in range(side) for x in range(side))
+    (tmp_path / "maps").mkdir()
+    (tmp_path / "campaign").mkdir()
+    (tmp_path / "maps" / "room.pgm").write_bytes(b"P5 %d %d 255\n" % (side, side) + cells)
+    (tmp_path / "maps" / "room.yaml").write_text("{image: room.pgm, resolution: 0.05, origin: [0, 0, 0]}")
+    (tmp_path / "campaign" / "own_oracle.py").write_text(ORACLE)
+    (tmp_path / "campaign" / "room.vast").write_text(ROOM)
+    return tmp_path / "campaign" / "room.vast"
+
+
+@pytest.fixture
+def programs(tmp_path):
+    """Makes a campaign of programs, each given as `how` it behaves; they say outside of it that they were executed."""
+
+    def made(*how):
+        commands = [f"{sys.executable} step.py {k} {tmp_path} {each}" for k, each in enumerate(how)]
+        (tmp_path / "step.osc").write_text(STEP_OSC)
+        (tmp_path / "step.py").write_text(STEP)
+        (tmp_path / "programs.vast").write_text(PROGRAMS.format(commands=json.dumps(commands)))
+        return tmp_path / "programs.vast"
+
+    return made
+
+
+def executed(tmp_path):
+    """Numbers of the programs that were started, as often as they were."""
+    file = tmp_path / "executed"
+    return sorted(map(int, file.read_text().split())) if file.exists() else []
+
+
+def contents(directory):
+    """Runs and verdicts of a campaign directory, byte for byte."""
+    found = {
+        str(file.relative_to(directory)): file.read_bytes()
+        for folder in ("recordings", "traces", "environments")
+        for file in sorted((directory / folder).rglob("*"))
+        if file.is_file()
+    }
+    tables = {name: pq.read_table(directory / name) for name in ("runs.parquet", "verdicts.parquet")}
+    return found, tables
+
+
+def run(file, tmp_path, cluster, **options):
+    return run_campaign(file, results=tmp_path / "results", store=tmp_path / "store", cluster=cluster.file, **options)
+
+
+def test_cluster_and_one_machine_give_the_same_bytes(room, tmp_path):
+    here = run_campaign(room, results=tmp_path / "here", store=tmp_path / "store-here", workers=2)
+    there = run_campaign(room, results=tmp_path / "there", store=tmp_path / "store-there", cluster="local:2")
+    assert (there.summary.executed, there.faults) == (6, ())
+    assert contents(there.directory) == contents(here.directory)
+
+
+def test_store_and_worker_need_not_be_on_one_machine(cluster, room, kernels, tmp_path, s3, monkeypatch):
+    monkeypatch.setattr(RemoteFiles, "local", tmp_path / "local")
+    monkeypatch.delenv("XDG_CACHE_HOME")  # where the compiled kernels are that other tests have used
+    here = run_campaign(room, results=tmp_path / "here", store=tmp_path / "store-here", workers=2)
+    for number in (1, 2):
+        other = tmp_path / f"home-{number}"
+        (other / "cache" / "vastflow").mkdir(parents=True)
+        (other / "cache" / "vastflow" / "kernels").symlink_to(kernels)
+        cluster.worker(HOME=str(other), XDG_CACHE_HOME=str(other / "cache"))
+    there = run_campaign(room, results=tmp_path / "there", store=s3, cluster=cluster.file)
+    assert (there.summary.executed, there.faults) == (6, ())
+    assert contents(there.directory) == contents(here.directory)
+    (files,) = (tmp_path / "home-1" / "cache" / "vastflow" / "bundles").glob("*/**/maps")
+    assert sorted(each.name for each in files.iterdir()) == ["room.pgm", "room.yaml"]
+
+
+def test_worker_that_joins_late_and_one_that_is_killed_lose_nothing(cluster, programs, tmp_path):
+    file = programs("once", *["well"] * 7)
+    subprocess.Popen([sys.executable, "-c", "import time; time.sleep(8)"]).wait()
+    cluster.worker()
+    found = run(file, tmp_path, cluster)
+    assert (found.summary.passed, found.faults) == (8, ())
+    assert sorted(set(executed(tmp_path))) == list(range(8))
+
+
+def test_poison_is_not_judged_and_the_others_are(cluster, programs, tmp_path):
+    cluster.worker()
+    cluster.worker()
+    found = run(programs("poison", "well", "well"), tmp_path, cluster)
+    assert [(fault.configuration, fault.stage) for fault in found.faults] == [("step-1", "execute")]
+    assert "each worker process that ran this died" in found.faults[0].error
+    assert (found.summary.passed, found.summary.not_judged) == (2, 1)
+
+
+def test_scheduler_that_comes_back_is_found_again(cluster, programs, tmp_path):
+    file = programs(*["slow"] * 8)
+    command = [sys.executable, "-m", "vastflow.flows", "run", file, "--cluster", cluster.file]
+    command += ["--results", tmp_path / "results", "--store", tmp_path / "store", "--json"]
+    cluster.worker()
+    with subprocess.Popen([*map(str, command)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as campaign:
+        wait_until(lambda: len(executed(tmp_path)) >= 2)
+        cluster.kill()
+        time.sleep(3)
+        cluster.begin()
+        cluster.worker()
+        out, said = campaign.communicate(timeout=300)
+    assert campaign.returncode == 0, said
+    assert json.loads(out)["passed"] == 8
+    assert "no Dask scheduler answers at" in said
+    assert len(executed(tmp_path)) <= 8 + 2  # what was in flight
+
+
+def test_worker_with_other_code_is_refused_with_both_digests(cluster, programs, tmp_path):
+    cluster.worker(NUMBA_OPT="1")
+    own = dask_cluster.code()[0][:12]
+    time.sleep(8)
+    with pytest.raises(
+        ClusterError, match=rf"worker tcp://\S+ has other code \(\w{{12}}\) than this campaign \({own}\)"
+    ):
+        run(programs("well"), tmp_path, cluster)
+    assert executed(tmp_path) == []
+
+
+def test_late_worker_with_other_code_gets_nothing(cluster, programs, tmp_path):
+    cluster.worker()
+    time.sleep(8)
+    late = []
+
+    class Watching:
+        def update(self, progress):
+            if progress.runs_done and not late:
+                late.append(cluster.worker(NUMBA_OPT="1"))
+
+    found = run(programs(*["slow"] * 8), tmp_path, cluster, observer=Watching())
+    assert (found.summary.passed, found.faults, len(late)) == (8, (), 1)
+    assert len(executed(tmp_path)) == 8
+
+
+def test_ctrl_c_frees_the_cluster_within_seconds(cluster, programs, tmp_path):
+    file = programs(*["slow"] * 12)
+    cluster.worker()
+    command = [sys.executable, "-m", "vastflow.flows", "run", file, "--cluster", cluster.file]
+    command += ["--results", tmp_path / "results", "--store", tmp_path / "store"]
+    with subprocess.Popen([*map(str, command)], stderr=subprocess.PIPE, text=True) as campaign:
+        wait_until(lambda: len(executed(tmp_path)) >= 3)
+        campaign.send_signal(signal.SIGINT)
+        _, said = campaign.communicate(timeout=240)
+    assert campaign.returncode == 130
+    assert "interrupted; `vastflow run " in said
+    time.sleep(5)
+    before = executed(tmp_path)
+    time.sleep(4)
+    assert executed(tmp_path) == before
+    found = run(file, tmp_path, cluster)
+    assert (found.summary.passed, found.faults) == (12, ())
+    assert len(executed(tmp_path)) <= 12 + 2  # what was in flight
+
+
+def test_search_on_a_cluster_equals_the_local_one(tmp_path):
+    (tmp_path / "wait.osc").write_text(WAIT_OSC)
+    (tmp_path / "sought.vast").write_text(SEARCH)
+    file, there = tmp_path / "sought.vast", {"results": tmp_path / "there", "store": tmp_path / "store-there"}
+    here = run_campaign(file, results=tmp_path / "here", store=tmp_path / "store-here", workers=1)
+    found = run_campaign(file, cluster="local:2", workers=1, **there)
+    assert (found.summary.executed, found.faults) == (4 + 2, ())
+    tables = [(each.directory / "evaluations.parquet").read_bytes() for each in (found, here)]
+    assert tables[0] == tables[1]
+    assert run_campaign(file, cluster="tcp://127.0.0.1:9", **there).summary.executed == 0, "nothing is missing"
+
+
+@pytest.fixture(scope="module")
+def api(started_api, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("lab")
+    with started_api(folder / "prefect", folder / "server.log") as client:
+        yield client
+
+
+def test_interrupted_search_ends_its_batch_and_goes_on_in_it(api, tmp_path):
+    (tmp_path / "sleep.osc").write_text(SLEEP_OSC)
+    file = tmp_path / "asleep.vast"
+    file.write_text(SLEEPS)
+    options = ["--results", tmp_path / "results", "--store", tmp_path / "store", "--workers", "1"]
+    command = [sys.executable, "-m", "vastflow.flows", "run", file, *options]
+
+    def batches():
+        return [run for run in api.read_flow_runs() if run.name.startswith("asleep, batch")]
+
+    environment = {**os.environ, "PREFECT_API_URL": str(api.api_url), "PREFECT_HOME": str(tmp_path / "home")}
+    with subprocess.Popen([*map(str, command)], env=environment, stderr=subprocess.PIPE, text=True) as campaign:
+        wait_until(lambda: any("batch 2" in run.name for run in batches()))
+        campaign.send_signal(signal.SIGINT)
+        _, said = campaign.communicate(timeout=240)
+    assert campaign.returncode == 130, said
+    found = run_campaign(file, results=tmp_path / "results", store=tmp_path / "store", workers=1)
+    assert (found.summary.passed, found.faults) == (8, ()) and found.summary.reused >= 4
+    assert sorted(run.name for run in batches()) == [
+        "asleep, batch 1, point-0001 to point-0004",
+        *["asleep, batch 2, point-0005 to point-0008"] * 2,
+    ]
+    assert all(run.state.is_final() for run in batches())
+
+
+def wait_until(condition):
+    deadline_s = time.monotonic() + END_S
+    while not condition():
+        assert time.monotonic() < deadline_s
+        time.sleep(0.3)

@@ -1,0 +1,189 @@
+"""The executor of a Dask cluster, whose scheduler and worker are threads of this process."""
+
+import os
+import threading
+import time
+from concurrent.futures import Future
+
+import distributed
+import pytest
+
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.tasks.engine import dask_cluster
+from vastflow.tasks.engine.dask_cluster import DaskCluster
+from vastflow.tasks.engine.executor import ClusterError, PoolClosed, Priority
+from vastflow.tasks.store.store import StoreError, open_store
+
+pytestmark = pytest.mark.timeout(120)
+
+
+@pytest.fixture(scope="module")
+def dask():
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=":0", memory_limit=0
+    ) as made:
+        yield made
+
+
+class Here:
+    """Executes at once, in this process."""
+
+    def __init__(self):
+        self.done = []
+
+    def submit(self, function, *arguments, priority):
+        self.done.append(function)
+        future = Future()
+        future.set_result(function(*arguments))
+        return future
+
+    def rest(self):
+        self.done.append("rest")
+
+    def close(self):
+        self.done.append("close")
+
+
+@pytest.fixture
+def opened(dask, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(dask_cluster, "_END_S", 1.0)
+    made = []
+
+    def executor(address=dask.scheduler_address):
+        notices = []
+        made.append(DaskCluster(address, open_store(tmp_path / "store"), Here(), notices.append))
+        made[-1].notices = notices
+        return made[-1]
+
+    yield executor
+    for each in made:
+        each.close()
+
+
+def execute(executor, function, *arguments):
+    return executor.submit(function, *arguments, priority=Priority.EXECUTE)
+
+
+def test_cluster_gives_results_and_exceptions(opened):
+    executor = opened()
+    futures = [execute(executor, divmod, 17, k) for k in range(1, 30)]
+    assert [future.result(60) for future in futures] == [divmod(17, k) for k in range(1, 30)]
+    with pytest.raises(ZeroDivisionError):
+        execute(executor, divmod, 1, 0).result(60)
+    with pytest.raises(StoreError, match="full"):
+        execute(executor, _full).result(60)
+    assert executor.workers == 2
+
+
+def _full():
+    raise StoreError("store: the disk is full")
+
+
+def test_units_have_store_of_their_worker_and_shared_values(opened):
+    executor = opened()
+    store, shared = executor._packer._store, executor.shared((1, store_of(executor)))
+    assert execute(executor, _put, store, shared).result(60) == (1, str(store.place))
+    assert store.find("search/ab/key") is not None
+
+
+def store_of(executor):
+    return executor._packer._store
+
+
+def _put(store, shared):
+    number, same = shared.opened()
+    store.put("search/ab/key", {"x": b"x"})
+    return number, same.place
+
+
+def test_producers_are_evaluated_on_this_machine(opened):
+    executor = opened()
+    assert executor.submit(os.getpid, priority=Priority.EVALUATE).result(60) == os.getpid()
+    executor.rest()
+    assert executor._local.done == [os.getpid, "rest"]
+
+
+CALLS = []
+
+
+def test_preparation_is_called_once_before_the_units(opened):
+    executor = opened()
+    assert executor.prepare(CALLS.append, "prepared").result(60) is None
+    assert [execute(executor, CALLS.append, k).result(60) for k in range(3)] == [None] * 3
+    assert CALLS == []  # in the worker these are copies
+
+
+def test_file_that_cannot_be_sent_is_error_of_its_unit(opened, tmp_path):
+    from vastflow.sim.model.digest import FileContent
+
+    executor = opened()
+    with pytest.raises(ScenarioError, match="can't be read"):
+        execute(executor, len, [FileContent(str(tmp_path / "gone.yaml"), "d")]).result(60)
+    assert execute(executor, len, "ab").result(60) == 2
+
+
+def test_closing_ends_open_units_and_interrupts_running_ones(opened, tmp_path):
+    executor, mark = opened(), tmp_path / "mark"
+    running = [execute(executor, _last, str(mark)) for _ in range(4)]
+    while not mark.exists():
+        time.sleep(0.02)
+    executor.close()
+    for each in running:
+        with pytest.raises(PoolClosed):
+            each.result(10)
+    time.sleep(1.0)
+    size = mark.stat().st_size
+    time.sleep(0.5)
+    assert mark.stat().st_size == size
+    with pytest.raises(PoolClosed):
+        execute(executor, len, "ab").result(10)
+
+
+def _last(mark):
+    while True:
+        with open(mark, "a") as file:
+            file.write(".")
+        time.sleep(0.02)
+
+
+def test_other_code_is_refused_with_both_digests(opened, monkeypatch):
+    def code():
+        return ("b" * 64 if threading.current_thread().name.startswith("vastflow") else "a" * 64), None
+
+    monkeypatch.setattr(dask_cluster, "_own_code", code)
+    with pytest.raises(ClusterError, match=r"has other code \(a{12}\) than this campaign \(b{12}\)"):
+        execute(opened(), len, "ab").result(60)
+
+
+def test_scheduler_that_stays_away_ends_everything(opened, monkeypatch):
+    monkeypatch.setattr(dask_cluster, "CONNECT_S", 0.2)
+    monkeypatch.setattr(dask_cluster, "AWAY_S", 1.0)
+    executor = opened("tcp://127.0.0.1:9")
+    with pytest.raises(ClusterError, match=r"no Dask scheduler answers at 'tcp://127\.0\.0\.1:9'.* within 1 s"):
+        execute(executor, len, "ab").result(60)
+    assert len(executor.notices) == 1
+    with pytest.raises(ClusterError):
+        execute(executor, len, "ab").result(60)
+
+
+def test_cluster_without_worker_says_how_to_start_one_and_waits(opened, monkeypatch, dask):
+    monkeypatch.setattr(dask_cluster, "NO_WORKER_S", 0.1)
+    with distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0") as empty:
+        executor = opened(empty.scheduler_address)
+        unit = execute(executor, len, "ab")
+        while not executor.notices:
+            time.sleep(0.05)
+        assert executor.notices[0].startswith(f"no worker at {empty.scheduler_address}; start one: dask worker")
+        empty.scale(1)
+        assert unit.result(60) == 2
+        executor.close()
+
+
+def test_canceled_unit_never_begins(opened):
+    executor = opened()
+    gate = [execute(executor, time.sleep, 1.0) for _ in range(2)]
+    late = [execute(executor, len, "ab") for _ in range(8)]
+    assert late[-1].cancel()
+    assert [each.result(60) for each in (*gate, *late[:-1])] == [None] * 2 + [2] * 7
+    assert late[-1].cancelled() and not executor._open
