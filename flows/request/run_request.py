@@ -1,7 +1,7 @@
 """The request: all that a run of a campaign is asked, in plain JSON values.
 
-One model behind the command `run`, `run_campaign`, the form on Prefect's pages, and schedules: an
-option is a field here, and the place that uses it.
+One model behind the command `run`, `run_campaign`, the form on Prefect's pages, and schedules: an option is a field here, and the
+place that uses it.
 """
 
 import os

@@ -1,1 +1,1 @@
-"""The engine: computes the missing artifacts of a campaign in a pool of worker processes."""
+"""The engine: computes the missing artifacts of a campaign in processes of this machine or on a Dask cluster."""

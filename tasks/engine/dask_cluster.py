@@ -12,6 +12,7 @@ import json
 import os
 import pickle
 import platform
+import queue
 import subprocess
 import sys
 import threading
@@ -29,8 +30,8 @@ from distributed.diagnostics.plugin import WorkerPlugin
 from distributed.scheduler import KilledWorker
 
 from vastflow.sim.model.digest import digest
+from vastflow.tasks.engine.bundle import Bundle, Packer, content_of
 from vastflow.tasks.engine.executor import ClusterError, Executor, Pickled, PoolClosed, Priority, WorkerDied, end
-from vastflow.tasks.engine.parcel import Packer, Parcel, content_of
 from vastflow.tasks.keys.keys import EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE, numeric_class
 from vastflow.tasks.keys.source import installed_tree
 from vastflow.tasks.store.source_files import SourceFiles
@@ -51,7 +52,7 @@ _GROUP: Final = "vastflow"
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """What a worker gets.
+    """A message to a worker.
 
     Attributes:
         code: Digest of the code that it must have.
@@ -62,8 +63,8 @@ class Message:
 
     code: str
     place: str
-    unit: Parcel
-    before: Parcel | None
+    unit: Bundle
+    before: Bundle | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,16 +76,16 @@ class OtherCode:
 
 
 @dataclass(frozen=True, slots=True)
-class SharedParcel:
-    """A parcel in the store, see `vastflow.tasks.engine.executor.Pickled`."""
+class SharedBundle:
+    """A bundle in the store, see `vastflow.tasks.engine.executor.Pickled`."""
 
     place: str
     sha256: str
 
     def opened(self) -> Any:
-        """Return the value; the parcel is read once in a process."""
-        parcel, store = _shared(self.place, self.sha256)
-        return parcel.opened(store)
+        """Return the value; the bundle is read once in a process."""
+        bundle, store = _shared(self.place, self.sha256)
+        return bundle.opened(store)
 
 
 class Interrupted(BaseException):
@@ -111,10 +112,10 @@ def _store(place: str) -> Store:
 
 
 @functools.lru_cache(maxsize=16)
-def _shared(place: str, sha256: str) -> tuple[Parcel, Store]:
+def _shared(place: str, sha256: str) -> tuple[Bundle, Store]:
     store = _store(place)
-    parcel: Parcel = pickle.loads(content_of(store, sha256))
-    return parcel, store
+    bundle: Bundle = pickle.loads(content_of(store, sha256))
+    return bundle, store
 
 
 def run_unit(message: bytes) -> Any:
@@ -156,7 +157,7 @@ _CALLED: Final[set[bytes]] = set()
 _CALLED_LOCK: Final = threading.Lock()
 
 
-def _called_once(before: Parcel, store: Store) -> None:
+def _called_once(before: Bundle, store: Store) -> None:
     """Make a call once in this process, and not at the same time as another process of this machine."""
     if before.content in _CALLED:
         return
@@ -246,11 +247,12 @@ class DaskCluster:
         self._error: ClusterError | None = None
         self._server: subprocess.Popen[bytes] | None = None
         self._threads = 0
-        self._before: Parcel | None = None
+        self._before: Bundle | None = None
         self._open: dict[int, _Job] = {}
         self._suspects: list[_Job] = []
         self._numbers = 0
         self._connecting: threading.Thread | None = None
+        self._landed: queue.SimpleQueue[tuple[_Job, Any]] = queue.SimpleQueue()
 
     @property
     def workers(self) -> int:
@@ -283,7 +285,7 @@ class DaskCluster:
 
     def shared(self, value: object) -> Pickled:
         """See `Executor`; the value is in the store."""
-        return SharedParcel(self._place, self._packer.put(pickle.dumps(self._packer.packed(value))))
+        return SharedBundle(self._place, self._packer.put(pickle.dumps(self._packer.packed(value))))
 
     def prepare(self, function: Callable[..., Any], /, *arguments: Any) -> "Future[Any]":
         """See `Executor`; each worker makes the call when it joins, and no unit begins there before."""
@@ -322,7 +324,7 @@ class DaskCluster:
             self._server.kill()
             self._server.wait()
 
-    def _message(self, unit: Parcel) -> bytes:
+    def _message(self, unit: Bundle) -> bytes:
         return pickle.dumps(Message(_own_code()[0], self._place, unit, self._before))
 
     def _forget(self, job: _Job) -> None:
@@ -362,6 +364,7 @@ class DaskCluster:
                 for job in self._open.values():
                     if not (job.is_suspect and job in self._suspects[1:]):
                         self._send(job)
+            threading.Thread(target=self._take, args=(client,), name="vastflow results", daemon=True).start()
             self._watch(client)
             return
         with suppress(UnboundLocalError, Exception):
@@ -401,7 +404,7 @@ class DaskCluster:
         )
 
     def _register(self, client: Any) -> None:
-        before = None if self._before is None else self._message(Parcel(b"", ()))
+        before = None if self._before is None else self._message(Bundle(b"", ()))
         name = f"{_GROUP}-{hashlib.sha256(before or b'').hexdigest()[:16]}"
         # From a thread: workers that can't be reached must hold up nobody.
         register = functools.partial(client.register_plugin, UnitPlugin(name, before), name=name)
@@ -445,23 +448,37 @@ class DaskCluster:
             job.future = self._client.submit(
                 run_unit, job.message, key=key, priority=-int(job.priority), pure=False, fifo_timeout="0 ms"
             )
-            job.future.add_done_callback(functools.partial(self._landed, job))
+            job.future.add_done_callback(lambda future: self._landed.put((job, future)))
 
-    def _landed(self, job: _Job, future: Any) -> None:
-        """Take the result of a job, or try again."""
+    def _take(self, client: Any) -> None:
+        """Take results as long as this client is in use, many at a time: each costs the scheduler a message."""
+        while self._client is client:
+            landed: list[tuple[_Job, Any]] = []
+            with suppress(queue.Empty):
+                landed.append(self._landed.get(timeout=_WATCH_S))
+                while True:
+                    landed.append(self._landed.get_nowait())
+            finished = [each for each in landed if each[1].status == "finished"]
+            results: list[Any] = []
+            with suppress(Exception):  # a worker died with its results
+                results = client.gather([future for _, future in finished])
+            for job, result in zip((job for job, _ in finished), results, strict=False):
+                self._take_one(job, result, None)
+            for job, future in landed if not results else (each for each in landed if each not in finished):
+                try:
+                    result, error = future.result(), None
+                except Exception as raised:  # noqa: BLE001 - of the unit, or of the network
+                    result, error = None, raised
+                    if future.status != "error":
+                        self._lost(client)
+                        return
+                self._take_one(job, result, error)
+
+    def _take_one(self, job: _Job, result: Any, error: Exception | None) -> None:
+        """Take the outcome of a job, or try again."""
         with self._lock:
-            if self.closed or job.future is not future or job.number not in self._open:
+            if job.number not in self._open:
                 return
-        result: Any = None
-        error: Exception | None = None
-        try:
-            result = future.result()
-        except Exception as raised:  # noqa: BLE001 - of the unit, or of the network
-            error = raised
-            if future.status != "error":
-                self._lost()
-                return
-        with self._lock:
             if isinstance(result, OtherCode):
                 self._notice(f"{self._other(result)}; it gets no more units")
                 with suppress(Exception):
@@ -476,19 +493,19 @@ class DaskCluster:
                         self._send(job)
                     return
                 error = WorkerDied("each worker process that ran this died, at last with no other suspect beside it")
-            self._open.pop(job.number, None)
+            del self._open[job.number]
             if job in self._suspects:
                 self._suspects.remove(job)
                 if self._suspects:
                     self._send(self._suspects[0])
         end(job.outcome, error, result)
 
-    def _lost(self) -> None:
-        """The scheduler is gone, and what it knew with it: connect again, to it or to the next one at its address."""
+    def _lost(self, client: Any) -> None:
+        """Connect again, to the scheduler or to the next one at its address: what it knew is gone with it."""
         with self._lock:
-            client, self._client = self._client, None
-            if client is None or self.closed:
+            if self._client is not client or self.closed:
                 return
+            self._client = None
             threading.Thread(target=_quietly, args=(functools.partial(client.close, _END_S),), daemon=True).start()
             self._connect()
 

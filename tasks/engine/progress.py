@@ -130,11 +130,6 @@ class Tally:
             self._configurations_done += (done == of.most) - (was_done == of.most)
             of.done = done
 
-    def through(self) -> frozenset[str]:
-        """Return the configurations of which every run that may be wanted is done."""
-        with self._lock:
-            return frozenset(name for name, of in self._configurations.items() if of.done == of.most)
-
     def progress(self) -> Progress:
         """Return the current progress."""
         with self._lock:

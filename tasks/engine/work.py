@@ -105,6 +105,7 @@ def answered(function: Callable[P, T], *arguments: P.args, **named: P.kwargs) ->
     Raises:
         StoreError: the store, or the folder for temporary files, can't be used by any job.
     """
+    logging.basicConfig(format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     try:
         with plug_in_code():
             return function(*arguments, **named)
@@ -125,7 +126,6 @@ def compile_kernels(systems: Sequence[Mapping[str, Value]] = ({},)) -> None:
     Args:
         systems: System dimensions, one for each controller.
     """
-    _log_plainly()
     from vastflow.sim.run import run
     from vastflow.sim.world.map_file import map_content
 
@@ -147,7 +147,6 @@ def execute(store: Store, key: str, scenario: Scenario, start: int, stop: int, s
 
     A stored block is not executed again: another worker may have died before its answer arrived.
     """
-    _log_plainly()
     began_s = time.monotonic()
     if (stored := store.find(f"{key}/{start}-{stop}")) is not None:
         return Executed({int(run): float(s) for run, s in stored.info["runs"]}, {})
@@ -221,7 +220,6 @@ def compute(
 
 def observe(store: Store, recording_key: str, key: str, scenario: Scenario) -> None:
     """Observe one block of recordings and store the trace."""
-    _log_plainly()
     from vastflow.oracles.observation.observe import observe_block
 
     store.put(key, {TRACES: observe_block(scenario, store.read(recording_key, RECORDINGS))})
@@ -233,7 +231,6 @@ def judge(store: Store, recording_key: str, trace_key: str, key: str, scenario: 
     Args:
         oracles: Pickled, so that a plug-in that can't be imported is an error of this unit alone.
     """
-    _log_plainly()
     from vastflow.oracles.judgement.judge import judge_block
     from vastflow.oracles.judgement.verdict import run_judgement, write_verdicts
 
@@ -251,7 +248,6 @@ def judge(store: Store, recording_key: str, trace_key: str, key: str, scenario: 
 
 def evaluate(store: Store, key: str, producer: PackedProducer, inputs: Mapping[str, Value]) -> None:
     """Evaluate a producer on one restricted input and store the result."""
-    _log_plainly()
     from vastflow.producers.floorplan.environment import FOLDER, environments_in
     from vastflow.producers.model import producer as producers
 
@@ -282,7 +278,3 @@ def _run_log(runs: Mapping[int, Mapping[str, Any]]) -> bytes:
         "pid": os.getpid(),
     }
     return json.dumps(content, separators=(",", ":")).encode()
-
-
-def _log_plainly() -> None:
-    logging.basicConfig(format="%(asctime)s %(levelname)s %(name)s: %(message)s")

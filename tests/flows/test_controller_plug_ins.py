@@ -1,4 +1,4 @@
-"""A campaign with a plug-in controller: its copy, its parcel, and warnings of inputs outside the key."""
+"""A campaign with a plug-in controller: its copy, its bundle, and warnings of inputs outside the key."""
 
 import re
 import shutil
@@ -11,7 +11,7 @@ from vastflow.flows.results.inputs import inputs_of
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.tasks.engine.parcel import Packer
+from vastflow.tasks.engine.bundle import Packer
 from vastflow.tasks.store.store import open_store
 
 PAGE = Path(__file__).parents[2] / "docs" / "write-a-controller.md"
@@ -82,6 +82,6 @@ def test_remote_workers_get_controller_as_read(campaign_file, tmp_path, monkeypa
     scenarios = scenarios_of(campaign_file)
     next(campaign_file.parent.parent.rglob("my_pursuit.py")).write_text("raise SystemExit\n")
     store = open_store(tmp_path / "store")
-    parcel = Packer(store).packed(scenarios)
+    bundle = Packer(store).packed(scenarios)
     shutil.rmtree(campaign_file.parent)
-    assert controllers(parcel.opened(store)) == ["RppParameters", "PurePursuit"]
+    assert controllers(bundle.opened(store)) == ["RppParameters", "PurePursuit"]

@@ -147,7 +147,7 @@ def _last(mark):
         time.sleep(0.02)
 
 
-def test_other_code_is_refused_with_both_digests(opened, monkeypatch):
+def test_worker_with_other_code_is_refused_with_both_digests(opened, monkeypatch):
     def code():
         return ("b" * 64 if threading.current_thread().name.startswith("vastflow") else "a" * 64), None
 

@@ -1,6 +1,6 @@
-"""Parcels: values for workers that share only the store, with the files that the values name.
+"""Bundles: values for workers that share only the store, with the files that the values name.
 
-A file is an artifact by its content. A worker lays out the files of a parcel below a folder of its own, at the same absolute
+A file is an artifact by its content. A worker lays out the files of a bundle below a folder of its own, at the same absolute
 paths, so that they keep their places relative to each other; what a file itself names from the root of the file system means
 the worker's own. Plug-ins travel as the copies that were made when they were read.
 """
@@ -33,7 +33,7 @@ _CONTENT: Final = "content"
 
 @dataclass(frozen=True, slots=True)
 class SentFile:
-    """A file of a parcel: its absolute path, the SHA-256 of its content, and whether it may be executed."""
+    """A file of a bundle: its absolute path, the SHA-256 of its content, and whether it may be executed."""
 
     path: str
     sha256: str
@@ -41,7 +41,7 @@ class SentFile:
 
 
 @dataclass(frozen=True, slots=True)
-class Parcel:
+class Bundle:
     """A pickled value, and the files that it names."""
 
     content: bytes
@@ -67,7 +67,7 @@ class Packer:
         self._sent: dict[Path, SentFile] = {}
         self._needed: dict[Path, tuple[Path, ...]] = {}
 
-    def packed(self, value: object) -> Parcel:
+    def packed(self, value: object) -> Bundle:
         """Pack a value.
 
         Raises:
@@ -85,7 +85,7 @@ class Packer:
                 except FileError as error:
                     raise ScenarioError(f"{error}; it changed since the campaign was read") from None
             files.update((each, files.get(each, each)) for each in self._needed[path])
-        return Parcel(content.getvalue(), tuple(self._put(path, files[path]) for path in sorted(files)))
+        return Bundle(content.getvalue(), tuple(self._put(path, files[path]) for path in sorted(files)))
 
     def put(self, content: bytes) -> str:
         """Store content by its SHA-256, and return that."""
@@ -212,6 +212,8 @@ def _below(root: Path, path: str) -> Path:
 
 def _laid_out(store: Store, files: Sequence[SentFile]) -> Path:
     """Return the folder with these files, made unless it is there whole; remove folders that nobody used for a day."""
+    if not files:
+        return Path("/")
     above = Path(platformdirs.user_cache_dir("vastflow")) / "bundles"
     root = above / digest([[each.path, each.sha256, each.executable] for each in files])[:32]
     if root.is_dir() and all(_below(root, each.path).is_file() for each in files):

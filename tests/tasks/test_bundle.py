@@ -1,4 +1,4 @@
-"""Parcels: what is opened elsewhere is what was packed, and says so where it is not."""
+"""Bundles: what is opened elsewhere is what was packed, and says so where it is not."""
 
 import os
 import stat
@@ -18,7 +18,7 @@ from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.reading.abstract import abstract_content, definition_of
 from vastflow.sim.scenario.programs.folders import copy_in, files_matching
 from vastflow.sim.world.map_file import load_map, map_content
-from vastflow.tasks.engine.parcel import Packer
+from vastflow.tasks.engine.bundle import Packer
 from vastflow.tasks.store.store import StoreError, open_store
 
 ORACLE = """
@@ -95,9 +95,9 @@ def file_key(path):
 
 def test_scenario_keeps_its_digests_and_has_files_of_its_own(store, home, tmp_path):
     before = scenario(home)
-    parcel = Packer(store).packed([before, store])
+    bundle = Packer(store).packed([before, store])
     (tmp_path / "there").rename(tmp_path / "gone")
-    after, same = parcel.opened(store)
+    after, same = bundle.opened(store)
     assert same is store
     assert (after.digest, after.situation_digest) == (before.digest, before.situation_digest)
     map_file = after.environment["map_file"]
@@ -112,13 +112,13 @@ def test_scenario_keeps_its_digests_and_has_files_of_its_own(store, home, tmp_pa
 @pytest.mark.parametrize("place", ["judge.py", "../judge.py"])
 def test_oracles_of_file_keep_name_parameters_and_code(store, home, tmp_path, place):
     (home / "judge.py").rename(home / place)
-    parcel = Packer(store).packed(oracles(home, f"{place}:Nobody"))
+    bundle = Packer(store).packed(oracles(home, f"{place}:Nobody"))
     (home / place).write_text("raise SystemExit\n")
-    _, after = parcel.opened(store)
+    _, after = bundle.opened(store)
     assert (after.name, after.parameters.limit) == (f"{place}:Nobody", 0.25)
 
 
-def test_file_is_stored_once_for_all_parcels(store, home):
+def test_file_is_stored_once_for_all_bundles(store, home):
     packer = Packer(store)
     packer.packed(scenario(home))
     before = store.holdings()
@@ -126,21 +126,21 @@ def test_file_is_stored_once_for_all_parcels(store, home):
     assert store.holdings() == before
 
 
-def test_parcel_that_lost_file_is_error_of_store(store, home):
-    parcel = Packer(store).packed(scenario(home))
+def test_bundle_that_lost_file_is_error_of_store(store, home):
+    bundle = Packer(store).packed(scenario(home))
     store.remove([file_key(home / "nav2.yaml")])
     with pytest.raises(StoreError, match="expected a folder that all machines share"):
-        parcel.opened(store)
+        bundle.opened(store)
     assert Packer(store).packed(scenario(home)).opened(store).digest == scenario(home).digest
 
 
 def test_forged_file_is_not_laid_out(store, home, tmp_path):
-    parcel = Packer(store).packed(oracles(home))
+    bundle = Packer(store).packed(oracles(home))
     key = file_key(home / "judge.py")
     store.remove([key])
     store.put(key, {"content": f"open({str(tmp_path / 'ran')!r}, 'w')\n{ORACLE}".encode()})
     with pytest.raises(StoreError, match="is not the content of its key"):
-        parcel.opened(store)
+        bundle.opened(store)
     assert not (tmp_path / "ran").exists()
 
 
@@ -175,7 +175,7 @@ values = st.recursive(
 
 @given(values=st.dictionaries(st.text(max_size=4), values, max_size=4))
 def test_scenario_keeps_digest_whatever_its_values(tmp_path_factory, values):
-    folder = tmp_path_factory.mktemp("parcel")
+    folder = tmp_path_factory.mktemp("bundle")
     file = folder / "file"
     file.write_bytes(b"content")
     before = Scenario("builtin:navigate_to_pose", 1.0, {**values, "f": FileContent(str(file), "d")}, values, {})
