@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final, TypeAlias
 
 import typer
 
-from vastflow.flows.request.run_request import RunRequest
+from vastflow.flows.request.run_request import OnCommandLine, RunRequest
 from vastflow.sim.model.faults import UserError
 
 CampaignFile: TypeAlias = Annotated[Path, typer.Argument(metavar="FILE", help="Campaign file.")]
