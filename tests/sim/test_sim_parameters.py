@@ -3,7 +3,7 @@
 import pytest
 from table import each_row
 
-from vastflow.sim.model.digest import FileContent, canonical
+from vastflow.sim.model.digest import canonical
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.nav2.parameter_files.chosen import (
     OWN_KEYS,
@@ -158,9 +158,7 @@ def test_file_value_depends_on_parameters_and_empty_nodes(content, tmp_path, edi
     assert nav2_file(tmp_path / "other.yaml") != content
 
 
-def test_file_that_changed_since_it_was_read_is_refused(content, tmp_path):
-    with pytest.raises(ValueError, match="changed since"):
-        parameters_of({"nav2_params": FileContent(content.path, "0" * 64)})
+def test_file_that_changed_since_it_was_read_is_refused(tmp_path):
     file = tmp_path / "other.yaml"
     file.write_text("amcl: {ros__parameters: {pf_err: 0.07}}")
     content = nav2_file(file)

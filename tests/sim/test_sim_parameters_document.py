@@ -79,12 +79,9 @@ def test_last_of_two_equal_parameters_counts():
     assert document.place(("a", "ros__parameters", "b")) == (3, 26)
 
 
-def test_nodes_are_known_though_they_have_no_parameters():
-    document = parse("a: {ros__parameters: }\nb: {ros__parameters: {c: 1}}")
-    assert set(document.nodes) == {("b", "ros__parameters"), ("a", "ros__parameters")}
-
-
 def test_node_is_found_in_its_namespace_and_the_least_deep_of_two():
+    empty = parse("a: {ros__parameters: }\nb: {ros__parameters: {c: 1}}")
+    assert set(empty.nodes) == {("b", "ros__parameters"), ("a", "ros__parameters")}
     document = parse("x: {a: {ros__parameters: {p: 1}}}\na: {ros__parameters: {p: 1}}\nros__parameters: {p: 1}")
     assert document.node("a") == ("a", "ros__parameters")
     assert document.node("x", "a") == ("x", "a", "ros__parameters")
