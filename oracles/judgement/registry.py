@@ -1,4 +1,4 @@
-"""How a name, `file.py:Class`, or a notebook becomes an oracle."""
+"""Oracles by their names: of an entry point, `file.py:Class`, or a notebook."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
