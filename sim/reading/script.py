@@ -1,6 +1,5 @@
 """The script of a run: an abstract scenario with the values and goals of a concrete one."""
 
-import functools
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -146,18 +145,17 @@ def script_of(scenario: Scenario) -> Script:
     calls = tuple(calls_of(definition.root))
     _one_robot(calls)
     for call in calls:
-        arguments = functools.partial(_argument, definition, values, call)
         kind = call.action.rpartition(".")[2]
         if kind == "init_nav2" and start is None:
-            start = _pose(arguments("initial_pose"))
+            start = _pose(_argument(call, "initial_pose", values))
         elif kind in NAVIGATIONS:
-            found = arguments(NAVIGATIONS[kind])
+            found = _argument(call, NAVIGATIONS[kind], values)
             stops = [_pose(stop) for stop in (found if isinstance(found, list) else [found])]
-            again = int(arguments("loop_count") or 0)
+            again = int(_argument(call, "loop_count", values) or 0)
             goals += [stop for stop in stops if stop] * (1 + again)
             rounds = max(rounds, 1 + again)
         elif kind == "bag_record":
-            bags.append(arguments("topics"))
+            bags.append(_argument(call, "topics", values))
     if START_KEY in given:
         start = pose_of(given[START_KEY], START_KEY)
     standing = {key: value for key, value in scenario.environment.items() if key not in overrides}
@@ -236,12 +234,10 @@ _SHAPED: Final[Mapping[str, Callable[[Value], Value]]] = {"pose_3d": _in_full, "
 """Struct to what brings a configuration's value into its shape."""
 
 
-def _argument(definition: ScenarioDefinition, values: Mapping[str, Any], call: Call, name: str) -> Any:
+def _argument(call: Call, name: str, values: Mapping[str, Any]) -> Any:
     """Return an argument of a call, or None if only a run knows it."""
-    if name not in call.arguments:
-        return None
     try:
-        return evaluate(call.arguments[name], values, {})
+        return evaluate(call.arguments[name], values, {}) if name in call.arguments else None
     except ScenarioError:
         return None
 

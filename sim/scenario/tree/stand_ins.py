@@ -56,26 +56,18 @@ class RosLaunch(RunsOn):
 
 
 class BagRecord(AlreadyDone):
-    """Succeeds at once: every run is recorded from its first tick to its end."""
-
     stands = "bag_record: the run's recording holds what vastflow's simulator knows"
 
 
 class CaptureScreen(RunsOn):
-    """Runs until the end and captures nothing, for there is no screen."""
-
     stands = "capture_screen: there is no screen; `vastflow replay` draws the run afterwards"
 
 
 class GenerateGazeboWorld(AlreadyDone):
-    """Succeeds at once: the world is made from the map or floor plan before the run."""
-
     stands = "generate_gazebo_world: the simulator's world is the configuration's map or floor plan"
 
 
 class WaitForSim(AlreadyDone):
-    """Succeeds at once: the simulator ticks the scenario."""
-
     stands = "wait_for_sim: the simulator runs"
 
 

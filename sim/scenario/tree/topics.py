@@ -139,12 +139,9 @@ class CheckData(Listening):
 
     def begin(self, arguments: Mapping[str, Any]) -> None:
         super().begin(arguments)
-        given = arguments["expected_value"]
+        self._arguments = arguments
+        given, known = arguments["expected_value"], message(self.simulation, self._topic)
         self._expected = literal(given) if arguments["eval_expected_value"] else given
-        self._member = str(arguments["member_name"])
-        self._operator = arguments["comparison_operator"].member
-        self._fails = bool(arguments["fail_if_bad_comparison"])
-        known = message(self.simulation, self._topic)
         self._known = None if arguments["wait_for_first_message"] else known
         self._lacks = bool(arguments["fail_if_no_data"]) and known is None
 
@@ -156,16 +153,17 @@ class CheckData(Listening):
         found = known if known is not None else self.heard()
         if found is None:
             return Status.RUNNING
-        value = member_of(found, self._member)
+        member, sign = str(self._arguments["member_name"]), self._arguments["comparison_operator"].member
+        value = member_of(found, member)
         try:
-            holds = bool(getattr(operator, self._operator)(value, with_members(value, self._expected)))
+            holds = bool(getattr(operator, sign)(value, with_members(value, self._expected)))
         except TypeError:
-            raise ScenarioError(f"{value!r} and {self._expected!r} can't be compared by {self._operator}") from None
-        whose = f"{self._member} of {self._topic}" if self._member else self._topic
-        self.message = f"{whose} is {value!r:.80}, {self._operator} {self._expected!r}: {str(holds).lower()}"
+            raise ScenarioError(f"{value!r} and {self._expected!r} can't be compared by {sign}") from None
+        whose = f"{member} of {self._topic}" if member else self._topic
+        self.message = f"{whose} is {value!r:.80}, {sign} {self._expected!r}: {str(holds).lower()}"
         if holds:
             return Status.SUCCESS
-        return Status.FAILURE if self._fails else Status.RUNNING
+        return Status.FAILURE if self._arguments["fail_if_bad_comparison"] else Status.RUNNING
 
 
 class TopicMonitor(Listening):
