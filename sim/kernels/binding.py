@@ -73,9 +73,11 @@ class Seam:
         """
         kind, parameters = type(plug_in), record_of(plug_in)
         arrays = list(_arrays(kind, memory, "memory"))
-        key = kind, parameters.dtype, numba.typeof(memory)
-        if key not in self._compiled:  # numba takes milliseconds to find what it has compiled
-            self._compiled[key] = self._machine_code(kind, numba.typeof(parameters).dtype, key[-1])
+        # Numba takes a millisecond to type a memory, and more to find what it has compiled.
+        types_of_arrays = tuple((array.dtype, array.ndim, array.flags.writeable) for array in arrays)
+        key = kind, parameters.dtype, _structure(memory), types_of_arrays
+        if key not in self._compiled:
+            self._compiled[key] = self._machine_code(kind, numba.typeof(parameters).dtype, numba.typeof(memory))
         kernels, entries = self._compiled[key]
         places = [number for array in arrays for number in (array.ctypes.data, *array.shape)]
         unused = [0] * (_MEMORY - _MAIN - len(kernels))
@@ -119,6 +121,11 @@ class Seam:
 def _compiler(entry: Callable[..., Any], kept: bool) -> Any:
     """Return the compiler of an entry, without a cache for types that another process may not know."""
     return addressed(entry) if kept else unkept(entry)
+
+
+def _structure(memory: Any) -> Any:
+    """Classes of the tuples in a memory, as they are nested."""
+    return (type(memory), *map(_structure, memory)) if isinstance(memory, tuple) else None
 
 
 _WORD: Final = ir.IntType(64)
