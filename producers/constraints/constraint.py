@@ -128,21 +128,16 @@ def read_constraints(document: Document, location: Location) -> tuple[list[Const
     return constraints, faults
 
 
-def unknown_names(constraint: Constraint, written: set[str]) -> Iterator[tuple[ExpressionName, str, str]]:
-    """Names that are neither a key of `written` nor a quantity, with what is wrong and what would be right."""
+def unknown_names(document: Document, constraint: Constraint, written: set[str]) -> Iterator[Fault]:
+    """Yield a fault for each name that is neither a key of `written` nor a quantity."""
+    place, text = constraint.place, constraint.expression.text
     for name in constraint.expression.names:
         keys = [key for key, _ in name.readings]
         if name.text.startswith("_") or name.text in QUANTITIES or not written.isdisjoint(keys):
             continue
-        right = did_you_mean(keys[-1], {*written, *QUANTITIES})
-        yield name, f"{name.text!r} is written by nothing in this family", right
-
-
-def fault_of(document: Document, constraint: Constraint, offset: int, what: str, right: str) -> Fault:
-    """A fault at a character of a constraint's expression."""
-    place = constraint.place
-    line, column = place_inside(document.text, (place.line, place.column), constraint.expression.text, offset)
-    return Fault(replace(place, line=line, column=column), what, right)
+        line, column = place_inside(document.text, (place.line, place.column), text, name.offset)
+        what = f"{name.text!r} is written by nothing in this family"
+        yield Fault(replace(place, line=line, column=column), what, did_you_mean(keys[-1], {*written, *QUANTITIES}))
 
 
 def place_inside(source: str, place: tuple[int, int], text: str, offset: int) -> tuple[int, int]:

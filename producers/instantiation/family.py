@@ -23,7 +23,7 @@ from vastflow.producers.campaign_file.scenario_values import (
 from vastflow.producers.campaign_file.sections import CARTESIAN, Design, DesignSpec, robot_places
 from vastflow.producers.campaign_file.spec import ExecutionSpec, FamilySpec, StartCheckKind, is_tolerated_in_family
 from vastflow.producers.catalog.parameter import ParameterVariationList
-from vastflow.producers.constraints.constraint import Constraint, fault_of, read_constraints, unknown_names
+from vastflow.producers.constraints.constraint import Constraint, read_constraints, unknown_names
 from vastflow.producers.instantiation.family_checks import DataFlow, Link, constraint_faults
 from vastflow.producers.instantiation.instantiate import Family
 from vastflow.producers.model.configuration import Fragment
@@ -140,7 +140,9 @@ class FamilyReader:
         place = Place(self._document.file, *self._document.place(design, "key"), path_text(design))
         left_open = self._left_open(self._abstract, flow) if self._abstract and whole else {}
         fixed = {**self._system, **left_open, **values}
-        start_check: StartCheckKind = "none" if self._given((*location, "start_check")) == "none" else "footprint"
+        start_check: StartCheckKind = (
+            "none" if self._document.value((*location, "start_check")) == "none" else "footprint"
+        )
         if start_check == "footprint" and any(ROOM_KEY in producer.reads for producer in producers):
             fixed[ROOM_KEY] = room_m(fixed, producers)
         family = Family(
@@ -163,8 +165,7 @@ class FamilyReader:
         self.faults += flow.faults()
         self.faults += flow.mission_faults(self._abstract) if self._abstract else ()
         for constraint in constraints:
-            for name, what, right in unknown_names(constraint, {*self._system, *flow.written}):
-                self.faults.append(fault_of(self._document, constraint, name.offset, what, right))
+            self.faults += unknown_names(self._document, constraint, {*self._system, *flow.written})
 
     def _note_remarks(self, links: Sequence[Link]) -> None:
         for link in links:
@@ -176,13 +177,9 @@ class FamilyReader:
     def _fault(self, location: Location, what: str, right: str, *, at: Any = "value") -> None:
         self.faults.append(self._document.fault(location, what, right, at))
 
-    def _given(self, location: Location) -> Any:
-        """The value at `location`; None without one."""
-        return self._document.value(location) if self._document.known(location) == location else None
-
     def _listed(self, location: Location) -> list[Any]:
         """The list at `location`, or an empty one; the model has said so where something else stands there."""
-        found = self._given(location)
+        found = self._document.value(location)
         return found if isinstance(found, list) else []
 
     def _fixed(self, location: Location) -> tuple[dict[str, Location], dict[str, Value]]:
@@ -317,7 +314,7 @@ class FamilyReader:
     def _design(self, location: Location) -> DesignSpec:
         """The design; the model has said what is wrong with one that is none."""
         try:
-            return _DESIGN.validate_python(self._given(location))
+            return _DESIGN.validate_python(self._document.value(location))
         except ValidationError:
             return CARTESIAN
 

@@ -19,7 +19,7 @@ from vastflow.sim.model.digest import FileContent, Value, canonical
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.obstacle import Obstacle, obstacle_of
 from vastflow.sim.model.pose import Pose, pose_of
-from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
+from vastflow.sim.model.scenario import DIMENSION_OF_KEY
 from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m
 from vastflow.sim.nav2.parameter_files.chosen import CONTROLLER_KEY, FOOTPRINT_NAMES, local_outline
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
@@ -48,8 +48,13 @@ class StartCheck:
     def touched_by(self, producer: Producer[Any]) -> bool:
         """Whether what it looks at can depend on what a producer writes."""
         return any(
-            may_list_obstacles(key, tag) or _bears_on(key, tag or DIMENSION_OF_KEY.get(key))
+            may_list_obstacles(key, tag)
+            or (tag or DIMENSION_OF_KEY.get(key)) in ("environment", "task")
+            or key == START_KEY
+            or key.startswith(GOAL_KEY)
+            or _is_of_footprint(key)
             for key, tag in producer.writes.items()
+            if key != ROOM_KEY
         )
 
     def rejected(self, partial: Partial) -> RejectedInstance | None:
@@ -134,11 +139,6 @@ def _size(value: Value) -> float:
 
 def _is_of_footprint(key: str) -> bool:
     return key in (FILE_KEY, CONTROLLER_KEY) or key.rpartition(".")[2] in FOOTPRINT_NAMES
-
-
-def _bears_on(key: str, dimension: Dimension | None) -> bool:
-    of_a_stop = key == START_KEY or key.startswith(GOAL_KEY)
-    return key != ROOM_KEY and (dimension in ("environment", "task") or of_a_stop or _is_of_footprint(key))
 
 
 def _stops(partial: Partial) -> Iterator[tuple[str, Pose]]:
