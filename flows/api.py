@@ -59,7 +59,6 @@ setattr(run_campaign, "__signature__", signature(run_campaign).replace(parameter
 
 
 def _computed(run: PreparedCampaign, computing: Computing, judged: Judged | None) -> Results:
-    """Call the flow, and let the workers begin while Prefect starts."""
     begin(run, computing, judged)
     results: list[Results] = []
     known = [judged]  # for the flow's first call: another begins with what the store has by then

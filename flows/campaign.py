@@ -97,7 +97,6 @@ def _ended(
 
 
 def _results(run: PreparedCampaign, computing: Computing, judged: Judged | None, task_runs: TaskRuns) -> Results:
-    """Compute what is missing, stage by stage, and report the whole campaign."""
 
     def stages(task_runs: TaskRuns, judged: Judged | None) -> Judged:
         if judged is None:

@@ -217,7 +217,6 @@ def _families(document: Document, reader: FamilyReader) -> Iterator[Family]:
 
 
 def _family_set_faults(document: Document) -> list[Fault]:
-    """No families, or families whose configurations would share a name."""
     raw = document.data.get("configuration")
     search = document.data.get("search")
     if raw and search:

@@ -218,7 +218,6 @@ def _placed(xy_m: NDArray[np.float64], frame: Pose) -> NDArray[np.float64]:
 
 
 def _scan(stack: Stack) -> NDArray[np.float64]:
-    """Return end points of the newest scan in the odom frame."""
     m, p = stack.m[0], stack.p[0]
     ranges, directions = m["ranges"][: m["beams"]], m["directions"][: m["beams"]]
     returned = (ranges >= p["range_min"]) & (ranges < p["range_max"])
@@ -345,7 +344,6 @@ def first_difference(recorded: Recording, executed: Recording) -> Difference | N
 
 
 def _column_difference(name: str, recorded: Recording, executed: Recording) -> Difference | None:
-    """Return the first row in which a column differs or is missing."""
     a, b = (np.asarray(r.columns.get(name, np.empty(0)), dtype=np.int64) for r in (recorded, executed))
     common = min(len(a), len(b))
     unequal = np.flatnonzero(a[:common] != b[:common])

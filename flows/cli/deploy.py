@@ -94,7 +94,7 @@ def deploy(
     cores = description.main.needs.cpu or CPU if kind is PoolType.kubernetes else None
     here = {
         "map_dir": None if map_dir is None else _place(map_dir, kind),
-        "results": asked["results"] or _results(kind),
+        "results": asked["results"] or (str(Path.cwd() / "results") if kind is PoolType.process else f"{DATA}/results"),
         "workers": asked["workers"] or cores,
     }
     request = asked_request(Path(place), {**asked, **here})
@@ -156,10 +156,6 @@ def _place(file: Path, kind: PoolType) -> str:
         ) from None
 
 
-def _results(kind: PoolType) -> str:
-    return str(Path.cwd() / "results") if kind is PoolType.process else f"{DATA}/results"
-
-
 def _check_schedule(deployment: "Deployment") -> None:
     from zoneinfo import available_timezones
 
@@ -189,7 +185,6 @@ def _print(deployment: "Deployment", kind: PoolType) -> None:
 
 
 def _register(deployment: "Deployment", kind: PoolType) -> None:
-    """Make or change deployment and pool, and ask a busy API again."""
     from vastflow.tasks.prefect.server import configured_url, redacted
 
     url = configured_url()

@@ -73,7 +73,6 @@ def plan(
 
 
 def _explain(directory: Path, name: str, store: str | None, since: Path | None, as_json: bool) -> None:
-    """Explain one configuration of a campaign directory."""
     if directory.is_file():
         raise UserError(f"{directory}: expected a campaign directory to explain CONFIGURATION, got a file")
     check_directory(directory)

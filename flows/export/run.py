@@ -185,7 +185,6 @@ def _behavior_lines(run: ExportedRun, rows: pd.DataFrame) -> bytes:
 
 
 def _logs(log: RunLog) -> Iterator[tuple[str, str]]:
-    """Yield name and text of each log file."""
     for name, lines in (("scenario.log", log.lines), ("notes.log", log.notes)):
         if lines:
             yield name, "".join(f"{line}\n" for line in lines)

@@ -218,7 +218,6 @@ def plan_of(request: RunRequest, environments: Path, since: Path | None = None) 
 
 
 def _run_steps(configuration: ConfigurationRuns, stored: Sequence[Stored], reasons: Reasons) -> Iterator[Step]:
-    """Yield a configuration's stored and missing runs, stage by stage."""
     absent = missing([each.block for each in stored], configuration.runs)
     recorded, observed, judged = set[int](), set[int](), set[int]()
     for each in stored:

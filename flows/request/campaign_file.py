@@ -111,7 +111,6 @@ def _faults(requests: Iterable[OracleRequest], document: Document, base: Path) -
 
 
 def _quantity_faults(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Iterator[Fault]:
-    """Yield faults of a search's metrics that no oracle gives."""
     if campaign.search is None:
         return
     metrics = {oracle.name: oracle.metrics for oracle in oracles}

@@ -106,7 +106,6 @@ def newest_sealed(root: Path, name: str) -> Path | None:
 
 
 def _states(directory: Path) -> dict[str, list[int]]:
-    """Return size, modification time, and change time by file."""
     states = {}
     for folder, _, names in os.walk(directory):  # pathlib takes three times as long, for ten thousands of files
         for name in names:

@@ -285,7 +285,6 @@ def campaign_changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[st
 
 
 def _source_changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Names of files, and libraries with both versions."""
 
     def changed(part: str) -> list[str]:
         return [name for name in {**now[part], **then[part]} if then[part].get(name) != now[part].get(name)]

@@ -312,7 +312,6 @@ class KeptLogs:
 
     @cached_property
     def _lines(self) -> dict[str, list[bytes]]:
-        """Configuration to the lines of its blocks."""
         found: dict[str, list[bytes]] = {}
         file = self._directory / LOGS_FILE
         if file.is_file():

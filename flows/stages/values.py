@@ -217,7 +217,6 @@ class Traces(StageResult):
 
 
 def _recordings(stored: StoredResult) -> "Iterator[list[Recording]]":
-    """Yield the recordings of each block with the outputs of their programs."""
     from vastflow.sim.model.archive import read_outputs
     from vastflow.sim.model.blocks import read_recordings
     from vastflow.sim.model.recording import Outputs

@@ -116,7 +116,6 @@ class Display:
             return view(self._progress, self._meter.pace(self._progress, self._clock()))
 
     def _go_on(self) -> None:
-        """Print lines while no progress is reported."""
         while not self._ended.wait(1.0):
             with self._lock:
                 self._write_line_if_due()

@@ -138,7 +138,6 @@ def stops(t_s: NDArray[np.float64], stopped: NDArray[np.bool_], stop_s: float) -
 
 
 def _smoothness(t_s: NDArray[np.float64], speed_mps: NDArray[np.float64]) -> float | None:
-    """Smoothness of the speed, resampled at equal steps."""
     if len(t_s) < 2:
         return None
     step_s = float(np.median(np.diff(t_s)))

@@ -200,7 +200,6 @@ def _plain(value: Any) -> Any:
 def _designs(
     tables: Tables, passed: NDArray[np.int64], judged: NDArray[np.int64], environments: Mapping[str, str]
 ) -> Iterator[Design]:
-    """Analyze the configurations with the same varying keys."""
     found, verdicts = tables.configurations, tables.verdicts
     rule = stopping_rule(tables.metadata)
     # The runs that a stopping rule grants every configuration.

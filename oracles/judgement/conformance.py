@@ -219,10 +219,6 @@ def _check_verdict(oracle: Oracle[Any], run: SampleRun, verdict: Verdict) -> Non
         units == dict(oracle.metrics), f"{name} must have all of its metrics in each verdict, None where there is none"
     )
     for metric, measured in verdict.metrics.items():
-        finite = measured.value is None or (_is_number(measured.value) and math.isfinite(measured.value))
+        finite = measured.value is None or (type(measured.value) in (int, float) and math.isfinite(measured.value))
         must(finite, f"{name}'s {metric} of {run.name!r} must be a finite number or None, not {measured.value!r}")
     must(read_verdicts(write_verdicts([verdict])) == [verdict], f"{name}'s verdict must be the same read from JSON")
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)

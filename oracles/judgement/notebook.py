@@ -321,7 +321,6 @@ def _metrics(cells: Iterable[CodeCell], file: Path) -> dict[str, str]:
 
 
 def _rows(table: Any) -> Iterable[Mapping[str, Any]]:
-    """Rows of a pandas, pyarrow or polars table, or of a list."""
     if hasattr(table, "to_dict"):
         return list(table.to_dict("records"))
     rows = getattr(table, "to_pylist", None) or getattr(table, "to_dicts", None)

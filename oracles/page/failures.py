@@ -118,7 +118,6 @@ def cases(tables: Tables, findings: Findings) -> list[int]:
 
 
 def _case(facts: Facts, configuration: int) -> dict[str, Any]:
-    """One of the worst configurations, by its index."""
     found, verdicts = facts.tables.configurations, facts.tables.verdicts
     name, rows = found.names[configuration], verdicts.rows_of(configuration)
     place = int(np.searchsorted(found.distinct, configuration))

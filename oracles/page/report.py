@@ -105,7 +105,6 @@ def _html(
 
 
 def _embedded(pictures: Iterable[Picture]) -> set[str]:
-    """Names of the pictures that fit into the page."""
     left = MAX_EMBEDDED
     names = set()
     for picture in sorted(pictures, key=lambda picture: picture.detail):
@@ -116,7 +115,6 @@ def _embedded(pictures: Iterable[Picture]) -> set[str]:
 
 
 def _about(campaign: str) -> Mapping[str, str]:
-    """Title and description of the campaign, or empty texts."""
     try:
         said = yaml_value(campaign)["metadata"]
         return {key: str(said.get(key) or "") for key in ("title", "description")}

@@ -177,7 +177,6 @@ def method_section(facts: Facts) -> Section:
 
 
 def _explanation(oracle: str) -> Mapping[str, Any]:
-    """Description and defaults of an installed oracle."""
     if oracle not in known_oracles():  # a file's name would be looked for in whatever folder this process works in
         return {"text": "An oracle of the campaign's own, see its file.", "defaults": {}}
     found = oracle_class(oracle)

@@ -303,6 +303,5 @@ def robot_places(
 
 
 def _below(value: Any, place: tuple[str, ...]) -> Iterator[str]:
-    """Keys of the quantities below a place, groups in groups."""
     for name, item in value.items() if isinstance(value, Mapping) else ():
         yield from _below(item, (*place, str(name))) if isinstance(item, Mapping) else [".".join((*place, str(name)))]

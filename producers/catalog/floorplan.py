@@ -163,7 +163,6 @@ def _drawn_notes(file: VariationFile, seeds: range) -> tuple[Fault, ...]:
 
 
 def _kind(note: Fault) -> tuple[int, int, str, str]:
-    """Equal for notes that differ in numbers only."""
     return note.place.line, note.place.column, note.place.where, _NUMBER.sub("#", note.problem)
 
 

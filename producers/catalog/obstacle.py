@@ -207,12 +207,10 @@ class ObstacleProducer(Producer[O]):
 
     @property
     def _given(self) -> Sequence[Mapping[str, Any]]:
-        """Values that are combined with the configs', outermost."""
         return [{}]
 
     @property
     def _stops(self) -> tuple[str | Pose, str | tuple[Pose, ...]]:
-        """Keys of the path's ends, or the poses themselves."""
         return START_KEY, GOALS_KEY
 
     def _site(self, inputs: Mapping[str, Value]) -> Site | str:

@@ -173,7 +173,6 @@ class _Raster:
         return [(int(row), int(column)) for row, column in self.points]
 
     def _n_connected(self, starts: Sequence[Cell]) -> int:
-        """Return the number of connected pairs of a start and another point."""
         columns = self.ground.passable.shape[1]
         order = self.ground.cells @ (columns, 1)
         of_points = self.ground.component[np.searchsorted(order, self.points @ (columns, 1))]

@@ -185,7 +185,6 @@ class _Tree:
         return takes
 
     def _operands(self, node: ast.expr) -> Sequence[ast.expr]:
-        """Return the operands of a node that is in the language."""
         match node:
             case ast.Name() | ast.Attribute() | ast.Subscript() | ast.Constant(value=bool() | int() | float()):
                 return ()
@@ -232,7 +231,6 @@ class _Tree:
         return lambda look: [part(look) for part in parts]
 
     def _leaf(self, node: ast.expr) -> ValueKind:
-        """Remember a name, or text in quotes."""
         at, written = self._offset(node.col_offset), self._written(node)
         if (quoted := _UNLIKE_PYTHON.fullmatch(written)) and quoted["quoted"]:
             inner = quoted[0][1:-1]
@@ -277,7 +275,6 @@ class _Tree:
             raise self._unlike(operands[0], f"{symbol!r} of true and false", "'==', 'and' or 'or'")
 
     def _unlike(self, left: ast.expr, what: str, right: str) -> FileError:
-        """Return a fault at the operator behind an operand."""
         behind = self._offset(left.end_col_offset or 0)
         return _fault(len(self.text) - len(self.text[behind:].lstrip(" \n\t)")), what, right)
 

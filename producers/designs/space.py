@@ -160,7 +160,6 @@ class DesignSpace:
         return self._partial(tuple(range(len(self._factors))), tuple(levels))
 
     def _closed(self, factors: Iterable[int]) -> tuple[int, ...]:
-        """Factors with all that they depend on, ascending."""
         return tuple(sorted({each for i in factors for each in (i, *self._factors[i].depends)}))
 
     def _combinations(self, factors: tuple[int, ...]) -> list[Levels]:

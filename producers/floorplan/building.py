@@ -207,7 +207,6 @@ class _Builder:
         self._notes.append(Fault(Place(self._plan.file, *opening.place, where), what, right, "warning"))
 
     def _place(self, space: PlanSpace) -> None:
-        """Place a space after those it is placed by."""
         chain: dict[str, PlanSpace] = {}
         while space.name not in self._poses:
             if space.name in chain:

@@ -151,7 +151,6 @@ def wall_outlines(outline: Outline, thickness_m: float) -> tuple[Outline, ...]:
 
 
 def _normals(outline: Outline) -> list[Point]:
-    """Unit normal of each edge, to the left of its direction."""
     normals = []
     for start, end in edges(outline):
         length = math.dist(start, end)

@@ -248,7 +248,6 @@ class _Reader:
         return float(quantity.text) if drawn is None else drawn
 
     def _value(self, quantity: Quantity, where: str, unit: str, what: str) -> tuple[float, str]:
-        """A number and its unit, NaN where a variable is unknown."""
         token = quantity.token
         if not quantity.is_variable:
             return self._number(quantity), quantity.unit or unit

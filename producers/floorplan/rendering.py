@@ -100,7 +100,6 @@ def picture_of(building: Building) -> bytes:
 
 
 def _own_floors(building: Building) -> list[shapely.Geometry]:
-    """Each room's floor without the rooms that stand in it."""
     floors = np.array([shapely.Polygon(room.outline) for room in building.rooms])
     tree = shapely.STRtree(floors)
     for outer, inner in tree.query(floors, predicate="contains").T:
@@ -151,7 +150,6 @@ def _direction(edge: tuple[Point, Point]) -> float:
 
 
 def _meters(length_m: float) -> str:
-    """A length to the centimeter, without needless zeros."""
     return f"{length_m:.2f}".rstrip("0").rstrip(".")
 
 

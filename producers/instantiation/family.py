@@ -246,7 +246,6 @@ class FamilyReader:
         return said or (self._abstract.complaint(key, value) if self._abstract else None)
 
     def _chain(self, location: Location, system: Mapping[str, Value]) -> tuple[list[Link], bool]:
-        """The producers that could be made, and whether these are all."""
         links: list[Link] = []
         raw = self._listed(location)
         for k, entry in enumerate(raw):

@@ -119,7 +119,7 @@ def constraint_faults(family: Family, *, refuse_empty: bool = True) -> list[Faul
 
     Producers that read or build something are not asked, and constraints that name anything else are left out.
     """
-    others = [producer for producer in family.producers if not _is_plain(producer)]
+    others = [producer for producer in family.producers if producer.reads or "environment" in producer.writes.values()]
     constraints = [
         c
         for c in family.constraints
@@ -150,7 +150,3 @@ def _first(producer: Producer[Any], inputs: Mapping[str, Value]) -> list[Fragmen
     if len(items) > MOST_LOOKED_AT:
         raise TooLarge(type(producer).__name__)
     return items
-
-
-def _is_plain(producer: Producer[Any]) -> bool:
-    return not producer.reads and "environment" not in producer.writes.values()

@@ -355,7 +355,6 @@ def _offered(
 
 
 def _finished(family: Family, partials: Iterable[Partial], campaign: InstantiableCampaign) -> Iterator[Configuration]:
-    """Yield the configurations of a family's complete partial configurations."""
     for partial in partials:
         values = {**partial.values, **family.overrides}
         single = GOAL_KEY in values and GOALS_KEY not in values

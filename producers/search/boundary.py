@@ -92,7 +92,6 @@ class Boundary(Strategy[BoundaryParameters]):
         return np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=-1)
 
     def _scales(self) -> Floats:
-        """The correlation lengths of greatest marginal likelihood."""
         d, known = len(self._units[0]), (np.array(self._units), np.array(self._values), np.array(self._variances))
         found = [np.array(scales) for scales in itertools.product(_SCALES, repeat=d)]
         return max(found, key=lambda scales: likelihood(*known, scales))

@@ -57,7 +57,6 @@ CHECKS: Final[tuple[Callable[[Kind, Parameters, Problem], None], ...]] = (
 
 
 def _asked(kind: Kind, parameters: Parameters, problem: Problem, *, feasible: bool = True) -> list[Sequence[Point]]:
-    """Return the points of some batches, of which every fifth is rejected."""
     strategy, number = kind(parameters, problem), 0
     batches: list[Sequence[Point]] = []
     for batch in range(BATCHES):

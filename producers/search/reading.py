@@ -200,5 +200,4 @@ class _Reading:
 
 
 def _places_of(document: Document, below: Location, key: str) -> Iterator[Location]:
-    """Yield the locations of a key below a location."""
     return (where for where in document.keys if where[: len(below)] == below and where[-1] == key)

@@ -124,7 +124,6 @@ def _compiler(entry: Callable[..., Any], kept: bool) -> Any:
 
 
 def _structure(memory: Any) -> Any:
-    """Classes of the tuples in a memory, as they are nested."""
     return (type(memory), *map(_structure, memory)) if isinstance(memory, tuple) else None
 
 
@@ -227,7 +226,6 @@ def _view(context: Any, builder: Any, kind: Any, table: Any, places: Iterator[in
 
 
 def _arrays(kind: type[ParameterGroup], part: Any, where: str) -> Iterator[NDArray[Any]]:
-    """The arrays of a memory, in their order."""
     if isinstance(part, tuple):
         for name, item in zip(getattr(part, "_fields", range(len(part))), part, strict=True):
             yield from _arrays(kind, item, f"{where}.{name}")

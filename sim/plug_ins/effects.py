@@ -187,7 +187,6 @@ def _is_its_own(frame: FrameType | None) -> bool:
 
 @cache
 def _libraries() -> tuple[str, ...]:
-    """Folders of Python's own modules and of installed packages."""
     paths = sysconfig.get_paths()
     return (*(paths[name] + os.sep for name in ("stdlib", "platstdlib", "purelib", "platlib")), "<frozen ")
 

@@ -220,7 +220,6 @@ def _files(names: list[str], module: Path) -> Iterator[Path]:
 
 
 def _hidden(nodes: list[ast.AST], module: Path) -> Iterator[Hidden]:
-    """Reads of the environment, and programs that are started."""
     meant: dict[str, str] = {}  # by a name that is imported
     for node in nodes:
         if isinstance(node, ast.Import):

@@ -134,7 +134,6 @@ def _digest(entry: str, modules: Mapping[str, str], data: Mapping[str, str]) -> 
 
 
 def _kept(name: str, contents: Mapping[str, bytes]) -> Path:
-    """The folder with these copies, made where there is none or another."""
     root = Path(platformdirs.user_cache_dir("vastflow")) / "plug-ins"  # what others can write, they could execute
     folder = root / name[:32]
     try:

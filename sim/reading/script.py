@@ -202,7 +202,6 @@ def navigates(actions: Iterable[str]) -> bool:
 
 
 def _one_robot(calls: Sequence[Call]) -> None:
-    """Raise ValueError where robots of several names act."""
     acting: dict[str, Place] = {}
     for call in calls:
         if call.action.startswith(ROBOT_ACTIONS):

@@ -145,7 +145,6 @@ def _meets_wall(skips: SkipTable, x: float, y: float, radius: float) -> bool:
 
 @inner
 def _meets(obstacle: Any, x_m: float, y_m: float, radius_m: float) -> bool:
-    """True if a disc touches a box or a cylinder."""
     dx, dy = x_m - obstacle[0], y_m - obstacle[1]
     away = obstacle[4] + obstacle[5] + radius_m
     if not (abs(dx) <= away and abs(dy) <= away):

@@ -287,7 +287,6 @@ def _at_rest(body: pymunk.Body) -> bool:
 
 
 def _robot_shapes(robot: Robot, body: pymunk.Body) -> list[pymunk.Shape]:
-    """Return a disc, or the convex parts of a polygon."""
     if not robot.vertices:
         return [pymunk.Circle(body, robot.radius_m)]
     whole = shapely.Polygon(robot.vertices)

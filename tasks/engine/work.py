@@ -257,7 +257,6 @@ def evaluate(store: Store, key: str, producer: PackedProducer, inputs: Mapping[s
 
 
 def _files(recordings: "Sequence[Recording]") -> dict[str, bytes]:
-    """Return a block's recordings, behaviors, and outputs of programs as files."""
     from vastflow.sim.model.archive import write_behaviors, write_outputs
     from vastflow.sim.model.blocks import write_recordings
 

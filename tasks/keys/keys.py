@@ -108,7 +108,7 @@ def numeric_class(
     compiled code, and Python's minor version: from 3.12 on `sum` of floats has other last bits.
     """
     machine = platform.machine() if machine is None else machine
-    library = _c_library() if library is None else library
+    library = library or " ".join(platform.libc_ver()).strip() or f"{platform.system()} {platform.release()}"
     features = _cpu_features() if features is None else features
     environment = os.environ if environment is None else environment
     chosen = " ".join(sorted(features & _SELECTING_FEATURES))
@@ -122,12 +122,7 @@ def numeric_class(
 
 
 def _changes_kernels(variable: str) -> bool:
-    """True if a variable may change the code that Numba compiles."""
     return variable.startswith(_NUMBA) and not variable.removeprefix(_NUMBA).startswith(_NUMBA_THAT_ONLY_SAYS)
-
-
-def _c_library() -> str:
-    return " ".join(platform.libc_ver()).strip() or f"{platform.system()} {platform.release()}"
 
 
 def _cpu_features() -> frozenset[str]:

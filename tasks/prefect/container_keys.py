@@ -150,7 +150,6 @@ class _Reader:
                 yield name, text
 
     def _contexts(self) -> Iterator[str]:
-        """Yield every cluster that the file names, in order."""
         needs = [self._execution.resources, *(each.resources for each in self._execution.secondary_containers)]
         for resources in needs:
             for amounts in (resources.cpu, resources.memory) if resources else ():

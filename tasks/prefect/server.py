@@ -59,7 +59,9 @@ class ApiServer:
 
     def __init__(self, log: Path) -> None:
         self._log = log
-        self._environment = _environment()
+        # A random password, and no foreign origin.
+        private = {AUTH: f"vastflow:{secrets.token_urlsafe(32)}", "PREFECT_SERVER_API_CORS_ALLOWED_ORIGINS": ""}
+        self._environment = {**SERVER_SETTINGS, **os.environ, **private}
         self.auth = self._environment[AUTH]
         self.answers = False
         self.lost = False
@@ -123,12 +125,6 @@ class ApiServer:
                 LOGGER.warning("Prefect's API was killed; it is started again")
                 self._process = self._started()
         self.lost = True
-
-
-def _environment() -> dict[str, str]:
-    """Return the environment of a server with a random password that serves no foreign origin."""
-    private = {AUTH: f"vastflow:{secrets.token_urlsafe(32)}", "PREFECT_SERVER_API_CORS_ALLOWED_ORIGINS": ""}
-    return {**SERVER_SETTINGS, **os.environ, **private}
 
 
 def redacted(text: str) -> str:

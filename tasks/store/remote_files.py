@@ -262,12 +262,10 @@ def _present(key: str, manifest: bytes, files: Mapping[str, _Entry]) -> Artifact
 
 
 def _object(name: str, entry: FileEntry) -> str:
-    """Return the object's name of an artifact's file."""
     return f"{entry.sha256[:_NAMED_DIGITS]}-{name}"
 
 
 def _folders(listed: Mapping[str, _Entry]) -> dict[str, dict[str, _Entry]]:
-    """Folder to its files by name."""
     folders: dict[str, dict[str, _Entry]] = {}
     for path, file in listed.items():
         folder, _, name = path.rpartition("/")

@@ -266,7 +266,6 @@ def _pick(guide: Any, cumulative: Any, draw: float, total: float) -> Any:
 
 @inner
 def _key(x_m: float, y_m: float, yaw_rad: float) -> Any:
-    """Key of the bin a pose lies in."""
     return (
         np.uint64(int(x_m * (1.0 / BIN_M) + _MIDDLE)) * _X
         + np.uint64(int(y_m * (1.0 / BIN_M) + _MIDDLE)) * _Y

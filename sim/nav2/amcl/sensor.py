@@ -190,7 +190,6 @@ def _beam_points(p: Any, ranges_m: Any, directions: Any, out: Any) -> int:
 def _frame(
     particles: Any, headings: Any, frames: Any, n: int, per_cell: float, origin_x_m: float, origin_y_m: float
 ) -> None:
-    """Write the positions of particles in the table, and their headings."""
     for k in range(n):
         sine, cosine = sincos(particles[2, k])
         headings[0, k], headings[1, k] = cosine, sine
@@ -223,7 +222,6 @@ def _look_up(frames: Any, n: int, points: Any, beams: int, cubed: Any, indices: 
 
 @inner
 def _room(frames: Any, n: int, cubed: Any) -> float:
-    """Cells between any particle and the border of the table."""
     last_x, last_y = cubed.shape[1] - 1.0, cubed.shape[0] - 1.0
     room = last_x
     for k in range(n):

@@ -32,7 +32,6 @@ def _whole_command(context: Any, builder: Any, kind: Any, found: Any, command: A
 
 
 def _is_command(found: Any) -> bool:
-    """Whether numbers of these types can become a command."""
     if not isinstance(found, types.BaseTuple) or len(found) not in (3, 4):
         return False
     valid, *speeds = (types.unliteral(each) for each in found)

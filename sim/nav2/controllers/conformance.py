@@ -234,7 +234,6 @@ def _started(controller: Controller, seed: int = SEED) -> RunningController:
 
 
 def _commanded(found: RunningController, given: ControllerInput, times: int = 1) -> tuple[bool, float, float]:
-    """The command of the last of several calls."""
     valid, v_mps, w_radps = guarded(found.plug_in, "compute_velocity", lambda: _repeated(found.bound, given, times))
     return bool(valid), float(v_mps), float(w_radps)
 

@@ -144,7 +144,6 @@ def score(q: Any, memory: DwbMemory, given: ControllerInput) -> Any:
 
 @inner
 def _prepare(q: Any, memory: DwbMemory, given: ControllerInput) -> _Setting:
-    """Let the critics look at the situation."""
     window, pose, twist, plan, goal = given.window, given.pose, given.twist, given.plan, given.goal
     n = plan.shape[0]
     dx, dy = goal[0] - pose[0], goal[1] - pose[1]

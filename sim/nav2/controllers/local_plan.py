@@ -68,7 +68,6 @@ def _inversion(path: Any, first: int, end: int) -> int:
 
 @inner
 def _first(q: Any, m: Any, path: Any) -> int:
-    """Index of the point that the local plan begins with."""
     best, nearest, along, end = m.path_i, math.inf, 0.0, m.path_i
     while end < m.path_end:
         if end > m.path_i:

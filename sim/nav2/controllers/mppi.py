@@ -196,7 +196,6 @@ def _sample(q: Any, memory: Any, space: Space, frame: Frame, draw: Draw, given: 
 
 @inner
 def _judge_plan(q: Any, memory: Any, space: Space, frame: Frame, given: ControllerInput, goal_m: float) -> None:
-    """Judge the samples by the local plan."""
     pose, plan, free = given.pose, given.plan, memory.free
     steps, n = memory.sequence.shape[1], plan.shape[0]
     aligned = q.PathAlignCritic.enabled != 0 and goal_m >= q.PathAlignCritic.threshold_to_consider

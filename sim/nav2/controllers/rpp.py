@@ -103,7 +103,6 @@ def _carrot(pose: Any, plan: Any, n: int, lookahead_m: float) -> Any:
 def _regulated_speed(
     q: Any, cost: int, inscribed_radius_m: float, pose: Any, plan: Any, n: int, curvature: float
 ) -> float:
-    """Desired speed reduced in curves, near obstacles and near the plan's end."""
     desired = q.desired_linear_vel
     by_curve, by_cost = desired, desired
     radius_m = 1.0 / abs(curvature)

@@ -105,7 +105,6 @@ def zoned(p: Any, m: Any, v_mps: float, w_radps: float, vy_mps: float) -> float:
 
 @inner
 def _share(limit: float, speed: float) -> float:
-    """The factor that brings a speed down to its limit."""
     return limit / abs(speed) if abs(speed) > limit else 1.0
 
 

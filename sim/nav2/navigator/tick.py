@@ -176,7 +176,6 @@ def _next_scan(m: Any) -> bool:
 
 @inner
 def _take(p: Any, m: Any, skips: Any, obstacles: Any, noise: Bound) -> None:
-    """Take this tick's measurements, and send off a complete scan."""
     starts = m.tick % p.scan_ticks == 0
     ranges = m.late_ranges[m.scans_taken % state.LATE_SCANS]
     if p.sweeps != 0 and m.tick > 0:

@@ -297,7 +297,6 @@ _OF_ACTION: Final[Mapping[str, tuple[str, ...]]] = {
 
 
 def _read_monitor(reader: Reader, node: ParameterLocation) -> Mapping[str, CollisionMonitor]:
-    """The polygon round the footprint, and the areas that the file draws."""
     values, scan = reader.document.values, _monitored_scan(reader, node)
     round_footprint: ParameterLocation | None = None
     zones = []
@@ -330,7 +329,6 @@ def _read_monitor(reader: Reader, node: ParameterLocation) -> Mapping[str, Colli
 
 
 def _monitored_scan(reader: Reader, node: ParameterLocation) -> ParameterLocation | None:
-    """Return the place of the laser scan that the monitor watches."""
     scan = None
     for name in reader.names((*node, "observation_sources")):
         place = (*node, name)

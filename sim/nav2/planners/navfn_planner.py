@@ -228,7 +228,6 @@ def _bound_below(memory: NavFnMemory, leg: int, start: Cell, end: Cell, reach: f
 
 @inner
 def _straight(column: int, row: int, to_column: int, to_row: int) -> float:
-    """The least that a path between two cells costs."""
     return float(LEAST_CELL_COST * math.hypot(column - to_column, row - to_row))
 
 

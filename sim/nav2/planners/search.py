@@ -163,7 +163,6 @@ def along_curve(q: Any, distances: Any, goal: Any, x: int, y: int, turn: int, ov
 
 @inner
 def _length(q: Any, x: float, y: float, heading_rad: float) -> float:
-    """From a pose to the origin."""
     c, s = math.cos(heading_rad), math.sin(heading_rad)
     to_x, to_y = -(c * x + s * y) / q.radius, (s * x - c * y) / q.radius
     return float(q.radius * shortest(to_x, to_y, -heading_rad, q.reverses != 0)[0])

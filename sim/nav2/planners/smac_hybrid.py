@@ -76,7 +76,6 @@ def node_of(nodes: Nodes, key: int) -> int:
 
 @inner
 def _slot(rows: Any, slots: Any, key: int) -> int:
-    """Return the slot of a key, or the free slot for it."""
     last = slots.shape[0] - 1
     slot = ((key * _SPREAD) >> 20) & last
     while slots[slot] != 0 and rows[slots[slot] - 1, KEY] != key:

@@ -114,7 +114,6 @@ class _Scenario(MemberChecker):
         self.fault(text.call.place, f"got {path}(…) in the body of a scenario", right)
 
     def _chain(self, text: syntax.Compound) -> list[syntax.Compound]:
-        """Return the scenario and its bases, the farthest first."""
         chain = [text]
         while chain[0].base is not None:
             name = str(chain[0].base)
@@ -253,7 +252,6 @@ class _Scenario(MemberChecker):
                 return Emit(text.event.text, label, text.place)
 
     def _is_modifier(self, text: syntax.Member | syntax.Behavior) -> TypeGuard[syntax.Act]:
-        """Whether a part of a body or composition calls a modifier."""
         path = str(text.call.path) if isinstance(text, syntax.Act) else ""
         return path in self.declared.modifiers and path not in self.declared.actions
 

@@ -157,7 +157,6 @@ class _Declarer(MemberChecker):
             self.declared.actions[name] = (*self.declared.actions.get(name, ()), self._compound(text, actions))
 
     def _compound(self, text: syntax.Compound, known: Mapping[str, Compound]) -> Compound:
-        """Return a compound with what it inherits from one of the known."""
         assert text.kind != "scenario"
         base = known.get(str(text.base))
         if text.base is not None and base is None:

@@ -183,7 +183,6 @@ def _basic(name: str, given: Any) -> Any:
 
 
 def _right(type_: Type, unit: str = "") -> str:
-    """Describe a value of a type as configurations write it."""
     if type_.is_list:
         return f"a {type_}"
     if type_.kind == "physical":

@@ -152,7 +152,6 @@ def _parts(pattern: str) -> tuple[str, ...]:
 
 
 def _matches(names: Sequence[str], parts: Sequence[str]) -> bool:
-    """Whether the names of a path match the parts of a pattern."""
     if not names or not parts:
         return not names and not parts
     (name, *further), (part, *rest) = names, parts
