@@ -141,7 +141,8 @@ def execute(
         if simulation.sent_s is None and checked.is_sent:
             raise ScenarioError(f"the robot was never given a goal: {ending.reason or 'the scenario ended before'}")
         recording = recording_of(simulation, entropy, ending, behaviors)
-        recording = replace(recording, columns=recorded(recording.columns, checked.script.topics))
+        if (topics := checked.script.topics) is not None:
+            recording = replace(recording, columns=recorded(recording.columns, topics))
     else:
         recording = recording_without_world(tree.now_s, entropy, ending, behaviors)
     if record:

@@ -148,12 +148,9 @@ def pair_text(pair: InteractionEffect) -> str:
 
 def p_text(claim: Claim) -> str:
     """`p = 0.012`, adjusted."""
-    return f"p {p_value_text(claim.adjusted)}" if claim.adjusted is not None else "p unknown"
-
-
-def p_value_text(p_value: float) -> str:
-    """`= 0.012`, or the bound of random orders."""
-    return "≤ 0.0001" if p_value <= 1.05e-4 else f"= {p_value:.2g}" if p_value < 0.995 else "= 1"
+    if (p := claim.adjusted) is None:
+        return "p unknown"
+    return "p ≤ 0.0001" if p <= 1.05e-4 else f"p = {p:.2g}" if p < 0.995 else "p = 1"  # the bound of random orders
 
 
 def difference_text(level: LevelEffect) -> str:

@@ -1,5 +1,6 @@
 """Effects of factors and of their pairs on the failure rate, in a linear model of its levels."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from vastflow.oracles.results.factors import Factor
 from vastflow.oracles.statistics.intervals import Floats, Interval, clustered_interval
 from vastflow.oracles.statistics.linear import Contrasts, Margins, Tested, Trend, trend_of
-from vastflow.oracles.statistics.matched import Codes, matched, means_of, needed, permuted, smallest, table_of
+from vastflow.oracles.statistics.matched import Codes, matched, means_of, needed, permuted, table_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,7 +189,7 @@ class FactorModel:
         if table is None:
             claim = _of_either(tested, trend)
         else:
-            claim = Claim(permuted(table, numbers), least=smallest(len(table), count))
+            claim = Claim(permuted(table, numbers), least=math.factorial(count) ** (1.0 - len(table)))
             if claim.least * len(self._columns) > self._error:
                 more = needed(count, len(self._columns), self._error)
         by_situation = means_of(first[0] / np.maximum(first[1], 1), situations, factor.codes, count)

@@ -177,11 +177,6 @@ def permuted(table: Floats, values: Floats | None) -> float:
     return float((p_values <= p_values[0] + 1e-12).mean())
 
 
-def smallest(situations: int, levels: int) -> float:
-    """The lowest p-value that `situations` can give, however large the effect."""
-    return float(math.factorial(levels)) ** (1 - situations)
-
-
 def needed(levels: int, tests: int, error: float) -> int:
     """Number of situations from which the lowest p-value, times the number of tests, is at most `error`."""
     return math.ceil(1 + math.log(tests / error) / math.log(math.factorial(levels)) - 1e-9)

@@ -131,9 +131,7 @@ def told(loop: ClosedLoop, recoveries_before: int = 0) -> str:
     return f"{REASONS[loop.error_code]}, after {loop.recoveries - recoveries_before} recoveries"
 
 
-def recorded(columns: Columns, topics: Sequence[str] | None) -> Columns:
-    """Select the columns that a scenario's topics ask for; all of them for None."""
-    if topics is None:
-        return columns
+def recorded(columns: Columns, topics: Sequence[str]) -> Columns:
+    """Select the columns that a scenario's topics ask for."""
     left_out = set(COLUMNS_OF.values()) - {COLUMNS_OF[topic] for topic in topics if topic in COLUMNS_OF}
     return {name: column for name, column in columns.items() if not name.startswith(tuple(left_out))}

@@ -162,11 +162,6 @@ def obstacle_of(
     return Obstacle(name, shape, pose, length_m, width_m, trigger, mass_kg, friction)
 
 
-def has_mass(entry: Mapping[str, Value]) -> bool:
-    """True if an entry's arguments give a mass."""
-    return "mass:=" in str(entry.get("xacro_arguments") or "").replace(" ", "")
-
-
 def _trigger(entry: Mapping[str, Value], where: str, environment: Mapping[str, Value]) -> Trigger | None:
     if "spawn_trigger" not in entry:
         return None

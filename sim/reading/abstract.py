@@ -80,15 +80,6 @@ def definition_of(abstract: Abstract) -> ScenarioDefinition:
     return _defined(abstract, abstract.path if isinstance(abstract, FileContent) else "")
 
 
-def file_of(abstract: Abstract) -> Path:
-    """Return the path of an abstract scenario."""
-    return Path(abstract.path if isinstance(abstract, FileContent) else _shipped(abstract))
-
-
-def _shipped(abstract: str) -> Path:
-    return shipped_file(f"{abstract.removeprefix(BUILTIN)}.osc")
-
-
 @functools.lru_cache(maxsize=CACHED_DEFINITIONS)
 def _defined(abstract: Abstract, path: str) -> ScenarioDefinition:
     if isinstance(abstract, FileContent):
@@ -98,7 +89,7 @@ def _defined(abstract: Abstract, path: str) -> ScenarioDefinition:
         return definition
     if abstract not in (known := [BUILTIN + each for each in SHIPPED]):
         raise ScenarioError(f"expected one of {', '.join(known)}, got {abstract!r}")
-    return _read(_shipped(abstract))
+    return _read(shipped_file(f"{abstract.removeprefix(BUILTIN)}.osc"))
 
 
 def _read(file: Path) -> ScenarioDefinition:

@@ -20,7 +20,7 @@ from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.plug_ins.loading import code_value
 from vastflow.sim.reading.abstract import content_digest, definition_digest, definition_of, plain_value
 from vastflow.sim.reading.robot import lidar_of, robot_of
-from vastflow.sim.reading.script import Script, calls_of, navigates, script_of
+from vastflow.sim.reading.script import NAVIGATIONS, Script, calls_of, script_of
 from vastflow.sim.reading.vocabulary import WORLDLY
 from vastflow.sim.reading.world import WORLD_KEY, difference_of
 from vastflow.sim.world.difference import WorldDifference
@@ -95,7 +95,7 @@ def checked_of(scenario: Scenario) -> CheckedScenario:
         scenario.situation_digest,
         script,
         actions,
-        navigates(actions),
+        any(action.rpartition(".")[2] in NAVIGATIONS for action in actions),
         _robot(scenario, script) if needs_robot else None,
         scenario.programs,
         {key: value for key, value in given.items() if isinstance(value, FileContent)},

@@ -1,7 +1,7 @@
 """The script of a run: an abstract scenario with the values and goals of a concrete one."""
 
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -194,11 +194,6 @@ def is_optional_list(parameter: Field) -> bool:
 def calls_of(root: Behavior) -> Iterator[Call]:
     """Yield every call of an action, in the order of the file."""
     return (behavior for behavior in behaviors_of(root) if isinstance(behavior, Call))
-
-
-def navigates(actions: Iterable[str]) -> bool:
-    """True if one of these actions, by their names in a file, sends the robot somewhere."""
-    return any(action.rpartition(".")[2] in NAVIGATIONS for action in actions)
 
 
 def _one_robot(calls: Sequence[Call]) -> None:

@@ -227,7 +227,12 @@ class SourceTree:
     def _module(self, name: str, file: Path) -> Module:
         if file not in self._read or name == PLUG_IN:  # a user may be editing a plug-in
             package = name if file.name == "__init__.py" else name.rpartition(".")[0]
-            content = _python(file)
+            if file.suffix == ".ipynb":
+                from vastflow.oracles.judgement.notebook import notebook_code
+
+                content = notebook_code(file).encode()
+            else:
+                content = file.read_bytes()
             if (module := self._cache.find(content, package)) is None:
                 module = _module_of(content, package)
                 self._cache.add(content, package, module)
@@ -311,15 +316,6 @@ def _is_below(name: str, packages: tuple[str, ...]) -> bool:
 def _with_parents(name: str) -> list[str]:
     parts = name.split(".")
     return [".".join(parts[: k + 1]) for k in range(len(parts))]
-
-
-def _python(file: Path) -> bytes:
-    """Return a module as it is written; of a notebook, the code cells."""
-    if file.suffix == ".ipynb":
-        from vastflow.oracles.judgement.notebook import notebook_code
-
-        return notebook_code(file).encode()
-    return file.read_bytes()
 
 
 def live_source(top: str) -> Path | None:

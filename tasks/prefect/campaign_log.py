@@ -61,7 +61,10 @@ def prefect_log(log: Path) -> Iterator[None]:
     root = logging.getLogger()
     known = [logger for logger in logging.Logger.manager.loggerDict.values() if isinstance(logger, logging.Logger)]
     for logger in [root, *known]:
-        _end_earlier(logger)
+        for earlier in [each for each in logger.handlers if isinstance(each, _LogFile) and each.is_left]:
+            logger.removeHandler(earlier)
+            logger.addHandler(logging.NullHandler())  # else Prefect falls back to the terminal
+            earlier.close()
     prefect_logger = logging.getLogger("prefect")
     is_first = _is_first(prefect_logger)
     before = {logger: (list(logger.handlers), logger.propagate) for logger in [root, *known]}
@@ -101,14 +104,6 @@ def prefect_log(log: Path) -> Iterator[None]:
 
 def _is_first(logger: logging.Logger) -> bool:
     return not any(isinstance(each, _LogFile) for each in logger.handlers)
-
-
-def _end_earlier(logger: logging.Logger) -> None:
-    """Close a log that an earlier campaign of this process left to Prefect, without a fallback to the terminal."""
-    for handler in [each for each in logger.handlers if isinstance(each, _LogFile) and each.is_left]:
-        logger.removeHandler(handler)
-        logger.addHandler(logging.NullHandler())
-        handler.close()
 
 
 def hush() -> None:

@@ -63,7 +63,10 @@ class SourceFiles:
 def source_files(folders: Iterable[Path]) -> SourceFiles:
     """Return the Python files in these folders and below, as they are now."""
     found = {
-        str(folder): {str(file.relative_to(folder)): _stamp(str(file)) for file in sorted(folder.rglob("*.py"))}
+        str(folder): {
+            str(file.relative_to(folder)): ((status := file.stat()).st_size, status.st_mtime_ns, _sha256(str(file)))
+            for file in sorted(folder.rglob("*.py"))
+        }
         for folder in sorted(folders)
     }
     return SourceFiles(zlib.compress(json.dumps(found, separators=(",", ":")).encode()))
@@ -113,11 +116,6 @@ def _changed(file: str) -> StoreError:
 @functools.lru_cache(maxsize=4)
 def _watched(record: bytes) -> _Watched:
     return _Watched(json.loads(zlib.decompress(record)))
-
-
-def _stamp(file: str) -> _Stamp:
-    status = os.stat(file)
-    return status.st_size, status.st_mtime_ns, _sha256(file)
 
 
 def _sha256(file: str) -> str:

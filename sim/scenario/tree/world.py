@@ -10,7 +10,7 @@ from py_trees.common import Status
 
 from vastflow.sim.loop.simulation import COLUMNS_OF, Order, Simulation
 from vastflow.sim.model.faults import ScenarioError
-from vastflow.sim.model.obstacle import has_mass, obstacle_of
+from vastflow.sim.model.obstacle import obstacle_of
 from vastflow.sim.model.pose import Pose, pose_of
 from vastflow.sim.model.scenario import Mission, MissionKind
 from vastflow.sim.scenario.tree.action import ActionSituation, Immediate, WorldAction, WorldFactory
@@ -40,7 +40,8 @@ class Spawn(WorldAction, Immediate):
             if self.simulation.stands(obstacle.name):
                 self.message = f"{obstacle.name!r} stands there already; a name that is not in use"
                 return False
-            self.simulation.spawn(obstacle, has_mass(entry))
+            has_mass = "mass:=" in str(entry.get("xacro_arguments") or "").replace(" ", "")
+            self.simulation.spawn(obstacle, has_mass)
         return True
 
 
