@@ -5,6 +5,8 @@ from pathlib import Path
 import pytest
 from room import drawn_room
 
+from vastflow.tasks.keys.source import installed_tree
+
 CAMPAIGN = """\
 version: 1
 metadata:
@@ -24,9 +26,21 @@ execution:
 """
 
 
+@pytest.fixture(scope="session")
+def tree():
+    """A source tree that reads each file once: an edit of the checkout during the tests is not what is tested."""
+    return installed_tree()
+
+
+@pytest.fixture
+def no_prefect(monkeypatch):
+    monkeypatch.setattr(
+        "vastflow.flows.flow_runs.flow_call.FlowCall.run", lambda *_: pytest.fail("Prefect was started")
+    )
+
+
 @pytest.fixture
 def small_room(tmp_path: Path) -> Path:
-    """Path of a campaign file with two configurations of two runs."""
     folder = tmp_path / "campaign"
     drawn_room(folder)
     (folder / "room.vast").write_text(CAMPAIGN)

@@ -54,10 +54,6 @@ def scenarios_of(file: Path):
     return [configuration.scenario for configuration in instantiate(campaign).configurations]
 
 
-def test_campaign_file_chooses_plug_in_controller(campaign_file):
-    assert controllers(scenarios_of(campaign_file)) == ["RppParameters", "PurePursuit"]
-
-
 def test_campaign_refuses_unknown_controller(campaign_file):
     campaign_file.write_text(campaign_file.read_text().replace("PurePursuit", "PurePursit"))
     with pytest.raises(

@@ -18,6 +18,7 @@ CREATED = datetime(2026, 11, 21, 6, 5, 4)
 def test_name_is_the_campaigns_and_the_time_it_started(tmp_path):
     with new_directory(tmp_path / "results", "first_try", CREATED) as directory:
         (directory.partial / "a").write_text("x")
+        assert not directory.final.exists()
     assert [p.name for p in (tmp_path / "results").iterdir()] == ["first-try-2026-11-21-060504"]
     assert (directory.final / "a").read_text() == "x"
 
@@ -64,11 +65,6 @@ def test_results_folder_deleted_while_it_is_written_is_reported(tmp_path):
     with pytest.raises(UserError, match=words), new_directory(tmp_path, "c", CREATED) as directory:
         shutil.rmtree(tmp_path)
         (directory.partial / "runs.parquet").write_text("x")
-
-
-def test_before_the_end_nothing_stands_under_the_final_name(tmp_path):
-    with new_directory(tmp_path, "c", CREATED) as directory:
-        assert not directory.final.exists()
 
 
 @each_row(

@@ -21,7 +21,7 @@ from whole_directory import ConfigurationResult, write_results
 from vastflow.flows.cli import export as export_command
 from vastflow.flows.export import export as layout
 from vastflow.flows.export.export import Exported, export
-from vastflow.flows.export.junit import Case, Flaw, Suite, campaign_report, suite_report
+from vastflow.flows.export.junit import Case, Flaw, Suite, campaign_report
 from vastflow.flows.export.run import ExportedRun, case_of, files_of
 from vastflow.oracles.judgement.verdict import Metric, Verdict
 from vastflow.oracles.results.unusable import UnusableDirectory
@@ -309,21 +309,6 @@ def test_export_command_refuses_folder_that_cannot_be_made(tmp_path, monkeypatch
     monkeypatch.setattr(layout, "export", export)
     words = "out: can't be written (Permission denied); name another folder"
     assert refused("export", tmp_path, "out") == words
-
-
-def totals(element):
-    return [element.get(key) for key in ("tests", "failures", "errors", "skipped", "time")]
-
-
-def test_junit_reports_count_flaws_of_each_kind():
-    flaws = [None, Flaw("failure", "late"), Flaw("error", "fault"), Flaw("skipped", "no path")]
-    room = Suite("größe", [Case(f"room/{k}", "c", 0.25, flaw=flaw) for k, flaw in enumerate(flaws)])
-    suite = ElementTree.fromstring(suite_report(room))
-    assert (totals(suite), suite.get("timestamp")) == (["4", "1", "1", "1", "1.000000"], None)
-    assert [[child.tag for child in case] for case in suite] == [[], ["failure"], ["error"], ["skipped"]]
-    assert "größe".encode() in suite_report(room)
-    root = ElementTree.fromstring(campaign_report("c", [room, Suite("hall", room.cases[:1])]))
-    assert totals(root) == ["5", "1", "1", "1", "1.250000"]
 
 
 @example("\x1b[31mred\x1b[0m")

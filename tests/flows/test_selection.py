@@ -2,7 +2,6 @@
 
 from collections import Counter
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
@@ -10,7 +9,6 @@ from table import each_row
 from vastflow.flows.request.configurations import narrowed, sampled
 from vastflow.producers.instantiation.instantiate import Instantiation, mark_duplicates
 from vastflow.producers.model.configuration import Configuration
-from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.scenario import scenario_of
 from vastflow.tasks.engine.instantiation import Instantiated
 
@@ -94,8 +92,3 @@ def test_sample_is_drawn_from_what_is_selected_by_name():
     found = narrowed(Instantiated(LARGE), FILE, ["b"], 7).instantiation
     assert (len(names(found)), found.sampled_from) == (7, 30)
     assert {each.family for each in found.configurations} == {"b"}
-
-
-def test_selection_refuses_unknown_name():
-    with pytest.raises(FileError, match="no family or configuration 'aa'"):
-        narrowed(Instantiated(LARGE), FILE, ["aa"], 5)

@@ -15,7 +15,6 @@ from vastflow.sim.reading.checked import checked_digest
 from vastflow.tasks.engine import work
 from vastflow.tasks.engine.evaluation import packed
 from vastflow.tasks.engine.instantiation import Instantiator
-from vastflow.tasks.keys.source import installed_tree
 from vastflow.tasks.store.store import open_store
 
 DAY_S = 24 * 3600.0
@@ -32,11 +31,6 @@ def store(tmp_path, monkeypatch):
     store = open_store(tmp_path / "store")
     monkeypatch.setenv("VASTFLOW_STORE", str(store.local))
     return store
-
-
-@pytest.fixture(scope="module")
-def tree():
-    return installed_tree()
 
 
 @pytest.fixture
