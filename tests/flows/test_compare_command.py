@@ -55,7 +55,6 @@ def write(folder, configurations, *, oracles=("success",), seed="", created="202
 
 
 def same(said, system=0, configurations=12):
-    """Configurations alike."""
     return {f"c{k}": (k, system, said) for k in range(configurations)}
 
 

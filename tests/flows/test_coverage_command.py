@@ -49,7 +49,6 @@ def expected(campaign_file):
 
 @pytest.fixture
 def directory(expected, tmp_path):
-    """The part of a campaign directory that the command reads."""
     folder = tmp_path / "results" / "small-room-2026-11-21-120000"
     folder.mkdir(parents=True)
     (folder / "metadata.json").write_text("{}")

@@ -2,10 +2,10 @@
 
 import json
 import shutil
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import minimize as planted
 import pytest
 import yaml
 from command_line import called, refused
@@ -25,7 +25,6 @@ from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, nav2_file
 from vastflow.sim.world.map_file import map_content
 
-PROOFS = Path(__file__).parents[1] / "proofs"
 CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
 
 pytestmark = pytest.mark.timeout(900)
@@ -48,17 +47,7 @@ class Own(Oracle[Parameters]):
 
 
 @pytest.fixture(scope="module")
-def planted():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(PROOFS)
-        patch.delitem(sys.modules, "minimize", raising=False)
-        import minimize
-
-        yield minimize
-
-
-@pytest.fixture(scope="module")
-def place(planted, tmp_path_factory):
+def place(tmp_path_factory):
     """A folder with a store and a campaign directory of plants that fail, pass, can't be built, and break."""
     folder = tmp_path_factory.mktemp("minimize")
     near = {"start_pose": planted.START, "goal_pose": {"x": 1.8, "y": 2.5, "yaw": 0.0}}
@@ -79,7 +68,7 @@ def place(planted, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def searched(planted, place):
+def searched(place):
     """The directory of a search among two starts behind a blocked door, one of them in the wall."""
     folder, _ = place
     text = (folder / "planted.vast").read_text()
@@ -116,7 +105,7 @@ def alone(monkeypatch):
 
 
 @pytest.fixture
-def failing(planted, tmp_path):
+def failing(tmp_path):
     """Returns a failing configuration with these values of its system, and its whole candidate."""
     planted.written(tmp_path, [])
 

@@ -55,7 +55,6 @@ WRONG_KEYS = [(place, *pair.split("=")) for place, pairs in MISSPELLED.items() f
 
 @pytest.fixture
 def campaign(small_room, monkeypatch, tmp_path):
-    """Writes the template with some of its places filled, and returns its path."""
     monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "store"))
 
     def written(nav2="", lengths="3.0", **filled):

@@ -26,10 +26,6 @@ def test_automation_of_the_page_is_one_that_prefect_takes(written):
     assert (automation.enabled, automation.trigger.threshold) == (True, 1)
 
 
-def test_page_has_automations():
-    assert len(AUTOMATIONS) == 2
-
-
 def test_settings_of_the_page_are_known_to_prefect():
     named = set(re.findall(r"PREFECT_[A-Z_]+[A-Z]", PAGE))
     assert named - _get_valid_setting_names(Settings) == set()

@@ -72,7 +72,6 @@ def client(monkeypatch):
 
 @pytest.fixture
 def clock(monkeypatch):
-    """A clock that can be set: `clock.now_s`."""
     clock = SimpleNamespace(now_s=100.0)
     monkeypatch.setattr(pages.time, "monotonic", lambda: clock.now_s)
     return clock
@@ -159,7 +158,6 @@ def test_page_pauses_after_refused_request(client, clock, caplog):
 
 @pytest.fixture
 def finished(monkeypatch):
-    """A campaign directory that is not looked into."""
     monkeypatch.setattr(pages, "flow_run", SimpleNamespace(id=FLOW_RUN))
     monkeypatch.setattr(pages, "get_run_logger", lambda: pages.LOGGER)
     monkeypatch.setattr(pages, "result_rows", lambda found: [{"family": "room", "runs": 4}])

@@ -103,7 +103,6 @@ def test_faults_of_the_file_are_said_with_their_places_and_exit_with_2(nav2):
 
 @pytest.fixture
 def campaign(small_room, nav2):
-    """The small campaign with the parameter file beside it."""
     nav2.rename(small_room.with_name("nav2.yaml"))
     small_room.write_text(f"{small_room.read_text()}  nav2_params: nav2.yaml\n")
     return small_room

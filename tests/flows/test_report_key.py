@@ -32,7 +32,6 @@ REJECTED = RejectedInstance("room", "room", "PathVariationRandom", "no path", {"
 
 @pytest.fixture
 def asked(small_room):
-    """Inputs of a report of the small room."""
     campaign, oracles = read_campaign(small_room)
     return {
         "keys": KEYS,

@@ -1,19 +1,20 @@
 """Proofs in short: threads, mutants of every kind of file, machines that lack something, and the pipeline's benchmark."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import environment
 import fuzz
 import pytest
 import threads
+from bench_cluster import measured
 from bench_pipeline import SCENARIO, bench_pipeline, campaign_text
-from table import each_row
 
-from vastflow.producers.campaign import load_campaign
-from vastflow.producers.instantiation.instantiate import instantiate
+from vastflow.flows import run_campaign
 from vastflow.sim.scenario.language import declaring, grammar
 
 MUTANTS = {
@@ -117,9 +118,43 @@ def test_pipeline_executes_everything_once_and_one_configuration_after_an_edit()
     assert found["cpu_s"] > found["overhead_cpu_s"] > 0 < found["flow_peak_mb"]
 
 
-@each_row("configurations", [2, 21, 22, 50])
-def test_benchmark_campaign_has_as_many_distinct_configurations_as_asked(tmp_path, configurations):
+OF_A_CALL = {"metadata.json", "logs", ".files.json"}
+
+
+def contents(directory: Path) -> dict[str, bytes]:
+    """All files that follow from the campaign alone, the report without what it says of its call."""
+    found = {}
+    for file in sorted(directory.rglob("*")):
+        if file.is_file() and file.relative_to(directory).parts[0] not in OF_A_CALL:
+            content = file.read_bytes()
+            if file.name == "report.html":
+                for mark in (b"when", b"work"):
+                    content = re.sub(b"(?s)<!-- %b -->.*?<!-- /%b -->" % (mark, mark), b"", content)
+            found[file.relative_to(directory).as_posix()] = content
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_edited_campaign_has_the_bytes_of_a_run_from_nothing(tmp_path, monkeypatch):
+    monkeypatch.delenv("PREFECT_API_URL", raising=False)
     (tmp_path / "nothing.osc").write_text(SCENARIO)
-    (tmp_path / "nothing.vast").write_text(campaign_text(configurations, 3, edited=0))
-    found = instantiate(load_campaign(tmp_path / "nothing.vast")).configurations
-    assert len({configuration.scenario.digest for configuration in found}) == len(found) == configurations
+    file = tmp_path / "nothing.vast"
+
+    def run(store, results):
+        return run_campaign(file, store=str(tmp_path / store), results=str(tmp_path / results), workers=1)
+
+    file.write_text(campaign_text(24, 2, edited=0))
+    assert run("store", "first").summary.executed == 48
+    file.write_text(campaign_text(24, 2, edited=1))
+    edited = run("store", "edited")
+    assert (edited.summary.executed, edited.summary.reused) == (2, 46)
+    assert contents(edited.directory) == contents(run("other", "nothing").directory)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_workers_of_cluster_are_busy_with_units_of_seconds(tmp_path):
+    found = measured(slots=8, ideal_s=10.0, folder=tmp_path)
+    assert (found["slots"], found["units"]) == (8, 80)
+    assert found["efficiency"] > 0.5, "on a machine that others use"

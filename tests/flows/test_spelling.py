@@ -74,7 +74,6 @@ class Prints(Oracle[Parameters]):
 
 @pytest.fixture
 def folder(tmp_path):
-    """The folder of a campaign with files of every kind."""
     base = tmp_path / "real" / "campaign"
     files = {
         "own.vast": CAMPAIGN,
