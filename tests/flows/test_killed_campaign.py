@@ -13,6 +13,9 @@ import sys
 import time
 from pathlib import Path
 
+import killed as proof
+import killed_life
+import killed_points
 import pyarrow.parquet as pq
 import pytest
 from prefect import Flow
@@ -24,7 +27,6 @@ from vastflow.tasks.prefect.orphans import mark_orphans, process_tags
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 more = pytest.mark.skipif(os.environ.get("VASTFLOW_DEPLOYMENTS") != "all", reason="VASTFLOW_DEPLOYMENTS=all runs it")
 
-PROOFS = Path(__file__).parents[1] / "proofs"
 SEED = 3
 CONFIGURATIONS = 13
 
@@ -33,18 +35,11 @@ CONFIGURATIONS = 13
 def killed():
     """The proof as a module, with fewer configurations."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(PROOFS)
-        import killed
-        import killed_life
-        import killed_points
-
         fewer = killed_life.CAMPAIGN.replace("[1, 2, 3, 4, 5]", "[1, 2]").replace("[21, 22]", "[21]")
         patch.setattr(killed_life, "CAMPAIGN", fewer)
-        for module in (killed, killed_life, killed_points):
+        for module in (proof, killed_life, killed_points):
             patch.setattr(module, "CONFIGURATIONS", CONFIGURATIONS)
-        yield killed
-        for name in ("killed", "killed_life", "killed_outcome", "killed_points"):
-            del sys.modules[name]
+        yield proof
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +74,6 @@ def test_killed_process_costs_only_what_was_in_flight(killed, lab, alone, victim
 
 @pytest.fixture(scope="module")
 def api(started_api, lab, alone, tmp_path_factory):
-    """A client of an API that outlives campaigns."""
     with started_api(lab.home, tmp_path_factory.mktemp("api") / "server.log") as client:
         yield client
 

@@ -53,10 +53,30 @@ class Driven(Oracle[DrivenParameters]):
 """
 
 
-def laid_out(folder, name, campaign):
-    """Write a campaign file with a small room, `ahead.py:Ahead`, and `driven.py:Driven` beside it."""
+CAMPAIGN = """\
+version: 1
+metadata: {name: NAME}
+configuration:
+  - name: room
+    parameters:
+      - map_file: room.yaml
+    variations:
+      - ahead.py:Ahead: {distances_m: DISTANCES}
+      - ParameterVariationList:
+          name: laserscan_gaussian_noise_std_deviation
+          values: [0.0, 0.01]
+execution: {runs: 2, timeout: 30}
+evaluation:
+  oracles:
+    - driven.py:Driven: {least_m: 0.1}
+"""
+
+
+def laid_out(folder, name, distances_m):
+    """Write `<name>.vast` with a small room, `ahead.py:Ahead`, and `driven.py:Driven` beside it."""
     drawn_room(folder, 60)
-    for file, text in ((name, campaign), ("ahead.py", PRODUCER), ("driven.py", ORACLE)):
+    campaign = CAMPAIGN.replace("NAME", name).replace("DISTANCES", str(distances_m))
+    for file, text in ((f"{name}.vast", campaign), ("ahead.py", PRODUCER), ("driven.py", ORACLE)):
         (folder / file).write_text(text)
 
 
