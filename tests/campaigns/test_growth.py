@@ -10,25 +10,18 @@ from table import each_row
 
 from vastflow.flows import run_campaign
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.oracles.judgement.judge import judge_block
 from vastflow.oracles.judgement.registry import oracle_of
-from vastflow.oracles.observation.observe import observe_block
 from vastflow.oracles.observation.situation import Situation
 from vastflow.oracles.observation.trace import trace_of
 from vastflow.oracles.replay.recorded import recorded_run
 from vastflow.oracles.results.tables import read_tables
 from vastflow.producers.instantiation.instantiate import instantiate
-from vastflow.sim.model.archive import read_outputs, write_outputs
-from vastflow.sim.model.blocks import read_block, write_recordings
+from vastflow.sim.model.archive import read_outputs
 from vastflow.sim.model.recording import Run
 from vastflow.sim.model.scenario import ProcessSetup
 from vastflow.sim.run import execute
-from vastflow.sim.scenario.language.parameters import bound
-from vastflow.sim.scenario.language.reading import read_scenarios
-from vastflow.sim.scenario.programs.actions import process_actions
 from vastflow.sim.scenario.programs.folders import files_matching
 from vastflow.sim.scenario.programs.run import process_run
-from vastflow.sim.scenario.tree.tree import ScenarioTree
 
 GROWTH = Path(__file__).parents[2] / "campaigns/growth"
 RUN = Run(0, "", "succeeded", 0, "", 1.0, 0.0, 0, 0)
@@ -80,21 +73,6 @@ def test_table_without_numbers_is_not_judged(column):
     assert (verdict.judgement, verdict.reason) == ("not judged", "growth.csv has no rows of numbers")
 
 
-def test_scenario_runs_program_with_parameters_of_configuration(tmp_path):
-    (scenario,) = read_scenarios(GROWTH / "growth.osc")
-    parameters = bound(scenario, {"growth_rate": 4.0, "initial_population": 900})
-    with process_run(ProcessSetup(files_matching(GROWTH, ["growth.py"])), where=tmp_path) as run:
-        tree = ScenarioTree(scenario, parameters, process_actions(run))
-        while not tree.ended:  # a tick of 0.1 s is as long on the host while a program runs
-            tree.tick()
-            run.wait(0.1)
-        tree.shutdown()
-        record = run.close()
-    assert (tree.passed, tree.reason.message) == (True, "")
-    assert record.outputs.tables["growth"]["population"][0] == 900.0
-    assert judged(record.outputs.tables).reason == "1080, 8 % above the capacity of 1000"
-
-
 @pytest.fixture(scope="module")
 def fastest():
     """The configuration of the fastest growth from a hundred, and the campaign's oracles."""
@@ -113,18 +91,6 @@ def test_run_of_the_campaign_is_a_recording_without_rows_and_a_table(fastest):
     trace = trace_of(recording, {"no_reference": "there is no robot"}, {})
     assert trace["growth/population"].max() == pytest.approx(1116.08, abs=0.01)
     assert len(trace) == 0
-
-
-def test_oracles_judge_recordings_and_outputs_of_programs(fastest):
-    configuration, oracles = fastest
-    recording = execute(configuration.scenario, 0).recording
-    recorded, kept = write_recordings([recording]), write_outputs({0: recording.outputs})
-    traces = observe_block(configuration.scenario, recorded)
-    success, below = judge_block(configuration.scenario, recorded, traces, oracles, kept).verdicts
-    assert success.judgement == "pass"
-    assert (success.metrics["distance"].value, success.metrics["recoveries"].value) == (None, None)
-    assert (below.judgement, below.reason) == ("fail", "1116, 12 % above the capacity of 1000")
-    assert [sorted(columns) for _, columns in read_block(traces)] == [[]]
 
 
 def test_another_program_text_is_another_scenario(fastest, tmp_path):

@@ -28,7 +28,7 @@ execution:
 
 @pytest.fixture(scope="session")
 def tree():
-    """A source tree that reads each file once: an edit of the checkout during the tests is not what is tested."""
+    """A source tree that ignores edits of the checkout during the tests."""
     return installed_tree()
 
 

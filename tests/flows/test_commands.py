@@ -1,7 +1,6 @@
 """The command line: what it prints where, its exit codes, and what it refuses."""
 
 import errno
-import importlib
 import json
 import os
 import pickle
@@ -14,14 +13,14 @@ from types import SimpleNamespace
 import pytest
 import typer
 from command_line import called, options_of, options_on, refused
+from room import edited
 from table import each_row
 
 from vastflow.flows import api
 from vastflow.flows.__main__ import RENAMED
 from vastflow.flows.results.summary import Summary
-from vastflow.flows.terminal.ending import Interruptible, check_writable
+from vastflow.flows.terminal.ending import Interruptible
 from vastflow.oracles.evidence.rates import Counts
-from vastflow.sim.model.faults import UserError
 from vastflow.tasks.engine.progress import Progress
 from vastflow.tasks.store.store import StoreError
 
@@ -35,8 +34,6 @@ def finished(**parts):
 
 @pytest.fixture
 def running(monkeypatch):
-    """Puts `behave(observer)` in the campaign's place."""
-
     def running(behave):
         monkeypatch.setattr(api, "run_campaign", lambda path, *, observer, **options: behave(observer))
 
@@ -84,12 +81,6 @@ def test_bad_options_exit_with_2(small_room, arguments):
     assert result.exit_code == 2 and arguments.split()[0] in result.stderr
 
 
-def edited(path, old, new):
-    text = path.read_text()
-    assert old in text
-    path.write_text(text.replace(old, new))
-
-
 MISSING_MAP = ("room.yaml", "cellar.yaml")
 BAD_FILES = [
     (MISSING_MAP, "cellar.yaml"),
@@ -100,7 +91,7 @@ BAD_FILES = [
 
 @pytest.mark.parametrize(("edit", "words"), BAD_FILES)
 def test_bad_file_exits_with_2_and_writes_nothing(here, edit, words):
-    edited(Path(ROOM), *edit)
+    edited(here, (ROOM, *edit))
     before = sorted(here.rglob("*"))
     for command in ("validate", "run"):
         file, line, column, rest = refused(command, ROOM).split(":", 3)
@@ -110,7 +101,7 @@ def test_bad_file_exits_with_2_and_writes_nothing(here, edit, words):
 
 
 def test_validate_reports_all_faults_at_once_and_a_wrong_section_once(small_room):
-    edited(small_room, *MISSING_MAP)
+    edited(small_room.parent, ("room.vast", *MISSING_MAP))
     text = small_room.read_text().replace("  runs: 2", "  rums: 2")
     for oracles, place in (("[success: {allow_missed: perhaps}]", "allow_missed"), ("{1: 2}", "evaluation.oracles")):
         small_room.write_text(f"{text}evaluation:\n  oracles: {oracles}\n")
@@ -122,7 +113,7 @@ def test_validate_counts_parts_of_valid_file_and_names_what_is_not_executed(smal
     ok = "OK: 1 family, 1 producer, 1 oracle\n"
     result = called("validate", small_room)
     assert (result.exit_code, result.stdout) == (0, ok)
-    edited(small_room, "  runs: 2", "  runs: 2\n  image: some/image")
+    edited(small_room.parent, ("room.vast", "  runs: 2", "  runs: 2\n  image: some/image"))
     result = called("validate", small_room)
     note, _, rest = result.stdout.partition("\n")
     assert (result.exit_code, rest) == (0, ok)
@@ -165,11 +156,6 @@ def test_schema_knows_sections():
     assert {"configuration", "execution", "evaluation"} <= set(json.loads(result.stdout)["properties"])
 
 
-def test_results_folder_may_be_made(tmp_path):
-    check_writable(tmp_path / "a" / "b")
-    assert not (tmp_path / "a").exists()
-
-
 def test_run_prints_summary_on_stdout_and_progress_and_notes_on_stderr(small_room, running):
     note = "room.vast:9:3: execution.image: not executed by this version"
 
@@ -204,15 +190,6 @@ def test_interrupted_run_exits_with_130_and_prints_command_that_goes_on(small_ro
     assert signal.getsignal(number) is before
 
 
-@each_row("number", [signal.SIGINT, signal.SIGTERM])
-def test_interruptible_writes_last_words_once(number):
-    said = []
-    with pytest.raises(typer.Exit) as ended, Interruptible("bye") as interruptible:
-        interruptible.last_words_by(said.append)
-        os.kill(os.getpid(), number)
-    assert (ended.value.exit_code, said) == (130, ["bye"])
-
-
 def test_interruptible_takes_error_of_interrupted_import_for_interrupt(capsys):
     with pytest.raises(typer.Exit) as ended, Interruptible("bye"):
         try:
@@ -234,19 +211,6 @@ def test_entry_module_imports_nothing_heavy():
     assert (done.returncode, done.stdout, done.stderr) == (0, "\n", "")
 
 
-def error_class(name):
-    module, _, error = f"vastflow.{name}".rpartition(".")
-    return getattr(importlib.import_module(module), error)
-
-
-def test_errors_with_exit_code_2_are_user_errors():
-    named = (
-        "oracles.results.unusable.UnusableDirectory",
-        "sim.model.faults.FileError",
-        "tasks.store.artifact.StoreError",
-    )
-    assert all(issubclass(error_class(name), UserError) for name in named)
-    others = ("tasks.prefect.server.PrefectUnavailable", "tasks.engine.executor.ClusterError")
-    assert not any(issubclass(error_class(name), UserError) for name in others)
-    come = pickle.loads(pickle.dumps(StoreError(errno.ENOSPC, "no space")))  # from a worker
-    assert (type(come), come.errno) == (StoreError, errno.ENOSPC) and isinstance(come, OSError)
+def test_store_error_of_worker_keeps_its_number():
+    come = pickle.loads(pickle.dumps(StoreError(errno.ENOSPC, "no space")))
+    assert (type(come), come.errno) == (StoreError, errno.ENOSPC)

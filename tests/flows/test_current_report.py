@@ -8,9 +8,12 @@ import sys
 from pathlib import Path
 
 import pytest
+from bench_pipeline import SCENARIO, campaign_text
 
 from vastflow.flows import run_campaign
 from vastflow.flows.results.current_report import newest_sealed, seal
+
+pytestmark = pytest.mark.timeout(900)
 
 
 def same_size_and_time(file: Path, old: str, new: str) -> None:
@@ -68,32 +71,12 @@ def files(directory):
     return {path.relative_to(directory).as_posix(): path.read_bytes() for path in found}
 
 
-NOTHING = """\
-import osc.helpers
-
-scenario nothing:
-    level: int
-    do serial:
-        log("done")
-"""
-
-CAMPAIGN = """\
-version: 1
-metadata: {name: nothing}
-configuration:
-- name: all
-  variations:
-  - ParameterVariationList: {name: level, values: [1, 2, 3]}
-execution: {scenario_file: nothing.osc, runs: 2, timeout: 10}
-"""
-
-
 @pytest.fixture(scope="module")
 def computed(tmp_path_factory, prefect_home):
     """A folder with a campaign, and what a run of it came to; all of it is in the store."""
     folder = tmp_path_factory.mktemp("nothing")
-    (folder / "nothing.osc").write_text(NOTHING)
-    (folder / "nothing.vast").write_text(CAMPAIGN)
+    (folder / "nothing.osc").write_text(SCENARIO)
+    (folder / "nothing.vast").write_text(campaign_text(3, 2, edited=0))
     (folder / "work").mkdir()
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PREFECT_HOME", str(prefect_home(folder / "prefect")))
@@ -121,7 +104,6 @@ def command(folder, *arguments):
     return json.loads(said), loaded.split()
 
 
-@pytest.mark.timeout(900)
 def test_command_that_is_given_again_is_answered_with_the_directory_that_is_there(computed):
     folder, first = computed
     again, loaded = command(folder, "--results", folder / "results")
@@ -134,7 +116,6 @@ def test_command_that_is_given_again_is_answered_with_the_directory_that_is_ther
     assert loaded == []
 
 
-@pytest.mark.timeout(900)
 def test_deleted_report_is_made_again_from_the_store_without_prefect(computed):
     folder, first = computed
     made, loaded = command(folder, "--results", folder / "other")
@@ -147,7 +128,6 @@ def test_deleted_report_is_made_again_from_the_store_without_prefect(computed):
     assert command(folder, "--results", folder / "other")[0]["results"] != made["results"]
 
 
-@pytest.mark.timeout(900)
 def test_changed_input_is_not_answered_with_the_directory_that_is_there(computed):
     folder, _ = computed
     results = ("--results", folder / "edited")

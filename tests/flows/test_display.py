@@ -38,14 +38,6 @@ class Terminal(io.StringIO):
         return True
 
 
-class Clock:
-    def __init__(self):
-        self.now_s = 0.0
-
-    def __call__(self):
-        return self.now_s
-
-
 def test_view_shows_counts_pace_and_verdicts():
     text = shown(progress(), Pace(20.0, 12.0, 2.0, 81.6, 52.0))
     counts = ("16/120 runs", "3/24 configurations", "4 from the store", "9 passed", "5 failed", "2 not judged")
@@ -108,8 +100,8 @@ def lines():
     """Returns the lines that a display without a terminal writes of reports at times (s)."""
 
     def lines(*reports):
-        stream, clock = io.StringIO(), Clock()
-        with Display(stream, clock) as display:
+        stream, clock = io.StringIO(), SimpleNamespace(now_s=0.0)
+        with Display(stream, lambda: clock.now_s) as display:
             for now_s, report in reports:
                 clock.now_s = float(now_s)
                 if report is None:
@@ -166,29 +158,19 @@ def test_closed_display_writes_last_words_once():
     assert stream.getvalue() == "interrupted\n"
 
 
-class Cell:
-    """The output of a notebook's cell, with every state that it showed."""
-
-    def __init__(self):
-        self.shown = []
-
-    def update(self, shown):
-        self.shown.append(shown)
-
-
 def test_notebook_display_renews_one_output_and_ends_with_all_runs_done():
-    cell, times = Cell(), iter([0.0, 0.1, 0.2, 0.9, 1.0])
-    display = NotebookDisplay(cell, lambda html: html, lambda: next(times))
+    states, times = [], iter([0.0, 0.1, 0.2, 0.9, 1.0])
+    display = NotebookDisplay(SimpleNamespace(update=states.append), lambda html: html, lambda: next(times))
     for done in (1, 2, 3, 4):
         display.update(Progress("running", runs_done=done, runs_total=4, passed=done, notices=("a <note>",)))
-    assert [re.search(r'value="(\d)"', shown)[1] for shown in cell.shown] == ["1", "3", "4"]
-    assert "4/4 runs" in cell.shown[-1] and "a &lt;note&gt;" in cell.shown[-1]
+    assert [re.search(r'value="(\d)"', shown)[1] for shown in states] == ["1", "3", "4"]
+    assert "4/4 runs" in states[-1] and "a &lt;note&gt;" in states[-1]
 
 
 def test_notebook_display_needs_kernel_of_notebook(monkeypatch):
     monkeypatch.setitem(sys.modules, "IPython", None)
     assert notebook_display() is None
-    shown = SimpleNamespace(HTML=lambda html: html, display=lambda what, display_id: Cell())
+    shown = SimpleNamespace(HTML=lambda html: html, display=lambda what, display_id: None)
     for shell, found in ((None, False), (SimpleNamespace(), False), (SimpleNamespace(kernel="kernel"), True)):
         ipython = SimpleNamespace(get_ipython=lambda shell=shell: shell, display=shown)
         monkeypatch.setitem(sys.modules, "IPython", ipython)

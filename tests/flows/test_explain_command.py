@@ -6,6 +6,7 @@ from datetime import datetime, timedelta
 
 import pytest
 from command_line import called, refused
+from room import edited
 from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.plan import plan as plans
@@ -17,15 +18,9 @@ from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.recording import Recording, Run
 from vastflow.tasks.engine.index import ConfigurationRuns, Index
-from vastflow.tasks.keys.source import installed_tree
 from vastflow.tasks.store.store import open_store
 
 NOISE = "laserscan_gaussian_noise_std_deviation"
-
-
-@pytest.fixture(scope="module")
-def tree():
-    return installed_tree()
 
 
 class Place:
@@ -39,9 +34,7 @@ class Place:
         self._created = datetime(2026, 11, 21, 6, 5, 4)
 
     def edit(self, old, new):
-        text = self.path.read_text()
-        assert text.count(old) == 1
-        self.path.write_text(text.replace(old, new))
+        edited(self.path.parent, (self.path.name, old, new))
 
     def run(self, runs=2):
         """Write a campaign directory, with a block of recordings, a trace and verdicts of each configuration."""

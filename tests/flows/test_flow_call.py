@@ -1,5 +1,7 @@
 """A flow whose Prefect API fails: restarted if embedded, reported if it is the user's."""
 
+from types import SimpleNamespace
+
 import pytest
 from table import each_row
 
@@ -18,27 +20,12 @@ from vastflow.tasks.store.store import open_store
 pytestmark = pytest.mark.timeout(900)
 
 
-class Server:
-    """An embedded API that answers whenever it is asked for."""
-
-    answers = True
-    notices = ()
-    auth = "vastflow:secret"
-
-    def __init__(self, log):
-        pass
-
-    def url(self):
-        return "http://127.0.0.1:9/api"
-
-    def stop(self, grace_s=3.0):
-        pass
-
-
 @pytest.fixture
 def made(tmp_path, monkeypatch):
     """A call at an embedded API of a flow that has nothing to compute."""
-    monkeypatch.setattr(flow_call, "ApiServer", Server)
+    server = SimpleNamespace(answers=True, notices=(), auth="vastflow:secret", url=lambda: "http://127.0.0.1:9/api")
+    server.stop = lambda grace_s=3.0: None
+    monkeypatch.setattr(flow_call, "ApiServer", lambda log: server)
     monkeypatch.setenv("PREFECT_HOME", str(tmp_path / "prefect"))
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
     index = Index(open_store(tmp_path / "store"), Keys("numeric", "e", "o", "j", 0, []))
@@ -84,18 +71,12 @@ def test_flow_is_begun_again_at_an_embedded_api_only(made, monkeypatch, failures
     assert (said, flow.begun) == (words and words.format(log=made._log), begun)
 
 
-def test_configured_server_starts_no_other(tmp_path, monkeypatch):
+def test_configured_server_starts_no_other(made, monkeypatch):
     import_prefect()  # else it would take the variable for the settings of all tests that follow
-
-    def refused(log):
-        raise AssertionError("an embedded API was started")
-
-    monkeypatch.setattr(flow_call, "ApiServer", refused)
+    monkeypatch.setattr(flow_call, "ApiServer", lambda log: pytest.fail("an embedded API was started"))
     monkeypatch.setenv("PREFECT_API_URL", "http://127.0.0.1:9/api")
     monkeypatch.setattr(flow_call, "configured_url", lambda: "http://127.0.0.1:9/api")
-    index = Index(open_store(tmp_path / "store"), Keys("numeric", "e", "o", "j", 0, []))
-    tally = Tally()
-    FlowCall(Engine(index, Pool(1), tally, ()), tally, tmp_path / "log").run(Flow(0))
+    made.run(Flow(0))
 
 
 def test_finished_flow_is_not_restarted_when_its_api_fails(made):

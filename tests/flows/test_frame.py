@@ -60,7 +60,7 @@ def test_frame_has_a_row_per_run_with_factors_outcome_and_verdicts(tmp_path):
     assert (row["passed"], row["passed.success"], row["passed.safety"]) == (False, True, False)
 
 
-def test_frame_has_row_without_outcome_and_verdict_for_run_that_is_neither_recorded_nor_judged(tmp_path):
+def test_frame_has_row_without_outcome_for_unrecorded_run(tmp_path):
     runs = frame(write(tmp_path, {"a": ("f", {"noise": 1}, "pn")}, unrecorded={("a", 1)}))
     for column in ("passed", "safety.min_distance (m)", "distance_m", "outcome"):
         assert runs[column].isna().tolist() == [False, True]

@@ -15,6 +15,7 @@ from table import each_row
 from whole_directory import ConfigurationResult, write_results
 
 from vastflow.flows.results.results import write_map
+from vastflow.flows.results.summary import Summary
 from vastflow.flows.results.tables import complete, one_block
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.judgement.verdict import Metric, Verdict
@@ -115,17 +116,6 @@ def test_directory_is_complete_without_campaign_files(small_room, tmp_path):
     assert rows == [(name, k, 1) for name in ("room-1", "room-2") for k in (0, 1)]
 
 
-def test_summary_counts_runs_and_verdicts_by_oracle(small_room, tmp_path):
-    def found(configuration):
-        return found_of(range(2), "pass" if configuration.name == "room-1" else "fail")
-
-    summary = written(small_room, tmp_path, found).summary
-    assert (summary.configurations, summary.rejected, summary.duplicates, summary.runs) == (2, 0, 0, 4)
-    assert (summary.passed, summary.failed, summary.not_judged) == (2, 2, 0)
-    assert (summary.executed, summary.reused, summary.simulated_s) == (3, 1, 30.0)
-    assert summary.oracles == {"success": Counts(2, 2, 0)}
-
-
 def test_results_escape_what_text_files_lack(small_room, tmp_path):
     said = "no file a\udcff.csv"
     fault = RunFault("room-2", None, "judge", said)
@@ -187,15 +177,6 @@ def test_report_is_written_before_directory_appears(small_room, tmp_path):
     assert json.loads((results.directory / "metadata.json").read_text())["faults"][0]["stage"] == "report"
 
 
-def test_interrupt_leaves_no_directory(small_room, tmp_path):
-    def found(configuration):
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        written(small_room, tmp_path / "results", found)
-    assert list((tmp_path / "results").iterdir()) == []
-
-
 def test_directories_of_equal_runs_have_equal_bytes(small_room, tmp_path):
     one = written(small_room, tmp_path / "one", whole).directory
     other = written(
@@ -235,3 +216,18 @@ def test_written_map_equals_original(tmp_path_factory, values):
 def test_trinary_map_has_the_gray_values_of_map_saver(tmp_path):
     write_map(tmp_path / "e", OccupancyMap(np.array([[0, 100, -1]], dtype=np.int8), 0.05, (0.0, 0.0)))
     assert (tmp_path / "e/map.pgm").read_bytes().endswith(bytes([254, 0, 205]))
+
+
+KEYS = """
+configurations rejected duplicates runs executed reused passed failed not_judged simulated_s cpu_s wall_s results
+oracles excluded excluded_by sampled_from stood_still
+"""
+
+
+def test_summary_prints_one_line_of_json_with_rounded_seconds():
+    counts = {"success": Counts(119, 1, 0)}
+    summary = Summary(24, 1, 2, 120, 100, 20, 110, 9, 1, 4800.123456, 61.0004, 35.5, "results/c", counts)
+    text = summary.json_text()
+    assert "\n" not in text and list(json.loads(text)) == KEYS.split()
+    assert summary.as_json()["oracles"] == {"success": {"passed": 119, "failed": 1, "not_judged": 0}}
+    assert summary.as_json()["simulated_s"] == 4800.123

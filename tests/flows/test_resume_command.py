@@ -21,13 +21,6 @@ from vastflow.flows.results.directory import ABANDONED_S, WRITER, left_behind, n
 from vastflow.flows.results.inputs import replica
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.producers.instantiation.instantiate import instantiate
-from vastflow.tasks.keys.source import installed_tree
-
-
-@pytest.fixture(scope="module")
-def tree():
-    return installed_tree()
-
 
 FLOORPLANS = Path(__file__).parents[2] / "campaigns" / "floorplans"
 PLANS = """\
@@ -64,7 +57,6 @@ def written(path, root, tree, map_dir=None, as_v1=False, **asked):
 
 @pytest.fixture
 def asked_again(monkeypatch):
-    """The requests with which a campaign would be run."""
     calls = []
 
     def run_campaign(request, *, observer):
@@ -174,17 +166,8 @@ def test_recorded_keys_equal_keys_of_campaign(directory, small_room, tree):
     assert recorded_keys(metadata).verdicts("s", "r", "t") == keys.verdicts("s", "r", "t")
 
 
-@each_row("content", ["{", "{}", "[]", '{"name": "x", "created": "y", "counts": {}}'])
-def test_run_refuses_damaged_or_missing_directory(tmp_path, content):
-    assert "no such folder; `vastflow run` with the campaign file" in refused("run", tmp_path / "nothing")
-    assert "has no metadata.json" in refused("run", tmp_path)
-    (tmp_path / "metadata.json").write_text(content)
-    assert "damaged campaign directory" in refused("run", tmp_path)
-
-
 @pytest.fixture
 def half(directory):
-    """A campaign directory that a killed process left incomplete."""
     partial = directory.with_name(f".{directory.name}.partial")
     directory.rename(partial)
     (partial / WRITER).write_text(json.dumps({"host": os.uname().nodename, "pid": gone_pid(), "began_s": 1.0}))

@@ -25,7 +25,6 @@ from vastflow.flows.run.reporting import reported
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.sim.model.faults import FileError
 from vastflow.tasks.engine.evaluation import packed
-from vastflow.tasks.keys.source import installed_tree
 from vastflow.tasks.store.store import open_store
 
 pytestmark = pytest.mark.timeout(900)
@@ -65,14 +64,10 @@ ORACLE = """
 from vastflow.oracles.judgement.oracle import Oracle, Parameters
 
 
-class PocketParameters(Parameters):
-    pass
-
-
-class Pocket(Oracle[PocketParameters]):
+class Pocket(Oracle[Parameters]):
     \"\"\"Fails the oftener the nearer the run's time is to 7 s.\"\"\"
 
-    Parameters = PocketParameters
+    Parameters = Parameters
     metrics = {"badness": "1"}
 
     def judge(self, trace, situation):
@@ -89,12 +84,11 @@ CALLS = 3 * (12 + 1)
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory):
+def place(tmp_path_factory, tree):
     folder = tmp_path_factory.mktemp("pocket")
     (folder / "campaign").mkdir()
     (folder / "campaign" / "pocket.osc").write_text(SCENARIO)
     with pytest.MonkeyPatch.context() as patch:
-        tree = installed_tree()  # an edit of the checkout while this runs is not what is tested
         patch.setattr(prepared, "installed_tree", lambda: tree)
         yield folder
 

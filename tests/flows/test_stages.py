@@ -8,15 +8,14 @@ import sys
 from pathlib import Path
 
 import pytest
+from bench_pipeline import SCENARIO
 from room import drawn_room
 from table import each_row
 
 from vastflow.flows import execute, instantiate, judge, observe, run_campaign
-from vastflow.flows.flow_runs.flow_call import FlowCall
 from vastflow.flows.stages import api as stages
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.sim.model.faults import FileError, UserError
-from vastflow.tasks.keys.source import installed_tree
 from vastflow.tasks.store.store import Lost
 
 pytestmark = pytest.mark.timeout(900)
@@ -24,15 +23,6 @@ pytestmark = pytest.mark.timeout(900)
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "docs" / "use-the-python-api.md"
 
-SCENARIO = """\
-import osc.helpers
-
-scenario nothing:
-    first: int
-    second: int
-    do serial:
-        log("done")
-"""
 CAMPAIGN = """\
 version: 1
 metadata: {name: small}
@@ -74,14 +64,12 @@ class Even(Oracle[EvenParameters]):
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory, one_server):
-    """A folder with the campaign; Prefect's home and the store are beside it."""
+def place(tmp_path_factory, one_server, tree):
     folder = tmp_path_factory.mktemp("stages")
     (folder / "nothing.osc").write_text(SCENARIO)
     (folder / "small.vast").write_text(CAMPAIGN)
     (folder / "own.py").write_text(ORACLE)
     with one_server(folder / "prefect"), pytest.MonkeyPatch.context() as patch:
-        tree = installed_tree()  # reads each file once: an edit of the checkout while this runs is not what is tested
         patch.setattr(stages, "installed_tree", lambda: tree)
         yield folder
 
@@ -104,16 +92,6 @@ def traces(recordings):
 @pytest.fixture(scope="module")
 def verdicts(traces):
     return judge(traces, workers=2)
-
-
-@pytest.fixture
-def no_prefect(monkeypatch):
-    """Computing anything is an error."""
-
-    def refuse(*_):
-        raise AssertionError("Prefect was started")
-
-    monkeypatch.setattr(FlowCall, "__init__", refuse)
 
 
 def count(place, stage):
@@ -161,12 +139,9 @@ def test_observe_and_judge_give_traces_and_verdicts_of_file_oracles(traces, verd
         verdicts.counts("safety")
 
 
-def test_stored_results_need_no_prefect(place, verdicts, no_prefect):
+def test_stages_and_campaign_take_stored_results_without_prefect(place, verdicts, no_prefect):
     again = judge(observe(execute(instantiate(place / "small.vast", store=place / "store"))))
     assert again.blocks == verdicts.blocks
-
-
-def test_campaign_finds_what_the_stages_computed(place, verdicts, no_prefect):
     result = run_campaign(place / "small.vast", store=place / "store", results=place / "results")
     assert (result.summary.executed, result.summary.reused) == (0, 6)
 
@@ -180,17 +155,10 @@ def test_execute_computes_only_added_runs(place, configurations, verdicts):
         more.of("left-1-1")
 
 
-@pytest.fixture(scope="module")
-def odd(place, traces, verdicts):
-    """Verdicts by the same oracle with other parameters, that breaks at run 0; and the stages it computed anything of."""
+def test_judge_by_other_parameters_executes_nothing_and_returns_faults(place, traces, verdicts):
     before = {stage: count(place, stage) for stage in ("execute", "observe", "judge")}
     verdicts = judge(traces, oracles=[{"own.py:Even": {"remainder": 1, "broken_at": 0}}], workers=2)
-    return verdicts, [stage for stage, number in before.items() if count(place, stage) != number]
-
-
-def test_judge_by_other_parameters_executes_nothing_and_returns_faults(odd):
-    verdicts, computed = odd
-    assert computed == ["judge"]
+    assert [stage for stage, number in before.items() if count(place, stage) != number] == ["judge"]
     assert verdicts.counts("own.py:Even")["right-1-1"] == Counts(passed=1, not_judged=1)
     assert [(fault.run_index, fault.stage, fault.error) for fault in verdicts.faults] == [
         (0, "judge", "ValueError: this one")

@@ -2,7 +2,6 @@
 
 import json
 
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from table import each_row
@@ -37,6 +36,7 @@ def stop(stopping, said):
     [
         (["pass"] * 20, 14),
         (["fail"] * 20, 14),
+        (["pass", "fail"] * 10, 10),  # flaky
         ([*["pass"] * 4, "fail"] * 4, 20),  # undecided
         (["not judged", *["pass"] * 19], 15),  # a run, and no evidence
         (["not judged"] * 20, 20),
@@ -44,18 +44,6 @@ def stop(stopping, said):
 )
 def test_runs_end_where_the_rule_shows_a_class(said, ends):
     assert stop(USUAL, said) == ends
-
-
-def test_flaky_runs_end_before_others():
-    said = ["pass", "fail"] * 10
-    ended = stop(USUAL, said)
-    assert ended < 14 and USUAL.rule.decision(said[:ended].count("pass"), ended) == "flaky"
-
-
-def test_unknown_run_hides_later_ones():
-    said = known(["pass"] * 20)
-    del said[3]
-    assert USUAL.wanted(said) == USUAL.wanted({}) < 14
 
 
 def test_looks_are_few_and_include_minimum_and_maximum():
@@ -102,8 +90,3 @@ def test_rule_of_file_is_in_metadata():
     assert row == {"min": 4, "max": 30, "error": 0.1, "systematic": 0.3, "reliable": 0.9}
     assert STOPPING == SEQUENTIAL
     assert stopping_rule({SEQUENTIAL: row}) == stopping.rule == StoppingRule(4, 30, ClassBounds(0.3, 0.9), 0.1)
-
-
-def test_rule_refuses_minimum_above_maximum():
-    with pytest.raises(ValueError, match="1 <= min_runs <= max_runs must hold, got 5 and 3"):
-        StoppingRule(5, 3)
