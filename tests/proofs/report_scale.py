@@ -14,8 +14,7 @@ import resource
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -38,20 +37,25 @@ LOST = (0, 1, 4, 12, 20)
 """Runs of 20 that end early, in the blocks that are written."""
 ROWS = 600
 STEP_CELLS = 5
-MOST_CPU_S, MOST_MEMORY_MB, MOST_REPORT_MB, MOST_IDLE_CPU_S = 90.0, 2000.0, 20.0, 6.0
+MOST: Mapping[str, Mapping[str, float]] = {
+    "robot": {"cpu_s": 90.0, "memory_mb": 2000.0, "report_mb": 20.0},
+    "idle": {"cpu_s": 6.0},
+}
 
-MOVING = ("x_mm", "y_mm", "yaw_mrad")
 COLUMNS = (
-    *("t_ms", *MOVING, "estimated_x_mm", "estimated_y_mm", "estimated_yaw_mrad", "speed_mmps", "yaw_rate_mradps"),
-    *("command_speed_mmps", "command_yaw_rate_mradps", "localized"),
+    *("t_ms", "x_mm", "y_mm", "yaw_mrad", "estimated_x_mm", "estimated_y_mm", "estimated_yaw_mrad", "speed_mmps"),
+    *("yaw_rate_mradps", "command_speed_mmps", "command_yaw_rate_mradps", "localized"),
 )
-
-
-@dataclass(frozen=True)
-class Way:
-    """A way on a map, (N, 2) in meters, a point every 2 cm."""
-
-    xy_m: np.ndarray
+CAUSES = ("gave up recovering", "lost", "blocked by an obstacle", "contact", "unknown")
+"""Of runs that end early; then of those that fail an oracle alone."""
+LIMITS = {"performance": "left the path", "robustness": "mislocalized", "safety": "too close"}
+MEASURED = {
+    "success": {"distance": "m", "final_distance": "m", "missed_goals": "1", "recoveries": "1", "time": "s"},
+    "performance": {"length_ratio": "1", "reference_length": "m", "rmse": "m", "threshold": "m"},
+    "robustness": {"update": "m", "step": "m", "metre": "m", "mean": "m", "maximum": "m", "updates": "1", "threshold": "m"},
+    "safety": {"smallest_separation": "m", "margin": "m", "contacts": "1", "response_time": "s", "violation_time": "s"},
+}  # fmt: skip
+REJECTED = {"family": "performance-corridors", "parent": "performance-corridors", "producer": "PathVariationRandom"}
 
 
 def write_campaign(directory: Path, configurations: int, runs: int, *, robot: bool = True) -> None:
@@ -62,23 +66,50 @@ def write_campaign(directory: Path, configurations: int, runs: int, *, robot: bo
     places = [_place(directory, name, runs, rng) for name in NAMES] if robot else []
     rows: dict[str, list[dict[str, Any]]] = {"configurations": [], "runs": [], "verdicts": []}
     for k in range(configurations):
-        configuration = _configuration(k, places)
-        rows["configurations"].append(configuration)
-        lost, block = _outcome(configuration, places, k, rng, runs)
-        if block is not None:
+        place = places[k % len(places)] if places else None
+        way = k // 5 % WAYS
+        if place is None:
+            configuration = {"name": f"idle-{k + 1}", "family": "idle", "abstract": "builtin:idle", "timeout_s": 1.0}
+            configuration |= {"scenario": '{"environment":{},"task":{},"system":{}}', "factors": json.dumps({"k": k})}
+            configuration["provenance"] = "{}"
+            lost = 0
+        else:
+            configuration, chance = _configuration(k, place, place["ways"][way], rng)
+            written = min(LOST, key=lambda n: abs(n - 20 * chance))
+            lost = min(written, runs)
             for folder in ("recordings", "traces"):
-                os.link(block, directory / folder / f"{configuration['name']}.parquet")
+                os.link(place["files"][way, written], directory / folder / f"{configuration['name']}.parquet")
+        rows["configurations"].append({**configuration, "scenario_digest": f"{k:064x}", "steps": "[]"})
+        of = {"configuration": configuration["name"], "family": configuration["family"]}
         for run_index in range(runs):
             early = run_index < lost
-            verdicts = list(_verdicts(configuration, run_index, early, robot, rng))
-            rows["verdicts"] += verdicts
-            rows["runs"].append({**_run(configuration, run_index, early), "cause": _cause(k, verdicts)})
+            verdicts = list(_verdicts(early, robot, rng))
+            rows["verdicts"] += [{**of, "run_index": run_index, **verdict} for verdict in verdicts]
+            failed = [verdict["oracle"] for verdict in verdicts if verdict["judgement"] == "fail"]
+            cause = LIMITS.get(failed[0], CAUSES[k % 5]) if failed else None
+            rows["runs"].append({**of, **_mission(run_index, early), "contacts": 0, "cause": cause})
     for table, schema in (("configurations", CONFIGURATIONS), ("runs", JUDGED_RUNS), ("verdicts", VERDICTS)):
         write_table(directory / f"{table}.parquet", schema, rows[table])
-    write_table(directory / "rejections.parquet", REJECTIONS, [_rejection(k) for k in range(40)])
+    rejections = [
+        {
+            **REJECTED,
+            "reason": f"no goal at {20 + k % 8} m ± 0.5 m",
+            "requested": json.dumps({"path_length": 20.0 + k % 8}),
+            "inputs": "{}",
+        }
+        for k in range(40)
+    ]
+    write_table(directory / "rejections.parquet", REJECTIONS, rejections)
     write_table(directory / "exclusions.parquet", EXCLUSIONS, [])
     (directory / "campaign.vast").write_text("version: 1\nmetadata: {name: synthetic}\n")
-    (directory / "metadata.json").write_text(json.dumps(_metadata(configurations, runs)))
+    counts = {"configurations": configurations, "runs": configurations * runs, "executed": 0, "cpu_s": 1.0}
+    metadata = {"name": "synthetic", "created": "2026-11-21T06:00:00", "vastflow": "0.1.0"}
+    metadata |= {
+        "versions": {"python": "3.11", "numpy": "2.4"},
+        "host": {"name": "lab", "machine": "x86_64", "cpus": 2},
+    }
+    metadata |= {"asked": {"file": "synthetic.vast", "runs": runs}, "counts": counts, "notes": [], "faults": []}
+    (directory / "metadata.json").write_text(json.dumps(metadata))
 
 
 def _place(directory: Path, name: str, runs: int, rng: np.random.Generator) -> dict[str, Any]:
@@ -103,7 +134,8 @@ def _place(directory: Path, name: str, runs: int, rng: np.random.Generator) -> d
     return {"name": name, "digest": occupancy.digest, "ways": ways, "files": files}
 
 
-def _ways(occupancy: Any, rng: np.random.Generator) -> Iterator[Way]:
+def _ways(occupancy: Any, rng: np.random.Generator) -> Iterator[np.ndarray]:
+    """Ways on a map, (N, 2) in meters, a point every 2 cm."""
     clear = distance_transform_edt(occupancy.free) * occupancy.resolution_m
     coarse = clear[::STEP_CELLS, ::STEP_CELLS]
     open_cells = np.argwhere(coarse > 0.35)
@@ -133,18 +165,18 @@ def _ways(occupancy: Any, rng: np.random.Generator) -> Iterator[Way]:
         xy_m = gaussian_filter1d(yx_m[:, ::-1] + occupancy.origin_xy_m, 1.5, axis=0, mode="nearest")
         along = np.r_[0, np.cumsum(np.hypot(*np.diff(xy_m, axis=0).T))]
         dense = np.arange(0, along[-1], 0.02)
-        yield Way(np.column_stack([np.interp(dense, along, xy_m[:, i]) for i in (0, 1)]))
+        yield np.column_stack([np.interp(dense, along, xy_m[:, i]) for i in (0, 1)])
         made += 1
 
 
-def _block(way: Way, lost: int, runs: int, rng: np.random.Generator) -> bytes:
+def _block(way: np.ndarray, lost: int, runs: int, rng: np.random.Generator) -> bytes:
     """A block of `runs` runs along `way`, of which the first `lost` stop before its end."""
     rows, columns = [], []
     for run_index in range(runs):
         n = ROWS if run_index >= lost else int(ROWS * rng.uniform(0.3, 0.8))
-        at = np.linspace(0, len(way.xy_m) * n / ROWS - 1, n).astype(int)
+        at = np.linspace(0, len(way) * n / ROWS - 1, n).astype(int)
         sway = gaussian_filter1d(rng.normal(0, 1.2, (n, 2)), 25, axis=0, mode="nearest")
-        xy_m = way.xy_m[at] + np.clip(sway, -0.3, 0.3)
+        xy_m = way[at] + np.clip(sway, -0.3, 0.3)
         yaw = np.unwrap(np.arctan2(*np.gradient(xy_m, axis=0).T[::-1]))
         true = np.column_stack([xy_m, yaw]) * 1000
         estimated = true + gaussian_filter1d(rng.normal(0, 60, (n, 3)), 8, axis=0)
@@ -170,118 +202,56 @@ def _mission(run_index: int, early: bool) -> dict[str, Any]:
     }
 
 
-def _configuration(k: int, places: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    if not places:
-        return {
-            "name": f"idle-{k + 1}", "family": "idle", "scenario_digest": f"{k:064x}", "abstract": "builtin:idle",
-            "timeout_s": 1.0, "scenario": '{"environment":{},"task":{},"system":{}}', "factors": json.dumps({"k": k}),
-            "provenance": "{}", "steps": "[]",
-        }  # fmt: skip
-    place = places[k % len(places)]
-    way: Way = place["ways"][k // 5 % WAYS]
+def _configuration(
+    k: int, place: Mapping[str, Any], way: np.ndarray, rng: np.random.Generator
+) -> tuple[dict[str, Any], float]:
+    """A configuration, and the chance of a run's early end: noise and drop-outs do harm, most together."""
     kind = ("performance", "robustness", "safety")[k // 40 % 3]
     poses = {
         f"{end}_pose": {"position": {"x": round(float(x), 3), "y": round(float(y), 3)}, "orientation": {"yaw": 0.0}}
-        for end, (x, y) in (("start", way.xy_m[0]), ("goal", way.xy_m[-1]))
+        for end, (x, y) in (("start", way[0]), ("goal", way[-1]))
     }
+    noise, drop = (0.0, 0.1, 0.2, 0.4)[k // 120 % 4], (0.0, 0.3, 0.6)[k // 480 % 3]
     system = {
-        "laserscan_gaussian_noise_std_deviation": (0.0, 0.1, 0.2, 0.4)[k // 120 % 4],
-        "laserscan_random_drop_percentage": (0.0, 0.3, 0.6)[k // 480 % 3],
+        "laserscan_gaussian_noise_std_deviation": noise,
+        "laserscan_random_drop_percentage": drop,
         "robot_radius": (0.22, 0.3)[k // 1440 % 2],
     }
     environment: dict[str, Any] = {"map_file": {"file": place["digest"]}}
     if kind == "safety":
-        x, y = way.xy_m[len(way.xy_m) // 2].round(3).tolist()
+        x, y = way[len(way) // 2].round(3).tolist()
         pose = {"position": {"x": x, "y": y}, "orientation": {"yaw": 0.3}}
         environment["static_objects"] = [
             {"entity_name": "box", "model": "box", "xacro_arguments": "width:=0.5, length:=0.5", "spawn_pose": pose}
         ]
     family = f"{kind}-{place['name']}"
-    return {
-        "name": f"{family}-{k + 1}", "family": family, "scenario_digest": f"{k:064x}",
-        "environment": place["digest"], "abstract": "builtin:navigate_to_pose", "timeout_s": 120.0,
+    configuration = {
+        "name": f"{family}-{k + 1}",
+        "family": family,
+        "environment": place["digest"],
+        "abstract": "builtin:navigate_to_pose",
+        "timeout_s": 120.0,
         "scenario": json.dumps({"environment": environment, "task": poses, "system": system}),
         "factors": json.dumps({**environment, **poses, **system}),
-        "provenance": json.dumps({"_path": way.xy_m[::20].round(3).tolist(), "_path_length": 15.0}), "steps": "[]",
-    }  # fmt: skip
+        "provenance": json.dumps({"_path": way[::20].round(3).tolist(), "_path_length": 15.0}),
+    }
+    return configuration, min(rng.beta(0.3, 2.5) + noise * drop * 2.0 + 0.3 * noise, 1.0)
 
 
-def _outcome(
-    configuration: Mapping[str, Any], places: Sequence[Mapping[str, Any]], k: int, rng: np.random.Generator, runs: int
-) -> tuple[int, Path | None]:
-    """Return the number of early ends, and their block; noise and drop-outs do harm, most together."""
-    if not places:
-        return 0, None
-    system = json.loads(configuration["scenario"])["system"]
-    noise, drop = system["laserscan_gaussian_noise_std_deviation"], system["laserscan_random_drop_percentage"]
-    chance = min(rng.beta(0.3, 2.5) + noise * drop * 2.0 + 0.3 * noise, 1.0)
-    lost = min(LOST, key=lambda n: abs(n - 20 * chance))
-    return min(lost, runs), places[k % len(places)]["files"][k // 5 % WAYS, lost]
-
-
-def _run(configuration: Mapping[str, Any], run_index: int, early: bool) -> dict[str, Any]:
-    names = {"configuration": configuration["name"], "family": configuration["family"]}
-    return {**names, **_mission(run_index, early), "contacts": 0}
-
-
-def _verdicts(
-    configuration: Mapping[str, Any], run_index: int, early: bool, robot: bool, rng: np.random.Generator
-) -> Iterator[dict[str, Any]]:
+def _verdicts(early: bool, robot: bool, rng: np.random.Generator) -> Iterator[dict[str, Any]]:
     wrong = rng.random(4) < (0.0, 0.003, 0.005, 0.002)
     value = rng.random(8).round(6).tolist()
-    of = {"configuration": configuration["name"], "family": configuration["family"], "run_index": run_index}
     for k, (oracle, names) in enumerate(MEASURED.items() if robot else [("success", {"time": "s"})]):
         failed = early if oracle == "success" else bool(wrong[k]) and robot
         metrics = {name: {"value": value[i % 8], "unit": unit} for i, (name, unit) in enumerate(names.items())}
         if early and "response_time" in metrics:
             metrics["response_time"]["value"] = None
         yield {
-            **of,
             "oracle": oracle,
             "judgement": "fail" if failed else "pass",
             "reason": f"{oracle}: {value[0]:.3f} is too much" if failed else "",
             "metrics": json.dumps(metrics, separators=(",", ":")),
         }
-
-
-def _cause(k: int, verdicts: Sequence[Mapping[str, Any]]) -> str | None:
-    failed = [verdict["oracle"] for verdict in verdicts if verdict["judgement"] == "fail"]
-    early = ("gave up recovering", "lost", "blocked by an obstacle", "contact", "unknown")[k % 5]
-    limits = {"performance": "left the path", "robustness": "mislocalized", "safety": "too close"}
-    return (early if failed[0] == "success" else limits[failed[0]]) if failed else None
-
-
-MEASURED = {
-    "success": {"distance": "m", "final_distance": "m", "missed_goals": "1", "recoveries": "1", "time": "s"},
-    "performance": {"length_ratio": "1", "reference_length": "m", "rmse": "m", "threshold": "m"},
-    "robustness": {"update": "m", "step": "m", "metre": "m", "mean": "m", "maximum": "m", "updates": "1", "threshold": "m"},
-    "safety": {"smallest_separation": "m", "margin": "m", "contacts": "1", "response_time": "s", "violation_time": "s"},
-}  # fmt: skip
-
-
-def _rejection(k: int) -> dict[str, Any]:
-    return {
-        "family": "performance-corridors",
-        "parent": "performance-corridors",
-        "producer": "PathVariationRandom",
-        "reason": f"no goal at {20 + k % 8} m ± 0.5 m",
-        "requested": json.dumps({"path_length": 20.0 + k % 8}),
-        "inputs": "{}",
-    }
-
-
-def _metadata(configurations: int, runs: int) -> dict[str, Any]:
-    return {
-        "name": "synthetic",
-        "created": "2026-11-21T06:00:00",
-        "vastflow": "0.1.0",
-        "versions": {"python": "3.11", "numpy": "2.4"},
-        "host": {"name": "lab", "machine": "x86_64", "cpus": 2},
-        "asked": {"file": "synthetic.vast", "runs": runs},
-        "counts": {"configurations": configurations, "runs": configurations * runs, "executed": 0, "cpu_s": 1.0},
-        "notes": [],
-        "faults": [],
-    }
 
 
 def measured(directory: Path) -> dict[str, float]:
@@ -314,18 +284,12 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as temporary:
         root: Path = arguments.keep or Path(temporary)
         found = {}
-        for name in ("robot", "idle"):
+        for name in MOST:
             if not (root / name).exists():
                 write_campaign(root / name, arguments.configurations, arguments.runs, robot=name == "robot")
             found[name] = measured(root / name)
             print(name, json.dumps(found[name]), flush=True)
-    robot, idle = found["robot"], found["idle"]
-    kept = (
-        robot["cpu_s"] <= MOST_CPU_S
-        and robot["memory_mb"] <= MOST_MEMORY_MB
-        and robot["report_mb"] <= MOST_REPORT_MB
-        and idle["cpu_s"] <= MOST_IDLE_CPU_S
-    )
+    kept = all(found[name][what] <= most for name, limits in MOST.items() for what, most in limits.items())
     print("within the limits" if kept else "NOT within the limits")
     return 0 if kept else 1
 
