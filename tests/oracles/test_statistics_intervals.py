@@ -179,15 +179,14 @@ def ends(passed, judged):
 @pytest.mark.slow
 def test_clustered_interval_covers_rates_of_good_systems():
     # With the variance of clusters estimated, 82 to 87 % did: rates of 0.95 and 0.98, 10 and 30 clusters.
-    assert [each for each in proof.cells(400, 7, [10, 30], [0.95, 0.98], [0.0, 0.2, 0.5, 1.0]) if not each.good] == []
-    for each in proof.cells(200, 8, [30], [0.5, 0.8, 0.9, 0.95], [0.0]):
-        assert each.width <= 1.2
+    assert proof.cells(400, 7, [10, 30], [0.95, 0.98], [0.0, 0.2, 0.5, 1.0]).good.all()
+    assert (proof.cells(200, 8, [30], [0.5, 0.8, 0.9, 0.95], [0.0]).width <= 1.2).all()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("clusters", [2, 3, 4])
 def test_clustered_interval_covers_rates_of_few_clusters(clusters):
-    assert all(each.good for each in proof.cells(400, 9, [clusters], [0.6, 0.9], [0.0, 1 / 3, 1.0]))
+    assert proof.cells(400, 9, [clusters], [0.6, 0.9], [0.0, 1 / 3, 1.0]).good.all()
 
 
 @pytest.mark.slow

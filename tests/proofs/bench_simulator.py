@@ -88,7 +88,7 @@ def bench(controller: str = "mppi", *, profile: bool = False) -> dict[str, Any]:
     if profile:
         measured["profile"] = stages
     return measured | {
-        "reference_cpu_s": round(_reference_cpu_s(), 3),
+        "reference_cpu_s": round(reference_cpu_s(), 3),
         "lidar": {"beams": lidar.beams, "rate_hz": lidar.rate_hz, "range_max_m": lidar.range_max_m},
         "rates_hz": {
             "physics": SUBSTEPS / TICK_S,
@@ -214,7 +214,7 @@ def _entropy(index: int) -> Sequence[int]:
     return run_entropy(MAP_SEED, "0", index)
 
 
-def _reference_cpu_s() -> float:
+def reference_cpu_s() -> float:
     """CPU time of an empty loop of Python's: what this machine is like at the moment."""
     began = time.process_time()
     for _ in range(REFERENCE_TURNS):

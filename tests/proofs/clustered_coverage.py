@@ -17,11 +17,12 @@ Exit code 1 where the coverage is below 0.93, by more than four standard errors 
 import argparse
 import math
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from itertools import product
 from typing import Final
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, clustered_interval
@@ -33,35 +34,6 @@ RATES: Final = (0.5, 0.8, 0.9, 0.95, 0.98, 0.99)
 CORRELATIONS: Final = (0.0, 0.05, 0.2, 0.5, 0.8, 1.0)
 MIXED: Final = -1.0
 """Stands for a correlation: clusters that always fail, beside others that pass with a rate of 0.995 at most."""
-
-
-@dataclass(frozen=True)
-class Cell:
-    """The campaigns of one kind.
-
-    Attributes:
-        held: Of `of` campaigns, those whose interval holds the rate.
-        width: Mean width over that of the exact interval of all runs, as if they were independent.
-        too_wide: Intervals that are wider than the exact one of whole clusters.
-    """
-
-    clusters: int
-    rate: float
-    correlation: float
-    held: int
-    of: int
-    width: float
-    too_wide: int
-
-    @property
-    def coverage(self) -> float:
-        return self.held / self.of
-
-    @property
-    def good(self) -> bool:
-        return self.correlation == MIXED or (
-            self.coverage >= LEAST - 4 * math.sqrt(LEAST * (1 - LEAST) / self.of) and not self.too_wide
-        )
 
 
 def drawn(
@@ -82,41 +54,37 @@ def drawn(
     return rng.binomial(RUNS, rates)
 
 
-def cell(clusters: int, rate: float, correlation: float, campaigns: int, rng: np.random.Generator) -> Cell:
-    """Draw and ask; campaigns that are alike but for the order of their clusters are asked once."""
-    passed = np.sort(drawn(clusters, rate, correlation, campaigns, rng), axis=1)
-    kinds, times = np.unique(passed, axis=0, return_counts=True)
-    found = [clustered_interval(kind, np.full(clusters, RUNS)) for kind in kinds]
-    low, high = np.array([(each.low, each.high) for each in found if each is not None]).T
-    sums = kinds.sum(axis=1)
-    of_runs, of_clusters = (
-        np.diff(clopper_pearson_intervals(sums / runs, np.full(len(sums), clusters * RUNS / runs)))[:, 0]
-        for runs in (1, RUNS)
-    )
-    held = int(times[(low <= rate) & (rate <= high)].sum())
-    width = float(times @ (high - low) / (times @ of_runs))
-    too_wide = int(times[high - low > of_clusters + 1e-9].sum())
-    return Cell(clusters, rate, correlation, held, campaigns, width, too_wide)
-
-
 def cells(
     campaigns: int,
     seed: int,
     clusters: Sequence[int] = CLUSTERS,
     rates: Sequence[float] = RATES,
     correlations: Sequence[float] = (*CORRELATIONS, MIXED),
-) -> Iterator[Cell]:
-    """The whole grid."""
-    for k, m in enumerate(clusters):
-        for rate in rates:
-            for correlation in correlations:
-                yield cell(
-                    m,
-                    rate,
-                    correlation,
-                    campaigns,
-                    np.random.default_rng([seed, k, int(1000 * rate), int(100 * (correlation + 1))]),
-                )
+) -> pd.DataFrame:
+    """The whole grid, a row each: `width` is the mean over that of the exact interval of all runs, as if they were independent.
+
+    `too_wide` counts intervals that are wider than the exact one of whole clusters.
+    """
+    least = LEAST - 4 * math.sqrt(LEAST * (1 - LEAST) / campaigns)
+    rows = []
+    for (k, m), rate, correlation in product(enumerate(clusters), rates, correlations):
+        rng = np.random.default_rng([seed, k, int(1000 * rate), int(100 * (correlation + 1))])
+        # Campaigns that are alike but for the order of their clusters are asked once.
+        passed = np.sort(drawn(m, rate, correlation, campaigns, rng), axis=1)
+        kinds, times = np.unique(passed, axis=0, return_counts=True)
+        found = [clustered_interval(kind, np.full(m, RUNS)) for kind in kinds]
+        low, high = np.array([(each.low, each.high) for each in found if each is not None]).T
+        sums = kinds.sum(axis=1)
+        of_runs, of_clusters = (
+            np.diff(clopper_pearson_intervals(sums / runs, np.full(len(sums), m * RUNS / runs)))[:, 0]
+            for runs in (1, RUNS)
+        )
+        coverage = times[(low <= rate) & (rate <= high)].sum() / campaigns
+        width = times @ (high - low) / (times @ of_runs)
+        too_wide = times[high - low > of_clusters + 1e-9].sum()
+        good = correlation == MIXED or (coverage >= least and not too_wide)
+        rows.append((m, rate, correlation, coverage, width, too_wide, good))
+    return pd.DataFrame(rows, columns=["clusters", "rate", "correlation", "coverage", "width", "too_wide", "good"])
 
 
 def main() -> int:
@@ -125,20 +93,19 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=18)
     options = parser.parse_args()
     good, began = True, time.process_time()
-    print(
-        "| clusters | least coverage | at | mixed | width at "
-        + " | ".join(f"{rate:g}" for rate in RATES)
-        + " | too wide |"
-    )
+    rates = " | ".join(f"{rate:g}" for rate in RATES)
+    print(f"| clusters | least coverage | at | mixed | width at {rates} | too wide |")
     for m in CLUSTERS:
-        found = list(cells(options.campaigns, options.seed, [m]))
-        least = min((each for each in found if each.correlation != MIXED), key=lambda each: each.coverage)
-        mixed = min(each.coverage for each in found if each.correlation == MIXED)
-        widths = " | ".join(f"{each.width:.2f}" for each in found if each.correlation == 0.0)
+        found = cells(options.campaigns, options.seed, [m])
+        mixed = found.correlation == MIXED
+        least = found.loc[found.coverage.where(~mixed).idxmin()]
+        widths = " | ".join(f"{width:.2f}" for width in found.width[found.correlation == 0.0])
         where = f"rate {least.rate:g}, correlation {least.correlation:g}"
-        too_wide = sum(each.too_wide for each in found)
-        print(f"| {m} | {least.coverage:.3f} | {where} | {mixed:.3f} | {widths} | {too_wide} |", flush=True)
-        good = good and all(each.good for each in found)
+        print(
+            f"| {m} | {least.coverage:.3f} | {where} | {found.coverage[mixed].min():.3f} | {widths} | {found.too_wide.sum()} |",
+            flush=True,
+        )
+        good = good and bool(found.good.all())
     print(f"{time.process_time() - began:.0f} s CPU")
     return 0 if good else 1
 

@@ -9,8 +9,7 @@ has not.
 import argparse
 import math
 import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
@@ -19,7 +18,6 @@ import shapely.affinity
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
-from vastflow.producers.model.configuration import Configuration
 from vastflow.producers.places.ground import touched_cells
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.recording import Recording
@@ -34,23 +32,6 @@ ROBOTS: Final = ("turtlebot3_burger", "turtlebot3_waffle", "turtlebot4", "rectan
 OVERLAP_M: Final = 0.01
 SOON_S: Final = 0.1
 """A row is recorded this often."""
-
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """Runs of one robot on one floor.
-
-    Attributes:
-        touching: Runs with a contact.
-        unnoted: Runs in which the body overlaps a wall before any contact.
-    """
-
-    robot: str
-    floor: str
-    runs: int
-    arrived: int
-    touching: int
-    unnoted: int
 
 
 def body_of(robot: Robot) -> shapely.Polygon:
@@ -82,28 +63,24 @@ def _is_in_a_wall(area: shapely.Polygon, occupancy: OccupancyMap) -> bool:
     return bool(shapely.intersects(area, shapely.box(left, below, left + size_m, below + size_m)).any())
 
 
-def rows_of(name: str, paths: int, runs: int) -> Iterator[Row]:
-    """A row for each floor of a robot's campaign, of its first paths."""
+def rows_of(name: str, paths: int, runs: int) -> Iterator[tuple[str, str, int, int, int, int]]:
+    """A row of the table for each floor of a robot's campaign, of its first paths."""
     campaign = load_campaign(FOLDER / f"{name}.vast")
     found = instantiate(campaign).configurations
     for family in campaign.families:
         chosen = [each for each in found if each.family == family.name and each.duplicate_of is None][:paths]
-        yield _row(name, family.name, chosen, runs, campaign.seed)
-
-
-def _row(name: str, floor: str, configurations: Sequence[Configuration], runs: int, seed: int) -> Row:
-    arrived = touching = unnoted = 0
-    for each in configurations:
-        setup = checked_of(each.scenario).robot
-        assert setup is not None
-        assert isinstance(setup.map_file, FileContent)
-        body, occupancy = body_of(setup.robot), load_map(setup.map_file.path)
-        for k in range(runs):
-            recording = run(each.scenario, k, seed)
-            arrived += recording.run.outcome == "succeeded"
-            touching += any(event.kind == "contact" for event in recording.run.events)
-            unnoted += is_unnoted(recording, body, occupancy)
-    return Row(name, floor, runs * len(configurations), arrived, touching, unnoted)
+        arrived = touching = unnoted = 0
+        for each in chosen:
+            setup = checked_of(each.scenario).robot
+            assert setup is not None
+            assert isinstance(setup.map_file, FileContent)
+            body, occupancy = body_of(setup.robot), load_map(setup.map_file.path)
+            for k in range(runs):
+                recording = run(each.scenario, k, campaign.seed)
+                arrived += recording.run.outcome == "succeeded"
+                touching += any(event.kind == "contact" for event in recording.run.events)
+                unnoted += is_unnoted(recording, body, occupancy)
+        yield name, family.name, runs * len(chosen), arrived, touching, unnoted
 
 
 def main() -> None:
@@ -119,9 +96,8 @@ def main() -> None:
     unnoted = 0
     for name in options.robots:
         for row in rows_of(name, options.paths, options.runs):
-            unnoted += row.unnoted
-            said = (row.robot, row.floor, row.runs, row.arrived, row.touching, row.unnoted)
-            print(f"| {' | '.join(map(str, said))} |", flush=True)
+            unnoted += row[-1]
+            print(f"| {' | '.join(map(str, row))} |", flush=True)
     sys.exit(1 if unnoted else 0)
 
 

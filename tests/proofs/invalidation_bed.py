@@ -202,6 +202,10 @@ class Bed:
         """A file of vastflow, such as `sim/run.py`."""
         return self.folder / "src" / "vastflow" / name
 
+    def path(self, name: str) -> Path:
+        """A file of the campaign, or of vastflow where the name begins so."""
+        return self.source(name.removeprefix("vastflow/")) if name.startswith("vastflow/") else self.file(name)
+
     def write(self, name: str, text: str) -> None:
         """Write a file of the campaign."""
         file = self.file(name)

@@ -14,9 +14,8 @@ import math
 import os
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import navfn_paths
 import numpy as np
@@ -41,15 +40,8 @@ UNREACHED = 1e9
 DT_S = 0.05
 
 
-@dataclass(frozen=True)
-class Distance:
-    """The greatest distance between an answer of Nav2's and ours, of one kind.
-
-    Attributes:
-        part: What answers; `cases` so many times.
-        what: What is compared.
-        most: What the distance may be.
-    """
+class Distance(NamedTuple):
+    """The greatest distance between an answer of Nav2's and ours, of one kind: of so many `cases`, it may be `most`."""
 
     part: str
     cases: int
@@ -57,11 +49,6 @@ class Distance:
     found: float
     most: float
     unit: str = ""
-
-    @property
-    def holds(self) -> bool:
-        """Whether it is no greater than it may be."""
-        return self.found <= self.most
 
     @property
     def row(self) -> str:
@@ -81,12 +68,6 @@ def folder() -> Path | None:
         raise NotADirectoryError(f"{VARIABLE}={given} is no folder")
     place = Path(given or BESIDE)
     return place if place.is_dir() else None
-
-
-def distances(place: Path) -> Iterator[Distance]:
-    """All of them."""
-    for part in (of_mppi, of_dwb, of_rpp, of_navfn):
-        yield from part(place)
 
 
 # MPPI.
@@ -309,7 +290,9 @@ def of_navfn(place: Path) -> Iterator[Distance]:
         path, wanted = navfn_paths.path(costs, start, goal, use_astar=astar), case["path_cells_xy"].astype(float)
         empty += (len(path) == 0) != (len(wanted) == 0)
         if len(path) and len(wanted):
-            lengths = max(lengths, abs(_length(path) - _length(wanted)))
+            lengths = max(
+                lengths, abs(np.subtract(*(np.hypot(*np.diff(each, axis=0).T).sum() for each in (path, wanted))))
+            )
             apart = max(apart, _off(path, wanted), _off(wanted, path))
     cases = len(medians)
     yield Distance("NavFn", cases, "potential, median", max(medians), 1e-6, " of it")
@@ -330,10 +313,6 @@ def _inflated(place: Path, case: Mapping[str, Any]) -> Any:
     costs = np.select([occupied >= 0.65, occupied <= 0.196], [254, 0], 255).astype(np.uint8)
     radii = (float(case[name]) for name in ("inscribed_radius_m", "inflation_radius_m", "cost_scaling_factor"))
     return inflate(costs, RESOLUTION_M, *radii)
-
-
-def _length(path: Any) -> float:
-    return float(np.hypot(*np.diff(path, axis=0).T).sum())
 
 
 def _off(path: Any, other: Any) -> float:
@@ -429,10 +408,10 @@ def main() -> int:
     if place is None:
         print(f"no answers of Nav2's: {VARIABLE} is not set, and {BESIDE} is no folder", file=sys.stderr)
         return 2
-    found = list(distances(place))
+    found = [each for part in (of_mppi, of_dwb, of_rpp, of_navfn) for each in part(place)]
     print("| part | cases | distance | greatest | at most |\n|---|---|---|---|---|")
     print("\n".join(each.row for each in found))
-    return 0 if all(each.holds for each in found) else 1
+    return 0 if all(each.found <= each.most for each in found) else 1
 
 
 if __name__ == "__main__":

@@ -8,13 +8,14 @@ known, and the lengths of the paths. NavFn floods without bounds there, as Nav2 
 """
 
 import argparse
+import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from bench_simulator import LARGE, REFERENCE_TURNS, Route, benchmark_map, benchmark_routes
+import pandas as pd
+from bench_simulator import LARGE, benchmark_map, benchmark_routes, reference_cpu_s
 from navfn_paths import path
 from numpy.typing import NDArray
 
@@ -40,16 +41,6 @@ PLANNERS = {
 
 Ends = tuple[Pose, Pose]
 Plan = Callable[[Pose, Pose], NDArray[np.float64]]
-
-
-@dataclass(frozen=True, slots=True)
-class Times:
-    """CPU time (ms) of first and repeated plans, and path lengths (m), of one planner."""
-
-    planner: str
-    first_ms: NDArray[np.float64]
-    again_ms: NDArray[np.float64]
-    lengths_m: NDArray[np.float64]
 
 
 @njit
@@ -84,40 +75,22 @@ def plans_of(occupancy: OccupancyMap) -> Iterator[tuple[str, Plan]]:
         yield name, search
 
 
-def times_of(occupancy: OccupancyMap, ends: list[Ends]) -> Iterator[Times]:
-    """Measure each planner between these ends."""
+def times_of(occupancy: OccupancyMap, ends: list[Ends]) -> pd.DataFrame:
+    """CPU time of first and repeated plans, and lengths of paths, by planner: medians, and the worst."""
+    rows = {}
     for name, plan in plans_of(occupancy):
         plan(*reversed(ends[0]))
-        first, again, lengths = [], [], []
+        times = []
         for start, goal in ends:
-            found, first_ms = _timed(plan, start, goal)
-            again.append(_timed(plan, start, goal)[1])
-            first.append(first_ms)
-            lengths.append(float(np.hypot(*np.diff(found, axis=0).T).sum()) if len(found) else float("nan"))
-        yield Times(name, np.array(first), np.array(again), np.array(lengths))
-
-
-def _timed(plan: Plan, start: Pose, goal: Pose) -> tuple[NDArray[np.float64], float]:
-    began = time.process_time()
-    found = plan(start, goal)
-    return found, 1e3 * (time.process_time() - began)
-
-
-def ends_of(routes: list[Route]) -> list[Ends]:
-    """Return the ends of the routes."""
-    return [(route.start, route.mission.goals[-1]) for route in routes]
-
-
-def reference_cpu_s() -> float:
-    """CPU time of the loop that figures are given beside."""
-
-    def turns() -> None:
-        for _ in range(REFERENCE_TURNS):
-            pass
-
-    began = time.process_time()
-    turns()
-    return time.process_time() - began
+            began = time.process_time()
+            found = plan(start, goal)
+            between = time.process_time()
+            plan(start, goal)
+            length_m = np.hypot(*np.diff(found, axis=0).T).sum() if len(found) else math.nan
+            times.append((1e3 * (between - began), 1e3 * (time.process_time() - between), length_m))
+        (first, again, length_m), worst = np.median(times, axis=0), np.max(times, axis=0)[0]
+        rows[name] = {"first, ms": first, "again, ms": again, "worst, ms": worst, "length, m": length_m}
+    return pd.DataFrame.from_dict(rows, orient="index")
 
 
 def main() -> int:
@@ -126,15 +99,14 @@ def main() -> int:
     parser.add_argument("--length", type=float, default=20.0, metavar="M", help="of the paths")
     options = parser.parse_args()
     occupancy = benchmark_map(LARGE) if options.map is None else load_map(options.map)
-    ends = ends_of(benchmark_routes(occupancy, options.length))
+    ends = [(route.start, route.mission.goals[-1]) for route in benchmark_routes(occupancy, options.length)]
     rows, columns = occupancy.shape
+    loop_s = reference_cpu_s()
     print(
-        f"{columns} x {rows} cells, {len(ends)} paths of {options.length:g} m; the loop takes {reference_cpu_s():.3f} s"
+        f"{columns} x {rows} cells, {len(ends)} paths of {options.length:g} m; the loop takes {loop_s:.3f} s",
+        flush=True,
     )
-    print(f"{'planner':34}{'first, ms':>11}{'again, ms':>11}{'worst, ms':>11}{'length, m':>11}")
-    for each in times_of(occupancy, ends):
-        medians = np.median(each.first_ms), np.median(each.again_ms), each.first_ms.max(), np.median(each.lengths_m)
-        print(f"{each.planner:34}" + "".join(f"{value:11.1f}" for value in medians), flush=True)
+    print(times_of(occupancy, ends).to_string(float_format="{:.1f}".format))
     return 0
 
 

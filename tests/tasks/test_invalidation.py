@@ -22,7 +22,7 @@ def proof(monkeypatch):
 def test_edit_computes_again_what_it_reaches_and_nothing_else(proof, tmp_path):
     rows = list(proof.rows(tmp_path, CHOSEN.__contains__))
     assert len(rows) == 1 + len(CHOSEN)
-    assert [(row.edit, row.wrong) for row in rows if row.wrong] == []
+    assert [(edit, wrong) for edit, _, wrong in rows if wrong] == []
 
 
 def test_table_has_edits_of_both_kinds(proof):
