@@ -16,14 +16,13 @@ Prints a table; exit code 1 where a gate errs more often than is stated, by more
 """
 
 import argparse
-import time
 from collections.abc import Iterator
 from functools import cache
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from planted_truths import Finding
+from planted_truths import Finding, printed
 
 from vastflow.oracles.statistics.intervals import mean_interval, needed
 
@@ -116,14 +115,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--campaigns", type=int, default=2000, metavar="N", help="of each kind")
     options = parser.parse_args()
-    good = True
-    for k, part in enumerate((others, these)):
-        began = time.process_time()
-        for finding in part(options.campaigns, np.random.default_rng([18, k])):
-            print(finding, flush=True)
-            good = good and finding.good
-        print(f"{part.__name__}: {time.process_time() - began:.0f} s CPU\n", flush=True)
-    return 0 if good else 1
+    return printed(enumerate((others, these)), options.campaigns, 18)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import pyarrow.parquet as pq
 from paper_parts import Part, parts_of
@@ -38,16 +38,11 @@ class NotThePapers(UserError, ValueError):
     """A campaign directory that is none of the paper's campaigns, or lacks what is needed; says what was found."""
 
 
-@dataclass(frozen=True, slots=True)
-class Requested:
+class Requested(NamedTuple):
     """Counts of the requested configurations by what became of them.
 
-    Attributes:
-        all: The product of all choices, or the size of a family's sample.
-        no_way: Without a way of the length on the map.
-        no_room: Without room for the obstacles.
-        duplicates: Equal to another.
-        distinct: What is left, each one once.
+    `all` is the product of all choices, or the size of a family's sample. Others have no way of the length on the map, no room for the
+    obstacles, or are equal to another; `distinct` is what is left, each one once.
     """
 
     all: int
@@ -74,14 +69,8 @@ class Reading:
     median_m: float | None
 
 
-@dataclass(frozen=True, slots=True)
-class Way:
-    """Means over runs.
-
-    Attributes:
-        simulated_s: Simulated time (s).
-        distance_m: Way driven (m).
-    """
+class Way(NamedTuple):
+    """Means over runs: simulated time (s), and way driven (m)."""
 
     simulated_s: float
     distance_m: float
@@ -182,8 +171,14 @@ def paper_results(directory: Path) -> PaperResults:
     runs = _rows(directory, "runs", ["configuration", "run_index", "simulated_s", "distance_m", "stood_still"])
     verdicts = _rows(directory, "verdicts", ["configuration", "run_index", "oracle", "judgement", "metrics"])
     counts = metadata["counts"]
-    judgements = _judgements(verdicts)
-    by_configuration = _by_configuration(judgements)
+    said: dict[RunKey, list[Judgement]] = defaultdict(list)
+    for row in verdicts:
+        said[_run(row)].append(row["judgement"])
+    judgements = {key: run_judgement(each) for key, each in said.items()}
+    of_each: dict[str, list[Judgement]] = defaultdict(list)
+    for (name, _), judgement in judgements.items():
+        of_each[name].append(judgement)
+    by_configuration = {name: counts_of(each) for name, each in of_each.items()}
     weights = weights_of((row["name"], row["duplicate_of"]) for row in configurations)
     blocks = blocks_of([json.loads(row["scenario"]) for row in configurations]).tolist()
     distinct = [row for row in configurations if row["duplicate_of"] is None]
@@ -246,54 +241,26 @@ def _kind(directory: Path, name: str) -> Kind:
     raise NotThePapers(f"{directory}: campaign {name!r} is none of the paper's; one of those in campaigns/paper")
 
 
-def _judgements(verdicts: list[Row]) -> dict[RunKey, Judgement]:
-    said: dict[RunKey, list[Judgement]] = defaultdict(list)
-    for row in verdicts:
-        said[row["configuration"], row["run_index"]].append(row["judgement"])
-    return {key: run_judgement(judgements) for key, judgements in said.items()}
-
-
-def _by_configuration(judgements: Mapping[RunKey, Judgement]) -> dict[str, Counts]:
-    said: dict[str, list[Judgement]] = defaultdict(list)
-    for (configuration, _), judgement in judgements.items():
-        said[configuration].append(judgement)
-    return {configuration: counts_of(judgements) for configuration, judgements in said.items()}
-
-
 def _reached(kind: Kind, verdicts: list[Row]) -> Counts:
-    succeeded = {
-        (row["configuration"], row["run_index"])
-        for row in verdicts
-        if row["oracle"] == "success" and row["judgement"] == "pass"
-    }
-    return counts_of(
-        row["judgement"]
-        for row in verdicts
-        if row["oracle"] == kind and (row["configuration"], row["run_index"]) in succeeded
-    )
+    succeeded = {_run(row) for row in verdicts if row["oracle"] == "success" and row["judgement"] == "pass"}
+    return counts_of(row["judgement"] for row in verdicts if row["oracle"] == kind and _run(row) in succeeded)
+
+
+def _run(row: Row) -> RunKey:
+    return row["configuration"], row["run_index"]
 
 
 def _readings(kind: Kind, verdicts: list[Row]) -> Iterator[Reading]:
-    reached: dict[RunKey, Judgement] = {}
-    measured: dict[RunKey, Row] = {}
-    for row in verdicts:
-        key = row["configuration"], row["run_index"]
-        if row["oracle"] == "success":
-            reached[key] = row["judgement"]
-        elif row["oracle"] == kind:
-            measured[key] = json.loads(row["metrics"])
+    reached = {_run(row): row["judgement"] for row in verdicts if row["oracle"] == "success"}
+    measured = {_run(row): json.loads(row["metrics"]) for row in verdicts if row["oracle"] == kind}
     for name in READINGS.get(kind, ()):
-        alone: list[Judgement] = []
-        both: list[Judgement] = []
-        values: list[float] = []
-        for key, metrics in measured.items():
-            value, judgement = (_error if kind == "robustness" else _separation)(metrics, name)
-            if value is not None:
-                values.append(value)
-            alone.append(judgement)
-            both.append(run_judgement([judgement, reached[key]]))
+        found = {
+            key: (_error if kind == "robustness" else _separation)(metrics, name) for key, metrics in measured.items()
+        }
+        values = [value for value, _ in found.values() if value is not None]
+        both = counts_of(run_judgement([judgement, reached[key]]) for key, (_, judgement) in found.items())
         median_m = statistics.median(values) if values else None
-        yield Reading(name, counts_of(alone), counts_of(both), median_m)
+        yield Reading(name, counts_of(judgement for _, judgement in found.values()), both, median_m)
 
 
 def _error(metrics: Row, basis: str) -> tuple[float | None, Judgement]:
@@ -312,9 +279,9 @@ def _separation(metrics: Row, radius: str) -> tuple[float | None, Judgement]:
 
 
 def _way(runs: list[Row], weights: Mapping[str, int]) -> Way:
-    parts = [(weights.get(row["configuration"], 1), row["simulated_s"], row["distance_m"]) for row in runs]
-    whole = sum(weight for weight, _, _ in parts) or 1
-    return Way(sum(w * s for w, s, _ in parts) / whole, sum(w * m for w, _, m in parts) / whole)
+    weight = [weights.get(row["configuration"], 1) for row in runs]
+    whole = sum(weight) or 1
+    return Way(*(sum(w * row[name] for w, row in zip(weight, runs, strict=True)) / whole for name in Way._fields))
 
 
 def _cpu_s(directory: Path) -> Iterator[float]:
@@ -330,5 +297,4 @@ def _stored(directory: Path) -> Iterator[int]:
 
 
 def _rows(directory: Path, table: str, columns: list[str]) -> list[Row]:
-    rows: list[Row] = pq.ParquetFile(directory / f"{table}.parquet").read(columns=columns).to_pylist()
-    return rows
+    return pq.ParquetFile(directory / f"{table}.parquet").read(columns=columns).to_pylist()

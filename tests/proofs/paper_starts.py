@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -69,32 +70,28 @@ def starts_of(
     Raises:
         ValueError, OSError: a map is damaged.
     """
-    maps = _Maps(environments)
-    near = {row["name"]: maps.clearance_m(row["environment"], row["start"]) <= COLLISION_M for row in configurations}
+
+    @cache
+    def ground(environment: str) -> tuple[OccupancyMap, NDArray[np.float64]]:
+        occupancy = load_map(environments / environment / "map.yaml")
+        cells = ndimage.distance_transform_edt(~occupancy.occupied)
+        return occupancy, np.maximum(cells - 0.5, 0.0) * occupancy.resolution_m
+
+    def is_near(environment: str, position: Mapping[str, float]) -> bool:
+        """By the distance from the center of the position's cell to the near side of the nearest wall's; so is what is off the map."""
+        occupancy, distance_m = ground(environment)
+        cell = occupancy.cell_of(position["x"], position["y"])
+        return not occupancy.contains(*cell) or round(float(distance_m[cell]), 9) <= COLLISION_M
+
+    near = {row["name"]: is_near(row["environment"], row["start"]["position"]) for row in configurations}
     stood_still = {
         (row["configuration"], row["run_index"]): row["stood_still"] for row in runs if row["stood_still"] is not None
     }
 
     def begun(beside_a_wall: bool) -> Begun:
-        names = {name for name, is_near in near.items() if is_near is beside_a_wall}
+        names = {name for name, beside in near.items() if beside is beside_a_wall}
         said = counts_of(judgement for (name, _), judgement in judgements.items() if name in names)
         return Begun(len(names), said, sum(name in names for name, _ in stood_still))
 
     moved = counts_of(said for key, said in judgements.items() if key not in stood_still)
     return Starts(begun(True), begun(False), moved, Counter(stood_still.values()))
-
-
-class _Maps:
-    def __init__(self, environments: Path) -> None:
-        self._environments = environments
-        self._known: dict[str, tuple[OccupancyMap, NDArray[np.float64]]] = {}
-
-    def clearance_m(self, environment: str, pose: Mapping[str, Any]) -> float:
-        """Distance from the center of the pose's cell to the near side of the nearest wall's; 0 off the map."""
-        if environment not in self._known:
-            occupancy = load_map(self._environments / environment / "map.yaml")
-            cells = ndimage.distance_transform_edt(~occupancy.occupied)
-            self._known[environment] = occupancy, np.maximum(cells - 0.5, 0.0) * occupancy.resolution_m
-        occupancy, distance_m = self._known[environment]
-        cell = occupancy.cell_of(pose["position"]["x"], pose["position"]["y"])
-        return round(float(distance_m[cell]), 9) if occupancy.contains(*cell) else 0.0

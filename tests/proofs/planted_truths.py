@@ -20,7 +20,7 @@ Prints a table; exit code 1 where a rate of errors is above what is stated, by m
 import argparse
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -35,6 +35,9 @@ from vastflow.oracles.statistics.comparison import Pairs, changes, difference
 from vastflow.oracles.statistics.intervals import clustered_interval
 
 Floats = NDArray[np.float64]
+
+
+Part = Callable[[int, np.random.Generator], Iterator["Finding"]]
 
 
 @dataclass(frozen=True)
@@ -95,10 +98,7 @@ def classes(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
     yield Finding(
         "classes: total failures among 90 % with a rate of 0.9 are systematic", never, 40 * campaigns, least=0.99
     )
-    wrong = 0
-    for _ in range(campaigns):
-        claims = claims_of(rng.binomial(20, np.full(50, 0.2)), 20)
-        wrong += bool((claims > 0).any())
+    wrong = sum((claims_of(rng.binomial(20, np.full(50, 0.2)), 20) > 0).any() for _ in range(campaigns))
     yield Finding("classes: any wrong claim where all are on a bound", wrong, campaigns, most=0.05)
     near = np.repeat([0.2001, 0.5, 0.7999], [134, 133, 133])
     shares = np.zeros(len(CLAIMS))
@@ -129,15 +129,15 @@ def a_campaign(
     `harm` is added to the failure rate at 3 obstacles, `together` at the high noise with the high speed; paths and configurations
     differ by beta distributions whose spread is `spread`.
     """
-    rows, blocks = [], []
-    for k, (where, _) in enumerate(product("ABCD", range(4))):
-        for obstacles, noise, speed in product((0, 1, 3), (0.0, 0.1), (0.2, 0.5)):
-            rows.append({"map": where, "obstacles": obstacles, "noise": noise, "speed": speed})
-            blocks.append(k)
+    settings = list(product((0, 1, 3), (0.0, 0.1), (0.2, 0.5)))
+    names = ("map", "obstacles", "noise", "speed")
+    rows = [
+        dict(zip(names, (where, *each), strict=True)) for where in np.repeat([*"ABCD"], 4).tolist() for each in settings
+    ]
+    block = np.repeat(np.arange(16), len(settings))
     planted = np.array(
         [0.15 + harm * (r["obstacles"] == 3) + together * (r["noise"] * r["speed"] == 0.05) for r in rows]
     )
-    block = np.array(blocks)
     path_rate = rng.beta(0.5 * (1 - spread) / spread, 0.5 * (1 - spread) / spread, block.max() + 1)[block]
     mixed = np.clip(planted + 0.3 * planted * (1 - planted) * (2 * path_rate - 1), 1e-6, 1 - 1e-6)
     size = (1 - spread) / spread
@@ -178,8 +178,7 @@ def factors(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
         nothing = 0
         for _ in range(campaigns):
             rows, _, failed, block = a_campaign(rng, harm=0.0, together=0.0, spread=spread)
-            found = analyzed(rows, failed, block)
-            nothing += any(effect.others.shown for effect in found.factors)
+            nothing += any(effect.others.shown for effect in analyzed(rows, failed, block).factors)
         yield Finding(
             f"factors: anything is found where nothing is, configurations {words}", nothing, campaigns, most=0.05
         )
@@ -358,11 +357,22 @@ def comparison(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
     yield Finding("comparison: configurations that lost 95 % of their rate are found", found, of, least=0.75)
 
 
-PARTS: tuple[Callable[[int, np.random.Generator], Iterator[Finding]], ...] = (
-    *(classes, factors, lengths, rare),
-    *(pooled, stopping, comparison),
+PARTS: tuple[Part, ...] = (
+    *(classes, factors, lengths, rare, pooled, stopping, comparison),
     *(contrasts, crossed, responses),
 )
+
+
+def printed(parts: Iterable[tuple[int, Part]], campaigns: int, seed: int) -> int:
+    """Print what each part finds, and its CPU time; the exit code."""
+    good = True
+    for k, part in parts:
+        began = time.process_time()
+        for finding in part(campaigns, np.random.default_rng([seed, k])):
+            print(finding, flush=True)
+            good = good and finding.good
+        print(f"{part.__name__}: {time.process_time() - began:.0f} s CPU\n", flush=True)
+    return 0 if good else 1
 
 
 def main() -> int:
@@ -370,16 +380,8 @@ def main() -> int:
     parser.add_argument("--campaigns", type=int, default=1000, metavar="N", help="of each kind")
     parser.add_argument("parts", nargs="*", metavar="PART", help="those named only")
     options = parser.parse_args()
-    good = True
-    for k, part in enumerate(PARTS):
-        if options.parts and part.__name__ not in options.parts:
-            continue
-        began = time.process_time()
-        for finding in part(options.campaigns, np.random.default_rng([7, k])):
-            print(finding, flush=True)
-            good = good and finding.good
-        print(f"{part.__name__}: {time.process_time() - began:.0f} s CPU\n", flush=True)
-    return 0 if good else 1
+    chosen = [(k, part) for k, part in enumerate(PARTS) if not options.parts or part.__name__ in options.parts]
+    return printed(chosen, options.campaigns, 7)
 
 
 if __name__ == "__main__":
