@@ -40,21 +40,6 @@ class Plant:
     cause: frozenset[str]
 
 
-@dataclass(frozen=True)
-class Ended:
-    """Result of minimizing a planted failure.
-
-    Attributes:
-        cause: What it says can't be left out.
-        fails: Share of the confirming runs that fail; None where it found nothing that fails.
-        runs: That it used.
-    """
-
-    cause: Sequence[str]
-    fails: float | None
-    runs: int
-
-
 def box(name: str, x: float, y: float, size: float = 0.4, **more: Any) -> dict[str, Any]:
     arguments = f"width:={size}, length:={size}, height:=1.0"
     return {
@@ -118,24 +103,6 @@ def written(folder: Path, plants: Sequence[Plant]) -> Path:
     return folder / "planted.vast"
 
 
-def ended(directory: Path, each: Plant, store: Path) -> Ended:
-    """Minimize a plant."""
-    try:
-        found = minimize_configuration(directory, each.name, store=store)
-    except NotMinimized as error:
-        print(error)
-        return Ended((), None, 0)
-    confirmed = found.minimum.confirmation
-    cause = [what.text for what in found.minimum.without]
-    return Ended(cause, confirmed.failed / confirmed.judged, found.runs)
-
-
-def is_right(each: Plant, end: Ended) -> bool:
-    """Whether the cause is what was planted."""
-    named = {planted for planted in each.cause if any(what.startswith(planted) for what in end.cause)}
-    return named == each.cause and len(end.cause) == len(each.cause)
-
-
 def main(names: Sequence[str]) -> int:
     plants = [each for each in PLANTS if not names or each.name in names]
     right = wrong_failures = runs = 0
@@ -143,13 +110,22 @@ def main(names: Sequence[str]) -> int:
         folder, store = Path(place), Path(place, "store")
         directory = run_campaign(written(folder, plants), results=folder / "results", store=store).directory
         for each in plants:
-            end = ended(directory, each, store)
-            right += is_right(each, end)
-            wrong_failures += end.fails is not None and end.fails < 0.5
-            runs += end.runs
-            fails = "nothing that fails" if end.fails is None else f"{end.fails:.0%} of the confirming runs fail"
-            verdict = "planted" if is_right(each, end) else "NOT WHAT WAS PLANTED"
-            print(f"{each.name:8} {verdict}: {'; '.join(end.cause)}; {fails}; {end.runs} runs", flush=True)
+            cause: list[str] = []
+            said, spent, is_wrong = "nothing that fails", 0, False
+            try:
+                found = minimize_configuration(directory, each.name, store=store)
+            except NotMinimized as error:
+                print(error)
+            else:
+                confirmed = found.minimum.confirmation
+                cause, spent = [what.text for what in found.minimum.without], found.runs
+                fails = confirmed.failed / confirmed.judged
+                said, is_wrong = f"{fails:.0%} of the confirming runs fail", fails < 0.5
+            named = {planted for planted in each.cause if any(what.startswith(planted) for what in cause)}
+            is_right = named == each.cause and len(cause) == len(each.cause)
+            right, wrong_failures, runs = right + is_right, wrong_failures + is_wrong, runs + spent
+            verdict = "planted" if is_right else "NOT WHAT WAS PLANTED"
+            print(f"{each.name:8} {verdict}: {'; '.join(cause)}; {said}; {spent} runs", flush=True)
     print(f"{right} of {len(plants)} end at what was planted, {wrong_failures} at what does not fail; {runs} runs")
     return 0 if right >= 0.9 * len(plants) and not wrong_failures else 1
 

@@ -12,18 +12,17 @@ obstacle's radius.
 import argparse
 import json
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import pandas as pd
 import yaml
 
 from vastflow.oracles.catalog.safety import READINGS
-from vastflow.oracles.evidence.rates import Counts, counts_of
+from vastflow.oracles.evidence.rates import counts_of
 from vastflow.oracles.judgement.judge import judge_block
-from vastflow.oracles.judgement.oracle import Oracle
 from vastflow.oracles.judgement.registry import oracles_of
 from vastflow.oracles.judgement.verdict import Judgement, run_judgement
 from vastflow.oracles.observation.observe import observe_block
@@ -32,7 +31,6 @@ from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.model.digest import digest
-from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.run import run
 
 SAFETY: Final = Path(__file__).parents[2] / "campaigns" / "paper" / "safety.vast"
@@ -40,24 +38,7 @@ DELAYS_S: Final = (0.0, 0.4, 0.8)
 WAY_M: Final = 10.0
 
 
-@dataclass(frozen=True, slots=True)
-class Row:
-    """Runs of all configurations with one delay, by one reading of the obstacle's radius.
-
-    Attributes:
-        reached: What the mission alone is.
-        kept: The separation alone.
-        both: Together.
-    """
-
-    delay_s: float
-    reading: str
-    reached: Counts
-    kept: Counts
-    both: Counts
-
-
-def triggered(configurations: int, delays_s: Sequence[float] = DELAYS_S) -> tuple[Campaign, list[list[Configuration]]]:
+def triggered(configurations: int) -> tuple[Campaign, list[list[Configuration]]]:
     """The campaign with nothing but obstacles that appear, and configurations evenly spread over it: each with every delay."""
     asked = yaml.safe_load(SAFETY.read_text(encoding="utf-8").replace("../", f"{SAFETY.parent.parent}/"))
     for family in asked["configuration"]:
@@ -65,7 +46,7 @@ def triggered(configurations: int, delays_s: Sequence[float] = DELAYS_S) -> tupl
         ways["PathVariationRandom"]["path_length"] = WAY_M
         kinds = obstacles["OneOfVariation"]["variations"]
         kinds[:] = [kind for kind in kinds if "ObstacleVariationWithDistanceTrigger" in kind]
-        kinds[0]["ObstacleVariationWithDistanceTrigger"]["spawn_delay_s"] = list(delays_s)
+        kinds[0]["ObstacleVariationWithDistanceTrigger"]["spawn_delay_s"] = list(DELAYS_S)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / SAFETY.name
         file.write_text(yaml.safe_dump(asked), encoding="utf-8")
@@ -75,50 +56,33 @@ def triggered(configurations: int, delays_s: Sequence[float] = DELAYS_S) -> tupl
             # Delays are the inner choice of the obstacle's producer: of one placement they come one after the other.
             alike = {k: v for k, v in each.factors.items() if not k.endswith("_delay_s")}
             found.setdefault(digest(each.family, alike), []).append(each)
-    groups = [group for group in found.values() if len(group) == len(delays_s)]
+    groups = [group for group in found.values() if len(group) == len(DELAYS_S)]
     chosen = np.unique(np.linspace(0, len(groups) - 1, min(configurations, len(groups))).astype(int))
     return campaign, [groups[k] for k in chosen]
 
 
-def rows_of(
-    groups: Sequence[Sequence[Configuration]], runs: int, seed: int, delays_s: Sequence[float] = DELAYS_S
-) -> list[Row]:
-    """Two rows for each delay."""
-    oracles = oracles_of([("safety", {})])
-    return [
-        row
-        for k, delay_s in enumerate(delays_s)
-        for row in _rows(delay_s, [group[k].scenario for group in groups], runs, seed, oracles)
-    ]
-
-
-def _rows(
-    delay_s: float, scenarios: Sequence[Scenario], runs: int, seed: int, oracles: Sequence[Oracle[Any]]
-) -> Iterator[Row]:
-    reached: list[Judgement] = []
-    kept: dict[str, list[Judgement]] = {reading: [] for reading in READINGS}
-    for scenario in scenarios:
-        block = write_recordings([run(scenario, k, seed) for k in range(runs)])
-        for verdict in judge_block(scenario, block, observe_block(scenario, block), oracles).verdicts:
-            if verdict.oracle == "success":
-                reached.append(verdict.judgement)
-            elif verdict.oracle == "safety":
-                for reading in READINGS:
-                    margin = verdict.metrics[f"{reading}_margin"].value
-                    touched = verdict.metrics["obstacle_contacts"].value
-                    kept[reading].append("fail" if touched or (margin is not None and margin < 0) else "pass")
-    for reading in READINGS:
-        both = [run_judgement(pair) for pair in zip(reached, kept[reading], strict=True)]
-        yield Row(delay_s, reading, counts_of(reached), counts_of(kept[reading]), counts_of(both))
-
-
-def as_json(rows: Sequence[Row], configurations: int, runs: int) -> Mapping[str, Any]:
-    """Figures for the page."""
-    said = [
-        {"delay_s": r.delay_s, "reading": r.reading, **{n: getattr(r, n).rate for n in ("reached", "kept", "both")}}
-        for r in rows
-    ]
-    return {"configurations": configurations, "runs": runs, "rows": said}
+def rows_of(groups: Sequence[Sequence[Configuration]], runs: int, seed: int) -> list[dict[str, Any]]:
+    """Rates of the mission alone, of the separation alone, and of both: a row for each delay and reading of the obstacle's radius."""
+    oracles, rows = oracles_of([("safety", {})]), []
+    for k, delay_s in enumerate(DELAYS_S):
+        reached: list[Judgement] = []
+        kept: dict[str, list[Judgement]] = {reading: [] for reading in READINGS}
+        for scenario in (group[k].scenario for group in groups):
+            block = write_recordings([run(scenario, index, seed) for index in range(runs)])
+            for verdict in judge_block(scenario, block, observe_block(scenario, block), oracles).verdicts:
+                if verdict.oracle == "success":
+                    reached.append(verdict.judgement)
+                elif verdict.oracle == "safety":
+                    for reading in READINGS:
+                        margin = verdict.metrics[f"{reading}_margin"].value
+                        touched = verdict.metrics["obstacle_contacts"].value
+                        kept[reading].append("fail" if touched or (margin is not None and margin < 0) else "pass")
+        for reading in READINGS:
+            both = [run_judgement(pair) for pair in zip(reached, kept[reading], strict=True)]
+            said = {"reached": reached, "kept": kept[reading], "both": both}
+            rates = {name: counts_of(judgements).rate for name, judgements in said.items()}
+            rows.append({"delay_s": delay_s, "reading": reading, **rates})
+    return rows
 
 
 def main() -> None:
@@ -131,12 +95,13 @@ def main() -> None:
     campaign, groups = triggered(asked.configurations)
     rows = rows_of(groups, asked.runs, campaign.seed)
     print(f"{len(groups)} configurations × {asked.runs} runs with each delay")
-    print("delay (s)  radius     kept its distance  goal reached  both")
-    for row in rows:
-        shares = [f"{100 * (each.rate or 0.0):.1f} %" for each in (row.kept, row.reached, row.both)]
-        print(f"{row.delay_s:<9g}  {row.reading:<9}  {shares[0]:<17}  {shares[1]:<12}  {shares[2]}")
+    shown = pd.DataFrame(rows)[["delay_s", "reading", "kept", "reached", "both"]]
+    names = {"delay_s": "delay (s)", "reading": "radius", "kept": "kept its distance", "reached": "goal reached"}
+    percent = {name: "{:.1%}".format for name in ("kept", "reached", "both")}
+    print(shown.to_string(index=False, header=[names.get(name, name) for name in shown], formatters=percent))
     if asked.json:
-        asked.json.write_text(json.dumps(as_json(rows, len(groups), asked.runs), indent=1) + "\n")
+        said = {"configurations": len(groups), "runs": asked.runs, "rows": rows}
+        asked.json.write_text(json.dumps(said, indent=1) + "\n")
 
 
 if __name__ == "__main__":
