@@ -21,6 +21,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from amcl_filter import Filter
 from five_maps import map_files, parser_of
 
@@ -133,22 +134,13 @@ def route(occupancy: OccupancyMap, rng: np.random.Generator) -> np.ndarray:
     return np.column_stack([np.convolve(axis, np.ones(11) / 11, mode="valid") for axis in framed.T])
 
 
-@dataclass(frozen=True)
-class Errors:
-    """Errors (S,) of position and yaw at each scan, and particles (U,) at each update, of one filter."""
+def localize(
+    occupancy: OccupancyMap, driven: Drive, lidar: Lidar, condition: Condition, seed: int
+) -> tuple[pd.DataFrame, list[int]]:
+    """Errors of position and yaw at each scan, and particles at each update, of one filter.
 
-    along_m: np.ndarray
-    across_m: np.ndarray
-    yaw_rad: np.ndarray
-    particles: np.ndarray
-
-    @property
-    def position_m(self) -> np.ndarray:
-        return np.hypot(self.along_m, self.across_m)
-
-
-def localize(occupancy: OccupancyMap, driven: Drive, lidar: Lidar, condition: Condition, seed: int) -> Errors:
-    """Errors of one filter; the estimate between updates is that of Nav2's transform, which odometry carries on."""
+    The estimate between updates is that of Nav2's transform, which odometry carries on.
+    """
     rng = np.random.default_rng([seed, 1])
     stream = rng.integers(1, 2**63, 1, dtype=np.uint64)
     amcl = Filter(
@@ -178,8 +170,8 @@ def localize(occupancy: OccupancyMap, driven: Drive, lidar: Lidar, condition: Co
         off = transform + rotated(odom, transform[2]) - truth
         c, s = math.cos(truth[2]), math.sin(truth[2])
         errors.append((c * off[0] + s * off[1], c * off[1] - s * off[0], abs(wrapped(off[2]))))
-    along_m, across_m, yaw_rad = np.array(errors).T
-    return Errors(along_m, across_m, yaw_rad, np.array(particles))
+    found = pd.DataFrame(errors, columns=["along_m", "across_m", "yaw_rad"])
+    return found.assign(position_m=np.hypot(found.along_m, found.across_m)), particles
 
 
 def rotated(pose: tuple[float, float, float], angle_rad: float) -> np.ndarray:
@@ -188,46 +180,39 @@ def rotated(pose: tuple[float, float, float], angle_rad: float) -> np.ndarray:
     return np.array([c * pose[0] - s * pose[1], s * pose[0] + c * pose[1], pose[2]])
 
 
-def measured(
-    occupancy: OccupancyMap, routes: int, seeds: int, lidar: Lidar
-) -> Iterator[tuple[Condition, list[Errors]]]:
-    """Errors on a map for each condition."""
-    rng = np.random.default_rng(17)
-    drives = [drive(occupancy, route(occupancy, rng), lidar) for _ in range(routes)]
-    for condition in CONDITIONS:
-        yield (
-            condition,
-            [localize(occupancy, driven, lidar, condition, seed) for driven in drives for seed in range(seeds)],
-        )
-
-
-def line(name: str, condition: Condition, runs: list[Errors]) -> str:
-    position_m = np.concatenate([run.position_m for run in runs])
-    yaw_rad = np.concatenate([run.yaw_rad for run in runs])
-    particles = np.concatenate([run.particles for run in runs])
-    return (
-        f"{name:12}{condition.name:16}{position_m.mean():7.2f}{np.percentile(position_m, 95):7.2f}"
-        f"{position_m.max():7.2f}{yaw_rad.mean():9.3f}"
-        f"{np.abs(np.concatenate([run.along_m for run in runs])).mean():8.2f}"
-        f"{np.abs(np.concatenate([run.across_m for run in runs])).mean():8.2f}"
-        f"{particles.mean():8.0f}{np.percentile(particles, 5):7.0f}{np.percentile(particles, 95):7.0f}"
-    )
-
-
 def main() -> int:
     parser = parser_of(__doc__)
     parser.add_argument("--routes", type=int, default=3, metavar="N", help="routes a map")
     parser.add_argument("--seeds", type=int, default=6, metavar="N", help="filters a route and condition")
     options = parser.parse_args()
     files = map_files(options.maps, options.only)
-    print(f"{'map':12}{'scan':16}{'mean':>7}{'p95':>7}{'max':>7}{'yaw':>9}{'along':>8}{'across':>8}{'particles':>10}")
+    lidar = Lidar()
     faults: list[str] = []
     for file in files:
         began = time.process_time()
-        errors_m = {}
-        for condition, runs in measured(load_map(file), options.routes, options.seeds, Lidar()):
-            print(line(file.stem, condition, runs), flush=True)
-            errors_m[condition.name] = np.concatenate([run.position_m for run in runs])
+        errors_m, rows = {}, []
+        occupancy, rng = load_map(file), np.random.default_rng(17)
+        drives = [drive(occupancy, route(occupancy, rng), lidar) for _ in range(options.routes)]
+        for condition in CONDITIONS:
+            runs = [
+                localize(occupancy, each, lidar, condition, seed) for each in drives for seed in range(options.seeds)
+            ]
+            errors = pd.concat([each for each, _ in runs]).abs()
+            position_m, particles = errors.position_m, np.concatenate([counts for _, counts in runs])
+            row = {
+                "map": file.stem,
+                "scan": condition.name,
+                "mean": position_m.mean(),
+                "p95": position_m.quantile(0.95),
+            }
+            row |= {"max": position_m.max(), "yaw": f"{errors.yaw_rad.mean():.3f}"}
+            row |= {"along": errors.along_m.mean(), "across": errors.across_m.mean()}
+            counts = zip(
+                ("particles", "p5", "p95 of them"), (particles.mean(), *np.percentile(particles, (5, 95))), strict=True
+            )
+            rows.append(row | {name: f"{count:.0f}" for name, count in counts})
+            errors_m[condition.name] = position_m.to_numpy()
+        print(pd.DataFrame(rows).to_string(index=False, float_format="{:.2f}".format), flush=True)
         faults += [f"{file.stem}: {fault}" for fault in faults_of(file.stem, errors_m)]
         print(f"{file.stem}: {time.process_time() - began:.0f} s CPU")
     print("\n".join(faults))
