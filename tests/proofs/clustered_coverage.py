@@ -61,9 +61,9 @@ def cells(
     rates: Sequence[float] = RATES,
     correlations: Sequence[float] = (*CORRELATIONS, MIXED),
 ) -> pd.DataFrame:
-    """The whole grid, a row each: `width` is the mean over that of the exact interval of all runs, as if they were independent.
+    """A row for each kind of campaign.
 
-    `too_wide` counts intervals that are wider than the exact one of whole clusters.
+    `width` is the mean over that of the exact interval of all runs, as if they were independent. `too_wide` counts intervals that are wider than the exact one of whole clusters.
     """
     least = LEAST - 4 * math.sqrt(LEAST * (1 - LEAST) / campaigns)
     rows = []

@@ -238,7 +238,7 @@ MEANWHILE: Final[Mapping[str, Edit]] = {
 
 
 def rows(folder: Path, chosen: Callable[[str], bool] = lambda edit: True) -> Iterator[tuple[str, Counts, str]]:
-    """Make every edit that is chosen by its name, in a folder of their own: it, what it computed again, and what is wrong with that."""
+    """Make the chosen edits: each one's name, what it computed again, and what is wrong."""
     pristine, bed = Bed.made(folder / "pristine"), Bed(folder / "bed")
     first = pristine.counted()
     yield "first of all", first, _wrong(pristine, first, ALL)

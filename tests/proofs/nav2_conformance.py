@@ -41,7 +41,7 @@ DT_S = 0.05
 
 
 class Distance(NamedTuple):
-    """The greatest distance between an answer of Nav2's and ours, of one kind: of so many `cases`, it may be `most`."""
+    """The greatest distance of `cases` answers from Nav2's; it may be `most`."""
 
     part: str
     cases: int

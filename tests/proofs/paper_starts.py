@@ -78,7 +78,7 @@ def starts_of(
         return occupancy, np.maximum(cells - 0.5, 0.0) * occupancy.resolution_m
 
     def is_near(environment: str, position: Mapping[str, float]) -> bool:
-        """By the distance from the center of the position's cell to the near side of the nearest wall's; so is what is off the map."""
+        """Whether a wall's cell is that near, or the place off the map."""
         occupancy, distance_m = ground(environment)
         cell = occupancy.cell_of(position["x"], position["y"])
         return not occupancy.contains(*cell) or round(float(distance_m[cell]), 9) <= COLLISION_M

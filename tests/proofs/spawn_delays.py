@@ -62,7 +62,7 @@ def triggered(configurations: int) -> tuple[Campaign, list[list[Configuration]]]
 
 
 def rows_of(groups: Sequence[Sequence[Configuration]], runs: int, seed: int) -> list[dict[str, Any]]:
-    """Rates of the mission alone, of the separation alone, and of both: a row for each delay and reading of the obstacle's radius."""
+    """Rates of mission, separation, and both, by delay and radius."""
     oracles, rows = oracles_of([("safety", {})]), []
     for k, delay_s in enumerate(DELAYS_S):
         reached: list[Judgement] = []
