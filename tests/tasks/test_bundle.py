@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from vastflow.oracles.judgement.oracle import oracles_of
+from vastflow.oracles.judgement.registry import oracles_of
 from vastflow.sim.model.digest import FileContent, file_digest
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.scenario import ProcessSetup, Scenario
