@@ -91,7 +91,7 @@ def test_editable_install_is_a_folder_on_the_path():
     assert Path(file).with_name("py.typed").is_file()
 
 
-def test_package_names_what_a_script_calls_and_its_version():
+def test_package_exports_api_and_version():
     code = "import vastflow; print(vastflow.__version__, *(getattr(vastflow, name).__name__ for name in vastflow.__all__[1:]))"
     done = run(sys.executable, "-c", code)
     assert done.stdout.split() == [
@@ -108,13 +108,13 @@ def test_importing_the_package_imports_nothing_else_of_it():
 
 
 @each_row("folder", LAYERS)
-def test_folder_is_imported_by_the_package_s_name_and_by_no_other(folder):
+def test_folder_is_imported_only_below_vastflow(folder):
     done = run(sys.executable, "-c", f"import {folder}")  # in the repository's root, where Python would find it
     assert done.returncode == 1
     assert f"ImportError: import vastflow.{folder}, not {folder}: one module has one name" in done.stderr
 
 
-def test_way_through_the_code_names_every_package_with_its_own_words():
+def test_code_map_names_every_package():
     page = (ROOT / "docs" / "find-your-way-in-the-code.md").read_text()
     named = re.findall(r"^\| `([a-z0-9_/]+)/` \| (.*) \|$", page, re.MULTILINE)
     said = {folder: ast.get_docstring(ast.parse((folder / "__init__.py").read_text())) for folder in package_folders()}
@@ -136,7 +136,7 @@ def test_modules_import_in_no_circle():
     assert sorted(waiting) == []  # those on a circle, and those that lead to one
 
 
-def test_campaigns_hold_no_code_but_what_their_files_name():
+def test_campaigns_folder_has_only_named_code():
     for file in (ROOT / "campaigns").rglob("*.py"):
         named = [vast for vast in file.parent.glob("*.vast") if file.name in vast.read_text()]
         assert named, f"{file} belongs to no campaign"
@@ -181,13 +181,13 @@ def test_declared_dependencies_are_imported_or_have_a_reason():
     assert set(declared()) - needed(*LAYERS) == {"fastapi", "python-dateutil", "s3fs", "sqlalchemy"}
 
 
-def test_bounds_make_pip_download_nothing_in_vain():
+def test_dependency_bounds_match_prefects_extras():
     asked = {canonical(need.name): need for need in map(Requirement, requires("prefect")) if not need.marker}
     bounded = {name: need for name, need in declared().items() if name in asked}
     assert {name: need.extras for name, need in bounded.items() if need.extras != asked[name].extras} == {}
 
 
-def test_fastapi_is_bounded_to_versions_with_which_prefect_s_server_starts():
+def test_fastapi_is_bounded_to_versions_that_prefect_supports():
     # With 0.155 and later Prefect 3.8.8's server dies while it is imported. Prefect 3.9 says <0.151 itself.
     bound = declared()["fastapi"].specifier
     assert ("0.150.0" in bound, "0.151.0" in bound, version("fastapi") in bound) == (True, False, True)
@@ -231,7 +231,7 @@ def test_readme_installs_what_the_tests_need():
     assert {"pytest", "pytest-xdist", "ruff", "mypy", "import-linter"} <= set(declared(extra))
 
 
-def test_installation_from_a_checkout_takes_the_tested_versions():
+def test_checkout_installs_tested_versions():
     commands = [line for line in README.splitlines() + DOCKERFILE.splitlines() if "pip install" in line]
     assert len(commands) == 4
     assert all(" -c deployments/constraints.txt " in command for command in commands)

@@ -111,14 +111,14 @@ def test_docstring_summary_is_one_plain_line(files):
     assert wrong == []
 
 
-def test_message_says_what_was_expected_and_given(trees):
+def test_message_states_expected_and_given_values(trees):
     found = [
         f"{file}: {text}" for file, tree in trees.items() for text in texts_of(tree) if FOUND_AND_RIGHT.search(text)
     ]
     assert found == []
 
 
-def test_test_is_named_by_its_unit_first():
+def test_test_name_starts_with_unit():
     names = [
         (file, name) for file, tree in parsed(TESTS).items() for name in names_of(tree) if name.startswith("test_")
     ]

@@ -56,7 +56,7 @@ def test_slow_growth_stays_below_the_capacity(grown):
     assert verdict.metrics["final"].value == pytest.approx(1000.0)
 
 
-def test_population_of_nobody_is_no_population(grown):
+def test_empty_population_is_refused(grown):
     record = grown("--growth-rate", "1.0", "--initial-population", "0")
     assert "expected more than 0, got --initial-population 0" in record.logs[0].text
     assert judged(record.outputs.tables).judgement == "not judged"
@@ -93,7 +93,7 @@ def test_run_of_the_campaign_is_a_recording_without_rows_and_a_table(fastest):
     assert len(trace) == 0
 
 
-def test_another_program_text_is_another_scenario(fastest, tmp_path):
+def test_scenario_digest_depends_on_program_text(fastest, tmp_path):
     for file in GROWTH.iterdir():
         if file.is_file():
             (tmp_path / file.name).write_bytes(file.read_bytes())

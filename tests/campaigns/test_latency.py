@@ -8,7 +8,7 @@ from vastflow.producers.instantiation.family import robots_json
 from vastflow.sim.nav2.parameters.robot import PRESETS
 
 
-def test_campaign_varies_nothing_of_the_robot_but_its_latency():
+def test_campaign_varies_only_latency_of_robot():
     campaign = load_campaign(CAMPAIGN)
     assert not campaign.notes
     assert {line["robot"][-1] for line in robots_json(campaign.families)} == {f"varied: {PRESET}"}

@@ -38,7 +38,7 @@ def test_notebook_is_shipped_without_outputs():
     assert [(cell["outputs"], cell["execution_count"]) for cell in code] == [([], None)] * len(code)
 
 
-def test_run_is_judged_by_the_notebook_among_the_others(campaign):
+def test_notebook_judges_beside_other_oracles(campaign):
     scenario = instantiate(campaign[0]).configurations[0].scenario
     recorded = write_recordings([run(scenario, 0)])
     verdicts = judge_block(scenario, recorded, observe_block(scenario, recorded), campaign[1]).verdicts

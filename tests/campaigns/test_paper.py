@@ -83,7 +83,7 @@ def test_papers_missing_cells_are_proved_impossible():
         ("safety", "hallways", Requested(432, 0, 0, 90, 342)),
     ],
 )
-def test_papers_maps_have_room_for_its_configurations(kind, plan, counts):
+def test_paper_maps_have_room_for_paper_configurations(kind, plan, counts):
     assert requested_of(of_plan(f"original-maps/{kind}.vast", plan, MAPS).coverage) == counts
 
 

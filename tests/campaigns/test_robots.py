@@ -21,12 +21,12 @@ def campaign(request):
     return load_campaign(FOLDER / f"{request.param}.vast")
 
 
-def test_campaign_has_nothing_to_complain_of_but_nodes_that_its_file_leaves_out(campaign):
+def test_campaign_notes_only_missing_nodes(campaign):
     assert [note.problem for note in campaign.notes if not note.problem.startswith("has no ")] == []
     assert {family.name for family in campaign.families} == {"office", "university"}
 
 
-def test_robot_of_both_floors_is_the_same_and_said(campaign):
+def test_robot_of_both_families_is_reported_once(campaign):
     (said,) = robots_json(campaign.families)
     assert said["families"] == ["office", "university"]
 
@@ -41,7 +41,7 @@ def test_robot_of_both_floors_is_the_same_and_said(campaign):
         ("forklift", 1.0867, 8, 1.0, 25.0),
     ],
 )
-def test_robot_is_what_its_files_say(name, radius_m, vertices, speed_mps, range_m):
+def test_robot_follows_nav2_files(name, radius_m, vertices, speed_mps, range_m):
     values = load_campaign(FOLDER / f"{name}.vast").families[0].values
     parameters = parameters_of({key: value for key, value in values.items() if key == "nav2_params" or "robot." in key})
     robot = robot_of(parameters)

@@ -42,14 +42,14 @@ def test_shipped_names_have_a_file_and_a_campaign():
 
 
 @each_row("name", SHIPPED)
-def test_shipped_name_stands_for_its_file_and_everything_in_it_can_be_done(name):
+def test_shipped_scenario_names_resolve_to_runnable_files(name):
     definition = definition_of(BUILTIN + name)
     assert abstract_content(SCENARIOS / f"{name}.osc").digest == definition_digest(definition)
     assert unsupported(definition, ACTIONS) == []
 
 
 @each_row("name", SHIPPED)
-def test_its_campaign_has_nothing_to_complain_of_and_can_be_built_in_full(name):
+def test_latency_campaign_is_built_without_notes(name):
     campaign, _ = campaign_of(name)
     found = instantiate(campaign)
     assert (campaign.notes, campaign.unexecutable, found.rejections) == ((), (), ())
@@ -72,7 +72,7 @@ def test_rounds_after_the_first_take_longer():
 
 
 @each_row("number", range(4))
-def test_box_appears_as_soon_as_the_robot_is_within_the_configuration_s_distance(number):
+def test_box_appears_within_configured_trigger_distance(number):
     scenario = configurations_of("obstacle_appears")[number].scenario
     recording = run(scenario, 0)
     (spawned,) = [event for event in recording.run.events if event.kind == "spawned"]
@@ -106,7 +106,7 @@ def results(tmp_path_factory):
     return written.directory, configuration
 
 
-def test_report_shows_starts_goals_and_what_the_scenario_of_a_file_spawned(results):
+def test_report_shows_starts_goals_and_spawned_obstacles(results):
     directory, configuration = results
     (scene,) = scenes_of(read_tables(directory))
     (box,) = scene.obstacles

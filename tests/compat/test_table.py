@@ -70,7 +70,7 @@ def rows(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_table_tells_what_became_of_files_of_every_kind(rows):
+def test_compatibility_table_covers_every_kind_of_file(rows):
     assert {file: (row["kind"], row["outcome"]) for file, row in rows.items()} == {
         "below/go.osc": ("scenario", "ran"),
         "below/lost.osc": ("scenario", "refused"),

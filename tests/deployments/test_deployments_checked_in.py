@@ -46,7 +46,7 @@ def variables(kind):
     return template(f"pools/{kind}.json")["variables"]["properties"]
 
 
-def test_filled_replaces_placeholders_and_drops_what_is_none():
+def test_filled_replaces_placeholders_and_drops_none():
     content = {"whole": "{{ text }}", "part": "a-{{ text }}", "list": ["{{ some }}", 1]}
     text = "{{ some }}: [x"
     listed = [{"k": [1]}, 1]
@@ -69,7 +69,7 @@ def test_prefect_reads_deployments_and_their_parameters():
         assert campaign.validate_parameters(each.parameters)["request"].campaign == CAMPAIGN
 
 
-def test_deployments_are_what_the_command_makes_of_the_same_campaign():
+def test_checked_in_deployments_match_command():
     runs = load_campaign(ROOT / CAMPAIGN).runs
     for each in entries():
         pool, variables = each["work_pool"]["name"], each["work_pool"]["job_variables"]
@@ -143,7 +143,7 @@ def test_queues_have_kueues_fields_and_belong_together():
     )
 
 
-def test_quota_admits_a_campaign_whose_file_says_nothing():
+def test_quota_admits_campaign_without_resources():
     resources = documents("kueue/queues.yaml")[1]["spec"]["resourceGroups"][0]["flavors"][0]["resources"]
     quota = {each["name"]: each["nominalQuota"] for each in resources}
     assert int(quota["cpu"]) >= deployment.CPU

@@ -70,7 +70,7 @@ def test_resources_are_those_of_chosen_cluster_or_the_first(described, resources
     assert described(IMAGE + resources, context).main.needs == Needs(*needs)
 
 
-def test_description_refuses_what_no_container_can_have(described, golden, tmp_path):
+def test_description_refuses_impossible_containers(described, golden, tmp_path):
     def faults_of(execution):
         context = "edg" if "[{edge: 4}]" in execution else None
         return [fault.replace(str(tmp_path), "HERE") for fault in faults(described, execution, context)]

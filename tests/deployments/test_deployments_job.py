@@ -99,7 +99,7 @@ def test_job_has_queue_secret_and_end_of_its_variables():
 
 
 @pytest.mark.parametrize("kind", [PoolType.docker, PoolType.kubernetes])
-def test_job_has_no_setting_of_worker_but_those_of_deployment(kind, monkeypatch):
+def test_job_has_only_settings_of_deployment(kind, monkeypatch):
     foreign = dict.fromkeys((*OF_THE_WORKER, "PREFECT_API_URL", "PREFECT_HOME"), FOREIGN)
     made = configured(kind, {}, {**foreign, "PREFECT_LOGGING_LEVEL": "DEBUG"}, monkeypatch=monkeypatch)
     assert FOREIGN not in json.dumps(made.env)
@@ -127,7 +127,7 @@ def test_template_removes_settings_of_places_and_secrets():
     assert known <= names
 
 
-def test_container_of_docker_has_volume_and_memory_and_process_has_nothing_of_file(described):
+def test_docker_job_has_volume_and_memory_and_process_job_neither(described):
     made = configured(PoolType.docker, job_variables(PoolType.docker, described()))
     assert (made.volumes, made.mem_limit, made.image) == ([f"vastflow:{DATA}"], "8g", "vastflow:latest")
     assert job_variables(PoolType.process, described()) == {}

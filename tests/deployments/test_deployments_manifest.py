@@ -110,7 +110,7 @@ def test_manifests_hide_dollars_from_kubernetes_and_compose(value, command):
     assert [Template(argument).substitute() for argument in main["entrypoint"]] == command
 
 
-def test_command_stands_between_scripts():
+def test_compose_command_runs_between_scripts():
     main = Container("main", command=("run", "a b"))
     entrypoint = compose_file(replace(ALONE, main=main, post_command="/post.sh"))["services"]["main"]["entrypoint"]
     assert entrypoint[:2] == ["/bin/bash", "-c"]
@@ -124,7 +124,7 @@ def test_yaml_loads_back_equal(manifest):
 
 
 @each_row("text", ["1", "1e3", "0o17", "0x1F", "012", "y", "no", "On", "~", "null", ".inf", "12:30", "a: b", ""])
-def test_text_stays_text_to_every_reader(text):
+def test_text_is_never_converted(text):
     written = yaml_text({"key": text})
     assert yaml.safe_load(written) == {"key": text}
     # Readers of YAML 1.2 have other rules for plain text, and the same for quotes.

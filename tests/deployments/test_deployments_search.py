@@ -88,7 +88,7 @@ def wait_until(condition):
         time.sleep(0.3)
 
 
-def test_next_flow_run_of_the_schedule_takes_up_a_search_that_was_canceled(nights, place):
+def test_next_scheduled_flow_run_resumes_canceled_search(nights, place):
     canceled, completed = nights
     assert (canceled.state.name, completed.state.name) == ("Cancelled", "Completed")
     directory = min((place / "results").glob("asleep-*"))

@@ -35,7 +35,7 @@ def test_wrapped_leaves_command_without_scripts_and_refuses_that_of_image():
         wrapped([], "/pre.sh", None)
 
 
-def test_wrapped_command_sees_exports_and_keeps_its_exit_code(scripts):
+def test_wrapped_command_sees_exports_and_keeps_exit_code(scripts):
     pre, post = map(str, scripts)
     for code in (0, 7):
         command = ["bash", "-c", f'echo "$GREETING"; exit {code}']
@@ -66,7 +66,7 @@ def test_stop_reaches_the_command_and_the_script_after_it_still_runs(scripts):
 
 @settings(max_examples=30, deadline=None)
 @given(st.lists(ARGUMENT, max_size=4), st.booleans())
-def test_arguments_arrive_whatever_characters_they_hold(arguments, is_followed):
+def test_arguments_keep_all_characters(arguments, is_followed):
     command = wrapped(["printf", r"%s\0", "first", *arguments], "/dev/null", "/bin/true" if is_followed else None)
     found = subprocess.run(command, capture_output=True, timeout=120, check=True).stdout
     assert found.decode().split("\0")[1:-1] == arguments

@@ -141,13 +141,13 @@ def test_deploying_again_changes_the_same_deployment(api, place, deployed, monke
     assert called("deploy", "tiny.vast", "--pool", "lab", *options).exit_code == 0
 
 
-def test_pool_of_another_type_is_not_taken(api, place, deployed, monkeypatch):
+def test_pool_of_other_type_is_refused(api, place, deployed, monkeypatch):
     monkeypatch.chdir(place)
     said = refused("deploy", "tiny.vast", "--pool", "lab", "--type", "docker")
     assert said == "--pool: expected a work pool of type 'docker', got 'lab' of type 'process'; give --type process"
 
 
-def test_parameters_that_make_no_sense_are_refused_before_they_run(api, deployed):
+def test_contradictory_parameters_are_refused_before_running(api, deployed):
     deployment = api.read_deployment_by_name(DEPLOYMENT)
     with pytest.raises(Exception, match="0 is less than the minimum of 1"):
         api.create_flow_run_from_deployment(deployment.id, parameters={"request": {"campaign": "tiny.vast", "runs": 0}})
@@ -188,7 +188,7 @@ def test_stages_are_task_runs_of_one_flow_run(api, first):
     assert sorted(names) == sorted(stages | {"instantiate room by ParameterVariationList"})
 
 
-def test_campaign_run_by_hand_has_page_of_its_own(api, place, first):
+def test_manual_run_has_own_flow_run_page(api, place, first):
     def run():
         return run_campaign(place / "tiny.vast", runs=4, results=place / "by-hand", store=place / "store", workers=2)
 
@@ -205,7 +205,7 @@ def test_campaign_run_by_hand_has_page_of_its_own(api, place, first):
 
 
 @more
-def test_second_night_executes_nothing_and_has_its_results_all_the_same(api, first, work):
+def test_second_night_executes_nothing_and_writes_results(api, first, work):
     second = work()
     assert second.state.message.endswith("; 0 runs executed, 4 from the store")
     assert set(artifacts(api, second)) == {"tiny-progress", "tiny-results", "tiny-report"}
@@ -213,7 +213,7 @@ def test_second_night_executes_nothing_and_has_its_results_all_the_same(api, fir
 
 
 @more
-def test_link_goes_to_where_the_results_are_served(api, first, work):
+def test_report_link_uses_served_address(api, first, work):
     asked = work(reports="https://lab.example/results/", runs=3)
     link = artifacts(api, asked)["tiny-report"]["data"]
     assert link.startswith("[report.html](https://lab.example/results/tiny-20")
@@ -221,7 +221,7 @@ def test_link_goes_to_where_the_results_are_served(api, first, work):
 
 
 @more
-def test_broken_campaign_file_fails_its_flow_run_and_says_where(place, first, work):
+def test_invalid_campaign_file_fails_flow_run_with_place(place, first, work):
     Path(place, "broken.vast").write_text(CAMPAIGN.replace("runs: 2", "runs: none"))
     broken = work(campaign=str(place / "broken.vast"))
     assert broken.state.name == "Failed"

@@ -176,7 +176,7 @@ def test_run_with_faults_exits_with_3(small_room, running):
 
 
 @each_row("number", [signal.SIGINT, signal.SIGTERM])
-def test_interrupted_run_exits_with_130_and_prints_command_that_goes_on(small_room, running, monkeypatch, number):
+def test_interrupted_run_exits_with_130_and_prints_resume_command(small_room, running, monkeypatch, number):
     def behave(observer):
         os.kill(os.getpid(), number)
         raise AssertionError("the interrupt should have come before this")
@@ -190,7 +190,7 @@ def test_interrupted_run_exits_with_130_and_prints_command_that_goes_on(small_ro
     assert signal.getsignal(number) is before
 
 
-def test_interruptible_takes_error_of_interrupted_import_for_interrupt(capsys):
+def test_interruptible_treats_interrupted_import_as_interrupt(capsys):
     with pytest.raises(typer.Exit) as ended, Interruptible("bye"):
         try:
             os.kill(os.getpid(), signal.SIGINT)

@@ -266,7 +266,7 @@ def test_compare_pairs_configurations_by_name_or_content_and_runs_by_seed(tmp_pa
         assert part == value, path
 
 
-def test_compare_counts_oracles_that_judged_both_and_takes_one_alone(tmp_path):
+def test_compare_counts_common_oracles_or_a_selected_one(tmp_path):
     before = write(tmp_path / "a", same("pp"), oracles=("success",))
     after = write(tmp_path / "b", same("pp"), oracles=("success", "safety"))
     assert list(as_json(before, after)["oracles"]) == ["success"]

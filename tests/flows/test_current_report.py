@@ -52,14 +52,14 @@ def test_damaged_directory_is_not_current(sealed, damage):
     assert newest_sealed(sealed.parent, "a") is None
 
 
-def test_directory_that_was_moved_or_got_a_file_more_stays_current(sealed, tmp_path):
+def test_moved_or_extended_directory_stays_current(sealed, tmp_path):
     (sealed / "notes.txt").write_text("mine")
     (tmp_path / "elsewhere").mkdir()
     moved = sealed.rename(tmp_path / "elsewhere" / sealed.name)
     assert newest_sealed(moved.parent, "a") == moved
 
 
-def test_current_directory_is_the_newest_of_its_name(sealed):
+def test_current_directory_is_newest_of_same_name(sealed):
     (sealed.parent / "a-b-2027-01-31-120000").mkdir()
     assert newest_sealed(sealed.parent, "a") == sealed
     (sealed.parent / "a-2026-01-31-120000-2").mkdir()
@@ -104,7 +104,7 @@ def command(folder, *arguments):
     return json.loads(said), loaded.split()
 
 
-def test_command_that_is_given_again_is_answered_with_the_directory_that_is_there(computed):
+def test_repeated_command_names_existing_directory(computed):
     folder, first = computed
     again, loaded = command(folder, "--results", folder / "results")
     assert (again["executed"], again["reused"], again["results"]) == (0, 6, str(first.directory))
@@ -116,7 +116,7 @@ def test_command_that_is_given_again_is_answered_with_the_directory_that_is_ther
     assert loaded == []
 
 
-def test_deleted_report_is_made_again_from_the_store_without_prefect(computed):
+def test_deleted_report_is_rebuilt_from_store_without_prefect(computed):
     folder, first = computed
     made, loaded = command(folder, "--results", folder / "other")
     before, after = files(first.directory), files(Path(made["results"]))

@@ -71,12 +71,12 @@ def test_results_folder_deleted_while_it_is_written_is_reported(tmp_path):
     ("name", "folder"),
     [("a_b", "a-b"), ("My Campaign / 2", "My-Campaign-2"), ("../up", "up"), ("___", "campaign"), ("v1.2", "v1.2")],
 )
-def test_name_becomes_one_that_every_file_system_takes(name, folder):
+def test_name_is_made_portable(name, folder):
     assert directory_name(name) == folder
 
 
 @each_row("name", ["dangling", "file/below", "loop", "a" * 300])
-def test_place_where_no_folder_can_be_made_is_said_in_words(tmp_path, name):
+def test_unusable_folder_is_reported_in_words(tmp_path, name):
     (tmp_path / "dangling").symlink_to("nowhere")
     (tmp_path / "loop").symlink_to("loop")
     (tmp_path / "file").write_text("")

@@ -82,7 +82,7 @@ def test_pace_counts_executed_runs_after_first():
     assert (pace.runs_per_s, pace.times_real_time, pace.left_s) == (5.0, 150.0, 8.0)
 
 
-def test_pace_counts_last_minute_alone_and_phase_has_its_own_clock():
+def test_pace_covers_last_minute_of_phase():
     meter = Meter(0.0)
     for second in range(201):
         last = progress(executed=1 + (second if second < 100 else 100 + (second - 100) * 10), runs_total=10_000)

@@ -49,13 +49,13 @@ def test_render_writes_map_mesh_picture_plan_and_provenance(plan, tmp_path):
         assert hashlib.sha256((out / name).read_bytes()).hexdigest() == sha256
 
 
-def test_render_takes_resolution_and_height_of_laser(plan, tmp_path):
+def test_render_accepts_resolution_and_laser_height(plan, tmp_path):
     assert run("render", plan, "--out", tmp_path, "--resolution", 0.1, "--laser-height", 0.7).exit_code == 0
     header = (tmp_path / "maps" / "flat.yaml").read_text()
     assert "resolution: 0.1" in header and "laser_height: 0.7" in header
 
 
-def test_geometry_prints_json_and_nothing_else(plan):
+def test_geometry_prints_only_json(plan):
     result = run("geometry", plan)
     found = json.loads(result.stdout)
     assert result.exit_code == 0

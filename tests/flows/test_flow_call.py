@@ -61,7 +61,7 @@ CONFIGURED = "Prefect's API at http://lab:4200/api failed (Failed to reach API);
         (1, "http://lab:4200/api", 1, f"{CONFIGURED}or unset PREFECT_API_URL"),
     ],
 )
-def test_flow_is_begun_again_at_an_embedded_api_only(made, monkeypatch, failures, configured, begun, words):
+def test_flow_is_retried_only_with_embedded_api(made, monkeypatch, failures, configured, begun, words):
     monkeypatch.setattr(flow_call, "configured_url", lambda: configured)
     flow, said = Flow(failures), None
     try:

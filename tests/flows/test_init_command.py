@@ -76,7 +76,7 @@ def test_init_writes_random_paths_for_map_and_robot(tmp_path, params):
         ),
     ],
 )
-def test_init_refuses_what_gives_no_campaign(tmp_path, options, said):
+def test_init_refuses_unusable_inputs(tmp_path, options, said):
     assert said in refused("init", tmp_path / "own", *options)
     assert not (tmp_path / "own").exists()
 

@@ -65,7 +65,7 @@ def test_proof_runs_its_own_copy_of_the_code(killed, tmp_path):
 
 
 @pytest.mark.parametrize("victim", ["flow", "worker", "server"])
-def test_killed_process_costs_only_what_was_in_flight(killed, lab, alone, victim):
+def test_killed_process_loses_only_runs_in_flight(killed, lab, alone, victim):
     whole, there = alone
     (point,) = killed.points(SEED, 1, [("embedded", victim)], {"embedded": there})
     killed.killed(lab, point, random.Random(f"{SEED} {victim}"), whole, api=None)
@@ -82,7 +82,7 @@ def states(api):
     return sorted(run.state.type.value for run in api.read_flow_runs())
 
 
-def test_flow_run_whose_process_was_killed_before_its_first_line_has_crashed_too(api):
+def test_flow_run_killed_before_first_line_is_marked_crashed(api):
     host, own = process_tags()
     dead, lives = (
         api.create_flow_run(Flow(lambda: None, name="begins"), tags=[host, process], state=Running())

@@ -141,7 +141,7 @@ def test_minimize_leaves_planted_cause_in_campaign_that_fails(place, monkeypatch
 
 
 @pytest.mark.slow
-def test_minimize_takes_point_of_search(place, searched):
+def test_minimize_accepts_point_of_search(place, searched):
     folder, directory = place
     listed = minimize_configuration(directory, "blocked", store=folder / "store")
     found = minimize_configuration(searched, "point-0002", store=folder / "store")
@@ -152,7 +152,7 @@ def test_minimize_takes_point_of_search(place, searched):
 
 
 @pytest.mark.slow
-def test_interrupted_minimization_comes_to_same_result(place, alone, tmp_path):
+def test_interrupted_minimization_resumes_to_same_result(place, alone, tmp_path):
     folder, directory = place
     whole = minimize_configuration(directory, "blocked", store=folder / "store")
     for rounds in (1, 4):
@@ -176,7 +176,7 @@ def test_interrupted_minimization_comes_to_same_result(place, alone, tmp_path):
         ("blocked --oracle nobody", "--oracle: expected an oracle that judged blocked, got 'nobody'"),
     ],
 )
-def test_minimize_refuses_what_does_not_fail(place, arguments, said):
+def test_minimize_refuses_passing_configuration(place, arguments, said):
     folder, directory = place
     assert said in refused("minimize", directory, *arguments.split(), "--store", folder / "store")
 
@@ -196,13 +196,13 @@ def test_candidates_try_parameters_of_file_one_by_one(failing, name):
         assert nothing.digest == files.built(Candidate(frozenset())).configuration.scenario.digest
 
 
-def test_candidate_whose_file_would_have_fault_is_not_built(failing):
+def test_candidate_with_file_fault_is_skipped(failing):
     made, whole = failing({"global_costmap.global_costmap.plugins": ["static_layer", "unheard_of"]})
     with candidate_files(made) as files, pytest.raises(NotBuilt, match="unheard_of"):
         files.built(whole)
 
 
-def test_candidate_has_mask_of_filter_beside_its_file(failing, tmp_path):
+def test_candidate_copies_filter_mask(failing, tmp_path):
     (tmp_path / "masks").mkdir()
     for file in ("rooms.yaml", yaml.safe_load((tmp_path / "rooms.yaml").read_text())["image"]):
         shutil.copyfile(tmp_path / file, tmp_path / "masks" / file)

@@ -21,7 +21,7 @@ AUTOMATIONS = [
 
 
 @each_row("written", AUTOMATIONS)
-def test_automation_of_the_page_is_one_that_prefect_takes(written):
+def test_documented_automation_is_accepted_by_prefect(written):
     automation = AutomationCore.model_validate(written)
     assert (automation.enabled, automation.trigger.threshold) == (True, 1)
 

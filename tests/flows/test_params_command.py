@@ -90,7 +90,7 @@ def test_params_prints_json(nav2):
     assert found["nodes_left_away"] == ["collision_monitor"]
 
 
-def test_faults_of_the_file_are_said_with_their_places_and_exit_with_2(nav2):
+def test_file_faults_are_reported_with_places_and_exit_code_2(nav2):
     nav2.write_text(NAV2.replace("_vel: 1", "_vel: -1").replace("PursuitController", "Pursuit").replace(".inf", ".nan"))
     result = called("params", nav2)
     assert (result.exit_code, result.stdout) == (2, "")

@@ -213,7 +213,7 @@ def checked(past, metadata):
         (selection, [FRONT], "new configuration", "the campaign before was only a selection: room-1-1"),
     ],
 )
-def test_plan_tells_what_differed_in_the_campaign_before(again, first, tmp_path, change, edits, kind, words):
+def test_plan_names_differences_from_earlier_campaign(again, first, tmp_path, change, edits, kind, words):
     past = Path(shutil.copytree(first, tmp_path / "past"))
     metadata = json.loads((past / "metadata.json").read_text())
     change(past, metadata)
@@ -254,7 +254,7 @@ def test_plan_reports_producer_that_raises(again):
 
 
 @pytest.mark.parametrize("edits", [[RUNS, LEVEL, FRONT], [NOISE, LEAST]], ids=["grown", "edited"])
-def test_run_computes_what_its_plan_says(again, edits):
+def test_run_computes_planned_work(again, edits):
     said = computed(again.dry(*edits))
     before = again.counted()
     assert again.run().summary.executed == said["execute"]

@@ -125,7 +125,7 @@ def test_estimate_is_of_distinct_runs_at_mean_speed(rich_room):
     assert found.wall_s == pytest.approx(found.simulated_s / (2 * TIMES_REAL_TIME))
 
 
-def test_estimate_takes_straight_way_without_path_and_ends_at_timeout(small_room):
+def test_estimate_uses_straight_line_without_path_up_to_timeout(small_room):
     configurations = configurations_of(small_room)
     assert [route_m(configuration) for configuration in configurations] == [2.0, 2.0]
     three = Counter({each.name: 3 for each in configurations})

@@ -122,7 +122,7 @@ def test_plug_in_works_on_a_copy_and_writes_below_one_folder(campaign):
     assert "robovast" not in sys.modules
 
 
-def test_command_gets_its_arguments_and_the_copy_with_what_steps_before_it_made(campaign):
+def test_postprocessing_command_gets_arguments_and_earlier_outputs(campaign):
     steps = ["measure/plug.py:Lengths", {"command": {"script": "note.sh", "args": [0]}}]
     rows, results = campaign.after(steps)
     assert [row["outcome"] for row in rows] == ["done", "done"]
@@ -148,7 +148,7 @@ def test_command_gets_its_arguments_and_the_copy_with_what_steps_before_it_made(
         ("command", "a command without a script; script: FILE"),
     ],
 )
-def test_step_that_fails_is_a_fault_of_its_own_and_the_rest_runs(campaign, step, message):
+def test_failed_step_is_a_fault_and_others_run(campaign, step, message):
     rows, results = campaign.after([step, {"command": {"script": "note.sh", "args": [0]}}])
     assert [row["outcome"] for row in rows] == ["failed", "done"]
     assert rows[0]["message"].startswith(message)
@@ -160,7 +160,7 @@ def test_step_that_fails_is_a_fault_of_its_own_and_the_rest_runs(campaign, step,
     assert (results.directory / "recordings/room-1.parquet").is_file()
 
 
-def test_steps_that_recordings_satisfy_run_nothing_and_say_what_there_is(campaign):
+def test_redundant_steps_are_skipped_with_note(campaign):
     rows, results = campaign.after(["rosbags_to_csv", {"rosbags_tf_to_csv": {"frames": ["base_link"]}}, "compress"])
     assert [row["outcome"] for row in rows] == ["recorded", "recorded", "not executed"]
     assert "poses.csv" in rows[1]["message"] and results.faults == ()

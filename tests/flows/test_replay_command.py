@@ -157,7 +157,7 @@ def test_replay_draws_at_times_asked_for(results):
     assert done.stdout.startswith("room-3 has the content of room-1, whose runs were recorded\n")
 
 
-def test_replay_refuses_what_campaign_does_not_have(made, tmp_path, golden):
+def test_replay_refuses_unknown_run(made, tmp_path, golden):
     def faults_of(arguments):
         return [
             refused("replay", made, *arguments.split(), "--out", tmp_path / "pictures").replace(str(made), "RESULTS")

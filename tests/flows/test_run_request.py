@@ -43,7 +43,7 @@ def test_imports_load_neither_prefect_nor_numba(statement, unwanted):
     assert done.stdout.split() == []
 
 
-def test_request_goes_through_json_unchanged(tmp_path):
+def test_request_survives_json(tmp_path):
     request = request_of(tmp_path / "x.vast", {"runs": 3, "only": "hall", "cluster": "tcp://lab:8786"})
     assert RunRequest.model_validate_json(request.model_dump_json()) == request
     assert (request.only, request.cluster) == (("hall",), "tcp://lab:8786")

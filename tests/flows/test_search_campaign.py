@@ -244,7 +244,7 @@ def test_points_that_cannot_be_built_cost_no_runs_and_count(run):
     assert result.summary.runs == 0
 
 
-def test_baseline_has_as_many_points_and_changes_nothing_of_search(run, first):
+def test_baseline_has_equal_points_and_leaves_search_unchanged(run, first):
     both = run(more=f"{BATCHES}\n  baseline: random")
     assert content(both) == content(first) and "baseline" not in found(first)
     beside = rows(both, "baseline")

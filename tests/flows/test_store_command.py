@@ -119,7 +119,7 @@ def test_verify_names_what_is_damaged_and_repair_discards_it(ran, store):
     assert result.stdout == f"{one}: it is a copy of {other}\n5 artifacts read, 1 damaged\n"
 
 
-def test_gc_keeps_what_campaign_was_made_of_and_deletes_the_rest(ran, store):
+def test_gc_keeps_artifacts_of_campaigns_and_deletes_others(ran, store):
     first = ran("one")
     of_first = keys_in(store)
     grow_old(store)
@@ -138,7 +138,7 @@ def test_gc_keeps_what_campaign_was_made_of_and_deletes_the_rest(ran, store):
     assert found == {**said, "deleted": True}
 
 
-def test_gc_by_age_alone_deletes_only_what_is_older(ran, store):
+def test_gc_by_age_deletes_only_older_artifacts(ran, store):
     ran("one")
     grow_old(store, 20)
     old = keys_in(store)

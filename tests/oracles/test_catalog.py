@@ -212,7 +212,7 @@ def test_robustness_judges_by_requested_basis(basis, what):
         assert localized([0, error_mm], [0, 1], basis=basis)[0] == expected
 
 
-def test_robustness_passes_exact_threshold_whatever_the_duration():
+def test_robustness_passes_exact_threshold_for_any_duration():
     # As floating-point numbers 0.1 + 0.1 + 0.1 is more than 0.3.
     assert [localized([100, 100, last], [1] * 3, basis="update")[0] for last in (100, 101)] == ["pass", "fail"]
     for n in (10, 100, 1000):

@@ -46,7 +46,7 @@ SETTINGS = [Counts(9, 1), Counts(8, 2), Counts(1, 9)]
         ([Counts(0, 20)] * 6, None, interval(clopper_pearson_intervals(0, 6))),
     ],
 )
-def test_clustered_takes_blocks_or_configurations_as_clusters(configurations, blocks, expected):
+def test_clustered_uses_blocks_or_configurations_as_clusters(configurations, blocks, expected):
     assert clustered(configurations, blocks=blocks) == expected
 
 
@@ -362,7 +362,7 @@ def test_harmless_path_properties_are_rarely_shown():
     assert wrong <= 7  # of 60 at 5 %, more in 2 % of cases
 
 
-def test_path_property_equal_to_factor_cannot_be_told():
+def test_path_property_confounded_with_factor_has_no_effect():
     factors, _ = factors_of([{"boxes": k % 3} for k in range(30)])
     seen, _ = factors_of([{"obstacles near the path": k % 3} for k in range(30)])
     passed = np.random.default_rng(6).binomial(20, 0.7, 30)

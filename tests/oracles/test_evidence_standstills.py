@@ -61,7 +61,7 @@ def pose(x_m, y_m):
 
 
 @pytest.mark.slow
-def test_gate_fails_system_that_stands_still(driven):
+def test_gate_fails_immobile_robot(driven):
     thin, wide = map(str, driven)
     called = CliRunner().invoke(app, ["compare", thin, wide, "--gate", "--pictures", "0"], terminal_width=200)
     assert called.exit_code == 1, called.output

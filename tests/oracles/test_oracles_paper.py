@@ -150,7 +150,7 @@ def test_requests_count_missing_paths_with_all_that_follows(rows, requested):
     assert requested_of(coverage(rows)) == Requested(*requested)
 
 
-def test_campaign_directory_is_reduced_to_its_figures(safety):
+def test_paper_results_reduce_directory_to_figures(safety):
     found = paper_results(safety)
     assert (found.kind, found.original_maps, found.runs, found.sampled_from) == ("safety", True, 2, None)
     assert found.counts == {"a-1": Counts(2, 0), "a-4": Counts(0, 2)}
@@ -202,14 +202,14 @@ def test_page_has_rates_as_the_paper_counts_and_of_moved_runs(safety, robustness
     assert "Side by side with the paper" in paper_page([])
 
 
-def test_command_puts_what_the_proof_wrote_into_the_page(safety, tmp_path, capsys):
+def test_paper_command_inserts_spawn_delays(safety, tmp_path, capsys):
     row = {"delay_s": 0.4, "reading": "cube", "kept": 0.5, "reached": 11 / 12, "both": 0.5}
     (tmp_path / "delays.json").write_text(json.dumps({"configurations": 12, "runs": 3, "rows": [row]}))
     main([safety], tmp_path / "delays.json")
     assert "| 0.4 s | cube | 50.0 % | 91.7 % | 50.0 % |" in capsys.readouterr().out
 
 
-def test_campaign_that_is_none_of_the_papers_is_refused(safety):
+def test_campaign_outside_paper_is_refused(safety):
     metadata = json.loads((safety / "metadata.json").read_text())
     (safety / "metadata.json").write_text(json.dumps({**metadata, "name": "quickstart"}))
     with pytest.raises(NotThePapers, match="'quickstart' is none of the paper's; one of those in campaigns/paper"):

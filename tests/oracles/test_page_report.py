@@ -174,7 +174,7 @@ def test_figures_are_written_as_png_and_svg(shown):
     assert [file.suffix for file in files] == [".png", ".svg"] * len(names)
 
 
-def test_facts_of_call_stand_between_marks(directory: Path) -> None:
+def test_report_marks_facts_of_call(directory: Path) -> None:
     def rest() -> str:
         marks = r"<!-- when -->(.*?)<!-- /when -->|<!-- work -->(.*?)<!-- /work -->"
         parts = re.split(marks, text_of(directory), flags=re.DOTALL)

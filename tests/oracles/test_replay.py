@@ -242,7 +242,7 @@ def moving(**changes):
         ({"activity": "ended"}, "mission succeeded"),
     ],
 )
-def test_doing_is_told_in_words(changes, words):
+def test_activities_are_described_in_words(changes, words):
     assert story.doing(moving(**changes), a_run()) == words
 
 
@@ -267,7 +267,7 @@ def test_doing_and_numbers_tell_ending_and_motion():
         ("obstacle_moved", "box 3", 0.2, None),
     ],
 )
-def test_happening_is_told_in_words(kind, what, value, words):
+def test_events_are_described_in_words(kind, what, value, words):
     assert story.happening(Event(1.0, kind, 0.0, 0.0, what, value)) == words
 
 

@@ -134,7 +134,7 @@ def test_dispersion_has_known_limits(passed, judged, expected):
     assert {name: getattr(found, name) for name in expected} == expected
 
 
-def test_dispersion_needs_judged_runs_and_finds_no_difference_between_equals():
+def test_dispersion_of_equal_configurations_is_zero():
     assert dispersion([0, 0], [0, 0]) is dispersion([], []) is None
     assert dispersion([5] * 4, [10] * 4).p_value > 0.9
 

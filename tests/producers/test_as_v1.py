@@ -82,7 +82,7 @@ def test_centers_keep_their_distances_and_leave_a_path(wide, amount, max_distanc
     assert octile.shortest_path(occupancy, passable, np.array(stops)) is not None
 
 
-def test_box_stands_in_the_wall_where_none_would_find_room(narrow):
+def test_as_v1_places_box_in_wall_without_room(narrow):
     """A box of 0.8 m in a corridor 1 m wide leaves a path only inside the wall."""
     asked = {"obstacle_configs": boxes(1, max_distance=0.5), "seed": 1}
     (constructive,) = evaluate(obstacles(placement="constructive", **asked), narrow)
@@ -136,14 +136,14 @@ def file(narrow, tmp_path):
     return path
 
 
-def test_whole_file_is_placed_so_whatever_it_says(file):
+def test_option_overrides_placement_of_file(file):
     for text in (FILE, FILE.replace("seed: 1", "seed: 1, placement: constructive")):
         file.write_text(text.replace("MAP", load_campaign(file).families[0].values["map_file"].path))
         assert len(instantiate(load_campaign(file)).configurations) == 0
         assert len(instantiate(load_campaign(file, as_v1=True)).configurations) == 1
 
 
-def test_file_that_does_not_choose_is_told_that_the_two_differ(file):
+def test_placement_note_is_present_when_not_chosen(file):
     (note,) = load_campaign(file).notes
     assert str(note).endswith(
         "obstacles keep clear of walls and of each other; version 1 of RoboVAST places them otherwise, as does --as-v1 or "

@@ -142,7 +142,7 @@ def varied(*producers: str) -> str:
     return f"configuration:\n- name: a\n  parameters:\n  - map_file: maps/room.yaml\n\n  variations:\n{lines}"
 
 
-def test_campaign_has_its_families_with_fixed_values_and_producers(load: Load) -> None:
+def test_campaign_has_families_with_values_and_producers(load: Load) -> None:
     campaign = load(
         FIXED + "  - robot_radius: 0.3\n  variations:\n"
         "  - ParameterVariationList: {name: inflation_radius, values: [0.5, 0.7]}\n"

@@ -49,7 +49,7 @@ def test_producer_that_keeps_the_contract_passes_each_check(check):
         ({"parameters": {"seed": 1}}, r"Mine's parameters must be a producer\.Parameters"),
     ],
 )
-def test_declaration_of_another_form_is_found(declared, what):
+def test_malformed_declaration_is_detected(declared, what):
     with pytest.raises(AssertionError, match=what):
         check_producer(producer(fragment_of_a, **declared), INPUTS)
 

@@ -56,13 +56,13 @@ class Counting(Producer[Parameters]):
 
 
 @each_row("design", [CARTESIAN, T_WAY])
-def test_branch_is_cut_before_later_producers_see_it(design):
+def test_excluded_branch_skips_later_producers(design):
     Counting.seen.clear()
     grown(levels("a", 1, 2, 3), Counting(Parameters()), design=design, small="a < 3")
     assert Counting.seen == [1, 2]
 
 
-def test_key_that_is_written_again_later_is_looked_at_in_the_end():
+def test_overwritten_key_is_checked_at_end():
     found = grown(levels("b", 1), values={"b": 9}, small="b < 5")
     assert len(found.configurations) == 1
 
@@ -73,7 +73,7 @@ def test_values_inside_of_poses_and_lists_can_be_named(room):
     assert len(grown(values=values, where=text).configurations) == 1
 
 
-def test_quantities_of_a_drawn_path_are_those_of_its_producer(room):
+def test_quantities_of_drawn_path_match_producer(room):
     path = made("PathVariationRandom", {"path_length": [3, 4], "goal_poses": "@goal_pose", "num_paths": 2})
     found = grown(path, values={"map_file": room}, long="path_length > 3.5")
     assert [round(c.provenance["_path_length"]) for c in found.configurations] == [4, 4]
@@ -142,14 +142,14 @@ def test_path_length_needs_a_path(room):
         grown(values={"map_file": room}, long="path_length > 1")
 
 
-def test_constraints_that_leave_nothing_are_one_fault_with_what_each_excluded():
+def test_unsatisfiable_constraints_are_one_fault_with_counts():
     with pytest.raises(FileError) as raised:
         grown(levels("a", 1, 2, 3), low="a < 2", high="a > 2")
     (fault,) = raised.value.faults
     assert fault.problem == "the constraints leave nothing of family 'rooms': low excludes 2, high excludes 1"
 
 
-def test_family_of_which_nothing_is_left_does_not_stop_the_others():
+def test_empty_family_does_not_stop_others():
     lost = family(levels("a", 1, 2), never="a > 5")
     found = instantiate(Campaign((lost, family(levels("a", 1), name="other"))))
     assert [c.name for c in found.configurations] == ["other-1"]

@@ -47,7 +47,7 @@ def test_pairs_of_choices_are_counted():
     assert found["families"]["rooms"]["t_way"]["pairs"] == [{"factors": ["a", "b"], **counts}]
 
 
-def test_family_of_nothing_is_still_told_of():
+def test_family_without_configurations_is_reported():
     found = coverage(levels("a", 2, 4), Wide(Parameters()))
     assert (found["realised"], found["share"], found["unrealisable"]) == (0, 0.0, 2)
 

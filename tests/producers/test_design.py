@@ -77,7 +77,7 @@ def test_size_is_reported_against_the_product_and_a_lower_bound():
 
 
 @each_row("design", [two_way(), two_way(3), sample(30, "sobol")])
-def test_constraints_enter_the_design_itself(design):
+def test_constraints_restrict_covering_design(design):
     found = grown(*(levels(n, 1, 2, 3) for n in "abcd"), design=design, up="a <= b and b <= c", not_all="a + d < 6")
     for c in found.configurations:
         f = c.factors
@@ -109,7 +109,7 @@ def test_sample_of_an_enormous_product_is_made_at_once():
     assert found.coverage["valid"] == 10**20
 
 
-def test_family_without_producers_is_its_one_configuration():
+def test_family_without_producers_is_one_scenario():
     for design in (two_way(), sample(5)):
         assert [c.name for c in grown(design=design).configurations] == ["rooms"]
 

@@ -113,7 +113,7 @@ def test_nesting_that_would_end_the_process_is_a_fault(tmp_path: Path) -> None:
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(content=st.binary(max_size=60) | st.text(alphabet="ab:-[]{}&*<!'\"\n\t #|>1.e%@?,", max_size=60))
-def test_whatever_stands_in_a_file_it_is_a_document_or_a_campaign_error(tmp_path: Path, content: str | bytes) -> None:
+def test_any_file_is_a_document_or_a_campaign_error(tmp_path: Path, content: str | bytes) -> None:
     try:
         document = read(tmp_path, content)
     except FileError as error:

@@ -105,7 +105,7 @@ def test_name_with_wall_in_it_changes_nothing():
     assert first["obstacles"]["c"]["polygon"][0] == pytest.approx((0, 2.3))  # in b, half a meter from its south wall
 
 
-def test_features_of_one_name_in_two_rooms_are_told_apart():
+def test_equally_named_features_in_two_rooms_are_distinct():
     post = " features: Column c: shape: Circle radius=0.1 m height: 1 m location: wrt: this\n"
     names = geometry(ROOM.strip() + post + "\nSpace b" + ROOM.partition("Space a")[2].strip() + post)["obstacles"]
     assert list(names) == ["a.c", "b.c"]

@@ -52,7 +52,7 @@ def test_window_stays_wall_at_every_height_of_the_laser():
 
 
 @each_row(("height", "rail", "post"), [(0.193, OCCUPIED, OCCUPIED), (0.7, FREE, OCCUPIED), (2.2, FREE, FREE)])
-def test_laser_sees_what_is_as_high_as_itself(height, rail, post):
+def test_laser_sees_obstacles_at_its_height(height, rail, post):
     found = grid(EXAMPLE, laser_height_m=height)
     assert (at(found, 5.7, 1.76), at(found, 6.5, 2.15)) == (rail, post)
 
@@ -77,7 +77,7 @@ def test_door_opens_a_cell_beyond_both_faces():
     assert opened == pytest.approx(0.2 / 0.05 + 2, abs=1)
 
 
-def test_plan_away_from_the_origin_has_its_origin_where_it_is():
+def test_plan_away_from_origin_keeps_position():
     moved = ROOM.replace("of: this", "of: this translation: x: 30 m, y: 20 m")
     here, there = grid(ROOM), grid(moved)
     assert there.origin_xy_m == (30 - 2 - 1.25, 20 - 1.5 - 1.25)

@@ -50,7 +50,7 @@ def changed(old, new, text=ROOM):
         "\ufeff".lstrip("\ufeff") + ROOM + DOOR,
     ],
 )
-def test_model_of_the_language_is_accepted_however_it_is_laid_out(text):
+def test_language_model_is_accepted_in_any_layout(text):
     assert built(text).rooms
 
 
@@ -73,7 +73,7 @@ def test_world_is_the_world_even_where_a_space_has_that_name():
     assert room(text, "world")[0] == (3, 1.5)
 
 
-def test_variable_stands_for_a_length_or_an_angle():
+def test_floor_plan_variable_is_length_or_angle():
     text = changed("width=4.0 m", "width=w").replace("0.2 m", "t") + "var w = 5 m var t = 0.1 m var turn = 90 deg"
     text = text.replace("of: this", "of: this translation: x: -w rotation: z: -turn")
     assert room(text)[0] == (-3.5, 2.5)
@@ -145,7 +145,7 @@ def test_space_and_feature_accept_zero_on_other_axes():
     assert (said.walls, said.obstacles) == (plain.walls, plain.obstacles)
 
 
-def test_door_as_wide_as_its_wall_is_allowed():
+def test_door_as_wide_as_wall_is_allowed():
     plan = built(ROOM + DOOR.replace("1.0 m,", "4.0 m,"))
     assert plan.holes[0].section(1.0) == ((-2.0, 2.0),)
     assert plan.notes == ()
@@ -168,7 +168,7 @@ def test_opening_is_cut_to_its_wall(old, new, sections):
     assert found == [pytest.approx(each) for each in sections]
 
 
-def test_long_chain_of_spaces_is_placed_whatever_their_order():
+def test_long_chain_of_spaces_is_placed_in_any_order():
     size = "shape: Rectangle width=1 m, length=2 m"
     spaces = [f"Space s{k}: {size} location: wrt: s{k + 1} of: this translation: x: 1 m\n" for k in range(999)]
     assert room(ROOM.replace("Space a", "Space s999") + "".join(spaces), "s0")[0] == (998.5, 1)

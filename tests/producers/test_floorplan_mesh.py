@@ -114,9 +114,7 @@ def test_solids_that_touch_along_an_edge_alone_stay_closed():
     st.floats(-3.2, 3.2), st.sampled_from(range(4)), st.sampled_from(range(4)), st.floats(-2.5, 2.5),
     st.floats(0.05, 0.5), st.floats(0.05, 0.5), st.sampled_from([1.8, 2.5, 3.0]),
 )  # fmt: skip
-def test_neighbors_however_they_are_turned_and_shifted_are_one_watertight_solid(
-    turn, theirs, own, shift, thick, thin, height
-):
+def test_adjacent_spaces_form_one_watertight_solid(turn, theirs, own, shift, thick, thin, height):
     text = ROOM.strip() + f" rotation: z: {turn!r} walls: thickness: {thick!r} m\n"
     text += (
         f"Space b: shape: Rectangle width=2.5 m, length=2.0 m location: wrt: a.walls[{theirs}] of: this.walls[{own}] "

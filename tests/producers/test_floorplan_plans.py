@@ -64,7 +64,7 @@ def test_university_is_as_large_as_the_real_one():
 
 
 @each_row("name", NAMES)
-def test_plan_is_rendered_within_its_time(name, loops):
+def test_floor_plan_renders_within_time_bound(name, loops):
     plan = read_plan_file(FLOOR_PLANS / f"{name}.fpm")
     plan.building()
     assert loops(lambda: grid_of(plan.building())) < 20

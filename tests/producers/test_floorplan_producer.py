@@ -142,7 +142,7 @@ def test_notes_on_drawn_plans_name_their_seeds(base):
     assert one_of.notes == (note,)
 
 
-def test_drawn_plan_is_noted_as_its_text_is(base):
+def test_notes_of_drawn_plan_match_text(base):
     found = read_variation_file(base / "test_floorplan_example.variation").variation()
     for seed in range(4):
         sample = found.sample(seed)
@@ -154,7 +154,7 @@ def test_drawn_plan_is_noted_as_its_text_is(base):
 FAMILY = "  - {name: f%d, parameters: [start_pose: {x: 0, y: 2}, goal_pose: {x: 2, y: 2}], variations: [%s]}\n"
 
 
-def test_plan_is_built_anew_for_no_family_or_file_that_names_it_again(base, monkeypatch):
+def test_floor_plan_is_built_once_for_all_families(base, monkeypatch):
     built = []
     monkeypatch.setattr(files, "build", lambda *given: built.append(given) or build(*given))
     (base / "other.fpm").write_text(
@@ -168,7 +168,7 @@ def test_plan_is_built_anew_for_no_family_or_file_that_names_it_again(base, monk
     assert 2 <= len(built) <= 2 + 3  # as each is checked, and for its notes
 
 
-def test_campaign_warns_of_what_is_cut_in_its_plans_once(base):
+def test_campaign_reports_each_plan_warning_once(base):
     plan = base / "test_floorplan_example.fpm"
     plan.write_text(plan.read_text().replace("width=gap", "width=9.0 m"))
     families = "".join(FAMILY % (k, f"FloorplanGeneration: {{floorplans: [{plan.name}]}}") for k in range(2))
@@ -203,7 +203,7 @@ def test_content_of_parameters_is_that_of_plan_and_variation_wherever_they_lie(b
     assert content_of(variation(base).parameters) != content_of(variation(moved).parameters)
 
 
-def test_parameters_name_no_files_so_that_what_was_read_is_what_is_built(base):
+def test_built_producers_do_not_reread_files(base):
     producer = variation(base)
     assert files_in(producer.parameters) == {}
     for file in base.glob("test_floorplan_example.*"):

@@ -63,7 +63,7 @@ def test_varied_plan_with_features_is_built():
     assert geometry["spaces"]["study"][0] == pytest.approx((4.3, 3.05))
 
 
-def test_numbers_are_drawn_in_the_order_of_the_file_whatever_the_plans():
+def test_variation_numbers_follow_file_order():
     one = variation("gap : uniform([1, 2, 3, 4, 5])\nstudy.post: { height : uniform([1, 2, 3, 4, 5]) }").sample(1)
     other = variation("study.post: { height : uniform([1, 2, 3, 4, 5]) }\ngap : uniform([1, 2, 3, 4, 5])").sample(1)
     assert list(one.values.values()) == list(other.values.values())
@@ -113,14 +113,14 @@ def test_import_that_is_not_there_is_a_fault_of_the_variation_file(tmp_path):
         read_variation_file(tmp_path / "v.variation")
 
 
-def test_fault_of_the_imported_plan_is_said_of_the_plan(tmp_path):
+def test_fault_in_imported_plan_names_the_plan(tmp_path):
     (tmp_path / "flat.fpm").write_text(PLAN.replace("width=gap", "width=gab"))
     (tmp_path / "v.variation").write_text(f"{HEAD}gap : uniform([1])")
     with pytest.raises(FileError, match=r"flat\.fpm:41:32: Entryway door: no variable 'gab'; did you mean 'gap'\?"):
         read_variation_file(tmp_path / "v.variation").variation()
 
 
-def test_sample_that_makes_no_building_is_drawn_all_the_same():
+def test_unbuildable_draw_is_still_drawn():
     sample = variation("gap : uniform([-9.0])").sample(0)
     with pytest.raises(FileError, match=r"Entryway door: the width is -9 m; at least 0.001 m"):
         built(sample.text)

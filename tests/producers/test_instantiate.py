@@ -91,7 +91,7 @@ def test_producer_is_evaluated_once_per_distinct_input(picky):
     assert len(found) == 2 * 3 * 2
 
 
-def test_rejections_take_no_number_and_say_whose_child_could_not_be(picky):
+def test_rejections_use_no_number_and_name_parent(picky):
     chain = Family("rooms", {}, {}, (*family_of(noise(1, 2)).producers, picky))
     found = instantiate(Campaign((chain,)))
     assert [c.name for c in found.configurations] == ["rooms-1-1", "rooms-1-2"]

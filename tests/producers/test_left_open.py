@@ -68,7 +68,7 @@ def test_unsuitable_override_is_a_fault(load: Load, overrides: str, words: str) 
     assert re.search(words, str(raised.value))
 
 
-def test_override_takes_the_place_of_what_a_family_and_its_producers_give(load: Load) -> None:
+def test_parameter_override_replaces_family_values(load: Load) -> None:
     local = "  local:\n    parameter_overrides:\n    - goal_pose: {x: 1.5, y: 0.5}\n    - speed: 0.3\n"
     vary = "  variations:\n  - ParameterVariationList: {name: speed, values: [0.1, 0.2]}\n"
     campaign = load(f"{GOAL}{MAP}{vary}", "    speed: speed = 0.5mps\n", local)
@@ -84,7 +84,7 @@ def said(campaign: Campaign) -> list[str]:
     ]
 
 
-def test_simulation_with_its_own_map_is_replaced_by_a_hall(load: Load) -> None:
+def test_example_simulation_is_replaced_by_hall(load: Load) -> None:
     campaign = load(GOAL)
     found = campaign.families[0].values["map_file"]
     assert isinstance(found, FileContent)
@@ -117,7 +117,7 @@ def test_several_goals_are_visited_in_turn(load: Load, goals: str, given: str) -
     assert not [note for note in campaign.notes if note.kind == "unknown key"]
 
 
-def test_objects_to_spawn_that_nobody_gives_are_none(load: Load) -> None:
+def test_omitted_spawn_objects_are_none(load: Load) -> None:
     campaign = load(GOAL + MAP, own="    static_objects: list of spawn_entity\n")
     assert said(campaign) == ["takes static_objects, which nothing writes; it spawns none of them there"]
 

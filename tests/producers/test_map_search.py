@@ -45,7 +45,7 @@ def places(tmp_path, drawn_map):
     return base, maps
 
 
-def test_map_beside_the_file_comes_before_one_in_the_folder_of_maps(places):
+def test_map_beside_campaign_file_has_precedence_over_map_dir(places):
     base, maps = places
     shutil.copytree(maps / "halls", base / "halls")
     search = MapSearch(base, maps)
@@ -116,7 +116,7 @@ def names(files, *patterns):
 
 @pytest.mark.parametrize("marks", LEFT.values(), ids=LEFT)
 @pytest.mark.parametrize("pattern", ["drive.sh", "**", "*/**/*.sh"])
-def test_files_are_the_same_after_a_campaign_as_before(files, marks, pattern):
+def test_campaign_leaves_input_files_unchanged(files, marks, pattern):
     before = names(files, pattern)
     left = files / "results" / "drive-2026-11-22-030000"
     for name in (*marks, "inputs/drive.sh", "inputs/tools/drive.sh"):
@@ -125,7 +125,7 @@ def test_files_are_the_same_after_a_campaign_as_before(files, marks, pattern):
     assert names(files, pattern) == before != []
 
 
-def test_folder_of_ones_own_may_be_called_results(files):
+def test_user_folder_may_be_named_results(files):
     (files / "results").mkdir()
     (files / "results" / "expected.csv").write_text("1")
     assert names(files, "*.csv") == ["results/expected.csv"]

@@ -24,7 +24,7 @@ def thing(name, default=None):
 
 
 @given(st.integers(0, 20).flatmap(lambda n: st.tuples(st.just(n), st.sets(st.integers(0, max(n - 1, 0))))))
-def test_things_that_fail_only_together_are_what_is_left(drawn):
+def test_minimization_keeps_jointly_failing_circumstances(drawn):
     n, planted = drawn
     planted = {each for each in planted if each < n}
     assert set(ddmin(range(n), lambda kept: planted <= set(kept))) == planted
@@ -51,7 +51,7 @@ def test_least_level_that_fails_is_found(least):
     assert least_level(lambda level: level >= least) == least
 
 
-def test_value_that_stays_comes_as_near_to_its_default_as_fails():
+def test_kept_value_moves_toward_default_while_failing():
     noise, other = thing("noise", 0.0), thing("other", 0.0)
 
     def judge(candidate):
@@ -123,7 +123,7 @@ def test_obstacles_are_left_out_one_by_one(tmp_path):
     assert it.reduced((), {})["boxes"] == []
 
 
-def test_trigger_goes_with_the_obstacle_that_it_sets_off(tmp_path):
+def test_trigger_belongs_to_obstacle(tmp_path):
     boxes, trigger = [box("a", 3, 3), box("b", 5, 3)], {"x": 5, "y": 3}
     it = subject(tmp_path, boxes=boxes, spawn_trigger_point=trigger, spawn_trigger_threshold=1.0)
     assert "spawn_trigger_point" in it.reduced(named(it, "obstacle b"), {})
@@ -147,7 +147,7 @@ def test_parameters_go_and_numbers_come_nearer_to_their_defaults(tmp_path):
     }
 
 
-def test_waypoints_go_and_the_last_goal_stays(tmp_path):
+def test_minimization_removes_waypoints_and_keeps_last_goal(tmp_path):
     goals = [{"x": 2, "y": 1}, {"x": 4, "y": 1}, {"x": 6, "y": 1}]
     it = subject(tmp_path, goal_poses=goals)
     assert it.reduced(named(it, "waypoint 2"), {})["goal_poses"] == goals[1:]
@@ -178,7 +178,7 @@ def candidates(it, **more):
     return Candidates(it, whole, **{"abstract": FROM_GOAL, "start_check": StartCheck("own", {}), **more})
 
 
-def test_candidate_is_a_scenario_of_what_is_left(tmp_path):
+def test_candidate_is_scenario_of_remaining_circumstances(tmp_path):
     it = subject(tmp_path, boxes=[box("a", 3, 3), box("b", 5, 3)], robot_radius=0.3)
     made = candidates(it).scenario(Candidate(frozenset(named(it, "obstacle b"))))
     assert (made.abstract, made.timeout_s, made.system) == ("builtin:navigate_to_pose", 20.0, {})
@@ -196,7 +196,7 @@ def test_candidate_is_a_scenario_of_what_is_left(tmp_path):
         ({"global_costmap.global_costmap.plugins": ["static_layer", "unheard_of"]}, "unheard_of"),
     ],
 )
-def test_candidate_whose_values_do_not_go_together_is_not_built(tmp_path, values, message):
+def test_candidate_with_conflicting_values_is_skipped(tmp_path, values, message):
     it = subject(tmp_path, **values)
     whole = Candidate(frozenset(each for each in it.circumstances if each.can_be_left_out))
     with pytest.raises(NotBuilt, match=message):
@@ -204,7 +204,7 @@ def test_candidate_whose_values_do_not_go_together_is_not_built(tmp_path, values
     candidates(it).scenario(Candidate(frozenset()))
 
 
-def test_candidate_has_what_its_scenario_file_needs(tmp_path):
+def test_candidate_has_parameters_of_scenario_file(tmp_path):
     osc = "import osc.standard\nscenario own:\n    speed: float\n    do serial:\n        wait elapsed(1s)\n"
     (tmp_path / "own.osc").write_text(osc)
     (tmp_path / "x.vast").write_text("execution: {scenario_file: own.osc}\n")

@@ -50,7 +50,7 @@ PATHS = "{start_pose: '@start_pose', goal_poses: '@goal_pose', path_length: 1, n
         ({"parameters": "", "variations": f"FloorplanVariation: {PLANS % 'variation_files: [no-plan.variation]'}"}, "gone.fpm': no such file"),
     ],
 )  # fmt: skip
-def test_family_that_lacks_a_file_is_set_apart_with_its_fault(loaded, family, what):
+def test_family_with_missing_file_is_unavailable_with_fault(loaded, family, what):
     campaign = loaded(**family)
     assert [each.name for each in campaign.families] == ["one"]
     (fault,) = campaign.unavailable["two"]

@@ -170,7 +170,7 @@ def test_empty_placements_are_equal_fragments(site):
     ]
 
 
-def test_another_amount_leaves_other_placements(site):
+def test_placements_are_independent_of_other_amounts(site):
     few = evaluate(obstacle_variation({"amount_per_m": 0.2, "max_distance": 1}, count=2), site)
     more = evaluate(obstacle_variation({"amount_per_m": [0.1, 0.2], "max_distance": 1}, count=3), site)
     assert more[3:5] == few

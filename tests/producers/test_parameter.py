@@ -47,7 +47,7 @@ def test_several_names_vary_in_lockstep():
     assert [fragment.values for fragment in fragments] == [{"a": 1, "b": 2}, {"a": 3, "b": 4}]
 
 
-def test_listed_obstacles_are_of_the_environment_whatever_their_key():
+def test_listed_obstacles_belong_to_environment_under_any_key():
     boxes = [{"spawn_pose": {"position": {"x": 1.0, "y": 2.0}}, "model": "box"}]
     one = listed(name="boxes", values=[[], boxes])
     assert one.writes == {"boxes": "environment"}
@@ -80,7 +80,7 @@ def test_gaussian_values_have_the_mean_and_deviation_asked_for():
     assert statistics.stdev(drawn) == pytest.approx(2.0, abs=0.15)
 
 
-def test_gaussian_values_beyond_a_bound_are_set_to_it_and_the_others_stay():
+def test_gaussian_values_are_clipped_to_bounds():
     free, clipped = values(gaussian(num_variations=100)), values(gaussian(num_variations=100, min=-0.5, max=0.5))
     assert clipped == [min(max(value, -0.5), 0.5) for value in free]
 
@@ -91,7 +91,7 @@ def test_gaussian_whole_numbers_are_rounded_and_bools_true_from_the_mean_upwards
     assert values(gaussian(type="bool")) == [value >= 0.0 for value in values(gaussian())]
 
 
-def test_more_variations_leave_the_first_ones_as_they_are():
+def test_first_variations_are_independent_of_count():
     assert values(uniform(num_variations=9))[:5] == values(uniform())
     assert values(gaussian(num_variations=9))[:5] == values(gaussian())
 

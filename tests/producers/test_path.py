@@ -159,7 +159,7 @@ def test_goals_per_meter_are_rounded_and_at_least_one(hall):
     assert counts == [1, 1, 1, 4]
 
 
-def test_another_length_leaves_other_paths(hall):
+def test_paths_are_independent_of_other_lengths(hall):
     few = evaluate(path_variation(path_length=[5, 10], num_paths=2, seed=3), {"map_file": hall})
     more = evaluate(path_variation(path_length=[300, 8, 5, 10], num_paths=3, seed=3), {"map_file": hall})
     assert [item.values for item in few] == [more[i].values for i in (6, 7, 9, 10)]
@@ -189,7 +189,7 @@ def test_poses_in_the_parameters_are_written(hall):
 
 
 @each_row(("goal_x", "fits"), [(6.525, True), (6.475, False), (7.525, True), (7.575, False)])
-def test_given_poses_may_miss_the_length_by_the_tolerance_and_no_more(hall, goal_x, fits):
+def test_given_poses_must_match_length_within_tolerance(hall, goal_x, fits):
     given_poses = {"start_pose": {"x": 3.025, "y": 3.025}, "goal_poses": [{"x": goal_x, "y": 3.025}]}
     (item,) = evaluate(path_variation(path_length=4, path_length_tolerance=0.5), {"map_file": hall, **given_poses})
     assert isinstance(item, Rejection) is not fits
@@ -219,7 +219,7 @@ def test_goals_that_are_not_connected_are_rejected(drawn_map):
     assert "no path" in item.reason
 
 
-def test_map_of_its_own_becomes_the_configurations_map(hall):
+def test_producer_map_becomes_configuration_map(hall):
     producer = path_variation(path_length=5, map_file=hall.path)
     (item,) = evaluate(producer, {})
     assert item.values["map_file"] == hall
@@ -233,7 +233,7 @@ def test_path_producers_keep_the_contract(hall, drawn_map):
     check_producer(producer, [{"map_file": hall, "noise": 0.1}, {"map_file": small}])
 
 
-def test_path_of_20_m_in_a_large_building_takes_tens_of_milliseconds(shared_map, loops):
+def test_path_of_20_m_in_large_building_is_drawn_quickly(shared_map, loops):
     inputs = {"map_file": shared_map("university")}
     evaluate(path_variation(path_length=20), inputs)  # the map is read and inflated once
     items = []

@@ -145,7 +145,7 @@ def test_given_start_is_kept_and_is_the_only_one(hall):
     assert len(items) + int(rejection.reason.split()[0]) == 15
 
 
-def test_start_among_the_parameters_is_written(hall):
+def test_given_start_is_written(hall):
     producer = rasterized(path_length=4, num_goal_poses=2, raster_size=1, start_pose={"x": 0.6, "y": -1.0})
     (item,), _ = split(evaluate(producer, {"map_file": hall}))
     assert stops(item)[0] == Pose(0.6, -1.0)

@@ -56,7 +56,7 @@ def test_section_has_every_quantity_that_a_robot_has(family):
     assert (robot.drive, robot.min_turning_radius_m) == ("ackermann", 0.8)
 
 
-def test_robots_latency_is_its_presets_and_the_numbers_that_take_their_place(family):
+def test_robot_latency_combines_preset_and_overrides(family):
     given = family("{lidar: {sweeps: true}, latency: {preset: gazebo, scan_age: 0.05}}")
     parameters = parameters_of(of_robot(given))
     assert parameters.latency == PRESETS["gazebo"].with_values(scan_age=0.05)

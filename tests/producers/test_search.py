@@ -92,7 +92,7 @@ def test_search_of_every_form_has_no_fault(said: Said, parts: dict[str, str]) ->
         ({"strategy": "./wind.py:Wind"}, "4:13: search.strategy: './wind.py:Wind' can't be imported"),
     ],
 )  # fmt: skip
-def test_plug_in_of_another_kind_leaves_the_file_valid_and_is_said(said: Said, parts: dict[str, str], why: str) -> None:
+def test_unmodeled_plug_in_is_noted_and_file_stays_valid(said: Said, parts: dict[str, str], why: str) -> None:
     (found,) = said(**parts)
     assert why in found
 
@@ -102,7 +102,7 @@ def test_faults_of_a_search_have_place_and_message(golden, said: Said) -> None:
     golden("campaign_files", "search", lambda parts: said(**dict(line.split(": ", 1) for line in parts.splitlines())))
 
 
-def test_criterion_that_is_a_number_is_short_for_its_main_field() -> None:
+def test_numeric_criterion_sets_main_field() -> None:
     given = {"budget": {"batches": 3}, "stopping": [{"no_improvement": 5}]}
     spec = SearchSpec.model_validate({"strategy": "random", "search_space": {"a": {"type": "bool"}}, **given})
     assert spec.budget == [Budget(batches=3)]

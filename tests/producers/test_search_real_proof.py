@@ -30,7 +30,7 @@ def place(proof, tmp_path_factory):
     return proof.Place(folder, folder / "store", workers=1)
 
 
-def test_free_door_takes_all_runs(proof, place, monkeypatch):
+def test_passable_door_uses_all_runs(proof, place, monkeypatch):
     monkeypatch.setitem(proof.SPACES, "door", ({"x": (1.5, 1.6), "y": (0.6, 0.7)}, proof.SPACES["door"][1]))
     assert proof.runs_to_confirmed(place, "door", "random", 0, batches=1) == 2
 

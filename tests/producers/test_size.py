@@ -89,7 +89,7 @@ def test_number_of_runs_is_refused_like_a_number_of_configurations(tmp_path):
         found.runs_asked(500_001)
 
 
-def test_amounts_per_meter_that_come_to_too_many_are_rejections(tmp_path):
+def test_excessive_amounts_per_meter_are_rejected(tmp_path):
     path = "PathVariationRandom: {path_length: 1.0, num_goal_poses_per_m: 1000000000}"
     (rejection,) = instantiate(load_campaign(campaign(tmp_path, path))).rejections
     assert rejection.reason == "a path of 1 m was to have 1000000000 goals; at most 1000"

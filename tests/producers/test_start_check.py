@@ -87,7 +87,7 @@ def test_goals_are_checked_as_the_start_is(made, goals, free):
     )
 
 
-def test_rejection_says_who_where_and_into_what(made):
+def test_rejection_names_producer_parent_and_request(made):
     found = made(poses((0.1, 2.0)))
     (rejection,) = found.rejections
     assert (rejection.producer, rejection.family, rejection.parent) == ("start_check", "a", "a")
@@ -137,7 +137,7 @@ def test_turned_radius_polygon_and_padding_are_those_of_the_systems_parameter_fi
     assert fits(made(turned, "execution:\n  nav2_params: nav2.yaml\n")) is free
 
 
-def test_radius_that_a_later_producer_varies_is_looked_at_on_the_finished_configuration(made):
+def test_varied_radius_is_checked_on_finished_configuration(made):
     radii = "  variations:\n  - ParameterVariationList: {name: robot_radius, values: [0.2, 0.25, 0.3]}\n"
     found = made(poses((0.27, 2.0), more=radii))
     assert [c.scenario.system["robot_radius"] for c in found.configurations] == [0.2, 0.25]
@@ -146,7 +146,7 @@ def test_radius_that_a_later_producer_varies_is_looked_at_on_the_finished_config
 
 
 @each_row("design", ["t_way: {strength: 2}", "sample: {method: lhs, size: 6, seed: 1}"])
-def test_design_is_of_what_fits(made, design):
+def test_covering_design_uses_feasible_levels(made, design):
     radii = "  variations:\n  - ParameterVariationList: {name: robot_radius, values: [0.2, 0.25, 0.3]}\n"
     noise = "  - ParameterVariationList: {name: laserscan_gaussian_noise_std_deviation, values: [0.0, 0.1, 0.2]}\n"
     found = made(f"  design:\n    {design}\n" + poses((0.27, 2.0), more=radii + noise))
@@ -255,6 +255,6 @@ def test_obstacles_leave_the_robots_own_room_at_its_stops(made, room):
 
 
 @each_row("start", [(9.3, 2.0), (-1.4, 2.0), (1e9, 100.0)])
-def test_start_outside_of_the_map_is_a_rejection_however_far_it_is(made, start):
+def test_start_outside_map_is_rejected_at_any_distance(made, start):
     (rejected,) = made(poses(start)).rejections
     assert rejected.reason == f"start_pose ({start[0]:g}, {start[1]:g}) lies outside of the map"

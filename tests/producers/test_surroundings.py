@@ -32,7 +32,7 @@ def corridor(width, angle_rad, length=LENGTH):
 
 @given(width=st.integers(4, 60), offset=st.floats(-0.8, 0.8))
 @settings(max_examples=40, deadline=None)
-def test_corridor_has_its_width_wherever_in_it_the_path_is(width, offset):
+def test_corridor_width_is_independent_of_path_offset(width, offset):
     free = np.zeros((100, LENGTH), dtype=bool)
     free[20 : 20 + width] = True
     row = 20 + round((width - 1) / 2 * (1 + offset))
@@ -48,7 +48,7 @@ def test_turned_corridor_has_its_width_to_a_cell_and_a_half(width, angle_rad):
 
 @given(gap=st.integers(4, 30), edge=st.integers(5, 25))
 @settings(max_examples=40, deadline=None)
-def test_between_a_box_and_a_wall_there_is_the_gap(gap, edge):
+def test_clearance_between_box_and_wall_is_the_gap(gap, edge):
     free = np.zeros((90, LENGTH), dtype=bool)
     free[10:80, 2:-2] = True
     free[10 + gap : 10 + gap + edge, 50 : 50 + edge] = False
@@ -58,7 +58,7 @@ def test_between_a_box_and_a_wall_there_is_the_gap(gap, edge):
 
 @each_row("thickness", [1, 2, 6])
 @each_row("width", [8, 17])
-def test_door_counts_however_thin_its_wall_is(thickness, width):
+def test_door_in_thin_wall_counts(thickness, width):
     free = np.zeros((90, LENGTH), dtype=bool)
     free[5:85, 5:-5] = True
     free[:, 60 : 60 + thickness] = False
@@ -91,7 +91,7 @@ def test_medial_axis_bounds_passages_from_below(seed):
     assert found is None or found >= 2 * distance[skeleton].min() - 2
 
 
-def test_straight_path_turns_nowhere_whatever_steps_the_grid_makes_of_it():
+def test_straight_path_has_no_turns_on_grid():
     free = np.ones((60, 120), dtype=bool)
     path = np.concatenate([straight((5, 5), (25, 25)), straight((25, 26), (25, 100))])
     assert turning_rad(path, free) == 0.0

@@ -101,7 +101,7 @@ def test_usual_keys_are_written_as_the_scenario_reads_them(site):
     )
 
 
-def test_placements_come_with_every_delay(site):
+def test_every_placement_has_every_delay(site):
     soon, late, *_ = found = evaluate(triggered(count=2, spawn_delay_s=[0.0, 0.8]), site)
     assert len(found) == 4 == triggered(count=2, spawn_delay_s=[0.0, 0.8]).most_choices
     places = [item.values["static_objects"][0]["spawn_pose"] for item in found]
@@ -121,7 +121,7 @@ def test_triggers_with_own_keys_are_separate(site):
     assert all((o.trigger.x_m, o.trigger.y_m) == (o.pose.x_m, o.pose.y_m) for o in found.values())
 
 
-def test_static_one_after_it_leaves_it_its_place(site):
+def test_static_layer_after_obstacle_layer_keeps_order(site):
     (late,) = evaluate(triggered(name="late"), site)
     config = {"amount": 5, "max_distance": 1.0, "args": "width:=0.4"}
     (item,) = evaluate(
@@ -140,7 +140,7 @@ def test_distances_are_outermost_and_each_is_placed_count_times(site):
     assert len({str(item.values) for item in items}) == 12
 
 
-def test_another_distance_leaves_other_placements(site):
+def test_placements_are_independent_of_other_distances(site):
     per_m = {"amount_per_m": 0.12, "max_distance": 0.5}
     assert evaluate(triggered(per_m, trigger_distance=[1.5, 1.0]), site)[1:] == evaluate(triggered(per_m), site)
 
@@ -170,7 +170,7 @@ def test_impossible_trigger_is_rejected(site, parameters, reason):
     assert item.requested["trigger_distance"] == parameters.get("trigger_distance", 1.0)
 
 
-def test_poses_of_its_own_are_the_paths_ends(drawn_map):
+def test_given_poses_are_path_ends(drawn_map):
     ends = {"start_pose": {"x": 0.0, "y": -1.28}, "goal_pose": {"x": 10.0, "y": -1.28}}
     inputs = {"map_file": drawn_map(*["." * 30] * 3, cells=10)}
     (item,) = evaluate(triggered({"amount": 1, "max_distance": 0, "args": "width:=0.2"}, **ends), inputs)
@@ -180,7 +180,7 @@ def test_poses_of_its_own_are_the_paths_ends(drawn_map):
 
 
 @given(st.floats(0.0, 8.0))
-def test_rest_of_a_path_is_as_long_as_what_is_cut_off_leaves(distance):
+def test_remaining_path_length_excludes_cut_part(distance):
     path = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 5.0]])
     rest = beyond(path, distance)
     assert np.hypot(*np.diff(rest, axis=0).T).sum() == pytest.approx(8.0 - distance)

@@ -53,7 +53,7 @@ def test_equal_world_writes_only_provenance(inputs):
     assert item == Fragment({"_wall_offset_m": 0.0, "_missing_furniture": 0.0})
 
 
-def test_another_offset_in_the_list_leaves_a_world_as_it_is(inputs):
+def test_world_is_independent_of_other_offsets(inputs):
     (alone,) = evaluate(world_variation(wall_offset=0.05), inputs)
     assert evaluate(world_variation(wall_offset=[0.02, 0.05]), inputs)[1] == alone
     assert evaluate(world_variation(wall_offset=0.05, seed=1), inputs)[0] != alone

@@ -169,10 +169,10 @@ class Judge(Oracle[JudgeParameters]):
 
 COUNTED: Final = ("evaluated", "executed", "observed", "judged")
 RUNS: Final = 4
-BLOCKS: Final = 2
-"""So many blocks they are: one of each configuration."""
+BLOCKS: Final = 4
+"""So many blocks they are: one of each run, as the last runs of a campaign have blocks of their own."""
 DRIVES: Final = 2
-"""Runs of the campaign in which a robot drives, all in one block."""
+"""Runs of the campaign in which a robot drives."""
 
 
 @dataclass
@@ -239,7 +239,7 @@ class Bed:
     def _totals(self) -> dict[str, int]:
         logs = {name: self.folder.parent / f"log.{name}" for name in COUNTED if name != "observed"}
         lines = {name: log.read_text().count("x") if log.exists() else 0 for name, log in logs.items()}
-        driven = {"executed": self._blocks("execute") * DRIVES} if self.vast != "x.vast" else {}
+        driven = {"executed": self._blocks("execute")} if self.vast != "x.vast" else {}
         return {**lines, **driven, "observed": self._blocks("observe")}
 
     def _blocks(self, stage: str) -> int:

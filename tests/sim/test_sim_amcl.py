@@ -229,7 +229,7 @@ def test_second_updates_resample_with_an_interval_of_two(filters, room):
     assert np.ptp(amcl.weights) > 0.0
 
 
-def test_filter_weighs_its_particles_as_poses_are_weighed_alone(filters, room):
+def test_filter_weights_match_single_pose_weights(filters, room):
     """In four bytes a beam that ends on the very edge of a cell may fall into the next one."""
     amcl = filters([0.2, 0.2, 0.5], resample_interval=2)
     updated(amcl, room)

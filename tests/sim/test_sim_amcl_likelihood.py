@@ -76,7 +76,7 @@ def test_distance_is_never_less_than_that_to_the_nearest_wall(occupied):
 
 
 @each_row("cells", [0, 1, 4, 39])
-def test_cell_weighs_by_the_likelihood_of_its_distance(cells):
+def test_cell_likelihood_follows_distance(cells):
     occupied = np.zeros((3, 60), dtype=np.bool_)
     occupied[1, 5] = True
     found = table(occupied, dtype=np.float64)

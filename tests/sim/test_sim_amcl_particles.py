@@ -52,7 +52,7 @@ def drawn(cloud, n, stream, x, y, yaw, covariance):
         ((0.2, 0.2, 0.0), False),
     ],
 )
-def test_gate_tests_each_axis_of_the_odometry_frame_by_itself(motion, updates):
+def test_amcl_gate_tests_axes_separately(motion, updates):
     assert passes(*motion, record_of(AmclParameters())) == updates
 
 
@@ -229,7 +229,7 @@ def test_yaw_of_a_cluster_is_a_circular_mean():
     assert math.cos(clustered(cloud, bins)[2] - math.pi) == pytest.approx(1.0, abs=1e-3)
 
 
-def test_covariance_is_that_of_all_particles_whatever_their_cluster():
+def test_published_covariance_is_over_all_particles():
     rng = np.random.default_rng(2)
     cloud, n = new_cloud(2000), 2000
     cloud.particles[:] = rng.multivariate_normal(

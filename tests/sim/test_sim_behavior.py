@@ -74,7 +74,7 @@ def test_clearings_count_as_recoveries_and_clearing_both_costmaps_as_two(hopeles
     assert hopeless.run.recoveries == 7 + len(ROUND) + ROUND.count("clear both costmaps")
 
 
-def test_plan_after_a_clearing_waits_for_the_costmap_s_next_update(hopeless):
+def test_plan_after_clearing_waits_for_costmap_update(hopeless):
     failed = times(hopeless, "plan_failed")
     waits = [second - first for first, second in zip(failed[::2], failed[1::2], strict=True)]
     assert all(0.0 < wait <= 1.05 for wait in waits)
@@ -90,7 +90,7 @@ def test_spin_turns_a_quarter_and_the_backup_drives_thirty_centimeters(hopeless)
     assert si(hopeless.columns["command_speed_mmps"])[back].min() == -0.15
 
 
-def test_robot_whose_every_move_collides_gives_up_soon_for_lack_of_patience(caged):
+def test_robot_without_free_move_fails_after_patience(caged):
     assert (caged.run.outcome, caged.run.error_code) == ("aborted", 104)
     assert 10.0 < caged.run.simulated_s < 60.0
 
@@ -111,7 +111,7 @@ def test_failure_of_the_controller_is_first_answered_by_clearing_the_local_costm
     ]
 
 
-def test_robot_that_gets_nowhere_gives_up_after_two_and_a_half_minutes(stuck):
+def test_immobile_robot_gives_up_after_recoveries(stuck):
     """Ten seconds of allowance twice an attempt, seven attempts, and the recoveries between them."""
     assert (stuck.run.outcome, stuck.run.error_code) == ("aborted", 105)
     assert 140.0 < stuck.run.simulated_s < 190.0
@@ -135,7 +135,7 @@ def test_goal_outside_the_map_aborts_at_once_without_recovery(scenario, mission,
     assert recording.run.simulated_s < 1.0
 
 
-def test_mission_through_poses_reports_the_code_of_its_own_planner(scenario, walled_off):
+def test_navigate_through_poses_reports_planner_code(scenario, walled_off):
     goals = [{"x": 3.0, "y": 4.0}, {"x": 7.0, "y": 4.0}]
     recording = run(scenario("navigate_through_poses", map_file=walled_off, goal_poses=goals), 0)
     assert (recording.run.outcome, recording.run.error_code) == ("aborted", 308)
@@ -149,7 +149,7 @@ def test_missed_waypoint_ends_the_mission_where_the_follower_stops_on_failure(sc
     assert events(recording, "goal_reached") == []
 
 
-def test_between_waypoints_the_robot_pauses_as_long_as_its_parameter_says(scenario):
+def test_robot_pauses_at_waypoints_as_configured(scenario):
     goals = [{"x": 2.0, "y": 1.0}, {"x": 3.0, "y": 1.0}]
     pause = {"waypoint_pause_duration": 3000}
     short, long = (run(scenario("follow_waypoints", goal_poses=goals, **more), 0) for more in ({}, pause))

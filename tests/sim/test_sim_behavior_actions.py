@@ -85,7 +85,7 @@ def test_increment_and_decrement_change_a_variable(made):
     assert variables == {"count": 4, "share": -0.5}
 
 
-def test_random_numbers_come_from_the_runs_generator_alone():
+def test_random_numbers_come_only_from_run_generator():
     def drawn(seed):
         random = functions(seed)
         choices = ["a", "b", "c"]
@@ -119,7 +119,7 @@ def test_folders_and_paths_are_those_of_the_run():
     assert known["os.dirname"]("/maps/hall.yaml") == "/maps"
 
 
-def test_stand_ins_say_in_the_log_what_stands_for_them(made, lines):
+def test_stand_ins_log_their_replacement(made, lines):
     launch = {"package_name": "nav2_bringup", "launch_file": "bringup.py"}
     for action, status, arguments in (
         ("ros_launch", Status.RUNNING, launch),

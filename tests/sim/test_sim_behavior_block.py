@@ -36,7 +36,7 @@ def test_written_behaviors_come_back_by_run_index(runs):
 
 
 @given(st.lists(TABLES, min_size=1, max_size=6), st.data())
-def test_runs_are_there_once_and_in_order_however_they_were_cut(tables, data):
+def test_runs_are_complete_and_ordered_for_any_blocks(tables, data):
     runs = dict(enumerate(tables))
     cuts = data.draw(st.lists(st.sets(st.sampled_from(sorted(runs)), min_size=1), max_size=4))
     wanted = data.draw(st.integers(1, len(runs) + 1))

@@ -112,7 +112,7 @@ def came_to(under_way):
     return (under_way.passed, under_way.now_s) if under_way.ended else None
 
 
-def test_scenario_ends_as_its_words_say(golden, tree, journal):
+def test_scenario_ends_as_described(golden, tree, journal):
     def told(body):
         """Return what is done to the deeds, and the end."""
         del journal[:]
@@ -132,7 +132,7 @@ def test_noise_of_floats_does_not_decide_when_a_wait_ends(tree):
         assert came_to(tree(f"do wait elapsed({tenths / 10}s)")) == (True, (tenths + 1) / 10)
 
 
-def test_duration_is_what_a_function_says(tree):
+def test_latency_duration_follows_distribution(tree):
     body = "do wait elapsed(random.get_float(0.0, 1.0))"
     assert came_to(tree(body, functions={"random.get_float": lambda *_: 0.7})) == (True, 0.8)
 
@@ -149,7 +149,7 @@ def test_duration_is_what_a_function_says(tree):
         ("success_is_running", None, (False, 0.1), None),
     ],
 )
-def test_modifier_reads_a_status_as_another(tree, modifier, success, failure, running):
+def test_modifier_maps_status(tree, modifier, success, failure, running):
     for deed, end in (("deed()", success), ("deed(fails: true)", failure), ("deed(0.3)", running)):
         assert came_to(tree(f"do {deed} with:\n  {modifier}()")) == end
 
@@ -165,7 +165,7 @@ def test_modifier_reads_a_status_as_another(tree, modifier, success, failure, ru
         ("do serial:\n  wait elapsed(0.5s)\n  log(random.get_int(6, 1))", "the lower bound comes first", 6),
     ],
 )
-def test_expression_without_a_value_ends_the_run_with_its_place(tree, body, message, tick):
+def test_expression_without_value_ends_run_with_place(tree, body, message, tick):
     broken = tree(body)
     with pytest.raises(ScenarioError, match=message):
         ended(broken)
@@ -202,7 +202,7 @@ def test_exception_of_an_action_is_passed_on_after_each_shutdown(tree, journal, 
     assert [(who, what) for _, who, what in journal[2:]] == [("a", "is shut down"), ("b", "is shut down")]
 
 
-def test_exception_in_one_shutdown_keeps_no_other_from_its_own(tree, journal, noted):
+def test_exception_in_shutdown_does_not_skip_other_shutdowns(tree, journal, noted):
     class Stuck(noted):
         def shutdown(self):
             super().shutdown()
@@ -214,7 +214,7 @@ def test_exception_in_one_shutdown_keeps_no_other_from_its_own(tree, journal, no
     assert sorted(who for _, who, _ in journal) == ["a", "b"]
 
 
-def test_status_of_every_node_is_told_at_the_start_and_then_each_change(tree):
+def test_node_status_is_recorded_initially_and_on_change(tree):
     under_way = ended(tree("do body: serial:\n  wait elapsed(0.2s)\n  log('over')"))
     rows = [(row.t_s, row.behavior, row.parent, row.child_index, row.name, row.status) for row in under_way.changes]
     assert rows == [
@@ -235,7 +235,7 @@ def test_status_of_every_node_is_told_at_the_start_and_then_each_change(tree):
 
 
 @each_row("modifier", ["Inverter", "FailureIsRunning", "SuccessIsFailure", "Timeout"])
-def test_modifier_is_told_by_its_class(tree, modifier):
+def test_modifier_is_identified_by_class(tree, modifier):
     name = {
         "Inverter": "inverter()",
         "FailureIsRunning": "failure_is_running()",
@@ -244,7 +244,7 @@ def test_modifier_is_told_by_its_class(tree, modifier):
     assert tree(f"do log('x') with:\n  {name.get(modifier, 'timeout(1s)')}").changes[1].class_name == modifier
 
 
-def test_trees_side_by_side_know_nothing_of_each_other(tree):
+def test_parallel_trees_are_independent(tree):
     one, other = (tree("event go\ndo serial:\n  wait @go\n  emit end") for _ in range(2))
     for under_way in (tree("event go\ndo serial:\n  emit go\n  wait elapsed(0.1s)"), one, other):
         under_way.tick()
@@ -268,7 +268,7 @@ def test_period_is_a_whole_number_of_microseconds(tree):
     assert ended(tree("do wait elapsed(1s)", period_s=0.05)).now_s == 1.05
 
 
-def test_action_that_nothing_implements_is_refused_with_its_place(tree):
+def test_unimplemented_action_is_refused_with_place(tree):
     with pytest.raises(ValueError, match=r"visit\.osc:10:8: nothing implements the action run_process"):
         tree("do run_process('x')")
 

@@ -80,7 +80,7 @@ def test_stages_of_a_profile_add_up_to_about_what_the_run_takes(measured):
 
 
 @pytest.mark.slow
-def test_control_cycle_is_the_profile_s_stage_divided_by_its_calls(measured):
+def test_control_cycle_is_stage_time_per_call(measured):
     cycle, stage = measured["control_cycle"], measured["profile"]["controller"]
     assert cycle["us"] * stage["per_simulated_s"] == pytest.approx(1e3 * stage["ms_per_simulated_s"], rel=0.01)
     assert cycle["us"] * cycle["per_s_and_core"] == pytest.approx(1e6, rel=0.01)

@@ -129,7 +129,7 @@ def test_block_is_parquet_whose_smooth_columns_are_differences(tmp_path):
     np.testing.assert_array_equal(np.cumsum(np.cumsum(differences)), expected)
 
 
-def test_column_whose_name_looks_like_differences_is_read_back():
+def test_column_named_like_delta_is_read_back():
     columns = {"a:d2": np.array([7, -7, 7, 2**31 - 1], dtype=np.int32), "b:d0": np.arange(4, dtype=np.int32)}
     ((_, found),) = read_block(write_block([{"run_index": 0}], [columns]))
     assert list(found) == ["a:d2", "b:d0"]

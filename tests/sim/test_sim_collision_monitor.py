@@ -134,7 +134,7 @@ def test_footprint_is_the_padded_polygon():
         (0.05, 0.40, 0.00, None),
     ],
 )
-def test_noise_freezes_a_robot_between_walls_as_often_as_nav2(noise_m, half_width_m, both, one):
+def test_noise_freezes_robot_as_often_as_in_nav2(noise_m, half_width_m, both, one):
     """Chances per scan that were measured on Nav2's own monitor, within five points."""
     rng = np.random.default_rng(5)
     for other_m, expected in ((half_width_m, both), (math.inf, one)):

@@ -82,7 +82,7 @@ def test_beam_clears_up_to_its_end_and_marks_there():
     assert (row[:COLUMN] == UNSEEN).all() and (row[COLUMN + 41 :] == UNSEEN).all()
 
 
-def test_old_mark_before_the_wall_stays_in_the_local_layer_alone():
+def test_stale_mark_remains_only_in_local_layer():
     for short, left in ((LOCAL, MARKED), (GLOBAL, SEEN_FREE)):
         layer = seen([1.95], short)
         assert seen([2.0], short, layer)[ROW, COLUMN + 39] == left
@@ -125,7 +125,7 @@ def test_sensor_outside_the_grid_changes_nothing():
 
 @given(*[st.integers(0, 29)] * 2, *[st.integers(-60, 90)] * 2, st.integers(0, 2))
 @settings(deadline=None)
-def test_line_that_leaves_the_layer_clears_what_the_whole_line_would_there(col0, row0, col1, row1, short):
+def test_line_leaving_layer_clears_like_whole_line(col0, row0, col1, row1, short):
     layer, wide = np.zeros((30, 30), dtype=np.uint8), np.zeros((160, 160), dtype=np.uint8)
     clear_line(layer, col0, row0, col1, row1, short)
     clear_line(wide, col0 + 65, row0 + 65, col1 + 65, row1 + 65, short)
@@ -161,7 +161,7 @@ def test_cleared_line_is_connected_and_ends_where_it_should(col0, row0, col1, ro
     st.integers(-17, 17),
 )
 @settings(deadline=None)
-def test_rolled_window_keeps_what_is_in_both_and_sees_nothing_new(layer, shift_columns, shift_rows):
+def test_rolled_window_keeps_overlap_and_clears_rest(layer, shift_columns, shift_rows):
     before = layer.copy()
     rolled(layer, shift_columns, shift_rows)
     for row, column in np.ndindex(before.shape):
@@ -172,7 +172,7 @@ def test_rolled_window_keeps_what_is_in_both_and_sees_nothing_new(layer, shift_c
 
 @given(st.floats(0.3, 0.7), st.floats(0.3, 0.7), st.floats(-3.2, 3.2), st.floats(0.1, 0.24))
 @settings(deadline=None)
-def test_under_the_robot_the_cells_of_its_outline_and_those_within_are_cleared(x, y, yaw, radius_m):
+def test_cells_under_robot_outline_are_cleared(x, y, yaw, radius_m):
     outline = padded_outline(radius_m, 0.01)
     layer = np.full((20, 20), MARKED, dtype=np.uint8)
     polygon_cleared(layer, outline, x, y, yaw)
@@ -202,7 +202,7 @@ def test_merged_costmap_is_the_greater_of_both_layers_inflated(static, layer):
     np.testing.assert_array_equal(costs, inflate(master, *PARAMETERS))
 
 
-def test_merging_takes_the_window_alone_and_counts_cells_just_outside():
+def test_merge_uses_window_and_border_cells():
     static = np.zeros((50, 60), dtype=np.uint8)
     static[25, 41] = 254
     costs = np.full_like(static, 7)

@@ -197,7 +197,7 @@ def test_omni_particles_follow_the_bearing_of_a_step():
     ("noisy", "along_m", "across_m", "turn_rad"),
     [("alpha3", 0.2, 0.0, 0.0), ("alpha5", 0.0, 0.2, 0.0), ("alpha2", 0.0, 0.0, 0.2)],
 )
-def test_noise_of_the_omni_motion_model_is_nav2_s(noisy, along_m, across_m, turn_rad):
+def test_omni_motion_noise_matches_nav2(noisy, along_m, across_m, turn_rad):
     """A step of 1 m along x; variances are alpha times its square."""
     particles = particles_after([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], omni=True, min_particles=2000, **{noisy: 0.04})
     assert particles.std(axis=0) == pytest.approx([along_m, across_m, turn_rad], rel=0.1, abs=1e-6)

@@ -234,7 +234,7 @@ def test_prefer_forward_punishes_backing_and_strafing_and_else_counts_turns():
     assert np.allclose(added[legal], expected[legal], atol=1e-3)
 
 
-def test_twirling_counts_turns_by_its_scale():
+def test_twirling_critic_scales_turns():
     _, w, legal, added = added_by("Twirling", scale=2.0)
     assert np.allclose(added[legal], np.broadcast_to(2.0 * np.abs(w), added.shape)[legal], atol=1e-3)
     assert not added_by("Twirling")[3].any()
@@ -337,7 +337,7 @@ def turning_about(parameters, moved_m=0.0, turned_rad=0.0):
         (0.0, -0.15, [1, -1, -1, -1]),
     ],
 )
-def test_oscillation_forbids_another_turn_about_until_the_robot_moved(moved_m, turned_rad, expected):
+def test_oscillation_critic_forbids_reversal_until_robot_moved(moved_m, turned_rad, expected):
     assert turning_about(IN_PLACE, moved_m, turned_rad) == expected
     free = IN_PLACE.with_values(Oscillation=HUMBLE.Oscillation.with_values(enabled=False))
     assert turning_about(free, moved_m, turned_rad) == [1, -1, 1, 1]

@@ -57,7 +57,7 @@ def there(folder):
 
 
 @pytest.mark.parametrize("code", EFFECTS)
-def test_effect_of_code_that_is_only_looked_at_is_refused(imported, tmp_path, code):
+def test_effects_during_validation_are_refused(imported, tmp_path, code):
     imported("")
     before = {**there(tmp_path), "plug_in.py": code}
     with looking_only(), pytest.raises(EffectRefused, match=f"it would {EFFECTS[code]}.*, and is only looked at"):
@@ -67,24 +67,24 @@ def test_effect_of_code_that_is_only_looked_at_is_refused(imported, tmp_path, co
 
 
 @pytest.mark.parametrize("code", HARMLESS)
-def test_code_that_reads_or_computes_is_let_be(imported, code):
+def test_reading_and_computing_code_is_allowed(imported, code):
     with looking_only():
         imported(code)
 
 
-def test_code_that_is_run_has_its_effects(imported, tmp_path):
+def test_executed_code_may_have_effects(imported, tmp_path):
     imported("open('new', 'w').write('x')")
     assert (tmp_path / "new").read_text() == "x"
 
 
-def test_vastflow_itself_may_write_while_it_looks(imported, tmp_path):
+def test_vastflow_may_write_during_validation(imported, tmp_path):
     with looking_only():
         imported("")
         (tmp_path / "own").write_text("x")
     assert (tmp_path / "own").is_file()
 
 
-def test_effects_of_an_imported_library_are_not_those_of_its_importer(imported, tmp_path, monkeypatch):
+def test_effects_of_imported_library_are_allowed(imported, tmp_path, monkeypatch):
     library = tmp_path / "site"
     library.mkdir()
     (library / "some_library.py").write_text("open('cache', 'w').write('x')\ndef write(): open('new', 'w')\n")

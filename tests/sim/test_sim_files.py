@@ -71,7 +71,7 @@ def test_text_reports_place_of_byte_that_is_not_utf_8(tmp_path):
     assert caught.value.place == (2, 2)
 
 
-def test_error_can_be_sent_to_another_process():
+def test_error_is_pickled():
     error = pickle.loads(pickle.dumps(Missing("this", "that", (2, 3))))
     assert (type(error), str(error), error.place) == (Missing, "this; that", (2, 3))
 
@@ -199,7 +199,7 @@ BOMB = encoded("PNG", Image.new("1", (14_000, 14_000)))
         ),
     ],
 )
-def test_picture_of_another_format_or_size_is_refused(tmp_path, content, message):
+def test_map_image_of_wrong_format_or_size_is_refused(tmp_path, content, message):
     assert len(BOMB) < 100_000
     with pytest.raises(Unreadable, match=message):
         read_picture(put(tmp_path, content, "map.png"))

@@ -132,7 +132,7 @@ def window_kept_out(window, mask, map_odom):
     keep_out_of_window(window, mask, map_odom)
 
 
-def test_mask_in_the_local_costmap_lies_where_localization_takes_it():
+def test_local_mask_follows_localization():
     window = Window(np.zeros((20, 20), dtype=np.uint8), np.array([-0.5, -0.5, 0.05]))
     zone = mask([[100]], 0.2, (2.0, 3.0))
     # The odom frame's origin is at (2.1, 2.6), turned by a quarter: what is 0.5 m ahead there is 0.5 m up on the map.

@@ -55,7 +55,7 @@ def test_goals_of_a_list_are_sent_in_turn_unless_one_is_given(script, task, pose
     assert found.values["goal_pose"]["position"]["x"] == poses[-1].x_m
 
 
-def test_numbered_goals_that_are_parameters_stay_what_they_are(script):
+def test_numbered_goal_parameters_are_kept(script):
     own = "    goal_pose1: pose_3d\n    boxes: list of spawn_entity\n"
     assert script({"goal_pose": GOALS[1], "goal_pose1": GOALS[0]}, own).goals == POSES[1:2]
     with pytest.raises(
@@ -65,10 +65,10 @@ def test_numbered_goals_that_are_parameters_stay_what_they_are(script):
 
 
 @pytest.mark.parametrize("goals", [[], "@goal", 3])
-def test_goals_of_another_kind_are_refused(script, goals):
+def test_goals_of_wrong_kind_are_refused(script, goals):
     with pytest.raises(ValueError, match=r"goal_poses: expected a list of poses, at least one, got .*"):
         script({"goal_poses": goals})
 
 
-def test_list_of_objects_that_nobody_gives_is_empty(script):
+def test_omitted_object_list_is_empty(script):
     assert script({"goal_pose": GOALS[0]}).values["boxes"] == []

@@ -119,7 +119,7 @@ print(numba_target.__file__, *counts)
 
 
 @pytest.mark.slow
-def test_another_installation_of_the_same_version_compiles_nothing(tmp_path):
+def test_second_installation_reuses_compiled_kernels(tmp_path):
     for name, compiles in (("first", True), ("second", False)):
         package = tmp_path / name / "vastflow"
         shutil.copytree(Path(vastflow.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))

@@ -74,14 +74,14 @@ def test_latency_is_drawn_from_the_runs_seed(loop, preset):
     assert once[0] not in (other[0], ideal[0])
 
 
-def test_late_scan_has_the_place_and_the_ranges_of_its_time(loop):
+def test_delayed_scan_keeps_pose_and_ranges_of_capture(loop):
     m = cruising(loop(scan_age=0.3), 81)
     assert m["odom_x"] - m["scan_odom_x"] == pytest.approx(0.5 * 0.3 + 0.5 * 0.05, abs=0.005)  # a tick has passed since
     ahead = np.argmax(m["directions"][:360, 0])
     assert m["ranges"][ahead] == pytest.approx(WALL_X_M - (1.0 + m["scan_odom_x"] - 0.04), abs=0.03)
 
 
-def test_costmap_marks_what_appears_later_by_the_scans_age(loop):
+def test_costmap_marks_new_obstacle_after_scan_latency(loop):
     def marked_after_ticks(scan_age):
         made = loop(goal=None, scan_age=scan_age)
         made.advance(40)
@@ -123,7 +123,7 @@ def test_odometry_is_as_late_as_its_age_and_scans_wait_for_it(loop):
     assert m["scan_odom_x"] <= m["odom_x"] + 1e-9
 
 
-def test_odometry_never_goes_back_however_late_it_is(loop):
+def test_delayed_odometry_is_monotonic(loop):
     made, seen_m = loop(tf_age=0.02, tf_jitter=0.1), []
     for tick in range(60, 160):
         made.advance(tick)
@@ -146,7 +146,7 @@ def test_command_takes_effect_when_the_controller_has_computed_it(loop, controll
     assert first_sent(loop(controller_time=controller_time))[0] - first_sent(loop())[0] == ticks
 
 
-def test_controller_that_computes_longer_than_its_period_commands_as_often_as_it_can(loop):
+def test_slow_controller_commands_at_reduced_rate(loop):
     made, ordered = loop(controller_time=0.12), set()
     for tick in range(20, 80):
         made.advance(tick)
@@ -154,7 +154,7 @@ def test_controller_that_computes_longer_than_its_period_commands_as_often_as_it
     assert set(np.diff(sorted(ordered))) == {3}
 
 
-def test_last_command_stands_in_missed_cycles(loop):
+def test_missed_cycles_repeat_last_command(loop):
     made, ordered, sent = loop(missed_cycles=0.5), [], []
     for tick in range(60, 160):
         m = cruising(made, tick)
@@ -172,7 +172,7 @@ def test_smoother_out_of_step_sends_a_command_within_the_tick(loop):
     assert all(in_step - tick == (1 if step >= 2 else 0) for tick, step in free)
 
 
-def test_spinning_robots_sweep_is_turned_by_what_the_robot_turned_since_the_beam(loop):
+def test_spinning_sweep_is_corrected_by_rotation(loop):
     """At 1 rad/s a sweep of 0.1 s is distorted by 0.1 rad from its first beam to its last."""
     made = loop(goal=None, lidar=Lidar(sweeps=True))
     for tick in range(1, 62):

@@ -92,7 +92,7 @@ LEAVING = -1.1922854594059253
         (grid((20, 20)), (3.3, 4.4), (0.6, 0.8), [math.inf]),
     ],
 )
-def test_beam_along_a_border_comes_to_an_end(occupied, place, direction, expected):
+def test_beam_along_map_border_terminates(occupied, place, direction, expected):
     assert range_to_wall(skip_table_of(occupied), *place, *direction, 0.0, 1e3) in expected
 
 
@@ -194,7 +194,7 @@ OBSTACLES = st.lists(
 
 @given(OBSTACLES, ANGLES, st.sampled_from([1, 2, 7, 360]), st.floats(0.001, 1.0))
 @settings(max_examples=60, deadline=None)
-def test_scan_sees_of_obstacles_what_each_beam_alone_sees(obstacles, yaw, beams, fullness):
+def test_scan_matches_single_beams(obstacles, yaw, beams, fullness):
     """Whichever beams are looked at for an obstacle: in front, behind, round the sensor, across the first beam."""
     rows = np.array([(x, y, math.cos(a), math.sin(a), length, width) for x, y, a, length, width in obstacles])
     lidar = Lidar(beams=beams, angle_increment_rad=fullness * 2 * math.pi / beams)
@@ -232,7 +232,7 @@ def perturbed(ranges, dropout=0.0, noise_m=0.0, entropy=1):
 
 
 @each_row(("dropout", "count"), [(0.0, 0), (0.002, 0), (0.1, 36), (0.5, 180), (0.999, 359), (1.0, 360)])
-def test_dropout_takes_exactly_the_whole_part_of_its_share_of_beams(dropout, count):
+def test_dropout_removes_floor_of_share(dropout, count):
     assert np.isinf(perturbed(np.ones(360), dropout)[0]).sum() == count
 
 
@@ -261,7 +261,7 @@ def test_noise_is_gaussian_of_the_given_width_and_independent():
     assert abs((noise[:-1] * noise[1:]).mean()) < 5 / math.sqrt(n)
 
 
-def test_noise_reaches_every_beam_with_a_return_beyond_the_scanner_s_limits():
+def test_noise_applies_to_returns_beyond_scanner_limits():
     unchanged, stream = perturbed(np.ones(360))
     assert (unchanged == 1.0).all() and stream == streams_of([1])[0]
     ranges = np.full(361, 3.0)

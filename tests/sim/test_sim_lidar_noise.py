@@ -88,7 +88,7 @@ def test_producers_vary_noise_models(configurations):
     assert "range_noise.py" in inputs_of(campaign, []).files
 
 
-def test_edited_noise_model_changes_execute_key_and_runs_what_was_keyed(configurations, folder):
+def test_edited_noise_model_changes_execute_key(configurations, folder):
     noise = "{model: range_noise.py:RangeNoise, std_per_m: 0.2}"
     campaign, (before,) = configurations(noise)
     digest, file = checked_digest(before), folder / "range_noise.py"

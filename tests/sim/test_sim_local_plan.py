@@ -72,13 +72,13 @@ def test_local_plan_begins_at_the_robot_and_ends_ahead_or_at_the_window(values, 
     np.testing.assert_allclose(plan[-1], last, atol=0.026)
 
 
-def test_points_that_come_back_into_the_window_are_not_taken():
+def test_local_plan_ends_where_path_leaves_window():
     away_and_back = [(0.0, y) for y in np.arange(0, 2.0, 0.025)] + [(0.1, y) for y in np.arange(2.0, 0, -0.025)]
     plan, _ = Follower(away_and_back, ahead_m=10.0).plan()
     assert (plan[:, 0] == 0.0).all()
 
 
-def test_passed_points_are_forgotten_even_if_the_robot_goes_back():
+def test_passed_path_points_are_dropped():
     follower = Follower(straight(), x_m=1.0)
     follower.plan()
     follower.move(0.5, 0.0)

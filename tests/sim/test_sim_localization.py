@@ -75,7 +75,7 @@ def test_pose_is_published_at_the_first_scan_and_then_after_each_gate(shared_map
     assert (np.maximum(np.maximum(abs(along), abs(across)) / 0.25, abs(wrapped(steps[:, 2])) / 0.2) > 0.97).all()
 
 
-def test_uncertain_initial_pose_is_published_as_such_and_found_again(shared_map):
+def test_uncertain_initial_pose_is_published_and_recovered(shared_map):
     map_file = shared_map("rooms")
     spread = {f"initial_pose_covariance_{axis}": value for axis, value in (("xx", 0.1), ("yy", 0.1), ("yaw", 0.05))}
     sure, unsure = recordings(map_file)[0], recordings(map_file, **spread)[0]

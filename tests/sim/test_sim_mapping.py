@@ -67,7 +67,7 @@ def test_window_has_the_frame_of_odometry_and_the_size_of_its_parameters(after_a
     np.testing.assert_allclose(wide.place, (-2.0, -2.5, 0.1))
 
 
-def test_obstacle_ahead_lies_ahead_in_the_window_at_any_heading(after_a_tick):
+def test_obstacle_ahead_is_ahead_in_window_at_any_heading(after_a_tick):
     """Odometry begins at zero; the global map keeps the directions of the map."""
     ahead = {**CRATE, "spawn_pose": {"x": 2.98, "y": 3.44, "yaw": np.pi / 2}}
     stack = after_a_tick(obstacles=(ahead,), yaw=np.pi / 2)

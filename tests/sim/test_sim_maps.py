@@ -46,7 +46,7 @@ def test_last_row_of_the_picture_is_the_lowest_row_of_the_grid(write):
     assert cells(write([[254, 254], [0, 205]])) == [[100, -1], [0, 0]]
 
 
-def test_cell_s_corner_lies_at_the_origin(write):
+def test_map_origin_is_corner_of_first_cell(write):
     occupancy = load_map(write(resolution="5e-2", origin="[-1e0, -2]"))
     assert occupancy.origin_xy_m == (-1.0, -2.0)
     assert occupancy.cell_of(-1.0 + 1e-9, -2.0 + 1e-9) == (0, 0)
@@ -138,7 +138,7 @@ PGM_16 = b"P5\n3 1\n65535\n" + (np.array(GRAYS) * 257).astype(">u2").tobytes()
         (b"P2\n# text\n2 1\n255\n0 254\n", {}, [[100, 0]]),
     ],
 )
-def test_picture_is_read_whatever_its_format_and_depth(write, tmp_path, content, changes, expected):
+def test_map_image_is_read_in_any_format_and_depth(write, tmp_path, content, changes, expected):
     (tmp_path / "floor").write_bytes(content)
     assert cells(write(None, image=tmp_path / "floor", **changes)) == expected  # by an absolute path
 
@@ -151,7 +151,7 @@ def luma(red, green, blue):
 @given(st.lists(st.tuples(*[st.integers(0, 255)] * 3), min_size=1, max_size=50))
 @example([(255, 255, 0), (255, 0, 0), (0, 255, 0), (0, 0, 255), (10, 20, 30), (100, 100, 100)])
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_color_is_read_by_its_luma(write, tmp_path, colors):
+def test_map_color_is_read_as_luma(write, tmp_path, colors):
     Image.fromarray(np.array([colors], dtype=np.uint8), "RGB").save(tmp_path / "map.png")
     grays = [luma(*color) for color in colors]
     assert cells(write(None, image="map.png", mode="raw")) == [[gray if gray <= 100 else -1 for gray in grays]]
@@ -198,7 +198,7 @@ FRAME = r"origin: expected \[x, y, yaw\] in meters and radians, got "
         ("- 1\n", "expected a mapping with image, resolution and origin, got list"),
     ],
 )
-def test_map_that_is_wrong_is_refused_with_what_would_be_right(write, changes, message):
+def test_invalid_map_is_refused_with_expectation(write, changes, message):
     path = write(**(changes if isinstance(changes, dict) else {}))
     if isinstance(changes, str):
         path.write_text(changes)
@@ -227,7 +227,7 @@ def test_digest_is_of_the_grid_and_not_of_the_files(write, tmp_path):
         {"origin": "[-1.0, -2.0, 0.1]"},
     ],
 )
-def test_another_grid_or_frame_has_another_digest(write, changes):
+def test_map_digest_depends_on_grid_and_frame(write, changes):
     first = map_content(write())
     assert map_content(write(**changes)) != first
 
@@ -236,7 +236,7 @@ TALL = [[0, 254], [205, 0], [254, 254]]
 """3 rows of 2 cells, no two turns of it alike."""
 
 
-def test_origin_s_yaw_turns_the_grid_about_it(write):
+def test_map_yaw_rotates_grid_about_origin(write):
     occupancy = load_map(write(TALL, origin="[1.0, 2.0, 0.3]"))
     assert occupancy.origin_xy_m == (1.0, 2.0)
     c, s = math.cos(0.3), math.sin(0.3)

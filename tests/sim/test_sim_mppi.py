@@ -312,7 +312,7 @@ def test_reset_controller_is_as_new_but_for_its_noise():
     assert not np.asarray(controller.memory.sequence).any() and not np.asarray(controller.memory.history).any()
 
 
-def test_shared_noise_is_normal_and_no_number_follows_from_another():
+def test_shared_noise_is_normal_and_independent():
     v, w = numbers_in(noise(112_000, 0.2, 0.4))
     for f, g in ((v, w), (np.abs(v), np.abs(w)), (np.abs(v), w), (v, np.abs(w))):
         assert np.corrcoef(f, g)[0, 1] == pytest.approx(0.0, abs=0.005)
@@ -363,7 +363,7 @@ def test_inscribed_center_is_no_collision_if_the_outline_is_considered():
     assert command_of_long(costs, consider_footprint=True)[0]
 
 
-def test_long_robot_between_walls_does_not_turn_where_its_corners_would_meet_them():
+def test_long_robot_does_not_turn_between_narrow_walls():
     costs = np.full((60, 60), 100, dtype=np.uint8)
     costs[:24], costs[36:] = 254, 254  # 0.3 m to both sides; the corners reach 0.49 m
     valid, v_mps, w_radps, _ = command_of_long(costs, consider_footprint=True)

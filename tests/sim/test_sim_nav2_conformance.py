@@ -23,7 +23,7 @@ def too_great(distances):
     return [each.row for each in found if each.found > each.most]
 
 
-def test_mppi_commands_what_nav2_commands_with_the_same_noise(answers):
+def test_mppi_matches_nav2_with_equal_noise(answers):
     assert too_great(nav2_conformance.of_mppi(answers)) == []
 
 
@@ -36,5 +36,5 @@ def test_rpp_cuts_and_commands_as_nav2_does(answers):
     assert too_great(nav2_conformance.of_rpp(answers)) == []
 
 
-def test_navfn_has_nav2s_potential_and_its_path(answers):
+def test_navfn_matches_nav2_potential_and_path(answers):
     assert too_great(nav2_conformance.of_navfn(answers)) == []

@@ -81,13 +81,13 @@ def compiled(tmp_path, *, kernel: bool, before: list[str]) -> str:
     return done.stdout
 
 
-def test_kernel_is_the_same_whatever_its_user_has_set_and_compiled_before(tmp_path):
+def test_kernel_is_independent_of_user_numba_settings(tmp_path):
     alone = compiled(tmp_path / "alone", kernel=True, before=[])
     assert compiled(tmp_path / "after", kernel=True, before=["numba is set up", "a function is compiled"]) == alone
 
 
 @pytest.mark.parametrize("before", [[], ["numba is set up"]])
-def test_user_s_function_is_the_same_whether_or_not_kernels_were_compiled_before(tmp_path, before):
+def test_user_numba_functions_are_unaffected_by_kernels(tmp_path, before):
     alone = compiled(tmp_path / "alone", kernel=False, before=before)
     assert compiled(tmp_path / "after", kernel=False, before=[*before, "kernels are compiled"]) == alone
 

@@ -74,7 +74,7 @@ def test_unreadable_size_is_refused(model, arguments, message):
 
 
 @given(NUMBERS, NUMBERS, st.floats(-7, 7), SIDES_M, SIDES_M)
-def test_box_s_footprint_has_its_area_its_center_and_its_direction(x, y, yaw, length, width):
+def test_box_footprint_has_area_center_and_direction(x, y, yaw, length, width):
     crate = box(Pose(x, y, yaw), length, width)
     footprint = crate.footprint()
     assert footprint.area == pytest.approx(length * width, rel=1e-6)
@@ -92,7 +92,7 @@ def test_mean_radius_of_a_box_is_the_mean_distance_of_its_points(length_m, width
     assert box(Pose(0, 0), length_m, width_m).mean_radius_m == pytest.approx(mean_m, rel=1e-3)
 
 
-def test_cylinder_is_its_circle():
+def test_cylinder_footprint_is_circle():
     barrel = cylinder(Pose(1.0, 2.0), 0.6, 0.6)
     assert (barrel.circumradius_m, barrel.mean_radius_m) == pytest.approx((0.3, 0.2))
     assert barrel.footprint().area == pytest.approx(math.pi * 0.09, rel=2e-3)
@@ -103,7 +103,7 @@ def test_obstacles_of_one_shape_and_size_have_one_class():
     assert cylinder(Pose(0, 0), 0.5, 0.5).size_class == "cylinder 0.5 m"
 
 
-def test_trigger_of_the_usual_keys_is_that_of_the_obstacle_at_its_point():
+def test_default_trigger_keys_match_obstacle_trigger():
     usual = {"spawn_trigger_point": POINT, "spawn_trigger_threshold": 2.0}
     static, triggered = obstacles_of({"static_objects": [HERE], "the_dynamic_one": [ENTRY], **usual})
     assert (static.trigger, triggered.trigger) == (None, Trigger(1.5, -2.0, 2.0))

@@ -47,7 +47,7 @@ def test_field_of_a_wide_map_is_that_of_a_minimum_cost_path():
 
 @given(GRIDS, st.data(), st.floats(0.0, 12.0))
 @settings(max_examples=60, deadline=None)
-def test_limit_leaves_what_is_nearer_and_nothing_else(free, data, limit):
+def test_max_range_keeps_only_nearer_returns(free, data, limit):
     source = tuple(data.draw(st.integers(0, n - 1)) for n in free.shape)
     whole = distance_field(free, *source)
     np.testing.assert_array_equal(distance_field(free, *source, limit), np.where(whole <= limit, whole, np.inf))
@@ -99,7 +99,7 @@ def test_unknown_cells_are_not_passable(drawn):
 
 @given(GRIDS, st.floats(0.0, 0.3), st.sampled_from([0.02, 0.05, 0.1]))
 @settings(max_examples=60, deadline=None)
-def test_robot_stands_where_all_cells_of_its_disc_are_free(free, radius_m, resolution_m):
+def test_robot_fits_where_all_disc_cells_are_free(free, radius_m, resolution_m):
     """Version 1's test of a start or goal, read plainly: all cells of a disc of ceil(radius / resolution) cells."""
     cells = np.where(free, 0, 100).astype(np.int8)
     found = passable(OccupancyMap(cells, resolution_m, (0.0, 0.0)), radius_m)
@@ -137,6 +137,6 @@ def test_path_through_several_stops_is_the_sum_of_its_legs(drawn):
         [(-0.01, 0.02), (0.02, 0.02)],
     ],
 )
-def test_shortest_path_is_none_to_an_unreachable_stop(drawn, stops):
+def test_shortest_path_to_unreachable_stop_is_none(drawn, stops):
     occupancy = drawn("..#.")
     assert shortest_path(occupancy, occupancy.free, np.array(stops)) is None

@@ -85,13 +85,13 @@ def test_file_that_is_missing_or_no_text_is_refused(tmp_path):
             reading(file)
 
 
-def test_error_survives_the_path_to_another_process():
+def test_producer_error_is_pickled():
     with pytest.raises(FileError, match="no scenario") as raised:
         read_text("", "f.osc", Path())
     assert str(pickle.loads(pickle.dumps(raised.value))) == str(raised.value)
 
 
-def test_long_word_before_a_fault_costs_no_time_that_grows_with_its_square(loops):
+def test_fault_after_long_word_is_found_in_linear_time(loops):
     assert loops(lambda: refused(f"# {'stands' * 60_000}\nscenario a:\n  do x y:\n")) < 40 * loops(
         lambda: refused(f"# {'stands' * 6_000}\nscenario a:\n  do x y:\n")
     )

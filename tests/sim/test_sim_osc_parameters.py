@@ -66,7 +66,7 @@ def test_actors_and_variables_are_no_parameters():
         ("p: list of int", (1, 2), [1, 2]),
     ],
 )
-def test_override_takes_the_place_of_the_default(parameter, given, value_):
+def test_parameter_override_replaces_default(parameter, given, value_):
     found = value(parameter, p=given)
     assert found == value_ and type(found) is type(value_)
 
@@ -105,7 +105,7 @@ def test_number_with_a_unit_is_given_in_the_unit_of_the_default():
     assert value("p: temperature = 20C", p=10) == pytest.approx(283.15)
 
 
-def test_default_may_use_what_is_declared_before_it_overridden_or_not():
+def test_default_may_use_earlier_declarations():
     definition = scenario("base: string = 'maps'", "p: string = base + '/flat.yaml'")
     assert bound(definition, {"base": "other"})["p"] == "other/flat.yaml"
 
@@ -117,7 +117,7 @@ def test_default_may_call_a_function():
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False), st.integers(-(2**53), 2**53))
-def test_numbers_come_out_as_they_went_in(x, n):
+def test_numbers_survive_round_trip(x, n):
     values = bound(scenario("x: float", "n: int", "d: length"), {"x": x, "n": n, "d": x})
     assert values == {"x": x, "n": n, "d": x}
 
@@ -129,7 +129,7 @@ def test_overrides_and_defaults_are_not_shared_between_runs():
     assert overrides == {"p": {"position": {"x": 1}}}
 
 
-def test_mismatch_survives_the_way_to_another_process():
+def test_parameter_mismatch_is_pickled():
     with pytest.raises(ParameterMismatch, match="p of") as raised:
         value("p: int", p="a")
     copy = pickle.loads(pickle.dumps(raised.value))

@@ -202,7 +202,7 @@ def test_fields_keep_their_names_units_and_kinds():
     assert [v.name for v in definition.variables] == ["g", "c"]
 
 
-def test_derived_scenario_inherits_what_it_does_not_say_itself():
+def test_derived_scenario_inherits_undeclared_parts():
     text = "import osc.helpers\nscenario base:\n    n: int = 1\n    timeout(3s)\n    do log('x')\n"
     base, derived, other = read(
         f"{text}scenario derived inherits base:\n    k: int = 2\nscenario other inherits base:\n    do log('y')\n"

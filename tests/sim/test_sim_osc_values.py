@@ -51,18 +51,18 @@ def test_scenario_logs_values_of_its_names(golden):
     golden("scenarios", "logs", lines, key="lines")
 
 
-def test_values_that_follow_from_others_follow_from_what_is_given():
+def test_derived_values_follow_given_values():
     assert logged(f"p: string = q + '!'\nq: string = 'x'\n{log('p')}", q="y") == ["y!"]
     assert logged(f"v: box\n{log('v.h')}", "struct box:\n    f: int = 3\n    h: int = f + 1\n", v={"f": 7}) == ["8"]
 
 
-def test_derived_scenario_may_give_a_parameter_another_default():
+def test_derived_scenario_may_override_default():
     text = f"{HEAD}scenario base:\n    p: string = 'a'\n    v: speed = 1mps\n    do log(p)\n"
     _, derived = read_text(f"{text}scenario derived inherits base:\n    p: string = 'b'\n", "f.osc", Path())
     assert bound(derived, {}) == {"p": "b", "v": 1.0}
 
 
-def test_action_of_ones_own_does_what_it_inherits_from_with_its_own_defaults():
+def test_custom_action_inherits_behavior_and_overrides_defaults():
     before = (
         "global dock: pose_3d = pose_3d(position_3d(x: 2.0m))\n"
         "action differential_drive_robot.go_home inherits differential_drive_robot.nav_to_pose:\n"
@@ -136,7 +136,7 @@ def test_names_are_looked_up_when_it_is_evaluated():
     assert value("p.position.x", p={"position": {"x": 2.0}}) == 2.0
 
 
-def test_right_side_is_looked_at_only_where_it_matters():
+def test_right_operand_is_evaluated_lazily():
     assert value("false and 1 / n == 1.0", n=0) is False
     assert value("true or 1 / n == 1.0", n=0) is True
 
@@ -164,7 +164,7 @@ def test_expression_without_a_value_says_where_and_why(text, words):
         value(text, {"random.get_int": empty}, n=0)
 
 
-def test_evaluation_error_survives_the_way_to_another_process():
+def test_evaluation_error_is_pickled():
     with pytest.raises(ScenarioError, match="can't be done") as raised:
         value("1 / 0")
     assert str(pickle.loads(pickle.dumps(raised.value))) == str(raised.value)

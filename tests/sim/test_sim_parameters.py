@@ -106,7 +106,7 @@ def test_key_sets_a_parameter_from_numbers_lists_and_text(system, path, expected
     ("text", "value"),
     [("1", 1), ("-2", -2), ("1.", 1.0), (" .5 ", 0.5), ("1e3", 1000.0), ("TRUE", True), ("1x", "1x"), ("", "")],
 )
-def test_text_of_a_rewrite_becomes_a_number_or_a_flag(text, value):
+def test_rewritten_text_is_converted_to_number_or_flag(text, value):
     found = converted(text)
     assert (found, type(found)) == (value, type(value))
 

@@ -42,7 +42,7 @@ def test_dotted_parameters_and_slashed_nodes_are_nested_ones(written, nested):
     assert values(written) == values(nested)
 
 
-def test_values_are_what_they_look_like():
+def test_csv_values_have_apparent_types():
     text = "a: {ros__parameters: {i: 1, f: 1.0, e: 1e-3, p: 1.0e-10, t: on, s: '1', d: 2024-01-01, n: , inf: .inf}}"
     found = {path[-1]: value for path, value in values(text).items()}
     assert found == {
@@ -58,7 +58,7 @@ def test_values_are_what_they_look_like():
     }
 
 
-def test_aliases_and_merged_mappings_are_resolved_and_what_the_file_says_itself_counts():
+def test_aliases_and_merges_are_resolved_and_own_keys_win():
     found = values("x: {ros__parameters: &x {b: 1, c: {d: 1}}}\ny: {ros__parameters: {<<: *x, b: 2}}")
     assert {path[2:]: value for path, value in found.items() if path[0] == "y"} == {("b",): 2, ("c", "d"): 1}
 
@@ -79,7 +79,7 @@ def test_last_of_two_equal_parameters_counts():
     assert document.place(("a", "ros__parameters", "b")) == (3, 26)
 
 
-def test_node_is_found_in_its_namespace_and_the_least_deep_of_two():
+def test_parameter_node_is_found_in_namespace():
     empty = parse("a: {ros__parameters: }\nb: {ros__parameters: {c: 1}}")
     assert set(empty.nodes) == {("b", "ros__parameters"), ("a", "ros__parameters")}
     document = parse("x: {a: {ros__parameters: {p: 1}}}\na: {ros__parameters: {p: 1}}\nros__parameters: {p: 1}")
@@ -113,7 +113,7 @@ def test_missing_or_binary_file_is_a_fault_of_the_whole(tmp_path):
             read_document(tmp_path / name)
 
 
-def test_error_can_be_sent_to_another_process():
+def test_error_is_pickled():
     with pytest.raises(FileError) as caught:
         parse("a: 1", "nav2.yaml")
     assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)

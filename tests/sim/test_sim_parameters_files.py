@@ -70,7 +70,7 @@ def reading(text):
     return lines + [f"{name} = {value!r}" for name, value in flat(found.parameters) if value != usual[name]]
 
 
-def test_parameter_files_set_what_is_pinned(golden):
+def test_parameter_files_set_pinned_values(golden):
     golden("nav2_parameters", "readings", reading, key="reading")
 
 
@@ -166,7 +166,7 @@ def test_modeled_parameters_are_not_built_in():
         (BuiltIn(includes=("a", "b")), ["b", "c", "a"], ["a"], ["a", "b"]),
     ],
 )
-def test_built_in_rule_compares_values_and_names_its_own(rule, agreeing, other, value):
+def test_built_in_rule_compares_values_and_is_named(rule, agreeing, other, value):
     assert rule.agrees(agreeing)
     assert not rule.agrees(other)
     assert rule.value == value

@@ -58,7 +58,7 @@ def values_of(value, low, high):
 
 @settings(max_examples=40, deadline=None)
 @given(st.data(), st.sampled_from([MppiParameters(), DwbParameters(), RppParameters()]))
-def test_written_document_is_read_as_it_was(data, controller):
+def test_written_document_round_trips(data, controller):
     default = NavParameters(controller=controller)
     parts = {name: data.draw(varied(group)) for name, group in default if name != "robot"}
     if parts["global_costmap"].speed_filter.enabled:  # a second one is refused

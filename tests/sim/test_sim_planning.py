@@ -112,7 +112,7 @@ def test_plan_with_astar_matches_navfn():
     assert len(fresh) != len(desk.fresh((1.0, 3.0), (7.0, 1.5)))
 
 
-def test_way_that_closes_is_left_and_taken_again_as_soon_as_it_opens():
+def test_closed_door_is_left_and_reused_when_open():
     desk = Desk(two_doors(), (7.0, 1.5))
     ways = []
     for closed in (False, True, False):
@@ -144,7 +144,7 @@ def test_unknown_ground_that_is_seen_to_be_free_is_driven_at_once():
     assert 1.0 < at_the_wall(desk.path) < 2.0
 
 
-def test_goal_that_is_moved_keeps_its_place_within_the_cell():
+def test_moved_goal_keeps_offset_within_cell():
     """NavFn looks for another in steps of a cell from the goal, and not at the cells' own points."""
     desk = Desk(two_doors(), (7.013, 1.489))
     desk.cost(slice(25, 36), slice(136, 145), 254)
@@ -165,7 +165,7 @@ def test_free_cell_that_is_walled_in_is_no_goal():
     assert 4 < np.hypot(column - 140, row - 30) <= 6
 
 
-def test_path_stays_if_nothing_near_the_goal_can_be_reached():
+def test_path_is_kept_when_goal_is_unreachable():
     desk = Desk(two_doors(), (7.0, 1.5))
     desk.plan(1.0, 3.0)
     before = desk.path.copy()
@@ -187,7 +187,7 @@ def test_path_through_goals_matches_navfn_leg_by_leg():
             assert np.hypot(*(desk.path[:, None] - leg[None, ::10]).T).min(axis=1).max() < 1.0
 
 
-def test_goal_passed_on_the_way_is_planned_for_no_more():
+def test_passed_goal_is_removed_from_plan():
     goals = (1.5, 3.0), (7.0, 1.5)
     desk = Desk(two_doors(), *goals, kind="navigate_through_poses")
     assert desk.plan(1.0, 3.0) == 0
@@ -195,7 +195,7 @@ def test_goal_passed_on_the_way_is_planned_for_no_more():
     assert len(desk.path) == pytest.approx(len(desk.fresh((1.0, 3.0), goals[1])), abs=2)
 
 
-def test_goal_off_the_map_is_told_apart_from_one_without_a_way():
+def test_goal_outside_map_differs_from_unreachable_goal():
     assert Desk(two_doors(), (9.0, 1.5)).plan(1.0, 3.0) == GOAL_OUTSIDE
 
 

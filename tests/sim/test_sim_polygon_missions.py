@@ -43,7 +43,7 @@ def test_robot_passes_a_door_lengthwise_and_no_narrower_one(mission, controller,
     assert outcome == "succeeded" or recording.columns["x_mm"].max() < 4100
 
 
-def test_its_outline_is_heeded_where_the_controller_is_told_to(mission):
+def test_controller_considers_footprint_when_enabled(mission):
     wide = {"local_costmap.width": 6, "local_costmap.height": 6}
     recording = run(mission("mppi", 0.8, **wide, **{"FollowPath.CostCritic.consider_footprint": True}), 0)
     assert recording.run.outcome == "succeeded"

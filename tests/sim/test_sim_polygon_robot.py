@@ -75,7 +75,7 @@ def inside(outline, x, y):
 
 
 @given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.sampled_from([RECTANGLE, NOTCHED]), st.booleans())
-def test_point_is_inside_whatever_form_and_direction_the_outline_has(x, y, text, turned):
+def test_inside_test_works_for_any_outline(x, y, text, turned):
     vertices = np.array(vertices_of(text))
     polygon = shapely.Polygon(vertices)
     if polygon.exterior.distance(shapely.Point(x, y)) > 1e-9:
@@ -92,7 +92,7 @@ def test_body_is_the_polygon_without_its_padding_or_a_disc_of_the_radius():
     assert robot_of(NavParameters()).radius_m == 0.17  # a TurtleBot 4
 
 
-def test_actuators_reach_what_the_smoother_allows_and_never_less_than_a_turtlebot_4():
+def test_actuators_reach_smoother_limits_or_turtlebot_4():
     fast = robot_of(
         NavParameters(velocity_smoother=VelocitySmoother(max_velocity=(1.5, 0.0, 2.5), max_accel=(4.0, 0.0, 3.2)))
     )

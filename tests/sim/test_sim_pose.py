@@ -51,7 +51,7 @@ def test_pose_may_be_short_without_a_yaw_or_of_numbers_in_quotes(value, pose):
         ({"x": 1, "y": 2, "yaw": 90}, "expected radians, one turn (6.2832) at most, got yaw 90"),
     ],
 )
-def test_value_that_is_no_pose_is_refused_with_its_place(value, message):
+def test_invalid_pose_is_refused_with_place(value, message):
     with pytest.raises(ValueError, match=r"^goal_pose: ") as caught:
         written_pose_of(value, "goal_pose")
     assert message in str(caught.value)

@@ -94,7 +94,7 @@ def test_quotes_keep_blanks_in_a_word_and_no_shell_reads_the_command(entered, ru
     assert run.labeled("echo").log.read() == b"a  b $HOME > c\n"
 
 
-def test_program_nobody_waits_for_succeeds_at_once_and_runs_on(entered, run):
+def test_background_program_succeeds_at_once_and_keeps_running(entered, run):
     action = entered("run_process", "sim", command=python(SLEEPS), wait_for_shutdown=False)
     assert action.update() is Status.SUCCESS
     assert run.waiting
@@ -102,7 +102,7 @@ def test_program_nobody_waits_for_succeeds_at_once_and_runs_on(entered, run):
     assert not run.waiting
 
 
-def test_program_that_is_given_up_gets_the_signal_of_its_call(entered, run):
+def test_abandoned_program_gets_requested_signal(entered, run):
     text = "import signal; signal.signal(signal.SIGUSR1, lambda *_: exit(7)); " + SLEEPS
     usr1 = EnumValue("signal", "sigusr1", 10)
     action = entered("run_process", "sim", command=python(text), shutdown_signal=usr1, shutdown_timeout=20.0)
@@ -112,7 +112,7 @@ def test_program_that_is_given_up_gets_the_signal_of_its_call(entered, run):
     assert run.labeled("sim").failure == "exited with code 7"
 
 
-def test_action_that_is_repeated_starts_its_program_again(entered, run):
+def test_repeated_action_restarts_program(entered, run):
     command = python("open('times', 'a').write('x')")
     action = entered("run_process", command=command)
     outcome(action)
@@ -129,13 +129,13 @@ def test_log_check_succeeds_when_one_of_the_values_is_printed(entered, run):
     assert outcome(check) == (Status.SUCCESS, "'sim' printed 'rea'")
 
 
-def test_log_check_finds_a_value_that_comes_in_two_pieces(entered):
+def test_log_check_finds_value_split_over_writes(entered):
     text = "import time; print('one t', end='', flush=True); time.sleep(0.1); print('wo', flush=True); time.sleep(600)"
     entered("run_process", "sim", command=python(text))
     assert outcome(entered("process_log_check", process_name="sim", values=["one two"]))[0] is Status.SUCCESS
 
 
-def test_log_check_fails_once_the_value_can_not_come_any_more(entered, run):
+def test_log_check_fails_when_program_has_ended(entered, run):
     entered("run_process", "sim", command=python(SLEEPS))
     until_printed(run, "sim")
     check = entered("process_log_check", process_name="sim", values=["ready"], from_start=False)

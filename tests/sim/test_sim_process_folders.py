@@ -60,7 +60,7 @@ def printed(run, *command):
     return group.log.read().decode()
 
 
-def test_commands_before_and_after_write_to_out_alone(begun):
+def test_pre_and_post_commands_write_only_to_out(begun):
     before = set(os.listdir("/"))
     files = {
         "files/pre.sh": "#!/bin/sh\n\ntouch /out/before",
@@ -94,7 +94,7 @@ def test_programs_know_the_folders_by_their_names(begun, tmp_path):
         assert dict(run.close().outputs.files)["copied.txt"] == b"given"
 
 
-def test_file_that_is_not_among_the_run_files_is_missed_by_its_name(begun):
+def test_undeclared_run_file_is_named(begun):
     with begun({"a.txt": "a"}) as run:
         with pytest.raises(ScenarioError, match=r"no file that execution\.run_files matches lies there"):
             run.start(["/config/other.py"])
@@ -149,7 +149,7 @@ def test_names_are_rewritten_where_they_begin_a_path(text, rewritten):
 
 
 @given(st.text())
-def test_text_without_a_name_is_left_as_it_is(text):
+def test_text_without_placeholder_is_unchanged(text):
     if not named_in([text]):
         assert FOLDERS.rewritten(text) == text
 
@@ -272,7 +272,7 @@ def test_files_come_once_in_the_order_of_their_paths_with_their_digests(campaign
     assert all(content.digest == file_digest(campaign / path) for path, content in found)
 
 
-def test_patterns_without_a_file_are_told_and_folders_are_left_out(campaign):
+def test_patterns_without_files_are_reported_and_folders_skipped(campaign):
     patterns = ["run.py", "rnu.py", "files/**"]
     assert unmatched(files_matching(campaign, patterns), patterns) == ("rnu.py",)
     found = files_matching(campaign, ["*.py"], lambda folder: folder.name == "deep")

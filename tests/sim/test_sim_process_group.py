@@ -139,7 +139,7 @@ def test_children_that_a_program_leaves_behind_end_when_it_is_stopped(started, m
     assert list(marked(mark)) == []
 
 
-def test_child_without_a_mark_is_found_by_its_parents(started, tmp_path):
+def test_unmarked_child_is_found_by_parent(started, tmp_path):
     group = started(HIDES)
     until_printed(group)
     (child,) = [int(pid) for pid in _children(group.pid)]

@@ -48,7 +48,7 @@ def said(run, text):
     return group.log.read().decode().strip()
 
 
-def test_run_works_in_a_folder_of_its_own_with_its_files(begun, tmp_path):
+def test_run_works_in_private_folder_with_run_files(begun, tmp_path):
     with begun() as run:
         assert said(run, "import os; print(os.getcwd(), sorted(os.listdir()))") == f"{run.folders.out} ['given.txt']"
         folder = run.folders.out
@@ -129,7 +129,7 @@ def test_post_command_that_does_not_end_or_begin_is_noted(begun, monkeypatch):
         assert "no program of this name in PATH" in run.close().post_command
 
 
-def test_waiting_ends_with_a_program_or_after_its_time(begun):
+def test_waiting_ends_with_program_or_timeout(begun):
     with begun() as run:
         run.wait(600)
         run.start(script("import time; time.sleep(0.1)"))
@@ -149,7 +149,7 @@ def test_run_that_is_given_up_leaves_no_process(begun):
     assert run.pids() == set()
 
 
-def test_daemon_that_was_seen_before_it_hid_ends_with_the_run(begun):
+def test_known_daemon_is_ended_with_run(begun):
     text = (
         "import os, subprocess, sys, time\n"
         "subprocess.Popen(['sleep', '600'], start_new_session=True, env={})\n"
@@ -194,7 +194,7 @@ def test_resources_count_all_processes_of_a_run(begun):
     assert record.usage.cpu_s >= 0.25
 
 
-def test_folder_that_a_program_locked_is_removed_all_the_same(begun):
+def test_locked_program_folder_is_removed(begun):
     with begun() as run:
         said(run, "import os; os.mkdir('a'); open('a/b', 'w'); os.chmod('a', 0)")
         folder = Path(run.folders.out)

@@ -35,7 +35,7 @@ def replayed(short):
     return replay(short, 3, 7, {2: ROOM, 5: ROOM, 50: ROOM, 99: ROOM, 100: ROOM})
 
 
-def test_looking_at_a_run_changes_none_of_its_bytes(short, replayed):
+def test_watching_a_run_keeps_its_bytes(short, replayed):
     everywhere = replay(short, 3, 7, {tick: ROOM for tick in range(100)}).recording
     assert replayed.recording.digest == run(short, 3, 7).digest == everywhere.digest
 
@@ -73,7 +73,7 @@ def test_scan_lies_where_the_walls_and_the_box_are(replayed):
     assert box.sum() > 5
 
 
-def test_marks_of_the_local_costmap_lie_where_the_scan_does(replayed):
+def test_local_costmap_marks_scan_end_points(replayed):
     snapshot = replayed.snapshots[0]
     patch = snapshot.local_costs
     marks = np.argwhere(patch.costs == LETHAL)[:, ::-1]
@@ -83,7 +83,7 @@ def test_marks_of_the_local_costmap_lie_where_the_scan_does(replayed):
     assert away.max() < 0.06
 
 
-def test_plan_leads_to_the_goal_and_the_controller_has_its_beginning(replayed):
+def test_plan_leads_to_goal_and_local_plan_is_its_start(replayed):
     snapshot = replayed.snapshots[1]
     assert np.hypot(*(snapshot.plan_xy_m[-1] - (7.0, 4.0))) < 0.1
     ahead = snapshot.ahead_xy_m

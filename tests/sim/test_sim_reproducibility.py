@@ -85,7 +85,7 @@ def test_run_is_the_same_alone_and_in_any_order(noisy, first):
     )
 
 
-def test_run_after_another_map_mission_and_system_is_the_same_bytes(noisy, first, scenario, saved):
+def test_run_bytes_are_independent_of_previous_runs(noisy, first, scenario, saved):
     other = np.zeros((70, 90), dtype=np.int8)
     other[[0, -1]], other[:, [0, -1]] = 100, 100
     goals = [{"x": 3.0, "y": 2.0}, {"x": 1.0, "y": 2.5}]
@@ -120,7 +120,7 @@ def test_run_in_a_new_process_is_the_same_bytes(scenario, controller, before):
 
 
 @each_row(("run_index", "seed"), [(2, 5), (1, 6)])
-def test_another_run_or_another_seed_is_another_recording(noisy, first, run_index, seed):
+def test_recording_depends_on_run_index_and_seed(noisy, first, run_index, seed):
     assert run(noisy, run_index, seed).digest != first.digest
 
 

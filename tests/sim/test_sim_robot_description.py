@@ -48,7 +48,7 @@ def test_scans_come_at_the_scanners_rate(seen):
     assert set(np.diff(changes)) == {4}
 
 
-def test_actuators_hold_their_own_limits_whatever_is_commanded(seen):
+def test_actuators_enforce_limits_on_any_command(seen):
     columns = seen[1].columns
     assert columns["command_speed_mmps"].max() == 500
     assert columns["speed_mmps"].max() == pytest.approx(300, abs=2)

@@ -202,7 +202,7 @@ def on_its_way(prepared, parameters, lidar, robot, start, mission, obstacles, en
     return loop
 
 
-def test_body_that_pushes_a_wall_stays_while_its_wheels_and_odometry_turn_on(wide):
+def test_blocked_body_stays_while_odometry_advances(wide):
     loop = on_its_way(*wide())
     m = loop.stack.m[0]
     rolled_m, truly_m = 0.0, 0.0
@@ -226,7 +226,7 @@ def test_run_leaves_nothing_in_memory(scenario):
         gc.enable()
 
 
-def test_contacts_are_told_with_the_reason_of_the_outcome(wide):
+def test_outcome_reason_mentions_contacts(wide):
     run = drive(*wide(timeout_s=12.0)).run
     contacts = [event for event in run.events if event.kind == "contact"]
     first = contacts[0]
@@ -280,7 +280,7 @@ def test_obstacle_appears_at_once_if_near_and_never_if_far(scenario, obstacle, t
     assert recording.run.outcome == "succeeded"
 
 
-def test_box_that_appears_right_before_the_robot_is_struck_pushed_and_told(scenario):
+def test_box_spawned_ahead_of_robot_is_struck_pushed_and_recorded(scenario):
     """At 0.5 m/s and 0.38 m from its center there is no stopping, nor time for a scan."""
     recording = run(scenario(obstacles=[appearing(0.38)]), 0)
     (spawned,) = happened(recording, "spawned")

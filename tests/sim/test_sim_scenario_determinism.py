@@ -169,14 +169,14 @@ def came_to(scenario, run_index):
         return str(error)
 
 
-def test_runs_are_the_same_again_and_differ_from_one_another(mixed):
+def test_runs_are_reproducible_and_distinct(mixed):
     digests = [run(mixed, k).digest for k in range(4)]
     assert len(set(digests)) == 4
     assert run(mixed, 2).digest == digests[2]
     assert run(mixed, 0, 1).digest != digests[0]
 
 
-def test_run_follows_from_what_a_file_says_and_in_which_lines(staged, mixed):
+def test_run_digest_depends_on_scenario_content_and_lines(staged, mixed):
     first = run(mixed, 0)
     for text in (MIXED, MIXED.replace("do serial:", "do serial:  # in turn")):
         other = staged(text)
@@ -191,7 +191,7 @@ def test_run_follows_from_what_a_file_says_and_in_which_lines(staged, mixed):
 
 
 @pytest.mark.slow
-def test_run_in_another_process_is_the_same(mixed):
+def test_run_in_other_process_is_equal(mixed):
     code = f"""
 from pathlib import Path
 from vastflow.sim.reading.abstract import abstract_content
@@ -231,7 +231,7 @@ def test_replay_is_the_run_and_looks_at_every_tick(staged, name):
     assert [moment.tick for moment in replayed.moments] == list(range(ticks))
 
 
-def test_watched_run_is_looked_at_after_just_the_ticks_asked_for(mixed):
+def test_watched_run_is_observed_at_requested_ticks(mixed):
     seen = []
     watched = run(
         mixed,

@@ -16,7 +16,7 @@ def at(recording, t_s, name):
     return si(recording.columns[name])[np.searchsorted(recording.columns["t_ms"], round(t_s * 1000))]
 
 
-def test_mission_written_in_a_file_is_the_shipped_one_but_for_its_places(staged, scenario):
+def test_mission_file_equals_built_in_mission(staged, scenario):
     """The map's and the task's digest seed the noise, so both have to be given alike."""
     start, goal = {"x": 1.0, "y": 1.0}, {"x": 3.0, "y": 4.0}
     text = """
@@ -82,7 +82,7 @@ def test_robot_reaches_its_goals(staged, two_rooms, walled_off, text, start_xy, 
     assert final_xy is None or math.dist(final(recording), final_xy) < 0.4
 
 
-def test_timeout_takes_the_mission_away_and_the_robot_brakes_and_stands(staged):
+def test_timeout_cancels_mission_and_robot_brakes(staged):
     text = """
         serial:
             failure_is_success()
@@ -101,7 +101,7 @@ def test_timeout_takes_the_mission_away_and_the_robot_brakes_and_stands(staged):
     assert math.dist(final(recording), (3.0, 4.0)) < 0.4
 
 
-def test_robot_whose_mission_was_taken_away_brakes_as_its_smoother_lets_it(staged):
+def test_canceled_robot_brakes_within_smoother_limits(staged):
     recording = run(staged("serial:\n    running_is_success()\n    robot.nav_to_pose(near)\nwait elapsed(1s)"), 0)
     assert recording.run.outcome == "succeeded"
     assert recording.run.distance_m < 0.01
@@ -113,7 +113,7 @@ def test_robot_whose_mission_was_taken_away_brakes_as_its_smoother_lets_it(stage
     assert (slowing <= 0.0).all() and sent[-1] == 0.0
 
 
-def test_success_on_acceptance_leaves_the_robot_on_its_way(staged):
+def test_success_on_acceptance_keeps_robot_driving(staged):
     recording = run(staged("robot.nav_to_pose(near, success_on_acceptance: true)\nwait elapsed(5s)"), 0)
     assert recording.run.outcome == "succeeded"
     assert ends(recording, "nav_to_pose")[0][:2] == (0.2, "SUCCESS")
@@ -155,7 +155,7 @@ def test_mission_without_goals_can_not_work(staged, action):
         )
 
 
-def test_goal_before_the_initial_pose_is_refused_as_nav2_refuses_it(staged):
+def test_goal_before_initial_pose_is_refused(staged):
     text = """
         do parallel:
             serial:
@@ -196,7 +196,7 @@ def test_init_nav2_ends_with_the_first_pose_that_amcl_gives(staged, text, name, 
     assert not end_s or (found[0][1] == "SUCCESS" and end_s[0] <= found[0][0] <= end_s[1])
 
 
-def test_kidnapped_robot_takes_itself_to_be_where_it_was_told(staged):
+def test_kidnapped_robot_believes_initial_pose(staged):
     """`start_pose` is where it stands, the argument of init_nav2 what it is told."""
     told_wrong = staged("wait elapsed(1s)", start_pose={"x": 1.0, "y": 4.0})
     columns = run(told_wrong, 0).columns

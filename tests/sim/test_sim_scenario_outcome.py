@@ -71,13 +71,13 @@ def test_campaign_timeout_ends_a_run_at_a_whole_tenth_of_a_second(staged, timeou
     assert recording.columns["t_ms"][-1] == round(recording.run.simulated_s * 1000)
 
 
-def test_scenario_whose_robot_never_moves_is_a_run_too(staged):
+def test_scenario_without_motion_is_a_run(staged):
     recording = run(staged("do serial:\n    wait elapsed(2s)", start_pose={"x": 2.0, "y": 2.0}), 0)
     assert (recording.run.outcome, recording.run.simulated_s, recording.run.distance_m) == ("succeeded", 2.1, 0.0)
     assert set(recording.columns["x_mm"].tolist()) == {2000}
 
 
-def test_values_of_a_configuration_take_the_place_of_the_file_s(staged):
+def test_configuration_values_override_file_values(staged):
     text = "words: string = 'from the file'\ncount: int = 1\ndo serial:\n    log(words)\n    log(count + 1)"
     own = execute(staged(text, start_pose={"x": 1.0, "y": 1.0}), 0)
     given = execute(staged(text, start_pose={"x": 1.0, "y": 1.0}, words="from outside", count=4), 0)
@@ -153,7 +153,7 @@ def test_numbers_drawn_in_a_run_follow_from_seed_and_index(staged):
     assert execute(scenario, 1).log.lines == lines[0, 1]
 
 
-def test_drawing_in_a_scenario_leaves_the_robot_s_noise_alone(staged):
+def test_scenario_draws_do_not_change_robot_noise(staged):
     drawing = run(staged("wait random.get_int(0, 9) >= 0\nrobot.nav_to_pose(near)"), 0)
     plain = run(staged("wait 1 == 1\nrobot.nav_to_pose(near)"), 0)
     assert all((drawing.columns[name] == column).all() for name, column in plain.columns.items())
@@ -199,7 +199,7 @@ def test_bag_keeps_the_columns_of_its_topics_and_those_that_judge_a_run(staged, 
 
 
 @each_row("text", ["emit end", "bag_record([random.get_random_string(['/tf', '/cmd_vel'])])"])
-def test_recording_is_whole_if_its_topics_are_unknown(staged, text):
+def test_bag_with_unknown_topics_keeps_recording(staged, text):
     scenario = staged(text, timeout_s=1.0)
     assert script_of(scenario).topics is None
     assert tuple(run(scenario, 0).columns) == COLUMNS
@@ -212,7 +212,7 @@ def test_runs_with_and_without_their_bag_fit_into_one_block(staged):
     assert [r.run for r in read_recordings(write_recordings(recordings))] == [r.run for r in recordings]
 
 
-def test_scenario_goes_on_while_a_bag_records(staged):
+def test_bag_record_runs_in_background(staged):
     """A recorder that began to record has succeeded, and records on: the robot is sent under way behind it."""
     recording = run(staged("bag_record(['/tf', '/local_costmap/costmap'])\nrobot.nav_to_pose(near)\nemit end"), 0)
     assert recording.run.outcome == "succeeded"

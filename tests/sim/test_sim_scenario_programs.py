@@ -127,7 +127,7 @@ def test_scenario_of_programs_alone_counts_their_host_time(staged):
     assert execution.log.lines[-1] == f"{run.simulated_s:.1f} s: over"
 
 
-def test_host_time_goes_by_only_while_a_program_runs(staged):
+def test_host_time_passes_only_while_program_runs(staged):
     text = f"do serial:\n    run_process({program('pass')})\n    wait elapsed(1000s)"
     began_s = time.monotonic()
     execution = execute(alone(staged(text, timeout_s=2000.0)), 0)

@@ -11,7 +11,7 @@ from vastflow.sim.run import run
 ODOMETRY = "topic_name: '/odom', topic_type: 'nav_msgs.msg.Odometry'"
 
 
-def test_data_is_waited_for_until_it_comes(staged):
+def test_wait_for_data_ends_with_first_message(staged):
     text = """
         do parallel:
             pose: wait_for_data('/amcl_pose', 'geometry_msgs.msg.PoseWithCovarianceStamped')
@@ -45,7 +45,7 @@ def test_member_of_a_message_is_compared_until_the_relation_holds(staged):
     assert status == "SUCCESS" and 0.9 < driven < 1.2
 
 
-def test_monitored_member_is_a_variable_that_goes_on_changing(staged):
+def test_monitored_member_is_a_changing_variable(staged):
     text = f"""
         var x: float = 0.0
         do serial:
@@ -88,7 +88,7 @@ def test_goal_that_is_published_sends_the_robot_there(staged):
     assert math.dist(final(recording), (3.0, 1.0)) < 0.4
 
 
-def test_velocity_that_is_published_moves_the_robot_until_its_smoother_gives_up(staged):
+def test_published_velocity_moves_robot_until_smoother_timeout(staged):
     text = """
         topic_publish('/cmd_vel', 'geometry_msgs.msg.Twist', "{'linear': {'x': 0.4}}")
         robot.odometry_distance_traveled(0.2m)
@@ -100,7 +100,7 @@ def test_velocity_that_is_published_moves_the_robot_until_its_smoother_gives_up(
     assert recording.columns["speed_mmps"][-1] == 0
 
 
-def test_initial_pose_that_is_published_is_what_init_nav2_waits_for(staged):
+def test_published_initial_pose_completes_init_nav2(staged):
     text = """
         do parallel:
             init: robot.init_nav2(wait_for_initial_pose: true)
@@ -131,7 +131,7 @@ def test_log_of_the_stack_is_read_from_here_on_and_by_node(staged):
     assert "SUCCESS" not in recording.behaviors["status"][recording.behaviors["name"] == "other"]
 
 
-def test_robot_that_stands_still_for_too_long_fails_the_assertion_that_it_moves(staged):
+def test_assert_tf_moving_fails_for_immobile_robot(staged):
     text = """
         parallel:
             moves: assert_tf_moving('base_link', timeout: 2s)

@@ -89,7 +89,7 @@ def test_box_in_front_of_a_robot_is_struck(staged, arguments, gives_way):
     assert places[-1].tolist() == ([moved[-1].x_m, moved[-1].y_m] if moved else [1.84, 1.0])
 
 
-def test_name_is_free_again_after_its_entity_is_deleted(staged):
+def test_deleted_entity_frees_name(staged):
     text = f"""
         spawn_multiple([{box("crate", 2, 3)}])
         delete_entity('crate')
@@ -156,7 +156,7 @@ def test_relative_spawn_is_ahead_of_the_robot_and_turned_like_it(staged):
     assert spawned.value == 2.0
 
 
-def test_lidar_sees_what_was_spawned_and_no_longer_what_was_deleted(staged):
+def test_lidar_sees_spawned_and_not_deleted_obstacles(staged):
     text = f"spawn_multiple([{box('crate', 2, 1)}])\nwait elapsed(1s)\ndelete_entity('crate')\nwait elapsed(1s)"
     ahead_m = {}
 
@@ -182,7 +182,7 @@ def test_separation_is_observed_between_spawn_and_deletion(staged):
 
 
 @pytest.mark.parametrize("pushable", [False, True])
-def test_robot_that_stands_against_what_is_deleted_is_free_at_once(two_rooms, pushable):
+def test_robot_is_free_after_touching_obstacle_is_deleted(two_rooms, pushable):
     parameters = NavParameters(controller=Rpp())
     prepared, start = prepare(load_map(two_rooms.path), Lidar(), parameters), Pose(1.0, 1.0)
     loop = ClosedLoop(prepared, parameters, Lidar(), Robot(), start, (), (0, 1, 2), 60.0)
@@ -224,7 +224,7 @@ def test_way_of_the_wheels_is_counted_from_where_the_action_begins(staged):
     assert math.dist(began, ended) == pytest.approx(1.0, abs=0.06)
 
 
-def test_shipped_scenario_appears_about_when_the_environment_s_trigger_does(staged, scenario):
+def test_shipped_scenario_spawns_like_distance_trigger(staged, scenario):
     crate = {**PLUG, "entity_name": "crate", "xacro_arguments": "width:=0.4", "spawn_pose": {"x": 3.0, "y": 2.4}}
     given = {"controller": "rpp", "spawn_trigger_point": {"x": 3.0, "y": 2.4}, "spawn_trigger_threshold": 1.2}
     by_file = run(scenario("obstacle_appears", **given, static_objects=[crate]), 0)

@@ -65,7 +65,7 @@ def test_robot_without_start_pose_starts_where_init_nav2_puts_it(tmp_path):
         ("fly", {}, "expected one of builtin:navigate_to_pose, .*, got 'builtin:fly'"),
     ],
 )
-def test_value_or_name_that_stands_for_nothing_is_refused(kind, task, message):
+def test_meaningless_value_or_name_is_refused(kind, task, message):
     with pytest.raises(ValueError, match=message):
         a_script(kind, **task)
 
@@ -73,7 +73,7 @@ def test_value_or_name_that_stands_for_nothing_is_refused(kind, task, message):
 GO = "scenario go:\n    speed: int = 1\n    do serial:\n        wait elapsed(1s)\n"
 
 
-def test_scenario_file_counts_by_what_it_defines_and_in_which_lines(tmp_path):
+def test_scenario_digest_depends_on_definitions_and_lines(tmp_path):
     texts = {
         "one": "import osc.types\n" + GO,
         "elsewhere": "import osc.types\n" + GO,

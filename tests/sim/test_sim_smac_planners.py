@@ -140,7 +140,7 @@ def cost_2d(costs, cells, penalty):
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10_000), st.sampled_from([0.0, 1.0, 2.0]))
-def test_path_over_the_cells_costs_what_the_best_of_all_paths_costs(seed, penalty):
+def test_path_over_cells_has_minimum_cost(seed, penalty):
     draw = np.random.default_rng(seed)
     lethal = draw.random((50, 60)) < 0.01
     costs = costs_of(lethal)
@@ -169,7 +169,7 @@ def test_goal_in_an_obstacle_is_replaced_by_a_cell_within_the_tolerance():
     assert path_of(SmacPlanner2D(tolerance=0.1), given) == 208
 
 
-def test_closed_door_leaves_no_path_and_a_blocked_robot_none_from_its_start():
+def test_closed_door_and_blocked_start_have_no_path():
     closed = costs_of(rooms(door=slice(0, 0)))
     assert path_of(SmacPlanner2D(), situation(closed, (1.0, 2.0, 0.0), (5.0, 2.0, 0.0))) == 208
     walled = rooms()
@@ -384,7 +384,7 @@ def lattice_price(q, poses, costs):
     return total
 
 
-def test_long_robot_passes_a_door_lengthwise_only_where_its_outline_fits():
+def test_long_robot_passes_door_only_lengthwise():
     costmap = global_costmap().with_values(footprint=RECTANGLE)
     wide, narrow = (costs_of(rooms(door=slice(40 - n, 40 + n)), costmap) for n in (7, 3))
     q = SmacPlannerHybrid(minimum_turning_radius=0.5)

@@ -62,7 +62,7 @@ def test_why_it_stood_still_is_known_too_where_commands_are_not_recorded(staged)
     assert stood(recording) == ["points in footprint"]
 
 
-def test_robot_that_is_refused_its_goal_was_sent_and_stood_still(scenario):
+def test_robot_with_refused_goal_stood_still(scenario):
     recording = run(scenario(goal_pose={"x": 90.0, "y": 1.0}, controller="rpp"), 0)
     assert (recording.run.outcome, stood(recording)) == ("aborted", ["no command"])
     assert recording.run.reason.startswith("the goal is outside the map")

@@ -35,7 +35,7 @@ def test_streams_of_a_run_are_pinned():
 
 
 @each_row("other", [(1, DIGEST, 0), (0, "ff00" * 16, 0), (0, DIGEST, 1)])
-def test_another_seed_situation_or_run_has_other_streams(other):
+def test_streams_depend_on_seed_situation_and_run(other):
     assert (streams_of(run_entropy(*other)) != streams_of(run_entropy(0, DIGEST, 0))).all()
 
 

@@ -130,7 +130,7 @@ def test_observation_is_the_same_on_the_turned_map(trip):
         assert np.abs(turned[name] - column).max() <= 3, name
 
 
-def test_messages_of_plan_and_pose_are_in_the_map_s_frame(rooms):
+def test_plan_and_pose_messages_use_map_frame(rooms):
     heard, yaw_rad = [], 0.5
     for angle in (0.0, yaw_rad):
         parameters = parameters_of({"controller": "rpp"})

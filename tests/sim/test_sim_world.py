@@ -161,7 +161,7 @@ def test_body_never_enters_a_wall(x, y, yaw, w):
         assert reach <= driven.pose[1] <= 4.0 - reach
 
 
-def test_robot_at_rest_at_a_wall_is_touching_and_stays():
+def test_robot_at_rest_at_wall_touches_and_stays():
     driven = Driven(Pose(5.5, 2.0))
     driven.drive(0.5, 0.0, 1.0)
     driven.drive(0.0, 0.0, 0.1)
@@ -209,7 +209,7 @@ def test_robot_pushes_a_light_box_before_it(shape):
     assert driven.world.hold != FREE
 
 
-def test_box_whose_friction_is_more_than_the_tyres_is_struck_and_then_stands():
+def test_box_with_high_friction_is_struck_and_not_pushed():
     heavy = carton(mass_kg=30.0, friction=0.5)
     assert heavy.mass_kg * heavy.friction > ROBOT.mass_kg * TRACTION
     driven = Driven(Pose(1.0, 2.0), [heavy])
@@ -236,14 +236,14 @@ def test_struck_box_slides_as_far_as_friction_lets_it():
     assert driven.world.hold == FREE
 
 
-def test_box_struck_off_its_center_turns():
+def test_box_struck_off_center_turns():
     driven = Driven(Pose(1.0, 2.15), [carton()])
     driven.appear()
     driven.drive(0.5, 0.0, 5.0)
     assert driven.world.pose_of(0)[2] < -0.05
 
 
-def test_moves_of_a_box_are_events_and_its_rest_is_none():
+def test_moving_box_makes_events_and_resting_box_none():
     driven = Driven(Pose(2.3, 2.0), [carton()])
     driven.appear()
     for _ in range(20):

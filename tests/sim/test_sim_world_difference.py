@@ -42,7 +42,7 @@ def test_places_share_their_offset_as_far_as_the_correlation_length_says(correla
     assert np.mean(a * b) / np.mean(a * a) == pytest.approx(shared, abs=0.12)
 
 
-def test_wall_of_one_cell_stays_whole():
+def test_single_cell_wall_is_kept():
     cells = np.full((200, 60), FREE, dtype=np.int8)
     cells[:, 30] = OCCUPIED
     for seed in range(20):
@@ -60,12 +60,12 @@ def test_world_has_the_maps_extent_frame_and_unknown_space():
     assert (world.cells == UNKNOWN).all()
 
 
-def test_coarse_map_gets_cells_of_at_most_25_millimeters_in_whole_fractions():
+def test_coarse_map_is_refined_to_25_millimeters():
     world = world_of(OccupancyMap(np.zeros((9, 9), dtype=np.int8), 0.06, (0.0, 0.0)), WorldDifference(1, 0.05))
     assert (world.shape, world.resolution_m) == ((27, 27), pytest.approx(0.02))
 
 
-def test_furniture_goes_at_its_probability_and_walls_stay():
+def test_furniture_is_removed_with_probability_and_walls_are_kept():
     cells = np.zeros((400, 400), dtype=np.int8)
     cells[:4] = OCCUPIED  # a wall of 20 m
     for row in range(20, 390, 20):
@@ -139,6 +139,6 @@ def test_body_keeps_out_of_the_worlds_walls(scenario, two_rooms_map, seed):
         ({"wall_offset": float("nan")}, r"^world.wall_offset: expected a number from 0 to 1000, got nan"),
     ],
 )
-def test_world_of_another_form_is_refused_with_its_place(value, message):
+def test_malformed_world_is_refused_with_place(value, message):
     with pytest.raises(ScenarioError, match=message):
         difference_of(value)

@@ -56,7 +56,7 @@ def test_records_of_prefect_and_libraries_never_reach_the_terminal(tmp_path):
         assert said.count(f"{words}\n") == 1
 
 
-def test_next_campaign_of_a_process_has_a_log_of_its_own(tmp_path):
+def test_next_campaign_of_process_has_own_log(tmp_path):
     script = textwrap.dedent(f"""
         import logging, pathlib
         from vastflow.tasks.prefect.campaign_log import own_log, prefect_log
@@ -74,7 +74,7 @@ def test_next_campaign_of_a_process_has_a_log_of_its_own(tmp_path):
     assert "from second\n" in second and "of second\n" in second
 
 
-def test_program_that_uses_prefect_gets_its_logging_back(tmp_path):
+def test_prefect_logging_is_restored_for_caller(tmp_path):
     import prefect.main  # noqa: F401
 
     logger, root = logging.getLogger("prefect"), logging.getLogger()

@@ -354,7 +354,7 @@ def api(started_api, tmp_path_factory):
         yield client
 
 
-def test_interrupted_search_ends_its_batch_and_goes_on_in_it(api, tmp_path):
+def test_interrupted_search_resumes_in_batch(api, tmp_path):
     (tmp_path / "sleep.osc").write_text(SLEEP_OSC)
     file = tmp_path / "asleep.vast"
     file.write_text(SLEEPS)

@@ -114,7 +114,7 @@ def test_stored_artifacts_are_not_computed(engine, pool):
     assert sorted(pool.done) == [("execute", "b"), ("judge", "b"), ("observe", "b")]
 
 
-def test_configuration_started_early_is_not_started_again(engine, pool):
+def test_early_configuration_starts_once(engine, pool):
     engine.start([configuration("a")])
     engine.execute([configuration("a")])
     assert pool.done == [("execute", "a")]
@@ -134,7 +134,7 @@ def test_kernels_are_compiled_only_for_robots(engine, pool):
 
 @pytest.mark.parametrize("stage", ["execute", "observe", "judge"])
 @pytest.mark.parametrize("error", [Broken("ValueError: x"), WorkerDied("died"), RuntimeError("can't be pickled")])
-def test_error_costs_its_configuration_and_no_other(engine, pool, stage, error):
+def test_error_affects_only_its_configuration(engine, pool, stage, error):
     pool.answers[stage, "a"] = error
     assert [len(rows) for rows in through(engine, [configuration("a"), configuration("b")])[-1].made] == [0, 1]
     assert {(fault.configuration, fault.run_index, fault.stage) for fault in engine.faults} == {
@@ -144,7 +144,7 @@ def test_error_costs_its_configuration_and_no_other(engine, pool, stage, error):
     assert engine.tally.progress().not_judged == 2
 
 
-def test_run_that_kills_its_worker_costs_no_other_run_of_its_block(engine, pool):
+def test_worker_killing_run_affects_no_other_run(engine, pool):
     pool.answers["execute", "a"] = lambda *arguments: WorkerDied("died") if arguments[3] <= 1 < arguments[4] else None
     recorded = engine.execute([configuration("a", runs=2)])
     assert [row[:2] for row in recorded.made[0]] == [[0, 1]]
@@ -157,7 +157,7 @@ def test_broken_run_is_one_fault(engine, pool):
     assert engine.faults == (RunFault("a", 1, "execute", "ValueError: x"),)
 
 
-def test_lost_artifact_is_no_fault_but_what_follows_from_it_stays_missing(engine, pool):
+def test_lost_artifact_is_missing_and_not_a_fault(engine, pool):
     pool.answers["observe", "a"] = "lost"
     assert [outcome.made == [[]] for outcome in through(engine, [configuration("a")])] == [False, True, True]
     assert engine.faults == ()

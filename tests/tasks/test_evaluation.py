@@ -71,7 +71,7 @@ def test_file_is_where_this_campaign_has_it(tmp_path):
     assert fragment.values["map_file"].path == str(here)
 
 
-def test_file_that_is_nowhere_has_to_be_made_again():
+def test_file_missing_everywhere_is_recreated():
     content = write_evaluation([Fragment({"map_file": FileContent("/gone/map.yaml", "d")})])
     with pytest.raises(Lost, match=r"/gone/map\.yaml"):
         read_evaluation(content, {})
@@ -106,7 +106,7 @@ def own(folder, text=OWN, **parameters):
     return kind(kind.Parameters(**parameters))
 
 
-def test_comment_in_a_plug_in_keeps_its_evaluations_and_code_does_not(tmp_path):
+def test_plug_in_key_ignores_comments(tmp_path):
     plain, commented, edited = (
         keys_of(own(tmp_path, text, values=(1.0,)), "1" * 64)
         for text in (OWN, f"# mine\n{OWN}", OWN.replace("value})", "value + 1})"))
@@ -114,7 +114,7 @@ def test_comment_in_a_plug_in_keeps_its_evaluations_and_code_does_not(tmp_path):
     assert plain == commented != edited
 
 
-def test_plug_in_can_be_sent_to_another_process(tmp_path):
+def test_plug_in_is_pickled(tmp_path):
     sent = pickle.dumps(packed(own(tmp_path, values=(1.0, 2.0))))
     script = "import pickle, sys; p = pickle.loads(sys.stdin.buffer.read()).unpacked(); print(p.parameters.values)"
     done = subprocess.run([sys.executable, "-c", script], input=sent, capture_output=True, timeout=240, check=True)
@@ -130,7 +130,7 @@ def one_of(*children):
     return OneOfVariation(OneOfVariation.Parameters(variations=list(children)))
 
 
-def test_alternatives_are_what_their_producers_and_these_parameters_are(tmp_path):
+def test_alternatives_depend_on_producers_and_parameters(tmp_path):
     alternatives = one_of(listed(name="a", values=(1, 2)), own(tmp_path, values=(1.0,)))
     assert content_of(alternatives.parameters) == {
         "dimension": None,
@@ -141,7 +141,7 @@ def test_alternatives_are_what_their_producers_and_these_parameters_are(tmp_path
     }
 
 
-def test_edited_alternative_of_ones_own_is_evaluated_again(tmp_path):
+def test_edited_custom_alternative_is_reevaluated(tmp_path):
     plain, edited = (
         keys_of(one_of(own(tmp_path, text, values=(1.0,))), "1" * 64)
         for text in (OWN, OWN.replace("value})", "value + 1})"))
@@ -149,12 +149,12 @@ def test_edited_alternative_of_ones_own_is_evaluated_again(tmp_path):
     assert plain != edited
 
 
-def test_alternatives_of_ones_own_can_be_sent_to_another_process(tmp_path):
+def test_custom_alternatives_are_pickled(tmp_path):
     sent = pickle.dumps(packed(one_of(one_of(own(tmp_path, values=(1.0, 2.0))))))
     script = "import pickle, sys; print(pickle.loads(sys.stdin.buffer.read()).unpacked().children[0].children[0].parameters.values)"
     done = subprocess.run([sys.executable, "-c", script], input=sent, capture_output=True, timeout=240, check=True)
     assert done.stdout.decode().strip() == "(1.0, 2.0)"
 
 
-def test_parameter_model_is_what_its_fields_say():
+def test_parameter_model_has_declared_fields():
     assert content_of(listed(name="a", values=(1, 2)).parameters) == {"dimension": None, "name": "a", "values": [1, 2]}

@@ -111,7 +111,7 @@ def helped(request, home):
     return home / name
 
 
-def test_edited_helper_is_another_key_and_another_verdict(home, helped):
+def test_edited_helper_changes_key_and_verdict(home, helped):
     before = oracle(home)
     key_before = key(before)
     helped.write_text("LIMIT = 5\n")
@@ -129,7 +129,7 @@ def test_comment_in_a_helper_changes_no_key(home, helped):
 @pytest.mark.parametrize(
     "helped", [HELPERS["a module"], HELPERS["a helper of a helper in a package"], HELPERS["a folder"]], indirect=True
 )
-def test_later_edit_or_deletion_changes_nothing_in_another_process(home, helped, tmp_path):
+def test_snapshot_survives_later_edits_in_other_process(home, helped, tmp_path):
     judge = oracle(home)
     (tmp_path / "oracle").write_bytes(pickle.dumps(judge))
     shutil.rmtree(home)
@@ -222,7 +222,7 @@ def test_read_while_the_file_is_imported_is_a_fault_of_the_request(home):
         oracle(home)
 
 
-def test_plug_in_that_swallows_the_error_is_a_fault_all_the_same(home):
+def test_plug_in_that_swallows_error_is_a_fault(home):
     (home / "limit.json").write_text("1")
     top = f"def limit():\n    try:\n        return open({BESIDE}).read()\n    except Exception:\n        return 9"
     write(home, top, "limit()")
@@ -230,7 +230,7 @@ def test_plug_in_that_swallows_the_error_is_a_fault_all_the_same(home):
         said(oracle(home))
 
 
-def test_declared_data_that_is_read_where_it_lies_is_a_fault(home, monkeypatch):
+def test_reading_declared_data_outside_snapshot_is_a_fault(home, monkeypatch):
     (home / "limit.json").write_text("1")
     monkeypatch.chdir(home)
     write(home, "", 'open("limit.json").read()', declared='["limit.json"]')
@@ -240,7 +240,7 @@ def test_declared_data_that_is_read_where_it_lies_is_a_fault(home, monkeypatch):
         said(oracle(home))
 
 
-def test_file_elsewhere_and_one_that_is_written_are_none_of_its_business(home, tmp_path):
+def test_guard_ignores_foreign_and_written_files(home, tmp_path):
     (tmp_path / "elsewhere").write_text("3")
     write(home, "", f'open({str(tmp_path / "elsewhere")!r}).read() + "0" * open({str(home / "log")!r}, "w").write("")')
     assert said(oracle(home)) == 3.0
@@ -298,7 +298,7 @@ def test_versions_of_what_it_imports_are_in_its_key(home, monkeypatch):
     assert installed_tree().plug_in_digest(kind) != before
 
 
-def test_uninstalled_module_is_in_the_key_by_its_code(home, tmp_path, monkeypatch):
+def test_local_module_is_in_key_by_code(home, tmp_path, monkeypatch):
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "elsewhere" / "own_tools.py").write_text("LIMIT = 1\n")
     monkeypatch.syspath_prepend(str(tmp_path / "elsewhere"))
@@ -308,7 +308,7 @@ def test_uninstalled_module_is_in_the_key_by_its_code(home, tmp_path, monkeypatc
     assert key(oracle(home)) != before
 
 
-def test_damaged_copy_is_made_again(home):
+def test_damaged_copy_is_recreated(home):
     write(home)
     first = snapshot_behind(type(oracle(home)))
     first.file.write_text("damaged")
@@ -374,7 +374,7 @@ def test_plug_ins_own_file_has_one_name_in_every_key(home):
     assert set(installed_tree().plug_in_code(type(oracle(home))).modules) >= {PLUG_IN}
 
 
-def test_copies_lie_in_no_folder_that_others_can_make_first(home, tmp_path, monkeypatch):
+def test_copies_use_private_folder(home, tmp_path, monkeypatch):
     write(home)
     (tmp_path / "cache").write_text("no folder")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))

@@ -29,7 +29,7 @@ def test_five_runs_leave_exactly_three_of_eight_missing(index):
     assert missing(index.blocks(CONFIGURATION), 8) == [5, 6, 7]
 
 
-def test_more_runs_than_wanted_are_no_reason_to_record_again(index):
+def test_surplus_runs_do_not_trigger_recording(index):
     put(index, 0, 20)
     assert missing(index.blocks(CONFIGURATION), 8) == []
 
@@ -52,7 +52,7 @@ def test_damaged_block_is_missing(index):
     assert missing(index.blocks(CONFIGURATION), 8) == list(range(8))
 
 
-def test_folder_of_another_name_is_no_block(index):
+def test_misnamed_folder_is_not_a_block(index):
     home = index.store.local / index.keys.recordings(CONFIGURATION.checked)
     (home / "notes").mkdir(parents=True)
     assert index.blocks(CONFIGURATION) == []

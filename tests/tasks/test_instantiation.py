@@ -112,7 +112,7 @@ def test_damaged_evaluation_is_missing(instantiator):
     assert instantiator.stored() is None
 
 
-def test_producer_that_raises_costs_what_follows_from_it_and_is_told_once(instantiator):
+def test_raising_producer_is_reported_once(instantiator):
     instantiated = instantiator.instantiated(Here(instantiator.store, breaking=2))
     assert [c.name for c in instantiated.instantiation.configurations] == ["hall-1-1", "yard-1-1", "yard-2-1"]
     assert [(f.family, f.producer, f.error) for f in instantiated.faults] == [("hall", "Own", "ValueError: x")]
@@ -127,20 +127,20 @@ def test_family_or_a_configuration_can_be_selected(instantiator):
     ]
 
 
-def test_duplicate_of_what_is_not_selected_stands_for_itself(instantiator):
+def test_duplicate_of_unselected_configuration_runs(instantiator):
     whole = instantiator.instantiated(Here(instantiator.store, "none")).instantiation
     assert [c.duplicate_of for c in whole.configurations] == [None, None, "hall-2-1", "hall-1-1", None]
     assert [c.duplicate_of for c in selected(whole, ["yard"]).configurations] == [None, None]
 
 
-def test_unknown_name_comes_with_the_known_ones(instantiator):
+def test_unknown_name_lists_known_ones(instantiator):
     whole = instantiator.instantiated(Here(instantiator.store, "none")).instantiation
     with pytest.raises(UnknownName, match="no family or configuration 'lawn'") as raised:
         selected(whole, ["hall", "lawn"])
     assert raised.value.known[:2] == ("hall", "hall-1-1")
 
 
-def test_missing_map_is_a_fault_of_its_family_alone(campaign, instantiator):
+def test_missing_map_is_a_fault_of_one_family(campaign, instantiator):
     yard = CAMPAIGN.replace("map_file: room.yaml", "map_file: room2.yaml").replace("room2", "room", 1)
     campaign.path.write_text(yard)
     found = replace(instantiator, campaign=load_campaign(campaign.path)).instantiated(Here(instantiator.store, "none"))

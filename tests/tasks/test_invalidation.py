@@ -19,7 +19,7 @@ def proof(monkeypatch):
     return invalidation
 
 
-def test_edit_computes_again_what_it_reaches_and_nothing_else(proof, tmp_path):
+def test_edit_recomputes_only_what_it_reaches(proof, tmp_path):
     rows = list(proof.rows(tmp_path, CHOSEN.__contains__))
     assert len(rows) == 1 + len(CHOSEN)
     assert [(edit, wrong) for edit, _, wrong in rows if wrong] == []

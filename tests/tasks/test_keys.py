@@ -46,7 +46,7 @@ def test_change_is_in_the_keys_of_its_stages_alone(changed, stages):
     assert [before != after for before, after in pairs] == stages
 
 
-def test_numeric_class_names_whatever_selects_variants_of_functions():
+def test_numeric_class_names_selectors_of_function_variants():
     features = frozenset({"fma", "avx2", "sse4_2", "hypervisor"})
     named = numeric_class("x86_64", "glibc 2.36", features, {"HOME": "/"}, "3.13")
     assert named == "x86_64; glibc 2.36; avx2 fma; ; 3.13"

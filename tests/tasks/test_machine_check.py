@@ -34,7 +34,7 @@ def machine(tmp_path, monkeypatch):
     return spoiled
 
 
-def test_machine_that_gives_everything_passes_and_nothing_is_left(machine, tmp_path):
+def test_sound_machine_passes_checks_without_leftovers(machine, tmp_path):
     check_machine()
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
@@ -47,7 +47,7 @@ def test_unwritable_folder_is_named_with_its_variable(machine, name, variable):
 
 
 @pytest.mark.parametrize("how", ["API", "profile"])
-def test_prefect_s_home_is_not_asked_for_where_an_api_is_configured(machine, tmp_path, monkeypatch, how):
+def test_prefect_home_is_unused_with_configured_api(machine, tmp_path, monkeypatch, how):
     if how == "API":
         machine("prefect")
         monkeypatch.setenv("PREFECT_API_URL", "http://127.0.0.1:1/api")
@@ -101,7 +101,7 @@ def test_unnamed_full_file_is_attributed_to_a_full_temporary_folder(machine):
         answered(no_room)
 
 
-def test_full_folder_of_a_plug_in_is_its_own_fault(machine, tmp_path):
+def test_full_plug_in_folder_is_a_plug_in_fault(machine, tmp_path):
     assert answered(no_room, str(tmp_path / "elsewhere" / "file")) == Broken(
         f"OSError: [Errno 28] No space left on device: '{tmp_path}/elsewhere/file'"
     )

@@ -63,7 +63,7 @@ def append(log, name):
         out.write(f"{name}\n")
 
 
-def test_job_gives_its_result(pool):
+def test_job_returns_result(pool):
     assert pool.submit(square, 7, priority=Priority.EXECUTE).result(120) == 49
 
 
@@ -127,7 +127,7 @@ def test_pool_starts_all_workers_for_many_jobs(tmp_path, monkeypatch):
         pool.close()
 
 
-def test_job_whose_worker_was_killed_is_done_by_another(pool, tmp_path):
+def test_killed_workers_job_is_retried_elsewhere(pool, tmp_path):
     assert pool.submit(die_once, tmp_path / "mark", priority=Priority.EXECUTE).result(120) == "done"
 
 

@@ -63,7 +63,7 @@ def client(started_api, tmp_path_factory):
 
 @pytest.mark.slow
 @pytest.mark.timeout(280)
-def test_routes_answer(client):
+def test_documented_routes_exist(client):
     assert adapter.post(client, "/task_runs/count", {}) == 0
     assert adapter.post(client, "/flow_runs/count", {}) == 0
     cancelled = {"flow_runs": {"id": {"any_": []}}, "state": {"type": "CANCELLED"}, "limit": 2}
@@ -88,7 +88,7 @@ def test_exact_tags_replace_others(client):
 
 @pytest.mark.slow
 @pytest.mark.timeout(280)
-def test_services_that_have_begun_end_and_may_begin_again(client):
+def test_started_services_end_and_restart(client):
     from prefect import flow
 
     for _ in range(2):
@@ -106,7 +106,7 @@ def test_prefects_console_handlers_are_found_and_others_are_not():
     logger.handlers.clear()
 
 
-def test_filter_of_what_is_sent_is_gone_afterwards():
+def test_log_filter_is_removed_at_exit():
     from prefect.logging.handlers import APILogHandler
 
     logger, handler = logging.getLogger("prefect.task_runs"), APILogHandler()
@@ -153,13 +153,13 @@ def said_in_a_terminal(script, home):
 
 
 @pytest.mark.timeout(300)
-def test_prefect_says_nothing_of_data_it_collects_and_gives_nobody_an_identity(tmp_path):
+def test_prefect_telemetry_is_disabled(tmp_path):
     script = "from vastflow.tasks.prefect.adapter import import_prefect; import_prefect()"
     assert said_in_a_terminal(script, tmp_path / "home") == ""
     assert not (tmp_path / "home" / ".sdk_telemetry").exists()
 
 
-def test_generated_names_of_flow_runs_are_told_from_given_ones():
+def test_generated_flow_run_names_are_recognized():
     from prefect.utilities.names import generate_slug
 
     assert all(adapter.is_generated_name(generate_slug(2)) for _ in range(200))

@@ -52,13 +52,13 @@ def test_damaged_database_is_set_aside_with_its_cause(database, damaged, said):
     assert database.with_name(ASIDE).read_bytes() == content
 
 
-def test_sound_database_stays(database):
+def test_sound_database_is_kept(database):
     before = database.read_bytes()
     assert set_aside_if_damaged(url(database), NOW) is None
     assert database.read_bytes() == before
 
 
-def test_database_that_another_process_has_locked_stays(database):
+def test_locked_database_is_kept(database):
     with contextlib.closing(sqlite3.connect(database)) as connection:
         connection.execute("begin exclusive")
         assert set_aside_if_damaged(url(database), NOW) is None
@@ -70,7 +70,7 @@ def test_database_that_is_no_file_is_nobodys_business(connection_url):
     assert set_aside_if_damaged(connection_url, NOW) is None
 
 
-def test_api_says_what_it_set_aside_before_it_serves(tmp_path, monkeypatch):
+def test_api_reports_moved_database_before_serving(tmp_path, monkeypatch):
     monkeypatch.setenv("PREFECT_HOME", str(tmp_path))
     (tmp_path / "prefect.db").write_bytes(b"garbage" * 1000)
     server = ApiServer(tmp_path / "log")

@@ -59,7 +59,7 @@ def test_process_is_owned_by_the_main_thread_without_an_event_loop():
 
 
 @pytest.mark.parametrize("threshold", [700, 0])
-def test_garbage_is_collected_seldom_inside_and_as_before_afterwards(threshold):
+def test_garbage_collection_is_relaxed_inside_and_restored(threshold):
     before = gc.get_threshold()
     gc.set_threshold(threshold, 10, 10)
     try:

@@ -18,7 +18,7 @@ def test_expected_runs_are_the_total():
     assert (progress.configurations_total, progress.runs_total) == (2, 4)
 
 
-def test_configuration_is_done_when_all_its_runs_are_judged():
+def test_configuration_is_done_when_all_runs_are_judged():
     counted = tally()
     counted.judge("room-1", {0: "pass"})
     assert counted.progress().configurations_done == 0
@@ -28,7 +28,7 @@ def test_configuration_is_done_when_all_its_runs_are_judged():
     assert (progress.passed, progress.failed, progress.not_judged) == (1, 1, 0)
 
 
-def test_run_told_of_twice_counts_once_and_the_last_word_counts():
+def test_repeated_run_counts_once_with_last_verdict():
     counted = tally()
     counted.judge("room-1", {0: "not judged"})
     counted.judge("room-1", {0: "pass"})
@@ -36,7 +36,7 @@ def test_run_told_of_twice_counts_once_and_the_last_word_counts():
     assert (progress.runs_done, progress.passed, progress.not_judged) == (1, 1, 0)
 
 
-def test_runs_nobody_asked_for_do_not_count():
+def test_unrequested_runs_are_ignored():
     counted = tally()
     counted.reuse("room-1", range(5))
     counted.judge("room-1", {0: "pass", 4: "pass"})
@@ -44,7 +44,7 @@ def test_runs_nobody_asked_for_do_not_count():
     assert (progress.reused, progress.runs_done) == (2, 1)
 
 
-def test_run_executed_by_this_call_is_not_reused_when_it_is_found_again():
+def test_run_executed_by_call_is_not_counted_as_reused():
     counted = tally()
     counted.execute("room-1", {0: 10.0, 1: 20.0})
     counted.reuse("room-1", range(2))
@@ -73,7 +73,7 @@ TOLD = st.one_of(
 
 
 @given(st.lists(TOLD, max_size=30))
-def test_whatever_is_told_counts_as_if_every_run_were_remembered_by_itself(told):
+def test_tally_matches_remembering_every_run(told):
     counted, reused, executed, judged = Tally(), set(), {}, {}
     counted.expect(WANTED)
     for what, configuration, runs in told:

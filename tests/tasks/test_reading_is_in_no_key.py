@@ -171,17 +171,17 @@ AMCL = "amcl:\n  ros__parameters:\n    alpha1: 0.3\n    alpha2: 0.4\n"
         AMCL + "some_other_node:\n  ros__parameters: {rate: 3}\n",
     ],
 )
-def test_parameter_file_with_the_same_numbers_computes_nothing_again(tmp_path, text):
+def test_equal_numbers_in_parameter_file_keep_key(tmp_path, text):
     before = checked_digest(driving(system=parameters(tmp_path, AMCL)))
     assert checked_digest(driving(system=parameters(tmp_path, text))) == before
 
 
-def test_parameter_file_with_another_number_computes_again(tmp_path):
+def test_changed_number_in_parameter_file_changes_key(tmp_path):
     before = checked_digest(driving(system=parameters(tmp_path, AMCL)))
     assert checked_digest(driving(system=parameters(tmp_path, AMCL.replace("0.3", "0.31")))) != before
 
 
-def test_another_default_of_a_parameter_computes_again(monkeypatch):
+def test_changed_default_value_changes_key(monkeypatch):
     before = checked_digest(driving())
     real = checked.parameters_of
 
@@ -207,7 +207,7 @@ def own_controller(folder, text):
     return {FILE_KEY: nav2_file(file)}
 
 
-def test_controller_of_ones_own_its_helper_and_its_library_compute_again(tmp_path, monkeypatch):
+def test_custom_controller_and_helpers_are_in_key(tmp_path, monkeypatch):
     gains = tmp_path / "gains.py"
     gains.write_text("GAIN = 1\n")
     digests = [checked_digest(driving(system=own_controller(tmp_path, "pass")))]
@@ -229,7 +229,7 @@ def test_copy_of_a_shipped_scenario_has_the_same_digest(tmp_path):
     assert checked_digest(driving(abstract_content(copy))) != checked_digest(driving())
 
 
-def test_key_that_nothing_reads_computes_nothing_again():
+def test_unread_key_recomputes_nothing():
     assert checked_digest(driving(system={"label": "a"})) == checked_digest(driving(system={"label": "b"}))
 
 
@@ -238,12 +238,12 @@ def test_whole_seconds_are_the_same_with_a_point_and_without():
 
 
 @each_row("part", ["environment", "task"])
-def test_unread_value_that_seeds_runs_computes_again(part):
+def test_unread_value_that_seeds_runs_changes_key(part):
     other = {"environment": {"map_file": MAP}, "task": POSES, part: {**getattr(driving(), part), "_x": 1}}
     scenario = Scenario("builtin:navigate_to_pose", 20.0, other["environment"], other["task"], {})
     assert checked_digest(scenario) != checked_digest(driving())
 
 
-def test_scenario_that_cannot_be_checked_has_a_digest_of_its_own():
+def test_uncheckable_scenario_has_own_digest():
     broken = [Scenario("builtin:no_such", 20.0, {}, {"k": k}, {}) for k in range(2)]
     assert len({checked_digest(each) for each in broken}) == 2

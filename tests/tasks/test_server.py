@@ -31,14 +31,14 @@ def test_api_ends_with_a_process_that_is_killed(tmp_path):
     server.wait(60)
 
 
-def test_api_that_ends_while_it_starts_is_told_with_the_log(tmp_path):
+def test_api_failing_at_start_is_reported_with_log(tmp_path):
     server = ApiServer(tmp_path / "log")
     server.stop(0)
     with pytest.raises(PrefectUnavailable, match=r"ended while it started; see .*log"):
         server.url()
 
 
-def test_api_that_does_not_answer_in_time_is_told(tmp_path):
+def test_api_timeout_is_reported(tmp_path):
     server = ApiServer(tmp_path / "log")
     try:
         with pytest.raises(PrefectUnavailable, match="did not start within 0 s"):
@@ -54,7 +54,7 @@ def started_again(server, before):
     return server._process.pid != before
 
 
-def test_api_that_is_killed_is_started_again_on_its_port(tmp_path):
+def test_killed_api_is_restarted_on_same_port(tmp_path):
     server = ApiServer(tmp_path / "log")
     try:
         deadline = time.monotonic() + 120
@@ -69,7 +69,7 @@ def test_api_that_is_killed_is_started_again_on_its_port(tmp_path):
         server.stop(0)
 
 
-def test_api_that_is_killed_again_and_again_is_given_up(tmp_path):
+def test_repeatedly_killed_api_is_given_up(tmp_path):
     server = ApiServer(tmp_path / "log")
     try:
         while not server.lost:
@@ -83,7 +83,7 @@ def test_api_that_is_killed_again_and_again_is_given_up(tmp_path):
         server.stop(0)
 
 
-def test_api_that_ends_by_itself_is_not_started_again(tmp_path, monkeypatch):
+def test_exited_api_is_not_restarted(tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     (tmp_path / "sitecustomize.py").write_text(
         "import sys; sys.argv and 'vastflow.tasks.prefect.api_server' in sys.orig_argv and sys.exit(4)"
@@ -94,7 +94,7 @@ def test_api_that_ends_by_itself_is_not_started_again(tmp_path, monkeypatch):
     assert server.lost
 
 
-def test_embedded_api_answers_nobody_else(tmp_path, prefect_home, monkeypatch):
+def test_embedded_api_requires_authentication(tmp_path, prefect_home, monkeypatch):
     monkeypatch.setenv("PREFECT_HOME", str(prefect_home(tmp_path / "prefect")))
     monkeypatch.setenv("PREFECT_SERVER_CORS_ALLOWED_ORIGINS", "*")
     server = ApiServer(tmp_path / "log")

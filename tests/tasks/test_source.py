@@ -107,7 +107,7 @@ def test_plug_in_file_is_followed_into_the_tree(tmp_path, monkeypatch):
     assert _copied_sim(tmp_path).plug_in_digest(plug_in) != before
 
 
-def test_digest_of_a_class_is_of_its_code(tmp_path, monkeypatch):
+def test_plug_in_digest_covers_code(tmp_path, monkeypatch):
     tree = installed_tree()
     assert tree.plug_in_digest(Pose) == tree.digest("vastflow.sim.model.pose")
     codes = ("1", "1  # the first", "2")

@@ -42,7 +42,7 @@ def test_edit_that_leaves_size_and_time_as_they_were_is_noticed(tree, tmp_path):
     assert before != tree().digest("pkg.run") == uncached(tmp_path)
 
 
-def test_moved_file_has_the_imports_of_its_new_place(tree, tmp_path):
+def test_moved_file_imports_from_new_folder(tree, tmp_path):
     tree().digest("pkg.run")
     (tmp_path / "pkg/deep").mkdir()
     for file in ("__init__", "run", "kernel"):

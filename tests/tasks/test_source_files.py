@@ -78,7 +78,7 @@ def test_process_stores_nothing_after_importing_an_edited_file(worker, package):
     assert turn() == said
 
 
-def test_edit_of_what_was_imported_before_changes_nothing(worker, package):
+def test_edit_after_import_is_ignored(worker, package):
     turn = worker("-", "vastflow.made_up.two")
     assert turn() == "stored"
     assert turn(lambda: (package / "one.py").write_text("VALUE = 2\n")) == "stored"
@@ -89,7 +89,7 @@ def test_file_that_was_only_touched_is_the_same(worker, package):
     assert turn(lambda: os.utime(package / "two.py", ns=(1, 1))) == "stored"
 
 
-def test_module_that_is_new_is_none_of_the_keys(worker, package):
+def test_new_module_is_in_no_key(worker, package):
     turn = worker("vastflow.made_up.new")
     assert "new.py changed while the campaign ran" in turn(lambda: (package / "new.py").write_text("VALUE = 2\n"))
 
@@ -99,7 +99,7 @@ def last_year(*files):
         os.utime(file, (time.time() - 365 * 24 * 3600,) * 2)
 
 
-def test_process_that_is_older_than_its_source_keeps_no_report(tmp_path, package):
+def test_process_older_than_source_stores_no_report(tmp_path, package):
     source_files([package]).check()
     with pytest.raises(StoreError, match="changed while the campaign ran"):
         source_files([package]).check_since_start()
@@ -108,7 +108,7 @@ def test_process_that_is_older_than_its_source_keeps_no_report(tmp_path, package
 
 
 @pytest.mark.parametrize("name", ["tables.py", "report.html.j2", "report.css", "report.js"])
-def test_process_that_is_older_than_what_writes_tables_and_pages_keeps_no_report(tmp_path, package, name):
+def test_process_older_than_report_code_stores_no_report(tmp_path, package, name):
     last_year(*package.glob("*.py"))
     (tmp_path / "page").mkdir()
     (tmp_path / "page" / name).write_text("edited")

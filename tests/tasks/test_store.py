@@ -100,7 +100,7 @@ def test_altered_manifest_is_noticed(store, files):
     assert store.find(KEY) is None
 
 
-def test_file_that_goes_away_after_it_was_found_is_lost(store, files):
+def test_file_deleted_after_listing_is_lost(store, files):
     artifact = store.put(KEY, {"a.bin": b"one"})
     change(files, "a.bin", None)
     with pytest.raises(Lost, match=r"a\.bin went away"):
@@ -110,7 +110,7 @@ def test_file_that_goes_away_after_it_was_found_is_lost(store, files):
 
 @pytest.mark.parametrize("refreshed", [False, True])
 @pytest.mark.parametrize("other", ["execute/ab/other/0-5", "execute/ab/abcd/5-10"])
-def test_copy_of_another_artifact_is_found_in_its_place(store, files, other, refreshed, caplog):
+def test_copied_artifact_under_wrong_key_is_detected(store, files, other, refreshed, caplog):
     store.put(other, {"a.bin": b"other"}, info={"runs": []})
     for path in files.paths(other):
         files.write(path.replace(other, KEY), files.read(path))
@@ -156,7 +156,7 @@ for i in range(30):
 
 
 @pytest.mark.parametrize("kind", ["folder", "memory"])
-def test_writers_go_on_while_another_removes_everything(kind, tmp_path, request):
+def test_writers_survive_concurrent_removal(kind, tmp_path, request):
     store = open_store(tmp_path / "store") if kind == "folder" else Store(request.getfixturevalue("memory"))
     written = threading.Event()
 
@@ -181,7 +181,7 @@ def test_writers_go_on_while_another_removes_everything(kind, tmp_path, request)
     assert store.put(KEY, {"a.bin": b"one"}) == store.find(KEY)
 
 
-def test_listing_answers_as_the_store_and_learns_what_others_put_and_discard(store):
+def test_listing_matches_store_after_concurrent_changes(store):
     store.put(KEY, {"a.bin": b"one"})
     store.refresh()
     sent = pickle.loads(pickle.dumps(store))
@@ -219,7 +219,7 @@ def test_holdings_have_stage_size_and_time(store):
 
 
 @pytest.mark.parametrize("number", [3, 30])
-def test_removal_leaves_nothing_of_an_artifact_and_all_of_others(store, files, number):
+def test_removal_deletes_one_artifact_completely(store, files, number):
     keys = [f"execute/ab/abcd{i}/0-5" for i in range(number)]
     for key in keys:
         store.put(key, {"a.bin": b"one"}, sidecar={"log": b"1"})
@@ -263,7 +263,7 @@ def test_listing_that_was_too_early_for_some_files_costs_nothing(memory, monkeyp
     assert caplog.records == []
 
 
-def test_verification_reads_no_file_whose_size_is_wrong(tmp_path):
+def test_verification_skips_content_of_wrong_size(tmp_path):
     store = open_store(tmp_path)
     store.put(KEY, {"a.bin": b"one"})
     os.truncate(tmp_path / KEY / "a.bin", 100 * 2**30)

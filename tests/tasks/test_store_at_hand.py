@@ -49,7 +49,7 @@ def kept(tmp_path, shared_s3, s3_variables):
 
 
 @pytest.mark.timeout(900)
-def test_campaign_on_s3_is_shown_and_exported_as_it_is_from_a_folder(
+def test_campaign_on_s3_is_shown_and_exported_like_a_folder(
     tmp_path, shared_s3, s3_variables, monkeypatch, prefect_home
 ):
     s3_variables(shared_s3)
@@ -81,13 +81,13 @@ def test_excluded_folders_are_not_fetched(kept):
         assert set(files(folder)) == {"metadata.json"}
 
 
-def test_folder_is_itself(tmp_path):
+def test_snapshot_of_folder_is_folder(tmp_path):
     with at_hand(str(tmp_path)) as folder:
         assert folder == tmp_path
 
 
 @pytest.mark.parametrize("command", ["show", "export"])
-def test_address_that_holds_campaigns_but_is_none_names_one(kept, tmp_path, command):
+def test_address_of_several_campaigns_suggests_one(kept, tmp_path, command):
     kept("s3://bucket/some/nothing-1", metadata_json=b"{}")
     kept("s3://bucket/some/nothing-2", metadata_json=b"{}")
     result = called(command, "s3://bucket/some", *[tmp_path / "out"] * (command == "export"))
@@ -97,7 +97,7 @@ def test_address_that_holds_campaigns_but_is_none_names_one(kept, tmp_path, comm
     )
 
 
-def test_address_with_nothing_there_is_said_in_a_sentence(kept):
+def test_empty_address_is_reported_in_one_sentence(kept):
     kept("s3://bucket/other", report_html=b"<html>")
     with (
         pytest.raises(
@@ -108,7 +108,7 @@ def test_address_with_nothing_there_is_said_in_a_sentence(kept):
         pass
 
 
-def test_wrong_credentials_are_said_in_a_sentence(shared_s3, s3_variables):
+def test_wrong_credentials_are_reported_in_one_sentence(shared_s3, s3_variables):
     s3_variables(shared_s3, secret="WRONG")
     result = called("show", "s3://bucket/x")
     assert (result.exit_code, result.stdout) == (2, "")
@@ -119,7 +119,7 @@ def test_wrong_credentials_are_said_in_a_sentence(shared_s3, s3_variables):
     "command",
     [["plan", "ADDRESS", "only"], ["plan", "ADDRESS"], ["run", "ADDRESS"], ["compare", "ADDRESS", "."]],
 )
-def test_commands_that_read_no_address_say_which_do(command):
+def test_commands_without_addresses_name_those_that_read_them(command):
     address = "s3://bucket/shown/nothing-1"
     result = called(*(word.replace("ADDRESS", address) for word in command))
     assert (result.exit_code, result.stdout) == (2, "")

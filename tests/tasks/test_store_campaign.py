@@ -63,7 +63,7 @@ class KillsAfter:
             self.server = None
 
 
-def test_campaign_over_s3_goes_on_after_its_server_was_gone(file, tmp_path, start_s3, s3_variables, monkeypatch):
+def test_campaign_on_s3_resumes_after_server_outage(file, tmp_path, start_s3, s3_variables, monkeypatch):
     server = start_s3()
     s3_variables(server)
     monkeypatch.setattr(RemoteFiles, "local", tmp_path / "local")

@@ -104,9 +104,7 @@ def test_copies_of_earlier_days_go(store, shared_s3, s3_variables):
         ("nowhere://x", None, "give a folder, or an address such as s3://bucket/prefix"),
     ],
 )
-def test_address_that_can_not_be_written_is_found_before_anything_is_computed(
-    tmp_path, shared_s3, s3_variables, address, secret, said
-):
+def test_unwritable_address_is_refused_before_computing(tmp_path, shared_s3, s3_variables, address, secret, said):
     s3_variables(shared_s3, **({"secret": secret} if secret else {}))
     (tmp_path / "nothing.vast").write_text(CAMPAIGN)
     (tmp_path / "nothing.osc").write_text(NOTHING)
@@ -118,7 +116,7 @@ def test_address_that_can_not_be_written_is_found_before_anything_is_computed(
     assert not list((tmp_path / "store").glob("execute"))
 
 
-def test_fsspec_is_told_nothing_new_for_other_addresses(tmp_path):
+def test_fsspec_options_apply_only_to_s3(tmp_path):
     files, root = file_system(f"memory://{tmp_path.name}")
     assert isinstance(files, fsspec.get_filesystem_class("memory"))
     assert root.endswith(tmp_path.name)

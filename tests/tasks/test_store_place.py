@@ -216,7 +216,7 @@ def small_disk(tmp_path):
     subprocess.run(["umount", str(disk)], check=False)
 
 
-def test_full_disk_is_named_and_works_again_when_there_is_room(small_disk):
+def test_full_disk_is_reported_and_recovers(small_disk):
     disk, _ = small_disk
     store = open_store(disk / "store")
     kept = 0

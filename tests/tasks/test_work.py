@@ -72,14 +72,14 @@ def test_consecutive_runs_are_one_block(store, simulate):
     assert [each.run.run_index for each in found] == [2, 3, 4]
 
 
-def test_block_whose_worker_stored_it_and_was_not_heard_is_not_executed_again(store, simulate):
+def test_stored_block_of_lost_worker_is_not_rerun(store, simulate):
     simulate()
     first = work.execute(store, "execute/k", SCENARIO, 0, 2, 0)
     simulate(breaking={0, 1})
     assert work.execute(store, "execute/k", SCENARIO, 0, 2, 0) == first
 
 
-def test_run_that_breaks_is_told_and_the_others_are_stored(store, simulate):
+def test_broken_run_is_reported_and_others_are_stored(store, simulate):
     simulate(breaking={1})
     executed = work.execute(store, "execute/ab/key", SCENARIO, 0, 4, 0)
     assert executed.broken == {1: Broken("ValueError: run 1 broke")}
@@ -95,7 +95,7 @@ def test_block_has_the_same_bytes_alone_and_in_a_batch(store, simulate):
     assert one == two
 
 
-def test_run_log_says_what_each_run_cost_and_is_in_no_digest(store, simulate):
+def test_run_log_has_costs_and_is_in_no_digest(store, simulate):
     simulate()
     work.execute(store, "execute/ab/key", SCENARIO, 0, 2, 0)
     log = json.loads((store.local / "execute/ab/key/0-2" / work.RUN_LOG).read_text())
@@ -106,7 +106,7 @@ def test_run_log_says_what_each_run_cost_and_is_in_no_digest(store, simulate):
     assert work.RUN_LOG not in store.find("execute/ab/key/0-2").files
 
 
-def test_error_is_an_answer(capsys):
+def test_producer_error_is_returned(capsys):
     assert answered(int, "x") == Broken("ValueError: invalid literal for int() with base 10: 'x'")
     assert "Traceback" in capsys.readouterr().err
 
@@ -122,12 +122,12 @@ def test_impossible_scenario_has_no_traceback_and_stores_nothing(store, monkeypa
     assert capsys.readouterr().err == ""
 
 
-def test_lost_input_is_an_answer_of_its_own(store):
+def test_lost_input_is_reported_separately(store):
     answer = answered(work.observe, store, "execute/ab/gone/0-2", "observe/ab/key", SCENARIO)
     assert answer is None
 
 
-def test_judging_leaves_what_all_oracles_say_beside_the_verdicts(store, simulate):
+def test_judging_stores_overall_judgements(store, simulate):
     simulate()
     work.execute(store, "execute/ab/key", SCENARIO, 0, 2, 0)
     work.observe(store, "execute/ab/key/0-2", "observe/ab/key", SCENARIO)
@@ -137,7 +137,7 @@ def test_judging_leaves_what_all_oracles_say_beside_the_verdicts(store, simulate
     assert [verdict.run_index for verdict in read_verdicts(store.read("judge/ab/key", work.VERDICTS))] == [0, 1]
 
 
-def test_oracle_that_cannot_be_unpickled_is_an_answer(store, simulate):
+def test_oracle_that_cannot_be_unpickled_is_reported(store, simulate):
     simulate()
     work.execute(store, "execute/ab/key", SCENARIO, 0, 1, 0)
     work.observe(store, "execute/ab/key/0-1", "observe/ab/key", SCENARIO)
@@ -154,7 +154,7 @@ def test_evaluation_is_stored(store):
     assert [dict(fragment.values) for fragment in fragments] == [{"noise": 0.0}, {"noise": 0.1}]
 
 
-def test_store_that_cannot_be_used_is_no_answer(store):
+def test_unusable_store_is_an_error(store):
     def put():
         raise StoreError("store: the disk is full")
 
