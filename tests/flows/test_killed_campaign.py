@@ -152,5 +152,5 @@ def test_campaigns_at_once_on_one_store_have_the_results_of_each_alone(killed, l
     assert len(pq.read_table(others / "runs.parquet")) == (CONFIGURATIONS + 2) * killed.RUNS
     store = killed.open_store(together.store)
     assert [store.fault(holding.key) for holding in store.holdings() if store.fault(holding.key)] == []
-    found = killed.stored(store)
-    assert {key: content for key, content in found.items() if key in alone[0].artifacts} == alone[0].artifacts
+    # Blocks are cut by what runs cost, so that not each key of one campaign is one of the other.
+    assert all(alone[0].artifacts.get(key, content) == content for key, content in killed.stored(store).items())
