@@ -1,5 +1,6 @@
 """Effects of factors on these situations and on others: levels, trends, interactions, and what few situations cannot show."""
 
+import math
 from itertools import combinations, product
 from math import comb
 
@@ -12,7 +13,7 @@ from vastflow.oracles.page.words import factor_text, powerless_text
 from vastflow.oracles.results.factors import factors_of
 from vastflow.oracles.statistics.analysis import factor_analysis, holm
 from vastflow.oracles.statistics.linear import Contrasts, trend_of
-from vastflow.oracles.statistics.matched import Matched, needed, permuted, smallest
+from vastflow.oracles.statistics.matched import Matched, needed, permuted
 
 GRID = [{"a": a, "b": b, "k": k} for a, b, k in product((0, 1), (0, 1, 2), range(4))]
 ONE, ALONE, RUNS = np.ones((40, 1)), np.arange(40), np.full(40, 20.0)
@@ -60,7 +61,8 @@ def test_analysis_names_effects_that_few_situations_cannot_show(each, powerless)
 def test_needed_situations_are_fewest_that_can_show_effect():
     for levels, tests, most in ((2, 1, 6), (2, 2, 7), (2, 3, 7), (3, 1, 3)):
         assert needed(levels, tests, 0.05) == most
-        assert smallest(most, levels) * tests <= 0.05 < smallest(most - 1, levels) * tests
+        least, next_least = (math.factorial(levels) ** (1.0 - each) for each in (most, most - 1))
+        assert least * tests <= 0.05 < next_least * tests
 
 
 # These situations

@@ -82,7 +82,7 @@ def test_centers_keep_their_distances_and_leave_a_path(wide, amount, max_distanc
     assert octile.shortest_path(occupancy, passable, np.array(stops)) is not None
 
 
-def test_as_v1_places_box_in_wall_without_room(narrow):
+def test_version_1_places_box_in_wall_without_room(narrow):
     """A box of 0.8 m in a corridor 1 m wide leaves a path only inside the wall."""
     asked = {"obstacle_configs": boxes(1, max_distance=0.5), "seed": 1}
     (constructive,) = evaluate(obstacles(placement="constructive", **asked), narrow)

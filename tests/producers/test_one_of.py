@@ -22,12 +22,12 @@ def test_children_are_joined_one_after_the_other():
     assert keys == [("b",)] * 3 + [("a",)] * 2
 
 
-def test_one_of_child_yields_same_as_alone():
+def test_alternatives_child_yields_same_as_alone():
     (alone,) = (made(*child) for child in UNIFORM.items())
     assert evaluate(one_of(LIST, UNIFORM), {})[2:] == evaluate(alone, {})
 
 
-def test_one_of_declares_reads_and_writes_of_children():
+def test_alternatives_declare_reads_and_writes_of_children():
     producer = one_of(LIST, OBSTACLES)
     assert producer.writes == {"a": "system", "static_objects": "environment"}
     assert producer.needs == ("map_file",)
@@ -35,7 +35,7 @@ def test_one_of_declares_reads_and_writes_of_children():
     assert one_of(LIST, OBSTACLES, dimension="task").writes == {"a": "task", "static_objects": "task"}
 
 
-def test_one_of_rejection_names_child():
+def test_alternatives_rejection_names_child():
     (rejection,) = evaluate(one_of(OBSTACLES), {"map_file": "x"})
     assert isinstance(rejection, Rejection)
     assert rejection.reason.startswith("ObstacleVariation: ")

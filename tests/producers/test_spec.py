@@ -119,7 +119,7 @@ def test_faults_of_keys_have_place_and_message(golden, tmp_path: Path) -> None:
     golden("campaign_files", "keys", lambda text: complaints(tmp_path, text))
 
 
-def test_every_ineffective_key_is_found() -> None:
+def test_ineffective_keys_are_found() -> None:
     found = {".".join(map(str, location)) for location, _ in unexecuted(spec_of(EVERY_KEY + SEARCH))}
     assert found == {
         *(f"execution.{key}" for key in ("image", "simulation", "resources", "secondary_containers", "runs_per_job")),

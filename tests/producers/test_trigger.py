@@ -101,7 +101,7 @@ def test_usual_keys_are_written_as_the_scenario_reads_them(site):
     )
 
 
-def test_every_placement_has_every_delay(site):
+def test_placement_has_every_delay(site):
     soon, late, *_ = found = evaluate(triggered(count=2, spawn_delay_s=[0.0, 0.8]), site)
     assert len(found) == 4 == triggered(count=2, spawn_delay_s=[0.0, 0.8]).most_choices
     places = [item.values["static_objects"][0]["spawn_pose"] for item in found]
