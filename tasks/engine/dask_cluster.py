@@ -1,41 +1,34 @@
 """A Dask cluster as executor: its scheduler hands units to workers that share only the store with this machine.
 
 Results are in the store; what comes back is small. Producers are evaluated on this machine, where the files that they make have to be.
-Importing this module imports Dask.
+`vastflow.tasks.engine.dask_worker` runs the units. Importing this module imports Dask.
 """
 
-import asyncio
-import ctypes
 import functools
 import hashlib
 import json
 import os
 import pickle
-import platform
 import queue
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import Future
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 import distributed
-import platformdirs
-from distributed.diagnostics.plugin import WorkerPlugin
 from distributed.scheduler import KilledWorker
 
-from vastflow.sim.model.digest import digest
-from vastflow.tasks.engine.bundle import Bundle, Packer, content_of
+from vastflow.tasks.engine import dask_worker
+from vastflow.tasks.engine.bundle import Bundle, Packer
+from vastflow.tasks.engine.dask_worker import Message, OtherCode, SharedBundle, UnitPlugin, identity, run_unit
 from vastflow.tasks.engine.executor import ClusterError, Executor, Pickled, PoolClosed, Priority, WorkerDied, end
-from vastflow.tasks.keys.keys import EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE, numeric_class
-from vastflow.tasks.keys.source import installed_tree
-from vastflow.tasks.store.source_files import SourceFiles
-from vastflow.tasks.store.store import Store, StoreError, store_address
+from vastflow.tasks.store.store import Store, store_address
 
 LOCAL: Final = "local:"
 """Begins the address of a cluster of this machine's own, with the number of its workers."""
@@ -50,165 +43,7 @@ _END_S: Final = 2.0
 _GROUP: Final = "vastflow"
 
 
-@dataclass(frozen=True, slots=True)
-class Message:
-    """A message to a worker.
-
-    Attributes:
-        code: Digest of the code that it must have.
-        place: The store's.
-        unit: Function and arguments.
-        before: A call without which none is to be made; once for each machine.
-    """
-
-    code: str
-    place: str
-    unit: Bundle
-    before: Bundle | None
-
-
-@dataclass(frozen=True, slots=True)
-class OtherCode:
-    """The answer of a worker that has other code."""
-
-    worker: str
-    code: str
-
-
-@dataclass(frozen=True, slots=True)
-class SharedBundle:
-    """A bundle in the store, see `vastflow.tasks.engine.executor.Pickled`."""
-
-    place: str
-    sha256: str
-
-    def opened(self) -> Any:
-        """Return the value; the bundle is read once in a process."""
-        bundle, store = _shared(self.place, self.sha256)
-        return bundle.opened(store)
-
-
-class Interrupted(BaseException):
-    """Raised in the thread of a unit that nobody waits for any more."""
-
-
-def code() -> tuple[str, SourceFiles]:
-    """Return the digest of all that runs, traces, and verdicts follow from here, and its files."""
-    tree = installed_tree()
-    files = tree.files()
-    stages = (tree.digest(*each) for each in (EXECUTE_SOURCE, OBSERVE_SOURCE, JUDGE_SOURCE))
-    return digest(numeric_class(), *stages), files
-
-
-_own_code = functools.lru_cache(maxsize=1)(code)
-
-
-@functools.lru_cache(maxsize=4)
-def _store(place: str) -> Store:
-    if store_address(place) is None and not os.path.isdir(place):
-        right = "a folder that all machines share under one path, or an address such as s3://bucket/prefix"
-        raise StoreError(f"store: {place!r} is not a folder on {platform.node()}; expected {right}")
-    return Store(place, sources=_own_code()[1])
-
-
-@functools.lru_cache(maxsize=16)
-def _shared(place: str, sha256: str) -> tuple[Bundle, Store]:
-    store = _store(place)
-    bundle: Bundle = pickle.loads(content_of(store, sha256))
-    return bundle, store
-
-
-def run_unit(message: bytes) -> Any:
-    """Run a unit on a worker."""
-    received: Message = pickle.loads(message)
-    worker = distributed.get_worker()
-    if (own := _own_code()[0]) != received.code:
-        return OtherCode(worker.address, own)
-    with _interruptible(worker.get_current_task()):
-        store = _store(received.place)
-        if received.before is not None:
-            _called_once(received.before, store)
-        function, *arguments = received.unit.opened(store)
-        return function(*arguments)
-
-
-_RUNNING: Final[dict[Any, int]] = {}
-_RUNNING_LOCK: Final = threading.Lock()
-
-
-@contextmanager
-def _interruptible(key: Any) -> Iterator[None]:
-    with _RUNNING_LOCK:
-        _RUNNING[key] = threading.get_ident()
-    try:
-        yield
-    finally:
-        with _RUNNING_LOCK:
-            del _RUNNING[key]
-
-
-def _interrupt(key: Any) -> None:
-    with _RUNNING_LOCK:
-        if (thread := _RUNNING.get(key)) is not None:
-            ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(Interrupted))
-
-
-_CALLED: Final[set[bytes]] = set()
-_CALLED_LOCK: Final = threading.Lock()
-
-
-def _called_once(before: Bundle, store: Store) -> None:
-    """Make a call once in this process, and not at the same time as another process of this machine."""
-    if before.content in _CALLED:
-        return
-    with _CALLED_LOCK, _machine_lock():
-        if before.content not in _CALLED:
-            function, *arguments = before.opened(store)
-            function(*arguments)
-            _CALLED.add(before.content)
-
-
-@contextmanager
-def _machine_lock() -> Iterator[None]:
-    folder = Path(platformdirs.user_cache_dir("vastflow"))
-    folder.mkdir(parents=True, exist_ok=True)
-    with open(folder / "kernels.lock", "ab") as file:
-        with suppress(ImportError):  # elsewhere two may compile the same
-            import fcntl
-
-            fcntl.flock(file, fcntl.LOCK_EX)
-        yield
-
-
-class UnitPlugin(WorkerPlugin):
-    """Prepares workers, those that join later too, and interrupts units that nobody waits for any more."""
-
-    def __init__(self, name: str, before: bytes | None) -> None:
-        self.name = name
-        self._before = before
-
-    async def setup(self, worker: Any) -> None:
-        """Make the call that units need, in a thread beside the worker's event loop."""
-        if self._before is not None:
-            await asyncio.get_running_loop().run_in_executor(None, self._prepare, self._before)
-
-    def transition(self, key: Any, start: str, finish: str, **_: Any) -> None:
-        """Interrupt a unit that was canceled while it ran."""
-        if start == "executing" and finish == "released":
-            _interrupt(key)
-
-    @staticmethod
-    def _prepare(message: bytes) -> None:
-        received: Message = pickle.loads(message)
-        if _own_code()[0] == received.code and received.before is not None:
-            _called_once(received.before, _store(received.place))
-
-
-def _identity(dask_worker: Any) -> str:
-    return _own_code()[0]
-
-
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class _Job:
     number: int
     message: bytes
@@ -325,7 +160,7 @@ class DaskCluster:
             self._server.wait()
 
     def _message(self, unit: Bundle) -> bytes:
-        return pickle.dumps(Message(_own_code()[0], self._place, unit, self._before))
+        return pickle.dumps(Message(dask_worker.own_code()[0], self._place, unit, self._before))
 
     def _forget(self, job: _Job) -> None:
         with self._lock:
@@ -359,7 +194,8 @@ class DaskCluster:
             with self._lock:
                 self._connecting = None
                 if self.closed:
-                    break
+                    _quietly(functools.partial(client.close, _END_S))
+                    return
                 self._client = client
                 for job in self._open.values():
                     if not (job.is_suspect and job in self._suspects[1:]):
@@ -367,8 +203,6 @@ class DaskCluster:
             threading.Thread(target=self._take, args=(client,), name="vastflow results", daemon=True).start()
             self._watch(client)
             return
-        with suppress(UnboundLocalError, Exception):
-            client.close(_END_S)
 
     def _away(self, error: Exception) -> str:
         said = " ".join(str(error).split())[:200]
@@ -382,14 +216,14 @@ class DaskCluster:
         """
         client = distributed.Client(self._scheduler(), timeout=CONNECT_S, set_as_default=False, name=_GROUP)
         try:
-            answers = client.run(_identity, on_error="return")
+            answers = client.run(identity, on_error="return")
             for worker, answer in answers.items():
                 if isinstance(answer, Exception):
                     said = f"{type(answer).__name__}: {' '.join(str(answer).split())[:200]}"
                     raise ClusterError(
                         f"worker {worker} can't run this vastflow ({said}); install the same version there"
                     )
-                if answer != _own_code()[0]:
+                if answer != dask_worker.own_code()[0]:
                     raise ClusterError(self._other(OtherCode(worker, answer)))
             self._register(client)
         except BaseException:
@@ -399,7 +233,7 @@ class DaskCluster:
 
     def _other(self, other: OtherCode) -> str:
         return (
-            f"worker {other.worker} has other code ({other.code[:12]}) than this campaign ({_own_code()[0][:12]}); give all "
+            f"worker {other.worker} has other code ({other.code[:12]}) than this campaign ({dask_worker.own_code()[0][:12]}); give all "
             "workers the same version of vastflow and its libraries, on one kind of machine"
         )
 
@@ -416,7 +250,7 @@ class DaskCluster:
             return str(json.loads(file.read_text())["address"]) if file.is_file() else self._address
         if self._server is None:
             number = int(self._address.removeprefix(LOCAL))
-            script = f"from {__name__} import serve; serve({number})"
+            script = f"from {dask_worker.__name__} import serve; serve({number})"
             with open(self._log or os.devnull, "ab") as log:
                 self._server = subprocess.Popen(
                     [sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log
@@ -458,13 +292,12 @@ class DaskCluster:
                 landed.append(self._landed.get(timeout=_WATCH_S))
                 while True:
                     landed.append(self._landed.get_nowait())
-            finished = [each for each in landed if each[1].status == "finished"]
-            results: list[Any] = []
-            with suppress(Exception):  # a worker died with its results
-                results = client.gather([future for _, future in finished])
-            for job, result in zip((job for job, _ in finished), results, strict=False):
-                self._take_one(job, result, None)
-            for job, future in landed if not results else (each for each in landed if each not in finished):
+            finished = {job: future for job, future in landed if future.status == "finished"}
+            with suppress(Exception):  # a worker died with its results: each is asked for alone
+                for job, result in zip(finished, client.gather([*finished.values()]), strict=True):
+                    self._take_one(job, result, None)
+                landed = [(job, future) for job, future in landed if job not in finished]
+            for job, future in landed:
                 try:
                     result, error = future.result(), None
                 except Exception as raised:  # noqa: BLE001 - of the unit, or of the network
@@ -521,13 +354,3 @@ class DaskCluster:
 def _quietly(call: Callable[[], Any]) -> None:
     with suppress(Exception):
         call()
-
-
-def serve(workers: int) -> None:
-    """Serve a cluster of this machine's own until standard input ends; prints the scheduler's address."""
-    with distributed.LocalCluster(
-        n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None, memory_limit=0
-    ) as cluster:
-        print(cluster.scheduler_address, flush=True)
-        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-        sys.stdin.buffer.read()

@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from vastflow.flows import run_campaign
-from vastflow.tasks.engine import dask_cluster
+from vastflow.tasks.engine import dask_worker
 from vastflow.tasks.engine.executor import ClusterError
 from vastflow.tasks.store.remote_files import RemoteFiles
 
@@ -294,7 +294,7 @@ def test_scheduler_that_comes_back_is_found_again(cluster, programs, tmp_path):
 
 def test_worker_with_other_code_is_refused_with_both_digests(cluster, programs, tmp_path):
     cluster.worker(NUMBA_OPT="1")
-    own = dask_cluster.code()[0][:12]
+    own = dask_worker.own_code()[0][:12]
     time.sleep(8)
     with pytest.raises(
         ClusterError, match=rf"worker tcp://\S+ has other code \(\w{{12}}\) than this campaign \({own}\)"

@@ -9,7 +9,7 @@ import distributed
 import pytest
 
 from vastflow.sim.model.faults import ScenarioError
-from vastflow.tasks.engine import dask_cluster
+from vastflow.tasks.engine import dask_cluster, dask_worker
 from vastflow.tasks.engine.dask_cluster import DaskCluster
 from vastflow.tasks.engine.executor import ClusterError, PoolClosed, Priority
 from vastflow.tasks.store.store import StoreError, open_store
@@ -104,14 +104,18 @@ def test_producers_are_evaluated_on_this_machine(opened):
     assert executor._local.done == [os.getpid, "rest"]
 
 
-CALLS = []
+def test_preparation_is_called_once_before_the_units(opened, tmp_path):
+    executor, log = opened(), str(tmp_path / "log")
+    assert executor.prepare(_note, log, "prepared").result(60) is None
+    units = [execute(executor, _note, log, "unit") for _ in range(3)]
+    assert [unit.result(60) for unit in units] == [None] * 3
+    with open(log) as file:
+        assert file.read().split() == ["prepared", "unit", "unit", "unit"]
 
 
-def test_preparation_is_called_once_before_the_units(opened):
-    executor = opened()
-    assert executor.prepare(CALLS.append, "prepared").result(60) is None
-    assert [execute(executor, CALLS.append, k).result(60) for k in range(3)] == [None] * 3
-    assert CALLS == []  # in the worker these are copies
+def _note(log, word):
+    with open(log, "a") as file:
+        file.write(f"{word} ")
 
 
 def test_file_that_cannot_be_sent_is_error_of_its_unit(opened, tmp_path):
@@ -151,7 +155,7 @@ def test_worker_with_other_code_is_refused_with_both_digests(opened, monkeypatch
     def code():
         return ("b" * 64 if threading.current_thread().name.startswith("vastflow") else "a" * 64), None
 
-    monkeypatch.setattr(dask_cluster, "_own_code", code)
+    monkeypatch.setattr(dask_worker, "own_code", code)
     with pytest.raises(ClusterError, match=r"has other code \(a{12}\) than this campaign \(b{12}\)"):
         execute(opened(), len, "ab").result(60)
 

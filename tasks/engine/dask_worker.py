@@ -1,0 +1,169 @@
+"""What workers of a Dask cluster do: they have the campaign's code, prepare their machine, and run units.
+
+A worker shares only the store with the campaign. Importing this module imports Dask.
+"""
+
+import asyncio
+import ctypes
+import functools
+import os
+import pickle
+import platform
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import distributed
+import platformdirs
+from distributed.diagnostics.plugin import WorkerPlugin
+
+from vastflow.sim.model.digest import digest
+from vastflow.tasks.engine.bundle import Bundle, content_of
+from vastflow.tasks.keys.keys import EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE, numeric_class
+from vastflow.tasks.keys.source import installed_tree
+from vastflow.tasks.store.source_files import SourceFiles
+from vastflow.tasks.store.store import Store, StoreError, store_address
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """A message to a worker.
+
+    Attributes:
+        code: Digest of the code that it must have.
+        place: The store's.
+        unit: Function and arguments.
+        before: A call without which none is to be made; once for each machine.
+    """
+
+    code: str
+    place: str
+    unit: Bundle
+    before: Bundle | None
+
+
+@dataclass(frozen=True, slots=True)
+class OtherCode:
+    """The answer of a worker that has other code."""
+
+    worker: str
+    code: str
+
+
+@dataclass(frozen=True, slots=True)
+class SharedBundle:
+    """A bundle in the store, see `vastflow.tasks.engine.executor.Pickled`."""
+
+    place: str
+    sha256: str
+
+    def opened(self) -> Any:
+        """Return the value; the bundle is read once in a process."""
+        bundle, store = _shared(self.place, self.sha256)
+        return bundle.opened(store)
+
+
+class Interrupted(BaseException):
+    """Raised in the thread of a unit that nobody waits for any more."""
+
+
+@functools.lru_cache(maxsize=1)
+def own_code() -> tuple[str, SourceFiles]:
+    """Return the digest of all that runs, traces, and verdicts follow from here, and its files."""
+    tree = installed_tree()
+    files = tree.files()
+    stages = (tree.digest(*each) for each in (EXECUTE_SOURCE, OBSERVE_SOURCE, JUDGE_SOURCE))
+    return digest(numeric_class(), *stages), files
+
+
+@functools.lru_cache(maxsize=4)
+def _store(place: str) -> Store:
+    if store_address(place) is None and not os.path.isdir(place):
+        right = "a folder that all machines share under one path, or an address such as s3://bucket/prefix"
+        raise StoreError(f"store: {place!r} is not a folder on {platform.node()}; expected {right}")
+    return Store(place, sources=own_code()[1])
+
+
+@functools.lru_cache(maxsize=16)
+def _shared(place: str, sha256: str) -> tuple[Bundle, Store]:
+    store = _store(place)
+    bundle: Bundle = pickle.loads(content_of(store, sha256))
+    return bundle, store
+
+
+def run_unit(message: bytes) -> Any:
+    """Run a unit on a worker."""
+    received: Message = pickle.loads(message)
+    if (own := own_code()[0]) != received.code:
+        return OtherCode(distributed.get_worker().address, own)
+    if received.before is not None:
+        _prepared(received.before, received.place)
+    function, *arguments = received.unit.opened(_store(received.place))
+    return function(*arguments)
+
+
+@functools.lru_cache(maxsize=16)
+def _prepared(before: Bundle, place: str) -> None:
+    """Make a call once in this process, and not at the same time as another process of this machine."""
+    with _machine_lock():
+        function, *arguments = before.opened(_store(place))
+        function(*arguments)
+
+
+@contextmanager
+def _machine_lock() -> Iterator[None]:
+    folder = Path(platformdirs.user_cache_dir("vastflow"))
+    folder.mkdir(parents=True, exist_ok=True)
+    with open(folder / "kernels.lock", "ab") as file:
+        with suppress(ImportError):  # elsewhere two may compile the same
+            import fcntl
+
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+class UnitPlugin(WorkerPlugin):
+    """Prepares workers, those that join later too, and interrupts units that nobody waits for any more."""
+
+    def __init__(self, name: str, before: bytes | None) -> None:
+        self.name = name
+        self._before = before
+
+    async def setup(self, worker: Any) -> None:
+        """Make the call that units need, in a thread beside the worker's event loop."""
+        self._worker = worker
+        if self._before is not None:
+            await asyncio.get_running_loop().run_in_executor(None, self._prepare, self._before)
+
+    def transition(self, key: Any, start: str, finish: str, **_: Any) -> None:
+        """Interrupt a unit that was canceled while it ran."""
+        if start == "executing" and finish == "released":
+            with self._worker.active_threads_lock:
+                for thread, of_thread in self._worker.active_threads.items():
+                    if of_thread == key:
+                        interrupted = ctypes.py_object(Interrupted)
+                        ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), interrupted)
+
+    @staticmethod
+    def _prepare(message: bytes) -> None:
+        received: Message = pickle.loads(message)
+        if own_code()[0] == received.code and received.before is not None:
+            _prepared(received.before, received.place)
+
+
+def identity(dask_worker: Any) -> str:
+    """Return the digest of a worker's code; Dask hands over the worker by the argument's name."""
+    return own_code()[0]
+
+
+def serve(workers: int) -> None:
+    """Serve a cluster of this machine's own until standard input ends; prints the scheduler's address."""
+    with distributed.LocalCluster(
+        n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None, memory_limit=0
+    ) as cluster:
+        print(cluster.scheduler_address, flush=True)
+        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+        sys.stdin.buffer.read()
