@@ -207,7 +207,7 @@ def _without_tolerated(document: Document) -> tuple[dict[str, Any], list[Fault]]
 
 
 def _families(document: Document, reader: FamilyReader) -> Iterator[Family]:
-    """Every family as far as it can be read, whatever is wrong elsewhere in the file."""
+    """The readable parts of every family, despite faults elsewhere in the file."""
     raw = document.data.get("configuration")
     for i, entry in enumerate(raw if isinstance(raw, list) else []):
         if isinstance(entry, dict):
@@ -255,7 +255,7 @@ def oracle_requests(evaluation: EvaluationSpec) -> list[OracleRequest]:
 
 
 def _oracle_faults(document: Document) -> list[Fault]:
-    """An oracle asked for twice: its verdicts would be told apart by nothing."""
+    """Report duplicate oracles, whose verdicts would be indistinguishable."""
     entries = document.value(("evaluation", "oracles"))
     faults: list[Fault] = []
     seen: set[str] = set()
@@ -269,7 +269,7 @@ def _oracle_faults(document: Document) -> list[Fault]:
 
 
 def most_configurations(family: Family) -> int:
-    """Configurations that a family asks for at most, as far as its producers tell: every combination of their choices.
+    """The maximum number of configurations of a family, from the choices that its producers declare.
 
     A design takes some of the combinations, so of a family with one it is the choices of its largest producer.
     """
@@ -291,7 +291,7 @@ def size_faults(document: Document, families: Sequence[Family], execution: Execu
 
 
 def runs_faults(document: Document, configurations: int, execution: ExecutionSpec, runs: int) -> list[Fault]:
-    """So many runs of each of so many configurations, where they are more than the file permits."""
+    """The fault of a campaign with more runs than its file permits."""
     total = runs * configurations
     if total <= execution.max_runs:
         return []

@@ -101,7 +101,7 @@ def test_package_exports_api_and_version():
     assert distribution("vastflow").version == PYPROJECT["project"]["version"]
 
 
-def test_importing_the_package_imports_nothing_else_of_it():
+def test_importing_package_imports_no_submodules():
     code = "import sys; before = {*sys.modules}; import vastflow; print(*{*sys.modules} - before)"
     found = run(sys.executable, "-c", code).stdout.split()
     assert {name for name in found if name.partition(".")[0] not in sys.stdlib_module_names} == {"vastflow"}

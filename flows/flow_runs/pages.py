@@ -117,7 +117,7 @@ class Page:
             self._sent(lambda: self._bar.show(share, progress_text(progress), now=new_phase))
 
     def _sent(self, request: Callable[[], None]) -> bool:
-        """Whether the API takes a request; after one that it refused none is made for a while."""
+        """True if the API accepted the request; after a refusal, requests pause for a while."""
         if time.monotonic() < self._quiet_until_s:
             return False
         with tolerated() as refused:
@@ -153,7 +153,7 @@ def publish(found: Results, name: str, reports: str | None = None) -> None:
 
 
 def show_text(key: str, text: str, about: str) -> None:
-    """Show a text in Markdown on the page of the flow run that calls this; none where nobody sees it."""
+    """Show Markdown text on the current flow run's page, if there is one."""
     if not is_embedded():
         with tolerated():
             _create(key, "markdown", text, about)

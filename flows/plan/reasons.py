@@ -1,4 +1,4 @@
-"""Reasons: why a stage or a producer has to compute something, told from the campaign before."""
+"""Reasons why a stage or a producer has work, by comparison with the previous campaign."""
 
 import re
 from collections import Counter

@@ -200,7 +200,7 @@ def recorded_keys(metadata: Mapping[str, Any]) -> Keys:
 
 
 def recorded_value(plain: Any) -> Value:
-    """A value from JSON as a campaign directory has it: `{"file": digest}` is a file, wherever it lies now."""
+    """Decode a value of a campaign directory; `{"file": digest}` is a file at its present path."""
     if isinstance(plain, Mapping):
         if plain.keys() == {"file"}:
             return FileContent("", str(plain["file"]))

@@ -109,7 +109,7 @@ class Cleaning:
 
 
 def cleaning(store: Store, referred: References | None, older_than_s: float, now_s: float | None = None) -> Cleaning:
-    """Choose what goes: what nobody refers to and is old enough.
+    """Choose the unreferenced artifacts and environments that are old enough to delete.
 
     Args:
         referred: What stays; None if age alone decides.

@@ -1,4 +1,4 @@
-"""The past: an earlier campaign directory, as far as it tells what has changed since, checked when it is read."""
+"""The past: the validated parts of an earlier campaign directory that show what has changed."""
 
 import json
 from collections.abc import Mapping

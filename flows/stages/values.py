@@ -242,7 +242,7 @@ class Verdicts(StageResult):
         return f"judged by {', '.join(self.oracles)}"
 
     def of(self, name: str) -> list[Verdict]:
-        """A verdict for each run that was asked for and each oracle: run by run, oracles in their order.
+        """The verdicts of the requested runs, by run and then by oracle in campaign order.
 
         What a fault kept from being judged is `not judged`, with the fault as its reason."""
         found = self.stored(self.configurations.executed_as(name).name)

@@ -64,7 +64,7 @@ def causes_json(causes: tuple[CauseCount, ...]) -> Mapping[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class Standstills:
-    """Failed runs that stood still at the start; they are in every rate.
+    """Failed runs in which the robot never moved; they count in every rate.
 
     Attributes:
         causes: Cause (of `vastflow.sim.loop.standstill.CAUSES`) to number of runs, the most frequent first.

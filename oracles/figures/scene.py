@@ -228,7 +228,7 @@ def _scene(tables: Tables, environment: str, runs: Counts, files: KeptFiles) -> 
 
 
 def _visited(grid: FailureGrid, configurations: Sequence[tuple[Walks, NDArray[np.int8]]]) -> FailureMap:
-    """The failure map of the judged runs of some configurations, with what was said of them (R,)."""
+    """The failure map of judged runs, from their walks and judgements (R,)."""
     if not configurations:
         return empty_map(grid)
     xy_m = np.concatenate([walks.xy_m for walks, _ in configurations])

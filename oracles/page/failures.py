@@ -1,4 +1,4 @@
-"""Sections on failed runs: why they failed, the worst configurations, and what each oracle said."""
+"""Sections on failed runs: causes, worst configurations, and reasons by oracle."""
 
 import re
 from collections import Counter

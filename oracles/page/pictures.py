@@ -142,7 +142,7 @@ def _walks(tables: Tables, configuration: int) -> Walks | None:
 
 
 def threshold_pictures(criteria: Sequence[Criterion]) -> Iterator[Picture]:
-    """For each criterion with a score, what other thresholds would have said."""
+    """Plot the pass rate over the threshold for each criterion with a score."""
     for criterion in criteria:
         if criterion.score is not None:
             name = "".join(letter if letter.isalnum() else "-" for letter in criterion.oracle)

@@ -72,7 +72,7 @@ class Table:
 
     @property
     def data(self) -> Markup:
-        """Kinds and rows as JSON that may stand in a page."""
+        """Return column kinds and rows as JSON that is safe to embed in HTML."""
         content = {"kinds": [column.kind for column in self.columns], "rows": self.rows}
         text = json.dumps(content, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
         return Markup(text.replace("<", "\\u003c").replace("&", "\\u0026"))

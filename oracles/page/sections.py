@@ -151,7 +151,7 @@ def _rate_columns(facts: Facts) -> list[Column]:
 
 
 def measured_section(facts: Facts) -> Section:
-    """The spread of each metric, and what other thresholds would have said."""
+    """The spread of each metric, and pass rates at other thresholds."""
     rows = [
         [oracle, name.replace("_", " "), s.minimum, s.median, s.maximum, "" if s.unit == "1" else s.unit, s.n]
         for oracle, metrics in facts.spreads.items()

@@ -112,7 +112,7 @@ def texts(values: Sequence[str | None]) -> pa.Array:
 
 
 def column_table(schema: pa.Schema, parts: Iterable[Columns]) -> pa.Table:
-    """Rows that stand in columns, under each other, as a table."""
+    """Build a table from columns of rows."""
     whole: dict[str, list[Any]] = {name: [] for name in schema.names}
     for part in parts:
         for name, values in whole.items():

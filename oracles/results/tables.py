@@ -159,7 +159,7 @@ class VerdictTable:
         return slice(*np.searchsorted(self.configuration, (configuration, configuration + 1)))
 
     def counts(self, oracle: str | None) -> NDArray[np.int64]:
-        """(configurations, 3) how often one oracle, or all together, said pass, fail and not judged."""
+        """Counts (configurations, 3) of pass, fail, and not judged, of one oracle or all together."""
         cells = self.configuration * 4 + self.of(oracle)
         return np.bincount(cells, minlength=4 * len(self.names)).reshape(-1, 4)[:, :ABSENT]
 

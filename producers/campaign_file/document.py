@@ -1,4 +1,4 @@
-"""A YAML file as plain data, where each key and value of it stands, and pydantic's errors as faults there."""
+"""YAML files as plain data with the place of each key and value, and pydantic's errors as faults."""
 
 import math
 import re
@@ -222,7 +222,7 @@ EXPECTED: Final[Mapping[str, str]] = {
 
 
 def faults_of(document: Document, base: Location, model: type[BaseModel], error: ValidationError) -> list[Fault]:
-    """The faults behind `error`, which `model` raised on what stands at `base`.
+    """The faults behind `error`, which `model` raised on the value at `base`.
 
     An error's location may lead through elements that are no part of the file (pydantic adds the branches of a
     union); of a union's errors the deepest are kept, and those of one place become one fault.
@@ -285,7 +285,7 @@ def _parted(detail: ErrorDetails) -> tuple[str, str]:
 
 
 def _model_at(model: type[BaseModel], location: tuple[int | str, ...]) -> type[BaseModel]:
-    """The model of what stands at `location`, through lists, unions and mappings."""
+    """The model of the value at `location`, through lists, unions, and mappings."""
     for part in location:
         field = model.model_fields.get(str(part))
         model = (next(_models_in(field.annotation), None) if field else None) or model

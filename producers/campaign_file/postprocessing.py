@@ -86,7 +86,7 @@ class ProcessingStep:
         return {**RECORDED, **UNTOUCHED}.get(self.name, "")
 
     def complaint(self, base: Path) -> str | None:
-        """Return the obstacle to a step, as far as known without executing it, or None."""
+        """Return what would keep a step from running, if that is known before it runs."""
         if self.kind == "plug-in":
             return plug_in_complaint(f"{self.file}:{self.name.rpartition(':')[2]}", base)
         if self.kind == "unknown":

@@ -73,7 +73,7 @@ def intended(key: str, system: Mapping[str, Value], varied: Collection[str], oth
 
 
 def replaced_by(key: str, system: Mapping[str, Value], varied: Collection[str]) -> str:
-    """Why a parameter has no effect beside others; empty where that is not known."""
+    """The reason why other parameters make one ineffective; empty if none is known."""
     with suppress(FileError):
         return next(filter(None, (unused_because(each, key) for each in _contexts(system, varied))), "")
     return ""

@@ -142,7 +142,7 @@ class Budget(_Criterion):
 
 
 class NoImprovement(Section):
-    """Stop when the objective stands still; a number alone is `patience`."""
+    """Stop when the objective no longer improves; a plain number is `patience`."""
 
     patience: Count
     """How often in a row the objective may miss improving before the search ends."""

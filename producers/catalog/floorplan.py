@@ -47,7 +47,7 @@ def _some(value: Any) -> Any:
 
 
 def _read(read: Callable[[Path], F], kind: type[F]) -> Callable[[Any, ValidationInfo], F]:
-    """A validator that reads a path, relative to the validation context's `base`, and checks what is there.
+    """Build a validator that resolves a path against the context's `base` and checks the file.
 
     Files that were read are kept in the context's `plans`.
     """
@@ -103,7 +103,7 @@ class EnvironmentParameters(producer.Parameters):
 
     @property
     def keys(self) -> tuple[str, str]:
-        """The two keys without the `@` that may stand before them."""
+        """Return both keys without an optional leading `@`."""
         map_key, mesh_key = (key.removeprefix("@") for key in self.name)
         return map_key, mesh_key
 

@@ -98,7 +98,7 @@ class ObstacleConfig(BaseModel):
         return bool(self.amount) or any(self.amount_per_m or ())
 
     def pattern(self) -> Obstacle:
-        """An obstacle of this kind, wherever it stands."""
+        """The obstacle of this kind at any pose."""
         entry: dict[str, Value] = {
             "spawn_pose": {"x": 0.0, "y": 0.0},
             "model": self.model,
@@ -241,7 +241,7 @@ class ObstacleProducer(Producer[O]):
         return Site(ground, *path, stops, standing)
 
     def _part(self, site: Site, kinds: Sequence[ObstacleConfig], given: Mapping[str, Any]) -> Site | str:
-        """Return the part of a site where obstacles may stand, or why there is none."""
+        """Return the part of a site that obstacles may occupy, or the reason why there is none."""
         return site
 
     def _placed(
@@ -323,7 +323,7 @@ class ObstacleVariation(ObstacleProducer[ObstacleParameters]):
 
 
 def asked_for(kinds: Sequence[ObstacleConfig], number: int) -> dict[str, Value]:
-    """The listed values that a placement stands for, each under its name in the file, and its number among equals."""
+    """The listed values of a placement by their names in the file, and its index among equal ones."""
     asked: dict[str, Value] = {}
     for k, kind in enumerate(kinds, start=1):
         asked |= {f"{name} of kind {k}" if kinds[1:] else name: value for name, value in kind.requested().items()}

@@ -58,7 +58,7 @@ class WorldParameters(producer.Parameters):
 
 
 class WorldVariation(Producer[WorldParameters]):
-    """A world whose walls stand elsewhere than on the robot's map, or that lacks furniture the map has.
+    """A world whose walls or furniture differ from those on the robot's map.
 
     The robot is given the map all the same; bodies, lidar, and clearances are of the world. Where nothing differs, the configuration is
     what it is without this producer. Furniture that the map lacks is `ObstacleVariation`'s.

@@ -1,4 +1,4 @@
-"""Constraints φ: named expressions that a configuration must fulfil, as they stand in a campaign file and evaluated."""
+"""Constraints φ: named expressions that a configuration must satisfy, read and evaluated."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Covering arrays: few rows in which every admissible combination of any t factors' levels stands.
+"""Covering arrays: few rows that contain every admissible combination of levels of any t factors.
 
 Greedy, a row at a time (as AETG, Cohen et al. 1997): candidates begin with a tuple that is missing yet and take factor
 by factor the level that adds most; the best candidate becomes a row. Nothing is random. As a candidate only ever takes

@@ -1,4 +1,4 @@
-"""The space of a family's choices: which combinations exist, as far as producers depend on each other.
+"""The space of a family's choices: which combinations exist, given the producers' dependencies.
 
 A factor is a producer, its levels are the places of what it yields. A producer that reads what another wrote has
 levels for each of the other's, so the two and all that a constraint ties to them are looked at together, as one table
@@ -136,7 +136,7 @@ class DesignSpace:
 
     @property
     def level_counts(self) -> list[int]:
-        """For each factor the greatest number of choices it was asked for, rejections included."""
+        """The maximum number of choices requested of each factor, rejections included."""
         return [max(map(len, factor.choices.values()), default=0) for factor in self._factors]
 
     def blocks(self) -> list[FactorBlock]:

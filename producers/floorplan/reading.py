@@ -97,7 +97,7 @@ class Opening:
 
 @dataclass(frozen=True, slots=True)
 class FloorPlan:
-    """A floor plan that is right as far as its words go."""
+    """A floor plan that is syntactically valid."""
 
     name: str
     file: str
@@ -108,7 +108,7 @@ class FloorPlan:
 
 
 class _Rules(NamedTuple):
-    """The rules of a location: what may and must stand there, and the axes that take more than 0."""
+    """The rules of a location: optional and required parts, and the axes that accept offsets."""
 
     known: tuple[str, ...]
     needed: Mapping[str, str]

@@ -198,7 +198,7 @@ class Variation:
     varied: tuple[Varied, ...]
 
     def sample(self, seed: int) -> PlanSample:
-        """The plan with every varied number drawn anew from `RandomState(seed)`, of at most `GREATEST_SEED`."""
+        """Draw every varied number of the plan from `RandomState(seed)`, at most `GREATEST_SEED`."""
         rng = np.random.RandomState(seed)
         drawn = [(varied, varied.distribution.draw(rng)) for varied in self.varied]
         text = [f"// Variation of the floor plan {self.plan.token}, drawn from {self.source}\n// Seed {seed}\n"]

@@ -178,7 +178,7 @@ class FamilyReader:
         self.faults.append(self._document.fault(location, what, right, at))
 
     def _listed(self, location: Location) -> list[Any]:
-        """The list at `location`, or an empty one; the model has said so where something else stands there."""
+        """The list at `location`; empty if the model has already reported another value there."""
         found = self._document.value(location)
         return found if isinstance(found, list) else []
 
@@ -311,7 +311,7 @@ class FamilyReader:
         return [*constraints, *own]
 
     def _design(self, location: Location) -> DesignSpec:
-        """The design; the model has said what is wrong with one that is none."""
+        """The design; the model has already reported an invalid one."""
         try:
             return _DESIGN.validate_python(self._document.value(location))
         except ValidationError:

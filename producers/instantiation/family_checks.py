@@ -26,7 +26,7 @@ MISSION_KEYS: Final = frozenset({START_KEY, GOAL_KEY, GOALS_KEY, LOOPS_KEY})
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """A producer in the chain and where it stands."""
+    """A producer in the chain and its location in the file."""
 
     location: Location
     producer: Producer[Any]

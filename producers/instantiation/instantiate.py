@@ -229,7 +229,7 @@ class CartesianGrowth:
             yield partial, known[key], restricted
 
     def _check_size(self, label: str, most: int, results: Mapping[str, Sequence[Fragment | Rejection]]) -> None:
-        """Most producers have told before how many there are at most; this is for those that have not."""
+        """Refuse a product that is too large, of producers that do not declare their number of choices."""
         limit = self._family.max_configurations
         if len(self._partials) * most <= limit:
             return

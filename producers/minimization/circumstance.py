@@ -159,7 +159,7 @@ def _leave_out(values: dict[str, Any], key: str, items: Collection[int | str | N
 
 
 def _obstacles(value: Any) -> Iterator[tuple[int, Mapping[str, Any]]]:
-    """Yield the obstacles in a list with their places; none where something else stands."""
+    """Yield the obstacles in a list with their places; nothing for another value."""
     for k, entry in enumerate(_listed(value)):
         if isinstance(entry, Mapping) and "spawn_pose" in entry:
             yield k, entry
@@ -177,7 +177,7 @@ def _drop_idle_trigger(values: dict[str, Any]) -> None:
 
 
 def _listed(value: Any) -> Sequence[Any]:
-    """A list's entries; none where something else stands."""
+    """The entries of a list; empty for another value."""
     return value if isinstance(value, list | tuple) else ()
 
 

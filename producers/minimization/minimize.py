@@ -99,7 +99,7 @@ Judge: TypeAlias = Callable[[Candidate], Outcome]
 
 
 def minimize(circumstances: tuple[Circumstance, ...], judge: Judge, confirm: Judge) -> Minimum | Unconfirmed:
-    """The smallest scenario that fails, as far as delta debugging finds it.
+    """The smallest failing scenario that delta debugging reaches.
 
     Circumstances are left out first; those that stay are brought nearer to their defaults, and the path is made shorter; then it
     is asked once more what can be left out. What was found is confirmed; where it is not, the search goes on as if it had not failed.

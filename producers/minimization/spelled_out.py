@@ -71,6 +71,6 @@ def assumed_keys(system: Mapping[str, Value]) -> frozenset[str]:
 
 
 def _key(path: ParameterLocation, default: Values) -> str:
-    """The path without `ros__parameters`, where that stands for no other parameter."""
+    """The path without `ros__parameters`, unless it is ambiguous."""
     short = ".".join(name for name in path if name != PARAMETERS)
     return short if targets(default, short) == (path,) else dotted(path)

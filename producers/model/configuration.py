@@ -54,7 +54,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Partial:
-    """A configuration under way through the producers.
+    """A partial configuration between producers.
 
     Attributes:
         name: Child names append `-k` at each step, k from 1.

@@ -43,7 +43,7 @@ P = TypeVar("P", bound=Parameters)
 
 
 class Draws:
-    """The random generators of one evaluation: the k-th draw has its own, whatever the others do.
+    """The random generators of one evaluation; each draw has its own.
 
     `draws(k)` is `Generator(PCG64(SeedSequence([seed, content, k])))`, where `content` is the digest of the
     producer's type, the keys it writes and its restricted input (design §4; type and keys are added so that
@@ -133,7 +133,7 @@ def check_declared(producer: Producer[Any]) -> None:
 
 
 def evaluate(producer: Producer[Any], inputs: Mapping[str, Value]) -> list[Fragment | Rejection]:
-    """p_i on one restricted input: the same list whatever else varies, whoever asks, in whatever order.
+    """Evaluate p_i on one restricted input; the result depends on that input alone.
 
     Raises:
         PlugInError: more than the producer says, or than `MOST_UNTOLD` where it says nothing; or it read a file, or wrote a key,

@@ -129,7 +129,7 @@ def place(site: Site, wanted: Sequence[Wanted], rng: np.random.Generator) -> lis
     total = refusals.total()
     causes = ", ".join(f"{round(100 * n / total)} % {cause}" for cause, n in refusals.most_common())
     return (
-        f"at most {most} of {sum(w.amount for w in wanted)} obstacles found room in {MAX_ATTEMPTS} attempts of "
+        f"at most {most} of {sum(w.amount for w in wanted)} obstacles fit in {MAX_ATTEMPTS} attempts of "
         f"{MAX_TRIES} tries each; of the places tried {causes}"
     )
 
@@ -207,7 +207,7 @@ def covered_cells(ground: Ground, footprint: Polygon) -> NDArray[np.int64] | Non
 
 
 def around(ground: Ground, obstacles: Sequence[Obstacle]) -> NDArray[np.bool_]:
-    """The passable cells (H, W) when obstacles stand, on walls or beyond the map though they may."""
+    """The passable cells (H, W) around obstacles, which may overlap walls or leave the map."""
     passable = ground.passable
     for obstacle in obstacles:
         touched = touched_cells(ground.occupancy, obstacle.footprint())
@@ -257,11 +257,11 @@ def place_as_v1(site: Site, wanted: Sequence[Wanted], rng: np.random.Generator) 
             blocking += 1
     if blocking:
         return f"as version 1 places them, {blocking} of {MAX_ATTEMPTS} sets of {total} obstacles left no path to the goals"
-    return f"as version 1 places them, at most {most} of {total} obstacles found room in {MAX_ATTEMPTS} attempts"
+    return f"as version 1 places them, at most {most} of {total} obstacles fit in {MAX_ATTEMPTS} attempts"
 
 
 def _drawn_as_v1(site: Site, wanted: Sequence[Wanted], rng: np.random.Generator) -> Iterator[Obstacle]:
-    """One set, as far as places are found."""
+    """Draw one set with the obstacles for which a place is found."""
     line = Line.along(site.path_xy_m)
     diameter_m = site.ground.robot_diameter_m
     taken = [(stop, FROM_STOPS * diameter_m) for stop in site.stops_xy_m]

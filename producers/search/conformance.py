@@ -19,7 +19,7 @@ def check_strategy(kind: Kind, parameters: Parameters, problem: Problem) -> None
 
 
 def check_points(kind: Kind, parameters: Parameters, problem: Problem) -> None:
-    """It proposes points of the space, and no more than it is asked for."""
+    """Check that it proposes points of the space, and at most the requested number."""
     for points in _asked(kind, parameters, problem):
         must(len(points) <= problem.per_batch, f"{kind.__name__} must propose at most {problem.per_batch} points")
         outside = [point for point in points if not problem.space.contains(point)]
@@ -27,7 +27,7 @@ def check_points(kind: Kind, parameters: Parameters, problem: Problem) -> None:
 
 
 def check_determinism(kind: Kind, parameters: Parameters, problem: Problem) -> None:
-    """It proposes the same again when it is told the same, and global generators stay as they are."""
+    """Check that equal answers give equal proposals and leave global generators alone."""
     with watched_generators() as used:
         same = _asked(kind, parameters, problem) == _asked(kind, parameters, problem)
         must(same, f"{kind.__name__} must propose the same by the same evaluations; draw from `problem.draws` alone")

@@ -39,7 +39,7 @@ class Search:
 
     @property
     def measures(self) -> Sequence[str]:
-        """Names of the numbers or dimensions that the strategy asks for beside the objective."""
+        """Names of the numbers or dimensions that the strategy needs in addition to the objective."""
         return self.kind.measures(self.parameters)
 
     def strategy(self) -> Strategy[Any]:

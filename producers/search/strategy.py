@@ -87,7 +87,7 @@ class Problem:
         return objective if self.direction == "maximize" else -objective
 
     def draws(self, batch: int) -> np.random.Generator:
-        """A batch's own randomness: the same whether the batches before it were asked for in this process or in another."""
+        """The random generator of a batch, equal in every process."""
         return np.random.Generator(np.random.PCG64(np.random.SeedSequence([self.seed, batch])))
 
 
@@ -132,7 +132,7 @@ class Strategy(ABC, Generic[P]):
 
     @classmethod
     def measures(cls, parameters: P) -> Sequence[str]:
-        """Return the names of numbers it needs of each point beside the objective: dimensions, or numbers of `extract`."""
+        """Return the dimensions or numbers of `extract` that it needs in addition to the objective."""
         return ()
 
     @property

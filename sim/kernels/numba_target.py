@@ -100,7 +100,7 @@ class _Library(JITCodeLibrary):  # type: ignore[misc]
 
 
 class _Codegen(JITCPUCodegen):  # type: ignore[misc]
-    """Machine code for the generic processor, whatever `numba.config` says of processor and optimization.
+    """Compile for the generic processor, independent of `numba.config`.
 
     Attributes:
         compiles_part: Whether the function that is compiled at the moment is only called by others that are compiled.

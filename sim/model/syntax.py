@@ -1,4 +1,4 @@
-"""Translation of Lark's errors: where a text leaves its grammar, and what could stand there."""
+"""Translation of Lark's errors: where a text leaves its grammar, and what it allows there."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -55,7 +55,7 @@ def spelling(parser: Lark, terminal: str, words: Mapping[str, str]) -> str:
 
 
 def expectation(got: str, listed: Iterable[str], suggested: Iterable[str] | None = None) -> str:
-    """Return the keyword that `got` was meant to be, or all that could stand in its place.
+    """Return the keyword most similar to `got`, or all possible ones.
 
     Args:
         listed: Keywords and signs in quotes, other terminals in words.

@@ -38,7 +38,7 @@ def package_name(snapshot: Snapshot) -> str:
 
 
 def module_of(snapshot: Snapshot) -> ModuleType:
-    """The module of a plug-in's file, executed once in a process; raises whatever its code raises."""
+    """Return the module of a plug-in's file, executed once in a process; raises what its code raises."""
     open_package(snapshot)
     with plug_in_code(), watched(snapshot):
         return importlib.import_module(module_name(snapshot))  # waits while another thread executes it

@@ -1,4 +1,4 @@
-"""Neighbors: which files beside a plug-in its results follow from, found by reading it, without running it."""
+"""Neighbors: the files that a plug-in's results depend on, found without running it."""
 
 import ast
 import importlib.util
@@ -42,7 +42,7 @@ class PlugInError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Hidden:
-    """Something that a result may follow from and nobody can follow: what comes from a call such as `os.getenv`."""
+    """An input that cannot be followed, such as the result of `os.getenv`."""
 
     file: Path
     line: int

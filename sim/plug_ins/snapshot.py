@@ -1,4 +1,4 @@
-"""Snapshots: copies of a plug-in and of what it uses, which nobody edits."""
+"""Snapshots: immutable copies of a plug-in and of what it uses."""
 
 import hashlib
 import os

@@ -1,4 +1,4 @@
-"""What workers of a Dask cluster do: they have the campaign's code, prepare their machine, and run units.
+"""The worker side of a Dask cluster: workers check their code, prepare their machine, and run units.
 
 A worker shares only the store with the campaign. Importing this module imports Dask.
 """

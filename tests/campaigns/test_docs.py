@@ -221,7 +221,7 @@ def test_table_of_oracle_has_parameters_and_defaults(name):
     assert {key: yaml.safe_load(default) for key, default in rows} == {k: f.default for k, f in parameters.items()}
 
 
-def test_table_of_what_is_not_executed_is_complete():
+def test_table_of_unexecuted_keys_is_complete():
     text = section("write-a-campaign", "Read, but not executed by this version")
     rows = re.findall(r"^\| ([^|]*) \| (`[^|]*) \|", text, re.MULTILINE)
     said = {where.strip("`"): set(re.findall(r"`([^`]+)`", keys)) for where, keys in rows}

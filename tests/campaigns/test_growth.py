@@ -62,7 +62,7 @@ def test_empty_population_is_refused(grown):
     assert judged(record.outputs.tables).judgement == "not judged"
 
 
-def test_population_that_is_no_number_fails():
+def test_non_numeric_population_fails():
     tables = {"growth": {"t_s": np.arange(3.0), "population": np.array([1.0, -np.inf, np.nan])}}
     assert judged(tables).reason == "the population is -inf at 1 s"
 

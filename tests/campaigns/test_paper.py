@@ -47,7 +47,7 @@ def test_levels_of_noise_are_as_many_as_the_papers_and_all_distinct():
     assert requested_of(of_plan("robustness.vast", "").coverage) == Requested(n, 0, 0, 0, n)
 
 
-def test_radii_share_paths_and_all_else():
+def test_radii_share_paths():
     tasks = {}
     for each in of_plan("performance.vast", "corridors").configurations:
         assert set(each.scenario.system) == {"global_costmap.robot_radius"}

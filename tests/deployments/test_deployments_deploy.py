@@ -100,7 +100,7 @@ def test_deploy_refuses_file_outside_of_image_and_unknown_format(file, tmp_path,
     assert "call this from the folder that the image is built from" in said
 
 
-def test_deploy_says_what_to_do_without_api(file, monkeypatch):
+def test_deploy_prints_remedy_without_api(file, monkeypatch):
     with temporary_settings({"api.url": "http://127.0.0.1:9/api", "client.max_retries": 0}):
         result = called("deploy", file, "--pool", "lab")
     assert (result.exit_code, result.stdout) == (3, "")
@@ -144,7 +144,7 @@ def test_deploy_asks_busy_api_again(file, busy_api):
     assert "503" not in result.output
 
 
-def test_format_compose_prints_file_and_what_it_leaves_out(described, tmp_path):
+def test_format_compose_prints_file_and_omissions(described, tmp_path):
     description = described()
     result = called("deploy", tmp_path / "rooms.vast", "--format", "compose")
     assert (result.exit_code, yaml.safe_load(result.stdout)) == (0, compose_file(description))
@@ -155,7 +155,7 @@ def test_format_compose_prints_file_and_what_it_leaves_out(described, tmp_path):
     ]
 
 
-def test_format_kubernetes_prints_template_and_command_that_makes_its_files(described, campaign_file, tmp_path):
+def test_format_kubernetes_prints_template_and_config_map_command(described, campaign_file, tmp_path):
     description = described()
     file = tmp_path / "rooms.vast"
     result = called("deploy", file, "--format", "kubernetes")
@@ -181,7 +181,7 @@ def test_example_of_page_can_be_described(campaign_file, format_):
     assert (result.exit_code, bool(result.stdout)) == (0, True), result.stderr
 
 
-def test_page_names_every_key_that_is_used_or_is_not():
+def test_page_names_used_and_unused_keys():
     table = PAGE.partition("| key of `execution` |")[2].partition("\n\n")[0]
     cells = [row.split("|")[1] for row in table.splitlines()[2:]]
     named = {key.partition(".")[0] for cell in cells for key in re.findall(r"`([\w.]+)`", cell)}

@@ -66,7 +66,7 @@ LISTS = "  resources:\n    memory: [{b: 2Gi}, {a: 1Gi}]\n    cpu: [{a: 1}, {b: 2
         ("  resources: {cpu: 3}\n", "any", (3,)),
     ],
 )
-def test_resources_are_those_of_chosen_cluster_or_the_first(described, resources, context, needs):
+def test_resources_belong_to_chosen_or_first_cluster(described, resources, context, needs):
     assert described(IMAGE + resources, context).main.needs == Needs(*needs)
 
 
@@ -87,7 +87,7 @@ def test_variable_has_value_as_it_is_written(described, written, text):
     assert described(f"{IMAGE}  env:\n    - A: &on true\n    - B: *on\n").env == {"A": "true", "B": "true"}
 
 
-def test_pattern_without_slash_matches_in_every_folder_and_file_is_there_once(described):
+def test_pattern_without_slash_matches_each_file_once(described):
     assert described(f"{IMAGE}  run_files: ['*.sh', 'scripts/*', '**/pre.sh']\n").files == (
         "scripts/post.sh",
         "scripts/pre.sh",

@@ -76,7 +76,7 @@ def test_single_container_has_no_key_of_others():
 
 
 @each_row(("user", "restricted"), [(0, False), (1001, True)])
-def test_root_alone_keeps_its_capabilities(user, restricted):
+def test_capabilities_are_kept_by_root(user, restricted):
     spec = pod_spec(replace(ALONE, user=user))
     assert (spec["securityContext"]["runAsUser"], spec["securityContext"]["runAsNonRoot"]) == (user, restricted)
     assert ("securityContext" in spec["containers"][0]) == restricted

@@ -93,7 +93,7 @@ def logged(api, flow_run):
     return [each["message"] for each in api.request("POST", "/logs/filter", json=asked).json()]
 
 
-def test_command_makes_pool_and_deployment_and_says_what_is_next(api, deployed):
+def test_deploy_creates_pool_and_deployment_and_prints_next_step(api, deployed):
     assert deployed.exit_code == 0, deployed.output
     made, address, again = deployed.stdout.splitlines()
     assert made == "made the work pool lab; start a worker: prefect worker start --pool lab"

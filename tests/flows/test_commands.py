@@ -109,7 +109,7 @@ def test_validate_reports_all_faults_at_once_and_a_wrong_section_once(small_room
         assert len(said.splitlines()) == 3 and place in said
 
 
-def test_validate_counts_parts_of_valid_file_and_names_what_is_not_executed(small_room):
+def test_validate_counts_parts_and_names_unexecuted_keys(small_room):
     ok = "OK: 1 family, 1 producer, 1 oracle\n"
     result = called("validate", small_room)
     assert (result.exit_code, result.stdout) == (0, ok)

@@ -131,7 +131,7 @@ GATES = [
 
 
 @each_row(("then", "now", "options", "exit_code", "words"), GATES)
-def test_gate_exits_with_its_own_code_and_says_why(tmp_path, then, now, options, exit_code, words):
+def test_gate_exits_with_own_code_and_reason(tmp_path, then, now, options, exit_code, words):
     result = compared(write(tmp_path / "then", then), write(tmp_path / "now", now), "--gate", *options)
     assert (result.exit_code, words in result.stdout) == (exit_code, True), result.output
 
@@ -156,7 +156,7 @@ def test_gate_calls_campaigns_of_equal_keys_unchanged(tmp_path, system, other, s
             assert (result.exit_code, "gate holds: nothing changed" in result.stdout) == (0, True)
 
 
-def test_gate_fails_for_new_faults_alone(tmp_path, before):
+def test_gate_fails_only_for_new_faults(tmp_path, before):
     after = faulty(write(tmp_path / "after", ALIKE), "c1", "c2")
     result = compared(before, after, "--gate")
     assert result.exit_code == 1

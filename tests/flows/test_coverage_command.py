@@ -73,7 +73,7 @@ def test_plan_and_show_print_equal_coverage(campaign_file, directory, expected):
     assert covered(campaign_file).stdout.startswith(covered(directory).stdout)
 
 
-def test_coverage_counts_parts_of_what_was_requested(directory):
+def test_coverage_counts_fates_of_requested_configurations(directory):
     printed = covered(directory).stdout
     assert row_of(printed, "room")[1:6] == ["6", "2", "4", "0", "0"]
     assert row_of(printed, "still")[1:6] == ["6", "0", "0", "2", "4"]

@@ -128,7 +128,7 @@ def test_deleted_report_is_rebuilt_from_store_without_prefect(computed):
     assert command(folder, "--results", folder / "other")[0]["results"] != made["results"]
 
 
-def test_changed_input_is_not_answered_with_the_directory_that_is_there(computed):
+def test_changed_input_does_not_reuse_existing_directory(computed):
     folder, _ = computed
     results = ("--results", folder / "edited")
     before, _ = command(folder, *results)

@@ -68,7 +68,7 @@ OTHER_METADATA = {
 
 
 @pytest.mark.parametrize(("place", "steps", "value"), [(name, *each) for name, each in OTHER_METADATA.items()])
-def test_past_rejects_metadata_of_another_kind_with_its_place(directory, place, steps, value):
+def test_past_rejects_invalid_metadata_with_place(directory, place, steps, value):
     file = directory / "metadata.json"
     metadata = json.loads(file.read_text())
     *above, last = steps
@@ -99,7 +99,7 @@ OTHER_ROWS = [
 
 
 @pytest.mark.parametrize(("file", "column", "value"), OTHER_ROWS)
-def test_past_rejects_rows_of_another_kind_with_their_place(directory, file, column, value):
+def test_past_rejects_invalid_rows_with_place(directory, file, column, value):
     if file == "runs.parquet":
         pq.write_table(pa.table({"configuration": ["room-1"], "run_index": [0]}), directory / file)
     rewrite(directory / file, column, value)

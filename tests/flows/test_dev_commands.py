@@ -27,7 +27,7 @@ class Became(Exception):
         ("bench pipeline --configurations 6 --help", "bench_pipeline.py --configurations 6 --help"),
     ],
 )
-def test_dev_command_becomes_its_script(command, script, monkeypatch, tmp_path):
+def test_dev_command_runs_its_script(command, script, monkeypatch, tmp_path):
     def execv(program, words):
         raise Became(program, words)
 

@@ -47,7 +47,7 @@ def test_view_shows_counts_pace_and_verdicts():
     assert "starting Prefect, which takes 5–12 s  2 s" in text and "runs" not in text
 
 
-def test_phase_text_explains_what_user_waits_for():
+def test_phase_text_explains_current_work():
     assert phase_text(progress("starting Prefect"), Pace(40.0, 30.0)).endswith("5–12 s, and longer on a busy machine")
     assert "Prefect records" in phase_text(progress(runs_done=120), Pace(20.0, 12.0))
     waiting = progress(executed=0, runs_done=0)

@@ -88,7 +88,7 @@ def test_explain_names_writers_of_values_and_places_of_results(place):
     assert [due.stage for due in found.today.due] == ["instantiate"]  # nobody stored what the producer makes
 
 
-def test_explain_lists_lost_results_of_configuration_alone(place):
+def test_explain_lists_lost_results_of_one_configuration(place):
     directory = place.run()
     shutil.rmtree(place.store / "execute")
     found = explained(place, directory, "room-2")

@@ -122,7 +122,7 @@ def test_floorplan_refuses_wrong_arguments(plan, tmp_path, monkeypatch, golden):
     golden("command_line", "floorplan", faults_of)
 
 
-def test_render_refuses_resolution_that_is_no_length(plan, tmp_path):
+def test_render_refuses_invalid_resolution(plan, tmp_path):
     for wrong in ("0", "nan", "fine"):
         result = run("render", plan, "--out", tmp_path, "--resolution", wrong)
         assert result.exit_code == 2 and "Invalid value for '--resolution'" in result.stderr

@@ -109,7 +109,7 @@ def test_shell_completes_commands_and_options():
 
 
 @each_row(("options", "ci", "opens"), [((), "", False), (("--open",), "", True), (("--open",), "true", False)])
-def test_report_is_opened_with_option_alone_and_never_in_ci(monkeypatch, tmp_path, options, ci, opens):
+def test_report_opens_only_with_option_and_never_in_ci(monkeypatch, tmp_path, options, ci, opens):
     report = tmp_path / "report.html"
     report.write_text("")
     summary = SimpleNamespace(json_text=lambda: json.dumps({}))

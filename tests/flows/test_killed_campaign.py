@@ -110,7 +110,7 @@ def test_killed_flow_run_is_marked_as_crashed_by_the_next_run(killed, lab, alone
     assert killed.differing(alone[0].files, killed.digests(directory)) == ""
 
 
-def test_complete_campaign_asks_a_configured_server_nothing(killed, lab, alone):
+def test_complete_campaign_sends_no_requests(killed, lab, alone):
     with socket.create_server(("127.0.0.1", 0)) as listener:
         place = killed.Place(lab, "asked", api=f"http://127.0.0.1:{listener.getsockname()[1]}/api")
         shutil.copytree(lab.folder / "first" / "store", place.store)
@@ -140,7 +140,7 @@ OTHER = """\
 execution:"""
 
 
-def test_campaigns_at_once_on_one_store_have_the_results_of_each_alone(killed, lab, alone):
+def test_concurrent_campaigns_on_one_store_have_unchanged_results(killed, lab, alone):
     text = lab.campaign.read_text()
     other = lab.folder / "other.vast"
     other.write_text(text.replace("execution:", OTHER).replace("name: killed", "name: other"))

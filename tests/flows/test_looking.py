@@ -134,7 +134,7 @@ def test_oracle_that_ends_process_or_raises_is_fault_of_file(tmp_path, place, st
     assert f"{file}:4:" in result.stderr and words in result.stderr
 
 
-def test_plug_in_code_turns_exits_alone_into_errors():
+def test_plug_in_code_turns_only_exits_into_errors():
     for raised, caught, words in (
         (KeyboardInterrupt("now"), KeyboardInterrupt, "now"),
         (LookupError("own"), LookupError, "own"),

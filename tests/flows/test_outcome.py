@@ -61,7 +61,7 @@ def test_outcome_has_column_of_runs_that_were_not_judged_where_there_are_any():
     assert rate_text(Counts(0, 0, 5)) == "not judged"
 
 
-def test_outcome_names_oracles_duplicates_faults_and_what_saved_runs():
+def test_outcome_names_oracles_duplicates_faults_and_saved_runs():
     safety = [("open", "open-1", run, "safety", "fail" if run == 0 else "pass") for run in range(9)]
     faults = [{"configuration": f"open-{k}", "run_index": k, "stage": "execute", "error": "E"} for k in range(5)]
     counts = {"runs": 9, "configurations": 1, "sampled_from": 7, "excluded_by": {"open": {"short": 2}}}

@@ -262,7 +262,7 @@ def test_run_computes_planned_work(again, edits):
     assert computed(again.dry()) == dict.fromkeys(STAGES, 0)
 
 
-def test_run_of_edited_kernel_executes_what_plan_says(again, monkeypatch):
+def test_run_of_edited_kernel_matches_plan(again, monkeypatch):
     tree = kernel_edited(again)
     monkeypatch.setattr(plans, "installed_tree", lambda: tree)
     monkeypatch.setattr(prepared, "installed_tree", lambda: tree)

@@ -88,7 +88,7 @@ def test_selection_is_everything_by_default_and_for_larger_sample():
     assert LARGE.sampled_from is None
 
 
-def test_sample_is_drawn_from_what_is_selected_by_name():
+def test_sample_is_drawn_from_selected_names():
     found = narrowed(Instantiated(LARGE), FILE, ["b"], 7).instantiation
     assert (len(names(found)), found.sampled_from) == (7, 30)
     assert {each.family for each in found.configurations} == {"b"}

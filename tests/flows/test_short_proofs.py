@@ -100,7 +100,7 @@ def test_defect_of_the_machine_is_reported_in_one_sentence(tmp_path_factory, nam
 
 
 @needs_namespaces
-def test_environment_finds_another_sentence_than_the_expected_one(tmp_path):
+def test_environment_proof_detects_unexpected_sentence(tmp_path):
     lab = environment.Lab(tmp_path)
     lab.laid_out()
     condition = environment.Condition("a file", "touch LAB/file", "never said", results="file")
@@ -136,7 +136,7 @@ def contents(directory: Path) -> dict[str, bytes]:
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_edited_campaign_has_the_bytes_of_a_run_from_nothing(tmp_path, monkeypatch):
+def test_edited_campaign_equals_fresh_run(tmp_path, monkeypatch):
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
     (tmp_path / "nothing.osc").write_text(SCENARIO)
     file = tmp_path / "nothing.vast"

@@ -110,7 +110,7 @@ def spellings(base, name, links):
 
 
 def asked(path):
-    """All that a campaign is known by: its name, and the keys of what is computed of it."""
+    """The name of a campaign and the keys of its artifacts."""
     campaign, oracles = read_campaign(path)
     keys = campaign_keys(installed_tree(), campaign.seed, oracles)
     instantiation = instantiate(campaign)

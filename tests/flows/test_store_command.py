@@ -95,7 +95,7 @@ def test_info_counts_artifacts_and_bytes_by_stage(ran, store):
     assert str(store.local) in printed and "execute" in printed and "3 d" in printed
 
 
-def test_verify_names_what_is_damaged_and_repair_discards_it(ran, store):
+def test_verify_names_damage_and_repair_discards_it(ran, store):
     ran("one")
     result = called("store", "verify")
     assert (result.exit_code, result.stdout) == (0, "7 artifacts read, 0 damaged\n")

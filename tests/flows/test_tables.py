@@ -57,7 +57,7 @@ def test_table_without_rows_still_has_its_columns(tmp_path):
     assert read_back(tmp_path, REJECTIONS, []).schema.equals(REJECTIONS)
 
 
-def test_table_returns_text_unchanged_and_escapes_what_utf_8_lacks(tmp_path):
+def test_table_keeps_text_and_escapes_invalid_utf_8(tmp_path):
     texts = ["12", "null", 'say "no"\nthen', "σ ≥ 0.5 – 😀", "", "\\u0041", "y" * 100_000, None]
     found = read_back(tmp_path, RUNS, [{"reason": text} for text in [*texts, "no file a\udcff.csv"]])
     assert found["reason"].to_pylist() == [*texts, "no file a\\udcff.csv"]
@@ -109,7 +109,7 @@ def test_verdict_is_written_with_its_metrics_and_units():
     assert columns["reason"] == ["too near"] * 2
 
 
-def test_rejection_is_written_with_what_was_requested():
+def test_rejection_is_written_with_request():
     row = instance_row(
         RejectedInstance("f", "f-1", "PathVariationRandom", "too long", {"path_length": 200.0}, {}), REJECTIONS
     )
@@ -117,7 +117,7 @@ def test_rejection_is_written_with_what_was_requested():
     assert row["requested"] == '{"path_length":200.0}'
 
 
-def test_json_of_number_that_is_not_finite_is_null():
+def test_json_of_non_finite_number_is_null():
     assert json_text([math.inf, math.nan, 1.0]) == "[null,null,1.0]"
 
 

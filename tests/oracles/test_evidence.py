@@ -350,7 +350,7 @@ def analyzed(seed, harm, seen=True):
     return factor_analysis(factors, passed, np.full(180, 20), np.repeat(np.arange(60), 3), path_properties=properties)
 
 
-def test_narrow_passage_is_found_and_harmless_clearance_is_not():
+def test_narrow_passage_is_shown_and_harmless_clearance_is_not():
     narrow, clearance = analyzed(4, 0.2).path_properties
     assert [(each.name, each.others.shown) for each in (narrow, clearance)] == [(NARROW, True), ("clearance", False)]
     assert narrow.trend.change == pytest.approx(-0.2 * (narrow.trend.greatest - narrow.trend.smallest), abs=0.12)

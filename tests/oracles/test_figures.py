@@ -84,7 +84,7 @@ def test_scene_draws_evenly_chosen_runs(directory, monkeypatch):
     assert scene.runs.passed == 7
 
 
-def test_environment_names_are_those_of_files(directory, room):
+def test_environment_names_match_files(directory, room):
     environment = read_tables(directory).configurations.environments[0]
     assert environment_names(directory, [environment]) == {environment: environment[:8]}
     (directory / "inputs").mkdir()

@@ -99,7 +99,7 @@ def test_wall_clearance_is_exact_to_millimeter(room, build, xy_m, clearance_m):
     np.testing.assert_allclose(trace["wall_clearance_m"], clearance_m, atol=5e-4)
 
 
-def test_wall_clearance_is_to_occupied_cells_alone(tmp_path, build):
+def test_wall_clearance_ignores_unknown_cells(tmp_path, build):
     lonely, half = np.zeros((80, 120), dtype=np.int8), build.walled_room(6.0, 4.0)
     lonely[40, 60] = 100  # x 3.0..3.05, y 2.0..2.05: 0.5 m from its corner
     half[:, 60:] = -1
@@ -216,7 +216,7 @@ def test_reference_keeps_radius_of_robot(room, door, build):
     assert outside.reason.startswith("goal 1 at (50.00, 2.00) m is more than 0.22 m from any place")
 
 
-def test_run_is_observed_alike_alone_and_in_block(room, build):
+def test_run_is_observed_equally_alone_and_in_block(room, build):
     runs = [build.a_recording([(1, 2), (2, 2 + 0.1 * i)], run_index=i) for i in range(3)]
     together, alone = (
         read_block(observe_block(scenario_on(room), write_recordings(some))) for some in (runs, runs[1:2])

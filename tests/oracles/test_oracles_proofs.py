@@ -15,7 +15,7 @@ PARTS = {"classes": 150, "factors": 40, "lengths": 40, "rare": 40, "pooled": 300
 
 
 @pytest.mark.parametrize(("part", "campaigns"), PARTS.items())
-def test_planted_truths_are_found_alone(part, campaigns):
+def test_planted_truths_are_found(part, campaigns):
     findings = list(getattr(planted_truths, part)(campaigns, np.random.default_rng(12)))
     assert findings
     assert [str(finding) for finding in findings if not finding.good] == []

@@ -143,7 +143,7 @@ def rewritten(directory, **changes):
     return words_of(directory)
 
 
-def test_page_is_well_formed_and_stands_alone(page, shown):
+def test_page_is_well_formed_and_self_contained(page, shown):
     assert (page.misnested, page.open) == ([], [])
     inside = ("data:image/png;base64,", "data:image/svg+xml;base64,", "#", "figures/")
     assert page.addresses and [address for address in page.addresses if not address.startswith(inside)] == []
@@ -213,7 +213,7 @@ def test_page_has_facts_of_campaign(page, shown):
     assert json.loads(data)["rows"][1][3][:3] == [3, 5, 0]
 
 
-def test_page_says_how_runs_were_chosen(directory):
+def test_page_explains_choice_of_runs(directory):
     saved = rewritten(directory, sequential={"min": 3, "max": 20})
     assert "60 of 80 runs were saved" in saved and "those that took longest to decide count most" in saved
     asked = {"runs": 5, "sample": 4, "only": ["noisy*"]}

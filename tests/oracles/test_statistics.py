@@ -106,7 +106,7 @@ def test_stopping_rule_decides():
     )
 
 
-def test_operating_characteristics_are_those_of_all_sequences_of_runs():
+def test_operating_characteristics_match_enumeration():
     rule = classes.StoppingRule(2, 10, classes.ClassBounds(0.4, 0.6), error=0.2)
     assert len(rule.decidable) >= 2
     said = {(n, x): rule.decision(x, n) for n in range(1, 11) for x in range(n + 1)}
@@ -211,7 +211,7 @@ def test_difference_has_blocks_as_clusters():
     assert set(pairs(*counts, blocks=[7, 8, 9]).of(pairs(*counts).configuration == 1).block) == {8}
 
 
-def test_difference_without_changes_rules_out_large_losses_alone():
+def test_difference_without_changes_excludes_only_large_losses():
     found = difference(pairs(*[(10, 0, 0, 0)] * 10))
     assert found.interval == pytest.approx((0.025**0.01 - 1, 1 - 0.025**0.01), abs=1e-6)
     assert [found.non_inferior(margin) for margin in (0.037, 0.036, -found.interval[0])] == [True, False, False]
@@ -311,7 +311,7 @@ def test_intervals_have_configurations_as_clusters():
     assert one[0, 3] == pytest.approx([0.0, 1.0])
 
 
-def test_hot_marks_planted_cell_alone():
+def test_hot_marks_only_planted_cell():
     rng = np.random.default_rng(2)
     found = empty_map(GRID)
     for _ in range(60):

@@ -125,7 +125,7 @@ def test_contrasts_agree_with_exact_test_and_analysis_of_variance():
     assert found.p_value == pytest.approx(f_oneway(*response.reshape(3, 30)).pvalue, abs=0.02)
 
 
-def test_level_rates_and_differences_are_those_of_table():
+def test_level_rates_and_differences_match_table():
     failed = [(10 if row["a"] else 2) + (k % 3) - 1 for k, row in enumerate(GRID)]
     (effect,) = analyzed([{"a": row["a"]} for row in GRID], failed).factors
     assert (effect.name, effect.highest, effect.lowest) == ("a", "1", "0")
@@ -246,7 +246,7 @@ def test_trend_is_slope_of_least_squares():
 QUARTERS = np.repeat([5.0, 10.0, 15.0, 20.0], 10)
 
 
-def test_trend_needs_three_values_of_its_own():
+def test_trend_needs_three_distinct_values():
     rates = Contrasts(np.linspace(0, 1, 40), ALONE, 999)
     for values in ([1.0, 2.0] * 20, [3.0] * 40, [np.nan] * 39 + [1.0]):
         assert trend_of(rates, np.array(values), ONE, RUNS, 0.05) is None

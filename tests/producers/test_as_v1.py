@@ -99,7 +99,7 @@ def test_set_without_room_or_path_is_drawn_ten_times_and_then_rejected(narrow, w
     assert item.reason == "as version 1 places them, 10 of 10 sets of 1 obstacles left no path to the goals"
     (item,) = evaluate(obstacles(obstacle_configs=boxes(60, max_distance=0.0, side=0.05)), wide)
     assert item.reason.startswith("as version 1 places them, at most ")
-    assert item.reason.endswith(" of 60 obstacles found room in 10 attempts")
+    assert item.reason.endswith(" of 60 obstacles fit in 10 attempts")
 
 
 def test_obstacle_may_appear_where_the_robot_is(wide):
@@ -156,6 +156,6 @@ def test_placement_note_is_present_when_not_chosen(file):
 @pytest.mark.parametrize(
     "changed", ["seed: 1, placement: as_v1", "seed: 1, placement: constructive", "amount_per_m: 0"]
 )
-def test_file_that_chooses_or_has_no_obstacle_is_told_nothing(file, changed):
+def test_placement_note_is_absent_when_chosen_or_unneeded(file, changed):
     file.write_text(file.read_text().replace("seed: 1" if "seed" in changed else "amount: 1", changed))
     assert load_campaign(file).notes == ()

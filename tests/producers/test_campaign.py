@@ -252,7 +252,7 @@ def test_faults_of_a_campaign_have_place_and_message(golden, faults: Faults, sec
 
 
 @each_row("second", ["b", "a-b", "a1", "a-1x"])
-def test_names_that_only_look_alike_are_good(load: Load, second: str) -> None:
+def test_similar_valid_names_are_accepted(load: Load, second: str) -> None:
     other = FIXED.removeprefix("configuration:\n").replace("name: a", f"name: {second}")
     assert len(load(FIXED + other).families) == 2
 

@@ -100,7 +100,7 @@ def looked(room, name, **values):
         ((0.0, 0.0), (3.0, 0.0), {"number_of_goals": 1, "number_of_obstacles": 3, "obstacle_density": 1.0}),
     ],
 )
-def test_quantities_are_those_of_the_path_and_the_obstacles(room, start, goal, quantities):
+def test_quantities_describe_path_and_obstacles(room, start, goal, quantities):
     poses = {key: {"x": x, "y": y} for key, (x, y) in (("start_pose", start), ("goal_pose", goal))}
     boxes = [{"spawn_pose": {"x": 1, "y": 1}}] * 3
     for name, value in quantities.items():

@@ -73,7 +73,7 @@ def test_space_of_one_or_of_no_configuration_is_one_row_or_none():
     assert covering_array([*free(3), FactorBlock((1,), np.empty((0, 1), np.int64))], [3, 2], 2).shape == (0, 2)
 
 
-def test_more_tuples_than_can_be_looked_after_are_refused():
+def test_design_with_too_many_tuples_is_refused():
     with pytest.raises(TooLarge, match="combinations of 6 choices"):
         covering_array(free(*[10] * 20), [10] * 20, 6)
 

@@ -58,7 +58,7 @@ def test_faults_of_a_document_have_place_and_message(golden, tmp_path: Path) -> 
     golden("campaign_files", "document", faults)
 
 
-def test_file_that_is_no_text_is_one_fault(tmp_path: Path) -> None:
+def test_binary_file_is_one_fault(tmp_path: Path) -> None:
     assert fatal(tmp_path, "ok: 1\nä: \x01\n").startswith(
         "c.vast:2:4: file: not YAML: control characters are not allowed; "
     )
@@ -93,7 +93,7 @@ def test_keys_are_the_text_that_is_written(tmp_path: Path) -> None:
     assert read(tmp_path, "on: 1\n2: 2\n2024-01-01: 3\n").data == {"on": 1, "2": 2, "2024-01-01": 3}
 
 
-def test_merged_keys_yield_to_own_keys_and_stand_where_they_are_written(tmp_path: Path) -> None:
+def test_own_keys_override_merged_keys(tmp_path: Path) -> None:
     document = read(tmp_path, "base: &base {a: 1, b: 2}\nchild:\n  <<: *base\n  b: 3\n")
     assert document.data["child"] == {"b": 3, "a": 1}
     assert document.keys["child", "a"] == (1, 14)

@@ -27,7 +27,7 @@ def folder(tmp_path):
         yield tmp_path
 
 
-def test_pages_plan_and_variation_are_what_it_says(folder):
+def test_documented_plan_and_variation_match_page(folder):
     building = read_plan_file(folder / "rooms.fpm").building()
     assert (building.notes, [hole.name for hole in building.holes]) == ((), ["study_door", "north_window"])
     variation = read_variation_file(folder / "rooms.variation").variation()

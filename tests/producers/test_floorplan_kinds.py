@@ -77,7 +77,7 @@ def test_mesh_is_closed_and_doors_are_as_wide_as_their_walls():
         assert occupancy.cells[occupancy.cell_of(*door.frame.apply((x, 0.25)))] == cell, x
 
 
-def test_variation_reads_words_of_a_draft_from_another_folder(tmp_path):
+def test_variation_reads_draft_keywords(tmp_path):
     shutil.copy(CLINIC, tmp_path / "clinic.fpm2")
     folder = tmp_path / "variations"
     folder.mkdir()

@@ -54,7 +54,7 @@ def test_language_model_is_accepted_in_any_layout(text):
     assert built(text).rooms
 
 
-def test_parts_may_stand_anywhere_and_a_space_be_named_before_it_is_defined():
+def test_parts_may_be_in_any_order():
     head, defaults, space = ROOM.splitlines(keepends=True)
     second = SECOND.format(location="wrt: a of: this translation: x: 9.0 m")
     text = head + DOOR.replace("1.0 m,", "wide,") + second + space + "var wide = 1.2 m\n" + defaults
@@ -83,7 +83,7 @@ def test_angle_without_a_unit_is_in_radians_and_a_length_in_meters():
     assert room(changed("of: this", "of: this translation: x: 1 rotation: z: 3.141592653589793"))[0] == (3, -1.5)
 
 
-def test_space_has_its_own_wall_values_first_and_the_defaults_for_the_rest():
+def test_space_overrides_wall_defaults():
     head, _, space = ROOM.splitlines(keepends=True)
     for text, values in (
         (ROOM.rstrip() + " walls: height: 4.0 m", (0.2, 4.0)),
@@ -104,7 +104,7 @@ def test_circular_space_and_a_circular_column_are_polygons_on_their_circle():
     assert plan.rooms[0].outline[0] == (0, 2)
 
 
-def test_feature_stands_where_it_says_whatever_the_order_of_its_location():
+def test_feature_location_ignores_order_of_parts():
     plan = built(ROOM + POST.format(location="rotation: z: 0 deg translation: x: 1.0 m wrt: a.walls[1]"))
     assert plan.obstacles[0].outline[2] == pytest.approx((1.8, -1.2))
     (post,) = built(ROOM + POST.format(location="wrt: a translation: x: 1.0 m")).obstacles
@@ -174,7 +174,7 @@ def test_long_chain_of_spaces_is_placed_in_any_order():
     assert room(ROOM.replace("Space a", "Space s999") + "".join(spaces), "s0")[0] == (998.5, 1)
 
 
-def test_missing_file_is_a_fault_and_so_is_one_that_is_no_text(tmp_path):
+def test_missing_or_binary_file_is_a_fault_with_place(tmp_path):
     with pytest.raises(FileError, match=r"none.fpm:1:1: file: no such file; the path of a floor plan"):
         read_plan_file(tmp_path / "none.fpm")
     (tmp_path / "binary.fpm").write_bytes(b"Floor plan: p\nSpace \xff")

@@ -85,7 +85,7 @@ def test_opening_cuts_the_walls_it_names_and_no_others():
     ("side_m", "at", "more_m3"),
     [(0.5, "a", 0.25), (0.2, "a.walls[0]", 0.02)],  # one half in a wall counts once
 )
-def test_column_is_solid_to_its_height_and_is_not_cut(side_m, at, more_m3):
+def test_column_is_solid_up_to_its_height(side_m, at, more_m3):
     post = f"Column c: shape: Rectangle width={side_m} m, length={side_m} m height: 1.0 m location: wrt: {at}\n"
     assert volume(written(ROOM + post)) == pytest.approx(RING_M2 * 2.5 + more_m3, abs=1e-4)
 
@@ -99,7 +99,7 @@ def test_mesh_is_closed_only_where_every_edge_has_two_triangles():
     assert volume_of(triangles) == pytest.approx(volume(triangles))
 
 
-def test_solids_that_touch_along_an_edge_alone_stay_closed():
+def test_solids_touching_along_edge_are_closed():
     posts = "".join(
         f"Column c{int(2 * x)}{int(2 * y) + 1}: shape: Rectangle width=0.5 m, length=0.5 m height: {h} m location: wrt: a translation: x: {x} m, y: {y} m\n"
         for x, y, h in ((0, 0, 1.0), (0.5, 0.5, 1.0), (1.0, 0.0, 0.5), (0.5, -0.5, 2.0))

@@ -99,7 +99,7 @@ def test_variations_have_the_documented_numbers_and_the_seed_of_their_place(base
     assert [fragment.values["map_file"].digest for fragment in others] == maps[1:]
 
 
-def test_environment_has_everything_and_says_where_it_came_from(base, store):
+def test_environment_has_all_files_and_provenance(base, store):
     fragment = only(variation(base, seed=8))
     (folder,) = store.iterdir()
     assert Path(fragment.values["map_file"].path).parent == folder
@@ -191,7 +191,7 @@ def test_floor_plan_producers_keep_the_contract(base):
     check_producer(variation(base, num_variations=2), [{}, {"noise": 0.1}])
 
 
-def test_content_of_parameters_is_that_of_plan_and_variation_wherever_they_lie(base, tmp_path):
+def test_parameter_content_ignores_location_of_plan_files(base, tmp_path):
     moved = tmp_path / "elsewhere"
     moved.mkdir()
     for file in base.glob("test_floorplan_example.*"):
@@ -228,7 +228,7 @@ def test_environment_of_a_worker_is_readable_elsewhere(base, tmp_path, monkeypat
     assert Path(fragment.values["map_file"].path).is_relative_to(tmp_path / "store")
 
 
-def test_environment_is_kept_once_and_made_anew_where_it_is_damaged(base, store):
+def test_environment_is_stored_once_and_recreated_when_damaged(base, store):
     map_file = only(generation(base)).values["map_file"]
     picture = Path(map_file.path).with_name("map.pgm")
     content = picture.read_bytes()
@@ -241,7 +241,7 @@ def test_environment_is_kept_once_and_made_anew_where_it_is_damaged(base, store)
         assert len(list(store.iterdir())) == 1
 
 
-def test_environments_are_kept_in_the_store_or_where_a_worker_says(tmp_path, monkeypatch):
+def test_environments_are_kept_in_store_or_worker_folder(tmp_path, monkeypatch):
     assert environments_folder() == tmp_path / "environments"
     monkeypatch.setattr(environment, "_FOLDER", type(environment._FOLDER)("fresh", default=None))
     monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "store"))

@@ -107,7 +107,7 @@ def test_name_that_two_things_have_can_not_be_varied():
     assert "the plan has more than one 'corridor'" in only
 
 
-def test_import_that_is_not_there_is_a_fault_of_the_variation_file(tmp_path):
+def test_missing_import_is_a_fault_of_variation_file(tmp_path):
     (tmp_path / "v.variation").write_text('// a comment\nimport "none.fpm"\ngap : uniform([1])\n')
     with pytest.raises(FileError, match=r"v\.variation:2:8: import: '.*none\.fpm': no such file; a floor plan, by its"):
         read_variation_file(tmp_path / "v.variation")

@@ -103,7 +103,7 @@ def test_rejections_use_no_number_and_name_parent(picky):
     assert found.rejections[1].inputs == {"noise": 2}
 
 
-def test_producer_that_says_nothing_does_not_lose_a_configuration_in_silence(picky):
+def test_empty_producer_is_reported(picky):
     chain = Family("rooms", {"noise": 0}, {}, (picky,))
     found = instantiate(Campaign((chain,)))
     assert [r.reason for r in found.rejections] == ["Picky yielded nothing for this input"]

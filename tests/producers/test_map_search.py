@@ -67,7 +67,7 @@ def test_missing_map_names_the_option(places):
         ("map.yaml", "empty", r"another --map-dir; .*empty has no map"),
     ],
 )
-def test_map_in_neither_place_says_both_and_the_nearest_there_is(places, name, folder, said):
+def test_missing_map_names_both_places_and_nearest_map(places, name, folder, said):
     base, maps = places
     with pytest.raises(MapError, match=said):
         MapSearch(base, maps.parent / folder).content(name)

@@ -136,7 +136,7 @@ def test_world_without_differences_is_the_map(tmp_path):
     assert "world" not in it.reduced((), {})
 
 
-def test_parameters_go_and_numbers_come_nearer_to_their_defaults(tmp_path):
+def test_minimization_removes_parameters_and_moves_numbers_to_defaults(tmp_path):
     it = subject(tmp_path, laserscan_gaussian_noise_std_deviation=0.4, robot_radius=0.3, note="text")
     (noise,) = named(it, "laserscan")
     assert it.reduced([noise], {noise: 2}) == {**subject(tmp_path).values, noise.key: 0.1}

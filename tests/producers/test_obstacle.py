@@ -101,7 +101,7 @@ def test_obstacles_stand_free_near_the_path_and_leave_a_path(
     width=st.floats(0.02, 1.0),
 )
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_covered_cells_are_those_whose_square_meets_the_footprint(drawn_map, x, y, yaw, length, width):
+def test_covered_cells_intersect_footprint(drawn_map, x, y, yaw, length, width):
     ground = _open_ground(drawn_map)
     entry = {"spawn_pose": {"x": x, "y": y, "yaw": yaw}, "xacro_arguments": f"length:={length} width:={width}"}
     footprint = obstacle_of(entry).footprint()
@@ -197,7 +197,7 @@ def test_obstacles_that_would_close_a_corridor_are_rejected_with_the_reason(draw
     producer = obstacle_variation({"amount": 1, "max_distance": 0, "args": "width:=0.6"})
     (item,) = evaluate(producer, corridor(drawn_map, 2, -1.5))
     assert isinstance(item, Rejection)
-    assert item.reason.startswith("at most 0 of 1 obstacles found room in 10 attempts of 100 tries each")
+    assert item.reason.startswith("at most 0 of 1 obstacles fit in 10 attempts of 100 tries each")
     assert "left no path to the goals" in item.reason
     assert item.requested["obstacle_configs"][0]["max_distance"] == 0.0
 
@@ -256,7 +256,7 @@ def test_corridor_that_an_earlier_obstacle_narrows_is_not_closed(drawn_map):
     assert any(abs(placed(item)[0].pose.x_m - 5.0) < 4.0 for item in evaluate(producer, inputs))
 
 
-def test_obstacles_that_stand_in_the_only_way_are_named_as_the_reason(drawn_map):
+def test_obstacles_blocking_only_path_are_the_reason(drawn_map):
     there = {"static_objects": [{"spawn_pose": {"x": 5.0, "y": -1.5}, "xacro_arguments": "width:=2.0"}]}
     producer = obstacle_variation({"amount": 1, "max_distance": 0, "args": "width:=0.2"})
     (item,) = evaluate(producer, {**corridor(drawn_map, 2, -1.5), **there})

@@ -96,7 +96,7 @@ def test_first_variations_are_independent_of_count():
     assert values(gaussian(num_variations=9))[:5] == values(gaussian())
 
 
-def test_another_seed_or_key_draws_different_numbers():
+def test_draws_depend_on_seed_and_key():
     other = [fragment.values["b"] for fragment in evaluate(uniform(name="b"), {})]
     assert other != values(uniform()) != values(uniform(seed=1))
 

@@ -100,7 +100,7 @@ def test_straight_distance_that_no_path_of_this_length_spans_is_rejected(hall):
     assert item.reason == "a path of 5 m ± 0.5 m can't lead 6 m away in a straight line"
 
 
-def test_search_that_ends_without_a_proof_says_so(drawn_map):
+def test_search_without_confirmation_is_reported(drawn_map):
     # No sum of steps of 0.05 m and 0.0707 m is 3.01 m to the nanometer, but many come close.
     producer = path_variation(path_length=3.01, path_length_tolerance=0, num_paths=2)
     items = evaluate(producer, {"map_file": drawn_map(".", cells=100)})

@@ -51,7 +51,7 @@ def split(items):
     robot_diameter=st.sampled_from([0.3, 0.9]),
 )
 @settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_exactly_the_pairs_of_the_promised_length_are_there_in_order(
+def test_pairs_of_requested_length_are_complete_and_ordered(
     grid_map, walls, lengths, tolerance, size, offset, robot_diameter
 ):
     content = grid_map(walls)
@@ -97,7 +97,7 @@ def test_raster_finer_than_the_map_has_every_cell_once(drawn_map):
     assert points.tolist() == [[1, 1], [1, 2], [1, 3], [2, 1], [2, 2], [2, 3]]
 
 
-def test_stops_are_the_centers_of_the_points_cells_and_look_along_x(hall):
+def test_stops_are_cell_centers_facing_x(hall):
     asked = {"raster_size": 2, "raster_offset_x": 1, "raster_offset_y": 1}
     items, _ = split(evaluate(rasterized(path_length=4, path_length_tolerance=0.1, **asked), {"map_file": hall}))
     left, right = Pose(0.025, -0.975), Pose(4.025, -0.975)

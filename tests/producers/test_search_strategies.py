@@ -155,7 +155,7 @@ def test_promise_is_independent_of_the_unit():
     assert near < far
 
 
-def test_least_value_is_looked_for_where_it_is_asked_for():
+def test_minimizing_search_prefers_lowest_value():
     kind, parameters, problem = strategy("optuna", {}, PLANE, direction="minimize")
     _, told = searched(kind, parameters, problem, lambda point: abs(point["x"] - 1), 12)
     assert best_of(told, "minimize").objective < 0.1

@@ -106,7 +106,7 @@ def test_defaults_are_documented_ones() -> None:
 
 
 @each_row("section", ["metadata", "general", "execution", "results_processing", "evaluation"])
-def test_section_with_nothing_below_it_is_as_if_left_out(section: str) -> None:
+def test_empty_section_equals_missing_section(section: str) -> None:
     assert spec_of(f"configuration: [{{name: a}}]\n{section}:\n").execution.runs == 1
 
 
@@ -141,7 +141,7 @@ def test_schema_offers_the_parameters_of_known_producers(schema) -> None:
     assert "path_length" in parameters["properties"]
 
 
-def test_schema_defines_what_its_keys_refer_to_and_nothing_else(schema) -> None:
+def test_schema_has_only_referenced_definitions(schema) -> None:
     assert set(re.findall(r'"#/\$defs/([^"]+)"', json.dumps(schema))) == set(schema["$defs"])
 
 

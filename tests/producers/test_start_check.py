@@ -129,9 +129,7 @@ def test_local_costmaps_footprint_counts(made, more, free):
         (0.2, 0.0, 'footprint: "[]"', 0.0, True),
     ],
 )
-def test_turned_radius_polygon_and_padding_are_those_of_the_systems_parameter_file(
-    made, tmp_path, radius, padding, more, yaw, free
-):
+def test_turning_radius_polygon_and_padding_follow_parameter_file(made, tmp_path, radius, padding, more, yaw, free):
     (tmp_path / "nav2.yaml").write_text(NAV2.format(radius=radius, padding=padding, more=more))
     turned = poses((0.27, 2.0)).replace("yaw: 0.0", f"yaw: {yaw}", 1)
     assert fits(made(turned, "execution:\n  nav2_params: nav2.yaml\n")) is free
@@ -205,7 +203,7 @@ def test_drawn_stops_pass_the_start_check(made, lines):
     assert least[0] < DISC_M < least[1]
 
 
-def test_drawn_stops_fit_the_largest_robot_and_are_else_the_same(made):
+def test_drawn_stops_fit_largest_robot(made):
     """The footprint narrows what is drawn and seeds nothing: two systems can be compared path by path."""
     found = made(PATHS.format(seed=3) + RADII)
     assert found.rejections == ()
@@ -220,7 +218,7 @@ def test_drawn_stops_fit_the_largest_robot_and_are_else_the_same(made):
     st.sampled_from([0.0, 0.03, 0.1, 0.234142, 0.4]),
 )
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_stop_is_as_far_from_every_wall_as_was_asked(drawn_map, walls, room_m):
+def test_stop_keeps_requested_wall_distance(drawn_map, walls, room_m):
     rows = [["."] * 20 for _ in range(20)]
     for row, column in walls:
         rows[row][column] = "#"

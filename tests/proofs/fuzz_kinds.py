@@ -381,7 +381,7 @@ def placed(kind: Kind, seed: Path, content: bytes, folder: Path) -> Path:
 
 
 def text_of(stream: io.BufferedRandom) -> str:
-    """All that was written to a file."""
+    """Return the text of a stream from its start."""
     stream.seek(0)
     return stream.read().decode("utf-8", "replace")
 

@@ -143,6 +143,6 @@ def totals(done: Sequence[Point]) -> list[str]:
 
 
 def as_json(seed: int, done: Sequence[Point]) -> str:
-    """All that is known of points."""
+    """Return the points as JSON."""
     told = [{**asdict(point), "cut": len(point.cut)} for point in done]
     return json.dumps({"seed": seed, "violated": sum(bool(point.violations) for point in done), "points": told})

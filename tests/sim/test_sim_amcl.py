@@ -136,7 +136,7 @@ def test_weight_is_finite_on_maps_without_walls_or_of_one_cell(occupied):
         ((0.0, 0.0, 0.1), 7.72, 0.05),
     ],
 )
-def test_weights_in_a_corridor_are_those_measured_with_nav2(offset, upstream, tolerance):
+def test_corridor_weights_match_nav2(offset, upstream, tolerance):
     """Along a corridor of 12 m × 1 m between walls one cell thick."""
     occupied, origin, pose = frame_of(20, 240, margin=20), (-1.0, -1.0), (5.0, 0.5, 0.05)
     arguments = {"ranges_m": looked(occupied, pose, origin), "laser_xyt": LIDAR.mount_xyt, **BEAMS}
@@ -304,7 +304,7 @@ def test_filter_errs_as_measured_with_nav2(shelved_room, corridor, errors):
         assert found["yaw_rad"].mean() == pytest.approx(0.013, rel=0.3)
 
 
-def test_number_of_particles_adapts_to_what_is_known(shelved_room, errors):
+def test_particle_count_adapts_to_uncertainty(shelved_room, errors):
     """Nav2's filter has 500 to 1600 in rooms: all of them where no beam says anything."""
     exact, blind = errors(shelved_room)["particles"], errors(shelved_room, dropout=0.9)["particles"]
     assert np.percentile(exact, 5) == 501

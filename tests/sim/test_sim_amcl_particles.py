@@ -72,7 +72,7 @@ def test_particles_move_as_the_odometry_did_without_noise():
     np.testing.assert_allclose(yaw, 1.6)
 
 
-def test_quarter_meter_ahead_scatters_as_the_motion_model_says():
+def test_motion_of_quarter_meter_scatters_like_model():
     """σ_trans² = α3 d², σ_rot1² = σ_rot2² = α2 d²: 0.11 m and 0.11 rad."""
     x, y, yaw = cloud_after(0.25, 0.0, 0.0, 0.0)
     assert pytest.approx(0.1118, abs=1e-4) == SIGMA
@@ -85,7 +85,7 @@ def test_quarter_meter_ahead_scatters_as_the_motion_model_says():
     assert yaw.mean() == pytest.approx(0.0, abs=5 * math.sqrt(2) * SIGMA / math.sqrt(N))
 
 
-def test_turning_in_place_scatters_the_yaw_alone():
+def test_turning_in_place_scatters_only_yaw():
     """δtrans < 0.01 m: no first rotation; σ_rot2² = α1 δ², σ_trans² = α4 δ²."""
     x, y, yaw = cloud_after(0.0, 0.0, 0.0, 0.5)
     sigma = math.sqrt(0.2) * 0.5

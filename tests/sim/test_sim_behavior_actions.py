@@ -104,7 +104,7 @@ def test_random_numbers_come_only_from_run_generator():
     assert {s for _, _, s in drawn(7)} == {"a", "b", "c"}
 
 
-def test_seed_in_the_file_makes_every_run_draw_the_same():
+def test_file_seed_makes_runs_draw_equally():
     one, other = functions(1), functions(2)
     assert one["random.seed"](5) == other["random.seed"](5) == 5
     assert one["random.get_float"](0.0, 1.0) == other["random.get_float"](0.0, 1.0)
@@ -154,7 +154,7 @@ def test_simulators_programs_run_as_long_as_it_does(made):
         made("check_process_running", known=known, process_name="(", regex=True)
 
 
-def test_worldly_actions_are_those_of_robot_and_entities():
+def test_world_actions_cover_robot_and_entities():
     assert {*WORLD, *ROS} - stand_ins({}).keys() == WORLDLY
 
 

@@ -57,6 +57,6 @@ def test_equal_behaviors_have_equal_bytes():
 
 
 @each_row("damaged", [b"", b"PAR1", b"x 12", b"12"])
-def test_block_of_another_kind_is_refused(damaged):
+def test_block_of_wrong_kind_is_refused(damaged):
     with pytest.raises((ValueError, OSError)):
         read_behaviors(damaged)

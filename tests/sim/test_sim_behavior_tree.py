@@ -356,7 +356,7 @@ def random_tree(body, mission_end_s=9.0):
 
 @settings(max_examples=60, deadline=None)
 @given(BODIES, st.integers(1, TICKS))
-def test_leaving_out_ticks_that_change_nothing_changes_no_outcome(body, mission_end):
+def test_skipped_ticks_change_no_outcome(body, mission_end):
     every, leaping = random_tree(body, mission_end / 10), random_tree(body, mission_end / 10)
     while not every.ended and every.number < TICKS:
         every.tick()
@@ -380,7 +380,7 @@ def test_ticks_are_left_out_while_all_wait_for_time():
     assert not tree.passed
 
 
-def test_scenario_that_waits_for_the_mission_alone_is_woken_by_nothing():
+def test_scenario_waiting_for_mission_is_not_woken():
     tree = random_tree("mission(0.0)")
     tree.tick()
     tree.tick()

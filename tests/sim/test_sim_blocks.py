@@ -114,7 +114,7 @@ def test_runs_of_one_block_have_the_same_columns():
         write_block([{"run_index": 0}, {"run_index": 1}], [{"a": np.zeros(1, np.int32)}, {"b": np.zeros(1, np.int32)}])
 
 
-def test_block_is_parquet_whose_smooth_columns_are_differences(tmp_path):
+def test_block_stores_smooth_columns_as_differences(tmp_path):
     noise = np.random.default_rng(1).integers(-(2**31), 2**31 - 1, 52, dtype=np.int32)
     recordings = [a_recording(3, noise=noise[:50]), a_recording(5, n=2, noise=noise[50:])]
     (tmp_path / "b.parquet").write_bytes(write_recordings(recordings))

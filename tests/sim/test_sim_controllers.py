@@ -240,7 +240,7 @@ def test_parameter_file_reports_unavailable_plug_in_at_its_line(tmp_path, plugin
     assert message in said
 
 
-def test_parameters_and_digest_are_those_of_plug_in_when_read(folder):
+def test_parameters_and_digest_belong_to_plug_in_as_read(folder):
     content, file = nav2_file(folder / "my_pursuit.yaml"), folder / "my_pursuit.py"
     (folder / "other.py").write_text("")
     assert content == nav2_file(folder / "my_pursuit.yaml")

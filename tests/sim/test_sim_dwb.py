@@ -164,7 +164,7 @@ def test_path_distances_are_manhattan_from_the_nearest_cell_of_the_plan():
     np.testing.assert_array_equal(grown(plan)[0], away.min(axis=2))
 
 
-def test_used_grid_gives_the_distances_of_a_new_one():
+def test_reused_grid_matches_new_grid():
     grid = new_path_grid(CELLS, CELLS)
     for plan in (straight(0.3, length_m=0.6), bent(2), bent(2), bent(3)):
         np.testing.assert_array_equal(grown(plan, grid=grid)[0], grown(plan)[0])

@@ -85,7 +85,7 @@ STACKS: Final[Mapping[str, tuple[NavParameters, str]]] = {
 
 
 @each_row("name", STACKS)
-def test_short_run_has_the_bytes_it_had(name):
+def test_short_run_has_golden_bytes(name):
     """Drive 8 s round the end of a wall with noise; the path begins with a turn."""
     cells = np.zeros((120, 200), dtype=np.int8)
     cells[[0, -1]], cells[:, [0, -1]], cells[:70, 90:94] = 100, 100, 100

@@ -57,7 +57,7 @@ def cruising(loop, ticks=80):
     return m
 
 
-def test_run_without_latency_draws_nothing_and_is_that_of_latency_of_nothing(loop):
+def test_run_without_latency_equals_zero_latency(loop):
     ideal, late = loop(), loop()
     late.stack.p["late"] = 1
     assert ideal.stack.p[0]["late"] == 0

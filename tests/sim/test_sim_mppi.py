@@ -197,7 +197,7 @@ SITUATIONS = {
 
 
 @each_row("name", SITUATIONS)
-def test_three_cycles_give_the_commands_of_the_plain_reading(name):
+def test_three_cycles_match_plain_implementation(name):
     costs, pose, twist, plan, goal = SITUATIONS[name]
     controller = Alone(SMALL)
     sequence, history = np.zeros((56, 2)), np.zeros((4, 2))
@@ -211,7 +211,7 @@ def test_three_cycles_give_the_commands_of_the_plain_reading(name):
         sequence = np.vstack([after[1:], after[-1:]])
 
 
-def test_costs_of_the_samples_are_those_of_the_plain_reading():
+def test_sample_costs_match_plain_implementation():
     costs, pose, twist, plan, goal = SITUATIONS["beside a blob"]
     found, expected = judged(SMALL, costs, pose, twist, plan, goal)
     near = expected < 100  # a sample on the rim of a cell may count as a collision in one reading alone
@@ -350,7 +350,7 @@ def command_of_long(costs, **critic):
     return controller.command(straight(), costs, goal=(3.0, 0.0, 0.0))
 
 
-def test_nose_in_a_wall_is_a_collision_of_the_outline_alone():
+def test_nose_in_wall_collides_only_with_outline():
     costs = np.full((60, 60), 100, dtype=np.uint8)
     costs[:, 38:] = 254  # 0.4 m ahead
     assert command_of_long(costs)[0]

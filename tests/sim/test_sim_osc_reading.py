@@ -104,7 +104,7 @@ def shown(part):
             return shown(part.condition)
 
 
-def test_navigation_scenario_becomes_a_tree_with_its_modifiers():
+def test_navigation_scenario_builds_tree_with_modifiers():
     (visit,) = read(NAVIGATION)
     assert visit.name == "visit"
     assert [(p.name, str(p.type), p.default) for p in visit.parameters] == [
@@ -126,7 +126,7 @@ def test_navigation_scenario_becomes_a_tree_with_its_modifiers():
 
 
 @each_row("name", library_names())
-def test_library_is_read_alone(name):
+def test_library_is_read_without_scenario(name):
     assert library(name).units
 
 

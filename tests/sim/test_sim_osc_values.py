@@ -131,7 +131,7 @@ def test_expression_of_constants_has_a_value(text, result):
     assert value(text) == result
 
 
-def test_names_are_looked_up_when_it_is_evaluated():
+def test_names_are_resolved_at_evaluation():
     assert value("n + 1", n=4) == 5
     assert value("p.position.x", p={"position": {"x": 2.0}}) == 2.0
 
@@ -156,7 +156,7 @@ def test_functions_get_the_values_of_their_arguments():
         ("random.get_int(5, 1)", r"a.osc:8:12: random.get_int\(\) can't be done: empty range"),
     ],
 )
-def test_expression_without_a_value_says_where_and_why(text, words):
+def test_expression_without_value_reports_place_and_reason(text, words):
     def empty(a, b):
         raise ValueError("empty range")
 

@@ -112,7 +112,7 @@ def test_rewritten_text_is_converted_to_number_or_flag(text, value):
 
 
 @each_row("end", ["max_velocity.x", "max_velocity.7", "max_velocity.\u00b2", ""])
-def test_key_that_is_no_list_item_is_unread_or_refused(end):
+def test_key_outside_list_is_unread_or_refused(end):
     key = f"velocity_smoother.ros__parameters.{end}"
     try:
         assert unread({key: 0.1}) == (key,)
@@ -175,7 +175,7 @@ def test_file_that_changed_since_it_was_read_is_refused(tmp_path):
         ({}, ["initial_pose_covariance", "keepout_mask", "controller"], ("keepout_mask",)),
     ],
 )
-def test_unread_names_keys_that_set_nothing(system, undecided, expected):
+def test_unread_names_ineffective_keys(system, undecided, expected):
     assert unread(system, undecided) == expected
 
 

@@ -97,7 +97,7 @@ def test_aliases_that_grow_without_bound_are_a_fault():
     assert "aliases that grow" in fault(f"x0: &x0 {{ros__parameters: {{b: 1}}}}\n{doubling}")
 
 
-def test_aliases_may_not_make_a_path_deeper_than_a_file_may_be():
+def test_aliases_may_not_exceed_maximum_depth():
     chain = "".join(f"x{k}: &x{k} {{a: *x{k - 1}}}\n" for k in range(1, 2 * MOST_LEVELS))
     assert "levels; fewer aliases" in fault(f"x0: &x0 {{a: {{ros__parameters: {{b: 1}}}}}}\n{chain}")
 

@@ -78,7 +78,7 @@ def test_parameter_files_have_the_pinned_faults(golden):
     golden("nav2_parameters", "file", faults)
 
 
-def test_keys_of_a_system_have_the_pinned_faults_alone_and_beside_others(golden):
+def test_system_keys_have_pinned_faults(golden):
     def faults_of(text):
         system = yaml.safe_load(text)
         *others, (key, value) = system.items()

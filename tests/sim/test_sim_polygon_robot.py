@@ -63,7 +63,7 @@ def test_polygon_that_no_robot_has_is_refused(text, right):
         vertices_of(text)
 
 
-def test_radii_of_a_notched_outline_are_those_of_its_edges():
+def test_radii_of_notched_outline_follow_edges():
     vertices = np.array(vertices_of(NOTCHED))
     ring = shapely.Polygon(vertices).exterior
     assert inscribed_radius_m(vertices) == pytest.approx(ring.distance(shapely.Point(0.0, 0.0)))

@@ -64,7 +64,7 @@ def test_pose_returns_from_grid_frame_to_nanometer(frame, x, y, yaw):
 
 
 @given(METERS, METERS, st.tuples(METERS, METERS), st.floats(-3, 3))
-def test_frame_that_is_not_turned_gives_every_number_back(x, y, corner, yaw):
+def test_unrotated_frame_keeps_numbers(x, y, corner, yaw):
     frame, points = GridFrame(corner), np.array([[x, y]])
     assert frame.pose_to_grid(Pose(x, y, yaw)) == frame.pose_to_map(Pose(x, y, yaw)) == Pose(x, y, yaw)
     assert frame.points_to_grid(points) is frame.points_to_map(points) is points

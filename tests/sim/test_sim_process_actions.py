@@ -178,7 +178,7 @@ def test_argument_that_no_run_can_have_is_the_scenarios_error(entered, action, a
         entered(action, **arguments)
 
 
-def test_files_are_looked_for_in_the_runs_folder(entered, run):
+def test_files_are_searched_in_run_folder(entered, run):
     (run.folders.out / "there").touch()
     statuses = {
         (name, file): entered(name, file_name=file).update()
@@ -193,7 +193,7 @@ def test_files_are_looked_for_in_the_runs_folder(entered, run):
     }
 
 
-def test_resources_stand_in_the_file_at_the_end(entered, run):
+def test_resource_series_are_written_at_end(entered, run):
     monitor = entered("monitor_resources", file_name="logs/use.csv")
     assert monitor.update() is Status.RUNNING
     entered("run_process", "sim", command=python(SLEEPS))

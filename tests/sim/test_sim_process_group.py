@@ -179,7 +179,7 @@ def test_flood_is_cut_and_the_program_never_waits_for_its_reader(started):
         ("./lost", "#!/no/such/interpreter\n", 0o755, "the interpreter its first line names was not found"),
     ],
 )
-def test_program_that_can_not_be_started_says_why(started, tmp_path, program, content, mode, message):
+def test_unstartable_program_has_reason(started, tmp_path, program, content, mode, message):
     folder = tmp_path.parent  # of the program, beside the rows' own
     if content is not None:
         (folder / program).write_text(content)

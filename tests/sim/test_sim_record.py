@@ -50,7 +50,7 @@ def whole(number):
 
 
 @given(st.floats(-6000.0, 6000.0))
-def test_sine_and_cosine_are_those_of_libm(angle_rad):
+def test_sine_and_cosine_match_libm(angle_rad):
     assert both(angle_rad) == pytest.approx((math.sin(angle_rad), math.cos(angle_rad)), abs=2e-12)
 
 

@@ -62,7 +62,7 @@ def test_snapshots_have_the_requested_ticks_and_costs(short, replayed):
     assert outside.global_costs.costs.size == 0
 
 
-def test_scan_lies_where_the_walls_and_the_box_are(replayed):
+def test_scan_ends_on_walls_and_box(replayed):
     scan = replayed.snapshots[0].scan_xy_m
     walls = np.abs(scan[:, [0]] - [0.2, 8.2]).min(axis=1) < 0.1
     walls |= np.abs(scan[:, [1]] - [0.2, 5.2]).min(axis=1) < 0.1

@@ -77,7 +77,7 @@ def first(noisy):
     return recording
 
 
-def test_run_is_the_same_alone_and_in_any_order(noisy, first):
+def test_run_is_independent_of_order(noisy, first):
     batch = [run(noisy, index, 5) for index in (2, 0, 1)]
     assert write_recordings([batch[2]]) == write_recordings([first])
     assert write_recordings([run(noisy, 0, 5), first, run(noisy, 2, 5)]) == write_recordings(

@@ -32,7 +32,7 @@ def seen(scenario):
     return scans, recording
 
 
-def test_robot_with_another_scanner_arrives(seen):
+def test_robot_with_other_scanner_arrives(seen):
     assert seen[1].run.outcome == "succeeded"
 
 

@@ -299,7 +299,7 @@ def test_box_spawned_ahead_of_robot_is_struck_pushed_and_recorded(scenario):
         ({"map_file": None}, ScenarioError, "map_file: .* changed since the campaign was read; run the campaign again"),
     ],
 )
-def test_scenario_that_can_not_be_executed_says_why(scenario, two_rooms, changes, error, message):
+def test_unexecutable_scenario_has_reason(scenario, two_rooms, changes, error, message):
     changed = FileContent(two_rooms.path, "0" * 64)
     with pytest.raises(error, match=message):
         run(scenario(**{key: changed if value is None else value for key, value in changes.items()}), 0)

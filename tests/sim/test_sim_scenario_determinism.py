@@ -110,7 +110,7 @@ def mixed(staged):
 
 
 @pytest.mark.parametrize("name", TEXTS)
-def test_ticks_passed_over_change_nothing(staged, monkeypatch, name):
+def test_skipped_ticks_change_nothing(staged, monkeypatch, name):
     scenario = staged(TEXTS[name], timeout_s=30.0)
     made = []
     tick = ScenarioTree.tick
@@ -152,7 +152,7 @@ BODIES = bodies(LEAVES, DURATIONS, st.sampled_from(["@half", "(turns >= 2)", "el
 @pytest.mark.slow
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(behavior=BODIES, run_index=st.integers(0, 3))
-def test_ticks_passed_over_change_nothing_of_random_scenarios(staged, behavior, run_index):
+def test_skipped_ticks_do_not_change_random_scenarios(staged, behavior, run_index):
     head = "event half\nvar turns: int = 0\ndo serial:\n    robot.init_nav2(start)\n"
     scenario = staged(head + textwrap.indent(behavior, "    "), timeout_s=12.0)
     passed_over = came_to(scenario, run_index)
@@ -223,7 +223,7 @@ def test_run_within_a_run_disturbs_neither(staged, mixed):
 
 
 @each_row("name", TEXTS)
-def test_replay_is_the_run_and_looks_at_every_tick(staged, name):
+def test_replay_repeats_run_tick_by_tick(staged, name):
     scenario = staged(TEXTS[name], timeout_s=30.0)
     replayed, executed = replay(scenario, 1, 0, {}), run(scenario, 1)
     assert replayed.recording.digest == executed.digest

@@ -139,7 +139,7 @@ GIVEN_UP = "no path to the goal (NO_VALID_PATH), after 15 recoveries; nav_to_pos
         ("serial:\n    retry(2)\n    robot.nav_to_pose(beyond)", ("aborted", 208), (0, 30), GIVEN_UP),
     ],
 )
-def test_mission_that_is_not_completed_says_why(staged, walled_off, text, end, counts, reason):
+def test_incomplete_mission_has_reason(staged, walled_off, text, end, counts, reason):
     found = run(staged(text, map_file=walled_off), 0).run
     assert (found.outcome, found.error_code) == end
     assert (found.missed_goals, found.recoveries) == counts
@@ -188,7 +188,7 @@ ELSEWHERE_TOLD = """
         (ELSEWHERE_TOLD, "told", (1.0, 1.5)),
     ],
 )
-def test_init_nav2_ends_with_the_first_pose_that_amcl_gives(staged, text, name, end_s):
+def test_init_nav2_ends_with_first_amcl_pose(staged, text, name, end_s):
     recording = run(staged(text, timeout_s=3.0), 0)
     found = ends(recording, name)
     assert recording.run.outcome == ("succeeded" if end_s else "timed_out")

@@ -107,7 +107,7 @@ def test_scenario_that_can_not_work_is_refused_before_the_run(staged, text, give
         run(staged(text, **given), 0)
 
 
-def test_map_that_is_only_for_a_program_makes_no_world(staged):
+def test_map_for_programs_creates_no_world(staged):
     recording = run(staged("map_file: string = ''\ndo serial:\n    compare(map_file, '!=', '')"), 0)
     assert (recording.run.outcome, recording.columns) == ("succeeded", {})
 

@@ -54,7 +54,7 @@ def test_program_runs_in_host_time_while_the_robot_drives(staged):
     assert execution.recording.run.outcome == "succeeded"
 
 
-def test_program_beside_it_changes_nothing_for_the_robot(staged):
+def test_parallel_program_does_not_change_robot(staged):
     beside = f"parallel:\n    robot.nav_to_pose(near)\n    run_process({program('pass')})"
     plain = execute(staged("robot.nav_to_pose(near)"), 0).recording
     paced = execute(staged(beside), 0).recording
@@ -72,7 +72,7 @@ def test_program_that_dies_fails_the_scenario_with_its_last_words(staged):
 
 
 @each_row("modifier", ["", "failure_is_success()\n", "inverter()\n"])
-def test_scenario_whose_program_is_missing_can_not_work(staged, modifier):
+def test_scenario_with_missing_program_is_a_fault(staged, modifier):
     text = f"serial:\n    {modifier}{'    ' if modifier else ''}run_process('no-such-program-here')"
     with pytest.raises(
         ScenarioError, match=r"'no-such-program-here' could not be started: .*; run_process at trial\.osc:"
@@ -116,7 +116,7 @@ def test_program_ends_when_the_run_breaks(staged):
     assert running("left by test 7c2") == []
 
 
-def test_scenario_of_programs_alone_counts_their_host_time(staged):
+def test_scenario_of_programs_counts_host_time(staged):
     text = f"do serial:\n    run_process({program('import time; time.sleep(0.45)')})\n    log('over')"
     began_s = time.monotonic()
     execution = execute(alone(staged(text)), 0)

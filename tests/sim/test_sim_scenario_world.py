@@ -121,7 +121,7 @@ def test_box_spawned_on_the_robot_displaces_it_by_a_contact(staged):
     assert np.abs(way(recording)[-1] - [1.1, 1.0]).max() > 0.3
 
 
-def test_obstacles_of_the_environment_stand_from_the_start_and_can_be_deleted(staged):
+def test_environment_obstacles_exist_from_start_and_can_be_deleted(staged):
     scenario = staged("delete_entity('plug')\nrobot.nav_to_pose(beyond)", obstacles=[PLUG])
     recording = run(scenario, 0)
     assert (recording.run.outcome, recording.run.entities) == ("succeeded", ())
@@ -132,7 +132,7 @@ def test_obstacles_of_the_environment_stand_from_the_start_and_can_be_deleted(st
     assert stays.run.outcome != "succeeded"
 
 
-def test_obstacles_that_are_a_parameter_are_there_when_the_file_spawns_them(staged):
+def test_obstacle_parameters_appear_when_spawned(staged):
     text = """
         crates: list of spawn_entity
         do serial:
@@ -198,7 +198,7 @@ def test_robot_is_free_after_touching_obstacle_is_deleted(two_rooms, pushable):
     assert (loop.status, len(loop.events)) == (SUCCEEDED, contacts)
 
 
-def test_tf_close_to_is_set_off_where_it_says(staged):
+def test_tf_close_to_triggers_at_position(staged):
     text = """
         parallel:
             robot.nav_to_pose(near)

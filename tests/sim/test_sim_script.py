@@ -35,7 +35,7 @@ def test_waypoints_are_repeated_as_often_as_asked():
     assert (len(script.goals), script.rounds) == (6, 3)
 
 
-def test_obstacles_stand_there_unless_the_scenario_spawns_them():
+def test_obstacles_exist_unless_scenario_spawns_them():
     appears = {"spawn_trigger_point": HERE, "static_objects": [BOX], "boxes": [BOX]}
     script = a_script("obstacle_appears", appears, goal_pose=THERE)
     assert [obstacle.name for obstacle in script.obstacles] == ["box"]

@@ -429,7 +429,7 @@ def driven_backward_m(found):
     return float(np.maximum(-found.columns["speed_mmps"], 0).sum() * 1e-4)
 
 
-def test_enforced_path_inversion_reverses_to_the_cusp_alone(over_a_floor):
+def test_enforced_path_inversion_reverses_only_to_cusp(over_a_floor):
     """The path of a steering robot reverses in an arc of a quarter turn and then leads forward."""
     found = {}
     for enforced in (True, False):

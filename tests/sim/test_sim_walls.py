@@ -23,7 +23,7 @@ def covered(rectangles, shape):
 
 @given(GRIDS)
 @settings(max_examples=60, deadline=None)
-def test_rectangles_cover_each_wall_cell_that_anything_can_reach_once_and_no_other(cells):
+def test_rectangles_cover_reachable_wall_cells_once(cells):
     occupancy = OccupancyMap(cells, 1.0, (0.0, 0.0))
     framed = np.pad(occupancy.occupied, 1, constant_values=True)
     rows, columns = cells.shape

@@ -222,7 +222,7 @@ def test_box_with_high_friction_is_struck_and_not_pushed():
     assert driven.pose[0] == pytest.approx(struck_at[0] - 0.25 - ROBOT.radius_m, abs=STEP_M)
 
 
-def test_struck_box_slides_as_far_as_friction_lets_it():
+def test_struck_box_slides_by_friction():
     """Inelastic: both go on at one speed, and the box slides v² / 2μg where the robot stops at once."""
     driven = Driven(Pose(2.5, 2.0), [carton(mass_kg=1.0, friction=0.2)])
     driven.appear()

@@ -35,7 +35,7 @@ def test_walls_are_offset_by_the_stated_standard_deviation(offset_m, within):
 
 
 @each_row(("correlation_m", "shared"), [(0.5, 0.14), (2.0, 0.88)])
-def test_places_share_their_offset_as_far_as_the_correlation_length_says(correlation_m, shared):
+def test_offsets_correlate_over_correlation_length(correlation_m, shared):
     """The squared exponential at 1 m: exp(-1 / (2 · 0.5²)) = 0.14, exp(-1 / (2 · 2²)) = 0.88."""
     walls = np.array([offsets_of_a_wall(s, wall_offset_m=0.1, correlation_length_m=correlation_m) for s in range(60)])
     a, b = walls[:, :-40].ravel(), walls[:, 40:].ravel()  # 40 cells of 0.025 m apart

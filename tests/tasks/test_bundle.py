@@ -134,7 +134,7 @@ def test_bundle_that_lost_file_is_error_of_store(store, home):
     assert Packer(store).packed(scenario(home)).opened(store).digest == scenario(home).digest
 
 
-def test_forged_file_is_not_laid_out(store, home, tmp_path):
+def test_forged_file_is_refused(store, home, tmp_path):
     bundle = Packer(store).packed(oracles(home))
     key = file_key(home / "judge.py")
     store.remove([key])
@@ -174,7 +174,7 @@ values = st.recursive(
 
 
 @given(values=st.dictionaries(st.text(max_size=4), values, max_size=4))
-def test_scenario_keeps_digest_whatever_its_values(tmp_path_factory, values):
+def test_scenario_keeps_digest_for_any_values(tmp_path_factory, values):
     folder = tmp_path_factory.mktemp("bundle")
     file = folder / "file"
     file.write_bytes(b"content")

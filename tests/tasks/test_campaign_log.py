@@ -22,7 +22,7 @@ def test_records_of_vastflow_go_to_the_log_alone(tmp_path, capsys):
     assert capsys.readouterr().err == ""
 
 
-def test_campaign_that_has_nothing_to_say_leaves_no_log(tmp_path):
+def test_quiet_campaign_leaves_no_log(tmp_path):
     with own_log(tmp_path / "log"):
         pass
     assert not (tmp_path / "log").exists()

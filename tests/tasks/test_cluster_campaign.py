@@ -253,7 +253,7 @@ def test_store_and_worker_need_not_be_on_one_machine(cluster, room, kernels, tmp
     assert sorted(each.name for each in files.iterdir()) == ["room.pgm", "room.yaml"]
 
 
-def test_worker_that_joins_late_and_one_that_is_killed_lose_nothing(cluster, programs, tmp_path):
+def test_late_and_killed_workers_lose_nothing(cluster, programs, tmp_path):
     file = programs("once", *["well"] * 7)
     subprocess.Popen([sys.executable, "-c", "import time; time.sleep(8)"]).wait()
     cluster.worker()
@@ -262,7 +262,7 @@ def test_worker_that_joins_late_and_one_that_is_killed_lose_nothing(cluster, pro
     assert sorted(set(executed(tmp_path))) == list(range(8))
 
 
-def test_poison_is_not_judged_and_the_others_are(cluster, programs, tmp_path):
+def test_poison_run_is_not_judged_and_others_are(cluster, programs, tmp_path):
     cluster.worker()
     cluster.worker()
     found = run(programs("poison", "well", "well"), tmp_path, cluster)
@@ -271,7 +271,7 @@ def test_poison_is_not_judged_and_the_others_are(cluster, programs, tmp_path):
     assert (found.summary.passed, found.summary.not_judged) == (2, 1)
 
 
-def test_scheduler_that_comes_back_is_found_again(cluster, programs, tmp_path):
+def test_restarted_scheduler_is_found(cluster, programs, tmp_path):
     file = programs(*["slow"] * 8)
     command = [sys.executable, "-m", "vastflow.flows", "run", file, "--cluster", cluster.file]
     command += ["--results", tmp_path / "results", "--store", tmp_path / "store", "--json"]

@@ -171,7 +171,7 @@ def test_scheduler_that_stays_away_ends_everything(opened, monkeypatch):
         execute(executor, len, "ab").result(60)
 
 
-def test_cluster_without_worker_says_how_to_start_one_and_waits(opened, monkeypatch, dask):
+def test_cluster_without_worker_prints_command_and_waits(opened, monkeypatch, dask):
     monkeypatch.setattr(dask_cluster, "NO_WORKER_S", 0.1)
     with distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0") as empty:
         executor = opened(empty.scheduler_address)

@@ -152,14 +152,14 @@ def test_plug_ins_may_have_helpers_of_the_same_name(tmp_path):
     assert [said(oracle(tmp_path / name)) for name in ("one", "two", "one")] == [1.0, 2.0, 1.0]
 
 
-def test_file_that_is_not_imported_is_in_no_key(home):
+def test_unimported_file_is_in_no_key(home):
     write(home)
     before = key(oracle(home))
     (home / "helper.py").write_text("LIMIT = 1\n")
     assert key(oracle(home)) == before
 
 
-def test_folder_beside_does_not_hide_what_is_installed(home):
+def test_sibling_folder_does_not_hide_installed_package(home):
     (home / "numpy").mkdir()
     (home / "numpy" / "notes.py").write_text("")
     (home / "vastflow").mkdir()
@@ -168,7 +168,7 @@ def test_folder_beside_does_not_hide_what_is_installed(home):
     assert said(oracle(home)) == 3.0
 
 
-def test_producers_helper_is_in_its_key_and_comes_from_the_snapshot(home):
+def test_producer_helper_is_in_key_and_snapshot(home):
     (home / "own.py").write_text(PRODUCER)
     (home / "helper.py").write_text("LIMIT = 1\n")
     kind = find_producer("own.py:Own", home)
@@ -286,7 +286,7 @@ def test_too_large_plug_in_is_refused_with_the_limit(home):
         oracle(home)
 
 
-def test_versions_of_what_it_imports_are_in_its_key(home, monkeypatch):
+def test_versions_of_imports_are_in_key(home, monkeypatch):
     from vastflow.tasks.keys import source
 
     write(home, "import httpx, numpy", "1")
@@ -354,7 +354,7 @@ def test_notebooks_helpers_and_files_are_frozen_too(home):
     assert (said(before), said(notebook(home, *cells))) == (3.0, 12.0)
 
 
-def test_notebooks_file_that_is_not_declared_is_a_fault(home):
+def test_undeclared_file_of_notebook_is_a_fault(home):
     (home / "limit.json").write_text("2")
     with pytest.raises(PlugInError, match=r"add the line files = \[\"limit\.json\"\] to a code cell"):
         said(notebook(home, 'LIMIT = int(open("limit.json").read())'))

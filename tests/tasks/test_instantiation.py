@@ -84,7 +84,7 @@ DESIGNED = CAMPAIGN.replace(
 )
 
 
-def test_designs_and_constraints_are_those_of_instantiation_in_one_process(campaign, instantiator):
+def test_sharded_designs_match_single_process(campaign, instantiator):
     campaign.path.write_text(DESIGNED)
     designed = replace(instantiator, campaign=load_campaign(campaign.path))
     found = designed.instantiated(Here(instantiator.store, "none")).instantiation

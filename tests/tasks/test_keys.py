@@ -41,7 +41,7 @@ def test_keys_are_pinned():
         ({"numeric": "aarch64"}, [True, True, True]),
     ],
 )
-def test_change_is_in_the_keys_of_its_stages_alone(changed, stages):
+def test_change_affects_only_keys_of_its_stages(changed, stages):
     pairs = zip(keys_of(KEYS), keys_of(replace(KEYS, **changed)), strict=True)
     assert [before != after for before, after in pairs] == stages
 

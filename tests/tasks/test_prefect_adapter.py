@@ -119,7 +119,7 @@ def test_log_filter_is_removed_at_exit():
         logger.removeHandler(handler)
 
 
-def test_flows_schema_and_a_process_pools_template_can_be_had():
+def test_prefect_provides_flow_schema_and_pool_template():
     from vastflow.flows.campaign import campaign
 
     assert adapter.flow_schema(campaign)["required"] == ["request"]

@@ -66,7 +66,7 @@ def test_locked_database_is_kept(database):
 
 
 @each_row("connection_url", ["postgresql+asyncpg://me@host/prefect", "sqlite+aiosqlite:///:memory:"])
-def test_database_that_is_no_file_is_nobodys_business(connection_url):
+def test_database_that_is_not_a_file_is_ignored(connection_url):
     assert set_aside_if_damaged(connection_url, NOW) is None
 
 

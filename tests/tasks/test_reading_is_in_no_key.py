@@ -141,7 +141,7 @@ def test_stray_file_in_a_package_folder_is_in_no_source_digest(copied, stray):
 @pytest.mark.parametrize(
     "module", ["navigator/tick.py", "controllers/mppi.py", "controllers/dwb_critics.py", "controllers/rpp.py"]
 )
-def test_changed_kernel_is_in_the_source_of_execution_alone(copied, module):
+def test_changed_kernel_affects_only_execution_source(copied, module):
     folder, digests = copied
     before = digests()
     kernel = folder / "vastflow.sim" / "nav2" / module

@@ -54,7 +54,7 @@ def test_request_is_given_up(monkeypatch, failure, ended, least_s, most_s):
     assert least_s <= server.now_s <= most_s
 
 
-def test_clients_of_prefect_give_up_soon_unless_the_user_has_set_their_retries():
+def test_prefect_clients_retry_briefly_unless_configured():
     before = get_current_settings().client.max_retries
     with bounded():
         assert get_current_settings().client.max_retries == RETRIES < before

@@ -248,7 +248,7 @@ def test_refresh_reads_unchanged_manifests_from_copies_unless_these_are_damaged(
     assert again.find(KEY).content == CONTENT
 
 
-def test_listing_that_was_too_early_for_some_files_costs_nothing(memory, monkeypatch, caplog):
+def test_early_listing_recomputes_nothing(memory, monkeypatch, caplog):
     # Another campaign writes files and manifest while the pages of a long listing come in.
     store = Store(memory)
     store.put(KEY, {"a.bin": b"content"})

@@ -119,7 +119,7 @@ def test_wrong_credentials_are_reported_in_one_sentence(shared_s3, s3_variables)
     "command",
     [["plan", "ADDRESS", "only"], ["plan", "ADDRESS"], ["run", "ADDRESS"], ["compare", "ADDRESS", "."]],
 )
-def test_commands_without_addresses_name_those_that_read_them(command):
+def test_commands_refuse_addresses_and_name_alternatives(command):
     address = "s3://bucket/shown/nothing-1"
     result = called(*(word.replace("ADDRESS", address) for word in command))
     assert (result.exit_code, result.stdout) == (2, "")
@@ -128,7 +128,7 @@ def test_commands_without_addresses_name_those_that_read_them(command):
     )
 
 
-def test_path_that_is_there_was_meant_as_a_path(tmp_path, monkeypatch):
+def test_existing_path_is_read_as_path(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "ab:" / "c").mkdir(parents=True)
     from pathlib import Path

@@ -45,14 +45,14 @@ def written(folder):
     return Results(directory, summary, (), ())
 
 
-def test_folder_is_where_the_directory_is_made(store, tmp_path):
+def test_results_folder_contains_new_directory(store, tmp_path):
     found = delivery_to(tmp_path / "results", store)
     assert (found.folder, found.address) == (tmp_path / "results", None)
     results = written(found.folder)
     assert found.delivered(results) is results
 
 
-def test_directory_is_uploaded_whole_and_says_where_it_is(store, shared_s3, s3_variables):
+def test_directory_is_uploaded_completely_with_its_address(store, shared_s3, s3_variables):
     s3_variables(shared_s3)
     found = delivery_to("s3://bucket/reports/", store)
     results = found.delivered(written(found.folder))

@@ -32,7 +32,7 @@ def test_remains_of_killed_writers_are_removed_after_a_day(tmp_path):
     assert young.exists()
 
 
-def test_place_is_the_argument_else_the_variable_else_the_users_cache(tmp_path, monkeypatch):
+def test_store_place_is_argument_variable_or_user_cache(tmp_path, monkeypatch):
     monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "variable"))
     assert store_root(tmp_path / "given") == tmp_path / "given"
     assert store_root() == tmp_path / "variable"
@@ -64,7 +64,7 @@ def test_unwritable_place_is_named(tmp_path):
         ("abfs://container/store", r"ImportError.*; install what it names"),
     ],
 )
-def test_impossible_address_is_refused_and_not_made_into_a_folder(tmp_path, monkeypatch, address, words):
+def test_impossible_address_is_refused_and_creates_no_folder(tmp_path, monkeypatch, address, words):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(StoreError, match=words):
         open_store(address)

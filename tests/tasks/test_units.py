@@ -76,7 +76,7 @@ def test_feeder_keeps_few_units_in_flight():
     assert sum(unit.stop - unit.start for unit in units.wait()) == 200
 
 
-def test_error_of_feeder_reaches_who_waits():
+def test_feeder_error_reaches_waiting_stage():
     def submit(configuration, start, stop):
         raise OSError("no file")
 

@@ -87,7 +87,7 @@ def test_broken_run_is_reported_and_others_are_stored(store, simulate):
     assert store.under("execute/ab/key") == ("0-1", "2-4")
 
 
-def test_block_has_the_same_bytes_alone_and_in_a_batch(store, simulate):
+def test_block_bytes_are_independent_of_batch(store, simulate):
     simulate()
     work.execute(store, "execute/ab/one", SCENARIO, 1, 2, 0)
     work.execute(store, "execute/ab/two", SCENARIO, 1, 2, 7)

@@ -21,7 +21,7 @@ _SOURCES, _NEW_SOURCES, _PLAN, _CURSOR, _TOP = 0, 1, 2, 3, 4
 
 
 class PathGrid(NamedTuple):
-    """Distance in cells from the local plan, grown only as far as it is asked for.
+    """Distance in cells from the local plan, grown on demand.
 
     Nav2's queue hands cells out by their Manhattan distance from the source that reached them first, the latest
     first among equals, obstacles and all; that distance is a cell's value. Cells are numbered
@@ -112,7 +112,7 @@ def _cell(window: Window, x_m: float, y_m: float) -> int:
 
 @inner
 def _restart(cells: Any, bins: Any, sources: Any, counts: Any, rows: int, columns: int) -> None:
-    """Grow anew from the new sources, if they are not the old ones."""
+    """Grow again if the sources have changed."""
     n = counts[_NEW_SOURCES]
     same = n == counts[_SOURCES]
     for i in range(n):

@@ -115,7 +115,7 @@ def conclude(parameters: Any, memory: Any, body: Body, rows: Any) -> None:
 
 @njit
 def halt(memory: Any, controller: Bound) -> None:
-    """Take the mission away: the robot brakes and stands."""
+    """Cancel the mission: the robot brakes and stops."""
     m = memory[0]
     reset(controller)
     m.state, m.status, m.path_n = state.ENDED, state.RESTING, 0

@@ -40,7 +40,7 @@ POINTED: Final = re.compile(r"[-+]?(\d+\.\d*|\.\d+)")
 def rewritten(
     document: ParameterDocument, rewrites: Mapping[str, Value]
 ) -> tuple[ParameterDocument, dict[str, tuple[ParameterLocation, ...]]]:
-    """Replace parameters of a document, or add them, and say which paths each key stands for: its `targets`.
+    """Replace or add parameters of a document, and find the paths that each key targets.
 
     Of two keys for one path the longer one counts, in whatever order they come. Text that is a number or a flag is
     that.
@@ -60,7 +60,7 @@ def rewritten(
 
 
 def targets(values: Mapping[ParameterLocation, Value], key: str) -> tuple[ParameterLocation, ...]:
-    """The paths that a key stands for.
+    """The paths that a key targets.
 
     A key is the name of a parameter and stands for every occurrence of it, or a whole path with its nodes and
     `ros__parameters`, dotted, which stands for this one, present or not; a number at the end is an item of a list. Besides
@@ -122,7 +122,7 @@ _NOT_IN_THE_FILE: Final = frozenset({FILE_KEY, CONTROLLER_KEY, *MASK_KEYS})
 
 
 class Chosen(NamedTuple):
-    """A system's document with all rewrites done, and the keys of the system to the paths they stand for."""
+    """A system's rewritten document, and the paths that each of its keys targets."""
 
     interpretation: Interpretation
     touched: Mapping[str, tuple[ParameterLocation, ...]]
@@ -185,13 +185,13 @@ def intended_key(system: Mapping[str, Value], key: str, others: Iterable[str] = 
 
 
 def unused_because(system: Mapping[str, Value], key: str) -> str:
-    """Why a parameter makes no difference beside others; empty for any other key."""
+    """The reason why other parameters make one ineffective; empty for any other key."""
     unused = _chosen(_system(system)).interpretation.reader.unused
     return next((why for path, why in unused.items() if targets({path: None}, key) == (path,)), "")
 
 
 def check_key(system: Mapping[str, Value], key: str, value: Value) -> bool:
-    """Check one more key of a system and say whether it stands for anything there.
+    """Check one more key of a system; True if it targets a parameter.
 
     For a parameter's value in a system that is right this is some thirty times as fast as `parameters_of`; bounds on several
     parameters together are not checked then.
@@ -215,7 +215,7 @@ def _error(key: str, problem: str, expected: str) -> FileError:
 
 @functools.cache
 def default_document() -> ParameterDocument:
-    """Nav2 Jazzy's default file, as far as it is modeled."""
+    """The modeled part of Nav2 Jazzy's default file."""
     return document_of(NavParameters())
 
 
@@ -288,7 +288,7 @@ def _chosen(system: _System) -> Chosen:
 
 @functools.lru_cache(maxsize=256)
 def _fields(system: _System, key: str) -> tuple[tuple[type[BaseModel], str], ...] | None:
-    """The parameters that a key would rewrite; None where it stands for more than values of parameters."""
+    """The parameters that a key would rewrite; None if it targets more than values."""
     chosen = _chosen(system).interpretation
     paths = _targets(chosen.document, key)
     fields = tuple(chosen.reader.fields[path] for path in paths if path in chosen.reader.fields)

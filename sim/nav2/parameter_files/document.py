@@ -60,7 +60,7 @@ class ParameterDocument:
         return tuple(dict.fromkeys(node_of(path) for path in (*self.values, *self.places) if PARAMETERS in path))
 
     def node(self, *name: str) -> ParameterLocation | None:
-        """Path of the parameters of a node, in whatever namespace; the least deep of several, None without one."""
+        """Path of a node's parameters in any namespace; the shallowest of several, or None."""
         found = [node for node in self.nodes if node[-len(name) - 1 : -1] == name]
         return min(found, key=len, default=None)
 

@@ -166,7 +166,7 @@ ANY: Final = BuiltIn()
 
 
 def nav2_names() -> frozenset[str]:
-    """Last names of all parameters that are modeled or in a table here, whatever node or plug-in has them."""
+    """Last names of all parameters that are modeled or listed here, of any node or plug-in."""
     groups = [ParameterGroup]
     for group in groups:
         groups += group.__subclasses__()

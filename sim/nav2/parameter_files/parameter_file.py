@@ -31,7 +31,7 @@ def read_nav2_document(path: str | Path) -> ParameterDocument:
 
 
 def resolved(document: ParameterDocument) -> ParameterDocument:
-    """The document in which the nodes that wildcards stand for have the parameters themselves, each where the file has it.
+    """Expand wildcards: give their parameters to the matching nodes, with places in the file.
 
     Of several values for one parameter the file's last counts, as since Humble, be it a wildcard's or the node's own. A
     wildcard speaks of a node by its name, or by a parameter that nodes of this name have; one that speaks of none stays as it is.
@@ -76,7 +76,7 @@ def _is_wild(node: ParameterLocation) -> bool:
 
 
 def _matches(pattern: ParameterLocation, name: ParameterLocation) -> bool:
-    """Whether a pattern stands for a node's full name: `*` is one part of it, `**` any number of them."""
+    """Whether a pattern matches a node's full name: `*` is one part of it, `**` any number."""
     if not pattern:
         return not name
     if pattern[0] == _ANY_NUMBER:

@@ -1,4 +1,4 @@
-"""Reading parameters from a document, with a record of what was asked for, used and wrong; and writing them."""
+"""Reading and writing parameters of a document, with a record of known, used, and wrong ones."""
 
 import re
 from collections.abc import Collection, Mapping, Sequence
@@ -168,7 +168,7 @@ class Reader:
         return self.group(kind, place)
 
     def leave(self, path: ParameterLocation, why: str) -> None:
-        """Take back that a parameter was asked for: it has no effect beside others."""
+        """Mark a parameter as ineffective because of others."""
         self.asked.pop(path, None)
         self.fields.pop(path, None)
         self.unused[path] = why

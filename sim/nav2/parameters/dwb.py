@@ -108,5 +108,5 @@ class DwbParameters(ParameterGroup):
     ObstacleFootprint: ObstacleCritic = ObstacleCritic(scale=1.0, enabled=False, place=9)
 
     def critics(self) -> tuple[DwbCritic, ...]:
-        """The groups of the critics, as they stand above."""
+        """The parameter groups of the critics, in the order above."""
         return tuple(value for _, value in self if isinstance(value, DwbCritic))

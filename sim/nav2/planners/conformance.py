@@ -85,7 +85,7 @@ def check_paths(planner: Planner) -> None:
 
 
 def check_determinism(planner: Planner) -> None:
-    """It gives the same path to the bit for the same memory and situation, whatever another one has planned."""
+    """Check that equal memory and situation give a bit-equal path, independent of other planners."""
     given, other = ERRANDS[1].given(), ERRANDS[0].given()
     alone, one = _path(_started(planner, given), given), _started(planner, given)
     _path(_started(planner, other), other)

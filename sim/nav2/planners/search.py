@@ -58,7 +58,7 @@ _TINY = 1e-5
 
 
 class Ground(NamedTuple):
-    """The costs from the goal, as far as they were asked for."""
+    """The costs from the goal, computed on demand."""
 
     values: Any  # (h, w) float32: 0 unknown yet, negative in the open set, positive once they are final.
     goal: Any  # (3,) float64 x, y in cells and the bin of its heading.

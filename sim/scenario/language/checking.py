@@ -283,7 +283,7 @@ class _Scenario(MemberChecker):
     def _arguments(
         self, call: syntax.Call, declared: Compound, whose: str, keeps: Sequence[syntax.Keep] = ()
     ) -> Mapping[str, Expression]:
-        """Return all arguments of a call; what `keep` says takes the place of what stands in the brackets."""
+        """Return all arguments of a call; those of `keep` replace those in brackets."""
         given = self.arguments(call, declared.members, whose)
         members = {
             name: replace(member, default=given.get(name, member.default)) for name, member in declared.members.items()

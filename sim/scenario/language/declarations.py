@@ -92,7 +92,7 @@ class Declarations:
 
     @property
     def type_names(self) -> tuple[str, ...]:
-        """Every name that can stand as a type."""
+        """Every name that can be used as a type."""
         return (*BASIC, *self.physical, *self.enums, *self.structs, *self.actors)
 
     def type_named(self, name: str, is_list: bool = False) -> Type | None:
