@@ -23,7 +23,6 @@ from vastflow.sim.plug_ins.snapshot import Snapshot
 
 _PACKAGE: Final = "vastflow_plug_in_"
 _DIGITS: Final = 16
-_NOTEBOOK: Final = ".ipynb"
 
 
 def module_name(snapshot: Snapshot) -> str:

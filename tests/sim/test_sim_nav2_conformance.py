@@ -17,10 +17,15 @@ def answers():
 
 
 def too_great(distances):
-    """Rows of the distances that are greater than they may be; there are some distances."""
+    """Rows of the distances that are greater than they may be, or no number; there are some distances."""
     found = list(distances)
     assert found and all(each.cases > 0 for each in found)
-    return [each.row for each in found if each.found > each.most]
+    return [each.row for each in found if not each.found <= each.most]
+
+
+def test_distance_beyond_its_bound_is_too_great():
+    distances = [nav2_conformance.Distance("DWB", 29, "other commands", found, 0) for found in (0, 1, float("nan"))]
+    assert too_great(distances) == [each.row for each in distances[1:]]
 
 
 def test_mppi_matches_nav2_with_equal_noise(answers):
