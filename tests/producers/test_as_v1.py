@@ -87,7 +87,7 @@ def test_version_1_places_box_in_wall_without_room(narrow):
     asked = {"obstacle_configs": boxes(1, max_distance=0.5), "seed": 1}
     (constructive,) = evaluate(obstacles(placement="constructive", **asked), narrow)
     (item,) = evaluate(obstacles(**asked), narrow)
-    assert isinstance(constructive, Rejection) and "found room" in constructive.reason
+    assert isinstance(constructive, Rejection) and "obstacles fit in" in constructive.reason
     occupancy = load_map(narrow["map_file"].path)
     placed = obstacles_of({"static_objects": item.values["static_objects"]})
     corners = [corner for each in placed for corner in each.footprint().exterior.coords[:-1]]

@@ -76,7 +76,7 @@ def test_obstacles_stand_free_near_the_path_and_leave_a_path(
     config = {"amount": amount, "max_distance": max_distance, "model": model, "xacro_arguments": size}
     (item,) = evaluate(obstacle_variation(config, seed=seed, robot_diameter=robot_diameter), site)
     if isinstance(item, Rejection):
-        assert f"of {amount} obstacles found room" in item.reason
+        assert f"of {amount} obstacles fit" in item.reason
         return
     obstacles = placed(item)
     footprints = [obstacle.footprint() for obstacle in obstacles]

@@ -65,7 +65,7 @@ def test_triggered_obstacle_keeps_its_distances_and_leaves_a_path(
     producer = triggered(config, trigger_distance=distance, seed=seed, name="late")
     (item,) = evaluate(producer, {**site, **first.values})
     if isinstance(item, Rejection):
-        assert "of 1 obstacles found room" in item.reason
+        assert "of 1 obstacles fit" in item.reason
         return
     obstacles = obstacles_of(environment(item, {"static_objects": first.values["static_objects"]}))
     (late,) = [obstacle for obstacle in obstacles if obstacle.trigger]
@@ -159,7 +159,7 @@ def test_placements_are_independent_of_other_distances(site):
         ),
         (
             {"obstacle_configs": [{**BOX, "args": "width:=0.2, length:=9"}], "trigger_distance": 5},
-            "of 1 obstacles found",
+            "of 1 obstacles fit",
         ),
     ],
 )
