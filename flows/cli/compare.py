@@ -52,7 +52,7 @@ def compare(
         from vastflow.flows.comparison.campaigns import compared
         from vastflow.flows.comparison.pictures import draw
         from vastflow.flows.comparison.text import compared_json, compared_report, compared_text
-        from vastflow.flows.terminal.table import printed
+        from vastflow.flows.terminal.display import printed
         from vastflow.oracles.results.tables import read_tables
 
         with reading(before):

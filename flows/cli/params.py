@@ -72,7 +72,7 @@ def _as_json(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping
 
 
 def _print(found: "Interpretation", rows: Sequence["Finding"], counts: Mapping[str, int]) -> None:
-    from vastflow.flows.terminal.table import printed, terminal_table
+    from vastflow.flows.terminal.display import printed, terminal_table
     from vastflow.producers.campaign_file.nav2_parameters import short
     from vastflow.producers.model.faults import shown
     from vastflow.sim.nav2.parameter_files.findings import left_out

@@ -49,11 +49,10 @@ def plan(
             return
         if out is not None:
             check_writable(out, "--out")
-        from vastflow.flows.plan.pictures import draw
-        from vastflow.flows.plan.plan import plan_of
+        from vastflow.flows.plan.plan import draw, plan_of
         from vastflow.flows.plan.text import plan_json, plan_text
         from vastflow.flows.results.directory import directory_name
-        from vastflow.flows.terminal.table import printed
+        from vastflow.flows.terminal.display import printed
         from vastflow.sim.plug_ins.effects import looking_only
 
         with requested(source, asked) as request, TemporaryDirectory(prefix="vastflow-") as environments:
@@ -77,7 +76,7 @@ def _explain(directory: Path, name: str, store: str | None, since: Path | None, 
         raise UserError(f"{directory}: expected a campaign directory to explain CONFIGURATION, got a file")
     check_directory(directory)
     from vastflow.flows.plan.explain import explained, explanation_json, explanation_text
-    from vastflow.flows.terminal.table import printed
+    from vastflow.flows.terminal.display import printed
 
     with reading(directory):
         found = explained(directory, name, store=store, since=since)

@@ -114,9 +114,9 @@ def run_and_show(request: RunRequest, as_json: bool, *, open_report: bool = Fals
         print(found.summary.json_text())
     else:
         from vastflow.flows.cli.show import report_line
+        from vastflow.flows.terminal.display import printed
         from vastflow.flows.terminal.outcome import outcome
         from vastflow.flows.terminal.progress import duration_text
-        from vastflow.flows.terminal.table import printed
         from vastflow.oracles.evidence.evidence import evidence_of
         from vastflow.oracles.results.tables import read_tables
 

@@ -22,8 +22,8 @@ def show(
     """
     from vastflow.flows.plan.text import coverage_text
     from vastflow.flows.results.address import WITHOUT_RUNS, at_hand, check_directory
+    from vastflow.flows.terminal.display import printed
     from vastflow.flows.terminal.outcome import details
-    from vastflow.flows.terminal.table import printed
     from vastflow.oracles.evidence.evidence import evidence_of
     from vastflow.oracles.results.coverage import read_coverage
     from vastflow.oracles.results.tables import read_tables

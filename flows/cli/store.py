@@ -159,7 +159,7 @@ def _counted(holdings: "Sequence[Holding]", now_s: float) -> dict[str, Any]:
 
 
 def _print_stages(found: dict[str, Any]) -> None:
-    from vastflow.flows.terminal.table import printed, terminal_table
+    from vastflow.flows.terminal.display import printed, terminal_table
 
     rows = []
     for name, row in [*found["stages"].items(), ("all", found)]:

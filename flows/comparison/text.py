@@ -11,8 +11,8 @@ from rich.text import Text
 
 from vastflow.flows.comparison.campaigns import Compared
 from vastflow.flows.export.junit import Case, Flaw, Suite, campaign_report
+from vastflow.flows.terminal.display import terminal_table
 from vastflow.flows.terminal.progress import count_text
-from vastflow.flows.terminal.table import terminal_table
 from vastflow.oracles.evidence.causes import standstills_of
 from vastflow.oracles.statistics.comparison import Change, RateDifference
 

@@ -18,8 +18,8 @@ from prefect.runtime import flow_run
 
 from vastflow.flows.results.summary import Results
 from vastflow.oracles.evidence.evidence import evidence_of
-from vastflow.oracles.evidence.rates import LEVEL
 from vastflow.oracles.results.tables import read_tables
+from vastflow.oracles.statistics.intervals import LEVEL
 from vastflow.tasks.engine.progress import Phase, Progress
 from vastflow.tasks.prefect.containers import label_of
 from vastflow.tasks.prefect.server import is_embedded

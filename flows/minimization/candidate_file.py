@@ -19,8 +19,7 @@ from vastflow.producers.campaign import Campaign
 from vastflow.producers.campaign_file.scenario import abstract_scenario_of
 from vastflow.producers.campaign_file.scenario_values import dimension_of
 from vastflow.producers.instantiation.instantiate import instantiate
-from vastflow.producers.minimization.candidates import Candidates, NotBuilt
-from vastflow.producers.minimization.minimize import Candidate
+from vastflow.producers.minimization.minimize import Candidate, Candidates, NotBuilt
 from vastflow.producers.model.configuration import Configuration
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.start_check import StartCheck

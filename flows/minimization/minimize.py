@@ -15,7 +15,7 @@ from vastflow.flows.flow_runs.task_runs import compute
 from vastflow.flows.minimization.candidate_file import BuiltCandidate, candidate_files, placed
 from vastflow.flows.minimization.failing import Failing, NotMinimized, failing_configuration
 from vastflow.flows.minimization.minimized import Minimized, comment_of
-from vastflow.flows.plan.pictures import plan_view_of
+from vastflow.flows.plan.plan import plan_view_of
 from vastflow.flows.request.campaign_file import OpenCampaign, campaign_keys
 from vastflow.flows.request.stopping import Stopping
 from vastflow.flows.run.computing import Computing, computing, told
@@ -24,9 +24,17 @@ from vastflow.oracles.figures.case_figure import plan_view_figure
 from vastflow.oracles.figures.style import png
 from vastflow.oracles.judgement.verdict import read_verdicts
 from vastflow.oracles.statistics.classes import ClassBounds, StoppingRule
-from vastflow.producers.minimization.candidates import Candidates, NotBuilt
 from vastflow.producers.minimization.circumstance import Subject
-from vastflow.producers.minimization.minimize import Candidate, Minimum, Outcome, Standing, Unconfirmed, minimize
+from vastflow.producers.minimization.minimize import (
+    Candidate,
+    Candidates,
+    Minimum,
+    NotBuilt,
+    Outcome,
+    Standing,
+    Unconfirmed,
+    minimize,
+)
 from vastflow.producers.model.configuration import Configuration
 from vastflow.tasks.engine.index import ConfigurationRuns, FoundRuns, Index
 from vastflow.tasks.engine.progress import Observer

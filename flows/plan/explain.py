@@ -17,8 +17,8 @@ from vastflow.flows.request.run_request import RunRequest, asked_of
 from vastflow.flows.results.inputs import replica
 from vastflow.flows.results.past import PARTS, Past, newest_past, past_of, writers, written_scenario
 from vastflow.flows.results.provenance import campaign_changes, change_text, value_changes
+from vastflow.flows.terminal.display import terminal_table
 from vastflow.flows.terminal.progress import count_text
-from vastflow.flows.terminal.table import terminal_table
 from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
 from vastflow.oracles.results.unusable import UnusableDirectory, reading
 from vastflow.producers.model.faults import shown

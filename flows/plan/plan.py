@@ -1,13 +1,16 @@
-"""The plan of a run: configurations, coverage, stored results, due work, and reasons."""
+"""The plan of a run: configurations and their pictures, coverage, stored results, due work, and reasons."""
 
 import itertools
 import math
+import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
 
 from vastflow.flows.plan.reasons import HereEvaluator, Reasons, Step
 from vastflow.flows.request.campaign_file import campaign_keys, campaign_name, read_campaign
@@ -17,12 +20,16 @@ from vastflow.flows.request.stopping import stopping_of
 from vastflow.flows.results.past import Past, newest_past, past_of
 from vastflow.flows.results.provenance import STAGES, DueReason, ReasonKind, Stage, ingredients_row, origin_row
 from vastflow.flows.terminal.progress import count_text
+from vastflow.oracles.observation.situation import situation_of
 from vastflow.producers.instantiation.family import robots_json
 from vastflow.producers.model.configuration import Configuration
-from vastflow.producers.places.stops import PATH_LENGTH_KEY
+from vastflow.producers.places.ground import MAP_KEY
+from vastflow.producers.places.stops import PATH_KEY, PATH_LENGTH_KEY
 from vastflow.producers.search.criteria import plan_text
+from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.faults import Fault, FileError
 from vastflow.sim.reading.script import script_of
+from vastflow.sim.world.map_file import load_map
 from vastflow.tasks.engine.index import ConfigurationRuns, Index, missing
 from vastflow.tasks.engine.instantiation import Instantiator, ProducerFault
 from vastflow.tasks.engine.pool import cores
@@ -285,3 +292,46 @@ def whys(steps: Sequence[Step]) -> list[Why]:
         why.amount += each.amount
         why.subjects[each.subject] = None
     return sorted(found.values(), key=lambda why: STAGES.index(why.stage))
+
+
+if TYPE_CHECKING:
+    from vastflow.oracles.figures.case_figure import PlanView
+
+
+def plan_view_of(configuration: Configuration) -> "PlanView":
+    """Return the plan view of a configuration.
+
+    Raises:
+        ValueError: it has no map, or a mission or an obstacle that can't be read.
+    """
+    from vastflow.oracles.figures.case_figure import PlanView
+    from vastflow.oracles.figures.scene import zones_of
+
+    map_file = configuration.scenario.environment.get(MAP_KEY)
+    map_path = map_file.path if isinstance(map_file, FileContent) else None
+    if map_path is None:
+        raise ValueError("it has no map")
+    path, length_m = (configuration.provenance.get(key) for key in (PATH_KEY, PATH_LENGTH_KEY))
+    title = configuration.name + (f" · path of {length_m:.2f} m" if isinstance(length_m, int | float) else "")
+    path_xy_m = np.array(path if isinstance(path, list) else [], dtype=np.float64).reshape(-1, 2)
+    scenario = configuration.scenario
+    return PlanView(title, load_map(map_path), situation_of(scenario), path_xy_m, zones_of([scenario]))
+
+
+def draw(configurations: Iterable[Configuration], folder: Path) -> list[Path]:
+    """Write the pictures of configurations; one that can't be drawn is named on standard error."""
+    from vastflow.oracles.figures.case_figure import plan_view_figure
+    from vastflow.oracles.figures.style import png
+
+    written = []
+    for configuration in configurations:
+        try:
+            view = plan_view_of(configuration)
+        except ValueError as error:
+            print(f"not drawn: {configuration.name}: {error}", file=sys.stderr)
+            continue
+        folder.mkdir(parents=True, exist_ok=True)
+        picture = folder / f"{configuration.name}.png"
+        picture.write_bytes(png(plan_view_figure(view)))
+        written.append(picture)
+    return written

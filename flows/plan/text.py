@@ -10,8 +10,8 @@ from rich.text import Text
 
 from vastflow.flows.plan.plan import Plan, whys
 from vastflow.flows.results.provenance import STAGES, Stage
+from vastflow.flows.terminal.display import terminal_table
 from vastflow.flows.terminal.progress import count_text, duration_text
-from vastflow.flows.terminal.table import terminal_table
 from vastflow.oracles.results.coverage import (
     COUNTS,
     Coverage,

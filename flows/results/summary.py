@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vastflow.oracles.evidence.rates import Counts
+from vastflow.oracles.statistics.intervals import Counts
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -13,7 +13,6 @@ from typing import IO, Any, Final, Self
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.judgement.verdict import Judgement, Verdict, metrics_text, read_verdicts, run_judgement
 from vastflow.oracles.observation.trace import levelled
 from vastflow.oracles.results.schema import (
@@ -33,6 +32,7 @@ from vastflow.oracles.results.schema import (
     texts,
     write_table,
 )
+from vastflow.oracles.statistics.intervals import Counts
 from vastflow.producers.instantiation.instantiate import Instantiation
 from vastflow.producers.model.configuration import Configuration, ExcludedInstance, RejectedInstance
 from vastflow.sim.loop.standstill import STOOD_STILL

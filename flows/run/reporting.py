@@ -15,7 +15,7 @@ from vastflow.flows.run.computing import Computing
 from vastflow.flows.run.judged import Judged
 from vastflow.flows.run.prepared import PreparedCampaign
 from vastflow.flows.search.tables import search_record, write_search
-from vastflow.oracles.evidence.rates import Counts
+from vastflow.oracles.statistics.intervals import Counts
 from vastflow.producers.campaign_file.postprocessing import steps_of
 from vastflow.producers.model.configuration import Configuration
 from vastflow.sim.model.files import read_json

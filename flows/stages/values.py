@@ -11,9 +11,9 @@ import pyarrow as pa
 from vastflow.flows.request.campaign_file import OpenCampaign
 from vastflow.flows.results.tables import StoredResult, complete, configuration_row, run_columns, verdict_columns
 from vastflow.flows.terminal.progress import count_text
-from vastflow.oracles.evidence.rates import Counts, counts_of
 from vastflow.oracles.judgement.verdict import Verdict, run_judgement
 from vastflow.oracles.results.schema import CONFIGURATIONS, RUNS, VERDICTS, Columns, column_table
+from vastflow.oracles.statistics.intervals import Counts, counts_of
 from vastflow.producers.instantiation.instantiate import Instantiation
 from vastflow.producers.model.configuration import Configuration, ExcludedInstance, RejectedInstance
 from vastflow.sim.model.blocks import read_rows

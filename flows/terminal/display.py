@@ -1,13 +1,13 @@
-"""The display of a running campaign: live on a terminal, plain lines elsewhere, always on stderr."""
+"""Tables of the terminal, and the display of a running campaign: live on a terminal, plain lines elsewhere."""
 
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from types import TracebackType
 from typing import Final, Self, TextIO
 
-from rich.console import Console, Group
+from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
@@ -133,3 +133,33 @@ class Display:
             self._last_line_s, self._last_words = now_s, words
             print(plain_line(self._progress, pace), file=self._stream, flush=True)
         self._last_phase = self._progress.phase
+
+
+def terminal_table(
+    names: Sequence[str] = (),
+    numbers: Sequence[str] = (),
+    words: Sequence[str] = (),
+    rows: Iterable[Sequence[str]] = (),
+) -> Table:
+    """Return a table without lines, and without header if no column is named; `names` and `words` are columns of text."""
+    table = Table(
+        box=None, show_header=bool(names or numbers), header_style="bold", padding=(0, 2, 0, 0), pad_edge=False
+    )
+    for name in names:
+        table.add_column(name, overflow="fold")
+    for name in numbers:
+        table.add_column(name, justify="right", no_wrap=True)
+    for name in words:
+        table.add_column(name, overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def printed(lines: Iterable[RenderableType]) -> None:
+    """Print lines and tables on stdout, each row on one line unless it is a terminal."""
+    console = Console(markup=False, highlight=False)
+    if not console.is_terminal:
+        console = Console(markup=False, highlight=False, width=200)
+    for line in lines:
+        console.print(line)

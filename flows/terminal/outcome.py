@@ -8,13 +8,13 @@ from rich.table import Table
 from rich.text import Text
 
 from vastflow.flows.request.run_request import SEARCH, SEQUENTIAL
+from vastflow.flows.terminal.display import terminal_table
 from vastflow.flows.terminal.progress import count_text
-from vastflow.flows.terminal.table import terminal_table
 from vastflow.oracles.evidence.causes import standstills_of
 from vastflow.oracles.evidence.evidence import Evidence
-from vastflow.oracles.evidence.rates import LEVEL, Counts
-from vastflow.oracles.evidence.searched import found_text
+from vastflow.oracles.evidence.findings import found_text
 from vastflow.oracles.results.tables import Tables
+from vastflow.oracles.statistics.intervals import LEVEL, Counts
 
 
 def outcome(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator[RenderableType]:

@@ -8,9 +8,16 @@ from typing import Any, Final
 
 import numpy as np
 
-from vastflow.oracles.evidence.rates import LEVEL, Counts, Interval, clustered, pooled
 from vastflow.oracles.results.tables import Tables
-from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, wilson_intervals
+from vastflow.oracles.statistics.intervals import (
+    LEVEL,
+    Counts,
+    Interval,
+    clopper_pearson_intervals,
+    clustered,
+    pooled,
+    wilson_intervals,
+)
 
 SOUGHT: Final = "search"
 """Family of the points that a search chose."""

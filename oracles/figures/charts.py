@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from vastflow.oracles.evidence.causes import Criterion, Score
 from vastflow.oracles.evidence.evidence import Evidence
-from vastflow.oracles.evidence.rates import Counts, Interval
 from vastflow.oracles.figures.style import COLORS, DPI, INK, RATES, SOFT_INK, axis_labels, place, plain_axes
 from vastflow.oracles.statistics.effects import FactorEffect, InteractionEffect
+from vastflow.oracles.statistics.intervals import Counts, Interval
 
 Floats = NDArray[np.float64]
 MAX_RATE_ROWS: Final = 60

@@ -9,13 +9,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.judgement.registry import SUCCESS
 from vastflow.oracles.observation.obstacle_tracks import spawned_by
 from vastflow.oracles.observation.situation import situation_of
 from vastflow.oracles.results.executed import KeptFiles, scenario_of_row
 from vastflow.oracles.results.tables import CODES, FAIL, NOT_JUDGED, Tables
 from vastflow.oracles.statistics.failure_map import FailureGrid, FailureMap, empty_map, failure_map, grid_over
+from vastflow.oracles.statistics.intervals import Counts
 from vastflow.sim.model.blocks import read_columns, read_rows
 from vastflow.sim.model.digest import FileContent
 from vastflow.sim.model.obstacle import Obstacle

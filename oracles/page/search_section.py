@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import pyarrow.parquet as pq
 
-from vastflow.oracles.evidence.searched import found_text
+from vastflow.oracles.evidence.findings import found_text
 from vastflow.oracles.figures.charts import archive_figure, boundary_figure, progress_figure
 from vastflow.oracles.page.facts import Facts
 from vastflow.oracles.page.pictures import case_picture, picture

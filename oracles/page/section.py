@@ -9,9 +9,8 @@ from typing import Any, Final, Literal, TypeAlias
 from markupsafe import Markup
 
 from vastflow.oracles.evidence.evidence import Evidence
-from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.page.words import percent, span_of
-from vastflow.oracles.statistics.intervals import thousandths, wilson_intervals
+from vastflow.oracles.statistics.intervals import Counts, thousandths, wilson_intervals
 
 ColumnKind: TypeAlias = Literal["text", "name", "long", "choice", "number", "rate", "class"]
 """Content of a column: words, names, sentences, choices, numbers, rates, classes."""

@@ -7,9 +7,9 @@ from typing import Any, Final
 from markupsafe import Markup
 
 from vastflow.oracles.evidence.causes import Criterion
-from vastflow.oracles.evidence.rates import Interval
 from vastflow.oracles.statistics.analysis import FactorAnalysis
 from vastflow.oracles.statistics.effects import Claim, FactorEffect, InteractionEffect, LevelEffect
+from vastflow.oracles.statistics.intervals import Interval
 
 _NARROW: Final = 50
 """Width in thousandths of intervals that are shown with a decimal."""

@@ -1,4 +1,4 @@
-"""Executed scenarios of a campaign directory, their files, and the names of their maps."""
+"""Executed scenarios of a campaign directory with their files, recordings, and the names of their maps."""
 
 import json
 import re
@@ -9,6 +9,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
+from vastflow.oracles.judgement.notebook import RunTables, run_tables
+from vastflow.oracles.observation.situation import situation_of
+from vastflow.oracles.observation.trace import trace_of
+from vastflow.oracles.results.schema import table_rows
+from vastflow.sim.model.blocks import read_block, read_recordings
 from vastflow.sim.model.digest import FileContent, file_digest
 from vastflow.sim.model.files import read_json
 from vastflow.sim.model.scenario import Scenario, setup_of
@@ -108,3 +113,21 @@ def environment_names(directory: Path, environments: Iterable[str | None]) -> di
             seen[name] += 1
             names[digest] = f"{name} {seen[name]}"
     return names
+
+
+def recorded_tables(directory: Path | str, configuration: str) -> RunTables:
+    """The tables of all recorded runs of a configuration.
+
+    Raises:
+        ValueError: the directory has no recordings of a configuration of this name.
+    """
+    directory = Path(directory)
+    known = {row["name"]: row for row in table_rows(directory / "configurations.parquet")}
+    files = [directory / folder / f"{configuration}.parquet" for folder in ("recordings", "traces")]
+    if configuration not in known or not all(file.is_file() for file in files):
+        recorded = ", ".join(sorted(file.stem for file in (directory / "recordings").glob("*.parquet"))) or "nothing"
+        raise ValueError(f"{directory} has no recordings of {configuration!r}; it has those of {recorded}")
+    scenario = scenario_of_row(known[configuration], KeptFiles(directory))
+    recordings, observed = read_recordings(files[0]), read_block(files[1])
+    traces = [trace_of(each, *derived) for each, derived in zip(recordings, observed, strict=True)]
+    return run_tables(traces, situation_of(scenario))

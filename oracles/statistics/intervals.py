@@ -1,12 +1,15 @@
-"""Confidence intervals of success rates, of clustered runs, and of the mean of a bounded quantity."""
+"""Success rates, and confidence intervals of them, of clustered runs, and of the mean of a bounded quantity."""
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
 from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from vastflow.oracles.judgement.verdict import Judgement
 
 LEVEL: Final = 0.95
 """Confidence of every interval of the report."""
@@ -264,3 +267,48 @@ def _below(mean: float, at: Floats, times: NDArray[np.int64]) -> float:
     scaled = np.multiply.outer(a / math.sqrt(float((times * a * a).sum())), _U)
     angle, size = times @ np.arctan(scaled), 0.5 * (times @ np.log1p(scaled * scaled))
     return 0.5 - float(np.trapezoid(np.sin(angle) * np.exp(-size), _LOG_U)) / math.pi
+
+
+@dataclass(frozen=True, slots=True)
+class Counts:
+    """Numbers of judgements; rates exclude unjudged runs."""
+
+    passed: int = 0
+    failed: int = 0
+    not_judged: int = 0
+
+    @property
+    def judged(self) -> int:
+        return self.passed + self.failed
+
+    @property
+    def rate(self) -> float | None:
+        """Share of passes among the judged; None where nothing was judged."""
+        return self.passed / self.judged if self.judged else None
+
+    @property
+    def interval(self) -> Interval:
+        """Wilson interval of the rate, for runs of these same configurations."""
+        return wilson(self.passed, self.judged)
+
+
+def counts_of(judgements: Iterable[Judgement]) -> Counts:
+    said = list(judgements)
+    return Counts(said.count("pass"), said.count("fail"), said.count("not judged"))
+
+
+def pooled(clusters: Iterable[Counts]) -> Counts:
+    clusters = list(clusters)
+    return Counts(sum(c.passed for c in clusters), sum(c.failed for c in clusters), sum(c.not_judged for c in clusters))
+
+
+def wilson(passed: float, n: float, level: float = LEVEL) -> Interval:
+    """Wilson's score interval of one proportion, see `wilson_intervals`."""
+    return interval(wilson_intervals(passed, n, level))
+
+
+def clustered(
+    configurations: Sequence[Counts], level: float = LEVEL, blocks: Sequence[int] | None = None
+) -> Interval | None:
+    """Interval for other configurations like these, see `clustered_interval`."""
+    return clustered_interval([c.passed for c in configurations], [c.judged for c in configurations], level, blocks)

@@ -11,7 +11,6 @@ from vastflow.sim.model.faults import FileError, parted
 from vastflow.sim.model.obstacle import lists_obstacles, obstacle_of
 from vastflow.sim.model.pose import written_pose_of
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
-from vastflow.sim.nav2.controllers.registry import short_names
 from vastflow.sim.nav2.parameter_files.chosen import (
     CONTROLLER_KEY,
     check_key,
@@ -22,6 +21,7 @@ from vastflow.sim.nav2.parameter_files.chosen import (
 )
 from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS, filtered_by, missing_mask
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
+from vastflow.sim.nav2.parameter_files.plug_ins import short_names
 from vastflow.sim.nav2.parameter_files.reader import CONTRADICTION
 
 LOOPS_KEY = "number_of_loops"

@@ -15,7 +15,7 @@ from vastflow.producers.floorplan.building import Building
 from vastflow.producers.floorplan.geometry import Outline
 from vastflow.producers.floorplan.grid import FloorGrid
 from vastflow.sim.model.digest import FileContent, digest
-from vastflow.sim.model.whole_folder import keep_folder
+from vastflow.sim.model.files import keep_folder
 
 MAP: Final = "map.yaml"
 PICTURE: Final = "map.pgm"

@@ -17,8 +17,7 @@ from vastflow.producers.campaign_file.sections import CARTESIAN, DesignSpec
 from vastflow.producers.campaign_file.spec import ExecutionSpec, StartCheckKind
 from vastflow.producers.constraints.constraint import NOWHERE, Checker, Constraint, step_of
 from vastflow.producers.designs.covering_array import covering_array
-from vastflow.producers.designs.sample import sampled
-from vastflow.producers.designs.space import DesignSpace, FactorBlock, TooLarge
+from vastflow.producers.designs.space import DesignSpace, FactorBlock, TooLarge, sampled
 from vastflow.producers.instantiation.coverage import FamilyCount, coverage_of
 from vastflow.producers.model.configuration import (
     Configuration,

@@ -1,12 +1,26 @@
-"""Minimization by delta debugging: what of a failing scenario its failure needs, asked of whoever tells whether a candidate fails."""
+"""Minimization by delta debugging: what a failing scenario needs to fail, and its candidates as checked scenarios."""
 
 import itertools
 from bisect import bisect_left
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias, TypeVar
 
-from vastflow.producers.minimization.circumstance import LEVELS, Circumstance
+from vastflow.producers.campaign_file.scenario import AbstractScenario
+from vastflow.producers.campaign_file.scenario_values import (
+    Complaint,
+    combined_complaint,
+    complaint_of,
+    mask_complaints,
+)
+from vastflow.producers.minimization.circumstance import LEVELS, Circumstance, Subject
+from vastflow.producers.model.configuration import Partial
+from vastflow.producers.places.start_check import StartCheck
+from vastflow.producers.places.stops import GOAL_KEY
+from vastflow.sim.model.digest import FileContent, Value
+from vastflow.sim.model.faults import UserError
+from vastflow.sim.model.scenario import Scenario, scenario_of
+from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 
 Standing: TypeAlias = Literal["fails", "does not fail", "undecided", "not tried"]
 """`not tried`: it can't be built, or its runs broke."""
@@ -176,3 +190,53 @@ def ddmin(things: Sequence[T], fails: Callable[[Sequence[T]], bool]) -> tuple[T,
 def least_level(fails: Callable[[int], bool]) -> int:
     """The least of the levels 1 to `LEVELS` that fails, by bisection: `LEVELS` does, and 0 is taken not to."""
     return 1 + bisect_left(range(1, LEVELS), True, key=fails)
+
+
+class NotBuilt(UserError, ValueError):
+    """A candidate is no scenario."""
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Makes scenarios of candidates of the `whole`; without `start_check`, start and goals are not checked."""
+
+    subject: Subject
+    whole: Scenario
+    abstract: AbstractScenario
+    start_check: StartCheck | None
+
+    def scenario(self, candidate: Candidate) -> Scenario:
+        """Return the scenario of a candidate.
+
+        Raises:
+            NotBuilt: its values don't go together, or the robot can't begin or end where it says.
+        """
+        try:
+            values = self.subject.reduced(candidate.kept, dict(candidate.levels))
+        except ValueError as error:
+            raise NotBuilt(str(error)) from None
+        whole = {**self.whole.environment, **self.whole.task, **self.whole.system}
+        values = {key: whole[key] if isinstance(value, FileContent) else value for key, value in values.items()}
+        if complaint := next(self._complaints(values), None):
+            raise NotBuilt("; ".join(complaint))
+        tags = self.subject.dimensions
+        if self.start_check and (rejected := self.start_check.rejected(Partial("minimal", values, tags))):
+            raise NotBuilt(rejected.reason)
+        abstract, timeout_s, programs = self.whole.abstract, self.whole.timeout_s, self.whole.programs
+        return scenario_of(values, tags, abstract=abstract, timeout_s=timeout_s, programs=programs)
+
+    def _complaints(self, values: Mapping[str, Value]) -> Iterator[Complaint]:
+        tags = self.subject.dimensions
+        system = {key: value for key, value in values.items() if tags[key] == "system"}
+        for key, value in values.items():
+            if key != FILE_KEY and (
+                said := complaint_of(key, value, tags[key], system) or self.abstract.complaint(key, value)
+            ):
+                yield said
+        if combined := combined_complaint(system):
+            yield combined[1]
+        yield from (said for _, said in mask_complaints(system, values))
+        goal = {GOAL_KEY} if self.abstract.goal_keys(values) else set()
+        for group in self.abstract.needed:
+            if goal.union(values).isdisjoint(group):
+                yield f"the scenario needs {' or '.join(group)}", "a value of it"

@@ -6,7 +6,6 @@ from typing import Final, TypeAlias
 from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.model.parameter import ParameterLocation
-from vastflow.sim.nav2.controllers.registry import CONTROLLER_PLUG_INS, short_name
 from vastflow.sim.nav2.parameter_files.chosen import (
     CONTROLLER_KEY,
     default_document,
@@ -17,6 +16,7 @@ from vastflow.sim.nav2.parameter_files.chosen import (
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, dotted
 from vastflow.sim.nav2.parameter_files.interpretation import document_of
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, read_nav2_document
+from vastflow.sim.nav2.parameter_files.plug_ins import CONTROLLER_PLUG_INS, short_name
 from vastflow.sim.nav2.parameters.mppi import MppiParameters
 from vastflow.sim.plug_ins.snapshot import PlugInFile
 

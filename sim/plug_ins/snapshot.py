@@ -13,7 +13,7 @@ from typing import Final
 import platformdirs
 
 from vastflow.sim.model.digest import FileContent, digest
-from vastflow.sim.model.whole_folder import keep_folder
+from vastflow.sim.model.files import keep_folder
 from vastflow.sim.plug_ins.neighbors import MOST_BYTES, Hidden, PlugInError, neighbors_of
 
 _UNUSED_S: Final = 30 * 24 * 3600.0

@@ -40,11 +40,9 @@ NUMERIC_LIBRARIES: Final[Mapping[str, tuple[str, ...]]] = {
 
 READING: Final = (
     "vastflow.sim.nav2.controllers.conformance",
-    "vastflow.sim.nav2.controllers.registry",
     "vastflow.sim.nav2.parameter_files",
     "vastflow.sim.nav2.parameters",
     "vastflow.sim.nav2.planners.conformance",
-    "vastflow.sim.nav2.planners.registry",
     "vastflow.sim.model.names",
     "vastflow.sim.model.parameter",
     "vastflow.sim.plug_ins",

@@ -14,7 +14,7 @@ import yaml
 from table import each_row
 from typer.main import get_command
 
-from vastflow.flows.__main__ import app
+from vastflow.flows.cli.__main__ import app
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.summary import Summary
 from vastflow.oracles.judgement.judge import judge_block

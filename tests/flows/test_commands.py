@@ -17,10 +17,10 @@ from room import edited
 from table import each_row
 
 from vastflow.flows import api
-from vastflow.flows.__main__ import RENAMED
+from vastflow.flows.cli.__main__ import RENAMED
 from vastflow.flows.results.summary import Summary
 from vastflow.flows.terminal.ending import Interruptible
-from vastflow.oracles.evidence.rates import Counts
+from vastflow.oracles.statistics.intervals import Counts
 from vastflow.tasks.engine.progress import Progress
 from vastflow.tasks.store.store import StoreError
 
@@ -203,7 +203,7 @@ def test_interruptible_treats_interrupted_import_as_interrupt(capsys):
 
 def test_entry_module_imports_nothing_heavy():
     program = (
-        "import sys, vastflow.flows.__main__\n"
+        "import sys, vastflow.flows.cli.__main__\n"
         "heavy = {'prefect', 'numba', 'matplotlib', 'pandas', 'pyarrow', 'numpy', 'scipy'} & set(sys.modules)\n"
         "print(*heavy)\n"
     )

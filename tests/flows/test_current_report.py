@@ -93,7 +93,7 @@ def command(folder, *arguments):
     asked = ["run", folder / "nothing.vast", "--store", folder / "store", "--json", *arguments]
     script = (
         f"import sys; sys.argv = ['vastflow', *{[str(each) for each in asked]!r}]\n"
-        "from vastflow.flows.__main__ import main\n"
+        "from vastflow.flows.cli.__main__ import main\n"
         "try:\n    main()\nexcept SystemExit as end:\n    assert not end.code, end.code\n"
         f"print(*{HEAVY} & sys.modules.keys())"
     )

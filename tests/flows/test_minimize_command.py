@@ -17,9 +17,8 @@ from vastflow.flows.minimization.candidate_file import candidate_files, placed
 from vastflow.flows.minimization.failing import Failing
 from vastflow.flows.minimization.minimize import minimize_configuration
 from vastflow.flows.run.computing import Computing
-from vastflow.producers.minimization.candidates import NotBuilt
 from vastflow.producers.minimization.circumstance import Subject
-from vastflow.producers.minimization.minimize import Candidate
+from vastflow.producers.minimization.minimize import Candidate, NotBuilt
 from vastflow.producers.minimization.spelled_out import assumed_keys, spelled_out
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, nav2_file

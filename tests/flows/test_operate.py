@@ -10,7 +10,7 @@ from prefect.settings.legacy import _get_valid_setting_names
 from table import each_row
 from typer.main import get_command
 
-from vastflow.flows.__main__ import app
+from vastflow.flows.cli.__main__ import app
 
 PAGE = (Path(__file__).parents[2] / "docs" / "operate.md").read_text()
 AUTOMATIONS = [

@@ -7,9 +7,9 @@ from rich.console import Console
 
 from vastflow.flows.terminal.outcome import details, outcome, rate_text
 from vastflow.oracles.evidence.evidence import evidence_of
-from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.results.schema import CONFIGURATIONS, RUNS, VERDICTS
 from vastflow.oracles.results.tables import ConfigurationTable, Tables, VerdictTable
+from vastflow.oracles.statistics.intervals import Counts
 
 
 def tables(verdicts, rejections=(), more=(), **metadata):

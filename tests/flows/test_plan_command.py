@@ -10,8 +10,7 @@ import pytest
 from command_line import called, refused
 from PIL import Image
 
-from vastflow.flows.plan.pictures import plan_view_of
-from vastflow.flows.plan.plan import MEAN_SPEED_MPS, TIMES_REAL_TIME, Estimate, estimate_of, route_m
+from vastflow.flows.plan.plan import MEAN_SPEED_MPS, TIMES_REAL_TIME, Estimate, estimate_of, plan_view_of, route_m
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
 
@@ -149,7 +148,7 @@ def test_plan_reports_faults_as_validate_does(small_room, rich_room, tmp_path):
 
 def test_plan_never_imports_prefect(small_room):
     code = (
-        "import sys\nfrom typer.testing import CliRunner\nfrom vastflow.flows.__main__ import app\n"
+        "import sys\nfrom typer.testing import CliRunner\nfrom vastflow.flows.cli.__main__ import app\n"
         f"result = CliRunner().invoke(app, ['plan', {str(small_room)!r}])\n"
         "sys.exit(result.exit_code or 'prefect' in sys.modules)"
     )

@@ -17,11 +17,11 @@ from whole_directory import ConfigurationResult, write_results
 from vastflow.flows.results.results import write_map
 from vastflow.flows.results.summary import Summary
 from vastflow.flows.results.tables import complete, one_block
-from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.judgement.verdict import Metric, Verdict
 from vastflow.oracles.observation.trace import NOWHERE_MM
 from vastflow.oracles.page.report import write_report
 from vastflow.oracles.results.tables import read_tables
+from vastflow.oracles.statistics.intervals import Counts
 from vastflow.sim.model.blocks import read_block, read_recordings, write_block, write_recordings
 from vastflow.sim.model.recording import Event, Recording, Run
 from vastflow.sim.world.map_file import LARGEST_CELL_M, LEAST_CELL_M, load_map

@@ -14,7 +14,7 @@ from table import each_row
 
 from vastflow.flows import execute, instantiate, judge, observe, run_campaign
 from vastflow.flows.stages import api as stages
-from vastflow.oracles.evidence.rates import Counts
+from vastflow.oracles.statistics.intervals import Counts
 from vastflow.sim.model.faults import FileError, UserError
 from vastflow.tasks.store.store import Lost
 

@@ -21,10 +21,10 @@ from vastflow.flows.results.tables import (
     run_columns,
     verdict_columns,
 )
-from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.judgement.verdict import Metric, Verdict, read_verdicts, write_verdicts
 from vastflow.oracles.results import schema
 from vastflow.oracles.results.schema import CONFIGURATIONS, REJECTIONS, RUNS, VERDICTS, json_text, write_table
+from vastflow.oracles.statistics.intervals import Counts
 from vastflow.producers.model.configuration import Configuration, RejectedInstance, Step
 from vastflow.sim.model.archive import write_behaviors
 from vastflow.sim.model.digest import FileContent

@@ -12,15 +12,23 @@ from table import each_row
 
 from vastflow.oracles.evidence import findings
 from vastflow.oracles.evidence.causes import criteria_json, criteria_of
-from vastflow.oracles.evidence.rates import Counts, Interval, clustered, counts_of, pooled, wilson
-from vastflow.oracles.evidence.searched import found_text
+from vastflow.oracles.evidence.findings import found_text
 from vastflow.oracles.evidence.varied import chosen_rows, matched_sets, named, path_property_rows, varied_rows
 from vastflow.oracles.figures.charts import threshold_figure
 from vastflow.oracles.page.words import criterion_text
 from vastflow.oracles.results.factors import factors_of
 from vastflow.oracles.results.tables import read_tables
 from vastflow.oracles.statistics.analysis import factor_analysis
-from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, interval
+from vastflow.oracles.statistics.intervals import (
+    Counts,
+    Interval,
+    clopper_pearson_intervals,
+    clustered,
+    counts_of,
+    interval,
+    pooled,
+    wilson,
+)
 
 counted = st.integers(0, 20).flatmap(lambda n: st.integers(0, n).map(lambda x: Counts(x, n - x)))
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from typer.testing import CliRunner
 
-from vastflow.flows.__main__ import app
+from vastflow.flows.cli.__main__ import app
 from vastflow.flows.results.provenance import STAGES
 from vastflow.flows.terminal.outcome import outcome
 from vastflow.oracles.evidence.causes import Standstills, standstills_of

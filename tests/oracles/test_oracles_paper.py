@@ -11,7 +11,7 @@ from paper_results import NotThePapers, Requested, paper_results, requested_of
 from paper_starts import Begun, Starts, starts_of
 from table import each_row
 
-from vastflow.oracles.evidence.rates import Counts
+from vastflow.oracles.statistics.intervals import Counts
 from vastflow.sim.loop.standstill import POINTS_IN_FOOTPRINT
 
 RADIUS = "global_costmap.robot_radius"

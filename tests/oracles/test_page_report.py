@@ -22,7 +22,6 @@ from table import each_row
 from vastflow.flows.results.summary import Results
 from vastflow.oracles.evidence.evidence import evidence_of
 from vastflow.oracles.evidence.findings import findings_of
-from vastflow.oracles.evidence.rates import Counts, Interval
 from vastflow.oracles.figures.charts import factor_figure, interaction_figure
 from vastflow.oracles.page import report
 from vastflow.oracles.page.facts import Facts
@@ -36,6 +35,7 @@ from vastflow.oracles.page.sections import rejection_rows
 from vastflow.oracles.page.words import number, percent, points, span
 from vastflow.oracles.results.tables import read_tables
 from vastflow.oracles.statistics.effects import Claim, FactorEffect, InteractionEffect, LevelEffect, LevelPair
+from vastflow.oracles.statistics.intervals import Counts, Interval
 
 TASK = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
 LINE = [(1.0 + 0.1 * i, 2.0) for i in range(41)]

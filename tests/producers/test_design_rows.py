@@ -10,8 +10,7 @@ from table import each_row
 
 from vastflow.producers.campaign_file.sections import Sample
 from vastflow.producers.designs.covering_array import covering_array
-from vastflow.producers.designs.sample import sampled
-from vastflow.producers.designs.space import FactorBlock, TooLarge
+from vastflow.producers.designs.space import FactorBlock, TooLarge, sampled
 
 
 def free(*counts):

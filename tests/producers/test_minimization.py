@@ -9,9 +9,17 @@ from table import each_row
 
 from vastflow.producers.campaign_file.document import read_document
 from vastflow.producers.campaign_file.scenario import FROM_GOAL, abstract_scenario_of
-from vastflow.producers.minimization.candidates import Candidates, NotBuilt
 from vastflow.producers.minimization.circumstance import LEVELS, Circumstance, Subject
-from vastflow.producers.minimization.minimize import Candidate, Outcome, Unconfirmed, ddmin, least_level, minimize
+from vastflow.producers.minimization.minimize import (
+    Candidate,
+    Candidates,
+    NotBuilt,
+    Outcome,
+    Unconfirmed,
+    ddmin,
+    least_level,
+    minimize,
+)
 from vastflow.producers.places.start_check import StartCheck
 from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.world.map_file import map_content

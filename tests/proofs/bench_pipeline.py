@@ -129,7 +129,16 @@ def _cost(file: Path) -> Cost:
         "PREFECT_HOME": str(folder / "prefect"),
         "VASTFLOW_STORE": str(folder / "store"),
     }
-    command = [sys.executable, "-m", "vastflow.flows", "run", str(file), "--results", str(folder / "results"), "--json"]
+    command = [
+        sys.executable,
+        "-m",
+        "vastflow.flows.cli",
+        "run",
+        str(file),
+        "--results",
+        str(folder / "results"),
+        "--json",
+    ]
     began_s = time.perf_counter()
     with open(folder / "log", "wb") as log:
         process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=log, text=True)

@@ -23,11 +23,11 @@ from vastflow.sim.loop.drive import drive
 from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.model.scenario import Mission
-from vastflow.sim.nav2.controllers.registry import find_controller, short_names
 from vastflow.sim.nav2.navigator.behavior import REPLAN_TICKS
 from vastflow.sim.nav2.navigator.prepared import PreparedMap, prepare
 from vastflow.sim.nav2.navigator.profile import CLOCK, STAGES
 from vastflow.sim.nav2.navigator.state import RUNNING, SUBSTEPS
+from vastflow.sim.nav2.parameter_files.plug_ins import find_controller, short_names
 from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.world.occupancy import FREE, OCCUPIED, OccupancyMap
 from vastflow.sim.world.octile import descend, distance_field, passable

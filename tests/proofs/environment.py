@@ -28,7 +28,7 @@ import platformdirs
 import pyarrow.parquet as pq
 
 ROOT: Final = Path(__file__).parents[2]
-VASTFLOW: Final = (sys.executable, "-m", "vastflow.flows")
+VASTFLOW: Final = (sys.executable, "-m", "vastflow.flows.cli")
 TIMEOUT_S: Final = 900.0
 
 JUMPS: Final = """

@@ -200,7 +200,7 @@ def _command(arguments: list[str], out: int, err: int) -> None:
     sys.argv = ["vastflow", *arguments]
     code = 0
     try:
-        from vastflow.flows.__main__ import main
+        from vastflow.flows.cli.__main__ import main
 
         main()
     except SystemExit as error:

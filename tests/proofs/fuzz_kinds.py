@@ -271,7 +271,7 @@ def called(*arguments: str) -> None:
     """
     from typer.testing import CliRunner
 
-    from vastflow.flows.__main__ import app
+    from vastflow.flows.cli.__main__ import app
 
     result = CliRunner().invoke(app, list(arguments))
     if result.exception is not None and not isinstance(result.exception, SystemExit):

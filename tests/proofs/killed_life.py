@@ -234,7 +234,7 @@ class Place:
         options = ["--workers", str(WORKERS), "--json"]
         if self._cluster:
             options += ["--cluster", str(self.scheduler_file)]
-        return Life(self, [sys.executable, "-m", "vastflow.flows", *asked, *options])
+        return Life(self, [sys.executable, "-m", "vastflow.flows.cli", *asked, *options])
 
     def trace(self) -> list[dict[str, Any]]:
         file = self.folder / "trace"

@@ -19,9 +19,9 @@ from paper_results import PaperResults, paper_results
 from vastflow.flows.results.address import check_directory
 from vastflow.flows.terminal.ending import BAD_INPUT, Interruptible
 from vastflow.oracles.evidence.findings import WeightedRate, weighted_counts, weighted_rate
-from vastflow.oracles.evidence.rates import Counts, Interval
 from vastflow.oracles.results.unusable import reading
 from vastflow.oracles.statistics.classes import TotalFailures, total_failures
+from vastflow.oracles.statistics.intervals import Counts, Interval
 from vastflow.sim.loop.standstill import CAUSES, STANDSTILL_M
 from vastflow.sim.model.faults import UserError
 

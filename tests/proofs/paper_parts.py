@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from paper_published import Kind
 
-from vastflow.oracles.evidence.rates import Counts, pooled
+from vastflow.oracles.statistics.intervals import Counts, pooled
 
 DENSITIES_PER_M: Final = (0.2, 0.6)
 

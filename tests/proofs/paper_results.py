@@ -14,9 +14,9 @@ from paper_published import PUBLISHED, Kind, Published
 from paper_starts import Starts, starts_of
 
 from vastflow.oracles.evidence.findings import weights_of
-from vastflow.oracles.evidence.rates import Counts, counts_of, pooled
 from vastflow.oracles.judgement.verdict import Judgement, run_judgement
 from vastflow.oracles.results.factors import blocks_of
+from vastflow.oracles.statistics.intervals import Counts, counts_of, pooled
 from vastflow.sim.model.faults import UserError
 from vastflow.sim.model.files import read_json
 

@@ -112,7 +112,7 @@ def _children_s() -> float:
 
 def _vastflow(words: list[str]) -> subprocess.CompletedProcess[str]:
     done = subprocess.run(
-        [sys.executable, "-m", "vastflow.flows", *words],
+        [sys.executable, "-m", "vastflow.flows.cli", *words],
         capture_output=True,
         text=True,
         check=False,

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from paper_published import LOCAL_PADDING_M, LOCAL_RADIUS_M
 from scipy import ndimage
 
-from vastflow.oracles.evidence.rates import Counts, counts_of
 from vastflow.oracles.judgement.verdict import Judgement
+from vastflow.oracles.statistics.intervals import Counts, counts_of
 from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, padded_outline
 from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.occupancy import OccupancyMap

@@ -21,11 +21,11 @@ import pandas as pd
 import yaml
 
 from vastflow.oracles.catalog.safety import READINGS
-from vastflow.oracles.evidence.rates import counts_of
 from vastflow.oracles.judgement.judge import judge_block
 from vastflow.oracles.judgement.registry import oracles_of
 from vastflow.oracles.judgement.verdict import Judgement, run_judgement
 from vastflow.oracles.observation.observe import observe_block
+from vastflow.oracles.statistics.intervals import counts_of
 from vastflow.producers.campaign import Campaign, load_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.model.configuration import Configuration

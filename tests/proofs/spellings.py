@@ -40,7 +40,7 @@ def spellings(file: Path, links: Path) -> dict[str, tuple[Path, Path]]:
 
 def counts(here: Path, file: Path, kept: Path) -> dict[str, int]:
     """Counts of one run of the campaign."""
-    command = [sys.executable, "-m", "vastflow.flows", "run", str(file), "--json"]
+    command = [sys.executable, "-m", "vastflow.flows.cli", "run", str(file), "--json"]
     options = ["--store", str(kept / "store"), "--results", str(kept / "results")]
     done = subprocess.run([*command, *options], cwd=here, capture_output=True, text=True, check=False)
     if done.returncode not in (0, 3):

@@ -9,7 +9,6 @@ from vastflow.sim.kernels.plug_in import ContractError
 from vastflow.sim.model.faults import FileError, ScenarioError
 from vastflow.sim.nav2.controllers.binding import running
 from vastflow.sim.nav2.controllers.controller import Setting
-from vastflow.sim.nav2.controllers.registry import find_controller
 from vastflow.sim.nav2.controllers.speed_zones import limit_speed, speed_zones
 from vastflow.sim.nav2.costmaps.filters import keep_out_of_window, keepout_mask, on_map, with_keepout
 from vastflow.sim.nav2.costmaps.window import Window
@@ -18,6 +17,7 @@ from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.costmaps import masks_of
 from vastflow.sim.nav2.parameter_files.document import parse
 from vastflow.sim.nav2.parameter_files.interpretation import interpretation
+from vastflow.sim.nav2.parameter_files.plug_ins import find_controller
 from vastflow.sim.nav2.parameters.costmap import KeepoutFilter, SpeedFilter
 from vastflow.sim.reading.checked import checked_digest
 from vastflow.sim.world.occupancy import OccupancyMap

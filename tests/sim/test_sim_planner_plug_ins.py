@@ -15,8 +15,8 @@ from vastflow.sim.nav2.navigator.prepared import prepare
 from vastflow.sim.nav2.navigator.state import with_kernels
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
+from vastflow.sim.nav2.parameter_files.plug_ins import PLANNER_PLUG_INS, find_planner
 from vastflow.sim.nav2.planners.conformance import CHECKS, check_paths, check_planner
-from vastflow.sim.nav2.planners.registry import PLANNER_PLUG_INS, find_planner
 from vastflow.sim.reading.checked import checked_digest
 from vastflow.sim.world.robot_model import Lidar, Robot
 

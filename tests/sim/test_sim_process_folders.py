@@ -15,7 +15,7 @@ from table import each_row
 from vastflow.sim.model.digest import file_digest
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.scenario import ProcessSetup
-from vastflow.sim.scenario.programs import mounts
+from vastflow.sim.scenario.programs import folders
 from vastflow.sim.scenario.programs import run as run_module
 from vastflow.sim.scenario.programs.folders import (
     RunFolders,
@@ -39,7 +39,7 @@ def begun(request, tmp_path, monkeypatch):
     """Begin runs of a campaign: on a machine with bubblewrap, and on one without."""
     if request.param == "rewritten":
         monkeypatch.setattr(run_module, "can_mount", lambda: False)
-    elif not mounts.can_mount():
+    elif not folders.can_mount():
         pytest.skip("bubblewrap is missing, or this machine forbids namespaces")
     (tmp_path / "campaign" / "files").mkdir(parents=True)
 
@@ -170,7 +170,7 @@ def test_name_below_config_is_a_path_below_the_campaigns_folder(name, path):
     assert below_config(name) == path
 
 
-PROBE = "from vastflow.sim.scenario.programs.mounts import can_mount; print(can_mount())"
+PROBE = "from vastflow.sim.scenario.programs.folders import can_mount; print(can_mount())"
 
 
 def probed(*prefix):
@@ -184,7 +184,7 @@ def probed(*prefix):
 
 def test_can_mount_is_false_without_bubblewrap(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
-    assert not mounts.can_mount.__wrapped__()
+    assert not folders.can_mount.__wrapped__()
 
 
 def test_machine_that_forbids_mounts_is_known():
@@ -192,7 +192,7 @@ def test_machine_that_forbids_mounts_is_known():
     assert probed("unshare", "--user", "--map-root-user", "sh", "-c", forbid, "sh") == "False"
 
 
-@pytest.mark.skipif(not mounts.can_mount(), reason="bubblewrap is missing, or this machine forbids namespaces")
+@pytest.mark.skipif(not folders.can_mount(), reason="bubblewrap is missing, or this machine forbids namespaces")
 def test_user_without_rights_mounts_in_a_user_namespace():
     dropped = ("setpriv", "--bounding-set=-sys_admin", "--inh-caps=-all")
     assert probed(*dropped) == probed(*dropped, "unshare", "--user", "--map-current-user")

@@ -6,7 +6,7 @@ from pathlib import Path
 from typer.main import get_command
 from typer.testing import CliRunner
 
-from vastflow.flows.__main__ import app
+from vastflow.flows.cli.__main__ import app
 
 DOCS = Path(__file__).parents[2] / "docs"
 

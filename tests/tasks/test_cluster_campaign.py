@@ -273,7 +273,7 @@ def test_poison_run_is_not_judged_and_others_are(cluster, programs, tmp_path):
 
 def test_restarted_scheduler_is_found(cluster, programs, tmp_path):
     file = programs(*["slow"] * 8)
-    command = [sys.executable, "-m", "vastflow.flows", "run", file, "--cluster", cluster.file]
+    command = [sys.executable, "-m", "vastflow.flows.cli", "run", file, "--cluster", cluster.file]
     command += ["--results", tmp_path / "results", "--store", tmp_path / "store", "--json"]
     cluster.worker()
     log = tmp_path / "said"
@@ -321,7 +321,7 @@ def test_late_worker_with_other_code_gets_nothing(cluster, programs, tmp_path):
 def test_ctrl_c_frees_the_cluster_within_seconds(cluster, programs, tmp_path):
     file = programs(*["slow"] * 12)
     cluster.worker()
-    command = [sys.executable, "-m", "vastflow.flows", "run", file, "--cluster", cluster.file]
+    command = [sys.executable, "-m", "vastflow.flows.cli", "run", file, "--cluster", cluster.file]
     command += ["--results", tmp_path / "results", "--store", tmp_path / "store"]
     with subprocess.Popen([*map(str, command)], stderr=subprocess.PIPE, text=True) as campaign:
         wait_until(lambda: len(executed(tmp_path)) >= 3)
@@ -362,7 +362,7 @@ def test_interrupted_search_resumes_in_batch(api, tmp_path):
     file = tmp_path / "asleep.vast"
     file.write_text(SLEEPS)
     options = ["--results", tmp_path / "results", "--store", tmp_path / "store", "--workers", "1"]
-    command = [sys.executable, "-m", "vastflow.flows", "run", file, *options]
+    command = [sys.executable, "-m", "vastflow.flows.cli", "run", file, *options]
 
     def batches():
         return [run for run in api.read_flow_runs() if run.name.startswith("asleep, batch")]

@@ -6,7 +6,7 @@ import pytest
 from table import each_row
 from typer.testing import CliRunner
 
-from vastflow.flows.__main__ import app
+from vastflow.flows.cli.__main__ import app
 from vastflow.flows.results.address import WITHOUT_RUNS, at_hand, meant_address
 from vastflow.oracles.results.unusable import UnusableDirectory
 from vastflow.tasks.store.remote_files import file_system

@@ -138,7 +138,7 @@ def begun(tmp_path, kernels, s3, prefect_home):
         options = ["--results", tmp_path / name, "--store", store, "--workers", workers]
         processes.append(
             subprocess.Popen(
-                [str(each) for each in (sys.executable, "-m", "vastflow.flows", "run", file, *options)],
+                [str(each) for each in (sys.executable, "-m", "vastflow.flows.cli", "run", file, *options)],
                 env={**kept, "PREFECT_HOME": str(prefect_home(tmp_path / f"prefect-{name}"))},
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,

@@ -8,7 +8,7 @@ import fsspec
 import pytest
 from typer.testing import CliRunner
 
-from vastflow.flows.__main__ import app
+from vastflow.flows.cli.__main__ import app
 from vastflow.flows.results.address import delivery_to
 from vastflow.flows.results.summary import Results, Summary
 from vastflow.tasks.store.remote_files import file_system

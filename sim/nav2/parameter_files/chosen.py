@@ -18,7 +18,6 @@ from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.names import SLIP, nearest
 from vastflow.sim.model.parameter import ParameterLocation, complaint
 from vastflow.sim.model.polygon import as_array, vertices_of
-from vastflow.sim.nav2.controllers.registry import CONTROLLER_PLUG_INS, short_names
 from vastflow.sim.nav2.costmaps.outline import outline_of, padded_outline
 from vastflow.sim.nav2.parameter_files.controller_server import primary_controller, written_controller
 from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS, filtered_by
@@ -27,6 +26,7 @@ from vastflow.sim.nav2.parameter_files.findings import nav2_names
 from vastflow.sim.nav2.parameter_files.interpretation import Interpretation, document_of, interpretation
 from vastflow.sim.nav2.parameter_files.nodes import CONTROLLERS, ROTATION_SHIM, class_name
 from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, loaded
+from vastflow.sim.nav2.parameter_files.plug_ins import CONTROLLER_PLUG_INS, short_names
 from vastflow.sim.nav2.parameter_files.reader import CONTRADICTION, plug_in_name, shown
 from vastflow.sim.nav2.parameters.robot import NOISE_PLACE, robot_keys
 from vastflow.sim.nav2.parameters.stack import NavParameters

@@ -5,7 +5,6 @@ from typing import Any, Final
 
 from vastflow.sim.model.digest import Value
 from vastflow.sim.model.parameter import ParameterGroup, ParameterLocation, complaint
-from vastflow.sim.nav2.controllers.registry import CONTROLLER_PLUG_INS, short_name
 from vastflow.sim.nav2.parameter_files.nodes import (
     CONTROLLERS,
     FOREIGN_CRITICS,
@@ -16,6 +15,7 @@ from vastflow.sim.nav2.parameter_files.nodes import (
     class_name,
     short_class,
 )
+from vastflow.sim.nav2.parameter_files.plug_ins import CONTROLLER_PLUG_INS, short_name
 from vastflow.sim.nav2.parameter_files.reader import Parts, Reader, Used, Values, plug_in_name, written, written_plugins
 from vastflow.sim.nav2.parameters.mppi import AckermannParameters, MppiParameters
 from vastflow.sim.nav2.parameters.servers import ControllerServer, RotationShim

@@ -15,6 +15,7 @@ from vastflow.sim.nav2.parameter_files.controller_server import read_controller_
 from vastflow.sim.nav2.parameter_files.costmaps import check_speed_filter, read_costmap, written_costmap
 from vastflow.sim.nav2.parameter_files.document import PARAMETERS, ParameterDocument
 from vastflow.sim.nav2.parameter_files.nodes import NODES, PLANNERS, WAIT_AT_WAYPOINT, class_name, short_class
+from vastflow.sim.nav2.parameter_files.plug_ins import PLANNER_PLUG_INS
 from vastflow.sim.nav2.parameter_files.reader import Instance, Parts, Reader, Values, shown, written
 from vastflow.sim.nav2.parameters.amcl import AmclParameters
 from vastflow.sim.nav2.parameters.costmap import global_costmap, local_costmap
@@ -40,7 +41,6 @@ from vastflow.sim.nav2.parameters.servers import (
     WaypointFollower,
 )
 from vastflow.sim.nav2.parameters.stack import NavParameters
-from vastflow.sim.nav2.planners.registry import PLANNER_PLUG_INS
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.registry import FILE, plug_in_file
 from vastflow.sim.plug_ins.snapshot import PlugInFile, snapshot_of

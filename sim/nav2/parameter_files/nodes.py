@@ -89,7 +89,7 @@ _UNSTOPPED: Final = dict.fromkeys(("trans_stopped_velocity", "rot_stopped_veloci
 CONTROLLERS: Final = Plugins(
     what="controller",
     lists=("controller_plugins",),
-    modeled={},  # see `vastflow.sim.nav2.controllers.registry`
+    modeled={},  # see `vastflow.sim.nav2.parameter_files.plug_ins`
     foreign=(
         "nav2_graceful_controller::GracefulController",
         "nav2_graceful_motion_controller::GracefulMotionController",

@@ -27,7 +27,7 @@ class NavParameters(ParameterGroup):
 
     Attributes:
         controller: Parameters of the controller; a plug-in is its own, see
-            `vastflow.sim.nav2.controllers.registry`. So are `planner` and `lidar_noise`.
+            `vastflow.sim.nav2.parameter_files.plug_ins`. So are `planner` and `lidar_noise`.
         robot: Of the robot that the stack drives, which it is not told of; `latency` of its sensors and computers.
     """
 

@@ -18,9 +18,8 @@ from typing import Final
 import psutil
 
 from vastflow.sim.model.faults import ScenarioError
-from vastflow.sim.scenario.programs.folders import RunFolders
+from vastflow.sim.scenario.programs.folders import MountNamespace, RunFolders
 from vastflow.sim.scenario.programs.guard import VARIABLE, kill_marked
-from vastflow.sim.scenario.programs.mounts import MountNamespace
 
 MAX_LOG_BYTES: Final = 16 * 2**20
 RSS_UNIT_BYTES: Final = 1 if sys.platform == "darwin" else 1024

@@ -22,9 +22,16 @@ from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.model.recording import LogText, Outputs, Use
 from vastflow.sim.model.scenario import ProcessSetup
 from vastflow.sim.scenario.programs import guard
-from vastflow.sim.scenario.programs.folders import OUT, RunFolders, copy_in, hand_over, named_in
+from vastflow.sim.scenario.programs.folders import (
+    OUT,
+    MountNamespace,
+    RunFolders,
+    can_mount,
+    copy_in,
+    hand_over,
+    named_in,
+)
 from vastflow.sim.scenario.programs.guard import VARIABLE, kill_marked, marked, remove_folder
-from vastflow.sim.scenario.programs.mounts import MountNamespace, can_mount
 from vastflow.sim.scenario.programs.outputs import Stamp, read_outputs, stamps
 from vastflow.sim.scenario.programs.process import RSS_UNIT_BYTES, ProcessGroup, Usage, kill_all
 

@@ -6,12 +6,12 @@ imported inside the commands.
 
 import gc
 import sys
+from importlib.metadata import version as version_of
 from typing import Annotated, Any, Final
 
 import typer
 from typer.core import TyperGroup
 
-import vastflow
 from vastflow.flows.cli.compare import compare
 from vastflow.flows.cli.deploy import deploy
 from vastflow.flows.cli.development import dev
@@ -69,7 +69,7 @@ class Commands(TyperGroup):
 
 def _print_version(asked: bool) -> None:
     if asked:
-        print(f"vastflow {vastflow.__version__}")
+        print(f"vastflow {version_of('vastflow')}")
         raise typer.Exit
 
 
