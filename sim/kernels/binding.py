@@ -172,7 +172,7 @@ def _cast(context: Any, builder: Any, found: Any, value: Any, result: Any) -> An
 
 
 def forwarding(number: int, result: Any, *given: Any, convert: Callable[..., Any] = _cast) -> Any:
-    """Return what an entry calls with (layout, *given): it reads the table and calls the kernel.
+    """Return the Python function of an entry: it reads the record with `layout` and calls the kernel with `given`.
 
     Args:
         number: Of the kernel in its seam; 0 is the main one, which gets the parameters.
@@ -240,7 +240,7 @@ def _arrays(kind: type[ParameterGroup], part: Any, where: str) -> Iterator[NDArr
 def _called(
     context: Any, builder: Any, result: Any, arguments: Sequence[Any], address: Any, values: Sequence[Any]
 ) -> Any:
-    """Call machine code of numba's calling convention; what it raises is raised on."""
+    """Call machine code by numba's calling convention, and pass on its errors."""
     convention = context.call_conv
     kind = convention.get_function_type(result, arguments)
     function = builder.inttoptr(address, kind.as_pointer())

@@ -24,7 +24,7 @@ def must_at(main: str, kept: object, plug_in: object, what: str) -> None:
 
 
 def guarded(plug_in: object, name: str, call: Callable[[], Result]) -> Result:
-    """Call; what the kernel `name` of a plug-in raises, and a broken contract, is an AssertionError at its line."""
+    """Call the kernel `name` of a plug-in; report its errors and broken contracts as AssertionErrors at its line."""
     try:
         return call()
     except ContractError as error:

@@ -169,13 +169,13 @@ def root(builder: Any, a: Any) -> Any:
 
 @_operation(LANES, LANES)
 def whole(builder: Any, a: Any) -> Any:
-    """Without what is behind the point."""
+    """Truncate toward zero."""
     return builder.sitofp(builder.fptosi(a, _INTS), _FLOATS)
 
 
 @_operation(types.none, NUMBERS, types.intp, LANES)
 def store_whole(builder: Any, numbers: Any, start: Any, lanes: Any) -> None:
-    """Write lanes without what is behind the point to neighbors among uint16 numbers."""
+    """Truncate lanes and store them at neighboring uint16 elements."""
     builder.store(builder.fptosi(lanes, _SHORTS), _place(builder, numbers, start, _SHORTS), align=2)
 
 

@@ -73,7 +73,7 @@ def widest(host: Mapping[str, bool]) -> str:
 
 
 class _Processor(CPU):  # type: ignore[misc]  # numba has no types
-    """A CPU, so that what numba and its extensions define for CPUs counts here as well."""
+    """A CPU target, so that numba's definitions for CPUs and those of its extensions apply."""
 
 
 class _Library(JITCodeLibrary):  # type: ignore[misc]
@@ -235,13 +235,13 @@ class KernelCache(NullCache):  # type: ignore[misc]  # numba has no types
         self._source = (sys.implementation.cache_tag, code.co_firstlineno, code.co_code, *outside)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return what was compiled for a signature; None if there is none, or it is damaged."""
+        """Return the compiled kernel of a signature, or None if it is missing or damaged."""
         target_context.refresh()
         content = _sound(self._file(sig, target_context.codegen()))
         return None if content is None else CompileResult._rebuild(target_context, *pickle.loads(content))
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep what was compiled for a signature; where that is impossible, every process compiles its own."""
+        """Save the compiled kernel of a signature; if that is impossible, every process compiles its own."""
         if data.lifted or data.library.has_dynamic_globals:
             return
         content, part = dumps(data._reduce()), self._folder / uuid.uuid4().hex

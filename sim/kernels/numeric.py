@@ -22,7 +22,7 @@ _IMPORT: Final = re.compile(r"^from (vastflow\.sim[\w.]*) import (\([^)]*\)|.*)"
 
 
 def kernel_sources() -> list[Path]:
-    """Modules with kernels, and those of `sim` that they import, directly or not: all that compiled code can follow from."""
+    """Modules with kernels and the modules of `sim` that they import: all sources of compiled code."""
     root = Path(__file__).parents[1]
     text = {module: module.read_text("utf-8") for module in sorted(root.rglob("*.py"))}
     waiting = [module for module in text if "vastflow.sim.kernels.numeric import" in text[module]] + [Path(__file__)]
@@ -36,7 +36,7 @@ def kernel_sources() -> list[Path]:
 
 
 def _imported(root: Path, text: str) -> Iterator[Path]:
-    """Files that the imports of a module may mean: a module, a package, and what is imported from one."""
+    """Files that a module's imports may refer to: modules, packages, and names in packages."""
     for package, names in _IMPORT.findall(text):
         place = root.joinpath(*package.split(".")[2:])
         for name in ("", *re.findall(r"\w+", names)):
@@ -46,7 +46,7 @@ def _imported(root: Path, text: str) -> Iterator[Path]:
 
 
 def kernel_cache_dir() -> Path:
-    """Folder of compiled kernels for exactly this source of theirs, this numba and this LLVM, wherever the source lies.
+    """Folder of kernels compiled from this source by this numba and LLVM, wherever the source is.
 
     Those that check indices (`NUMBA_BOUNDSCHECK=1`) have one of their own: numba does not tell them from others.
     """
@@ -71,7 +71,7 @@ def njit(function: Function) -> Function:
 
 
 def inner(function: Function) -> Function:
-    """Compile a kernel that only kernels call, as a part of those."""
+    """Compile a kernel that is called by kernels only, as part of its callers."""
     dispatcher: Any = _compile_inner(function)
     dispatcher.is_own = dispatcher.is_part = True
     return cast("Function", dispatcher)
@@ -83,7 +83,7 @@ def addressed(function: Function) -> Function:
 
 
 def unkept(function: Function) -> Function:
-    """Compile what others wrote anew in each process: no file says when a compiled form is out of date."""
+    """Compile a plug-in's kernel in each process, because nothing tells when a cached one is out of date."""
     return cast("Function", _compile_inner(function))
 
 

@@ -21,7 +21,7 @@ def kernel(function: Function) -> Function:
 
 
 class ContractError(ValueError):
-    """A plug-in that does not keep its contract; says where, what it does, and what was expected."""
+    """A plug-in broke its contract; the message gives the place, the behavior, and the expected one."""
 
 
 def line_of(code: Any) -> str:

@@ -1,4 +1,4 @@
-"""Sine and cosine for kernels that need thousands: polynomials, so that a loop over angles runs on vector units.
+"""Sine and cosine as polynomials, so that loops over many angles are vectorized.
 
 libm takes angles one by one (tens of ns each), and its last bits differ from host to host.
 """

@@ -158,7 +158,7 @@ class ClosedLoop:
         self.stack = replace(self.stack, obstacles=rows)
 
     def delete(self, name: str) -> bool:
-        """Remove the obstacle of this name from the world; False if there is none."""
+        """Remove the obstacle of this name from the world; return False if there is none."""
         index = self.standing(name)
         if index is not None:
             self._world = world = self._world or self._make_world()

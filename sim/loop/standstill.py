@@ -31,7 +31,7 @@ _MOST: Final = 0.5
 
 
 def standstill(columns: Mapping[str, NDArray[np.int32]], events: Iterable[Event], sent_s: float) -> Event:
-    """Return the event of a run whose robot stood still, at the time of its first mission (s).
+    """Return the standstill event of a run, at the time of its first mission (s).
 
     The monitor stops a robot without a command only where the scan has points inside its footprint, so an earlier stop tells that
     cause.

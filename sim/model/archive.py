@@ -1,4 +1,4 @@
-"""Tables beside the aligned columns of a block of runs: behaviors, and what its programs wrote.
+"""Tables of a block of runs that are not aligned with ticks: behaviors, and output of programs.
 
 Behaviors are a compressed Arrow stream: a campaign reads one such small file for each configuration, and Parquet takes five times as
 long and twice the room.
@@ -132,7 +132,7 @@ def behaviors_below(blocks: Sequence[bytes], runs: int) -> pa.Table | None:
 
 
 def read_foreign_table(name: str, content: bytes) -> tuple[Columns, tuple[str, ...]]:
-    """Read the columns of a CSV or Parquet file of others, and notes on what was left out.
+    """Read the columns of a CSV or Parquet file, with notes on omitted ones.
 
     A missing value is NaN in a column of numbers or truth values, which then is float64, and empty in a column of text.
     Moments are seconds since 1970, times of day seconds since midnight.

@@ -14,7 +14,7 @@ from typing import TypeAlias
 
 @dataclass(frozen=True, slots=True)
 class FileContent:
-    """A file as a value: equal to another where the content is equal, wherever the two lie.
+    """A file as a value: two are equal if their contents are, wherever they are stored.
 
     Attributes:
         path: Path for this process.

@@ -58,7 +58,7 @@ def complaint(problem: str, expected: str) -> str:
 
 
 def parted(message: str) -> tuple[str, str]:
-    """Return a complaint's problem and what is expected; the latter is empty if the whole says it."""
+    """Split a complaint into the problem and the expected value; the latter may be empty."""
     if message.startswith("expected ") or ": expected " in message:
         return message, ""
     problem, _, expected = message.partition("; ")
@@ -66,7 +66,7 @@ def parted(message: str) -> tuple[str, str]:
 
 
 class UserError(Exception):
-    """A mistake that a user can mend: its place, the problem, and what was expected."""
+    """A user's mistake: its place, the problem, and the expected value."""
 
 
 class FileError(UserError, ValueError):
@@ -89,7 +89,7 @@ class FileError(UserError, ValueError):
 
 
 class ScenarioError(ValueError):
-    """A scenario that can't be executed as it stands, such as one whose program can't be started.
+    """A scenario that can't be executed, for example because its program can't be started.
 
     The run is not recorded and not judged: that the scenario can't work says nothing of the system under test. The message says
     where, what was found, and what would be right.

@@ -67,7 +67,7 @@ class Unreadable(ValueError):
 
 
 class Missing(Unreadable, FileNotFoundError):
-    """There is no such file."""
+    """The file does not exist."""
 
 
 def read_bytes(path: str | Path, kind: str = "a file", most_bytes: int = MOST_BYTES) -> bytes:

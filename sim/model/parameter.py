@@ -105,7 +105,7 @@ def complaint(model: type[BaseModel], name: str, value: Any) -> str | None:
 
 
 def complaints(model: type[BaseModel], error: ValidationError) -> Iterator[tuple[str, str]]:
-    """Yield each faulty parameter and what is expected, such as `a whole number`.
+    """Yield each faulty parameter with the expected value, such as `a whole number`.
 
     The parameter is empty where values contradict each other.
     """

@@ -37,7 +37,7 @@ def vertices_of(footprint: str) -> Vertices:
 
 
 def area_of(text: str) -> Vertices:
-    """Return the vertices of an area near the robot; raises `ValueError` that says what it must be."""
+    """Return the vertices of an area near the robot; raise a `ValueError` that names the expected form."""
     vertices = _read(text)
     if len(vertices) > MOST_VERTICES:
         raise ValueError(f"a polygon of {MOST_VERTICES} vertices at most, and not of {len(vertices)}")

@@ -59,7 +59,7 @@ def written_pose_of(value: Value, where: str = "pose") -> Pose:
 
 
 def _unknown(value: Mapping[str, Value]) -> Iterator[str]:
-    """Yield keys of a pose that would be ignored, such as those of `orientation: {z, w}`."""
+    """Yield the keys of a pose that are ignored, such as those of `orientation: {z, w}`."""
     members = {"position": _POSITION, "orientation": _ORIENTATION}
     for key, inner in value.items():
         if key in members and isinstance(inner, Mapping):

@@ -1,4 +1,4 @@
-"""The scenario: exactly what is executed."""
+"""The scenario: all inputs of an execution."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Translation of Lark's errors: where a text leaves its grammar, and what it allows there."""
+"""Translation of Lark's errors: the place of a syntax error, and the tokens allowed there."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -29,7 +29,7 @@ class Misfit:
 
 
 def misfit(error: UnexpectedInput, text: str) -> Misfit:
-    """Return what an error of Lark's parser says of `text`."""
+    """Return the fault in `text` that an error of Lark's parser describes."""
     if not isinstance(error, UnexpectedToken):
         at = error.pos_in_stream or 0
         return Misfit(at, at, "", frozenset(getattr(error, "allowed", None) or ()))

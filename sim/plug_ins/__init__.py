@@ -1,1 +1,1 @@
-"""Plug-ins: the code of others, as it was when keys were made, and entered so that it can't end vastflow."""
+"""Plug-ins: snapshots of users' code, called so that it can't end vastflow."""

@@ -16,7 +16,7 @@ def must(kept: object, what: str) -> None:
 
 @contextmanager
 def watched_generators() -> Iterator[Callable[[], bool]]:
-    """Whether anybody has used a global generator since; afterwards they are as they were."""
+    """Tell whether a global random generator was used in the body; restore all of them afterward."""
     ours, numpys = random.getstate(), np.random.get_state()
     # A state that no seed of the plug-in's own leads to.
     random.seed("vastflow.sim.plug_ins.conformance")

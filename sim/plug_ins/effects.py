@@ -1,4 +1,4 @@
-"""Code of others: its exits become errors, it changes nothing during validation, and what it reads it declares.
+"""Guards round users' code: exits become errors, validation has no effects, and reads are declared.
 
 Python tells of opened files, programs and connections as audit events. Native code that calls the system itself passes by, and so
 do threads that the code starts.
@@ -169,7 +169,7 @@ def _audit(event: str, arguments: tuple[Any, ...]) -> None:
 
 
 def _is_its_own(frame: FrameType | None) -> bool:
-    """Whether foreign code itself does what goes on in `frame`, and not a library as it is imported, nor vastflow."""
+    """Whether a user's code acts in `frame` itself, and neither a library under import nor vastflow."""
     is_library = is_imported = False
     while frame is not None:
         file = frame.f_code.co_filename
@@ -193,7 +193,7 @@ def _libraries() -> tuple[str, ...]:
 
 @cache
 def _elsewhere() -> tuple[str, ...]:
-    """Folders in which Python, libraries and vastflow have their own files, if they lie below a campaign's."""
+    """Folders of Python, libraries, and vastflow that are below a campaign's folder."""
     folders = [sys.prefix, sys.base_prefix, sys.exec_prefix, *(folder for folder in _libraries() if os.sep in folder)]
     folders += [tempfile.gettempdir(), platformdirs.user_cache_dir("vastflow"), *_OWN]
     return tuple(dict.fromkeys(each for folder in folders for each in _spellings(folder)))

@@ -31,7 +31,7 @@ def module_name(snapshot: Snapshot) -> str:
 
 
 def package_name(snapshot: Snapshot) -> str:
-    """Name of the package that a snapshot is: of its content and where that lay, for a class tells both."""
+    """Package name of a snapshot, made of its content and original path, which its classes show."""
     own = digest(snapshot.digest, str(snapshot.origin), str(snapshot.campaign), str(snapshot.folder))
     return f"{_PACKAGE}{own[:_DIGITS]}"
 
@@ -100,7 +100,7 @@ def frozen_builtins(snapshot: Snapshot) -> dict[str, Any]:
 
 
 class SnapshotLoader(importlib.machinery.SourceFileLoader):
-    """Executes a copy; what it compiled is kept nowhere."""
+    """Execute a copy without writing bytecode."""
 
     def __init__(self, fullname: str, path: Path, snapshot: Snapshot) -> None:
         super().__init__(fullname, str(path))
@@ -113,11 +113,11 @@ class SnapshotLoader(importlib.machinery.SourceFileLoader):
             super().exec_module(module)
 
     def set_data(self, path: str, data: Any, *, _mode: int = 0o666) -> None:
-        """Write no bytecode beside the copies."""
+        """Skip writing bytecode next to the copies."""
 
 
 class _Finder:
-    """Finds modules of snapshots whose packages are open."""
+    """Finds the modules of snapshots whose packages are loaded."""
 
     def find_spec(
         self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None

@@ -68,7 +68,7 @@ class Neighbors:
 
 
 def neighbors_of(file: Path, code: str | None = None) -> Neighbors:
-    """Follow a plug-in's imports to modules beside it, and read its declared data files.
+    """Follow a plug-in's imports to modules in its folder, and read its declared data files.
 
     Args:
         file: Absolute path.

@@ -233,7 +233,7 @@ def resample(cloud: Cloud, n: int, stream: Any, q: Any) -> Any:
 
 @inner
 def _accumulate(weights: Any, n: int, cumulative: Any, guide: Any) -> float:
-    """Running sum of `n` weights, and for each share of it how many particles end before; the whole sum."""
+    """Compute the cumulative sum of `n` weights with an index by shares of it; return the total."""
     total = 0.0
     for k in range(n):
         total += weights[k]
@@ -253,7 +253,7 @@ def _accumulate(weights: Any, n: int, cumulative: Any, guide: Any) -> float:
 
 @inner
 def _pick(guide: Any, cumulative: Any, draw: float, total: float) -> Any:
-    """The particle in whose part of the running sum a number in [0, 1) falls."""
+    """Return the particle that a number in [0, 1) selects from the cumulative weights."""
     k = np.uint32(guide[np.uint32(draw * GUIDE)])
     draw *= total
     # Two steps without a branch are nearly always enough; to guess wrongly at a branch costs more than both.

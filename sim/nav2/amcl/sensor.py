@@ -1,4 +1,4 @@
-"""AMCL's sensor model: the likelihood field of a map, and what a scan says by it of each particle's pose."""
+"""AMCL's sensor model: the likelihood field of a map, and the weights of particles given a scan."""
 
 from typing import Any, Final
 

@@ -24,7 +24,7 @@ _COMMAND: Final = types.Tuple((types.boolean, types.float64, types.float64, type
 
 
 def _whole_command(context: Any, builder: Any, kind: Any, found: Any, command: Any) -> Any:
-    """A command of three or four numbers as one of four: without a speed to the left there is none."""
+    """Extend a command of three numbers by a lateral speed of zero."""
     given = cgutils.unpack_tuple(builder, found, len(kind))
     parts = [context.cast(builder, *each) for each in zip(given, kind, command, strict=False)]
     missing = [context.get_constant(types.float64, 0.0)] * (len(command) - len(kind))

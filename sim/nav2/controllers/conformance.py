@@ -102,7 +102,7 @@ def sample_situations() -> tuple[PathMoment, ...]:
 
 
 def check_controller(controller: Controller, situations: Sequence[PathMoment] | None = None) -> None:
-    """Run all `CHECKS` on `controller`; raises `AssertionError` with its place, what it did, and what it should do.
+    """Run all `CHECKS` on `controller`; raise an `AssertionError` with place, actual, and expected behavior.
 
     Args:
         situations: By default `sample_situations`. Add those that matter to it.
@@ -129,7 +129,7 @@ def check_commands(controller: Controller, situations: Sequence[PathMoment]) -> 
 
 
 def check_determinism(controller: Controller, situations: Sequence[PathMoment]) -> None:
-    """The same memory, random numbers and situations give the same commands to the bit, whoever else is driving."""
+    """Equal memories, random numbers, and situations give equal commands to the bit, whatever ran in between."""
     alone = _drawn(_started(controller), situations)
     one, other = _started(controller), _started(controller, seed=SEED + 1)
     together = []

@@ -151,7 +151,7 @@ class Controller(ParameterGroup):
 
     @property
     def plan_ahead_m(self) -> float:
-        """Length of path in `plan` (m); infinite for all that lies in the local costmap."""
+        """Length of the plan (m) that the controller gets; infinite for all of it in the local costmap."""
         return float("inf")
 
     def plan_cut(self, setting: Setting) -> PlanCut:

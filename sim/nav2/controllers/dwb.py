@@ -293,7 +293,7 @@ def followed(q: Any, setting: _Setting, memory: DwbMemory, ground: Any, i: int, 
 
 @inner
 def _choose(q: Any, memory: DwbMemory, ground: Any, setting: _Setting, n_speeds: int, n_turns: int) -> Any:
-    """Indices of the first legal sample with the lowest score; (-1, -1) where there is none."""
+    """Return the indices of the first legal sample with the lowest score, or (-1, -1)."""
     scores = memory.scores
     best, best_i, best_j = math.inf, -1, -1
     for i in range(n_speeds):

@@ -134,7 +134,7 @@ def _restart(cells: Any, bins: Any, sources: Any, counts: Any, rows: int, column
 
 @inner
 def grow(cells: Any, bins: Any, counts: Any, at: int, stride: int) -> int:
-    """Let the grid grow until it has reached a cell, and return that cell's distance; there must be a source."""
+    """Expand the grid from its sources until it reaches a cell, and return that cell's distance."""
     cursor, top = counts[_CURSOR], counts[_TOP]
     while cells[at, DISTANCE] < 0:
         while bins[cursor] < 0:

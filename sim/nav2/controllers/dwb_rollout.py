@@ -73,7 +73,7 @@ def approach(velocity: float, target: float, acceleration: float, deceleration: 
 def roll_out(
     q: Any, setting: Any, memory: Any, n_speeds: int, n_turns: int, cells_per_m: float, goal_rad: float
 ) -> None:
-    """Write the ends of all samples; those of one yaw rate share the sums of their headings."""
+    """Write the end poses of all samples; samples of one yaw rate share their sums of headings."""
     speeds, sideways, turns, sums, ends = memory.speeds, memory.sideways, memory.turns, memory.sums, memory.ends
     for j in range(n_turns):
         steps, c, s, heading_error = 0, 0.0, 0.0, 0.0

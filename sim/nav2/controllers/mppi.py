@@ -250,7 +250,7 @@ def _center(q: Any, space: Space, sequence: Any) -> None:
 
 @inner
 def _weigh(space: Space, samples: int, temperature: float) -> None:
-    """Weights exp(-(S - min S) / temperature) of the samples; those that only fill the last group get none."""
+    """Weights exp(-(S - min S) / temperature) of the samples; padding in the last group gets zero."""
     costs, weights = space.costs, space.weights
     least = costs[0]
     for sample in range(samples):
@@ -332,7 +332,7 @@ def _limit(speeds: Any, lowest: float, highest: float, rise: float, fall: float)
 
 @inner
 def _smooth(sequence: Any, history: Any, line: Any, shift: int) -> None:
-    """Savitzky-Golay (9 points, quadratic) over all steps but the last, and the command that comes of it into `history`.
+    """Smooth all steps but the last (Savitzky-Golay, 9 points, quadratic); write the command to `history`.
 
     On their left stand the last four commands, on their right the last step as often as needed.
     """
@@ -355,7 +355,7 @@ def _smooth(sequence: Any, history: Any, line: Any, shift: int) -> None:
 
 @addressed
 def set_plan(memory: MppiMemory) -> None:
-    """A new path changes nothing: the sequence goes on."""
+    """Keep the control sequence when a new path arrives."""
 
 
 class Mppi(MppiParameters, Controller):

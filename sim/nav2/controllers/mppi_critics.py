@@ -69,7 +69,7 @@ def cost_values(q: Any, values: Any, goal_m: float) -> None:
 
 @inner
 def obstacle_values(q: Any, values: Any, goal_m: float, steps: int) -> None:
-    """Write ObstaclesCritic's value of each cell cost: the greater, the nearer an obstacle must be."""
+    """Write ObstaclesCritic's value of each cell cost, which grows toward obstacles."""
     values[0] = 0.0
     for cost in range(1, 256):
         value = 0.0
@@ -106,7 +106,7 @@ def lay_frame(out: Any, values: Any, window: Window, pose: Any) -> Frame:
 
 @inner
 def judge_cells(space: Space, first: int, points: int, stride: int, frame: Frame, weight: float, crash: float) -> None:
-    """CostCritic or ObstaclesCritic: the values under `points` points of the samples' track, `stride` steps apart.
+    """CostCritic or ObstaclesCritic: the values at `points` points of each sample, `stride` steps apart.
 
     A point's value of 1 adds `weight`, a collision `crash`.
     """
@@ -123,7 +123,7 @@ def judge_cells(space: Space, first: int, points: int, stride: int, frame: Frame
 
 @inner
 def judge_turns(space: Space, first: int, steps: int, scale: float, min_radius_m: float, weight: float) -> None:
-    """ConstraintCritic of an Ackermann model: by how much the samples turn tighter than the least radius.
+    """ConstraintCritic of an Ackermann model: the excess of the samples' curvature over the maximum.
 
     In a step 1 m/s goes `scale` cells, and 1 m costs `weight`.
     """
@@ -173,7 +173,7 @@ def _wrapped(angle_rad: Any) -> Any:
 
 @inner
 def judge_twirling(space: Space, first: int, steps: int, w_radps: float, weight: float, power: int) -> None:
-    """TwirlingCritic: the mean size of the samples' yaw rates, of which the measured one is the first."""
+    """TwirlingCritic: the mean absolute yaw rate of the samples, the measured one included."""
     total = splat(abs(w_radps))
     for k in range(0, (steps - 1) * ROW, ROW):
         total = total + size(load(space.turns, k))

@@ -47,7 +47,7 @@ def judge_outlines(
     weight: float,
     crash: float,
 ) -> None:
-    """Mark samples of a group as colliding if their outline does at one of `points` points, `stride` steps apart.
+    """Mark the samples of a group whose outline collides at one of `points` points, `stride` steps apart.
 
     Args:
         given: `ControllerInput`.
@@ -116,6 +116,6 @@ def _edge_hits(lethal: Any, frame: Frame, window: Window, column: int, row: int,
 
 @inner
 def _holds_lethal(lethal: Any, frame: Frame, left: int, below: int, right: int, top: int) -> bool:
-    """Whether there is a lethal cell in a box of the frame's cells, those at its ends among them."""
+    """Whether a box of cells, ends included, has a lethal cell."""
     over, under = top * frame.columns, (below - 1) * frame.columns
     return bool(lethal[over + right] - lethal[over + left - 1] != lethal[under + right] - lethal[under + left - 1])

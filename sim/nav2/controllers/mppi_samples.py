@@ -210,7 +210,7 @@ def words_of(v: NDArray[np.float32], w: NDArray[np.float32]) -> NDArray[np.uint3
 
 
 def aligned(length: int, kind: type[Any]) -> NDArray[Any]:
-    """Zeros (length,) aligned to a cache line: lanes that cross two lines take twice as long to load."""
+    """Zeros (length,) aligned to a cache line, because loads across two lines take twice as long."""
     size = np.dtype(kind).itemsize
     room = np.zeros(length * size + LINE_BYTES, dtype=np.uint8)
     begin = -room.ctypes.data % LINE_BYTES

@@ -50,7 +50,7 @@ def turn(p: Any, m: Any, window: Window, path: Any, w_radps: float, dt_s: float)
 
 @inner
 def _bearing(q: Any, m: Any, path: Any) -> Any:
-    """(found, angle): where the path's first pose `forward_sampling_distance` from its start lies, or heads; a shorter path has none."""
+    """(found, angle): the direction of the first pose `forward_sampling_distance` along the path, if any."""
     for i in range(1, m.path_n):
         if math.hypot(path[i, 0] - path[0, 0], path[i, 1] - path[0, 1]) >= q.forward_sampling_distance:
             if q.use_path_orientations != 0:

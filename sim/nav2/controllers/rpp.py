@@ -29,7 +29,7 @@ def reset(memory: RppMemory) -> None:
 
 @addressed
 def compute_velocity(q: Any, memory: RppMemory, given: ControllerInput) -> Any:
-    """Command (valid, v, ω) toward the carrot on the plan; not valid when the path there is blocked."""
+    """Command (valid, v, ω) toward the carrot on the plan; invalid if the path to it is blocked."""
     window, outline, pose, twist, plan = given.window, given.outline, given.pose, given.twist, given.plan
     n, inscribed_radius_m, end_yaw_rad = plan.shape[0], given.inscribed_radius_m, given.plan_end_yaw_rad
     lookahead_m, curvature_lookahead_m = q.lookahead_dist, q.curvature_lookahead_dist

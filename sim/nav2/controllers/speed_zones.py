@@ -33,7 +33,7 @@ class SpeedZones(NamedTuple):
 def speed_zones(
     mask: OccupancyMap | None, occupancy: OccupancyMap, q: SpeedFilter, running: RunningController
 ) -> SpeedZones:
-    """The zones of a speed filter with this mask for a controller; without a mask there are none."""
+    """The zones of a speed filter with this mask for a controller; none without a mask."""
     limits = running.plug_in.speed_limits()
     if mask is None or limits is None:
         none = Mask(np.zeros((0, 0), dtype=np.int8), np.zeros((2, 3)))

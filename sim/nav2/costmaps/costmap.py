@@ -1,4 +1,4 @@
-"""The obstacle layers: what the scan marks and clears, globally and in the rolling window; and the Denoise layer (nav2_costmap_2d).
+"""The obstacle layers of both costmaps, marked and cleared by scans, and the Denoise layer (nav2_costmap_2d).
 
 An ObstacleLayer clears up to the end of a beam, a VoxelLayer stops two cells before it; both clear to `raytrace_max_range` and
 mark to `obstacle_max_range`. Beams without a return, or nearer than the scanner sees, neither mark nor clear.
@@ -95,7 +95,7 @@ def clear_line(layer: Any, col0: int, row0: int, col1: int, row1: int, short_cel
 
 @inner
 def clear_polygon(layer: Any, place: Any, outline: Any, x_m: float, y_m: float, yaw_rad: float) -> None:
-    """Clear the footprint: unmark the cells of the robot's outline and those between two in a column.
+    """Clear the footprint: unmark the cells of the robot's outline and inside of it.
 
     That is how Nav2 fills a polygon, edge and all. Where a vertex lies off the layer nothing is cleared.
 

@@ -68,7 +68,7 @@ def inflation_of(costmap_u8: NDArray[np.uint8], stamp: NDArray[np.uint8]) -> NDA
 
 
 def with_unknown(costmap_u8: NDArray[np.uint8], costs: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Inflation `costs` with those cells unknown that `costmap_u8` has so, unless they are inscribed or lethal."""
+    """Inflation `costs` with the unknown cells of `costmap_u8`, except where they are inscribed or lethal."""
     return np.where((costmap_u8 == UNKNOWN) & (costs < INSCRIBED), np.uint8(UNKNOWN), costs)
 
 

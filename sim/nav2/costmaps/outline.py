@@ -52,7 +52,7 @@ def circumscribed_radius_m(outline: NDArray[np.float64]) -> float:
 
 
 def inscribed_radius_of(parameters: NavParameters) -> float:
-    """Radius (m) of the largest disc round the center in the robot's body: that of `robot`, else the local footprint."""
+    """Radius (m) of the largest disc inside of the robot: that of `robot`, else of the local footprint."""
     given, costmap = parameters.robot, parameters.local_costmap
     if given.radius is not None:
         return given.radius

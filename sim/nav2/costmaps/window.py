@@ -1,4 +1,4 @@
-"""The local costmap as the controller and the behaviors see it, and what a footprint's outline lies on there."""
+"""The local costmap as seen by controller and behaviors, and the cost of a footprint in it."""
 
 import math
 from typing import Any, NamedTuple
@@ -111,7 +111,7 @@ def line_hits(costs: Any, column: int, row: int, end_column: int, end_row: int) 
 
 @inner
 def _line_cost(costs: Any, column: int, row: int, end_column: int, end_row: int) -> int:
-    """Greatest cost of a line's cells that are in the grid; lethal where one is, though another be unknown."""
+    """Greatest cost of a line's cells in the grid; lethal wins over unknown."""
     rows, columns = costs.shape
     greatest = FREE
     d_column, d_row = abs(end_column - column), abs(end_row - row)

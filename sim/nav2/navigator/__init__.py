@@ -1,1 +1,1 @@
-"""The navigator: one tick of the whole stack, its state, and what the robot does next."""
+"""The navigator: one tick of the whole stack, its state, and the robot's behaviors."""

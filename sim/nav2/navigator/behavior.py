@@ -238,7 +238,7 @@ def _controlled(p: Any, m: Any, local: Local, route: Route, n: int, end_yaw: flo
 
 @inner
 def _twist(p: Any, m: Any) -> Any:
-    """(v, ω, vy) by odometry; what is below the controller server's thresholds is none."""
+    """(v, ω, vy) by odometry, with zero below the controller server's thresholds."""
     v = m.odom_v if abs(m.odom_v) > p.controller_server.min_x_velocity_threshold else 0.0
     w = m.odom_w if abs(m.odom_w) > p.controller_server.min_theta_velocity_threshold else 0.0
     vy = m.odom_vy if abs(m.odom_vy) > p.controller_server.min_y_velocity_threshold else 0.0
@@ -313,7 +313,7 @@ def _recover(p: Any, m: Any, goals: Any) -> None:
 
 @inner
 def _next_recovery(p: Any, m: Any, goals: Any) -> None:
-    """The round goes on where it stopped; an action that fails passes the turn to the next."""
+    """Start the next recovery of the round robin, past those that fail at once."""
     order(m, 0.0, 0.0)
     if m.tried == 4:
         _give_up(p, m, goals)

@@ -118,7 +118,7 @@ def _since_scan(m: Any) -> Any:
 
 @inner
 def _approach(p: Any, m: Any, k: int, least: float, ahead_s: float, step_s: float, command: Any) -> float:
-    """Return the time, as a share of `ahead_s`, until `least` points lie in zone `k` (the footprint for -1)."""
+    """Return the time, as a share of `ahead_s`, until `least` points are in zone `k` (the footprint for -1)."""
     v_mps, w_radps, vy_mps = command
     x, y, yaw = _since_scan(m)
     if _points_within(p, m, k, x, y, yaw) >= least:
@@ -181,7 +181,7 @@ def _points_inside(p: Any, m: Any, x_m: float, y_m: float, yaw_rad: float) -> in
 
 @inner
 def _in_outline(outline: Any, vertices: int, x_m: float, y_m: float) -> bool:
-    """True if a point lies in the outline, which may be concave: count edges to its right (Shimrat)."""
+    """True if a point is inside of the outline, which may be concave, by counting crossed edges (Shimrat)."""
     inside = False
     before = vertices - 1
     for k in range(vertices):

@@ -69,7 +69,7 @@ def receive_odometry(p: Any, m: Any, step: int) -> None:
 
 @inner
 def order(m: Any, v_mps: float, w_radps: float) -> None:
-    """Command now, without a speed to the side; what the controller still computes is dropped."""
+    """Command at once, without lateral speed; drop the controller's pending command."""
     m.command_v, m.command_w, m.command_vy, m.command_tick = v_mps, w_radps, 0.0, m.tick
     m.pending_step = -1
 

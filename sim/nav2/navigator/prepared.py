@@ -34,7 +34,7 @@ CACHED_WORLDS: Final = 2
 
 @dataclass(frozen=True, eq=False)
 class PreparedMap:
-    """Read-only tables of one map; a run copies what it writes to.
+    """Read-only tables of one map; runs copy the parts that they change.
 
     Attributes:
         world: The map as the world has it, with its walls.
@@ -73,7 +73,7 @@ def prepare(
     keepout: OccupancyMap | None = None,
     speed: OccupancyMap | None = None,
 ) -> PreparedMap:
-    """Tables of a map for a robot with these parameters; the same map, by identity, is not computed twice.
+    """Tables of a map for a robot with these parameters, computed once for each map object.
 
     Args:
         difference: How the world differs from the map.

@@ -156,7 +156,7 @@ rows of `late_scans` are when a scan arrives (s), the step of its stamp, and odo
 
 
 class Grids(NamedTuple):
-    """The map and what the stack makes of it, all (H, W) but the stamp and the scratch.
+    """The map and the tables derived from it, all (H, W) except for stamp and scratch.
 
     Attributes:
         static, static_costs: Static layer, and the inflation of its lethal cells.
@@ -180,7 +180,7 @@ class Grids(NamedTuple):
 
 
 class Local(NamedTuple):
-    """The local costmap, all (R, C) uint8: its obstacle layer, inflation round one cell, scratch, and what comes out.
+    """The local costmap, all (R, C) uint8: obstacle layer, inflation kernel, scratch, and result.
 
     Attributes:
         window: The master costmap, which the controller reads.

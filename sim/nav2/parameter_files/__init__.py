@@ -1,1 +1,1 @@
-"""Nav2 parameter files: the table of modeled nodes and classes, by which files are read, checked, rewritten, and written."""
+"""Nav2 parameter files: one table of modeled nodes and classes reads, checks, rewrites, and writes them."""

@@ -337,7 +337,7 @@ FOOTPRINT_NAMES: Final = frozenset({"footprint", "robot_radius", "footprint_padd
 
 
 def local_outline(system: Mapping[str, Value]) -> NDArray[np.float64]:
-    """Vertices (V, 2) of the area that must be free where the robot begins, in its frame.
+    """Vertices (V, 2), in the robot's frame, of the area that must be free at the start.
 
     They are those of the padded footprint, and those of the body that the section `robot` gives.
     """

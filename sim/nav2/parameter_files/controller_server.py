@@ -135,7 +135,7 @@ def primary_controller(values: Mapping[ParameterLocation, Value], shim: Paramete
 
 
 def critics_of(controller: ParameterGroup) -> Mapping[str, Any]:
-    """The groups of a controller's critics by name, those that are not enabled too; none of RPP's."""
+    """The groups of a controller's critics by name, disabled ones included; empty for RPP."""
     return {name: value for name, value in controller if "enabled" in getattr(type(value), "model_fields", ())}
 
 

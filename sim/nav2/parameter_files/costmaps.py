@@ -38,7 +38,7 @@ def missing_mask(key: str, costmaps: Sequence[str]) -> tuple[str, str]:
 
 
 def is_info_server(document: ParameterDocument, node: ParameterLocation) -> bool:
-    """Whether a node is one that says what filters do: several of them have any names."""
+    """Whether a node is a costmap filter's info server, whose name is free."""
     return node[-2:-1] == (INFO_SERVER,) or (*node, TOPIC) in document.values
 
 
@@ -61,7 +61,7 @@ def _filters(reader: Reader, node: ParameterLocation) -> dict[str, Any]:
 
 
 def _info(reader: Reader, place: ParameterLocation, is_needed: bool) -> ParameterLocation | None:
-    """The node that says what a filter does; else None, or an empty path where none is needed.
+    """Return the info server of a filter, an empty path if it needs none, or None if it is missing.
 
     A keepout filter takes the mask's values as they are, whatever is said of them.
     """
@@ -135,7 +135,7 @@ def _layers(reader: Reader, node: ParameterLocation) -> Mapping[str, Instance]:
         layers.setdefault(_FIELDS[layer.modeled.model], []).append(layer)
 
     def worth(layer: Instance) -> tuple[bool, bool]:
-        """A layer that is on comes before one that is off, then one that sees the laser scan."""
+        """Rank of a layer: enabled ones first, then those with a laser scan."""
         sees = any(_data_type(reader, source) == "LaserScan" for source in _sources(reader, layer.place))
         return reader.document.values.get((*layer.place, "enabled"), True) is not False, sees
 
@@ -148,7 +148,7 @@ def _layers(reader: Reader, node: ParameterLocation) -> Mapping[str, Instance]:
 
 
 def _check_order(reader: Reader, layers: Sequence[Instance]) -> None:
-    """Nav2 inflates what the layers before the inflation have marked, and nothing else."""
+    """Report layers that come after the inflation layer, which inflates earlier layers only."""
     inflation = next((layer for layer in layers if layer.kind == "InflationLayer"), None)
     if inflation is None:
         return

@@ -48,7 +48,7 @@ class ParameterDocument:
     plug_ins: Mapping[str, Snapshot] = field(default_factory=dict)
 
     def place(self, path: ParameterLocation) -> TextPlace:
-        """Place of a path, or of the nearest thing above it; (0, 0) where there is none."""
+        """Place of a path, or of its nearest parent; (0, 0) without one."""
         return next((self.places[path[:n]] for n in range(len(path), -1, -1) if path[:n] in self.places), (0, 0))
 
     def below(self, prefix: ParameterLocation) -> Iterator[ParameterLocation]:
@@ -157,7 +157,7 @@ class _Walk:
                 self.values[path] = self._value(value, path)
 
     def _items(self, mapping: MappingNode, above: ParameterLocation) -> Iterator[tuple[ScalarNode, Node, bool]]:
-        """Keys and values, those that `<<` brings last and marked."""
+        """Keys and values; those merged by `<<` come last and are marked."""
         sources: list[Node] = []
         for key, value in mapping.value:
             if key.tag == f"{TAG}merge":

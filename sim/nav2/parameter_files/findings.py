@@ -1,4 +1,4 @@
-"""Findings: for each parameter of a file, whether it is modeled, and what is done where it is not.
+"""Findings: for each parameter of a file, whether it is modeled, and the behavior otherwise.
 
 What the simulator does in place of a parameter has the values of Nav2 Jazzy's default file, or of Nav2's code where the file leaves
 them out. A parameter that is in no table here is not modeled.
@@ -55,7 +55,7 @@ def findings(found: Interpretation) -> tuple[Finding, ...]:
 
 
 def slips(found: Interpretation) -> Iterator[tuple[Finding, str]]:
-    """Parameters that nothing knows, each with the one beside it that the file lacks and that is spelled almost so."""
+    """Unknown parameters, each with the missing sibling of the most similar spelling."""
     document, reader = found.document, found.reader
     known = nav2_names()
     for each in findings(found):
@@ -111,7 +111,7 @@ def _finding(reader: Reader, document: ParameterDocument, path: ParameterLocatio
 
 
 def _is_unlisted(document: ParameterDocument, plugin: ParameterLocation) -> bool:
-    """Whether this is a plug-in, or an area of the collision monitor, that no list beside it names."""
+    """Whether this is a plug-in, or an area of the collision monitor, that its list does not name."""
     beside = [value for path, value in document.values.items() if path[:-1] == plugin[:-1]]
     lists = [value for value in beside if isinstance(value, Sequence)]
     is_one = any((*plugin, name) in document.values for name in ("plugin", "action_type"))
@@ -141,7 +141,7 @@ class BuiltIn:
     prefixed: bool = False
 
     def agrees(self, value: Value) -> bool:
-        """Whether a file that has `value` asks for what is done anyway."""
+        """Whether `value` requests the behavior that the simulator has anyway."""
         if self.prefixed:
             return isinstance(value, str) and value.endswith(tuple(map(str, self.values)))
         if self.values:

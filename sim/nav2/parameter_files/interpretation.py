@@ -1,4 +1,4 @@
-"""Interpretation: what a Nav2 parameter document sets the stack to, and the document that sets it to given parameters."""
+"""Interpretation: the stack's parameters from a Nav2 parameter document, and the reverse."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -197,7 +197,7 @@ def _check_mppi(reader: Reader, parts: Parts) -> None:
 
 
 def _check_turning_radius(reader: Reader, parts: Parts) -> None:
-    """Without a radius of its own an Ackermann drive has that of MPPI's motion model, or of the planner."""
+    """Fill in an Ackermann drive's missing turning radius from MPPI's motion model or the planner."""
     robot, controller = parts["robot"], parts.get("controller")
     if reader.faults or robot.drive != "ackermann" or robot.min_turning_radius is not None:
         return
@@ -342,7 +342,7 @@ def _monitored_scan(reader: Reader, node: ParameterLocation) -> ParameterLocatio
 
 
 def _zone(reader: Reader, place: ParameterLocation) -> MonitorZone | None:
-    """An area that the file draws; None for one that is not modeled, does nothing or is not enabled."""
+    """An area of the file; None if it is not modeled, not enabled, or has no effect."""
     action, shape = reader.plain((*place, "action_type"), ""), reader.plain((*place, "type"), "")
     reader.kinds[place] = "zone"
     drawn = (*place, "points" if shape == "polygon" else "radius")

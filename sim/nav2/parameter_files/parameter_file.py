@@ -55,7 +55,7 @@ def resolved(document: ParameterDocument) -> ParameterDocument:
 
 
 def _targets(document: ParameterDocument, wild: ParameterLocation) -> Iterator[ParameterLocation]:
-    """Paths of the nodes that a wildcard matches: those of the file, else below the wildcard's namespace."""
+    """Paths of the nodes that match a wildcard: those in the file, else below the wildcard's namespace."""
     pattern = wild[:-1]
     heads = {path[len(wild)] for path in document.below(wild)}
     above = pattern[: next(k for k, part in enumerate(pattern) if part in (_ANY, _ANY_NUMBER))]
@@ -103,7 +103,7 @@ def nav2_file(path: str | Path) -> FileContent:
 
 
 def frozen(document: ParameterDocument) -> ParameterDocument:
-    """Return the document with copies of its plug-ins, which are run; omit those that can't be copied."""
+    """Return the document with the copies of its plug-ins that are run; omit plug-ins that can't be copied."""
     base = Path(document.file).parent
     plug_ins: dict[str, Snapshot] = {}
     for path, name in document.values.items():

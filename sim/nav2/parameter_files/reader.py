@@ -33,7 +33,7 @@ Values: TypeAlias = dict[ParameterLocation, Value]
 
 
 class Instance(NamedTuple):
-    """A plug-in that a document loads: its place, its class without the package, and what is modeled."""
+    """A plug-in of a document: its place, its class without the package, and its modeled parameters."""
 
     place: ParameterLocation
     kind: str
@@ -75,7 +75,7 @@ class Reader:
         given: Mapping[str, Any] | None = None,
         left_out: Group | None = None,
     ) -> Group:
-        """The parameters below `prefix`; those the document leaves out are as in Nav2's code.
+        """The parameters below `prefix`, with defaults of Nav2's code for missing ones.
 
         What is wrong becomes faults, and then the values mean nothing.
 
@@ -133,7 +133,7 @@ class Reader:
         default: str,
         listed: ParameterLocation,
     ) -> type[ParameterGroup] | None:
-        """The parameters of the plug-in whose class is at `path`; None where there is none, which is a fault.
+        """The parameters of the plug-in whose class is at `path`; None, with a fault, if it is missing.
 
         Args:
             foreign: Classes that are known and not modeled.
@@ -193,20 +193,20 @@ class Reader:
         return list(default)
 
     def only(self, path: ParameterLocation, modeled: Value) -> None:
-        """A parameter of which one value is modeled: another is a fault, for the robot would drive otherwise."""
+        """A parameter with one modeled value: any other is a fault, because the robot would drive differently."""
         found = self.document.values.get(path, modeled)
         self.asked[path] = found
         if found != modeled:
             self.fault(path, f"got {shown(found)}, which is not modeled", shown(modeled))
 
     def plugins(self, prefix: ParameterLocation, plugins: Plugins) -> list[Instance]:
-        """The plug-ins that a list parameter below `prefix` names; those of unknown classes are faults."""
+        """The plug-ins in a list parameter below `prefix`; unknown classes are faults."""
         path, names = self._listed(prefix, plugins)
         found = [self._instance(Used((*prefix, name), (*path, str(k)), plugins, names)) for k, name in enumerate(names)]
         return [each for each in found if each]
 
     def plugin(self, prefix: ParameterLocation, plugins: Plugins) -> Instance | None:
-        """The one that the default behavior trees use; None without one that is modeled, which is a fault."""
+        """The plug-in that the default behavior trees use; None, with a fault, if it is not modeled."""
         used = self.used(prefix, plugins)
         return self._instance(used) if used else None
 

@@ -37,7 +37,7 @@ class ObstacleCritic(DwbCritic):
 
 
 class AlignCritic(DwbCritic):
-    """Distance (m) of a point ahead of the robot to the local plan, or to one ahead of its goal."""
+    """Distance (m) from a point in front of the robot to the local plan or its extended goal."""
 
     scale: float = parameter(32.0, 0.0, 1e6, code=1.0)
     forward_point_distance: float = parameter(0.1, 0.0, 10.0, code=0.325)
@@ -50,7 +50,7 @@ class DistCritic(DwbCritic):
 
 
 class PreferForwardCritic(DwbCritic):
-    """A penalty for driving backward (m/s), and for being slower than `strafe_x` and `strafe_theta` (rad/s); else what it turns."""
+    """A penalty for driving backward (m/s), and for strafing below `strafe_x` and `strafe_theta` (rad/s)."""
 
     scale: float = parameter(1.0, 0.0, 1e6)
     penalty: float = parameter(1.0, 0.0, 1e6)

@@ -81,7 +81,7 @@ class PathAlignParameters(MppiCritic):
 
 
 class PathFollowParameters(MppiCritic):
-    """Distance of the last point to a point of the plan just beyond what any trajectory reaches."""
+    """Distance of the last point to the plan's point just beyond the reach of all trajectories."""
 
     cost_weight: float = parameter(5.0, 0.0, 1e6)
     offset_from_furthest: int = parameter(5, 0, 1000, code=6)

@@ -124,7 +124,7 @@ class LidarParameters(ParameterGroup):
 
 
 class RobotParameters(ParameterGroup):
-    """The robot: meters, kilograms, m/s, rad/s and per second; limits are those of its actuators.
+    """The robot's body and the limits of its actuators (m, kg, m/s, rad/s, and per second).
 
     Attributes:
         polygon: Vertices of the body in Nav2's text for a footprint.

@@ -1,4 +1,4 @@
-"""Parameters of Regulated Pure Pursuit. Nav2's default file does not load it: all defaults are those of its code."""
+"""Parameters of Regulated Pure Pursuit, with the defaults of Nav2's code, as no default file loads it."""
 
 from vastflow.sim.model.parameter import ParameterGroup, parameter
 

@@ -42,7 +42,7 @@ NO_LIMIT: Final = 1e6
 
 
 class ProgressChecker(ParameterGroup):
-    """PoseProgressChecker: meters, radians and seconds. A SimpleProgressChecker is one whose angle is `NO_ANGLE_RAD`."""
+    """PoseProgressChecker (m, rad, s); a SimpleProgressChecker has the angle `NO_ANGLE_RAD`."""
 
     required_movement_radius: float = parameter(0.5, 0.0, 100.0)
     required_movement_angle: float = parameter(NO_ANGLE_RAD, 0.0, NO_ANGLE_RAD, code=0.5)
@@ -50,7 +50,7 @@ class ProgressChecker(ParameterGroup):
 
 
 class GoalChecker(ParameterGroup):
-    """StoppedGoalChecker: meters, radians, and per second. A SimpleGoalChecker is one whose velocities have `NO_LIMIT`."""
+    """StoppedGoalChecker (m, rad, and per second); a SimpleGoalChecker has velocities of `NO_LIMIT`."""
 
     xy_goal_tolerance: float = parameter(0.25, 0.001, 100.0)
     yaw_goal_tolerance: float = parameter(0.25, 0.001, 7.0)
@@ -149,7 +149,7 @@ class CollisionMonitor(ParameterGroup):
 
 
 class Perturbation(ParameterGroup):
-    """Odometry noise, and how well the initial pose is known.
+    """Noise of the odometry and of the initial pose.
 
     Attributes:
         odometry_noise_std_deviation: Of each step's distance and turn, as a share of them.

@@ -41,5 +41,5 @@ def running(planner: Planner, setting: PlannerSetting) -> RunningPlanner:
 
 @inner
 def compute_path(planner: Bound, given: PlannerInput) -> int:
-    """The number of poses that `given.path` begins with then; minus an error code where there is no path."""
+    """Plan into `given.path`; return the number of poses, or minus an error code."""
     return int(_call(planner.entries[0], planner.table, given))

@@ -39,7 +39,7 @@ class Errand:
     is_possible: bool = True
 
     def given(self) -> PlannerInput:
-        """Return what a planner is given of it."""
+        """Return the planner's input for it."""
         costmap = global_costmap()
         costs = np.zeros((_ROWS, _COLUMNS), dtype=np.uint8)
         costs[[0, -1]], costs[:, [0, -1]] = LETHAL, LETHAL
@@ -61,7 +61,7 @@ ERRANDS: Final = (
 
 
 def check_planner(planner: Planner) -> None:
-    """Run all `CHECKS` on `planner`; raises `AssertionError` with its place, what it did, and what it should do."""
+    """Run all `CHECKS` on `planner`; raise an `AssertionError` with place, actual, and expected behavior."""
     for check in CHECKS:
         check(planner)
 

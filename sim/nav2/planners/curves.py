@@ -85,7 +85,7 @@ def _within(angle_rad: float) -> float:
 
 @inner
 def _positive(angle_rad: float) -> float:
-    """An angle in [0, 2π); a little below 0 is 0."""
+    """Normalize an angle to [0, 2π); values just below 0 become 0."""
     angle = angle_rad - 2.0 * math.pi * math.floor(angle_rad / (2.0 * math.pi))
     return 0.0 if 2.0 * math.pi - angle < _ZERO else angle
 
@@ -126,7 +126,7 @@ def _dubins(x: float, y: float, phi: float) -> Any:
 
 @inner
 def _forward_words(x: float, y: float, phi: float) -> Any:
-    """The shortest Reeds–Shepp curve that begins forward and to the left, or is one of those from its end."""
+    """The shortest Reeds–Shepp curve that begins forward and to the left, or its reverse."""
     best = _shorter(_lsl(x, y, phi), _lsr(x, y, phi))
     best = _shorter(best, _four_arcs(x, y, phi))
     best = _shorter(best, _five_parts(x, y, phi))

@@ -262,7 +262,7 @@ def _gradient(cells: Any, at: int, columns: int) -> Any:
 
 @inner
 def cell(place: Any, x_m: float, y_m: float) -> Any:
-    """NavFn's (column, row) of a point: rounded, so its paths lie half a cell off the costmap's cells."""
+    """NavFn's (column, row) of a point, rounded: its paths are half a cell off the costmap's cells."""
     return math.floor((x_m - place[0]) / place[2] + 0.5), math.floor((y_m - place[1]) / place[2] + 0.5)
 
 

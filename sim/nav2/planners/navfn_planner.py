@@ -78,7 +78,7 @@ class NavFnMemory(NamedTuple):
 
 @addressed
 def compute_path(q: Any, memory: NavFnMemory, given: PlannerInput) -> int:
-    """The number of poses of the path, which `given.path` then begins with; minus an error code where there is none."""
+    """Plan into `given.path`; return the number of poses, or minus an error code."""
     row0, row1, col0, col1 = given.changed
     rows, columns = memory.travel.shape
     row0, row1, col0, col1 = max(row0, 1), min(row1, rows - 1), max(col0, 1), min(col1, columns - 1)
@@ -92,7 +92,7 @@ def compute_path(q: Any, memory: NavFnMemory, given: PlannerInput) -> int:
 
 @inner
 def _inside(travel: Any, column: int, row: int) -> bool:
-    """Whether a cell lies within the map's outermost cells, which NavFn never enters."""
+    """Whether a cell is inside of the map's border, which NavFn never enters."""
     return column > 0 and row > 0 and column < travel.shape[1] - 1 and row < travel.shape[0] - 1
 
 
@@ -173,7 +173,7 @@ def _propagate(
 
 @inner
 def _flood_within_bounds(memory: NavFnMemory, leg: int, start: Cell, end: Cell, stop: Cell) -> bool:
-    """The same among paths little dearer than the one to be expected; whether it was among them."""
+    """Search among paths little dearer than the expected one; return whether one was found."""
     b, to_goal, (column, row), (end_column, end_row) = memory.bounds[leg], memory.to_goal[leg], start, end
     if memory.least[row, column] >= OBSTACLE:
         return False
@@ -202,7 +202,7 @@ def _flood_within_bounds(memory: NavFnMemory, leg: int, start: Cell, end: Cell, 
 
 @inner
 def _bound_below(memory: NavFnMemory, leg: int, start: Cell, end: Cell, reach: float) -> None:
-    """Write lower bounds of the cost from the cells to the end, that of the cell included.
+    """Write lower bounds of the cost from each cell, itself included, to the end.
 
     They are NavFn's potential from the end over the unmarked map. Marks of the scan and unknown cells only make paths dearer, so
     the bounds hold as long as the end is headed for.

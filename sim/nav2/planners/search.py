@@ -78,7 +78,7 @@ def new_ground(q: Any, costs: Any, goal: Any) -> Any:
 
 @inner
 def over_ground(q: Any, ground: Ground, waiting: Any, costs: Any, x: int, y: int) -> float:
-    """The cost of the best way over the cells from one to the goal; 0 where there is none.
+    """The cost of the best path over cells from one to the goal; 0 without a path.
 
     As in Nav2 it costs no turn, and cells near the map's border, or in an inscribed radius, are not entered. Where the heuristic
     is downsampled, four cells count as one, of the least cost among them.

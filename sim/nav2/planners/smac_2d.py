@@ -24,7 +24,7 @@ _FEWEST_SMOOTHED = 6
 
 @addressed
 def compute_path(parameters: Any, memory: SearchMemory, given: PlannerInput) -> int:
-    """The number of poses of the path, which `given.path` then begins with; minus an error code where there is none."""
+    """Plan into `given.path`; return the number of poses, or minus an error code."""
     q = memory.search[0]
     columns = given.costs.shape[1]
     start = _cell(q, given.start[0], given.start[1], columns)

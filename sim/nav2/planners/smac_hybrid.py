@@ -65,7 +65,7 @@ def roomy(nodes: Nodes, more: int) -> Nodes:
 
 @inner
 def node_of(nodes: Nodes, key: int) -> int:
-    """The row of a key, a new one if need be; there must be room."""
+    """Return the row of a key, inserting it if it is new; the table must not be full."""
     slot = _slot(nodes.rows, nodes.slots, key)
     if nodes.slots[slot] == 0:
         nodes.rows[nodes.count[0], KEY] = key
@@ -203,7 +203,7 @@ def _curve_to(q: Any, given: Any, nodes: Nodes, node: int, goal: Any, radius: fl
 
 @addressed
 def compute_path(parameters: Any, memory: SearchMemory, given: PlannerInput) -> int:
-    """The number of poses of the path, which `given.path` then begins with; minus an error code where there is none."""
+    """Plan into `given.path`; return the number of poses, or minus an error code."""
     q = memory.search[0]
     poses, iterations, code = search(q, memory.distances, given)
     n = poses.shape[0]
