@@ -255,7 +255,7 @@ def oracle_requests(evaluation: EvaluationSpec) -> list[OracleRequest]:
 
 
 def _oracle_faults(document: Document) -> list[Fault]:
-    """Report duplicate oracles, whose verdicts would be indistinguishable."""
+    """Report duplicate oracles, because their verdicts would be indistinguishable."""
     entries = document.value(("evaluation", "oracles"))
     faults: list[Fault] = []
     seen: set[str] = set()

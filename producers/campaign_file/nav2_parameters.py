@@ -1,4 +1,4 @@
-"""The user's Nav2 parameter file, as `execution.nav2_params` names it: its content, its faults, what is not modeled."""
+"""The user's Nav2 parameter file of `execution.nav2_params`: content, faults, and unmodeled parameters."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

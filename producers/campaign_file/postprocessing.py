@@ -35,7 +35,7 @@ StepKind: TypeAlias = Literal["command", "plug-in", "recorded", "not executed", 
 
 
 def plug_in_complaint(reference: str, base: Path) -> str | None:
-    """Return what is wrong with `file.py:Class`, relative to `base`; None if the file has such a class.
+    """Return the fault of `file.py:Class`, relative to `base`; None if the file has such a class.
 
     Nothing is executed: a name that the file imports or assigns counts, whatever stands behind it.
     """
@@ -86,7 +86,7 @@ class ProcessingStep:
         return {**RECORDED, **UNTOUCHED}.get(self.name, "")
 
     def complaint(self, base: Path) -> str | None:
-        """Return what would keep a step from running, if that is known before it runs."""
+        """Return the reason why a step can't run, if known before it runs."""
         if self.kind == "plug-in":
             return plug_in_complaint(f"{self.file}:{self.name.rpartition(':')[2]}", base)
         if self.kind == "unknown":
@@ -103,7 +103,7 @@ class ProcessingStep:
         return None if is_there else f"got the script {self.file!r}, and there is no such file"
 
     def files(self, base: Path) -> Iterator[Path]:
-        """Yield the existing files that the step runs, uses of those beside it, or takes as arguments."""
+        """Yield the existing files that the step runs, imports, or takes as arguments."""
         file = base / self.file
         if not self.file or not file.is_file():
             return
@@ -123,7 +123,7 @@ def steps_of(named: Sequence[Mapping[str, Mapping[str, Any]]]) -> tuple[Processi
 
 
 def step_notes(document: Document, steps: Sequence[ProcessingStep], base: Path, location: Location) -> Iterator[Fault]:
-    """Yield notes on the steps; one that can't be done is no fault, for it costs no run."""
+    """Yield notes on the steps; an impossible step is no fault, because it costs no run."""
     for k, step in enumerate(steps):
         where = document.known((*location, k, step.name))
         if step.instead:

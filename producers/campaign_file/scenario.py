@@ -1,4 +1,4 @@
-"""The scenario a campaign names: its abstract scenario, and what the programs of its runs are given."""
+"""The scenario of a campaign: its abstract scenario, and the files for programs."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -32,7 +32,7 @@ Group = tuple[str, ...]
 
 @dataclass(frozen=True)
 class AbstractScenario:
-    """An abstract scenario, and what it needs.
+    """An abstract scenario and its requirements.
 
     Attributes:
         name: As the campaign file has it; empty where the mission follows from the goal.
@@ -70,12 +70,12 @@ class AbstractScenario:
 
     @property
     def optional_objects(self) -> tuple[str, ...]:
-        """Its parameters of objects to spawn, of which there may be none."""
+        """Its optional parameters that hold objects to spawn."""
         parameters = self.definition.parameters if self.definition else ()
         return tuple(each.name for each in parameters if is_optional_list(each))
 
     def goal_keys(self, keys: Collection[str]) -> tuple[str, ...]:
-        """Return the keys whose goals the robot visits in turn although the file's scenario has one goal."""
+        """Return the keys with several goals although the file's scenario has one; the robot visits all."""
         if self.definition is None or not isinstance(self.content, FileContent):
             return ()
         return goal_keys(self.definition, keys)
@@ -91,7 +91,7 @@ class AbstractScenario:
         return frozenset(each.name for each in self.definition.parameters) if self.definition else frozenset()
 
     def complaint(self, key: str, value: Value) -> tuple[str, str] | None:
-        """Return what is wrong with the value of one of its parameters, and what would be right."""
+        """Return the problem of a parameter's value, and the expected value."""
         if self.definition is None or key not in self.parameters:
             return None
         alone = replace(self.definition, parameters=tuple(p for p in self.definition.parameters if p.name == key))
@@ -142,7 +142,7 @@ KEYS: Final = ("run_files", "env", "pre_command", "post_command")
 def programs_of(
     document: Document, base: Path, execution: ExecutionSpec, abstract: AbstractScenario
 ) -> tuple[ProcessSetup | None, list[Fault], list[Fault]]:
-    """Return the setup of a campaign whose scenario starts programs; otherwise None and a note on each idle key.
+    """Return the setup of a campaign with programs; otherwise None with a note on each unused key.
 
     Files named by `pre_command` and `post_command` that lie below the campaign file's folder are run files too: what is in
     them counts.
@@ -178,7 +178,7 @@ def programs_of(
 
 
 def _scripts(document: Document, base: Path, execution: ExecutionSpec) -> tuple[list[str], list[Fault], list[Fault]]:
-    """The files below `base` that `pre_command` and `post_command` name, and what there is to say of what they name."""
+    """The files below `base` that `pre_command` and `post_command` name, with notes on them."""
     found: list[str] = []
     notes: list[Fault] = []
     faults: list[Fault] = []

@@ -1,4 +1,4 @@
-"""Values of a scenario that are known when the campaign file is read, checked against what the simulator takes."""
+"""Checks of a scenario's values that are known when the campaign file is read."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -33,7 +33,7 @@ Complaint: TypeAlias = tuple[str, str]
 def complaint_of(
     key: str, value: Value, dimension: Dimension, system: Mapping[str, Value] | None = None
 ) -> Complaint | None:
-    """Return what is wrong with a value that the simulator reads, beside the rest of `system`; None if nothing is."""
+    """Return the fault of a value in the context of `system`, or None."""
     if key in (START_KEY, GOAL_KEY):
         return _pose_complaint(value)
     if key == GOALS_KEY:
@@ -65,7 +65,7 @@ def unread_keys(system: Mapping[str, Value], varied: Collection[str]) -> tuple[s
 
 
 def intended(key: str, system: Mapping[str, Value], varied: Collection[str], others: Collection[str]) -> str | None:
-    """The key that one which nothing reads was probably meant to be; None where it resembles none that is known."""
+    """The known key that an unknown one resembles, or None."""
     meant: list[str | None] = []
     with suppress(FileError):
         meant = [intended_key(each, key, {*others, *DIMENSION_OF_KEY}) for each in _contexts(system, varied)]
@@ -73,7 +73,7 @@ def intended(key: str, system: Mapping[str, Value], varied: Collection[str], oth
 
 
 def replaced_by(key: str, system: Mapping[str, Value], varied: Collection[str]) -> str:
-    """The reason why other parameters make one ineffective; empty if none is known."""
+    """The reason why other parameters make one ineffective; empty if it is effective."""
     with suppress(FileError):
         return next(filter(None, (unused_because(each, key) for each in _contexts(system, varied))), "")
     return ""

@@ -1,4 +1,4 @@
-"""The `search` section of a campaign file: its keys, and its template with `$name` for what is searched."""
+"""The `search` section of a campaign file: its keys, and its template with `$name` for searched values."""
 
 import re
 from collections.abc import Container, Iterator, Mapping
@@ -181,7 +181,7 @@ class Stopping(_Criterion):
 
 
 def _entries(value: Any) -> Any:
-    """Criteria as a list, of which a mapping is short for one of one entry."""
+    """Criteria as a list; a mapping is short for a list with one entry."""
     return [] if value is None else [value] if isinstance(value, Mapping) else value
 
 

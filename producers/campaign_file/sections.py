@@ -191,7 +191,7 @@ Flag: TypeAlias = Annotated[Any, WithJsonSchema({"type": ["boolean", "null"]})]
 
 
 class NoiseSpec(Section):
-    """The lidar's noise, with the parameters of its model beside the name."""
+    """The lidar's noise: the name of its model, and the model's parameters."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -227,7 +227,7 @@ class LidarSpec(Section):
 
 
 class LatencySpec(Section):
-    """Latencies of sensors and computers; defaults are those of the preset.
+    """Latencies of sensors and computers, with defaults from the preset.
 
     A jitter is the mean of an exponentially distributed addition to the least latency; ages are cut at 0.5 s.
     """

@@ -82,7 +82,7 @@ class Resources(Section):
 
 
 class SecondaryContainer(Section):
-    """A container beside the main one: `name`, or `{name: , resources: {...}}`."""
+    """A secondary container: `name`, or `{name: , resources: {...}}`."""
 
     name: str
     """Name of the container, unique in the campaign."""
@@ -271,7 +271,7 @@ class CampaignSpec(Section):
 
 
 def is_tolerated_in_family(key: str) -> bool:
-    """Whether an unknown key of a family is tolerated: one that resembles no known key."""
+    """Whether an unknown key of a family is tolerated, because it resembles no known key."""
     known = FamilySpec.model_fields
     usual = {*ExecutionSpec.model_fields, "description", "title", "metadata"}
     return key not in known and (key in usual or not did_you_mean(key, known).startswith("did"))

@@ -232,7 +232,7 @@ class FloorplanVariation(EnvironmentProducer[FloorplanVariationParameters]):
         return self.parameters.num_variations * len(self.parameters.variation_files)
 
     def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
-        """Yield each variation's environment; one whose drawn numbers make no building is a rejection."""
+        """Yield each variation's environment, or a rejection if its numbers make no valid building."""
         for file in self.parameters.variation_files:
             variation = file.variation()
             for k in range(self.parameters.num_variations):

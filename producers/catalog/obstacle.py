@@ -214,7 +214,7 @@ class ObstacleProducer(Producer[O]):
         return START_KEY, GOALS_KEY
 
     def _site(self, inputs: Mapping[str, Value]) -> Site | str:
-        """Return the site, or why there is no path or an obstacle can't be read."""
+        """Return the site, or the reason why there is no path or an obstacle is unreadable."""
         start_at, goals_at = self._stops
         try:
             map_file = map_of(inputs, self.parameters.map_file)
@@ -241,13 +241,13 @@ class ObstacleProducer(Producer[O]):
         return Site(ground, *path, stops, standing)
 
     def _part(self, site: Site, kinds: Sequence[ObstacleConfig], given: Mapping[str, Any]) -> Site | str:
-        """Return the part of a site that obstacles may occupy, or the reason why there is none."""
+        """Return the part of a site that obstacles may occupy, or the reason why it is empty."""
         return site
 
     def _placed(
         self, site: Site, kinds: Sequence[ObstacleConfig], draws: Draws, requested: Mapping[str, Value]
     ) -> list[dict[str, Value]] | str:
-        """Return the obstacles as entries of a list, drawn by the randomness of `requested`; or why there is no room."""
+        """Return random obstacles as entries of a list, or the reason why there is no room."""
         wanted = [kind.wanted(site.length_m) for kind in kinds]
         if (total := sum(each.amount for each in wanted)) > MOST_OBSTACLES:
             return f"{total} obstacles were asked for; at most {MOST_OBSTACLES}"
@@ -276,7 +276,7 @@ class ObstacleProducer(Producer[O]):
         given: Mapping[str, Any],
         asked: Mapping[str, Value],
     ) -> Iterator[Fragment]:
-        """Yield the list with `entries` at its end, notes on it and on what was `asked`, and the path's surroundings."""
+        """Yield the list extended by `entries`, notes on it and the request, and the path's surroundings."""
         name, lists = self.parameters.name, _lists(inputs, self.parameters.name)
         mine: list[Value] = [*lists.get(name, ()), *entries]
         placed = _standing({name: entries})
@@ -303,7 +303,7 @@ def _lists(inputs: Mapping[str, Value], name: str) -> dict[str, list[Value]]:
 
 
 def _standing(lists: Mapping[str, Sequence[Value]]) -> tuple[Obstacle, ...]:
-    """Every obstacle of the lists, those that will appear too: a later one must leave them their place."""
+    """All obstacles of the lists, including ones that appear later, as new ones must not overlap them."""
     return tuple(
         obstacle_of({name: value for name, value in entry.items() if name != "spawn_trigger"}, f"{key}[{i}]")
         for key, entries in lists.items()
@@ -313,7 +313,7 @@ def _standing(lists: Mapping[str, Sequence[Value]]) -> tuple[Obstacle, ...]:
 
 
 class ObstacleVariation(ObstacleProducer[ObstacleParameters]):
-    """Boxes and cylinders near the path, on free cells, so that the robot still finds a path.
+    """Boxes and cylinders on free cells near the path that leave the robot a path.
 
     They keep clear of walls, unknown space, each other, obstacles that are there already, and the robot at its start and
     goals, unless they are placed as version 1 does. The path is the one a path producer drew, else the shortest one from start to goals.

@@ -116,7 +116,7 @@ class OneOfVariation(Producer[OneOfParameters]):
         return tuple(remark for child in self.children for remark in child.remarks)
 
     def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
-        """Yield what the children yield; a rejection's reason says whose it is. Draws nothing itself."""
+        """Yield the children's instances and rejections; the latter name the child. Draws no random numbers."""
         for child in self.children:
             for item in evaluate(child, {key: inputs[key] for key in child.reads if key in inputs}):
                 if isinstance(item, Rejection):

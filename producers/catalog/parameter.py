@@ -73,7 +73,7 @@ class ParameterVariationList(Producer[ListParameters]):
 
     @property
     def writes(self) -> Mapping[str, Dimension | None]:
-        """The named keys; those with lists of obstacles are of the environment."""
+        """The named keys; lists of obstacles belong to the environment."""
         name, values = self.parameters.name, self.parameters.values
         columns = {name: values} if isinstance(name, str) else dict(zip(name, zip(*values, strict=True), strict=True))
         return {key: self.parameters.dimension or _dimension(key, column) for key, column in columns.items()}
@@ -120,7 +120,7 @@ class DistributionProducer(Producer[D]):
         return self.parameters.num_variations
 
     def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
-        """Yield `num_variations` values; the k-th is the same however many there are."""
+        """Yield `num_variations` values; the k-th does not depend on their number."""
         for k in range(self.parameters.num_variations):
             yield Fragment({self.parameters.name: self._draw(draws(k))})
 

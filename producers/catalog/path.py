@@ -1,4 +1,4 @@
-"""The producer of start and goals, a promised path length apart."""
+"""The producer of start and goals at a requested path length."""
 
 import itertools
 import math
@@ -112,7 +112,7 @@ class PathProducer(Producer[P]):
     def _values(
         self, inputs: Mapping[str, Value], ground: Ground, start: Pose, goals: Sequence[Pose], legs: Sequence[Leg]
     ) -> dict[str, Value]:
-        """Return what is written for a path: the map, start and goals unless they are given, and provenance."""
+        """Return a path's values: the map, start and goals unless given, and provenance."""
         asked, values = self.parameters, dict[str, Value]()
         if isinstance(asked.map_file, FileContent) and MAP_KEY not in inputs:
             values[MAP_KEY] = asked.map_file
@@ -150,7 +150,7 @@ class PathParameters(LengthParameters):
 
 
 class PathVariationRandom(PathProducer[PathParameters]):
-    """Start and goals, drawn uniformly from all that are the promised path length apart.
+    """Start and goals, drawn uniformly from all at the requested path length.
 
     The start is uniform over the cells that have such a goal, the goal over those goals; both are centers of
     cells. With several goals each leg takes an equal share of the length and of the tolerance. The start's
@@ -309,6 +309,6 @@ def _arrival_rad(ground: Ground, leg: Leg) -> float:
 
 
 def center_m(ground: Ground, cell: Cell) -> tuple[float, float]:
-    """A cell's center to the micrometer: what a person would write."""
+    """A cell's center, rounded to a micrometer."""
     x_m, y_m = ground.occupancy.center_of(*cell)
     return round(x_m, 6), round(y_m, 6)

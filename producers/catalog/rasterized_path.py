@@ -1,4 +1,4 @@
-"""The producer of starts and goals between the points of a raster, a promised path length apart."""
+"""The producer of starts and goals on the points of a raster, at a requested path length."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -38,7 +38,7 @@ class RasterParameters(LengthParameters):
 
 
 class PathVariationRasterized(PathProducer[RasterParameters]):
-    """Every ordered pair of raster points that are the promised path length apart, as start and goal with yaw 0.
+    """All ordered pairs of raster points at the requested path length, as start and goal with yaw 0.
 
     A point is the cell of the map it lies in, where the robot can stand. With several goals there is one path from each
     start: each leg takes an equal share of the length and of the tolerance, and leads to the first point of the
@@ -155,7 +155,7 @@ class _Raster:
         return found
 
     def left_out(self, request: LegRequest, n_goals: int, n_paths: int) -> str | None:
-        """Return what the request leaves out, and why; None if that is nothing."""
+        """Return the pairs that the request excludes, with the reason, or None."""
         starts, robot = self.starts, self.ground.robot_text
         n_pairs = len(starts) * self.n_others
         n_asked, of = (n_pairs, "pairs") if n_goals == 1 else (len(starts), "starts")

@@ -19,7 +19,7 @@ from vastflow.sim.model.scenario import Dimension
 
 
 class TriggeredObstacleParameters(ObstacleParameters):
-    """Parameters of `ObstacleVariationWithDistanceTrigger`: those of `ObstacleVariation`, and the trigger."""
+    """Parameters of `ObstacleVariationWithDistanceTrigger`: `ObstacleVariation`'s and the trigger."""
 
     spawn_trigger_point: KeyParameter
     """Key of the point that triggers the obstacle: the obstacle's own place."""

@@ -58,7 +58,7 @@ class WorldParameters(producer.Parameters):
 
 
 class WorldVariation(Producer[WorldParameters]):
-    """A world whose walls or furniture differ from those on the robot's map.
+    """A world with walls or furniture that differ from the robot's map.
 
     The robot is given the map all the same; bodies, lidar, and clearances are of the world. Where nothing differs, the configuration is
     what it is without this producer. Furniture that the map lacks is `ObstacleVariation`'s.
@@ -100,7 +100,7 @@ class WorldVariation(Producer[WorldParameters]):
     def _world(
         self, inputs: Mapping[str, Value], requested: Mapping[str, Value], rng: np.random.Generator
     ) -> dict[str, Value] | str:
-        """The first world drawn in which the robot finds a path; or why there is none."""
+        """The first drawn world in which the robot finds a path, or the reason why none was found."""
         try:
             map_file = map_of(inputs)
             start = given_start(inputs, START_KEY)

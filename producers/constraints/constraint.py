@@ -23,14 +23,14 @@ NOWHERE: Final = Place("campaign", where="constraints")
 
 @dataclass(frozen=True, slots=True)
 class Constraint:
-    """A named expression; the report has its name with the number of what it excluded."""
+    """A named expression; the report counts its exclusions by name."""
 
     name: str
     expression: ConstraintExpression
     place: Place = NOWHERE
 
     def touched_by(self, producer: Producer[Any]) -> bool:
-        """Whether what it looks at can depend on what a producer writes."""
+        """Whether its quantities can depend on a producer's keys."""
         return any(
             any(key in producer.writes for key, _ in name.readings)
             or name.text.startswith("_")  # provenance is declared nowhere
@@ -47,7 +47,7 @@ class Checker:
         self._faults: dict[str, list[Fault]] = {}
 
     def excluded(self, partial: Partial, constraints: Sequence[Constraint]) -> ExcludedInstance | None:
-        """The first constraint that `partial` breaks, with what it looked at; None where it keeps them all.
+        """The first constraint that `partial` violates, with its values; None if there is none.
 
         One that can't be evaluated is remembered for `raise_faults` and excludes nothing.
         """
@@ -75,7 +75,7 @@ class Checker:
 
 
 def _looking(partial: Partial, looked: dict[str, Value]) -> Callable[[ExpressionName], Any]:
-    """Return what looks up names in a configuration and keeps what it found."""
+    """Return a function that looks up names in a configuration and caches the values."""
 
     def look(name: ExpressionName) -> Any:
         for key, within in name.readings:
@@ -104,7 +104,7 @@ def step_of(gate: Constraint | StartCheck, producers: Sequence[Producer[Any]]) -
 
 
 def read_constraints(document: Document, location: Location) -> tuple[list[Constraint], list[Fault]]:
-    """The constraints at `location`, a list of `- name: expression` or a mapping, and what is wrong with the others."""
+    """The valid constraints at `location`, a list of `- name: expression` or a mapping, and faults."""
     constraints: list[Constraint] = []
     faults: list[Fault] = []
     seen: set[str] = set()

@@ -286,7 +286,7 @@ class _Tree:
         return self.text[self._offset(node.col_offset) : self._offset(node.end_col_offset or 0)]
 
     def _offset(self, column: int) -> int:
-        """Return the place in the text of a character of what was parsed."""
+        """Return the place in the text of a character of the parsed expression."""
         at = column + len(self.python) - len(self.python.lstrip())
         return at - (len(_WORDS["implies"]) - len("implies")) * self.python.count(_WORDS["implies"], 0, at)
 

@@ -86,7 +86,7 @@ def called(name: str, arguments: Sequence[Any]) -> int | float:
 
 
 def compared(relation: str, left: Any, right: Any) -> bool:
-    """Compute `left relation right`; text equals a file whose path ends with it."""
+    """Compute `left relation right`; text equals a file if its path ends with it."""
     one, other = kind_of(left), kind_of(right)
     if relation in ("in", "not in"):
         if other != "a list":

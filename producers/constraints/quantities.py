@@ -132,7 +132,7 @@ OF_OBSTACLES: Final = ("obstacle_density", "number_of_obstacles")
 
 
 def may_write_for(name: str, producer: Producer[Any]) -> bool:
-    """Whether the quantity called `name` can depend on what a producer writes."""
+    """Whether the quantity `name` can depend on a producer's keys."""
     return any(
         (name in OF_OBSTACLES and may_list_obstacles(key, tag))
         or _bears_on(name, key, tag or DIMENSION_OF_KEY.get(key))

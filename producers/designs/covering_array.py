@@ -124,7 +124,7 @@ class _Greedy:
         return weight
 
     def _fill(self, candidate: "_Candidate", weight: dict[int, NDArray[np.int64]], turn: int) -> int:
-        """Give every other factor a level; how many missing tuples that adds."""
+        """Give every other factor a level; return the number of newly covered tuples."""
         # Shuffled by the one method of `Random` whose numbers Python promises to keep.
         chance = Random(self._rows * CANDIDATES + turn)
         open_factors = sorted((f for f in self._varied if f not in candidate.levels), key=lambda f: chance.random())

@@ -57,7 +57,7 @@ class FactorBlock:
 
 @dataclass(slots=True)
 class _Factor:
-    """A producer as a factor: `choices` maps levels of `depends` to what it yielded there."""
+    """A producer as a factor: `choices` maps levels of `depends` to its instances."""
 
     producer: Producer[Any]
     depends: tuple[int, ...] = ()
@@ -68,7 +68,7 @@ class _Factor:
 
 
 class DesignSpace:
-    """Grows producer by producer: `inputs` of the next one, then `join` with what it yielded.
+    """A space that grows by producers: evaluate each on `inputs`, then `join` the results.
 
     Attributes:
         rejections, excluded: What can't be built and what constraints exclude, each partial combination once.
@@ -98,7 +98,7 @@ class DesignSpace:
         self._grown = 0
 
     def inputs(self) -> dict[str, dict[str, Value]]:
-        """Digest to restricted input of everything the next producer must be evaluated on.
+        """Restricted inputs of the next producer, by digest.
 
         Raises:
             TooLarge: there is more of it than can be looked at.
@@ -115,7 +115,7 @@ class DesignSpace:
         return inputs
 
     def join(self, results: Mapping[str, Sequence[Fragment | Rejection]]) -> None:
-        """Take what the producer yielded for each digest; without a result there are no choices, nor rejections."""
+        """Add a producer's results by digest; a missing result means no choices and no rejections."""
         i = self._grown
         factor = self._factors[i]
         label = type(factor.producer).__name__

@@ -222,7 +222,7 @@ class _Builder:
             self._poses[each.name] = self._placed(each)
 
     def _placed(self, space: PlanSpace) -> Transform:
-        """The world pose of a space whose `wrt` is placed: W · T(x, y, a) · O⁻¹."""
+        """The world pose of a space relative to its placed `wrt`: W · T(x, y, a) · O⁻¹."""
         x_m, y_m, yaw_rad = space.offset
         if space.wrt.wall is not None and space.of_wall is not None:
             if space.spaced:
@@ -245,7 +245,7 @@ class _Builder:
             yield Wall(name, pose.outline(outline), space.height_m, math.dist(*edge), thickness_m, frame)
 
     def _hole(self, opening: Opening, walls: Mapping[str, Wall]) -> Hole | None:
-        """Return what an opening takes of its walls, cut to the first one; None if that is nothing."""
+        """Return the part of the first wall that an opening removes, or None."""
         cut = [walls[wall_name(frame.space or "", frame.wall or 0)] for frame in opening.walls]
         first, half_m, height_m = opening.walls[0], cut[0].length_m / 2, max(wall.height_m for wall in cut)
         (x0, x1), (z0, z1) = map(_span, zip(*opening.outline, strict=True))

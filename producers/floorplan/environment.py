@@ -53,7 +53,7 @@ def environments_in(folder: Path) -> Iterator[None]:
 
 
 def environments_folder() -> Path:
-    """Return the folder of environments: that of `environments_in`, or the store's."""
+    """Return the folder of environments: from `environments_in`, or the store's."""
     if (chosen := _FOLDER.get()) is not None:
         return chosen
     root = os.environ.get(STORE, "")

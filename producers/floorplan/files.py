@@ -1,4 +1,4 @@
-"""Floor plans and variations as files: what is read, and with which names faults speak of it."""
+"""Floor plans and variations as files: their texts, and their names in faults."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,7 +15,7 @@ MOST_BYTES: Final = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class PlanFile:
-    """A floor plan's text and the name of the file it came from; nothing but these says what it is."""
+    """A floor plan's text and file name, which identify it."""
 
     name: str
     text: str
@@ -43,7 +43,7 @@ class VariationFile:
         return replace(self, name=name, plan=self.plan.called(str(Path(name).parent / self.imported)))
 
     def variation(self) -> Variation:
-        """The variation on its plan, which is known to be one that can be built; raises faults of both."""
+        """The variation on its valid plan; raises the faults of both."""
         plan = parse(self.plan.text, self.plan.name)
         build(plan)
         return variation_of(parse_variation(self.text, self.name), plan)
@@ -63,7 +63,7 @@ def read_plan_file(path: str | Path) -> PlanFile:
 
 
 def read_variation_file(path: str | Path) -> VariationFile:
-    """The variation file at `path` and the plan it imports, whose place is relative to it.
+    """The variation file at `path` and the plan that it imports, relative to its folder.
 
     Raises:
         FileError: one of the two can't be read, or the variation is not in its language.

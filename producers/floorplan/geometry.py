@@ -1,4 +1,4 @@
-"""Geometry in the plane: closed outlines, frames, those of walls, and what walls of a thickness fill."""
+"""Geometry in the plane: closed outlines, frames of spaces and walls, and the area of thick walls."""
 
 import itertools
 import math
@@ -43,7 +43,7 @@ def edges(outline: Outline) -> tuple[tuple[Point, Point], ...]:
 
 
 def clipped(outline: Outline, low: float, high: float) -> Outline:
-    """Return the part of an outline with `low` <= x <= `high`; empty if there is none."""
+    """Return the part of an outline with `low` <= x <= `high`, which may be empty."""
     for bound, side in ((low, 1.0), (high, -1.0)):
         kept: list[Point] = []
         for (x0, y0), (x1, y1) in edges(outline) if outline else ():
@@ -57,7 +57,7 @@ def clipped(outline: Outline, low: float, high: float) -> Outline:
 
 
 def outline_fault(outline: Outline) -> tuple[str, str] | None:
-    """Return what is wrong with a polygon and what would be right; None if it encloses one area."""
+    """Return the problem of a polygon and the expected form; None if it encloses one area."""
     if len(outline) < 3:
         return f"got a Polygon with {len(outline)} corners", "three corners or more"
     for k, ((x, y), end) in enumerate(edges(outline)):

@@ -171,7 +171,7 @@ def _without_points(corners: NDArray[np.float32], faces: NDArray[np.uint32]) -> 
 
 
 def _draw_apart(corners: NDArray[np.float32], faces: NDArray[np.uint32]) -> None:
-    """Move corners that lie in one place a little into their solids, in place.
+    """Separate coincident corners by moving each slightly into its solid, in place.
 
     In an STL file a corner is its place, so that two walls that touch along an edge would share it, and with it four
     faces.
@@ -190,6 +190,6 @@ def _draw_apart(corners: NDArray[np.float32], faces: NDArray[np.uint32]) -> None
 
 
 def _normals(triangles: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Normal (N, 3) of each triangle, as long as twice its area."""
+    """Normal (N, 3) of each triangle; its length is twice the area."""
     exact = triangles.astype(np.float64)
     return np.asarray(np.cross(exact[:, 1] - exact[:, 0], exact[:, 2] - exact[:, 0]))

@@ -33,7 +33,7 @@ OpeningKind: TypeAlias = Literal["Entryway", "Window"]
 
 @dataclass(frozen=True, slots=True)
 class PlanFrame:
-    """The world's frame, where `space` is None; a space's; or that of one of its walls."""
+    """The frame of the world if `space` is None, else of the space or one of its walls."""
 
     space: str | None
     wall: int | None
@@ -148,7 +148,7 @@ def plan_of(text: PlanText, drawn: Mapping[int, float] | None = None) -> FloorPl
 
 
 class _Section(NamedTuple):
-    """A section with its parts and those of its location by key, and the space called `this`."""
+    """A section with its parts by key, the parts of its location, and the space called `this`."""
 
     kind: str
     token: Token
@@ -215,7 +215,7 @@ class _Reader:
                 self._fault(name, f"{kind} {name}", f"a second {kind} {str(name)!r}", right)
 
     def _parts(self, parts: Iterable[Part], where: str, known: Sequence[str] | None = None) -> dict[str, Part]:
-        """Parts by key: the first of each, those that are not `known` left out."""
+        """Parts by key: the first of each, unknown ones omitted."""
         found: dict[str, Part] = {}
         for part in parts:
             if known is not None and part.key not in known:
@@ -289,7 +289,7 @@ class _Reader:
     # Shapes
 
     def _outline(self, section: _Section) -> Outline:
-        """Corners in the section's own frame, of an opening as (x, z); empty where they can't be told."""
+        """Corners in the section's own frame, of an opening as (x, z); empty if unknown."""
         where, upright = section.where, RULES[section.kind] is _OPENING
         if "shape" not in section.parts:
             self._fault(section.token, where, "no 'shape'", "shape: Rectangle, Polygon or Circle")
@@ -350,7 +350,7 @@ class _Reader:
         return values
 
     def _frame(self, text: FrameText, section: _Section) -> PlanFrame:
-        """The frame that is named; the world's in place of one that does not exist."""
+        """The named frame, or the world's if it does not exist."""
         name, where, world = text.name, f"{section.where}: location", PlanFrame(None, None, _place(text.token))
         if name == WORLD and text.wall is None:
             return world

@@ -157,7 +157,7 @@ DECIMALS: Final = 9
 
 
 def geometry_of(building: Building) -> dict[str, Any]:
-    """Polygons of all there is, by name, corners as [x, y]; see `vastflow floorplan geometry`.
+    """Polygons of all parts by name, with corners as [x, y]; see `vastflow floorplan geometry`.
 
     A wall's polygon begins with its outer face, and ends with its inner one. An opening's `shape` is [x, z] in the
     frame of the first wall it cuts: x from the middle of that wall along its inner face, z from the floor up.

@@ -180,7 +180,7 @@ class PlanText:
 
 
 class _Builder(Transformer[Token, Any]):
-    """Lark's rules to the classes above; called while parsing, so that no tree of Lark's is built."""
+    """Transformer from Lark's rules to the classes above, called while parsing, so that Lark builds no tree."""
 
     def plan(self, children: list[Any]) -> tuple[Token, tuple[Part, ...]]:
         return children[1], tuple(children[2:])

@@ -191,7 +191,7 @@ class PlanSample:
 
 @dataclass(frozen=True, slots=True)
 class Variation:
-    """A variation file and the plan it varies, with the numbers in the order of drawing, that of the file."""
+    """A variation file and its plan, with the drawn numbers in the order of the file."""
 
     source: str
     plan: PlanText

@@ -1,4 +1,4 @@
-"""Coverage: how much of the requested test space was realised, and why the rest was not."""
+"""Coverage: the realized share of the requested test space, and the reasons for the rest."""
 
 import itertools
 import math
@@ -29,7 +29,7 @@ _Contents: TypeAlias = dict[Dimension, set[frozenset[tuple[str, str]]]]
 
 @dataclass(frozen=True, slots=True)
 class FamilyCount:
-    """Counts of a family beside its configurations.
+    """Counts of a family in addition to its configurations.
 
     Attributes:
         levels: For each producer, the most choices that it was asked for on one input.

@@ -62,7 +62,7 @@ _DESIGN: Final[TypeAdapter[DesignSpec]] = TypeAdapter(Design)
 
 
 class FamilyReader:
-    """Reads the families of one file and gathers what there is to say about them.
+    """Reads the families of one file and collects faults and notes.
 
     Attributes:
         faults: Everything wrong, but for that.
@@ -81,7 +81,7 @@ class FamilyReader:
         as_v1: bool = False,
         refuse_empty: bool = True,
     ) -> None:
-        """Read families of `document`, whose file names are relative to `base`.
+        """Read families of `document`; file names are relative to `base`.
 
         Args:
             abstract: The abstract scenario of every family; None where it could not be read.
@@ -112,7 +112,7 @@ class FamilyReader:
                 self._fault(self._overridden[key], what, right, at="key")
 
     def read(self, location: Location, name: str, dimensions: Mapping[str, Dimension]) -> Family:
-        """The family at `location`, with all that is right of it; what is not is among the faults."""
+        """The valid parts of the family at `location`; the others become faults."""
         known_faults = len(self.faults)
         places, values = self._fixed((*location, "parameters"))
         robot, twice = robot_places(self._document, (*location, ROBOT_KEY), places)
@@ -241,7 +241,7 @@ class FamilyReader:
             self._fault((*flow.location, "parameters"), *complaint, at="key")
 
     def _complaint(self, key: str, value: Value, dimension: Dimension, system: Mapping[str, Value]) -> Complaint | None:
-        """Return the simulator's complaint of a value, or else that of the scenario."""
+        """Return the simulator's complaint about a value, else the scenario's."""
         said = complaint_of(key, value, dimension, system)
         return said or (self._abstract.complaint(key, value) if self._abstract else None)
 
@@ -318,7 +318,7 @@ class FamilyReader:
             return CARTESIAN
 
     def _left_open(self, abstract: AbstractScenario, flow: DataFlow) -> dict[str, Value]:
-        """Return defaults for what the scenario needs and the family leaves open; each is noted once."""
+        """Return defaults for required values that the family omits; each is noted once."""
         written = flow.written
         values: dict[str, Value] = {}
         if abstract.launches_own_map and MAP_KEY not in written and (hall := self._map(WHERE, str(hall_file()))):

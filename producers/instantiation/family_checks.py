@@ -1,4 +1,4 @@
-"""Faults of a family that are known before anything is produced: its flow of keys, and its constraints."""
+"""Faults of a family that are known before production, in its flow of keys and its constraints."""
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
@@ -34,7 +34,7 @@ class Link:
 
 @dataclass(frozen=True, slots=True)
 class DataFlow:
-    """The keys of a family: those of its fixed parameters, with their places, and those of its producers."""
+    """The keys of a family: fixed parameters with their places, and the producers' keys."""
 
     document: Document
     location: Location

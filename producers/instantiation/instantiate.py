@@ -149,7 +149,7 @@ def instantiation_of(
 
 
 def contradictions(constraints: Sequence[Constraint], family: str, excluded: Iterable[ExcludedInstance]) -> list[Fault]:
-    """One fault for a family of which constraints leave nothing: which they are and what each excluded."""
+    """Return the fault of a family without configurations, with the exclusions of each constraint."""
     counts = {constraint.name: 0 for constraint in constraints}
     for instance in excluded:
         if instance.family == family:
@@ -215,7 +215,7 @@ class CartesianGrowth:
         self._partials = self._kept(children)
 
     def _restricted(self) -> Iterator[tuple[Partial, str, dict[str, Value]]]:
-        """Yield each partial configuration with what the next producer reads of it, and the digest of that."""
+        """Yield each partial configuration with the next producer's input and its digest."""
         reads = self._family.producers[len(self._levels)].reads
         known: dict[
             tuple[tuple[str, int], ...], str
@@ -375,7 +375,7 @@ def _finished(family: Family, partials: Iterable[Partial], campaign: Instantiabl
 
 
 def mark_duplicates(configurations: Iterable[Configuration]) -> list[Configuration]:
-    """The same configurations; one whose scenario an earlier one has names that one in `duplicate_of`."""
+    """The configurations, where a repeated scenario names its first configuration in `duplicate_of`."""
     first: dict[str, str] = {}
     marked: list[Configuration] = []
     texts = Texts()

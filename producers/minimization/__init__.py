@@ -1,1 +1,1 @@
-"""Minimization: a failing scenario becomes a smallest one that still fails, by what its runs come to."""
+"""Minimization: reduce a failing scenario to a smallest one that still fails."""

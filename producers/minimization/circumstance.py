@@ -68,7 +68,7 @@ class Subject:
 
     @cached_property
     def circumstances(self) -> tuple[Circumstance, ...]:
-        """All there are, obstacles first."""
+        """All circumstances, obstacles first."""
         return tuple(each for kind in (self._objects, self._world, self._task, self._system) for each in kind())
 
     def reduced(self, kept: Collection[Circumstance], levels: Levels) -> dict[str, Value]:
@@ -166,7 +166,7 @@ def _obstacles(value: Any) -> Iterator[tuple[int, Mapping[str, Any]]]:
 
 
 def _drop_idle_trigger(values: dict[str, Any]) -> None:
-    """Without the obstacle that stands at the trigger's point there is nothing to set off."""
+    """Remove a trigger without an obstacle at its point."""
     if TRIGGER_POINT_KEY not in values:
         return
     point = pose_of(values[TRIGGER_POINT_KEY])

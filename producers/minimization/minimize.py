@@ -28,7 +28,7 @@ Standing: TypeAlias = Literal["fails", "does not fail", "undecided", "not tried"
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A scenario that may fail like the one that was given.
+    """A scenario that may fail like the given one.
 
     Attributes:
         kept: Circumstances of those that can be left out.
@@ -69,7 +69,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Minimum:
-    """A scenario that fails, and of which nothing can be left out.
+    """A failing scenario of which no part can be removed.
 
     Attributes:
         without: For each circumstance that is kept, what becomes of the scenario without it.
@@ -95,14 +95,14 @@ class Minimum:
 
 @dataclass(frozen=True)
 class Unconfirmed:
-    """An unconfirmed failure: the outcome of what was given, and that of fresh runs if there were any."""
+    """An unconfirmed failure: the outcomes of the given scenario and of fresh runs, if any."""
 
     outcome: Outcome
     confirmation: Outcome | None = None
 
     @property
     def text(self) -> str:
-        """The failure's lack in words, to follow the name of what was given."""
+        """The reason why the failure is unconfirmed, as a phrase after the scenario's name."""
         if self.confirmation is not None and self.outcome.standing == "fails":
             said = f"{self.confirmation.failed} of {self.confirmation.judged}"
             return f"failed {self.outcome.failed} of {self.outcome.judged} runs, and only {said} fresh ones"
@@ -113,7 +113,7 @@ Judge: TypeAlias = Callable[[Candidate], Outcome]
 
 
 def minimize(circumstances: tuple[Circumstance, ...], judge: Judge, confirm: Judge) -> Minimum | Unconfirmed:
-    """The smallest failing scenario that delta debugging reaches.
+    """The smallest failing scenario that delta debugging finds.
 
     Circumstances are left out first; those that stay are brought nearer to their defaults, and the path is made shorter; then it
     is asked once more what can be left out. What was found is confirmed; where it is not, the search goes on as if it had not failed.

@@ -131,5 +131,5 @@ class ExcludedInstance:
 
 
 def restricted_digest(restricted: Mapping[str, Value]) -> str:
-    """Digest of what a producer sees; equal for partial configurations that differ elsewhere only."""
+    """Digest of a producer's input; equal for partial configurations that differ elsewhere only."""
     return digest(dict(restricted))

@@ -28,7 +28,7 @@ def check_producer(producer: Producer[Any], inputs: Inputs) -> None:
 
 
 def check_declarations(producer: Producer[Any], inputs: Inputs) -> None:
-    """It declares its parameters, what it reads, needs and writes in the form that instantiation takes."""
+    """Check that a producer declares its parameters and its read, needed, and written keys correctly."""
     name, reads, writes = type(producer).__name__, producer.reads, producer.writes
     must(isinstance(producer.parameters, Parameters), f"{name}'s parameters must be a producer.Parameters")
     must(isinstance(reads, tuple), f"{name} must declare `reads` as a tuple of keys, not {reads!r}")
@@ -50,7 +50,7 @@ def check_items(producer: Producer[Any], inputs: Inputs) -> None:
 
 
 def check_inputs_are_kept(producer: Producer[Any], inputs: Inputs) -> None:
-    """It leaves what it is given as it is: other configurations have the same."""
+    """Check that a producer does not change its input, which configurations share."""
     for values in inputs:
         restricted = _restricted(producer, values)
         before = restricted_digest(restricted)

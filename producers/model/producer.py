@@ -60,7 +60,7 @@ class Draws:
 
 
 class Producer(ABC, Generic[P]):
-    """An ordered producer. A subclass names its parameter model and is a pure function of what it reads."""
+    """An ordered producer. A subclass names its parameter model and is a pure function of its input."""
 
     Parameters: ClassVar[type[Parameters]]
     """The pydantic model of what stands below the producer's name in the campaign file."""
@@ -98,7 +98,7 @@ class Producer(ABC, Generic[P]):
 
     @property
     def most_choices(self) -> int | None:
-        """Most fragments and rejections for one input; None if only `produce` tells."""
+        """Greatest number of fragments and rejections for one input; None if known by `produce` only."""
         return None
 
     @property
@@ -117,7 +117,7 @@ class Producer(ABC, Generic[P]):
 
 
 def check_declared(producer: Producer[Any]) -> None:
-    """Look at what a producer says of itself, before it is evaluated.
+    """Check a producer's declarations before it is evaluated.
 
     Raises:
         PlugInError: what instantiation would mistake; and whatever a property of a user's class raises.
@@ -162,7 +162,7 @@ def evaluate(producer: Producer[Any], inputs: Mapping[str, Value]) -> list[Fragm
 
 
 def tags_of(producer: Producer[Any], items: Iterable[Fragment | Rejection]) -> dict[str, Dimension]:
-    """Dimension of each key that differs from the usual one: as the producer declares it, or by what it wrote.
+    """Dimension of each key that differs from the usual one, as declared or by the written values.
 
     A key under which one of all its items lists obstacles is of the environment in all, in those with an empty list too.
     """
@@ -175,7 +175,7 @@ def tags_of(producer: Producer[Any], items: Iterable[Fragment | Rejection]) -> d
 
 
 def may_list_obstacles(key: str, tag: Dimension | None) -> bool:
-    """Whether what a producer declares leaves it to the values of a key whether they are obstacles."""
+    """Whether only the values of a key tell if they are obstacles."""
     return tag is None and key not in DIMENSION_OF_KEY
 
 

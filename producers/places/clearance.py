@@ -38,7 +38,7 @@ Clearance: TypeAlias = tuple[NDArray[np.float64], NDArray[np.int32]]
 
 
 def clearance_of(free: NDArray[np.bool_]) -> Clearance:
-    """The clearance of free cells (H, W); what lies beyond the grid is not free."""
+    """The clearance of free cells (H, W); cells outside of the grid are not free."""
     from scipy import ndimage
 
     distance, nearest = ndimage.distance_transform_edt(np.pad(free, 1, constant_values=False), return_indices=True)

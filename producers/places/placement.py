@@ -1,4 +1,4 @@
-"""Placement of obstacles along a path, by their outlines, so that none overlaps anything and a path remains."""
+"""Placement of obstacles along a path without overlaps, so that a path remains."""
 
 import math
 from collections import Counter
@@ -112,7 +112,7 @@ class Wanted:
 
 
 def place(site: Site, wanted: Sequence[Wanted], rng: np.random.Generator) -> list[Obstacle] | str:
-    """Draw a place for every obstacle in turn; or say why there is no room.
+    """Draw a place for every obstacle in turn, or return the reason why there is no room.
 
     A center lies uniformly along the path and uniformly to its left or right, its yaw is uniform. Places that
     won't do are drawn again, `MAX_TRIES` times for each obstacle and `MAX_ATTEMPTS` times for the whole set.

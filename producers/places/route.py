@@ -109,7 +109,7 @@ class Reach:
         return lengths * self.ground.occupancy.resolution_m
 
     def around(self, length_m: float, error_m: float) -> NDArray[np.int64]:
-        """The cells (N, 2) whose path is `length_m` ± `error_m` long, in reading order."""
+        """The cells (N, 2) at a path length of `length_m` ± `error_m`, in row-major order."""
         resolution_m = np.float64(self.ground.occupancy.resolution_m)
         # In single precision first, with a cell to spare: it is the whole field.
         near = np.argwhere(np.abs(self.field - np.float32(length_m / resolution_m)) <= error_m / resolution_m + 1.0)
@@ -138,7 +138,7 @@ def reach_of(ground: Ground, start: Cell, limit_m: float) -> Reach:
 
 
 def draw_leg(ground: Ground, start: Cell, request: LegRequest, rng: np.random.Generator) -> Leg | None:
-    """A leg from `start` to a stop drawn uniformly from all that `request` admits; None where there is none.
+    """A leg from `start` to a stop drawn uniformly from those that `request` admits, or None.
 
     Draws from `rng` only where there are some.
     """
@@ -175,7 +175,7 @@ def farthest_m(ground: Ground, start: Cell) -> float:
 
 
 class StartSearch:
-    """Draws routes whose start is uniform over all cells that have a goal at the promised distance.
+    """Draws routes with starts uniform over all cells that have a goal at the requested distance.
 
     Cells proved to have none are remembered, for the next route of the same request. They are only ever
     skipped, so what is drawn does not depend on what was learnt before. The proof: let `slack(x)` be how
@@ -200,7 +200,7 @@ class StartSearch:
         self._possible = self._stops & (longest_path_m >= request.length_m - request.tolerance_m - ROUNDING_M)
 
     def draw(self, rng: np.random.Generator) -> list[Leg] | None:
-        """The legs of a route; None where there is none, or none was found (`gave_up`)."""
+        """The legs of a route; None if none exists, or none was found (`gave_up`)."""
         order = rng.permutation(len(self._possible))
         at, size = 0, 64  # most starts are possible as a rule, and a gather over a large map takes as long as a leg
         while at < len(order) and not self.gave_up:

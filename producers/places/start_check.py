@@ -32,7 +32,7 @@ MOST_VALUES: Final = 10_000
 
 
 class StartCheck:
-    """Rejects configurations of a family whose start or goals are too near to a wall for the system's local footprint.
+    """Rejects configurations with a start or goal too close to a wall for the local footprint.
 
     An obstacle that is there from the beginning counts at the start only: whether a goal can be occupied is for the mission to
     tell. A configuration without a map or without poses has nothing to check.
@@ -46,7 +46,7 @@ class StartCheck:
         self._known: dict[str, str | None] = {}
 
     def touched_by(self, producer: Producer[Any]) -> bool:
-        """Whether what it looks at can depend on what a producer writes."""
+        """Whether its quantities can depend on a producer's keys."""
         return any(
             may_list_obstacles(key, tag)
             or (tag or DIMENSION_OF_KEY.get(key)) in ("environment", "task")
@@ -165,7 +165,7 @@ def _pose(key: str, value: Value) -> Iterator[tuple[str, Pose]]:
 
 
 def _standing(partial: Partial) -> Iterator[Obstacle]:
-    """Yield the obstacles that are there from the beginning; the simulator says what is wrong with others."""
+    """Yield the obstacles present from the start; invalid ones are left to the simulator."""
     for where, entry in partial.obstacles():
         if "spawn_trigger" not in entry:
             with suppress(ValueError):

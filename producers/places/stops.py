@@ -1,4 +1,4 @@
-"""Start, goals and path of a configuration: which keys hold them, and what is there already."""
+"""Start, goals, and path of a configuration: their keys, and given values."""
 
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Final, TypeAlias
@@ -64,7 +64,7 @@ def goals_key(parameter: str | tuple[Pose, ...]) -> str:
 
 
 def given_start(inputs: Mapping[str, Value], parameter: str | Pose) -> Pose | None:
-    """The start that was written before; None where there is none.
+    """The given start, or None.
 
     Raises:
         ValueError: what is there is no pose.
@@ -75,7 +75,7 @@ def given_start(inputs: Mapping[str, Value], parameter: str | Pose) -> Pose | No
 
 
 def given_goals(inputs: Mapping[str, Value], parameter: str | tuple[Pose, ...]) -> tuple[Pose, ...]:
-    """The goals that were written before, in order; empty where there are none.
+    """The given goals in order; may be empty.
 
     Raises:
         ValueError: what is there is no pose, or no list of poses.

@@ -1,1 +1,1 @@
-"""Search: which points of a space are looked at next, by what was found at those before."""
+"""Search: strategies that choose the next points of a space by earlier results."""

@@ -1,4 +1,4 @@
-"""The strategy `boundary`: where the objective crosses a level, in one to three dimensions.
+"""The strategy `boundary`: find where the objective crosses a level, in one to three dimensions.
 
 A Gaussian process over the unit cube, whose points are chosen by the straddle (B. Bryan et al., NIPS 18 (2005) 163): where it is
 uncertain on which side of the level the objective is.

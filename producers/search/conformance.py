@@ -35,7 +35,7 @@ def check_determinism(kind: Kind, parameters: Parameters, problem: Problem) -> N
 
 
 def check_infeasible(kind: Kind, parameters: Parameters, problem: Problem) -> None:
-    """It goes on where nothing can be built."""
+    """Check that a strategy goes on when its points can't be built."""
     must(
         all(_asked(kind, parameters, problem, feasible=False)), f"{kind.__name__} must go on where points are rejected"
     )

@@ -28,7 +28,7 @@ class Criterion:
 
 
 def plan_text(spec: SearchSpec, runs: int, *, at_most: bool = False) -> str:
-    """Return a line on what a search would do with so many runs of each point."""
+    """Describe a search with `runs` runs of each point in one line."""
     most = "up to " if at_most else ""
     ends = " or ".join(each.limit for each in criteria(spec, (), {}, 0.0))
     confirm = f", then {spec.confirm} fresh runs of the best" if spec.confirm else ""

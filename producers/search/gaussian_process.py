@@ -17,7 +17,7 @@ _NOISES: Final = (0.001, 0.01, 0.1)
 
 
 def promise(units: Floats, gains: Floats, at: Floats) -> Floats:
-    """Return the promise (m,) at (m, d) coordinates: mean and standard deviation, in twice that of `gains`.
+    """Return the upper confidence bound (m,) at (m, d) coordinates: mean plus standard deviation.
 
     The upper confidence bound of N. Srinivas et al., ICML 2010, 1015.
 
@@ -34,7 +34,7 @@ def promise(units: Floats, gains: Floats, at: Floats) -> Floats:
 
 
 def likelihood(units: Floats, values: Floats, variances: Floats, scales: Floats) -> float:
-    """The logarithm of the marginal likelihood of what was found, but for a constant.
+    """The log marginal likelihood of the values, up to a constant.
 
     Args:
         units: (n, d) coordinates.

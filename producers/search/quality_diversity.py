@@ -34,7 +34,7 @@ _CVT_SAMPLES: Final = 10_000
 
 
 class Measure(Parameters):
-    """The range of a measure: what is outside of it is in its outermost cell."""
+    """The range of a measure; values outside of it belong to the outermost cells."""
 
     low: Number
     """Lower end, in the measure's unit."""

@@ -1,4 +1,4 @@
-"""Reading a search: what is wrong with it, and why it can't be run here although it is a search."""
+"""Reading a search, with its faults and the reasons why a valid one can't run here."""
 
 import importlib.util
 from collections.abc import Iterable, Iterator, Mapping
@@ -48,7 +48,7 @@ class SearchReading:
 def read_search(
     document: Document, spec: SearchSpec, execution: ExecutionSpec, base: Path, reader: ReadsFamilies
 ) -> SearchReading:
-    """Read the search of a file whose section has the right form; names of files are relative to `base`."""
+    """Read the search from a well-formed section; file names are relative to `base`."""
     reading = _Reading(document, spec, base)
     reading.faults += marker_faults(document, spec)
     left_out = [k for k, entry in enumerate(spec.variations) for name in entry if reading.is_left_out(k, name)]

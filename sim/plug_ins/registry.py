@@ -32,7 +32,7 @@ def known_plug_ins(group: str) -> tuple[str, ...]:
 
 
 def installed_plug_in(group: str, name: str) -> Any | None:
-    """Load the entry point of this name; None if there is none."""
+    """Load the entry point of this name, or return None."""
     return _entries(group)[name].load() if name in _entries(group) else None
 
 
@@ -97,7 +97,7 @@ class Registry(Generic[PlugIn]):
         return found
 
     def name_of(self, kind: type[ParameterGroup]) -> str:
-        """Return the name of an installed plug-in, or of the one whose parameters these are."""
+        """Return the name of an installed plug-in, or of the plug-in with these parameters."""
         own = f"{kind.__module__}:{kind.__qualname__}"
         value = next((value for value, parameters in self.apart.items() if parameters is kind), own)
         return next(name for name, entry in self.known.items() if entry.value == value)
@@ -155,5 +155,5 @@ class Registry(Generic[PlugIn]):
 
 
 def plug_in_file(name: str, base: Path) -> Path:
-    """Return the file in the name of a plug-in; a relative one lies below `base`."""
+    """Return the file in a plug-in's name; relative paths start at `base`."""
     return base / name.rpartition(":")[0]

@@ -1,4 +1,4 @@
-"""Snapshots: immutable copies of a plug-in and of what it uses."""
+"""Snapshots: immutable copies of a plug-in and its files."""
 
 import hashlib
 import os
@@ -51,7 +51,7 @@ class Snapshot:
 
     @property
     def digest(self) -> str:
-        """Digest of what was copied, to the byte."""
+        """Digest of the copied bytes."""
         return _digest(self.entry, self.modules, self.data)
 
     @property
@@ -74,7 +74,7 @@ class Snapshot:
         return os.path.relpath(place, self.home or ".").replace(os.sep, "/")
 
     def read(self, place: str) -> bytes:
-        """A copy's content; a PlugInError if it is not what was copied."""
+        """A copy's content; a PlugInError if the copy has changed."""
         try:
             content = (self.folder / place).read_bytes()
         except OSError:
@@ -97,7 +97,7 @@ class PlugInFile(FileContent):
 
 
 def snapshot_of(file: Path, campaign: Path, code: str | None = None) -> Snapshot:
-    """Copy a plug-in and what it uses, as they are now.
+    """Copy a plug-in and its files in their current state.
 
     Args:
         campaign: The campaign's folder.

@@ -93,7 +93,7 @@ def _defined(abstract: Abstract, path: str) -> ScenarioDefinition:
 
 
 def _read(file: Path) -> ScenarioDefinition:
-    """Return the scenario that no other of the file inherits from, whose places have file names in place of paths."""
+    """Return the scenario that no other of the file inherits from; its places have file names, not paths."""
     scenarios = read_scenarios(file)
     bases = {base for scenario in scenarios for base in scenario.bases}
     last = [scenario for scenario in scenarios if scenario.name not in bases]

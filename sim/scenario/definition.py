@@ -40,7 +40,7 @@ class EnumValue:
 
 @dataclass(frozen=True, slots=True)
 class Constant:
-    """A value that is known: int, float (SI where it is physical), bool, str or `EnumValue`."""
+    """A known value: int, float (SI units if physical), bool, str, or `EnumValue`."""
 
     value: int | float | bool | str | EnumValue
     place: Place

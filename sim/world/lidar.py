@@ -54,7 +54,7 @@ def scan(
 def _see_obstacle(
     obstacle: Any, x_m: float, y_m: float, directions: Any, range_min_m: float, range_max_m: float, out_m: Any
 ) -> None:
-    """Shorten the beams that meet an obstacle, among those towards its circumcircle."""
+    """Shorten the beams that meet an obstacle; only beams toward its circumcircle are tested."""
     beams = directions.shape[0]
     ox, oy = obstacle[0] - x_m, obstacle[1] - y_m
     away = math.sqrt(ox * ox + oy * oy)

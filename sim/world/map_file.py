@@ -163,7 +163,7 @@ def _picture(path: Path, image: str) -> tuple[NDArray[np.uint8], NDArray[np.bool
 
 
 def _luma(bands: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return gray values (H, W) by Rec. 601 in 16 bits, of which 8 remain, as in GraphicsMagick."""
+    """Return gray values (H, W) by Rec. 601, computed in 16 bits and cut to 8, as in GraphicsMagick."""
     red, green, blue = (bands[..., k].astype(np.int32) for k in range(3))
     sixteen_bits = (257 * (299 * red + 587 * green + 114 * blue) + 500) // 1000
     return np.asarray(sixteen_bits // 257, dtype=np.uint8)

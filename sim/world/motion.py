@@ -60,7 +60,7 @@ NOT_THERE: Final = math.inf
 
 
 class Body(NamedTuple):
-    """The robot's body, and what stands or may appear in the world beside the walls.
+    """The robot's body, and the obstacles that stand or appear in the world.
 
     Attributes:
         pose: (3,) float64 true x, y, yaw; kernels and the engine move it in turn.

@@ -20,7 +20,7 @@ MOST_US: Final = 500.0
 
 
 def check_lidar_noise(noise: LidarNoise) -> None:
-    """Run all `CHECKS` on `noise`; raises `AssertionError` with its place, what it did, and what it should do."""
+    """Run all `CHECKS` on `noise`; raise an `AssertionError` with place, actual, and expected behavior."""
     for check in CHECKS:
         check(noise)
 

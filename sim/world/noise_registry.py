@@ -1,4 +1,4 @@
-"""Lidar noise by name, from the entry-point group or a file beside the campaign; needs no numba."""
+"""Lidar noise by name, from the entry-point group or a file next to the campaign; needs no numba."""
 
 from typing import Final
 

@@ -58,7 +58,7 @@ class OccupancyMap:
         return replace(self, yaw_rad=0.0)
 
     def cell_of(self, x_m: float, y_m: float) -> tuple[int, int]:
-        """Return (row, column) of the cell at a point of the map; it may lie outside the grid."""
+        """Return (row, column) of the cell at a point of the map, which may be outside of the grid."""
         x_m, y_m = self.frame.to_grid(x_m, y_m)
         return (
             math.floor((y_m - self.origin_xy_m[1]) / self.resolution_m),
@@ -81,7 +81,7 @@ class OccupancyMap:
         return self.frame.points_to_map(cells[:, ::-1] * self.resolution_m + np.asarray(self.origin_xy_m))
 
     def in_cells(self, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return points (N, 2) of the map as fractional row and column, whose floor is the cell."""
+        """Return points (N, 2) of the map as fractional row and column; the floor is the cell."""
         return (self.frame.points_to_grid(xy_m) - self.origin_xy_m)[:, ::-1] / self.resolution_m
 
     def contains(self, row: int, column: int) -> bool:

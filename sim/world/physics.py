@@ -34,7 +34,7 @@ NOTED: Final = 5e-4
 
 
 def wall_rectangles(occupancy: OccupancyMap) -> NDArray[np.float64]:
-    """Return rectangles (N, 4) as x0, y0, x1, y1 in meters whose union borders the map's occupied cells.
+    """Return rectangles (N, 4) as x0, y0, x1, y1 (m) that together cover the border of occupied cells.
 
     Cells without a free neighbor, which nothing can reach, are left out. Runs of cells in a row are merged with equal runs in the rows above.
     """
@@ -55,7 +55,7 @@ def wall_rectangles(occupancy: OccupancyMap) -> NDArray[np.float64]:
 
 
 class WallIndex:
-    """A map's wall rectangles by tile, so that a run gives physics only the walls it comes near."""
+    """A map's wall rectangles by tile, so that physics gets only the walls near the robot."""
 
     TILE_M = 2.0
 

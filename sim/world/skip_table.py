@@ -56,7 +56,7 @@ def _octant(walls: NDArray[np.uint8], octant: int) -> NDArray[np.uint8]:
 
 
 def _fill(walls: NDArray[np.uint8], flat: NDArray[np.uint8]) -> None:
-    """Fill in free columns from each cell (A, B): none beside a wall, else one more than from the next."""
+    """Write the number of free columns ahead of each cell (A, B), 0 next to a wall."""
     free = 1 - (walls[:, :-1] | walls[:, 1:])
     table = flat.reshape(walls.shape)
     table[-1], table[:, -1] = 0, 0
@@ -132,7 +132,7 @@ def _begin(
     places: Any,
     beam: int,
 ) -> float:
-    """Set up a beam in its octant's axes; return GOES_ON, or its distance if that is known.
+    """Set up a beam in its octant's axes; return GOES_ON, or its distance if already known.
 
     Its row of `lines` gets slope and height of the beam as a line, and its origin and direction along and across; its row of `places`
     the octant's first cell in the table, the cells of a column, and the first column, row, and free columns (none).

@@ -52,7 +52,7 @@ def checked(text: syntax.Compound, declared: Declarations, faults: list[Fault]) 
 
 
 class _Scenario(MemberChecker):
-    """Checks one scenario, with all that it inherits, and what it does: compositions, actions, waits, and modifiers."""
+    """Checks one scenario, its bases, and its behavior: compositions, actions, waits, and modifiers."""
 
     def __init__(self, declared: Declarations, faults: list[Fault]) -> None:
         super().__init__(declared, faults)
@@ -214,7 +214,7 @@ class _Scenario(MemberChecker):
         return Actor(name, (type_.name, *declared.bases), values, self.declared.variables_of(type_), place)
 
     def _behavior(self, text: syntax.Behavior) -> Behavior:
-        """Return the checked behavior with the modifiers beside it and below `with:`, the first outermost.
+        """Return the checked behavior with its modifiers, inline and below `with:`, the first outermost.
 
         `until` stands outside of them.
         """
@@ -283,7 +283,7 @@ class _Scenario(MemberChecker):
     def _arguments(
         self, call: syntax.Call, declared: Compound, whose: str, keeps: Sequence[syntax.Keep] = ()
     ) -> Mapping[str, Expression]:
-        """Return all arguments of a call; those of `keep` replace those in brackets."""
+        """Return all arguments of a call; `keep` constraints replace arguments in brackets."""
         given = self.arguments(call, declared.members, whose)
         members = {
             name: replace(member, default=given.get(name, member.default)) for name, member in declared.members.items()
@@ -369,7 +369,7 @@ class _Scenario(MemberChecker):
 
 
 def _too_deep(root: Behavior) -> Place | None:
-    """Return the place of a behavior nested deeper than `MOST_LEVELS`, if there is one."""
+    """Return the place of the first behavior nested deeper than `MOST_LEVELS`, if any."""
     waiting = [(root, 1)]
     while waiting:
         behavior, level = waiting.pop()

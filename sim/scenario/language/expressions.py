@@ -67,7 +67,7 @@ class Faulty(Exception):
 
 
 class ExpressionChecker:
-    """Checks expressions against declarations; what is wrong goes to `faults`.
+    """Checks expressions against declarations, and appends faults to `faults`.
 
     Methods that return a value raise `Faulty` where it has a fault.
 
@@ -96,7 +96,7 @@ class ExpressionChecker:
         self.fail(text.place, f"got {text.construct}, which vastflow does not have", text.right)
 
     def each(self, check: Callable[[T], S], parts: Iterable[T]) -> list[S]:
-        """Check all parts, report the faults of each, and fail if there are any."""
+        """Check all parts, report their faults, and fail if any has one."""
         checked = [self.attempt(check, part) for part in parts]
         if None in checked:
             raise Faulty
@@ -110,7 +110,7 @@ class ExpressionChecker:
             return None
 
     def assigned(self, text: syntax.Expression, wanted: Type, whose: str) -> Expression:
-        """Return the value for something of type `wanted`; `whose` is the words for it in a fault.
+        """Return the value converted to the type `wanted`; `whose` names it in faults.
 
         A name of a number or a truth value can stand for a text, and is its text then.
         """
@@ -188,7 +188,7 @@ class ExpressionChecker:
     def complete(
         self, given: Mapping[str, Expression], parameters: Mapping[str, Field], place: Place, whose: str
     ) -> dict[str, Expression]:
-        """Return `given` and the defaults of all other parameters, those of the members of structs among them."""
+        """Return `given` and the defaults of all other parameters, struct members included."""
         values, missing = self.declared.filled(given, parameters, place)
         if missing:
             words = _listed([f"{member.name}: {member.type}" for member in missing])

@@ -190,7 +190,7 @@ def _width(line: str) -> int:
 
 
 def _told(wrong: Misfit, text: str) -> tuple[int, str, str]:
-    """Return the index of a mistake, what is wrong, and what would be right."""
+    """Return the index of a mistake, the problem, and the expected text."""
     at, terminal, expected = wrong.start, wrong.terminal, wrong.expected
     if not terminal or text.startswith("/*", at):
         return at, *_stray(text, at)
@@ -215,7 +215,7 @@ def _told(wrong: Misfit, text: str) -> tuple[int, str, str]:
 
 
 def _stray(text: str, at: int) -> tuple[str, str]:
-    """Return what is wrong where no word begins, and what would be right."""
+    """Return the problem and the expected text at a character that begins no token."""
     if text.startswith("/*", at):
         return "got a comment that does not end", "'*/' at its end"
     if text[at] in "'\"":

@@ -42,7 +42,7 @@ class MemberChecker(ExpressionChecker):
         return name.text not in RESERVED
 
     def fields(self, text: syntax.Field) -> list[Field]:
-        """Return the members that a field declares, with what `keep` gives them and without those with a fault."""
+        """Return the members that a field declares, with values from `keep`, without faulty ones."""
         type_ = self.attempt(self.type_of, text.type)
         words = [name for name in text.names if self.allowed(name)]
         if type_ is None:

@@ -16,7 +16,7 @@ NO_FUNCTIONS: Final[Mapping[str, Callable[..., Any]]] = {}
 
 
 class ParameterMismatch(ValueError):
-    """A value that a parameter can't have, or one that it needs.
+    """A parameter has an invalid value, or lacks one.
 
     Attributes:
         scenario: Name of the scenario.
@@ -69,7 +69,7 @@ def default_of(scenario: ScenarioDefinition, name: str) -> Any:
 
 
 class _Values(dict[str, Any]):
-    """Names to values, each made when it is first asked for: a default may use what is declared before it."""
+    """Lazily evaluated values by name, as a default may use earlier declarations."""
 
     def __init__(
         self, scenario: ScenarioDefinition, overrides: Mapping[str, Any], functions: Mapping[str, Callable[..., Any]]

@@ -31,7 +31,7 @@ ABSENT: Final[Mapping[str, str]] = {
 
 
 def read_scenarios(path: Path) -> tuple[ScenarioDefinition, ...]:
-    """Return the scenarios of a file, in its order, without those of imported files.
+    """Return the scenarios of a file in order, imported files excluded.
 
     Raises:
         FileError: every fault in the file and those that it imports; of each file that is not in the language at all, the
@@ -86,7 +86,7 @@ def files_of(path: Path) -> tuple[Path, ...]:
 
 
 class _Reader:
-    """Reads the declarations of a file and of those that it imports, each once; faults are collected."""
+    """Reads the declarations of a file and its imports, each file once, and collects faults."""
 
     def __init__(self, file: Path) -> None:
         self.faults: list[Fault] = []
@@ -122,7 +122,7 @@ class _Reader:
 
 
 def _content(path: Path, place: Place) -> str:
-    """Return the text of a file; `place` is that of its import."""
+    """Return the text of a file; `place` is the place of its import."""
     try:
         return files.read_text(path, "a scenario file", MOST_BYTES)
     except files.Missing:

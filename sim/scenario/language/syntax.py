@@ -207,7 +207,7 @@ class EnumType(NamedTuple):
 
 
 class Compound(NamedTuple):
-    """A struct, actor, action, modifier or scenario with its members and what it inherits from.
+    """A struct, actor, action, modifier, or scenario with its members and bases.
 
     The name is one word, or an actor's and its action's.
     """
@@ -222,7 +222,7 @@ Declaration: TypeAlias = PhysicalType | Unit | EnumType | Compound | Field | Ref
 
 
 class File(NamedTuple):
-    """A file: what it imports and what it declares, each in its order."""
+    """A file: its imports and its declarations, in order."""
 
     imports: tuple[Import, ...]
     declarations: tuple[Declaration, ...]

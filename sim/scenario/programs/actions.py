@@ -1,4 +1,4 @@
-"""Actions on programs and their files: those of `osc.helpers`, `osc.os` and `osc.dataops` that need processes or a folder."""
+"""Actions of `osc.helpers`, `osc.os`, and `osc.dataops` that need processes or a folder."""
 
 import functools
 import re
@@ -86,7 +86,7 @@ class RunAction(Action):
 
 
 class RunProcess(RunAction):
-    """`run_process`: starts a program; succeeds if it exits with code 0, or at once where nobody waits for it.
+    """`run_process`: starts a program; succeeds if it exits with code 0, or at once if not awaited.
 
     The command is split into words as a shell does, with quotes; no shell runs it. It starts in the run's folder. A scenario whose
     program can't be started can't work: `ScenarioError`.
@@ -136,7 +136,7 @@ class RunProcess(RunAction):
 
 
 class ProcessLogCheck(RunAction):
-    """`process_log_check`: succeeds once one of `values` stands in what the `run_process` of that label prints.
+    """`process_log_check`: succeeds once the labeled `run_process` has printed one of `values`.
 
     It fails where the process ended, or its log was cut, before: no value can appear any more.
     """
@@ -194,7 +194,7 @@ class CheckProcessRunning(RunAction, Immediate):
 
 
 class CheckFileExists(RunAction, Immediate):
-    """`check_file_exists`: whether there is such a file or folder, seen from the run's folder."""
+    """`check_file_exists`: whether a file or folder exists, relative to the run's folder."""
 
     def act(self, arguments: Mapping[str, Any]) -> bool:
         name = arguments["file_name"]
@@ -211,7 +211,7 @@ class CheckFileNotExists(CheckFileExists):
 
 
 class MonitorResources(RunAction):
-    """`monitor_resources`: runs until the scenario ends; then what the run's processes used stands in `file_name`."""
+    """`monitor_resources`: runs until the scenario ends, and writes the processes' usage to `file_name`."""
 
     _file: Path | None = None
 

@@ -34,7 +34,7 @@ _NAME: Final = re.compile(rb"(?<![\w.~/$})-])/(config|out)(?![\w.-])")
 
 @dataclass(frozen=True, slots=True)
 class RunFolders:
-    """The folders of one run, below one that is its own.
+    """The folders of one run, below its own folder.
 
     Attributes:
         config: The run files as they were given.
@@ -134,7 +134,7 @@ def unmatched(files: RunFiles, patterns: Sequence[str]) -> tuple[str, ...]:
 
 
 def copy_in(files: RunFiles, folder: Path) -> None:
-    """Copy `files` below `folder`, executable where they were; ScenarioError for one that is gone or changed."""
+    """Copy `files`, with their executable bits, below `folder`; ScenarioError for a missing or changed one."""
     for path, content in files:
         target = folder / path
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -148,7 +148,7 @@ def copy_in(files: RunFiles, folder: Path) -> None:
 
 
 def _parts(pattern: str) -> tuple[str, ...]:
-    """Return the parts of a pattern, the last of which is for the file's name."""
+    """Return the parts of a pattern; the last one matches the file's name."""
     parts = PurePosixPath(pattern).parts
     if not parts or parts[0] == "/" or ".." in parts:
         raise ScenarioError(f"expected a pattern below the campaign file's folder, got run_files pattern {pattern!r}")
@@ -223,7 +223,7 @@ class MountNamespace:
 
     @classmethod
     def of(cls, mounts: Mapping[str, Path]) -> "MountNamespace":
-        """Make a namespace with the machine's folders and those of `mounts`, each at its path below `/`.
+        """Make a namespace with the machine's folders and `mounts`, each at its path below `/`.
 
         Its root folder is read-only, so that files written beside the folders are not lost silently.
 

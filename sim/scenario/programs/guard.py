@@ -25,7 +25,7 @@ _PROC: Final = Path("/proc")
 
 
 def marked(mark: str) -> Iterator[int]:
-    """Yield the ids of other living processes whose mark begins with `mark`.
+    """Yield ids of other living processes with a mark that begins with `mark`.
 
     A process that cleared its environment is not found, nor is one of another user.
     """
@@ -37,7 +37,7 @@ def marked(mark: str) -> Iterator[int]:
 
 
 def kill_marked(mark: str, for_s: float = KILL_FOR_S) -> tuple[int, ...]:
-    """Kill all processes with `mark`, and return the ids of those left after `for_s` (s).
+    """Kill all processes with `mark`; return the ids of survivors after `for_s` (s).
 
     One look may miss a process: while it executes a program, it has no environment for a moment.
     """

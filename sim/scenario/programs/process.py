@@ -28,7 +28,7 @@ _KILL_S: Final = 5.0
 
 
 class ProcessLog:
-    """Drains a program's pipe into a file and drops the excess, so that the program never blocks.
+    """Drains a program's pipe into a file, and drops the excess so that the program never blocks.
 
     Attributes:
         cut: Whether something was dropped.
@@ -50,7 +50,7 @@ class ProcessLog:
         threading.Thread(target=self._drain, name=f"log {self.path.name}", daemon=True).start()
 
     def abandon(self) -> None:
-        """Close a log whose program could not be started."""
+        """Close the log of a program that could not be started."""
         os.close(self.write_end)
         os.close(self._read_end)
         self.complete.set()

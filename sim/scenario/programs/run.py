@@ -190,7 +190,7 @@ class ProcessRun:
 
     @property
     def waiting(self) -> bool:
-        """True if a command still runs, so that host time has to pass."""
+        """True if a command is running, which needs host time."""
         return any(group.failure is None for group in self._groups)
 
     def wait(self, timeout_s: float) -> None:
@@ -222,7 +222,7 @@ class ProcessRun:
         return tuple(self._sampler.rows) if self._sampler else ()
 
     def close(self) -> ProcessRecord:
-        """End everything, let `post_command` run, and read what is left; called once.
+        """Stop all programs, run `post_command`, and read the output; called once.
 
         Programs that should be asked before they are killed have to be stopped first.
         """

@@ -54,10 +54,10 @@ class Action(ABC):
 
     @abstractmethod
     def update(self) -> Status:
-        """Return RUNNING, SUCCESS, or FAILURE; called once in each tick from that of `enter` on."""
+        """Return RUNNING, SUCCESS, or FAILURE; called once per tick, from the tick of `enter` on."""
 
     def cancel(self) -> None:  # noqa: B027 - most have nothing to stop
-        """Stop what was begun; called when the branch is given up while the action runs."""
+        """Stop the action; called when its branch is abandoned while it runs."""
 
     def shutdown(self) -> None:  # noqa: B027 - most leave nothing
         """Leave nothing running; called once at the end of a run, whatever became of the action."""

@@ -130,7 +130,7 @@ def with_members(whole: Any, given: Any) -> Any:
 
 
 def pose_in(found: Any) -> Pose:
-    """Return the pose in a message, at any depth; ScenarioError if there is none."""
+    """Return the pose in a message, at any depth; ScenarioError without one."""
     while isinstance(found, Mapping) and "pose" in found:
         found = found["pose"]
     if not isinstance(found, Mapping) or not isinstance(found.get("position"), Mapping):
@@ -155,7 +155,7 @@ def velocity_in(found: Any) -> tuple[float, float, float]:
 
 
 def pose_3d_in(found: Any) -> dict[str, Any]:
-    """Return the pose in a message as the struct `pose_3d`; ScenarioError if there is none."""
+    """Return the pose in a message as the struct `pose_3d`; ScenarioError without one."""
     pose = pose_in(found)
     turn = {"roll": 0.0, "pitch": 0.0, "yaw": pose.yaw_rad}
     return {"position": {"x": pose.x_m, "y": pose.y_m, "z": 0.0}, "orientation": turn}

@@ -47,7 +47,7 @@ class Node(Behaviour):
 
     @property
     def class_name(self) -> str:
-        """Name of what it does; an action's own where it calls one."""
+        """Name of its behavior; the action's name if it calls one."""
         return type(self).__name__
 
     def belongs(self, place: Place, state: RunState) -> None:
@@ -75,7 +75,7 @@ def running_leaves(node: Behaviour) -> Iterator[Behaviour]:
 
 
 class Condition:
-    """Condition of a `wait` or an `until` in one run; evaluation of what a user wrote may raise `ScenarioError`.
+    """Condition of a `wait` or `until` in one run; its evaluation may raise `ScenarioError`.
 
     Attributes:
         words: How it is written, in short.
@@ -222,6 +222,6 @@ class Emission(Leaf):
 
 
 def awaited_names(leaves: Sequence[Behaviour]) -> list[str]:
-    """Return the names of the awaited leaves: actions, if there are any that do not only go along."""
+    """Return the names of the awaited leaves: actions, unless all of them are background ones."""
     actions = [leaf for leaf in leaves if isinstance(leaf, ActionCall)]
     return [leaf.name for leaf in actions if not leaf.action.goes_along] or [leaf.name for leaf in actions or leaves]

@@ -96,7 +96,7 @@ class Variables(MutableMapping[str, Any]):
         self._homes: dict[str, tuple[dict[str, Any], str]] = {}
 
     def declare(self, name: str) -> None:
-        """Allow setting a name, whose actor has its members."""
+        """Allow setting a name, and the members of its actor."""
         actor, _, member = name.rpartition(".")
         self._homes[name] = (self._state.names[actor], member) if actor else (self._state.names, name)
 

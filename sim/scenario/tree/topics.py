@@ -91,7 +91,7 @@ class StackLog:
 
 
 class RosAction(WorldAction):
-    """An action on what a ROS machine would have, which it does not begin where that is not here."""
+    """An action on a part of ROS; it does not begin if the part is not simulated."""
 
     def __init__(self, name: str, simulation: Simulation, situation: ActionSituation) -> None:
         super().__init__(simulation, situation)
@@ -167,7 +167,7 @@ class CheckData(Listening):
 
 
 class TopicMonitor(Listening):
-    """`topic_monitor`: succeeds at once; from then on a variable has the last message, or a member of it."""
+    """`topic_monitor`: succeeds at once, and keeps the last message, or a member of it, in a variable."""
 
     def begin(self, arguments: Mapping[str, Any]) -> None:
         super().begin(arguments)
@@ -181,7 +181,7 @@ class TopicMonitor(Listening):
 
 
 class TopicPublish(RosAction):
-    """`topic_publish`: what a goal, an initial pose or a velocity on a topic has the robot do."""
+    """`topic_publish`: sends the robot a goal, an initial pose, or a velocity."""
 
     def begin(self, arguments: Mapping[str, Any]) -> None:
         topic, value = absolute(str(arguments["topic_name"])), arguments["value"]
@@ -197,7 +197,7 @@ class TopicPublish(RosAction):
 
 
 class Available(RosAction):
-    """`wait_for_topics`, `wait_for_nodes` and the like: all that there is here, is there from the start."""
+    """`wait_for_topics`, `wait_for_nodes`, and the like: simulated ones exist from the start."""
 
 
 class LogCheck(RosAction):

@@ -63,7 +63,7 @@ class Sequence(composites.Sequence, Node):
 
 
 class Parallel(composites.Parallel, Node):
-    """All children in each tick, those that succeeded not again; fails with the first failure, succeeds with the last."""
+    """Ticks all children until they succeed; fails with the first failure, succeeds with the last success."""
 
 
 class OneOf(composites.Parallel, Node):
@@ -155,7 +155,7 @@ class ScenarioTree:
         return tuple(awaited_names(running))
 
     def tick(self, number: int | None = None) -> None:
-        """Make the next tick, or a later one if those between change nothing (`next_tick`).
+        """Advance one tick, or several if those between change nothing (`next_tick`).
 
         What an action raises is passed on.
 
@@ -225,7 +225,7 @@ class ScenarioTree:
 
 
 def _declare(definition: ScenarioDefinition, state: RunState) -> None:
-    """Evaluate actors and variables, each after those that it needs."""
+    """Evaluate actors and variables in the order of their dependences."""
     waiting: dict[str, Expression | None] = {variable.name: variable.default for variable in definition.variables}
     waiting |= {actor.name: Struct(actor.types[0], actor.members, actor.place) for actor in definition.actors}
 

@@ -26,7 +26,7 @@ ROBOT_MODEL: Final = "topic:"
 
 
 class Spawn(WorldAction, Immediate):
-    """Puts entities into the world at once; those with a mass can be pushed."""
+    """Puts entities into the world at once; entities with a mass can be pushed."""
 
     def act(self, arguments: Mapping[str, Any]) -> bool:
         return self._spawn(arguments["entities"])
@@ -75,7 +75,7 @@ class SpawnActor(Spawn):
 
 
 class SpawnRelative(SpawnActor):
-    """`osc_actor.relative_spawn`: so far ahead of where the robot is, turned as the robot is."""
+    """`osc_actor.relative_spawn`: at a distance in front of the robot, with its heading."""
 
     def act(self, arguments: Mapping[str, Any]) -> bool:
         robot, ahead_m = self.simulation.true_pose, float(arguments["distance"])
@@ -85,7 +85,7 @@ class SpawnRelative(SpawnActor):
 
 
 class Delete(WorldAction, Immediate):
-    """Takes an entity out of the world; a failure where there is none of its name."""
+    """Removes an entity from the world; fails if no entity has its name."""
 
     def act(self, arguments: Mapping[str, Any]) -> bool:
         name = str(arguments.get("entity") or arguments.get("entity_name") or self.situation.actor.get("name", ""))
