@@ -24,7 +24,7 @@ CampaignResult: TypeAlias = Results
 def run_campaign(
     campaign: "str | os.PathLike[str] | RunRequest", *, observer: Observer | None = None, **options: Any
 ) -> CampaignResult:
-    """Run a campaign and write its report; what is in the store is not computed again.
+    """Run a campaign and write its report; stored results are not computed again.
 
     Works from a plain script (no `__main__` guard) and from a notebook. Prefect starts only if something is missing.
     Ctrl-C and SIGTERM raise `KeyboardInterrupt`, and end a process that does not end by itself within seconds.

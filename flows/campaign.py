@@ -47,7 +47,7 @@ def _stem(request: RunRequest) -> str:
 
 @flow(name=FLOW, flow_run_name=_title, persist_result=False)
 def campaign(request: RunRequest) -> State[Any]:
-    """Run a campaign and write its report. What the store has is not computed again.
+    """Run a campaign and write its report; stored results are not computed again.
 
     Args:
         request: The campaign file, and what of it is run, how and where.

@@ -138,7 +138,7 @@ def run_and_show(request: RunRequest, as_json: bool, *, open_report: bool = Fals
 
 @contextmanager
 def computing() -> "Iterator[Display]":
-    """Show the progress of the body; an interrupt or a lost API ends it with the command that goes on."""
+    """Show the progress of the body; after an interrupt or a lost API, print the command that resumes."""
     going_on = f"`{shlex.join(['vastflow', *sys.argv[1:]])}` again computes only what is missing"
     with Interruptible(f"interrupted; {going_on}") as interruptible:
         from vastflow.flows.terminal.display import Display
@@ -156,7 +156,7 @@ def computing() -> "Iterator[Display]":
 
 
 def _directory(results: Path) -> Path:
-    """Return the campaign directory, or a half written one if there is no complete one."""
+    """Return the campaign directory, or an incomplete one if there is no other."""
     from vastflow.flows.results.directory import left_behind, writer_of
 
     if meant_address(results):

@@ -1,1 +1,1 @@
-"""Two campaigns beside each other."""
+"""Comparison of two campaigns."""

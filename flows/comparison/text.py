@@ -159,7 +159,7 @@ def _rates(one: RateDifference) -> tuple[str, ...]:
 
 
 def _changes(found: Compared, title: str, changes: Sequence[Change], most: int) -> Iterator[RenderableType]:
-    """Yield a title, a table of configurations, and how many more there are."""
+    """Yield a title, a table of configurations, and the number of omitted ones."""
     yield from ("", Text(title, "bold"))
     rows = []
     for change in changes[:most]:

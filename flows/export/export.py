@@ -32,7 +32,7 @@ from vastflow.tasks.store.artifact import inside
 
 
 class ExportSource:
-    """Reads what an export needs; every method raises `UnusableDirectory` if a file is missing or damaged."""
+    """Reads an export's inputs; every method raises `UnusableDirectory` for a missing or damaged file."""
 
     def __init__(self, directory: Path) -> None:
         self._directory = directory
@@ -242,7 +242,7 @@ def _fits(row: Mapping[str, Any], pattern: str) -> bool:
 
 
 def _below(place: Path, name: str) -> Path:
-    """Return the path of the file `name`, whose folder is made."""
+    """Return the path of the file `name`, and make its folder."""
     try:
         file = inside(place, name)
     except ValueError as error:
@@ -253,7 +253,7 @@ def _below(place: Path, name: str) -> Path:
 
 @contextmanager
 def _filled(folder: Path) -> Iterator[Path]:
-    """Yield a folder whose content moves to `folder` at the end of the body, or vanishes if it raises.
+    """Yield a temporary folder that moves to `folder` after the body, or is removed if it raises.
 
     An existing folder is kept, since it may be a mount point or the working directory of a shell.
     """

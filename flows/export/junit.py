@@ -30,7 +30,7 @@ class Flaw:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One test, which started at `started_s` since 1970 (UTC) if that is known, and has a flaw unless it passed."""
+    """One test, with its start `started_s` (s since 1970, UTC) if known, and a failure unless it passed."""
 
     name: str
     classname: str

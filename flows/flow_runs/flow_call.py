@@ -153,7 +153,7 @@ class _Thread:
         return self._done.wait(timeout_s)
 
     def interrupt(self) -> None:
-        """Raise `KeyboardInterrupt` in the flow, so that unfinished files are removed."""
+        """Interrupt the flow, so that it removes unfinished files."""
         if self._thread.ident is not None:
             ctypes.pythonapi.PyThreadState_SetAsyncExc(
                 ctypes.c_ulong(self._thread.ident), ctypes.py_object(KeyboardInterrupt)

@@ -153,14 +153,14 @@ def publish(found: Results, name: str, reports: str | None = None) -> None:
 
 
 def show_text(key: str, text: str, about: str) -> None:
-    """Show Markdown text on the current flow run's page, if there is one."""
+    """Show Markdown text on the current flow run's page, if any."""
     if not is_embedded():
         with tolerated():
             _create(key, "markdown", text, about)
 
 
 def result_rows(found: Results) -> list[dict[str, Any]]:
-    """Rows of the report's first table: one for each family and, if there are several, one for all."""
+    """Rows of the report's first table: each family, and all together if there are several."""
     tables = read_tables(found.directory)
     whole, rows = evidence_of(tables)[None], []
     for name, group in [*whole.families.items(), *([("all", whole.campaign)] if len(whole.families) != 1 else [])]:

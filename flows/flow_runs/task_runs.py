@@ -66,7 +66,7 @@ class TaskRuns:
         self._recorded = 0
 
     def map(self, stage: str, shards: Sequence[Any], *upstream: Sequence[Any]) -> "list[PrefectFuture[Any]]":
-        """Submit a task run for each shard, at most as many at a time as there are workers.
+        """Submit a task run for each shard, with one active task run per worker at most.
 
         Args:
             stage: Name of a task of `vastflow.tasks.prefect.stages`.

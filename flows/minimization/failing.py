@@ -32,7 +32,7 @@ class NotMinimized(UserError, ValueError):
 
 @dataclass(frozen=True)
 class Failing:
-    """A configuration whose runs fail.
+    """A failing configuration.
 
     Attributes:
         name: Its name, or that of its original if it is a duplicate.
@@ -54,7 +54,7 @@ class Failing:
 
 
 def failing_configuration(directory: Path, name: str, oracle: str | None, rate: float) -> Failing:
-    """Read a configuration that fails by `oracle`, or by the one that fails it most often, at `rate` or more.
+    """Read a configuration that `oracle`, or else its most frequent failing oracle, fails at `rate` or more.
 
     Raises:
         NotMinimized: it does not exist, was rejected or excluded, broke, or passes.
@@ -95,7 +95,7 @@ def _missing(directory: Path, name: str, known: list[str]) -> NotMinimized:
 
 
 def _failing_oracle(directory: Path, name: str, oracle: str | None, rate: float) -> str:
-    """Return the oracle whose failures count; raises NotMinimized if the configuration passes or was not judged."""
+    """Return the failing oracle; raise NotMinimized if the configuration passes or was not judged."""
     table = read_columns(directory / "verdicts.parquet")
     rows = table.filter(pc.equal(table.column("configuration"), name)).to_pylist()
     said: dict[str, list[str]] = {}

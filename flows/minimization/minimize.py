@@ -53,7 +53,7 @@ _APART: Final = 0.2
 
 @dataclass(frozen=True)
 class FailureTest(Stopping):
-    """Ends the runs of a candidate when it is known to fail by the oracle, or not to.
+    """Stops a candidate's runs once its verdict by the oracle is certain.
 
     A failing candidate has the rule's class *systematic*, whose bound is the success rate `1 - rate`.
     """
@@ -137,7 +137,7 @@ class Trials:
         return Outcome(self.test.standing(failed, judged), failed, judged)
 
     def _counts(self, candidate: Candidate, first: int = 0) -> tuple[int, int]:
-        """Return how many runs of a candidate failed and were judged, from the run `first`."""
+        """Return the failed and judged runs of a candidate, from the run `first` on."""
         found = self._found(self.configurations[candidate])
         self.used[candidate] = found.configuration.runs
         known: dict[int, str] = {}

@@ -1,1 +1,1 @@
-"""The plan: what a run would do and why, before anything of it is run."""
+"""The plan: the work of a run and its reasons, before it runs."""

@@ -1,4 +1,4 @@
-"""Explanation of one configuration: its origin, and what a run would do now."""
+"""Explanation of one configuration: its origin, and its due work."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -35,7 +35,7 @@ FILE: Final = "campaign file"
 
 @dataclass(frozen=True)
 class Explanation:
-    """All there is to say of a configuration.
+    """The full explanation of a configuration.
 
     Attributes:
         row: Of `configurations.parquet`.
@@ -107,7 +107,7 @@ def _runs(blocks: Sequence[Stored]) -> str:
 
 
 def _today(past: Past, name: str, store: str | None) -> tuple[Plan | None, str]:
-    """Return the plan of one configuration, or None and the reason why there is none."""
+    """Return the plan of one configuration, or None and a reason."""
     asked = asked_of(past.metadata)
     try:
         with replica(past.directory, asked) as laid_out, TemporaryDirectory(prefix="vastflow-") as environments:

@@ -147,12 +147,12 @@ class Plan:
 
     @property
     def families(self) -> list[str]:
-        """Families in order, those of whose configurations nothing is left included."""
+        """Families in order, including ones without remaining configurations."""
         return list(dict.fromkeys(each.family for each in self.steps))
 
 
 def plan_of(request: RunRequest, environments: Path, since: Path | None = None) -> Plan:
-    """Return what a run of this request would compute.
+    """Return the work of a run of this request.
 
     Evaluations of producers come from the store, or are made in this process and not stored.
 
@@ -319,7 +319,7 @@ def plan_view_of(configuration: Configuration) -> "PlanView":
 
 
 def draw(configurations: Iterable[Configuration], folder: Path) -> list[Path]:
-    """Write the pictures of configurations; one that can't be drawn is named on standard error."""
+    """Write the pictures of configurations; name those that can't be drawn on standard error."""
     from vastflow.oracles.figures.case_figure import plan_view_figure
     from vastflow.oracles.figures.style import png
 

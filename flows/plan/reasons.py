@@ -97,7 +97,7 @@ class Reasons:
         return DueReason("input changed", f"what {name} reads changed", fresh or "values that were not together before")
 
     def execute(self, configuration: ConfigurationRuns, absent: Sequence[int]) -> list[tuple[DueReason, int]]:
-        """Reasons for these runs, each with how many it is of."""
+        """Reasons for these runs, each with its number of runs."""
         if self._past is None:
             return [(NEVER, len(absent))]
         row = self._past.by_key.get(configuration.checked)
@@ -106,7 +106,7 @@ class Reasons:
         return list(Counter(self._run(self._past, row, configuration, run) for run in absent).items())
 
     def later(self, stage: Literal["observe", "judge"], configuration: ConfigurationRuns) -> DueReason:
-        """Why a block that is recorded is observed, or one that is observed is judged."""
+        """The reason why a recorded block is observed, or an observed block is judged."""
         if self._past is None:
             return NEVER
         if configuration.checked not in self._past.by_key:
@@ -133,7 +133,7 @@ class Reasons:
         return self._of_stage[stage]
 
     def _scenario(self, past: Past, configuration: Configuration) -> DueReason:
-        """Why a configuration is executed whose scenario the campaign before did not have."""
+        """The reason why a configuration is executed that the previous campaign did not have."""
         if same := past.by_digest.get(configuration.scenario.digest):
             what = "what vastflow or a plug-in makes of the same scenario changed"
             return DueReason("scenario changed", what, "" if same["name"] == configuration.name else same["name"])
@@ -157,7 +157,7 @@ class Reasons:
         return {each.scenario.digest for each in self.configurations.values()}
 
     def _fresh(self, past: Past, family: str, values: Mapping[str, Any]) -> list[str]:
-        """The keys whose values no configuration of the family had."""
+        """The keys with values that no configuration of the family had."""
         return [key for key in values if json_text({key: values[key]}) not in self._known(past, family, key)]
 
     def _known(self, past: Past, family: str, *keys: str) -> set[str]:
@@ -174,7 +174,7 @@ def lost(past: Past) -> DueReason:
 
 
 def scenario_reason(then: Row, now: Row) -> DueReason:
-    """Describe how the scenario of a row differs from that of an earlier row."""
+    """Describe the differences between the scenarios of a row and an earlier row."""
     found = [*value_changes(written_scenario(then), written_scenario(now))]
     # dimension and key of each path into the scenario; the path itself outside of dimensions
     keys = list(dict.fromkeys(key[0] if (key := _DIMENSION_AND_KEY.match(path)) else path for path, _, _ in found))

@@ -161,7 +161,7 @@ def _covered_table(what: str, rows: Sequence[Covered]) -> Table:
 
 
 def share_text(share: float | None) -> str:
-    """A share for people, rounded down, so that only what is whole is 100 %."""
+    """A share as text, rounded down, so that only the whole is 100 %."""
     if share is None:
         return "–"
     if 0.0 < share < 0.001:

@@ -1,4 +1,4 @@
-"""Sequential stopping of a campaign: how many runs a configuration wants next, by the judgements of its first runs alone."""
+"""Sequential stopping: the next number of runs of a configuration, from the judgements of its first runs."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

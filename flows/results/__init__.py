@@ -1,1 +1,1 @@
-"""The campaign directory: what it holds, how it is written, what it is remembered by."""
+"""The campaign directory: its content, how it is written, and its provenance."""

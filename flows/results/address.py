@@ -84,7 +84,7 @@ WITHOUT_RUNS: Final = ("recordings", "traces", "outputs", "logs", "inputs", "env
 
 @contextmanager
 def at_hand(results: str, leave_out: Collection[str] = ()) -> Iterator[Path]:
-    """The folder itself, or for as long as the body takes a copy of what is at the address.
+    """The folder itself, or a temporary copy of the files at the address.
 
     Args:
         results: A folder, or the address of one campaign directory such as `s3://bucket/prefix/NAME`.

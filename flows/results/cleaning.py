@@ -25,7 +25,7 @@ from vastflow.tasks.store.store import WRITING_S, Holding, Lost, Store, StoreErr
 
 @dataclass(frozen=True, slots=True)
 class References:
-    """Keys of the stored artifacts that campaign directories were made of; those of evaluations may not be known."""
+    """Keys of the artifacts behind campaign directories; those of evaluations may be unknown."""
 
     keys: frozenset[str]
     evaluations: bool

@@ -114,7 +114,7 @@ def writer_of(partial: Path) -> int | None:
 
 
 def _began_s(pid: int) -> float | None:
-    """Return the start time of a process, which identifies it beside its number; None without a process."""
+    """Return the start time of a process, which identifies it with its id; None without a process."""
     try:
         return psutil.Process(pid).create_time()
     except psutil.Error:

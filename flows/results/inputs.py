@@ -183,7 +183,7 @@ def replica(directory: Path, asked: Asked) -> Iterator[Replica]:
 
 
 def _laid_out(directory: Path, asked: Asked, folder: Path) -> Replica:
-    """Copy the inputs into `folder`, those from outside of the campaign file's folder outside of it again."""
+    """Copy the inputs into `folder`; those outside of the campaign file's folder stay outside of its copy."""
     above = max((Path(place).parts.count("..") for place in asked.places), default=0)
     root = folder / "campaign"
     base = root.joinpath(*["campaign"] * above)

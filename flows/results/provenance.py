@@ -53,7 +53,7 @@ def change_text(path: str, then: Any, now: Any) -> str:
 
 
 def few(words: Sequence[str], most: int = _MOST_SHOWN) -> str:
-    """The first few, and how many more there are."""
+    """The first few, and the number of others."""
     more = len(words) - most
     return ", ".join(words) if more <= 0 else f"{', '.join(words[:most])} and {more} more"
 
@@ -80,7 +80,7 @@ def origin_row(keys: Keys) -> dict[str, Any]:
 
 
 def origin_differences(metadata: Mapping[str, Any], numeric: str, execute_source: str) -> list[str]:
-    """Return reasons why a replay may differ from the recording; empty if bytes must be equal.
+    """Return reasons why a replay may differ from the recording; empty if its bytes must be equal.
 
     Args:
         numeric, execute_source: Numeric class of this process, and source digest of the simulator as it is installed here.

@@ -102,7 +102,7 @@ class Results:
         return wide_table(read_tables(self.directory))
 
     def _repr_html_(self) -> str | None:
-        """The headline, as a notebook shows it; None where the directory is no longer there, so that it shows `repr`."""
+        """The headline for a notebook; None without the directory, so that the notebook shows `repr`."""
         from vastflow.oracles.page.headline import headline_html
 
         try:

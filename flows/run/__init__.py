@@ -1,1 +1,1 @@
-"""One run of a campaign: what it opens and computes, and the report that follows."""
+"""One run of a campaign: preparation, computation, and report."""

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 def stopwatch(tally: Tally) -> Callable[[], Work]:
-    """Start a clock; what it returns is the work since then, of this process and its ended children."""
+    """Start a clock, and return a function for the work since, of this process and its ended children."""
     began_s, before_s = time.perf_counter(), sum(os.times()[:4])
 
     def work() -> Work:
@@ -54,7 +54,7 @@ class Computing:
 
     @property
     def title(self) -> str:
-        """Name of the flow run until the size of the campaign is known."""
+        """Initial name of the flow run, before the campaign's size is known."""
         return f"{self.stage} {self.name} {self.created:%Y-%m-%d %H:%M:%S}".lstrip()
 
     def run(self, flow: Callable[[], Any], done: Callable[[], bool] = lambda: False) -> None:

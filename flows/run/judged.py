@@ -39,7 +39,7 @@ class Judged:
         ]
 
     def incomplete(self, engine: Engine) -> list[FoundRuns]:
-        """Configurations of which something is missing that no fault explains."""
+        """Configurations with missing results that no fault explains."""
         broken = engine.broken
         return [each for name, each in self.found.items() if not each.complete and name not in broken]
 
@@ -94,7 +94,7 @@ def through(
 
 
 def begin(run: PreparedCampaign, computing: Computing, judged: Judged | None) -> None:
-    """Let workers begin with missing runs, or with compiling kernels until these are known.
+    """Let workers begin with missing runs, or compile kernels until the runs are known.
 
     Of controllers those that the families name: one that a producer chooses is compiled when a robot first drives by it.
     """

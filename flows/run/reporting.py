@@ -81,7 +81,7 @@ def reported(run: PreparedCampaign, computing: Computing, judged: Judged) -> Res
 
 
 def current(run: PreparedCampaign, computing: Computing, judged: Judged) -> Results | None:
-    """The newest directory of a campaign of which the store has everything, where it is what this run would write.
+    """The campaign's newest directory, if the store is complete and this run would write the same.
 
     A campaign with steps of postprocessing has none: what they follow from can't be told.
     """
@@ -109,7 +109,7 @@ def _key(run: PreparedCampaign, computing: Computing, judged: Judged) -> str:
 
 
 def _is_by_its_source(run: PreparedCampaign) -> bool:
-    """Whether this process imported the source whose digest is in the key: somebody may have edited it since."""
+    """Whether the imported source is the one in the key, as it may have been edited since."""
     try:
         if run.keys.sources is not None:
             run.keys.sources.check_since_start(written_by())

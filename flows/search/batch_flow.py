@@ -27,7 +27,7 @@ class BatchBar:
         self._before = before
 
     def update(self, progress: Progress) -> None:
-        """Show the runs of the batch among those of `progress`."""
+        """Show the batch's share of `progress`."""
         done, total = progress.runs_done - self._before, progress.runs_total - self._before
         if total > 0:
             with tolerated():

@@ -67,7 +67,7 @@ _BATCHES: Final = "batches"
 
 @dataclass
 class BatchClock:
-    """Measures a budget of time; without a key there is none.
+    """Measures a time budget; there is none without a key.
 
     The number of batches that fit it is stored, so that a search with the same key has as many and the same result.
     """
@@ -188,7 +188,7 @@ class SearchProgress:
     def take(
         self, instantiated: Instantiated, found: Mapping[str, FoundRuns], index: Index, broken: Collection[str]
     ) -> bool:
-        """Take the results of the current points and ask for the next; return whether there are any.
+        """Add the results of the current points and ask for the next; return whether there are any.
 
         A broken batch is computed once more; if it breaks again, the search ends. `broken` are names of configurations with a fault.
 
@@ -230,7 +230,7 @@ class SearchProgress:
         return bool(points) or self._end("the strategy proposes nothing more")
 
     def _end(self, why: str) -> bool:
-        """Ask for all points together, the best with its confirming runs; return whether there are any."""
+        """Ask for all points at once, the best with its confirming runs; return whether there are any."""
         self.ended_by, self._again = why, False
         self.clock.keep(len(self.batches))
         told = [each.proposal for each in (*self.evaluations, *self.baseline)]

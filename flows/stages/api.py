@@ -81,7 +81,7 @@ def execute(
     workers: int | None = None,
     observer: Observer | None = None,
 ) -> Recordings:
-    """Execute runs of configurations; those whose recordings are in the store are not executed again.
+    """Execute runs of configurations that have no recordings in the store.
 
     A run that can't be executed is in `faults` of the result, and raises nothing.
 
@@ -108,7 +108,7 @@ def execute(
 
 
 def observe(recordings: Recordings, *, workers: int | None = None, observer: Observer | None = None) -> Traces:
-    """Observe recordings; those whose traces are in the store are not observed again.
+    """Observe recordings that have no traces in the store.
 
     Args:
         workers, observer: As `execute` has them.
@@ -128,7 +128,7 @@ def judge(
     workers: int | None = None,
     observer: Observer | None = None,
 ) -> Verdicts:
-    """Judge traces; those whose verdicts are in the store are not judged again.
+    """Judge traces that have no verdicts in the store.
 
     Args:
         oracles: Other oracles than the campaign file's, or others' parameters: names, `file.py:Class` relative to the campaign
@@ -149,7 +149,7 @@ def judge(
 def _computed(
     stage: str, before: StageResult, oracles: Sequence[Oracle[Any]], workers: int | None, observer: Observer | None
 ) -> tuple[Configurations, int, Keys, dict[str, tuple[Stored, ...]], tuple[RunFault, ...]]:
-    """Compute missing results of a stage after that of `before`; return the fields of its result."""
+    """Compute missing results of the stage after `before`; return the fields of its result."""
     configurations, opened = before.configurations, before.configurations.opened
     executed = distinct_configurations(configurations.instantiation, before.runs)
     fresh = campaign_keys(installed_tree(), opened.campaign.seed, oracles)
@@ -206,7 +206,7 @@ def _keys(blocks: Sequence[Stored], traced: bool) -> set[str]:
 
 
 def _rows(found: FoundRuns, stage: str) -> list[list[Any]]:
-    """Start, stop, and content digests of blocks, as `Engine.observe` takes them, or `Engine.judge` those observed."""
+    """Start, stop, and content digests of blocks, for `Engine.observe` or, if observed, `Engine.judge`."""
     return [
         [each.block.start, each.block.stop, each.block.content, *([each.trace.content] if each.trace else [])]
         for each in found.stored

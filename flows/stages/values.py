@@ -80,7 +80,7 @@ class Configurations:
         return self._named[name]
 
     def executed_as(self, name: str) -> Configuration:
-        """The configuration whose runs are those of `name`: an earlier one of the same content, or itself."""
+        """The configuration that owns the runs of `name`: an earlier one of equal content, or itself."""
         found = self[name]
         return found if found.duplicate_of is None else self[found.duplicate_of]
 
@@ -146,7 +146,7 @@ class StageResult:
         return StoredResult(self.configurations.opened.store, blocks, self.runs, faults)
 
     def wanted(self, found: Mapping[int, T]) -> list[T]:
-        """Return what was found of runs by index, in order and without runs that are not wanted."""
+        """Return found runs by index, in order, without unwanted ones."""
         return [found[index] for index in sorted(found) if index < self.runs]
 
 

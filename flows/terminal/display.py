@@ -37,7 +37,7 @@ _SPINNER: Final = "⠋⠙⠹⠸⠼⠴⠦⠧⠇⠏"
 
 
 def view(progress: Progress, pace: Pace) -> Group:
-    """Return the live view: the phase, and once there are runs, a bar, the verdicts, and the pace."""
+    """Return the live view: the phase and, once there are runs, a bar, the verdicts, and the pace."""
     frame = _SPINNER[int(pace.elapsed_s * 8) % len(_SPINNER)]
     lines: list[Text | Table] = [Text(f"{frame} {phase_text(progress, pace)}  {duration_text(pace.phase_s)}")]
     if progress.runs_total:

@@ -1,4 +1,4 @@
-"""Arguments and options of commands; those of a run are the fields of `RunRequest`."""
+"""Arguments and options of commands; a run's options are the fields of `RunRequest`."""
 
 import functools
 from collections.abc import Callable, Mapping

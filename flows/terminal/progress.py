@@ -118,7 +118,7 @@ def phase_text(progress: Progress, pace: Pace) -> str:
 
 
 def pace_words(progress: Progress, pace: Pace) -> list[str]:
-    """Return cached runs, speed, and time left, as far as they are known."""
+    """Return cached runs, speed, and time left, as far as known."""
     words = [f"{progress.reused} from the store"] if progress.reused else []
     if pace.runs_per_s is not None and (factor := pace.times_real_time) is not None:
         words += [f"{pace.runs_per_s:.3g} runs/s", f"{factor:{',.0f' if factor >= 10 else '.2g'}} × real time"]

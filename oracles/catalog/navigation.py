@@ -64,7 +64,7 @@ class NavigationParameters(Parameters):
 
 
 class Navigation(Oracle[NavigationParameters]):
-    """Measures alone: it passes every run, so that it changes nothing of what the others say together.
+    """Measures only: passes every run, so that joint verdicts do not change.
 
     l is the length of the reference path (`vastflow.oracles.observation.observe`) and p the true path driven, in m; S is 1 where the mission
     succeeded and gave no goal up, else 0.

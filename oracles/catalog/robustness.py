@@ -37,7 +37,7 @@ class RobustnessParameters(Parameters):
 
 
 class Robustness(Oracle[RobustnessParameters]):
-    """Fails where the localization error of a run exceeds `threshold_m`: the paper's criterion, read so that it measures.
+    """Fails if a run's localization error exceeds `threshold_m`, the measurable reading of the paper's criterion.
 
     e is the distance between the estimated and the true position in m, from AMCL's first pose on. The paper sums e "over the run"
     and leaves open over which samples. All readings are measured, and `basis` names the one that judges:

@@ -1,4 +1,4 @@
-"""Oracle `safety`: the separation kept from obstacles, and how soon the robot brakes for one that appears."""
+"""Oracle `safety`: the separation from obstacles, and the reaction time to one that appears."""
 
 import math
 from collections.abc import Mapping
@@ -201,7 +201,7 @@ class Safety(Oracle[SafetyParameters]):
         return radius_m + robot_m + p.max_speed_mps**2 / (2 * p.max_deceleration_mps2)
 
     def _kept(self, trace: Trace, wrong: list[str], metrics: Mapping[str, float | None]) -> Verdict:
-        """The verdict on a run that kept its separation and touched what is `wrong`."""
+        """The verdict on a run that kept its separation but touched `wrong`."""
         if not wrong:
             return self.passed(trace, **metrics)
         more = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""

@@ -135,7 +135,7 @@ class Score:
 
 @dataclass(frozen=True, eq=False)
 class Criterion:
-    """An oracle whose runs all passed, or all failed, and the score behind that, if it has one."""
+    """An oracle with one verdict on all runs, and its score, if any."""
 
     oracle: str
     passes: bool
@@ -144,7 +144,7 @@ class Criterion:
 
     @property
     def nearest(self) -> int | None:
-        """Index of the run whose score is nearest to the other verdict."""
+        """Index of the run with the score nearest to the other verdict."""
         if self.score is None:
             return None
         at_most = not self.score.is_margin

@@ -78,7 +78,7 @@ class Evidence:
 
 
 def evidence_of(tables: Tables) -> dict[str | None, Evidence]:
-    """Evidence by oracle, in their order; under None, first, that of all together."""
+    """Evidence by oracle, in their order, after the joint evidence under None."""
     searched = bool(tables.metadata.get("search"))
     evidence: dict[str | None, Evidence] = {}
     for oracle in (None, *tables.oracles):

@@ -57,7 +57,7 @@ def weights_of(configurations: Iterable[tuple[str, str | None]]) -> dict[str, in
 
 
 def weighted_counts(counts: Mapping[str, Counts], weights: Weights) -> dict[str, Counts]:
-    """Counts with each configuration as often as it was requested."""
+    """Counts with each configuration weighted by its number of requests."""
     return {
         name: Counts(*(weights.get(name, 1) * n for n in (each.passed, each.failed, each.not_judged)))
         for name, each in counts.items()

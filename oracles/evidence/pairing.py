@@ -65,7 +65,7 @@ class Pairing:
 
     @property
     def unpaired(self) -> str:
-        """Words for configurations and runs without a counterpart; empty if there are none."""
+        """Words for configurations and runs without a counterpart; may be empty."""
         found = (
             (len(self.only_before), "configuration", "only in A"),
             (len(self.only_after), "configuration", "only in B"),

@@ -1,4 +1,4 @@
-"""Charts: success rates, thresholds, failure rates at the levels of factors, and what a search found."""
+"""Charts: success rates, thresholds, failure rates by factor level, and results of a search."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final, Literal, NamedTuple

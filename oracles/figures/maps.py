@@ -58,7 +58,7 @@ def map_figure(
 
 
 def draw_floor(axes: Axes, occupancy: OccupancyMap, zones: Zones = NO_ZONES) -> None:
-    """Draw the map with the zones on it, and show what is known of it."""
+    """Draw the map with its zones, cropped to the known part."""
     _show(axes, occupancy, _picture(occupancy))
     draw_zones(axes, zones)
     x0, x1, y0, y1 = known_extent_m(occupancy, _MARGIN_M)
@@ -319,7 +319,7 @@ def _outline(axes: Axes, cells: NDArray[np.bool_], extent: tuple[float, float, f
 
 
 def _density(grid: FailureGrid, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(H, W) points per m², blurred; what is blurred out of the grid is lost."""
+    """(H, W) points per m², blurred without compensation at the border."""
     from scipy.ndimage import gaussian_filter  # takes half a second, which a report without maps does without
 
     cells = grid.cells(xy_m)
@@ -330,7 +330,7 @@ def _density(grid: FailureGrid, xy_m: NDArray[np.float64]) -> NDArray[np.float64
 
 
 def _crosses(axes: Axes, scene: Scene) -> list[Line2D]:
-    """Mark final poses if there are few: crosses, or rings where the mission succeeded."""
+    """Mark final poses if they are few: rings for successful missions, crosses for others."""
     if len(scene.failed_xy_m) > MAX_CROSSES:
         return []
     handles = []

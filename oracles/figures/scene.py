@@ -163,7 +163,7 @@ def scenes_of(tables: Tables) -> list[Scene]:
 
 
 def known_extent_m(occupancy: OccupancyMap, margin_m: float) -> tuple[float, float, float, float]:
-    """x0, x1, y0, y1 of what is known of the map, with a margin."""
+    """x0, x1, y0, y1 of the known part of the map, with a margin."""
     rows, columns = known_cells(occupancy)
     ends = [(r, c) for r in (rows.start, rows.stop) for c in (columns.start, columns.stop)]
     corners = occupancy.corners_of(np.array(ends))
@@ -172,7 +172,7 @@ def known_extent_m(occupancy: OccupancyMap, margin_m: float) -> tuple[float, flo
 
 
 def known_cells(occupancy: OccupancyMap) -> tuple[slice, slice]:
-    """Rows and columns of the known part of the map, all where nothing is known."""
+    """Rows and columns of the known part of the map; all if it is empty."""
     known = occupancy.cells >= 0
     found = [np.flatnonzero(known.any(axis=axis)) for axis in (1, 0)]
     ends = [(at[0], at[-1] + 1) if at.size else (0, n) for at, n in zip(found, known.shape, strict=True)]

@@ -1,1 +1,1 @@
-"""Judgement: what an oracle is, how a run is judged, what a verdict holds, and why a run failed."""
+"""Judgement: oracles, verdicts, judging of runs, and causes of failures."""

@@ -72,7 +72,7 @@ def reference_path(occupancy: OccupancyMap | None, situation: Situation, radius_
 
 
 def _covered(occupancy: OccupancyMap, obstacles: tuple[Obstacle, ...]) -> NDArray[np.bool_]:
-    """Whether the center of each cell (H, W) lies in an obstacle."""
+    """Whether the center of each cell (H, W) is in an obstacle."""
     covered = np.zeros(occupancy.shape, dtype=np.bool_)
     frame, occupancy = occupancy.frame, occupancy.upright
     for obstacle in obstacles:

@@ -68,7 +68,7 @@ class ObstacleTrack:
 
 
 def obstacle_tracks_of(situation: Situation, run: Run) -> tuple[ObstacleTrack, ...]:
-    """Tracks of the situation's obstacles in order, then of those that the scenario spawned.
+    """Tracks of the situation's obstacles in order, then of spawned ones.
 
     Obstacles without a trigger are there from the start, others from their event `spawned` on; `obstacle_moved` moves and `deleted`
     removes them. Among obstacles of one name an event means the nearest possible one.

@@ -34,7 +34,7 @@ _PAGE: Final = """\
 
 
 def headline_html(directory: Path) -> str:
-    """The headline of the campaign directory `directory`, with nothing beside it that a notebook would have to fetch.
+    """The headline of a campaign directory as self-contained HTML.
 
     Raises:
         OSError, ValueError: no campaign directory, or a damaged one.

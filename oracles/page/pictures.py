@@ -97,7 +97,7 @@ def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
 
 
 def all_maps_picture(scenes: Sequence[Scene], names: Sequence[str]) -> Picture:
-    """All maps beside each other."""
+    """All maps side by side."""
     return picture(
         "maps",
         "",

@@ -1,4 +1,4 @@
-"""Sections of the report but those on failed runs and searches."""
+"""Sections of the report, except for those on failed runs and searches."""
 
 import inspect
 import json
@@ -260,7 +260,7 @@ def left_out(facts: Facts) -> str:
 
 
 def rejection_rows(rejections: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """A row for each family, producer and kind of reason: the first reason, and how many there are."""
+    """A row for each family, producer, and kind of reason: the first reason, and their number."""
     found = pd.DataFrame(rejections, columns=["family", "producer", "reason", "requested"])
     kinds = found.groupby(["family", "producer", found.reason.map(kind_of).rename("kind")], sort=False)
     rows: list[Mapping[str, Any]] = (

@@ -36,7 +36,7 @@ PLATE: Final = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "boxst
 
 
 def draw_close_up(axes: Axes, story: Story, snapshot: TickSnapshot) -> None:
-    """Fill `axes`, whose proportions should be those of the view, with what a story shows at a moment."""
+    """Fill `axes`, which should have the view's proportions, with a moment of a story."""
     tick = snapshot.moment.tick
     box = story.view[tick]
     axes.set(xlim=(box.x0, box.x1), ylim=(box.y0, box.y1), xticks=[], yticks=[], facecolor=_hex(UNKNOWN))
@@ -118,7 +118,7 @@ def _inflated(costs: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def draw_patch(axes: Axes, patch: Patch, picture: NDArray[np.uint8]) -> None:
-    """A picture of a patch where the patch lies."""
+    """A picture of a patch at the patch's place."""
     rows, columns = patch.costs.shape
     if not rows or not columns:
         return
@@ -250,7 +250,7 @@ _NARROW: Final = {"no command": "no valid command", "stopped": "stopped by the c
 
 
 def draw_timeline(axes: Axes, moments: Sequence[Moment], marks: Mapping[int, str]) -> None:
-    """Fill `axes`: bands of what the robot did, speed (m/s) and localization error (m) over time.
+    """Fill `axes`: bands of activities, speed (m/s), and localization error (m) over time.
 
     Args:
         marks: Tick to the label that stands above it.

@@ -34,7 +34,7 @@ def place(figure: Figure, left_in: float, top_in: float, width_in: float, height
 
 
 def write(figure: Figure, left_in: float, top_in: float, text: str, **style: Any) -> None:
-    """Text whose upper left corner is at a place."""
+    """Text with its upper left corner at a place."""
     page_width_in, page_height_in = figure.get_size_inches()
     look = {"color": INK, "va": "top", **style}
     figure.text(left_in / page_width_in, 1.0 - top_in / page_height_in, text, **look)
@@ -94,7 +94,7 @@ def draw_overview(axes: Axes, story: Story, snapshot: TickSnapshot, ticks: Seque
 
 
 def _write_places(axes: Axes, story: Story, ticks: Sequence[int]) -> None:
-    """A number where each picture was taken; those of one place share a label."""
+    """A number at the place of each picture; pictures of one place share a label."""
     here: dict[tuple[float, float], list[int]] = {}
     for number, tick in enumerate(ticks, 1):
         true = story.moments[tick].true
@@ -251,7 +251,7 @@ def write_film(file: Path, story: Story, snapshots: Sequence[TickSnapshot]) -> N
 
 
 def _palette(samples: Sequence[Image.Image]) -> Image.Image:
-    """Return one palette for the whole film, so that nothing flickers: the marks' colors and the most frequent others."""
+    """Return one palette for the whole film against flicker: the marks' colors, then the most frequent."""
     # Small marks would be lost in a palette made by area, and so would what their edges blend to.
     blends = [share * np.array(to_rgb(color)) + 1.0 - share for color in _KEPT for share in _SHARES]
     kept = np.unique(np.rint(255.0 * np.array(blends)).astype(np.uint8), axis=0)

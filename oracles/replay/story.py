@@ -124,7 +124,7 @@ def highlights(run: Run, first: int, last: int) -> list[int]:
 
 
 def _choose(chosen: list[int], candidates: Iterable[int]) -> None:
-    """Add the candidates farthest from the chosen ones, while there is room and distance."""
+    """Add the candidates farthest from the chosen ones while room and distance allow."""
 
     def distance(tick: int) -> int:
         return min(abs(tick - other) for other in chosen)

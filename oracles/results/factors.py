@@ -103,7 +103,7 @@ def _factor(name: str, values: Sequence[Any], known: Mapping[str, Any]) -> Facto
 
 
 def _heaps(known: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Middles of gaps at least twice as wide as the widest of the (at most `MOST_LEVELS`) heaps between them."""
+    """Middles of gaps at least twice as wide as the widest of at most `MOST_LEVELS` clusters."""
     at = np.unique(known)
     gaps = np.diff(at)
     widest_first = np.argsort(-gaps, kind="stable")

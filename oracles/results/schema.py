@@ -121,7 +121,7 @@ def column_table(schema: pa.Schema, parts: Iterable[Columns]) -> pa.Table:
 
 
 def write_table(path: Path, schema: pa.Schema, rows: Iterable[Row]) -> None:
-    """Write `rows` as parquet, see `TableWriter`; what a row lacks is null."""
+    """Write `rows` as parquet, see `TableWriter`; missing values are null."""
     waiting = iter(rows)
     with TableWriter(path, schema) as writer:
         while some := list(itertools.islice(waiting, _ROWS_A_GROUP)):
@@ -160,7 +160,7 @@ def read_columns(file: Path, *texts: str) -> pa.Table:
 
 
 def table_rows(file: Path, *columns: str) -> list[dict[str, Any]]:
-    """The rows of a parquet file, of all columns or those of `columns` that it has.
+    """The rows of a parquet file, with all columns or its columns among `columns`.
 
     Raises:
         Unreadable: it is missing or damaged.
@@ -207,7 +207,7 @@ def _reading(name: str) -> Iterator[None]:
 
 
 def floats(column: Any) -> NDArray[np.float64]:
-    """A column of numbers (N,), NaN where there is none."""
+    """A column of numbers (N,), NaN for null."""
     whole = _whole(pc.cast(column, pa.float64()))
     values: NDArray[np.float64] = _buffer(whole, np.float64)
     if whole.null_count:

@@ -69,7 +69,7 @@ class ConfigurationTable:
 
     @cached_property
     def duplicates(self) -> dict[str, str]:
-        """Name of each duplicate to that of its original."""
+        """Names of originals by name of duplicate."""
         return {name: of for name, of in zip(self.names, self.duplicate_of, strict=True) if of}
 
     def __len__(self) -> int:
@@ -205,7 +205,7 @@ class VerdictTable:
 
 
 def together(said: NDArray[np.int8]) -> NDArray[np.int8]:
-    """Joint judgements (R,) of those of oracles (R, oracles): `fail` if any, `pass` if all, else `not judged`."""
+    """Joint judgements (R,) from those of oracles (R, oracles): `fail` if any, `pass` if all, else `not judged`."""
     passed = ((said == PASS) | (said == ABSENT)).all(axis=1) & (said == PASS).any(axis=1)
     return np.where((said == FAIL).any(axis=1), FAIL, np.where(passed, PASS, NOT_JUDGED)).astype(np.int8)
 

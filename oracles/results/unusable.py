@@ -14,12 +14,12 @@ _DAMAGE: Final = (OSError, zipfile.BadZipFile, *_FOUND_WRONG)
 
 
 class UnusableDirectory(UserError, ValueError):
-    """A directory that can't be used for what was asked; says which, what was found and what would be right."""
+    """A directory can't be used for the request; the message gives the directory, problem, and expected content."""
 
 
 @contextmanager
 def reading(directory: Path | str) -> Iterator[None]:
-    """Read a campaign directory, and use what it holds, in the body.
+    """Report damage of a campaign directory that the body reads as `UnusableDirectory`.
 
     Files that were damaged or written by hand hold any value at any place, and nobody checks all of them before.
 

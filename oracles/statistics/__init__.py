@@ -1,1 +1,1 @@
-"""Statistics over counts of passes: how sure, which kind, what matters, where, how many runs, what has changed."""
+"""Statistics of pass counts: intervals, classes, effects, failure maps, sample sizes, and comparisons."""

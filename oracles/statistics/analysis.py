@@ -57,7 +57,7 @@ class FactorAnalysis:
 
     @property
     def powerless(self) -> tuple[tuple[str, ...], int]:
-        """Factors and number of pairs whose effect on other situations cannot be shown, however large it is."""
+        """Factors, and number of pairs, whose effect on other situations can't be shown at any size."""
         return tuple(each.name for each in self.factors if each.others.powerless), sum(
             pair.claim.powerless for pair in self.interactions
         )
@@ -135,7 +135,7 @@ def factor_analysis(
 
 
 def _told(effects: Sequence[E], name: str, error: float) -> list[E]:
-    """Adjust the claims `name` by Holm; one whose lowest p-value, adjusted likewise, exceeds the error is powerless."""
+    """Adjust the claims `name` by Holm; a claim is powerless if its lowest possible p-value stays too high."""
     claims: list[Claim] = [getattr(effect, name) for effect in effects]
     adjusted = holm([claim.p_value for claim in claims])
     least = holm([None if claim.p_value is None else claim.least for claim in claims])
@@ -148,7 +148,7 @@ def _told(effects: Sequence[E], name: str, error: float) -> list[E]:
 
 
 def holm(p_values: Sequence[float | None]) -> list[float | None]:
-    """p-values adjusted by Holm over those that are not None."""
+    """p-values adjusted by Holm; None stays None and does not count."""
     order = sorted((p, k) for k, p in enumerate(p_values) if p is not None)
     adjusted: list[float | None] = [None] * len(p_values)
     least = 0.0

@@ -344,7 +344,7 @@ class StoppingRule:
 
 
 def classes_by(rule: StoppingRule, passed: ArrayLike, judged: ArrayLike) -> Classes:
-    """Classes of configurations whose runs were ended by `rule`; those ended otherwise are undecided."""
+    """Classes of configurations with runs stopped by `rule`; others are undecided."""
     names = tuple(found or "undecided" for found in rule.decisions(passed, judged))
     unknown = np.full(len(names), np.nan)
     controls = (

@@ -1,4 +1,4 @@
-"""Comparison of two campaigns whose runs are paired."""
+"""Comparison of two campaigns with paired runs."""
 
 import math
 from collections.abc import Sequence
@@ -199,7 +199,7 @@ def changes(pairs: Pairs, error: float = 0.05) -> list[Change]:
 
 
 def by_level(factors: Sequence[Factor], pairs: Pairs, target: Target = "these") -> list[LevelDifference]:
-    """The difference at each level of each factor, whose codes (m,) are by configuration number."""
+    """The difference at each level of each factor, given its codes (m,) by configuration."""
     found = [
         (factor.name, name, found)
         for factor in factors

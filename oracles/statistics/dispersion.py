@@ -1,4 +1,4 @@
-"""Over-dispersion: differences between configurations beyond those between runs of one configuration."""
+"""Over-dispersion: variance between configurations beyond the variance between runs of one."""
 
 import math
 from dataclasses import dataclass

@@ -251,7 +251,7 @@ class FactorModel:
         return min(1.0, tested.variance / self.between) if self.between > 0 else 0.0
 
     def _by_situation(self, within: Factor, between: Factor) -> Tested:
-        """Test whether the effect of a factor within blocks depends on one that differs between them.
+        """Test whether the effect of a factor within blocks depends on a factor that varies between blocks.
 
         Each block's contrasts of the levels of `within` are regressed on all columns that differ between blocks, so that situations
         which respond differently are noise. The smallest p-value counts, times the number of contrasts (Bonferroni).

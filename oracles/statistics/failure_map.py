@@ -70,7 +70,7 @@ class FailureMap:
         )
 
     def rate(self, minimum_visits: int = MINIMUM_VISITS) -> Floats:
-        """Failures over visits (H, W); NaN where there are fewer visits than `minimum_visits`."""
+        """Failures over visits (H, W); NaN below `minimum_visits` visits."""
         known = self.visits >= max(minimum_visits, 1)
         return np.where(known, self.failures / np.maximum(self.visits, 1), np.nan)
 

@@ -203,7 +203,7 @@ def _beta_binomial(kinds: Floats, times: NDArray[np.int64], correlations: Floats
 
 
 def _quantile(density: Floats, logit: Floats, share: float) -> float:
-    """Rate at which the cumulated density, given at steps of equal width, reaches `share`."""
+    """Rate at which the cumulative density, given at equal steps, reaches `share`."""
     below = np.concatenate(([0.0], np.cumsum((density[1:] + density[:-1]) / 2)))
     return float(1 / (1 + np.exp(-np.interp(share, below / below[-1], logit))))
 
@@ -216,7 +216,7 @@ _U: Final = np.exp(_LOG_U)
 
 
 def mean_interval(values: ArrayLike, level: float = LEVEL) -> tuple[float, float]:
-    """Interval of the mean of a quantity within -1..1, of which independent `values` were drawn.
+    """Interval of the mean of a quantity within -1..1, from independent `values`.
 
     The lower end is Gaffke's: the (1 - level)/2 quantile of Σ w_i x_i - w_0, where the weights w are Dirichlet with all parameters 1
     (Gaffke, Mathematical Methods of Statistics 14 (2005) 451; Learned-Miller and Thomas, "A new confidence interval for the mean of a bounded

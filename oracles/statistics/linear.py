@@ -37,7 +37,7 @@ class Tested:
 
 
 class Contrasts:
-    """Tests on one response whose values come in dependent blocks.
+    """Tests on one response with dependent blocks of values.
 
     Each test is made in the stratum where its columns vary (split-plot analysis, Yates 1935): columns that differ between blocks on
     means of blocks, others on what is left without these means. The p-value is the larger of two, which fail in different places:
@@ -59,7 +59,7 @@ class Contrasts:
         self.sizes = np.bincount(self.blocks).astype(np.float64)
 
     def test(self, columns: Floats, others: Floats) -> Tested:
-        """Test `columns` (m, q) beside `others` (m, p), which hold the constant."""
+        """Test `columns` (m, q) given `others` (m, p), which include the constant."""
         last = 1 + columns.shape[1]
         between, within = self._split(np.column_stack((self.response, columns, others)))
         left_between, left_within = (beyond(part[:, 1:last], part[:, last:])[0] for part in (between, within))

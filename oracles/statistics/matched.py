@@ -155,7 +155,7 @@ def table_of(rates: Floats, codes: Codes, sets: Codes, blocks: Codes) -> Floats 
 
 
 def means_of(rates: Floats, rows: Codes, codes: Codes, levels: int) -> Floats:
-    """Mean rate (rows, L) in each row at each level, NaN where there is none."""
+    """Mean rate (rows, L) in each row at each level, NaN without data."""
     cells = (rows * levels + codes)[codes >= 0]
     size = (int(rows.max()) + 1) * levels
     n = np.bincount(cells, minlength=size)
@@ -183,7 +183,7 @@ def needed(levels: int, tests: int, error: float) -> int:
 
 
 def _sums(table: Floats) -> Floats:
-    """Sums (orders, L) over situations, those of `table` itself first."""
+    """Sums (orders, L) over situations; the first row is that of `table` itself."""
     k, levels = table.shape
     if math.factorial(levels) ** k > MOST_ORDERS:
         rng = np.random.default_rng(_ORDER_SEED)

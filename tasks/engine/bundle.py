@@ -105,7 +105,7 @@ class Packer:
 
 
 def content_of(store: Store, sha256: str) -> bytes:
-    """Return content by its SHA-256: a manifest of the store may be anybody's.
+    """Return content by its SHA-256, which is checked because manifests are not trusted.
 
     Raises:
         StoreError: it is not in the store, or something else is.
@@ -123,7 +123,7 @@ def content_of(store: Store, sha256: str) -> bytes:
 
 
 def needed_files(path: Path) -> tuple[Path, ...]:
-    """Return a file and those that it names by a relative path: a map's picture, what a scenario file imports.
+    """Return a file and the files that it names by relative paths, such as a map's picture or imports.
 
     Raises:
         FileError: it can't be read.
@@ -157,7 +157,7 @@ def _key(sha256: str) -> str:
 
 
 class _Pickler(pickle.Pickler):
-    """Pickles stores, paths, files, and copies of plug-ins as what a worker has in their place.
+    """Pickles stores, paths, files, and plug-in snapshots as their counterparts on a worker.
 
     Attributes:
         named: Paths of the files.
@@ -211,7 +211,7 @@ def _below(root: Path, path: str) -> Path:
 
 
 def _laid_out(store: Store, files: Sequence[SentFile]) -> Path:
-    """Return the folder with these files, made unless it is there whole; remove folders that nobody used for a day."""
+    """Return a folder with these files, and make it if needed; remove folders unused for a day."""
     if not files:
         return Path("/")
     above = Path(platformdirs.user_cache_dir("vastflow")) / "bundles"

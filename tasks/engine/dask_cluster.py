@@ -209,7 +209,7 @@ class DaskCluster:
         return f"--cluster: no Dask scheduler answers at {self._address!r} ({type(error).__name__}: {said})"
 
     def _opened(self) -> Any:
-        """Return a client whose workers have this code.
+        """Return a client of workers with this code.
 
         Raises:
             ClusterError: one of them has not.
@@ -334,7 +334,7 @@ class DaskCluster:
         end(job.outcome, error, result)
 
     def _lost(self, client: Any) -> None:
-        """Connect again, to the scheduler or to the next one at its address: what it knew is gone with it."""
+        """Reconnect to the scheduler or its successor at the same address, whose state is lost."""
         with self._lock:
             if self._client is not client or self.closed:
                 return

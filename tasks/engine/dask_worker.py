@@ -67,7 +67,7 @@ class SharedBundle:
 
 
 class Interrupted(BaseException):
-    """Raised in the thread of a unit that nobody waits for any more."""
+    """Raised in the thread of a canceled unit."""
 
 
 @functools.lru_cache(maxsize=1)
@@ -126,7 +126,7 @@ def _machine_lock() -> Iterator[None]:
 
 
 class UnitPlugin(WorkerPlugin):
-    """Prepares workers, those that join later too, and interrupts units that nobody waits for any more."""
+    """Prepares workers, late ones included, and interrupts canceled units."""
 
     def __init__(self, name: str, before: bytes | None) -> None:
         self.name = name

@@ -87,11 +87,11 @@ class RunsWanted(Protocol):
         """Maximum number of runs of a configuration."""
 
     def stored(self, index: Index, configuration: ConfigurationRuns) -> tuple[ConfigurationRuns, list[Stored]]:
-        """Return the configuration with the runs that are wanted by now, and what the store has of these."""
+        """Return the configuration with its wanted runs, and the store's artifacts of them."""
 
 
 class Engine:
-    """Brings one campaign's artifacts into the store, stage by stage; a stage computes only what the store lacks.
+    """Computes a campaign's artifacts that the store lacks, stage by stage.
 
     Args:
         oracles: Those that judge.
@@ -150,7 +150,7 @@ class Engine:
         return self._executor.closed
 
     def close(self) -> None:
-        """End the workers and all units. May be called twice."""
+        """End the workers and all units; may be called twice."""
         self._executor.close()
 
     def rest(self) -> None:
@@ -170,7 +170,7 @@ class Engine:
             raise PoolClosed
 
     def attempts(self) -> Iterator[int]:
-        """Count attempts at the same artifacts; each computes what the store lost during the one before.
+        """Yield attempts at the same artifacts; each computes those lost during the previous one.
 
         Raises:
             StoreError: all failed.
@@ -185,7 +185,7 @@ class Engine:
         raise StoreError(f"store: {place!r} loses what is written to it; is the disk full or broken?")
 
     def scan(self, configurations: Iterable[ConfigurationRuns]) -> dict[str, FoundRuns]:
-        """Return what the store has of configurations, by name, and count it."""
+        """Return the store's artifacts of configurations, by name, and count them."""
         broken, scanned = self.broken, {}
         for each in configurations:
             stopping = self._stopping
@@ -226,7 +226,7 @@ class Engine:
             return [self._executing[key] for key in keys]
 
     def forget(self, configurations: Collection[str]) -> None:
-        """Forget faults and units of configurations, so that they are computed again when asked for."""
+        """Forget faults and units of configurations, so that a request computes them again."""
         with self._lock:
             self._faults = [fault for fault in self._faults if fault.configuration not in configurations]
             self._executing = {key: units for key, units in self._executing.items() if key[0] not in configurations}

@@ -52,7 +52,7 @@ class ClusterError(RuntimeError):
 
 
 class Executor(Protocol):
-    """Runs units; it outlives the death of its workers. Futures are those of `concurrent.futures`.
+    """Runs units, survives the death of workers, and returns futures of `concurrent.futures`.
 
     Attributes:
         whole_units: True if a unit should go through all stages, as its worker is far from the store and from here.
@@ -69,7 +69,7 @@ class Executor(Protocol):
         """True if it takes no more units."""
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any, priority: Priority) -> "Future[Any]":
-        """Queue a call of a module-level function; a canceled one that has not begun never does.
+        """Queue a call of a module-level function; a canceled call that has not begun never runs.
 
         The future ends with its result, its exception, `WorkerDied`, `ClusterError`, or `PoolClosed`.
         """
@@ -78,13 +78,13 @@ class Executor(Protocol):
         """Return a value for the arguments of many units."""
 
     def prepare(self, function: Callable[..., Any], /, *arguments: Any) -> "Future[Any]":
-        """Call a function before the units that need what it leaves on their machines; they wait for the future."""
+        """Call a function on workers before the units that need its effects; they wait for the future."""
 
     def rest(self) -> None:
         """Let idle workers go, if no unit is open; the next unit starts new ones."""
 
     def close(self) -> None:
-        """End the workers, and all open units with `PoolClosed`. May be called twice."""
+        """End the workers, and all open units with `PoolClosed`; may be called twice."""
 
 
 def end(future: "Future[Any]", error: BaseException | None, result: Any = None) -> None:

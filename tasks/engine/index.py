@@ -41,7 +41,7 @@ class ConfigurationRuns:
 
 @dataclass(frozen=True, slots=True)
 class FoundRuns:
-    """A configuration with the runs that are wanted by now, and what the store has of these."""
+    """A configuration with its wanted runs, and the store's artifacts of them."""
 
     configuration: ConfigurationRuns
     stored: tuple[Stored, ...] = ()
@@ -74,7 +74,7 @@ class Index:
         return found
 
     def blocks(self, configuration: ConfigurationRuns) -> list[Block]:
-        """Return recorded blocks that together have as many of the wanted runs as there are."""
+        """Return recorded blocks that together cover most of the wanted runs."""
         return [block for _, block in self._recorded(configuration)]
 
     def _recorded(self, configuration: ConfigurationRuns) -> list[tuple[Artifact, Block]]:

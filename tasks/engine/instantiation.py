@@ -44,7 +44,7 @@ class Evaluator(Protocol):
     """Brings evaluations into the store."""
 
     def __call__(self, requests: Sequence[EvaluationRequest]) -> Mapping[str, str]:
-        """Return when all are stored, with key to error of those at which the producer raised."""
+        """Wait until all are stored; return the producers' errors by key."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ _SHARED_MEMORY: Final = Path("/dev/shm")
 
 
 def check_machine() -> None:
-    """Check that everything a computation needs beside its store and results can be written.
+    """Check that all folders that a computation needs besides store and results are writable.
 
     Raises:
         StoreError: something can't; workers and Prefect's API would fail later, each in its own words.

@@ -259,7 +259,7 @@ class _Pace:
         self._answers += 1
 
     def pays(self, waiting: int) -> bool:
-        """True if one worker would take longer for these units than another one to start."""
+        """True if the units take one worker longer than a second worker takes to start."""
         if self._start_s is None or not self._answers:
             return False
         return waiting * self._busy_s / self._answers > self._start_s

@@ -50,7 +50,7 @@ class Observer(Protocol):
 
 
 class Tally:
-    """Counts of results from any thread; a run that is reported twice counts once."""
+    """Thread-safe counts of results; a run counts once."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -90,7 +90,7 @@ class Tally:
                 self._configurations_done += (of.done == most) - was_done
 
     def reuse(self, configuration: str, runs: Iterable[int]) -> None:
-        """Count runs whose recordings were found; those executed by this call stay executed."""
+        """Count runs with recordings in the store; runs executed by this call stay executed."""
         with self._lock:
             if (of := self._configurations.get(configuration)) is not None:
                 new = of.bits(runs) & ~(of.executed | of.reused)

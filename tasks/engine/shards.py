@@ -49,7 +49,7 @@ class ProducerShard:
 
 
 def shard_ranges(digests: Sequence[str], most: int = MOST_TASK_RUNS) -> list[range]:
-    """Cut configurations into shards at places their content chooses, so that an insertion moves one cut.
+    """Cut configurations into shards at places chosen by content, so that an insertion moves one cut.
 
     A campaign of up to `most` configurations has one a shard. In a larger one a shard has about `unit` configurations,
     the smallest power of two with which about that many shards suffice, so that the cuts depend on the number of

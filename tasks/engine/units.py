@@ -42,7 +42,7 @@ class Units:
     error: Exception | None = None
 
     def wait(self) -> list[Unit]:
-        """Return all units when each was handed to the executor; raise what kept one from it."""
+        """Wait until all units are submitted and return them; raise the error that prevented one."""
         self.all_begun.wait()
         if self.error is not None:
             raise self.error
@@ -50,7 +50,7 @@ class Units:
 
 
 class Backlog:
-    """Missing runs that nobody computes yet, and what a run of each family costs."""
+    """Missing runs that are not submitted yet, and the mean cost of a run of each family."""
 
     def __init__(self) -> None:
         self._families: dict[str, deque[Units]] = {}
@@ -116,7 +116,7 @@ class Feeder:
         self._in_flight = 0
 
     def add(self, wanted: Iterable[tuple[ConfigurationRuns, Sequence[int]]]) -> list[Units]:
-        """Add missing runs of configurations; nothing is begun before all are known."""
+        """Add missing runs of configurations; units begin once all are known."""
         added = [Units(configuration, deque(runs)) for configuration, runs in wanted]
         with self._ready:
             for units in added:

@@ -97,7 +97,7 @@ def broken(error: BaseException) -> Broken:
 
 
 def answered(function: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T | Broken | None:
-    """Call `function` and return errors as answers, as their classes may be unknown to the caller.
+    """Call `function`, and return errors as answers, because the caller may lack their classes.
 
     Returns:
         Its result; None if an input is lost.
@@ -121,7 +121,7 @@ def answered(function: Callable[P, T], *arguments: P.args, **named: P.kwargs) ->
 
 
 def compile_kernels(systems: Sequence[Mapping[str, Value]] = ({},)) -> None:
-    """Drive a meter through an empty room, so that the compiled kernels are in their cache for the other workers.
+    """Drive a meter through an empty room to fill the kernel cache for other workers.
 
     Args:
         systems: System dimensions, one for each controller.
@@ -143,7 +143,7 @@ def compile_kernels(systems: Sequence[Mapping[str, Value]] = ({},)) -> None:
 
 
 def execute(store: Store, key: str, scenario: Scenario, start: int, stop: int, seed: int) -> Executed:
-    """Execute runs `start` to `stop` - 1 of a scenario and store those that end, in blocks without a gap.
+    """Execute runs `start` to `stop` - 1 of a scenario, and store the finished ones in contiguous blocks.
 
     A stored block is not executed again: another worker may have died before its answer arrived.
     """
@@ -185,7 +185,7 @@ def execute(store: Store, key: str, scenario: Scenario, start: int, stop: int, s
 def compute(
     store: Store, keys: Keys, checked: str, scenario: Scenario, start: int, stop: int, oracles: Pickled
 ) -> Computed:
-    """Execute, observe, and judge runs `start` to `stop` - 1 of a scenario; its arguments are those of the stages.
+    """Execute, observe, and judge runs `start` to `stop` - 1 of a scenario with the stages' arguments.
 
     Args:
         checked: See `vastflow.sim.reading.checked.checked_digest`.

@@ -63,7 +63,7 @@ def _node(node: ast.AST) -> Iterator[Any]:
 
 
 def _constant(value: object) -> bytes:
-    """Return a value of a tree with its type and length, so that no two are written alike."""
+    """Encode a syntax tree's value with type and length, so that encodings are unique."""
     if isinstance(value, str):
         text = value.encode("utf-8", "surrogatepass")
     elif isinstance(value, bytes):
@@ -89,7 +89,7 @@ CACHED_FILES: Final = 4000
 
 @dataclass(frozen=True, slots=True)
 class Module:
-    """Code digest of one file, the modules it may import, and the packages whose data it reads."""
+    """Code digest of one file, the modules it may import, and the packages with data that it reads."""
 
     code: str
     imports: frozenset[str]

@@ -71,7 +71,7 @@ class Keys:
         )
 
     def recordings(self, scenario: str) -> str:
-        """Key below which the blocks of a scenario's runs lie, whatever their number.
+        """Key above the blocks of a scenario's runs, independent of their number.
 
         Args:
             scenario: `vastflow.sim.reading.checked.checked_digest` of the scenario, here and below.

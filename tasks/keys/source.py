@@ -152,7 +152,7 @@ class SourceTree:
         return digest(code.digest, _version(top)) if self._is_elsewhere(plug_in) else code.digest
 
     def plug_in_code(self, plug_in: type) -> Code:
-        """Return the code behind a class; a plug-in's file beside a campaign is called `PLUG_IN`."""
+        """Return the code behind a class; a plug-in's own file is called `PLUG_IN`."""
         name = plug_in.__module__
         if self._file(name) is not None:
             return self.code(name)
@@ -213,7 +213,7 @@ class SourceTree:
         return found
 
     def _named(self, entries: tuple[str, ...]) -> tuple[str, ...]:
-        """Return entries by name; `package.*` is every module of a package but those that only read."""
+        """Return entries by name; `package.*` is every module of a package except for reading ones."""
         found: list[str] = []
         for entry in entries:
             package, star, _ = entry.partition(".*")
@@ -317,7 +317,7 @@ def _with_parents(name: str) -> list[str]:
 
 
 def live_source(top: str) -> Path | None:
-    """Return the folder or file of a module that belongs to no installed distribution, whose version would show an edit."""
+    """Return the folder or file of a module outside of installed distributions, whose versions identify them."""
     try:
         spec = importlib.util.find_spec(top)
     except (ImportError, ValueError):

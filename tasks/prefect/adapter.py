@@ -88,7 +88,7 @@ def exact_tags(tags: frozenset[str]) -> AbstractContextManager[Any]:
 
 
 def console_handlers(logger: logging.Logger) -> list[logging.Handler]:
-    """Return the handlers of a logger by which Prefect writes to the terminal."""
+    """Return the handlers through which a logger of Prefect's writes to the terminal."""
     from prefect.logging.handlers import PrefectConsoleHandler, _SafeStreamHandler
 
     return [each for each in logger.handlers if isinstance(each, PrefectConsoleHandler | _SafeStreamHandler)]
@@ -96,7 +96,7 @@ def console_handlers(logger: logging.Logger) -> list[logging.Handler]:
 
 @contextlib.contextmanager
 def sent_only(logger: str, worth_sending: Callable[[logging.LogRecord], bool]) -> Iterator[None]:
-    """Send only those records of a logger of Prefect's to Prefect's API that are worth it."""
+    """Send only the records of a Prefect logger that pass `worth_sending` to Prefect's API."""
     from prefect.logging.handlers import APILogHandler
 
     handlers = [each for each in logging.getLogger(logger).handlers if isinstance(each, APILogHandler)]
@@ -150,7 +150,7 @@ def process_pool_template() -> dict[str, Any]:
 
 
 def _forget(waiting: "queue.Queue[Any]") -> None:
-    """Empty the queue of a service that has been told to end."""
+    """Empty the queue of a stopping service."""
     with contextlib.suppress(queue.Empty):
         while True:
             waiting.get_nowait()

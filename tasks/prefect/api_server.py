@@ -22,7 +22,7 @@ _SQLITE: Final = "sqlite+aiosqlite:///"
 
 
 def set_aside_if_damaged(connection_url: str, now: datetime) -> str | None:
-    """Rename the database behind `connection_url` if SQLite can't read it, so that Prefect makes a new one.
+    """Rename a database that SQLite can't read, so that Prefect makes a new one.
 
     Returns:
         A sentence about it; None for a sound database, and for one that is no file.

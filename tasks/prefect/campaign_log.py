@@ -51,7 +51,7 @@ def own_log(log: Path) -> Iterator[None]:
 
 @contextmanager
 def prefect_log(log: Path) -> Iterator[None]:
-    """Import Prefect and send its records and those of its services to `log`.
+    """Import Prefect, and send the records of Prefect and its services to `log`.
 
     Afterwards all is as before if the user had imported Prefect. Otherwise Prefect's new console handler on the root logger
     goes, and Prefect writes to `log` until the process ends or the next log begins.

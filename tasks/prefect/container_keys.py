@@ -157,7 +157,7 @@ class _Reader:
                     yield from entry
 
     def _chosen(self, amounts: T | list[dict[str, T]] | None, location: Location) -> tuple[T, Location] | None:
-        """Return the amount for the chosen cluster and its place, if there is one."""
+        """Return the chosen cluster's amount and its place, if any."""
         if amounts is None or not isinstance(amounts, list):
             return None if amounts is None else (amounts, location)
         places: dict[str, tuple[T, Location]] = {

@@ -80,7 +80,7 @@ def kubernetes_memory(size: int) -> str:
 
 
 def compose_memory(size: int) -> str:
-    """Return bytes as Docker Compose reads them, whose k, m, and g are powers of 1024."""
+    """Return bytes for Docker Compose, where k, m, and g are powers of 1024."""
     return _in_units(size, {"g": 2**30, "m": 2**20, "k": 2**10}, "b")
 
 
@@ -184,7 +184,7 @@ class RunDescription:
         return wrapped(container.command, self.pre_command, self.post_command)
 
     def environment_of(self, container: Container) -> dict[str, str]:
-        """Return the container's variables; a command of the image's is told its scripts by variables."""
+        """Return the container's variables; the image's own command gets its scripts by variables."""
         own = {
             "CAMPAIGN_ID": self.name,
             "CONTAINER_NAME": container.name,

@@ -51,7 +51,7 @@ _OTHER_BREAKS: Final = frozenset("\r\x85\u2028\u2029")
 
 
 class _Dumper(yaml.SafeDumper):
-    """Dumper for readers of YAML 1.1 and 1.2, to which `1e3`, `0o17`, or `y` may not be text."""
+    """Dumper for readers of YAML 1.1 and 1.2, which quotes `1e3`, `0o17`, and `y`."""
 
     def ignore_aliases(self, data: Any) -> bool:
         """True: repeated data are written again."""
@@ -121,7 +121,7 @@ def _compose_literal(value: Any) -> Any:
 
 
 def pod_template(description: RunDescription) -> dict[str, Any]:
-    """Return a `PodTemplate`, whose `template` is for a Job."""
+    """Return a `PodTemplate` with a `template` for a Job."""
     values = {"name": description.name, "spec": pod_spec(description)}
     made: dict[str, Any] = filled(template("templates/pod.yaml")["pod_template"], values)
     return made

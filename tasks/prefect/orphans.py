@@ -1,4 +1,4 @@
-"""Orphans: flow runs whose process was killed, which Prefect would show as `Running` forever.
+"""Orphans: flow runs of killed processes, which Prefect would show as `Running` forever.
 
 Tags name the host and the process of each flow run, so that the next flow run on that host finds those whose process is
 gone. Importing this module imports Prefect.

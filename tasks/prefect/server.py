@@ -89,7 +89,7 @@ class ApiServer:
         raise PrefectUnavailable(f"Prefect's API ended while it started; see {self._log}")
 
     def stop(self, grace_s: float = 3.0) -> None:
-        """End it, at the latest after `grace_s`. May be called twice."""
+        """Stop the server, after `grace_s` at the latest; may be called twice."""
         with self._lock:
             self._stopping = True
         if self._process.poll() is None and grace_s > 0:
@@ -162,7 +162,7 @@ def embedded(url: str, auth: str) -> Iterator[None]:
 
 
 def is_embedded() -> bool:
-    """True if Prefect uses an embedded API here, whose pages nobody sees."""
+    """True if Prefect uses an embedded API here, which has no visible pages."""
     return _EMBEDDED.get()
 
 

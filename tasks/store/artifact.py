@@ -1,4 +1,4 @@
-"""An artifact: what a manifest promises of a key's files, and the manifest as text."""
+"""An artifact: a key's files as its manifest lists them, and the manifest's text."""
 
 import hashlib
 import json
@@ -50,7 +50,7 @@ class Artifact:
 
 @dataclass(frozen=True, slots=True)
 class Holding:
-    """Everything that lies under a key.
+    """All entries below a key.
 
     Attributes:
         size_bytes: Size of all its files, with manifest and sidecars.

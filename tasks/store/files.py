@@ -50,7 +50,7 @@ class StoreFiles(Protocol):
         """Return a file of an artifact; without an entry the manifest or a sidecar."""
 
     def measured(self, key: str, name: str, entry: FileEntry) -> FileEntry:
-        """Return the true entry of a file whose manifest says `entry`; without a digest where the size differs."""
+        """Return a file's actual entry; the digest is omitted if the size differs from `entry`."""
 
     def write(
         self, artifact: Artifact, files: Mapping[str, bytes], sidecar: Mapping[str, bytes], manifest: bytes
@@ -62,7 +62,7 @@ class StoreFiles(Protocol):
         """
 
     def delete(self, keys: list[str]) -> None:
-        """Delete what lies under each key; an artifact ceases to exist before its files go."""
+        """Delete all entries below each key, manifests first."""
 
     def listed(self, stages: Iterable[str]) -> Iterator[Listed]:
         """List all files of some stages."""

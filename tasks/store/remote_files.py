@@ -129,7 +129,7 @@ class RemoteFiles:
                 yield Listed(key, name, int(file["size"]), _written_s(file))
 
     def _manifests(self, files: Mapping[str, _Entry]) -> dict[str, bytes]:
-        """Read the manifests of keys; one whose ETag is unchanged comes from a copy on this machine."""
+        """Read the manifests of keys, from local copies where the ETag is unchanged."""
         place = self.local / "manifests.json"
         try:
             copies: dict[str, str] = dict(json.loads(place.read_bytes()))
@@ -198,7 +198,7 @@ class RemoteFiles:
 
 
 def file_system(address: str) -> tuple[Any, str]:
-    """Return fsspec's file system of an address, and its name for the address; raises what the file system raises."""
+    """Return fsspec's file system of an address, and its path there; errors of the file system pass through."""
     files, root = fsspec.core.url_to_fs(address, **_options(address))
     if address.startswith(_S3):
         files.retries = _READS

@@ -78,7 +78,7 @@ class Listing:
             self._folders.get(folder, {}).pop(name, None)
 
     def changed(self, key: str) -> None:
-        """Forget a key and what is directly below it."""
+        """Forget a key and the entries directly below it."""
         self.drop(key)
         with self._lock:
             self._folders.pop(key, None)
@@ -131,14 +131,14 @@ class Store:
         return self._files.local
 
     def refresh(self) -> None:
-        """List a remote store once, so that `find` and `under` need no requests until the next refresh."""
+        """List a remote store once, so that `find` and `under` need no requests until the next one."""
         if (found := self._files.everything()) is not None:
             # A long listing may have the manifest of what another process writes meanwhile, and not its files.
             looked = (artifact or self._look(key) for key, artifact in found)
             self._listing = Listing(artifact for artifact in looked if artifact is not None)
 
     def changed(self, key: str) -> None:
-        """Look anew at `key` and directly below it: another process may have changed it."""
+        """Refresh `key` and the entries directly below it, as other processes may have changed them."""
         if self._listing is not None:
             self._listing.changed(key)
 
@@ -214,7 +214,7 @@ class Store:
         info: Mapping[str, Any] | None = None,
         sidecar: Mapping[str, bytes] | None = None,
     ) -> Artifact:
-        """Store an artifact and return what is stored: an undamaged one that is already there stays.
+        """Store an artifact and return the stored one; an undamaged earlier one stays.
 
         Args:
             info: See `Artifact`; JSON values.
@@ -264,7 +264,7 @@ class Store:
         ]
 
     def fault(self, key: str) -> str | None:
-        """Read every file of an artifact and return what is wrong with it, or None; nothing is changed."""
+        """Read every file of an artifact, and return its damage or None; nothing is changed."""
         name = MANIFEST
         try:
             artifact = artifact_of(key, self._files.read(key, MANIFEST))
@@ -282,7 +282,7 @@ class Store:
         return None
 
     def remove(self, keys: Iterable[str]) -> None:
-        """Delete what lies under each of the keys."""
+        """Delete all entries below each key."""
         chosen = list(keys)
         if self._read_only:
             self._gone.update(chosen)
@@ -293,7 +293,7 @@ class Store:
                 self._listing.drop(key)
 
     def _look(self, key: str) -> Artifact | None:
-        """Return the artifact that lies there now; discard a damaged one."""
+        """Return the current artifact; discard a damaged one."""
         for last in (False, True):
             try:
                 return self._files.look(key)
