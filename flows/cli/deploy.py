@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from vastflow.flows.cli.run import asked_request
-from vastflow.flows.request.run_request import NAMES, USE_A_CLUSTER
+from vastflow.flows.request.run_request import NAMES, USE_A_CLUSTER, command_line
 from vastflow.flows.terminal.ending import FAULT
 from vastflow.flows.terminal.options import CampaignFile, Context, DryRun, asking
 from vastflow.sim.model.faults import UserError
@@ -57,6 +57,13 @@ def deploy(
     image: Annotated[str, typer.Option(help="Image with vastflow, for docker and kubernetes.")] = IMAGE,
     queue: Annotated[str, typer.Option(help="Queue of Kueue, for kubernetes.")] = NAME,
     context: Context = None,
+    kubernetes: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER", help="Write the campaign and a Dask cluster for `kubectl apply -k FOLDER` instead."
+        ),
+    ] = None,
+    operator: Annotated[bool, typer.Option("--operator", help="With --kubernetes: use the Dask operator.")] = False,
     shards_in: Annotated[str | None, typer.Option(hidden=True)] = None,
     dry_run: DryRun = False,
     format_: Annotated[
@@ -74,11 +81,14 @@ def deploy(
     """
     if shards_in is not None:
         raise UserError(f"--shards-in: {USE_A_CLUSTER}")
+    given = [name for name, value in (("--pool", pool), ("--format", format_), ("--kubernetes", kubernetes)) if value]
+    if len(given) != 1:
+        raise UserError(f"expected one of --pool, --format, and --kubernetes, got {' and '.join(given) or 'none'}")
+    if operator and kubernetes is None:
+        raise UserError("--operator: requires --kubernetes")
     if format_ is not None:
         _describe(file, format_, context, asked["map_dir"], as_v1=asked["as_v1"])
         return
-    if pool is None:
-        raise UserError("--pool: expected the name of a work pool, or --format, got neither")
     from vastflow.flows.request.campaign_file import campaign_name, read_campaign
     from vastflow.sim.model.faults import FileError
     from vastflow.tasks.prefect.adapter import import_prefect
@@ -90,6 +100,10 @@ def deploy(
         raise FileError(campaign.unexecutable)
     title = campaign_name(campaign)
     description = _described(campaign, title, context)
+    if kubernetes is not None:
+        _write_cluster(kubernetes, description, file, asked, image, queue, operator=operator)
+        return
+    assert pool is not None
     place = _place(file, kind)
     cores = description.main.needs.cpu or CPU if kind is PoolType.kubernetes else None
     here = {
@@ -142,6 +156,45 @@ def _job_variables(kind: PoolType, description: "RunDescription", image: str, qu
 
     own: dict[str, Any] = {} if kind is PoolType.process else {"image": image}
     return own | ({"queue": queue} if kind is PoolType.kubernetes else {}) | job_variables(kind, description)
+
+
+WORKERS: Final = 8
+"""Of a Dask cluster, if --workers does not tell."""
+
+
+def _write_cluster(
+    folder: Path,
+    description: "RunDescription",
+    file: Path,
+    asked: Mapping[str, Any],
+    image: str,
+    queue: str,
+    *,
+    operator: bool,
+) -> None:
+    """Write a campaign with a Dask cluster as a folder for `kubectl apply -k`."""
+    from vastflow.tasks.prefect.kustomization import SCHEDULER, SECRET_FILE, ClusterCampaign
+    from vastflow.tasks.store.store import is_address
+
+    store, results = asked["store"], asked["results"]
+    if store is None or not is_address(store):
+        raise UserError(f"--store: expected an address that all pods reach, such as s3://bucket/store, got {store!r}")
+    if asked["cluster"] is not None:
+        raise UserError(f"--cluster: --kubernetes makes a cluster, got {asked['cluster']!r}")
+    kind = PoolType.kubernetes
+    map_dir = None if asked["map_dir"] is None else _place(asked["map_dir"], kind)
+    own = {"cluster": SCHEDULER, "results": results or f"{store.rstrip('/')}-results", "map_dir": map_dir, "workers": 1}
+    request = asked_request(Path(_place(file, kind)), {**asked, **own})
+    command = ["vastflow", "run", *command_line(request)]
+    made = ClusterCampaign(description, command, asked["workers"] or WORKERS, image, queue, operator).files()
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, content in made.items():
+        if name != SECRET_FILE or not (folder / name).exists():  # credentials are the user's
+            (folder / name).write_text(content, encoding="utf-8")
+    (folder / SECRET_FILE).chmod(0o600)
+    print(f"wrote {folder}; fill in {folder / SECRET_FILE}, then: kubectl apply -k {folder}")
+    print(f"if Kueue is installed, first: kubectl apply -f {folder / 'namespace.yaml'} -f {folder / 'queues.yaml'}")
+    print(f"follow it: kubectl -n {NAME} logs -f job/{description.name}")
 
 
 def _place(file: Path, kind: PoolType) -> str:

@@ -127,6 +127,16 @@ def request_of(campaign: "str | os.PathLike[str] | RunRequest", options: Mapping
         raise ValueError(f"{name} {said}, got {found!r}") from None
 
 
+def command_line(request: RunRequest) -> list[str]:
+    """Return the arguments of `vastflow run` for this request."""
+    words = [request.campaign]
+    for name, value in request.model_dump(exclude_defaults=True, exclude={"campaign"}).items():
+        flag = f"--{name.replace('_', '-')}"
+        several = value if isinstance(value, list | tuple) else (value,)
+        words += [word for each in several for word in ([flag] if each is True else [flag, str(each)])]
+    return words
+
+
 def option_parameters() -> list[Parameter]:
     """Return the options of a request as function parameters."""
     return [

@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from importlib.resources import files
 from typing import Any, Final
 
@@ -15,9 +15,12 @@ _PLACEHOLDER: Final = re.compile(r"\{\{ (\w+) \}\}")
 
 
 def template(name: str) -> Any:
-    """Return the content of a YAML or JSON file of `deployments/`."""
+    """Return the content of a YAML or JSON file of `deployments/`, a list if it has several documents."""
     text = files(_SHIPPED).joinpath(name).read_text(encoding="utf-8")
-    return json.loads(text) if name.endswith(".json") else yaml.safe_load(text)
+    if name.endswith(".json"):
+        return json.loads(text)
+    first, *others = yaml.safe_load_all(text)
+    return [first, *others] if others else first
 
 
 def filled(content: Any, values: Mapping[str, Any]) -> Any:
@@ -69,7 +72,13 @@ _Dumper.add_representer(str, _text)
 
 def yaml_text(manifest: dict[str, Any]) -> str:
     """Return `manifest` in its own order, in YAML that loads back equal."""
-    return str(yaml.dump(manifest, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120))
+    return yaml_documents([manifest])
+
+
+def yaml_documents(manifests: Iterable[dict[str, Any]]) -> str:
+    """Return manifests as documents of one YAML file, see `yaml_text`."""
+    dumped = (yaml.dump(each, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120) for each in manifests)
+    return "---\n".join(dumped)
 
 
 OUT_FOLDER: Final = "./out"

@@ -107,24 +107,9 @@ def test_templates_of_pools_agree_with_deployments_options_and_each_other():
     )
 
 
-@pytest.mark.parametrize("file", ["namespace.yaml", "dask.yaml"])
-def test_kubernetes_knows_manifests_of_kustomization(file):
-    for manifest in documents(f"kubernetes/{file}"):
+def test_kubernetes_knows_namespace_and_volume():
+    for manifest in documents("kubernetes/namespace.yaml"):
         kubernetes_validate.validate(manifest, kubernetes_validate.latest_version(), strict=True)
-    assert file in documents("kubernetes/kustomization.yaml")[0]["resources"]
-
-
-def test_workers_find_their_scheduler_in_the_queue_of_campaigns():
-    scheduler, service, workers = documents("kubernetes/dask.yaml")
-    assert service["spec"]["selector"] == scheduler["spec"]["selector"]["matchLabels"]
-    (port,) = service["spec"]["ports"]
-    (container,) = workers["spec"]["template"]["spec"]["containers"]
-    assert f"tcp://{service['metadata']['name']}:{port['port']}" in container["args"]
-    queue = documents("kueue/queues.yaml")[2]["metadata"]
-    assert workers["metadata"]["labels"] == {"kueue.x-k8s.io/queue-name": queue["name"]}
-    assert workers["metadata"]["namespace"] == queue["namespace"]
-    (image,) = documents("kubernetes/kustomization.yaml")[0]["images"]
-    assert {image["name"]} == {container["image"], scheduler["spec"]["template"]["spec"]["containers"][0]["image"]}
 
 
 def test_queues_have_kueues_fields_and_belong_together():
