@@ -82,9 +82,10 @@ def _ended(
 ) -> State[Any]:
     """Return the final state of the flow run, which `renames` names after the size of the campaign."""
     size = run.asked.runs, run.stopping is not None
-    page = Page(run.name, str(flow_run.id), get_run_logger().info, size if renames else None)
+    engine = computing.engine
+    page = Page(run.name, str(flow_run.id), get_run_logger().info, size if renames else None, engine.workers_table)
     try:
-        with task_runs_of(run.name, computing.engine, computing.tally, page) as task_runs:
+        with task_runs_of(run.name, engine, computing.tally, page) as task_runs:
             results = _results(run, computing, judged, task_runs)
             deliver(results)
     except PoolClosed as error:  # by Ctrl-C

@@ -6,6 +6,7 @@ Nothing of it is needed for the campaign: where Prefect's API refuses, a line in
 import json
 import logging
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, Final
@@ -17,6 +18,7 @@ from prefect.client.schemas.actions import ArtifactCreate, ArtifactUpdate
 from prefect.runtime import flow_run
 
 from vastflow.flows.results.summary import Results
+from vastflow.flows.terminal.progress import Meter, pace_words
 from vastflow.oracles.evidence.evidence import evidence_of
 from vastflow.oracles.results.tables import read_tables
 from vastflow.oracles.statistics.intervals import LEVEL
@@ -27,7 +29,9 @@ from vastflow.tasks.prefect.server import is_embedded
 LOGGER: Final = logging.getLogger("vastflow.artifacts")
 
 INTERVAL_S: Final = 2.0
-"""Between two updates; each is a request that costs some 20 ms."""
+"""Between two updates of the progress."""
+TABLE_INTERVAL_S: Final = 10.0
+"""Between two updates of the workers."""
 
 QUIET_S: Final = 30.0
 """After a request that was refused; it may have taken some seconds, and the next one would too."""
@@ -40,34 +44,53 @@ _SAID: Final[dict[Phase, str]] = {
 }
 
 
-class ProgressBar:
-    """A progress artifact of a flow run.
+class LiveArtifact:
+    """An artifact of a flow run that is shown again and again.
 
     Args:
         key: Lowercase letters, digits and hyphens; versions of one key are listed together.
+        kind: Prefect's type of artifact, such as `progress`.
+        interval_s: Least time between two updates; each is a request that costs some 20 ms.
     """
 
-    def __init__(self, key: str, flow_run_id: str) -> None:
+    def __init__(self, key: str, flow_run_id: str, kind: str, interval_s: float) -> None:
         self._key = key
         self._flow_run_id = UUID(flow_run_id)
+        self._kind = kind
+        self._interval_s = interval_s
         self._id: UUID | None = None
-        self._shown: tuple[float, str] | None = None
+        self._shown: tuple[Any, str] | None = None
         self._at_s = 0.0
 
-    def show(self, share: float, text: str, now: bool = False) -> None:
-        """Show a share between 0 and 1, at most every `INTERVAL_S` seconds unless `now` is set."""
-        shown = (100 * share, text)
-        if shown == self._shown or (not now and share < 1 and time.monotonic() < self._at_s + INTERVAL_S):
+    @property
+    def is_due(self) -> bool:
+        """True if the last update is `interval_s` ago."""
+        return time.monotonic() >= self._at_s + self._interval_s
+
+    def show(self, data: Any, text: str, now: bool = False) -> None:
+        """Show data and a description, if they changed and an update is due or `now` is set."""
+        if (data, text) == self._shown or not (now or self.is_due):
             return
-        self._shown, self._at_s = shown, time.monotonic()
+        self._shown, self._at_s = (data, text), time.monotonic()
         with get_client(sync_client=True) as client:
             if self._id is None:
                 artifact = ArtifactCreate(
-                    key=self._key, type="progress", data=shown[0], description=text, flow_run_id=self._flow_run_id
+                    key=self._key, type=self._kind, data=data, description=text, flow_run_id=self._flow_run_id
                 )
                 self._id = client.create_artifact(artifact).id
             else:
-                client.update_artifact(self._id, ArtifactUpdate(data=shown[0], description=text))
+                client.update_artifact(self._id, ArtifactUpdate(data=data, description=text))
+
+
+class ProgressBar(LiveArtifact):
+    """A progress artifact of a flow run."""
+
+    def __init__(self, key: str, flow_run_id: str) -> None:
+        super().__init__(key, flow_run_id, "progress", INTERVAL_S)
+
+    def show(self, share: float, text: str, now: bool = False) -> None:
+        """Show a share between 0 and 1; the last one is shown at once."""
+        super().show(100 * share, text, now or share >= 1)
 
 
 class Page:
@@ -76,16 +99,25 @@ class Page:
     Args:
         say: Writes a line of the flow run's log.
         asked: Runs of each configuration, and whether these are its most; None keeps the flow run's name.
+        workers: Gives rows about a cluster's workers.
     """
 
     def __init__(
-        self, name: str, flow_run_id: str, say: Callable[[str], None], asked: tuple[int, bool] | None = None
+        self,
+        name: str,
+        flow_run_id: str,
+        say: Callable[[str], None],
+        asked: tuple[int, bool] | None = None,
+        workers: Callable[[], list[dict[str, Any]]] = list,
     ) -> None:
         self._name = name
         self._asked = asked
         self._flow_run_id = flow_run_id
         self._say = say
         self._bar = ProgressBar(f"{key_of(name)}-progress", flow_run_id)
+        self._workers = workers
+        self._table = LiveArtifact(f"{key_of(name)}-workers", flow_run_id, "table", TABLE_INTERVAL_S)
+        self._meter = Meter(time.monotonic())
         self._phase: Phase | None = None
         self._noticed = 0
         self._sized = False
@@ -113,8 +145,14 @@ class Page:
             self._say(_SAID[progress.phase])
         self._phase = progress.phase
         if progress.runs_total:
-            share = progress.runs_done / progress.runs_total
-            self._sent(lambda: self._bar.show(share, progress_text(progress), now=new_phase))
+            share, now_s = progress.runs_done / progress.runs_total, time.monotonic()
+            self._meter.note(progress, now_s)
+            text = ", ".join([progress_text(progress), *pace_words(progress, self._meter.pace(progress, now_s))])
+            self._sent(lambda: self._bar.show(share, text, now=new_phase))
+        if self._table.is_due and (rows := self._workers()):
+            counted = Counter(row["state"] for row in rows)
+            said = ", ".join(f"{number} {state}" for state, number in counted.most_common())
+            self._sent(lambda: self._table.show(json.dumps(rows), f"Workers of the cluster: {said}"))
 
     def _sent(self, request: Callable[[], None]) -> bool:
         """True if the API accepted the request; after a refusal, requests pause for a while."""

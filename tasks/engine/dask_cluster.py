@@ -88,6 +88,7 @@ class DaskCluster:
         self._numbers = 0
         self._connecting: threading.Thread | None = None
         self._landed: queue.SimpleQueue[tuple[_Job, Any]] = queue.SimpleQueue()
+        self._seen_s: dict[Any, float] = {}
 
     @property
     def workers(self) -> int:
@@ -133,6 +134,32 @@ class DaskCluster:
         ready: Future[Any] = Future()
         ready.set_result(None)
         return ready
+
+    def workers_table(self) -> list[dict[str, Any]]:
+        """See `Executor`; a unit counts from the first table that has it."""
+        client, now_s = self._client, time.time()
+        if client is None:
+            return []
+        try:
+            workers, processing = client.scheduler_info(n_workers=-1)["workers"], client.processing()
+        except Exception:  # noqa: BLE001 - a scheduler that is away, of which `_watch` tells
+            return []
+        keys = {key for each in processing.values() for key in each}
+        self._seen_s = {key: self._seen_s.get(key, now_s) for key in keys}
+        busy_s = {
+            worker: now_s - min(map(self._seen_s.__getitem__, each)) for worker, each in processing.items() if each
+        }
+        return [
+            {
+                "worker": str(about["name"]),
+                "state": about["status"],
+                "busy for": f"{busy_s[address]:.0f} s" if address in busy_s else "–",
+                "heard": f"{max(now_s - about['last_seen'], 0.0):.0f} s ago",
+                "CPU": f"{about['metrics'].get('cpu', 0.0):.0f} %",
+                "memory": f"{about['metrics'].get('memory', 0) / 2**20:.0f} MiB",
+            }
+            for address, about in sorted(workers.items(), key=lambda each: -busy_s.get(each[0], -1.0))
+        ]
 
     def rest(self) -> None:
         """See `Executor`; workers stay."""
@@ -201,6 +228,8 @@ class DaskCluster:
                     if not (job.is_suspect and job in self._suspects[1:]):
                         self._send(job)
             threading.Thread(target=self._take, args=(client,), name="vastflow results", daemon=True).start()
+            if not self._address.startswith(LOCAL) and (link := client.dashboard_link):
+                self._notice(f"Dask's dashboard: {link}")
             self._watch(client)
             return
 

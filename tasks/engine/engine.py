@@ -144,6 +144,10 @@ class Engine:
         """Number of workers."""
         return self._executor.workers
 
+    def workers_table(self) -> list[dict[str, Any]]:
+        """See `vastflow.tasks.engine.executor.Executor`."""
+        return self._executor.workers_table()
+
     @property
     def closed(self) -> bool:
         """True once the campaign was ended or its store is unusable."""

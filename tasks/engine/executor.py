@@ -80,6 +80,9 @@ class Executor(Protocol):
     def prepare(self, function: Callable[..., Any], /, *arguments: Any) -> "Future[Any]":
         """Call a function on workers before the units that need its effects; they wait for the future."""
 
+    def workers_table(self) -> list[dict[str, Any]]:
+        """Return a row about each worker of a cluster, the longest busy first; empty for this machine's own."""
+
     def rest(self) -> None:
         """Let idle workers go, if no unit is open; the next unit starts new ones."""
 

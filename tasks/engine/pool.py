@@ -127,6 +127,10 @@ class Pool:
         """See `Executor`; in one worker, as two at once would do the same."""
         return self.submit(function, *arguments, priority=Priority.EVALUATE)
 
+    def workers_table(self) -> list[dict[str, Any]]:
+        """See `Executor`."""
+        return []
+
     def rest(self) -> None:
         """See `Executor`."""
         self._own(self._rest)

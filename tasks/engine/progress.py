@@ -3,6 +3,7 @@
 import contextvars
 import functools
 import threading
+import time
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -11,6 +12,8 @@ from typing import Final, Literal, Protocol, Self, TypeAlias
 Phase: TypeAlias = Literal["scanning", "starting Prefect", "instantiating", "running", "reporting", "postprocessing"]
 
 INTERVAL_S: Final = 0.1
+REPEAT_S: Final = 10.0
+"""After which an unchanged state is shown again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,11 +214,12 @@ class Reporter:
 
     def _report(self) -> None:
         shown: Progress | None = None
+        at_s = 0.0
         while True:
             last = self._end.wait(self._interval_s if shown else 0)
-            progress = self._tally.progress()
-            if progress != shown and self._observer is not None:
+            progress, now_s = self._tally.progress(), time.monotonic()
+            if self._observer is not None and (progress != shown or now_s > at_s + REPEAT_S):
                 self._observer.update(progress)
-                shown = progress
+                shown, at_s = progress, now_s
             if last:
                 return

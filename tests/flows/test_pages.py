@@ -156,6 +156,22 @@ def test_page_pauses_after_refused_request(client, clock, caplog):
     ]
 
 
+def test_page_tells_pace_and_workers_of_cluster(client, clock):
+    rows = [
+        {"worker": "a", "state": "running"},
+        {"worker": "b", "state": "paused"},
+        {"worker": "c", "state": "running"},
+    ]
+    page = Page("Two rooms", str(uuid4()), [].append, None, lambda: rows)
+    for done in (0, 10, 20):
+        page.update(running(4, 80, done, executed=done, simulated_s=60.0 * done))
+        clock.now_s += 8.0
+    bars = [sent for sent in client.sent if sent[-1].startswith("20 of 80 runs done")]
+    assert bars[-1][-1].endswith("0 not judged, 1.25 runs/s, 75 × real time, about 48 s left")
+    tables = [sent for sent in client.sent if sent[1] == "two-rooms-workers"]
+    assert tables == [("create", "two-rooms-workers", json.dumps(rows), "Workers of the cluster: 2 running, 1 paused")]
+
+
 @pytest.fixture
 def finished(monkeypatch):
     monkeypatch.setattr(pages, "flow_run", SimpleNamespace(id=FLOW_RUN))

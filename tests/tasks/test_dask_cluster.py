@@ -65,6 +65,20 @@ def execute(executor, function, *arguments):
     return executor.submit(function, *arguments, priority=Priority.EXECUTE)
 
 
+def test_table_of_workers_begins_with_longest_busy(opened):
+    executor = opened()
+    unit = executor.submit(time.sleep, 2.5, priority=Priority.EXECUTE)
+    rows = []
+    while not unit.done():
+        rows = executor.workers_table() or rows
+        time.sleep(0.2)
+    (row,) = rows
+    assert row["state"] == "running" and row["memory"].endswith(" MiB") and row["heard"].endswith(" s ago")
+    assert int(row["busy for"].removesuffix(" s")) >= 1
+    executor.close()
+    assert executor.workers_table() == []
+
+
 def test_cluster_gives_results_and_exceptions(opened):
     executor = opened()
     futures = [execute(executor, divmod, 17, k) for k in range(1, 30)]
