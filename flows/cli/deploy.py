@@ -159,7 +159,7 @@ def _job_variables(kind: PoolType, description: "RunDescription", image: str, qu
 
 
 WORKERS: Final = 8
-"""Of a Dask cluster, if --workers does not tell."""
+"""Default number of workers of a Dask cluster."""
 
 
 def _write_cluster(

@@ -29,10 +29,10 @@ LOGGER: Final = logging.getLogger("vastflow.flow_call")
 CONFIGURED: Final = "PREFECT_API_URL"
 
 FLOWS: Final = 3
-"""As often a flow is begun at an embedded API that fails it; what it has computed stays."""
+"""Maximum number of attempts when the embedded API fails a flow; computed results stay."""
 
 GONE_S: Final = 1.0
-"""What Prefect's services may take to send what they have, to a server that has just failed the flow."""
+"""Time for Prefect's services to send their queues to a server that has just failed the flow."""
 
 _JOIN_S: Final = 3.0
 

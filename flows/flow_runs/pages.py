@@ -29,12 +29,12 @@ from vastflow.tasks.prefect.server import is_embedded
 LOGGER: Final = logging.getLogger("vastflow.artifacts")
 
 INTERVAL_S: Final = 2.0
-"""Between two updates of the progress."""
+"""Time between two updates of the progress."""
 TABLE_INTERVAL_S: Final = 10.0
-"""Between two updates of the workers."""
+"""Time between two updates of the workers."""
 
 QUIET_S: Final = 30.0
-"""After a request that was refused; it may have taken some seconds, and the next one would too."""
+"""Pause after a refused request, which may have taken seconds."""
 
 _SAID: Final[dict[Phase, str]] = {
     "instantiating": "instantiating",

@@ -49,7 +49,7 @@ MOST_UNRECORDED: Final = 1000
 """Task runs that may have ended without Prefect's server having recorded it; of thousands at a time it loses some silently."""
 
 CANCEL_S: Final = 5.0
-"""What it may take to tell Prefect of those that were cancelled."""
+"""Maximum time to tell Prefect of canceled task runs."""
 
 
 class TaskRuns:

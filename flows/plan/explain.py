@@ -30,7 +30,7 @@ from vastflow.tasks.store.artifact import Stored
 from vastflow.tasks.store.store import open_store
 
 FILE: Final = "campaign file"
-"""Who wrote what no producer did."""
+"""Origin of values that no producer wrote."""
 
 
 @dataclass(frozen=True)

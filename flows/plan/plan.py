@@ -41,7 +41,7 @@ from vastflow.tasks.store.store import Lost, open_store
 MEAN_SPEED_MPS: Final = 0.3
 """Along the path, with stops and recoveries: 120 runs of some 6 m in `campaigns/quickstart` are about 40 minutes."""
 TIMES_REAL_TIME: Final = 200.0
-"""Of one core. `vastflow dev bench sim` measures it; less than it printed on a shared core of 2026, for runs are judged too."""
+"""Speed of one core, judging included: below what `vastflow dev bench sim` printed on a shared core of 2026."""
 
 
 @dataclass(frozen=True, slots=True)

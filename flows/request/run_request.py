@@ -101,7 +101,7 @@ USE_A_CLUSTER: Final = (
 )
 
 NAMES: Final = tuple(name for name in RunRequest.model_fields if name != "campaign")
-"""What beside the campaign file a user may ask."""
+"""Options of a request: all fields but the campaign file."""
 
 
 def request_of(campaign: "str | os.PathLike[str] | RunRequest", options: Mapping[str, Any]) -> RunRequest:

@@ -13,11 +13,9 @@ from vastflow.tasks.store.artifact import Stored
 from vastflow.tasks.store.store import Artifact
 
 MOST_ROUNDS: Final = 16
-"""Between two looks there are as many runs as let these many suffice, and one where they do: up to 21 runs from a minimum of 5.
-
-A run more of every configuration costs a campaign more than a round, which is some hundred task runs and a moment in which workers
-wait for the last run. So there are few runs between two looks; but not a round for every run of hundreds.
-"""
+"""Maximum number of looks. Between two of them there are as many runs as this allows, and one if possible: up to 21 runs
+from a minimum of 5. A round costs about a hundred task runs and a moment in which workers wait for the last run, a run
+more of every configuration costs more."""
 
 
 @dataclass(frozen=True)

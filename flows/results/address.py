@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 METADATA: Final = "metadata.json"
-"""It makes a folder a campaign directory, so it goes last: half a delivery is none."""
+"""File that makes a folder a campaign directory, and is therefore uploaded last."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,10 +21,10 @@ from vastflow.tasks.keys.keys import Keys
 from vastflow.tasks.keys.source import folders_of
 
 KEY: Final = "report"
-"""In `metadata.json`: the digest, see `report_key`."""
+"""Key of `metadata.json` with the digest, see `report_key`."""
 
 _FILES: Final = ".files.json"
-"""In a campaign directory: its files as the run left them."""
+"""File of a campaign directory that lists its files as the run left them."""
 _PACKAGES: Final = ("vastflow.flows", "vastflow.oracles", "vastflow.producers", "vastflow.sim", "vastflow.tasks")
 _WRITTEN_BY: Final = frozenset({".css", ".j2", ".js", ".py"})
 REPORT_LIBRARIES: Final = ("jinja2", "markupsafe", "matplotlib")

@@ -23,7 +23,7 @@ from vastflow.tasks.store.store import StoreError
 
 ABANDONED_S: Final = 24 * 3600.0
 WRITER: Final = ".writer.json"
-"""In a directory that is being written: which process does it."""
+"""File in an unfinished directory that names the writing process."""
 
 _OF_THE_DISK: Final = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EFBIG, errno.EACCES, errno.EPERM)
 _LONGEST_NAME: Final = 150

@@ -69,7 +69,7 @@ def short_text(value: Any) -> str:
 
 
 _CLASS_PARTS: Final = ("architecture", "C library", "processor features", "variables", "Python")
-"""Of `vastflow.tasks.keys.keys.numeric_class`, in its order."""
+"""Parts of `vastflow.tasks.keys.keys.numeric_class`, in order."""
 _LISTS: Final = ("processor features", "variables")
 
 

@@ -44,7 +44,7 @@ LOGGER: Final = logging.getLogger("vastflow.results")
 _GRAY: Final = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}
 """The gray values of ROS' map_saver."""
 _AHEAD: Final = 4
-"""How many configurations a thread may be ahead: so many are in memory at a time."""
+"""Maximum number of configurations that a thread reads ahead, and keeps in memory."""
 _LIBRARIES: Final = ("llvmlite", "numba", "numpy", "prefect", "pyarrow", "pymunk", "scipy", "shapely")
 
 

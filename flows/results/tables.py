@@ -47,7 +47,7 @@ from vastflow.tasks.store.artifact import Stored
 from vastflow.tasks.store.store import Store
 
 FAULT: Final = "fault"
-"""What the reason of a verdict that is missing begins with."""
+"""Prefix of the reason of a missing verdict."""
 
 LOGS_FILE: Final = "logs/runs.jsonl"
 """A line for each block of runs: `configuration`, where and with what they were executed, and `runs`."""

@@ -219,7 +219,7 @@ def _write_caption(
 
 
 FRAME_MS: Final = 250
-"""How long a picture is shown."""
+"""Duration of a picture."""
 LAST_MS: Final = 2000
 
 _KEPT: Final = (

@@ -58,7 +58,7 @@ RUNS: Final = pa.schema(
     }
 )
 JUDGED_RUNS: Final = RUNS.append(pa.field("cause", _TEXT))
-"""Of `runs.parquet`: what was recorded of each run, and why it failed where it did."""
+"""Columns of `runs.parquet`: records of each run, and the cause of its failure."""
 VERDICTS: Final = pa.schema({**_RUN, **dict.fromkeys(("oracle", "judgement", "reason", "metrics"), _TEXT)})
 
 

@@ -16,7 +16,7 @@ from vastflow.sim.plug_ins.neighbors import PlugInError, neighbors_of
 
 COMMAND: Final = "command"
 CONFIG: Final = "/config/"
-"""How paths begin that mean the campaign's folder, as in RoboVAST's containers."""
+"""Prefix of paths in the campaign's folder, as in RoboVAST's containers."""
 
 RECORDED: Final[Mapping[str, str]] = {
     "rosbags_tf_to_csv": "`vastflow export` writes poses.csv for each run",

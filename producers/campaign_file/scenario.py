@@ -103,7 +103,7 @@ class AbstractScenario:
 
 
 FROM_GOAL: Final = AbstractScenario("", "", None)
-"""Where the mission follows from the goal."""
+"""The scenario of a campaign whose mission follows from the goal."""
 
 
 def abstract_scenario_of(document: Document, base: Path) -> tuple[AbstractScenario | None, list[Fault]]:

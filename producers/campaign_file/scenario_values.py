@@ -27,7 +27,7 @@ from vastflow.sim.nav2.parameter_files.reader import CONTRADICTION
 LOOPS_KEY = "number_of_loops"
 
 Complaint: TypeAlias = tuple[str, str]
-"""What was found, and what would be right."""
+"""A problem and the expected value."""
 
 
 def complaint_of(

@@ -32,7 +32,7 @@ class SearchDimension(Section):
     """A searched parameter: `float` or `int` with bounds, `choice` with values, or `bool`."""
 
     type: Literal["float", "int", "choice", "bool"]
-    """What the values are: a number, a whole number, one of `values`, or true and false."""
+    """Type of the values: a number, a whole number, one of `values`, or true and false."""
     low: Number | None = None
     """Least value of a number, included."""
     high: Number | None = None
@@ -85,9 +85,9 @@ class Quantity(Section):
     metric: Annotated[str, Field(min_length=1)] | None = None
     """Name of a metric of the oracle, in its unit; the failure rate (0 to 1) of judged runs where none is given."""
     aggregate: Literal["mean", "median", "min", "max", "quantile"] = "mean"
-    """How the metric of single runs becomes one number; a rate is always a mean."""
+    """Function from the metric of single runs to one number; a rate is always a mean."""
     q: Annotated[Number, Field(ge=0, le=1)] | None = None
-    """Which quantile, from 0 to 1; with `aggregate: quantile`."""
+    """The quantile, from 0 to 1; with `aggregate: quantile`."""
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
@@ -106,7 +106,7 @@ class Extract(Section):
     plugin: Annotated[str, Field(min_length=1)]
     """`failure_rate`, `metrics`, or `file.py:Class` relative to the campaign file."""
     params: dict[str, Any] = Field(default_factory=dict)
-    """Of `failure_rate` nothing or `{oracle}`; of `metrics` name to `{oracle, metric, aggregate, q}`."""
+    """For `failure_rate` empty or `{oracle}`; for `metrics` name to `{oracle, metric, aggregate, q}`."""
 
 
 class Objective(Section):
@@ -145,7 +145,7 @@ class NoImprovement(Section):
     """Stop when the objective no longer improves; a plain number is `patience`."""
 
     patience: Count
-    """How often in a row the objective may miss improving before the search ends."""
+    """Number of batches in a row without improvement after which the search ends."""
     min_delta: NotNegative = 0.0
     """Least change of the objective, in its unit, that counts as improvement."""
 
@@ -158,7 +158,7 @@ class StopMetric(Section):
     op: Literal[">", ">=", "<", "<=", "==", "!="] = ">="
     """Comparison of the number with `value`."""
     value: Number
-    """What it is compared with, in the unit of the number."""
+    """Threshold, in the unit of the number."""
 
 
 def _target(value: Any) -> Any:
@@ -201,7 +201,7 @@ class SearchSpec(Section):
     search_space: Annotated[dict[str, SearchDimension], Field(min_length=1)]
     """Name to domain. One that no `$name` stands for is a parameter of the scenario."""
     extract: Extract | None = None
-    """What turns a point's runs into numbers; their failure rate where nothing is said."""
+    """Function from a point's runs to numbers; default: their failure rate."""
     objectives: list[Objective] = Field(default_factory=list)
     """The number that the search drives; at most one, and the greatest failure rate where there is none."""
     per_batch: Count = 1
@@ -214,7 +214,7 @@ class SearchSpec(Section):
     baseline: Literal["random"] | None = None
     """A search beside this one, with as many points in each batch, to be compared with it. Not part of version 1 elsewhere."""
     budget: Budgets = Field(default_factory=list)
-    """How much the search may spend; this or `stopping` must be given, and what is reached first ends it."""
+    """Limits of the search; this or `stopping` is required, and the first limit that is reached ends it."""
     stopping: Stoppings = Field(default_factory=list)
     """When the search ends before its budget is spent."""
     seed: Seed | None = None

@@ -95,7 +95,7 @@ class TWay(Section):
     """Every combination of the choices of any `strength` producers, in few configurations."""
 
     strength: Annotated[int, Field(ge=1, le=MOST_STRENGTH, strict=True)] = 2
-    """How many producers' choices are combined with each other in all ways."""
+    """Number of producers whose choices are combined in all ways."""
 
 
 class Sample(Section):
@@ -105,7 +105,7 @@ class Sample(Section):
     """`lhs`: Latin hypercube, every choice of a producer about equally often; `sobol`: scrambled Sobol sequence;
     `random`: independently of each other."""
     size: Count
-    """How many."""
+    """Number of configurations."""
     seed: Seed = 0
     """Seed of the sample."""
 
@@ -203,11 +203,11 @@ class LidarSpec(Section):
     """A laser scanner; defaults are a TurtleBot 4's, but a scanner with its own angles is mounted at 0."""
 
     x: Quantity = None
-    """Of its mount in the robot's frame (m); -0.04 on a TurtleBot 4."""
+    """Position of its mount in the robot's frame (m); -0.04 on a TurtleBot 4."""
     y: Quantity = None
-    """Of its mount in the robot's frame (m)."""
+    """Position of its mount in the robot's frame (m)."""
     yaw: Quantity = None
-    """Of its mount in the robot's frame (rad); the beams' angles begin there."""
+    """Heading of its mount in the robot's frame (rad); the beams' angles begin there."""
     beams: Quantity = None
     """Beams of a scan, 2 to 4096; 360 on a TurtleBot 4."""
     angle_min: Quantity = None
@@ -217,13 +217,13 @@ class LidarSpec(Section):
     range_min: Quantity = None
     """Shortest range it measures (m); 0.164 on a TurtleBot 4."""
     range_max: Quantity = None
-    """What is as far away or farther gives no return (m); 20 on a TurtleBot 4."""
+    """Maximum range (m), from which on beams return nothing; 20 on a TurtleBot 4."""
     rate: Quantity = None
     """Scans a second (Hz), 1 to 20; it is held as a whole number of ticks of 50 ms."""
     sweeps: Flag = None
     """Whether each beam has a time of its own in the scanner's turn, counter-clockwise, so that scans of a moving robot are distorted."""
     noise: Annotated[NoiseSpec, EmptyIsMap] = Field(default_factory=NoiseSpec)
-    """What is added to exact ranges."""
+    """Noise of the ranges."""
 
 
 class LatencySpec(Section):
@@ -235,19 +235,19 @@ class LatencySpec(Section):
     preset: Annotated[Any, WithJsonSchema({"enum": [*PRESETS, None]})] = None
     """`ideal` (no latency, if not given), `gazebo`, or `loaded`."""
     scan_age: Quantity = None
-    """From the end of a scan until AMCL, costmaps, and collision monitor have it: the least (s)."""
+    """Minimum time from the end of a scan until AMCL, costmaps, and collision monitor get it (s)."""
     scan_jitter: Quantity = None
-    """Of the scan's age (s)."""
+    """Jitter of the scan's age (s)."""
     odometry_rate: Quantity = None
     """Samples of odometry and its transform a second (Hz), 5 to 100."""
     tf_age: Quantity = None
-    """From a sample of odometry until the stack has it: the least (s)."""
+    """Minimum time from a sample of odometry until the stack gets it (s)."""
     tf_jitter: Quantity = None
-    """Of odometry's age (s)."""
+    """Jitter of the odometry's age (s)."""
     controller_time: Quantity = None
-    """From the begin of a controller cycle until its command: the least (s). No other begins meanwhile."""
+    """Minimum time from the begin of a controller cycle until its command (s). No other cycle begins meanwhile."""
     controller_jitter: Quantity = None
-    """Of the controller's time (s)."""
+    """Jitter of the controller's time (s)."""
     missed_cycles: Quantity = None
     """Share of the controller's cycles that are left out, 0 to 0.9."""
     smoother_in_step: Flag = None
@@ -258,15 +258,15 @@ class RobotSpec(Section):
     """The robot that drives; defaults follow from the Nav2 parameters or a TurtleBot 4, as the report states."""
 
     radius: Quantity = None
-    """Of a body that is a disc (m); without a body the local costmap's footprint is what meets walls."""
+    """Radius of a round body (m); without a body, the local costmap's footprint collides with walls."""
     polygon: Annotated[Any, WithJsonSchema({"type": ["array", "string", "null"]})] = None
-    """Of a body that is none: `[[x, y], ...]` in the robot's frame (m), or Nav2's text of it."""
+    """Outline of another body: `[[x, y], ...]` in the robot's frame (m), or Nav2's text of it."""
     drive: Annotated[Any, WithJsonSchema({"enum": [*get_args(Drive), None]})] = None
-    """How it moves; what MPPI's motion model says where it isn't given."""
+    """Kind of drive; default: MPPI's motion model."""
     min_turning_radius: Quantity = None
-    """Of the tightest arc of an ackermann drive (m)."""
+    """Minimum turning radius of an ackermann drive (m)."""
     mass: Quantity = None
-    """Of the robot (kg), which counts where it pushes things."""
+    """Mass of the robot (kg), with which it pushes obstacles."""
     max_speed: Quantity = None
     """Greatest speed of the wheels' drive (m/s), whatever is commanded."""
     max_acceleration: Quantity = None
@@ -278,7 +278,7 @@ class RobotSpec(Section):
     lidar: Annotated[LidarSpec, EmptyIsMap] = Field(default_factory=LidarSpec)
     """The laser scanner."""
     latency: Annotated[LatencySpec, EmptyIsMap] = Field(default_factory=LatencySpec)
-    """How late sensors and computers are."""
+    """Latencies of sensors and computers."""
 
 
 def robot_places(

@@ -87,7 +87,7 @@ class SecondaryContainer(Section):
     name: str
     """Name of the container, unique in the campaign."""
     resources: Resources | None = None
-    """What the container asks of its node."""
+    """Resources that the container requests from its node."""
 
     @model_validator(mode="before")
     @classmethod
@@ -152,7 +152,7 @@ class ExecutionSpec(Section):
     ] = None
     """`module:Class` of another simulation."""
     resources: Annotated[Resources | None, Unexecuted("a run takes one core of this machine")] = None
-    """What the main container asks of its node."""
+    """Resources that the main container requests from its node."""
     secondary_containers: Annotated[
         Annotated[list[SecondaryContainer], EmptyIsList], Unexecuted("no containers are started")
     ] = Field(default_factory=list)
@@ -176,7 +176,7 @@ class ExecutionSpec(Section):
 
 
 StartCheckKind: TypeAlias = Literal["footprint", "none"]
-"""What is asked of the room at the start and the goals of a configuration."""
+"""Required free space at the start and the goals of a configuration."""
 
 
 class FamilySpec(Section):
@@ -197,10 +197,10 @@ class FamilySpec(Section):
     """Whether the footprint of the local costmap must fit at the start and the goals: `footprint`, or `none`, with which a robot may
     begin in collision. Not part of version 1 elsewhere."""
     design: Design = CARTESIAN
-    """Which combinations become configurations: `cartesian` (all), `t_way: {strength}` or
-    `sample: {method, size, seed}`. Not part of version 1 elsewhere."""
+    """Combinations that become configurations: `cartesian` (all), `t_way: {strength}` or `sample: {method, size, seed}`. Not
+    part of version 1 elsewhere."""
     constraints: Constraints = None
-    """What a configuration must fulfil, `- name: "expression"`. Not part of version 1 elsewhere."""
+    """Conditions of a configuration, `- name: "expression"`. Not part of version 1 elsewhere."""
 
 
 class ResultsProcessingSpec(Section):
@@ -261,7 +261,7 @@ class CampaignSpec(Section):
     search: SearchSpec | None = None
     """Families that an optimiser proposes, in place of `configuration`."""
     constraints: Constraints = None
-    """What the configurations of every family must fulfil. Not part of version 1 elsewhere."""
+    """Conditions of the configurations of every family. Not part of version 1 elsewhere."""
     execution: Annotated[ExecutionSpec, EmptyIsMap] = Field(default_factory=ExecutionSpec)
     """Runs of each configuration, their scenario and time, and where they are executed."""
     results_processing: Annotated[ResultsProcessingSpec, EmptyIsMap] = Field(default_factory=ResultsProcessingSpec)

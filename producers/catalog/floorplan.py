@@ -138,7 +138,7 @@ def _plan_notes(plan: PlanFile) -> tuple[Fault, ...]:
 
 
 MOST_LOOKED_AT: Final = 50
-"""Of one variation's plans: a plan of 75 rooms takes a fiftieth of a second, whenever its campaign is read."""
+"""Maximum number of one variation's plans that are checked when a campaign is read; 75 rooms take 20 ms a plan."""
 _NUMBER: Final = re.compile(r"-?\d+(\.\d+)?(e[-+]\d+)?")
 
 

@@ -33,9 +33,9 @@ from vastflow.sim.model.pose import Pose
 from vastflow.sim.model.scenario import Dimension
 
 MOST_OBSTACLES: Final = 1_000
-"""In one configuration."""
+"""Maximum number in one configuration."""
 ROUNDING: Final = 1e-9
-"""What floor(amount_per_m × length) forgives, so that 0.29/m on 100 m is 29."""
+"""Tolerance of floor(amount_per_m × length), so that 0.29/m on 100 m is 29."""
 
 LIST_KEY: Final = "static_objects"
 """The usual key of a list of obstacles."""
@@ -49,14 +49,14 @@ Placement: TypeAlias = Annotated[
     BeforeValidator(lambda value, info: AS_V1 if (info.context or {}).get(AS_V1) else value),
     Field(validate_default=True),
 ]
-"""How places are found: so that all stand free, or as version 1 of RoboVAST does."""
+"""Rule of placement: all obstacles stand free, or as version 1 of RoboVAST places them."""
 
 DIFFERS: Final[Mapping[str, str]] = {
     "constructive": "obstacles keep clear of walls and of each other; version 1 of RoboVAST places them otherwise, as does "
     "--as-v1 or placement: as_v1",
     "as_v1": "obstacles may stand in walls and in each other, as in version 1 of RoboVAST; without --as-v1 they keep clear",
 }
-"""What there is to say of a placement that nobody chose in the file, where the other one gives other places."""
+"""Note on a default placement, if the other rule gives other places."""
 
 
 def _with_args(schema: dict[str, Any]) -> None:
@@ -73,9 +73,9 @@ class ObstacleConfig(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True, json_schema_extra=_with_args)
 
     amount: Annotated[Amount, Field(le=MOST_OBSTACLES)] | None = None
-    """How many obstacles of this kind. This or `amount_per_m`."""
+    """Number of obstacles of this kind. This or `amount_per_m`."""
     amount_per_m: NotNegatives | None = None
-    """How many per meter of path, rounded down; one value or several. This or `amount`."""
+    """Number per meter of path, rounded down; one value or several. This or `amount`."""
     max_distance: NotNegatives
     """Greatest distance of a center from the path (m); one value or several."""
     model: str = "box"

@@ -20,7 +20,8 @@ from vastflow.sim.plug_ins.neighbors import PlugInError
 
 PYDANTICS_OWN: Final = frozenset(get_args(ErrorType))
 PRECEDENCE: Final[tuple[Dimension | None, ...]] = ("environment", "task", None, "system")
-"""Of the dimensions that children give one key: a list without obstacles is of the environment beside one that has some."""
+"""Precedence of the dimensions that children give one key: a list without obstacles belongs to the environment if another
+has some."""
 
 
 def _child(value: Any, info: ValidationInfo) -> Producer[Any]:

@@ -99,7 +99,7 @@ class DistributionParameters(producer.Parameters):
     name: ParameterName
     """Key to vary."""
     num_variations: Count
-    """How many values are drawn."""
+    """Number of drawn values."""
 
 
 D = TypeVar("D", bound=DistributionParameters)
@@ -137,7 +137,7 @@ class UniformParameters(DistributionParameters):
     max: Number
     """Upper bound, in the unit of the value; included for whole numbers. For `bool`, the probability of true."""
     type: ParameterKind = "float"
-    """What the values are; `str` writes the drawn number as text."""
+    """Type of the values; `str` writes the drawn number as text."""
     seed: Seed | None = None
     """Seed of the draws; 0 where none is given."""
 
@@ -176,7 +176,7 @@ class GaussianParameters(DistributionParameters):
     max: Number | None = None
     """Values above are set to this bound, not drawn again; no bound where none is given."""
     type: ParameterKind = "float"
-    """What the values are. Whole numbers are rounded; a `bool` is true from the mean upwards."""
+    """Type of the values. Whole numbers are rounded; a `bool` is true from the mean upwards."""
     seed: Seed
     """Seed of the draws."""
 

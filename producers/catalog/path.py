@@ -67,7 +67,7 @@ ARRIVAL_M: Final = 0.5
 """The end of a leg whose direction is the goal's yaw: long enough that a grid step does not decide it."""
 
 UNPROVED: Final = "nor proved impossible"
-"""What a rejection says that another draw may contradict."""
+"""Text of a rejection that another draw may contradict."""
 
 Drawer: TypeAlias = Callable[[np.random.Generator], list[Leg] | str]
 """Draws the legs of one path, or says why there is none."""
@@ -79,7 +79,7 @@ class LengthParameters(producer.Parameters):
     path_length: Positives
     """Length of the shortest path on the map's grid, from the start through the goals (m); one value or several."""
     path_length_tolerance: NotNegative = 0.5
-    """How much a length may miss `path_length` by (m)."""
+    """Maximum deviation from `path_length` (m)."""
     robot_diameter: Positive = DEFAULT_ROBOT_DIAMETER_M
     """Diameter of the disc that must fit all along the path (m)."""
     start_pose: StartParameter = START_KEY

@@ -21,7 +21,7 @@ from vastflow.sim.model.pose import Pose
 MAX_POINTS: Final = 5000
 """Points of a raster that is still a raster: of more, the pairs are tens of millions."""
 ROUNDING_CELLS: Final = 1e-6
-"""What the place of a raster point forgives, so that three times 0.1 m is the sixth cell of 0.05 m."""
+"""Tolerance of a raster point's place, so that three times 0.1 m is the sixth cell of 0.05 m."""
 
 
 class RasterParameters(LengthParameters):

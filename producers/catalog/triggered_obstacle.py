@@ -26,7 +26,7 @@ class TriggeredObstacleParameters(ObstacleParameters):
     spawn_trigger_threshold: KeyParameter
     """Key of the distance (m) from that point at which the robot triggers the obstacle."""
     trigger_distance: Positives
-    """That distance (m); one value or several."""
+    """The distance of the trigger (m); one value or several."""
     spawn_delay_s: NotNegatives = (0.0,)
     """Time from the trigger until the obstacle appears (s), as a simulator needs to spawn it; one value or several."""
     start_pose: StartParameter = START_KEY

@@ -29,12 +29,12 @@ from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
 
 MOST_MAPS: Final = 4
 MOST_PATHS: Final = 4096
-"""What is kept for the next configuration."""
+"""Number of cached paths."""
 ROUNDING: Final = 9
 """Decimals of a quantity in meters: 20.65 and not 20.650000000000002."""
 
 Points: TypeAlias = tuple[tuple[float, float], ...]
-"""Of a path, in meters; one at least."""
+"""Points of a path (m), at least one."""
 
 
 def quantity(name: str, partial: Partial) -> int | float:

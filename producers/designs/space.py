@@ -32,10 +32,10 @@ from vastflow.sim.model.digest import Value
 from vastflow.sim.model.scenario import Dimension
 
 MOST_COMBINATIONS: Final = 300_000
-"""Of choices that depend on each other."""
+"""Maximum number of combinations of dependent choices."""
 
 Levels: TypeAlias = tuple[int, ...]
-"""One level for each of some factors, in the order of these."""
+"""One level of each of some factors, in their order."""
 
 
 class TooLarge(Exception):

@@ -34,7 +34,7 @@ from vastflow.sim.model.faults import Fault, FileError, Place
 from vastflow.sim.model.files import TextPlace
 
 ROUNDING_M: Final = 1e-9
-"""What sums of a user's decimal numbers may miss each other by."""
+"""Tolerance of sums of a user's decimal numbers."""
 
 LEAST_OVERLAP_M2: Final = 1e-6
 

@@ -76,7 +76,7 @@ def outline_fault(outline: Outline) -> tuple[str, str] | None:
 
 
 DECIMALS: Final = 9
-"""Of a coordinate in the world, in meters."""
+"""Decimals of a coordinate in the world (m)."""
 
 
 class Transform(NamedTuple):

@@ -16,7 +16,7 @@ from vastflow.sim.world.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 
 RESOLUTION_M: Final = 0.05
 LASER_HEIGHT_M: Final = 0.193
-"""Of the lidar of the simulated robot, a TurtleBot 4."""
+"""Height of the lidar of a TurtleBot 4."""
 
 BORDER_CELLS: Final = 25
 """Unknown cells round the rooms, on each side; more only where a wall would not fit in."""

@@ -16,17 +16,17 @@ from vastflow.producers.floorplan.building import Building, Hole, SolidBlock, Wa
 from vastflow.producers.floorplan.geometry import signed_area
 
 MARGIN_M: Final = 0.05
-"""How far a cut goes beyond both faces of its walls."""
+"""Length of a cut beyond both faces of its walls."""
 
 GRIDS_M: Final = (2e-6, 1e-5, 5e-5)
 """Corners are moved to a grid where solids meet, so that faces that touch but for rounding noise are one face. STL has
 single precision, where walls may touch in a way that no grid but another one makes a closed mesh of."""
 
 SEAM_M: Final = 1e-4
-"""How far a solid goes into a taller one that it touches."""
+"""Overlap of a solid with a taller one that it touches."""
 
 APART_M: Final = 2e-5
-"""How far corners are drawn apart that touch without being one, such as those of two walls that share an edge."""
+"""Distance between corners that touch without being one, such as those of two walls with a common edge."""
 
 LEAST_REACH_M2: Final = 1e-6
 

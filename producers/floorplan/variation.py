@@ -36,7 +36,7 @@ NAME: /[A-Za-z_][A-Za-z0-9_]*/
 """
 
 PROBABILITY_ROUNDING: Final = 1e-8
-"""What the probabilities of a choice may miss 1 by; numpy allows 1.5e-8."""
+"""Tolerance of a choice's total probability; numpy allows 1.5e-8."""
 
 DECIMALS: Final = 2
 """Draws of a normal distribution are rounded to centimeters, or hundredths of their unit."""
@@ -162,7 +162,7 @@ def _place(token: Token) -> tuple[int, int]:
 
 
 GREATEST_SEED: Final = 2**32 - 1
-"""Of numpy's legacy generator."""
+"""Greatest seed of numpy's legacy generator."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,7 +241,7 @@ def variation_of(text: VariationText, plan: PlanText) -> Variation:
 
 
 _Wrong: TypeAlias = tuple[Token, str, str]
-"""Where, what is wrong, and what would be right."""
+"""Place, problem, and expected value."""
 
 
 class _Numbers:

@@ -19,7 +19,7 @@ from vastflow.sim.model.digest import Texts
 from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
 
 STRENGTH: Final = 2
-"""Of the combinations of choices that are counted."""
+"""Number of choices in a counted combination."""
 MOST_LISTED: Final = 100
 """Reasons of a producer, and pairs of factors, that are listed one by one; totals are of all."""
 

@@ -28,7 +28,7 @@ LEVELS: Final = 8
 
 
 WORLD_PARTS: Final[Mapping[str, str]] = {"wall_offset": "moved walls", "missing_furniture": "missing furniture"}
-"""What of the world differs from the map; without both it is the map."""
+"""Parts in which a world differs from the map; without both it is the map."""
 
 Kind: TypeAlias = Literal["obstacle", "world", "waypoint", "parameter", "path"]
 
@@ -56,7 +56,7 @@ class Circumstance:
 
 
 Levels: TypeAlias = Mapping[Circumstance, int]
-"""Of circumstances that are nearer to their default: eighths of the distance that are left."""
+"""Remaining distances of circumstances from their defaults, in eighths."""
 
 
 @dataclass(frozen=True)

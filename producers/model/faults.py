@@ -9,7 +9,7 @@ MISSING_FILE: Final = "missing_file"
 """Type of the pydantic error of a parameter that names a file which is not there."""
 NOT_EXECUTED = "not executed by this version"
 AS_DRAWN: Final = "as drawn with seed"
-"""How a note begins that is not of a floor plan as it is written."""
+"""Begin of the place of a fault in a drawn floor plan, as opposed to one in the file."""
 
 
 def path_text(location: Location) -> str:

@@ -37,7 +37,7 @@ Whole: TypeAlias = Annotated[int, Strict(), BeforeValidator(_unquoted, json_sche
 Count: TypeAlias = Annotated[Whole, Field(ge=1)]
 Amount: TypeAlias = Annotated[Whole, Field(ge=0)]
 MOST_GOALS: Final = 1_000
-"""Of one path."""
+"""Maximum number of goals of one path."""
 Goals: TypeAlias = Annotated[Count, Field(le=MOST_GOALS)]
 Seed: TypeAlias = Annotated[Whole, Field(ge=0)]
 """η: any whole number from 0."""

@@ -29,7 +29,7 @@ _CORNER: Final = 0.5
 """Cosines of the angles at which two nearest points are seen: opposite within 60°, or at least 60° apart."""
 _CLOSER_CELLS: Final = 1.0
 _EVERY: Final = 2
-"""Of the path's cells, those that are looked from: posts of a door are seen to face each other from a quarter of its width away."""
+"""Step between the path's cells that are examined: posts of a door are found from a quarter of its width away."""
 _OF_A_CELL: Final = 0.5
 
 Cells = NDArray[np.int64]

@@ -17,7 +17,7 @@ from vastflow.sim.model.pose import Pose
 Position: TypeAlias = tuple[float, float]
 
 ROUNDING_M: Final = 1e-9
-"""How near to a bound the polygons are asked."""
+"""Distance to a bound within which polygons are compared exactly."""
 
 
 class Outline(NamedTuple):
@@ -79,7 +79,7 @@ MAX_TRIES: Final = 100
 MAX_ATTEMPTS: Final = 10
 """Sets drawn before a placement is given up."""
 NEIGHBORHOOD_M: Final = 5.0
-"""How far round the path another one is looked for before the whole map is."""
+"""Distance from the path within which another one is searched before the whole map."""
 
 
 @dataclass(frozen=True)

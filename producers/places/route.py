@@ -20,7 +20,7 @@ MAX_STARTS: Final = 200
 """Starts without a goal after which a request is given up, where it could not be proved infeasible before."""
 
 ROUNDING_M: Final = 1e-9
-"""What comparisons of lengths forgive, so that 207 cells of 0.05 m are 10.35 m."""
+"""Tolerance of comparisons of lengths, so that 207 cells of 0.05 m are 10.35 m."""
 FIELD_ERROR_M: Final = 0.005
 """Bound on the single-precision error of a distance field over 1 km."""
 

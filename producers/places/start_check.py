@@ -26,7 +26,7 @@ from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 from vastflow.sim.nav2.parameters.robot import ROBOT_KEY
 
 LABEL: Final = "start_check"
-"""Who rejects, in tables and reports."""
+"""Name of the start check in tables and reports."""
 MOST_VALUES: Final = 10_000
 """Values of a producer that are looked at for the largest footprint."""
 

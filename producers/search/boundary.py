@@ -30,7 +30,7 @@ class BoundaryParameters(Parameters):
     """Parameters of `boundary`."""
 
     level: Number = 0.5
-    """Of the objective, in its unit."""
+    """Level of the objective, in its unit."""
     noise: Positive = 0.5
     """Standard deviation of the objective over single runs, in its unit: of a rate at 50 % it is 0.5."""
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 _VARIANCE: Final = 0.25
-"""Of what nothing is known of: the standard deviation 1/2 is the range of a rate round its middle."""
+"""Prior variance: the standard deviation 1/2 is the range of a rate round its middle."""
 _JITTER: Final = 1e-6
 _SCALES: Final = (0.15, 0.3, 0.6, 1.2, 2.4)
 _NOISES: Final = (0.001, 0.01, 0.1)

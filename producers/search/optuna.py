@@ -24,7 +24,7 @@ class OptunaParameters(Parameters):
     sampler: Literal["tpe", "cmaes", "random"] = "tpe"
     """Tree-structured Parzen estimator, covariance matrix adaptation, or points drawn at random."""
     constant_liar: Annotated[bool, Field(strict=True)] = True
-    """Of `tpe`: whether points of one batch keep away from each other, as if those that are not known yet were bad."""
+    """For `tpe`: whether points of one batch keep away from each other, as if pending ones were bad."""
     n_startup_trials: Count | None = None
     """Points drawn at random first; as many as the sampler's default where none is given."""
 

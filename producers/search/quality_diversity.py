@@ -57,7 +57,7 @@ class Archive(Parameters):
     type: Literal["grid", "cvt"] = "grid"
     """Equal bins along each measure, or cells round evenly spread centers, for many measures."""
     cells: Count | None = None
-    """Of a CVT archive; 256 where nothing is said."""
+    """Number of cells of a CVT archive; default: 256."""
     bins: Count | None = None
     """Along each measure that says none of its own; 10 where nothing is said."""
     measures: Annotated[Mapping[str, Measure], Field(min_length=1)]
@@ -68,12 +68,12 @@ class QdParameters(Parameters):
     """Parameters of `qd`."""
 
     archive: Archive
-    """What kinds of points there are."""
+    """Measures and cells that define the kinds of points."""
     sigma: Positive = 0.1
     """Standard deviation of the step from a point of the archive to a new one, beside its part along a line, as a fraction of each
     range."""
     emitters: Count = 1
-    """That take steps from the archive, each with its share of a batch."""
+    """Emitters that take steps from the archive, each with its share of a batch."""
 
 
 class QualityDiversity(Strategy[QdParameters]):

@@ -14,7 +14,7 @@ from vastflow.sim.model.faults import UserError
 from vastflow.sim.plug_ins.registry import plug_in_class
 
 FAMILY: Final = "search"
-"""Of all points of a search, in tables and in the report."""
+"""Family of all points of a search, in tables and in the report."""
 BASELINE: Final = "random"
 """The family of points that are drawn beside those of the strategy."""
 

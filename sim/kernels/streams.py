@@ -65,7 +65,7 @@ def integer_below(stream: Any, n: int) -> int:
 LAYERS: Final = 256
 TAIL: Final = 3.6541528853610088
 AREA: Final = 0.00492867323399
-"""Where the tail begins for 256 layers, and each layer's area; the lowest layer is a rectangle and the tail."""
+"""Begin of the tail for 256 layers, and the area of a layer; the lowest layer is a rectangle and the tail."""
 
 
 EDGES: Final = np.zeros(LAYERS + 1)

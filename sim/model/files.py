@@ -26,7 +26,7 @@ START: Final[TextPlace] = (1, 1)
 
 MOST_BYTES: Final = 64 * 2**20
 MOST_TEXT_BYTES: Final = 16 * 2**20
-"""Of a text that is parsed as a whole; other files may be larger."""
+"""Maximum size of a text that is parsed as a whole; other files may be larger."""
 MOST_LEVELS: Final = 100
 """Parsers recurse; libyaml's ends the process."""
 MOST_YAML_NODES: Final = 500_000

@@ -18,7 +18,7 @@ FILES: Final = "files"
 """Name under which a class, or a notebook at its top, declares the data files it reads."""
 
 MOST_BYTES: Final = 100_000_000
-"""Of one plug-in, with all that it uses."""
+"""Maximum size of one plug-in with all of its files."""
 
 _NEVER_BESIDE: Final = sys.stdlib_module_names | {"vastflow"}
 _IMPORTING: Final = ("importlib.import_module", "import_module", "__import__")

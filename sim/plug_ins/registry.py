@@ -15,7 +15,7 @@ from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.snapshot import Snapshot, snapshot_of
 
 FILE: Final = ".py:"
-"""In the name of a plug-in in a file, `my_pursuit.py:PurePursuit`."""
+"""Name of a plug-in in a file, such as `my_pursuit.py:PurePursuit`."""
 
 PlugIn = TypeVar("PlugIn", bound=ParameterGroup)
 

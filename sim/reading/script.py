@@ -93,7 +93,7 @@ def _in_turn(behavior: Behavior, names: Sequence[str]) -> Behavior:
 START_KEY: Final = "start_pose"
 
 ROBOT_ACTIONS: Final = "differential_drive_robot."
-"""How the names of a robot's actions begin."""
+"""Prefixes of the names of a robot's actions."""
 
 NAVIGATIONS: Final[Mapping[str, str]] = {
     "nav_to_pose": "goal_pose",

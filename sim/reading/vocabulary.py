@@ -33,7 +33,7 @@ WORLDLY: Final = frozenset(
         "differential_drive_robot.tf_close_to",
     }
 )
-"""Those that need a robot in a world."""
+"""Actions that need a robot in a world."""
 
 ACTIONS: Final = frozenset({*HELPERS, *WORLDLY, *PROCESSES, *stand_ins({})})
 """All of them."""

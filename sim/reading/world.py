@@ -10,7 +10,7 @@ from vastflow.sim.world.difference import WorldDifference
 WORLD_KEY: Final = "world"
 LONGEST_M: Final = 1000.0
 SHORTEST_M: Final = 0.5
-"""Of a correlation length: offsets are computed at places a fraction of it apart, all over the map."""
+"""Minimum correlation length: offsets are computed at fractions of it all over the map."""
 _NAMES: Final = ("seed", "wall_offset", "correlation_length", "missing_furniture")
 
 

@@ -14,7 +14,7 @@ from packaging.requirements import Requirement
 from vastflow.tasks.store.artifact import StoreError
 
 _SHARED_MEMORY: Final = Path("/dev/shm")
-"""Where Linux keeps semaphores, with which worker processes wait for each other."""
+"""Folder of Linux' semaphores, with which worker processes wait for each other."""
 
 
 def check_machine() -> None:

@@ -13,7 +13,7 @@ Phase: TypeAlias = Literal["scanning", "starting Prefect", "instantiating", "run
 
 INTERVAL_S: Final = 0.1
 REPEAT_S: Final = 10.0
-"""After which an unchanged state is shown again."""
+"""Time after which an unchanged state is shown again."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 ANALYTICS: Final = "PREFECT_SERVER_ANALYTICS_ENABLED"
 DO_NOT_TRACK: Final = "DO_NOT_TRACK"
-"""Without it Prefect announces at its first import in a terminal that it collects data, and sends some."""
+"""Variable that keeps Prefect from collecting data, which it announces at its first import in a terminal."""
 
 SERVER_APPLICATION: Final = "prefect.server.api.server:create_app"
 """Factory of the application of Prefect's API, for `uvicorn`."""

@@ -54,7 +54,7 @@ SUFFIXES: Final[Mapping[str, int]] = {
     "Ti": 2**40,
     "Pi": 2**50,
 }
-"""Of Kubernetes' quantities, without those of less than a byte (`8m` is 0.008 bytes) and exponents."""
+"""Units of Kubernetes' quantities, without those below a byte (`8m` is 0.008 bytes) and exponents."""
 QUANTITY: Final = re.compile(r"(\d+(?:\.\d*)?|\.\d+)\s*([A-Za-z]*)", re.ASCII)
 
 
@@ -91,7 +91,7 @@ def _in_units(size: int, units: Mapping[str, int], byte: str) -> str:
 MAIN: Final = "main"
 """Name of the container whose end is the run's."""
 OUT: Final = "/vastflow/out"
-"""Where containers write what is kept; shared."""
+"""Shared folder of output that is kept."""
 
 MAX_LABEL: Final = 63
 LABEL: Final = re.compile(r"[a-z0-9]([a-z0-9-]*[a-z0-9])?")

@@ -104,13 +104,13 @@ class PoolType(StrEnum):
 
 
 CONTAINER_POOLS: Final = (PoolType.docker, PoolType.kubernetes)
-"""Those whose base job template is ours."""
+"""Pools with our own base job template."""
 
 NAME: Final = "vastflow"
-"""Of namespace, queue, secret and volume, where nobody says otherwise."""
+"""Default name of namespace, queue, secret, and volume."""
 IMAGE: Final = "vastflow:latest"
 DATA: Final = "/data"
-"""Where containers keep results and store."""
+"""Folder of results and store in containers."""
 CPU: Final = 2
 """Cores that are requested for a campaign whose file says nothing."""
 

@@ -20,7 +20,7 @@ AWS_ENDPOINT_URL=
 _GIB: Final = 2**30
 _SCHEDULER_NEEDS: Final = Needs(1, 2 * _GIB)
 _CAMPAIGN_NEEDS: Final = Needs(1, 4 * _GIB)
-"""Of the campaign's own Job, which evaluates producers, waits for the workers, and writes the report."""
+"""Resources of the campaign's own Job, which evaluates producers, waits for the workers, and writes the report."""
 _WORKER_NEEDS: Final = Needs(1, 2 * _GIB)
 
 

@@ -24,7 +24,7 @@ from vastflow.tasks.store.files import Listed
 _NAMED_DIGITS: Final = 16
 _MANIFESTS_AT_A_TIME: Final = 2000
 _LISTINGS: Final = 20
-"""Of more folders than this one listing of everything is cheaper."""
+"""Number of folders above which one listing of everything is cheaper."""
 _S3: Final = ("s3:", "s3a:")
 _ANSWER_S: Final = 60
 _REQUESTS: Final = 3

@@ -176,7 +176,7 @@ _STEPS: Final = np.arange(3, dtype=np.uint64)
 
 
 NEIGHBORS: Final = np.array([i * _X + j * _Y + k * _YAW for i in _STEPS for j in _STEPS for k in _STEPS])
-"""What to add to the key of a bin's lowest neighbor for each of the 27."""
+"""Offsets of a bin's 27 neighbors from the key of the lowest one."""
 
 
 @inner

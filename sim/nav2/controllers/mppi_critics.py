@@ -31,7 +31,7 @@ from vastflow.sim.nav2.costmaps.window import Window, cost_at
 COLLISION: Final = 2.0**40
 """Above all costs, and the same number in 32 bits: 1e12 is greater than itself there."""
 FAR: Final = 1e6
-"""Where points of the plan are put that are not free (cells)."""
+"""Coordinate of plan points that are not free (cells)."""
 STRAIGHT_RADPS: Final = 1e-6
 """Slower turns count as this one."""
 

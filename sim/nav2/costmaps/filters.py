@@ -16,7 +16,7 @@ from vastflow.sim.nav2.costmaps.window import Window
 from vastflow.sim.world.occupancy import OCCUPIED, UNKNOWN, OccupancyMap
 
 NOTHING: Final = inflation.UNKNOWN
-"""In a mask of costs: the costmap stays as it is."""
+"""Cost of a mask's cell that leaves the costmap unchanged."""
 
 
 class Mask(NamedTuple):

@@ -46,7 +46,7 @@ INVALID_PATH, PATIENCE_EXCEEDED, FAILED_TO_MAKE_PROGRESS = 103, 104, 105
 """Nav2's error codes of FollowPath; 103 is not among those that a recovery is tried for."""
 
 THROUGH_POSES: Final = 100
-"""By this much ComputePathThroughPoses' codes are greater than ComputePathToPose's."""
+"""Offset of ComputePathThroughPoses' error codes from ComputePathToPose's."""
 
 
 @inner

@@ -29,7 +29,8 @@ Cells: TypeAlias = NDArray[np.uint8]
 CACHED_MAPS: Final = 6
 """About 45 bytes a cell: 130 MB for a building of 85 m × 85 m."""
 CACHED_WORLDS: Final = 2
-"""Of those that differ from their map. They have up to four times its cells, of 10 bytes each here, and each is one configuration's."""
+"""Number of cached worlds that differ from their map. Each has up to four times its cells, of 10 bytes each, and belongs to
+one configuration."""
 
 
 @dataclass(frozen=True, eq=False)

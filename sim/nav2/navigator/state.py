@@ -72,7 +72,7 @@ MISSION_KINDS: Final = {
 
 STARTING, FOLLOWING, SPINNING, WAITING, BACKING_UP, PAUSING, ENDED = 0, 1, 2, 3, 4, 5, 6
 RUNNING, SUCCEEDED, ABORTED, RESTING = 0, 1, 2, 3
-"""What became of the mission; RESTING where none was given, or where it was cancelled."""
+"""State of the mission; RESTING without one, or after its cancellation."""
 
 EVENT_KINDS: Final = ("recovery", "goal_reached", "goal_missed", "plan_failed", "control_failed", "stopped_by_monitor")
 EVENT_RECOVERY, EVENT_GOAL_REACHED, EVENT_GOAL_MISSED, EVENT_PLAN_FAILED, EVENT_CONTROL_FAILED, EVENT_STOPPED = range(6)
@@ -89,7 +89,7 @@ COLUMNS: Final = (
 )
 
 OMNI_COLUMNS: Final = ("lateral_speed_mmps", "command_lateral_speed_mmps", "sent_lateral_speed_mmps")
-"""What an omni robot's recording has besides: its speeds to the left."""
+"""Additional columns of an omni robot's recording: its speeds to the left."""
 
 _REAL: Final = (
     # True pose, true motion of the last tick, true path driven.

@@ -18,15 +18,15 @@ LATENCY_KEY: Final = "latency"
 """Name of the section below `robot`."""
 
 NOISE_PLACE: Final[ParameterLocation] = ("robot", "lidar", "noise")
-"""Of the parameters of the lidar's noise; `model` among them is its name."""
+"""Location of the parameters of the lidar's noise; `model` among them is its name."""
 
 NOISE_MODEL_KEY: Final = "robot.lidar.noise.model"
 
 PRESET_KEY: Final = "preset"
-"""Of the section: the preset that gives what the section leaves out."""
+"""Key of the section with the preset that gives omitted values."""
 
 OLDEST_S: Final = 0.5
-"""What comes later than this is taken to come then: Nav2's message filters drop what is much older."""
+"""Maximum age of a message; later ones count as this old, because Nav2's message filters drop much older ones."""
 
 PHYSICS_HZ: Final = 100.0
 """Odometry at this rate is as new as the stack's tick."""
@@ -84,7 +84,7 @@ PRESETS: Final[Mapping[str, Latency]] = {
         smoother_in_step=False,
     ),
 }
-"""Where the numbers are from stands in `docs/the-simulator.md`."""
+"""Presets; `docs/the-simulator.md` has the sources of their numbers."""
 
 
 ROBOT_KEY: Final = "robot"

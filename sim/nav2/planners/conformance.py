@@ -22,7 +22,7 @@ MOST_US: Final = 1e6
 
 RESOLUTION_M: Final = 0.05
 NEAR_M: Final = 0.5
-"""How far from start and goal a path may begin and end: Nav2's planners accept this tolerance of the goal."""
+"""Maximum distance of a path's ends from start and goal: the goal tolerance of Nav2's planners."""
 
 _ROWS, _COLUMNS = 120, 160
 _ROOM: Final = 4096

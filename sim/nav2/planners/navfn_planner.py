@@ -33,7 +33,7 @@ MARGIN_COST: Final = 30 * NEUTRAL
 """Paths this much dearer than expected are flooded, too: the walk down the potential reads cells beside the best one."""
 
 WIDER: Final = 1.5
-"""By this much more a path may cost where none was found within the first bounds; after that there are none."""
+"""Factor by which the bound of a path's cost grows if no path is within the first one; then it is dropped."""
 
 FARTHER: Final = 1.25
 """So much more than is needed at once new lower bounds reach."""
@@ -42,24 +42,23 @@ LEG_LENGTHS: Final = 4
 """Points of a leg, in longer edges of the map."""
 
 LEAST_CELL_COST: Final = 0.99 * NEUTRAL
-"""Of a cell's path in a straight line; NavFn's interpolated potential rises 0.5 % less than `NEUTRAL` along a diagonal."""
+"""Least cost of a cell on a straight path; NavFn's interpolated potential rises 0.5 % less than `NEUTRAL` along a diagonal."""
 
 DETOUR: Final = 1.6
-"""Of a map's paths over the straight line, inflation counted in; where one is longer, the bounds are computed again."""
+"""Expected cost of a map's paths over that of a straight line, inflation included; a longer path makes the bounds be
+computed again."""
 
 SPARE_COST: Final = 20 * NEUTRAL
 WIDER_BOUNDS: Final = 2.0
 ATTEMPTS: Final = 3
-"""To bound a path at all, each time among paths `WIDER_BOUNDS` as dear."""
+"""Maximum number of attempts to bound a path, each with `WIDER_BOUNDS` times the cost."""
 
 BOUND: Final = np.dtype(
     [(name, np.float64) for name in ("reach", "detour")]
     + [(name, np.int64) for name in ("column", "row", "goal_column", "goal_row", "row0", "row1", "column0", "column1")]
 )
-"""What is known of one leg: on paths of at most `reach` from (column, row) to (goal_column, goal_row) all cells have a bound.
-
-Rows row0..row1 and columns column0..column1 hold them all. By `detour` the leg's last plan was dearer than its bound.
-"""
+"""Bounds of one leg: all cells on paths of at most `reach` from (column, row) to (goal_column, goal_row) have one, and are
+in rows row0..row1 and columns column0..column1. `detour` is the excess of the leg's last plan over its bound."""
 
 
 class NavFnMemory(NamedTuple):

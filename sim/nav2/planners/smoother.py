@@ -13,7 +13,7 @@ from vastflow.sim.nav2.planners.search import center_cost
 _LONGEST: Final = 2.0
 """Times the segment in whose place it comes: a longer curve has a loop in it."""
 _SPANS: Final = (1.0, 2.0, math.pi, 2.0 * math.pi)
-"""How many least radii an end reaches into a segment."""
+"""Lengths of a segment that an end may change, in least radii."""
 
 
 @inner

@@ -41,7 +41,7 @@ MODIFIERS: Final = (
     *("repeat", "retry", "timeout", "inverter", "failure_is_running", "failure_is_success"),
     *("running_is_failure", "running_is_success", "success_is_failure", "success_is_running"),
 )
-"""Those that are executed; others can be declared and not used."""
+"""Executed modifiers; others can be declared but not used."""
 
 
 def checked(text: syntax.Compound, declared: Declarations, faults: list[Fault]) -> ScenarioDefinition | None:

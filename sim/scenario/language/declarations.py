@@ -12,10 +12,10 @@ from vastflow.sim.scenario.language import syntax
 BASIC: Final = ("int", "uint", "float", "bool", "string")
 
 ANY: Final = Type("any", "basic")
-"""Of a library's parameter that takes values of every type."""
+"""Type of a library's parameter that takes values of every type."""
 
 VARIABLE: Final = Type("variable", "basic")
-"""Of a library's parameter that is the name of a `var`."""
+"""Type of a library's parameter that is the name of a `var`."""
 
 
 @dataclass(frozen=True, slots=True)

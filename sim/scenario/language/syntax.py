@@ -108,7 +108,7 @@ class Until(NamedTuple):
 
 WithItem: TypeAlias = Call | Keep | Until | Refused
 With: TypeAlias = tuple[WithItem, ...]
-"""What stands in a `with:` block."""
+"""Members of a `with:` block."""
 
 
 class Field(NamedTuple):

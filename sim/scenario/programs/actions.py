@@ -279,7 +279,7 @@ PROCESSES: Final[Mapping[str, Callable[[ProcessRun, ActionSituation], Action]]] 
     "monitor_resources": MonitorResources,
     "set_yaml_value": SetYamlValue,
 }
-"""By their names in a file."""
+"""Actions by their names in a file."""
 
 
 def process_actions(run: ProcessRun) -> dict[str, ActionFactory]:

@@ -23,13 +23,13 @@ from vastflow.sim.model.scenario import RunFiles
 from vastflow.sim.world.map_file import load_map
 
 CONFIG: Final = "/config"
-"""Where programs find the run files."""
+"""Folder of the run files, as programs see it."""
 OUT: Final = "/out"
-"""Where programs write."""
+"""Folder that programs write to, as they see it."""
 _NAMED: Final = re.compile(rb"/(?:config|out)(?![\w-])")
 """May be one of the two names; what only looks like one does no harm."""
 _NAME: Final = re.compile(rb"(?<![\w.~/$})-])/(config|out)(?![\w.-])")
-"""One of the two names, and not the end of a longer path."""
+"""One of the two names that is not the end of a longer path."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ from typing import Final
 VARIABLE: Final = "VASTFLOW_RUN"
 """The environment variable that is the mark."""
 KILL_FOR_S: Final = 5.0
-"""How long processes that beget others are killed before they are given up."""
+"""Time during which processes that keep starting others are killed, before the guard gives up."""
 _PROC: Final = Path("/proc")
 
 

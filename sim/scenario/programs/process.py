@@ -24,7 +24,7 @@ from vastflow.sim.scenario.programs.guard import VARIABLE, kill_marked
 MAX_LOG_BYTES: Final = 16 * 2**20
 RSS_UNIT_BYTES: Final = 1 if sys.platform == "darwin" else 1024
 _KILL_S: Final = 5.0
-"""How long a process may take to be gone after SIGKILL."""
+"""Maximum time of a process to end after SIGKILL."""
 
 
 class ProcessLog:

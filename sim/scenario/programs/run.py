@@ -38,7 +38,7 @@ from vastflow.sim.scenario.programs.process import RSS_UNIT_BYTES, ProcessGroup,
 COMMAND_TIMEOUT_S: Final = 600.0
 """Host time that `pre_command` and `post_command` may take."""
 _NOT_TAKEN: Final = ("_", "SHLVL", "PWD", "OLDPWD", VARIABLE)
-"""What says where the shell itself was, and which group it belonged to."""
+"""Variables of the shell itself that are not exported."""
 _SOURCE: Final = """\
 vastflow_result=$1 vastflow_script=$2
 shift 2

@@ -16,7 +16,7 @@ COMPARISONS: Final = ("==", "!=", "<", "<=", ">", ">=")
 """Operators of `compare`."""
 
 SHARE: Final = "/opt/ros/share"
-"""Where the folders of ROS packages would be; there are none, but a scenario may name one to a launch."""
+"""Folder of ROS packages, which does not exist; a scenario may pass it to a launch."""
 
 
 class Helper(Immediate):
@@ -80,7 +80,7 @@ HELPERS: Final[Mapping[str, ActionFactory]] = {
     "increment": Increment,
     "decrement": Decrement,
 }
-"""By their names in a file."""
+"""Actions by their names in a file."""
 
 
 class RandomNumbers:

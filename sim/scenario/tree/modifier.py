@@ -157,4 +157,4 @@ MODIFIERS: Final[Mapping[str, type[Modifier]]] = {
     "retry": Retry,
     **dict.fromkeys(TRANSLATIONS, Translation),
 }
-"""By their names in a file."""
+"""Modifiers by their names in a file."""

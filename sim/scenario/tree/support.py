@@ -61,7 +61,7 @@ NODES: Final = frozenset(
         *("global_costmap/global_costmap", "local_costmap/local_costmap", "smoother_server", "waypoint_follower"),
     }
 )
-"""Without their slash."""
+"""Names of simulated nodes, without a slash."""
 
 PUBLISHABLE: Final = ("/cmd_vel", "/cmd_vel_nav", "/goal_pose", "/initialpose")
 """Topics on which a scenario can publish something that has an effect."""
@@ -69,7 +69,7 @@ PUBLISHABLE: Final = ("/cmd_vel", "/cmd_vel_nav", "/goal_pose", "/initialpose")
 PARENT_FRAMES: Final = ("map", "odom")
 ROBOT_FRAMES: Final = ("base_link", "base_footprint")
 TRUE_FRAME: Final = "_gt"
-"""How the name of the robot's frame ends whose transform is where the robot is, and not where it takes itself to be."""
+"""Suffix of the robot's frame at its true pose, as opposed to its estimated one."""
 
 
 def absolute(name: str) -> str:

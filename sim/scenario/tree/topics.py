@@ -284,4 +284,4 @@ _KINDS: Final[Mapping[str, type[RosAction]]] = {
 }
 
 ROS: Final[Mapping[str, WorldFactory]] = {name: functools.partial(kind, name) for name, kind in _KINDS.items()}
-"""By their names in a file."""
+"""Actions by their names in a file."""

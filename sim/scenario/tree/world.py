@@ -22,7 +22,7 @@ ROBOT_NAMES: Final = ("turtlebot4", "robot")
 """Names by which scenarios ask for the robot itself."""
 
 ROBOT_MODEL: Final = "topic:"
-"""How the model of a robot begins, which comes from a topic."""
+"""Prefix of a robot's model, which comes from a topic."""
 
 
 class Spawn(WorldAction, Immediate):
@@ -212,4 +212,4 @@ WORLD: Final[Mapping[str, WorldFactory]] = {
     "differential_drive_robot.odometry_distance_traveled": OdometryDistance,
     "bag_record": BagRecord,
 }
-"""By their names in a file."""
+"""Actions by their names in a file."""
