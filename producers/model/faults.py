@@ -9,7 +9,7 @@ MISSING_FILE: Final = "missing_file"
 """Type of the pydantic error of a parameter that names a file which is not there."""
 NOT_EXECUTED = "not executed by this version"
 AS_DRAWN: Final = "as drawn with seed"
-"""Begin of the place of a fault in a drawn floor plan, as opposed to one in the file."""
+"""Prefix of a note on a drawn floor plan, which may not hold for the file as written."""
 
 
 def path_text(location: Location) -> str:
