@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from amcl_filter import Filter
-from five_maps import map_files, parser_of
+from missions import map_files, map_parser
 
 from vastflow.sim.world.gaussian_dropout import perturb
 from vastflow.sim.world.lidar import scan
@@ -181,7 +181,7 @@ def rotated(pose: tuple[float, float, float], angle_rad: float) -> np.ndarray:
 
 
 def main() -> int:
-    parser = parser_of(__doc__)
+    parser = map_parser(__doc__)
     parser.add_argument("--routes", type=int, default=3, metavar="N", help="routes a map")
     parser.add_argument("--seeds", type=int, default=6, metavar="N", help="filters a route and condition")
     options = parser.parse_args()
@@ -207,16 +207,15 @@ def main() -> int:
             }
             row |= {"max": position_m.max(), "yaw": f"{errors.yaw_rad.mean():.3f}"}
             row |= {"along": errors.along_m.mean(), "across": errors.across_m.mean()}
-            counts = zip(
-                ("particles", "p5", "p95 of them"), (particles.mean(), *np.percentile(particles, (5, 95))), strict=True
-            )
-            rows.append(row | {name: f"{count:.0f}" for name, count in counts})
+            row |= {"particles": f"{particles.mean():.0f}"}
+            row |= {f"p{q} of them": f"{np.percentile(particles, q):.0f}" for q in (5, 95)}
+            rows.append(row)
             errors_m[condition.name] = position_m.to_numpy()
         print(pd.DataFrame(rows).to_string(index=False, float_format="{:.2f}".format), flush=True)
         faults += [f"{file.stem}: {fault}" for fault in faults_of(file.stem, errors_m)]
         print(f"{file.stem}: {time.process_time() - began:.0f} s CPU")
     print("\n".join(faults))
-    return (1 if faults else 0) if files else 2
+    return 1 if faults else 0
 
 
 def faults_of(name: str, errors_m: dict[str, np.ndarray]) -> Iterator[str]:

@@ -9,96 +9,60 @@ obstacle's radius.
 `python tests/proofs/paper_page.py --delays FILE RESULTS...` puts the table into the page.
 """
 
-import argparse
 import json
-import tempfile
-from collections.abc import Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
-import numpy as np
 import pandas as pd
-import yaml
+from missions import parser_of, runs_of, sections_of, situations, written
 
 from vastflow.oracles.catalog.safety import READINGS
-from vastflow.oracles.judgement.judge import judge_block
-from vastflow.oracles.judgement.registry import oracles_of
-from vastflow.oracles.judgement.verdict import Judgement, run_judgement
-from vastflow.oracles.observation.observe import observe_block
-from vastflow.oracles.statistics.intervals import counts_of
-from vastflow.producers.campaign import Campaign, load_campaign
-from vastflow.producers.instantiation.instantiate import instantiate
-from vastflow.producers.model.configuration import Configuration
-from vastflow.sim.model.blocks import write_recordings
-from vastflow.sim.model.digest import digest
-from vastflow.sim.run import run
 
 SAFETY: Final = Path(__file__).parents[2] / "campaigns" / "paper" / "safety.vast"
 DELAYS_S: Final = (0.0, 0.4, 0.8)
 WAY_M: Final = 10.0
 
 
-def triggered(configurations: int) -> tuple[Campaign, list[list[Configuration]]]:
-    """The campaign with nothing but obstacles that appear, and configurations evenly spread over it: each with every delay."""
-    asked = yaml.safe_load(SAFETY.read_text(encoding="utf-8").replace("../", f"{SAFETY.parent.parent}/"))
-    for family in asked["configuration"]:
+def delayed(folder: Path) -> Path:
+    """The campaign with nothing but obstacles that appear, with each delay."""
+    sections = sections_of(SAFETY)
+    for family in sections["configuration"]:
         _, ways, obstacles, _ = family["variations"]
         ways["PathVariationRandom"]["path_length"] = WAY_M
         kinds = obstacles["OneOfVariation"]["variations"]
         kinds[:] = [kind for kind in kinds if "ObstacleVariationWithDistanceTrigger" in kind]
         kinds[0]["ObstacleVariationWithDistanceTrigger"]["spawn_delay_s"] = list(DELAYS_S)
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / SAFETY.name
-        file.write_text(yaml.safe_dump(asked), encoding="utf-8")
-        campaign = load_campaign(file)
-        found: dict[str, list[Configuration]] = {}
-        for each in instantiate(campaign).configurations:
-            # Delays are the inner choice of the obstacle's producer: of one placement they come one after the other.
-            alike = {k: v for k, v in each.factors.items() if not k.endswith("_delay_s")}
-            found.setdefault(digest(each.family, alike), []).append(each)
-    groups = [group for group in found.values() if len(group) == len(DELAYS_S)]
-    chosen = np.unique(np.linspace(0, len(groups) - 1, min(configurations, len(groups))).astype(int))
-    return campaign, [groups[k] for k in chosen]
+    return written(folder, **sections)
 
 
-def rows_of(groups: Sequence[Sequence[Configuration]], runs: int, seed: int) -> list[dict[str, Any]]:
+def rows_of(runs: pd.DataFrame) -> list[dict[str, Any]]:
     """Rates of mission, separation, and both, by delay and radius."""
-    oracles, rows = oracles_of([("safety", {})]), []
-    for k, delay_s in enumerate(DELAYS_S):
-        reached: list[Judgement] = []
-        kept: dict[str, list[Judgement]] = {reading: [] for reading in READINGS}
-        for scenario in (group[k].scenario for group in groups):
-            block = write_recordings([run(scenario, index, seed) for index in range(runs)])
-            for verdict in judge_block(scenario, block, observe_block(scenario, block), oracles).verdicts:
-                if verdict.oracle == "success":
-                    reached.append(verdict.judgement)
-                elif verdict.oracle == "safety":
-                    for reading in READINGS:
-                        margin = verdict.metrics[f"{reading}_margin"].value
-                        touched = verdict.metrics["obstacle_contacts"].value
-                        kept[reading].append("fail" if touched or (margin is not None and margin < 0) else "pass")
+    delays_s = runs.factors.map(lambda factors: next(v for key, v in factors.items() if key.endswith("_delay_s")))
+    rows = []
+    for delay_s, group in runs.groupby(delays_s):
+        reached = group["success.judgement"] == "pass"
         for reading in READINGS:
-            both = [run_judgement(pair) for pair in zip(reached, kept[reading], strict=True)]
-            said = {"reached": reached, "kept": kept[reading], "both": both}
-            rates = {name: counts_of(judgements).rate for name, judgements in said.items()}
+            margin = group[f"safety.{reading}_margin"].astype(float).fillna(0.0)
+            kept = (group["safety.obstacle_contacts"] == 0) & (margin >= 0)
+            rates = {"reached": reached.mean(), "kept": kept.mean(), "both": (reached & kept).mean()}
             rows.append({"delay_s": delay_s, "reading": reading, **rates})
     return rows
 
 
 def main() -> None:
     """Run, print, and keep what the page takes."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--configurations", type=int, default=40)
     parser.add_argument("--runs", type=int, default=4)
     parser.add_argument("--json", type=Path)
     asked = parser.parse_args()
-    campaign, groups = triggered(asked.configurations)
-    rows = rows_of(groups, asked.runs, campaign.seed)
+    with TemporaryDirectory() as folder:
+        file = delayed(Path(folder))
+        groups = situations(file, "_delay_s", len(DELAYS_S), asked.configurations)
+        rows = rows_of(runs_of(file, only=[each.name for group in groups for each in group], runs=asked.runs))
     print(f"{len(groups)} configurations × {asked.runs} runs with each delay")
-    shown = pd.DataFrame(rows)[["delay_s", "reading", "kept", "reached", "both"]]
-    names = {"delay_s": "delay (s)", "reading": "radius", "kept": "kept its distance", "reached": "goal reached"}
-    percent = {name: "{:.1%}".format for name in ("kept", "reached", "both")}
-    print(shown.to_string(index=False, header=[names.get(name, name) for name in shown], formatters=percent))
+    print(pd.DataFrame(rows).to_string(index=False, float_format="{:.3f}".format))
     if asked.json:
         said = {"configurations": len(groups), "runs": asked.runs, "rows": rows}
         asked.json.write_text(json.dumps(said, indent=1) + "\n")
