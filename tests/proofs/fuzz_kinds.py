@@ -1,6 +1,5 @@
-"""Kinds of files that are fuzzed: their seeds, how one is read in this process, and by which command."""
+"""Kinds of files that are fuzzed: their seeds, and the command that reads one."""
 
-import io
 import json
 import random
 import shutil
@@ -30,15 +29,12 @@ class Kind:
 
     Attributes:
         seeds: Files below the folder that mutants are made in.
-        read: Reads a mutant; returns, or raises one of `refusals`.
         command: Arguments of vastflow for a mutant.
     """
 
     name: str
     seeds: Sequence[Path]
     mutators: tuple[Mutator, ...]
-    read: Callable[[Path], object]
-    refusals: tuple[type[Exception], ...]
     command: Callable[[Path, random.Random], list[str]]
 
 
@@ -180,108 +176,6 @@ def _campaign_directory(file: Path, results: Path) -> None:
     metadata.write_text(metadata.read_text().replace(str(results.parent), "/campaigns"))
 
 
-def _campaign(file: Path) -> None:
-    """Read it with its oracles, and make its configurations where they are few and their map is small."""
-    from vastflow.flows.request.campaign_file import read_campaign
-    from vastflow.producers.campaign import most_configurations
-    from vastflow.producers.instantiation.instantiate import instantiate
-
-    campaign, _ = read_campaign(file)
-    if file.parent.name == "probes" and sum(map(most_configurations, campaign.families)) <= 20:
-        instantiate(campaign)
-
-
-def _scenario(file: Path) -> None:
-    from vastflow.sim.reading.abstract import abstract_content
-    from vastflow.sim.reading.vocabulary import ACTIONS
-    from vastflow.sim.scenario.language.reading import files_of, read_scenarios
-    from vastflow.sim.scenario.tree.support import unsupported
-
-    for definition in read_scenarios(file):
-        unsupported(definition, ACTIONS)
-    files_of(file)
-    abstract_content(file)
-
-
-def _plan(file: Path) -> None:
-    from vastflow.producers.floorplan.files import read_plan_file
-    from vastflow.producers.floorplan.mesh import is_closed, mesh_of
-    from vastflow.producers.floorplan.rendering import geometry_of, render
-
-    plan = read_plan_file(file)
-    building = plan.building()
-    json.dumps(geometry_of(building))
-    if len(plan.text) % 20 == 0:
-        render(building, plan.text, str(file), 0.25, 0.193)
-        assert is_closed(mesh_of(building))
-
-
-def _variation(file: Path) -> None:
-    from vastflow.producers.floorplan.files import PlanFile, read_variation_file
-
-    variation = read_variation_file(file).variation()
-    for seed in (0, 1):
-        PlanFile(f"{file} with seed {seed}", variation.sample(seed).text).building()
-
-
-def _map(file: Path) -> None:
-    from vastflow.sim.world.map_file import load_map
-
-    _ = load_map(file).digest
-
-
-def _picture(file: Path) -> None:
-    from vastflow.sim.world.map_file import load_map
-
-    header = file.with_name("of_mutant.yaml")
-    header.write_text(
-        f"{{image: {file.name}, mode: {('trinary', 'scale', 'raw')[file.stat().st_size % 3]}, resolution: 0.05, origin: [0, 0, 0]}}"
-    )
-    _ = load_map(header).digest
-
-
-def _parameters(file: Path) -> None:
-    from vastflow.sim.nav2.parameter_files.document import read_document
-    from vastflow.sim.nav2.parameter_files.findings import findings
-    from vastflow.sim.nav2.parameter_files.interpretation import interpretation
-    from vastflow.sim.nav2.parameter_files.parameter_file import file_value
-
-    found = interpretation(read_document(file))
-    findings(found)
-    file_value(found.document)
-
-
-def _notebook(file: Path) -> None:
-    from vastflow.oracles.judgement.notebook import notebook_code
-    from vastflow.oracles.judgement.registry import oracle_of
-
-    oracle_of(file.name, {}, file.parent)
-    notebook_code(file)
-
-
-class Refused(Exception):
-    """A command ended with 2 and named the file."""
-
-
-def called(*arguments: str) -> None:
-    """A command in this process.
-
-    Raises:
-        Refused: it ended with 2.
-    """
-    from typer.testing import CliRunner
-
-    from vastflow.flows.cli.__main__ import app
-
-    result = CliRunner().invoke(app, list(arguments))
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    if result.exit_code == 2:
-        raise Refused(result.stderr)
-    if result.exit_code:
-        raise AssertionError(f"exit code {result.exit_code}: {result.stderr}")
-
-
 def _directory_command(file: Path, rng: random.Random) -> list[str]:
     """Return a reader of the campaign directory that contains `file`."""
     directory = next(
@@ -300,16 +194,8 @@ def _directory_command(file: Path, rng: random.Random) -> list[str]:
     )  # fmt: skip
 
 
-def _directory(file: Path) -> None:
-    called(*_directory_command(file, random.Random(file.read_bytes() if file.is_file() else b"")))
-
-
 def kinds(folder: Path) -> list[Kind]:
     """All kinds; `folder` was laid out."""
-    from vastflow.oracles.judgement.registry import OracleError
-    from vastflow.sim.model.faults import FileError, ScenarioError
-    from vastflow.sim.model.files import Unreadable
-    from vastflow.sim.world.map_file import MapError
 
     def found(pattern: str) -> list[Path]:
         """Seeds of a kind: no mutant of an earlier call."""
@@ -336,33 +222,36 @@ def kinds(folder: Path) -> list[Kind]:
 
     def pictured(file: Path, rng: random.Random) -> list[str]:
         header = file.with_name("of_mutant.yaml")
-        header.write_text(f"{{image: {file.name}, resolution: 0.05, origin: [0, 0, 0]}}")
+        mode = rng.choice(("trinary", "scale", "raw"))
+        header.write_text(f"{{image: {file.name}, mode: {mode}, resolution: 0.05, origin: [0, 0, 0]}}")
         return beside(with_map.replace("MUTANT", "of_mutant.yaml"))(file, rng)
 
     text = (bytes_changed, lines_changed)
     results = next((folder / "results").iterdir())
     recorded = [results / name for name in ("metadata.json", "coverage.json", "configurations.parquet", "verdicts.parquet",
                                             "runs.parquet", "rejections.parquet", "campaign.vast", "evidence.json")]  # fmt: skip
+
+    def plan(file: Path, rng: random.Random) -> list[str]:
+        draw = ["render", "--resolution", "0.25", "--out", str(file.with_name("drawn"))]
+        return ["floorplan", *(draw if rng.random() < 0.05 else ["geometry"]), str(file)]
+
     return [
-        Kind("vast", found("*.vast"), (*text, words("*.vast"), yaml_tree, yaml_tree), _campaign, (FileError,),
-             lambda file, rng: ["validate", str(file)]),
-        Kind("osc", found("*.osc"), (*text, words("*.osc")), _scenario, (FileError, ScenarioError),
+        Kind("vast", found("*.vast"), (*text, words("*.vast"), yaml_tree, yaml_tree), lambda file, rng: ["validate", str(file)]),
+        Kind("osc", found("*.osc"), (*text, words("*.osc")),
              lambda file, rng: ["scenario", rng.choice(("check", "parameters")), str(file)]),
-        Kind("fpm", found("*.fpm"), (*text, words("*.fpm")), _plan, (FileError,),
-             lambda file, rng: ["floorplan", "geometry", str(file)]),
-        Kind("variation", found("*.variation"), (*text, words("*.variation")), _variation, (FileError,),
+        Kind("fpm", found("*.fpm"), (*text, words("*.fpm")), plan),
+        Kind("variation", found("*.variation"), (*text, words("*.variation")),
              lambda file, rng: ["floorplan", "variations", str(file), "--out", str(file.with_name("drawn"))]),
         Kind("map", [folder / "probes" / name for name in ("map.yaml", "scale.yaml")],
-             (*text, words("map.yaml", "scale.yaml"), yaml_tree, yaml_tree), _map, (MapError,), beside(with_map)),
+             (*text, words("map.yaml", "scale.yaml"), yaml_tree, yaml_tree), beside(with_map)),
         Kind("picture", [folder / "probes" / name for name in ("map.pgm", "map.bmp", "map.png", "palette.png", "bits.png", "deep.png", "plain.pgm")],
-             (bytes_changed, picture_changed), _picture, (MapError,), pictured),
+             (bytes_changed, picture_changed), pictured),
         Kind("nav2", [folder / "probes" / "nav2.yaml", *sorted((folder / "campaigns" / "nav2").glob("*.yaml"))],
-             (*text, words("nav2.yaml"), yaml_tree, yaml_tree), _parameters, (FileError,),
-             lambda file, rng: ["params", str(file)]),
-        Kind("notebook", found("*.ipynb"), (*text, words("*.ipynb"), json_tree, json_tree), _notebook, (OracleError, Unreadable),
+             (*text, words("nav2.yaml"), yaml_tree, yaml_tree), lambda file, rng: ["params", str(file)]),
+        Kind("notebook", found("*.ipynb"), (*text, words("*.ipynb"), json_tree, json_tree),
              beside(family % f"{{map_file: {folder}/probes/map.yaml}}, " + "evaluation: {oracles: [MUTANT]}\n")),
         Kind("directory", [path for path in recorded if path.exists()], (bytes_changed, lines_changed, json_tree, json_tree),
-             _directory, (Refused,), _directory_command),
+             _directory_command),
     ]  # fmt: skip
 
 
@@ -378,12 +267,6 @@ def placed(kind: Kind, seed: Path, content: bytes, folder: Path) -> Path:
     shutil.copytree(seed.parent, copy)
     (copy / seed.name).write_bytes(content)
     return copy / seed.name
-
-
-def text_of(stream: io.BufferedRandom) -> str:
-    """Return the text of a stream from its start."""
-    stream.seek(0)
-    return stream.read().decode("utf-8", "replace")
 
 
 def is_named(said: str, file: Path) -> bool:

@@ -43,9 +43,8 @@ def bytes_changed(content: bytes, rng: random.Random) -> bytes:
         elif what == 2:
             found[k:k] = found[k : k + n] * rng.choice((1, 1, 2, 50))
         elif what == 3:
-            found[k:k] = rng.choice(
-                (b"\0", b"\xff\xfe", b"\xef\xbb\xbf", b"\xc3", b"\x1b[31m", b"\r\n", rng.randbytes(9))
-            )
+            odd = b"\0", b"\xff\xfe", b"\xef\xbb\xbf", b"\xc3", b"\x1b[31m", b"\r\n", rng.randbytes(9)
+            found[k:k] = rng.choice(odd)
         elif what == 4:
             found[k : k + n] = rng.randbytes(n)
         elif rng.random() < 0.3:
@@ -182,21 +181,7 @@ def picture_changed(content: bytes, rng: random.Random) -> bytes:
     """A picture's header says something else, or the rest is damaged."""
     what = rng.randrange(5)
     if what == 0 and content[:2] in (b"P5", b"P2", b"P6"):
-        sizes = (
-            b"0",
-            b"-1",
-            b"1",
-            b"20",
-            b"5000",
-            b"20000",
-            b"1000000",
-            b"99999999999",
-            b"255",
-            b"65535",
-            b"70000",
-            b"a",
-            b"",
-        )
+        sizes = b"0 -1 1 20 5000 20000 1000000 99999999999 255 65535 70000 a".split()
         return content[:2] + b" " + b" ".join(rng.choice(sizes) for _ in range(3)) + b"\n" + content[12:]
     if what == 1 and content[:4] == b"\x89PNG":
         at = 16 + 4 * rng.randrange(2)
@@ -204,9 +189,8 @@ def picture_changed(content: bytes, rng: random.Random) -> bytes:
         return content[:at] + size + content[at + 4 :]
     if what == 2 and content[:2] == b"BM":
         at = rng.choice((2, 10, 14, 18, 22, 26, 28, 30, 34, 46))
-        return (
-            content[:at] + struct.pack("<i", rng.choice((0, -1, 1, 8, 20_000, 2**31 - 1, -(2**31)))) + content[at + 4 :]
-        )
+        size = struct.pack("<i", rng.choice((0, -1, 1, 8, 20_000, 2**31 - 1, -(2**31))))
+        return content[:at] + size + content[at + 4 :]
     return bytes_changed(content, rng)
 
 
@@ -221,9 +205,5 @@ def mutated(content: bytes, mutators: tuple[Mutator, ...], rng: random.Random) -
     mutate = attack if rng.random() < 0.06 else rng.choice(mutators)
     try:
         return mutate(content, rng)
-    except (
-        RecursionError,
-        MemoryError,
-        ArithmeticError,
-    ):  # too deep to be written, or a number that is too large to be multiplied
+    except (RecursionError, MemoryError, ArithmeticError):  # too deep to be written, or too large to be multiplied
         return bytes_changed(content, rng)
