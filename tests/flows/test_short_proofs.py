@@ -1,21 +1,16 @@
-"""Proofs in short: threads, mutants of every kind of file, machines that lack something, and the pipeline's benchmark."""
+"""Proofs in short: mutants of every kind of file, and the pipeline's benchmark."""
 
 import os
 import re
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
-import environment
 import fuzz
 import pytest
-import threads
+import typer
 from bench_cluster import measured
 from bench_pipeline import SCENARIO, bench_pipeline, campaign_text
 
 from vastflow.flows import run_campaign
-from vastflow.sim.scenario.language import declaring, grammar
 
 MUTANTS = {
     "vast": 25,
@@ -28,20 +23,6 @@ MUTANTS = {
     "notebook": 150,
     "directory": 12,
 }
-
-
-@pytest.mark.parametrize("way", ["threads", "asyncio.to_thread"])
-def test_threads_load_shared_plug_ins_and_scenarios_without_failures(tmp_path, monkeypatch, way):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    grammar._parser.cache_clear()
-    declaring._library.cache_clear()
-    assert not threads.failures(tmp_path, threads.read, threads.WAYS[way], rounds=3)
-
-
-@pytest.mark.timeout(300)
-def test_prefect_tasks_load_shared_plug_ins_without_failures(tmp_path, started_api):
-    with started_api(tmp_path / "prefect", tmp_path / "log"):
-        assert not threads.failures(tmp_path, threads.read, threads.WAYS["Prefect tasks"], rounds=2)
 
 
 @pytest.fixture(scope="module")
@@ -57,54 +38,32 @@ def test_mutant_is_accepted_or_refused_with_its_file(folder, monkeypatch, name):
     monkeypatch.setenv("VASTFLOW_STORE", str(folder / "store"))
     (kind,) = (kind for kind in fuzz.kinds(folder) if kind.name == name)
     count = fuzz.Count()
-    for number, said, cpu_s in fuzz.read_here(kind, range(MUTANTS[name]), 1, folder):
-        count.add(said if said in ("accepted", "refused") else f"{name} {number}: {said}", cpu_s)
+    for number, (said, cpu_s) in enumerate(fuzz.read_here(kind, range(MUTANTS[name]), 1, folder)):
+        count.add(f"{name} {number}", said, cpu_s)
     assert count.violations == []
-    assert count.slowest_s < fuzz.MOST_CPU_S
     assert min(count.accepted, count.refused) > 0  # neither are all refused nor is all accepted
 
 
-def test_fuzz_finds_files_neither_accepted_nor_refused(folder):
-    def read(file):
-        raise (KeyError, MemoryError, SystemExit)[file.stat().st_size % 3]("key")
+@pytest.mark.parametrize(
+    ("arguments", "violation"),
+    [
+        (["validate", "nothing.vast"], "the refusal does not name the file"),
+        (["store", "info", "--stor"], "the refusal does not name the file"),
+    ],
+)
+def test_fuzz_finds_refusals_that_do_not_name_the_file(tmp_path, arguments, violation):
+    assert fuzz.answer(tmp_path / "mutant.vast", arguments).startswith(violation)
 
+
+def test_fuzz_finds_raised_errors_and_ended_processes(folder, monkeypatch):
+    broken = typer.Typer()
+    broken.command()(lambda: {}["key"])
+    with monkeypatch.context() as patch:
+        patch.setattr(fuzz, "app", broken)
+        assert "KeyError" in fuzz.answer(folder / "mutant.yaml", [])
     (kind,) = (kind for kind in fuzz.kinds(folder) if kind.name == "map")
-    broken = fuzz.replace(kind, read=read)
-    assert all("Error" in said or "Exit" in said for _, said, _ in fuzz.read_here(broken, range(5), 1, folder))
-    silent = fuzz.replace(kind, read=lambda file: (_ for _ in ()).throw(kind.refusals[0]("somewhere")))
-    assert all("does not name the file" in said for _, said, _ in fuzz.read_here(silent, range(5), 1, folder))
-
-
-def _may_unshare() -> bool:
-    tools = all(map(shutil.which, ("unshare", "setpriv", "mount")))
-    return tools and os.geteuid() == 0 and subprocess.run(["unshare", "-m", "true"], check=False).returncode == 0
-
-
-needs_namespaces = pytest.mark.skipif(not _may_unshare(), reason="needs root and mount namespaces")
-
-
-@needs_namespaces
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["read-only home", "no /dev/shm", "another user's store"])
-def test_defect_of_the_machine_is_reported_in_one_sentence(tmp_path_factory, name):
-    lab = environment.Lab(tmp_path_factory.mktemp("lab"))
-    pytests_own = 2 + ("PYTEST_XDIST_WORKER" in os.environ)  # which are for its user alone
-    for parent in lab.folder.parents[:pytests_own]:
-        parent.chmod(0o755)
-    lab.laid_out()
-    (condition,) = (condition for condition in environment.CONDITIONS if condition.name == name)
-    as_nobody = ["setpriv", "--reuid", "65534", sys.executable, "-c", ""]
-    if condition.user and subprocess.run(as_nobody, check=False).returncode:
-        pytest.skip("another user may not run this Python")
-    assert environment.refused(condition, lab) is None
-
-
-@needs_namespaces
-def test_environment_proof_detects_unexpected_sentence(tmp_path):
-    lab = environment.Lab(tmp_path)
-    lab.laid_out()
-    condition = environment.Condition("a file", "touch LAB/file", "never said", results="file")
-    assert "it says" in (environment.refused(condition, lab) or "")
+    monkeypatch.setattr(fuzz, "answer", lambda file, arguments: os._exit(7))
+    assert "the process ended with 7" in fuzz.watched(kind, range(1), 1, folder).violations[0]
 
 
 @pytest.mark.slow
