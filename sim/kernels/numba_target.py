@@ -1,6 +1,6 @@
 """Numba's undocumented names: a compilation target of vastflow's own, and a cache of compiled kernels that is checked.
 
-Numba's tested minor versions are those that `pyproject.toml` allows; `tests/proofs/numba_versions.py` runs the kernels' tests on each.
+Numba's tested minor versions are those that `pyproject.toml` allows; `tests/proofs/installed.py numba` runs the kernels' tests on each.
 
 The target compiles for a generic processor, whose code gives the same bits on every host of an architecture (measured). Numba's
 settings, its target "cpu", and what is compiled for that stay as they are: a process that has compiled functions of its own gets

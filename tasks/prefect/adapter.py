@@ -1,6 +1,6 @@
 """Undocumented parts of Prefect that vastflow uses: private names, settings, and routes of its API.
 
-No other module has any. `python tests/proofs/prefect_versions.py` tests the oldest and the newest release that are allowed.
+No other module has any. `python tests/proofs/installed.py prefect` tests the oldest and the newest release that are allowed.
 Prefect is imported inside the functions, as that takes most of a second.
 """
 

@@ -1,6 +1,6 @@
 """Undocumented parts of Prefect are used in one module, and exist in the installed release.
 
-`python tests/proofs/prefect_versions.py` runs this with the oldest and the newest release allowed.
+`python tests/proofs/installed.py prefect` runs this with the oldest and the newest release allowed.
 """
 
 import logging
