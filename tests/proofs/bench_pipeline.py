@@ -6,17 +6,14 @@ runs this file, as `python tests/proofs/bench_pipeline.py` does.
 """
 
 import argparse
+import contextlib
 import json
 import os
 import shutil
 import sqlite3
-import subprocess
 import sys
 import tempfile
-import threading
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -41,23 +38,6 @@ LEVELS: Final = 20
 _SAMPLED_EVERY_S: Final = 0.1
 
 
-@dataclass(frozen=True, slots=True)
-class Cost:
-    """Cost of one call of `vastflow run`.
-
-    Attributes:
-        summary: What it printed.
-        cpu_s: CPU time of the flow's process and all below it, ended ones as they were seen last.
-        flow_peak_mb, all_peak_mb: Most resident memory of the flow's process, and of all together (shared pages count for each).
-    """
-
-    summary: Mapping[str, Any]
-    wall_s: float
-    cpu_s: float
-    flow_peak_mb: float
-    all_peak_mb: float
-
-
 def bench_pipeline(configurations: int = 5480, runs: int = 20) -> dict[str, Any]:
     """Run a campaign that does nothing, then again with nothing to do, then with one configuration edited.
 
@@ -74,32 +54,21 @@ def bench_pipeline(configurations: int = 5480, runs: int = 20) -> dict[str, Any]
         file = folder / "nothing.vast"
         (folder / "nothing.osc").write_text(SCENARIO)
         file.write_text(campaign_text(configurations, runs, edited=0))
-        first = _cost(file)
-        executed_s = _executed_s(Path(first.summary["results"]))
+        first = _called(file)
+        executed_s = _executed_s(Path(first["results"]))
         found: dict[str, Any] = {
-            "configurations": first.summary["configurations"],
-            "runs": first.summary["runs"],
-            "executed": first.summary["executed"],
-            "wall_s": round(first.wall_s, 2),
-            "cpu_s": round(first.cpu_s, 2),
+            **{name: first[name] for name in ("configurations", "runs", "executed", "wall_s", "cpu_s")},
             "execution_cpu_s": round(executed_s, 2),
-            "overhead_cpu_s": round(first.cpu_s - executed_s, 2),
-            "flow_peak_mb": round(first.flow_peak_mb, 1),
-            "all_peak_mb": round(first.all_peak_mb, 1),
+            "overhead_cpu_s": round(first["cpu_s"] - executed_s, 2),
+            **{name: round(first[name], 1) for name in ("flow_peak_mb", "all_peak_mb")},
             **_task_runs(folder / "prefect"),
         }
-        again = _cost(file)
-        found |= {
-            "rerun_wall_s": round(again.wall_s, 2),
-            "rerun_cpu_s": round(again.cpu_s, 2),
-            "rerun_executed": again.summary["executed"],
-        }
+        again = _called(file)
         file.write_text(campaign_text(configurations, runs, edited=1))
-        edit = _cost(file)
+        edit = _called(file)
+        for what, call in (("rerun", again), ("edit", edit)):
+            found |= {f"{what}_{name}": call[name] for name in ("wall_s", "cpu_s", "executed")}
         return found | {
-            "edit_wall_s": round(edit.wall_s, 2),
-            "edit_cpu_s": round(edit.cpu_s, 2),
-            "edit_executed": edit.summary["executed"],
             "edit_task_runs": _task_runs(folder / "prefect")["task_runs"] - found["task_runs"],
             "store_mb": round(sum(f.stat().st_size for f in (folder / "store").rglob("*") if f.is_file()) / 1e6, 1),
             "cores": os.cpu_count(),
@@ -122,13 +91,11 @@ def campaign_text(configurations: int, runs: int, edited: int) -> str:
     return text + f"execution: {{scenario_file: nothing.osc, runs: {runs}, timeout: 10}}\n"
 
 
-def _cost(file: Path) -> Cost:
+def _called(file: Path) -> dict[str, Any]:
+    """What one call of `vastflow run` printed, and its peak memory: of the flow's process, and of all together, shared pages for each."""
     folder = file.parent
-    environment = {
-        **{name: value for name, value in os.environ.items() if not name.startswith("PREFECT_")},
-        "PREFECT_HOME": str(folder / "prefect"),
-        "VASTFLOW_STORE": str(folder / "store"),
-    }
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("PREFECT_")}
+    environment = {**kept, "PREFECT_HOME": str(folder / "prefect"), "VASTFLOW_STORE": str(folder / "store")}
     command = [
         sys.executable,
         "-m",
@@ -139,57 +106,20 @@ def _cost(file: Path) -> Cost:
         str(folder / "results"),
         "--json",
     ]
-    began_s = time.perf_counter()
-    with open(folder / "log", "wb") as log:
-        process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=log, text=True)
-        meter = _Meter(process.pid)
-        printed, _ = process.communicate()
-        wall_s = time.perf_counter() - began_s
-        meter.stop()
-    if process.returncode:
-        raise RuntimeError(f"vastflow run ended with {process.returncode}: {(folder / 'log').read_text()[-2000:]}")
-    return Cost(json.loads(printed), wall_s, meter.cpu_s, meter.flow_peak_mb, meter.all_peak_mb)
-
-
-class _Meter:
-    """Samples a process and all below it until it is stopped."""
-
-    def __init__(self, pid: int) -> None:
-        self._flow = psutil.Process(pid)
-        self._cpu_s: dict[psutil.Process, float] = {}
-        self.flow_peak_mb = self.all_peak_mb = 0.0
-        self._stopped = threading.Event()
-        self._thread = threading.Thread(target=self._sample_on, daemon=True)
-        self._thread.start()
-
-    @property
-    def cpu_s(self) -> float:
-        """CPU time of all processes that were seen."""
-        return sum(self._cpu_s.values())
-
-    def stop(self) -> None:
-        """Sample no more."""
-        self._stopped.set()
-        self._thread.join()
-
-    def _sample_on(self) -> None:
-        while not self._stopped.wait(_SAMPLED_EVERY_S):
-            try:
-                family = [self._flow, *self._flow.children(recursive=True)]
-            except psutil.NoSuchProcess:
-                continue
-            together = 0.0
-            for process in {*family, *self._cpu_s}:
-                try:
-                    with process.oneshot():
-                        times, rss_mb = process.cpu_times(), process.memory_info().rss / 1e6
-                except psutil.Error:
-                    continue
-                self._cpu_s[process] = times.user + times.system
-                together += rss_mb
-                if process == self._flow:
-                    self.flow_peak_mb = max(self.flow_peak_mb, rss_mb)
-            self.all_peak_mb = max(self.all_peak_mb, together)
+    flow_mb = all_mb = 0.0
+    before_s = sum(os.times()[2:4])
+    with open(folder / "log", "wb") as log, open(folder / "printed", "w+", encoding="utf-8") as printed:
+        process = psutil.Popen(command, env=environment, stdout=printed, stderr=log)
+        while process.poll() is None:
+            with contextlib.suppress(psutil.Error):
+                sizes_mb = [each.memory_info().rss / 1e6 for each in (process, *process.children(recursive=True))]
+                flow_mb, all_mb = max(flow_mb, sizes_mb[0]), max(all_mb, sum(sizes_mb))
+            time.sleep(_SAMPLED_EVERY_S)
+        printed.seek(0)
+        if process.returncode:
+            raise RuntimeError(f"vastflow run ended with {process.returncode}: {(folder / 'log').read_text()[-2000:]}")
+        cpu_s = round(sum(os.times()[2:4]) - before_s, 2)  # also of processes that its own account lacks
+        return {**json.load(printed), "cpu_s": cpu_s, "flow_peak_mb": flow_mb, "all_peak_mb": all_mb}
 
 
 def _executed_s(results: Path) -> float:
