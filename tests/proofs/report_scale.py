@@ -7,7 +7,6 @@ its own. Exit code 1 where a limit of issue 7 is not met; the limits are those o
     python tests/proofs/report_scale.py [--configurations 5480] [--runs 20] [--keep FOLDER]
 """
 
-import argparse
 import json
 import os
 import resource
@@ -19,9 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt, gaussian_filter1d
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
+from amcl_accuracy import route
+from missions import parser_of
+from scipy.ndimage import gaussian_filter1d
 
 from vastflow.oracles.results.schema import CONFIGURATIONS, EXCLUSIONS, JUDGED_RUNS, REJECTIONS, VERDICTS, write_table
 from vastflow.producers.floorplan.files import read_plan_file
@@ -36,7 +35,6 @@ WAYS = 8
 LOST = (0, 1, 4, 12, 20)
 """Runs of 20 that end early, in the blocks that are written."""
 ROWS = 600
-STEP_CELLS = 5
 MOST: Mapping[str, Mapping[str, float]] = {
     "robot": {"cpu_s": 90.0, "memory_mb": 2000.0, "report_mb": 20.0},
     "idle": {"cpu_s": 6.0},
@@ -55,7 +53,11 @@ MEASURED = {
     "robustness": {"update": "m", "step": "m", "metre": "m", "mean": "m", "maximum": "m", "updates": "1", "threshold": "m"},
     "safety": {"smallest_separation": "m", "margin": "m", "contacts": "1", "response_time": "s", "violation_time": "s"},
 }  # fmt: skip
-REJECTED = {"family": "performance-corridors", "parent": "performance-corridors", "producer": "PathVariationRandom"}
+REJECTED = {
+    **dict.fromkeys(("family", "parent"), "performance-corridors"),
+    "producer": "PathVariationRandom",
+    "inputs": "{}",
+}
 
 
 def write_campaign(directory: Path, configurations: int, runs: int, *, robot: bool = True) -> None:
@@ -69,9 +71,18 @@ def write_campaign(directory: Path, configurations: int, runs: int, *, robot: bo
         place = places[k % len(places)] if places else None
         way = k // 5 % WAYS
         if place is None:
-            configuration = {"name": f"idle-{k + 1}", "family": "idle", "abstract": "builtin:idle", "timeout_s": 1.0}
-            configuration |= {"scenario": '{"environment":{},"task":{},"system":{}}', "factors": json.dumps({"k": k})}
-            configuration["provenance"] = "{}"
+            empty = {
+                "scenario": '{"environment":{},"task":{},"system":{}}',
+                "factors": json.dumps({"k": k}),
+                "provenance": "{}",
+            }
+            configuration = {
+                "name": f"idle-{k + 1}",
+                "family": "idle",
+                "abstract": "builtin:idle",
+                "timeout_s": 1.0,
+                **empty,
+            }
             lost = 0
         else:
             configuration, chance = _configuration(k, place, place["ways"][way], rng)
@@ -90,24 +101,14 @@ def write_campaign(directory: Path, configurations: int, runs: int, *, robot: bo
             rows["runs"].append({**of, **_mission(run_index, early), "contacts": 0, "cause": cause})
     for table, schema in (("configurations", CONFIGURATIONS), ("runs", JUDGED_RUNS), ("verdicts", VERDICTS)):
         write_table(directory / f"{table}.parquet", schema, rows[table])
-    rejections = [
-        {
-            **REJECTED,
-            "reason": f"no goal at {20 + k % 8} m ± 0.5 m",
-            "requested": json.dumps({"path_length": 20.0 + k % 8}),
-            "inputs": "{}",
-        }
-        for k in range(40)
-    ]
+    rejected = [{"reason": f"no goal at {m} m ± 0.5 m", "requested": f'{{"path_length": {m}}}'} for m in range(20, 28)]
+    rejections = [{**REJECTED, **each} for each in rejected * 5]
     write_table(directory / "rejections.parquet", REJECTIONS, rejections)
     write_table(directory / "exclusions.parquet", EXCLUSIONS, [])
     (directory / "campaign.vast").write_text("version: 1\nmetadata: {name: synthetic}\n")
     counts = {"configurations": configurations, "runs": configurations * runs, "executed": 0, "cpu_s": 1.0}
     metadata = {"name": "synthetic", "created": "2026-11-21T06:00:00", "vastflow": "0.1.0"}
-    metadata |= {
-        "versions": {"python": "3.11", "numpy": "2.4"},
-        "host": {"name": "lab", "machine": "x86_64", "cpus": 2},
-    }
+    metadata |= {"versions": {"python": "3.11"}, "host": {"name": "lab", "machine": "x86_64", "cpus": 2}}
     metadata |= {"asked": {"file": "synthetic.vast", "runs": runs}, "counts": counts, "notes": [], "faults": []}
     (directory / "metadata.json").write_text(json.dumps(metadata))
 
@@ -122,7 +123,7 @@ def _place(directory: Path, name: str, runs: int, rng: np.random.Generator) -> d
     (folder / "provenance.json").write_text(json.dumps({"file": f"{name}.fpm"}))
     occupancy = load_map(folder / "map.yaml")
     folder.rename(folder.with_name(occupancy.digest))
-    ways = list(_ways(occupancy, rng))
+    ways = [route(occupancy, rng) for _ in range(WAYS)]
     blocks = directory / "blocks"
     blocks.mkdir(exist_ok=True)
     files = {}
@@ -132,41 +133,6 @@ def _place(directory: Path, name: str, runs: int, rng: np.random.Generator) -> d
             file.write_bytes(_block(way, min(lost, runs), runs, rng))
             files[w, lost] = file
     return {"name": name, "digest": occupancy.digest, "ways": ways, "files": files}
-
-
-def _ways(occupancy: Any, rng: np.random.Generator) -> Iterator[np.ndarray]:
-    """Ways on a map, (N, 2) in meters, a point every 2 cm."""
-    clear = distance_transform_edt(occupancy.free) * occupancy.resolution_m
-    coarse = clear[::STEP_CELLS, ::STEP_CELLS]
-    open_cells = np.argwhere(coarse > 0.35)
-    number = np.full(coarse.shape, -1)
-    number[tuple(open_cells.T)] = np.arange(len(open_cells))
-    links: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-    for dr, dc in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        there = open_cells + np.array([dr, dc])
-        inside = ((there >= 0) & (there < coarse.shape)).all(axis=1)
-        to = np.where(inside, number[tuple(np.where(inside[:, None], there, 0).T)], -1)
-        links.append((np.flatnonzero(to >= 0), to[to >= 0], np.full((to >= 0).sum(), np.hypot(dr, dc))))
-    a, b, length = (np.concatenate(parts) for parts in zip(*links, strict=True))
-    graph = coo_array((length, (a, b)), shape=(len(open_cells),) * 2).tocsr()
-    step_m = STEP_CELLS * occupancy.resolution_m
-    made = 0
-    while made < WAYS:
-        far, before = dijkstra(graph, directed=False, indices=rng.integers(len(open_cells)), return_predecessors=True)
-        ends = np.flatnonzero((far * step_m > 8) & (far * step_m < 22))
-        if not len(ends):
-            continue
-        at = rng.choice(ends)
-        cells = []
-        while at >= 0:
-            cells.append(open_cells[at])
-            at = before[at]
-        yx_m = np.array(cells[::-1]) * step_m
-        xy_m = gaussian_filter1d(yx_m[:, ::-1] + occupancy.origin_xy_m, 1.5, axis=0, mode="nearest")
-        along = np.r_[0, np.cumsum(np.hypot(*np.diff(xy_m, axis=0).T))]
-        dense = np.arange(0, along[-1], 0.02)
-        yield np.column_stack([np.interp(dense, along, xy_m[:, i]) for i in (0, 1)])
-        made += 1
 
 
 def _block(way: np.ndarray, lost: int, runs: int, rng: np.random.Generator) -> bytes:
@@ -233,7 +199,7 @@ def _configuration(
         "timeout_s": 120.0,
         "scenario": json.dumps({"environment": environment, "task": poses, "system": system}),
         "factors": json.dumps({**environment, **poses, **system}),
-        "provenance": json.dumps({"_path": way[::20].round(3).tolist(), "_path_length": 15.0}),
+        "provenance": json.dumps({"_path": way[::8].round(3).tolist(), "_path_length": 15.0}),
     }
     return configuration, min(rng.beta(0.3, 2.5) + noise * drop * 2.0 + 0.3 * noise, 1.0)
 
@@ -276,7 +242,7 @@ def measured(directory: Path) -> dict[str, float]:
 
 def main() -> int:
     """Write, measure, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--configurations", type=int, default=5480)
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--keep", type=Path)
