@@ -23,7 +23,7 @@ originals = pytest.mark.skipif(not MAPS.is_dir(), reason="the paper's maps are n
 
 
 def of_plan(file, plan, maps=None):
-    """The instantiation of one floor plan's families; of all plans see `tests/proofs/paper_configurations.py`."""
+    """The instantiation of one floor plan's families; `vastflow plan` has the counts of all plans."""
     campaign, _ = read_campaign(PAPER / file, maps)
     families = tuple(family for family in campaign.families if family.name.startswith(plan))
     return instantiate(replace(campaign, families=families))
