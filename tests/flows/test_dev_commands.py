@@ -46,7 +46,7 @@ def test_bench_shows_measurements_as_json_or_table():
     found = {"controller": "mppi", "x_real_time": 250.123, "map": {"seed": 20}, "profile": {"lidar": 0.3}}
     assert json.loads(shown(found, as_json=True)) == found
     assert shown(found, as_json=False) == (
-        "controller     mppi\nx_real_time    250.1\nmap.seed       20\nprofile.lidar  0.3"
+        "controller       mppi\nx_real_time     250.1\nmap.seed           20\nprofile.lidar     0.3"
     )
 
 

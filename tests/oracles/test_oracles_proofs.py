@@ -11,7 +11,7 @@ import report_scale
 pytestmark = pytest.mark.slow
 
 
-PARTS = {"classes": 150, "factors": 40, "lengths": 40, "rare": 40, "pooled": 300, "stopping": 60, "comparison": 150}
+PARTS = {"classes": 150, "factors": 40, "lengths": 40, "rare": 40, "stopping": 60, "comparison": 150}
 
 
 @pytest.mark.parametrize(("part", "campaigns"), PARTS.items())

@@ -9,12 +9,12 @@ import argparse
 import itertools
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 import numpy as np
-from bench_show import shown
+from bench_show import loop_s, shown
 from numpy.typing import NDArray
 
 from vastflow.sim.kernels.streams import run_entropy
@@ -37,7 +37,6 @@ MAP_SEED: Final = 20
 RESOLUTION_M: Final = 0.05
 ROUTES: Final = 5
 TIMEOUT_S: Final = 180.0
-REFERENCE_TURNS: Final = 5_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +87,7 @@ def bench(controller: str = "mppi", *, profile: bool = False) -> dict[str, Any]:
     if profile:
         measured["profile"] = stages
     return measured | {
-        "reference_cpu_s": round(reference_cpu_s(), 3),
+        "reference_cpu_s": round(loop_s(), 3),
         "lidar": {"beams": lidar.beams, "rate_hz": lidar.rate_hz, "range_max_m": lidar.range_max_m},
         "rates_hz": {
             "physics": SUBSTEPS / TICK_S,
@@ -115,27 +114,28 @@ class _Course:
         self.loop(0, self.routes[0]).advance()
 
     def loop(self, index: int, route: Route) -> ClosedLoop:
-        loop = ClosedLoop(self.prepared, self.parameters, Lidar(), Robot(), route.start, (), _entropy(index), TIMEOUT_S)
+        loop = ClosedLoop(
+            self.prepared,
+            self.parameters,
+            Lidar(),
+            Robot(),
+            route.start,
+            (),
+            run_entropy(MAP_SEED, "0", index),
+            TIMEOUT_S,
+        )
         loop.localize(route.start)
         loop.navigate(route.mission)
         return loop
 
     def measured(self) -> dict[str, Any]:
         began = time.process_time()
-        runs = [
-            drive(
-                self.prepared,
-                self.parameters,
-                Lidar(),
-                Robot(),
-                route.start,
-                route.mission,
-                (),
-                _entropy(index),
-                TIMEOUT_S,
-            ).run
+        given = self.prepared, self.parameters, Lidar(), Robot()
+        routes = [
+            (route.start, route.mission, (), run_entropy(MAP_SEED, "0", index), TIMEOUT_S)
             for index, route in enumerate(self.routes)
         ]
+        runs = [drive(*given, *route).run for route in routes]
         cpu_s = time.process_time() - began
         simulated_s = sum(run.simulated_s for run in runs)
         began = time.process_time()
@@ -208,18 +208,6 @@ def _cycle(stage: Mapping[str, float]) -> dict[str, Any]:
     """One call of the controller, from local costmap and path to a command."""
     cycle_us = 1e3 * stage["ms_per_simulated_s"] / stage["per_simulated_s"]
     return {"us": round(cycle_us, 2), "per_s_and_core": round(1e6 / cycle_us)}
-
-
-def _entropy(index: int) -> Sequence[int]:
-    return run_entropy(MAP_SEED, "0", index)
-
-
-def reference_cpu_s() -> float:
-    """CPU time of an empty loop of Python's: what this machine is like at the moment."""
-    began = time.process_time()
-    for _ in range(REFERENCE_TURNS):
-        pass
-    return time.process_time() - began
 
 
 def benchmark_map(floor: Floor = LARGE) -> OccupancyMap:

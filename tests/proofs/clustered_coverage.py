@@ -14,15 +14,14 @@ distribution is. For each number of clusters are told:
 Exit code 1 where the coverage is below 0.93, by more than four standard errors of the simulation, or an interval is too wide.
 """
 
-import argparse
 import math
-import time
 from collections.abc import Sequence
 from itertools import product
 from typing import Final
 
 import numpy as np
 import pandas as pd
+from missions import parser_of
 from numpy.typing import NDArray
 
 from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, clustered_interval
@@ -88,26 +87,19 @@ def cells(
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--campaigns", type=int, default=1000, metavar="N", help="of each kind")
     parser.add_argument("--seed", type=int, default=18)
     options = parser.parse_args()
-    good, began = True, time.process_time()
-    rates = " | ".join(f"{rate:g}" for rate in RATES)
-    print(f"| clusters | least coverage | at | mixed | width at {rates} | too wide |")
-    for m in CLUSTERS:
-        found = cells(options.campaigns, options.seed, [m])
-        mixed = found.correlation == MIXED
-        least = found.loc[found.coverage.where(~mixed).idxmin()]
-        widths = " | ".join(f"{width:.2f}" for width in found.width[found.correlation == 0.0])
-        where = f"rate {least.rate:g}, correlation {least.correlation:g}"
-        print(
-            f"| {m} | {least.coverage:.3f} | {where} | {found.coverage[mixed].min():.3f} | {widths} | {found.too_wide.sum()} |",
-            flush=True,
-        )
-        good = good and bool(found.good.all())
-    print(f"{time.process_time() - began:.0f} s CPU")
-    return 0 if good else 1
+    found = cells(options.campaigns, options.seed)
+    mixed = found.correlation == MIXED
+    least = found.loc[found[~mixed].groupby("clusters").coverage.idxmin()].set_index("clusters")
+    table = least[["coverage", "rate", "correlation"]]
+    table = table.assign(mixed=found[mixed].groupby("clusters").coverage.min())
+    widths = found[found.correlation == 0.0].pivot(index="clusters", columns="rate", values="width")
+    table = table.join(widths.add_prefix("width at ")).assign(too_wide=found.groupby("clusters").too_wide.sum())
+    print(table.to_string(float_format="{:.3f}".format))
+    return 0 if found.good.all() else 1
 
 
 if __name__ == "__main__":

@@ -21,14 +21,14 @@ GREATEST_MEDIAN_M = 0.35
 
 def table_of(runs: pd.DataFrame) -> pd.DataFrame:
     """A row for each map."""
-    return runs.assign(reached=runs.outcome == "succeeded").groupby("family").agg(
+    return runs.assign(reached=runs.outcome == "succeeded").groupby("family", observed=True).agg(
         **{
             "runs": ("reached", "size"),
             "reached": ("reached", "sum"),
-            "final median (m)": ("success.final_distance", "median"),
-            "max (m)": ("success.final_distance", "max"),
-            "localization mean (m)": ("robustness.mean", "mean"),
-            "localization max (m)": ("robustness.maximum", "max"),
+            "final median (m)": ("success.final_distance (m)", "median"),
+            "max (m)": ("success.final_distance (m)", "max"),
+            "localization mean (m)": ("robustness.mean (m)", "mean"),
+            "localization max (m)": ("robustness.maximum (m)", "max"),
             "time (s)": ("simulated_s", "median"),
             "recoveries": ("recoveries", "sum"),
         }

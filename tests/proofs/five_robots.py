@@ -6,15 +6,17 @@ A body that overlaps a wall's cells by more than a centimeter in the recorded tr
 has not.
 """
 
-import argparse
 import math
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+import pandas as pd
 import shapely
 import shapely.affinity
+from missions import parser_of
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiation.instantiate import instantiate
@@ -30,6 +32,7 @@ from vastflow.sim.world.robot_model import Robot
 FOLDER: Final = Path(__file__).parents[2] / "campaigns" / "robots"
 ROBOTS: Final = ("turtlebot3_burger", "turtlebot3_waffle", "turtlebot4", "rectangle", "forklift")
 OVERLAP_M: Final = 0.01
+COLUMNS: Final = ("robot", "floor", "runs", "arrived", "with a contact", "overlap without a contact")
 SOON_S: Final = 0.1
 """A row is recorded this often."""
 
@@ -63,41 +66,36 @@ def _is_in_a_wall(area: shapely.Polygon, occupancy: OccupancyMap) -> bool:
     return bool(shapely.intersects(area, shapely.box(left, below, left + size_m, below + size_m)).any())
 
 
-def rows_of(name: str, paths: int, runs: int) -> Iterator[tuple[str, str, int, int, int, int]]:
+def rows_of(name: str, paths: int, runs: int) -> Iterator[tuple[str | int, ...]]:
     """A row of the table for each floor of a robot's campaign, of its first paths."""
     campaign = load_campaign(FOLDER / f"{name}.vast")
-    found = instantiate(campaign).configurations
+    found = [each for each in instantiate(campaign).configurations if each.duplicate_of is None]
     for family in campaign.families:
-        chosen = [each for each in found if each.family == family.name and each.duplicate_of is None][:paths]
-        arrived = touching = unnoted = 0
-        for each in chosen:
+        counts = []
+        for each in [each for each in found if each.family == family.name][:paths]:
             setup = checked_of(each.scenario).robot
             assert setup is not None
             assert isinstance(setup.map_file, FileContent)
             body, occupancy = body_of(setup.robot), load_map(setup.map_file.path)
-            for k in range(runs):
-                recording = run(each.scenario, k, campaign.seed)
-                arrived += recording.run.outcome == "succeeded"
-                touching += any(event.kind == "contact" for event in recording.run.events)
-                unnoted += is_unnoted(recording, body, occupancy)
-        yield name, family.name, runs * len(chosen), arrived, touching, unnoted
+            for recording in (run(each.scenario, k, campaign.seed) for k in range(runs)):
+                contact = any(event.kind == "contact" for event in recording.run.events)
+                arrived = recording.run.outcome == "succeeded"
+                counts.append((1, arrived, contact, is_unnoted(recording, body, occupancy)))
+        yield name, family.name, *np.sum(counts, axis=0).tolist()
 
 
 def main() -> None:
-    """Print the table, a row as soon as it is known."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    """Print the table of a robot as soon as it is known."""
+    parser = parser_of(__doc__)
     parser.add_argument("--paths", type=int, default=3)
     parser.add_argument("--runs", type=int, default=2)
     parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=ROBOTS)
     options = parser.parse_args()
-    print(
-        "| robot | floor | runs | arrived | with a contact | overlap without a contact |\n|---|---|---:|---:|---:|---:|"
-    )
     unnoted = 0
     for name in options.robots:
-        for row in rows_of(name, options.paths, options.runs):
-            unnoted += row[-1]
-            print(f"| {' | '.join(map(str, row))} |", flush=True)
+        found = pd.DataFrame(rows_of(name, options.paths, options.runs), columns=COLUMNS)
+        unnoted += found[COLUMNS[-1]].sum()
+        print(found.to_string(index=False), flush=True)
     sys.exit(1 if unnoted else 0)
 
 

@@ -15,12 +15,12 @@ passes, and how often one that lost ten points does not.
 Prints a table; exit code 1 where a gate errs more often than is stated, by more than four standard errors of the simulation.
 """
 
-import argparse
 from collections.abc import Iterator
 from functools import cache
 from typing import Final
 
 import numpy as np
+from missions import parser_of
 from numpy.typing import NDArray
 from planted_truths import Finding, printed
 
@@ -112,7 +112,7 @@ def these(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--campaigns", type=int, default=2000, metavar="N", help="of each kind")
     options = parser.parse_args()
     return printed(enumerate((others, these)), options.campaigns, 18)

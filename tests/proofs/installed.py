@@ -27,6 +27,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from bench_show import loop_s
 from packaging.requirements import Requirement
 from packaging.version import Version
 
@@ -36,7 +37,6 @@ SUITES = {
     "numba": ("tests/sim/test_sim_kernel_cache.py", "tests/sim/test_sim_golden_runs.py"),
     "prefect": tuple(f"tests/tasks/test_{name}.py" for name in ("prefect_adapter", "orphans", "campaign_log")),
 }
-LOOPS = 5_000_000
 
 
 def main() -> int:
@@ -122,14 +122,6 @@ def cpu_s() -> float:
     """CPU seconds of all processes that ended below this one."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
-
-
-def loop_s() -> float:
-    """CPU seconds of the loop that figures are compared by."""
-    began_s = time.process_time()
-    for _ in range(LOOPS):
-        pass
-    return time.process_time() - began_s
 
 
 def proved(

@@ -34,7 +34,7 @@ def larger(folder: Path, controller: str) -> Path:
 
 def classes_of(runs: pd.DataFrame) -> dict[str, str | int]:
     """Counts of configurations by what their runs did; `runs` has `configuration` and `passed`."""
-    found = runs.groupby("configuration").passed.agg(["size", "sum"])
+    found = runs.groupby("configuration", observed=True).passed.agg(["size", "sum"])
     failures = found["size"] - found["sum"]
     always, failing = found["sum"] == 0, failures > 0
     return {
@@ -51,11 +51,10 @@ def classes_of(runs: pd.DataFrame) -> dict[str, str | int]:
 
 def table_of(runs: pd.DataFrame) -> pd.DataFrame:
     """A row for each preset and reading of a pass."""
-    kept = (runs["success.judgement"] != "fail") & (runs["safety.judgement"] != "fail")
-    readings = {"reached": runs["success.judgement"] == "pass", "kept its distance": kept}
-    preset = runs.factors.map(lambda factors: factors[PRESET])
+    reached, safe = (runs[f"passed.{oracle}"].fillna(oracle == "safety") for oracle in ("success", "safety"))
+    readings = {"reached": reached, "kept its distance": reached & safe}
     rows = [
-        {"a pass is": reading, "preset": each, **classes_of(runs.assign(passed=passed)[preset == each])}
+        {"a pass is": reading, "preset": each, **classes_of(runs.assign(passed=passed)[runs[PRESET] == each])}
         for reading, passed in readings.items()
         for each in PRESETS
     ]

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 from PIL import Image
 
 from vastflow.flows import run_campaign
@@ -76,29 +77,32 @@ PLANTS = (
 )
 
 
+def two_rooms(columns: int) -> NDArray[np.uint8]:
+    """Gray values of two rooms, in cells of 5 cm, with a wall between them."""
+    cells = np.full((100, columns), 254, dtype=np.uint8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = cells[:, 59:61] = 0
+    return cells
+
+
+def map_of(cells: NDArray[np.uint8], file: Path) -> None:
+    Image.fromarray(cells).save(file.with_suffix(".pgm"))
+    file.write_text(f"{{image: {file.stem}.pgm, resolution: 0.05, origin: [0.0, 0.0, 0.0]}}\n")
+
+
 def written(folder: Path, plants: Sequence[Plant]) -> Path:
     """The campaign file with a family for each plant."""
-    cells = np.full((100, 120), 254, dtype=np.uint8)
-    cells[[0, -1], :] = cells[:, [0, -1]] = 0
-    cells[:, 59:61] = 0
+    cells = two_rooms(120)
     cells[39:61, 59:61] = 254  # a door of 1.1 m
     cells[80:82, 95:] = cells[80:, 95:97] = 0  # a chamber without a door
-    Image.fromarray(cells).save(folder / "rooms.pgm")
-    (folder / "rooms.yaml").write_text("{image: rooms.pgm, resolution: 0.05, origin: [0.0, 0.0, 0.0]}\n")
+    map_of(cells, folder / "rooms.yaml")
     families = []
     for each in plants:
-        values = {
-            key: value for key, value in each.values.items() if key != "goal_pose" or "goal_poses" not in each.values
-        }
-        families.append(
-            {"name": each.name, "parameters": [{"map_file": "rooms.yaml"}, *({k: v} for k, v in values.items())]}
-        )
-    data = {
-        "version": 1,
-        "metadata": {"name": "planted"},
-        "configuration": families,
-        "execution": {"runs": RUNS, "timeout": TIMEOUT_S},
-    }
+        values = {"map_file": "rooms.yaml", **each.values}
+        if "goal_poses" in values:
+            del values["goal_pose"]
+        families.append({"name": each.name, "parameters": [{key: values[key]} for key in values]})
+    data = {"version": 1, "metadata": {"name": "planted"}, "configuration": families}
+    data["execution"] = {"runs": RUNS, "timeout": TIMEOUT_S}
     (folder / "planted.vast").write_text(yaml.safe_dump(data, sort_keys=False))
     return folder / "planted.vast"
 

@@ -1,6 +1,5 @@
 """Campaigns that proofs derive from others, run by vastflow, and their runs as a table."""
 
-import json
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -88,14 +87,5 @@ def situations(campaign: Path, factor: str, levels: int, count: int) -> list[Seq
 
 
 def runs_of(campaign: Path, **options: Any) -> pd.DataFrame:
-    """Run a campaign; a row for each run, with its configuration's `factors`, and `<oracle>.judgement` and `<oracle>.<metric>`."""
-    directory = run_campaign(campaign, results=campaign.parent / "results", **options).directory
-    tables = {name: pd.read_parquet(directory / f"{name}.parquet") for name in ("configurations", "runs", "verdicts")}
-    factors = tables["configurations"].set_index("name").factors.map(json.loads)
-    key = ["configuration", "run_index"]
-    found = tables["runs"].assign(factors=tables["runs"].configuration.map(factors)).set_index(key)
-    for oracle, verdicts in tables["verdicts"].set_index(key).groupby("oracle"):
-        metrics = [{name: each["value"] for name, each in json.loads(text).items()} for text in verdicts.metrics]
-        told = pd.DataFrame(metrics, index=verdicts.index).assign(judgement=verdicts.judgement)
-        found = found.join(told.add_prefix(f"{oracle}."))
-    return found.reset_index()
+    """Run a campaign; a row for each run with its outcome, verdicts, metrics, and what varies."""
+    return run_campaign(campaign, results=campaign.parent / "results", **options).frame()

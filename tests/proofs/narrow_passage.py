@@ -6,15 +6,14 @@ The robot drives through the door of `search_real.py`, where a box leaves a pass
 file but for those of the inflation layers. Beside them stands what a cell costs at the inflation's edge, where the next one costs nothing.
 """
 
-import argparse
 import itertools
-from collections import Counter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
-import pyarrow.parquet as pq
+import pandas as pd
 from minimize import box
+from missions import parser_of
 from search_real import BOX_M, Y_OF_PASSAGE_M, Place, parameters_of, run
 
 from vastflow.sim.nav2.costmaps.inflation import cost_at_distance
@@ -31,34 +30,29 @@ def family(name: str, radius_m: float, scaling: float, passage_m: float) -> dict
     return {"name": name, "parameters": [*given, {"inflation_radius": radius_m}, {"cost_scaling_factor": scaling}]}
 
 
-def arrived(place: Place, passages_m: list[float], runs: int) -> list[list[int]]:
-    """Runs that reach the goal: of each inflation, of each passage."""
-    cases = itertools.product(INFLATIONS, passages_m)
-    families = [family(f"case-{k}", *inflation, passage_m) for k, (inflation, passage_m) in enumerate(cases)]
-    directory = run(place, "passages", runs, configuration=families)
-    rows = pq.read_table(directory / "runs.parquet", columns=["family", "outcome"]).to_pylist()
-    found = Counter(row["family"] for row in rows if row["outcome"] == "succeeded")
-    counts = iter([found[each["name"]] for each in families])
-    return [[next(counts) for _ in passages_m] for _ in INFLATIONS]
+def arrived(place: Place, passages_m: list[float], runs: int) -> pd.DataFrame:
+    """Runs that reach the goal: a row for each inflation, a column for each passage."""
+    cases = [(*inflation, passage_m) for inflation, passage_m in itertools.product(INFLATIONS, passages_m)]
+    families = [family(f"case-{k}", *case) for k, case in enumerate(cases)]
+    rows = pd.read_parquet(run(place, "passages", runs, configuration=families) / "runs.parquet")
+    found = (rows.outcome == "succeeded").groupby(rows.family).sum()
+    names = ["inflation_radius", "cost_scaling_factor", "passage"]
+    table = pd.DataFrame(cases, columns=names).assign(arrived=[found[each["name"]] for each in families])
+    return table.pivot(index=names[:2], columns="passage", values="arrived")
 
 
 def main() -> None:
     """Print a row for each inflation."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--passages", type=float, nargs="+", default=[0.75, 0.8, 0.85, 0.9])
     parser.add_argument("--runs", type=int, default=24)
     parser.add_argument("--workers", type=int)
     asked = parser.parse_args()
     with TemporaryDirectory() as folder:
-        place = Place(Path(folder), Path(folder, "store"), asked.workers)
-        found = arrived(place, asked.passages, asked.runs)
-    widths = " | ".join(f"{passage_m} m" for passage_m in asked.passages)
-    print(f"of {asked.runs} runs\n| inflation_radius | cost_scaling_factor | cost at its edge | {widths} |")
-    print("|---:" * (3 + len(asked.passages)) + "|")
+        found = arrived(Place(Path(folder), Path(folder, "store"), asked.workers), asked.passages, asked.runs)
     inscribed_m = inscribed_radius_m(outline_of(NavParameters().local_costmap))
-    for (radius_m, scaling), counts in zip(INFLATIONS, found, strict=True):
-        edge = cost_at_distance(radius_m, inscribed_m, scaling)
-        print(f"| {radius_m} m | {scaling:g} | {edge:.0f} | {' | '.join(map(str, counts))} |")
+    edges = [cost_at_distance(radius_m, inscribed_m, scaling) for radius_m, scaling in found.index]
+    print(f"of {asked.runs} runs\n{found.assign(**{'cost at its edge': edges}).to_string()}")
 
 
 if __name__ == "__main__":

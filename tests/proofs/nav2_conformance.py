@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import navfn_paths
 import numpy as np
+import shapely
 from PIL import Image
 
 from vastflow.sim.kernels.numeric import njit
@@ -290,10 +291,9 @@ def of_navfn(place: Path) -> Iterator[Distance]:
         path, wanted = navfn_paths.path(costs, start, goal, use_astar=astar), case["path_cells_xy"].astype(float)
         empty += (len(path) == 0) != (len(wanted) == 0)
         if len(path) and len(wanted):
-            lengths = max(
-                lengths, abs(np.subtract(*(np.hypot(*np.diff(each, axis=0).T).sum() for each in (path, wanted))))
-            )
-            apart = max(apart, _off(path, wanted), _off(wanted, path))
+            lines = shapely.LineString(path), shapely.LineString(wanted)
+            lengths = max(lengths, abs(lines[0].length - lines[1].length))
+            apart = max(apart, shapely.hausdorff_distance(*lines))
     cases = len(medians)
     yield Distance("NavFn", cases, "potential, median", max(medians), 1e-6, " of it")
     yield Distance("NavFn", cases, "potential, worst", max(worst), 1e-3, " of it")
@@ -313,19 +313,6 @@ def _inflated(place: Path, case: Mapping[str, Any]) -> Any:
     costs = np.select([occupied >= 0.65, occupied <= 0.196], [254, 0], 255).astype(np.uint8)
     radii = (float(case[name]) for name in ("inscribed_radius_m", "inflation_radius_m", "cost_scaling_factor"))
     return inflate(costs, RESOLUTION_M, *radii)
-
-
-def _off(path: Any, other: Any) -> float:
-    """The farthest that a point of a path lies from another path."""
-    steps = np.diff(other, axis=0)
-    square = np.maximum((steps**2).sum(axis=1), 1e-12)
-    farthest = 0.0
-    for x, y in path:
-        from_x, from_y = x - other[:-1, 0], y - other[:-1, 1]
-        share = np.clip((from_x * steps[:, 0] + from_y * steps[:, 1]) / square, 0.0, 1.0)
-        away = np.hypot(from_x - share * steps[:, 0], from_y - share * steps[:, 1])
-        farthest = max(farthest, float(away.min(initial=math.hypot(*(other[0] - (x, y))))))
-    return farthest
 
 
 # What they share.

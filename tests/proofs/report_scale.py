@@ -53,11 +53,8 @@ MEASURED = {
     "robustness": {"update": "m", "step": "m", "metre": "m", "mean": "m", "maximum": "m", "updates": "1", "threshold": "m"},
     "safety": {"smallest_separation": "m", "margin": "m", "contacts": "1", "response_time": "s", "violation_time": "s"},
 }  # fmt: skip
-REJECTED = {
-    **dict.fromkeys(("family", "parent"), "performance-corridors"),
-    "producer": "PathVariationRandom",
-    "inputs": "{}",
-}
+REJECTED = {"family": "performance-corridors", "parent": "performance-corridors", "producer": "PathVariationRandom"}
+IDLE = '{"environment":{},"task":{},"system":{}}'
 
 
 def write_campaign(directory: Path, configurations: int, runs: int, *, robot: bool = True) -> None:
@@ -71,18 +68,8 @@ def write_campaign(directory: Path, configurations: int, runs: int, *, robot: bo
         place = places[k % len(places)] if places else None
         way = k // 5 % WAYS
         if place is None:
-            empty = {
-                "scenario": '{"environment":{},"task":{},"system":{}}',
-                "factors": json.dumps({"k": k}),
-                "provenance": "{}",
-            }
-            configuration = {
-                "name": f"idle-{k + 1}",
-                "family": "idle",
-                "abstract": "builtin:idle",
-                "timeout_s": 1.0,
-                **empty,
-            }
+            configuration = {"name": f"idle-{k + 1}", "family": "idle", "abstract": "builtin:idle", "timeout_s": 1.0}
+            configuration |= {"scenario": IDLE, "factors": json.dumps({"k": k}), "provenance": "{}"}
             lost = 0
         else:
             configuration, chance = _configuration(k, place, place["ways"][way], rng)
@@ -102,7 +89,7 @@ def write_campaign(directory: Path, configurations: int, runs: int, *, robot: bo
     for table, schema in (("configurations", CONFIGURATIONS), ("runs", JUDGED_RUNS), ("verdicts", VERDICTS)):
         write_table(directory / f"{table}.parquet", schema, rows[table])
     rejected = [{"reason": f"no goal at {m} m ± 0.5 m", "requested": f'{{"path_length": {m}}}'} for m in range(20, 28)]
-    rejections = [{**REJECTED, **each} for each in rejected * 5]
+    rejections = [{**REJECTED, "inputs": "{}", **each} for each in rejected * 5]
     write_table(directory / "rejections.parquet", REJECTIONS, rejections)
     write_table(directory / "exclusions.parquet", EXCLUSIONS, [])
     (directory / "campaign.vast").write_text("version: 1\nmetadata: {name: synthetic}\n")

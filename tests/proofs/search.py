@@ -164,7 +164,7 @@ def asked_of(*, sloped: bool) -> list[tuple[str, int]]:
     return [(name, size) for name in STRATEGIES for size in (SIZES if sloped and name in DRIVEN else (PER_BATCH,))]
 
 
-def pockets(seeds: int) -> bool:
+def pockets(seeds: int = 200) -> bool:
     """Print runs to the first confirmed failure by strategy; whether the goals are met."""
     met = True
     for volumes, sloped in ((NARROW, True), (WIDE, True), (BOTH, True), (BOTH, False)):
@@ -215,7 +215,7 @@ def curve_of(surface: Floats, along: Floats) -> Floats:
     return found
 
 
-def boundary(seeds: int) -> bool:
+def boundary(seeds: int = 20) -> bool:
     """Print the distance of the curve that `boundary` finds; whether the goal is met."""
     budget, errors, of_grid = GRID * GRID * GRID_RUNS // 5, [], []
     for seed in range(seeds):
@@ -244,12 +244,11 @@ def boundary(seeds: int) -> bool:
     return max(errors) <= NEAR
 
 
-SEARCHES: Final = 200
 SEARCH_RUNS: Final = 64
 FRESH_RUNS: Final = 60
 
 
-def coverage(seeds: int) -> bool:
+def coverage(seeds: int = 200) -> bool:
     """Print the coverage of confirming intervals; True if it is high enough."""
     met = True
     print(
@@ -284,22 +283,14 @@ def coverage(seeds: int) -> bool:
     return met
 
 
-PROOFS: Final[dict[str, tuple[Callable[[int], bool], int]]] = {
-    "pockets": (pockets, 200),
-    "boundary": (boundary, 20),
-    "coverage": (coverage, SEARCHES),
-}
-"""Name to proof and its seeds."""
-
-
-def main(names: Sequence[str], seeds: int | None) -> int:
-    met = [proof(seeds or its_own) for proof, its_own in (PROOFS[name] for name in names or PROOFS)]
-    return 0 if all(met) else 1
+PROOFS: Final = (pockets, boundary, coverage)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("proofs", nargs="*", metavar="PROOF", help=f"of {', '.join(PROOFS)}; else all")
+    parser.add_argument("proofs", nargs="*", metavar="PROOF", help="pockets, boundary, coverage; else all")
     parser.add_argument("--seeds", type=int, help="else as many as each proof needs")
     asked = parser.parse_args()
-    sys.exit(main(asked.proofs, asked.seeds))
+    chosen = [proof for proof in PROOFS if not asked.proofs or proof.__name__ in asked.proofs]
+    met = [proof(asked.seeds) if asked.seeds else proof() for proof in chosen]
+    sys.exit(0 if all(met) else 1)

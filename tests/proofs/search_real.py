@@ -25,10 +25,9 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import numpy as np
-import pyarrow.parquet as pq
+import pandas as pd
 import yaml
-from minimize import NOISE, box
-from PIL import Image
+from minimize import NOISE, box, map_of, two_rooms
 from scipy.optimize import isotonic_regression
 from search import NEAR, Floats, curve_of
 
@@ -90,13 +89,10 @@ def parameters_of(*obstacles: Mapping[str, Any]) -> list[dict[str, Any]]:
 def run(place: Place, name: str, runs: int, **sections: Any) -> Path:
     """The directory of a campaign on a plan of two rooms with a door between them."""
     folder = place.folder
-    cells = np.full((100, 110), 254, dtype=np.uint8)
-    cells[[0, -1], :] = cells[:, [0, -1]] = 0
-    cells[:, 59:61] = 0
+    cells = two_rooms(110)
     low, high = (round((5.0 - y_m) / 0.05) for y_m in DOOR_Y_M)
     cells[high:low, 59:61] = 254
-    Image.fromarray(cells).save(folder / "door.pgm")
-    (folder / "door.yaml").write_text("{image: door.pgm, resolution: 0.05, origin: [0.0, 0.0, 0.0]}\n")
+    map_of(cells, folder / "door.yaml")
     execution = {"runs": runs, "timeout": TIMEOUT_S}
     file = folder / f"{name}.vast"
     data = {"version": 1, "metadata": {"name": name}, **sections, "execution": execution}
@@ -151,11 +147,10 @@ def runs_of(place: Place, name: str, strategy: str, seed: int, batches: int) -> 
     best = json.loads((directory / "metadata.json").read_text())["search"]["best"]
     if best is None or best["objective"] < FAILED_S:
         return batches * PER_BATCH * RUNS, False
-    rows = pq.read_table(directory / "runs.parquet", columns=["configuration", "run_index", "outcome"]).to_pylist()
-    fresh = [row for row in rows if row["configuration"] == best["configuration"] and row["run_index"] >= RUNS]
-    confirmed = sum(row["outcome"] != "succeeded" for row in fresh) >= CONFIRMING_FAILURES
-    proposed = pq.read_table(directory / "evaluations.parquet", columns=["configuration"])["configuration"].to_pylist()
-    return (proposed.index(best["configuration"]) + 1) * RUNS + CONFIRMING_RUNS, confirmed
+    rows, proposed = (pd.read_parquet(directory / f"{name}.parquet") for name in ("runs", "evaluations"))
+    fresh = rows[(rows.configuration == best["configuration"]) & (rows.run_index >= RUNS)]
+    confirmed = bool((fresh.outcome != "succeeded").sum() >= CONFIRMING_FAILURES)
+    return (list(proposed.configuration).index(best["configuration"]) + 1) * RUNS + CONFIRMING_RUNS, confirmed
 
 
 def found(place: Place, name: str, asked: argparse.Namespace) -> None:
@@ -178,11 +173,9 @@ def grid_rates(place: Place) -> Floats:
     ]
     family = {"name": "grid", "parameters": parameters_of(), "variations": variations}
     directory = run(place, "passage-grid", GRID_RUNS, configuration=[family])
-    rows = pq.read_table(directory / "runs.parquet", columns=["configuration", "outcome"]).to_pylist()
-    failed: dict[str, int] = {}
-    for row in rows:
-        failed[row["configuration"]] = failed.get(row["configuration"], 0) + (row["outcome"] != "succeeded")
-    return np.array(list(failed.values())).reshape(NOISES, PASSAGES) / GRID_RUNS
+    rows = pd.read_parquet(directory / "runs.parquet")
+    failed = (rows.outcome != "succeeded").groupby(rows.configuration, sort=False).mean()
+    return np.asarray(failed).reshape(NOISES, PASSAGES)
 
 
 def searched_rates(place: Place, seed: int, runs: int) -> Floats:
@@ -194,7 +187,7 @@ def searched_rates(place: Place, seed: int, runs: int) -> Floats:
     }
     search = search_of(NARROW_AND_WIDE, IN_THE_DOOR, "boundary", seed, **more)
     directory = run(place, f"passage-boundary-{seed}", BOUNDARY_RUNS, search=search)
-    expected = np.array(pq.read_table(directory / "boundary.parquet")["expected"])
+    expected = pd.read_parquet(directory / "boundary.parquet").expected.to_numpy()
     side = round(len(expected) ** 0.5)
     return expected.reshape(side, side)
 

@@ -38,13 +38,11 @@ def delayed(folder: Path) -> Path:
 
 def rows_of(runs: pd.DataFrame) -> list[dict[str, Any]]:
     """Rates of mission, separation, and both, by delay and radius."""
-    delays_s = runs.factors.map(lambda factors: next(v for key, v in factors.items() if key.endswith("_delay_s")))
     rows = []
-    for delay_s, group in runs.groupby(delays_s):
-        reached = group["success.judgement"] == "pass"
+    for delay_s, group in runs.groupby("spawn_delay_s"):
         for reading in READINGS:
-            margin = group[f"safety.{reading}_margin"].astype(float).fillna(0.0)
-            kept = (group["safety.obstacle_contacts"] == 0) & (margin >= 0)
+            near = group[f"safety.{reading}_margin (m)"] < 0
+            kept, reached = ~near & (group["safety.obstacle_contacts"] == 0), group["passed.success"]
             rates = {"reached": reached.mean(), "kept": kept.mean(), "both": (reached & kept).mean()}
             rows.append({"delay_s": delay_s, "reading": reading, **rates})
     return rows
