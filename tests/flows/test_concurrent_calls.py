@@ -1,4 +1,4 @@
-"""Calls of one process at the same time, which load the same plug-ins and scenarios, do what a single call does."""
+"""Concurrent calls in one process that load the same plug-ins and scenarios."""
 
 import asyncio
 import json

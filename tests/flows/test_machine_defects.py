@@ -1,4 +1,4 @@
-"""Campaigns on a machine that lacks something: one sentence, no campaign directory, and the same call goes on when it is mended."""
+"""Campaigns on a machine that lacks something, and the same call when it is mended."""
 
 import json
 import os

@@ -92,7 +92,10 @@ def campaign_text(configurations: int, runs: int, edited: int) -> str:
 
 
 def _called(file: Path) -> dict[str, Any]:
-    """What one call of `vastflow run` printed, and its peak memory: of the flow's process, and of all together, shared pages for each."""
+    """The summary of one call of `vastflow run`, with its CPU time and peak memory.
+
+    Memory is of the flow's process, and of all together, which counts shared pages for each.
+    """
     folder = file.parent
     kept = {name: value for name, value in os.environ.items() if not name.startswith("PREFECT_")}
     environment = {**kept, "PREFECT_HOME": str(folder / "prefect"), "VASTFLOW_STORE": str(folder / "store")}

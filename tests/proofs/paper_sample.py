@@ -46,7 +46,7 @@ def main() -> None:
     asked = parser.parse_args()
 
     def run(name: str, sample: int, store: str) -> dict[str, Any]:
-        """What one call printed; its CPU time is that of all its processes, also of those that its own account lacks."""
+        """The summary of one call, with the CPU time of all its processes."""
         command = [sys.executable, "-m", "vastflow.flows.cli", "run", str(CAMPAIGNS / f"{name}.vast"), "--json"]
         given = {"map-dir": asked.maps, "runs": asked.runs, "results": asked.results, "workers": asked.cores}
         for option, value in {**given, "sample": sample, "store": store}.items():
