@@ -1,22 +1,14 @@
 """Searches of real spaces: `tests/proofs/search_real.py` in short."""
 
-import sys
-from pathlib import Path
-
 import pytest
+import search_real
 
-PROOFS = Path(__file__).parents[1] / "proofs"
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 
 @pytest.fixture(scope="module")
 def proof(one_server, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch, one_server(tmp_path_factory.mktemp("search-real") / "prefect"):
-        patch.syspath_prepend(PROOFS)
-        for name in ("search", "minimize"):
-            patch.delitem(sys.modules, name, raising=False)
-        import search_real
-
         sizes = {"PER_BATCH": 2, "RUNS": 1, "CONFIRMING_RUNS": 1, "CONFIRMING_FAILURES": 1, "NOISES": 3}
         sizes |= {"PASSAGES": 3, "GRID_RUNS": 1, "BOUNDARY_BATCH": 2, "BOUNDARY_RUNS": 1}
         for name, value in sizes.items():

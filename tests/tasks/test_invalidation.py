@@ -1,7 +1,6 @@
 """Recomputation after an edit: some rows of the table of `tests/proofs/invalidation.py`."""
 
-from pathlib import Path
-
+import invalidation as proof
 import pytest
 
 pytestmark = pytest.mark.slow
@@ -11,21 +10,13 @@ CHOSEN = frozenset(
 )
 
 
-@pytest.fixture
-def proof(monkeypatch):
-    monkeypatch.syspath_prepend(Path(__file__).parents[1] / "proofs")
-    import invalidation
-
-    return invalidation
-
-
-def test_edit_recomputes_only_what_it_reaches(proof, tmp_path):
+def test_edit_recomputes_only_what_it_reaches(tmp_path):
     rows = list(proof.rows(tmp_path, CHOSEN.__contains__))
     assert len(rows) == 1 + len(CHOSEN)
     assert [(edit, wrong) for edit, _, wrong in rows if wrong] == []
 
 
-def test_table_has_edits_of_both_kinds(proof):
+def test_table_has_edits_of_both_kinds():
     assert len(proof.MUST) >= 30
     assert len(proof.MUST_NOT) >= 30
     assert len(proof.MEANWHILE) >= 5
