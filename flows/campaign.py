@@ -19,7 +19,7 @@ from prefect.runtime import flow_run
 from prefect.states import Cancelled, Completed, Failed
 
 from vastflow.flows.flow_runs.pages import Page, outcome_text, publish
-from vastflow.flows.flow_runs.task_runs import TaskRuns, compute, instantiate, task_runs_of
+from vastflow.flows.flow_runs.task_runs import TaskRuns, compute, instantiate, suspendable, task_runs_of
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.results.summary import Results
 from vastflow.flows.run.computing import Computing
@@ -85,7 +85,7 @@ def _ended(
     engine = computing.engine
     page = Page(run.name, str(flow_run.id), get_run_logger().info, size if renames else None, engine.workers_table)
     try:
-        with task_runs_of(run.name, engine, computing.tally, page) as task_runs:
+        with suspendable(engine), task_runs_of(run.name, engine, computing.tally, page) as task_runs:
             results = _results(run, computing, judged, task_runs)
             deliver(results)
     except PoolClosed as error:  # by Ctrl-C

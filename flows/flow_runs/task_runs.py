@@ -1,11 +1,13 @@
 """Task runs of a flow run: stages mapped over shards, awaited, logged, and recorded by Prefect's server."""
 
+import contextvars
 import logging
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, Final
+from uuid import UUID
 
 from vastflow.tasks.engine.engine import Engine, RunFault
 from vastflow.tasks.engine.evaluation import packed
@@ -179,6 +181,51 @@ def task_runs_of(
                         task_runs.cancel()
                 raise
             task_runs.record()
+
+
+SUSPENSION_S: Final = 5.0
+"""Time between two looks whether the flow run is suspended."""
+
+
+@contextmanager
+def suspendable(engine: Engine) -> Iterator[None]:
+    """End the engine when the current flow run is suspended on Prefect's pages; when resumed, it begins again.
+
+    Raises:
+        Pause: Prefect's signal of a suspended flow run, in place of the engine's `PoolClosed`.
+    """
+    from prefect.client.orchestration import get_client
+    from prefect.client.schemas.objects import State
+    from prefect.exceptions import Pause
+    from prefect.runtime import flow_run
+
+    suspended: list[State] = []
+    ended = threading.Event()
+    id_ = UUID(str(flow_run.id))
+
+    def watch() -> None:
+        while not ended.wait(SUSPENSION_S):
+            with (
+                suppress(Exception),
+                get_client(sync_client=True) as client,
+            ):  # an API that is away is reported elsewhere
+                state = client.read_flow_run(id_).state
+                if state is not None and state.is_paused():
+                    suspended.append(state)
+                    engine.close()
+                    return
+
+    if not is_embedded():
+        context = contextvars.copy_context()  # has Prefect's settings
+        threading.Thread(target=context.run, args=(watch,), name="vastflow suspension", daemon=True).start()
+    try:
+        yield
+    except PoolClosed:
+        if suspended:
+            raise Pause(state=suspended[0]) from None
+        raise
+    finally:
+        ended.set()
 
 
 def instantiate(task_runs: TaskRuns, instantiator: Instantiator) -> Instantiated:

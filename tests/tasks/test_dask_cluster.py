@@ -7,6 +7,8 @@ from concurrent.futures import Future
 
 import distributed
 import pytest
+from dask import config
+from distributed.security import Security
 
 from vastflow.sim.model.faults import ScenarioError
 from vastflow.tasks.engine import dask_cluster, dask_worker
@@ -77,6 +79,17 @@ def test_table_of_workers_begins_with_longest_busy(opened):
     assert int(row["busy for"].removesuffix(" s")) >= 1
     executor.close()
     assert executor.workers_table() == []
+
+
+def test_cluster_with_tls_takes_certificates_from_dasks_configuration(opened):
+    made = Security.temporary()
+    files = {"ca-file": made.tls_ca_file, "client.cert": made.tls_client_cert, "client.key": made.tls_client_key}
+    with distributed.LocalCluster(
+        1, security=made, processes=False, protocol="tls", dashboard_address=":0", memory_limit=0
+    ) as cluster:
+        assert cluster.scheduler_address.startswith("tls://")
+        with config.set({f"distributed.comm.tls.{name}": content for name, content in files.items()}):
+            assert execute(opened(cluster.scheduler_address), divmod, 17, 5).result(60) == (3, 2)
 
 
 def test_cluster_gives_results_and_exceptions(opened):
@@ -190,9 +203,10 @@ def test_cluster_without_worker_prints_command_and_waits(opened, monkeypatch, da
     with distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0") as empty:
         executor = opened(empty.scheduler_address)
         unit = execute(executor, len, "ab")
-        while not executor.notices:
+        while len(executor.notices) < 2:
             time.sleep(0.05)
-        assert executor.notices[0].startswith(f"no worker at {empty.scheduler_address}; start one: dask worker")
+        assert executor.notices[0] == f"Dask's dashboard: {executor._client.dashboard_link}"
+        assert executor.notices[1].startswith(f"no worker at {empty.scheduler_address}; start one: dask worker")
         empty.scale(1)
         assert unit.result(60) == 2
         executor.close()
