@@ -2,6 +2,7 @@
 
 import time
 
+import psutil
 import pytest
 from command_line import called
 from prefect.states import Suspended
@@ -51,11 +52,14 @@ def test_suspended_campaign_ends_at_once_and_goes_on_when_resumed(api, place, st
         filters = {"logs": {"flow_run_id": {"any_": [str(asked.id)]}}, "sort": "TIMESTAMP_ASC"}
         return [each["message"] for each in api.request("POST", "/logs/filter", json=filters).json()]
 
-    with started_worker(api, place / "worker", limit=1):
+    with started_worker(api, place / "worker", limit=1) as worker:
         wait_until(lambda: list(place.glob("store/execute/**/manifest")))
         api.set_flow_run_state(asked.id, Suspended(timeout_seconds=600))
         wait_until(lambda: any(line.startswith("Finished in state Suspended") for line in logged()))
         assert api.read_flow_run(asked.id).state.name == "Suspended"
+        # Prefect's worker breaks if it gets a flow run again before its process is gone.
+        wait_until(lambda: not psutil.Process(worker.pid).children())
+        time.sleep(2)
         api.resume_flow_run(asked.id)
         wait_until(lambda: api.read_flow_run(asked.id).state.name == "Completed")
     (before,) = (line for line in logged() if line.endswith("runs are in the store") and " 0 runs" not in line)
