@@ -181,6 +181,12 @@ _RUN_COLUMNS = (
 
 
 @pytest.fixture
+def room(tmp_path: Path) -> Path:
+    """The map of a room of 6 m × 4 m with walls one cell (0.05 m) thick."""
+    return write_map(tmp_path / "room", walled_room(6.0, 4.0))
+
+
+@pytest.fixture
 def synthetic_campaign(tmp_path: Path) -> SyntheticCampaign:
     """An empty campaign directory to fill."""
     return SyntheticCampaign(tmp_path / "results")

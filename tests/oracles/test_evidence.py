@@ -132,9 +132,8 @@ WAY = [(1.0 + 0.1 * i, 2.0) for i in range(41)]
 
 
 @pytest.fixture
-def add(synthetic_campaign, tmp_path, build):
+def add(synthetic_campaign, room, build):
     """A function that adds a configuration with so many runs, of which the first fail."""
-    room = build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
 
     def add(name, failed, runs=4, task=TASK, **given):
         outcomes = ["aborted" if i < failed else "succeeded" for i in range(runs)]
@@ -181,12 +180,6 @@ def test_matched_sets_have_first_runs_of_stopped_campaign(synthetic_campaign, ad
     synthetic_campaign.metadata["sequential"] = {"min": 4, "max": 12}
     (design,) = findings.findings_of(read_tables(synthetic_campaign.write())).designs
     assert [(level.failed, level.runs) for level in design.analysis.factors[0].levels] == [(0, 4), (3, 4)]
-
-
-def test_stopping_rule_is_read_from_metadata():
-    rule = findings.stopping_rule({"sequential": {"min": 4, "max": 30, "reliable": 0.9}})
-    assert (rule.min_runs, rule.max_runs, rule.bounds.reliable, rule.bounds.systematic) == (4, 30, 0.9, 0.2)
-    assert findings.stopping_rule({}) is None
 
 
 @pytest.fixture

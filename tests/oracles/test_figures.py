@@ -27,11 +27,6 @@ WAY = [(1.0 + 0.1 * i, 2.0) for i in range(41)]
 
 
 @pytest.fixture
-def room(tmp_path, build):
-    return build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
-
-
-@pytest.fixture
 def directory(synthetic_campaign, room, build):
     """Ten runs of which the last three end at x = 2.9 m, and a configuration without a recording."""
     runs = [build.a_recording(WAY, run_index=i) for i in range(7)]

@@ -66,7 +66,6 @@ def test_wrong_parameters_are_reported_at_their_places():
 @each_row(
     ("name", "message"),
     [
-        ("saftey", r"no oracle 'saftey'; did you mean 'safety'\?"),
         ("absent.py:Quick", "no file"),
         ("own.py:Slow", "has no class 'Slow'"),
         ("own.py:NoOracle", "is not an oracle"),

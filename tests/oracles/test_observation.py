@@ -32,12 +32,6 @@ def poses(start=(1.0, 2.0), goal=(5.0, 2.0)):
 
 
 @pytest.fixture
-def room(tmp_path, build):
-    """6 m × 4 m with walls one cell (0.05 m) thick."""
-    return build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
-
-
-@pytest.fixture
 def door(tmp_path, build):
     """A function that writes a map of two rooms with a door of some cells."""
 

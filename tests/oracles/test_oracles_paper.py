@@ -2,8 +2,6 @@
 
 import json
 
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 from paper_page import main, paper_page
 from paper_published import ALL_RUNS, PUBLISHED
@@ -40,7 +38,7 @@ def coverage(*families):
     }
 
 
-def written(directory, name, configurations, runs, verdicts, found=None, *, asked=2, **counts):
+def written(made, build, name, configurations, runs, verdicts, found=None, *, asked=2, **counts):
     """A campaign directory with what the page reads.
 
     Args:
@@ -48,33 +46,25 @@ def written(directory, name, configurations, runs, verdicts, found=None, *, aske
         runs: Configuration, simulated time, distance, why it stood still.
         verdicts: Configuration, run index, oracle, judgement, metrics.
     """
-    directory.mkdir()
-    said = {}
-    for _, _, oracle, judgement, _ in verdicts:
-        each = said.setdefault(oracle, {"passed": 0, "failed": 0, "not_judged": 0})
-        each[{"pass": "passed", "fail": "failed", "not judged": "not_judged"}[judgement]] += 1
+    said = {oracle: {"passed": 0, "failed": 0, "not_judged": 0} for _, _, oracle, _, _ in verdicts}
+    for configuration, run_index, oracle, judgement, metrics in verdicts:
+        said[oracle][{"pass": "passed", "fail": "failed"}[judgement]] += 1
+        row = {"configuration": configuration, "run_index": run_index, "oracle": oracle, "judgement": judgement}
+        made.verdicts.append({**row, "metrics": json.dumps(metrics)})
+    for configuration, simulated_s, distance_m, stood_still in runs:
+        run_index = sum(row["configuration"] == configuration for row in made.runs)
+        moved = {"simulated_s": simulated_s, "distance_m": distance_m, "stood_still": stood_still}
+        made.runs.append({"configuration": configuration, "run_index": run_index, **moved})
+    for configuration, duplicate_of, *texts in configurations:
+        scenario = {"environment": {}, "task": {"goal_pose": configuration}}
+        columns = zip(("factors", "provenance", "scenario"), map(json.dumps, (*texts, scenario)), strict=True)
+        row = {"name": configuration, "duplicate_of": duplicate_of, "environment": "room"}
+        made.configurations.append({**row, **dict(columns)})
     counts = {"executed": len(runs), "simulated_s": 100.0, "cpu_s": 20.0, "oracles": said, **counts}
-    metadata = {"name": name, "asked": {"runs": asked}, "counts": counts, "host": {"cpus": 2}}
-    (directory / "metadata.json").write_text(json.dumps(metadata))
+    made.metadata = {"name": name, "asked": {"runs": asked}, "counts": counts, "host": {"cpus": 2}}
+    directory = made.write()
     (directory / "coverage.json").write_text(json.dumps(found or coverage(family(rows=2, product=2, realised=2))))
-    numbered = [(*row, [each[0] for each in runs[:i]].count(row[0])) for i, row in enumerate(runs)]
-    in_the_room = [(*row, "room", {"environment": {}, "task": {"goal_pose": row[0]}}) for row in configurations]
-    tables = {
-        "configurations": (("name", "duplicate_of", "factors", "provenance", "environment", "scenario"), in_the_room),
-        "runs": (("configuration", "simulated_s", "distance_m", "stood_still", "run_index"), numbered),
-        "verdicts": (("configuration", "run_index", "oracle", "judgement", "metrics"), verdicts),
-    }
-    for table, (names, rows) in tables.items():
-        columns = {
-            key: [json.dumps(v) if isinstance(v, dict) else v for v in c]
-            for key, c in zip(names, zip(*rows, strict=True), strict=True)
-        }
-        pq.write_table(pa.table(columns), directory / f"{table}.parquet")
-    room = directory / "environments" / "room"
-    room.mkdir(parents=True)
-    cells = bytes(0 if x in (0, 59) or y in (0, 59) else 254 for y in range(60) for x in range(60))
-    (room / "map.pgm").write_bytes(b"P5 60 60 255\n" + cells)
-    (room / "map.yaml").write_text("{image: map.pgm, resolution: 0.05, origin: [0, 0, 0]}")
+    build.write_map(directory / "environments" / "room", build.walled_room(3.0, 3.0))
     (directory / "logs").mkdir()
     (directory / "logs" / "runs.jsonl").write_text(
         json.dumps({"configuration": "a-1", "runs": [{"cpu_s": 0.25}] * len(runs)})
@@ -89,7 +79,7 @@ def margins(footprint_m, cube_m):
 
 
 @pytest.fixture
-def safety(tmp_path):
+def safety(build, tmp_path):
     """Without obstacles everything passes, and thrice; with boxes one run reaches the goal too near to one."""
     empty = {**start(1.025), RADIUS: 0.22, "static_objects": []}, {"_path_length": 10.0}
     configurations = [
@@ -106,11 +96,12 @@ def safety(tmp_path):
         ("a-4", 1, "safety", "pass", margins(0.4, 0.2)),
     ]
     found = coverage(family(rows=4, product=4, realised=2, duplicate=2))
-    return written(tmp_path / "safety", "paper-safety-original-maps", configurations, runs, verdicts, found)
+    made = build.campaign(tmp_path / "safety")
+    return written(made, build, "paper-safety-original-maps", configurations, runs, verdicts, found)
 
 
 @pytest.fixture
-def robustness(tmp_path):
+def robustness(build, tmp_path):
     noise = {"laserscan_gaussian_noise_std_deviation": 0.05, "laserscan_random_drop_percentage": 0.1}
     factors = {**start(1.025), "number_of_loops": 0, **noise}
     measured = [(1.0, 9.0, 0.3, 0.02, 0.3), (0.2, 5.0, 0.1, 0.01, 0.31)]
@@ -125,7 +116,8 @@ def robustness(tmp_path):
         ]
     runs = [("a-1", 30.0, 10.0, None)] * 2
     configurations = [("a-1", None, factors, {})]
-    return written(tmp_path / "robustness", "paper-robustness", configurations, runs, verdicts, sampled_from=1792)
+    made = build.campaign(tmp_path / "robustness")
+    return written(made, build, "paper-robustness", configurations, runs, verdicts, sampled_from=1792)
 
 
 def test_papers_figures_are_consistent():

@@ -251,7 +251,7 @@ def test_faults_of_a_campaign_have_place_and_message(golden, faults: Faults, sec
     golden("campaign_files", section, faults if section == "campaign" else lambda line: faults(varied(line)))
 
 
-@each_row("second", ["b", "a-b", "a1", "a-1x"])
+@each_row("second", ["b", "a-b", "a1", "a-1x", "2d", "büro"])
 def test_similar_valid_names_are_accepted(load: Load, second: str) -> None:
     other = FIXED.removeprefix("configuration:\n").replace("name: a", f"name: {second}")
     assert len(load(FIXED + other).families) == 2

@@ -31,6 +31,7 @@ def test_instances_are_counted_once_with_their_cause():
     assert [found[name] for name in names] == [6, 1, 2, 1, 2, 4, 0.5]
     assert found["excluded_by"] == {"small": 1}
     assert found["unrealisable_by"]["Wide"]["reasons"] == {"no room for 2": 1, "no room for 4": 1}
+    assert coverage(levels("a", 2, 4), Wide(Parameters()))["share"] == 0.0
 
 
 def test_dimensions_count_distinct_contents_and_choices():
@@ -45,11 +46,6 @@ def test_pairs_of_choices_are_counted():
     found = coverage(levels("a", 1, 2, 3), levels("b", 1, 2), levels("c", 1), other="a != 1 or b != 1")
     counts = {"combinations": 6, "admissible": 5, "covered": 5, "share": 1.0}
     assert found["families"]["rooms"]["t_way"]["pairs"] == [{"factors": ["a", "b"], **counts}]
-
-
-def test_family_without_configurations_is_reported():
-    found = coverage(levels("a", 2, 4), Wide(Parameters()))
-    assert (found["realised"], found["share"], found["unrealisable"]) == (0, 0.0, 2)
 
 
 def test_coverage_stays_readable_with_many_choices():

@@ -31,10 +31,7 @@ def test_keys_and_values_have_line_and_column_from_one(tmp_path: Path) -> None:
     assert document.keys["execution", "runs"] == (2, 3)
     assert document.values["execution", "runs"] == (2, 9)
     assert document.values["configuration", 0, "name"] == (4, 9)
-
-
-def test_columns_count_characters_and_not_bytes(tmp_path: Path) -> None:
-    assert read(tmp_path, "{büro: 1, b: 2}").keys[("b",)] == (1, 11)
+    assert read(tmp_path, "{büro: 1, b: 2}").keys[("b",)] == (1, 11)  # characters, not bytes
 
 
 def test_location_with_elements_that_are_not_in_the_file_finds_the_nearest_place(tmp_path: Path) -> None:

@@ -87,12 +87,10 @@ def test_pairs_of_requested_length_are_complete_and_ordered(
         assert [r.reason.rpartition("; ")[2] for r in rejections] == ["too few for a path"] * len(lengths)
 
 
-def test_points_go_by_rows_from_below_at_the_offset(hall):
+def test_points_go_by_rows_from_below_at_the_offset(hall, drawn_map):
     points = raster_points(ground_of(hall, 0.35), 2.0, 5.0, -1.0)  # 1 m and 1 m
     assert points.tolist() == [[20, 20], [20, 60], [20, 100], [60, 20], [60, 60], [60, 100]]
-
-
-def test_raster_finer_than_the_map_has_every_cell_once(drawn_map):
+    # A raster finer than the map has every cell once.
     points = raster_points(ground_of(drawn_map(*["....."] * 4), 0.01), 1e-9, 0.0, 0.0)
     assert points.tolist() == [[1, 1], [1, 2], [1, 3], [2, 1], [2, 2], [2, 3]]
 
@@ -135,7 +133,7 @@ def test_rejection_counts_pairs_and_names_the_longest(drawn_map):
     )
 
 
-def test_given_start_is_kept_and_is_the_only_one(hall):
+def test_given_start_is_kept_or_written_and_is_the_only_one(hall):
     start = {"x": 0.6, "y": -1.0, "yaw": 1.0}
     items, (rejection,) = split(
         evaluate(rasterized(path_length=3, raster_size=1), {"map_file": hall, "start_pose": start})
@@ -143,9 +141,6 @@ def test_given_start_is_kept_and_is_the_only_one(hall):
     assert all("start_pose" not in item.values for item in items)
     assert all(math.dist(item.values["_path"][0], (0.6, -1.0)) < 0.05 for item in items)
     assert len(items) + int(rejection.reason.split()[0]) == 15
-
-
-def test_given_start_is_written(hall):
     producer = rasterized(path_length=4, num_goal_poses=2, raster_size=1, start_pose={"x": 0.6, "y": -1.0})
     (item,), _ = split(evaluate(producer, {"map_file": hall}))
     assert stops(item)[0] == Pose(0.6, -1.0)

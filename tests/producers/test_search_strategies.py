@@ -15,7 +15,6 @@ from vastflow.producers.search.sampling import Random, SamplingParameters
 from vastflow.producers.search.space import Space
 from vastflow.producers.search.strategy import Evaluation, Problem, Proposal, asked, find_strategy
 from vastflow.sim.model.faults import UserError
-from vastflow.sim.plug_ins.neighbors import PlugInError
 
 MIXED = {
     "x": SearchDimension(type="float", low=0.1, high=10, log=True),
@@ -169,11 +168,6 @@ def test_boundary_is_found_where_the_objective_crosses_its_level():
     assert abs(units[np.argmin(np.abs(mean)), 0] - 0.5) <= 0.05
 
 
-def test_unknown_strategy_is_refused_with_the_nearest():
-    with pytest.raises(PlugInError, match="no strategy 'randm'; did you mean 'random'"):
-        find_strategy("randm", Path())
-
-
 def spec(**criteria_of_file):
     space = {"x": {"type": "float", "low": 0, "high": 1}}
     return SearchSpec.model_validate({"strategy": "random", "search_space": space, **criteria_of_file})
@@ -235,12 +229,9 @@ def test_plan_names_each_end_with_its_unit():
     [
         (
             [{"x": 2.5, "y": 0.0}],
-            r"strategy Odd proposes \{'x': 2\.5, 'y': 0\.0\} in batch 1, which is not in the search space",
+            r"strategy Odd proposes \{'x': 2\.5, 'y': 0\.0\} in batch 1, which is not in the search",
         ),
-        (
-            [{"x": 0.0}],
-            "which is not in the search space; a value of each dimension, of its type and within its bounds",
-        ),
+        ([{"x": 0.0}], "not in the search space; a value of each dimension, of its type and within its bounds"),
         ([{"x": 0.0, "y": 0.0}] * 3, "strategy Odd proposes 3 points in batch 1; at most 2"),
     ],
 )

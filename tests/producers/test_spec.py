@@ -94,25 +94,9 @@ def test_keys_of_a_campaign_are_known() -> None:
     assert spec.evaluation.oracles == [{"safety": {}}, {"performance": {"threshold": 0.22}}]
 
 
-def test_keys_of_a_search_are_known() -> None:
-    search = spec_of(SEARCH).search
-    assert search is not None
-    assert sorted(search.search_space) == ["flag", "kind", "size", "speed"]
-
-
-def test_defaults_are_documented_ones() -> None:
-    spec = spec_of("configuration: [{name: a}]")
-    assert (spec.version, spec.execution.runs, spec.execution.seed, spec.execution.timeout) == (1, 1, 0, None)
-
-
 @each_row("section", ["metadata", "general", "execution", "results_processing", "evaluation"])
 def test_empty_section_equals_missing_section(section: str) -> None:
     assert spec_of(f"configuration: [{{name: a}}]\n{section}:\n").execution.runs == 1
-
-
-@each_row("name", ["a", "rooms-10m", "2d", "büro"])
-def test_family_may_be_called(name: str) -> None:
-    assert spec_of(f"configuration: [{{name: {name}}}]").configuration[0].name == name
 
 
 def test_faults_of_keys_have_place_and_message(golden, tmp_path: Path) -> None:

@@ -99,10 +99,6 @@ def test_rejection_names_producer_parent_and_request(made):
     }
 
 
-def test_disabled_check_accepts_a_start_in_a_wall(made):
-    assert fits(made("  start_check: none\n" + poses((0.1, 2.0))))
-
-
 @each_row(
     ("more", "free"),
     [
@@ -133,14 +129,6 @@ def test_turning_radius_polygon_and_padding_follow_parameter_file(made, tmp_path
     (tmp_path / "nav2.yaml").write_text(NAV2.format(radius=radius, padding=padding, more=more))
     turned = poses((0.27, 2.0)).replace("yaw: 0.0", f"yaw: {yaw}", 1)
     assert fits(made(turned, "execution:\n  nav2_params: nav2.yaml\n")) is free
-
-
-def test_varied_radius_is_checked_on_finished_configuration(made):
-    radii = "  variations:\n  - ParameterVariationList: {name: robot_radius, values: [0.2, 0.25, 0.3]}\n"
-    found = made(poses((0.27, 2.0), more=radii))
-    assert [c.scenario.system["robot_radius"] for c in found.configurations] == [0.2, 0.25]
-    (rejection,) = found.rejections
-    assert rejection.parent == "a-3"
 
 
 @each_row("design", ["t_way: {strength: 2}", "sample: {method: lhs, size: 6, seed: 1}"])
