@@ -32,11 +32,6 @@ def stands_in(occupancy, reached, floor):
     return bool(shapely.contains_xy(floor, x, y).any())
 
 
-def test_five_plans_have_a_variation_each():
-    assert sorted(file.stem for file in FLOOR_PLANS.glob("*.fpm")) == NAMES
-    assert sorted(file.stem for file in FLOOR_PLANS.glob("*.variation")) == NAMES
-
-
 @each_row("name", NAMES)
 def test_plan_has_name_of_its_file_and_rooms_for_a_robot(name):
     building = read_plan_file(FLOOR_PLANS / f"{name}.fpm").building()

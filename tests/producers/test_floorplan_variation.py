@@ -120,11 +120,5 @@ def test_fault_in_imported_plan_names_the_plan(tmp_path):
         read_variation_file(tmp_path / "v.variation").variation()
 
 
-def test_unbuildable_draw_is_still_drawn():
-    sample = variation("gap : uniform([-9.0])").sample(0)
-    with pytest.raises(FileError, match=r"Entryway door: the width is -9 m; at least 0.001 m"):
-        built(sample.text)
-
-
 def test_standard_deviation_of_minus_zero_is_zero():
     assert Distribution("normal", (7.7, -0.0)).draw(np.random.RandomState(0)) == 7.7

@@ -10,7 +10,6 @@ from vastflow.producers.campaign import load_campaign
 from vastflow.producers.campaign_file.scenario import run_files
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.producers.places.ground import MapSearch
-from vastflow.sim.model.faults import FileError
 from vastflow.sim.world.map_file import MapError
 
 CAMPAIGN = """\
@@ -51,12 +50,6 @@ def test_map_beside_campaign_file_has_precedence_over_map_dir(places):
     search = MapSearch(base, maps)
     assert search.content("halls/map.yaml").path == str(base / "halls" / "map.yaml")
     assert search.borrowed == {}
-
-
-def test_missing_map_names_the_option(places):
-    base, _ = places
-    with pytest.raises(FileError, match=r"4:19: .*halls/map\.yaml: no such file; .* --map-dir names"):
-        load_campaign(base / "two.vast")
 
 
 @each_row(

@@ -58,12 +58,6 @@ def test_family_with_missing_file_is_unavailable_with_fault(loaded, family, what
     assert (fault.place.line, fault.kind == "missing") == (6 if "variations" not in family else 7, True)
 
 
-def test_families_are_complete_when_files_exist(loaded):
-    campaign = loaded()
-    assert [each.name for each in campaign.families] == ["one", "two"]
-    assert campaign.missing == ()
-
-
 @each_row(
     ("families", "faults"),
     [

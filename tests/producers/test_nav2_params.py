@@ -11,7 +11,6 @@ from vastflow.producers.campaign_file.scenario_values import complaint_of, unrea
 from vastflow.producers.instantiation.instantiate import instantiate
 from vastflow.sim.model.faults import FileError
 from vastflow.sim.nav2.parameter_files.chosen import parameters_of
-from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 
 CAMPAIGN = """\
 configuration:
@@ -70,11 +69,6 @@ def said(load, *arguments):
     except FileError as error:
         found = error.faults
     return [re.sub(r"/\S*/", "", str(each)) for each in found]
-
-
-def test_file_is_in_every_scenarios_system_by_its_content(load, tmp_path):
-    (configuration,) = instantiate(load(NAV2)).configurations
-    assert configuration.scenario.system["nav2_params"] == nav2_file(tmp_path / "mine" / "nav2.yaml")
 
 
 def test_comment_in_the_file_changes_no_scenario_and_a_value_does(load):

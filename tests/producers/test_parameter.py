@@ -91,14 +91,11 @@ def test_gaussian_whole_numbers_are_rounded_and_bools_true_from_the_mean_upwards
     assert values(gaussian(type="bool")) == [value >= 0.0 for value in values(gaussian())]
 
 
-def test_first_variations_are_independent_of_count():
-    assert values(uniform(num_variations=9))[:5] == values(uniform())
-    assert values(gaussian(num_variations=9))[:5] == values(gaussian())
-
-
-def test_draws_depend_on_seed_and_key():
-    other = [fragment.values["b"] for fragment in evaluate(uniform(name="b"), {})]
-    assert other != values(uniform()) != values(uniform(seed=1))
+@each_row("drawn", [uniform, gaussian])
+def test_draws_depend_on_seed_and_key_and_not_on_count(drawn):
+    assert values(drawn(num_variations=9))[:5] == values(drawn())
+    other = [fragment.values["b"] for fragment in evaluate(drawn(name="b"), {})]
+    assert other != values(drawn()) != values(drawn(seed=1))
 
 
 @each_row("producer", [listed(name="a", values=[1]), uniform(), gaussian()])

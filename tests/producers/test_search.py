@@ -7,7 +7,7 @@ import pytest
 from table import each_row
 
 from vastflow.producers.campaign import load_campaign
-from vastflow.producers.campaign_file.search import Budget, NoImprovement, SearchSpec, marker_of
+from vastflow.producers.campaign_file.search import marker_of
 from vastflow.sim.model.faults import FileError
 
 FILE = """\
@@ -100,13 +100,6 @@ def test_unmodeled_plug_in_is_noted_and_file_stays_valid(said: Said, parts: dict
 def test_faults_of_a_search_have_place_and_message(golden, said: Said) -> None:
     """An input has the replaced parts, one a line."""
     golden("campaign_files", "search", lambda parts: said(**dict(line.split(": ", 1) for line in parts.splitlines())))
-
-
-def test_numeric_criterion_sets_main_field() -> None:
-    given = {"budget": {"batches": 3}, "stopping": [{"no_improvement": 5}]}
-    spec = SearchSpec.model_validate({"strategy": "random", "search_space": {"a": {"type": "bool"}}, **given})
-    assert spec.budget == [Budget(batches=3)]
-    assert spec.stopping[0].no_improvement == NoImprovement(patience=5)
 
 
 MARKERS = {"$a": "a", "${a b}": "a b", "${a{b}": "a{b", "$FollowPath.max_vel-x": "FollowPath.max_vel-x"}
